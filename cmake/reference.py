@@ -19,7 +19,7 @@ import sys
 EXITS = [("0", "Done."), ("1", "A wrong command line."), ("2", "A file that cannot be read or written."), ("3", "Bad data."),
          ("4", "A missing or failing GPU.")]
 ERRORS = "An error is one line on standard error that names the file and the place."
-NO_FILES = re.compile(r"^(N|N\|UUID|X,Y,Z|D|WxH|DEGREES|SIZE|SHARE|UINT|FLOAT.*|LIST|NAMES?|ORDER.*|SCENE)$")
+FILES = ("FILE", "FILES", "TEXT")  # the values that are names of files; TEXT is a positional's
 
 
 @dataclasses.dataclass
@@ -36,7 +36,7 @@ class Entry:
     excludes: list = dataclasses.field(default_factory=list)
 
     def takes_files(self):
-        return bool(self.value) and not self.choices and not NO_FILES.match(self.value)
+        return self.value in FILES and not self.choices
 
 
 @dataclasses.dataclass

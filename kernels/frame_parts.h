@@ -1,7 +1,7 @@
-// A frame drawn in parts, for scenes whose chunks are not all in memory at once: a part is the chunks whose pages are
-// there (SceneView::pages), each in one part (on a GPU in one that draws all that is left of it: FramePart). The
-// picture is that of draw_cpu() and resolve_cpu(), byte for byte, however the chunks are shared out and in whatever
-// order the parts come.
+// A frame drawn in parts, for scenes whose chunks do not all fit into memory. A part is the chunks whose pages are
+// present (SceneView::pages). Each chunk is in one part; on a GPU it is in one part that draws all that is left of it
+// (FramePart). The picture equals that of draw_cpu() and resolve_cpu() byte for byte, however chunks are divided and
+// ordered.
 #pragma once
 
 #include <cstdint>
@@ -11,18 +11,19 @@
 
 namespace scree::kernels {
 
-/// Whether samples are shaded from their chunks, so that shade_part_cpu() is needed; what shows anything else is
+/// Whether samples are shaded from their chunks. If so, each part needs shade_part_cpu(). All other pictures are
 /// resolved from the samples alone, by resolve_cpu() after the last part.
 constexpr bool shades_from_chunks(Show show) {
   return show != Show::kDepth && show != Show::kTriangle && show != Show::kMesh;
 }
 
-/// As draw_cpu(), but into samples that hold the parts before; all kBackground before the first.
+/// As draw_cpu(), but adds to samples that hold the parts before. All are kBackground before the first part.
 Result<FrameStats> draw_part_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads);
 
-/// Shades those samples whose triangle lies in a chunk that is there: linear light, 3 floats a sample, row by row. What
-/// a later part draws over them it shades again. Errors kRange (sizes that do not fit each other, the camera), kMemory.
+/// Shades the samples whose triangle lies in a chunk that is present: linear light, 3 floats per sample, row by row.
+/// Samples that a later part draws over are shaded again by that part. Errors kRange (sizes that do not fit each other,
+/// the camera), kMemory.
 Result<void> shade_part_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
                             const ShadeOptions& options, std::span<float> colors, uint32_t threads);
 

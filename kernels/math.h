@@ -10,7 +10,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// a * b + c, rounded once. Without -mfma a library call, with the same bits.
+/// a * b + c, rounded once. Without -mfma it is a library call with the same bits.
 SCREE_HD inline float fused(float a, float b, float c) {
 #if defined(__CUDA_ARCH__)
   return __fmaf_rn(a, b, c);
@@ -39,7 +39,7 @@ SCREE_HD inline float bits_float(uint32_t bits) {
 #endif
 }
 
-// The second operand where either is NaN, on every machine (fminf and its kin differ).
+// If either is NaN the result is the second operand, on every machine (fminf and its relatives differ).
 template <class T>
 SCREE_HD inline T min_of(T a, T b) {
   return a < b ? a : b;
@@ -56,7 +56,7 @@ SCREE_HD inline float abs_of(float value) {
   return bits_float(float_bits(value) & 0x7fffffffu);
 }
 
-/// Bits that are set.
+/// The number of bits that are set.
 SCREE_HD inline uint32_t count_bits(uint32_t value) {
 #if defined(__CUDA_ARCH__)
   return static_cast<uint32_t>(__popc(static_cast<int>(value)));
@@ -65,7 +65,7 @@ SCREE_HD inline uint32_t count_bits(uint32_t value) {
 #endif
 }
 
-/// The place of the lowest bit that is set; `value` is not 0.
+/// The index of the lowest bit that is set; `value` is not 0.
 SCREE_HD inline uint32_t lowest_bit(uint32_t value) {
 #if defined(__CUDA_ARCH__)
   return static_cast<uint32_t>(__ffs(static_cast<int>(value)) - 1);
@@ -80,7 +80,7 @@ SCREE_HD inline double round_even(double value) {
   return (value + kMagic) - kMagic;
 }
 
-/// Nearest integer, halves to even, of |value| <= 2^23; other values come back as they are or worse, without trapping.
+/// Nearest integer, halves to even, of |value| <= 2^23. Other values give an unspecified result, without trapping.
 SCREE_HD inline float round_even(float value) {
   const float magic = bits_float((float_bits(value) & 0x80000000u) | 0x4b000000u);  // +-2^23
   return (value + magic) - magic;

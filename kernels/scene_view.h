@@ -1,5 +1,5 @@
-// What a pass reads: plain pointers into memory that the runtime owns (the mapped file on a CPU, device memory on a
-// GPU). Records are the file's own (format/layout.h), validated; page contents are validated before a pass may see
+// The input of the passes: plain pointers into memory that the runtime owns (the mapped file on a CPU, device memory on
+// a GPU). Records are the file's own (format/layout.h), validated. Page contents are validated before a pass reads
 // them.
 #pragma once
 
@@ -14,10 +14,10 @@
 
 namespace scree::kernels {
 
-/// A mip level that is decoded as it is looked at.
+/// A mip level that is decoded when it is sampled.
 struct JpegLevel {
   format::JpegPicture picture;
-  uint32_t number;  // no other level of the scene has it
+  uint32_t number;  // unique in the scene
 };
 
 /// The alpha of a masked material's triangles (spec/rasterization.md, alpha masks): level l is max(1, width >> l) by
@@ -27,17 +27,17 @@ struct MaskView {
   uint32_t width;
   uint32_t height;
   uint32_t level_count;
-  uint32_t threshold;  // of a place's alpha, in 1 / 65536 of a code of 8 bits
+  uint32_t threshold;  // of the alpha at a point, in 1 / 65536 of an 8-bit code
   double place[2][3];  // of texture coordinates (u, v, 1)
   format::Wrap wrap_s;
   format::Wrap wrap_t;
-  bool nearest;  // where a sample covers less than a texel
+  bool nearest;  // sampling where a sample covers less than a texel
 };
 
 class BlockCache;
 
-/// How a scene's chunks are encoded, so that a pass over one kind is compiled without the others: any of those below,
-/// indexed with float32 positions, indexed with lattice positions, clustered (always on a lattice).
+/// How a scene's chunks are encoded, so that a pass over one kind is compiled without the others: indexed with float32
+/// positions, indexed with lattice positions, clustered (always on a lattice), or kMixed for any of them.
 enum class ChunkKinds : uint32_t { kMixed, kFloat32, kPacked, kClustered };
 
 inline ChunkKinds kinds_of(std::span<const format::MeshRecord> meshes, std::span<const format::ChunkRecord> chunks) {
@@ -54,9 +54,9 @@ inline ChunkKinds kinds_of(std::span<const format::MeshRecord> meshes, std::span
   return kinds;
 }
 
-/// A texture with its mip levels: level l is max(1, width >> l) by max(1, height >> l) texels. The first may be JPEGs,
-/// or blocks, `level_offset[l]` bytes from `blocks`; the others are decoded, 4 bytes a texel (RGBA8, sRGB-coded colour,
-/// linear alpha), rows top to bottom, `level_offset[l]` texels from `texels`.
+/// A texture with its mip levels. Level l is max(1, width >> l) by max(1, height >> l) texels. The first levels may be
+/// JPEGs, or blocks that begin `level_offset[l]` bytes from `blocks`. The others are decoded: 4 bytes per texel (RGBA8,
+/// sRGB-coded colour, linear alpha), rows top to bottom, `level_offset[l]` texels from `texels`.
 struct TextureView {
   static constexpr uint32_t kMaxLevels = 17;  // 65536 x 65536
   const uint8_t* texels;
@@ -64,9 +64,9 @@ struct TextureView {
   uint32_t width;
   uint32_t height;
   uint32_t level_count;       // 0: no picture, drawn as white
-  uint32_t jpeg_level_count;  // of the level_count
-  const JpegLevel* jpeg;      // of levels 0 to jpeg_level_count - 1
-  const uint8_t* blocks;      // of levels 0 to block_level_count - 1 (format/blocks/pixels.h)
+  uint32_t jpeg_level_count;  // the first of them
+  const JpegLevel* jpeg;      // levels 0 to jpeg_level_count - 1
+  const uint8_t* blocks;      // levels 0 to block_level_count - 1 (format/blocks/pixels.h)
   uint32_t block_level_count;
   format::BlockFormat block_format;
   uint16_t swizzle;
@@ -78,26 +78,27 @@ struct TextureView {
 /// A light of the drawn scene, in world space.
 struct PlacedLight {
   double position[3];
-  float direction[3];  // unit length, the way it shines
+  float direction[3];  // unit length, the direction of the light's rays
   float color[3];      // times its intensity
-  float range;         // 0: no end
+  float range;         // 0: unlimited
   float cone_scale;    // spot: KHR_lights_punctual's lightAngleScale and lightAngleOffset
   float cone_offset;
   format::LightKind kind;
 };
 
-/// One scene of a file.
+/// One scene of a file. "By material" and the like name the index of an array.
 struct SceneView {
   const format::MeshRecord* meshes;
   const format::ChunkRecord* chunks;
-  const format::InstanceRecord* instances;  // of the drawn scene
-  const uint64_t* instance_base;  // instance_count + 1: exclusive prefix sum of triangles, the first global id
+  const format::InstanceRecord* instances;  // the drawn scene's
+  const uint64_t*
+      instance_base;  // instance_count + 1 values: exclusive prefix sum of triangles, each instance's first global id
   const format::MatrixRecord* matrices;
   const format::MaterialRecord* materials;
   const format::SurfaceRecord* surfaces;
-  const uint32_t* surface_of;     // by material: its surface, or kNone; null where there are no surfaces
-  const PlacedLight* lights;      // of the drawn scene
-  const float* environment;       // shade/environment.h; null where none was made
+  const uint32_t* surface_of;     // by material: its surface, or kNone; null if there are no surfaces
+  const PlacedLight* lights;      // the drawn scene's
+  const float* environment;       // shade/environment.h; null if there is none
   const TextureView* textures;    // by texture record
   const std::byte* const* pages;  // raw bytes by page number, 16-byte aligned; null: not a geometry page
   uint64_t mesh_count;
@@ -106,10 +107,10 @@ struct SceneView {
   uint64_t matrix_count;
   uint64_t material_count;
   uint64_t texture_count;
-  uint64_t surface_count;  // 0: base colours alone
+  uint64_t surface_count;  // 0: only base colours
   uint32_t light_count;
-  ChunkKinds chunk_kinds;  // kMixed is right for every scene
-  BlockCache* blocks;      // of the textures' JPEG levels; null where there are none, and on a GPU
+  ChunkKinds chunk_kinds;  // kMixed is correct for every scene
+  BlockCache* blocks;      // cache of the textures' JPEG levels; null if there are none, and on a GPU
   const MaskView* masks;   // by material; null: nothing is masked
   // By material: the alpha of blended surfaces (spec/rasterization.md, blending), with the threshold that leaves out
   // what is clear; null: nothing blends.

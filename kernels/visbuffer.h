@@ -1,4 +1,4 @@
-// The visibility buffer: 64 bits a sample, 28 of depth code over 36 of global triangle id; the smaller value wins.
+// The visibility buffer: 64 bits per sample, 28 of depth code above 36 of global triangle id. The smaller value wins.
 // Source: spec/rasterization.md.
 #pragma once
 
@@ -12,7 +12,7 @@ inline constexpr uint32_t kIdBits = 36;
 inline constexpr uint32_t kDepthBits = 28;
 inline constexpr uint64_t kIdMask = (uint64_t{1} << kIdBits) - 1;
 inline constexpr uint32_t kFarthestDepthCode = (1u << kDepthBits) - 1;
-inline constexpr uint64_t kBackground = ~uint64_t{0};  // id kIdMask is never given to a triangle
+inline constexpr uint64_t kBackground = ~uint64_t{0};  // no triangle gets the id kIdMask
 inline constexpr uint32_t kMaxImageSide = 16384;       // samples, after supersampling
 
 SCREE_HD constexpr uint64_t pack_sample(uint32_t depth_code, uint64_t triangle_id) {

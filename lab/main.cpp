@@ -59,6 +59,11 @@ void add_options(CLI::App& app, LabWords& words) {
       ->type_name("LIST");
   app.add_option("--size", words.size, "Image size in pixels (default: the scene's; of a file 1920x1080)")
       ->type_name("WxH");
+  app.add_option(
+         "--near", words.near,
+         "The near plane's distance as a share of the scene's diagonal (default: 0.1 units, or a camera's own);\n"
+         "1e-6 is what render takes where the eye is inside the scene")
+      ->type_name("SHARE");
   app.add_option("--frames", words.frames, "Frames measured")->capture_default_str()->type_name("N");
   app.add_option("--warmup", words.warmup, "Frames before them")->capture_default_str()->type_name("N");
   app.add_flag("--stages", words.stages,

@@ -110,8 +110,8 @@ Result<std::vector<Effects>> parse_effects(const std::string& text) {
 /// Refuses options that --reference and --curves cannot use, because they draw convert's file in one way only.
 Result<void> check_reference(const LabWords& words, const LabOptions& options) {
   const LabWords defaults;
-  if (words.path || words.sweep || words.stages)
-    return usage("--reference and --curves exclude --path, --sweep and --stages");
+  if (words.path || words.sweep || words.stages || words.near != defaults.near)
+    return usage("--reference and --curves exclude --path, --sweep, --stages and --near");
   if (words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
       words.culling != defaults.culling || words.effects != defaults.effects)
     return usage("--reference and --curves take no --samples, --sampleless, --culling or --effects");
@@ -243,6 +243,8 @@ Result<LabOptions> parse_options(const LabWords& words) {
   options.order = words.order == "row" ? synth::MeshOrder::kRow : synth::MeshOrder::kBlock;
   if (!(words.scale > 0 && words.scale <= 1)) return usage("--scale lies above 0 and is at most 1");
   options.scale = words.scale;
+  if (!(words.near >= 0 && words.near <= 1)) return usage("--near is a share of the scene's size, at most 1");
+  options.near = words.near;
   if (words.frames == 0) return usage("--frames is at least 1");
   options.frames = words.frames;
   options.warmup = words.warmup;

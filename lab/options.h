@@ -29,6 +29,7 @@ struct LabWords {
   std::string culling = "all";
   std::string effects = "none";
   std::string size;
+  double near = 0;
   std::string csv;
   std::string texture_cache;
   uint32_t textures = 12;
@@ -73,6 +74,7 @@ struct LabOptions {
   std::vector<bool> sampleless_tests;  // with the test, without
   bool stage_times = false;            // also for small scenes
   std::optional<ImageSize> size;       // replaces the scene's own size
+  double near = 0;                     // the near plane as a share of the scene's diagonal; 0: the view's own
   uint32_t frames = 60;
   uint32_t warmup = 10;
   bool path = false;

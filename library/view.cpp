@@ -163,8 +163,8 @@ scree_array describe(const ViewRenderer& renderer, const LayerKind& kind, const 
   return array;
 }
 
-/// World space: where the ray of a sample has a depth.
-void place(const ViewRenderer& renderer, uint32_t x, uint32_t y, double depth, double out[3]) {
+/// The point at `depth` on the ray of pixel (x, y)'s middle sample, in world space.
+void point_at(const ViewRenderer& renderer, uint32_t x, uint32_t y, double depth, double out[3]) {
   const View& view = renderer.view();
   const uint32_t side = renderer.samples_per_side();
   const double column = static_cast<double>(x * side + side / 2) + 0.5;
@@ -318,7 +318,7 @@ scree_status scree_pick(scree_view* view, uint32_t x, uint32_t y, scree_pick_inf
       out.mesh_triangle = found.mesh_triangle;
       out.source_triangle = found.source_triangle ? static_cast<int64_t>(*found.source_triangle) : -1;
       out.depth = found.depth;
-      place(renderer, x, y, found.depth, out.position);
+      point_at(renderer, x, y, found.depth, out.position);
     }
     give(info, out);
     return SCREE_OK;

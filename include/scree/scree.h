@@ -195,7 +195,7 @@ typedef struct scree_instance_info {
   size_t size;
   uint32_t mesh;
   uint32_t node;
-  uint32_t node_instance; /* place among the node's instances (EXT_mesh_gpu_instancing); 0 where it has none */
+  uint32_t node_instance; /* index among the node's instances (EXT_mesh_gpu_instancing); 0 if it has none */
   int32_t material;
   uint64_t first_triangle; /* global id of its first triangle */
   double world[12];        /* three rows of x, y, z, translation */

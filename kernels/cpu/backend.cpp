@@ -32,7 +32,7 @@ struct ThreadPool::Impl {
   std::mutex mutex;
   std::condition_variable work_ready;
   std::condition_variable work_done;
-  uint64_t generation = 0;  // of the work below
+  uint64_t generation = 0;  // number of the current work, below
   uint32_t working = 0;
   bool stop = false;
 
@@ -74,7 +74,7 @@ ThreadPool::ThreadPool(uint32_t threads) : impl_(std::make_unique<Impl>()) {
   try {
     for (uint32_t i = 1; i < wanted; ++i) impl_->workers.emplace_back([impl = impl_.get(), i] { impl->work(i); });
   } catch (const std::exception&) {
-    // Refused, or no memory: fewer threads than asked for draw the same picture.
+    // The system refused a thread, or memory ran out. Fewer threads draw the same picture.
   }
 }
 
@@ -94,7 +94,7 @@ uint32_t ThreadPool::size() const {
 
 void ThreadPool::for_each(uint64_t count, uint64_t grain, Run run, const void* context) {
   if (count == 0) return;
-  // Waking the others costs more than a few items do.
+  // Waking the other threads costs more than a few items do.
   if (impl_->workers.empty() || count <= grain) {
     run(context, 0, count, 0);
     return;
@@ -116,7 +116,7 @@ void ThreadPool::for_each(uint64_t count, uint64_t grain, Run run, const void* c
 }
 
 void* ThreadPool::scratch(uint32_t thread) {
-  void*& memory = impl_->scratch[thread];  // only its own thread touches it
+  void*& memory = impl_->scratch[thread];  // only the thread itself uses it
   if (memory == nullptr) memory = allocate_aligned(kScratchVertices * sizeof(ScreenVertex));
   return memory;
 }
@@ -263,7 +263,8 @@ Result<void> check_resolve(const View& view, uint32_t samples_per_side) {
 
 namespace {
 
-/// Both ways to finished pixels. `run(pool, visibility)`: visibility is null where `options` asks for no occlusion.
+/// Shared by both ways to finished pixels. `run(pool, visibility)`: `visibility` is null if `options` requests no
+/// occlusion.
 template <class Run>
 Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
                           const ShadeOptions& options, uint32_t channels, std::span<uint8_t> pixels, uint32_t threads,

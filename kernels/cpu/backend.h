@@ -1,5 +1,5 @@
-// The CPU backend: passes over threads. This part is the same for every instruction set; team.h is compiled for
-// each.
+// The CPU backend, which runs passes on threads. This part is the same for every instruction set; team.h is compiled
+// for each.
 #pragma once
 
 #include <cstdint>
@@ -13,10 +13,10 @@
 
 namespace scree::kernels {
 
-/// Threads that wait for work; the calling thread is thread 0 and works too.
+/// Threads that wait for work. The calling thread is thread 0 and works too.
 class ThreadPool {
  public:
-  /// `threads`: at least 1. Where the system refuses a thread, there are fewer.
+  /// `threads`: at least 1. There are fewer if the system refuses a thread.
   explicit ThreadPool(uint32_t threads);
   ~ThreadPool();
   ThreadPool(const ThreadPool&) = delete;
@@ -24,11 +24,12 @@ class ThreadPool {
 
   uint32_t size() const;
 
-  /// Calls run(context, first, end, thread) over 0 .. count - 1 in shares of `grain`, and returns when all is done.
+  /// Calls run(context, first, end, thread) over 0 .. count - 1 in shares of `grain`, and returns when all are done.
   using Run = void (*)(const void* context, uint64_t first, uint64_t end, uint32_t thread);
   void for_each(uint64_t count, uint64_t grain, Run run, const void* context);
 
-  /// Memory for the projected vertices of one chunk, kScratchVertices long, one a thread; null when there is none left.
+  /// Memory of each thread for the projected vertices of one chunk: kScratchVertices of them. Null if no memory is
+  /// left.
   void* scratch(uint32_t thread);
 
  private:
@@ -38,21 +39,21 @@ class ThreadPool {
 
 inline constexpr uint64_t kScratchVertices = 3 * 65536;
 
-/// 64-byte aligned, uninitialised; null when there is none left. Not inline: shared by both instruction sets.
+/// 64-byte aligned and uninitialised; null if no memory is left. Not inline: both instruction sets share it.
 void* allocate_aligned(uint64_t bytes);
 void release_aligned(void* memory);
 
 enum class InstructionSet { kBaseline, kAvx2 };
 
-/// What this machine runs best.
+/// The fastest instruction set of this machine.
 InstructionSet best_instruction_set();
 
-/// draw_cpu() with everything that must not change its result: for tests.
+/// draw_cpu() with all the parameters that must not change its result. For tests.
 Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads, InstructionSet set, const QueueSizes& sizes);
 
-/// What passes.cpp gives for each instruction set. draw: false when memory ran out; `peeled`: of Target; `clear`:
-/// before it. end_layer: the number of samples that show something.
+/// The functions that passes.cpp defines for each instruction set. draw: returns false if memory ran out; `peeled`: of
+/// Target; `clear`: clear the samples first. end_layer: returns the number of samples that show something.
 struct CpuPasses {
   bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
                bool clear, const QueueSizes& sizes, FrameStats& stats);

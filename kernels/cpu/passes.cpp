@@ -1,4 +1,4 @@
-// Compiled once for each instruction set (CMakeLists.txt): SCREE_ISA names the namespace that all of it lies in.
+// Compiled once per instruction set (CMakeLists.txt). SCREE_ISA is the namespace that holds all of it.
 #include "kernels/cpu/passes.h"
 #include "kernels/cpu/team.h"
 #include "kernels/shade/ambient_occlusion.h"
@@ -19,7 +19,7 @@ bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* 
   return draw_frame(backend, scene, frame, {samples, frame.width, peeled}, sizes, stats);
 }
 
-/// Calls visit(shader) with what the samples of the picture are shaded by.
+/// Calls visit(shader) with the shader of the picture's samples.
 template <class Visit>
 void with_shader(CpuBackend& backend, const SceneView& scene, const View& view, const uint64_t* samples,
                  const ShadeOptions& options, const SrgbTables& srgb, const Visit& visit) {

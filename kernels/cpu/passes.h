@@ -1,13 +1,13 @@
-// The passes of a frame in their order, for a backend that looks at the queues between them: the CPU's. On a GPU a
-// frame is one submission, and cuda/frame.cu has the order.
+// The passes of a CPU frame in their order. A CPU backend reads the queues' counters between passes. A GPU frame is one
+// submission instead; cuda/frame.cu has its order.
 //
 // A backend has
 //   for_each(uint64_t count, const Pass&)     runs pass(item, team) for items 0 to count - 1, count <= 2^32
-//   T* allocate<T>(uint64_t count)            memory of the passes; null when none is left
+//   T* allocate<T>(uint64_t count)            memory for the passes; null if none is left
 //   void release(T*)
-//   Counters read_counters()                  of queues.counters, between passes
+//   Counters read_counters()                  returns queues.counters, between passes
 //   void write_counters(const Counters&)
-//   Counters* counters()                      the place itself, for the passes
+//   Counters* counters()                      returns their address, for the passes
 #pragma once
 
 #include <algorithm>
@@ -19,7 +19,7 @@
 
 namespace scree::kernels {
 
-/// First capacities of the queues, and how much is drawn between two looks at their counters.
+/// First capacities of the queues, and how much is drawn before their counters are read again.
 struct QueueSizes {
   uint64_t blocks = 1u << 14;
   uint64_t medium = 1u << 15;
@@ -27,11 +27,11 @@ struct QueueSizes {
   uint64_t tiles = 1u << 17;
   uint64_t instances_at_a_time = 1u << 20;
   uint64_t blocks_at_a_time = 1u << 12;
-  uint32_t block_triangles = 65536;  // of a draw block
-  // What is left out of clustered chunks, and of indexed ones on a lattice as a whole; no picture depends on it.
-  bool cluster_bounds = true;           // what is outside of the picture, or between pixel centres
-  bool occlusion = true;                // what is behind what was drawn before; takes cluster_bounds
-  uint64_t round_triangles = 1u << 20;  // of the first round, after which there is a pyramid
+  uint32_t block_triangles = 65536;  // per draw block
+  // Culling of clustered chunks, and of whole indexed chunks on a lattice. It never changes the picture.
+  bool cluster_bounds = true;           // removes chunks outside the picture or between pixel centres
+  bool occlusion = true;                // removes chunks behind triangles already drawn; requires cluster_bounds
+  uint64_t round_triangles = 1u << 20;  // in the first round; the pyramid is built after it
 };
 
 inline namespace SCREE_ISA {
@@ -58,7 +58,7 @@ struct PyramidBand {
   void operator()(uint32_t item, Team) const {
     constexpr int32_t kSide = 1 << kPyramidFirstLevel;
     for (int32_t y = first_row(item, kPyramidFirstLevel); y < end_row(item, kPyramidFirstLevel); ++y) {
-      const uint64_t* rows[kSide];  // the last of the image again where there are fewer
+      const uint64_t* rows[kSide];  // the image's last row repeats where there are fewer
       for (int32_t i = 0; i < kSide; ++i) {
         const auto row = static_cast<uint64_t>(min_of(kSide * y + i, pyramid.height - 1));
         rows[i] = samples + row * static_cast<uint64_t>(pyramid.width);
@@ -74,7 +74,7 @@ struct PyramidBand {
   }
 
  private:
-  /// In runs of samples, so that the compiler makes vectors of them.
+  /// Works on runs of samples, so that the compiler vectorises the loop.
   void fill_row(const uint64_t* const rows[4], uint32_t* out) const {
     static_assert(kPyramidFirstLevel == 2);
     constexpr int32_t kRun = 256;
@@ -103,8 +103,8 @@ struct PyramidBand {
   }
 };
 
-/// Draws into a picture that was cleared, or holds what chunks that have gone since drew. `draw()` returns false when
-/// memory ran out.
+/// Draws into a picture that was cleared, or that already holds the triangles of other chunks (frame_parts.h). `draw()`
+/// returns false if memory runs out.
 template <class Backend, bool kOrthographic, bool kMasked>
 class FrameDrawer {
  public:
@@ -129,7 +129,7 @@ class FrameDrawer {
 
   bool draw(FrameStats& stats) {
     stats = FrameStats{};
-    // A large triangle must find room for all its tiles at once.
+    // The queue must have room for all tiles of one large triangle.
     const uint64_t image_tiles = tiles_of(view_.width) * tiles_of(view_.height);
     if (!grow(queues_.blocks, queues_.block_capacity, sizes_.blocks) ||
         !grow(queues_.medium, queues_.medium_capacity, sizes_.medium) ||
@@ -160,12 +160,12 @@ class FrameDrawer {
   }
 
  private:
-  static constexpr uint64_t kMostBlocks = 1u << 22;     // 128 MiB; beyond, fewer instances at a time
-  static constexpr uint64_t kMostTriangles = 1u << 21;  // 96 MiB a queue; beyond, fewer blocks at a time
+  static constexpr uint64_t kMostBlocks = 1u << 22;     // 128 MiB; above it, fewer instances at a time
+  static constexpr uint64_t kMostTriangles = 1u << 21;  // 96 MiB per queue; above it, fewer blocks at a time
 
   static uint64_t tiles_of(int32_t side) { return (static_cast<uint64_t>(side) + kTileSide - 1) / kTileSide; }
 
-  /// The queues' contents are not kept.
+  /// Does not keep the queues' contents.
   template <class T>
   bool grow(T*& items, uint64_t& capacity, uint64_t needed) {
     needed = max_of<uint64_t>(needed, 1);
@@ -185,7 +185,8 @@ class FrameDrawer {
       return {};
   }
 
-  /// From near to far, in rounds: each as much as all before, which then may hide what comes next.
+  /// Draws the blocks from near to far, in rounds. Each round has up to as many triangles as all rounds before it, so that
+  /// it is culled against what they drew.
   bool draw_blocks(uint64_t total, FrameStats& stats) {
     if (culling_.occlusion) {
       std::sort(queues_.blocks, queues_.blocks + total,
@@ -227,8 +228,8 @@ class FrameDrawer {
     return true;
   }
 
-  /// Where the round ends that begins with block `first`. It is drawn against a pyramid of all before, if that is worth
-  /// its time.
+  /// Returns the end of the round that begins with block `first`. Builds the pyramid of all earlier rounds first if the
+  /// round is large enough to pay for it.
   uint64_t begin_round(uint64_t first, uint64_t total) {
     const uint64_t most = max_of(triangles_so_far_, max_of<uint64_t>(sizes_.round_triangles, 1));
     uint64_t triangles = 0;
@@ -241,7 +242,7 @@ class FrameDrawer {
     return end;
   }
 
-  /// Of the samples as they are. Without memory for it nothing is taken to be hidden.
+  /// Builds the pyramid of the current samples. If there is no memory for it, nothing is culled by it.
   void build_pyramid() {
     DepthPyramid& pyramid = culling_.pyramid;
     if (pyramid.codes == nullptr) {
@@ -255,7 +256,8 @@ class FrameDrawer {
       fill_level(pyramid, level, 0, 1);
   }
 
-  /// A triangle can have 65,536 tiles, so the queue of tiles does not grow: fewer triangles go at a time.
+  /// Draws the large queue. A triangle can have 65,536 tiles, so the queue of tiles does not grow; fewer triangles are
+  /// split at a time instead.
   void draw_large(uint64_t total) {
     uint64_t share = max_of<uint64_t>(total, 1);
     for (uint64_t first = 0; first < total;) {
@@ -279,7 +281,7 @@ class FrameDrawer {
   QueueSizes sizes_;
   Queues queues_;
   ClusterCulling culling_{};
-  uint64_t triangles_so_far_ = 0;  // triangles of the rounds so far
+  uint64_t triangles_so_far_ = 0;  // in the rounds so far
 };
 
 template <class Backend>

@@ -1,6 +1,6 @@
-// Stage 1 of a frame whose draw blocks lie in a queue, the CPU's: what of a block may show is drawn triangle by
-// triangle. Clusters that lie outside of the picture, between its pixel centres or behind what is drawn already are
-// left out, 32 at a time where their group does. Source: spec/rasterization.md, culling of clusters.
+// Stage 1 of a CPU frame, whose draw blocks lie in a queue: draws the visible part of a block triangle by triangle. It
+// culls clusters that lie outside the picture, between its pixel centres or behind triangles already drawn, and groups
+// of 32 clusters in the same way. Source: spec/rasterization.md, culling of clusters.
 #pragma once
 
 #include <algorithm>
@@ -12,20 +12,20 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// The finest level of a depth pyramid that is asked: smaller boxes are looked up in the samples.
+/// The finest level of the depth pyramid. Smaller boxes are tested against the samples.
 inline constexpr uint32_t kPyramidFirstLevel = 2;
 
-/// What is asked of clusters, and of blocks. None of it shows in the picture.
+/// The tests of clusters and of whole blocks. None of them changes the picture.
 struct ClusterCulling {
   CenterRange centers;
-  bool bounds;           // is it outside of the picture, or between pixel centres?
-  bool occlusion;        // and is it hidden behind what was drawn already?
-  DepthPyramid pyramid;  // from kPyramidFirstLevel on, for boxes of more than a few samples; or without codes
+  bool bounds;           // tests whether it is outside the picture or between pixel centres
+  bool occlusion;        // tests whether it is behind triangles already drawn
+  DepthPyramid pyramid;  // from kPyramidFirstLevel on, for boxes of more than a few samples; its codes may be null
 };
 
-/// Of blocks that were drawn.
+/// Counts of the blocks that were drawn.
 struct ClusterCounts {
-  uint64_t groups_tested;  // of 32 clusters
+  uint64_t groups_tested;  // groups of 32 clusters
   uint64_t clusters_tested;
   uint64_t clusters_drawn;
 };
@@ -35,7 +35,7 @@ struct RasterBlocks {
   RasterSmall<kOrthographic, kMasked> small;
   ClusterCulling culling;
   ClusterCounts* counts;
-  uint64_t first;  // block of item 0
+  uint64_t first;  // the block of item 0
 
   using Context = typename RasterSmall<kOrthographic, kMasked>::Context;
 
@@ -73,7 +73,7 @@ struct RasterBlocks {
   }
 
  private:
-  /// Triangles of a block that take longer than the question whether it shows.
+  /// Drawing so many triangles takes longer than testing the block.
   static constexpr uint32_t kMinTestedTriangles = 64;
 
   template <class Team>
@@ -82,7 +82,7 @@ struct RasterBlocks {
     const uint32_t end = block.first_triangle + block.triangle_count;
     uint64_t clusters = 0;
     for (uint32_t at = block.first_triangle; at < end;) {
-      // All there is of an indexed chunk, or of a clustered one its next cluster.
+      // Draws the rest of an indexed chunk, or the next cluster of a clustered one.
       const ChunkReader reader = make_reader(mesh, chunk, small.scene.pages[chunk.page], *context.transform, at);
       context.reader = &reader;
       const uint32_t count = min_of(end, reader.end_triangle) - at;
@@ -93,7 +93,7 @@ struct RasterBlocks {
     if (clusters != 0) team.add(&counts->clusters_drawn, clusters);
   }
 
-  /// Of a clustered chunk, whose box that is, what may show.
+  /// Draws the visible part of a clustered chunk, whose box is `box`.
   template <class Team>
   void draw_clusters(Team team, Context& context, const DrawBlock& block, const format::MeshRecord& mesh,
                      const format::ChunkRecord& chunk, const RelativeBox& box) const {
@@ -125,7 +125,7 @@ struct RasterBlocks {
         small.draw_run(team, context, chunk, at, min_of(end, reader.end_triangle) - at);
       }
     };
-    // Groups from near to far, so that they hide one another; their clusters in the order in which they lie in memory.
+    // Groups go from near to far, so that they hide one another. The clusters of a group go in memory order.
     VisibleGroup visible[kMaxVisibleGroups];
     const uint64_t end_group = last_cluster / format::kGroupClusters + 1;
     for (uint64_t group = first_cluster / format::kGroupClusters; group < end_group;) {
@@ -151,15 +151,15 @@ struct RasterBlocks {
     ScreenBounds bounds;
     uint64_t group;
   };
-  static constexpr uint32_t kMaxVisibleGroups = 64;  // four times as many as a block of full clusters has
+  static constexpr uint32_t kMaxVisibleGroups = 64;  // four times the groups of a block of full clusters
 
-  /// Whether a triangle of vertices in the box may cover a pixel centre; then `bounds` is filled.
+  /// Whether a triangle whose vertices lie in the box may cover a pixel centre. If so, fills `bounds`.
   bool shows(const CoverageFilter& filter, const CenteredBox& box, ScreenBounds& bounds) const {
     return bound_on_screen<kOrthographic>(filter, small.view, culling.centers, box, bounds) == BoxCoverage::kCenters;
   }
 
-  /// Whether what is drawn already hides all within `bounds`. Small boxes are looked up in the samples as they are now:
-  /// which clusters are left out depends on who draws first, the picture does not.
+  /// Whether the triangles drawn so far hide all within `bounds`. Small boxes are tested against the samples as they
+  /// are now. So the order of drawing decides which clusters are culled, but it does not change the picture.
   template <class Team>
   bool is_occluded(Team team, const ScreenBounds& bounds) const {
     if (!culling.occlusion) return false;

@@ -1,4 +1,4 @@
-// One CPU thread as a team of one lane, and the backend that hands out such teams. Compiled once per instruction set.
+// One CPU thread as a team of one lane. Compiled once per instruction set; cpu/backend.cpp starts the threads.
 #pragma once
 
 #include "kernels/cpu/backend.h"
@@ -6,11 +6,11 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Offsets from ChunkReader::base of `count` (at most kVertexRun) vertices from `first` on, whose codes lie in one
-/// load: ChunkReader::code() in loops that the compiler makes vectors of.
+/// Stores the offsets from ChunkReader::base of `count` (at most kVertexRun) vertices from `first` on. The codes of a
+/// vertex must lie in one 64-bit load. It is ChunkReader::code() in loops that the compiler vectorises.
 inline constexpr uint32_t kVertexRun = 256;
 inline void load_codes(const ChunkReader& reader, uint32_t first, uint32_t count, int32_t codes[3][kVertexRun]) {
-  // A stride of 0 has no stream, not even its slack.
+  // A stream of stride 0 is absent, and so is its slack.
   const uint32_t shift_y = reader.bits[0];
   const uint32_t shift_z = reader.bits[0] + reader.bits[1];
   const uint64_t mask_x = (uint64_t{1} << reader.bits[0]) - 1;
@@ -27,7 +27,8 @@ inline void load_codes(const ChunkReader& reader, uint32_t first, uint32_t count
     bit += reader.stride;
   }
   if (!reader.clustered || reader.cluster.predictor.axis == format::kNotPredicted) return;
-  // ClusterPredictor::apply() on all of them. Validated: nothing wraps but the bias, in the codes' own sum.
+  // ClusterPredictor::apply() for all of them. The values are validated: only adding the bias wraps, as in the codes'
+  // own sum.
   const format::ClusterPredictor predictor = reader.cluster.predictor;
   int32_t* out = codes[predictor.axis];
   const int32_t* u = codes[(predictor.axis + 1) % 3];
@@ -38,8 +39,8 @@ inline void load_codes(const ChunkReader& reader, uint32_t first, uint32_t count
   }
 }
 
-/// Vertices of a chunk projected before its triangles are drawn: each once, in a loop that the compiler makes vectors
-/// of.
+/// Projects vertices of a chunk before its triangles are drawn: each vertex once, in a loop that the compiler
+/// vectorises.
 template <bool kOrthographic>
 inline void project_range(const ChunkReader& reader, const Transform& transform, const FrameView& view, uint32_t first,
                           uint32_t count, ScreenVertex* out) {
@@ -73,8 +74,8 @@ inline void project_range(const ChunkReader& reader, const Transform& transform,
   }
 }
 
-/// Whether a triangle of plain vertices has an empty pixel_box(), on vectors of (x, y, -, flags): most triangles of a
-/// dense mesh go here.
+/// Tests on vectors of (x, y, -, flags) whether a triangle of unflagged vertices has an empty pixel_box(). Most
+/// triangles of a dense mesh end here.
 class BoxTest {
  public:
   explicit BoxTest(const FrameView& view) : last_{view.width - 1, view.height - 1, 0, 0} {}
@@ -105,8 +106,9 @@ class BoxTest {
   Vector last_;
 };
 
-/// The float nearest to an edge value. Edge values are below 2^50: exact in double, by integer arithmetic on its bits,
-/// which AVX2 has for four at a time (a conversion from int64 it has not), and then rounded once.
+/// The float nearest to an edge value. Edge values are below 2^50, so they are exact in double. The conversion uses
+/// integer arithmetic on the double's bits, because AVX2 has that for four values at a time but no conversion from
+/// int64. The double is then rounded once.
 inline float edge_to_float(int64_t edge) {
   constexpr uint64_t kMagicBits = 0x4338000000000000u;  // 1.5 * 2^52
   const uint64_t bits = static_cast<uint64_t>(edge) + kMagicBits;
@@ -136,7 +138,7 @@ class CpuTeam {
 
   static uint64_t load_relaxed(const uint64_t* sample) { return __atomic_load_n(sample, __ATOMIC_RELAXED); }
 
-  /// The smaller of the sample and `value` stays. Reads first: most pixels that are drawn again lose.
+  /// Keeps the smaller of the sample and `value`. Reads first, because most pixels that are drawn again lose.
   void update_min(uint64_t* sample, uint64_t value) const {
     uint64_t seen = __atomic_load_n(sample, __ATOMIC_RELAXED);
     if (alone_) {
@@ -148,9 +150,9 @@ class CpuTeam {
     }
   }
 
-  /// One bit a lane.
+  /// One bit per lane.
   static uint32_t ballot(bool value) { return value ? 1 : 0; }
-  /// The value that `lane` has.
+  /// The value of `lane`.
   static uint64_t share(uint64_t value, uint32_t) { return value; }
 
   static void atomic_min(uint32_t* place, uint32_t value) {
@@ -166,8 +168,8 @@ class CpuTeam {
     }
   }
 
-  /// Draws `triangles` triangles of the chunk, that context.reader reads, from vertices projected once each; false
-  /// where projecting a triangle's corners is the better way.
+  /// Draws `triangles` triangles of the chunk that context.reader reads, from vertices that are projected once each.
+  /// Returns false if it is faster to project each triangle's corners.
   template <bool kOrthographic, bool kMasked>
   bool with_projected_vertices(const RasterSmall<kOrthographic, kMasked>& pass,
                                typename RasterSmall<kOrthographic, kMasked>::Context& context,
@@ -194,7 +196,7 @@ class CpuTeam {
     project_range<kOrthographic>(reader, *context.transform, pass.view, first, static_cast<uint32_t>(count), scratch_);
     const BoxTest misses(pass.view);
     if (reader.index_bits != 0 && reader.index_bits <= 19) {
-      // One load holds the three codes of a triangle.
+      // One load holds a triangle's three codes.
       const uint32_t bits = reader.index_bits;
       const uint32_t mask = (1u << bits) - 1;
       const uint32_t offset = reader.index_min - first;  // modulo 2^32
@@ -222,7 +224,7 @@ class CpuTeam {
     return true;
   }
 
-  /// The same for triangles of a cluster.
+  /// The same for the triangles of a cluster.
   template <bool kOrthographic, bool kMasked>
   bool with_projected_cluster(const RasterSmall<kOrthographic, kMasked>& pass,
                               typename RasterSmall<kOrthographic, kMasked>::Context& context, uint32_t first_triangle,
@@ -249,9 +251,9 @@ class CpuTeam {
     return true;
   }
 
-  /// Draws the covered samples of a box in runs of kRun along its rows: edges and depth codes of a run in a loop that
-  /// the compiler makes vectors of, then a look at each sample. Where a row is no multiple of kRun its last run
-  /// overlaps the one before, since drawing twice changes nothing.
+  /// Draws the covered samples of a box in runs of kRun along its rows. A vectorised loop computes the edges and depth
+  /// codes of a run; then each sample is tested. If a row is not a multiple of kRun, its last run overlaps the one
+  /// before: drawing twice changes nothing.
   template <bool kOrthographic, class Int, class Mask>
   void draw_runs(const Target& target, const Triangle& triangle, const PixelBox& box, int64_t area,
                  const Mask& mask) const {
@@ -259,7 +261,7 @@ class CpuTeam {
     const Edges<Int> edges = make_edges<Int>(triangle, box.x0, box.y0);
     const DepthPlane plane = make_depth_plane(triangle, area);
     const int32_t width = box.x1 - box.x0 + 1;
-    Int along[3][kRun];  // steps within a run; a short row repeats its last sample
+    Int along[3][kRun];  // offsets within a run; a short row repeats its last sample
     for (int i = 0; i < 3; ++i) {
       for (int32_t k = 0; k < kRun; ++k) along[i][k] = static_cast<Int>(min_of(k, width - 1)) * edges.step_x[i];
     }

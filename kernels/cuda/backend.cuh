@@ -1,5 +1,5 @@
-// A warp as a team: the atomics and lanes that the passes need to run on CUDA. The kernels that run them are in this
-// folder; docs/frame.md lists every launch of a frame.
+// A warp as a team: the atomics and lane functions that the passes need on CUDA. This folder holds the kernels that run
+// the passes; docs/frame.md lists every launch of a frame.
 #pragma once
 
 #include <cstdint>
@@ -28,8 +28,8 @@ struct WarpTeam {
     atomicMin(reinterpret_cast<unsigned long long*>(sample), value);
   }
 
-  /// The smaller of the sample and `value` stays. Reads first: most pixels that are drawn again lose, and a read is an
-  /// eighth of the price of an atomic.
+  /// Keeps the smaller of the sample and `value`. Reads first: most pixels that are drawn again lose, and a read costs
+  /// an eighth of an atomic.
   __device__ static void update_min(uint64_t* sample, uint64_t value) {
     if (value < load_relaxed(sample)) atomic_min(sample, value);
   }

@@ -11,10 +11,10 @@
 
 namespace scree::kernels {
 
-/// `what`: what the call was for.
+/// `what`: the purpose of the call.
 inline Result<void> cuda_check(cudaError_t status, const char* what) {
   if (status == cudaSuccess) return {};
-  (void)cudaGetLastError();  // or the next launch would be blamed for it
+  (void)cudaGetLastError();  // clears the error, which the next launch would report otherwise
   return Error{ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
 }
 
@@ -38,17 +38,17 @@ class DeviceBuffer {
     return Result<DeviceBuffer>(std::move(buffer));
   }
 
-  /// Sees that there are at least so many; loses what was there where there were fewer. Errors kDevice.
+  /// Makes room for at least `bytes`; loses the contents if it has to grow. Errors kDevice.
   Result<void> reserve(uint64_t bytes, const char* what) {
     if (bytes_ >= bytes) return {};
-    if (Result<void> freed = release(what); !freed) return freed;  // before the larger one is taken
+    if (Result<void> freed = release(what); !freed) return freed;  // before the larger allocation
     Result<DeviceBuffer> larger = allocate(bytes, what);
     if (!larger) return larger.error();
     *this = std::move(*larger);
     return {};
   }
 
-  /// Frees it before the end of the object's life. Errors kDevice.
+  /// Frees the memory before the object's destruction. Errors kDevice.
   Result<void> release(const char* what) {
     bytes_ = 0;
     return cuda_check(cudaFree(std::exchange(data_, nullptr)), what);
@@ -62,7 +62,7 @@ class DeviceBuffer {
   uint64_t bytes_ = 0;
 };
 
-/// Memory that the GPU copies from, and to, by itself.
+/// Pinned host memory, which the GPU copies from and to without the CPU.
 class PinnedBuffer {
  public:
   PinnedBuffer() = default;
@@ -70,7 +70,7 @@ class PinnedBuffer {
   PinnedBuffer& operator=(const PinnedBuffer&) = delete;
   ~PinnedBuffer() { (void)cudaFreeHost(data_); }
 
-  /// At most once.
+  /// May be called once.
   Result<void> allocate(uint64_t bytes, const char* what) {
     return cuda_check(cudaMallocHost(&data_, bytes == 0 ? 1 : bytes), what);
   }

@@ -1,11 +1,12 @@
-// A chunk as stage 1 reads it on a GPU: its streams, unpacked by lanes, and what drawing it for an instance needs.
+// An indexed chunk as stage 1 reads it on a GPU: its streams, unpacked by lanes, and the data for drawing it for an
+// instance.
 #pragma once
 
 #include "kernels/raster/vertex.h"
 
 namespace scree::kernels {
 
-/// What the exact way needs of an instance of the chunk at hand.
+/// The data of an instance of the current chunk for the exact projection.
 struct alignas(16) InstanceTransform {
   float x[4];  // rows of its transform
   float y[4];
@@ -15,7 +16,7 @@ struct alignas(16) InstanceTransform {
     float center[3];  // float32 positions
   };
   uint32_t flags;
-  uint64_t first_id;  // of the chunk's triangle 0
+  uint64_t first_id;  // id of the chunk's triangle 0
   uint32_t instance;
   float error[3];  // of x, y and w: set_error()
   uint32_t reserved[2];
@@ -49,10 +50,10 @@ struct alignas(16) InstanceTransform {
 };
 
 /// How a stream is read: from a window of three words that holds a whole item, at 32-bit bit offsets; as plain 32-bit
-/// values; or value by value, whatever their widths.
+/// values; or value by value, for any width.
 enum class Fetch : uint32_t { kWindow, kWords, kGeneric };
 
-/// Where a chunk's stored indices and positions lie and how they are unpacked; the same for all lanes.
+/// A chunk's stored indices and positions and how they are unpacked. The same for all lanes.
 struct PackedChunkView {
   const uint32_t* indices;
   const uint32_t* positions;
@@ -61,7 +62,7 @@ struct PackedChunkView {
   uint32_t index_min;
   uint32_t triangle_bits;
   uint32_t stride;
-  uint32_t first_position_bit;  // kWindow: of vertex index_min
+  uint32_t first_position_bit;  // kWindow: bit of vertex index_min
   uint32_t bits[3];
   uint32_t mask[3];
   Fetch index_fetch;
@@ -95,17 +96,17 @@ struct PackedChunkView {
     first_position_bit = index_min * stride;
   }
 
-  /// The words that a triangle's indices are in, or the indices.
+  /// The words that hold a triangle's indices, or the indices themselves.
   struct IndexWords {
     uint32_t word[3];
-    uint32_t shift;  // kWindow: of the first index in them, modulo 32
+    uint32_t shift;  // kWindow: bit of the first index in them, modulo 32
   };
 
   template <Fetch kFetch>
   __device__ IndexWords load_indices(uint32_t triangle) const {
     IndexWords out;
     if constexpr (kFetch == Fetch::kWindow) {
-      // An item begins in the first word: the slack covers two more.
+      // An item begins in the first word. The stream's slack covers two more.
       out.shift = triangle * triangle_bits;
       const uint32_t* from = indices + (out.shift >> 5);
       for (int i = 0; i < 3; ++i) out.word[i] = __ldg(from + i);
@@ -119,7 +120,7 @@ struct PackedChunkView {
     return out;
   }
 
-  /// Vertex numbers less index_min.
+  /// Vertex numbers minus index_min.
   template <Fetch kFetch>
   __device__ void decode_indices(const IndexWords& words, uint32_t out[3]) const {
     if constexpr (kFetch == Fetch::kWindow) {
@@ -134,10 +135,10 @@ struct PackedChunkView {
     }
   }
 
-  /// What a stored position is unpacked from, or it itself; `vertex` less index_min.
+  /// The words that hold a stored position, or the position itself. `vertex` is relative to index_min.
   struct PositionWords {
     uint32_t word[3];
-    uint32_t shift;  // kWindow: modulo 32
+    uint32_t shift;  // kWindow: first bit, modulo 32
   };
 
   template <Fetch kFetch>
@@ -160,7 +161,7 @@ struct PackedChunkView {
     return out;
   }
 
-  /// The bits of the three coordinates; above them a window has what comes next.
+  /// The bits of the three coordinates. In a window, bits of the next position follow above them.
   template <Fetch kFetch>
   __device__ void shift_position(const PositionWords& words, uint32_t out[3]) const {
     if constexpr (kFetch == Fetch::kWindow) {
@@ -190,7 +191,7 @@ struct PackedChunkView {
     }
   }
 
-  /// The same relative to an instance's reference, rounded once: ChunkReader::relative().
+  /// The position relative to an instance's reference, rounded once: ChunkReader::relative().
   template <Fetch kFetch>
   __device__ void relative(uint32_t vertex, const InstanceTransform& instance, float out[3]) const {
     uint32_t code[3];

@@ -204,7 +204,8 @@ __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, cons
 /// A triangle that waits, on its way to be drawn: its cluster, and what its corners are read by.
 struct SurvivorReader {
   const ClusterDraw& draw;
-  uint32_t number;  // of the triangle in its chunk
+  uint32_t number;        // of the triangle in its chunk
+  uint32_t first_vertex;  // of the cluster in its chunk
   uint32_t corners;
   format::ClusterLayout at;
   format::ClusterBounds bounds;
@@ -214,10 +215,13 @@ struct SurvivorReader {
   __device__ SurvivorReader(const ClusterFrame& frame, const SurvivorTriangle& survivor)
       : SurvivorReader(frame, survivor, frame.list.items[survivor.item]) {}
 
+  /// Of corner 0 to 2: its vertex in the cluster.
+  __device__ uint32_t corner(uint32_t number_of_corner) const { return corners >> (7 * (number_of_corner + 1)) & 127; }
+
   /// Of corner 0 to 2: lattice coordinates less the transform's reference. Not where the draw is far away.
-  __device__ void relative(uint32_t corner, int32_t out[3]) const {
+  __device__ void relative(uint32_t number_of_corner, int32_t out[3]) const {
     const uint32_t stride = at.position_bits[0] + at.position_bits[1] + at.position_bits[2];
-    uint64_t bit = uint64_t{corners >> (7 * (corner + 1)) & 127} * stride;
+    uint64_t bit = uint64_t{corner(number_of_corner)} * stride;
     uint32_t code[3];
     for (int k = 0; k < 3; ++k) {
       code[k] = unpack_bits(data + at.positions, bit, at.position_bits[k]);
@@ -248,6 +252,7 @@ struct SurvivorReader {
                             const uint4& record)
       : draw(of),
         number(record.y + (survivor.corners & 127)),
+        first_vertex(record.z),
         corners(survivor.corners),
         at(format::cluster_layout({record.x, record.y, record.z, record.w})),
         bounds(load_bounds(of.cluster_bounds() + cluster)),
@@ -273,14 +278,58 @@ __device__ inline WarpMasks* near_clipped_masks() {
   }
 }
 
-/// Finds the mask of a lane's triangle, which a cluster's reader read.
-__device__ inline void find_mask(const ClusterFrame& frame, const SurvivorTriangle& survivor, Triangle& triangle,
-                                 LaneMask& mask) {
-  const ClusterItem item = frame.list.items[survivor.item];
-  const ClusterDraw& draw = frame.list.draws[item.draw];
-  const uint32_t number = draw.clusters()[item.cluster].first_triangle + (survivor.corners & 127);
-  triangle.is_masked =
-      mask.find(frame.small.scene, frame.small.view, frame.small.list.transforms, draw.instance, draw.chunk, number);
+/// The plane of a triangle that waits. Out of line, for it takes many registers.
+template <bool kOrthographic>
+__device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const SurvivorTriangle& survivor,
+                                                const MaskView* mask, MaskPlane& out) {
+  const SurvivorReader reader(frame, survivor);
+  const format::ChunkRecord& chunk = frame.small.scene.chunks[reader.draw.chunk];
+  const StoredUvs uvs(chunk, reinterpret_cast<const std::byte*>(reader.data) +
+                                 format::packed_bytes(chunk.cluster_words, 32));  // as format::chunk_streams() has them
+  const auto corner = [&](int n, double d[3]) {
+    int32_t position[3];
+    reader.relative(static_cast<uint32_t>(n), position);
+    for (int k = 0; k < 3; ++k) d[k] = static_cast<double>(position[k]);
+    return reader.first_vertex + reader.corner(static_cast<uint32_t>(n));
+  };
+  make_mask_plane<kOrthographic>(mask, frame.small.view, frame.small.list.transforms[reader.draw.instance], uvs, corner,
+                                 out);
+}
+
+/// As LaneMask, of a cluster's triangle: its corners are read as they were to draw it.
+struct ClusterMask {
+  static constexpr bool kTests = true;
+
+  const MaskView* mask = nullptr;  // null: the lane's triangle is opaque
+  WarpMasks* shared;
+  const ClusterFrame* frame;
+  SurvivorTriangle survivor;
+
+  __device__ ClusterMask(const ClusterFrame& of, WarpMasks& warp) : shared(&warp), frame(&of) {}
+
+  /// Returns Triangle::is_masked.
+  __device__ uint32_t find(const SurvivorTriangle& of) {
+    survivor = of;
+    const SceneView& scene = frame->small.scene;
+    const uint32_t chunk = frame->list.draws[frame->list.items[of.item].draw].chunk;
+    mask = mask_of(scene, scene.meshes[scene.chunks[chunk].mesh]);
+    return is_tested(scene, mask);
+  }
+
+  template <bool kOrthographic>
+  __device__ void make_plane(MaskPlane& out) const {
+    make_cluster_plane<kOrthographic>(*frame, survivor, mask, out);
+  }
+};
+
+/// `masks()`: the shared memory of the warp; not called where nothing is masked.
+template <bool kMasked, class Masks>
+__device__ inline auto lane_mask(const ClusterFrame& frame, const Masks& masks) {
+  if constexpr (kMasked) {
+    return ClusterMask(frame, masks());
+  } else {
+    return NoLaneMask{};
+  }
 }
 
 /// Projects a triangle that waits. False where there is nothing to draw, or it was queued to be clipped.
@@ -443,12 +492,11 @@ class ClusterWarp {
     PixelBox box{};
     int64_t area = 0;
     int64_t pixels = 0;
-    std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
-    if constexpr (kMasked) mask.planes = cluster_masks().planes;
+    auto mask = lane_mask<kMasked>(frame_, cluster_masks);
     if (lane_ < count && project_cluster_survivor<kOrthographic>(frame_, shared.survivors[survivor_count_ + lane_],
                                                                  triangle, box, area)) {
       pixels = box.pixels();
-      if constexpr (kMasked) find_mask(frame_, shared.survivors[survivor_count_ + lane_], triangle, mask);
+      if constexpr (kMasked) triangle.is_masked = mask.find(shared.survivors[survivor_count_ + lane_]);
     }
     if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area, pixels,
                                    mask)) {
@@ -506,13 +554,10 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
       drawn = clip_and_draw<false, kMasked>(frame.small, item.instance, item.chunk, item.triangle);
     }
   }
-  std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
-  if constexpr (kMasked) {
-    mask.planes = masks->planes;
-    mask.find(frame.small.scene, frame.small.view, frame.small.list.transforms, item.instance, item.chunk,
-              item.triangle);
-  }
-  // Of 4 corners two triangles are left.
+  auto mask = lane_mask<kMasked>(frame, [&]() -> WarpMasks& { return *masks; });
+  [[maybe_unused]] uint32_t is_masked = 0;
+  if constexpr (kMasked) is_masked = mask.find(item.survivor);
+    // Of 4 corners two triangles are left.
 #pragma unroll 1
   for (int i = 2; i < 4; ++i) {
     Triangle triangle{};
@@ -522,7 +567,7 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
     if (i < polygon.count &&
         reader.set_up(frame.small.view, polygon.corner[0], polygon.corner[1], polygon.corner[2], triangle, box, area))
       pixels = box.pixels();
-    if constexpr (kMasked) triangle.is_masked = mask.mask != nullptr ? 1 : 0;
+    if constexpr (kMasked) triangle.is_masked = is_masked;
     if (draw_set_up<false>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels, mask)) ++drawn;
     polygon.corner[1] = polygon.corner[2];
     polygon.corner[2] = polygon.corner[3];

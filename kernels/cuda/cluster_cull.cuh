@@ -1,5 +1,5 @@
-// Culling of clustered chunks on a GPU: chunks of instances, groups of clusters, clusters. Each level is looked at only
-// where the one above is to be seen.
+// Culling of clustered chunks on a GPU: chunks of instances, groups of clusters, clusters. A level is tested only if
+// the level above may be visible.
 #pragma once
 
 #include <bit>
@@ -10,23 +10,10 @@
 
 namespace scree::kernels {
 
-/// Which bucket a chunk's nearest point is in, from near to far: 32 per octave of w down from the farthest point of the
-/// scene, `farthest`. The first bucket takes all that is nearer than the 16 octaves of the buckets: the near plane may
-/// lie far more octaves before the scene, but little lies between. An orthographic camera's t is linear: 1 on the near
-/// plane and 0 on the far one. NaN is in any.
-__device__ inline uint32_t near_bucket(const FrameView& view, const Transform& transform, const RoundedBox& box,
-                                       float farthest) {
-  const float near = nearness(transform.w, view, box);
-  if (view.orthographic)
-    return static_cast<uint32_t>(fast_max(fast_min(near * kNearBuckets, kNearBuckets - 1.0f), 0.0f));
-  const float nearest = fast_min(fast_max(near, 1.0f), farthest);
-  return kNearBuckets - 1 - min_of((float_bits(farthest) - float_bits(nearest)) >> 18, kNearBuckets - 1);
-}
-
-/// What a thread of the two kernels below looks at: one of the kDrawInstances instances of a candidate.
+/// The input of a thread of the two kernels below: one of the kDrawInstances instances of a candidate.
 struct CandidateInstance {
   CandidateDraw candidate;
-  uint32_t index;  // among the mesh's visible instances
+  uint32_t index;  // index in the mesh's list of visible instances
 
   __device__ CandidateInstance(const ClusterList& clusters, uint64_t thread)
       : candidate(clusters.candidates[thread / kDrawInstances]),
@@ -37,19 +24,19 @@ struct CandidateInstance {
   }
 };
 
-/// One draw of a clustered chunk, and its work: its groups of clusters.
+/// One draw of a clustered chunk above its work: its groups of clusters.
 __device__ inline uint64_t packed_count(const format::ChunkRecord& chunk) {
   return (uint64_t{1} << kWorkBits) + (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
 }
 
-/// Sums of a block's draws by bucket, in shared memory.
+/// Clears the sums of a block's draws by bucket, in shared memory.
 __device__ inline void clear_buckets(uint64_t* buckets) {
   for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) buckets[i] = 0;
   __syncthreads();
 }
 
-/// Finds the draws and counts them by their buckets; ClusterList::draw_bucket says which they are. Where not `sorts`
-/// all share one bucket.
+/// Finds the draws and counts them by bucket. Stores each draw's bucket in ClusterList::draw_bucket. Without `sorts`
+/// all draws share one bucket.
 __global__ void __launch_bounds__(kCullThreads)
     cull_clustered_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                           const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters,
@@ -69,7 +56,7 @@ __global__ void __launch_bounds__(kCullThreads)
       const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
       const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
       if (mesh.chunk_count == 1 || may_be_seen(transform, view, box)) {
-        bucket = sorts ? near_bucket(view, transform, box, clusters.farthest) : 0;
+        bucket = sorts ? near_bucket(nearness(transform.w, view, box), view.orthographic, clusters.farthest) : 0;
         triangles = chunk.triangle_count;
         atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), packed_count(chunk));
       }
@@ -125,12 +112,12 @@ __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const Fr
   return draw;
 }
 
-/// Writes the draws bucket by bucket, and their prefix sum; as many threads as for cull_clustered_chunks().
+/// Writes the draws in the order of buckets, and their prefix sum. Has as many threads as cull_clustered_chunks().
 __global__ void __launch_bounds__(kCullThreads)
     place_cluster_draws(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                         const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters) {
-  __shared__ uint64_t first_of_bucket[kNearBuckets];  // draws of the buckets before, and their work
-  __shared__ uint64_t in_bucket[kNearBuckets];        // of this block; then where they begin
+  __shared__ uint64_t first_of_bucket[kNearBuckets];  // sums over the buckets before: number of draws above their work
+  __shared__ uint64_t in_bucket[kNearBuckets];        // this block's sums; then the index of its first draw
   __shared__ uint64_t before_warp[kCullWarps];
   clear_buckets(in_bucket);
   const uint32_t lane = threadIdx.x % kWarpLanes;
@@ -169,10 +156,10 @@ __global__ void __launch_bounds__(kCullThreads)
                                                         at.candidate.chunk, instance, base & kWorkMask);
 }
 
-/// The tests that clusters have to pass.
+/// The tests of clusters. A cluster that fails one is culled.
 struct ClusterTests {
-  bool bounds;     // not outside of the picture, nor between pixel centres
-  bool occlusion;  // not hidden behind the pyramid
+  bool bounds;     // not outside the picture, nor between pixel centres
+  bool occlusion;  // not behind the pyramid
 };
 
 struct ClusterCull {
@@ -182,11 +169,11 @@ struct ClusterCull {
   FrameCounters* counters;
   const uint64_t* samples;
   ClusterTests tests;
-  uint32_t pass;    // of FrameCounters::clusters
-  uint32_t round;   // of the rounds of the second pass
-  uint32_t rounds;  // 1: all at once
-  uint32_t frame;   // any number that goes up
-  uint32_t period;  // frames in which every hint is tested anew once
+  uint32_t pass;    // index in FrameCounters::clusters
+  uint32_t round;   // round of the second pass
+  uint32_t rounds;  // 1: all in one round
+  uint32_t frame;   // any increasing number
+  uint32_t period;  // every hint is tested again once in this many frames
 };
 
 /// Groups of clusters, numbered through all draws.
@@ -195,7 +182,7 @@ struct WorkRange {
   uint64_t end;
 };
 
-/// The groups of a round: up to the share ((round + 1) / rounds)^3 of all, from near to far.
+/// The groups of a round: up to the share ((round + 1) / rounds)^3 of all groups, from near to far.
 __device__ inline WorkRange work_of_round(uint64_t total, uint32_t round, uint32_t rounds) {
   const auto end_of = [&](uint64_t round_count) {
     return total * (round_count * round_count * round_count) / (uint64_t{rounds} * rounds * rounds);
@@ -204,14 +191,17 @@ __device__ inline WorkRange work_of_round(uint64_t total, uint32_t round, uint32
 }
 static_assert(kWorkBits + 3 * std::bit_width(kMostRounds) <= 64);
 
-/// Which clusters a pass draws: those with a hint (a bit of ClusterList::hints); those without one that its tests let
-/// through; or, where there are no hints, all that its tests let through. A wrong hint costs time alone. Invariant: no
-/// hint may be set between a draw's first pass and its second of one frame, because the second leaves out clusters
-/// whose hint is set. A hint is tested anew every few frames. A cluster that only lay between pixel centres keeps its
-/// hint, so that no holes open in the first pass when the camera moves.
+/// The clusters that a pass draws. Hints are bits of ClusterList::hints.
+/// - kPreviouslyVisible draws clusters with a hint.
+/// - kNewlyVisible draws clusters without a hint that pass the tests.
+/// - kOnly, without hints, draws all clusters that pass the tests.
+///
+/// A wrong hint costs only time. Invariant: no hint may be set between the first and the second pass of one frame,
+/// because the second pass skips clusters whose hint is set. A hint is tested again every few frames. A cluster that
+/// only lay between pixel centres keeps its hint, so that the first pass leaves no holes when the camera moves.
 enum class ClusterPass : uint32_t { kPreviouslyVisible, kNewlyVisible, kOnly };
 
-/// What of a box may show in the picture. What is hidden is as good as nothing.
+/// The coverage of a box in the picture. A hidden box counts as outside.
 template <bool kOrthographic, bool kOcclusion>
 __device__ inline BoxCoverage may_show(const ClusterCull& cull, const CoverageFilter& filter,
                                        const format::ClusterBounds& bounds) {
@@ -232,7 +222,7 @@ __device__ inline format::ClusterBounds load_bounds(const format::ClusterBounds*
   return {{words.x, words.y, words.z}, words.w};
 }
 
-/// A lane per group of clusters; then, for each group that may show, a lane per cluster.
+/// A lane per group of clusters; then, for each group that may be visible, a lane per cluster.
 template <bool kOrthographic, ClusterPass kPass>
 __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_constant__ ClusterCull cull) {
   constexpr bool kOcclusion = kPass == ClusterPass::kNewlyVisible;
@@ -241,17 +231,17 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   FrameCounters& counters = *cull.counters;
   const auto draw_count = static_cast<uint32_t>(counters.draws >> kWorkBits);
-  // The items of a later pass follow those of the ones before.
+  // The items of a pass follow those of earlier passes.
   const uint64_t first_item = clusters_before(counters, cull.pass);
   const WorkRange work = work_of_round(counters.draws & kWorkMask, cull.round, cull.rounds);
   const ClusterDraw* const draws = cull.list.draws;
   uint32_t tested = 0;
   uint32_t groups_tested = 0;
-  // Where there are few, a warp each: what one finds goes cluster by cluster, group after group.
+  // With few groups, each warp takes one: its clusters are tested one group after the other.
   const uint32_t most = work.end - work.first <= warps ? 1 : kWarpLanes;
   for (uint64_t start = work.first + warp * most; start < work.end; start += warps * most) {
     const uint64_t end = min_of(start + most, work.end);
-    // The draws of 32 consecutive groups are at most 32 consecutive ones.
+    // 32 consecutive groups belong to at most 32 consecutive draws.
     const uint32_t first_draw = find_draw(draw_count, start, lane, [&](uint32_t i) { return draws[i].work_before; });
     const uint64_t work_before = first_draw + lane < draw_count ? draws[first_draw + lane].work_before : ~uint64_t{0};
     const uint64_t work_index = start + lane;
@@ -296,7 +286,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
         }
       }
     }
-    uint32_t kept = 0;  // of this lane's group
+    uint32_t kept = 0;  // clusters of this lane's group
     for (uint32_t left = __ballot_sync(~0u, shows); left != 0; left &= left - 1) {
       const int owner = __ffs(static_cast<int>(left)) - 1;
       const ClusterDraw& draw = draws[__shfl_sync(~0u, draw_number, owner)];

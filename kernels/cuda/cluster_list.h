@@ -1,6 +1,6 @@
-// What one frame on a GPU draws of clustered chunks, and what it knows from the frame before. The frame goes in passes:
-// first what was seen last time, then, against the depth pyramid of that, what else is to be seen; where the camera has
-// moved, in rounds from near to far, each against the pyramid of those before.
+// The clustered chunks that one frame on a GPU draws, and its hints from the frame before. The frame has passes: pass 1
+// draws the clusters that were visible last time; pass 2 draws the others that the depth pyramid of pass 1 does not
+// hide. If the camera has moved, pass 2 has rounds from near to far, each with a pyramid of all before.
 #pragma once
 
 #include "kernels/cuda/draw_list.h"
@@ -9,8 +9,8 @@
 
 namespace scree::kernels {
 
-/// A clustered chunk drawn for one instance. Its work is the number of its groups of 32 clusters. In a
-/// small scene each group has a draw of its own.
+/// A clustered chunk drawn for one instance. Its work is the number of its groups of 32 clusters. In a small scene each
+/// group has a draw of its own.
 struct alignas(16) ClusterDraw {
   CoverageFilter filter;
   float x[4];  // rows of the instance's transform
@@ -18,9 +18,9 @@ struct alignas(16) ClusterDraw {
   float w[4];
   int32_t base[3];  // lattice coordinate of the chunk's position_min minus the transform's reference
   uint32_t flags;
-  uint64_t first_id;     // of the chunk's triangle 0
-  uint64_t work_before;  // sum over the draws before; 0 in a small scene
-  uint64_t hint_offset;  // of ClusterList::hints: of its group 0
+  uint64_t first_id;     // id of the chunk's triangle 0
+  uint64_t work_before;  // sum of the work of the draws before; 0 in a small scene
+  uint64_t hint_offset;  // index in ClusterList::hints of its group 0
   const std::byte* payload;
   uint32_t chunk;
   uint32_t instance;
@@ -46,47 +46,47 @@ struct alignas(16) ClusterDraw {
 };
 static_assert(sizeof(ClusterDraw) == 192);
 
-/// A group of 32 clusters of a chunk of an instance: what a warp culls where there are few. Made once.
+/// A group of 32 clusters of a chunk of an instance. In a small scene a warp culls it. Made once.
 struct ClusterGroup {
   uint32_t instance;
   uint32_t chunk;
-  uint32_t group;  // of the chunk
+  uint32_t group;  // number in the chunk
 };
 
 /// A cluster to be drawn.
 struct ClusterItem {
   uint32_t draw;
-  uint32_t cluster;  // of the draw's chunk
+  uint32_t cluster;  // number in the draw's chunk
 };
 
 /// A triangle that may cover a pixel centre.
 struct SurvivorTriangle {
-  uint32_t item;     // of ClusterList::items
-  uint32_t corners;  // numbers in the cluster, 7 bits each: the triangle's, and its corners'
+  uint32_t item;     // index in ClusterList::items
+  uint32_t corners;  // 7 bits each: the triangle's number in the cluster, and its corners' vertex numbers
 };
 
-/// A triangle that needs clipping. raster_clipped reads instance, chunk and triangle alone: copies that save it the
+/// A triangle that needs clipping. raster_clipped reads only instance, chunk and triangle; these copies save it the
 /// chain of loads from item to draw to record.
 struct ClipItem {
   SurvivorTriangle survivor;
   uint32_t instance;
   uint32_t chunk;
-  uint32_t triangle;  // of the chunk
+  uint32_t triangle;  // number in the chunk
 };
 
 /// Device memory.
 struct ClusterList {
-  // Of the scene:
-  const CandidateDraw* candidates;    // of clustered chunks
-  const uint32_t* chunk_hint_offset;  // by chunk: groups of the mesh's chunks before
-  const uint64_t* hint_offset;        // by instance: groups of the instances before
+  // Per scene:
+  const CandidateDraw* candidates;    // clustered chunks
+  const uint32_t* chunk_hint_offset;  // by chunk: groups of the mesh's chunks before it
+  const uint64_t* hint_offset;        // by instance: groups of the instances before it
   uint32_t candidate_count;
-  // Kept from frame to frame: a bit for each cluster of each instance, set if it was not hidden when asked. Null: every
-  // cluster that is not outside of the picture is drawn in one pass.
+  // Kept from frame to frame: one bit per cluster of each instance, set if it was not hidden when last tested. Null:
+  // one pass draws every cluster that is not outside the picture.
   uint32_t* hints;
-  // Of the frame:
-  uint16_t* draw_bucket;  // by thread, kDrawInstances a candidate: of kNearBuckets, or that where it is not drawn
-  ClusterDraw* draws;     // room for DrawTables::cluster_draws, from near to far; or one a ClusterGroup
+  // Per frame:
+  uint16_t* draw_bucket;  // by thread, kDrawInstances per candidate: bucket number, or kNearBuckets if it is not drawn
+  ClusterDraw* draws;     // room for DrawTables::cluster_draws, from near to far; in a small scene one per ClusterGroup
   ClusterItem* items;
   uint64_t item_capacity;  // below 2^32
   ClipItem* to_clip;

@@ -1,5 +1,5 @@
-// Runs of clusters on a GPU, on their way to be drawn (cluster.cuh): what a warp keeps of them in shared memory,
-// which of them may show still, and what all lanes need of each.
+// Runs of clusters on a GPU before they are drawn (cluster.cuh): a warp's shared memory, late culling, and the data
+// that all lanes need of each cluster.
 #pragma once
 
 #include "kernels/cuda/cluster_cull.cuh"
@@ -11,18 +11,18 @@ namespace scree::kernels {
 struct ClusterFrame {
   SmallFrame small;
   ClusterList list;
-  uint32_t pass;  // of FrameCounters::clusters: the items of this pass
+  uint32_t pass;  // index in FrameCounters::clusters: the items of this pass
 };
 
 inline constexpr uint32_t kClusterThreads = 128;
 inline constexpr uint32_t kClusterWarps = kClusterThreads / kWarpLanes;
-inline constexpr uint32_t kClusterParts = 4;  // of a cluster, where there are few
+inline constexpr uint32_t kClusterParts = 4;  // per cluster, if there are few clusters
 
 /// Size of the staging buffer in pieces of 16 bytes. It holds the triangles of every cluster, and all data of almost
 /// every one; PreparedCluster::kTruncated marks the others.
 inline constexpr uint32_t kStagePieces = 64;
 
-/// Clusters that a warp takes at once, at most: two lanes prepare each.
+/// The most clusters that a warp takes at once. Two lanes prepare each.
 inline constexpr uint32_t kRunClusters = 16;
 
 /// Byte `i` of a word.
@@ -30,29 +30,29 @@ __device__ inline uint32_t byte_of(uint32_t word, uint32_t i) {
   return __byte_perm(word, 0, 0x4440 + i);
 }
 
-/// A cluster of a run: what all lanes need of it. Bytes share words, since a lane reads 64 bytes of shared memory with
-/// four loads.
+/// A cluster of a run: the data that all lanes need. Bytes share words, because a lane reads 64 bytes of shared memory
+/// with four loads.
 struct alignas(16) PreparedCluster {
   uint64_t data;  // address of its data, rounded down to a multiple of 16 bytes
   uint32_t shape;
   uint32_t offsets;
   AffineProjection projection;
   uint32_t codes;
-  uint32_t item;  // of ClusterList::items
+  uint32_t item;  // index in ClusterList::items
 
   // Bytes of `shape`.
-  static constexpr uint32_t kLastTriangle = 0;  // triangles less one
-  static constexpr uint32_t kLastVertex = 1;    // vertices less one
+  static constexpr uint32_t kLastTriangle = 0;  // number of triangles minus one
+  static constexpr uint32_t kLastVertex = 1;    // number of vertices minus one
   static constexpr uint32_t kDistanceBits = 2;
   static constexpr uint32_t kPieces = 3;  // to be staged
-  // Bytes of `offsets`: where the streams of the cluster begin, in words from `data`.
+  // Bytes of `offsets`: the first word of each stream of the cluster, counted from `data`.
   static constexpr uint32_t kSteps = 0;
   static constexpr uint32_t kDistances = 1;
   static constexpr uint32_t kPositions = 2;
   // Bits of the last byte of `offsets`.
   static constexpr uint32_t kWideSteps = 1u << 24;
   static constexpr uint32_t kTruncated = 1u << 25;  // longer than a stage
-  static constexpr uint32_t kLast = 1u << 26;       // of the run
+  static constexpr uint32_t kLast = 1u << 26;       // last of the run
   static constexpr uint32_t kPredictedAxisShift = 27;
   // Bytes of `codes`: the bits of x, of x and y, and of all three.
   static constexpr uint32_t kBitsX = 0;
@@ -63,7 +63,7 @@ struct alignas(16) PreparedCluster {
 };
 static_assert(sizeof(PreparedCluster) == 64);
 
-/// A cluster's data on their way through shared memory; a vertex is read as three words.
+/// A cluster's staged data. A vertex is read as three words.
 struct ClusterStage {
   uint4 pieces[kStagePieces + 1];
 
@@ -72,12 +72,12 @@ struct ClusterStage {
 
 /// A warp's shared memory. Lanes write for one another, so every change of writer has a __syncwarp() between.
 struct ClusterShared {
-  ClusterStage stages[2];  // by turns: one cluster's data arrive while the other cluster is filtered
+  ClusterStage stages[2];  // alternating: one cluster's data arrive while the other cluster is filtered
   PreparedCluster run[kRunClusters];
   SurvivorTriangle survivors[kWarpLanes - 1 + format::kMaxClusterTriangles];
-  uint64_t end;          // how many clusters the pass has, or where they are shared parts of them
-  uint32_t culls_late;   // whether they are tested once more (ClusterWarp::cull_late)
-  uint32_t culled_late;  // the clusters that this removed
+  uint64_t end;          // the number of clusters of the pass, or of shared parts of clusters
+  uint32_t culls_late;   // whether ClusterWarp::cull_late() tests them once more
+  uint32_t culled_late;  // the number of clusters that this removed
   // These three share memory, since no two are needed at once. For each cluster of a run:
   //   centers or screen_places  written by filter_vertices() or project_vertices(), read by filter_triangles();
   //   set_up             written and read by draw_set_up(), for the triangles that wait.
@@ -96,22 +96,24 @@ struct ClusterShared {
   __device__ ClusterShared() {}
 };
 
-/// Blocks that a multiprocessor holds at once, by their shared memory; more than 7 would leave too few registers.
+/// Blocks that fit into a multiprocessor's shared memory. More than 7 would leave too few registers.
 inline constexpr uint32_t kClusterBlocks = blocks_in_shared(kClusterWarps * sizeof(ClusterShared), 7);
 
-/// This warp's, by its name: through a pointer the compiler would not know that it is shared memory.
+/// This warp's shared memory. Accessed by name, because through a pointer the compiler would not know the address
+/// space.
 __device__ inline ClusterShared& cluster_shared() {
   extern __shared__ uint4 shared_memory[];
   return reinterpret_cast<ClusterShared*>(shared_memory)[threadIdx.x / kWarpLanes];
 }
 
-/// format::ClusterPredictor with its axes sorted out once a cluster, not once a vertex: no branch is left in the loop.
+/// format::ClusterPredictor with its axes sorted out once per cluster instead of once per vertex, so that the loop has
+/// no branch.
 struct ClusterPrediction {
-  int32_t slope[3];  // of the predicted axis 0
+  int32_t slope[3];  // 0 for the predicted axis
   uint32_t bias;
-  uint32_t axis;  // or kNotPredicted
+  uint32_t axis;  // format::kNotPredicted if there is none
 
-  /// `words`: the two of the cluster's data, where an axis is predicted.
+  /// `words`: the first two of the cluster's data if an axis is predicted.
   __device__ ClusterPrediction(uint32_t predicted_axis, const uint32_t* words) : axis(predicted_axis) {
     slope[0] = slope[1] = slope[2] = 0;
     bias = 0;
@@ -133,7 +135,7 @@ struct ClusterPrediction {
   }
 };
 
-/// Whether the picture hides a box by now.
+/// Whether the current picture hides a box.
 __device__ inline bool is_occluded_now(const Target& target, const ScreenBounds& bounds) {
   const PixelBox& box = bounds.pixels;
   for (int32_t y = box.y0; y <= box.y1; ++y) {
@@ -146,10 +148,10 @@ __device__ inline bool is_occluded_now(const Target& target, const ScreenBounds&
 }
 
 /// Compacts into `run` the items [first, first + count) that the current picture does not hide, and returns their
-/// count. The others lose their hints (ClusterPass). Boxes of more than 8 samples a side are not tested, and stay.
+/// count. The others lose their hints (ClusterPass). Boxes of more than 8 samples per side are not tested, and stay.
 template <bool kOrthographic>
 __device__ inline uint32_t list_unoccluded(const ClusterFrame& frame, uint32_t first, uint32_t count) {
-  constexpr int32_t kMostSamples = 8;  // a side
+  constexpr int32_t kMostSamples = 8;  // per side
   ClusterShared& shared = cluster_shared();
   const uint32_t lane = threadIdx.x % kWarpLanes;
   bool shows = lane < count;
@@ -164,7 +166,7 @@ __device__ inline uint32_t list_unoccluded(const ClusterFrame& frame, uint32_t f
     const PixelBox& pixels = on_screen.pixels;
     if (shows && max_of(pixels.x1 - pixels.x0, pixels.y1 - pixels.y0) < kMostSamples)
       shows = !is_occluded_now(frame.small.target, on_screen);
-    if (!shows) {  // nor is it to be drawn first in the next frame
+    if (!shows) {  // so that pass 1 of the next frame does not draw it
       atomicAnd(frame.list.hints + draw.hint_offset + item.cluster / format::kGroupClusters,
                 ~(1u << item.cluster % format::kGroupClusters));
     }
@@ -174,9 +176,9 @@ __device__ inline uint32_t list_unoccluded(const ClusterFrame& frame, uint32_t f
   return static_cast<uint32_t>(__popc(shown));
 }
 
-/// Prepares the `count` clusters of a run: items `first` and on, or with `kListed` the items that `run` lists already.
-/// A lane of the first half prepares a cluster and the u axis of its affine projection, the lane 16 further its v axis.
-/// `projects`: whether clusters get an AffineProjection.
+/// Prepares the `count` clusters of a run: items from `first` on, or with `kListed` the items that `run` already lists.
+/// A lane below kRunClusters prepares a cluster and the u axis of its affine projection; the lane kRunClusters above
+/// prepares its v axis. `projects`: whether clusters get an AffineProjection.
 template <bool kOrthographic, bool kListed>
 __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool projects) {
   ClusterShared& shared = cluster_shared();

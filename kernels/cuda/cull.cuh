@@ -1,4 +1,4 @@
-// Culling and the draw list on a GPU: instances, then their chunks.
+// Culling and the draw list on a GPU: first instances, then their chunks.
 #pragma once
 
 #include "kernels/cuda/backend.cuh"
@@ -11,7 +11,7 @@ __device__ inline bool is_double_sided(const SceneView& scene, const format::Mes
   return mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0;
 }
 
-/// One warp a chunk: the bounds of float32 positions. A chunk without vertices has a box of zeros.
+/// One warp per chunk: finds the bounds of float32 positions. A chunk without vertices gets a box of zeros.
 __global__ void __launch_bounds__(128) find_bounds(const __grid_constant__ SceneView scene, ChunkBounds* bounds) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
@@ -41,7 +41,7 @@ __global__ void __launch_bounds__(128) find_bounds(const __grid_constant__ Scene
   }
 }
 
-/// The smallest box known of a chunk's vertices.
+/// The smallest known box of a chunk's vertices.
 __device__ inline RelativeBox drawn_box(const DrawList& list, const format::MeshRecord& mesh,
                                         const format::ChunkRecord& chunk, uint32_t chunk_number,
                                         const Transform& transform) {
@@ -52,7 +52,7 @@ __device__ inline RelativeBox drawn_box(const DrawList& list, const format::Mesh
     const auto low = static_cast<double>(bounds.min[i]);
     const auto high = static_cast<double>(bounds.max[i]);
     box.center[i] = 0.5 * (low + high) - static_cast<double>(transform.center[i]);
-    // A position is rounded once where the center is taken from it.
+    // Subtracting the center from a position rounds once.
     box.extent[i] = 0.5 * (high - low) + (abs_of(low) + abs_of(high)) * (1.0 / (1 << 22));
   }
   return box;
@@ -61,8 +61,8 @@ __device__ inline RelativeBox drawn_box(const DrawList& list, const format::Mesh
 inline constexpr uint32_t kCullThreads = 128;
 inline constexpr uint32_t kCullWarps = kCullThreads / kWarpLanes;
 
-/// Samples to be cleared by blocks of their own of the kernel that culls first, which waits for memory more than it
-/// writes.
+/// Samples that the first culling kernel clears by blocks of their own. The kernel has time for it, because it mostly
+/// waits for memory reads.
 struct SamplesToClear {
   uint64_t* samples;
   uint64_t count;
@@ -76,8 +76,8 @@ __device__ inline void clear_samples(const SamplesToClear& clear, uint32_t block
   }
 }
 
-/// One thread an instance, in the order of meshes: keeps the transforms and the list of those seen. The last blocks
-/// clear the picture.
+/// One thread per instance, in the order of meshes. Stores the transforms and the list of visible instances. The last
+/// blocks clear the picture.
 __global__ void __launch_bounds__(kCullThreads)
     cull_instances(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                    const __grid_constant__ DrawList list, const __grid_constant__ SamplesToClear clear) {
@@ -103,7 +103,8 @@ __global__ void __launch_bounds__(kCullThreads)
     if (seen) staged[threadIdx.x] = transform;
   }
   __syncwarp();
-  // The warp writes one transform after the other: each thread its own would touch 32 times the sectors.
+  // The warp writes one transform after the other. If each thread wrote its own, the stores would touch 32 times the
+  // sectors.
   constexpr uint32_t kWords = sizeof(Transform) / sizeof(uint32_t);
   for (uint32_t left = __ballot_sync(~0u, seen); left != 0; left &= left - 1) {
     const int owner = __ffs(static_cast<int>(left)) - 1;
@@ -111,7 +112,7 @@ __global__ void __launch_bounds__(kCullThreads)
     auto* to = reinterpret_cast<uint32_t*>(list.transforms + __shfl_sync(~0u, number, owner));
     for (uint32_t word = lane; word < kWords; word += kWarpLanes) to[word] = from[word];
   }
-  // One addition a mesh and warp.
+  // One addition per mesh and warp.
   const uint32_t seen_lanes = __ballot_sync(~0u, seen);
   if (!seen) return;
   const uint32_t peers = __match_any_sync(seen_lanes, mesh_number);
@@ -126,13 +127,13 @@ __global__ void __launch_bounds__(kCullThreads)
   }
 }
 
-/// Bit k: the chunk may be seen for the k-th of `count` visible instances from `visible` on.
+/// Bit k is set if the chunk may be seen for the k-th of `count` visible instances from `visible` on.
 __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameView& view, const DrawList& list,
                                           const format::ChunkRecord& chunk, uint32_t chunk_number,
                                           const uint32_t* visible, uint32_t count) {
   const uint32_t all = ~0u >> (32 - count);
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  if (mesh.chunk_count == 1) return all;  // tested already
+  if (mesh.chunk_count == 1) return all;  // already tested
   uint32_t seen = 0;
   for (uint32_t k = 0; k < count; ++k) {
     const Transform& transform = list.transforms[visible[k]];
@@ -141,7 +142,7 @@ __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameVie
   return seen;
 }
 
-/// One thread a candidate: appends the InstancedDraws and their prefix sum.
+/// One thread per candidate: appends the InstancedDraws and their prefix sum.
 __global__ void __launch_bounds__(128)
     cull_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                 const __grid_constant__ DrawList list) {

@@ -14,11 +14,11 @@
 
 namespace scree::kernels {
 
-/// Device memory for `count` values, or for none.
+/// Device memory for `count` values, or none.
 template <class T>
 class DeviceArray {
  public:
-  /// Loses what was there. Errors kDevice.
+  /// Loses the contents. Errors kDevice.
   Result<void> allocate(uint64_t count, const char* what) {
     count_ = 0;
     if (Result<void> done = buffer_.release("freeing device memory"); !done) return done;
@@ -32,7 +32,7 @@ class DeviceArray {
     if (Result<void> done = allocate(values.size(), what); !done || values.empty()) return done;
     return cuda_check(cudaMemcpy(data(), values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice), what);
   }
-  /// Room for at least so many; what was there is lost where it grows.
+  /// Makes room for at least `count` values; loses the contents if it grows.
   Result<void> grow(uint64_t count, const char* what) {
     return count > count_ ? allocate(count, what) : Result<void>();
   }

@@ -9,16 +9,17 @@ namespace scree::kernels {
 namespace {
 
 constexpr uint32_t kThreads = 256;
-constexpr uint32_t kBlocks = 8;                                     // a piece
-constexpr uint64_t kMostBytes = uint64_t{1} << 20;                  // of a piece
-constexpr uint32_t kMostPieces = (4096 - 16) / sizeof(DeviceCopy);  // of a launch: what a kernel may take as arguments
+constexpr uint32_t kBlocks = 8;                     // per piece
+constexpr uint64_t kMostBytes = uint64_t{1} << 20;  // per piece
+constexpr uint32_t kMostPieces =
+    (4096 - 16) / sizeof(DeviceCopy);  // per launch: the most that fits into a kernel's arguments
 
 struct Pieces {
   uint32_t count = 0;
   DeviceCopy piece[kMostPieces];
 };
 
-/// A row of blocks a piece.
+/// One row of blocks per piece.
 __global__ void __launch_bounds__(kThreads) copy_pieces(const __grid_constant__ Pieces pieces) {
   const DeviceCopy& piece = pieces.piece[blockIdx.y];
   const auto* const from = reinterpret_cast<const uint4*>(piece.from);

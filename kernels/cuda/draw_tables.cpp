@@ -58,7 +58,7 @@ CandidateCounts count_candidates(const SceneView& scene) {
 
 namespace {
 
-/// Where each instance's bits of seen clusters are: tables.chunk_hint_offset and hint_offset.
+/// Lays out the hints of each instance: tables.chunk_hint_offset and hint_offset.
 void place_hints(const SceneView& scene, DrawTables& tables) {
   tables.chunk_hint_offset.resize(scene.chunk_count);
   std::vector<uint64_t> mesh_groups(scene.mesh_count);
@@ -77,7 +77,7 @@ void place_hints(const SceneView& scene, DrawTables& tables) {
   }
 }
 
-/// The box of a mesh's bounds under a matrix, around `center` by `half` along each axis.
+/// The box of a mesh's bounds under a matrix: center and half sides along each axis.
 void bounds_in_world(const format::MeshRecord& mesh, const format::MatrixRecord& matrix, double center[3],
                      double half[3]) {
   for (int i = 0; i < 3; ++i) {
@@ -136,7 +136,7 @@ std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene) {
 Result<DrawTables> make_draw_tables(const SceneView& scene) {
   const std::vector<uint64_t> instances = instances_by_mesh(scene);
   const CandidateCounts candidates = count_candidates(scene);
-  // A clustered chunk's instances are items one by one; units of both lists fit, since triangles have 36-bit ids.
+  // Each instance of a clustered chunk is one draw. The work of both lists fits, because triangles have 36-bit ids.
   if (scene.instance_count >= UINT32_MAX || scene.chunk_count >= UINT32_MAX || candidates.indexed >= kMaxDraws ||
       candidates.cluster_draws >= kMaxDraws) {
     return Error{ErrorCode::kRange,

@@ -1,4 +1,4 @@
-// The tables that a GPU's draw list is made from: what follows from a scene's records alone, once for all frames.
+// The tables of a GPU's draw list. They follow from a scene's records alone and are made once.
 #pragma once
 
 #include <cmath>
@@ -11,12 +11,12 @@
 
 namespace scree::kernels {
 
-/// A box around all instances in world space, as far as their matrices are finite. Only good for an order.
+/// A box around all instances whose matrices are finite, in world space. Only for sorting.
 struct SceneBox {
   double center[3] = {};
   double half[3] = {};
 
-  /// Depth of the farthest corner, in the units of FrameView::row_w.
+  /// The depth of the farthest corner, in the units of FrameView::row_w.
   double farthest(const FrameView& view) const {
     double at = view.offset_w;
     for (int i = 0; i < 3; ++i) at += view.row_w[i] * (center[i] - view.eye[i]) + std::abs(view.row_w[i]) * half[i];
@@ -24,23 +24,23 @@ struct SceneBox {
   }
 };
 
-/// What a scene's draw list is made from, and what the passes have to be able to draw.
+/// The tables of a scene's draw list, and the features that its passes need.
 struct DrawTables {
   std::vector<uint32_t> order;
   std::vector<uint32_t> mesh_first;
   std::vector<CandidateDraw> candidates;
-  std::vector<CandidateDraw> cluster_candidates;  // of clustered chunks
-  std::vector<uint32_t> chunk_hint_offset;        // as ClusterList has it; empty where no chunk is clustered
+  std::vector<CandidateDraw> cluster_candidates;  // clustered chunks
+  std::vector<uint32_t> chunk_hint_offset;        // as in ClusterList; empty if no chunk is clustered
   std::vector<uint64_t> hint_offset;
-  uint64_t cluster_draws = 0;   // clustered chunks of all instances
-  uint64_t cluster_groups = 0;  // their groups of clusters
+  uint64_t cluster_draws = 0;   // clustered chunks, counted per instance
+  uint64_t cluster_groups = 0;  // their groups of clusters, counted per instance
   bool has_lattice = false;
   bool has_float32 = false;
   bool has_instances = false;  // a mesh is drawn more than once
   SceneBox box;
 };
 
-/// Candidates: chunks of drawn meshes with up to kDrawInstances instances each.
+/// Numbers of candidates: chunks of drawn meshes with up to kDrawInstances instances each.
 struct CandidateCounts {
   uint64_t indexed = 0;
   uint64_t clustered = 0;
@@ -50,7 +50,7 @@ struct CandidateCounts {
 
 CandidateCounts count_candidates(const SceneView& scene);
 
-/// Every group of clusters of every instance, where all chunks are clustered.
+/// Lists every group of clusters of every instance. Requires that all chunks are clustered.
 std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene);
 
 /// Errors kRange: 2^32 instances or chunks, or more candidates than a draw list holds.

@@ -1,4 +1,4 @@
-// Work for several streams, started as one: a short frame otherwise waits for its streams to fork and join.
+// Work for several streams, started as one. Otherwise a short frame waits for its streams to fork and join.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -8,8 +8,8 @@
 
 namespace scree::kernels {
 
-/// A CUDA graph that is captured anew for every frame: of the same shape it is the graph before with other arguments,
-/// which takes the host less than starting its kernels one by one. One thread at a time.
+/// A CUDA graph that is captured again for every frame. If it has the same shape as before, only its arguments are
+/// updated, which costs the host less than launching the kernels one by one. One thread at a time.
 class CudaGraph {
  public:
   CudaGraph() = default;
@@ -19,14 +19,14 @@ class CudaGraph {
     if (exec_ != nullptr) (void)cudaGraphExecDestroy(exec_);
   }
 
-  /// Starts capturing `stream` and every stream that joins it through an event. `stream` is not ordered with the
-  /// default stream, which other threads may use meanwhile; they may allocate, too, but no thread may wait for the
+  /// Starts capturing `stream` and every stream that joins it through an event. `stream` must not be ordered with the
+  /// default stream. Meanwhile other threads may use the default stream and may allocate, but none may wait for the
   /// whole device.
   static Result<void> begin(cudaStream_t stream) {
     return cuda_check(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "recording a frame");
   }
 
-  /// Ends the capture after an error, and drops it.
+  /// Ends the capture after an error and drops it.
   static void abandon(cudaStream_t stream) {
     cudaGraph_t captured = nullptr;
     (void)cudaStreamEndCapture(stream, &captured);
@@ -50,7 +50,7 @@ class CudaGraph {
     if (exec_ != nullptr) {
       cudaGraphExecUpdateResultInfo info{};
       if (cudaGraphExecUpdate(exec_, captured, &info) == cudaSuccess) return {};
-      // Of another shape.
+      // The graph has another shape.
       (void)cudaGetLastError();
       const cudaGraphExec_t old = exec_;
       exec_ = nullptr;

@@ -13,15 +13,15 @@
 namespace scree::kernels {
 namespace {
 
-constexpr uint32_t kBlockValues = 64;  // of 8 x 8
-constexpr uint32_t kTransformed = 4;   // blocks that a block of threads transforms, a thread one coefficient
+constexpr uint32_t kBlockValues = 64;  // 8 x 8
+constexpr uint32_t kTransformed = 4;   // JPEG blocks per block of threads, one coefficient per thread
 constexpr uint32_t kSegmentBlocks = 30;
-constexpr uint32_t kGuessedBytes = 24;  // of a coded block
-constexpr uint32_t kCoders = 4;         // warps of a block of threads
-// A block takes 11 + 11 bits of DC and 63 times 16 + 10 of AC at most.
+constexpr uint32_t kGuessedBytes = 24;  // per coded block
+constexpr uint32_t kCoders = 4;         // warps per block of threads
+// A block takes at most 11 + 11 bits of DC and 63 times 16 + 10 bits of AC.
 constexpr uint32_t kSegmentWords = (kSegmentBlocks * (22 + 63 * 26) + 31) / 32;
 
-/// How pixels become coefficients.
+/// The picture and the constants of the transform from pixels to coefficients.
 struct Transform {
   const uint32_t* pixels;
   uint32_t width;
@@ -29,9 +29,9 @@ struct Transform {
   uint32_t mcus_across;
   uint32_t block_count;
   bool is_sharp;
-  int16_t cosines[8][8];  // [frequency][place]: of the DCT, times 2^13
+  int16_t cosines[8][8];  // [frequency][position]: of the DCT, times 2^13
   uint16_t quant[2][64];  // row-major
-  uint8_t zigzag[64];     // where a row-major coefficient stands
+  uint8_t zigzag[64];     // zigzag index of a row-major coefficient
 
   SCREE_HD uint32_t mcu_blocks() const { return is_sharp ? 3 : 6; }
 };
@@ -42,7 +42,7 @@ struct Codes {
   uint32_t ac[2][256];
 };
 
-/// Where the coded bytes of a segment lie. One more stands behind the last: its offset counts the bytes of all.
+/// A segment's coded bytes. One more Segment follows the last; its offset is the number of bytes of all.
 struct Segment {
   uint64_t offset;
   uint32_t bytes;
@@ -50,15 +50,15 @@ struct Segment {
 };
 
 struct SegmentBits {
-  uint32_t words[kSegmentWords];  // the first bit on top
+  uint32_t words[kSegmentWords];  // bits begin at the most significant
 };
 
-/// 0 luma, 1 and 2 its differences from blue and red.
+/// 0 is luma; 1 and 2 are its differences from blue and red.
 __device__ uint32_t component_of(uint32_t block_of_mcu, bool is_sharp) {
   return is_sharp ? block_of_mcu : block_of_mcu < 4 ? 0 : block_of_mcu - 3;
 }
 
-/// A component of a pixel, less 128. Source: JFIF 1.02, in fixed point of 16 bits.
+/// A component of a pixel, minus 128. Source: JFIF 1.02, in fixed point of 16 bits.
 __device__ int32_t component_value(uint32_t rgba, uint32_t component) {
   const auto r = static_cast<int32_t>(rgba & 255u);
   const auto g = static_cast<int32_t>(rgba >> 8 & 255u);
@@ -73,7 +73,7 @@ __device__ uint32_t pixel_at(const Transform& picture, uint32_t x, uint32_t y) {
   return picture.pixels[uint64_t{min_of(y, picture.height - 1)} * picture.width + min_of(x, picture.width - 1)];
 }
 
-/// The sample at a place of a block.
+/// The sample at (x, y) of a block.
 __device__ int32_t sample_at(const Transform& picture, uint32_t block, uint32_t x, uint32_t y) {
   const uint32_t mcu = block / picture.mcu_blocks();
   const uint32_t k = block % picture.mcu_blocks();
@@ -89,8 +89,8 @@ __device__ int32_t sample_at(const Transform& picture, uint32_t block, uint32_t 
   return sum >> 2;
 }
 
-/// Samples to quantised coefficients in zigzag order, blocks in the order in which they are coded. All in integers, so
-/// that every GPU makes the same file.
+/// Transforms samples to quantised coefficients in zigzag order, blocks in coding order. Uses integers only, so that
+/// every GPU makes the same file.
 __global__ void __launch_bounds__(kBlockValues* kTransformed)
     transform_blocks(const __grid_constant__ Transform picture, int16_t* coefficients) {
   __shared__ int32_t samples[kTransformed][kBlockValues];
@@ -104,7 +104,7 @@ __global__ void __launch_bounds__(kBlockValues* kTransformed)
   if (is_there) samples[slot][at] = sample_at(picture, block, x, y);
   __syncthreads();
   if (is_there) {
-    int32_t sum = 1 << 8;  // 4 bits of fraction stay
+    int32_t sum = 1 << 8;  // keeps 4 bits of fraction
     for (uint32_t i = 0; i < 8; ++i) sum += picture.cosines[x][i] * samples[slot][8 * y + i];
     rows[slot][at] = sum >> 9;
   }
@@ -115,7 +115,7 @@ __global__ void __launch_bounds__(kBlockValues* kTransformed)
   const uint32_t table = component_of(block % picture.mcu_blocks(), picture.is_sharp) == 0 ? 0 : 1;
   const uint32_t step = uint32_t{picture.quant[table][at]} << 17;
   const uint32_t size = (static_cast<uint32_t>(sum < 0 ? -sum : sum) + step / 2) / step;
-  const auto value = static_cast<int32_t>(min_of(size, 1023u));  // what baseline codes hold
+  const auto value = static_cast<int32_t>(min_of(size, 1023u));  // the limit of baseline codes
   coefficients[uint64_t{block} * kBlockValues + picture.zigzag[at]] = static_cast<int16_t>(sum < 0 ? -value : value);
 }
 
@@ -123,7 +123,7 @@ __device__ uint32_t bit_width_of(uint32_t value) {
   return value == 0 ? 0 : 32 - static_cast<uint32_t>(__clz(static_cast<int>(value)));
 }
 
-/// Calls put(bits, count) for a code and the bits behind it (T.81, F.1.2.1).
+/// Calls put(bits, count) for a code and the bits after it (T.81, F.1.2.1).
 template <class Put>
 __device__ void put_value(uint32_t code, int32_t value, uint32_t size, const Put& put) {
   const uint32_t low = static_cast<uint32_t>(value < 0 ? value - 1 : value) & ((1u << size) - 1);
@@ -134,7 +134,7 @@ __device__ uint32_t size_of(int32_t value) {
   return bit_width_of(static_cast<uint32_t>(value < 0 ? -value : value));
 }
 
-/// Calls put(bits, count) for all codes of a block, in order. `difference`: of its DC from that of the block before.
+/// Calls put(bits, count) for all codes of a block, in order. `difference`: of its DC from that of the previous block.
 template <class Put>
 __device__ void code_block(const int16_t* coefficients, int32_t difference, const uint32_t* dc, const uint32_t* ac,
                            const Put& put) {
@@ -155,13 +155,13 @@ __device__ void code_block(const int16_t* coefficients, int32_t difference, cons
   if (zeros != 0) put(ac[0] >> 8, ac[0] & 255u);  // end of block
 }
 
-/// How many blocks before in the scan the last one of the same component stands.
+/// The distance in the scan, in blocks, to the previous block of the same component.
 __device__ uint32_t blocks_back(uint32_t block_of_mcu, bool is_sharp) {
   return is_sharp ? 3 : block_of_mcu >= 4 ? 6 : block_of_mcu == 0 ? 3 : 1;
 }
 
-/// A warp a segment: its lanes count the bits of their blocks, put them one behind the other, then copy them as bytes
-/// with a zero behind each 255 to a place of their own in `bytes`; `all` counts on past the capacity.
+/// One warp per segment. Its lanes count the bits of their blocks, write the blocks one after the other, and copy the
+/// bits as bytes into `bytes`, with a zero after each 255. The counter of all bytes may run past the capacity.
 __global__ void __launch_bounds__(kWarpLanes* kCoders)
     code_segments(const int16_t* coefficients, uint32_t block_count, bool is_sharp, const Codes* codes,
                   Segment* segments, uint32_t segment_count, std::byte* bytes, uint64_t capacity) {
@@ -201,7 +201,7 @@ __global__ void __launch_bounds__(kWarpLanes* kCoders)
     at += length;
   });
   const uint32_t byte_count = (bit_count + 7) / 8;
-  if (lane == 0 && bit_count % 8 != 0)  // ones fill the last byte
+  if (lane == 0 && bit_count % 8 != 0)  // pads the last byte with ones
     atomicOr(words + bit_count / 32, ((1u << (8 - bit_count % 8)) - 1) << (24 - bit_count / 8 % 4 * 8));
   __syncwarp();
 
@@ -230,7 +230,7 @@ __global__ void __launch_bounds__(kWarpLanes* kCoders)
   }
 }
 
-/// Codes are given out as T.81, C.2 says.
+/// Assigns codes as in T.81, C.2.
 template <size_t kCount>
 void set_codes(const format::JpegHuffmanSpec& spec, uint32_t (&codes)[kCount]) {
   uint32_t code = 0;
@@ -265,7 +265,8 @@ Transform make_transform(const uint32_t* pixels, const format::JpegHeader& head,
 }  // namespace
 
 uint64_t CudaJpegCoder::device_bytes(uint32_t width, uint32_t height) {
-  const uint64_t blocks = uint64_t{3} * ((width + 15) / 8) * ((height + 15) / 8);  // of 4:4:4, the more
+  const uint64_t blocks =
+      uint64_t{3} * ((width + 15) / 8) * ((height + 15) / 8);  // of 4:4:4, which has more than 4:2:0
   const uint64_t segments = (blocks + kSegmentBlocks - 1) / kSegmentBlocks + 1;
   return blocks * (kBlockValues * sizeof(int16_t) + kGuessedBytes) + segments * sizeof(Segment) + sizeof(Codes);
 }
@@ -287,7 +288,7 @@ Result<std::vector<std::byte>> CudaJpegCoder::encode(const uint32_t* pixels, con
     done = coefficients_.reserve(uint64_t{picture.block_count} * kBlockValues * sizeof(int16_t),
                                  "allocating a JPEG's coefficients");
   if (done) done = segments_.reserve((count + uint64_t{1}) * sizeof(Segment), "allocating a JPEG's segments");
-  // Enough but for noise.
+  // Enough for pictures that are not noise.
   if (done) done = bytes_.reserve(uint64_t{picture.block_count} * kGuessedBytes, "allocating a JPEG");
   if (!done) return done.error();
   auto* const coefficients = reinterpret_cast<int16_t*>(coefficients_.data());

@@ -1,4 +1,4 @@
-// Stages 2 and 3 on a GPU: a warp a medium triangle, a warp a tile of a large one.
+// Stages 2 and 3 on a GPU: a warp per medium triangle, a warp per tile of a large one.
 #pragma once
 
 #include "kernels/cuda/backend.cuh"
@@ -18,15 +18,17 @@ struct LargeFrame {
 };
 
 inline constexpr uint32_t kLargeThreads = 256;
-// Blocks of a multiprocessor, all at once.
-inline constexpr uint32_t kMediumBlocks = 3;
-inline constexpr uint32_t kLargeBlocks = 4;
+// Blocks per multiprocessor, all at once. The builds that draw masked triangles need more registers.
+template <bool kMasked>
+inline constexpr uint32_t kMediumBlocks = kMasked ? 2 : 3;
+template <bool kMasked>
+inline constexpr uint32_t kLargeBlocks = kMasked ? 3 : 4;
 
-/// Tiles are drawn in strips of so many rows.
+/// Rows of a tile that are drawn together, as a strip.
 inline constexpr int32_t kStripRows = 8;
 inline constexpr uint32_t kStrips = kTileSide / kStripRows;
 
-/// `rows` rows of a box, after `part` times as many; may be empty.
+/// The `part`-th strip of `rows` rows of a box; may be empty.
 __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t rows) {
   PixelBox out = box;
   out.y0 = box.y0 + static_cast<int32_t>(part) * rows;
@@ -34,26 +36,41 @@ __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t r
   return out;
 }
 
-/// Calls draw(mask) with what the samples of a warp's triangle are tested by. One lane makes the plane for all.
-template <bool kOrthographic, bool kMasked, class Draw>
-__device__ inline void with_warp_mask(const LargeFrame<kMasked>& frame, const Triangle& triangle, const Draw& draw) {
-  if constexpr (kMasked) {
-    if (triangle.is_masked != 0) {
-      __shared__ MaskPlane planes[kLargeThreads / kWarpLanes];
-      MaskPlane& plane = planes[threadIdx.x / kWarpLanes];
-      if (threadIdx.x % kWarpLanes == 0)
-        frame.masks.template make_plane<kOrthographic>(WarpTeam{}, frame.view, triangle.id, plane);
+/// The planes of up to 32 triangles that a warp draws one after the other: a plane takes a lane some thousand
+/// instructions, so all lanes make theirs at once.
+template <bool kOrthographic, bool kMasked>
+struct WarpPlanes {
+  const LargeFrame<kMasked>& frame;
+
+  /// By all lanes. `triangle`: the lane's, null if it has none.
+  __device__ void make(const Triangle* triangle) const {
+    if constexpr (kMasked) {
+      __syncwarp();  // the planes before are done with
+      if (triangle != nullptr && triangle->is_masked != 0)
+        frame.masks.template make_plane<kOrthographic>(WarpTeam{}, frame.view, triangle->id,
+                                                       planes()[threadIdx.x % kWarpLanes]);
       __syncwarp();
-      draw(WarpPlane{&plane});
-      __syncwarp();
-      return;
     }
   }
-  draw(NoMask{});
-}
 
-/// Appends the tiles that a large triangle may touch, by a warp: counts them first, since each addition to the queue's
-/// counter is waited for. What the queue has no room for is drawn at once.
+  /// Calls draw(mask) with what the samples of `triangle` are tested by, whose plane lane `maker` has made.
+  template <class Draw>
+  __device__ void with_mask(const Triangle& triangle, [[maybe_unused]] uint32_t maker, const Draw& draw) const {
+    if constexpr (kMasked) {
+      if (triangle.is_masked != 0) return draw(WarpPlane{planes() + maker});
+    }
+    draw(NoMask{});
+  }
+
+ private:
+  __device__ static MaskPlane* planes() {
+    __shared__ MaskPlane of_block[kLargeThreads];
+    return of_block + threadIdx.x / kWarpLanes * kWarpLanes;
+  }
+};
+
+/// Appends the tiles that a large triangle may touch, with a warp. Counts them first, because each addition to the
+/// queue's counter costs a wait. Draws tiles without room immediately.
 template <bool kOrthographic, bool kMasked>
 __device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t number) {
   const Queues& queues = frame.queues;
@@ -84,12 +101,14 @@ __device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t
       queues.tiles[slot] = {number, static_cast<uint16_t>(x), static_cast<uint16_t>(y)};
     }
     if (next <= queues.tile_capacity) continue;
+    const WarpPlanes<kOrthographic, kMasked> planes{frame};
+    planes.make(lane == 0 ? &triangle : nullptr);
     for (uint32_t left = __ballot_sync(~0u, touches && !kept); left != 0; left &= left - 1) {
       const int owner = __ffs(static_cast<int>(left)) - 1;
       const PixelBox box = tile_box(triangle, frame.view, static_cast<int32_t>(__shfl_sync(~0u, x, owner)),
                                     static_cast<int32_t>(__shfl_sync(~0u, y, owner)));
       if (box.empty()) continue;
-      with_warp_mask<kOrthographic>(frame, triangle, [&](const auto& mask) {
+      planes.with_mask(triangle, 0, [&](const auto& mask) {
         draw_box_with_team<kOrthographic, int64_t>(WarpTeam{}, frame.target, triangle, box,
                                                    doubled_area(triangle.x, triangle.y), mask);
       });
@@ -97,9 +116,9 @@ __device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t
   }
 }
 
-/// Splits the large queue into tiles, a triangle a warp.
+/// Splits the large queue into tiles, one triangle per warp.
 template <bool kOrthographic, bool kMasked>
-__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks)
+__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kMasked>)
     split_large(const __grid_constant__ LargeFrame<kMasked> frame) {
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
@@ -108,19 +127,21 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks)
     split_triangle<kOrthographic>(frame, static_cast<uint32_t>(i));
 }
 
-/// Larger boxes of the medium queue are drawn in so many parts.
+/// Larger boxes of the medium queue are drawn in this many parts.
 inline constexpr uint32_t kMediumParts = 4;
 inline constexpr int64_t kWholeBox = 512;  // pixels
 
-/// Draws one part of a triangle of the medium queue, or all of it where it has but one.
+/// Draws one part of a triangle of the medium queue, or the whole triangle if its box is small. `maker`: the lane that
+/// made its plane.
 template <bool kOrthographic, bool kMasked>
-__device__ inline void draw_medium_part(const LargeFrame<kMasked>& frame, const Triangle& triangle, uint32_t part) {
+__device__ inline void draw_medium_part(const LargeFrame<kMasked>& frame, const Triangle& triangle, uint32_t part,
+                                        uint32_t maker) {
   const PixelBox whole = pixel_box(triangle.x, triangle.y, frame.view);
   const int32_t rows = (whole.y1 - whole.y0) / static_cast<int32_t>(kMediumParts) + 1;
   const PixelBox box = whole.pixels() > kWholeBox ? rows_of(whole, part, rows) : whole;
   if (box.empty()) return;
   const int64_t area = doubled_area(triangle.x, triangle.y);
-  with_warp_mask<kOrthographic>(frame, triangle, [&](const auto& mask) {
+  WarpPlanes<kOrthographic, kMasked>{frame}.with_mask(triangle, maker, [&](const auto& mask) {
     if (fits_narrow_edges(triangle.x, triangle.y)) {
       draw_box_with_team<kOrthographic, int32_t>(WarpTeam{}, frame.target, triangle, box, area, mask);
     } else {
@@ -133,7 +154,7 @@ __device__ inline void draw_medium_part(const LargeFrame<kMasked>& frame, const 
 /// then the remaining parts, spread over the warps, so that no warp draws all parts of a triangle. Few triangles are
 /// split: a warp's lanes test 32 candidates at a time.
 template <bool kOrthographic, bool kMasked>
-__global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
+__global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kMasked>)
     raster_medium(const __grid_constant__ LargeFrame<kMasked> frame) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
@@ -141,14 +162,19 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
   const uint64_t from = min_of(frame.drawn->medium, frame.queues.medium_capacity);
   const uint64_t medium = min_of(frame.queues.counters->medium, frame.queues.medium_capacity) - from;
   const Triangle* const triangles = frame.queues.medium + from;
-  uint64_t first = warp;  // triangle whose first part is next
-  uint64_t next = warp;   // the other parts, one after the other: those to be looked at next
+  uint64_t first = warp;  // the next triangle whose part 0 is drawn
+  uint64_t next = warp;   // the next of the remaining parts, which are numbered through
   uint64_t found = 0;     // by this lane
-  uint32_t left = 0;      // lanes that have found one
+  uint32_t left = 0;      // lanes that found a part
+  uint32_t maker = kWarpLanes - 1;
+  const WarpPlanes<kOrthographic, kMasked> planes{frame};
   for (;;) {
     uint64_t number = first;
     uint32_t part = 0;
     if (first < medium) {
+      maker = (maker + 1) % kWarpLanes;
+      if (kMasked && maker == 0)
+        planes.make(first + lane * warps < medium ? triangles + first + lane * warps : nullptr);
       first += warps;
     } else {
       for (; left == 0 && next < medium * (kMediumParts - 1); next += warps * kWarpLanes) {
@@ -156,24 +182,26 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks)
         const bool inside = found < medium * kMediumParts;
         const Triangle& looked_at = triangles[inside ? found % medium : 0];
         left = __ballot_sync(~0u, inside && pixel_box(looked_at.x, looked_at.y, frame.view).pixels() > kWholeBox);
+        if (kMasked && left != 0) planes.make((left >> lane & 1) != 0 ? &looked_at : nullptr);
       }
       if (left == 0) break;
-      number = __shfl_sync(~0u, found, __ffs(static_cast<int>(left)) - 1);
+      maker = static_cast<uint32_t>(__ffs(static_cast<int>(left)) - 1);
+      number = __shfl_sync(~0u, found, maker);
       left &= left - 1;
       for (; number >= medium; number -= medium) ++part;
     }
-    draw_medium_part<kOrthographic>(frame, triangles[number], part);
+    draw_medium_part<kOrthographic>(frame, triangles[number], part, maker);
   }
 }
 
-/// The edge functions of a strip's pixels by additions of 32 bits: a step of one pixel changes them by a multiple of
-/// 256, corners lie within 2^23 sub-pixels of the image's centre, and so what is above bit 7 changes by less than 2^31
-/// from one end of a strip to the other.
+/// The edge functions of a strip's pixels by 32-bit additions. A step of one pixel changes them by a multiple of 256,
+/// and corners lie within 2^23 sub-pixels of the image's centre. So the bits above bit 7 change by less than 2^31 from
+/// one end of a strip to the other.
 struct StripEdges {
-  int32_t high[3];     // at the strip's first pixel: bit 24 and on
+  int32_t high[3];     // at the strip's first pixel: bits 24 and up
   int32_t low[3];      // bits 8 to 23
   uint32_t lowest[3];  // bits 0 to 7, the same at all pixels
-  int32_t right[3];    // what `low` changes by to the next pixel right
+  int32_t right[3];    // change of `low` per pixel to the right
   int32_t down[3];
 
   __device__ explicit StripEdges(const Edges<int64_t>& edges) {
@@ -186,22 +214,22 @@ struct StripEdges {
     }
   }
 
-  /// Bit 24 and on of edge `e` where its `low` has become `moved`: negative outside.
+  /// Bits 24 and up of edge `e` at a pixel whose `low` is `moved`; negative outside.
   __device__ int32_t high_at(int e, int32_t moved) const { return high[e] + (moved >> 16); }
 
-  /// The edge value there plus `more`, 0 or 1, rounded once to float. `kHuge`: it may be 2^48 or more.
+  /// The edge value there plus `more` (0 or 1), rounded once to float. `kHuge`: it may be 2^48 or larger.
   template <bool kHuge>
   __device__ float value_at(int e, int32_t moved, uint32_t more) const {
     const int32_t above = high_at(e, moved);
     const uint32_t rest = __byte_perm(static_cast<uint32_t>(moved), lowest[e], 0x7104) + more;
     if constexpr (kHuge) return static_cast<float>((int64_t{above} << 24) + static_cast<int64_t>(rest));
-    // Both are floats without rounding, and so is the product: what is rounded is the sum, once.
+    // Both are exact as floats, and so is the product. Only the sum is rounded, once.
     return fused(static_cast<float>(above), 16777216.0f, static_cast<float>(rest));
   }
 };
 
-/// A strip of a tile, `rows` (a bit each) of its pixels in columns `x0` to `x1`. A lane has two columns, whose samples
-/// it asks for before it finds their depths.
+/// Draws the pixels of a strip of a tile: `rows` (one bit each) in columns `x0` to `x1`. A lane has two columns, and
+/// starts loading their samples before it computes their depths.
 template <bool kOrthographic, bool kHuge, class Mask>
 __device__ inline void draw_strip(const Target& target, const StripEdges& strip, const DepthPlane& plane,
                                   uint32_t exclusive1, uint32_t exclusive2, uint64_t id, int32_t first_x,
@@ -240,14 +268,21 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
   }
 }
 
-/// Draws the tiles, a strip a warp.
+/// Draws the tiles, one strip per warp.
 template <bool kOrthographic, bool kMasked>
-__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks)
+__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kMasked>)
     raster_large(const __grid_constant__ LargeFrame<kMasked> frame) {
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
-  const uint64_t tiles = min_of(frame.queues.counters->tiles, frame.queues.tile_capacity);
-  for (uint64_t i = warp; i < tiles * kStrips; i += warps) {
+  const uint64_t strips = min_of(frame.queues.counters->tiles, frame.queues.tile_capacity) * kStrips;
+  uint32_t maker = kWarpLanes - 1;
+  const WarpPlanes<kOrthographic, kMasked> planes{frame};
+  for (uint64_t i = warp; i < strips; i += warps) {
+    maker = (maker + 1) % kWarpLanes;
+    if (kMasked && maker == 0) {
+      const uint64_t own = i + threadIdx.x % kWarpLanes * warps;
+      planes.make(own < strips ? frame.queues.large + frame.queues.tiles[own / kStrips].triangle : nullptr);
+    }
     const TileItem tile = frame.queues.tiles[i / kStrips];
     const Triangle triangle = frame.queues.large[tile.triangle];
     const PixelBox box = pixel_box(triangle.x, triangle.y, frame.view);
@@ -270,7 +305,7 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks)
     const auto exclusive1 = static_cast<uint32_t>(edges.exclusive[1]);
     const auto exclusive2 = static_cast<uint32_t>(edges.exclusive[2]);
     const uint32_t rows = (2u << last_row) - (1u << first_row);
-    with_warp_mask<kOrthographic>(frame, triangle, [&](const auto& mask) {
+    planes.with_mask(triangle, maker, [&](const auto& mask) {
       if (area < int64_t{1} << 48) {
         draw_strip<kOrthographic, false>(frame.target, strip, plane, exclusive1, exclusive2, triangle.id, first_x,
                                          first_y, box.x0, box.x1, rows, mask);

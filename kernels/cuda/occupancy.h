@@ -14,8 +14,9 @@
 
 namespace scree::kernels {
 
-/// The grids of kernels whose warps take work until none is left: as many blocks as the current device holds at once,
-/// by its registers and shared memory (cudaOccupancy), so that no warp counts on a share that comes late.
+/// The grids of kernels whose warps take work until none is left: as many blocks as the current device holds at once
+/// with the kernel's registers and shared memory (cudaOccupancy). So no warp's share waits for a block that starts
+/// late.
 class ResidentBlocks {
  public:
   /// Errors kDevice.
@@ -35,10 +36,11 @@ class ResidentBlocks {
 
   uint32_t multiprocessors() const { return static_cast<uint32_t>(multiprocessors_); }
 
-  /// Blocks of `threads` threads that fill the device where neither registers nor shared memory are short.
+  /// Blocks of `threads` threads that fill the device if neither registers nor shared memory are short.
   uint32_t fill(uint32_t threads) const { return static_cast<uint32_t>(multiprocessors_ * threads_) / threads; }
 
-  /// Blocks of `kernel`. At least one per multiprocessor, also where CUDA cannot tell: then the launch says why.
+  /// Blocks of `kernel`. At least one per multiprocessor, even if CUDA fails to answer; the launch then reports the
+  /// error.
   template <class... Arguments>
   uint32_t of(void (*kernel)(Arguments...), uint32_t threads, size_t shared_bytes = 0) {
     const auto key = reinterpret_cast<const void*>(kernel);

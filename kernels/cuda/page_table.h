@@ -1,4 +1,4 @@
-// The table of a scene's pages on a GPU, as it names those of a part of a frame (frame_parts.h).
+// The table of a scene's page addresses on a GPU. It names the pages of the current part of a frame (frame_parts.h).
 #pragma once
 
 #include <cstdint>
@@ -12,17 +12,17 @@ namespace scree::kernels {
 
 class CudaPageTable {
  public:
-  /// Where a page lies.
+  /// A page and its address.
   struct Entry {
     uint64_t page;
-    const std::byte* memory;  // of the device
+    const std::byte* memory;  // device memory
   };
 
-  /// `device`: a scene on the current device, which outlives this; `page_count`: of its table. Errors kDevice.
+  /// `device`: a scene on the current device, which outlives this. `page_count`: of its table. Errors kDevice.
   Result<void> open(const SceneView& device, uint64_t page_count);
 
-  /// The table names these pages, each once, and no other: queued on the default stream, by a kernel that reads pinned
-  /// memory. A copy might wait behind what is being loaded. The set before must be done. Errors kDevice.
+  /// Fills the table with these pages, each listed once, and no others. Queued on the default stream as a kernel that
+  /// reads pinned memory, because a copy might wait behind loads. The previous set() must be done. Errors kDevice.
   Result<void> set(std::span<const Entry> entries);
 
  private:

@@ -1,4 +1,4 @@
-// The team that shades pixels on a GPU: a warp, one lane a pixel of a tile.
+// The team that shades pixels on a GPU: a warp, one lane per pixel of a tile.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -9,9 +9,9 @@
 
 namespace scree::kernels {
 
-inline constexpr uint32_t kPixelThreads = 128;  // a block
+inline constexpr uint32_t kPixelThreads = 128;  // per block
 
-/// One warp; all its lanes are there, in every pass.
+/// One warp. All its lanes take part in every pass.
 struct PixelTeam {
   static constexpr bool kMakesTransforms = false;
 

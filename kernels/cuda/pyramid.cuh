@@ -1,4 +1,4 @@
-// Building the depth pyramid on a GPU: levels 1 to 6 by blocks of 64 x 64 samples, the rest by one block.
+// Builds the depth pyramid on a GPU: levels 1 to 6 by blocks of 64 x 64 samples, the other levels by one block.
 #pragma once
 
 #include "kernels/cuda/backend.cuh"
@@ -8,18 +8,18 @@
 namespace scree::kernels {
 
 inline constexpr uint32_t kPyramidThreads = 256;
-inline constexpr uint32_t kPyramidTile = 64;      // samples a side of a block's share
-inline constexpr uint32_t kPyramidTileLevel = 6;  // the level of one code a tile
+inline constexpr uint32_t kPyramidTile = 64;      // samples per side of a block's tile
+inline constexpr uint32_t kPyramidTileLevel = 6;  // the level that has one code per tile
 
-/// The code at (x, y) of a level, unless outside of it.
+/// Stores the code at (x, y) of a level, unless that is outside the level.
 __device__ inline void put_code(const DepthPyramid& pyramid, uint32_t level, int32_t x, int32_t y, uint32_t code) {
   if (x < pyramid.across(level) && y < pyramid.down(level)) pyramid.row(level, y)[x] = code;
 }
 
-/// A warp takes 8 rows of the tile, a lane two columns of them.
+/// A warp takes 8 rows of the tile, a lane two columns.
 __global__ void __launch_bounds__(kPyramidThreads)
     build_pyramid_tiles(const __grid_constant__ DepthPyramid pyramid, const uint64_t* samples) {
-  constexpr uint32_t kSide = kPyramidTile / 8;  // codes of level 3 a side
+  constexpr uint32_t kSide = kPyramidTile / 8;  // codes of level 3 per side
   __shared__ uint32_t level3[kSide][kSide];
   const auto lane = static_cast<int32_t>(threadIdx.x % kWarpLanes);
   const auto warp = static_cast<int32_t>(threadIdx.x / kWarpLanes);
@@ -27,7 +27,7 @@ __global__ void __launch_bounds__(kPyramidThreads)
   const int32_t tile_y = static_cast<int32_t>(blockIdx.y);
   const int32_t x = tile_x * static_cast<int32_t>(kPyramidTile) + 2 * lane;
   const int32_t y = tile_y * static_cast<int32_t>(kPyramidTile) + 8 * warp;
-  // Only the codes are read. Samples outside of the image count as nearest, so that they hide nothing less.
+  // Reads only the depth codes. Samples outside the image count as nearest, so that they do not weaken the test.
   const auto* words = reinterpret_cast<const uint32_t*>(samples) + 1;
   const auto code_at = [&](int32_t column, int32_t row) {
     if (column >= pyramid.width || row >= pyramid.height) return 0u;
@@ -58,7 +58,7 @@ __global__ void __launch_bounds__(kPyramidThreads)
   }
   __syncthreads();
   if (warp != 0) return;
-  // Level 3 has 8 x 8 codes: a lane has a column of two.
+  // Level 3 has 8 x 8 codes; a lane has two of a column.
   const int32_t column = lane % 8;
   const int32_t row = lane / 8;
   uint32_t most = max_of(level3[2 * row][column], level3[2 * row + 1][column]);
@@ -72,9 +72,9 @@ __global__ void __launch_bounds__(kPyramidThreads)
   if (lane == 0) put_code(pyramid, kPyramidTileLevel, tile_x, tile_y, most);
 }
 
-/// The levels above the tiles', one after the other, by one block. The same launch begins the frame's next pass
-/// (begin_pass): all that the queues of triangles hold by now is drawn, and stages 2 and 3 go on behind it. A launch of
-/// its own for that would take as long as this one. The next pass must not start without it.
+/// Builds the levels above the tiles', one after the other, by one block. The same launch begins the frame's next pass
+/// (begin_pass): all queued triangles are drawn by now, and stages 2 and 3 continue after them. A launch of its own for
+/// that would take as long as this one. The next pass must not start without it.
 __global__ void __launch_bounds__(1024)
     build_pyramid_top_and_begin_pass(const __grid_constant__ DepthPyramid pyramid, FrameCounters* counters) {
   for (uint32_t level = kPyramidTileLevel + 1; level <= kPyramidLevels; ++level) {

@@ -1,4 +1,4 @@
-// The queues of a frame on a GPU, which grow when a frame asked for more than they held.
+// The queues of a frame on a GPU. They grow when a frame needed more than they hold.
 #pragma once
 
 #include "kernels/cuda/cluster_list.h"
@@ -24,12 +24,12 @@ struct FrameQueues {
   // Of clustered chunks:
   DeviceArray<ClusterItem> items;
   DeviceArray<ClipItem> to_clip;
-  TriangleQueues clipped;  // where triangles are clipped aside
+  TriangleQueues clipped;  // pieces of clipped triangles, if clipping has its own stream
 
-  /// Queues of at least the sizes wanted, tiles left out. What was in one that grows is lost. Errors kDevice.
+  /// Grows the queues to at least `wanted`, without tiles. A queue that grows loses its contents. Errors kDevice.
   Result<void> grow(const CudaQueueSizes& wanted) {
     constexpr const char* kWhat = "allocating the queues; --backend cpu draws without them";
-    // Their places are 32-bit numbers.
+    // Indices into them are 32-bit numbers.
     constexpr uint64_t kMost = UINT32_MAX;
     Result<void> done = triangles.medium.grow(wanted.medium, kWhat);
     if (done) done = triangles.large.grow(min_of(wanted.large, kMost), kWhat);
@@ -40,7 +40,7 @@ struct FrameQueues {
     return done;
   }
 
-  /// The sizes that the frame needed; for queues that overflowed 1 / `part` of that on top, unless `part` is 0.
+  /// The sizes that the frame needed. Queues that overflowed get 1 / `part` on top, unless `part` is 0.
   CudaQueueSizes needed(const FrameCounters& counters, uint64_t part) const {
     const auto more = [part](uint64_t count, uint64_t there) {
       return count > there && part != 0 ? count + count / part : count;
@@ -56,7 +56,7 @@ struct FrameQueues {
             0};
   }
 
-  /// Whether the queue of clusters, or that of triangles to be clipped, was too small.
+  /// Whether the queue of clusters or of triangles to clip was too small.
   bool lost_clusters(const FrameCounters& counters) const {
     const CudaQueueSizes wanted = needed(counters, 0);
     return wanted.clusters > items.count() || wanted.to_clip > to_clip.count();

@@ -13,8 +13,8 @@
 
 namespace scree::kernels {
 
-/// Resolves pictures of any scene; keeps its scratch memory from one to the next, which must be of the same device and
-/// stream or waited for.
+/// Resolves pictures of any scene. Keeps its scratch memory from one picture to the next. The next picture must use the
+/// same device and stream, or the caller must wait for the previous one.
 class CudaResolver {
  public:
   CudaResolver();
@@ -22,23 +22,27 @@ class CudaResolver {
   CudaResolver& operator=(CudaResolver&&) noexcept;
   ~CudaResolver();
 
-  /// As resolve_cpu() with 4 channels. All pointers, those in `scene` too, are of the current device. `transforms`: of
-  /// `view`, by instance number, valid for the instances that `samples` show; null makes them here. `pixels`: one RGBA8
-  /// word a pixel, red in the low byte. Everything is queued on `stream`; nothing waits, but for the scratch memory of
-  /// a picture larger than those before, and where `times` is given. `cache`: where textures of the scene have JPEG
-  /// levels, what was made for them; the picture does not depend on its size. Errors kRange (as resolve_cpu), kDevice
-  /// (a CUDA call failed; which and for what).
+  /// As resolve_cpu() with 4 channels.
+  /// - All pointers, also those in `scene`, are on the current device.
+  /// - `transforms`: of `view`, by instance number, valid for the instances that `samples` show. If null, they are made
+  ///   here.
+  /// - `pixels`: one RGBA8 word per pixel, red in the low byte.
+  /// - `cache`: the cache made for the scene's JPEG levels, if its textures have any. The picture does not depend on
+  ///   its size.
+  /// - Everything is queued on `stream`. The call waits only if the picture is larger than those before (for scratch
+  ///   memory), and if `times` is given.
+  /// Errors kRange (as resolve_cpu), kDevice (a CUDA call failed; which and for what).
   Result<void> resolve(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
                        const Transform* transforms, const ShadeOptions& options, uint32_t* pixels, cudaStream_t stream,
                        ResolveTimes* times = nullptr, CudaTextureCache* cache = nullptr);
 
-  /// As shade_part_cpu(): colours of the samples whose chunk has its page, 3 floats each, in device memory.
-  /// Otherwise as resolve().
+  /// As shade_part_cpu(): colours of the samples whose chunk has its page, 3 floats each, in device memory. Otherwise
+  /// as resolve().
   Result<void> shade_part(const SceneView& scene, const View& view, const uint64_t* samples,
                           const Transform* transforms, const ShadeOptions& options, float* colors, cudaStream_t stream,
                           CudaTextureCache* cache = nullptr);
 
-  /// As resolve_colors_cpu(), whose `over` may be null here; otherwise as resolve().
+  /// As resolve_colors_cpu(), whose `over` may be null here. Otherwise as resolve().
   Result<void> resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples, const float* colors,
                               const float* over, const ShadeOptions& options, uint32_t* pixels, cudaStream_t stream,
                               ResolveTimes* times = nullptr);

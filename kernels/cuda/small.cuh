@@ -1,6 +1,7 @@
-// Stage 1 on a GPU. Warps take runs of rows of the draw list: 32 triangles, one a lane, fetched once for all instances
-// of the draw. The filter (coverage_filter.h) lets few of them through; those wait in shared memory until 32 are there
-// and are then drawn exactly (raster/small.h), so that no lane idles while its neighbours draw.
+// Stage 1 of indexed chunks on a GPU. Warps take runs of rows of the draw list. A row is 32 triangles, one per lane,
+// fetched once for all instances of the draw. The coverage filter (coverage_filter.h) rejects most triangles. Survivors
+// collect in shared memory until there are 32, and are then drawn exactly (raster/small.h), so that no lane idles while
+// its neighbours draw.
 #pragma once
 
 #include <type_traits>
@@ -21,30 +22,31 @@ struct SmallFrame {
   Queues queues;
   DrawList list;
   SampleLimits limits;
-  bool filters;  // off: every triangle is drawn exactly
+  bool filters;  // false: every triangle is drawn exactly
 };
 
 inline constexpr uint32_t kSmallThreads = 128;
 inline constexpr uint32_t kSmallWarps = kSmallThreads / kWarpLanes;
 
-/// Blocks of a multiprocessor: without instances more warps hide the memory, with them more registers pay.
+/// Blocks per multiprocessor. Without instances more warps hide the latency of memory; with instances more registers
+/// are faster.
 constexpr uint32_t small_blocks(bool instanced) {
   return instanced ? 6 : 8;
 }
 
-/// Small boxes of a warp's triangles with more pixels than this together are too much for one warp, and then those of
-/// more than kCrowdedBox pixels are left to stage 2.
+/// If the small boxes of a warp's triangles have more pixels than this together, one warp would take too long. Boxes of
+/// more than kCrowdedBox pixels then go to stage 2.
 inline constexpr uint32_t kCrowdedPixels = 1024;
 inline constexpr int64_t kCrowdedBox = 48;
 
-/// Pieces of clipped triangles are drawn by one lane, and only so large: it waits for each pixel.
+/// The largest piece of a clipped triangle that stage 1 draws, in pixels. One lane draws it and waits for each pixel.
 inline constexpr int64_t kLaneBox = 4;
 
-/// The filter's constants cost about as much as it saves on so many rows.
+/// For this many rows, computing the filter's constants costs about as much as the filter saves.
 inline constexpr uint32_t kFilteredRows = 4;
 
-/// Calls `call` with the ways to read the chunk's indices and positions as types: only those that a scene may have are
-/// built, and a rare width of one makes both rare.
+/// Calls `call` with the ways to read the chunk's indices and positions as types. Only ways that the scene may have are
+/// built. If one of the two streams has a rare width, both are read in the generic way.
 template <bool kLattice, bool kFloat32, class Call>
 __device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& call) {
   constexpr std::integral_constant<Fetch, Fetch::kWindow> kWindow;
@@ -62,12 +64,12 @@ __device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& c
   if constexpr (kLattice) {
     return call(kGeneric, kGeneric);
   } else {
-    return call(kGeneric, kWords);  // there is no other
+    return call(kGeneric, kWords);  // there is no other case
   }
 }
 
-/// Draws a triangle that needs clipping, or whose reference is too far away for int32. Returns how many pieces of it
-/// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, since it is rare and takes many registers.
+/// Draws a triangle that needs clipping, or whose reference is too far away for int32. Returns how many of its pieces
+/// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, because it is rare and takes many registers.
 template <bool kOrthographic, bool kMasked>
 __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
                                                uint32_t number) {
@@ -93,19 +95,20 @@ __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t
   return static_cast<uint32_t>(context.small) | static_cast<uint32_t>(context.clipped) << 16;
 }
 
-/// A small triangle while its pixels are drawn: five 16-byte words, so that lanes that look at eight different ones in
-/// a row find them in different banks.
+/// A small triangle while its pixels are drawn. It is five 16-byte words, so that lanes reading eight different ones in
+/// a row hit different banks.
 struct alignas(16) SetUpTriangle {
-  uint32_t value[3];   // of Edges, at the box's first pixel; all three modulo 2^32
-  uint32_t shape;      // bits: see below
-  uint32_t step_x[3];  // of Edges
-  uint32_t start;      // pixels of the boxes before
-  uint32_t to_row[3];  // of Edges, from the end of a row of the box to the next row's start: step_y - width * step_x
+  uint32_t value[3];   // Edges::value at the box's first pixel; all three are modulo 2^32
+  uint32_t shape;      // packed bits, see below
+  uint32_t step_x[3];  // Edges::step_x
+  uint32_t start;      // number of pixels in the boxes before
+  uint32_t to_row[3];  // step from the end of a row of the box to the start of the next: step_y - width * step_x
   uint32_t first;      // index in the picture of the box's first pixel
   DepthPlane plane;
   uint64_t id;
 
-  // `shape`: above 2^16 / width of the box, by 1 at most; Edges::exclusive of edges 1 and 2, a bit each; the width.
+  // `shape`: the low bits are 2^16 / width plus at most 1; then Edges::exclusive of edges 1 and 2, one bit each; then
+  // the width.
   static constexpr uint32_t kInverseWidthMask = 0x1ffff;
   static constexpr uint32_t kExclusive1Bit = 17;
   static constexpr uint32_t kExclusive2Bit = 18;
@@ -113,7 +116,7 @@ struct alignas(16) SetUpTriangle {
 };
 static_assert(sizeof(SetUpTriangle) == 80);
 
-/// Of up to 32 triangles those that have pixels.
+/// Those of up to 32 triangles that have pixels.
 struct SetUpTriangles {
   SetUpTriangle items[kWarpLanes];
 };
@@ -125,19 +128,20 @@ struct SmallShared {
   InstanceTransform exact[kInstanced ? kDrawInstances : 1];
   SetUpTriangles set_up;
   PackedChunkView stored;
-  uint32_t survivors[2 * kWarpLanes];                          // triangles
-  uint8_t survivor_instance[kInstanced ? 2 * kWarpLanes : 1];  // instance of the draw
+  uint32_t survivors[2 * kWarpLanes];                          // triangle numbers
+  uint8_t survivor_instance[kInstanced ? 2 * kWarpLanes : 1];  // instance numbers in the draw
   bool double_sided;
 };
 
-/// This warp's, by its name: through a pointer the compiler would not know that it is shared memory.
+/// This warp's shared memory. Accessed by name, because through a pointer the compiler would not know the address
+/// space.
 template <bool kInstanced>
 __device__ inline SmallShared<kInstanced>& small_shared() {
   extern __shared__ uint4 shared_memory[];
   return reinterpret_cast<SmallShared<kInstanced>*>(shared_memory)[threadIdx.x / kWarpLanes];
 }
 
-/// Behind what all its warps share, where a kernel draws masked triangles.
+/// Lies behind the shared memory of all warps, in kernels that draw masked triangles.
 template <bool kInstanced>
 __device__ inline WarpMasks& small_masks() {
   extern __shared__ uint4 shared_memory[];
@@ -145,9 +149,53 @@ __device__ inline WarpMasks& small_masks() {
                                       kSmallWarps)[threadIdx.x / kWarpLanes];
 }
 
+/// Pixel `inside` of the box of a triangle. False where the triangle does not cover it; else `drawn` is the sample,
+/// and `sample` its index in the picture.
+template <bool kOrthographic>
+__device__ inline bool sample_at(const SetUpTriangle& its, uint32_t inside, int32_t picture_width, uint64_t& drawn,
+                                 uint32_t& sample) {
+  const uint32_t shape = its.shape;
+  // Exact: inside < 128 and width <= 128, so the error of the quotient is below 2^-9, while a remainder is at least
+  // 2^-7.
+  const uint32_t y = inside * (shape & SetUpTriangle::kInverseWidthMask) >> 16;
+  int32_t value[3];
+  for (int i = 0; i < 3; ++i) {
+    value[i] = static_cast<int32_t>(its.value[i] + inside * its.step_x[i] + y * its.to_row[i]);
+  }
+  if ((value[0] | value[1] | value[2]) < 0) return false;
+  const float depth =
+      depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive1Bit & 1),
+                        value[2] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive2Bit & 1));
+  drawn = pack_sample(depth_code<kOrthographic>(depth), its.id);
+  sample = its.first + inside + y * (static_cast<uint32_t>(picture_width) - (shape >> SetUpTriangle::kWidthBit));
+  return true;
+}
+
+/// Draws those of the `count` samples that wait which pass their masks, a lane each. `slot`: of the lane's triangle,
+/// kWarpLanes if it has none. `missing`: the triangles whose planes have to be made first, a bit each.
+template <bool kOrthographic, class Masks>
+__device__ inline void draw_masked_samples(const Target& target, const SetUpTriangles& triangles, const Masks& mask,
+                                           uint32_t slot, uint32_t count, uint32_t missing) {
+  WarpMasks& shared = *mask.shared;
+  if (slot < kWarpLanes && (missing >> slot & 1) != 0) mask.template make_plane<kOrthographic>(shared.planes[slot]);
+  __syncwarp();
+  const auto row = static_cast<uint32_t>(target.width);
+#pragma unroll 1
+  for (uint32_t i = threadIdx.x % kWarpLanes; i < count; i += kWarpLanes) {
+    const uint32_t waiting = shared.samples[i];
+    uint64_t drawn;
+    uint32_t sample;
+    sample_at<kOrthographic>(triangles.items[waiting >> 7], waiting & 127, target.width, drawn, sample);
+    if (shared.planes[waiting >> 7].passes(static_cast<int32_t>(sample % row), static_cast<int32_t>(sample / row)))
+      WarpTeam::atomic_min(target.samples + sample, drawn);
+  }
+  __syncwarp();
+}
+
 /// Draws the boxes of the lanes' triangles, of `pixels` <= kSmallBox each (0: the lane has none), with narrow edges.
-/// Every lane takes every 32nd pixel of all of them, whosever it is: boxes of 1 and of 128 pixels leave no lane
-/// waiting. `masks`: NoLaneMask or the lane's LaneMask.
+/// Every lane draws every 32nd pixel of all boxes together, so boxes of 1 and of 128 pixels leave no lane waiting.
+/// `masks`: NoLaneMask, or the maker of the plane of the lane's triangle. Samples of masked triangles that would be
+/// seen wait until there are enough of them for all lanes. Many triangles have none, and get no plane.
 template <bool kOrthographic, class Masks>
 __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
                                    const PixelBox& box, int64_t area, uint32_t pixels, const Masks& masks) {
@@ -163,11 +211,16 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   if (total == 0) return;
   const uint32_t lanes = __ballot_sync(~0u, pixels != 0);
   const uint32_t start = pixels != 0 ? end - pixels : ~0u;
+  const auto slot = static_cast<uint32_t>(__popc(lanes & before_lane));
+  [[maybe_unused]] uint32_t masked = 0;  // triangles, a bit each; those whose planes are made; and those that this
+  [[maybe_unused]] uint32_t made = 0;    // lane has found a sample of
+  [[maybe_unused]] uint32_t needed = 0;
+  [[maybe_unused]] uint32_t waiting = 0;  // samples
+  if constexpr (Masks::kTests) masked = bits_of_lanes(pixels != 0 && masks.mask != nullptr ? 1u << slot : 0u);
   if (pixels != 0) {
     const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
     const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
-    SetUpTriangle& out = shared.items[__popc(lanes & before_lane)];
-    if constexpr (Masks::kTests) masks.template set_up<kOrthographic>(__popc(lanes & before_lane));
+    SetUpTriangle& out = shared.items[slot];
     for (int i = 0; i < 3; ++i) {
       out.value[i] = static_cast<uint32_t>(edges.value[i]);
       out.step_x[i] = static_cast<uint32_t>(edges.step_x[i]);
@@ -183,8 +236,8 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     out.id = triangle.id;
   }
   __syncwarp();
-  constexpr uint32_t kBatch = 4;  // samples that a lane looks at before it needs the first
-  uint32_t begun = ~0u;           // boxes that begin before this row of 32 pixels, less one
+  constexpr uint32_t kBatch = 4;  // samples whose loads a lane starts before it uses the first
+  uint32_t begun = ~0u;           // boxes that begin before this row of 32 pixels, minus one
   for (uint32_t base = 0; base < total; base += kBatch * kWarpLanes) {
     uint32_t sample[kBatch];
     uint64_t drawn[kBatch];
@@ -200,30 +253,34 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
       if constexpr (Masks::kTests) owners[k] = owner;
       if (pixel >= total) continue;
       const SetUpTriangle& its = shared.items[owner];
-      const uint32_t shape = its.shape;
-      const uint32_t inside = pixel - its.start;
-      // Exact: inside < 128 and width <= 128, so the quotient is off by less than 2^-9 and a remainder by 2^-7 or more.
-      const uint32_t y = inside * (shape & SetUpTriangle::kInverseWidthMask) >> 16;
-      int32_t value[3];
-      for (int i = 0; i < 3; ++i) {
-        value[i] = static_cast<int32_t>(its.value[i] + inside * its.step_x[i] + y * its.to_row[i]);
-      }
-      if ((value[0] | value[1] | value[2]) < 0) continue;
-      const float depth =
-          depth_at<int32_t>(its.plane, value[1] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive1Bit & 1),
-                            value[2] + static_cast<int32_t>(shape >> SetUpTriangle::kExclusive2Bit & 1));
-      drawn[k] = pack_sample(depth_code<kOrthographic>(depth), its.id);
-      sample[k] = its.first + inside + y * (static_cast<uint32_t>(target.width) - (shape >> SetUpTriangle::kWidthBit));
+      sample_at<kOrthographic>(its, pixel - its.start, target.width, drawn[k], sample[k]);
     }
     for (uint32_t k = 0; k < kBatch; ++k) {
       seen[k] = drawn[k] != kBackground ? WarpTeam::load_relaxed(target.samples + sample[k]) : 0;
     }
-    for (uint32_t k = 0; k < kBatch; ++k) {
-      if constexpr (Masks::kTests) {
-        if (drawn[k] < seen[k] && target.is_behind_peeled(target.samples + sample[k], drawn[k]) &&
-            masks.passes(owners[k], sample[k], target.width))
-          WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
-      } else {
+    if constexpr (Masks::kTests) {
+      for (uint32_t k = 0; k < kBatch; ++k) {
+        const bool shows = drawn[k] < seen[k] && target.is_behind_peeled(target.samples + sample[k], drawn[k]);
+        const bool waits = shows && (masked >> owners[k] & 1) != 0;
+        if (shows && !waits) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
+        const uint32_t those = __ballot_sync(~0u, waits);
+        if (waits) {
+          const uint32_t inside = base + k * kWarpLanes + lane - shared.items[owners[k]].start;
+          masks.shared->samples[waiting + static_cast<uint32_t>(__popc(those & before_lane))] =
+              static_cast<uint16_t>(inside | owners[k] << 7);
+          needed |= 1u << owners[k];
+        }
+        waiting += static_cast<uint32_t>(__popc(those));
+      }
+      if (waiting != 0 &&
+          (waiting > WarpMasks::kMostSamples - kBatch * kWarpLanes || base + kBatch * kWarpLanes >= total)) {
+        const uint32_t missing = bits_of_lanes(needed) & ~made;
+        draw_masked_samples<kOrthographic>(target, shared, masks, pixels != 0 ? slot : kWarpLanes, waiting, missing);
+        made |= missing;
+        needed = waiting = 0;
+      }
+    } else {
+      for (uint32_t k = 0; k < kBatch; ++k) {
         if (drawn[k] < seen[k]) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
       }
     }
@@ -231,15 +288,16 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   __syncwarp();
 }
 
-/// Draws the lanes' triangles, whose boxes have `pixels` each (0: the lane has none), or leaves them to the other
-/// stages. Whether stage 1 drew the lane's.
+/// Draws the lanes' triangles, whose boxes have `pixels` each (0: the lane has none), or queues them for the other
+/// stages. Returns whether stage 1 drew the lane's triangle.
 template <bool kOrthographic, class Masks = NoLaneMask>
 __device__ inline bool draw_set_up(const Target& target, const Queues& queues, SetUpTriangles& shared,
                                    const Triangle& triangle, const PixelBox& box, int64_t area, int64_t pixels,
                                    const Masks& masks = {}) {
   if (__ballot_sync(~0u, pixels != 0) == 0) return false;
   bool small = pixels != 0 && pixels <= kSmallBox && fits_narrow_edges(triangle.x, triangle.y);
-  // 32 boxes of a hundred pixels would keep this warp long after all others are done: the larger go to stage 2.
+  // 32 boxes of a hundred pixels would keep this warp busy long after all others are done. The larger ones go to stage
+  // 2.
   if (sum_of_lanes(small ? static_cast<uint32_t>(pixels) : 0) > kCrowdedPixels) {
     small = small && pixels <= kCrowdedBox;
   }
@@ -253,7 +311,7 @@ __device__ inline bool draw_set_up(const Target& target, const Queues& queues, S
   return small;
 }
 
-/// Projects a triangle that waits. False where there is nothing to draw, or clip_and_draw() drew it (`drawn`).
+/// Projects a survivor. False if there is nothing to draw, or if clip_and_draw() drew it (`drawn`).
 template <bool kOrthographic, Fetch kIndices, Fetch kPositions, bool kMasked>
 __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChunkView& stored,
                                         const InstanceTransform& exact, bool double_sided, uint32_t number,
@@ -281,8 +339,8 @@ __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChu
                 (exact.flags & InstanceTransform::kMirrored) != 0, double_sided, triangle, box, area);
 }
 
-/// Draws the triangles survivors[first] to [first + count - 1] with a whole warp, a lane each. Returns as
-/// clip_and_draw() does.
+/// Draws the triangles survivors[first] to [first + count - 1] with a whole warp, one per lane. Returns counts in the
+/// form of clip_and_draw().
 template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked>
 __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t first, uint32_t count, uint32_t chunk) {
   SmallShared<kInstanced>& shared = small_shared<kInstanced>();
@@ -290,10 +348,10 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
   Triangle triangle{};
   PixelBox box{};
   int64_t area = 0;
-  int64_t pixels = 0;  // none: nothing is left to draw
+  int64_t pixels = 0;  // 0: there is nothing to draw
   uint32_t drawn = 0;
   std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
-  if constexpr (kMasked) mask.planes = small_masks<kInstanced>().planes;
+  if constexpr (kMasked) mask.shared = &small_masks<kInstanced>();
   if (lane < count) {
     const uint32_t number = shared.survivors[first + lane];
     const InstanceTransform& exact = shared.exact[kInstanced ? shared.survivor_instance[first + lane] : 0];
@@ -312,7 +370,8 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
                                                                                                                    : 0);
 }
 
-/// Fills shared memory with what the chunk and the instances of a draw need, by a whole warp. Out of line as well.
+/// Fills shared memory with the data that a draw needs of its chunk and instances, with a whole warp. Out of line as
+/// well.
 template <bool kInstanced>
 __device__ __noinline__ void prepare_draw(const SmallFrame& frame, const InstancedDraw& draw, bool filters) {
   SmallShared<kInstanced>& shared = small_shared<kInstanced>();
@@ -337,15 +396,15 @@ __device__ __noinline__ void prepare_draw(const SmallFrame& frame, const Instanc
   __syncwarp();
 }
 
-/// Where a warp is in the rows of a draw.
+/// A warp's position in the rows of a draw.
 struct RowCursor {
   uint32_t row;
   uint32_t instance;
   uint32_t survivor_count;  // in shared memory
 };
 
-/// Goes on filtering until the rows end or a full warp waits. A leaf: with a call in it, the loop would keep its values
-/// in memory.
+/// Filters until the rows end or there are 32 survivors. A leaf function: with a call in it, the loop would keep its
+/// values in memory.
 template <bool kOrthographic, Fetch kIndices, Fetch kPositions, bool kInstanced>
 __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor at, uint32_t last_row,
                                               uint32_t last_triangle, uint32_t count) {
@@ -353,7 +412,7 @@ __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const PackedChunkView stored = shared.stored;
   const SampleLimits limits = frame.limits;
-  // A row's positions are loaded while the row before is looked at, its indices while the one before that is.
+  // Each row's positions are loaded while the previous row is filtered, and its indices one row earlier still.
   uint32_t triangle = at.row * kWarpLanes + lane;
   PackedChunkView::IndexWords words = stored.load_indices<kIndices>(min_of(triangle, last_triangle));
   PackedChunkView::PositionWords next[3];
@@ -393,7 +452,7 @@ __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor
   return at;
 }
 
-/// One warp's way through the draw list.
+/// One warp's work on the draw list.
 template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked>
 class SmallWarp {
  public:
@@ -406,8 +465,9 @@ class SmallWarp {
     const uint64_t warps = uint64_t{gridDim.x} * kSmallWarps;
     const InstancedDraw* const draws = frame_.list.instanced_draws;
     for (;;) {
-      // A part of what each warp would get of the rest: a run's start costs a search and what a draw needs, but the
-      // last runs must be short. With instances, some far and some near, rows differ in cost by a hundred.
+      // Takes 1 / kPart of this warp's share of the remaining work. Starting a run costs a search and preparing a draw,
+      // but the last runs must be short. With near and far instances, the cost of rows differs by a factor of a
+      // hundred.
       constexpr uint32_t kPart = kInstanced ? 16 : 4;
       uint64_t start = 0;
       uint64_t share = 0;
@@ -431,7 +491,7 @@ class SmallWarp {
     const auto count = static_cast<uint32_t>(__popc(draw.instances));
     const uint32_t last_triangle = frame_.scene.chunks[draw.chunk].triangle_count - 1;
     const uint32_t rows = last_triangle / kWarpLanes + 1;
-    // A row belongs to the run that holds its first unit.
+    // A row belongs to the run that holds its first unit of work.
     const uint64_t skipped = start > draw.work_before ? start - draw.work_before : 0;
     const auto first = static_cast<uint32_t>((skipped + count - 1) / count);
     const auto last = static_cast<uint32_t>(min_of<uint64_t>((end - draw.work_before + count - 1) / count, rows));
@@ -454,7 +514,7 @@ class SmallWarp {
     });
   }
 
-  /// All triangles of a row wait.
+  /// Keeps all triangles of a row as survivors.
   __device__ RowCursor keep_row(RowCursor at, uint32_t last_triangle, uint32_t count) {
     SmallShared<kInstanced>& shared = small_shared<kInstanced>();
     const uint32_t triangle = at.row * kWarpLanes + lane_;
@@ -467,7 +527,7 @@ class SmallWarp {
     return at;
   }
 
-  /// Draws the last up to 32 that wait.
+  /// Draws the last survivors, at most 32.
   __device__ void flush_survivors(RowCursor& at, uint32_t chunk) {
     const uint32_t count = min_of(at.survivor_count, kWarpLanes);
     if (count == 0) return;

@@ -1,7 +1,7 @@
-// Culling of few clusters on a GPU, in one kernel. Where a frame takes a tenth of a millisecond, the number of kernels
-// is what costs: each begins when the last warp of the one before has ended, and then waits for memory and for its own
-// instructions. So one warp per group of clusters does all tests, from its instance's matrix on. Warps of one instance
-// repeat each other's tests; that is cheaper than another launch.
+// Culls a small scene's clusters on a GPU, in one kernel. If a frame takes a tenth of a millisecond, the number of
+// kernels dominates: each begins when the last warp of the one before has ended, and then waits for memory and for its
+// own instructions. So one warp per group of clusters does all tests, beginning with its instance's matrix. Warps of
+// one instance repeat each other's tests; that is cheaper than another launch.
 #pragma once
 
 #include "kernels/cuda/cluster_cull.cuh"
@@ -10,15 +10,15 @@ namespace scree::kernels {
 
 struct SmallSceneCull {
   SceneView scene;
-  Transform* transforms;  // as DrawList has them
+  Transform* transforms;  // as in DrawList
   ClusterCull cull;
   const ClusterGroup* groups;
   uint32_t group_count;
   SamplesToClear clear;
 };
 
-/// A warp per group of clusters: its instance's transform, the tests of the instance, the chunk, the group and the
-/// clusters, and a draw of its own. The last blocks clear the picture.
+/// One warp per group of clusters: makes its instance's transform, tests the instance, the chunk, the group and the
+/// clusters, and makes a draw for the group. The last blocks clear the picture.
 template <bool kOrthographic>
 __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_constant__ SmallSceneCull in) {
   const uint32_t culling_blocks = gridDim.x - in.clear.blocks;

@@ -1,4 +1,4 @@
-// CudaTextureCache: rounds of shading and decoding, queued without looking at what they find.
+// CudaTextureCache: rounds of shading and decoding. They are queued without reading the counters of earlier rounds.
 #include <cuda_runtime.h>
 
 #include <algorithm>
@@ -16,11 +16,11 @@
 namespace scree::kernels {
 namespace {
 
-constexpr uint32_t kResidentBlocks = 4;  // a multiprocessor: 128 registers a thread
+constexpr uint32_t kResidentBlocks = 4;  // per multiprocessor: 128 registers per thread
 constexpr uint32_t kDecodeThreads = 64;
-constexpr uint32_t kDecodeBlocks = 16;  // a multiprocessor
+constexpr uint32_t kDecodeBlocks = 16;  // per multiprocessor
 
-/// `before`: what left the tiles, or null: all `tile_count`.
+/// `before`: the counters of the round that left the tiles, or null to shade all `tile_count` tiles.
 template <class Pixels>
 __global__ void __launch_bounds__(kPixelThreads, kResidentBlocks)
     shade_round(const __grid_constant__ ShadeRound<Pixels> pass, uint32_t tile_count, const RoundCounters* before) {
@@ -42,7 +42,7 @@ __global__ void __launch_bounds__(kDecodeThreads)
   if (group < group_count) format::decode_jpeg_group(level->picture, group, out + uint64_t{group} * slot_bytes);
 }
 
-/// Where the parts of the cache's memory lie.
+/// Layout of the cache's memory.
 struct CacheLayout {
   uint64_t stamps;
   uint64_t samples;
@@ -89,7 +89,7 @@ struct CudaTextureCache::Impl {
     return static_cast<bool>(done);
   }
 
-  /// Room for two lists of the tiles of a picture.
+  /// Makes room for two lists of the tiles of a picture.
   bool reserve(uint32_t tiles) {
     const Result<void> done =
         lists.reserve(uint64_t{2} * tiles * sizeof(UnfinishedTile), "allocating the lists of tiles");
@@ -110,18 +110,18 @@ struct CudaTextureCache::Impl {
     return is_clean;
   }
 
-  /// `pixels_of(shader)`: the Resolve or the ShadePart that finishes the pixels of `tiles`. `kApart`: as visit_kinds()
-  /// has it.
+  /// `pixels_of(shader)`: returns the Resolve or the ShadePart that finishes the pixels of `tiles`. `kApart`: as for
+  /// visit_kinds().
   template <bool kApart, class PixelsOf>
   bool shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of, cudaStream_t stream);
 
   DeviceBuffer memory;
   DeviceBuffer lists;
   TextureCache cache{};
-  RoundCounters* counters = nullptr;  // of each round
+  RoundCounters* counters = nullptr;  // one per round
   uint32_t multiprocessors = 0;
-  uint32_t now = 1;       // the next picture's first round
-  bool is_clean = false;  // nothing was queued half
+  uint32_t now = 1;       // first round of the next picture
+  bool is_clean = false;  // false: an error left work half queued
   Error error{ErrorCode::kDevice, ""};
 };
 
@@ -225,7 +225,7 @@ Result<void> CudaTextureCache::shade_part(const ShadeInputs& in, const PixelTile
   const auto pixels_of = [&]<class Shader>(const Shader& shader) {
     return ShadePart<Shader>{shader, tiles, samples, colors};
   };
-  // Not a kernel for each kind of chunks: that would take 10 s more to compile, and 0.7 MB.
+  // One kernel for all kinds of chunks: one per kind would add 10 s of compile time and 0.7 MB.
   if (!impl_->shade<false>(in, tiles, pixels_of, stream)) return impl_->error;
   return {};
 }

@@ -12,10 +12,10 @@ namespace {
 
 constexpr uint32_t kFirstLevel = CudaVisibleChunks::kFirstLevel;
 constexpr uint32_t kSide = 1u << kFirstLevel;
-constexpr uint32_t kWarps = 4;  // a block
+constexpr uint32_t kWarps = 4;  // per block
 constexpr uint32_t kLanes = 32;
 
-/// One warp a square, a lane two of its samples.
+/// One warp per square; a lane reads two of its samples.
 __global__ void __launch_bounds__(kLanes* kWarps)
     fill_first_level(const __grid_constant__ DepthPyramid pyramid, const uint64_t* samples) {
   const auto width = static_cast<uint32_t>(pyramid.width);
@@ -32,7 +32,7 @@ __global__ void __launch_bounds__(kLanes* kWarps)
   if (lane == 0) pyramid.row(kFirstLevel, 0)[square] = farthest;
 }
 
-/// By one block.
+/// Uses one block.
 __global__ void __launch_bounds__(1024) fill_other_levels(const __grid_constant__ DepthPyramid pyramid) {
   for (uint32_t level = kFirstLevel + 1; level <= kPyramidLevels; ++level) {
     fill_level(pyramid, level, static_cast<int32_t>(threadIdx.x), static_cast<int32_t>(blockDim.x));
@@ -40,8 +40,9 @@ __global__ void __launch_bounds__(1024) fill_other_levels(const __grid_constant_
   }
 }
 
-/// `use(chunk, find)` for the chunks of every instance that may be seen; find(bounds) as find_chunk_bounds(). A row of
-/// blocks has a warp for every instance, which takes chunks by the 32, as far apart as there are rows.
+/// Calls `use(chunk, find)` for the chunks of every instance that may be seen; find(bounds) is find_chunk_bounds().
+/// Each row of blocks has one warp per instance. A warp takes 32 consecutive chunks, and then the next 32 that no other
+/// row takes.
 template <class Use>
 __device__ void look_at_chunks(const SceneView& scene, const FrameView& view, const Use& use) {
   const uint64_t number = uint64_t{blockIdx.x} * kWarps + threadIdx.x / kLanes;
@@ -69,13 +70,13 @@ __global__ void __launch_bounds__(kLanes* kWarps)
   });
 }
 
-/// Of codes that find_nearest_codes() found in all places, those in places that do not hide.
+/// Keeps, of the codes from find_nearest_codes(), those of instances that the pyramid does not hide.
 __global__ void __launch_bounds__(kLanes* kWarps)
     find_shown_codes(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                      const __grid_constant__ DepthPyramid pyramid, const uint32_t* nearest, uint32_t* shown) {
   look_at_chunks(scene, view, [&](uint64_t chunk, const auto& find) {
     ScreenBounds bounds;
-    if (shown[chunk] == nearest[chunk]) return;  // as near as it gets, or nowhere
+    if (shown[chunk] == nearest[chunk]) return;  // it cannot become nearer, or is not in the view
     if (find(bounds) && bounds.nearest_code < shown[chunk] && !is_occluded_by_pyramid(pyramid, kFirstLevel, bounds))
       atomicMin(shown + chunk, bounds.nearest_code);
   });
@@ -89,10 +90,10 @@ uint64_t CudaVisibleChunks::device_bytes(const SceneView& scene) {
 
 Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& device) {
   scene_ = device;
-  uint64_t pairs = 0;  // of instances and their chunks
+  uint64_t pairs = 0;  // of an instance and one of its chunks
   for (uint64_t i = 0; i < host.instance_count; ++i) pairs += host.meshes[host.instances[i].mesh].chunk_count;
-  // As many rows as the mean instance has use for: few instances of many chunks keep the GPU busy, and many instances
-  // of few chunks start few warps in vain.
+  // As many rows as the mean instance can use: so few instances of many chunks keep the GPU busy, and many instances of
+  // few chunks start few idle warps.
   constexpr uint64_t kMostRows = 1024;
   const uint64_t instances = std::max<uint64_t>(host.instance_count, 1);
   blocks_ = dim3(static_cast<uint32_t>((instances - 1) / kWarps + 1),
@@ -109,7 +110,7 @@ Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& dev
 Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& view, bool draws_blended) {
   scene_.draws_blended = draws_blended;
   frame_ = make_frame_view(view);
-  // Now, since nothing is drawn yet that taking memory would wait for.
+  // Allocated now, because nothing is being drawn that the allocation would wait for.
   const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);
   if (Result<void> room = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !room) return room.error();
   pyramid_.codes = reinterpret_cast<uint32_t*>(codes_.data());

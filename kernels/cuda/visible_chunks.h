@@ -1,6 +1,6 @@
-// Which chunks a view may show, and which of them hide behind what is drawn, found on a GPU. The list is what
-// runtime/stream/visible_chunks.h finds on the host; squares of the depth pyramid of less than 8 x 8 samples are not
-// asked here.
+// Finds on a GPU which chunks may be visible in a view, and which of them the picture hides. The result is that of
+// runtime/stream/visible_chunks.h on the host, except that squares of the depth pyramid below 8 x 8 samples are not
+// used.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -17,27 +17,25 @@
 
 namespace scree::kernels {
 
-/// Of one scene, on the device that was current when it was opened.
+/// For one scene, on the device that was current at open().
 class CudaVisibleChunks {
  public:
-  static constexpr uint32_t kFirstLevel = 3;  // of the pyramid: a code for 8 x 8 samples
+  static constexpr uint32_t kFirstLevel = 3;  // of the pyramid: one code per 8 x 8 samples
 
-  /// `host`: the scene's records in host memory, needed during the call only; `device`: the same on the device, which
+  /// `host`: the scene's records in host memory, needed only during the call. `device`: the same on the device; it
   /// outlives this. Fewer than 2^32 chunks. Errors kDevice.
   Result<void> open(const SceneView& host, const SceneView& device);
 
-  /// What open() takes of device memory. The depths' pyramid, 1/12 byte a sample, comes with the first frame.
+  /// Device memory of open(). The depth pyramid, 1/12 byte per sample, is allocated by the first frame.
   static uint64_t device_bytes(const SceneView& scene);
 
-  /// By chunk, the nearest depth code that it may have in `view`; ~0 where it draws no sample. Waits for it; until the
-  /// next call. Errors kDevice.
-  /// `draws_blended`: as SceneView has it.
+  /// By chunk, the nearest depth code that it may have in `view`; ~0 if it draws no sample. Waits for the result, which
+  /// is valid until the next call. `draws_blended`: as SceneView has it. Errors kDevice.
   Result<std::span<const uint32_t>> find_nearest(const View& view, bool draws_blended = false);
 
-  /// Queues the same search on the default stream, for the view of the last find_nearest(), restricted to places where
-  /// the chunk is not hidden by the picture that `samples` (device memory) then holds; ~0 where it is hidden
-  /// everywhere, or not in the view. shown() has the result once the stream is done, until the next call. Errors
-  /// kDevice.
+  /// Queues the same search on the default stream, for the view of the last find_nearest(). Skips instances of a chunk
+  /// that the picture in `samples` (device memory) hides at that time. ~0 if all are hidden or outside the view.
+  /// shown() returns the result once the stream is done; it is valid until the next call. Errors kDevice.
   Result<void> start_finding_shown(const uint64_t* samples);
   std::span<const uint32_t> shown() const {
     return {reinterpret_cast<const uint32_t*>(read_shown_.data()), scene_.chunk_count};

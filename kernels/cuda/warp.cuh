@@ -1,5 +1,5 @@
-// What GPUs do differently: instructions that compute capability 7.5 lacks, and the blocks that a multiprocessor's
-// shared memory holds. The results are the same on all of them.
+// Differences between GPUs: instructions that compute capability 7.5 lacks, and the blocks that fit into a
+// multiprocessor's shared memory. The results are the same on all GPUs.
 #pragma once
 
 #include <cuda_pipeline_primitives.h>
@@ -11,20 +11,20 @@
 
 namespace scree::kernels {
 
-/// A warp's lanes.
+/// Lanes per warp.
 inline constexpr uint32_t kWarpLanes = 32;
 
-/// The compute capability whose code is built, times 10. The build option SCREE_CUDA_PATH makes a newer GPU take the
-/// code of an older one, so that the code can be tested there.
+/// The compute capability whose code is built, times 10. The build option SCREE_CUDA_PATH gives a newer GPU the code of
+/// an older one, for tests.
 #if defined(SCREE_CUDA_PATH)
 inline constexpr uint32_t kCapability = SCREE_CUDA_PATH;
 #elif defined(__CUDA_ARCH__)
 inline constexpr uint32_t kCapability = __CUDA_ARCH__ / 10;
 #else
-inline constexpr uint32_t kCapability = 90;  // the host's pass of the compiler
+inline constexpr uint32_t kCapability = 90;  // in the host's pass of the compiler
 #endif
 
-/// Shared memory of a multiprocessor, in bytes (CUDA C++ Programming Guide, "Compute Capabilities").
+/// Bytes of shared memory per multiprocessor (CUDA C++ Programming Guide, "Compute Capabilities").
 constexpr uint32_t shared_bytes_of(uint32_t capability) {
   switch (capability) {
     case 75:
@@ -42,22 +42,22 @@ constexpr uint32_t shared_bytes_of(uint32_t capability) {
   }
 }
 
-/// Blocks of `bytes` of shared memory that a multiprocessor holds at once, at least 1 and at most `most`: a bound for
-/// __launch_bounds__, so that registers are not saved for blocks that never come. The system keeps 1 KiB per block.
+/// Blocks of `bytes` of shared memory that fit into a multiprocessor, at least 1 and at most `most`. A bound for
+/// __launch_bounds__: no registers are saved for blocks that do not fit. The system keeps 1 KiB per block.
 constexpr uint32_t blocks_in_shared(uint64_t bytes, uint32_t most) {
   const auto blocks = static_cast<uint32_t>(shared_bytes_of(kCapability) / (bytes + 1024));
   return blocks > most ? most : blocks == 0 ? 1 : blocks;
 }
 
-/// The lanes' values joined by `join`, in every lane of a whole warp; five shuffles.
+/// The lanes' values combined by `join`, in every lane of a full warp; five shuffles.
 template <class T, class Join>
 __device__ inline T join_lanes(T value, const Join& join) {
   for (uint32_t step = kWarpLanes / 2; step != 0; step /= 2) value = join(value, __shfl_xor_sync(~0u, value, step));
   return value;
 }
 
-/// The sum, the largest and the bitwise or of the lanes' 32-bit values, in every lane of a whole warp. `kOne`: by the
-/// one instruction that compute capability 8.0 brought.
+/// The sum, the largest and the bitwise or of the lanes' 32-bit values, in every lane of a full warp. `kOne`: by the
+/// single instruction of compute capability 8.0.
 template <bool kOne = (kCapability >= 80), class T>
 __device__ inline T sum_of_lanes(T value) {
   static_assert(sizeof(T) == 4);
@@ -86,7 +86,7 @@ __device__ inline T bits_of_lanes(T value) {
   }
 }
 
-/// Sum over the lanes before this one of a full warp; `total`: over all lanes.
+/// The sum over the lanes before this one, in a full warp. `total`: the sum over all lanes.
 template <class T>
 __device__ inline T sum_before(T value, uint32_t lane, T& total) {
   T sum = value;
@@ -98,11 +98,11 @@ __device__ inline T sum_before(T value, uint32_t lane, T& total) {
   return sum - value;
 }
 
-/// Copies runs of up to 64 pieces of 16 bytes to shared memory by a warp: each is begun while the warp works on the one
-/// before. begin() starts a copy, in which lane i takes the pieces i and i + 32. commit() follows every begin(), and
-/// once more where nothing is left to copy. After wait() and __syncwarp() all copies but the last committed one are
-/// there. `kAsync`: past the registers (cp.async, compute capability 8.0); else a lane holds its pieces of the last
-/// copy in registers until the next commit.
+/// Copies runs of up to 64 pieces of 16 bytes to shared memory by a warp. Each copy runs while the warp works on the
+/// previous one. begin() starts a copy; lane i takes the pieces i and i + 32. commit() must follow every begin(), and
+/// once more when nothing is left to copy. After wait() and __syncwarp() all copies but the last committed one are
+/// complete. `kAsync`: copies bypass the registers (cp.async, compute capability 8.0); otherwise a lane holds its
+/// pieces of the last copy in registers until the next commit.
 template <bool kAsync = (kCapability >= 80)>
 class StageCopy {
  public:
@@ -144,7 +144,7 @@ class StageCopy<false> {
   uint4 first_{};
   uint4 second_{};
   uint4* to_ = nullptr;
-  uint32_t pieces_ = 0;  // this lane's and those after it, of the copy that its registers hold
+  uint32_t pieces_ = 0;  // pieces from this lane's on, of the copy that its registers hold
   bool is_new_ = false;  // begun since the last commit
 };
 

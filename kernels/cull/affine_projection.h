@@ -1,7 +1,6 @@
-// The filter (coverage_filter.h) of one cluster whose perspective bends by less than matters: then a vertex's place on
-// the screen is a sum over its packed codes, in fixed point, without a division, and without taking the codes apart
-// first. Conservative as the filter is: what it gives away is added to the slack. Source: spec/rasterization.md, early
-// culling.
+// The coverage filter (coverage_filter.h) of one cluster in which perspective hardly bends. A vertex's screen
+// coordinate is then a fixed-point sum over its packed codes: no division, and no unpacking. Conservative as the filter
+// is: its error is added to the slack. Source: spec/rasterization.md, early culling.
 #pragma once
 
 #include "kernels/cull/cluster_bounds.h"
@@ -12,27 +11,27 @@ inline namespace SCREE_ISA {
 /// How a cluster's positions are packed (spec/codecs.md, clusters).
 struct ClusterCodes {
   uint32_t bits[3];
-  uint32_t predicted_axis;  // or format::kNotPredicted
-  int32_t slope[3];         // of the predicted axis: 0, and of the others; all 0 where none is
-  int32_t bias;             // likewise
+  uint32_t predicted_axis;  // format::kNotPredicted if there is none
+  int32_t slope[3];         // of the predicted axis: 0 for itself, and of the others; all 0 if there is none
+  int32_t bias;             // 0 if there is none
 };
 
-/// With w0 the lowest 32 bits of a vertex's codes, w1 those from bits[0] on and w2 those from bits[0] + bits[1] on
-/// (none but its own), modulo 2^32, the high half of
-///   u[0] w0 + u[1] w1 + u[2] w2 + u[3]
-/// is where the vertex lies on the screen: in steps of 2^-n pixels, rounded down, from a pixel centre before the
-/// cluster, with its slack added; v likewise. A triangle covers pixel centres of a column only where, of its corners'
-/// places, largest - smallest + twice_slack >= largest mod 2^n.
+/// Let w0 be the lowest 32 bits of a vertex's codes, w1 those from bits[0] on and w2 those from bits[0] + bits[1] on
+/// (w2 holds no bits of the next vertex). The high half of
+///   u[0] w0 + u[1] w1 + u[2] w2 + u[3]   (modulo 2^32)
+/// is the vertex's screen coordinate: in steps of 2^-n pixels, rounded down, counted from a pixel centre before the
+/// cluster, with its slack added. v likewise. A triangle covers pixel centres of a column only if the coordinates of
+/// its corners fulfil largest - smallest + twice_slack >= largest mod 2^n.
 struct AffineProjection {
   uint32_t u[4];
   uint32_t v[4];
-  uint32_t twice_slack;  // of u, and of v in the high half: twice the slack. 0: the filter itself has to be asked
+  uint32_t twice_slack;  // of u, and of v in the high half; 0: there is no projection, use the filter
   uint32_t fraction;     // 2^n - 1, in both halves
 
-  /// Whether a triangle may cover a pixel centre. The largest and the smallest place of its corners, v in the high
+  /// Whether a triangle may cover a pixel centre. `largest`, `smallest`: the coordinates of its corners, v in the high
   /// half.
   SCREE_HD static bool may_cover(uint32_t largest, uint32_t smallest, uint32_t twice_slack, uint32_t fraction) {
-    // Neither difference is negative, and all places are far enough below 2^16.
+    // Neither difference is negative, and all coordinates are well below 2^16.
     const uint32_t size = largest - smallest + twice_slack;
     const uint32_t past = largest & fraction;
 #if defined(__CUDA_ARCH__)
@@ -43,15 +42,15 @@ struct AffineProjection {
   }
 };
 
-/// What both axes of an AffineProjection take.
+/// Common to both axes of an AffineProjection.
 struct AffineCenter {
   float center[3];         // a lattice point near the middle of the cluster's box
-  float before_center[3];  // how far the box reaches before it
-  float half_extent[3];    // and at most to either side
+  float before_center[3];  // from the box's lower side to it
+  float half_extent[3];    // upper bound from it to either side
   float scale;             // 1 / w there
-  float change;  // how far a place may be off for what w does within the box, as a share of its way from the middle
+  float change;  // error bound from the change of w within the box, as a share of the distance from the middle
   float slack;   // the filter's, for this cluster
-  bool known;    // false: nothing can be said
+  bool known;    // false: no bound holds
 };
 
 /// `filter`: of the cluster's chunk, perspective. `bounds`: of the cluster.
@@ -68,31 +67,31 @@ SCREE_HD inline AffineCenter make_affine_center(const CoverageFilter& filter, co
     w_half_extent = fused(fast_abs(filter.w[i]), out.half_extent[i], w_half_extent);
   }
   out.scale = filter_reciprocal(w);
-  // How much w changes within the box, and how much it may be off, as shares of it.
+  // The change of w within the box, and the error of w, as shares of w.
   const float change = w_half_extent * out.scale;
   const float off = fused(filter.w_lowest - (1.0f - kBeforeNear), out.scale, 1e-6f);
-  // A point that is d away from the middle lies at step . d * w(middle) / w(point).
+  // A point at distance d from the middle lies at step . d * w(middle) / w(point).
   out.change = fused(1.34f, change, 2.0f * off);
-  // All of the chunk's slack but snapping goes with 1 / w.
+  // The chunk's slack without snapping is proportional to 1 / w.
   constexpr auto kSnap = static_cast<float>(kSnapSlack);
   const float nearer = fast_min(filter.w_end * out.scale * (1.00001f + out.change), 1.0f);
   out.slack = fused(filter.slack - kSnap, nearer, kSnap * 1.001f);
-  // Only where one slack serves the whole chunk: it lies in front of the camera and within the guard band. Comparisons
-  // are written so that NaN is false.
+  // Requires that one slack holds for the whole chunk: it lies in front of the camera and within the guard band.
+  // Comparisons are written so that NaN is false.
   constexpr float kExact = 16777216.0f;
   out.known = (filter.growth == 0.0f) & (w - 1.01f * w_half_extent > 1.0f) & (change < 0.2f) & (off < 0.01f) &
               (out.slack < 0.25f) & (fast_max(fast_max(out.center[0], out.center[1]), out.center[2]) <= kExact);
   return out;
 }
 
-/// One axis of an AffineProjection on its way.
+/// One axis of an AffineProjection before its fixed-point factors are computed.
 struct AffineAxis {
-  float center;   // where the middle lies, pixels
-  float step[3];  // pixels a lattice step
-  float half;     // of the cluster's size, pixels
+  float center;   // coordinate of the middle, pixels
+  float step[3];  // pixels per lattice step
+  float half;     // half of the cluster's size, pixels
 };
 
-/// `row`: of the filter, u or v.
+/// `row`: u or v of the filter.
 SCREE_HD inline AffineAxis make_affine_axis(const AffineCenter& middle, const float w[4], const float row[4]) {
   AffineAxis out;
   out.center =
@@ -106,8 +105,8 @@ SCREE_HD inline AffineAxis make_affine_axis(const AffineCenter& middle, const fl
   return out;
 }
 
-/// The n of AffineProjection for a cluster of half this size in pixels, on its longer axis: as large as leaves room for
-/// all of it. 0: there is none.
+/// The n of AffineProjection for a cluster whose longer axis has this half size in pixels: the largest n that leaves
+/// room for all of it. 0 if there is none.
 SCREE_HD inline uint32_t affine_fraction_bits(float half) {
   constexpr uint32_t kMostBits = 13;
   const float span = fused(2.25f, half, 2.25f);
@@ -116,22 +115,22 @@ SCREE_HD inline uint32_t affine_fraction_bits(float half) {
   return min_of(16 - before_point, kMostBits);
 }
 
-/// The factors of one axis, and its twice_slack; false where the filter itself does better. `fraction_bits`: of the
-/// longer axis, not 0. `codes`: of the cluster, 64 bits at most.
+/// Computes the factors of one axis and its twice_slack. Returns false if the filter itself is better. `fraction_bits`:
+/// of the longer axis, not 0. `codes`: of the cluster, at most 64 bits.
 SCREE_HD inline bool finish_affine_axis(const AffineCenter& middle, const AffineAxis& axis, const float w[4],
                                         const float row[4], const ClusterCodes& codes, uint32_t fraction_bits,
                                         uint32_t factors[4], uint32_t& twice_slack) {
   const float one = static_cast<float>(1u << fraction_bits);
-  const float fine = one * 65536.0f;  // of the sum
+  const float fine = one * 65536.0f;  // scale of the sum
   float predicted_step = 0;
   for (uint32_t i = 0; i < 3; ++i) predicted_step = codes.predicted_axis == i ? axis.step[i] : predicted_step;
   const float slope_step = predicted_step * (1.0f / (1 << format::kPredictorShift));
-  const float bias = static_cast<float>(codes.bias) - 0.5f;  // rounding down takes half a step in the middle
+  const float bias = static_cast<float>(codes.bias) - 0.5f;  // rounding down subtracts half a step on average
   float error_bound = fused(axis.half, middle.change, 0.5f * fast_abs(predicted_step));
-  // What single precision rounds: of a few operations, and of the rows that they take.
+  // The roundings of single precision: of a few operations here, and of the rows.
   float terms = fast_abs(axis.center) + axis.half + fast_abs(predicted_step * bias);
   float constant = predicted_step * bias;
-  float largest = 0;  // factor
+  float largest = 0;  // largest factor
   uint32_t factor[3];
   for (int i = 0; i < 3; ++i) {
     const float largest_code = static_cast<float>((1u << codes.bits[i]) - 1);
@@ -148,19 +147,19 @@ SCREE_HD inline bool finish_affine_axis(const AffineCenter& middle, const Affine
   error_bound = fused(terms, 1.0f / (1 << 20), error_bound);
   const float slack = middle.slack + error_bound + 2.0f / fine;
   const float low = axis.center - axis.half - error_bound - slack;
-  // Of the sum, modulo 2^32 like the factors.
+  // The constant term, modulo 2^32 like the factors.
   const float place = ((axis.center - floor_of(low)) + slack + constant) * fine;
   factors[0] = factor[0];
   factors[1] = factor[1] - (factor[0] << codes.bits[0]);
   factors[2] = factor[2] - (factor[1] << codes.bits[1]);
   factors[3] = static_cast<uint32_t>(static_cast<int64_t>(fast_min(fast_max(place, -9e18f), 9e18f)));
   twice_slack = static_cast<uint32_t>(2.0f * slack * one) + 1;
-  // Where it would give away much of a triangle's size, the filter itself lets fewer through.
+  // If the error is a large part of a triangle's size, the filter itself rejects more.
   return (largest < 9e8f) & (fast_abs(place) < 8e18f) & (error_bound < fused(axis.half, 0.02f, 0.03f));
 }
 
-/// `filter`: of the cluster's chunk, perspective. `bounds`: of the cluster. (A GPU takes the steps apart: a lane an
-/// axis.)
+/// `filter`: of the cluster's chunk, perspective. `bounds`: of the cluster. (A GPU computes the steps in parallel, a
+/// lane per axis.)
 SCREE_HD inline AffineProjection make_affine_projection(const CoverageFilter& filter,
                                                         const format::ClusterBounds& bounds,
                                                         const ClusterCodes& codes) {

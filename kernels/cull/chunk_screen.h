@@ -1,5 +1,5 @@
-// Where a chunk may lie on the screen, how near it comes there, and whether it hides: from records alone, for what
-// chooses the chunks that are loaded.
+// Where a chunk may lie on the screen, its nearest depth there, and whether it is hidden. Needs records only. The
+// streamer chooses by it which chunks to load.
 #pragma once
 
 #include "kernels/cull/cull.h"
@@ -15,10 +15,10 @@ SCREE_HD inline uint32_t code_of_depth(double depth, bool orthographic) {
   return orthographic ? depth_code<true>(value) : depth_code<false>(value);
 }
 
-/// Of the triangles in a box; false where all of it is outside of the picture. Conservative: single precision is off by
-/// 2^-21 of a row's terms at most (transform.h), less than the slack of may_be_seen() that is given here, and a pixel
-/// more on each side covers rounding and snapping. A box that reaches the near plane may be anywhere, and so may one
-/// that is not finite.
+/// Finds the bounds of the triangles in a box; false if the whole box is outside the picture. Conservative: single
+/// precision has an error of at most 2^-21 of a row's terms (transform.h), less than the slack of may_be_seen() that is
+/// used here. One more pixel on each side covers rounding and snapping. A box that reaches the near plane, or that is
+/// not finite, may be anywhere.
 SCREE_HD inline bool find_screen_bounds(const Transform& transform, const FrameView& view, const RelativeBox& box,
                                         ScreenBounds& bounds) {
   bounds = {{0, 0, view.width - 1, view.height - 1}, 0};
@@ -65,7 +65,7 @@ SCREE_HD inline bool find_screen_bounds(const Transform& transform, const FrameV
     first[axis] = static_cast<int32_t>(max_of(from, 0.0));
     last[axis] = static_cast<int32_t>(min_of(to, size[axis] - 1.0));
   }
-  constexpr double kMore = 1.00001;  // more than the roundings of 1 / w
+  constexpr double kMore = 1.00001;  // covers the roundings of 1 / w
   const double nearest =
       view.orthographic ? high[2] + abs_of(high[2]) * (kMore - 1) + slack[2] : kMore / (low[2] - slack[2]);
   if (!(abs_of(nearest) < kHuge)) return true;
@@ -73,8 +73,8 @@ SCREE_HD inline bool find_screen_bounds(const Transform& transform, const FrameV
   return true;
 }
 
-/// Of a chunk, drawn with `transform`, that of an instance of its mesh; false where it draws no sample. A chunk of
-/// float32 positions is where its mesh is.
+/// Finds the bounds of a chunk that is drawn with `transform`, that of an instance of its mesh; false if it draws no
+/// sample. A chunk of float32 positions has the box of its mesh.
 SCREE_HD inline bool find_chunk_bounds(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                        const Transform& transform, const FrameView& view, ScreenBounds& bounds) {
   const RelativeBox box = vertex_box(mesh, chunk, transform);

@@ -1,7 +1,7 @@
-// What a box of lattice offsets covers on the screen, and how near it comes: what clusters and groups of them are
-// culled by. Conservative: every vertex of the box lies, as the exact projection (vertex.h) snaps it, inside of the
-// pixels said here, and no depth code of a triangle of such vertices is nearer. Source: spec/rasterization.md, culling
-// of clusters.
+// The pixels that a box of lattice offsets covers on the screen, and its nearest depth: clusters and groups of clusters
+// are culled by them. Conservative: every vertex of the box, as the exact projection (vertex.h) snaps it, lies inside
+// the pixels returned here, and no triangle of such vertices has a nearer depth code. Source: spec/rasterization.md,
+// culling of clusters.
 #pragma once
 
 #include "format/geometry/cluster_layout.h"
@@ -11,7 +11,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// What of a box is in the picture: nothing; something, but between pixel centres; pixel centres.
+/// How a box lies in the picture: outside; inside, but between pixel centres; over pixel centres.
 enum class BoxCoverage : uint32_t { kNone, kBetween, kCenters };
 
 /// A box in offsets from a chunk's position_min.
@@ -37,7 +37,7 @@ SCREE_HD inline float floor_of(float a) {
 #endif
 }
 
-/// Places of the image's first and last pixel centres in a CoverageFilter's coordinates.
+/// The image's first and last pixel centres in a CoverageFilter's coordinates.
 struct CenterRange {
   float first[2];
   float last[2];
@@ -53,18 +53,18 @@ SCREE_HD inline CenterRange center_range(const FrameView& view) {
   return out;
 }
 
-/// kCenters wherever a triangle of vertices in the box covers a pixel centre; `out` is filled unless it is kNothing:
-/// pixel centres that such triangles may cover, where the box lies between them those around it. `filter`: of the box's
-/// chunk, for the whole of it.
+/// Returns kCenters if a triangle whose vertices lie in the box may cover a pixel centre. Fills `out` unless it returns
+/// kNone: with the pixel centres that such triangles may cover, or for kBetween with those around the box. `filter`: of
+/// the box's whole chunk.
 template <bool kOrthographic>
 SCREE_HD inline BoxCoverage bound_on_screen(const CoverageFilter& filter, const FrameView& view,
                                             const CenterRange& centers, const CenteredBox& box, ScreenBounds& out) {
-  // A filter that knows nothing lets the whole image through.
+  // A filter without an error bound keeps the whole image.
   if (!(filter.slack < 16.0f)) {
     out = {{0, 0, view.width - 1, view.height - 1}, 0};
     return BoxCoverage::kCenters;
   }
-  constexpr float kMore = 1.00001f;  // the roundings of a sum of terms of one sign, and more
+  constexpr float kMore = 1.00001f;  // covers the roundings of a sum of terms of one sign
   const float* rows[2] = {filter.u, filter.v};
   const float w_center = fused(filter.w[0], box.center[0],
                                fused(filter.w[1], box.center[1], fused(filter.w[2], box.center[2], filter.w[3])));
@@ -89,7 +89,7 @@ SCREE_HD inline BoxCoverage bound_on_screen(const CoverageFilter& filter, const 
     const float* row = rows[axis];
     const float at = fused(row[0], box.center[0], fused(row[1], box.center[1], fused(row[2], box.center[2], row[3])));
     if (!in_front) {
-      // Some of it may lie behind the near plane: only the planes of the image can be asked.
+      // Part of it may lie behind the near plane, so it can only be tested against the planes of the image.
       for (int side = 0; side < 2; ++side) {
         const float limit = side == 0 ? centers.first[axis] : centers.last[axis];
         const float sign = side == 0 ? -1.0f : 1.0f;
@@ -109,7 +109,7 @@ SCREE_HD inline BoxCoverage bound_on_screen(const CoverageFilter& filter, const 
       half_extent += fast_abs(along) * box.extent[i];
     }
     half_extent = kMore * half_extent * scale_low;
-    // Both ways to the coordinate may be off: here, and where it is drawn.
+    // The coordinate has an error here, and another where it is drawn.
     const float farthest = fast_abs(middle) + half_extent;
     const float slack = 2.0f * fused(farthest, filter.growth, filter.slack) + farthest * 1e-6f;
     const float low = fast_max(middle - half_extent - slack, centers.first[axis]);

@@ -1,11 +1,11 @@
-// Whether a triangle can cover a pixel centre at all, decided with a third of the arithmetic that drawing it takes.
-// Most triangles of a dense mesh fall between the centres; the others are then projected exactly. Source:
-// spec/rasterization.md, early culling.
+// The coverage filter: whether a triangle can cover a pixel centre at all, decided with a third of the arithmetic that
+// drawing it takes. Most triangles of a dense mesh fall between the centres; the others are then projected exactly.
+// Source: spec/rasterization.md, early culling.
 //
-// The filter is conservative and nothing else: it answers "no" only where the exact projection (vertex.h) gives an
-// empty pixel_box(), of the triangle or of each piece that clipping leaves. It works on vertices as they are stored
-// (lattice codes or float32 positions), with the chunk's place folded into the matrix, and takes the difference to the
-// exact way from a bound of both errors.
+// The filter is conservative: it rejects only triangles for which the exact projection (vertex.h) gives an empty
+// pixel_box(), of the triangle or of each piece that clipping leaves. It uses vertices as they are stored (lattice
+// codes or float32 positions), with the chunk's origin folded into the matrix. A bound of both errors covers the
+// difference from the exact projection.
 #pragma once
 
 #include "kernels/raster/vertex.h"
@@ -19,21 +19,23 @@ struct alignas(16) CoverageFilter {
   float u[4];
   float v[4];
   float w[4];
-  float slack;     // pixels that a corner may be off, snapping included: slack + growth * |largest coordinate|;
-  float growth;    // slack is infinity where no bound is known: every triangle stays
+  float slack;     // error bound of a corner in pixels, with snapping: slack + growth * |largest coordinate|;
+  float growth;    // slack is infinity if no bound is known, and then every triangle is kept
   float w_lowest;  // the smallest w at which `slack` bounds the error (1 - kBeforeNear, plus the error of w)
-  float w_end;     // perspective: a lower bound of the chunk's w, at least 1, that `slack` was made for;
+  float w_end;     // perspective: a lower bound of the chunk's w, at least 1, for which `slack` was computed;
                    // orthographic: the largest w at which a corner surely needs no clipping
 };
 
-/// Of CoverageFilter::slack: snapping, which is the same wherever a corner lies.
+/// The part of CoverageFilter::slack for snapping. It does not depend on where a corner lies.
 inline constexpr double kSnapSlack = 0.625 / kSubpixels;
 
-/// How far before the near plane (w = 1) corners may lie, perspective: what is left of a triangle that is cut there
-/// lies between the places of its corners. They are off by the same as elsewhere over w, so at most by twice as much.
+/// How far before the near plane (w = 1) corners may lie with a perspective camera. If a triangle is cut there, the
+/// rest lies between the positions of its corners. Their error is the usual one divided by w, so at most twice as
+/// large.
 inline constexpr float kBeforeNear = 0.5f;
 
-/// The image's pixel centres in the filter's coordinates: a quarter of a pixel before the first and before the last.
+/// The image's pixel centres in the filter's coordinates: from a quarter of a pixel before the first centre to a
+/// quarter before the last.
 struct SampleLimits {
   float first_u;
   float last_u;
@@ -52,16 +54,16 @@ SCREE_HD inline SampleLimits make_sample_limits(const FrameView& view) {
   return {first[0], last[0], first[1], last[1]};
 }
 
-/// The stored positions of a chunk: where they lie, and what a transform takes them for.
+/// The box of a chunk's stored positions, and the transform's coordinates of a stored 0.
 struct StoredBox {
-  double origin[3];  // what the transform takes for a stored position of 0
+  double origin[3];  // the transform's coordinates of a stored position of 0
   float center[3];
   float extent[3];
   float largest[3];  // magnitude
-  bool known;        // false: no bound serves
+  bool known;        // false: no error bound holds
 };
 
-/// Of a chunk on a lattice. Codes are exact floats.
+/// The StoredBox of a chunk on a lattice. Codes are exact as floats.
 SCREE_HD inline StoredBox lattice_box(const Transform& transform, const format::MeshRecord& mesh,
                                       const format::ChunkRecord& chunk) {
   constexpr auto kFarthest = static_cast<int64_t>(kReferenceLimit);
@@ -78,7 +80,7 @@ SCREE_HD inline StoredBox lattice_box(const Transform& transform, const format::
   return out;
 }
 
-/// Of any chunk; `box`: of its vertices, as the transform takes them.
+/// The StoredBox of any chunk. `box`: the box of its vertices in the transform's coordinates.
 SCREE_HD inline StoredBox stored_box(const Transform& transform, const RelativeBox& box, const format::MeshRecord& mesh,
                                      const format::ChunkRecord& chunk) {
   if (mesh.position_encoding != format::PositionEncoding::kFloat32) return lattice_box(transform, mesh, chunk);
@@ -93,21 +95,21 @@ SCREE_HD inline StoredBox stored_box(const Transform& transform, const RelativeB
   return out;
 }
 
-/// The filter of one (instance, chunk). `error`: of the chunk's vertices, which lie in `box`. The rows come from double
-/// precision; bounds are sums of magnitudes, for which single precision and a little more on top serve.
+/// The filter of one (instance, chunk). `error`: bound for the chunk's vertices, which lie in `box`. The rows are
+/// computed in double precision. Bounds are sums of magnitudes, so single precision with a small margin is enough.
 SCREE_HD inline CoverageFilter make_coverage_filter(const FrameView& view, const Transform& transform,
                                                     const TransformError& error, const StoredBox& box) {
-  constexpr float kMore = 1.00001f;         // the roundings of a sum of magnitudes
-  constexpr float kOff = 1.0f / (1 << 21);  // of all terms: those of any sum
+  constexpr float kMore = 1.00001f;         // covers the roundings of a sum of magnitudes
+  constexpr float kOff = 1.0f / (1 << 21);  // share of all terms: covers the roundings of any sum
   constexpr auto kSnap = static_cast<float>(kSnapSlack);
-  // Centres of an even row of pixels lie half a pixel off the image's centre.
+  // In an image of even width the pixel centres lie half a pixel off the image's centre; likewise its height.
   const double shift[2] = {view.width % 2 == 0 ? -0.5 : 0.0, view.height % 2 == 0 ? -0.5 : 0.0};
   const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
   CoverageFilter filter;
   float* out[3] = {filter.u, filter.v, filter.w};
   float terms[3];
-  float largest_uv = 0;  // the largest |u * w| and |v * w| in the box, at most
-  float w_least = 0;     // the smallest w in the box, at least
+  float largest_uv = 0;  // upper bound of |u * w| and |v * w| in the box
+  float w_least = 0;     // lower bound of w in the box
   for (int r = 0; r < 3; ++r) {
     double row[4];
     for (int j = 0; j < 4; ++j) {
@@ -134,7 +136,8 @@ SCREE_HD inline CoverageFilter make_coverage_filter(const FrameView& view, const
       w_least = middle - kMore * side - kOff * terms[r];
     }
   }
-  // Rounding the rows and three fused steps: at most 2^-22 of all terms here; there, the transform's own bound.
+  // The error here, of rounding the rows and of three fused steps, is at most 2^-22 of all terms. The error of the
+  // exact projection is the transform's own bound.
   constexpr float kHere = 1.0f / (1 << 22);
   const float error_w = terms[2] * kHere + error.w;
   const float error_x = terms[0] * kHere + error.x / kSubpixels + 0.5f * error_w;
@@ -142,11 +145,11 @@ SCREE_HD inline CoverageFilter make_coverage_filter(const FrameView& view, const
   const float error_uv = max_of(error_x, error_y);
   bool known = box.known && terms[0] < 1e30f && terms[1] < 1e30f && terms[2] < 1e30f && error_uv < 1e30f;
   const float nearest = view.orthographic ? 1.0f : max_of(w_least - error_w, 1.0f);
-  // Snapping moves a corner by half a sub-pixel. The reciprocal's ulp, the products' and the exact way's roundings:
-  // 2^-21.
+  // Snapping moves a corner by half a sub-pixel. 2^-21 covers the reciprocal's ulp, the products' roundings and those
+  // of the exact projection.
   float slack = error_uv / nearest + kSnap;
   float growth = (view.orthographic ? 0.0f : error_w / nearest) + 1.0f / (1 << 21);
-  if (!view.orthographic && !(w_least - error_w > 1.0f)) {  // some of it may lie before the near plane
+  if (!view.orthographic && !(w_least - error_w > 1.0f)) {  // part of it may lie before the near plane
     slack /= 1.0f - kBeforeNear;
     growth /= 1.0f - kBeforeNear;
   }
@@ -154,7 +157,7 @@ SCREE_HD inline CoverageFilter make_coverage_filter(const FrameView& view, const
   // A chunk well in front of the camera and within the guard band has one slack for all its triangles.
   const float farthest = largest_uv / nearest;
   if (known && !view.orthographic && w_least - error_w > 1.0f && farthest < 32000.0f) {
-    slack += growth * (farthest + slack);  // of the computed coordinate, which is off itself
+    slack += growth * (farthest + slack);  // applies to the computed coordinate, which has an error itself
     growth = 0;
   }
   filter.slack = known ? slack * 1.001f : bits_float(0x7f800000u);
@@ -164,7 +167,7 @@ SCREE_HD inline CoverageFilter make_coverage_filter(const FrameView& view, const
   return filter;
 }
 
-// Of numbers; one instruction each on a GPU, where min_of() takes two for the sake of NaN.
+// For numbers only. A GPU takes one instruction; min_of() takes two because it handles NaN.
 SCREE_HD inline float fast_min(float a, float b) {
 #if defined(__CUDA_ARCH__)
   return fminf(a, b);
@@ -199,7 +202,7 @@ SCREE_HD inline float filter_reciprocal(float w) {
 #endif
 }
 
-/// A corner as the filter sees it.
+/// A corner in the filter's coordinates.
 struct FilteredVertex {
   float u;
   float v;
@@ -216,7 +219,7 @@ SCREE_HD inline FilteredVertex filter_vertex(const CoverageFilter& filter, float
   return {u * scale, v * scale, w};
 }
 
-/// False only where the triangle covers no pixel centre of the image.
+/// False only if the triangle covers no pixel centre of the image.
 template <bool kOrthographic>
 SCREE_HD inline bool may_cover_sample(const CoverageFilter& filter, const SampleLimits& limits, const FilteredVertex& a,
                                       const FilteredVertex& b, const FilteredVertex& c) {
@@ -227,15 +230,15 @@ SCREE_HD inline bool may_cover_sample(const CoverageFilter& filter, const Sample
   float slack = filter.slack;
   bool held = false;
   if (kOrthographic || filter.growth != 0.0f) {
-    // Near the guard band, or where a corner lies far before the near plane, the exact way decides.
+    // Near the guard band, or if a corner lies far before the near plane, the exact projection decides.
     const float farthest =
         fast_max(fast_max(fast_abs(low_u), fast_abs(high_u)), fast_max(fast_abs(low_v), fast_abs(high_v)));
     slack = fused(farthest, filter.growth, slack);
     held = !(farthest < 32700.0f) | !(fast_min(fast_min(a.w, b.w), c.w) >= filter.w_lowest);
     if constexpr (kOrthographic) held = held | !(fast_max(fast_max(a.w, b.w), c.w) <= filter.w_end);
   }
-  // The last pixel centre at or before the end of the range: adding 1.5 * 2^23 rounds to nearest, half less rounds
-  // down.
+  // The last pixel centre at or before the end of the range. Adding 1.5 * 2^23 rounds to nearest; subtracting a half
+  // first makes it round down.
   constexpr float kMagic = 12582912.0f;
   const float less_half = slack - 0.5f;
   const float last_u = (fast_min(high_u + less_half, limits.last_u) + kMagic) - kMagic;

@@ -1,5 +1,5 @@
-// Which chunks of which instances can be seen: bounds against the planes of the view, conservatively.
-// Source: spec/rasterization.md, culling.
+// Culls chunks of instances: tests bounds against the planes of the view, conservatively. Source:
+// spec/rasterization.md, culling.
 #pragma once
 
 #include "kernels/raster/queues.h"
@@ -7,11 +7,11 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// may_be_seen() of `rows` x, y and w; `slack`: of all terms.
+/// may_be_seen() of `rows` x, y and w. `slack`: as a share of the sum of all terms.
 template <class Real, class Box>
 SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView& view, const Box& box, Real slack) {
   Real at_center[3];
-  Real half_extent[3][3];  // row, axis: how far the row's value goes along each axis of the box
+  Real half_extent[3][3];  // row, axis: how much the row's value changes from the box's centre to its side
   Real terms[3];
   for (int r = 0; r < 3; ++r) {
     at_center[r] = rows[r][3];
@@ -45,24 +45,23 @@ SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView&
   return true;
 }
 
-/// False only where no vertex in the box, nor any triangle of such vertices, can touch a pixel centre. The slack of
-/// 2^-20 of all terms exceeds what single-precision projection may be off (a few 2^-24), and the planes lie half a
-/// pixel outside the outermost centres, which is more than snapping moves a vertex. Boxes with NaN or infinity are
-/// kept.
+/// False only if no vertex in the box, and no triangle of such vertices, can touch a pixel centre. The slack is 2^-20
+/// of all terms; the error of single-precision projection is smaller (a few 2^-24). The planes lie half a pixel outside
+/// the outermost centres, farther than snapping moves a vertex. Boxes with NaN or infinity are kept.
 SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RelativeBox& box) {
   const double* const rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
   return box_may_be_seen(rows, view, box, 1.0 / (1 << 20));
 }
 
-/// The same in single precision. A value here is off by at most 3 * 2^-24 of the terms for the box, 2^-24 for the rows
-/// and 9 * 2^-24 for what this rounds: together less than 2^-20, and the slack is 2^-18.
+/// The same in single precision. The error of a value is at most 3 * 2^-24 of the terms for the box, 2^-24 for the rows
+/// and 9 * 2^-24 for the roundings here: together less than 2^-20. The slack is 2^-18.
 SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RoundedBox& box) {
   const float* const rows[3] = {transform.x, transform.y, transform.w};
   return box_may_be_seen(rows, view, box, 1.0f / (1 << 18));
 }
 
-/// How far away the nearest point of a box is: w, which is 1 on the near plane; of an orthographic camera 0 on its near
-/// plane and 1 on its far one. Only good for an order. `row_w`: of a Transform, of the box's precision.
+/// The distance of the box's nearest point in w, which is 1 on the near plane. An orthographic camera's value is 0 on
+/// its near plane and 1 on its far one. Only for sorting. `row_w`: of a Transform, in the box's precision.
 template <class Real, class Box>
 SCREE_HD inline Real nearness(const Real row_w[4], const FrameView& view, const Box& box) {
   Real at = row_w[3];
@@ -74,13 +73,14 @@ SCREE_HD inline Real nearness(const Real row_w[4], const FrameView& view, const 
   return view.orthographic ? Real{1} - (at + half_extent) : at - half_extent;
 }
 
-/// One team an instance: culls it, then its chunks with the lanes, and appends the blocks of those that remain.
+/// One team per instance: culls the instance, then its chunks with the lanes, and appends the draw blocks of visible
+/// chunks.
 struct Cull {
   SceneView scene;
   FrameView view;
   Queues queues;
-  uint64_t first;            // instance of item 0
-  uint32_t block_triangles;  // the most of a draw block
+  uint64_t first;            // the instance of item 0
+  uint32_t block_triangles;  // the most per draw block
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -99,7 +99,7 @@ struct Cull {
       // A mesh of one chunk has been tested already.
       if (!float32 && mesh.chunk_count > 1 && !may_be_seen(transform, view, box)) continue;
       const double near = nearness(transform.exact_w, view, box);
-      const float nearest = near > 0 ? static_cast<float>(min_of(near, 1e38)) : 0.0f;  // NaN has no place in an order
+      const float nearest = near > 0 ? static_cast<float>(min_of(near, 1e38)) : 0.0f;  // NaN cannot be sorted
       ++draws;
       for (uint64_t start = 0; start < chunk.triangle_count; start += block_triangles) {
         const uint64_t left = chunk.triangle_count - start;

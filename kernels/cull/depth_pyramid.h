@@ -1,5 +1,6 @@
-// The depth pyramid: of every square of 2, 4, 8, ... samples a side the farthest depth code. What lies behind the code
-// of all squares it touches is hidden. Source: Greene, Kass, Miller, Hierarchical Z-Buffer Visibility, 1993.
+// The depth pyramid: the farthest depth code of every square of 2, 4, 8, ... samples per side. A box is hidden if it is
+// behind the codes of all squares that it touches. Source: Greene, Kass, Miller, Hierarchical Z-Buffer Visibility,
+// 1993.
 #pragma once
 
 #include "kernels/raster/depth.h"
@@ -8,21 +9,21 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// The samples that triangles may cover, and the nearest depth code that they may have there.
+/// The samples that a box's triangles may cover, and the nearest depth code that they may have there.
 struct ScreenBounds {
-  PixelBox pixels;        // inside of the image; not empty
-  uint32_t nearest_code;  // 0 where nothing can be said
+  PixelBox pixels;        // inside the image; not empty
+  uint32_t nearest_code;  // 0 if unknown
 };
 
 /// Levels 1 to kPyramidLevels; one square of the last covers the largest image.
 inline constexpr uint32_t kPyramidLevels = 14;
 static_assert(kMaxImageSide <= 1u << kPyramidLevels);
 
-/// Squares of 2^level samples a side, row by row; those at the image's end may cover less.
+/// Squares of 2^level samples per side, row by row. The last square of a row or column may cover fewer.
 struct DepthPyramid {
   uint32_t* codes;
-  uint64_t offset[kPyramidLevels + 1];  // of a level's first code; 0 of those that are not there
-  int32_t width;                        // of the image
+  uint64_t offset[kPyramidLevels + 1];  // index of each level's first code; 0 for absent levels
+  int32_t width;                        // the image's
   int32_t height;
 
   SCREE_HD int32_t across(uint32_t level) const { return ((width - 1) >> level) + 1; }
@@ -32,7 +33,7 @@ struct DepthPyramid {
   }
 };
 
-/// Where the levels lie, from `first_level` (1 or more) on; returns how many codes there are.
+/// Lays out the levels from `first_level` (1 or more) on. Returns the number of codes.
 SCREE_HD inline uint64_t lay_out(DepthPyramid& pyramid, int32_t width, int32_t height, uint32_t first_level = 1) {
   pyramid.width = width;
   pyramid.height = height;
@@ -45,7 +46,7 @@ SCREE_HD inline uint64_t lay_out(DepthPyramid& pyramid, int32_t width, int32_t h
   return count;
 }
 
-/// The code of a square from those of the level below; level 2 and up.
+/// The code of a square, from the codes of the level below; level 2 and up.
 SCREE_HD inline uint32_t code_from_below(const DepthPyramid& pyramid, uint32_t level, int32_t x, int32_t y) {
   const PixelBox below{2 * x, 2 * y, min_of(2 * x + 1, pyramid.across(level - 1) - 1),
                        min_of(2 * y + 1, pyramid.down(level - 1) - 1)};
@@ -58,7 +59,7 @@ SCREE_HD inline uint32_t code_from_below(const DepthPyramid& pyramid, uint32_t l
   return farthest;
 }
 
-/// Fills a level, 2 or up, from the one below: thread `rank` of `size` its share.
+/// Fills a level (2 or up) from the one below. Thread `rank` of `size` fills its share.
 SCREE_HD inline void fill_level(const DepthPyramid& pyramid, uint32_t level, int32_t rank, int32_t size) {
   const int32_t across = pyramid.across(level);
   const int32_t count = across * pyramid.down(level);
@@ -66,7 +67,7 @@ SCREE_HD inline void fill_level(const DepthPyramid& pyramid, uint32_t level, int
     pyramid.row(level, i / across)[i % across] = code_from_below(pyramid, level, i % across, i / across);
 }
 
-/// Fills the pyramid from the samples of its image, the plain way.
+/// Fills the pyramid from the samples of its image, by plain loops.
 inline void build_pyramid(const DepthPyramid& pyramid, const uint64_t* samples) {
   for (int32_t y = 0; y < pyramid.down(1); ++y) {
     for (int32_t x = 0; x < pyramid.across(1); ++x) {
@@ -83,7 +84,7 @@ inline void build_pyramid(const DepthPyramid& pyramid, const uint64_t* samples) 
   for (uint32_t level = 2; level <= kPyramidLevels; ++level) fill_level(pyramid, level, 0, 1);
 }
 
-/// The farthest code of the squares of a level that `box` touches.
+/// The farthest code of the level's squares that `box` touches.
 SCREE_HD inline uint32_t farthest_code(const DepthPyramid& pyramid, uint32_t level, const PixelBox& box) {
   uint32_t farthest = 0;
   for (int32_t y = box.y0 >> level; y <= box.y1 >> level; ++y) {
@@ -93,9 +94,9 @@ SCREE_HD inline uint32_t farthest_code(const DepthPyramid& pyramid, uint32_t lev
   return farthest;
 }
 
-/// Whether every sample of `box` has a depth code smaller than `nearest_code`. `samples`: as the pyramid was made from
-/// them, or nearer since. Boxes of up to 2 x 2 samples are looked up in them; others in the squares of the first level
-/// on which at most 2 x 2 cover the box and, where that does not hide it, in those a quarter as large.
+/// True only if every sample of `box` has a depth code smaller than `nearest_code`. `samples`: those of the pyramid, or
+/// nearer ones. Tests boxes of up to 2 x 2 samples against the samples. Tests other boxes against the first level on
+/// which at most 2 x 2 squares cover the box; if that does not hide the box, against the level below.
 SCREE_HD inline bool is_occluded(const DepthPyramid& pyramid, const uint64_t* samples, const PixelBox& box,
                                  uint32_t nearest_code) {
   const int32_t longest = max_of(box.x1 - box.x0, box.y1 - box.y0);
@@ -115,8 +116,8 @@ SCREE_HD inline bool is_occluded(const DepthPyramid& pyramid, const uint64_t* sa
   return nearest_code > farthest || nearest_code > farthest_code(pyramid, level - 1, box);
 }
 
-/// Whether all that lies within the bounds has larger depth codes than the pyramid's samples, or nearer ones. Its
-/// levels from `first_level` on are asked: squares that are a quarter of the box or larger, at most 5 x 5 of them.
+/// True only if the samples hide all that lies within the bounds. Uses the levels from `first_level` on: squares of a
+/// quarter of the box or larger, at most 5 x 5 of them.
 SCREE_HD inline bool is_occluded_by_pyramid(const DepthPyramid& pyramid, uint32_t first_level,
                                             const ScreenBounds& bounds) {
   const PixelBox& pixels = bounds.pixels;

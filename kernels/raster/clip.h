@@ -1,5 +1,5 @@
-// Triangles that cross the near plane (orthographic: or the far one) or leave the guard band, cut in double precision.
-// Source: spec/rasterization.md, clipping.
+// Clips triangles that cross the near plane (orthographic: or the far one) or leave the guard band, in double
+// precision. Source: spec/rasterization.md, clipping.
 #pragma once
 
 #include "kernels/raster/setup.h"
@@ -9,13 +9,13 @@ inline namespace SCREE_ISA {
 
 inline constexpr int kMaxPolygon = 9;  // 3 corners and one more for each of 6 planes
 
-/// A corner of the polygon: homogeneous, in double; and how it is drawn, once it is known to be inside.
+/// A corner of the polygon: homogeneous, in double, and as it is drawn if it is known to be inside.
 struct ClipVertex {
   double x;
   double y;
-  double w;            // perspective: w; orthographic: t (x and y are then plain)
-  ScreenVertex drawn;  // valid where `snapped`
-  bool snapped;        // an original corner that other triangles draw unclipped: inside, drawn as they draw it
+  double w;            // perspective: w; orthographic: t (x and y are then not homogeneous)
+  ScreenVertex drawn;  // valid if `snapped`
+  bool snapped;        // an original corner inside the planes; drawn exactly as unclipped triangles draw it
 };
 
 SCREE_HD inline ClipVertex clip_vertex(const Transform& transform, const double d[3], const ScreenVertex& drawn) {
@@ -31,7 +31,7 @@ SCREE_HD inline ClipVertex clip_vertex(const Transform& transform, const double 
   return out;
 }
 
-/// Signed distance to plane 0 to 5: near, far, left, right, top, bottom of the guard band; inside is >= 0.
+/// Signed distance to plane 0 to 5: near, far, left, right, top, bottom of the guard band. Inside is >= 0.
 template <bool kOrthographic>
 SCREE_HD inline double plane_distance(const ClipVertex& v, int plane) {
   const double guard_limit = static_cast<double>(kGuardBand) * (kOrthographic ? 1.0 : v.w);
@@ -51,9 +51,9 @@ SCREE_HD inline double plane_distance(const ClipVertex& v, int plane) {
   }
 }
 
-/// Cuts the triangle `v` (3 of kMaxPolygon) against all planes in order; returns the polygon's corner count, 0 when
-/// nothing is left or a coordinate is not a sane number. A new corner is always computed from the inside end towards
-/// the outside one, so the two triangles of an edge get the same.
+/// Clips the triangle `v` (3 of kMaxPolygon) against all planes in order. Returns the polygon's corner count, 0 if
+/// nothing is left or a coordinate is NaN or out of range. A new corner is always computed from the inside end towards
+/// the outside end, so the two triangles of an edge get the same corner.
 template <bool kOrthographic>
 SCREE_HD inline int clip_polygon(ClipVertex v[kMaxPolygon]) {
   constexpr double kSane = 1e100;
@@ -102,7 +102,7 @@ SCREE_HD inline ScreenVertex snap_clipped(const ClipVertex& v, const FrameView& 
   if (v.snapped) return v.drawn;
   const double scale = kOrthographic ? 1.0 : 1.0 / v.w;
   const double guard = static_cast<double>(kGuardBand);
-  const double x = min_of(max_of(v.x * scale, -guard), guard);  // the cut leaves an ulp or so
+  const double x = min_of(max_of(v.x * scale, -guard), guard);  // clipping leaves an error of an ulp or so
   const double y = min_of(max_of(v.y * scale, -guard), guard);
   const double depth = kOrthographic ? v.w : scale;
   ScreenVertex out;
@@ -118,7 +118,7 @@ struct NearPolygon {
   ScreenVertex corner[4] = {};
   int count = 0;  // 0: nothing is left
 
-  /// Without an index that is not known beforehand, so that a GPU keeps all in registers.
+  /// Has no index that is unknown at compile time, so that a GPU keeps all corners in registers.
   SCREE_HD void add(const ScreenVertex& vertex) {
     for (int i = 0; i < 4; ++i) {
       if (i == count) corner[i] = vertex;
@@ -127,14 +127,14 @@ struct NearPolygon {
   }
 };
 
-/// clip_polygon() and snap_clipped() of a triangle that the near plane alone may cut, as it does nearly all that are
-/// cut, without arrays of polygons. Perspective. False where they have to be asked.
+/// clip_polygon() and snap_clipped() without arrays of polygons, for a perspective triangle that crosses only the near
+/// plane, as nearly all clipped ones do. Returns false if the general functions are needed.
 SCREE_HD inline bool clip_near(const ClipVertex v[3], const FrameView& view, NearPolygon& out) {
   constexpr double kGuard = kGuardBand;
   out.count = 0;
   double distance[3];
   for (int i = 0; i < 3; ++i) {
-    // Comparisons are written so that NaN, and what is no sane number, is none of these.
+    // Comparisons are written so that NaN and values out of range fail.
     if (!(abs_of(v[i].x) < 1e30 && abs_of(v[i].y) < 1e30 && abs_of(v[i].w) < 1e30)) return false;
     distance[i] = v[i].snapped ? max_of(v[i].w - 1.0, 0.0) : v[i].w - 1.0;
   }

@@ -1,4 +1,4 @@
-// Stage 3: large triangles in 64 x 64 tiles: first the tiles each may cover, then one team a tile.
+// Stage 3: large triangles in tiles of 64 x 64. First the tiles of each triangle, then one team per tile.
 #pragma once
 
 #include "kernels/raster/medium.h"
@@ -6,7 +6,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// The tiles under the box of a triangle of the large queue, row by row.
+/// The tiles under the box of a large triangle, row by row.
 struct LargeTiles {
   uint32_t first_x;
   uint32_t first_y;
@@ -21,7 +21,7 @@ struct LargeTiles {
     rows = static_cast<uint32_t>(box.y1) / kTileSide - first_y + 1;
   }
 
-  /// At most 2^16: an image has 2^14 pixels a side.
+  /// At most 2^16: an image has at most 2^14 pixels per side.
   SCREE_HD uint32_t count() const { return columns * rows; }
   SCREE_HD void tile(uint32_t number, uint32_t& x, uint32_t& y) const {
     x = first_x + number % columns;
@@ -29,10 +29,10 @@ struct LargeTiles {
   }
 };
 
-/// Which tiles a triangle may cover: each edge function is looked at in the tile's corner where it is largest.
+/// Tests which tiles a triangle may cover. Each edge function is evaluated in the tile's corner where it is largest.
 struct TileTest {
   int64_t largest[3];  // in tile 0, 0
-  int64_t step_x[3];   // to the next tile right
+  int64_t step_x[3];   // to the next tile to the right
   int64_t step_y[3];
 
   SCREE_HD explicit TileTest(const Triangle& triangle) {
@@ -45,7 +45,7 @@ struct TileTest {
     }
   }
 
-  /// False where all the tile's pixel centres lie outside one edge.
+  /// False only if all the tile's pixel centres lie outside one edge.
   SCREE_HD bool may_cover(uint32_t x, uint32_t y) const {
     int64_t sign = 0;
     for (int i = 0; i < 3; ++i)
@@ -64,11 +64,11 @@ SCREE_HD inline PixelBox tile_box(const Triangle& triangle, const FrameView& vie
   return box;
 }
 
-/// One team a triangle of the large queue, lanes over the tiles of its box.
+/// One team per triangle of the large queue. The lanes share the tiles of its box.
 struct SplitLarge {
   FrameView view;
   Queues queues;
-  uint64_t first;  // queue entry of item 0
+  uint64_t first;  // the queue entry of item 0
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -91,7 +91,7 @@ struct RasterTiles {
   FrameView view;
   Target target;
   Queues queues;
-  uint64_t first;  // queue entry of item 0
+  uint64_t first;  // the queue entry of item 0
   MaskSource<kMasked> masks;
 
   template <class Team>

@@ -116,52 +116,76 @@ struct MaskPlane {
   }
 };
 
-/// What samples of a mesh's triangles are tested by; null where they are opaque. Blended triangles are all tested, also
-/// where the mask has no alpha to read.
+/// The mask of a mesh's triangles; null where there is none.
 SCREE_HD inline const MaskView* mask_of(const SceneView& scene, const format::MeshRecord& mesh) {
-  if (scene.masks == nullptr || mesh.material == format::kNone) return nullptr;
+  if (scene.masks == nullptr || mesh.material == format::kNone || (mesh.attributes & format::kHasUv) == 0)
+    return nullptr;
   const MaskView* const mask = scene.masks + mesh.material;
-  if (scene.draws_blended) return mask;
-  return (mesh.attributes & format::kHasUv) != 0 && mask->alpha != nullptr ? mask : nullptr;
+  return mask->alpha != nullptr ? mask : nullptr;
 }
 
-/// The plane of triangle `number` of the chunk that `reader` reads, in double: corners and texture coordinates are
-/// exact in it. Out of line, for it takes many registers.
-template <bool kOrthographic>
-[[gnu::noinline]] SCREE_HD void make_mask_plane(const MaskView* mask, const FrameView& view, const Transform& transform,
-                                                const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                                                const std::byte* page, const ChunkReader& reader, uint32_t number,
-                                                MaskPlane& out) {
-  out.mask = nullptr;
-  if (mask->alpha == nullptr || (mesh.attributes & format::kHasUv) == 0) return;
-  uint32_t vertex[3];
-  reader.triangle(number, vertex);
+/// Triangle::is_masked of a mesh's triangles: 1 where samples are tested before they are drawn. Those of layers all
+/// are, with a mask or without.
+SCREE_HD inline uint32_t is_tested(const SceneView& scene, const MaskView* mask) {
+  return scene.draws_blended || mask != nullptr ? 1 : 0;
+}
+
+/// The texture coordinates that a chunk stores, before the mask's transform.
+struct StoredUvs {
+  const std::byte* stream;
+  uint32_t bits[2];
+  int64_t min[2];
+  double step;
+
+  SCREE_HD StoredUvs(const format::ChunkRecord& chunk, const std::byte* of_chunk)
+      : stream(of_chunk),
+        bits{chunk.uv_bits[0], chunk.uv_bits[1]},
+        min{chunk.uv_min[0], chunk.uv_min[1]},
+        step(format::exp2i(chunk.uv_exponent)) {}
+
+  SCREE_HD void read(uint32_t vertex, double out[2]) const {
+    uint64_t bit = uint64_t{vertex} * (bits[0] + bits[1]);
+    for (int c = 0; c < 2; ++c) {
+      const uint32_t code = bits[c] == 0 ? 0u : unpack_bits(stream, bit, bits[c]);
+      bit += bits[c];
+      out[c] = static_cast<double>(wrapping_add(min[c], int64_t{code})) * step;
+    }
+  }
+};
+
+/// The plane of a triangle, in double: corners and texture coordinates are exact in it. `corner(n, d)`: the vertex of
+/// corner n; writes its position less the transform's reference to d, 3 doubles.
+template <bool kOrthographic, class Corner>
+SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view, const Transform& transform,
+                                     const StoredUvs& uvs, const Corner& corner, MaskPlane& out) {
   // Homogeneous, in sub-pixels from the centre of the image's first sample.
   const double origin_x = static_cast<double>(view.width * (kSubpixels / 2) - kSubpixels / 2);
   const double origin_y = static_cast<double>(view.height * (kSubpixels / 2) - kSubpixels / 2);
-  double x[3];
-  double y[3];
-  double w[3];
-  double uv[3][2];
-  const std::byte* const stream = page + chunk.offset + streams_of(mesh, chunk).uvs.offset;
-  const uint32_t stride = uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1];
-  const double step = format::exp2i(chunk.uv_exponent);
+  double x[3] = {};
+  double y[3] = {};
+  double w[3] = {};
+  double uv[3][2] = {};
+  // One after the other on a GPU, by the same instructions: a multiprocessor's cache of them is small.
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
   for (int n = 0; n < 3; ++n) {
-    double d[3];
-    reader.exact_relative(vertex[n], d);
-    const auto row = [&](const double* m) { return m[0] * d[0] + m[1] * d[1] + m[2] * d[2] + m[3]; };
-    w[n] = kOrthographic ? 1.0 : row(transform.exact_w);
-    x[n] = row(transform.exact_x) + origin_x * w[n];
-    y[n] = row(transform.exact_y) + origin_y * w[n];
-    double stored[2];
-    uint64_t bit = uint64_t{vertex[n]} * stride;
-    for (int c = 0; c < 2; ++c) {
-      const uint32_t code = chunk.uv_bits[c] == 0 ? 0u : unpack_bits(stream, bit, chunk.uv_bits[c]);
-      bit += chunk.uv_bits[c];
-      stored[c] = static_cast<double>(wrapping_add(chunk.uv_min[c], int64_t{code})) * step;
+    for (int i = 0; i < 2; ++i) {
+      x[i] = x[i + 1];
+      y[i] = y[i + 1];
+      w[i] = w[i + 1];
+      for (int c = 0; c < 2; ++c) uv[i][c] = uv[i + 1][c];
     }
+    double d[3];
+    const uint32_t vertex = corner(n, d);
+    const auto row = [&](const double* m) { return m[0] * d[0] + m[1] * d[1] + m[2] * d[2] + m[3]; };
+    w[2] = kOrthographic ? 1.0 : row(transform.exact_w);
+    x[2] = row(transform.exact_x) + origin_x * w[2];
+    y[2] = row(transform.exact_y) + origin_y * w[2];
+    double stored[2];
+    uvs.read(vertex, stored);
     for (int c = 0; c < 2; ++c)
-      uv[n][c] = mask->place[c][0] * stored[0] + mask->place[c][1] * stored[1] + mask->place[c][2];
+      uv[2][c] = mask->place[c][0] * stored[0] + mask->place[c][1] * stored[1] + mask->place[c][2];
   }
   out.mask = mask;
   for (int c = 0; c < 2; ++c) {
@@ -171,7 +195,6 @@ template <bool kOrthographic>
     out.least[c] = static_cast<float>(min_of(min_of(to1, to2), 0.0));
     out.most[c] = static_cast<float>(max_of(max_of(to1, to2), 0.0));
   }
-  for (int i = 0; i < 3; ++i) out.weight[i] = out.moved[0][i] = out.moved[1][i] = 0;
   for (int n = 0; n < 3; ++n) {
     const int a = n == 2 ? 0 : n + 1;
     const int b = a == 2 ? 0 : a + 1;
@@ -179,13 +202,34 @@ template <bool kOrthographic>
     const double edge[3] = {(y[a] * w[b] - w[a] * y[b]) * kSubpixels, (w[a] * x[b] - x[a] * w[b]) * kSubpixels,
                             x[a] * y[b] - y[a] * x[b]};
     for (int i = 0; i < 3; ++i) {
-      out.weight[i] = out.weight[i] + edge[i];
-      for (int c = 0; c < 2; ++c) out.moved[c][i] = out.moved[c][i] + (uv[n][c] - uv[0][c]) * edge[i];
+      out.weight[i] = n == 0 ? edge[i] : out.weight[i] + edge[i];
+      for (int c = 0; c < 2 && n != 0; ++c) {
+        const double product = (uv[n][c] - uv[0][c]) * edge[i];
+        out.moved[c][i] = n == 1 ? product : out.moved[c][i] + product;
+      }
     }
   }
 }
 
-/// As above, of triangle `number` of a chunk of the scene that has a mask.
+/// The same, of triangle `number` of the chunk that `reader` reads. Out of line, for it takes many registers.
+template <bool kOrthographic>
+[[gnu::noinline]] SCREE_HD void make_mask_plane(const MaskView* mask, const FrameView& view, const Transform& transform,
+                                                const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                                const std::byte* page, const ChunkReader& reader, uint32_t number,
+                                                MaskPlane& out) {
+  out.mask = nullptr;
+  if (mask == nullptr) return;
+  uint32_t vertex[3];
+  reader.triangle(number, vertex);
+  const StoredUvs uvs(chunk, page + chunk.offset + streams_of(mesh, chunk).uvs.offset);
+  const auto corner = [&](int n, double d[3]) {
+    reader.exact_relative(vertex[n], d);
+    return vertex[n];
+  };
+  make_mask_plane<kOrthographic>(mask, view, transform, uvs, corner, out);
+}
+
+/// As above, of triangle `number` of a chunk of the scene.
 template <bool kOrthographic>
 [[gnu::noinline]] SCREE_HD void make_mask_plane(const SceneView& scene, const FrameView& view,
                                                 const Transform& transform, uint64_t chunk_number, uint32_t number,

@@ -1,4 +1,4 @@
-// Stage 2: one team a triangle, lanes over the pixels of its box.
+// Stage 2: one team per triangle. The lanes share the pixels of its box.
 #pragma once
 
 #include <type_traits>
@@ -9,21 +9,21 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Draws the covered pixels of `box`, at most 2^31 of them, with the lanes of a team. `Int`: make_edges(). A lane looks
-/// at several samples before it needs the first, so that they are fetched at the same time. `mask`: NoMask, or the
-/// triangle's MaskPlane, which is asked where the triangle would be seen.
+/// Draws the covered pixels of `box`, at most 2^31 of them, with the lanes of a team. `Int`: as for make_edges(). A
+/// lane starts loading several samples before it needs the first, so that the loads overlap. `mask`: NoMask, or the
+/// triangle's MaskPlane, which is tested only where the triangle would be visible.
 template <bool kOrthographic, class Int, class Team, class Mask = NoMask>
 SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const Triangle& triangle, const PixelBox& box,
                                         int64_t area, const Mask& mask = {}) {
   if constexpr (Team::kDrawsRuns) {
     team.template draw_runs<kOrthographic, Int>(target, triangle, box, area, mask);
   } else {
-    using Bits = std::make_unsigned_t<Int>;  // wraps where a lane steps off the box's end
+    using Bits = std::make_unsigned_t<Int>;  // unsigned, so that steps past the box's end wrap
     const Edges<Int> edges = make_edges<Int>(triangle, box.x0, box.y0);
     const DepthPlane plane = make_depth_plane(triangle, area);
     const uint32_t width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
     const uint32_t height = static_cast<uint32_t>(box.y1 - box.y0 + 1);
-    // From a lane's pixel to its next: some rows down and columns right, and a row more where that leaves the box.
+    // From a lane's pixel to its next: some rows down and columns right, and one more row if that leaves the box.
     const uint32_t rows = team.size() / width;
     const uint32_t columns = team.size() % width;
     uint32_t x = team.rank() % width;
@@ -45,7 +45,7 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
       uint64_t* sample[kBatch];
       uint64_t drawn[kBatch];
       uint64_t seen[kBatch];
-      [[maybe_unused]] uint32_t place[kBatch];  // in the box: y, then x
+      [[maybe_unused]] uint32_t place[kBatch];  // in the box: y << 16 | x
       for (int k = 0; k < kBatch; ++k) {
         if constexpr (Mask::kTests) place[k] = y << 16 | x;
         const bool covered = (y < height) & (static_cast<Int>(value[0] | value[1] | value[2]) >= 0);
@@ -77,7 +77,7 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
   }
 }
 
-/// Calls draw(mask) with what a queued triangle's samples are tested by.
+/// Calls draw(mask) with the mask of a queued triangle: its MaskPlane or NoMask.
 template <bool kOrthographic, class Team, bool kMasked, class Draw>
 SCREE_HD inline void with_mask(Team team, const MaskSource<kMasked>& masks, const FrameView& view,
                                const Triangle& triangle, const Draw& draw) {
@@ -96,7 +96,7 @@ struct RasterMedium {
   FrameView view;
   Target target;
   Queues queues;
-  uint64_t first;  // queue entry of item 0
+  uint64_t first;  // the queue entry of item 0
   MaskSource<kMasked> masks;
 
   template <class Team>

@@ -1,7 +1,7 @@
-// What the passes hand each other. A counter may run past its queue's capacity: nothing is written there. On a
-// CPU the driver (passes.h) sees it, enlarges the queue or takes a smaller share, and runs the pass again; on a GPU
-// (cuda/frame.cu) the queue is enlarged and the frame drawn again, but tiles without room are drawn at once. Drawing
-// twice changes nothing.
+// The queues between passes. A counter may run past its queue's capacity; nothing is written there. The CPU's driver
+// (passes.h) then enlarges the queue or takes a smaller share, and runs the pass again. On a GPU (cuda/frame.cu) the
+// queue is enlarged and the frame drawn again, except that tiles without room are drawn at once. Drawing twice changes
+// nothing.
 #pragma once
 
 #include "kernels/raster/setup.h"
@@ -9,23 +9,23 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Up to QueueSizes::block_triangles triangles of one chunk, drawn for one instance: what one team takes at a time.
+/// Up to QueueSizes::block_triangles triangles of one chunk, drawn for one instance. A team takes one block at a time.
 struct DrawBlock {
   uint64_t instance;
   uint64_t chunk;
-  uint32_t first_triangle;  // of the chunk
+  uint32_t first_triangle;  // number in the chunk
   uint32_t triangle_count;
-  float nearest;  // nearness(): of the chunk
+  float nearest;  // nearness() of the chunk
 };
 
 /// One 64 x 64 tile of the image under one triangle of the large queue.
 struct TileItem {
-  uint32_t triangle;  // place in the large queue
-  uint16_t x;         // tiles
+  uint32_t triangle;  // index in the large queue
+  uint16_t x;         // in tiles
   uint16_t y;
 };
 
-/// Queue counters (how many were asked for, which may be more than were kept) and statistics.
+/// Queue counters (the number of requested entries, which may exceed the capacity) and statistics.
 struct Counters {
   uint64_t blocks;
   uint64_t medium;
@@ -50,7 +50,7 @@ struct Queues {
   Counters* counters;
 };
 
-/// Appends where there is room; counts in any case.
+/// Appends if there is room; counts in any case.
 template <class Team, class T>
 SCREE_HD inline void push(Team team, uint64_t* counter, T* items, uint64_t capacity, const T& item) {
   const uint64_t slot = team.add(counter, 1);

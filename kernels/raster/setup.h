@@ -1,4 +1,4 @@
-// Triangle setup: facing, box, edges, and the depth of a pixel: one function of (triangle, pixel) for every stage.
+// Triangle setup: facing, box, edges, and a pixel's depth. Every stage uses these functions of (triangle, pixel).
 // Source: spec/rasterization.md, coverage and depth.
 #pragma once
 
@@ -8,24 +8,24 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Boxes of up to this many pixels are drawn by stage 1, of fewer than kMediumBox by stage 2, all others in tiles. (A
-/// GPU leaves some of the small ones to stage 2: spec/rasterization.md, stages.)
+/// Stage 1 draws boxes of up to this many pixels, stage 2 those of fewer than kMediumBox, stage 3 all others in tiles.
+/// (A GPU moves some small boxes to stage 2: spec/rasterization.md, stages.)
 inline constexpr int64_t kSmallBox = 128;
 inline constexpr int64_t kMediumBox = 4096;
 inline constexpr int32_t kTileSide = 64;
 
-/// A triangle ready to be drawn, as it stands in the queues: snapped corners (sub-pixels from the image's top left
-/// corner) in the order of positive area, the depth value of each, the global id.
+/// A triangle ready to be drawn, as the queues hold it: snapped corners (sub-pixels from the image's top left corner)
+/// in the order of positive area, the depth value of each corner, the global id.
 struct Triangle {
   int32_t x[3];
   int32_t y[3];
   float depth[3];
-  uint32_t is_masked;  // 1: by its material's mask (mask.h)
+  uint32_t is_masked;  // 1: its samples are tested (mask.h)
   uint64_t id;
 };
 static_assert(sizeof(Triangle) == 48);
 
-/// Pixels, inclusive.
+/// Pixels; both ends belong to the box.
 struct PixelBox {
   int32_t x0;
   int32_t y0;
@@ -36,8 +36,8 @@ struct PixelBox {
   SCREE_HD int64_t pixels() const { return static_cast<int64_t>(x1 - x0 + 1) * static_cast<int64_t>(y1 - y0 + 1); }
 };
 
-/// Twice the signed area in square sub-pixels; positive where the corners turn clockwise on the screen (y downward).
-/// Below 2^50: corners lie within the guard band.
+/// Twice the signed area in square sub-pixels; positive if the corners turn clockwise on the screen (y downward). Below
+/// 2^50, because corners lie within the guard band.
 SCREE_HD inline int64_t doubled_area(const int32_t x[3], const int32_t y[3]) {
   return static_cast<int64_t>(x[1] - x[0]) * static_cast<int64_t>(y[2] - y[0]) -
          static_cast<int64_t>(x[2] - x[0]) * static_cast<int64_t>(y[1] - y[0]);
@@ -57,7 +57,7 @@ SCREE_HD inline PixelBox pixel_box(const int32_t x[3], const int32_t y[3], const
   return box;
 }
 
-/// Whether every edge value at the centres of the pixels of the corners' box, and one step past them, fits int32.
+/// Whether every edge value fits int32, at the pixel centres of the corners' box and one step past them.
 SCREE_HD inline bool fits_narrow_edges(const int32_t x[3], const int32_t y[3]) {
   const int64_t extent_x = max_of(x[0], max_of(x[1], x[2])) - min_of(x[0], min_of(x[1], x[2]));
   const int64_t extent_y = max_of(y[0], max_of(y[1], y[2])) - min_of(y[0], min_of(y[1], y[2]));
@@ -67,8 +67,8 @@ SCREE_HD inline bool fits_narrow_edges(const int32_t x[3], const int32_t y[3]) {
 
 enum class Facing { kDrawn, kCulled };
 
-/// Brings the corners into the order of positive area and says whether this side of the triangle is drawn at all.
-/// glTF's fronts turn counter-clockwise, unless the matrix mirrors.
+/// Brings the corners into the order of positive area, and returns whether this side of the triangle is drawn at all.
+/// glTF's front faces turn counter-clockwise, unless the matrix mirrors.
 SCREE_HD inline Facing orient(Triangle& triangle, int64_t& area, bool mirrored, bool double_sided) {
   area = doubled_area(triangle.x, triangle.y);
   if (area == 0) return Facing::kCulled;
@@ -89,7 +89,7 @@ SCREE_HD inline Facing orient(Triangle& triangle, int64_t& area, bool mirrored, 
   return Facing::kDrawn;
 }
 
-/// The triangle of three projected corners, ready to be drawn; false where there is nothing to draw.
+/// Makes the triangle of three projected corners ready to be drawn; false if there is nothing to draw.
 SCREE_HD inline bool set_up(const FrameView& view, const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
                             uint64_t id, bool mirrored, bool double_sided, Triangle& triangle, PixelBox& box,
                             int64_t& area) {
@@ -98,15 +98,15 @@ SCREE_HD inline bool set_up(const FrameView& view, const ScreenVertex& a, const 
   return !box.empty() && orient(triangle, area, mirrored, double_sided) == Facing::kDrawn;
 }
 
-/// The three edge functions at pixel centres, in Int arithmetic (int32_t where fits_narrow_edges() says so): value i is
-/// the doubled area of the triangle of the pixel and the edge opposite corner i, minus `exclusive`, so that a pixel is
-/// covered where all three are >= 0.
+/// The three edge functions at pixel centres, in Int arithmetic (int32_t if fits_narrow_edges()). Value i is the
+/// doubled area of the triangle of the pixel and the edge opposite corner i, minus `exclusive`. So a pixel is covered
+/// if all three values are >= 0.
 template <class Int>
 struct Edges {
   Int value[3];      // at the pixel given to make_edges()
-  Int step_x[3];     // to the next pixel right
+  Int step_x[3];     // to the next pixel to the right
   Int step_y[3];     // to the next pixel down
-  Int exclusive[3];  // 0 on a top or left edge, else 1: a centre on it belongs to the neighbour
+  Int exclusive[3];  // 0 on a top or left edge, else 1: a centre on the edge belongs to the neighbour
 };
 
 template <class Int>
@@ -128,13 +128,13 @@ SCREE_HD inline Edges<Int> make_edges(const Triangle& triangle, int32_t pixel_x,
   return edges;
 }
 
-/// What the depth of a triangle's pixels is made of.
+/// The depth of a triangle's pixels as a function of their weights.
 struct DepthPlane {
   float inverse_area;
   float origin;  // of corner 0
   float slope1;  // corner 1 minus corner 0
   float slope2;
-  float nearest;  // the corners' range
+  float nearest;  // the range of the corners' values
   float farthest;
 };
 
@@ -155,8 +155,8 @@ SCREE_HD inline float depth_of_weights(const DepthPlane& plane, float weight1, f
   return min_of(max_of(depth, plane.farthest), plane.nearest);
 }
 
-/// The depth value at a pixel from its true edge values (`exclusive` added back) opposite corners 1 and 2: exact
-/// integers, each rounded once to float, so int32 and int64 edges give the same.
+/// The depth value at a pixel from its true edge values (`exclusive` added back) opposite corners 1 and 2. They are
+/// exact integers and each is rounded once to float, so int32 and int64 edges give the same.
 template <class Int>
 SCREE_HD inline float depth_at(const DepthPlane& plane, Int edge1, Int edge2) {
   return depth_of_weights(plane, static_cast<float>(edge1) * plane.inverse_area,

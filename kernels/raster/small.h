@@ -1,4 +1,4 @@
-// Stage 1 of a triangle: projects it, draws it where it is small, and queues it where not.
+// Stage 1 of a triangle: projects it, draws it if it is small, and queues it otherwise.
 #pragma once
 
 #include "kernels/raster/clip.h"
@@ -8,7 +8,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Draws all covered pixels of `box`, for a team of one lane. `mask`: as draw_box_with_team() has it.
+/// Draws all covered pixels of `box`, for a team of one lane. `mask`: as for draw_box_with_team().
 template <bool kOrthographic, class Int, class Team, class Mask = NoMask>
 SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& triangle, const PixelBox& box,
                               int64_t area, const Mask& mask = {}) {
@@ -44,7 +44,7 @@ SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& t
   }
 }
 
-/// Vertices projected when a triangle asks for them.
+/// Projects each vertex when a triangle needs it.
 template <bool kOrthographic>
 struct DirectVertices {
   const ChunkReader* reader;
@@ -58,12 +58,12 @@ struct DirectVertices {
   }
 };
 
-/// The chunk that is drawn, as its triangles' masks need it.
+/// The masks of the triangles of the chunk that is drawn.
 template <bool kMasked>
 struct MaskedChunk {};
 template <>
 struct MaskedChunk<true> {
-  const MaskView* mask = nullptr;  // null: its triangles are opaque
+  const MaskView* mask = nullptr;  // null: the chunk's triangles are opaque
   const format::MeshRecord* mesh = nullptr;
   const format::ChunkRecord* chunk = nullptr;
   const std::byte* page = nullptr;
@@ -85,7 +85,7 @@ struct RasterSmall {
     const Transform* transform;
     bool double_sided;
     uint64_t first_id;
-    int64_t small_box = kSmallBox;  // larger ones are left to stage 2
+    int64_t small_box = kSmallBox;  // pixels; larger boxes go to stage 2
     [[no_unique_address]] MaskedChunk<kMasked> masked = {};
     uint64_t small = 0;
     uint64_t clipped = 0;
@@ -127,7 +127,7 @@ struct RasterSmall {
                 box, area)) {
       return;
     }
-    if constexpr (kMasked) triangle.is_masked = context.masked.mask != nullptr ? 1 : 0;
+    if constexpr (kMasked) triangle.is_masked = is_tested(scene, context.masked.mask);
     const int64_t pixels = box.pixels();
     if (pixels <= context.small_box) {
       ++context.small;
@@ -160,7 +160,7 @@ struct RasterSmall {
     }
   }
 
-  /// Out of line: rare, and long enough to cost the common path its registers.
+  /// Out of line: it is rare, and would take registers from the common path.
   template <class Team>
   SCREE_HD [[gnu::noinline]] void draw_clipped(Team team, Context& context, uint32_t number, const uint32_t v[3],
                                                const ScreenVertex& a, const ScreenVertex& b,

@@ -1,4 +1,4 @@
-// From lattice coordinates to sub-pixels: the frame's constants and the matrix of one (world matrix, lattice exponent).
+// From lattice coordinates to sub-pixels: the frame's constants, and one matrix per world matrix and lattice exponent.
 // Source: spec/rasterization.md, vertices.
 #pragma once
 
@@ -12,20 +12,20 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-inline constexpr int32_t kSubpixels = 256;                     // a pixel
+inline constexpr int32_t kSubpixels = 256;                     // per pixel
 inline constexpr float kGuardBand = 32768.0f * kSubpixels;     // sub-pixels from the image's centre, 2^23
 inline constexpr double kReferenceLimit = 4503599627370496.0;  // 2^52: a reference is exact in a double
 
-/// What a frame's passes know of the camera. With p the vertex in world space minus the eye: x = row_x . p and y =
-/// row_y . p are sub-pixels from the image's centre (y downward), times w in perspective; depth = row_w . p + offset_w
-/// is w, 1 on the near plane, or with an orthographic camera t, 1 on the near plane and 0 on the far one.
+/// A frame's constants of the camera. Let p be the vertex in world space minus the eye. x = row_x . p and y = row_y . p
+/// are sub-pixels from the image's centre (y downward), in perspective times w. depth = row_w . p + offset_w is w, 1 on
+/// the near plane; an orthographic camera has t instead, 1 on the near plane and 0 on the far one.
 struct FrameView {
   double eye[3];
   double row_x[3];
   double row_y[3];
   double row_w[3];
   double offset_w;
-  float half_width;  // of the image, sub-pixels
+  float half_width;  // the image's, sub-pixels
   float half_height;
   int32_t width;  // samples
   int32_t height;
@@ -53,8 +53,8 @@ SCREE_HD inline FrameView make_frame_view(const View& view) {
   return frame;
 }
 
-/// One matrix a world matrix and lattice exponent: rows x, y and depth over (d, 1), where d is a lattice coordinate
-/// minus `reference`, or a float32 position minus `center`.
+/// One matrix per world matrix and lattice exponent: rows x, y and depth over (d, 1). d is a lattice coordinate minus
+/// `reference`, or a float32 position minus `center`.
 struct Transform {
   float x[4];
   float y[4];
@@ -65,14 +65,14 @@ struct Transform {
   int64_t reference[3];
   float center[3];
   bool mirrored;  // the world matrix has a negative determinant
-  // By how much x, y and w may be off for the vertices this transform is used for: set_error(). A vertex counts as
-  // outside a plane of the view only beyond that.
+  // Error bounds of x, y and w for the vertices that use this transform: set_error(). A vertex counts as outside a
+  // plane of the view only if it is outside by more.
   float error_x;
   float error_y;
   float error_w;
 };
 
-/// The eye in object space; 0 on all axes where the matrix has no finite inverse. Also whether the matrix mirrors.
+/// The eye in object space; 0 on all axes if the matrix has no finite inverse. Returns whether the matrix mirrors.
 SCREE_HD inline bool object_space_eye(const FrameView& view, const format::MatrixRecord& matrix, double out[3]) {
   // Scaled to a largest entry of 1, so that the determinant of a matrix of tiny or huge entries stays a normal number.
   double largest = 0;
@@ -108,7 +108,7 @@ SCREE_HD inline bool object_space_eye(const FrameView& view, const format::Matri
   return determinant < 0;
 }
 
-/// A box in the coordinates a Transform takes: d of lattice coordinates or float32 positions.
+/// A box in the coordinates of a Transform: d of lattice coordinates or float32 positions.
 struct RelativeBox {
   double center[3];
   double extent[3];  // half sides, >= 0
@@ -136,8 +136,8 @@ SCREE_HD inline Transform make_transform(const FrameView& view, const format::Ma
       origin[i] = clamped * step;
     }
   }
-  // World-space offset of `origin` from the eye. The translation meets the eye first: for a scene far from the world's
-  // origin that difference is exact, and the picture is the one the same scene gives at the origin.
+  // World-space offset of `origin` from the eye. The eye is subtracted from the translation first. For a scene far from
+  // the world's origin that difference is exact, so the picture is that of the same scene at the origin.
   double offset[3];
   for (int i = 0; i < 3; ++i) {
     offset[i] = (matrix.rows[i][0] * origin[0] + matrix.rows[i][1] * origin[1] + matrix.rows[i][2] * origin[2]) +
@@ -158,14 +158,14 @@ SCREE_HD inline Transform make_transform(const FrameView& view, const format::Ma
   return out;
 }
 
-/// By how much x, y and w of single precision may be off.
+/// Bounds of the single-precision errors of x, y and w.
 struct TransformError {
   float x;
   float y;
   float w;
 };
 
-/// Of the vertices of a box: 2^-21 of the largest sum of terms, where five roundings of 2^-24 happen.
+/// For the vertices of a box: 2^-21 of the largest sum of terms, which has five roundings of 2^-24.
 SCREE_HD inline TransformError error_of(const Transform& transform, const RelativeBox& box) {
   const double* rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
   float errors[3];
@@ -177,15 +177,16 @@ SCREE_HD inline TransformError error_of(const Transform& transform, const Relati
   return {errors[0], errors[1], errors[2]};
 }
 
-/// A RelativeBox in single precision: a number is off by at most 3 * 2^-24 of center + extent, which are taken as
-/// magnitudes. GeForce cards do double precision at 1/64 of the rate, and a frame tests hundreds of thousands of boxes.
+/// A RelativeBox in single precision. The error of a number is at most 3 * 2^-24 of center + extent, which are
+/// magnitudes here. GeForce cards compute doubles at 1/64 of the rate, and a frame tests hundreds of thousands of
+/// boxes.
 struct RoundedBox {
   float center[3];
   float extent[3];
 };
 
-/// The same from single precision: of the bound's eight units of 2^-24 the five roundings leave three, far more than
-/// the sum of terms is off here.
+/// The same from single precision. Of the bound's eight units of 2^-24 the five roundings leave three, far more than
+/// the error of the sum of terms here.
 SCREE_HD inline TransformError error_of(const Transform& transform, const RoundedBox& box) {
   const float* rows[3] = {transform.x, transform.y, transform.w};
   float errors[3];

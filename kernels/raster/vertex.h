@@ -1,4 +1,4 @@
-// Fetching the vertices of a chunk and projecting them. Source: spec/rasterization.md, vertices.
+// Reads the vertices of a chunk and projects them. Source: spec/rasterization.md, vertices.
 #pragma once
 
 #include "format/geometry/chunk_layout.h"
@@ -9,7 +9,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-// format/'s inline functions are the same symbols in both builds of cpu/passes.cpp; flattening keeps them inlined here.
+// Both builds of cpu/passes.cpp share the symbols of format/'s inline functions. Flattening keeps them inlined here.
 SCREE_HD [[gnu::flatten]] inline uint32_t unpack_bits(const void* stream, uint64_t bit_offset, uint32_t bits) {
   return format::unpack(stream, bit_offset, bits);
 }
@@ -30,7 +30,7 @@ SCREE_HD [[gnu::flatten]] inline void cluster_triangle(const format::ClusterRead
 SCREE_HD [[gnu::flatten]] inline uint32_t cluster_largest(const format::ClusterReader& cluster, uint32_t number) {
   return cluster.largest(number);
 }
-/// The triangle's step, and its two distances.
+/// The triangle's step and its two distances.
 SCREE_HD [[gnu::flatten]] inline uint32_t cluster_step(const format::ClusterReader& cluster, uint32_t number,
                                                        uint32_t distances[2]) {
   cluster.distances(number, distances);
@@ -40,8 +40,9 @@ SCREE_HD [[gnu::flatten]] inline void predict_code(const format::ClusterPredicto
   predictor.apply(code);
 }
 
-/// Why a projected vertex needs more than snapping. The outside flags are tests against the view's planes, true for
-/// vertices behind the eye too; a triangle whose three vertices share one of them is not in the picture.
+/// Flags of a projected vertex. The outside flags are tests against the view's planes; they also hold for vertices
+/// behind the eye. A triangle whose three vertices share one of them is outside the picture. kNeedsClip: snapping is
+/// not enough.
 enum VertexFlags : uint32_t {
   kOutsideLeft = 1,
   kOutsideRight = 2,
@@ -51,7 +52,7 @@ enum VertexFlags : uint32_t {
   kOutsideFar = 32,  // orthographic only
   kOutsideMask = 63,
   kNeedsClip =
-      64,  // before the near plane, behind the far one, outside the guard band or not finite: x and y mean nothing
+      64,  // before the near plane, behind the far one, outside the guard band or not finite; x and y are not valid
 };
 
 /// A projected vertex: sub-pixels from the image's top left corner, 1/w (perspective) or t (orthographic), VertexFlags.
@@ -62,8 +63,8 @@ struct alignas(16) ScreenVertex {
   uint32_t flags;
 };
 
-/// A vertex before it is snapped: homogeneous in sub-pixels from the image's centre, the same after the division, and
-/// whether it can be drawn as it is. Where it cannot, depth and screen mean nothing.
+/// A vertex before snapping: homogeneous in sub-pixels from the image's centre, the same after the division, and
+/// whether it can be drawn unclipped (`in_range`). If not, depth and screen are not valid.
 struct ProjectedPoint {
   float x;
   float y;
@@ -98,7 +99,7 @@ SCREE_HD inline ProjectedPoint project_point(const float row_x[4], const float r
   return out;
 }
 
-/// Snaps. Out of range the conversion would be undefined (x86 and CUDA differ), so such vertices get 0.
+/// Snaps to sub-pixels. Out of range the conversion would be undefined (x86 and CUDA differ), so such vertices get 0.
 SCREE_HD inline ScreenVertex snap_point(const ProjectedPoint& point, const FrameView& view, uint32_t flags) {
   const int32_t x = to_int_even(point.in_range ? point.screen_x : 0.0f);
   const int32_t y = to_int_even(point.in_range ? point.screen_y : 0.0f);
@@ -106,8 +107,8 @@ SCREE_HD inline ScreenVertex snap_point(const ProjectedPoint& point, const Frame
           flags | (point.in_range ? 0u : uint32_t{kNeedsClip})};
 }
 
-/// Which planes of the view a vertex lies outside of, for certain: by more than its coordinates can be off. NaN is
-/// outside of none.
+/// The planes of the view that a vertex surely lies outside of: by more than the error of its coordinates. NaN is
+/// outside none.
 template <bool kOrthographic>
 SCREE_HD inline uint32_t plane_flags(const ProjectedPoint& point, const FrameView& view, float error_x, float error_y,
                                      float error_w) {
@@ -134,7 +135,8 @@ SCREE_HD inline uint32_t plane_flags(const ProjectedPoint& point, const FrameVie
   return flags;
 }
 
-/// Projects d, a position relative to the transform's reference or center. No branches: the CPU runs it on vectors.
+/// Projects d, a position relative to the transform's reference or center. Has no branches, so the CPU runs it on
+/// vectors.
 template <bool kOrthographic>
 SCREE_HD inline ScreenVertex project(const Transform& transform, const FrameView& view, float dx, float dy, float dz) {
   const ProjectedPoint point = project_point<kOrthographic>(transform.x, transform.y, transform.w, dx, dy, dz);
@@ -142,23 +144,23 @@ SCREE_HD inline ScreenVertex project(const Transform& transform, const FrameView
                     plane_flags<kOrthographic>(point, view, transform.error_x, transform.error_y, transform.error_w));
 }
 
-/// Reads a chunk's vertices and indices; of a clustered chunk those of one cluster, by their numbers in the chunk.
-/// Everything in it follows from validated records.
+/// Reads a chunk's vertices and indices. In a clustered chunk it reads those of one cluster, by their numbers in the
+/// chunk. All its values follow from validated records.
 struct ChunkReader {
   const std::byte* indices;    // of an indexed chunk
-  const std::byte* positions;  // of first_vertex and on
+  const std::byte* positions;  // from first_vertex on
   uint32_t index_min;
   uint32_t index_bits;
   uint32_t bits[3];
-  uint32_t stride;  // bits a vertex
+  uint32_t stride;  // bits per vertex
   int64_t base[3];  // lattice coordinate of code 0 minus the transform's reference
   float center[3];  // float32 positions
   bool float32;
   bool narrow;  // base + code fits int32 on every axis
   bool clustered;
   uint32_t first_vertex;          // 0 in an indexed chunk
-  uint32_t end_triangle;          // of those it reads
-  format::ClusterReader cluster;  // where clustered
+  uint32_t end_triangle;          // end of the triangles that it reads
+  format::ClusterReader cluster;  // if the chunk is clustered
 
   /// The three vertex numbers of a triangle of the chunk.
   SCREE_HD void triangle(uint32_t number, uint32_t out[3]) const {
@@ -175,7 +177,7 @@ struct ChunkReader {
     for (uint32_t i = 0; i < 3; ++i) out[i] = index_min + unpack_bits(indices, bit + i * index_bits, index_bits);
   }
 
-  /// Of a lattice position: its distance from `base`.
+  /// The code of a lattice position: its offset from `base`.
   SCREE_HD void code(uint32_t vertex, uint32_t out[3]) const {
     uint64_t bit = uint64_t{vertex - first_vertex} * stride;
     for (int i = 0; i < 3; ++i) {
@@ -195,7 +197,7 @@ struct ChunkReader {
 #endif
   }
 
-  /// Relative position, rounded once to float.
+  /// The relative position, rounded once to float.
   SCREE_HD void relative(uint32_t vertex, float out[3]) const {
     if (float32) {
       for (int i = 0; i < 3; ++i) out[i] = float_position(vertex, i) - center[i];
@@ -211,7 +213,7 @@ struct ChunkReader {
     }
   }
 
-  /// The same in double: exact for lattice positions below 2^53, once rounded for float32.
+  /// The same in double: exact for lattice positions below 2^53, rounded once for float32.
   SCREE_HD void exact_relative(uint32_t vertex, double out[3]) const {
     if (float32) {
       for (int i = 0; i < 3; ++i) {
@@ -225,7 +227,7 @@ struct ChunkReader {
   }
 };
 
-/// a + b and a - b that wrap: lattices beyond 2^62 draw nonsense, but nothing undefined.
+/// a + b and a - b with wrapping. Lattices beyond 2^62 draw nonsense, but nothing undefined happens.
 SCREE_HD inline int64_t wrapping_add(int64_t a, int64_t b) {
   return static_cast<int64_t>(static_cast<uint64_t>(a) + static_cast<uint64_t>(b));
 }
@@ -233,7 +235,7 @@ SCREE_HD inline int64_t wrapping_sub(int64_t a, int64_t b) {
   return static_cast<int64_t>(static_cast<uint64_t>(a) - static_cast<uint64_t>(b));
 }
 
-/// The last place in `values` (count >= 1, ascending, the first <= key) that holds a value <= key.
+/// The last index in `values` (count >= 1, ascending, the first <= key) whose value is <= key.
 template <class Value>
 SCREE_HD inline uint64_t last_not_above(uint64_t count, uint64_t key, const Value& value) {
   uint64_t low = 0;
@@ -254,8 +256,8 @@ struct ClusterBases {
   SCREE_HD uint64_t operator()(uint64_t i) const { return clusters[i].first_triangle; }
 };
 
-/// The cluster that a triangle of a chunk is in. Nearly all clusters are full, and then it is the first that is looked
-/// at: no cluster lies before the one that the triangle would be in if all were.
+/// The cluster that holds a triangle of a chunk. It is never before the one that would hold it if all clusters were
+/// full. Nearly all are full, so the first cluster tested is usually right.
 SCREE_HD inline uint64_t cluster_of_triangle(const format::ClusterRecord* clusters, uint32_t count, uint32_t triangle) {
   uint64_t low = min_of(triangle / format::kMaxClusterTriangles, count - 1);
   uint64_t step = 1;
@@ -266,7 +268,7 @@ SCREE_HD inline uint64_t cluster_of_triangle(const format::ClusterRecord* cluste
   return low + last_not_above(min_of<uint64_t>(step, count - low), triangle, ClusterBases{clusters + low});
 }
 
-/// Pages and streams are 16-byte aligned.
+/// The cluster records of a chunk's payload. Pages and streams are 16-byte aligned.
 SCREE_HD inline const format::ClusterRecord* clusters_of(const std::byte* payload,
                                                          const format::ChunkStreams& streams) {
   return reinterpret_cast<const format::ClusterRecord*>(payload + streams.clusters.offset);
@@ -278,8 +280,8 @@ SCREE_HD inline bool is_clustered(const format::ChunkRecord& chunk) {
          (kKinds == ChunkKinds::kMixed && chunk.encoding == format::ChunkEncoding::kClustered);
 }
 
-/// `page`: the raw bytes of the chunk's page. `cluster`: the one that the reader reads; 0 where the chunk is indexed.
-/// `kKinds`: of the scene.
+/// `page`: the raw bytes of the chunk's page. `cluster`: the one to read; 0 if the chunk is indexed. `kKinds`: the
+/// scene's.
 template <ChunkKinds kKinds = ChunkKinds::kMixed>
 SCREE_HD inline ChunkReader make_reader_of(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                            const std::byte* page, const Transform& transform,
@@ -323,7 +325,7 @@ SCREE_HD inline ChunkReader make_reader_of(const format::MeshRecord& mesh, const
   return reader;
 }
 
-/// The same, of the cluster that a triangle of the chunk is in.
+/// The same for the cluster that holds a triangle of the chunk.
 template <ChunkKinds kKinds = ChunkKinds::kMixed>
 SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                         const std::byte* page, const Transform& transform, uint32_t triangle) {
@@ -334,7 +336,8 @@ SCREE_HD inline ChunkReader make_reader(const format::MeshRecord& mesh, const fo
   return make_reader_of<kKinds>(mesh, chunk, page, transform, streams, cluster);
 }
 
-/// The mesh's box. Its bounds are rounded to float, which far from the origin is more than a step: hence the widening.
+/// The mesh's box. It is widened, because its bounds are rounded to float, which far from the origin is more than a
+/// lattice step.
 SCREE_HD inline RelativeBox mesh_box(const format::MeshRecord& mesh, const Transform& transform) {
   RelativeBox box;
   const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
@@ -350,7 +353,7 @@ SCREE_HD inline RelativeBox mesh_box(const format::MeshRecord& mesh, const Trans
   return box;
 }
 
-/// The box of a chunk of a lattice mesh: exact.
+/// The exact box of a chunk of a lattice mesh.
 SCREE_HD inline RelativeBox chunk_box(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                       const Transform& transform) {
   RelativeBox box;
@@ -377,7 +380,7 @@ SCREE_HD inline RoundedBox rounded_chunk_box(const format::MeshRecord& mesh, con
   return box;
 }
 
-/// The smallest box known of a chunk's vertices.
+/// The smallest known box of a chunk's vertices.
 SCREE_HD inline RelativeBox vertex_box(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                        const Transform& transform) {
   return mesh.position_encoding == format::PositionEncoding::kFloat32 ? mesh_box(mesh, transform)

@@ -1,4 +1,4 @@
-// Ambient occlusion and eye-dome lighting: how much of its light each pixel keeps, from the depths of the picture
+// Ambient occlusion and eye-dome lighting: the share of its light that each pixel keeps, from the picture's depths
 // alone. Source: spec/rasterization.md, occlusion.
 #pragma once
 
@@ -11,20 +11,21 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 inline constexpr uint32_t kObscuranceSamples = 12;
-inline constexpr uint32_t kObscuranceTurns = 7;       // of the spiral that they lie on
-inline constexpr uint32_t kObscuranceRotations = 16;  // of the spiral, one by hash for every pixel
-inline constexpr float kObscuranceBias = 0.02f;       // of the radius: what a rough or coarsely coded plane may rise
+inline constexpr uint32_t kObscuranceTurns = 7;       // turns of the spiral on which the neighbours lie
+inline constexpr uint32_t kObscuranceRotations = 16;  // rotations of the spiral; a hash chooses one per pixel
+inline constexpr float kObscuranceBias =
+    0.02f;  // share of the radius: the slope allowed to a rough or coarsely coded plane
 inline constexpr float kObscuranceStrength = 5.0f;
 inline constexpr int32_t kBlurRadius = 2;  // pixels to each side
 inline constexpr float kEyeDomeStrength = 120.0f;
 
-/// Depths a pixel, row by row: perspective, distances from the eye's plane in units of the near plane's; orthographic,
-/// distances from the near plane; infinite on the background. And what lengths there measure.
+/// One depth per pixel, row by row: perspective, distances from the eye's plane in units of the near plane's distance;
+/// orthographic, distances from the near plane; infinity on the background. Also the size of a pixel in these units.
 struct DepthPicture {
   const float* depth;
   uint32_t width;  // pixels
   uint32_t height;
-  float pixel_x;  // sides of a pixel: at depth 1 (perspective), anywhere (orthographic)
+  float pixel_x;  // the sides of a pixel: at depth 1 (perspective), at any depth (orthographic)
   float pixel_y;
   bool orthographic;
 
@@ -32,7 +33,7 @@ struct DepthPicture {
   SCREE_HD bool holds(int32_t x, int32_t y) const {
     return x >= 0 && y >= 0 && x < static_cast<int32_t>(width) && y < static_cast<int32_t>(height);
   }
-  /// The length of a pixel's upright side at a depth.
+  /// The height of a pixel at a depth.
   SCREE_HD float pixel_side(float z) const { return orthographic ? pixel_y : pixel_y * z; }
 };
 
@@ -47,7 +48,7 @@ inline DepthPicture make_depth_picture(const View& view, uint32_t side, const fl
           view.orthographic};
 }
 
-/// The depth of every pixel: that of its nearest sample.
+/// Finds the depth of every pixel: that of its nearest sample.
 struct FindDepths {
   PixelTiles tiles;
   const uint64_t* samples;
@@ -78,8 +79,8 @@ struct FindDepths {
   }
 };
 
-/// Eye-dome lighting: a pixel is darkened by the neighbours that stand before it. Source: Boucheny 2009 (doctoral
-/// thesis), chapter 3; the differences of log2 depth make it the same at every scale.
+/// Eye-dome lighting: nearer neighbours darken a pixel. Source: Boucheny 2009 (doctoral thesis), chapter 3. It uses
+/// differences of log2 depth, so that it is the same at every scale.
 struct EyeDome {
   PixelTiles tiles;
   DepthPicture picture;
@@ -91,8 +92,8 @@ struct EyeDome {
   SCREE_HD void operator()(uint32_t item, Team team) const {
     const int32_t across = radius;
     const int32_t aslant = static_cast<int32_t>(static_cast<float>(radius) * 0.70710678f + 0.5f);
-    // An orthographic camera takes differences against the picture's height, as a perspective one sees them from the
-    // distance at which it is as high as that.
+    // An orthographic camera takes differences relative to the picture's height. This equals a perspective view from
+    // the distance at which the view is that high.
     const float per_height = 1.4426950f / (picture.pixel_y * static_cast<float>(picture.height));
     tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) {
       if (!inside) return;
@@ -116,8 +117,8 @@ struct EyeDome {
   }
 };
 
-/// Screen-space ambient occlusion before its blur. Source: McGuire, Mara, Luebke 2012, Scalable Ambient Obscurance: its
-/// estimator with lengths in units of the radius; the radius is a share of the picture's height at the pixel's depth.
+/// Screen-space ambient occlusion before its blur. Source: McGuire, Mara, Luebke 2012, Scalable Ambient Obscurance,
+/// with lengths in units of the radius. The radius is a share of the picture's height at the pixel's depth.
 struct Obscurance {
   PixelTiles tiles;
   DepthPicture picture;
@@ -134,7 +135,7 @@ struct Obscurance {
   }
 
  private:
-  /// From the point of pixel (x, y), depth z, to that of the pixel (i, j) further, in view space.
+  /// The step in view space from pixel (x, y), whose depth is z, to the pixel (i, j) further, whose depth is `there`.
   SCREE_HD void step(uint32_t x, uint32_t y, float z, int32_t i, int32_t j, float there, float out[3]) const {
     out[2] = there - z;
     const float from_x = static_cast<float>(x) + 0.5f - 0.5f * static_cast<float>(picture.width);
@@ -145,8 +146,8 @@ struct Obscurance {
     out[1] = picture.pixel_y * (picture.orthographic ? along_y : from_y * out[2] + along_y * there);
   }
 
-  /// The step to a neighbour along one axis, on the side where the surface goes on: the smaller change of depth. False
-  /// where there is none.
+  /// The step to a neighbour along one axis, on the side with the smaller change of depth, where the surface continues.
+  /// False if there is none.
   SCREE_HD bool tangent(uint32_t x, uint32_t y, float z, int32_t i, int32_t j, float out[3]) const {
     float best = bits_float(0x7f800000u);
     for (int32_t sign = -1; sign <= 1; sign += 2) {
@@ -168,7 +169,7 @@ struct Obscurance {
     float right[3];
     float down[3];
     if (!tangent(x, y, z, 1, 0, right) || !tangent(x, y, z, 0, 1, down)) return 1.0f;
-    // Of unit length and towards the eye, in units of one over the radius.
+    // Unit length and towards the eye, in units of one over the radius.
     const float size = 1.0f / (radius * picture.pixel_side(z));
     float normal[3] = {down[1] * right[2] - down[2] * right[1], down[2] * right[0] - down[0] * right[2],
                        down[0] * right[1] - down[1] * right[0]};
@@ -195,7 +196,7 @@ struct Obscurance {
       const float rise = (v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2]) * scale;
       const float squared = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * (size * size);
       const float within = 1.0f - squared;
-      // Written so that infinite steps, to the background, count for nothing.
+      // Written so that infinite steps, to the background, contribute nothing.
       if (!(within > 0.0f) || !(rise > kObscuranceBias)) continue;
       sum += within * within * within * (rise - kObscuranceBias) / (squared + 0.01f);
     }
@@ -203,13 +204,13 @@ struct Obscurance {
   }
 };
 
-/// Takes the hash's noise from `open`: a mean over the pixels around, less of those at other depths.
+/// Removes the hash's noise from `open`: averages the pixels around, with smaller weights for other depths.
 struct BlurObscurance {
   PixelTiles tiles;
   DepthPicture picture;
-  float radius;  // pixels, of the obscurance
+  float radius;  // pixels; the obscurance's
   const float* open;
-  bool multiply;  // into what `visibility` holds
+  bool multiply;  // multiplies `visibility` instead of replacing it
   float* visibility;
 
   template <class Team>
@@ -240,7 +241,7 @@ struct BlurObscurance {
   }
 };
 
-/// Runs the passes that `options` asks for: visibility is then a factor a pixel. `depth` and `open`: room for as many
+/// Runs the passes for `options`. Afterwards visibility is one factor per pixel. `depth` and `open`: room for as many
 /// floats; `open` only for ssao. `run(pass, tiles)` starts a pass.
 template <class Run>
 inline void run_occlusion(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,

@@ -8,7 +8,7 @@
 namespace scree::kernels {
 namespace {
 
-/// An even spread of keys that differ in a few low bits.
+/// Spreads keys evenly that differ in a few low bits.
 uint64_t spread(uint64_t key, uint64_t count) {
   key = (key ^ (key >> 32)) * 0x9e3779b97f4a7c15u;
   key = (key ^ (key >> 29)) * 0xbf58476d1ce4e5b9u;
@@ -33,7 +33,7 @@ void BlockCache::lock(Set& set) {
     while (set.is_held.load(std::memory_order_relaxed)) std::this_thread::yield();
 }
 
-/// Of a set that is held; null where the group is not there.
+/// Requires that the set is locked. Null if the group is absent.
 const uint8_t* BlockCache::find(uint64_t set, uint64_t key) {
   for (uint64_t slot = set * ways_; slot < (set + 1) * ways_; ++slot) {
     if (keys_[slot] != key) continue;
@@ -49,7 +49,7 @@ const uint8_t* BlockCache::hold(const JpegLevel& level, uint32_t group, uint64_t
   Set& set = sets_[place];
   lock(set);
   if (const uint8_t* found = find(place, key)) return found;
-  // Others need not wait for the decoding; at worst they do the same.
+  // Other threads need not wait for the decoding; at worst they decode the same group.
   release(place);
   uint8_t samples[64 * format::kJpegMaxGroupBlocks];
   format::decode_jpeg_group(level.picture, group, samples);
@@ -62,7 +62,7 @@ const uint8_t* BlockCache::hold(const JpegLevel& level, uint32_t group, uint64_t
       oldest = slot;
       break;
     }
-    // Ages, so that a clock that went round does no harm.
+    // Compares ages, so that a clock that wraps around does no harm.
     if (set.clock - stamps_[slot] > set.clock - stamps_[oldest]) oldest = slot;
   }
   keys_[oldest] = key;

@@ -1,5 +1,5 @@
-// Decoded groups of indexed JPEGs (format/jpeg/pixels.h): a cache of fixed size that lives across frames. What is in it
-// never shows: a group that is not there is decoded when it is asked for.
+// The CPU's cache of decoded groups of indexed JPEGs (format/jpeg/pixels.h): of fixed size, kept across frames. An
+// absent group is decoded on demand, so the picture does not depend on the cache.
 #pragma once
 
 #include <atomic>
@@ -11,29 +11,30 @@
 
 namespace scree::kernels {
 
-/// Sets of up to kWays groups; in a set the group that was looked at longest ago gives way.
+/// Sets of up to kWays groups. A new group replaces the least recently used one of its set.
 class BlockCache {
  public:
   static constexpr uint64_t kWays = 8;
 
-  /// `bytes`: of samples, rounded down to whole slots, but never less than one. `slot_bytes`: of the largest group,
-  /// at most 64 * kJpegMaxGroupBlocks. Throws std::bad_alloc.
+  /// `bytes`: of samples, rounded down to whole slots, at least one. `slot_bytes`: of the largest group, at most 64 *
+  /// kJpegMaxGroupBlocks. Throws std::bad_alloc.
   BlockCache(uint64_t bytes, uint32_t slot_bytes);
   BlockCache(const BlockCache&) = delete;
   BlockCache& operator=(const BlockCache&) = delete;
 
-  /// The samples of a group (below the level's number of groups), decoded where they are not there. They stay until
-  /// release(place), to which the calling thread asks for no other group: others wait for it. Thread-safe.
+  /// The samples of a group (below the level's number of groups), decoded if they are absent. They are valid until
+  /// release(place). Until then other threads wait for the set, and the calling thread must hold no other group.
+  /// Thread-safe.
   const uint8_t* hold(const JpegLevel& level, uint32_t group, uint64_t& place);
   void release(uint64_t place);
 
-  /// The colours of pixels (x[i % 2], y[i / 2]) of a level, as coded, red in the low byte. Each group is held once,
-  /// however many of them lie in it. Not inline: shared by both instruction sets.
+  /// The colours of pixels (x[i % 2], y[i / 2]) of a level, as coded, red in the low byte. Holds each group once,
+  /// however many of the pixels lie in it. Not inline: both instruction sets share it.
   void fetch(const JpegLevel& level, const uint32_t x[2], const uint32_t y[2], uint32_t colours[4]);
 
   uint64_t slots() const { return keys_.size(); }
   uint64_t bytes() const { return slots() * slot_bytes_; }                       // of samples
-  uint64_t decoded() const { return decoded_.load(std::memory_order_relaxed); }  // groups so far
+  uint64_t decoded() const { return decoded_.load(std::memory_order_relaxed); }  // groups decoded so far
 
  private:
   static constexpr uint64_t kEmpty = ~uint64_t{0};
@@ -51,8 +52,8 @@ class BlockCache {
   uint32_t slot_bytes_;
   std::unique_ptr<Set[]> sets_;
   std::vector<uint64_t> keys_;          // level number << 32 | group
-  std::vector<uint32_t> stamps_;        // of the set's clock
-  std::unique_ptr<uint8_t[]> samples_;  // memory that nobody looked for is not touched
+  std::vector<uint32_t> stamps_;        // by the set's clock
+  std::unique_ptr<uint8_t[]> samples_;  // unused parts are never touched
   std::atomic<uint64_t> decoded_{0};
 };
 

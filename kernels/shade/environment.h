@@ -1,4 +1,4 @@
-// Light from all around, as shading looks it up: made once per scene by runtime/light/environment.cpp.
+// Light from all around, in the form that shading reads. runtime/light/environment.cpp makes it once per scene.
 #pragma once
 
 #include <cmath>
@@ -9,27 +9,27 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// An environment is kEnvironmentFloats floats: first the light that a matt surface sends back, then octahedral maps of
-/// what rougher and rougher mirrors show.
-inline constexpr uint32_t kIrradianceTerms = 9;      // spherical harmonics up to degree 2, red, green and blue each
-inline constexpr uint32_t kEnvironmentLevels = 6;    // of perceptual roughness 0, 0.2, ... 1
-inline constexpr uint32_t kFinestEnvironment = 256;  // texels a side of level 0
+/// An environment is kEnvironmentFloats floats: the light that a matt surface reflects, then octahedral maps of the
+/// reflections of mirrors of increasing roughness.
+inline constexpr uint32_t kIrradianceTerms = 9;  // spherical harmonics up to degree 2, for each of red, green and blue
+inline constexpr uint32_t kEnvironmentLevels = 6;    // perceptual roughness 0, 0.2, ... 1
+inline constexpr uint32_t kFinestEnvironment = 256;  // texels per side of level 0
 inline constexpr uint32_t kCoarsestEnvironment = 16;
 
 SCREE_HD constexpr uint32_t environment_side(uint32_t level) {
   return (kFinestEnvironment >> level) > kCoarsestEnvironment ? kFinestEnvironment >> level : kCoarsestEnvironment;
 }
 
-/// Where a level begins, in floats; texels are red, green, blue and 0, rows from the top.
+/// The first float of a level. Texels are red, green, blue and 0, rows from the top.
 SCREE_HD constexpr uint32_t environment_offset(uint32_t level) {
-  uint32_t offset = 28;  // the irradiance, and one float that keeps texels on multiples of 16 bytes
+  uint32_t offset = 28;  // the irradiance, and one float that aligns texels to 16 bytes
   for (uint32_t i = 0; i < level; ++i) offset += 4 * environment_side(i) * environment_side(i);
   return offset;
 }
 inline constexpr uint32_t kEnvironmentFloats = environment_offset(kEnvironmentLevels);
 
-/// The unit square's place of a direction of any length but 0: the octahedron's upper half (y >= 0) around the middle,
-/// its lower half folded outwards.
+/// The point of the unit square for a direction of any length but 0. The octahedron's upper half (y >= 0) fills the
+/// middle, its lower half is folded outwards.
 SCREE_HD inline void octahedral_place(const float direction[3], float place[2]) {
   const float sum = abs_of(direction[0]) + abs_of(direction[1]) + abs_of(direction[2]);
   const float scale = sum > 0 ? 1.0f / sum : 0.0f;
@@ -45,7 +45,7 @@ SCREE_HD inline void octahedral_place(const float direction[3], float place[2]) 
   place[1] = 0.5f + 0.5f * v;
 }
 
-/// The other way: the direction, of no certain length, of a place in [0, 1].
+/// The inverse: the direction, not normalised, of a point in [0, 1].
 SCREE_HD inline void octahedral_direction(float u, float v, float direction[3]) {
   const float x = 2.0f * u - 1.0f;
   const float z = 2.0f * v - 1.0f;
@@ -55,7 +55,7 @@ SCREE_HD inline void octahedral_direction(float u, float v, float direction[3]) 
   direction[2] = y >= 0 ? z : (1.0f - abs_of(x)) * (z >= 0 ? 1.0f : -1.0f);
 }
 
-/// One level of a map, bilinear. Beyond an edge the map goes on at the mirrored place of the same edge.
+/// Samples one level of a map, bilinearly. Beyond an edge the map continues at the mirrored point of the same edge.
 SCREE_HD inline void sample_octahedral(const float* texels, uint32_t side, const float place[2], float rgb[3]) {
   const int32_t size = static_cast<int32_t>(side);
   float weight[2];
@@ -84,7 +84,7 @@ SCREE_HD inline void sample_octahedral(const float* texels, uint32_t side, const
   }
 }
 
-/// The light that a mirror of a roughness (perceptual, 0 to 1) shows in a direction.
+/// The light that a mirror of a roughness (perceptual, 0 to 1) reflects in a direction.
 SCREE_HD inline void reflected_light(const float* environment, const float direction[3], float roughness,
                                      float rgb[3]) {
   float place[2];
@@ -111,7 +111,7 @@ SCREE_HD inline void harmonics(const float d[3], float terms[kIrradianceTerms]) 
   terms[8] = 0.546274f * (d[0] * d[0] - d[1] * d[1]);
 }
 
-/// The light that a white matt surface of a unit normal sends back, 0 or more.
+/// The light that a white matt surface with a unit normal reflects; at least 0.
 SCREE_HD inline void diffuse_environment(const float* environment, const float normal[3], float rgb[3]) {
   float terms[kIrradianceTerms];
   harmonics(normal, terms);

@@ -1,5 +1,5 @@
-// What programs read of a picture beside its colours: depth, triangle, instance, normal and texture coordinates of
-// every pixel, each of the pixel's nearest sample.
+// The layers of a picture beside its colours: depth, triangle, instance, normal and texture coordinates of every pixel,
+// each from the pixel's nearest sample.
 #pragma once
 
 #include "kernels/frame.h"
@@ -9,8 +9,8 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Distance from the eye's plane (perspective) or eye plane (orthographic) in world units at a depth code's centre;
-/// infinity for the background.
+/// The distance that the centre of a depth code stands for, in world units, from the plane through the eye that is
+/// perpendicular to the view direction; infinity for the background.
 SCREE_HD inline double distance_of_code(uint32_t code, bool orthographic, double z_near, double z_far) {
   if (code >= kFarthestDepthCode) return static_cast<double>(bits_float(0x7f800000u));
   const double value = depth_value_of_code(code, orthographic);
@@ -21,9 +21,9 @@ SCREE_HD inline double distance_of_code(uint32_t code, bool orthographic, double
 struct PixelSamples {
   const uint64_t* samples;
   uint32_t width;  // pixels
-  uint32_t side;   // samples a pixel
+  uint32_t side;   // samples per pixel and axis
 
-  /// The smallest of a pixel's samples, which is the nearest, and its place; the first of equal ones.
+  /// The smallest and therefore nearest of a pixel's samples, and its position; of equal samples the first.
   SCREE_HD uint64_t nearest(uint32_t x, uint32_t y, uint32_t& sample_x, uint32_t& sample_y) const {
     const uint64_t row = uint64_t{width} * side;
     uint64_t found = kBackground;
@@ -42,11 +42,11 @@ struct PixelSamples {
   }
 };
 
-/// Depths and ids. An item is kPixels pixels of a row of all pixels.
+/// Makes depths and ids. An item is kPixels consecutive pixels of the picture, in row order.
 struct MakeLayers {
   static constexpr uint32_t kPixels = 128;
 
-  const uint64_t* instance_base;  // of SceneView
+  const uint64_t* instance_base;  // SceneView::instance_base
   uint64_t instance_count;
   PixelSamples pixels;
   uint32_t height;  // pixels
@@ -82,15 +82,16 @@ struct MakeLayers {
   }
 };
 
-/// In a Shader's place: the surface that a sample shows, in double precision, and without what a GPU rounds otherwise.
+/// Takes a Shader's place: the surface that a sample shows, in double precision and without the GPU's approximate
+/// operations.
 template <bool kOrthographic, bool kNormal>
 struct Surface {
-  using Texels = SceneTexels;  // which it does not read
+  using Texels = SceneTexels;  // never read
   static constexpr uint32_t kChannels = kNormal ? 3 : 2;
 
   ShadeInputs in;
 
-  /// All lanes of a team call it; `wanted`: whether the lane has a sample that is not background.
+  /// All lanes of a team must call it. `wanted`: whether the lane has a sample that is not background.
   template <class Team>
   SCREE_HD void operator()(Team team, bool wanted, uint64_t sample, uint32_t x, uint32_t y,
                            ShadeState<Team, Surface>& state, float values[kChannels]) const {
@@ -127,13 +128,13 @@ struct Surface {
   }
 };
 
-/// Floats of every pixel's nearest sample, a tile an item; 0 on the background.
+/// Makes the floats of every pixel's nearest sample, one tile per item; 0 on the background.
 template <class SurfaceOfPixels>
 struct MakeSurfaces {
   SurfaceOfPixels surface;
   PixelTiles tiles;
   PixelSamples pixels;
-  float* out;  // SurfaceOfPixels::kChannels a pixel
+  float* out;  // SurfaceOfPixels::kChannels per pixel
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -151,8 +152,8 @@ struct MakeSurfaces {
   }
 };
 
-/// Calls run(pass, items) with the passes that make the layers of a picture. `view` and `samples`: of the whole
-/// picture, in samples. `transforms`: as ShadeInputs has it.
+/// Calls run(pass, items) with the passes that make the layers of a picture. `view` and `samples`: the whole picture's,
+/// in samples. `transforms`: as for ShadeInputs.
 template <class Run>
 inline void run_layers(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
                        const Transform* transforms, const LayerTargets& out, const Run& run) {

@@ -1,4 +1,4 @@
-// From a global triangle id back to the triangle, and from a pixel to the point of it that the pixel's ray meets.
+// From a global triangle id back to the triangle, and from a sample to the point where its ray hits the triangle.
 // Source: spec/rasterization.md, resolve.
 #pragma once
 
@@ -7,7 +7,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Places of empty instances and chunks are passed over: of equal sums the last is taken.
+/// The first id of each instance. Empty instances and chunks are skipped: of equal sums the search returns the last.
 struct InstanceBases {
   const uint64_t* base;
   SCREE_HD uint64_t operator()(uint64_t i) const { return base[i]; }
@@ -29,17 +29,17 @@ SCREE_HD inline Hit locate_triangle(const SceneView& scene, uint64_t id) {
   return hit;
 }
 
-/// Where the ids of one (instance, chunk) lie; kept from sample to sample, for neighbours often fall into the same.
+/// The ids of one (instance, chunk). Kept from sample to sample, because neighbours often share it.
 struct Location {
   uint64_t first_id = 0;
   uint64_t instance = 0;
   uint64_t chunk = 0;
-  uint32_t count = 0;  // of ids; 0: nothing was found yet
+  uint32_t count = 0;  // number of ids; 0: nothing was found yet
 
   SCREE_HD bool holds(uint64_t id) const { return id - first_id < count; }
 };
 
-/// As last_not_above() with the lanes of a team for one key: each looks at one of team.size() parts.
+/// As last_not_above(), for one key with all lanes of a team. Each lane tests the start of one of team.size() parts.
 template <class Team, class Value>
 SCREE_HD inline uint64_t last_not_above_together(Team team, uint64_t count, uint64_t key, const Value& value) {
   constexpr uint32_t kParts = Team::size() < 2 ? 2 : Team::size();
@@ -70,9 +70,9 @@ SCREE_HD inline Location locate_together(Team team, const SceneView& scene, uint
   return at;
 }
 
-/// Finds the (instance, chunk) of every lane's id; `wanted`: whether the lane has one. All lanes of the team call it.
-/// The lanes of a tile fall into few chunks, which they search for together, one after the other; where they are many,
-/// each lane goes on alone.
+/// Finds the (instance, chunk) of every lane's id. `wanted`: whether the lane has one. All lanes of the team must call
+/// it. The lanes of a tile share few chunks and search for one after the other together. After four of them, each lane
+/// searches alone.
 template <class Team>
 SCREE_HD inline void locate(Team team, const SceneView& scene, uint64_t id, bool wanted, Location& at) {
   constexpr int kRounds = 4;
@@ -91,13 +91,13 @@ SCREE_HD inline void locate(Team team, const SceneView& scene, uint64_t id, bool
   }
 }
 
-/// A chunk under a transform: what shading a sample of it reads.
+/// A chunk under a transform: the input of shading a sample of it.
 struct PlacedChunk {
   const format::MeshRecord& mesh;
   const format::ChunkRecord& chunk;
   const Transform& transform;
   const std::byte* page;
-  uint32_t triangle;  // that the reader is for
+  uint32_t triangle;  // the reader reads its cluster
   ChunkReader reader;
 };
 
@@ -111,23 +111,23 @@ SCREE_HD inline PlacedChunk place_chunk(const SceneView& scene, uint64_t number,
 }
 
 /// Corner 0 relative to the transform's reference or center, and the edges from it to corners 1 and 2. An edge is the
-/// difference of two codes, so it keeps its shape however far from the camera it stands.
+/// difference of two codes, so it is exact at any distance from the camera.
 template <class Real>
 struct Corners {
   Real first[3];
   Real edge[2][3];
 };
 
-// Widest run of values that unpack_run() takes.
+// The most bits that unpack_run() returns.
 inline constexpr uint32_t kRunBits = 57;
 
-/// The `bits` (1 to kRunBits) at a bit of a packed stream, for values that lie side by side.
+/// Reads `bits` (1 to kRunBits) bits at a bit offset of a packed stream: several adjacent values at once.
 SCREE_HD inline uint64_t unpack_run(const std::byte* stream, uint64_t bit, uint32_t bits) {
 #if defined(__CUDA_ARCH__)
   const uint32_t* word = reinterpret_cast<const uint32_t*>(stream) + (bit >> 5);
   const uint32_t shift = static_cast<uint32_t>(bit) & 31u;
   const uint32_t middle = word[1];
-  const uint32_t last = shift + bits > 64 ? word[2] : 0u;  // else it may lie past the stream
+  const uint32_t last = shift + bits > 64 ? word[2] : 0u;  // otherwise it may lie past the stream
   return uint64_t{__funnelshift_r(middle, last, shift)} << 32 | __funnelshift_r(word[0], middle, shift);
 #else
   (void)bits;
@@ -141,7 +141,7 @@ SCREE_HD inline uint32_t low_bits(uint64_t run, uint32_t bits) {
   return static_cast<uint32_t>(run) & ((1u << bits) - 1u);
 }
 
-/// As ChunkReader::triangle(), in fewer reads.
+/// As ChunkReader::triangle(), with fewer loads.
 SCREE_HD inline void fetch_triangle(const ChunkReader& reader, uint32_t number, uint32_t vertex[3]) {
   const uint32_t bits = reader.index_bits;
   if (bits - 1 >= kRunBits / 3) return reader.triangle(number, vertex);
@@ -149,7 +149,7 @@ SCREE_HD inline void fetch_triangle(const ChunkReader& reader, uint32_t number, 
   for (uint32_t i = 0; i < 3; ++i) vertex[i] = reader.index_min + low_bits(run >> (i * bits), bits);
 }
 
-/// As ChunkReader::code(), likewise.
+/// As ChunkReader::code(), with fewer loads.
 SCREE_HD inline void fetch_code(const ChunkReader& reader, uint32_t vertex, uint32_t code[3]) {
   if (reader.stride - 1 >= kRunBits) return reader.code(vertex, code);
   uint64_t run = unpack_run(reader.positions, uint64_t{vertex - reader.first_vertex} * reader.stride, reader.stride);
@@ -185,7 +185,7 @@ SCREE_HD inline Corners<Real> fetch_corners(const ChunkReader& reader, const uin
   return out;
 }
 
-/// a * b + c, on CUDA rounded once: for colours, which are not held to the bit.
+/// a * b + c, rounded once on CUDA. Only for colours, which need not be equal bit for bit.
 SCREE_HD inline float multiply_add(float a, float b, float c) {
 #if defined(__CUDA_ARCH__)
   return __fmaf_rn(a, b, c);
@@ -193,12 +193,12 @@ SCREE_HD inline float multiply_add(float a, float b, float c) {
   return a * b + c;
 #endif
 }
-/// Rounded twice everywhere: layers of floats are held to the bit.
+/// Rounded twice everywhere, because layers of floats must be equal bit for bit.
 SCREE_HD inline double multiply_add(double a, double b, double c) {
   return a * b + c;
 }
 
-/// 1 / value, on CUDA to 1 ulp for a float.
+/// 1 / value, for a float on CUDA with an error of 1 ulp.
 SCREE_HD inline float reciprocal(float value) {
 #if defined(__CUDA_ARCH__)
   return __fdividef(1.0f, value);
@@ -223,9 +223,9 @@ SCREE_HD inline TransformRows<double> rows_of(const Transform& transform, double
   return {transform.exact_x, transform.exact_y, transform.exact_w};
 }
 
-/// A triangle as one sample's ray sees it: homogeneous, x and y in sub-pixels from the sample times w. With a
-/// perspective camera all is divided by the sum of the corners' |w|, which changes no ratio and keeps products within a
-/// float.
+/// A triangle relative to one sample's ray: homogeneous, x and y in sub-pixels from the sample, times w. With a
+/// perspective camera all values are divided by the sum of the corners' |w|, which changes no ratio and keeps products
+/// within a float's range.
 template <class Real>
 struct PlaneHit {
   Real x;  // corner 0
@@ -233,8 +233,8 @@ struct PlaneHit {
   Real w;  // 1 with an orthographic camera
   Real edge_x[2];
   Real edge_y[2];
-  Real edge_w[2];  // of the depth row in both kinds of camera
-  Real area;       // of the triangle, twice: 0 when seen edge-on
+  Real edge_w[2];  // of the depth row, for both kinds of camera
+  Real area;       // twice the triangle's area; 0 if it is seen edge-on
 };
 
 /// (x, y): the sample, sub-pixels from the image's centre.
@@ -275,8 +275,8 @@ SCREE_HD inline PlaneHit<Real> intersect_plane(const Transform& transform, const
   return out;
 }
 
-/// Weights of the corners, in object space, of the point where the ray meets the triangle's plane. They are brought
-/// into the triangle: snapping lets a sample's centre lie a little outside, edge-on triangles far outside.
+/// The weights of the corners, in object space, of the point where the ray hits the triangle's plane. They are clamped
+/// to the triangle: after snapping a sample's centre may lie a little outside, and far outside an edge-on triangle.
 template <class Real>
 SCREE_HD inline void hit_weights(const PlaneHit<Real>& m, Real weights[3]) {
   const Real inverse = reciprocal(m.area);
@@ -285,15 +285,15 @@ SCREE_HD inline void hit_weights(const PlaneHit<Real>& m, Real weights[3]) {
   weights[0] = Real{1} - weights[1] - weights[2];
   Real sum{0};
   for (int i = 0; i < 3; ++i) {
-    weights[i] = weights[i] > 0 ? min_of(weights[i], Real{1}) : Real{0};  // NaN, of an area of 0, too
+    weights[i] = weights[i] > 0 ? min_of(weights[i], Real{1}) : Real{0};  // also catches NaN, from an area of 0
     sum += weights[i];
   }
   const Real share = sum > 0 ? reciprocal(sum) : Real{0};
   for (int i = 0; i < 3; ++i) weights[i] = sum > 0 ? weights[i] * share : Real{1} / Real{3};
 }
 
-/// Which stage (1, 2 or 3) drew this pixel of the triangle: that of the piece, where it was clipped, that covers the
-/// pixel.
+/// The stage (1, 2 or 3) that drew this pixel of the triangle: if the triangle was clipped, the stage of the piece that
+/// covers the pixel.
 template <bool kOrthographic>
 SCREE_HD inline int stage_of(const PlacedChunk& chunk, const uint32_t vertex[3], const FrameView& view, int32_t x,
                              int32_t y) {

@@ -1,5 +1,5 @@
-// From the visibility buffer to finished pixels: every sample of a pixel shaded, averaged in linear light, coded as
-// 8-bit sRGB. Source: spec/rasterization.md, pixels.
+// From the visibility buffer to finished pixels: every sample of a pixel is shaded, averaged in linear light and coded
+// as 8-bit sRGB. Source: spec/rasterization.md, pixels.
 #pragma once
 
 #include "kernels/shade/surface.h"
@@ -7,12 +7,12 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-// A warp takes a tile of pixels, so that its lanes look at the same few meshes, chunks and texels.
+// A warp shades a tile of pixels, so that its lanes read the same few meshes, chunks and texels.
 inline constexpr uint32_t kPixelTileWidth = 8;
 inline constexpr uint32_t kPixelTileHeight = 4;
 inline constexpr uint32_t kPixelTileSize = kPixelTileWidth * kPixelTileHeight;
 
-/// A picture, or whole rows of one, cut into tiles: one item each.
+/// A picture, or whole rows of one, cut into tiles, one per item.
 struct PixelTiles {
   uint32_t width;  // pixels
   uint32_t first_row;
@@ -21,8 +21,8 @@ struct PixelTiles {
   SCREE_HD uint32_t across() const { return (width + kPixelTileWidth - 1) / kPixelTileWidth; }
   SCREE_HD uint32_t count() const { return across() * ((row_count + kPixelTileHeight - 1) / kPixelTileHeight); }
 
-  /// Calls body(x, y, inside) for every pixel of a tile, inside the picture or not, so that all lanes of a team get
-  /// there.
+  /// Calls body(x, y, inside) for every pixel of a tile, also for those outside the picture, so that all lanes of a
+  /// team call it.
   template <class Team, class Body>
   SCREE_HD void for_each(uint32_t item, Team team, const Body& body) const {
     const uint32_t row = item / across();
@@ -36,7 +36,7 @@ struct PixelTiles {
   }
 };
 
-/// The range of the depth codes of one row of samples an item, into `range`.
+/// Widens `range` by the depth codes of one row of samples per item.
 struct FindDepthRange {
   const uint64_t* samples;
   uint32_t width;
@@ -57,13 +57,13 @@ struct FindDepthRange {
   }
 };
 
-/// Linear light of the samples of one row an item, 4 floats each, not premultiplied.
+/// Linear light of one row of samples per item: 4 floats per sample, not premultiplied.
 template <class Shader>
 struct ShadeRows {
   Shader shader;
-  const uint64_t* samples;  // of the whole picture
+  const uint64_t* samples;  // the whole picture's
   uint32_t first_row;
-  float* rgba;  // of row first_row
+  float* rgba;  // begins at row first_row
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -89,7 +89,7 @@ concept HasLayers = requires(const Shader& shader) {
   shader.over_at(0u, 0u);
 };
 
-/// Finished pixels, a tile an item. The light of a pixel is that of its samples weighted by their alpha, so that a
+/// Finished pixels, one tile per item. A pixel's light is the mean of its samples weighted by their alpha, so that a
 /// transparent background does not bleed into an edge.
 template <class ShaderOfPixels>
 struct Resolve {
@@ -97,11 +97,11 @@ struct Resolve {
 
   Shader shader;
   PixelTiles tiles;
-  const uint64_t* samples;  // of the whole picture
-  uint32_t side;            // samples a pixel
-  const float* visibility;  // a factor a pixel of the whole picture for the light of its surfaces, or null
+  const uint64_t* samples;  // the whole picture's
+  uint32_t side;            // samples per pixel and axis
+  const float* visibility;  // one factor per pixel of the whole picture for the light of its surfaces, or null
   uint32_t channels;        // 3 or 4
-  uint8_t* pixels;          // of row tiles.first_row; 4-byte aligned with 4 channels
+  uint8_t* pixels;          // begins at row tiles.first_row; 4-byte aligned with 4 channels
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -109,15 +109,15 @@ struct Resolve {
     tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { finish(team, x, y, inside, state); });
   }
 
-  /// One pixel; all lanes of a team call it. `inside`: whether the lane has one. Where texels may miss and did,
-  /// state.texels says so and nothing is written.
+  /// Finishes one pixel. All lanes of a team must call it. `inside`: whether the lane has a pixel. If texels were
+  /// missing, state.texels.missed is set and nothing is written.
   template <class Team>
   SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
     const ShadeInputs& in = shader.in;
     const uint64_t row_samples = static_cast<uint64_t>(in.view.width);
     float light[3] = {0, 0, 0};
     [[maybe_unused]] float layers[3] = {0, 0, 0};  // their light
-    float background = 0;                          // samples
+    float background = 0;                          // number of background samples
     float surface = 0;
     for (uint32_t j = 0; j < side; ++j) {
       for (uint32_t i = 0; i < side; ++i) {

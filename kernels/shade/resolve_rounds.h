@@ -1,4 +1,4 @@
-// The resolve of pictures whose textures are decoded as they are looked at, round by round (texture_cache.h).
+// The resolve of pictures whose textures are decoded on demand, in rounds (texture_cache.h).
 #pragma once
 
 #include "kernels/shade/pixels.h"
@@ -7,34 +7,34 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Rounds, each of shading the pixels that are left and decoding what they lacked: a picture whose texels lie in the
-/// cache takes one, one that the cache can hold two, a larger one more. Pixels that the last one leaves decode for
-/// themselves (FallbackTexels).
+/// Rounds of shading: each shades the remaining pixels and decodes the groups that they lacked. A picture whose texels
+/// are all in the cache takes one round, one whose texels fit takes two, a larger one more. Pixels left by the last
+/// round decode for themselves (FallbackTexels).
 inline constexpr uint32_t kDecodeRounds = 4;
 
-/// A tile with pixels that lacked texels: a bit each, row by row.
+/// A tile with pixels that lacked texels: one bit per pixel, row by row.
 struct UnfinishedTile {
   uint32_t tile;
   uint32_t pixels;
 };
 
-/// Shades tiles of a picture whose pixels may lack texels, and lists those that did. `Pixels`: Resolve or ShadePart,
-/// whose pixels are samples.
+/// Shades tiles whose pixels may lack texels, and lists the tiles with pixels that did. `Pixels`: Resolve, or
+/// ShadePart, whose pixels are samples.
 template <class Pixels>
 struct ShadeRound {
   Pixels pixels;
-  const UnfinishedTile* tiles;  // an item each; null: all tiles, all pixels
-  UnfinishedTile* unfinished;   // room for all tiles; null where nothing can be missing
+  const UnfinishedTile* tiles;  // one per item; null: all tiles, all pixels
+  UnfinishedTile* unfinished;   // room for all tiles; null if no texels can be missing
   RoundCounters* counters;
 
-  /// `tiles` has as many entries as the round before counted.
+  /// `tiles` has as many entries as the previous round counted.
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
     using Shader = typename Pixels::Shader;
     static_assert(Team::size() == 1 || Team::size() == kPixelTileSize);
     const UnfinishedTile own = tiles != nullptr ? tiles[item] : UnfinishedTile{item, ~uint32_t{0}};
     ShadeState<Team, Shader> state;
-    uint32_t missed = 0;  // of this lane's pixels
+    uint32_t missed = 0;  // bit per pixel of this lane
     uint32_t bit = team.rank();
     pixels.tiles.for_each(own.tile, team, [&](uint32_t x, uint32_t y, bool inside) {
       const bool wanted = inside && (own.pixels >> bit & 1u) != 0;
@@ -51,8 +51,8 @@ struct ShadeRound {
   }
 };
 
-/// Calls visit(shader) with the shader of a textured picture, whose options.show is Show::kTexture. `kApart`: as
-/// visit_kinds() has it.
+/// Calls visit(shader) with the shader of a textured picture, whose options.show is Show::kTexture. `kApart`: as for
+/// visit_kinds().
 template <bool kApart, class Texels, class Visit>
 inline void visit_textured(const ShadeInputs& in, const Texels& texels, const Visit& visit) {
   if (shades_surfaces(in.scene, in.options)) {

@@ -12,7 +12,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-inline constexpr float kAmbient = 0.2f;  // what a surface seen edge-on still gets of the camera's light
+inline constexpr float kAmbient = 0.2f;  // the share of the camera's light on a surface that is seen edge-on
 
 SCREE_HD inline float srgb_to_linear(float value) {
   return value <= 0.04045f ? value / 12.92f : std::pow((value + 0.055f) / 1.055f, 2.4f);
@@ -35,19 +35,19 @@ SCREE_HD inline void cross3(const double a[3], const double b[3], double out[3])
   out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/// Unit length, or all zero where there is no direction.
+/// Scales to unit length, or to all zero if there is no direction.
 SCREE_HD inline void normalize3(double v[3]) {
   const double largest = max_of(abs_of(v[0]), max_of(abs_of(v[1]), abs_of(v[2])));
   if (!(largest > 0) || !(largest < 1e300)) {
     v[0] = v[1] = v[2] = 0;
     return;
   }
-  for (int i = 0; i < 3; ++i) v[i] = v[i] / largest;  // squares of tiny lengths would vanish
+  for (int i = 0; i < 3; ++i) v[i] = v[i] / largest;  // squares of tiny lengths would underflow
   const double length = std::sqrt(dot3(v, v));
   for (int i = 0; i < 3; ++i) v[i] = v[i] / length;
 }
 
-/// 1 / sqrt(x), on CUDA to 2 ulp; infinite for 0.
+/// 1 / sqrt(x), on CUDA with an error of 2 ulp; infinite for 0.
 SCREE_HD inline float inverse_root(float value) {
 #if defined(__CUDA_ARCH__)
   return rsqrtf(value);
@@ -56,32 +56,32 @@ SCREE_HD inline float inverse_root(float value) {
 #endif
 }
 
-/// The nearest and the farthest depth code of a picture: what Show::kDepth spreads its greys over.
+/// The nearest and the farthest depth code of a picture. Show::kDepth spreads its greys over this range.
 struct DepthRange {
   uint32_t nearest = kFarthestDepthCode;
   uint32_t farthest = 0;
 };
 
-/// From view space to the world, for light.
+/// Converts view space to world space, for light.
 struct LightFrame {
   float axes[3][3];  // world directions of view space: x right, y down, z away
   float unit;        // view space's units (ShadeInputs) per world unit
-  float far_plane;   // orthographic: its distance in them
+  float far_plane;   // orthographic: its distance in view space's units
   Lighting lighting;
 };
 
-/// What every sample of a picture is shaded from, whatever is shown.
+/// The input of all shading of one picture, for every Show.
 struct ShadeInputs {
   SceneView scene;
   FrameView view;
   ShadeOptions options;
-  const Transform* transforms;  // by instance; null where the team makes its own (Team::kMakesTransforms)
+  const Transform* transforms;  // by instance; null if the team makes its own (Team::kMakesTransforms)
   const SrgbTables* srgb;
-  const DepthRange* depth_range;  // Show::kDepth alone
-  // View space in sub-pixels: x as it is, y times `aspect`, the depth row times `focal`.
+  const DepthRange* depth_range;  // for Show::kDepth only
+  // Scales view space to sub-pixels on all axes: x is unchanged, y times `aspect`, the depth row times `focal`.
   float aspect;
   float focal;
-  LightFrame light;  // Show::kSurface alone
+  LightFrame light;  // for Show::kSurface only
 };
 
 inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, const ShadeOptions& options,
@@ -103,7 +103,7 @@ inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, c
   return out;
 }
 
-/// Vertex normals between the corners, in object space, any length.
+/// The vertex normals interpolated between the corners, in object space, not normalised.
 template <class Real>
 SCREE_HD inline void vertex_normal(const PlacedChunk& at, const uint32_t vertex[3], const Real weights[3],
                                    Real normal[3]) {
@@ -122,8 +122,8 @@ SCREE_HD inline bool has_vertex_normals(const PlacedChunk& at) {
   return (at.mesh.attributes & format::kHasNormal) != 0 && at.chunk.normal_bits >= 2;
 }
 
-/// The normal of a face in world space, outwards for glTF's counter-clockwise fronts, also under mirroring matrices; or
-/// the mesh's own normals between the corners.
+/// The mesh's vertex normals interpolated between the corners, or the normal of the face, in world space. A face's
+/// normal points out of glTF's counter-clockwise front, also under mirroring matrices.
 template <class Real>
 SCREE_HD inline void world_normal(const PlacedChunk& at, const format::MatrixRecord& matrix, const uint32_t vertex[3],
                                   const Corners<double>& corners, const Real weights[3], double normal[3]) {
@@ -132,7 +132,7 @@ SCREE_HD inline void world_normal(const PlacedChunk& at, const format::MatrixRec
     Real object[3];
     vertex_normal(at, vertex, weights, object);
     const double wide[3] = {object[0], object[1], object[2]};
-    // The inverse transpose is the cofactor matrix over the determinant, whose sign is all that matters here.
+    // The inverse transpose is the cofactor matrix over the determinant. Only the determinant's sign matters here.
     const double sign = at.transform.mirrored ? -1.0 : 1.0;
     for (int i = 0; i < 3; ++i) {
       const int a = (i + 1) % 3;
@@ -158,8 +158,8 @@ SCREE_HD inline void world_normal(const PlacedChunk& at, const format::MatrixRec
   normalize3(normal);
 }
 
-/// |n . l| of the face's normal and the sample's ray. In view space the edges less what they advance along the ray lie
-/// in the picture's plane, where their product is the area that intersect_plane() has.
+/// |n . l| of the face's normal and the sample's ray. In view space, each edge minus its advance along the ray lies in
+/// the picture's plane. The product of the two is the area of intersect_plane().
 template <bool kOrthographic>
 SCREE_HD inline float face_cosine(const ShadeInputs& in, const PlaneHit<float>& m, float x, float y) {
   float edge[2][3];
@@ -185,10 +185,11 @@ SCREE_HD inline float face_cosine(const ShadeInputs& in, const PlaneHit<float>& 
   return product * inverse_root(squared);
 }
 
-/// A normal of object space in view space, any length; inwards under mirroring matrices. `focal`: as in.focal.
+/// A normal of object space in view space, not normalised; it points inwards under mirroring matrices. `focal`: as
+/// in.focal.
 SCREE_HD inline void view_normal(const ShadeInputs& in, const PlacedChunk& at, const float object[3], float focal,
                                  float normal[3]) {
-  // The rows of the transform in view space; their cofactors are the inverse transpose but for a factor.
+  // The rows of the transform in view space. Their cofactors are the inverse transpose times a factor.
   float rows[3][3];
   float largest = 0;
   for (int j = 0; j < 3; ++j) {
@@ -209,7 +210,7 @@ SCREE_HD inline void view_normal(const ShadeInputs& in, const PlacedChunk& at, c
   }
 }
 
-/// |n . l| of vertex normals; not a number where they have no direction.
+/// |n . l| of the vertex normals; NaN if they have no direction.
 template <bool kOrthographic>
 SCREE_HD inline float vertex_cosine(const ShadeInputs& in, const PlacedChunk& at, const float object[3], float x,
                                     float y) {
@@ -228,25 +229,25 @@ SCREE_HD inline float vertex_cosine(const ShadeInputs& in, const PlacedChunk& at
   return abs_of(product) * inverse_root(normal_squared) * inverse_root(ray_squared);
 }
 
-/// Of an angle in radians.
+/// `angle`: radians.
 SCREE_HD inline void cosine_sine(double angle, double& cosine, double& sine) {
 #if defined(__CUDA_ARCH__)
-  sincospi(angle * 0.31830988618379067154, &sine, &cosine);  // cos() would want a stack, for angles of any size
+  sincospi(angle * 0.31830988618379067154, &sine, &cosine);  // cos() would need stack memory for large angles
 #else
   cosine = std::cos(angle);
   sine = std::sin(angle);
 #endif
 }
 
-/// A place on a texture.
+/// A point on a texture.
 struct TexturePlace {
   double u;
   double v;
-  float footprint;  // squared, texels of level 0; huge where a neighbour's ray misses the plane
+  float footprint;  // squared, texels of level 0; huge if a neighbouring sample's ray misses the plane
   bool exact;       // single precision was enough
 };
 
-/// A triangle's texture coordinates: corner 0, and from it to corners 1 and 2, u and v.
+/// A triangle's texture coordinates (u, v): corner 0, and the edges from it to corners 1 and 2.
 template <class Real>
 struct TextureCorners {
   double first[2];
@@ -261,7 +262,7 @@ SCREE_HD inline const float* uv_transform(const Record& record) {
   return reinterpret_cast<const float*>(&record) + offsetof(Record, uv_offset) / sizeof(float);
 }
 
-/// `transform`: uv_transform() of the record, or null for plain coordinates.
+/// `transform`: uv_transform() of the record, or null to leave the coordinates as they are.
 template <class Real>
 SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, const uint32_t vertex[3],
                                                      const float* transform) {
@@ -289,7 +290,7 @@ SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, cons
     }
   }
   if (transform != nullptr) {
-    // Scale, then rotation, then offset: affine, so that corner and edges can take it.
+    // Scale, then rotation, then offset. The map is affine, so it can be applied to the corner and the edges.
     const float* offset = transform;
     const float* scale = transform + 2;
     const float rotation = transform[4];
@@ -316,8 +317,8 @@ SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, cons
   return corners;
 }
 
-/// Where the ray meets the triangle's plane in texture coordinates, and how far the rays of the samples to the right
-/// and below are from there. `transform`: as in texture_corners().
+/// The point where the ray hits the triangle's plane, in texture coordinates, and how far from it the rays of the
+/// samples to the right and below hit. `transform`: as for texture_corners().
 template <bool kOrthographic, class Real>
 SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
                                            const float* transform, float width, float height, const PlaneHit<Real>& m,
@@ -329,8 +330,8 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
   place.u = first[0] + static_cast<double>(weights[1] * edge[0][0] + weights[2] * edge[1][0]);
   place.v = first[1] + static_cast<double>(weights[1] * edge[0][1] + weights[2] * edge[1][1]);
 
-  // One sample to the side, corner 0 moves by -256 w and the edges by -256 of theirs: what that does to areas and
-  // weights, written so that nothing large cancels.
+  // One sample to the side, corner 0 moves by -256 w and the edges by -256 times their w. This is the resulting change
+  // of areas and weights, written so that no large values cancel.
   const Real inverse = reciprocal(m.area);
   const Real share[2] = {(m.edge_x[1] * m.y - m.edge_y[1] * m.x) * inverse,
                          (m.x * m.edge_y[0] - m.y * m.edge_x[0]) * inverse};
@@ -355,8 +356,8 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
     const float dv = static_cast<float>(t1 * edge[0][1] + t2 * edge[1][1]) * height;
     place.footprint = max_of(place.footprint, min_of(du * du + dv * dv, 1e30f));
   }
-  // Weights in single precision are off by 2^-22 or so: of a triangle's texels, and where corners are far more distant
-  // than the point that is seen, of their distance in pixels.
+  // Single-precision weights have an error of about 2^-22: of the triangle's extent in texels and, where corners are
+  // far more distant than the visible point, of their distance in pixels.
   Real spread{0};
   Real largest_length = static_cast<Real>(max_of(in.view.half_width, in.view.half_height));
   for (int n = 0; n < 2; ++n) {
@@ -368,13 +369,13 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
   return place;
 }
 
-/// Gives a sample's transform: the frame's array.
+/// Returns the transform of a sample's instance: from the frame's array.
 template <bool kMakes>
 struct TransformSource {
   SCREE_HD const Transform& get(const ShadeInputs& in, uint64_t instance) { return in.transforms[instance]; }
 };
 
-/// Where there may be no array, the transform is made when another instance comes.
+/// Without an array, the transform is made whenever the instance changes.
 template <>
 struct TransformSource<true> {
   Transform own;
@@ -393,7 +394,7 @@ struct TransformSource<true> {
   }
 };
 
-/// What a lane keeps from sample to sample.
+/// The state that a lane keeps from sample to sample.
 template <class Team, class Shader>
 struct ShadeState {
   Location at;
@@ -401,14 +402,14 @@ struct ShadeState {
   typename Shader::Texels::Lane texels;
 };
 
-/// Show::kSurface: lights the base colour in `rgb` (shade/surface.h).
+/// Show::kSurface: the light of a sample (shade/surface.h).
 template <bool kOrthographic, class Shader>
-SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_t material, const uint32_t vertex[3],
+SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
                             const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
                             float y, typename Shader::Texels::Lane& lane, float rgb[3]);
 
-/// The colour of a sample: one kind of picture, of camera, of scene and of textures, so that no kind pays for another's
-/// registers.
+/// The colour of a sample. There is a type for each kind of picture, camera, chunks and textures, so that no kind takes
+/// the registers of another.
 template <bool kOrthographic, Show kShow, ChunkKinds kKinds = ChunkKinds::kMixed, class TexelSource = SceneTexels>
 struct Shader {
   using Texels = TexelSource;
@@ -416,8 +417,8 @@ struct Shader {
   ShadeInputs in;
   Texels texels;
 
-  /// All lanes of a team call it; `wanted`: whether the lane has a sample that is not background. Sample (x, y) of the
-  /// picture, linear light.
+  /// Computes sample (x, y) of the picture in linear light. All lanes of a team must call it; `wanted`: whether the
+  /// lane has a sample that is not background.
   template <class Team>
   SCREE_HD void operator()(Team team, bool wanted, uint64_t sample, int32_t x, int32_t y,
                            ShadeState<Team, Shader>& state, float rgb[3]) const {
@@ -440,7 +441,7 @@ struct Shader {
         uint32_t vertex[3];
         fetch_triangle(at.reader, triangle, vertex);
         if constexpr (kShow == Show::kCluster) {
-          // An indexed chunk counts as one.
+          // An indexed chunk counts as one cluster.
           random_color(state.at.chunk << 32 | (at.reader.clustered ? at.reader.cluster.first_triangle : 0u), rgb);
         } else if constexpr (kShow == Show::kStage) {
           const int stage = stage_of<kOrthographic>(at, vertex, in.view, x, y);
@@ -454,7 +455,7 @@ struct Shader {
     }
   }
 
-  /// `transform`: as in texture_corners().
+  /// `transform`: as for texture_corners().
   SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3], const float* transform, float width,
                                    float height, const PlaneHit<float>& m, const float weights[3], float x,
                                    float y) const {
@@ -465,7 +466,8 @@ struct Shader {
                        x, y);
   }
 
-  /// Rare and wide: a call that takes values alone, so that on a GPU the others keep what they have in registers.
+  /// Rarely called, and takes many registers. A call that takes only values, so that on a GPU the caller's values stay
+  /// in registers.
   [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk, uint32_t triangle,
                                                              const Transform* transform, uint32_t vertex0,
                                                              uint32_t vertex1, uint32_t vertex2,
@@ -480,10 +482,19 @@ struct Shader {
     return texture_place<kOrthographic>(in, at, vertex, transform_uv, width, height, m, weights);
   }
 
- private:
-  static constexpr bool kTextured = kShow == Show::kTexture || kShow == Show::kSurface;
-  static constexpr bool kLight = kTextured || kShow == Show::kColor;
+  /// Multiplies `rgb` by the colours of the vertices.
+  SCREE_HD static void vertex_color(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
+                                    float rgb[3]) {
+    const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).colors.offset;
+    float color[3] = {0, 0, 0};
+    for (int i = 0; i < 3; ++i) {
+      const uint8_t* texel = reinterpret_cast<const uint8_t*>(stream) + 4 * uint64_t{vertex[i]};
+      for (int c = 0; c < 3; ++c) color[c] = multiply_add(weights[i], static_cast<float>(texel[c]), color[c]);
+    }
+    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * (color[c] * (1.0f / 255.0f));
+  }
 
+ private:
   SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
                       [[maybe_unused]] typename Texels::Lane& lane, float rgb[3]) const {
     const Corners<float> corners = fetch_corners<float>(at.reader, vertex);
@@ -501,16 +512,16 @@ struct Shader {
       const TexturePlace place = find_place(at, vertex, nullptr, 1.0f, 1.0f, m, weights, x, y);
       rgb[0] = srgb_to_linear(static_cast<float>(place.u - std::floor(place.u)));
       rgb[1] = srgb_to_linear(static_cast<float>(place.v - std::floor(place.v)));
-    } else if constexpr (kLight) {
+    } else if constexpr (kShow == Show::kSurface) {
+      shade_surface<kOrthographic>(*this, at, vertex, m, corners, weights, x, y, lane, rgb);
+    } else if constexpr (kShow == Show::kTexture || kShow == Show::kColor) {
       const format::MaterialRecord* material =
           at.mesh.material != format::kNone ? in.scene.materials + at.mesh.material : nullptr;
       const bool unlit = material != nullptr && (material->flags & format::kMaterialUnlit) != 0;
-      [[maybe_unused]] float light = 1.0f;
-      if constexpr (kShow != Show::kSurface)
-        light = in.options.light && !unlit ? diffuse_light(at, vertex, m, weights, x, y) : 1.0f;
+      const float light = in.options.light && !unlit ? diffuse_light(at, vertex, m, weights, x, y) : 1.0f;
       rgb[0] = rgb[1] = rgb[2] = 1.0f;
       if (material != nullptr) {
-        if constexpr (kTextured) {
+        if constexpr (kShow == Show::kTexture) {
           if ((at.mesh.attributes & format::kHasUv) != 0 && material->texture != format::kNone) {
             const TextureView& texture = in.scene.textures[material->texture];
             if (texture.level_count != 0) {
@@ -524,12 +535,7 @@ struct Shader {
         for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * material->base_color[c];
       }
       if ((at.mesh.attributes & format::kHasColor) != 0) vertex_color(at, vertex, weights, rgb);
-      if constexpr (kShow == Show::kSurface) {
-        if (!unlit)
-          light_surface<kOrthographic>(*this, at, at.mesh.material, vertex, m, corners, weights, x, y, lane, rgb);
-      } else {
-        for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
-      }
+      for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * light;
     }
   }
 
@@ -543,17 +549,6 @@ struct Shader {
     }
     if (!(cosine >= 0)) cosine = face_cosine<kOrthographic>(in, m, x, y);
     return kAmbient + (1.0f - kAmbient) * (cosine >= 0 ? min_of(cosine, 1.0f) : 0.0f);
-  }
-
-  SCREE_HD static void vertex_color(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
-                                    float rgb[3]) {
-    const std::byte* stream = at.page + at.chunk.offset + streams_of(at.mesh, at.chunk).colors.offset;
-    float color[3] = {0, 0, 0};
-    for (int i = 0; i < 3; ++i) {
-      const uint8_t* texel = reinterpret_cast<const uint8_t*>(stream) + 4 * uint64_t{vertex[i]};
-      for (int c = 0; c < 3; ++c) color[c] = multiply_add(weights[i], static_cast<float>(texel[c]), color[c]);
-    }
-    for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * (color[c] * (1.0f / 255.0f));
   }
 
   SCREE_HD static void random_color(uint64_t number, float rgb[3]) {
@@ -571,8 +566,8 @@ struct Shader {
   }
 };
 
-/// Calls visit(shader) with the shader of the scene's kind of chunks, where `kApart`: pictures of light are not drawn
-/// by code for another kind then.
+/// Calls visit(shader) with the shader of the picture. `kApart`: with the one built for the scene's kind of chunks;
+/// otherwise one shader handles all kinds.
 template <bool kApart, bool kOrthographic, Show kShow, class Texels, class Visit>
 inline void visit_kinds(const ShadeInputs& in, const Texels& texels, const Visit& visit) {
   if constexpr (kApart) {
@@ -590,15 +585,15 @@ inline void visit_kinds(const ShadeInputs& in, const Texels& texels, const Visit
   visit(Shader<kOrthographic, kShow, ChunkKinds::kMixed, Texels>{in, texels});
 }
 
-/// Calls visit(shader) with the shader of a camera and a kind of picture, and as visit_kinds() does. A scene without
-/// textures does not pay for them.
+/// Calls visit(shader) with the shader of the camera and the kind of picture. `kApart`: as for visit_kinds(). A scene
+/// without textures uses a shader without texture code.
 template <bool kApart, class Visit>
 inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
   const SceneTexels texels{in.scene.blocks};
   const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
     visit_kinds<kApart, kOrthographic, kShow>(in, texels, visit);
   };
-  // Much of it is light, whatever the kind of chunks.
+  // One shader for all kinds of chunks, because most of its time goes into light.
   const auto with_surfaces = [&]<bool kOrthographic>() { visit(Shader<kOrthographic, Show::kSurface>{in, texels}); };
   const auto with_camera = [&]<bool kOrthographic>() {
     switch (in.options.show) {

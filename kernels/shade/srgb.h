@@ -11,9 +11,10 @@ namespace scree::kernels {
 /// The tables of the coding, in memory that the passes can read: host or device. make_srgb_tables() fills them.
 struct SrgbTables {
   static constexpr uint32_t kBuckets = 4096;
-  float linear[256];                  // linear light of a code
-  float first_light[257];             // the least light that takes a code; past the end no light does
-  uint8_t bucket_code[kBuckets + 1];  // code of the least light in a bucket; light in [0, 1] falls into kBuckets
+  float linear[256];       // the linear light of a code
+  float first_light[257];  // the least light that takes a code; the last entry exceeds every light
+  uint8_t
+      bucket_code[kBuckets + 1];  // the code of the least light in a bucket; light in [0, 1] is divided into kBuckets
 };
 
 SrgbTables make_srgb_tables();
@@ -26,8 +27,8 @@ SCREE_HD inline uint32_t srgb_code(const SrgbTables& tables, float light) {
   if (!(light > 0.0f)) return 0;
   if (light >= 1.0f) return 255;
 #if defined(__CUDA_ARCH__)
-  // A gather from a table costs a warp up to 32 steps, the formula two instructions of the special function unit. It is
-  // off by less than 2^-10 codes: only so near to a border is the border looked up.
+  // A gather from a table costs a warp up to 32 steps; the formula costs two instructions of the special function unit,
+  // with an error below 2^-10 codes. Only this near to a border between codes is the border read from the table.
   const float code = light <= 0.0031308f
                          ? light * (12.92f * 255.0f)
                          : __fmaf_rn(exp2f(log2f(light) * (1.0f / 2.4f)), 1.055f * 255.0f, -0.055f * 255.0f);

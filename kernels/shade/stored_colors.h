@@ -1,5 +1,5 @@
-// Pictures of scenes whose chunks are not all there at once: samples are shaded when their chunk is, and their colours
-// kept until the picture is whole.
+// Pictures of scenes whose chunks are not all present at once. Samples are shaded while their chunk is present, and
+// their colours are kept until the picture is complete.
 #pragma once
 
 #include "kernels/shade/pixels.h"
@@ -7,15 +7,15 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Shades the samples whose triangle's chunk has its page, a tile of samples an item; leaves the colours of others.
+/// Shades the samples whose triangle's chunk has its page, a tile of samples per item. Keeps the colours of the others.
 template <class ShaderOfPart>
 struct ShadePart {
   using Shader = ShaderOfPart;
 
   Shader shader;
-  PixelTiles tiles;         // of samples
-  const uint64_t* samples;  // of the whole picture
-  float* colors;            // 3 a sample
+  PixelTiles tiles;         // tiles of samples
+  const uint64_t* samples;  // the whole picture's
+  float* colors;            // 3 per sample
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -23,7 +23,7 @@ struct ShadePart {
     tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { finish(team, x, y, inside, state); });
   }
 
-  /// One sample, as Resolve::finish has a pixel.
+  /// One sample, in the form of Resolve::finish() for a pixel.
   template <class Team>
   SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
     const SceneView& scene = shader.in.scene;
@@ -41,7 +41,7 @@ struct ShadePart {
   }
 };
 
-/// In a Shader's place: the colours that ShadePart kept.
+/// Takes a Shader's place: returns the colours that ShadePart stored.
 struct StoredColors {
   using Texels = SceneTexels;
 

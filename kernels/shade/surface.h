@@ -154,50 +154,22 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
   return sum;
 }
 
-/// A surface's look-ups at one sample.
-template <class Shader>
-struct SurfaceReader {
-  const Shader& shader;
-  const PlacedChunk& at;
-  const uint32_t* vertex;
-  const PlaneHit<float>& m;
-  const float* weights;
-  float x;
-  float y;
-  typename Shader::Texels::Lane& lane;
-
-  SCREE_HD const TextureView* texture(const format::SurfaceTexture& use) const {
-    if (use.texture == format::kNone || (at.mesh.attributes & format::kHasUv) == 0) return nullptr;
-    const TextureView& view = shader.in.scene.textures[use.texture];
-    return view.level_count != 0 ? &view : nullptr;
-  }
-
-  /// Channels [first, first + count) of a texture, or false where there is none. `table`: what a code means.
-  template <uint32_t kFirst, uint32_t kCount, class Table>
-  SCREE_HD bool read(const format::SurfaceTexture& use, const Table& table, float out[kCount]) const {
-    const TextureView* const view = texture(use);
-    if (view == nullptr) return false;
-    const TexturePlace place = shader.find_place(at, vertex, uv_transform(use), static_cast<float>(view->width),
-                                                 static_cast<float>(view->height), m, weights, x, y);
-    sample_channels<kFirst, kCount>(shader.texels, lane, *view, table, place.u, place.v, place.footprint, out);
-    return true;
+/// What a code of a texture means: linear light, or with a null table a number from 0 to 1.
+struct SurfaceCodes {
+  const float* linear;
+  SCREE_HD float operator[](uint32_t code) const {
+    return linear != nullptr ? linear[code] : static_cast<float>(code) * (1.0f / 255.0f);
   }
 };
 
-/// Codes that are numbers from 0 to 1.
-struct UnitCodes {
-  SCREE_HD float operator[](uint32_t code) const { return static_cast<float>(code) * (1.0f / 255.0f); }
-};
-
-/// The normal map's normal around `normal` (unit, of the front). The tangent is that of the triangle's texture
-/// coordinates, as they are after their transform: constant on a triangle, where MikkTSpace's is a mean at its corners.
-template <class Reader>
-SCREE_HD inline Float3 mapped_normal(const Reader& reader, const format::SurfaceRecord& surface, const Float3 edge[2],
+/// The normal that a normal map's `code` gives around `normal` (unit, of the front). The tangent is that of the
+/// triangle's texture coordinates, as they are after their transform: constant on a triangle, where MikkTSpace's is a
+/// mean at its corners.
+SCREE_HD inline Float3 mapped_normal(const PlacedChunk& at, const uint32_t vertex[3],
+                                     const format::SurfaceRecord& surface, const Float3& code, const Float3 edge[2],
                                      const Float3& normal) {
   const format::SurfaceTexture& use = surface.textures[static_cast<uint32_t>(format::SurfaceUse::kNormalMap)];
-  float code[3];
-  if (!reader.template read<0, 3>(use, UnitCodes{}, code)) return normal;
-  const TextureCorners<float> corners = texture_corners<float>(reader.at, reader.vertex, uv_transform(use));
+  const TextureCorners<float> corners = texture_corners<float>(at, vertex, uv_transform(use));
   const float(*d)[2] = corners.edge;
   const float side = d[0][0] * d[1][1] - d[1][0] * d[0][1] >= 0 ? 1.0f : -1.0f;
   const Float3 along_u = unit_or((edge[0] * d[1][1] - edge[1] * d[0][1]) * side, grey(0));
@@ -205,27 +177,130 @@ SCREE_HD inline Float3 mapped_normal(const Reader& reader, const format::Surface
   const Float3 tangent = unit_or(along_u - normal * dot(normal, along_u), grey(0));
   Float3 bitangent = cross(normal, tangent);
   if (dot(bitangent, along_v) > 0) bitangent = bitangent * -1.0f;  // green is up, v goes down
-  const float bump_x = (2.0f * code[0] - 1.0f) * surface.normal_scale;
-  const float bump_y = (2.0f * code[1] - 1.0f) * surface.normal_scale;
-  const float bump_z = 2.0f * code[2] - 1.0f;
+  const float bump_x = (2.0f * code.x - 1.0f) * surface.normal_scale;
+  const float bump_y = (2.0f * code.y - 1.0f) * surface.normal_scale;
+  const float bump_z = 2.0f * code.z - 1.0f;
   if (dot(tangent, tangent) == 0) return normal;  // no area in the texture
   return unit_or(tangent * bump_x + bitangent * bump_y + normal * bump_z, normal);
 }
 
+/// A material at a sample: its factors times its textures.
+struct SurfaceValues {
+  Float3 base{1, 1, 1};
+  Float3 bump{0, 0, 0};  // the normal map's code
+  bool has_bump = false;
+  float metallic = 0;  // a base colour alone is matt
+  float roughness = 1;
+  float occlusion = 1;
+  Float3 emission{0, 0, 0};
+  float specular = 1;
+  Float3 specular_color{1, 1, 1};
+};
+
+/// A bit per use of a texture: SurfaceUse, and behind them the base colour.
+SCREE_HD constexpr uint32_t use_bit(format::SurfaceUse use) {
+  return 1u << static_cast<uint32_t>(use);
+}
+inline constexpr uint32_t kBaseUse = format::kSurfaceUses;
+inline constexpr uint32_t kCameraUses = use_bit(format::SurfaceUse::kNormalMap) |
+                                        use_bit(format::SurfaceUse::kOcclusion) |
+                                        use_bit(format::SurfaceUse::kEmission);  // that the camera's light shows
+inline constexpr uint32_t kColorUses = [] {
+  uint32_t bits = 1u << kBaseUse;
+  for (uint32_t i = 0; i < format::kSurfaceUses; ++i)
+    if (format::is_color(static_cast<format::SurfaceUse>(i))) bits |= 1u << i;
+  return bits;
+}();
+
+/// Multiplies a material's textures into `out`, which has its factors. `surface`: null where there is a base colour
+/// alone. One loop over all textures, so that the kernel holds one sampler: with seven it took nvcc minutes to compile.
+template <class Shader>
+SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
+                                   const format::MaterialRecord& material, const format::SurfaceRecord* surface,
+                                   const PlaneHit<float>& m, const float weights[3], float x, float y,
+                                   typename Shader::Texels::Lane& lane, SurfaceValues& out) {
+  using Use = format::SurfaceUse;
+  const ShadeInputs& in = shader.in;
+  uint32_t uses = 1u << kBaseUse;
+  if (surface != nullptr) uses |= in.light.lighting == Lighting::kCamera ? kCameraUses : (1u << kBaseUse) - 1u;
+  if ((uses & use_bit(Use::kEmission)) != 0 && !(largest_of(out.emission) > 0)) uses &= ~use_bit(Use::kEmission);
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+  for (uint32_t i = 0; i <= kBaseUse; ++i) {
+    if ((uses >> i & 1u) == 0) continue;
+    const bool is_base = i == kBaseUse;
+    const uint32_t number = is_base ? material.texture : surface->textures[i].texture;
+    if (number == format::kNone) continue;
+    const TextureView& texture = in.scene.textures[number];
+    const Use use = static_cast<Use>(i);
+    if (texture.level_count == 0) continue;
+    if (use == Use::kSpecular && texture.jpeg_level_count == texture.level_count) continue;  // no alpha in JPEGs
+    const float* const transform = is_base ? uv_transform(material) : uv_transform(surface->textures[i]);
+    const TexturePlace place = shader.find_place(at, vertex, transform, static_cast<float>(texture.width),
+                                                 static_cast<float>(texture.height), m, weights, x, y);
+    float code[4];
+    sample_channels<4>(shader.texels, lane, texture,
+                       SurfaceCodes{(kColorUses >> i & 1u) != 0 ? in.srgb->linear : nullptr}, place.u, place.v,
+                       place.footprint, code);
+    const Float3 color{code[0], code[1], code[2]};
+    if (is_base) {
+      out.base = color;
+    } else if (use == Use::kMetallicRoughness) {
+      out.roughness *= code[1];
+      out.metallic *= code[2];
+    } else if (use == Use::kNormalMap) {
+      out.bump = color;
+      out.has_bump = true;
+    } else if (use == Use::kOcclusion) {
+      out.occlusion = 1.0f + surface->occlusion_strength * (code[0] - 1.0f);
+    } else if (use == Use::kEmission) {
+      out.emission = out.emission * color;
+    } else if (use == Use::kSpecular) {
+      out.specular *= code[3];
+    } else {
+      out.specular_color = out.specular_color * color;
+    }
+  }
+}
+
 /// As shade.h declares it.
 template <bool kOrthographic, class Shader>
-SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_t material, const uint32_t vertex[3],
+SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
                             const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
                             float y, typename Shader::Texels::Lane& lane, float rgb[3]) {
   const ShadeInputs& in = shader.in;
   const Lighting lighting = in.light.lighting;
-  const uint32_t number =
-      material != format::kNone && in.scene.surface_of != nullptr ? in.scene.surface_of[material] : format::kNone;
-  const format::SurfaceRecord* const surface = number != format::kNone ? in.scene.surfaces + number : nullptr;
-  const SurfaceReader<Shader> reader{shader, at, vertex, m, weights, x, y, lane};
-  const auto use = [&](format::SurfaceUse which) -> const format::SurfaceTexture& {
-    return surface->textures[static_cast<uint32_t>(which)];
-  };
+  const uint32_t number = at.mesh.material;
+  const format::MaterialRecord* const material = number != format::kNone ? in.scene.materials + number : nullptr;
+  const bool unlit = material != nullptr && (material->flags & format::kMaterialUnlit) != 0;
+  const format::SurfaceRecord* surface = nullptr;
+  if (material != nullptr && !unlit && in.scene.surface_of != nullptr && in.scene.surface_of[number] != format::kNone)
+    surface = in.scene.surfaces + in.scene.surface_of[number];
+
+  // From here on a GPU keeps one number of the corners.
+  float depth = at.transform.w[3];
+  for (int i = 0; i < 3; ++i)
+    depth = multiply_add(at.transform.w[i],
+                         corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
+  SurfaceValues values;
+  if (surface != nullptr) {
+    values.metallic = surface->metallic;
+    values.roughness = surface->roughness;
+    values.emission = {surface->emission[0], surface->emission[1], surface->emission[2]};
+    values.specular = surface->specular;
+    values.specular_color = {surface->specular_color[0], surface->specular_color[1], surface->specular_color[2]};
+  }
+  if (material != nullptr) {
+    if ((at.mesh.attributes & format::kHasUv) != 0)
+      read_textures(shader, at, vertex, *material, surface, m, weights, x, y, lane, values);
+    values.base = values.base * Float3{material->base_color[0], material->base_color[1], material->base_color[2]};
+  }
+  rgb[0] = values.base.x;
+  rgb[1] = values.base.y;
+  rgb[2] = values.base.z;
+  if ((at.mesh.attributes & format::kHasColor) != 0) Shader::vertex_color(at, vertex, weights, rgb);
+  if (unlit) return;
 
   // The plane, and the ray that meets it.
   const float focal = kOrthographic ? -in.focal : in.focal;  // the depth row of an orthographic camera falls
@@ -248,64 +323,35 @@ SCREE_HD void light_surface(const Shader& shader, const PlacedChunk& at, uint32_
     view_normal(in, at, object, focal, turned);
     normal = unit_or(Float3{turned[0], turned[1], turned[2]} * hand, face);
   }
-  if (surface != nullptr) normal = mapped_normal(reader, *surface, edge, normal);
+  if (values.has_bump) normal = mapped_normal(at, vertex, *surface, values.bump, edge, normal);
   if (dot(face, point.to_viewer) < 0) normal = normal * -1.0f;
   point.normal = normal;
-
-  float metallic = surface != nullptr ? surface->metallic : 0.0f;  // a base colour alone is matt
-  float roughness = surface != nullptr ? surface->roughness : 1.0f;
-  Float3 emission = grey(0);
-  point.occlusion = 1.0f;
-  if (surface != nullptr) {
-    float code[3];
-    emission = {surface->emission[0], surface->emission[1], surface->emission[2]};
-    if (largest_of(emission) > 0 &&
-        reader.template read<0, 3>(use(format::SurfaceUse::kEmission), in.srgb->linear, code))
-      emission = emission * Float3{code[0], code[1], code[2]};
-    if (reader.template read<0, 1>(use(format::SurfaceUse::kOcclusion), UnitCodes{}, code))
-      point.occlusion = 1.0f + surface->occlusion_strength * (code[0] - 1.0f);
-  }
+  point.occlusion = values.occlusion;
   const Float3 base{rgb[0], rgb[1], rgb[2]};
   Float3 light;
   if (lighting == Lighting::kCamera) {
     const float cosine = unit_range(dot(point.normal, point.to_viewer));
-    light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + emission;
+    light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + values.emission;
   } else {
     float reflectance = 0.04f;
-    float specular = 1.0f;
-    Float3 specular_color = grey(1);
     if (surface != nullptr) {
-      float code[3];
-      if (reader.template read<1, 2>(use(format::SurfaceUse::kMetallicRoughness), UnitCodes{}, code)) {
-        roughness *= code[0];
-        metallic *= code[1];
-      }
       const float root = (surface->ior - 1.0f) / (surface->ior + 1.0f);
       reflectance = root * root;  // of ior 0 it is 1
-      specular = surface->specular;
-      specular_color = {surface->specular_color[0], surface->specular_color[1], surface->specular_color[2]};
-      if (reader.template read<3, 1>(use(format::SurfaceUse::kSpecular), UnitCodes{}, code)) specular *= code[0];
-      if (reader.template read<0, 3>(use(format::SurfaceUse::kSpecularColor), in.srgb->linear, code))
-        specular_color = specular_color * Float3{code[0], code[1], code[2]};
     }
-    const Float3 tinted = specular_color * reflectance;
-    const Float3 dielectric = Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * specular;
-    point.roughness = max_of(roughness, kLeastRoughness);
-    point.diffuse = base * (1.0f - metallic);
-    point.f0 = mix(dielectric, base, metallic);
-    point.f90 = specular + (1.0f - specular) * metallic;
+    const Float3 tinted = values.specular_color * reflectance;
+    const Float3 dielectric =
+        Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * values.specular;
+    point.roughness = max_of(values.roughness, kLeastRoughness);
+    point.diffuse = base * (1.0f - values.metallic);
+    point.f0 = mix(dielectric, base, values.metallic);
+    point.f90 = values.specular + (1.0f - values.specular) * values.metallic;
     if (lighting == Lighting::kEnvironment) {
       light = environment_light(in, point);
     } else {
-      const TransformRows<float> rows = rows_of(at.transform, 0.0f);
-      float depth = rows.w[3];
-      for (int i = 0; i < 3; ++i)
-        depth = multiply_add(
-            rows.w[i], corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
       const Float3 place = kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * focal} : ray * depth;
       light = punctual_light(in, point, place);
     }
-    light = (light + emission) * in.options.exposure;
+    light = (light + values.emission) * in.options.exposure;
   }
   rgb[0] = light.x;
   rgb[1] = light.y;

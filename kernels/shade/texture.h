@@ -1,4 +1,4 @@
-// Sampling a texture: wrap modes, bilinear in linear light, between mip levels, decoded ones and JPEGs.
+// Samples a texture: wrap modes, bilinear in linear light, and between mip levels, which are decoded or JPEGs.
 #pragma once
 
 #include <cmath>
@@ -11,8 +11,8 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// A coordinate brought into [0, 1] by its wrap mode. In double, so that coordinates of thousands of repeats keep their
-/// texels.
+/// A coordinate brought into [0, 1] by its wrap mode. In double, so that coordinates thousands of repeats away still
+/// find the right texels.
 SCREE_HD inline double wrap_coordinate(double value, format::Wrap wrap) {
   if (wrap == format::Wrap::kClamp) return min_of(max_of(value, 0.0), 1.0);
   if (wrap == format::Wrap::kMirror) {
@@ -47,8 +47,8 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
   return pair;
 }
 
-/// The four texels of two columns and two rows, row by row, as coded, red in the low byte, alpha in the high one. Of a
-/// level that is no JPEG.
+/// The four texels of two columns and two rows, row by row, as coded: red in the low byte, alpha in the high one. For
+/// levels that are not JPEGs.
 SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, const TexelPair& column,
                                     const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
@@ -71,10 +71,10 @@ SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, 
   }
 }
 
-/// Where a sample finds its texels: the decoded levels, and on a CPU the scene's block cache. Never without them.
+/// The source of a sample's texels: the decoded levels, and on a CPU the scene's block cache. Texels are never missing.
 struct SceneTexels {
   static constexpr bool kMayMiss = false;
-  struct Lane {};  // what a lane keeps of its lookups
+  struct Lane {};  // the state of a lane's lookups
 
   BlockCache* blocks;  // SceneView::blocks
 
@@ -92,18 +92,12 @@ struct SceneTexels {
   }
 };
 
-/// Channels [kFirst, kFirst + kCount) of a level. `table`: the values of the 256 codes, such as linear light. The alpha
-/// of a JPEG is 1.
-template <uint32_t kFirst, uint32_t kCount, class Texels, class Table>
+/// The first kCount channels of a level. `table`: the values of the 256 codes, such as linear light. The alpha of a
+/// JPEG is 1.
+template <uint32_t kCount, class Texels, class Table>
 SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                   const Table& table, uint32_t level, double u, double v, bool nearest,
                                   float out[kCount]) {
-  if constexpr (kFirst == 3) {
-    if (level < texture.jpeg_level_count) {
-      out[0] = 1.0f;
-      return;
-    }
-  }
   const uint32_t width = max_of(texture.width >> level, 1u);
   const uint32_t height = max_of(texture.height >> level, 1u);
   TexelPair column = texel_pair(u, width, texture.wrap_s);
@@ -114,21 +108,22 @@ SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& l
   }
   uint32_t texels[4];
   source.fetch(lane, texture, level, column, row, texels);
-  for (uint32_t i = 0; i < kCount; ++i) {
-    const uint32_t c = kFirst + i;
+  for (uint32_t c = 0; c < kCount; ++c) {
     const float a = table[texels[0] >> (8 * c) & 255u];
     const float b = table[texels[1] >> (8 * c) & 255u];
     const float e = table[texels[2] >> (8 * c) & 255u];
     const float f = table[texels[3] >> (8 * c) & 255u];
     const float above = a + (b - a) * column.weight;
     const float below = e + (f - e) * column.weight;
-    out[i] = above + (below - above) * row.weight;
+    out[c] = above + (below - above) * row.weight;
   }
+  if constexpr (kCount == 4)
+    if (level < texture.jpeg_level_count) out[3] = 1.0f;
 }
 
-/// Channels at (u, v), any finite numbers; 1 where there is no picture. `footprint`: the square of the larger side of a
-/// pixel in texels of level 0; picks the mip levels.
-template <uint32_t kFirst, uint32_t kCount, class Texels, class Table>
+/// The first kCount channels at (u, v), any finite numbers; 1 if there is no picture. `footprint`: the square of the
+/// larger side of a pixel in texels of level 0; selects the mip levels.
+template <uint32_t kCount, class Texels, class Table>
 SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                      const Table& table, double u, double v, float footprint, float out[kCount]) {
   for (uint32_t c = 0; c < kCount; ++c) out[c] = 1.0f;
@@ -139,21 +134,21 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
   const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
   const uint32_t fine = static_cast<uint32_t>(level);
-  sample_level<kFirst, kCount>(source, lane, texture, table, fine, wrapped_u, wrapped_v,
-                               texture.nearest && footprint <= 1.0f, out);
+  sample_level<kCount>(source, lane, texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f,
+                       out);
   const float between = level - static_cast<float>(fine);
   if (between > 0) {
     float coarse[kCount];
-    sample_level<kFirst, kCount>(source, lane, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
+    sample_level<kCount>(source, lane, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
     for (uint32_t c = 0; c < kCount; ++c) out[c] = out[c] + (coarse[c] - out[c]) * between;
   }
 }
 
-/// The colour there. `table`: linear light of the 256 sRGB codes.
+/// The colour at (u, v). `table`: linear light of the 256 sRGB codes.
 template <class Texels>
 SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                     const float* table, double u, double v, float footprint, float rgb[3]) {
-  sample_channels<0, 3>(source, lane, texture, table, u, v, footprint, rgb);
+  sample_channels<3>(source, lane, texture, table, u, v, footprint, rgb);
 }
 
 }  // namespace SCREE_ISA

@@ -1,11 +1,10 @@
-// Decoded groups of indexed JPEGs (format/jpeg/pixels.h) for threads that must not wait for each other: what a GPU has
-// for block_cache.h. Runs on a CPU too, where the tests try it.
+// The GPU's cache of decoded groups of indexed JPEGs (format/jpeg/pixels.h), for threads that must not wait for each
+// other. The CPU has block_cache.h instead. This code runs on a CPU too, for tests.
 //
-// A picture goes in rounds. While pixels are shaded the cache's keys and samples stay as they are; a pixel that does
-// not find a group asks for it and is left for the next round. Between two rounds every group that was asked for takes
-// the place of one that this round did not see, and is decoded. After a few rounds the pixels that are still left,
-// because the cache is too small for them, decode what they lack themselves: the picture is the same for a cache of any
-// size.
+// A picture is shaded in rounds. During shading the cache's keys and samples do not change: a pixel that lacks a group
+// requests it and is left for the next round. Between two rounds every requested group replaces one that this round did
+// not use, and is decoded. After a few rounds the remaining pixels, for which the cache is too small, decode the groups
+// themselves. So the picture does not depend on the cache's size.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +14,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-// Words that threads share. Whatever order is needed comes from the rounds.
+// Words that threads share. The rounds provide all ordering that is needed.
 SCREE_HD inline uint64_t swap_if(uint64_t* place, uint64_t expected, uint64_t wanted) {
 #if defined(__CUDA_ARCH__)
   return atomicCAS(reinterpret_cast<unsigned long long*>(place), static_cast<unsigned long long>(expected),
@@ -33,7 +32,7 @@ SCREE_HD inline uint32_t swap_if(uint32_t* place, uint32_t expected, uint32_t wa
   return expected;
 #endif
 }
-/// What was there before.
+/// Returns the previous value.
 SCREE_HD inline uint32_t count_up(uint32_t* counter) {
 #if defined(__CUDA_ARCH__)
   return atomicAdd(counter, 1u);
@@ -41,7 +40,7 @@ SCREE_HD inline uint32_t count_up(uint32_t* counter) {
   return __atomic_fetch_add(counter, 1u, __ATOMIC_RELAXED);
 #endif
 }
-/// On a GPU perhaps what was there when the kernel began.
+/// On a GPU it may return the value from the start of the kernel.
 template <class T>
 SCREE_HD inline T look_at(const T* place) {
 #if defined(__CUDA_ARCH__)
@@ -50,7 +49,7 @@ SCREE_HD inline T look_at(const T* place) {
   return __atomic_load_n(place, __ATOMIC_RELAXED);
 #endif
 }
-/// What is there now.
+/// Returns the current value.
 template <class T>
 SCREE_HD inline T look_again_at(const T* place) {
 #if defined(__CUDA_ARCH__)
@@ -68,38 +67,38 @@ SCREE_HD inline void put_at(T* place, T value) {
 #endif
 }
 
-/// A group that pixels lack: its key, and where it stands in TextureCache::wanted.
+/// A group that pixels lack: its key, and its index in TextureCache::wanted.
 struct GroupRequest {
   uint64_t key;
   uint32_t place;
   uint32_t zero;
 };
 
-/// What one round counts.
+/// The counts of one round.
 struct RoundCounters {
-  uint32_t requests;  // groups asked for; may pass the capacity
-  uint32_t decoded;   // of them, by those that found a place
-  uint32_t tiles;     // with pixels that are left for the next round
+  uint32_t requests;  // requested groups; may exceed the capacity
+  uint32_t decoded;   // of these, groups that found a slot
+  uint32_t tiles;     // tiles with pixels that are left for the next round
   uint32_t zero;
 };
 
-/// A view of the cache: keys in sets of kWays, each key in one of two sets. Owns nothing.
+/// A view of the cache: keys in sets of kWays; each key may lie in either of two sets. Owns nothing.
 struct TextureCache {
   static constexpr uint32_t kWays = 8;
-  static constexpr uint32_t kProbes = 16;  // of the table of what is wanted
+  static constexpr uint32_t kProbes = 16;  // of the table `wanted`
   static constexpr uint64_t kNoKey = ~uint64_t{0};
   static constexpr uint32_t kNoSlot = ~uint32_t{0};
-  static constexpr uint32_t kNever = ~uint32_t{0};  // the stamp of a way that is not there
+  static constexpr uint32_t kNever = ~uint32_t{0};  // the stamp of an absent way
 
-  uint64_t* keys;           // level number << 32 | group; kWays a set
-  uint32_t* stamps;         // the last round that saw the slot
-  uint8_t* samples;         // slot_bytes a slot
-  uint64_t* wanted;         // keys asked for in this round; all kNoKey between rounds
-  GroupRequest* requests;   // one for each slot
+  uint64_t* keys;           // level number << 32 | group; kWays per set
+  uint32_t* stamps;         // the last round that used the slot
+  uint8_t* samples;         // slot_bytes per slot
+  uint64_t* wanted;         // hash table of the keys requested in this round; all kNoKey between rounds
+  GroupRequest* requests;   // one per slot
   const JpegLevel* levels;  // by number
   uint32_t set_count;
   uint32_t slot_count;
-  uint32_t slot_bytes;  // of the largest group, a multiple of 64
+  uint32_t slot_bytes;  // bytes of the largest group, a multiple of 64
   uint32_t wanted_count;
 
   SCREE_HD static uint64_t key_of(uint32_t level, uint32_t group) { return uint64_t{level} << 32 | group; }
@@ -108,7 +107,7 @@ struct TextureCache {
     key = (key ^ (key >> 32)) * 0x9e3779b97f4a7c15u;
     return (key ^ (key >> 29)) * 0xbf58476d1ce4e5b9u;
   }
-  /// A number below `count` of 32 evenly spread bits.
+  /// Scales 32 evenly spread bits to a number below `count`.
   SCREE_HD static uint32_t scale_to(uint32_t bits, uint32_t count) {
     return static_cast<uint32_t>(uint64_t{bits} * count >> 32);
   }
@@ -116,7 +115,7 @@ struct TextureCache {
     return kWays * scale_to(static_cast<uint32_t>(spread_key >> (choice == 0 ? 32 : 12)), set_count);
   }
 
-  /// The slot of a key, or kNoSlot. Keys do not change while anybody looks.
+  /// The slot of a key, or kNoSlot. Keys do not change during shading.
   SCREE_HD uint32_t find(uint64_t key) const {
     const uint64_t spread_key = spread(key);
     for (uint32_t choice = 0; choice < 2; ++choice) {
@@ -128,7 +127,7 @@ struct TextureCache {
     return kNoSlot;
   }
 
-  /// The group's samples, seen in round `now`; null where it is not there.
+  /// The group's samples, marked as used in round `now`; null if the group is absent.
   SCREE_HD const uint8_t* lookup(uint64_t key, uint32_t now) const {
     const uint32_t slot = find(key);
     if (slot == kNoSlot) return nullptr;
@@ -136,9 +135,10 @@ struct TextureCache {
     return samples + uint64_t{slot} * slot_bytes;
   }
 
-  /// Asks for a group that is not there; once, however many pixels do. Where there is no room it is forgotten.
+  /// Requests an absent group, once for all pixels that lack it. Drops the request if there is no room.
   SCREE_HD void request_group(uint64_t key, RoundCounters* counters) const {
-    if (look_again_at(&counters->requests) > slot_count) return;  // else a small cache's misses would wrap the count
+    if (look_again_at(&counters->requests) > slot_count)
+      return;  // otherwise the misses of a small cache would wrap the counter
     uint32_t place = scale_to(static_cast<uint32_t>(spread(key) >> 20), wanted_count);
     for (uint32_t probe = 0; probe < kProbes; ++probe) {
       uint64_t there = look_at(wanted + place);
@@ -157,9 +157,9 @@ struct TextureCache {
     }
   }
 
-  /// A slot that round `now` did not see, the one seen longest ago, given to a request of that round; kNoSlot where
-  /// there is none. Several threads may claim at once: a slot that is lost to another has the stamp `now` for good, so
-  /// that a thread tries no more often than there are ways.
+  /// Gives a request of round `now` the least recently used slot that this round did not use; kNoSlot if there is none.
+  /// Several threads may allocate at once. A slot lost to another thread keeps the stamp `now`, so a thread tries at
+  /// most once per way.
   SCREE_HD uint32_t allocate_slot(const GroupRequest& request, uint32_t now) const {
     put_at(wanted + request.place, kNoKey);
     const uint64_t spread_key = spread(request.key);
@@ -182,7 +182,7 @@ struct TextureCache {
     }
   }
 
-  /// How a cache of `bytes` of samples divides: never less than one slot, whole sets if there are several.
+  /// The slots of a cache of `bytes` of samples: at least one, and whole sets if there are several.
   static uint32_t slots_for(uint64_t bytes, uint32_t slot_bytes) {
     const uint64_t slots = bytes / slot_bytes;
     constexpr uint64_t kMost = uint64_t{1} << 30;
@@ -190,15 +190,15 @@ struct TextureCache {
     return static_cast<uint32_t>((slots < kMost ? slots : kMost) / kWays * kWays);
   }
   static uint32_t sets_for(uint32_t slots) { return slots < kWays ? 1 : slots / kWays; }
-  /// Places in the table of what is wanted: twice as many as there can be requests.
+  /// Entries of the table `wanted`: twice the largest number of requests.
   static uint32_t wanted_for(uint32_t slots) { return 2 * slots < 4 * kProbes ? 4 * kProbes : 2 * slots; }
 };
 
-/// Texels of JPEG levels from the cache alone.
+/// Texels of JPEG levels from the cache only.
 struct CachedTexels {
   static constexpr bool kMayMiss = true;
   struct Lane {
-    bool missed = false;  // a group, in the pixel that is shaded
+    bool missed = false;  // a group was absent, for the current pixel
   };
 
   TextureCache cache;
@@ -228,7 +228,7 @@ struct CachedTexels {
   }
 };
 
-/// Texels of JPEG levels from the cache, and where they are not there decoded on the spot: slow, but always right.
+/// Texels of JPEG levels from the cache. An absent group is decoded immediately: slow, but always correct.
 struct FallbackTexels {
   static constexpr bool kMayMiss = false;
   struct Lane {};
@@ -236,8 +236,9 @@ struct FallbackTexels {
   TextureCache cache;
   uint32_t now;
 
-  SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
-                      uint32_t texels[4]) const {
+  /// A call, so that the decoder is compiled once and not in every kernel.
+  [[gnu::noinline]] SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column,
+                                        const TexelPair& row, uint32_t texels[4]) const {
     if (level >= texture.jpeg_level_count) return decoded_texels(texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
     format::JpegPlace places[4];
@@ -262,11 +263,11 @@ struct FallbackTexels {
   }
 };
 
-/// Decodes what a round asked for; an item is a request.
+/// Decodes the groups that a round requested, one request per item.
 struct DecodeGroups {
   TextureCache cache;
   RoundCounters* counters;
-  uint32_t now;  // the round's
+  uint32_t now;  // the current round
 
   SCREE_HD uint32_t count() const { return min_of(counters->requests, cache.slot_count); }
 

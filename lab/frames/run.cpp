@@ -244,8 +244,9 @@ class Runner {
   }
 
   /// Warms up, then times options_.frames frames, or the frames of a path once.
-  Result<void> measure(const ResidentScene& resident, Frames& frames, const NamedView& view, const Culling& culling,
+  Result<void> measure(const ResidentScene& resident, Frames& frames, NamedView view, const Culling& culling,
                        const Effects& effects, CaseResult& result) {
+    if (options_.near > 0) view = with_near(std::move(view), resident.host(), options_.near);
     result.view = view.name;
     result.frames = view.frames.size() > 1 ? static_cast<uint32_t>(view.frames.size()) : options_.frames;
     Series series;

@@ -3,7 +3,10 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdio>
 #include <numbers>
+
+#include "runtime/scene/camera.h"
 
 namespace scree::lab {
 
@@ -21,6 +24,16 @@ kernels::View scene_view(const synth::SceneCamera& camera, uint32_t width, uint3
   view.z_near = 0.1;
   view.width = width;
   view.height = height;
+  return view;
+}
+
+NamedView with_near(NamedView view, const kernels::SceneView& scene, double share) {
+  const runtime::WorldBox box = runtime::scene_box(scene);
+  const double size = std::hypot(box.max[0] - box.min[0], box.max[1] - box.min[1], box.max[2] - box.min[2]);
+  for (kernels::View& frame : view.frames) frame.z_near = share * size;
+  char name[32];
+  std::snprintf(name, sizeof name, " near %g", share);
+  view.name += name;
   return view;
 }
 

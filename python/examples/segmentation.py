@@ -11,7 +11,7 @@ file = scree.open(path)
 scene = file.load()
 instance = scene.render(320, 240, layers=["instance"])["instance"]
 
-# The layer has places in a table; -1 takes the last row of one that is a row longer.
+# The layer holds indices into a table. -1, the background, selects the row that is appended at the end.
 mesh_of = np.append(scene.instances()["mesh"], -1)
 mesh = mesh_of[instance]
 np.save(folder / "segmentation.npy", mesh)

@@ -172,11 +172,11 @@ class View:
         """A copy of a layer of the last frame as a numpy array, rows from the top.
 
         color: height x width x 4 uint8, 8-bit sRGB, alpha linear and not premultiplied. depth: float32, from the eye's
-        plane in world units, inf on the background. triangle: int64 ids, -1 on the background. instance: int32, places
-        in Scene.instances(), -1 on the background. samples: uint64, the visibility buffer. normal: height x width x 3
-        float32, unit length in world space, of the front also where the back is seen, 0 on the background. uv: height x
-        width x 2 float32, texture coordinates as the mesh has them, 0 where it has none. Neither of the last two where
-        chunks are streamed.
+        plane in world units, inf on the background. triangle: int64 ids, -1 on the background. instance: int32, indices
+        into Scene.instances(), -1 on the background. samples: uint64, the visibility buffer. normal: height x width x 3
+        float32, unit length in world space, of the front even if the back is seen, 0 on the background. uv: height x
+        width x 2 float32, texture coordinates as the mesh has them, 0 if it has none. If chunks are streamed, normal and
+        uv are missing.
         """
         return self._view.read(layer)
 

@@ -52,15 +52,15 @@ std::vector<PlacedCamera> placed_cameras(const format::Container& container, uin
 /// The caller's choices. The defaults give a view that shows the whole scene, from the front, right and above (glTF
 /// models look along +z).
 struct CameraOptions {
-  std::string camera;          // name of a camera or of its node, or the camera's number in the document
-  std::optional<Vec3> eye;     // excludes `camera`
-  std::optional<Vec3> target;  // default: the middle of the scene's box
-  std::optional<Vec3> up;      // default: y
+  std::string camera = {};          // name of a camera or of its node, or the camera's number in the document
+  std::optional<Vec3> eye = {};     // excludes `camera`
+  std::optional<Vec3> target = {};  // default: the middle of the scene's box
+  std::optional<Vec3> up = {};      // default: y
   // Direction of the default view: degrees to the right of the scene's front, and degrees above it, -90 to 90.
   double turn_degrees = 30;
   double rise_degrees = 20;
-  std::optional<double> fov_degrees;  // vertical, above 0 and below 180; replaces a document camera's own
-  uint32_t width = 1920;              // of the picture, in samples; width / height is the aspect ratio
+  std::optional<double> fov_degrees = {};  // vertical, above 0 and below 180; replaces a document camera's own
+  uint32_t width = 1920;                   // of the picture, in samples; width / height is the aspect ratio
   uint32_t height = 1080;
 };
 

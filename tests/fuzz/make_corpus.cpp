@@ -224,9 +224,9 @@ void make_png_seeds(const TempFolder& folder) {
   for (const uint32_t channels : {3u, 4u}) {
     const std::string path = folder.file("seed.png");
     REQUIRE(runtime::write_png(path, 13, 7, channels, std::span(pixels).first(13 * 7 * channels)));
-    Seed::save(tests::read_file(path), "image", "png" + std::to_string(channels));
+    Seed::save(tests::read_bytes(path), "image", "png" + std::to_string(channels));
   }
-  Seed::save(tests::read_file(data_path("checker.png").string()), "image", "checker");
+  Seed::save(tests::read_bytes(data_path("checker.png").string()), "image", "checker");
 }
 
 void make_webp_seeds() {
@@ -418,13 +418,13 @@ void make_scene_seeds(const TempFolder& folder) {
   Seed::save(file_of(tiny_parts()), "container", "tiny");
   Seed::save(file_of(full_parts()), "container", "full");
   const std::string textured = textured_model(folder, false);
-  Seed::save(tests::read_file(textured), "gltf", "textured");
+  Seed::save(tests::read_bytes(textured), "gltf", "textured");
   const auto pack_as = [&](const std::string& input, const std::string& name, auto change) {
     convert::ConvertOptions options;
     change(options);
     const std::string output = folder.file(name + ".scree");
     REQUIRE(pack(input, output, options));
-    Seed::save(tests::read_file(output), "container", name);
+    Seed::save(tests::read_bytes(output), "container", name);
   };
   const auto indexed = [](convert::ConvertOptions& o) { o.encoding = convert::Encoding::kIndexed; };
   const auto clustered = [](convert::ConvertOptions& o) { o.encoding = convert::Encoding::kClustered; };
@@ -434,7 +434,7 @@ void make_scene_seeds(const TempFolder& folder) {
   make_meshopt_seed(folder);
   const std::string blocks = block_model(folder);
   pack_as(blocks, "blocks", indexed);
-  Seed::save(tests::read_file(blocks), "gltf", "blocks.glb");
+  Seed::save(tests::read_bytes(blocks), "gltf", "blocks.glb");
   pack_as(data_path("textured_cube.glb").string(), "cube", clustered);
   pack_as(data_path("gpu_instancing.glb").string(), "instances", indexed);
   pack_as(data_path("colors.glb").string(), "colors", [](convert::ConvertOptions& o) {
@@ -463,7 +463,7 @@ void make_scene_seeds(const TempFolder& folder) {
   for (const char* name :
        {"colors.glb", "gpu_instancing.glb", "index_types.glb", "interleaved.glb", "left_out.glb", "modes.glb",
         "multi_primitive.glb", "quantized.glb", "textured_cube.glb", "data_uri.gltf", "nodes.gltf", "materials.gltf"})
-    Seed::save(tests::read_file(data_path(name).string()), "gltf", name);
+    Seed::save(tests::read_bytes(data_path(name).string()), "gltf", name);
   // The content of a .gltf and its .bin, in one file.
   const std::string sparse = replaced(read_whole(data_path("sparse.gltf").string()), "sparse.bin", "data.bin");
   Seed::save(std::as_bytes(std::span<const char>(sparse)), "gltf", "sparse");

@@ -34,7 +34,7 @@ void replay(const std::string& name, const std::string& folder) {
   target->run({});
   for (const std::filesystem::path& file : files) {
     INFO(file.string());  // a broken promise ends the program
-    const tests::Bytes bytes = tests::read_file(file.string());
+    const tests::Bytes bytes = tests::read_bytes(file.string());
     target->run(bytes);
     target->run(Bytes(bytes).first(bytes.size() / 2));
   }
@@ -96,12 +96,8 @@ std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {
   runtime::SceneOptions options;
   options.texture_cache = 65536;  // level 0 is decoded on demand
   const runtime::Scene scene = tests::must_load(seed.string(), options);
-  runtime::CameraOptions camera;
-  camera.width = 160;
-  camera.height = 120;
-  const auto view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
-  REQUIRE(view);
-  const auto frame = runtime::Frame::draw(scene, *view, 1, 1);
+  const kernels::View view = tests::must_view(scene, {.width = 160, .height = 120});
+  const auto frame = runtime::Frame::draw(scene, view, 1, 1);
   REQUIRE(frame);
   const auto picture = frame->shade({}, 1);
   REQUIRE(picture);

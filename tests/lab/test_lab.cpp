@@ -12,8 +12,10 @@
 #include "lab/report/case_result.h"
 #include "lab/report/case_row.h"
 #include "lab/report/tables.h"
+#include "lab/scenes/chunk_plan.h"
 #include "lab/scenes/visible_cost.h"
 #include "lab/setup/views.h"
+#include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/lab/refused.h"
 #include "tests/tools/temp_folder.h"
@@ -84,6 +86,7 @@ TEST_CASE("lab: words that cannot be are refused with what can", "[lab]") {
   CHECK(refused(with(&LabWords::size, "0x9")).find("WxH") != std::string::npos);
   CHECK(refused(with(&LabWords::scale, 0.0)).find("--scale") != std::string::npos);
   CHECK(refused(with(&LabWords::scale, std::nan(""))).find("--scale") != std::string::npos);
+  CHECK(refused(with(&LabWords::near, -1e-6)).find("--near") != std::string::npos);
   CHECK(refused(with(&LabWords::frames, 0u)).find("--frames") != std::string::npos);
   CHECK(refused(with(&LabWords::views, "inside,left")).find("overview") != std::string::npos);
   LabWords words;
@@ -257,6 +260,19 @@ TEST_CASE("lab: pictures are compared by triangle, depth and colour", "[lab]") {
   CHECK(error.depth_error_max == Approx(ratio));
   CHECK(error.depth_error_rms == Approx(ratio / std::sqrt(2.0)));
   CHECK(error.psnr_db == Approx(10 * std::log10(255.0 * 255.0 / (100.0 / 12))));
+}
+
+TEST_CASE("lab: the near plane may be a share of the scene's size, and the view's name tells it", "[lab]") {
+  const synth::Scene scene = make_scene("D", synth::MeshOrder::kRow, 1);
+  const std::vector<ChunkPlan> plans = plan_chunks(scene);
+  const Result<SceneTables> tables = make_tables(scene, plans, chunk_boxes(scene, plans), {false, 16, true});
+  REQUIRE(tables);
+  const kernels::SceneView view = tables->view(nullptr);
+  const NamedView named = with_near({"inside", {scene_view(scene.cameras[0], 64, 32)}}, view, 1e-6);
+  CHECK(named.name == "inside near 1e-06");
+  const runtime::WorldBox box = runtime::scene_box(view);
+  CHECK(named.frames[0].z_near ==
+        Approx(1e-6 * std::hypot(box.max[0] - box.min[0], box.max[1] - box.min[1], box.max[2] - box.min[2])));
 }
 
 TEST_CASE("lab: the path goes from a scene's first view to its second", "[lab]") {

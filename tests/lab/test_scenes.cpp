@@ -15,6 +15,7 @@
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 #include "tools/synth/synth.h"
@@ -196,20 +197,15 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
     matrix = turned;
   }
   for (const synth::SceneCamera& camera : scene.cameras) {
-    runtime::CameraOptions options;
-    options.camera = camera.name;
-    options.width = 321;
-    options.height = 183;
-    const Result<kernels::View> view = runtime::make_view(converted->container(), 0, converted->view(), options);
-    REQUIRE(view);
+    const kernels::View view = tests::must_view(*converted, {.camera = camera.name, .width = 321, .height = 183});
     std::vector<uint64_t> expected(size_t{321} * 183);
     std::vector<uint64_t> samples(expected.size());
-    REQUIRE(kernels::draw_cpu(converted->view(), *view, expected, 2));
-    const Result<kernels::FrameStats> stats = kernels::draw_cpu(made.view(), *view, samples, 2);
+    REQUIRE(kernels::draw_cpu(converted->view(), view, expected, 2));
+    const Result<kernels::FrameStats> stats = kernels::draw_cpu(made.view(), view, samples, 2);
     REQUIRE(stats);
-    const VisibleCost cost = visible_cost(made.view(), {}, *view);
+    const VisibleCost cost = visible_cost(made.view(), {}, view);
     CHECK(cost.draws == stats->draws);
-    const VisibleCost boxed = visible_cost(made.view(), made.tables.boxes, *view);
+    const VisibleCost boxed = visible_cost(made.view(), made.tables.boxes, view);
     CHECK(boxed.draws <= cost.draws);
     CHECK(boxed.bytes <= cost.bytes);
     CHECK(cost.bytes > 0);

@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/paths.h"
@@ -23,6 +24,13 @@ inline runtime::Scene must_load(const SmallScene& small) {
   const ScratchPath path("small.scree");
   small.write(path.string());
   return must_load(path.string());
+}
+
+/// The view that `camera` has of a scene. The test fails if there is none.
+inline kernels::View must_view(const runtime::Scene& scene, const runtime::CameraOptions& camera) {
+  const Result<kernels::View> view = runtime::make_view(scene, camera);
+  if (!view) FAIL(view.error().message);
+  return *view;
 }
 
 }  // namespace scree::tests

@@ -21,6 +21,7 @@
 #include "format/geometry/position_codec.h"
 #include "runtime/images/image.h"
 #include "tests/catch.h"
+#include "tests/tools/temp_folder.h"
 
 namespace scree::tests {
 
@@ -42,20 +43,12 @@ class ScratchPath {
   std::filesystem::path path_;
 };
 
-inline std::vector<std::byte> file_bytes(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  const std::vector<char> text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-  std::vector<std::byte> bytes(text.size());
-  if (!text.empty()) std::memcpy(bytes.data(), text.data(), text.size());
-  return bytes;
-}
-
 /// A PNG of 2 x 2 texels: red, green over blue, white.
 inline std::vector<std::byte> four_colors_png() {
   const ScratchPath path("four.png");
   const std::vector<uint8_t> pixels{255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255};
   REQUIRE(runtime::write_png(path.string(), 2, 2, 3, pixels));
-  return file_bytes(path.path());
+  return read_bytes(path.path());
 }
 
 /// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z. It has source

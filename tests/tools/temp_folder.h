@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include <algorithm>
+#include <cstddef>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -55,9 +56,14 @@ class TempFolder {
 };
 
 /// The bytes of a file; empty if it cannot be read.
-inline std::string read_whole(const std::string& path) {
+inline std::string read_whole(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};
+}
+inline std::vector<std::byte> read_bytes(const std::filesystem::path& path) {
+  const std::string text = read_whole(path);
+  const auto* const bytes = reinterpret_cast<const std::byte*>(text.data());
+  return {bytes, bytes + text.size()};
 }
 
 /// `text` with the first `from` replaced by `to`. `from` must occur.

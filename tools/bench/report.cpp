@@ -63,13 +63,12 @@ std::string views_table(const FileResult& file) {
 }
 
 void write_times(tools::JsonWriter& json, const char* name, const Times& times) {
-  json.key(name);
-  json.begin_object();
-  json.member("median", times.median);
-  json.member("min", times.minimum);
-  json.member("max", times.worst);
-  json.member("mean", times.mean);
-  json.end_object();
+  json.object(name, [&] {
+    json.member("median", times.median);
+    json.member("min", times.minimum);
+    json.member("max", times.worst);
+    json.member("mean", times.mean);
+  });
 }
 
 void write_file(tools::JsonWriter& json, const FileResult& file) {
@@ -78,10 +77,7 @@ void write_file(tools::JsonWriter& json, const FileResult& file) {
   json.member("bytes", file.file_bytes);
   json.member("unique_triangles", file.unique_triangles);
   json.member("drawn_triangles", file.drawn_triangles);
-  json.key("loads");
-  json.begin_array();
-  for (const LoadResult& load : file.loads) {
-    json.begin_object();
+  json.objects("loads", file.loads, [&](const LoadResult& load) {
     json.member("from", load.is_cold ? "disk" : "page cache");
     json.member("cached_share", load.cached_share);
     json.member("read_bytes", load.read_bytes);
@@ -89,13 +85,8 @@ void write_file(tools::JsonWriter& json, const FileResult& file) {
     write_times(json, "load_ms", load.load);
     write_times(json, "first_picture_ms", load.first_picture);
     json.member("gb_per_s", load.gb_per_s());
-    json.end_object();
-  }
-  json.end_array();
-  json.key("views");
-  json.begin_array();
-  for (const ViewResult& view : file.views) {
-    json.begin_object();
+  });
+  json.objects("views", file.views, [&](const ViewResult& view) {
     json.member("view", view.name);
     json.member("frames", view.frames);
     json.member("first_ms", view.first_ms);
@@ -103,9 +94,7 @@ void write_file(tools::JsonWriter& json, const FileResult& file) {
     write_times(json, "shade_ms", view.shade);
     if (view.streamed_bytes) json.member("streamed_bytes", *view.streamed_bytes);
     json.member("picture", hex(view.picture));
-    json.end_object();
-  }
-  json.end_array();
+  });
   json.end_object();
 }
 

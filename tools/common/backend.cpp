@@ -2,18 +2,18 @@
 
 #include <cstdio>
 
+#include "tools/common/options.h"
+
 namespace scree::tools {
 
 Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device) {
   BackendOptions options;
   options.device = device;
-  if (backend == "cpu") {
-    options.choice = BackendChoice::kCpu;
-  } else if (backend == "cuda") {
-    options.choice = BackendChoice::kCuda;
-  } else if (backend != "auto") {
-    return Error{ErrorCode::kUsage, "--backend: '" + backend + "' is not auto, cpu or cuda"};
-  }
+  if (const Result<void> chosen =
+          parse_choice(backend, "--backend", options.choice,
+                       {{"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}});
+      !chosen)
+    return chosen.error();
   if (device.empty()) return options;
   if (!runtime::names_gpu(device))
     return Error{ErrorCode::kUsage,

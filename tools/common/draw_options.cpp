@@ -62,14 +62,14 @@ Result<LightOptions> parse_light_options(const LightWords& words) {
   const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
   LightOptions options;
   options.environment = words.environment;
-  if (words.light == "camera") {
-    options.lighting = kernels::Lighting::kCamera;
-  } else if (words.light == "environment" || (words.light.empty() && !words.environment.empty())) {
-    options.lighting = kernels::Lighting::kEnvironment;
-  } else if (words.light == "scene") {
-    options.lighting = kernels::Lighting::kScene;
-  } else if (!words.light.empty()) {
-    return usage("--light: '" + words.light + "' is none of 'camera', 'environment' and 'scene'");
+  if (words.light.empty()) {
+    if (!words.environment.empty()) options.lighting = kernels::Lighting::kEnvironment;
+  } else if (const Result<void> chosen = parse_choice(words.light, "--light", options.lighting,
+                                                      {{"camera", kernels::Lighting::kCamera},
+                                                       {"environment", kernels::Lighting::kEnvironment},
+                                                       {"scene", kernels::Lighting::kScene}});
+             !chosen) {
+    return chosen.error();
   }
   if (!words.environment.empty() && options.lighting != kernels::Lighting::kEnvironment)
     return usage("--environment is for --light environment, not " + words.light);
@@ -132,15 +132,13 @@ Result<DrawOptions> parse_draw_options(const DrawWords& words) {
   const Result<uint64_t> host_memory = parse_size(words.host_memory, "--host-memory", 0);
   if (!host_memory) return host_memory.error();
   options.host_memory = *host_memory;
-  if (words.read == "mapped") {
-    options.reading = runtime::Reading::kMapped;
-  } else if (words.read == "buffered") {
-    options.reading = runtime::Reading::kBuffered;
-  } else if (words.read == "direct") {
-    options.reading = runtime::Reading::kDirect;
-  } else if (words.read != "auto") {
-    return usage("--read", words.read, "auto, mapped, buffered or direct");
-  }
+  if (const Result<void> chosen = parse_choice(words.read, "--read", options.reading,
+                                               {{"auto", runtime::Reading::kAuto},
+                                                {"mapped", runtime::Reading::kMapped},
+                                                {"buffered", runtime::Reading::kBuffered},
+                                                {"direct", runtime::Reading::kDirect}});
+      !chosen)
+    return chosen.error();
   return options;
 }
 

@@ -31,6 +31,35 @@ class JsonWriter {
     key(name);
     value(content);
   }
+  /// A member that is an object; `members()` writes the members of it.
+  template <class Members>
+  void object(std::string_view name, const Members& members) {
+    key(name);
+    begin_object();
+    members();
+    end_object();
+  }
+  /// A member that is an array; `write(item)` writes one value.
+  template <class Items, class Write>
+  void array(std::string_view name, const Items& items, const Write& write) {
+    key(name);
+    begin_array();
+    for (const auto& item : items) write(item);
+    end_array();
+  }
+  template <class Items>
+  void array(std::string_view name, const Items& items) {
+    array(name, items, [this](const auto& item) { value(item); });
+  }
+  /// A member that is an array of objects; `members(item)` writes the members of one.
+  template <class Items, class Members>
+  void objects(std::string_view name, const Items& items, const Members& members) {
+    array(name, items, [&](const auto& item) {
+      begin_object();
+      members(item);
+      end_object();
+    });
+  }
   /// A line break for readability; allowed between any two values.
   void line() { text_ += '\n'; }
   bool met_non_finite() const { return met_non_finite_; }

@@ -2,8 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <initializer_list>
 #include <string>
 #include <string_view>
+#include <type_traits>
+#include <utility>
 
 #include "format/result.h"
 
@@ -21,6 +24,21 @@ Result<double> parse_length(std::string_view text);
 
 /// An integer in [lowest, highest]. Errors kUsage; `what`: the option, for the message.
 Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t highest, std::string_view what);
+
+/// Sets `out` to the value that `choices` name `text`. Errors kUsage: "--grid: 'cell' is not one of mesh, scene".
+template <class Value>
+Result<void> parse_choice(std::string_view text, std::string_view option, Value& out,
+                          std::initializer_list<std::pair<std::string_view, std::type_identity_t<Value>>> choices) {
+  std::string names;
+  for (const auto& [name, value] : choices) {
+    if (name == text) {
+      out = value;
+      return {};
+    }
+    names += (names.empty() ? "" : ", ") + std::string(name);
+  }
+  return Error{ErrorCode::kUsage, std::string(option) + ": '" + std::string(text) + "' is not one of " + names};
+}
 
 /// A number of threads up to 4096. 0 gives as many as the machine runs at once. Errors kUsage.
 Result<uint32_t> parse_threads(std::string_view text);

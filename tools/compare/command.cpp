@@ -307,20 +307,24 @@ Command add_compare(CLI::App& parent) {
   app->add_option("-o,--output", render.output,
                   "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
                   "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two\n"
-                  "PNGs the FLIP error, black 0 to white 1");
+                  "PNGs the FLIP error, black 0 to white 1")
+      ->type_name("FILE");
   app->add_option("--flip", words->flip,
                   "A picture of the FLIP error, a .png, black 0 to white 1: of two PNGs, or of the lit pictures of a\n"
-                  ".scree file and its glTF");
-  app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)");
+                  ".scree file and its glTF")
+      ->type_name("FILE");
+  app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)")->type_name("WxH");
   add_camera_options(*app, render);
   app->add_option("--of", words->of,
                   "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
                   "first, if the two differ in encoding (needs convert --source-ids)")
+      ->type_name("FILE")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with");
+  app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with")
+      ->type_name("REGEX");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_option(
          "--ppd", words->pixels_per_degree,
@@ -328,8 +332,9 @@ Command add_compare(CLI::App& parent) {
       ->check(CLI::Range(1.0, 1000.0));
   app->add_option("--memory", words->memory,
                   "Limit of memory for the glTF's vertices and triangles, all held at once, such as 8GiB (default: "
-                  "available memory)");
-  app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)");
+                  "available memory)")
+      ->type_name("SIZE");
+  app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)")->type_name("N");
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--json", words->json, "One JSON object");
   return {app, [words] { return run(*words); }};

@@ -29,12 +29,11 @@ void depth_row(TextTable& table, const char* title, const DepthError& error) {
 
 void depth_member(JsonWriter& json, const char* name, const DepthError& error) {
   if (error.count() == 0) return;
-  json.key(name);
-  json.begin_object();
-  json.member("pixels", error.count());
-  json.member("max", error.max());
-  json.member("rms", error.rms());
-  json.end_object();
+  json.object(name, [&] {
+    json.member("pixels", error.count());
+    json.member("max", error.max());
+    json.member("rms", error.rms());
+  });
 }
 
 void distance_row(TextTable& table, const char* title, const Distances& distances) {
@@ -43,14 +42,13 @@ void distance_row(TextTable& table, const char* title, const Distances& distance
 }
 
 void distance_member(JsonWriter& json, const char* name, const Distances& distances) {
-  json.key(name);
-  json.begin_object();
-  json.member("vertices", distances.count());
-  json.member("max", distances.max());
-  json.member("rms", distances.rms());
-  json.member("max_over_diagonal", distances.relative_max());
-  json.member("rms_over_diagonal", distances.relative_rms());
-  json.end_object();
+  json.object(name, [&] {
+    json.member("vertices", distances.count());
+    json.member("max", distances.max());
+    json.member("rms", distances.rms());
+    json.member("max_over_diagonal", distances.relative_max());
+    json.member("rms_over_diagonal", distances.relative_rms());
+  });
 }
 
 }  // namespace
@@ -81,16 +79,15 @@ std::string text_pixels(const PixelReport& report) {
 
 void json_pixels(JsonWriter& json, const PixelReport& report) {
   const auto counts = report.counts();
-  json.key("pixels");
-  json.begin_object();
-  json.member("width", report.width);
-  json.member("height", report.height);
-  json.member("wrong", report.wrong());
-  for (size_t i = 0; i < kPixelKinds; ++i)
-    if (report.tells(static_cast<PixelKind>(i))) json.member(kind_key(static_cast<PixelKind>(i)), counts[i]);
-  depth_member(json, "relative_depth_error_same_triangle", report.same_depth);
-  depth_member(json, "relative_depth_error_surface", report.surface_depth);
-  json.end_object();
+  json.object("pixels", [&] {
+    json.member("width", report.width);
+    json.member("height", report.height);
+    json.member("wrong", report.wrong());
+    for (size_t i = 0; i < kPixelKinds; ++i)
+      if (report.tells(static_cast<PixelKind>(i))) json.member(kind_key(static_cast<PixelKind>(i)), counts[i]);
+    depth_member(json, "relative_depth_error_same_triangle", report.same_depth);
+    depth_member(json, "relative_depth_error_surface", report.surface_depth);
+  });
   json.line();
 }
 
@@ -116,20 +113,19 @@ std::string text_geometry(const GeometryReport& report) {
 }
 
 void json_geometry(JsonWriter& json, const GeometryReport& report) {
-  json.key("geometry");
-  json.begin_object();
-  json.member("meshes", report.meshes);
-  json.member("triangles", report.triangles);
-  json.member("missing_triangles", report.missing_triangles);
-  json.member("unknown_triangles", report.unknown_triangles);
-  distance_member(json, "stored_to_source", report.stored);
-  distance_member(json, "source_to_stored", report.source);
-  json.member("max_axis_error", report.axis_error);
-  json.member("max_axis_bound", report.axis_bound);
-  json.member("broken_bounds", uint64_t{report.broken.size()});
-  if (report.normals != 0) json.member("max_normal_degrees", report.normal_degrees);
-  if (report.faces != 0) json.member("max_face_degrees", report.face_degrees);
-  json.end_object();
+  json.object("geometry", [&] {
+    json.member("meshes", report.meshes);
+    json.member("triangles", report.triangles);
+    json.member("missing_triangles", report.missing_triangles);
+    json.member("unknown_triangles", report.unknown_triangles);
+    distance_member(json, "stored_to_source", report.stored);
+    distance_member(json, "source_to_stored", report.source);
+    json.member("max_axis_error", report.axis_error);
+    json.member("max_axis_bound", report.axis_bound);
+    json.member("broken_bounds", uint64_t{report.broken.size()});
+    if (report.normals != 0) json.member("max_normal_degrees", report.normal_degrees);
+    if (report.faces != 0) json.member("max_face_degrees", report.face_degrees);
+  });
   json.line();
 }
 
@@ -149,19 +145,18 @@ std::string text_pictures(const PictureReport& report, bool of_scene) {
 }
 
 void json_pictures(JsonWriter& json, const PictureReport& report, bool of_scene) {
-  json.key("pictures");
-  json.begin_object();
-  json.member("width", report.width);
-  json.member("height", report.height);
-  if (of_scene) json.member("textures_left_out", true);
-  json.member("identical", report.differing == 0);
-  json.member("differing", report.differing);
-  json.member("max_levels", report.max_levels);
-  if (std::isfinite(report.psnr)) json.member("psnr_db", report.psnr);
-  json.member("flip_mean", report.flip_mean);
-  json.member("flip_max", report.flip_max);
-  json.member("flip_verified", false);  // against the authors' program
-  json.end_object();
+  json.object("pictures", [&] {
+    json.member("width", report.width);
+    json.member("height", report.height);
+    if (of_scene) json.member("textures_left_out", true);
+    json.member("identical", report.differing == 0);
+    json.member("differing", report.differing);
+    json.member("max_levels", report.max_levels);
+    if (std::isfinite(report.psnr)) json.member("psnr_db", report.psnr);
+    json.member("flip_mean", report.flip_mean);
+    json.member("flip_max", report.flip_max);
+    json.member("flip_verified", false);  // against the authors' program
+  });
   json.line();
 }
 

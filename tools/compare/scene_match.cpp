@@ -63,7 +63,7 @@ std::string difference(const Scene& a, uint64_t instance_a, const Scene& b, uint
   if (mesh_a.triangle_count != mesh_b.triangle_count)
     return node + " draws " + std::to_string(mesh_a.triangle_count) + " triangles, but " +
            std::to_string(mesh_b.triangle_count);
-  if (!equal_matrices(a, in_a, b, in_b)) return node + " stands in another place";
+  if (!equal_matrices(a, in_a, b, in_b)) return node + " has another transform";
   const double allowed = allowed_distance(mesh_a, mesh_b);
   for (size_t axis = 0; axis < 3; ++axis)
     if (!is_near(mesh_a.bounds_min[axis], mesh_b.bounds_min[axis], allowed) ||

@@ -115,6 +115,24 @@ Result<void> parse_shard(const std::string& text, convert::ConvertOptions& optio
   return {};
 }
 
+Result<void> parse_choices(const ConvertArguments& words, convert::ConvertOptions& options) {
+  using namespace convert;
+  Result<void> done =
+      parse_choice(words.grid, "--grid", options.grid, {{"mesh", Grid::kMesh}, {"scene", Grid::kScene}});
+  if (done)
+    done = parse_choice(words.order, "--order", options.order, {{"fifo", Order::kFifo}, {"none", Order::kNone}});
+  if (done)
+    done = parse_choice(words.encoding, "--encoding", options.encoding,
+                        {{"clustered", Encoding::kClustered}, {"indexed", Encoding::kIndexed}});
+  if (done)
+    done = parse_choice(words.clusters, "--clusters", options.clusters,
+                        {{"fast", ClusterEffort::kFast}, {"best", ClusterEffort::kBest}});
+  if (done)
+    done = parse_choice(words.normals, "--normals", options.normals,
+                        {{"auto", Normals::kAuto}, {"always", Normals::kAlways}, {"never", Normals::kNever}});
+  return done;
+}
+
 Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positions_given) {
   convert::ConvertOptions options;
   if (words.input == "-")
@@ -147,18 +165,7 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
     if (!bound) return bound.error();
     options.pixel_bound = *bound;
   }
-  if (words.grid != "mesh" && words.grid != "scene")
-    return Error{ErrorCode::kUsage, "--grid: '" + words.grid + "' is neither 'mesh' nor 'scene'"};
-  options.grid = words.grid == "scene" ? convert::Grid::kScene : convert::Grid::kMesh;
-  if (words.order != "fifo" && words.order != "none")
-    return Error{ErrorCode::kUsage, "--order: '" + words.order + "' is neither 'fifo' nor 'none'"};
-  options.order = words.order == "none" ? convert::Order::kNone : convert::Order::kFifo;
-  if (words.encoding != "indexed" && words.encoding != "clustered")
-    return Error{ErrorCode::kUsage, "--encoding: '" + words.encoding + "' is neither 'indexed' nor 'clustered'"};
-  options.encoding = words.encoding == "indexed" ? convert::Encoding::kIndexed : convert::Encoding::kClustered;
-  if (words.clusters != "fast" && words.clusters != "best")
-    return Error{ErrorCode::kUsage, "--clusters: '" + words.clusters + "' is neither 'fast' nor 'best'"};
-  options.clusters = words.clusters == "best" ? ClusterEffort::kBest : ClusterEffort::kFast;
+  if (const Result<void> chosen = parse_choices(words, options); !chosen) return chosen.error();
   const Result<uint64_t> chunk = parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles");
   if (!chunk) return chunk.error();
   options.chunk_triangles = *chunk;
@@ -176,11 +183,6 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   if (!images) return images.error();
   options.images = *images;
   options.images.keep_going = words.keep_going;
-  if (words.normals != "auto" && words.normals != "always" && words.normals != "never")
-    return Error{ErrorCode::kUsage, "--normals: '" + words.normals + "' is none of 'auto', 'always' and 'never'"};
-  options.normals = words.normals == "auto"     ? convert::Normals::kAuto
-                    : words.normals == "always" ? convert::Normals::kAlways
-                                                : convert::Normals::kNever;
   options.source_ids = words.source_ids;
   options.drop_nonfinite = words.drop_nonfinite;
   options.weld = !words.no_weld;
@@ -228,12 +230,15 @@ Command add_convert(CLI::App& parent) {
   const auto words = std::make_shared<ConvertArguments>();
   CLI::App* app = parent.add_subcommand("convert", "Packs a glTF scene into a .scree file");
   app->add_option("input", words->input, "The scene: .gltf or .glb")->required();
-  app->add_option("-o,--output", words->output, "The file to write (default: the input with the extension .scree)");
+  app->add_option("-o,--output", words->output, "The file to write (default: the input with the extension .scree)")
+      ->type_name("FILE");
   CLI::Option* positions = app->add_option("--positions", words->positions,
-                                           "Bits per axis of positions, 8 to 24, or float32 (unchanged) (default: 16)");
+                                           "Bits per axis of positions, 8 to 24, or float32 (unchanged) (default: 16)")
+                               ->type_name("BITS");
   app->add_option("--max-error", words->max_error,
                   "Largest position error per axis, in model units (0.5mm, 1e-3; a unit is a metre). Chooses the step "
-                  "instead of --positions. Meshes for which 24 bits are not enough keep their floats");
+                  "instead of --positions. Meshes for which 24 bits are not enough keep their floats")
+      ->type_name("LENGTH");
   app->add_option("--max-error-pixels", words->max_error_pixels,
                   "Choose for each mesh the fewest bits that move no vertex by more than N pixels when it is "
                   "--at-distance or farther from the eye's plane (formula: docs/design.md)")
@@ -246,24 +251,31 @@ Command add_convert(CLI::App& parent) {
   app->add_option("--at-fov", words->at_fov, "Its vertical field of view in degrees (default: 45)")
       ->type_name("DEGREES");
   app->add_option("--grid", words->grid,
-                  "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest");
+                  "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest")
+      ->type_name("NAME");
   app->add_option("--order", words->order,
-                  "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source");
+                  "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source")
+      ->type_name("NAME");
   app->add_option("--encoding", words->encoding,
                   "clustered (default): clusters of up to 128 triangles, half the bytes, drawn far faster on a GPU; "
                   "indexed: vertices and indices. Meshes with float32 positions are always indexed, as are chunks that "
-                  "would exceed float32 size under an error bound");
+                  "would exceed float32 size under an error bound")
+      ->type_name("NAME");
   app->add_option("--clusters", words->clusters,
-                  "fast (default): clusters in the order of --order; best: smaller files, many times slower");
+                  "fast (default): clusters in the order of --order; best: smaller files, many times slower")
+      ->type_name("NAME");
   app->add_option("--chunk-triangles", words->chunk_triangles,
                   "Largest number of triangles per chunk, 1 to 65536 (default: 65536); 0: one chunk per mesh, which "
-                  "needs memory for the whole largest mesh");
-  app->add_option("--zstd", words->zstd, "Compress pages with zstd at this level, 1 to 22; 0: not at all (default)");
+                  "needs memory for the whole largest mesh")
+      ->type_name("N");
+  app->add_option("--zstd", words->zstd, "Compress pages with zstd at this level, 1 to 22; 0: not at all (default)")
+      ->type_name("N");
   app->add_option(
-      "--textures", words->textures,
-      "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels, PNGs stay as "
-      "they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): others become JPEGs, 4:4:4, without alpha; raw: as "
-      "keep, but JPEGs stay as they are too");
+         "--textures", words->textures,
+         "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels, PNGs stay as "
+         "they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): others become JPEGs, 4:4:4, without alpha; raw: as "
+         "keep, but JPEGs stay as they are too")
+      ->type_name("NAME");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
   app->add_option(
@@ -273,14 +285,15 @@ Command add_convert(CLI::App& parent) {
       ->type_name("WHICH");
   app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
   app->add_option("--exclude", words->exclude,
-                  "Leave out nodes whose name matches this regular expression, and their children");
+                  "Leave out nodes whose name matches this regular expression, and their children")
+      ->type_name("REGEX");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_flag("--drop-nonfinite", words->drop_nonfinite,
                 "Leave out triangles with a position that is NaN or infinite instead of failing");
   app->add_flag("--no-weld", words->no_weld, "Do not merge vertices whose stored data are equal bit for bit");
   app->add_flag("--no-share", words->no_share,
                 "Store equal meshes, textures and materials as often as the source has them");
-  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
+  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
   app->add_option("--memory", words->memory,
                   "The most memory to take (default: 2GiB): with less, fewer threads work at a time on the same bytes")
       ->type_name("SIZE");

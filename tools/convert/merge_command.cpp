@@ -70,7 +70,7 @@ Command add_merge(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand(
       "merge", "Makes of the shards of a conversion (scree convert --shard) the .scree file that one run makes");
   app->add_option("shards", words->shards, "All shards, in any order; the source is there as it was")->required();
-  app->add_option("-o,--output", words->output, "The file to write")->required();
+  app->add_option("-o,--output", words->output, "The file to write")->required()->type_name("FILE");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
   app->add_option("--memory", words->memory, "The most memory to take (default: 2GiB)")->type_name("SIZE");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);

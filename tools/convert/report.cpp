@@ -106,20 +106,12 @@ std::string json_report(const ConvertOptions& options, const ConvertReport& repo
   json.member("peak_bytes", report.peak_bytes);
   json.member("threads", report.threads);
   json.member("work", describe_work(report));
-  json.key("left_out");
-  json.begin_array();
-  for (const LeftOut& entry : report.left_out) {
-    json.begin_object();
+  json.objects("left_out", report.left_out, [&](const LeftOut& entry) {
     json.member("what", entry.what);
     json.member("count", entry.count);
     json.member("source_bytes", entry.source_bytes);
-    json.end_object();
-  }
-  json.end_array();
-  json.key("warnings");
-  json.begin_array();
-  for (const std::string& warning : report.warnings) json.value(warning);
-  json.end_array();
+  });
+  json.array("warnings", report.warnings);
   json.end_object();
   return text + "\n";
 }

@@ -450,11 +450,14 @@ Command add_export(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand("export", "Decodes a .scree file to glTF");
   app->add_option("FILE", arguments->input, "The .scree file")->required();
   app->add_option("-o,--output", arguments->output, "Output: .glb, or .gltf with .bin and images beside it")
+      ->type_name("FILE")
       ->required();
   app->add_flag("-f,--force", arguments->force, kForceHelp);
   app->add_flag("--json", arguments->json, "Print one JSON object instead of the closing line");
   app->add_flag("-q,--quiet", arguments->quiet, "No progress and no closing line");
-  app->add_option("--threads", arguments->threads, "Threads; 0: one per processor")->capture_default_str();
+  app->add_option("--threads", arguments->threads, "Threads; 0: one per processor")
+      ->type_name("N")
+      ->capture_default_str();
   return {app, [arguments] { return run_export(*arguments); }};
 }
 

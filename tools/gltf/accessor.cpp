@@ -32,7 +32,7 @@ constexpr uint64_t kStackWindowBytes = 64 << 10;
 constexpr uint64_t kGatherWindowBytes = 1 << 20;
 constexpr uint64_t kGatherGapBytes = 4096;  // reading a page too much costs less than another system call
 
-// Elements that fit a window of `bytes`: the last one needs no full stride.
+// The number of elements in a window of `bytes`. The last one needs no full stride.
 uint64_t elements_in(uint64_t bytes, const Accessor& accessor) {
   return (bytes - accessor.element_bytes()) / accessor.stride + 1;
 }
@@ -47,13 +47,13 @@ uint32_t load_index(ComponentType type, const std::byte* at) {
   return format::load<uint32_t>(at);
 }
 
-// Puts the sparse values of elements [first, first + count) over a window of them.
+// Writes the sparse values of elements [first, first + count) over a window of these elements.
 Result<void> overlay_sparse(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> window) {
   const Accessor::Sparse& sparse = *accessor.sparse;
   const uint64_t index_bytes = component_bytes(sparse.index_type);
   const uint64_t value_bytes = accessor.element_bytes();
 
-  // The first sparse index at or past `first`: they ascend.
+  // Finds the first sparse index that is at least `first`. They ascend.
   uint64_t low = 0;
   uint64_t high = sparse.count;
   while (low < high) {
@@ -88,7 +88,7 @@ Result<void> overlay_sparse(const Accessor& accessor, uint64_t first, uint64_t c
       return read;
     for (uint64_t i = 0; i < inside; ++i) {
       const uint64_t element = load_index(sparse.index_type, indices.data() + i * index_bytes);
-      if (element < first) continue;  // only if the file changed since it was checked
+      if (element < first) continue;  // only if the file changed after it was checked
       std::memcpy(window.data() + (element - first) * accessor.stride, values.data() + i * value_bytes, value_bytes);
     }
     if (inside < n) return {};
@@ -96,7 +96,7 @@ Result<void> overlay_sparse(const Accessor& accessor, uint64_t first, uint64_t c
   return {};
 }
 
-// Reads elements [first, first + count) as they lie, accessor.stride bytes apart; `window` has window_bytes(count).
+// Reads elements [first, first + count) as stored, accessor.stride bytes apart. `window` has window_bytes(count).
 Result<void> load_window(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> window) {
   if (accessor.source == nullptr) {
     std::fill(window.begin(), window.end(), std::byte{0});
@@ -107,8 +107,8 @@ Result<void> load_window(const Accessor& accessor, uint64_t first, uint64_t coun
   return {};
 }
 
-// Reads elements [first, first + count) in windows of the stack; `use(done, window, n)` gets n of them, as
-// load_window() leaves them, after the first `done`.
+// Reads elements [first, first + count) in windows on the stack. Calls `use(done, window, n)` for the n elements after
+// the first `done`; the window is as load_window() fills it.
 template <class Use>
 Result<void> each_window(const Accessor& accessor, uint64_t first, uint64_t count, const Use& use) {
   std::array<std::byte, kStackWindowBytes> window;
@@ -122,7 +122,7 @@ Result<void> each_window(const Accessor& accessor, uint64_t first, uint64_t coun
   return {};
 }
 
-// glTF 2.0, 3.11 and KHR_mesh_quantization: c / 127 with -128 held at -1, c / 255, and so on.
+// glTF 2.0, 3.11 and KHR_mesh_quantization: c / 127 with -128 clamped to -1, c / 255, and so on.
 float normalized_float(float value, float largest) {
   return std::max(value / largest, -1.0f);
 }
@@ -137,7 +137,7 @@ float to_float(T value, bool normalized) {
   }
 }
 
-// Converts `count` elements of a window; number i lies at place(i) elements from its start.
+// Converts `count` elements of a window. Element i lies place(i) elements from its start.
 template <class T, class Place>
 void convert_elements(const Accessor& accessor, const std::byte* window, uint64_t count, Place place, float* out) {
   const uint32_t components = accessor.components;
@@ -172,13 +172,13 @@ bool lies_as_floats(const Accessor& accessor) {
 
 Error range_error(const Primitive& primitive, uint32_t index, uint64_t place) {
   return {ErrorCode::kRange, "mesh " + std::to_string(primitive.mesh) + " primitive " +
-                                 std::to_string(primitive.place) + ": index " + std::to_string(index) + " at place " +
+                                 std::to_string(primitive.place) + ": index " + std::to_string(index) + " at element " +
                                  std::to_string(place) + ", but the mesh has " +
                                  std::to_string(primitive.vertex_count()) + " vertices"};
 }
 
-// Reads `out.size()` vertex numbers from place `first` of the index accessor (or counts, where there is none) and
-// checks them.
+// Reads `out.size()` vertex numbers of the index accessor from index `first` on, and checks them. Without an accessor
+// it counts up.
 Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<uint32_t> out) {
   if (!primitive.indices) {
     for (size_t i = 0; i < out.size(); ++i) out[i] = static_cast<uint32_t>(first + i);
@@ -209,7 +209,7 @@ Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<
   return {};
 }
 
-// Strips and fans: every triangle shares two vertices with the one before.
+// Strips and fans: every triangle shares two vertices with the previous one.
 Result<void> read_joined_triangles(const Primitive& primitive, uint64_t first, std::span<uint32_t> out) {
   constexpr uint64_t kAtOnce = 4096;
   std::array<uint32_t, kAtOnce + 2> indices;

@@ -6,7 +6,7 @@
 
 namespace scree::convert {
 
-/// Smallest and largest of a list of points, 3 floats each; {+inf, -inf} for none.
+/// The smallest and the largest coordinates of a list of points, 3 floats each; {+inf, -inf} if there are none.
 struct Box {
   std::array<float, 3> lo{};
   std::array<float, 3> hi{};

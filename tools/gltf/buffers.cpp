@@ -13,7 +13,7 @@
 namespace scree::convert {
 namespace {
 
-// Sparse indices: strictly ascending, each below the accessor's count.
+// Sparse indices must be strictly ascending and below the accessor's count.
 Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
   const uint64_t index_bytes = component_bytes(sparse.index_type);
   std::array<std::byte, 16 << 10> window;
@@ -31,7 +31,7 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
                              : index_bytes == 2 ? format::load<uint16_t>(from)
                                                 : uint64_t{format::load<uint32_t>(from)};
       if (value >= count || value < next) {
-        return Error{ErrorCode::kRange, "index " + std::to_string(value) + " at place " + std::to_string(done + i) +
+        return Error{ErrorCode::kRange, "index " + std::to_string(value) + " at element " + std::to_string(done + i) +
                                             (value < next ? std::string(", expected ascending indices")
                                                           : ", but there are " + std::to_string(count) + " elements")};
       }
@@ -74,7 +74,7 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index
     if (number < chunks_.size() && chunks_[number] != nullptr) return chunks_[number];
     return Error{ErrorCode::kFormat, "chunk " + std::to_string(number) + " is no binary chunk of the file"};
   }
-  constexpr size_t kImplied = 1;  // chunk of buffer 0
+  constexpr size_t kImplied = 1;  // the chunk of buffer 0
   const bool has_implied = kImplied < chunks_.size() && chunks_[kImplied] != nullptr;
   if (index == 0 && has_implied) return chunks_[kImplied];
   return Error{ErrorCode::kFormat, has_implied ? "uri is missing, only buffer 0 is the binary chunk"
@@ -99,7 +99,8 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::buffer(int32_t index) {
 Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
   const DocBufferView& stated = document_.views[static_cast<size_t>(index)];
   if (stated.meshopt != kAbsent) {
-    // Also where the view's own buffer has the data unpacked: that buffer is a fallback and often was left behind.
+    // This holds even if the view's own buffer has the data unpacked: that buffer is a fallback, and writers often
+    // leave it out.
     auto& unpacked = unpacked_[static_cast<size_t>(stated.meshopt)];
     if (unpacked == nullptr) {
       const DocMeshopt& meshopt = document_.meshopt[static_cast<size_t>(stated.meshopt)];

@@ -1,5 +1,5 @@
-// From the numbers of a document to bytes that are there: buffers, buffer views and accessors, checked when they are
-// asked for. What a scene does not use is never opened.
+// From the numbers of a document to bytes: buffers, buffer views and accessors, checked when they are first used. Files
+// that a scene does not use are never opened.
 #pragma once
 
 #include <cstdint>
@@ -19,13 +19,13 @@ namespace scree::convert {
 
 class GltfBuffers {
  public:
-  /// `folder`: of the scene. `chunks`: of a .glb, by index, null for those that are not binary. `document` has passed
-  /// check_document() and outlives this. Indices given to the functions below are in range. `kept_bytes`: of unpacked
-  /// buffer views that are kept, see MeshoptCache. `allow_outside`: resolve_uri's.
+  /// `folder`: the scene's. `chunks`: of a .glb, by index; null for chunks that are not binary. `document` has passed
+  /// check_document() and outlives this. Indices given to the functions below must be in range. `kept_bytes`: memory
+  /// for unpacked buffer views, see MeshoptCache. `allow_outside`: as for resolve_uri().
   GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
               uint64_t kept_bytes, bool allow_outside);
 
-  /// Of the compressed buffer views that were asked for.
+  /// Memory of the compressed buffer views that were used.
   const PackedViewMemory& view_memory() const { return view_memory_; }
 
   struct View {
@@ -34,25 +34,25 @@ class GltfBuffers {
     uint64_t bytes = 0;
   };
 
-  /// A buffer view, its buffer no shorter than the document says; one that is compressed is unpacked when its source is
-  /// read. Errors kTruncated, kFile, kUnsupported, kFormat.
+  /// A buffer view. Its buffer is at least as long as the document states. A compressed view is unpacked when its
+  /// source is read. Errors kTruncated, kFile, kUnsupported, kFormat.
   Result<View> view(int32_t index);
 
-  /// An accessor of scalars or vectors, its sparse indices read and checked. Errors as view(), and kRange.
+  /// An accessor of scalars or vectors, with its sparse indices read and checked. Errors as view(), and kRange.
   Result<Accessor> accessor(int32_t index);
 
-  /// A primitive out of the Draco stream in a buffer view: for equal ones one source. Errors as view(), and kUsage
-  /// where unpacking it takes more than `memory` bytes.
+  /// A primitive of the Draco stream in a buffer view; equal primitives share one source. Errors as view(), and kUsage
+  /// if unpacking it takes more than `memory` bytes.
   Result<std::shared_ptr<const ByteSource>> draco(int32_t view, const DracoPrimitive& primitive, uint64_t memory);
 
-  /// The bytes of an image: its view, file or data: URI. Errors as view().
+  /// The bytes of an image: from its view, file or data: URI. Errors as view().
   Result<View> image(const DocImage& image);
 
-  /// Bytes of an accessor's elements (sparse ones not counted twice) as the document states them; 0 where it is
-  /// nonsense.
+  /// Bytes of an accessor's elements as the document states them (sparse elements are not counted twice); 0 if the
+  /// statement is invalid.
   uint64_t stated_bytes(int32_t accessor) const;
 
-  /// And its elements.
+  /// The number of its elements, likewise.
   uint64_t stated_count(int32_t accessor) const;
 
  private:
@@ -67,7 +67,7 @@ class GltfBuffers {
   std::vector<std::shared_ptr<const ByteSource>> chunks_;
   std::vector<std::shared_ptr<const ByteSource>> buffers_;
   MeshoptCache meshopt_;
-  std::vector<std::shared_ptr<const ByteSource>> unpacked_;  // by number in GltfDocument::meshopt
+  std::vector<std::shared_ptr<const ByteSource>> unpacked_;  // by index in GltfDocument::meshopt
   std::multimap<int32_t, std::pair<DracoPrimitive, std::shared_ptr<const ByteSource>>> draco_;  // by view
   std::vector<bool> sparse_checked_;
   PackedViewMemory view_memory_;

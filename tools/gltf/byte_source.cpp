@@ -17,7 +17,7 @@
 namespace scree::convert {
 namespace {
 
-// Half of the usual limit of open files; the rest is for everything else the process has open.
+// Half of the usual limit of open files. The other half is for everything else that the process opens.
 constexpr int kKeptDescriptors = 512;
 std::atomic<int> kept_descriptors{0};
 
@@ -28,7 +28,7 @@ Error file_error(const std::string& path, int number) {
   return {ErrorCode::kFile, path + ": " + std::strerror(number)};
 }
 
-// O_NONBLOCK: opening a FIFO must not wait for a writer; it has no effect on regular files.
+// O_NONBLOCK: opening a FIFO must not wait for a writer. It has no effect on regular files.
 int open_read_only(const std::string& path) {
   return ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
 }
@@ -69,7 +69,7 @@ class FileSource final : public ByteSource {
 
   void will_need(uint64_t offset, uint64_t bytes) const override {
     if (descriptor_ < 0) return;
-    // Of each call Linux reads no more than the disk takes in one request, or reads ahead by itself.
+    // Per call, Linux reads ahead at most the bytes of one disk request, or of its own read-ahead.
     constexpr uint64_t kPiece = 512 << 10;
     for (uint64_t done = 0; done < bytes; done += kPiece)
       ::posix_fadvise(descriptor_, static_cast<off_t>(offset + done),
@@ -77,7 +77,8 @@ class FileSource final : public ByteSource {
   }
 
  private:
-  /// A descriptor that is kept stays with its file; a path may lead to another by now.
+  /// Checks that a descriptor still has the file of the first opening. A kept descriptor does; a path may lead to
+  /// another file now.
   Result<void> check_same(int descriptor) const {
     struct stat now {};
     if (::fstat(descriptor, &now) != 0) return file_error(path_, errno);
@@ -90,7 +91,7 @@ class FileSource final : public ByteSource {
 
   Result<void> read_from(int descriptor, uint64_t offset, std::span<std::byte> out) const {
     while (!out.empty()) {
-      // Linux moves at most 0x7ffff000 bytes a call.
+      // Linux moves at most 0x7ffff000 bytes per call.
       const size_t part = std::min<size_t>(out.size(), size_t{1} << 30);
       const ssize_t got = ::pread(descriptor, out.data(), part, static_cast<off_t>(offset));
       if (got < 0) {
@@ -108,7 +109,7 @@ class FileSource final : public ByteSource {
 
   std::string path_;
   int descriptor_;     // -1: opened for each read
-  struct stat first_;  // when it was opened
+  struct stat first_;  // at the first opening
 };
 
 class WindowSource final : public ByteSource {

@@ -1,4 +1,4 @@
-// Where the bytes of a scene lie: files, parts of files, and decoded data: URIs.
+// The bytes of a scene: files, parts of files, and decoded data: URIs.
 #pragma once
 
 #include <cstddef>
@@ -15,11 +15,11 @@
 namespace scree::convert {
 
 /// Opens a regular file for pread(). The first few hundred files keep their descriptor; later ones are opened for each
-/// read, so that a scene of thousands of .bin files works within the usual limit of 1024; such a read is kFile where
-/// the path leads to another file by then, or its size or time of change is another. Errors kFile.
+/// read, so that a scene of thousands of .bin files works within the usual limit of 1024. Such a read is kFile if the
+/// path leads to another file by then, or if the file's size or time of change differs. Errors kFile.
 Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path);
 
-/// What all reads of files and of part_source() took since the program began, in all threads.
+/// Totals of all reads of files and of part_source() since the program began, in all threads.
 struct ReadTotals {
   uint64_t bytes = 0;
   double seconds = 0;
@@ -30,7 +30,7 @@ ReadTotals read_totals();
 std::shared_ptr<const ByteSource> window_source(std::shared_ptr<const ByteSource> whole, uint64_t offset,
                                                 uint64_t size);
 
-/// What was written to the first `size` bytes of `file`.
+/// The bytes written to the first `size` bytes of `file`.
 std::shared_ptr<const ByteSource> part_source(std::shared_ptr<const format::PartFile> file, uint64_t size);
 
 /// Bytes held in memory.

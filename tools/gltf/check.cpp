@@ -47,7 +47,7 @@ Result<void> check_sparse(const GltfDocument& document, const DocSparse& sparse,
   for (const int32_t view : {sparse.index_view, sparse.value_view}) {
     if (auto present = check_present("buffer view", view, document.views.size()); !present) return present;
   }
-  // Below 2^31 elements of at most 64 bytes: nothing overflows.
+  // Below 2^31 elements of at most 64 bytes, so nothing overflows.
   const uint64_t index_limit = document.views[static_cast<size_t>(sparse.index_view)].bytes;
   const uint64_t value_limit = document.views[static_cast<size_t>(sparse.value_view)].bytes;
   if (!range_within(sparse.index_offset, uint64_t{sparse.count} * component_bytes(sparse.index_type), index_limit)) {
@@ -69,11 +69,11 @@ Result<void> check_accessor(const GltfDocument& document, const DocAccessor& acc
                  "componentType is " + std::to_string(accessor.type) + ", expected 5120 to 5123, 5125 or 5126"};
   }
   if (auto present = check_present("buffer view", accessor.view, document.views.size()); !present) return present;
-  // Matrices pad their columns; nothing that is drawn is made of them.
+  // Matrices pad their columns. Nothing that is drawn uses them.
   if (accessor.components == 0 || accessor.components > 4) return {};
   const uint64_t element = uint64_t{component_bytes(accessor.type)} * accessor.components;
   if (accessor.view == kAbsent) {
-    const bool is_elsewhere = accessor.is_draco && accessor.sparse == kAbsent;  // the importer looks at it
+    const bool is_elsewhere = accessor.is_draco && accessor.sparse == kAbsent;  // checked by the importer
     if (auto checked = check_zeros(is_elsewhere ? 0 : accessor.count); !checked) return checked;
   } else {
     const DocBufferView& view = document.views[static_cast<size_t>(accessor.view)];
@@ -141,7 +141,7 @@ Result<void> check_node(const GltfDocument& document, const DocNode& node) {
   return {};
 }
 
-// Runs a check over all records of a kind and names the one that fails.
+// Runs a check over all records of a kind, and names the record that fails.
 template <class Record, class Check>
 Result<void> check_all(const char* kind, const GltfDocument& document, const std::vector<Record>& records,
                        Check check) {

@@ -15,7 +15,7 @@
 #include "tools/gltf/schema.h"
 #include "tools/gltf/uri.h"
 
-// The one translation unit that holds tinygltf. Images are never decoded by it, files never read.
+// The only translation unit with tinygltf's code. It never decodes images and never reads files.
 #define TINYGLTF_IMPLEMENTATION
 #define TINYGLTF_NO_STB_IMAGE
 #define TINYGLTF_NO_STB_IMAGE_WRITE
@@ -26,18 +26,18 @@
 namespace scree::convert {
 namespace {
 
-// Text handed to tinygltf at once. Large enough that a batch's fixed cost does not show, small enough that its DOM
-// (about 12.6 bytes a byte) and model stay in a few MiB.
+// Text per call of tinygltf: large enough to hide a batch's fixed cost, small enough that its DOM (about 12.6 bytes per
+// byte) and model stay within a few MiB.
 constexpr uint64_t kBatchBytes = 256 << 10;
 
-// tinygltf's messages are lists of lines; ours are one.
+// Joins tinygltf's messages, which are lists of lines, into one line.
 std::string one_line(std::string text) {
   for (char& c : text) c = static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
   while (!text.empty() && (text.back() == ' ' || text.back() == '.')) text.pop_back();
   return text.substr(0, 300);
 }
 
-// Parses one batch document; reading is in pieces because tinygltf keeps everything it reads in memory twice.
+// Parses one batch document. Text is read in pieces because tinygltf keeps everything it reads in memory twice.
 Result<tinygltf::Model> parse(const std::string& batch) {
   tinygltf::TinyGLTF loader;
   tinygltf::Model model;
@@ -52,7 +52,7 @@ Result<tinygltf::Model> parse(const std::string& batch) {
   } catch (const std::exception& exception) {
     error = exception.what();
   }
-  // The parser catches this one too and keeps its name alone. It is no fault of the document's.
+  // The parser catches bad_alloc and keeps only its name. It is not an error of the document.
   if (!loaded && error.find(std::bad_alloc().what()) != std::string::npos) throw std::bad_alloc();
   if (!loaded) return Error{ErrorCode::kFormat, one_line(error.empty() ? "refused by the parser" : error)};
   return model;
@@ -165,12 +165,12 @@ DocMaterial read_material(const tinygltf::Material& source) {
   material.base_texture = texture_use(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord,
                                       member(pbr.baseColorTexture.extensions, "KHR_texture_transform"));
   read_surface(source, material);
-  // The older workflow keeps its base colour as the diffuse colour.
+  // The older workflow stores its base colour as the diffuse colour.
   if (const tinygltf::Value* older = member(source.extensions, "KHR_materials_pbrSpecularGlossiness")) {
     material.base_color = {1, 1, 1, 1};
     read_numbers(older, "diffuseFactor", material.base_color);
     material.base_texture = texture_use(member(*older, "diffuseTexture"));
-    // Its reflectance at normal incidence is the specular factor; KHR_materials_specular's is 0.04 times the colour.
+    // Its reflectance at normal incidence is the specular factor. KHR_materials_specular's is 0.04 times the colour.
     material.metallic = 0;
     material.roughness = 1 - number_member(older, "glossinessFactor", 1);
     std::array<double, 3> reflectance{1, 1, 1};
@@ -246,7 +246,7 @@ DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices
       DocDraco& draco = document.draco.emplace_back();
       draco.view = index_member(packed, "bufferView");
       if (const tinygltf::Value* attributes = member(*packed, "attributes"))
-        for (const std::string& key : attributes->Keys())  // in their order
+        for (const std::string& key : attributes->Keys())  // in sorted order
           draco.attributes.emplace_back(key, index_member(attributes, key.c_str()));
     }
     primitive.attributes.assign(from.attributes.begin(), from.attributes.end());
@@ -345,7 +345,7 @@ void take_model(const tinygltf::Model& model, std::span<const int32_t> primitive
   for (const auto& name : model.extensionsRequired) document.extensions_required.push_back(name);
 }
 
-/// A member that is absent or null, which the schema takes for absent.
+/// False for a member that is absent or null; the schema treats both alike.
 bool has_member(const nlohmann::json& object, const char* key) {
   const auto found = object.find(key);
   return found != object.end() && !found->is_null();
@@ -384,7 +384,7 @@ DocMeshopt read_meshopt(const nlohmann::json& source) {
   return meshopt;
 }
 
-// The compression of the views of a batch, checked by the schema: not from tinygltf, which keeps the integers of
+// Reads the compression of a batch's views, which the schema has checked. Not through tinygltf, which keeps integers of
 // extensions in 32 bits.
 void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& document) {
   if (batch.find("_meshopt_compression") == std::string::npos) return;
@@ -407,8 +407,8 @@ void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& docume
   }
 }
 
-/// Holds what the process takes while it reads against what it may take. How much records take of their text differs by
-/// more than three times from one kind to another, so they are not foretold but measured as they come.
+/// Checks the memory of the process while it reads the document. Records take more than three times as much per byte of
+/// text in one document as in another, so the memory is measured, not predicted.
 class MemoryLimit {
  public:
   MemoryLimit(uint64_t memory, uint64_t text_bytes)
@@ -416,7 +416,7 @@ class MemoryLimit {
         text_bytes_(text_bytes),
         before_(text_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous) {}
 
-  /// So much more of the text was read. The error's estimate is that the rest takes as much for its size.
+  /// `bytes` more of the text were read. The estimate in the error assumes that the rest takes as much per byte.
   Result<void> read(uint64_t bytes) {
     read_ += bytes;
     if (read_ < next_) return {};
@@ -431,7 +431,7 @@ class MemoryLimit {
  private:
   uint64_t memory_;
   uint64_t text_bytes_;
-  uint64_t before_;  // of the process, with the text
+  uint64_t before_;  // memory of the process before reading, with the text
   uint64_t read_ = 0;
   uint64_t next_ = kLargeDocument;
 };
@@ -449,8 +449,8 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
     json += "]}";
     auto checked = check_schema(section, json, batch->first, batch->elements.begin);
     if (!checked) return checked.error();
-    // tinygltf looks up the accessor of every primitive's "indices" at once, and the accessors are in other batches. So
-    // it does not get to see the member; the schema check, which reads it on the way, hands it over.
+    // tinygltf immediately looks up the accessor of every primitive's "indices", but the accessors are in other
+    // batches. So the member is hidden from it. The schema check reads the member and passes it on.
     if (section == "meshes") hide_primitive_indices(json);
     const std::string place = std::string(singular(section)) + " " + std::to_string(batch->first) +
                               (batch->count > 1 ? " to " + std::to_string(batch->first + batch->count - 1) : "");
@@ -467,8 +467,8 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
   }
 }
 
-// Buffers and images are kept from tinygltf, which would read their files. One element at a time: a data: URI can be
-// large.
+// Buffers and images are hidden from tinygltf, which would read their files. They are read one at a time, because a
+// data: URI can be large.
 Result<void> read_uris(GltfDocument& document, const std::string& section, JsonRange array) {
   const std::span<const char> text = document.text;
   JsonElements elements(text, array);
@@ -512,7 +512,7 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
   }
 }
 
-/// The lights of KHR_lights_punctual in the document's own "extensions".
+/// Reads the lights of KHR_lights_punctual in the document's own "extensions".
 Result<void> read_lights(GltfDocument& document, JsonRange range) {
   const std::span<const char> text = document.text;
   const std::string_view value(text.data() + range.begin, static_cast<size_t>(range.end - range.begin));

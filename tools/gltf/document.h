@@ -1,5 +1,5 @@
-// A glTF document as plain records: what tinygltf read of it, types and number ranges checked (schema.h),
-// references between records not yet.
+// A glTF document as plain records, read by tinygltf. Types and number ranges are checked (schema.h); references
+// between records are not yet.
 #pragma once
 
 #include <array>
@@ -18,10 +18,10 @@ namespace scree::convert {
 inline constexpr int32_t kAbsent = -1;  // no such reference
 
 struct DocBuffer {
-  std::string uri;       // empty: none, or a data: URI, which stays in the text
+  std::string uri;       // empty if there is none, or for a data: URI, which stays in the text
   bool is_data = false;  // the URI is data:; data_uri() decodes it
   bool meshopt_fallback = false;
-  int32_t chunk = kAbsent;  // of the .glb (glTF 2.1)
+  int32_t chunk = kAbsent;  // chunk of the .glb (glTF 2.1)
   uint64_t bytes = 0;
   JsonRange json;
 };
@@ -31,11 +31,11 @@ struct DocMeshopt {
   enum class Mode : uint8_t { kAttributes, kTriangles, kIndices };
   enum class Filter : uint8_t { kNone, kOctahedral, kQuaternion, kExponential, kColor };
 
-  uint64_t view = 0;  // whose this is
+  uint64_t view = 0;  // the view that is compressed
   bool is_khr = false;
   Mode mode = Mode::kAttributes;
   Filter filter = Filter::kNone;
-  std::optional<std::string> unknown_mode;  // as the document has it
+  std::optional<std::string> unknown_mode;  // as in the document
   std::optional<std::string> unknown_filter;
   int32_t buffer = kAbsent;
   uint64_t offset = 0;  // of the stream
@@ -48,7 +48,7 @@ struct DocMeshopt {
 
 struct DocBufferView {
   int32_t buffer = kAbsent;
-  int32_t meshopt = kAbsent;  // in GltfDocument::meshopt
+  int32_t meshopt = kAbsent;  // index in GltfDocument::meshopt
   uint64_t offset = 0;
   uint64_t bytes = 0;
   uint64_t stride = 0;  // 0: tightly packed
@@ -67,22 +67,22 @@ struct DocSparse {
 struct DocAccessor {
   int32_t view = kAbsent;
   int32_t type = 0;          // component type, glTF's number
-  uint32_t components = 0;   // 1 to 4; 9 and 16 (and 0 for MAT2, 4 being taken) for matrices
-  int32_t sparse = kAbsent;  // in GltfDocument::sparse
+  uint32_t components = 0;   // 1 to 4; 9 and 16 for matrices (0 for MAT2, because 4 is taken)
+  int32_t sparse = kAbsent;  // index in GltfDocument::sparse
   bool normalized = false;
-  bool is_draco = false;  // of a primitive that is compressed by Draco, too
+  bool is_draco = false;  // a primitive that is compressed by Draco uses it, too
   uint64_t offset = 0;
   uint64_t count = 0;
 };
 
-/// "min" and "max" of an accessor of three components, which nothing holds it to.
+/// "min" and "max" of an accessor of three components. They are not checked against the data.
 struct DocBounds {
   uint32_t accessor = 0;
   std::array<float, 3> min{};
   std::array<float, 3> max{};
 };
 
-/// Elements that an accessor has at least whose bounds are kept: a million small ones need no memory for theirs.
+/// Bounds are kept only for accessors of at least this many elements, so that a million small ones take no memory.
 inline constexpr uint64_t kLeastBounded = 65536;
 
 using DocAttribute = std::pair<std::string, int32_t>;  // name, accessor
@@ -90,14 +90,14 @@ using DocAttribute = std::pair<std::string, int32_t>;  // name, accessor
 /// KHR_draco_mesh_compression of a primitive.
 struct DocDraco {
   int32_t view = kAbsent;
-  std::vector<DocAttribute> attributes;  // name, the stream's number of it; sorted by name
+  std::vector<DocAttribute> attributes;  // name, number of the attribute in the stream; sorted by name
 };
 
 struct DocPrimitive {
   int32_t mode = 4;
   int32_t indices = kAbsent;
   int32_t material = kAbsent;
-  int32_t draco = kAbsent;                // in GltfDocument::draco
+  int32_t draco = kAbsent;                // index in GltfDocument::draco
   std::vector<DocAttribute> attributes;   // sorted by name
   std::vector<int32_t> target_accessors;  // of morph targets
   uint32_t targets = 0;
@@ -114,7 +114,7 @@ struct DocLight {
   std::string type;
   std::array<double, 3> color{1, 1, 1};
   double intensity = 1;
-  double range = 0;  // 0: no end
+  double range = 0;  // 0: unlimited
   double inner_cone = 0;
   double outer_cone = 0.78539816339744831;  // pi / 4
 };
@@ -140,7 +140,7 @@ struct DocTextureUse {
   double rotation = 0;
 };
 
-/// As the document has it, with glTF's defaults.
+/// A material as in the document, with glTF's defaults.
 struct DocMaterial {
   std::string name;
   std::array<double, 4> base_color{1, 1, 1, 1};
@@ -149,7 +149,7 @@ struct DocMaterial {
   double roughness = 1;
   double normal_scale = 1;
   double occlusion_strength = 1;
-  std::array<double, 3> emission{0, 0, 0};  // KHR_materials_emissive_strength multiplied in
+  std::array<double, 3> emission{0, 0, 0};  // includes KHR_materials_emissive_strength
   double ior = 1.5;
   double specular = 1;
   std::array<double, 3> specular_color{1, 1, 1};
@@ -164,8 +164,7 @@ struct DocMaterial {
 struct DocTexture {
   std::string name;
   int32_t sampler = kAbsent;
-  /// Images that stand for each other: of KHR_texture_basisu, of MSFT_texture_dds, its plain source, of
-  /// EXT_texture_webp.
+  /// Alternative images: of KHR_texture_basisu, of MSFT_texture_dds, the texture's own source, of EXT_texture_webp.
   std::array<int32_t, 4> sources{kAbsent, kAbsent, kAbsent, kAbsent};
 };
 
@@ -178,7 +177,7 @@ struct DocSampler {
 
 struct DocImage {
   std::string name;
-  std::string uri;  // as DocBuffer::uri
+  std::string uri;  // as in DocBuffer
   bool is_data = false;
   int32_t view = kAbsent;
   JsonRange json;
@@ -210,7 +209,7 @@ struct GltfDocument {
   std::vector<DocDraco> draco;
   std::vector<DocAccessor> accessors;
   std::vector<DocSparse> sparse;
-  std::vector<DocBounds> bounds;  // by accessor, ascending
+  std::vector<DocBounds> bounds;  // sorted by accessor
   std::vector<DocMesh> meshes;
   std::vector<DocNode> nodes;
   std::vector<DocMaterial> materials;
@@ -223,27 +222,27 @@ struct GltfDocument {
   uint64_t skins = 0;
   uint64_t animations = 0;
   std::vector<int32_t> skin_accessors;       // ascending, each once
-  std::vector<int32_t> animation_accessors;  // likewise
+  std::vector<int32_t> animation_accessors;  // ascending, each once
 
   bool uses(const std::string& extension) const;
 
-  /// What is kept of an accessor's "min" and "max", or null.
+  /// The kept "min" and "max" of an accessor, or null.
   const DocBounds* bounds_of(uint32_t accessor) const;
 };
 
-/// Text of which the memory that a document takes is looked at.
+/// The memory of the process is checked once per this many bytes of text.
 inline constexpr uint64_t kLargeDocument = 1 << 20;
 
-/// kUsage: a document of so much JSON does not fit into `memory`. `estimate`: what `needed_bytes` are of what it needs,
+/// kUsage: a document of this much JSON does not fit into `memory`. `estimate`: how `needed_bytes` relates to the need,
 /// such as "about".
 Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estimate, uint64_t needed_bytes);
 
 /// Reads a document. Memory: the records plus a few MiB, however long the text is. Errors kFormat, kRange, kVersion
-/// (not glTF 2.x), each with its place in the document; kUsage once the process takes more than `memory` bytes, with
-/// about what it would take in the end: looked at every kLargeDocument bytes of text.
+/// (not glTF 2.x), each with its place in the document; kUsage if the process takes more than `memory` bytes, with an
+/// estimate of its need. The memory is checked every kLargeDocument bytes of text.
 Result<GltfDocument> read_document(std::vector<char> text, uint64_t memory = UINT64_MAX);
 
-/// The bytes of the data: URI of a buffer or image, `json` being its element. Errors kFormat.
+/// The bytes of the data: URI of a buffer or image. `json`: its element. Errors kFormat.
 Result<std::vector<std::byte>> data_uri(const GltfDocument& document, JsonRange json);
 
 }  // namespace scree::convert

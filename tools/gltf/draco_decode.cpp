@@ -12,8 +12,8 @@
 
 #include "tools/gltf/draco_source.h"
 
-// libdraco throws where memory is short and believes what streams say of their sizes: its decoders are entered through
-// classes that look at the sizes first, and no exception leaves this file.
+// libdraco throws if memory is short, and trusts the sizes that streams state. So its decoders are entered through
+// classes that check the sizes first, and no exception leaves this file.
 namespace scree::convert {
 namespace {
 
@@ -21,14 +21,14 @@ Error malformed(const std::string& what) {
   return {ErrorCode::kFormat, what};
 }
 
-/// Without the full stop that libdraco ends some messages with.
+/// Removes the full stop at the end of some of libdraco's messages.
 std::string message_of(const draco::Status& status) {
   std::string text = status.error_msg_string();
   while (text.ends_with('.')) text.pop_back();
   return text.empty() ? "the stream is malformed" : text;
 }
 
-/// What attributes that the primitive does not name may have, bytes a vertex, and how many there may be in all.
+/// Limits on attributes that the primitive does not name: bytes per vertex, and their number in all.
 constexpr uint64_t kUnnamedBytes = 64;
 constexpr int32_t kMaxAttributes = 64;
 
@@ -50,20 +50,21 @@ draco::DataType data_type_of(ComponentType type) {
   return draco::DT_FLOAT32;
 }
 
-/// One of libdraco's two decoders, stopped where sizes are not the primitive's.
+/// One of libdraco's two decoders. It stops if the sizes are not the primitive's.
 template <class Decoder>
 class CheckedDecoder final : public Decoder {
  public:
   explicit CheckedDecoder(const DracoPrimitive& primitive) : primitive_(primitive) {}
 
-  std::optional<Error> error;  // why it stopped
+  std::optional<Error> error;  // the reason it stopped
 
  protected:
   bool DecodeConnectivity() override {
     constexpr bool kIsSequential = std::is_same_v<Decoder, draco::MeshSequentialDecoder>;
     draco::DecoderBuffer head(*this->buffer());
-    // Edgebreaker: vertices that are split (until 2.1), vertices before seams part them, triangles. Sequential:
-    // triangles, vertices. Numbers were 32 bits until 1.9 (sequential ones until 2.1) and are of variable length since.
+    // Edgebreaker: the number of split vertices (until 2.1), of vertices before seams divide them, of triangles.
+    // Sequential: triangles, vertices. The numbers had 32 bits until 1.9 (sequential: until 2.1) and have a variable
+    // length since.
     const bool is_old = this->bitstream_version() < DRACO_BITSTREAM_VERSION(2, 2);
     const bool is_fixed = kIsSequential ? is_old : this->bitstream_version() < DRACO_BITSTREAM_VERSION(2, 0);
     const auto number = [&](uint32_t& value) {
@@ -135,7 +136,7 @@ bool convert_values(const draco::PointAttribute& from, uint32_t components, uint
   return true;
 }
 
-/// Values of the accessor's type lie there as they are.
+/// Copies values that have the accessor's type, unchanged.
 bool copy_values(const draco::PointAttribute& from, uint64_t bytes, uint64_t count, std::byte* out) {
   for (uint32_t i = 0; i < count; ++i, out += bytes) {
     const draco::AttributeValueIndex value = from.mapped_index(draco::PointIndex(i));
@@ -157,7 +158,7 @@ Result<void> take_array(const draco::Mesh& mesh, const DracoArray& array, uint64
   bool is_done = false;
   if (from->data_type() == type) {
     is_done = copy_values(*from, static_cast<uint64_t>(draco::DataTypeLength(type)) * array.components, count, out);
-  } else if (from->data_type() != draco::DT_BOOL) {  // bytes of which may be no bool
+  } else if (from->data_type() != draco::DT_BOOL) {  // whose bytes may be invalid as bool
     switch (array.type) {
       case ComponentType::kInt8:
         is_done = convert_values<int8_t>(*from, array.components, count, out);
@@ -232,7 +233,7 @@ Result<void> decode_draco(const DracoPrimitive& primitive, std::span<const std::
     return decode_or_throw(primitive, stream, out);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory to unpack it"};
-  } catch (const std::exception& exception) {  // std::length_error and the like
+  } catch (const std::exception& exception) {  // such as std::length_error
     return malformed(std::string("the stream is malformed: ") + exception.what());
   }
 }

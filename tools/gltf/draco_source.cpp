@@ -33,7 +33,7 @@ class DracoSource final : public ByteSource {
     try {
       const std::shared_ptr<MeshoptWindow> window = kept_->take(this, 0, size_, size_);
       {
-        const std::lock_guard<std::mutex> lock(window->mutex);  // others that want it wait
+        const std::lock_guard<std::mutex> lock(window->mutex);  // other threads that need it wait
         if (!window->is_unpacked) {
           std::vector<std::byte> stream(bytes_);
           if (auto done = stream_->read(offset_, stream); !done) return done;
@@ -69,8 +69,8 @@ std::optional<uint64_t> DracoPrimitive::offset_of(size_t number) const {
 }
 
 uint64_t draco_scratch_bytes(const DracoPrimitive& primitive, uint64_t stream_bytes) {
-  // Triangles: their corners, a table of what lies opposite and one of vertices, and another table for each kind of
-  // seams. Vertices: integers, values and places of every attribute. Measured on grids and scans (docs/design.md).
+  // Per triangle: its corners, a table of opposite corners and one of vertices, and another table for each kind of
+  // seams. Per vertex: integers, values and indices of every attribute. Measured on grids and scans (docs/design.md).
   constexpr uint64_t kTriangleBytes = 96, kVertexBytes = 96, kComponentBytes = 12, kSmallBytes = 64 << 10;
   uint64_t components = primitive.other_components;
   for (const DracoArray& array : primitive.arrays) components += array.components;

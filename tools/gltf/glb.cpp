@@ -15,13 +15,14 @@ constexpr uint32_t kJsonChunk = 0x4e4f534a;  // "JSON"
 constexpr uint32_t kBinChunk = 0x004e4942;   // "BIN\0"
 constexpr uint64_t kHeaderBytes = 12;
 constexpr uint64_t kChunkHeaderBytes = 8;
-constexpr uint64_t kWideHeaderBytes = 16;  // of version 3, its header and those of its chunks
-constexpr uint64_t kWideAlignment = 8;     // of its chunks
+constexpr uint64_t kWideHeaderBytes = 16;  // version 3: its own header and that of each chunk
+constexpr uint64_t kWideAlignment = 8;     // version 3: alignment of its chunks
 constexpr uint64_t kWrap = uint64_t{1} << 32;
-// glTF has two chunks and extensions may add a few; 4 GiB of zeros would read as half a billion empty ones.
+// glTF has two chunks, and extensions may add a few. Without a limit 4 GiB of zeros would read as half a billion empty
+// chunks.
 constexpr uint32_t kMaxChunks = 64;
-constexpr uint32_t kMaxWideChunks = 4096;  // version 3 has any number of binary chunks
-constexpr uint64_t kMaxPadding = 4096;     // of bytes after the end, all zero or blank: writers that pad to a sector
+constexpr uint32_t kMaxWideChunks = 4096;  // version 3 allows any number of binary chunks
+constexpr uint64_t kMaxPadding = 4096;     // bytes after the end, all zero or blank: some writers pad to a sector
 
 struct ChunkHeader {
   uint64_t bytes;
@@ -45,7 +46,7 @@ Result<void> check_padding(const ByteSource& file, uint64_t from) {
                                          std::to_string(file.size()) + " bytes"};
 }
 
-/// Version 3: its chunks may come in any order, and the first JSON chunk is the document.
+/// Version 3: chunks may come in any order, and the first JSON chunk is the document.
 Result<GlbLayout> read_wide_layout(const ByteSource& file) {
   GlbLayout layout;
   layout.is_glb = true;
@@ -108,7 +109,7 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
   if (version != 2)
     return Error{ErrorCode::kVersion, "GLB header: version is " + std::to_string(version) + ", expected 2 or 3"};
 
-  // Past 4 GiB the length is modulo 2^32; then it runs to the end of the file or it means nothing.
+  // Above 4 GiB the length is modulo 2^32. It then either runs to the end of the file or means nothing.
   uint64_t length = format::load<uint32_t>(header.data() + 8);
   const bool wrapped = file.size() >= kWrap && file.size() % kWrap == length;
   if (wrapped) length = file.size();
@@ -127,7 +128,7 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
     if (number == kMaxChunks)
       return Error{ErrorCode::kFormat, place + ": at most " + std::to_string(kMaxChunks) + " are read"};
     if (length - at < kChunkHeaderBytes) {
-      if (number > 0 && length - at < 4) break;  // padding counted into the length
+      if (number > 0 && length - at < 4) break;  // padding was counted into the length
       return Error{ErrorCode::kTruncated, place + ": " + std::to_string(length - at) + " bytes left for its header"};
     }
     auto chunk = read_chunk_header(file, at);
@@ -138,7 +139,8 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
     if (chunk->bytes > length - at)
       return Error{ErrorCode::kTruncated, place + ": length is " + std::to_string(chunk->bytes) + ", but " +
                                               std::to_string(length - at) + " bytes are left"};
-    // Lengths should be multiples of 4. Writers that forget it (trimesh once did) put the next chunk right behind.
+    // Lengths should be multiples of 4. Some writers forget it (trimesh once did) and put the next chunk immediately
+    // after.
     if (number == 0) {
       if (chunk->type != kJsonChunk) return Error{ErrorCode::kFormat, place + ": expected the JSON chunk first"};
       if (chunk->bytes == 0) return Error{ErrorCode::kFormat, place + ": the JSON chunk is empty"};

@@ -10,7 +10,7 @@
 namespace scree::convert {
 
 struct GlbChunk {
-  bool is_binary = false;  // "BIN"; else JSON, or of a type that is skipped
+  bool is_binary = false;  // "BIN"; otherwise JSON, or a type that is skipped
   uint64_t offset = 0;
   uint64_t bytes = 0;
 };
@@ -19,11 +19,11 @@ struct GlbLayout {
   bool is_glb = false;  // false: the whole file is JSON
   uint64_t json_offset = 0;
   uint64_t json_bytes = 0;
-  std::vector<GlbChunk> chunks;  // all of them, by index
+  std::vector<GlbChunk> chunks;  // all chunks, by index
 };
 
-/// Looks at the header and chunk headers, of version 2 (glTF 2.0) or 3 (the draft of glTF 2.1: lengths of 64 bits,
-/// docs/design.md). A version 2 file past 4 GiB has its 32-bit lengths modulo 2^32: they are accepted where they agree
+/// Reads the header and chunk headers, of version 2 (glTF 2.0) or 3 (the draft of glTF 2.1: lengths of 64 bits,
+/// docs/design.md). In a version 2 file above 4 GiB the 32-bit lengths are modulo 2^32. They are accepted if they agree
 /// with the file's size and the binary chunk ends with the file. Chunks of other types are skipped. Errors kFile,
 /// kVersion, kTruncated, kTrailing, kFormat, kUnsupported (an encoded chunk).
 Result<GlbLayout> read_glb_layout(const ByteSource& file);

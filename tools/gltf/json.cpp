@@ -18,7 +18,7 @@ Error error_at(uint64_t byte, const std::string& what) {
   return {ErrorCode::kFormat, "JSON byte " + std::to_string(byte) + ": " + what};
 }
 
-// One past the closing quote of the string whose opening quote is at `at`; 0 if it never closes.
+// The index after the closing quote of the string whose opening quote is at `at`; 0 if it is not closed.
 uint64_t string_end(std::span<const char> text, uint64_t at) {
   uint64_t from = at + 1;
   while (from < text.size()) {
@@ -33,7 +33,7 @@ uint64_t string_end(std::span<const char> text, uint64_t at) {
   return 0;
 }
 
-// Follows the brackets of a text. Feed it every character outside strings.
+// Follows the brackets of a text. It must get every character outside strings.
 class Nesting {
  public:
   uint32_t depth() const { return depth_; }
@@ -94,8 +94,8 @@ uint64_t skip_space(std::span<const char> text, uint64_t at) {
   return at;
 }
 
-// Calls on_key(key range with quotes, depth, in) for every key of every object within `range`. on_key returns where to
-// go on from, at or after the end of the key.
+// Calls on_key(key range with quotes, depth, in) for every key of every object within `range`. on_key returns the index
+// to continue from, at or after the end of the key.
 template <class OnKey>
 void for_each_key(std::span<const char> text, JsonRange range, OnKey on_key) {
   Nesting nesting;
@@ -230,7 +230,7 @@ Result<JsonElements::Batch> JsonElements::next(uint64_t max_bytes) {
 }
 
 void hide_primitive_indices(std::string& batch) {
-  // {"meshes": [{"primitives": [{"indices": ...: five brackets deep.
+  // {"meshes": [{"primitives": [{"indices": ... is five brackets deep.
   constexpr uint32_t kPrimitiveDepth = 5;
   for_each_key(batch, {0, batch.size()}, [&](JsonRange key, uint32_t depth) {
     if (depth == kPrimitiveDepth && view(batch, key) == "\"indices\"") batch[key.begin + 1] = 'I';

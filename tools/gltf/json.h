@@ -1,9 +1,9 @@
-// The JSON text of a glTF file before any parser has seen it: cut at its top-level members and array elements.
+// Splits the JSON text of a glTF file into its top-level members and array elements, before any parser reads it.
 //
-// tinygltf is handed pieces of the document, never all of it: its DOM costs about 12.6 bytes per byte of JSON and its
-// model as much again, it would read every buffer and image into memory, and its recursion overflows the stack on deep
-// nesting. The scanner here allocates nothing that grows with the text, is iterative, and knows just enough of JSON:
-// strings, brackets, commas. What lies between is left to the parsers (schema.h, tinygltf).
+// tinygltf gets pieces of the document, never all of it. Its DOM costs about 12.6 bytes per byte of JSON and its model
+// as much again, it would read every buffer and image into memory, and its recursion overflows the stack on deep
+// nesting. The scanner here is iterative, allocates nothing that grows with the text, and knows only strings, brackets
+// and commas. The parsers check the rest (schema.h, tinygltf).
 #pragma once
 
 #include <cstddef>
@@ -18,10 +18,11 @@
 
 namespace scree::convert {
 
-inline constexpr uint32_t kMaxJsonDepth = 128;  // brackets inside brackets; real documents stay below 20
+inline constexpr uint32_t kMaxJsonDepth = 128;  // nested brackets; real documents stay below 20
 
-/// Bytes [offset, offset + bytes) of a source, to be changed in place. Read and not mapped: a file that shrinks under a
-/// map ends the program with a signal, one that is read ends in an error. Errors kTruncated, kFile, kMemory.
+/// Reads bytes [offset, offset + bytes) of a source into memory that may be changed. They are read, not mapped: a file
+/// that shrinks under a map ends the program with a signal, while a failed read is an error. Errors kTruncated, kFile,
+/// kMemory.
 Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes);
 
 /// A piece of the text: bytes [begin, end).
@@ -35,12 +36,12 @@ struct JsonMember {
   JsonRange value;
 };
 
-/// Splits the document into its top-level members. Also empties every object or array called "extras" in place: nothing
-/// here reads them, and tinygltf turns each value into some 150 bytes. Errors kFormat: not an object, unbalanced,
-/// nested deeper than kMaxJsonDepth, a member twice, text after the end; each with its byte.
+/// Splits the document into its top-level members. Also empties every object or array called "extras" in place: it is
+/// never used, and tinygltf turns each value into some 150 bytes. Errors kFormat: not an object, unbalanced, nested
+/// deeper than kMaxJsonDepth, a repeated member, text after the end. Each error names its byte.
 Result<std::vector<JsonMember>> split_document(std::span<char> text);
 
-/// Whole elements of a JSON array, a batch at a time.
+/// Yields whole elements of a JSON array, a batch at a time.
 class JsonElements {
  public:
   /// `array`: the value of a member, starting with '['.
@@ -52,7 +53,7 @@ class JsonElements {
     uint64_t count = 0;  // 0: no more
   };
 
-  /// The next elements: as many as fit `max_bytes`, at least one. Errors kFormat: a missing element.
+  /// The next elements: as many as fit into `max_bytes`, at least one. Errors kFormat: a missing element.
   Result<Batch> next(uint64_t max_bytes);
 
  private:
@@ -63,7 +64,7 @@ class JsonElements {
 };
 
 /// Renames the key "indices" of every glTF mesh primitive to "Indices" in a batch document {"meshes": [...]}
-/// (document.cpp says why).
+/// (document.cpp gives the reason).
 void hide_primitive_indices(std::string& batch);
 
 }  // namespace scree::convert

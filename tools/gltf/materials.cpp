@@ -14,9 +14,9 @@ namespace {
 
 using format::kNone;
 
-// What the first bytes of an image file say.
+// The kind of an image file by its first bytes.
 struct ImageKind {
-  std::string_view name;  // empty: none known
+  std::string_view name;  // empty: unknown
   std::optional<format::ImageCodec> codec;
   bool is_webp = false;
 };
@@ -68,13 +68,13 @@ class MaterialMaker {
         image_places_(document.images.size(), kUnknown),
         texture_places_(document.textures.size(), kUnknown) {}
 
-  /// `uv_set`: of the texture coordinates that its textures use, or kNone; the first texture decides.
+  /// `uv_set`: the set of texture coordinates that its textures use, or kNone. The first texture decides.
   Result<format::MaterialRecord> record(const DocMaterial& from, uint32_t& uv_set) {
     format::MaterialRecord to{};
     to.texture = kNone;
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
     to.uv_scale[0] = to.uv_scale[1] = 1.0f;
-    // Programs that blend nothing draw a blended surface where it shows more of itself than of what lies behind it.
+    // Where a blended surface covers more than half of what lies behind it: programs that blend nothing draw it there.
     to.alpha_cutoff = from.alpha_blend ? 0.5f : static_cast<float>(from.alpha_cutoff);
     to.flags = (from.double_sided ? format::kMaterialDoubleSided : 0u) | (from.unlit ? format::kMaterialUnlit : 0u) |
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
@@ -91,14 +91,15 @@ class MaterialMaker {
                               to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation, to.alpha_cutoff}) {
       if (!std::isfinite(value)) return Error{ErrorCode::kRange, "a factor that no float holds"};
     }
-    // glTF has colour factors from 0 to 1; some writers' arithmetic goes an ulp past 1, and export would write that on.
+    // glTF's colour factors are 0 to 1. Some writers' arithmetic exceeds 1 by an ulp, and export would write that
+    // again.
     for (float& value : to.base_color) value = std::clamp(value, 0.0f, 1.0f);
     return to;
   }
 
-  /// What a material has beyond its base colour; nothing where it is matt, says nothing of metal and roughness (which
-  /// glTF takes for a rough metal, and writers mean to be matt), or is unlit. After record(), whose `uv_set` it goes on
-  /// with.
+  /// The properties of a material beyond its base colour. Nothing if it is matt or unlit, or has glTF's default
+  /// metallic and roughness factors (a rough metal, but writers of such files mean matt). Runs after record() and
+  /// continues with its `uv_set`.
   Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, uint32_t& uv_set) {
     if (from.unlit) return std::optional<format::SurfaceRecord>();
     format::SurfaceRecord to{};
@@ -129,7 +130,7 @@ class MaterialMaker {
     return std::optional(to);
   }
 
-  // One line a kind: the same format is often used by every texture of a scene.
+  // One line per kind, because often all textures of a scene share one format.
   void warn() {
     for (const auto& [what, count] : dropped_) {
       scene_.warnings.push_back(std::to_string(count) + (count == 1 ? " texture is " : " textures are ") + what +
@@ -147,10 +148,10 @@ class MaterialMaker {
   }
 
  private:
-  static constexpr uint32_t kUnknown = kNone - 1;  // not looked at yet
+  static constexpr uint32_t kUnknown = kNone - 1;  // not read yet
 
-  /// A texture as a material uses it; of kNone where there is none, it cannot be drawn, or it is of another set of
-  /// texture coordinates than `uv_set`.
+  /// A texture as a material uses it. Its texture is kNone if there is none, if it cannot be drawn, or if it uses
+  /// another set of texture coordinates than `uv_set`.
   Result<format::SurfaceTexture> placed(const DocTextureUse& from, uint32_t& uv_set) {
     format::SurfaceTexture to{kNone, {0, 0}, {1, 1}, 0};
     if (from.texture == kAbsent) return to;
@@ -173,7 +174,7 @@ class MaterialMaker {
     return to;
   }
 
-  // Place in SourceScene::textures, or kNone where its image cannot be drawn.
+  // Index in SourceScene::textures, or kNone if its image cannot be drawn.
   Result<uint32_t> texture(int32_t index) {
     uint32_t& slot = texture_places_[static_cast<size_t>(index)];
     if (slot != kUnknown) return slot;
@@ -212,9 +213,9 @@ class MaterialMaker {
     return static_cast<uint32_t>(scene_.textures.size() - 1);
   }
 
-  // Of images that stand for each other the best that can be read: blocks, which stay as they are and have levels; a
-  // PNG or JPEG; a WebP, which has to be coded anew. Of equal ones the first of DocTexture::sources. Where none can be
-  // read it is the first, for its error.
+  // The best readable one of alternative images: blocks, which are kept and have levels; then a PNG or JPEG; then a
+  // WebP, which must be coded again. Of equal ones, the first of DocTexture::sources. If none is readable, the first,
+  // for its error.
   int32_t best_source(const DocTexture& from) {
     std::array<int32_t, 4> sources = from.sources;
     const auto end = std::remove(sources.begin(), sources.end(), kAbsent);
@@ -243,7 +244,7 @@ class MaterialMaker {
     return found.is_webp ? kWebpRank : kPlainRank;
   }
 
-  // Place in SourceScene::images, or kNone with the reason in `why`.
+  // Index in SourceScene::images, or kNone with the reason in `why`.
   Result<uint32_t> image(int32_t index, std::string& why) {
     const size_t number = static_cast<size_t>(index);
     if (reasons_.empty()) reasons_.resize(document_.images.size());
@@ -265,7 +266,7 @@ class MaterialMaker {
     return static_cast<uint32_t>(scene_.images.size() - 1);
   }
 
-  // What its first bytes say, or nothing, with the reason in `reason`, of a kind that is not read.
+  // Describes an image by its first bytes; nothing if its kind is not supported, with the reason in `reason`.
   Result<std::optional<SourceImage>> describe_image(const DocImage& from, std::string& reason) {
     auto bytes = buffers_.image(from);
     if (!bytes && keep_going_ && bytes.error().code == ErrorCode::kFile) {
@@ -308,7 +309,7 @@ class MaterialMaker {
     dropped_.emplace_back(why, 1);
   }
 
-  // Of images in buffer views; the sizes of files that are not used are not looked up.
+  // Bytes of unused images in buffer views. The sizes of unused files are not looked up.
   uint64_t unused_bytes() const {
     uint64_t sum = 0;
     for (size_t i = 0; i < document_.images.size(); ++i) {
@@ -327,7 +328,7 @@ class MaterialMaker {
   std::vector<uint32_t> image_places_;
   std::vector<uint32_t> texture_places_;
   std::vector<std::string> reasons_;
-  uint64_t other_sets_ = 0;  // textures
+  uint64_t other_sets_ = 0;  // textures with another set of texture coordinates
   std::vector<std::pair<std::string, uint64_t>> dropped_;
 };
 

@@ -12,16 +12,16 @@
 
 namespace scree::convert {
 
-/// By document number of a material.
+/// Materials by document number.
 struct MaterialPlan {
-  std::vector<uint32_t> place;   // in SourceScene::materials, or format::kNone
-  std::vector<uint32_t> uv_set;  // that its textures use, or format::kNone
+  std::vector<uint32_t> place;   // index in SourceScene::materials, or format::kNone
+  std::vector<uint32_t> uv_set;  // set of texture coordinates that its textures use, or format::kNone
 };
 
 /// Adds the materials marked in `used` (by document number), in the document's order, with their textures and images,
-/// to `scene`, which also gets the warnings and what was left out. Only images that materials use are opened; formats
-/// other than PNG and JPEG are told by their first bytes and left out with a warning. With
-/// `keep_going` an image that cannot be opened is left out likewise. Errors kRange, kFormat and those of GltfBuffers.
+/// to `scene`. Also adds the warnings, and counts what is left out. Opens only images that materials use. The first
+/// bytes of an image tell its format; formats that scree cannot read are left out with a warning. With `keep_going` an
+/// image that cannot be opened is left out likewise. Errors kRange, kFormat and those of GltfBuffers.
 Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vector<bool>& used, GltfBuffers& buffers,
                                     bool keep_going, SourceScene& scene);
 

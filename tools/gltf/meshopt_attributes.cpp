@@ -1,8 +1,10 @@
-// Mode ATTRIBUTES, versions 0 and 1. Behind a byte of header there are blocks of vertices; a block holds, for each byte
-// of a vertex in turn, that byte of all its vertices as codes, in groups of 16: first two bits for each group, its
-// width, then the groups. Version 1 puts two bits for each byte of a vertex before the block, its control, and says for
-// every four bytes of a vertex how codes become differences to the vertex before. The vertex before the first lies at
-// the end of the stream, with these four-byte modes behind it. Source: KHR_meshopt_compression, appendix A.
+// Mode ATTRIBUTES, versions 0 and 1.
+// - After a byte of header there are blocks of vertices. For each byte of a vertex in turn, a block holds that byte of
+//   all its vertices as codes, in groups of 16: first two bits per group, its width, then the groups.
+// - Version 1 puts two bits per byte of a vertex before the block, its control. For every four bytes of a vertex it has
+//   a mode by which codes become differences to the previous vertex.
+// - The vertex before the first lies at the end of the stream, followed by these modes.
+// Source: KHR_meshopt_compression, appendix A.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -15,7 +17,7 @@ namespace scree::convert {
 namespace {
 
 constexpr size_t kGroupVertices = 16;
-// Of 4 bits each, and a whole byte for each; as many must be there for any group.
+// 16 codes of 4 bits and a whole byte for each. Reading any group requires this many bytes.
 constexpr size_t kMostGroupBytes = 24;
 constexpr size_t kMostBlockVertices = 256;
 constexpr size_t kMostBlockBytes = 8192;  // unpacked
@@ -23,7 +25,7 @@ constexpr size_t kMostStride = 256;
 
 enum Control : uint32_t { kNarrow, kWide, kZero, kLiteral, kVersion0 };
 
-// Bits of a code by control and by a group's two bits.
+// Bits of a code, by control and by a group's two bits.
 constexpr uint8_t kWidths[5][4] = {{0, 1, 2, 4}, {1, 2, 4, 8}, {}, {}, {0, 2, 4, 8}};
 
 enum ChannelMode : uint32_t { kByteDeltas, kShortDeltas, kWordXor, kChannelModes };
@@ -47,7 +49,7 @@ constexpr std::array<uint32_t, 256> two_bit_codes() {
   return table;
 }
 
-/// Bit i is set where byte i is not 0; each byte is 0 or 0xff.
+/// Bit i is set if byte i is not 0. Each byte is 0 or 0xff.
 uint32_t set_bytes(Bytes16 bytes) {
   uint64_t halves[2];
   std::memcpy(halves, &bytes, sizeof(halves));
@@ -57,14 +59,14 @@ uint32_t set_bytes(Bytes16 bytes) {
   return gathered(halves[0]) | gathered(halves[1]) << 8;
 }
 
-/// Writes the bytes from `rest` on in place of the codes that are set in `escapes`; returns the place behind them.
+/// Writes the bytes from `rest` on over the codes marked in `escapes`. Returns the address after them.
 const std::byte* put_escaped(uint32_t escapes, const std::byte* rest, std::byte* codes) {
   for (; escapes != 0; escapes &= escapes - 1) codes[std::countr_zero(escapes)] = *rest++;
   return rest;
 }
 
-/// Reads a group of 16 codes, of which kMostGroupBytes are there; returns the place behind it. The highest code of 1, 2
-/// and 4 bits says that a whole byte follows the group.
+/// Reads a group of 16 codes; kMostGroupBytes must be readable. Returns the address after it. The highest code of 1, 2
+/// and 4 bits means that a whole byte follows the group.
 const std::byte* read_group(uint32_t width, const std::byte* group, std::byte* codes) {
   static constexpr std::array<uint32_t, 256> kTwoBitCodes = two_bit_codes();
   switch (width) {
@@ -94,8 +96,8 @@ const std::byte* read_group(uint32_t width, const std::byte* group, std::byte* c
   }
 }
 
-/// Reads the codes of one byte of `vertices` vertices from [at, end), of which `codes` has room for whole groups;
-/// returns the place behind them, null where the stream ends before it.
+/// Reads the codes of one byte of `vertices` vertices from [at, end); `codes` has room for whole groups. Returns the
+/// address after them, or null if the stream ends too early.
 const std::byte* read_codes(Control control, size_t vertices, const std::byte* at, const std::byte* end,
                             std::byte* codes) {
   const size_t groups = (vertices + kGroupVertices - 1) / kGroupVertices;
@@ -126,8 +128,8 @@ template <ChannelMode kMode>
 using Lanes =
     std::conditional_t<kMode == kByteDeltas, Bytes16, std::conditional_t<kMode == kShortDeltas, Shorts8, Words4>>;
 
-/// Four differences from their codes, one a word. `turn`: of kWordXor, bits by which a difference was turned to the
-/// left.
+/// Four differences from their codes, one per word. `turn`: for kWordXor, the bits by which a difference was rotated to
+/// the left.
 template <ChannelMode kMode>
 Words4 differences(Words4 words, uint32_t turn) {
   if constexpr (kMode == kWordXor) {
@@ -147,7 +149,7 @@ Words4 sum(Words4 a, Words4 b) {
 /// Codes of four bytes of a block's vertices.
 using Planes = std::array<std::array<std::byte, kMostBlockVertices>, 4>;
 
-/// Writes these four bytes of every vertex, `stride` apart. `before`: those of the vertex before.
+/// Writes these four bytes of every vertex, `stride` apart. `before`: those of the previous vertex.
 template <ChannelMode kMode>
 void write_channel(const Planes& codes, size_t vertices, uint32_t turn, const std::byte* before, size_t stride,
                    std::byte* out) {
@@ -193,12 +195,12 @@ void write_channel(const Planes& codes, size_t vertices, uint32_t turn, const st
   }
 }
 
-/// MeshoptPlace::state: the vertex before the next, then `stride / 4` modes of channels, and the version at the end.
+/// Layout of MeshoptPlace::state: the previous vertex, then `stride / 4` modes of channels, and the version at the end.
 constexpr size_t kVersionAt = kMostStride + kMostStride / 4;
 static_assert(kVersionAt < sizeof(MeshoptPlace::state));
 
-/// Reads a block of `vertices` vertices from [at, end) to `out`; returns the place behind it, null where the stream
-/// ends before that. `state` as above; its vertex stays as it is.
+/// Reads a block of `vertices` vertices from [at, end) to `out`. Returns the address after it, or null if the stream
+/// ends too early. `state` as above; its vertex is not changed.
 const std::byte* read_block(const std::byte* at, const std::byte* end, size_t vertices, size_t stride,
                             const std::byte* state, std::byte* out) {
   const bool has_controls = state[kVersionAt] != std::byte{0};
@@ -207,7 +209,7 @@ const std::byte* read_block(const std::byte* at, const std::byte* end, size_t ve
     if (static_cast<size_t>(end - at) < stride / 4) return nullptr;
     at += stride / 4;
   }
-  Planes codes;  // not set: whole groups of it are read
+  Planes codes;  // left uninitialised; whole groups of it are read
   for (size_t channel = 0; channel < stride / 4; ++channel) {
     for (size_t byte = 0; byte < 4; ++byte) {
       const uint32_t control = std::to_integer<uint32_t>(controls[channel]) >> 2 * byte & 3;

@@ -1,5 +1,5 @@
-// Modes TRIANGLES and INDICES, versions 0 and 1. The library unpacks such streams only whole; these decoders can stop
-// behind any triangle or index, and take and refuse the same streams.
+// Modes TRIANGLES and INDICES, versions 0 and 1. The library unpacks such streams only whole. These decoders can stop
+// after any triangle or index; they accept and refuse the same streams.
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -14,7 +14,7 @@ uint32_t take_byte(const std::byte*& data) {
   return std::to_integer<uint32_t>(*data++);
 }
 
-/// Seven bits a byte, the lowest first, in at most five bytes; the eighth says that more follow.
+/// Seven bits per byte, the lowest first, in at most five bytes. The eighth bit says that more follow.
 uint32_t take_varint(const std::byte*& data) {
   const uint32_t lowest = take_byte(data);
   if (lowest < 128) return lowest;
@@ -38,29 +38,29 @@ State load_state(const MeshoptPlace& at) {
   return format::load<State>(at.state.data());
 }
 
-// A byte of code for each triangle, then what codes ask for beyond it (data), then 16 codes of corners that are used
-// often. Corners are new (counted on), taken from the last 16 edges and vertices, or told as the difference to the one
-// that was told last.
+// The stream has one byte of code per triangle, then further data that some codes need, then 16 frequent codes of
+// corners. A corner is new (numbered in order), one of the last 16 edges and vertices, or explicit: coded as the
+// difference to the last explicit corner.
 constexpr size_t kTableBytes = 16;
-constexpr size_t kMostTriangleData = 16;  // a byte for three corners, and five for each
+constexpr size_t kMostTriangleData = 16;  // one byte for three corners, and five for each corner
 
 struct TriangleState {
   std::array<std::array<uint32_t, 2>, 16> edges;  // rings, written at edge_at and vertex_at
   std::array<uint32_t, 16> vertices;
   uint32_t edge_at, vertex_at;
-  uint32_t next, last;  // new vertex, and the one that was told last
-  uint32_t told_from;   // corners beside an edge from this code on are told, smaller ones new or among the last
+  uint32_t next, last;  // the next new vertex, and the last explicit one
+  uint32_t told_from;   // corners beside an edge are explicit from this code on; smaller codes are new or recent
   std::array<std::byte, kTableBytes> table;
 
   void push_vertex(uint32_t vertex, bool is_new) {
-    vertices[vertex_at] = vertex;  // where it is not new, in the place that is written next, which nothing reads
+    vertices[vertex_at] = vertex;  // if it is not new, it goes where the next one is written, which is never read
     vertex_at = (vertex_at + is_new) & 15;
   }
   void push_edge(uint32_t a, uint32_t b) {
     edges[edge_at] = {a, b};
     edge_at = (edge_at + 1) & 15;
   }
-  /// The vertex that came as the `age`-th of the last ones, from 1.
+  /// The `age`-th of the most recent vertices, from 1.
   uint32_t recent(uint32_t age) const { return vertices[(vertex_at - age) & 15]; }
   uint32_t new_or_recent(uint32_t age) {
     const uint32_t vertex = age == 0 ? next : recent(age);
@@ -78,12 +78,12 @@ void store_triangle(std::byte*& out, uint32_t a, uint32_t b, uint32_t c) {
   out += 3 * sizeof(Index);
 }
 
-/// Unpacks triangles while there are codes, and data up to `last_data`; returns how many. `data` is moved on. Each
-/// takes at most kMostTriangleData from where it begins.
+/// Unpacks triangles while there are codes, and while `data` is at most `last_data`; returns how many. Advances `data`.
+/// Each triangle takes at most kMostTriangleData.
 template <class Index>
 size_t decode_triangles(TriangleState& state, std::span<const std::byte> codes, const std::byte*& data,
                         const std::byte* last_data, std::byte* out) {
-  TriangleState s = state;  // in registers, as far as they go
+  TriangleState s = state;  // a copy, so that most of it stays in registers
   const std::byte* from = data;
   size_t done = 0;
   for (; done < codes.size() && from <= last_data; ++done) {
@@ -95,7 +95,7 @@ size_t decode_triangles(TriangleState& state, std::span<const std::byte> codes, 
       b = edge[1];
       const uint32_t third = code & 15;
       if (third < s.told_from) {
-        // Age 0 is the new one, so that others count from 1 on; here the last but one has code 1.
+        // Age 0 is a new vertex, so other ages count from 1. Here the last vertex but one has code 1.
         const uint32_t recent = s.recent(third + 1);
         c = third == 0 ? s.next : recent;
         s.next += third == 0;
@@ -175,7 +175,7 @@ class TriangleStream final : public MeshoptStream {
   }
 };
 
-// Each index is the difference to the one before it of two series, which the lowest bit chooses.
+// Each index is the difference to the previous one of two series; the lowest bit chooses the series.
 constexpr size_t kTailBytes = 4;
 constexpr size_t kMostIndexBytes = 5;
 

@@ -21,10 +21,10 @@ namespace {
 using Mode = DocMeshopt::Mode;
 using Filter = DocMeshopt::Filter;
 
-/// The fewest bytes that a stream of `count` elements takes; none where that passes 64 bits.
+/// The fewest bytes of a stream of `count` elements; nothing if that exceeds 64 bits.
 std::optional<uint64_t> fewest_bytes(Mode mode, uint64_t count, uint64_t stride) {
-  // Attributes: two bits for every byte of up to 256 elements, where all are equal in it (version 0: for 16).
-  // Triangles: a byte each and a table of 16. Indices: a byte each and a tail of 4. All behind a byte of header.
+  // Attributes: two bits for every byte of up to 256 elements that are all equal in that byte (version 0: of 16).
+  // Triangles: one byte each and a table of 16. Indices: one byte each and a tail of 4. All have one byte of header.
   if (mode == Mode::kTriangles) return 1 + count / 3 + 16;
   if (mode == Mode::kIndices) return format::checked_add(count, 5);
   const auto bytes = format::checked_mul(count, stride);
@@ -88,7 +88,9 @@ class WindowedView final : public MeshoptView {
     windows_ = size_ / window_bytes_ + (size_ % window_bytes_ != 0);
     capacity_ = windows_ > 1 ? std::max(window_bytes, window_bytes_) : size_;
   }
-  ~WindowedView() override { kept_->forget(this, reached_.load() + 1); }  // one more may not have worked
+  ~WindowedView() override {
+    kept_->forget(this, reached_.load() + 1);
+  }  // one more, because its unpacking may have failed
 
   uint64_t size() const override { return size_; }
   const std::string& path() const override { return stream_->path(); }
@@ -123,7 +125,7 @@ class WindowedView final : public MeshoptView {
 
   Result<Window> unpacked(uint64_t index) const {
     while (reached_.load(std::memory_order_acquire) <= index) {
-      // Held for one window at a time: what others wait for may be there before all of them are.
+      // Held for one window at a time: another thread's window may be ready before all of them are.
       const std::lock_guard<std::mutex> lock(reaching_);
       const uint64_t next = reached_.load(std::memory_order_relaxed);
       if (next > index) break;
@@ -131,17 +133,17 @@ class WindowedView final : public MeshoptView {
       if (!window || next == index) return window;
     }
     Window window = take(index);
-    const std::lock_guard<std::mutex> lock(window->mutex);  // others that want it wait
+    const std::lock_guard<std::mutex> lock(window->mutex);  // other threads that need it wait
     if (window->is_unpacked) return window;
     MeshoptPlace at = places_[index];
     if (auto done = unpack(index, at, *window); !done) return done.error();
     return window;
   }
 
-  /// Unpacks the first window that never was, which tells where the next one begins.
+  /// Unpacks the first window that was never unpacked. Only that finds the place of the next window.
   Result<Window> reach(uint64_t index) const {
     if (index == 0) {
-      places_.reset(new MeshoptPlace[windows_]);  // not set: those that are never reached take no memory
+      places_.reset(new MeshoptPlace[windows_]);  // left uninitialised, so that windows never reached take no memory
       auto begin = stream_->begin();
       if (!begin) return begin.error();
       places_[0] = *begin;
@@ -172,12 +174,12 @@ class WindowedView final : public MeshoptView {
   const std::shared_ptr<KeptWindows> kept_;
   uint64_t window_bytes_;
   uint64_t windows_;
-  uint64_t capacity_;  // of a window: the same for all views of several, so that one takes the memory of another
+  uint64_t capacity_;  // of a window; the same for all views of several windows, so that one can reuse another's memory
 
-  // Only whoever holds reaching_ touches places and windows from number reached_ on; the others stay as they are.
+  // Only the holder of reaching_ accesses places and windows from reached_ on. Earlier ones do not change.
   mutable std::mutex reaching_;
   mutable std::unique_ptr<MeshoptPlace[]> places_;  // of each window's first element
-  mutable std::atomic<uint64_t> reached_ = 0;       // windows that were unpacked
+  mutable std::atomic<uint64_t> reached_ = 0;       // number of windows that were unpacked
 };
 
 }  // namespace

@@ -19,7 +19,7 @@ using Filter = DocMeshopt::Filter;
 struct ModeRule {
   const char* name;
   uint32_t header;   // high half of the stream's first byte; the low half is its version
-  uint32_t version;  // the newest that is read
+  uint32_t version;  // the newest known
 };
 
 const ModeRule& rule_of(Mode mode) {
@@ -28,8 +28,8 @@ const ModeRule& rule_of(Mode mode) {
   return mode == Mode::kAttributes ? kAttributes : mode == Mode::kTriangles ? kTriangles : kIndices;
 }
 
-/// Unit vectors from the two coordinates on an octahedron; the third component is what 1 is in their bits. Debian's
-/// library rounds 8-bit ones differently from the current one. Source: KHR_meshopt_compression, filter 1.
+/// Unit vectors from the two coordinates on an octahedron. The third component holds the code of 1. Debian's library
+/// rounds 8-bit vectors differently from the current one. Source: KHR_meshopt_compression, filter 1.
 template <class Int>
 void undo_octahedron(std::span<std::byte> elements) {
   for (size_t at = 0; at + 4 * sizeof(Int) <= elements.size(); at += 4 * sizeof(Int)) {
@@ -38,7 +38,7 @@ void undo_octahedron(std::span<std::byte> elements) {
     const float x = element[0], y = element[1], z = static_cast<float>(element[2]) - (std::abs(x) + std::abs(y));
     const float fold = std::min(z, 0.0f);
     const std::array<float, 3> unit = {x + (x >= 0 ? fold : -fold), y + (y >= 0 ? fold : -fold), z};
-    // In the order in which meshoptimizer adds: 16-bit results depend on it.
+    // Adds in the same order as meshoptimizer, because 16-bit results depend on it.
     const float length = std::sqrt(unit[0] * unit[0] + (unit[1] * unit[1] + unit[2] * unit[2]));
     const float scale = length > 0 ? static_cast<float>(std::numeric_limits<Int>::max()) / length : 0;
     for (size_t i = 0; i < 3; ++i) element[i] = static_cast<Int>(std::lrint(unit[i] * scale));
@@ -46,7 +46,7 @@ void undo_octahedron(std::span<std::byte> elements) {
   }
 }
 
-/// Colours from luma, two differences and an alpha whose highest bit tells how many bits they have. Source:
+/// Colours from luma, two differences and an alpha whose highest bit gives the number of bits. Source:
 /// KHR_meshopt_compression, filter 4. A colour without that bit, which no writer makes, becomes 0.
 template <class Int>
 void undo_color(std::span<std::byte> elements) {

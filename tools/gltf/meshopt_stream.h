@@ -1,5 +1,5 @@
-// A stream of EXT_meshopt_compression or KHR_meshopt_compression, unpacked some elements at a time. Going on takes no
-// more than a place in it, so that any part can be unpacked again from the place before it.
+// A stream of EXT_meshopt_compression or KHR_meshopt_compression, unpacked some elements at a time. A saved
+// MeshoptPlace is enough to continue, so any part can be unpacked again from the place before it.
 #pragma once
 
 #include <array>
@@ -16,10 +16,10 @@
 
 namespace scree::convert {
 
-/// Where a stream goes on between two elements.
+/// A place between two elements where a stream can be continued.
 struct MeshoptPlace {
-  uint64_t offset;                   // in the stream, of the next block, triangle's data or index
-  std::array<std::byte, 328> state;  // of the decoder, each mode's own
+  uint64_t offset;                   // in the stream: of the next block, triangle data or index
+  std::array<std::byte, 328> state;  // of the decoder; each mode has its own
 };
 
 const char* mode_name(DocMeshopt::Mode mode);
@@ -27,10 +27,10 @@ const char* mode_name(DocMeshopt::Mode mode);
 /// A stream of any mode. Threads may unpack from different places of it at the same time.
 class MeshoptStream {
  public:
-  /// Memory of one call of unpack(), beside its output.
+  /// Memory of one call of unpack(), in addition to its output.
   static constexpr uint64_t kScratchBytes = 160 << 10;
 
-  /// `stated` has passed check_meshopt(); the stream is [stated.offset, stated.offset + stated.bytes) of `source`.
+  /// `stated` has passed check_meshopt(). The stream is [stated.offset, stated.offset + stated.bytes) of `source`.
   static std::unique_ptr<const MeshoptStream> make(const DocMeshopt& stated, std::shared_ptr<const ByteSource> source);
 
   MeshoptStream(const DocMeshopt& stated, std::shared_ptr<const ByteSource> source)
@@ -39,26 +39,26 @@ class MeshoptStream {
   MeshoptStream(const MeshoptStream&) = delete;
   MeshoptStream& operator=(const MeshoptStream&) = delete;
 
-  /// Elements that are coded together.
+  /// The number of elements that are coded together.
   virtual uint64_t granularity() const = 0;
 
-  /// The place of the first element. Errors: those of reading; kFormat (no stream of that mode); kUnsupported (a
-  /// version that is not read); kTruncated.
+  /// The place of the first element. Errors: those of reading; kFormat (not a stream of that mode); kUnsupported (an
+  /// unknown version); kTruncated.
   Result<MeshoptPlace> begin() const;
 
-  /// Unpacks the out.size() / stride elements from number `first` on. `at`: their place; afterwards that of the element
-  /// behind them. Filters are not undone. Only what ends with the last element may be no multiple of granularity().
-  /// Errors, after which `at` and `out` are unspecified: those of reading; kTruncated: the stream ends before them;
-  /// kTrailing: it does not end behind the last element. A whole stream has the same error however it is cut.
+  /// Unpacks the out.size() / stride elements from number `first` on. `at`: their place; on return the place after
+  /// them. Does not undo filters. The number of elements must be a multiple of granularity(), except at the end of the
+  /// stream. Errors, after which `at` and `out` are unspecified: those of reading; kTruncated: the stream ends too
+  /// early; kTrailing: it continues after the last element. A whole stream gives the same error however it is divided.
   virtual Result<void> unpack(MeshoptPlace& at, uint64_t first, std::span<std::byte> out) const = 0;
 
-  /// Undoes the filter, of any elements.
+  /// Undoes the filter of any elements.
   void undo_filter(std::span<std::byte> elements) const;
 
   /// "buffer view 3: EXT_meshopt_compression", for messages.
   std::string name() const;
 
-  /// Of the file that it lies in.
+  /// The file that it lies in.
   const std::string& path() const { return source_->path(); }
 
  protected:
@@ -82,19 +82,20 @@ std::unique_ptr<const MeshoptStream> triangle_stream(const DocMeshopt& stated,
                                                      std::shared_ptr<const ByteSource> source);
 std::unique_ptr<const MeshoptStream> index_stream(const DocMeshopt& stated, std::shared_ptr<const ByteSource> source);
 
-/// [at, end) of a source, read front to back in pieces.
+/// Bytes [at, end) of a source, read front to back in pieces.
 class PieceReader {
  public:
   static constexpr size_t kPieceBytes = 64 << 10;
 
   PieceReader(const ByteSource& source, uint64_t at, uint64_t end) : source_(source), next_(at), end_(end) {}
 
-  /// Reads on where fewer than `bytes` (at most kPieceBytes) are there and more are to come. Errors: those of reading.
+  /// Reads more if fewer than `bytes` (at most kPieceBytes) are buffered and the source has more. Errors: those of
+  /// reading.
   Result<void> want(size_t bytes);
 
   const std::byte* data() const { return bytes_.data() + first_; }
   size_t size() const { return last_ - first_; }
-  bool is_at_end() const { return next_ == end_; }  // nothing is to come
+  bool is_at_end() const { return next_ == end_; }  // all bytes are buffered
   void skip(size_t bytes) { first_ += bytes; }
   uint64_t offset() const { return next_ - size(); }  // of data(), in the source
 
@@ -103,7 +104,7 @@ class PieceReader {
   uint64_t next_;
   const uint64_t end_;
   size_t first_ = 0, last_ = 0;
-  std::array<std::byte, kPieceBytes> bytes_;  // not set: it is large
+  std::array<std::byte, kPieceBytes> bytes_;  // left uninitialised, because it is large
 };
 
 }  // namespace scree::convert

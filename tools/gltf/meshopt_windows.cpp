@@ -17,20 +17,21 @@ std::shared_ptr<MeshoptWindow> KeptWindows::take(const void* owner, uint64_t num
     entries_.splice(entries_.begin(), entries_, found->second);
     return found->second->window;
   }
-  // The memory of one that goes is used again: what one thread's allocator had, another's would not get.
+  // Reuses the memory of a window that is dropped: another thread's allocator would not get it.
   std::unique_ptr<std::byte[]> bytes;
   while (total_ + capacity + kEntryBytes > most_ && !entries_.empty()) {
     MeshoptWindow& last = *entries_.back().window;
     total_ -= last.capacity + kEntryBytes;
     if (last.capacity == capacity && entries_.back().window.use_count() == 1) {
-      std::atomic_thread_fence(std::memory_order_acquire);  // behind the last read of whoever held it
+      std::atomic_thread_fence(std::memory_order_acquire);  // after the last read of the previous holder
       bytes = std::move(last.bytes);
     }
     places_.erase(entries_.back().key);
     entries_.pop_back();
   }
   auto window = std::make_shared<MeshoptWindow>();
-  window->bytes = bytes ? std::move(bytes) : std::unique_ptr<std::byte[]>(new std::byte[capacity]);  // not set
+  window->bytes =
+      bytes ? std::move(bytes) : std::unique_ptr<std::byte[]>(new std::byte[capacity]);  // left uninitialised
   window->capacity = capacity;
   window->size = size;
   entries_.push_front({key, window});

@@ -1,4 +1,4 @@
-// Unpacked windows of buffer views that are kept for the next read: the ones used last.
+// Unpacked windows of buffer views that are kept for the next read: the most recently used ones.
 #pragma once
 
 #include <cstddef>
@@ -11,31 +11,31 @@
 
 namespace scree::convert {
 
-/// A part of a view. Its bytes are set once, under `mutex`, and then only read.
+/// A part of a view. Its bytes are set once, under `mutex`, and are only read afterwards.
 struct MeshoptWindow {
   std::mutex mutex;
   bool is_unpacked = false;            // and its filter undone
-  std::unique_ptr<std::byte[]> bytes;  // as many as the capacity it was taken with
+  std::unique_ptr<std::byte[]> bytes;  // `capacity` bytes
   size_t capacity = 0;
   size_t size = 0;
 
   std::span<std::byte> all() { return {bytes.get(), size}; }
 };
 
-/// Up to `most` bytes of windows, with what each takes beside its bytes, or one that is larger. Those that are read
-/// while others take their place are held by their readers. Thread-safe.
+/// Keeps windows of up to `most` bytes, including the overhead of each, but at least one window. A reader keeps its
+/// window alive after the cache drops it. Thread-safe.
 class KeptWindows {
  public:
-  /// What a window takes beside its bytes: itself, its lock, its places in the list and in the table.
+  /// Overhead of a window: itself, its lock, its entries in the list and in the table.
   static constexpr uint64_t kEntryBytes = 256;
 
   explicit KeptWindows(uint64_t most) : most_(most) {}
 
-  /// Window `number` of an owner, of `size` bytes in memory of `capacity`: the one that is kept, or an empty one, which
-  /// is kept from now on. Throws std::bad_alloc.
+  /// Window `number` of an owner, of `size` bytes in memory of `capacity`: the kept one, or an empty one, which is kept
+  /// from now on. Throws std::bad_alloc.
   std::shared_ptr<MeshoptWindow> take(const void* owner, uint64_t number, size_t size, size_t capacity);
 
-  /// Lets go of an owner's windows before number `end`.
+  /// Drops an owner's windows before number `end`.
   void forget(const void* owner, uint64_t end);
 
  private:
@@ -55,7 +55,7 @@ class KeptWindows {
   std::mutex mutex_;
   const uint64_t most_;
   uint64_t total_ = 0;
-  std::list<Entry> entries_;  // used last first
+  std::list<Entry> entries_;  // most recently used first
   std::unordered_map<Key, std::list<Entry>::iterator, Hash> places_;
 };
 

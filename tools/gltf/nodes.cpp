@@ -14,12 +14,12 @@ namespace {
 
 using format::kNone;
 
-// 2.7 GB of records in the file; a few bytes of JSON can ask for any number by naming one accessor in many nodes.
+// 2.7 GB of records in the file. A few bytes of JSON can demand any number by naming one accessor in many nodes.
 constexpr uint64_t kMaxNodeInstances = uint64_t{1} << 26;
 
 constexpr uint64_t kInstanceBlock = 4096;
 
-// libstdc++ matches recursively, some hundred bytes of stack a character.
+// libstdc++ matches recursively, with some hundred bytes of stack per character.
 constexpr size_t kMaxMatchedName = 1024;
 
 std::string node_place(uint64_t node) {
@@ -48,8 +48,8 @@ Result<void> check_references(const GltfDocument& document) {
 
 struct Trees {
   std::vector<uint32_t> parent;  // by node, or kNone
-  std::vector<uint32_t> top;     // by node: the root above it, or itself
-  std::vector<bool> sole;        // by node: the nodes above it have no other child, no mesh and no camera
+  std::vector<uint32_t> top;     // by node: its topmost ancestor, or itself
+  std::vector<bool> sole;        // by node: its ancestors have no other child, no mesh and no camera
 };
 
 Result<Trees> find_trees(const GltfDocument& document) {
@@ -67,7 +67,8 @@ Result<Trees> find_trees(const GltfDocument& document) {
       parent[child] = i;
     }
   }
-  // With one parent each, a node that no root reaches is on a cycle or below one: climbing from it ends on the cycle.
+  // Each node has at most one parent. So a node that no root reaches is on a cycle or below one, and climbing from it
+  // ends on the cycle.
   std::vector<uint32_t>& top = trees.top;
   top.assign(count, kNone);
   trees.sole.assign(count, true);
@@ -120,8 +121,8 @@ Result<bool> matches(const std::regex& pattern, const std::string& name, const s
   }
 }
 
-// The roots of each scene. A scene should list roots only; writers also list children, which is the same thing where
-// the root above is listed too, or where it has nothing else below it and nothing of its own to draw.
+// The roots of each scene. A scene should list only roots. Some writers also list children. That is accepted if the
+// topmost ancestor is listed too, or if the ancestor has no other descendants and nothing of its own to draw.
 Result<std::vector<std::vector<uint32_t>>> find_scene_roots(const GltfDocument& document, const Trees& trees) {
   const size_t count = document.nodes.size();
   std::vector<std::vector<uint32_t>> scenes(document.scenes.size());
@@ -188,7 +189,7 @@ Result<std::optional<Accessor>> instance_accessor(const DocNode& node, const cha
   return std::optional<Accessor>();
 }
 
-/// The instances of a node, each looked at once.
+/// Checks the instances of a node, each once.
 Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffers, uint64_t most) {
   SourceInstances instances;
   struct Stream {
@@ -212,7 +213,7 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
     count = (*stream.accessor)->count;
   }
   if (!count) {
-    // Other attributes (_ID) say how many there are, all in one place.
+    // Other attributes (_ID) give a number of instances, all at the same place.
     for (const auto& [attribute, index] : node.instancing) {
       auto accessor = buffers.accessor(index);
       if (!accessor) return at(attribute.substr(0, 40), accessor.error());
@@ -254,10 +255,10 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
     }
   }
 
-  // Down from the scenes' roots; a node that is excluded takes everything below it along.
+  // Goes down from the scenes' roots. An excluded node excludes everything below it.
   enum : uint8_t { kUnseen, kKept, kExcluded };
   std::vector<uint8_t> state(count, kUnseen);
-  std::vector<std::pair<uint32_t, bool>> stack;  // node, below an excluded one
+  std::vector<std::pair<uint32_t, bool>> stack;  // node, whether it is below an excluded one
   for (const std::vector<uint32_t>& roots : *scenes) {
     for (const uint32_t root : roots) {
       if (state[root] == kUnseen) stack.emplace_back(root, false);
@@ -279,7 +280,7 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
   }
   plan.outside = static_cast<uint64_t>(std::count(state.begin(), state.end(), kUnseen));
 
-  // Parents first, otherwise the lowest number that is ready.
+  // Parents first; among the nodes that are ready, the lowest number.
   std::priority_queue<uint32_t, std::vector<uint32_t>, std::greater<>> ready;
   for (uint32_t i = 0; i < count; ++i) {
     if (state[i] == kKept && plan.parent[i] == kNone) ready.push(i);

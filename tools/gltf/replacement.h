@@ -1,4 +1,4 @@
-// Several files that belong together take the place of earlier ones.
+// Replaces several files that belong together.
 #pragma once
 
 #include <cerrno>
@@ -17,9 +17,9 @@
 
 namespace scree::tools {
 
-/// Several files that get their names together: those they replace keep a second name, NAME.earlier.part, until all
-/// have theirs, so that what was there before is put back where one fails. A file system without links loses it then.
-/// Errors kFile.
+/// Several files that get their names together. Each replaced file keeps a second name, NAME.earlier.part, until all
+/// new files have their names. If one fails, the earlier files are restored; on a file system without hard links they
+/// are lost then. Errors kFile.
 class Replacement {
  public:
   explicit Replacement(std::span<format::PartFile* const> files) {
@@ -27,7 +27,7 @@ class Replacement {
   }
   Replacement(const Replacement&) = delete;
   Replacement& operator=(const Replacement&) = delete;
-  /// Nothing here may need memory: it may be what ran out.
+  /// Must not allocate: memory may have run out.
   ~Replacement() {
     for (const File& file : files_) {
       if (!file.is_renamed) {
@@ -43,19 +43,20 @@ class Replacement {
   Result<void> commit(size_t index) {
     File& file = files_[index];
     if (files_.size() > 1) {
-      // A second name may be left of a run that was killed.
+      // A killed run may have left a second name.
       if (::unlink(file.earlier.c_str()) != 0 && errno != ENOENT) return remove_error(file);
       file.has_earlier = ::link(file.name.c_str(), file.earlier.c_str()) == 0;
     }
     Result<void> done = file.part->commit();
-    // One file alone has nothing to be put back: once it has its name it is whole, whatever fails after that.
+    // A single file needs no restoring: once it has its name it is complete, whatever fails afterwards.
     file.is_renamed = files_.size() > 1 && file.part->has_name();
     return done;
   }
-  /// Takes the second names away, once all have theirs. Where one stays, the new files are whole all the same.
+  /// Removes the second names, after all files have theirs. If one cannot be removed, the new files are complete
+  /// nevertheless.
   Result<void> keep() {
     Result<void> done;
-    for (File& file : files_) file.is_renamed = false;  // there is nothing to be put back any more
+    for (File& file : files_) file.is_renamed = false;  // nothing is restored any more
     for (File& file : files_) {
       if (std::exchange(file.has_earlier, false) && ::unlink(file.earlier.c_str()) != 0 && done)
         done = remove_error(file);

@@ -12,7 +12,7 @@ namespace {
 
 enum class Kind : uint8_t {
   kAny,
-  kIndex,      // 0 to 2^31 - 1: tinygltf keeps indices as int
+  kIndex,      // 0 to 2^31 - 1; tinygltf keeps indices as int
   kSize,       // 0 to 2^53: sizes, counts, offsets
   kSmallSize,  // 0 to 2^31 - 1: sizes that tinygltf keeps as int
   kNumber,
@@ -24,7 +24,7 @@ enum class Kind : uint8_t {
   kNumbers,  // array of numbers
   kStrings,
   kIndexMap,   // object whose members are all indices
-  kIndexMaps,  // array of such
+  kIndexMaps,  // array of these
 };
 
 struct ObjectRule;
@@ -33,7 +33,7 @@ struct Member {
   std::string_view name;
   Kind kind = Kind::kAny;
   const ObjectRule* object = nullptr;  // kObject, kObjects
-  uint32_t length = 0;                 // kNumbers: exact, 0: any
+  uint32_t length = 0;                 // kNumbers: exact length; 0: any
   bool required = false;
 };
 
@@ -42,9 +42,9 @@ struct ObjectRule {
 };
 
 constexpr bool kRequired = true;
-constexpr size_t kMaxNames = 256;  // of attributes; they are looked up one by one
+constexpr size_t kMaxNames = 256;  // of attributes; the search is linear
 
-// Material, texture information and the extensions that scree reads.
+// Materials, texture information, and extensions that scree reads.
 constexpr Member kTransformMembers[] = {{"offset", Kind::kNumbers, nullptr, 2},
                                         {"scale", Kind::kNumbers, nullptr, 2},
                                         {"rotation", Kind::kNumber},
@@ -331,7 +331,7 @@ std::string expectation(Kind kind) {
   return "a value";
 }
 
-// Takes nlohmann's SAX events; returns false from the event that breaks a rule, with error_ set.
+// Takes nlohmann's SAX events. Returns false for the event that breaks a rule, with error_ set.
 class Checker {
  public:
   using number_integer_t = nlohmann::json::number_integer_t;
@@ -340,7 +340,7 @@ class Checker {
   using string_t = nlohmann::json::string_t;
   using binary_t = nlohmann::json::binary_t;
 
-  // With a section: checks a batch document of it; without: any JSON.
+  // With a section: checks a batch document of it. Without: checks any JSON.
   Checker(const Section* section, uint64_t first, uint64_t json_byte, uint64_t head_bytes)
       : section_(section), first_(first), json_byte_(json_byte), head_bytes_(head_bytes) {
     if (section == nullptr) return;
@@ -483,8 +483,8 @@ class Checker {
 
   bool parse_error(std::size_t position, const std::string& token, const nlohmann::json::exception& exception) {
     (void)token;
-    // "[json.exception.parse_error.101] parse error at line 1, column 9: syntax error while ...": the place it names is
-    // that of the batch.
+    // "[json.exception.parse_error.101] parse error at line 1, column 9: syntax error while ...": its position is
+    // relative to the batch.
     std::string what = exception.what();
     if (const size_t bracket = what.find("] "); bracket != std::string::npos) what = what.substr(bracket + 2);
     if (const size_t colon = what.find(": "); what.compare(0, 11, "parse error") == 0 && colon != std::string::npos)
@@ -499,10 +499,10 @@ class Checker {
   struct Frame {
     const ObjectRule* rule = nullptr;          // an object with rules
     const ObjectRule* element_rule = nullptr;  // an array of objects with rules
-    const Member* each = nullptr;              // what every element or member must be
+    const Member* each = nullptr;              // the rule of every element or member
     const Member* member = &kAnyMember;        // of the current key
     bool array = false;
-    bool map = false;                // names have no rules, but each comes once
+    bool map = false;                // names have no rules, but each may occur once
     std::vector<std::string> names;  // of a map
     uint32_t length = 0;
     uint32_t seen = 0;
@@ -526,7 +526,7 @@ class Checker {
     if (!frames_.empty() && frames_.back().array) ++frames_.back().elements;
   }
 
-  // A value that is no container. `found` says what it is; null counts as an absent member.
+  // A value that is not a container. `found` describes it; null counts as an absent member.
   bool leaf(const std::string& found, bool fits = false) {
     const Member& member = expected();
     const bool absent = fits && found == "null" && !frames_.empty() && !frames_.back().array;
@@ -550,7 +550,7 @@ class Checker {
     std::string place;
     for (size_t i = 1; i < frames_.size(); ++i) {
       const Frame& frame = frames_[i];
-      if (i == 1 && frame.array) continue;  // the section's own array: its element is named by number
+      if (i == 1 && frame.array) continue;  // the section's own array: the number names its element
       if (frame.array) {
         place += "[" + std::to_string(frame.elements) + "]";
       } else if (!frame.key.empty()) {

@@ -31,8 +31,8 @@ std::string counted(uint64_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
-// Extensions a document may require. The first are read, the others change only how a surface is lit or what a
-// file says about itself: without them every triangle keeps its place and its base colour.
+// Extensions that a document may require. The first are read. The others only change how a surface is lit, or describe
+// the file: without them every triangle keeps its position and its base colour.
 constexpr std::string_view kDracoName = "KHR_draco_mesh_compression";
 constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",
                                            "KHR_texture_transform",
@@ -87,24 +87,24 @@ Result<void> check_extensions(const GltfDocument& document, SourceScene& scene) 
   return {};
 }
 
-// The bookkeeping of what is not taken over.
+// Counts the parts of the document that are left out.
 class LeftOutList {
  public:
   LeftOutList(const GltfDocument& document, const GltfBuffers& buffers)
       : buffers_(buffers), seen_(document.accessors.size(), false) {}
 
-  /// An accessor that is taken over: its bytes count nowhere below.
+  /// An accessor that is used: its bytes are not counted below.
   void keep(const Accessor& accessor) { seen_[accessor.index] = true; }
 
   void add(const std::string& what, uint64_t count) { entries_[what].count += count; }
 
-  // Counts an accessor the first time it comes up, its bytes with it.
+  // Counts an accessor and its bytes, once.
   void add_accessor(const std::string& what, int32_t accessor) {
     if (take(accessor)) ++entries_[what].count;
     add_bytes(what, accessor);
   }
 
-  // Only the bytes: where something else is counted.
+  // Counts only the bytes, if something else is counted.
   void add_accessor_bytes(const std::string& what, int32_t accessor) {
     take(accessor);
     add_bytes(what, accessor);
@@ -147,7 +147,7 @@ class LeftOutList {
   std::map<std::string, Entry> entries_;
 };
 
-// The kind of a vertex attribute for the list of what is left out: documents may name thousands of their own.
+// The name of a vertex attribute in the list of left-out parts: documents may name thousands of their own.
 std::string attribute_kind(const std::string& name) {
   for (const char* known : {"NORMAL", "TANGENT", "POSITION"}) {
     if (name == known) return name;
@@ -228,7 +228,7 @@ class Importer {
     return {};
   }
 
-  // A light for every kept node that has one.
+  // Makes a light for every kept node that has one.
   Result<void> make_lights(const NodePlan& plan) {
     for (uint32_t place = 0; place < plan.order.size(); ++place) {
       const int32_t number = document_.nodes[plan.order[place]].light;
@@ -252,7 +252,7 @@ class Importer {
       for (const float value : {to.color[0], to.color[1], to.color[2], to.intensity, to.range})
         if (!(value >= 0) || !std::isfinite(value)) return fail("a colour, intensity or range that is not 0 or more");
       if (to.kind == format::LightKind::kSpot) {
-        // Writers round pi / 2 up, and write cones without a rim.
+        // Some writers round pi / 2 up, and some write cones without a rim.
         to.outer_cone = std::min(static_cast<float>(from.outer_cone), static_cast<float>(std::numbers::pi / 2));
         to.inner_cone = static_cast<float>(from.inner_cone);
         if (to.inner_cone >= to.outer_cone) to.inner_cone = std::nextafter(to.outer_cone, 0.0f);
@@ -263,7 +263,8 @@ class Importer {
     return {};
   }
 
-  // The triangles of every mesh that a kept node names. Material and texture coordinates follow in finish_primitives().
+  // Makes the primitives of every mesh that a kept node names. finish_primitives() adds materials and texture
+  // coordinates.
   Result<void> make_primitives(const NodePlan& plan) {
     std::vector<bool> used(document_.meshes.size(), false);
     for (const uint32_t node : plan.order) {
@@ -335,7 +336,7 @@ class Importer {
     return {};
   }
 
-  // A box of positions that several primitives share is that of none of them.
+  // A box of positions shared by several primitives is not the box of any of them.
   void note_box(Primitive& primitive) {
     const DocBounds* const bounds = document_.bounds_of(primitive.positions.index);
     if (bounds == nullptr) return;
@@ -387,8 +388,8 @@ class Importer {
     return found == attributes.end() || found->first != name ? kAbsent : found->second;
   }
 
-  // Counts what kept primitives do not use and what primitives are dropped: after all that is kept is known, because
-  // accessors are shared.
+  // Counts the attributes that kept primitives do not use, and the dropped primitives. Runs after all kept accessors
+  // are known, because accessors are shared.
   void count_left_out() {
     for (const Primitive& primitive : scene_.primitives) {
       left_out_.keep(primitive.positions);
@@ -405,15 +406,15 @@ class Importer {
       for (const int32_t accessor : from.target_accessors) left_out_.add_accessor_bytes("morph targets", accessor);
     }
     for (const auto& [why, from] : dropped_) {
-      const char* const what = why != nullptr ? why : "unused meshes";  // which count as meshes, not as primitives
+      const char* const what = why != nullptr ? why : "unused meshes";  // these count as meshes, not as primitives
       if (why != nullptr) left_out_.add(what, 1);
       for (const auto& [name, accessor] : from->attributes) left_out_.add_accessor_bytes(what, accessor);
       if (from->indices != kAbsent) left_out_.add_accessor_bytes(what, from->indices);
     }
   }
 
-  // Accessors that have no data of their own take those of the primitive's Draco stream. One that has a plain copy is
-  // read from that: it is exact, and vertices are in another order in the stream.
+  // Accessors without data of their own take those of the primitive's Draco stream. An accessor with a plain copy is
+  // read from the copy: it is exact, and the stream has the vertices in another order.
   Result<void> take_draco(const DocPrimitive& from, const std::string& uv_name, Primitive& to) {
     std::vector<std::pair<const char*, Accessor*>> empty;
     const auto add = [&](const char* name, Accessor& accessor) {
@@ -474,8 +475,8 @@ class Importer {
     return {};
   }
 
-  // A vertex attribute with the types glTF 2.0 (3.7.2.1) and KHR_mesh_quantization allow. `vertices`: of the primitive,
-  // or kNone for POSITION itself.
+  // A vertex attribute with the types that glTF 2.0 (3.7.2.1) and KHR_mesh_quantization allow. `vertices`: of the
+  // primitive, or kNone for POSITION itself.
   Result<Accessor> attribute(const std::string& name, int32_t index, uint64_t vertices) {
     auto accessor = buffers_.accessor(index);
     if (!accessor) return at(name, accessor.error());
@@ -499,7 +500,7 @@ class Importer {
     } else if (name == "COLOR_0") {
       right = (components == 3 || components == 4) && (is_float || (!is_signed && (is_byte || is_short)));
       expected = "VEC3 or VEC4 of float or normalised unsigned byte or short";
-      // Some writers forget the flag; as plain integers the colours would all be far above 1.
+      // Some writers forget the flag. As plain integers the colours would all be far above 1.
       if (right && !is_float && !accessor->normalized) {
         accessor->normalized = true;
         ++unflagged_colors_;
@@ -579,8 +580,8 @@ class Importer {
   LeftOutList left_out_;
   std::vector<uint32_t> group_of_mesh_;
   std::vector<bool> material_used_;
-  std::map<uint32_t, size_t> box_users_;  // of accessors whose bounds are kept, the first primitive
-  std::vector<std::pair<const char*, const DocPrimitive*>> dropped_;  // why (null: of a mesh that is not used), what
+  std::map<uint32_t, size_t> box_users_;  // first primitive of each accessor whose bounds are kept
+  std::vector<std::pair<const char*, const DocPrimitive*>> dropped_;  // reason (null: its mesh is not used), primitive
   uint64_t morphed_ = 0;
   uint64_t undeclared_quantization_ = 0;
   uint64_t unflagged_colors_ = 0;
@@ -592,8 +593,8 @@ std::string folder_of(const std::string& path) {
   return slash == 0 ? "/" : path.substr(0, slash);
 }
 
-// Leaves out what is around the JSON but no part of it: a byte order mark, which readers may ignore (RFC 8259 8.1), and
-// the zeros some writers pad a JSON chunk with instead of blanks.
+// Removes bytes around the JSON that do not belong to it: a byte order mark, which readers may ignore (RFC 8259 8.1),
+// and zeros with which some writers pad a JSON chunk instead of blanks.
 Result<void> trim_json(const ByteSource& file, GlbLayout& layout) {
   std::array<std::byte, 3> bytes{};
   if (layout.json_bytes >= bytes.size()) {
@@ -612,7 +613,7 @@ Result<void> trim_json(const ByteSource& file, GlbLayout& layout) {
   return {};
 }
 
-/// A file that is no glTF at all is better named than by the first byte that is not JSON.
+/// Names the kind of a file that is not glTF at all, which helps more than the first byte that is not JSON.
 Result<void> check_kind(const ByteSource& file, const GlbLayout& layout) {
   if (layout.is_glb) return {};
   std::array<std::byte, 64> bytes{};
@@ -633,7 +634,7 @@ Result<void> check_kind(const ByteSource& file, const GlbLayout& layout) {
 
 Result<SourceScene> import_checked(const std::string& path, const ImportOptions& options) {
   auto file = open_file_source(path);
-  // Its message already names the path, as every message of import_gltf does.
+  // Its message already begins with the path, like every message of import_gltf().
   if (!file) return Error{file.error().code, file.error().message.substr(path.size() + 2)};
   auto layout = read_glb_layout(**file);
   if (!layout) return layout.error();
@@ -675,7 +676,7 @@ Result<SourceScene> import_gltf(const std::string& path, const ImportOptions& op
   } catch (const std::exception& exception) {
     error = {ErrorCode::kFormat, exception.what()};
   }
-  // Names and paths of the document stand in messages, and JSON strings hold line breaks and terminal codes as well.
+  // Messages quote names and paths of the document, and JSON strings may hold line breaks and terminal codes.
   for (char& c : error.message) c = static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
   return at(path, error);
 }

@@ -1,6 +1,6 @@
-// A glTF document after import: every index, range, stride and count checked, buffers still on disk. Import never holds
-// a buffer in memory: the JSON is read whole, its "buffers" and "images" are parsed apart (docs/design.md, import),
-// accessors are read in windows.
+// A glTF document after import: every index, range, stride and count is checked, and buffers are still on disk. Import
+// never holds a buffer in memory: it reads the JSON whole, parses its "buffers" and "images" separately
+// (docs/design.md, import), and reads accessors in windows.
 #pragma once
 
 #include <array>
@@ -18,17 +18,17 @@
 
 namespace scree::convert {
 
-/// Bytes that can be read anywhere: a .bin file, the binary chunk of a .glb, or a decoded data: URI. Reads are
-/// pread()s, so that nothing stays resident. Thread-safe.
+/// Bytes that can be read at any offset: a .bin file, the binary chunk of a .glb, or a decoded data: URI. Reads are
+/// pread()s, so that nothing stays in memory. Thread-safe.
 class ByteSource {
  public:
   virtual ~ByteSource() = default;
   virtual uint64_t size() const = 0;
   /// Fills `out` from `offset`. Errors kFile (I/O error), kTruncated (the file shrank).
   virtual Result<void> read(uint64_t offset, std::span<std::byte> out) const = 0;
-  /// Says that bytes will be read soon; the range may pass the end. Nothing need come of it.
+  /// A hint that bytes will be read soon. The range may pass the end. It may have no effect.
   virtual void will_need(uint64_t /*offset*/, uint64_t /*bytes*/) const {}
-  /// The file the bytes come from; empty where they are held in memory.
+  /// The file of the bytes; empty if they are in memory.
   virtual const std::string& path() const;
 };
 
@@ -59,56 +59,55 @@ struct Accessor {
   uint64_t element_bytes() const;
 };
 
-/// What read_floats() makes of a component of this value.
+/// The float that read_floats() makes of a component of this value.
 float float_of(const Accessor& accessor, float component);
 
-/// Reads elements [first, first + count) as floats (normalised integers scaled as glTF says), components * count
-/// values.
+/// Reads elements [first, first + count) as floats, components * count values. Normalised integers are scaled as in
+/// glTF.
 Result<void> read_floats(const Accessor& accessor, uint64_t first, uint64_t count, std::span<float> out);
 
-/// Reads the elements of an ascending list of numbers, each below accessor.count. Neighbouring elements are fetched
-/// with one read.
+/// Reads the elements of an ascending list of numbers, each below accessor.count. Adjacent elements share one read.
 Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out);
 
-/// Copies elements [first, first + count) as they are, without gaps: count * element_bytes() bytes. Errors kFile.
+/// Copies elements [first, first + count) unchanged, without gaps: count * element_bytes() bytes. Errors kFile.
 Result<void> read_elements(const Accessor& accessor, uint64_t first, uint64_t count, std::span<std::byte> out);
 
 enum class PrimitiveMode : uint8_t { kTriangles = 4, kStrip = 5, kFan = 6 };
 
-/// What the triangles and vertices of a sorted copy are in the primitive it is of (sort_primitive.h).
+/// The source's numbers of the triangles and vertices of a sorted copy of a primitive (sort_primitive.h).
 struct SourceNumbers {
   Accessor triangles;  // 32 bits, scalar: the source's number of each triangle
-  Accessor vertices;   // likewise of each vertex, less first_vertex
+  Accessor vertices;   // likewise of each vertex, minus first_vertex
   uint32_t first_vertex = 0;
 };
 
 /// A primitive that is kept: triangles, strips or fans.
 struct Primitive {
-  uint32_t group = 0;  // glTF mesh, in SourceScene::groups
-  uint32_t place = 0;  // of the primitive within its glTF mesh
+  uint32_t group = 0;  // index in SourceScene::groups of its glTF mesh
+  uint32_t place = 0;  // number of the primitive in its glTF mesh
   uint32_t mesh = 0;   // the glTF mesh's number in the document, for messages
   PrimitiveMode mode = PrimitiveMode::kTriangles;
   std::optional<Accessor> indices;  // 8, 16 or 32 bits, scalar
   Accessor positions;
-  std::optional<Accessor> uv;     // the set its material's textures use; present only where a texture needs it
+  std::optional<Accessor> uv;     // the set that its material's textures use; only if a texture needs it
   std::optional<Accessor> color;  // COLOR_0, 3 or 4 components
   std::optional<Accessor> normal;
   uint32_t material = format::kNone;
-  std::shared_ptr<const SourceNumbers> numbers;  // of a sorted copy; else null: counted from 0
-  std::optional<Box> stated_box;  // of many positions that are its own, as the document says; nothing holds them to it
+  std::shared_ptr<const SourceNumbers> numbers;  // of a sorted copy; null otherwise, and numbers then count from 0
+  std::optional<Box> stated_box;  // of many positions used by no other primitive; stated by the document, unchecked
 
   uint64_t vertex_count() const { return positions.count; }
-  uint64_t triangle_count() const;  // degenerate triangles of strips included
+  uint64_t triangle_count() const;  // includes degenerate triangles of strips
 };
 
-/// Reads the vertex numbers of triangles [first, first + count) of a primitive, 3 a triangle, counter-clockwise (every
-/// other strip triangle is turned). Errors kFile, kRange: an index at or past vertex_count, named with its place in the
-/// index accessor: "mesh 3 primitive 0: index 70211 at place 17, but the mesh has 65536 vertices" (glTF's numbers; the
-/// caller puts the file name before it).
+/// Reads the vertex numbers of triangles [first, first + count) of a primitive, 3 per triangle, counter-clockwise
+/// (every other strip triangle is turned). Errors kFile, kRange: an index of vertex_count or more, named with its place
+/// in the index accessor: "mesh 3 primitive 0: index 70211 at element 17, but the mesh has 65536 vertices". These are
+/// glTF's numbers; the caller prepends the file name.
 Result<void> read_triangles(const Primitive& primitive, uint64_t first, uint64_t count, std::span<uint32_t> out);
 
-/// The instances of a node (EXT_mesh_gpu_instancing): checked, and left in their buffers, of which there may be more
-/// than fits into memory.
+/// The instances of a node (EXT_mesh_gpu_instancing): checked, but left in their buffers, because there may be more
+/// than fit into memory.
 struct SourceInstances {
   uint64_t count = 0;                   // at least 1
   std::optional<Accessor> translation;  // absent: 0
@@ -116,13 +115,13 @@ struct SourceInstances {
   std::optional<Accessor> scale;        // absent: 1
 };
 
-/// Reads instances [first, first + out.size()), rotations scaled to unit length. Errors kFile, kTruncated, kRange (not
-/// finite, no rotation), the accessor and the instance named.
+/// Reads instances [first, first + out.size()), with rotations scaled to unit length. Errors kFile, kTruncated, kRange
+/// (not finite, a rotation of length 0); they name the accessor and the instance.
 Result<void> read_instances(const SourceInstances& instances, uint64_t first,
                             std::span<format::NodeInstanceRecord> out);
 
-/// A node's own transform, as NodeRecord::local. One that says nothing, as a node of ten bytes of JSON has it, takes no
-/// memory of its own.
+/// A node's own transform, as NodeRecord::local. An identity, such as of a node of ten bytes of JSON, allocates no
+/// memory.
 class LocalTransform {
  public:
   using Values = std::array<double, 16>;
@@ -153,12 +152,12 @@ struct SourceNode {
 
 struct SourceImage {
   std::string name;
-  format::ImageCodec codec = format::ImageCodec::kPng;  // of a WebP too
+  format::ImageCodec codec = format::ImageCodec::kPng;  // a WebP has kPng, too
   bool is_webp = false;
   std::shared_ptr<const ByteSource> source;
   uint64_t offset = 0;
   uint64_t bytes = 0;
-  bool is_color = false;  // some texture shows it as colour; else it has numbers
+  bool is_color = false;  // some texture shows it as colour; otherwise it holds numbers
 };
 
 struct SourceGroup {
@@ -171,7 +170,7 @@ struct NamedMaterial {
   std::optional<format::SurfaceRecord> surface;  // material unset; textures as in the record
 };
 
-/// Calls `take` for every texture of a material, which it may change.
+/// Calls `take` for every texture of a material. `take` may change it.
 template <class Material, class Take>
 void visit_textures(Material& material, const Take& take) {
   if (material.record.texture != format::kNone) take(material.record.texture);
@@ -202,24 +201,24 @@ struct SourceSceneRoots {
   std::vector<uint32_t> roots;
 };
 
-/// Something the document has and the import leaves out. Attributes are named as in glTF ("TANGENT", "TEXCOORD_1");
-/// "NORMAL" is among them although Primitive::normal offers it: whoever stores normals takes that entry out. Each
+/// Something in the document that the import leaves out. Attributes are named as in glTF ("TANGENT", "TEXCOORD_1").
+/// "NORMAL" is among them although Primitive::normal offers it: a caller that stores normals removes that entry. Each
 /// accessor's bytes count once.
 struct LeftOut {
   std::string what;
   uint64_t count = 0;
   uint64_t source_bytes = 0;
-  uint64_t elements = 0;  // of its accessors, each once
+  uint64_t elements = 0;  // of its accessors, each counted once
 };
 
-/// What compressed buffer views (meshopt_source.h) take and hold.
+/// Memory of compressed buffer views (meshopt_source.h).
 struct PackedViewMemory {
-  uint64_t reader_bytes = 0;  // of each thread that reads any of them
-  uint64_t place_bytes = 0;   // of all, as long as the scene is there
-  uint64_t kept_bytes = 0;    // of all, were all of their windows kept
+  uint64_t reader_bytes = 0;  // per thread that reads any of them
+  uint64_t place_bytes = 0;   // of all, for the scene's lifetime
+  uint64_t kept_bytes = 0;    // of all, if all of their windows are kept
 };
 
-/// Nodes are in an order in which parents come before children; every index below is checked.
+/// Nodes are ordered with parents before children. Every index below is checked.
 struct SourceScene {
   std::string file_name;
   std::string copyright;
@@ -240,17 +239,17 @@ struct SourceScene {
 };
 
 struct ImportOptions {
-  std::string
-      exclude;  // regular expression (ECMAScript) searched in node names; matching nodes and those below are left out
+  std::string exclude;  // regular expression (ECMAScript) searched in node names; matching nodes and their descendants
+                        // are left out
   uint64_t max_json_bytes = uint64_t{1} << 31;
-  uint64_t kept_view_bytes = uint64_t{1} << 30;  // memory for compressed buffer views that were unpacked
+  uint64_t kept_view_bytes = uint64_t{1} << 30;  // memory for unpacked compressed buffer views
   bool allow_outside = false;    // reads files that URIs name by "../" or symbolic links outside the scene's folder
   bool keep_going = false;       // a texture whose image file cannot be opened is left out, with a warning
-  uint64_t memory = UINT64_MAX;  // bytes that the process may take while the document is read
+  uint64_t memory = UINT64_MAX;  // the most bytes that the process may take while it reads the document
 };
 
-/// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (a required extension that scree does
-/// not do), kUsage (a bad regular expression, more than `memory`), each with file and place: "city.gltf: mesh 12: ...".
+/// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (an unsupported required extension),
+/// kUsage (a bad regular expression, more than `memory`), each with file and place: "city.gltf: mesh 12: ...".
 Result<SourceScene> import_gltf(const std::string& path, const ImportOptions& options);
 
 }  // namespace scree::convert

@@ -19,7 +19,7 @@ int hex_digit(char c) {
   return -1;
 }
 
-// An excerpt for a message: URIs can be long and can hold anything.
+// An excerpt for a message. URIs can be long and can hold any character.
 std::string quoted(std::string_view text) {
   std::string out = "\"";
   for (const char c : text.substr(0, 80)) out += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
@@ -48,7 +48,7 @@ constexpr std::array<int8_t, 256> make_base64_table() {
   for (auto& entry : table) entry = -1;
   constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   for (size_t i = 0; i < kDigits.size(); ++i) table[static_cast<unsigned char>(kDigits[i])] = static_cast<int8_t>(i);
-  table['-'] = 62;  // the URL-safe alphabet (RFC 4648 5), which some writers use in URIs
+  table['-'] = 62;  // the URL-safe alphabet (RFC 4648 5), which some writers use
   table['_'] = 63;
   return table;
 }
@@ -67,7 +67,7 @@ Result<std::vector<std::byte>> decode_base64(std::string_view text) {
   uint32_t bits = 0;
   for (size_t i = 0; i < text.size(); ++i) {
     const int digit = kTable[static_cast<unsigned char>(text[i])];
-    if (digit < 0) return Error{ErrorCode::kFormat, "data: URI: not a base64 digit at place " + std::to_string(i)};
+    if (digit < 0) return Error{ErrorCode::kFormat, "data: URI: not a base64 digit at character " + std::to_string(i)};
     bits = (bits << 6) | static_cast<uint32_t>(digit);
     if (i % 4 == 3) {
       out.push_back(static_cast<std::byte>(bits >> 16));
@@ -96,7 +96,7 @@ std::string_view scheme_of(std::string_view uri) {
   return is_scheme ? uri.substr(0, i) : std::string_view{};
 }
 
-// Whether "a/../b" style steps ever climb above where they start.
+// Whether steps such as "a/../b" ever climb above their start.
 bool climbs_out(std::string_view path) {
   int64_t depth = 0;
   while (!path.empty()) {

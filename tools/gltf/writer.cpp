@@ -24,7 +24,7 @@ using format::PartFile;
 constexpr uint64_t kGlbMaxBytes = 0xffffffffu;  // of version 2, whose lengths have 32 bits
 constexpr uint64_t kGlbHeaderBytes = 12;
 constexpr uint64_t kGlbChunkHeaderBytes = 8;
-constexpr uint64_t kGlbWideHeaderBytes = 16;  // of version 3, its own and each chunk's
+constexpr uint64_t kGlbWideHeaderBytes = 16;  // version 3: its own header and that of each chunk
 constexpr uint32_t kGlbMagic = 0x46546c67;    // "glTF"
 constexpr uint32_t kGlbJson = 0x4e4f534a;
 constexpr uint32_t kGlbBinary = 0x004e4942;
@@ -36,7 +36,7 @@ constexpr Sampler kDefaultSampler{format::Wrap::kRepeat, format::Wrap::kRepeat, 
 struct Image {
   std::string name;
   format::ImageCodec codec;
-  uint32_t buffer_view;  // or kNone: `uri`
+  uint32_t buffer_view;  // kNone: `uri` is used
   std::string uri;
 };
 
@@ -70,7 +70,7 @@ uint32_t wrap_number(format::Wrap wrap) {
   return 10497;
 }
 
-/// A file name as a relative URI (RFC 3986: what is not unreserved is percent-encoded).
+/// A file name as a relative URI (RFC 3986: all but unreserved characters is percent-encoded).
 std::string uri_of(const std::string& file_name) {
   constexpr char kHex[] = "0123456789ABCDEF";
   std::string uri;
@@ -213,7 +213,7 @@ bool has_transform(const GltfMaterial& material) {
       [](const format::SurfaceTexture& use) { return use.texture != format::kNone && is_moved(transform_of(use)); });
 }
 
-/// A texture of a material, with what else its object has: `name` and `value`, where `value` is not 1.
+/// Writes a texture of a material. Its object also has `value` under `name`, unless `value` is 1.
 void write_texture_use(JsonWriter& json, const char* key, uint32_t texture, uint32_t tex_coord,
                        const GltfTextureTransform& transform, const char* name = nullptr, float value = 1) {
   if (texture == format::kNone) return;
@@ -243,7 +243,7 @@ void write_color(JsonWriter& json, const char* key, const float color[3], float 
   write_numbers(json, key, wide);
 }
 
-/// Emission goes to 1; what is above that is KHR_materials_emissive_strength.
+/// Emission is limited to 1. KHR_materials_emissive_strength stores a factor above that.
 float emissive_strength(const format::SurfaceRecord& surface) {
   return std::max({surface.emission[0], surface.emission[1], surface.emission[2], 1.0f});
 }
@@ -334,7 +334,7 @@ struct GltfWriter::State {
   PartFile document;
   PartFile binary;
   std::vector<PartFile> image_files;
-  std::set<std::string> image_names;  // in lower case: file systems that ignore case keep them apart too
+  std::set<std::string> image_names;  // in lower case, for file systems that ignore case
   format::Existing existing = format::Existing::kReplace;
   const std::atomic<bool>* stop = nullptr;
   uint64_t buffer_bytes = 0;
@@ -346,7 +346,7 @@ struct GltfWriter::State {
   std::vector<GltfBufferView> buffer_views;
   std::vector<GltfAccessor> accessors;
   std::vector<GltfMesh> meshes;
-  std::deque<GltfNode> nodes;  // stable references, and no doubling of what is millions of nodes in large scenes
+  std::deque<GltfNode> nodes;  // stable references; no doubling of memory with millions of nodes
   std::vector<GltfCamera> cameras;
   std::vector<GltfMaterial> materials;
   std::vector<GltfTexture> textures;
@@ -358,27 +358,27 @@ struct GltfWriter::State {
 
   std::string stem() const { return path.stem().string(); }
   std::string sibling(const std::string& file_name) const { return (path.parent_path() / file_name).string(); }
-  /// "city_NAME.jpg", made unique among `taken`, which it joins.
+  /// "city_NAME.jpg", made unique among `taken`, to which it is added.
   std::string image_file_name(std::string_view name, format::ImageCodec codec, std::set<std::string>& taken) const;
   Result<void> check_stop() const {
     if (stop != nullptr && stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     return {};
   }
-  /// Where the document begins in the file.
+  /// The document's offset in the file.
   uint64_t document_start() const {
     return !glb ? 0 : is_version_3 ? 2 * kGlbWideHeaderBytes : kGlbHeaderBytes + kGlbChunkHeaderBytes;
   }
   uint64_t alignment() const { return is_version_3 ? 8 : 4; }  // of chunks
-  /// Of a .glb whose document ends at `document_end`, padded.
+  /// Size of a .glb whose document ends at `document_end`, padded.
   uint64_t file_bytes(uint64_t document_end) const {
     const uint64_t head = is_version_3 ? kGlbWideHeaderBytes : kGlbChunkHeaderBytes;
     return document_end + (buffer_bytes == 0 ? 0 : head + format::align_up(buffer_bytes, alignment()));
   }
-  /// Writes the document and returns where it ends, padded.
+  /// Writes the document and returns its end, padded.
   Result<uint64_t> write_document();
-  /// Writes the header of a .glb, and its buffer behind the document.
+  /// Writes the header of a .glb, and its buffer after the document.
   Result<void> write_chunks(uint64_t document_end);
-  /// Drops what was renamed before a later rename failed.
+  /// Removes the files that were renamed before a later rename failed.
   Result<void> commit_all();
 };
 
@@ -390,12 +390,12 @@ uint32_t add(std::vector<Item>& items, Item item) {
   return static_cast<uint32_t>(items.size() - 1);
 }
 
-/// The document's text, drained to its file as it grows.
+/// The document's text. It is written to its file as it grows.
 class DocumentText {
  public:
   DocumentText(const PartFile& file, uint64_t offset) : json(text_), file_(file), end_(offset) {}
 
-  /// Writes `items` as the top-level array `name`; nothing where there are none (glTF allows no empty arrays).
+  /// Writes `items` as the top-level array `name`; nothing if there are none (glTF allows no empty arrays).
   template <class Items, class WriteItem>
   Result<void> section(std::string_view name, const Items& items, const WriteItem& write_item) {
     if (items.empty()) return {};
@@ -455,7 +455,7 @@ Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view 
   Result<PartFile> document = PartFile::create(path, PartFile::Content::kEmpty, existing);
   if (!document) return document.error();
   state->document = std::move(*document);
-  // A .glb begins with the JSON, whose length is known only at the end: until then its buffer lies in a file of its
+  // A .glb begins with the JSON, whose length is known only at the end. Until then its buffer lies in a file of its
   // own.
   Result<PartFile> binary =
       state->glb ? PartFile::create(path + ".bin")
@@ -592,7 +592,7 @@ Result<void> GltfWriter::State::commit_all() {
   std::vector<PartFile*> files;
   if (!glb && buffer_bytes != 0) {
     files.push_back(&binary);
-  } else if (!glb) {  // nothing needs it
+  } else if (!glb) {  // the file is not needed
     if (Result<void> removed = binary.hide(); !removed) return removed;
   }
   for (PartFile& file : image_files) files.push_back(&file);
@@ -684,8 +684,8 @@ Result<uint64_t> GltfWriter::State::write_document() {
 }
 
 Result<void> GltfWriter::State::write_chunks(uint64_t document_end) {
-  // Version 2: magic, version, length; each chunk's length and type. Version 3: the lengths have 64 bits, and a chunk's
-  // type comes first, then 0 for its encoding.
+  // Version 2: magic, version, length; then each chunk's length and type. Version 3: lengths have 64 bits, and a
+  // chunk's type comes first, then 0 for its encoding.
   std::vector<std::byte> head;
   const auto put = [&](auto value) {
     head.resize(head.size() + sizeof value);
@@ -722,7 +722,7 @@ Result<void> GltfWriter::State::write_chunks(uint64_t document_end) {
     if (const Result<void> read = binary.read_at(done, window); !read) return read;
     if (const Result<void> written = document.write_at(start + done, window); !written) return written;
   }
-  return document.resize(file_bytes(document_end));  // zeros of padding
+  return document.resize(file_bytes(document_end));  // pads with zeros
 }
 
 Result<void> GltfWriter::finish() {
@@ -732,7 +732,7 @@ Result<void> GltfWriter::finish() {
   Result<uint64_t> end = state.write_document();
   if (!end) return end.error();
   if (state.glb && !state.is_version_3 && state.file_bytes(*end) > state.most_version_2_bytes) {
-    state.is_version_3 = true;  // by its document alone, which is written once more, where it begins then
+    state.is_version_3 = true;  // caused by the document's size alone; it is written again at the offset of version 3
     if (end = state.write_document(); !end) return end.error();
   }
   Result<void> written;

@@ -1,5 +1,6 @@
-// Streams a glTF 2.0 asset to disk: .gltf with a .bin (and image files) beside it, or one .glb. Buffer data go to disk
-// as they come, the document is written last, so memory is bounded by the number of nodes, meshes and accessors.
+// Streams a glTF 2.0 asset to disk: a .gltf with a .bin (and image files) beside it, or one .glb. Buffer data are
+// written as they come and the document is written last, so the number of nodes, meshes and accessors bounds the
+// memory.
 #pragma once
 
 #include <array>
@@ -20,15 +21,14 @@
 
 namespace scree::tools {
 
-/// Numbers of glTF 2.0. Indices into the document are uint32_t, format::kNone where there is nothing; numbers are
-/// written in the shortest form that reads back as the same double, so give floats as they are and they read back bit
-/// for bit.
+/// Numbers of glTF 2.0. Indices into the document are uint32_t, format::kNone if there is nothing. Numbers are written
+/// in the shortest form that reads back as the same double; so floats, given unchanged, read back bit for bit.
 enum class GltfComponent : uint16_t { kInt8 = 5120, kUint8, kInt16, kUint16, kUint32 = 5125, kFloat32 = 5126 };
 enum class GltfType : uint8_t { kScalar, kVec2, kVec3, kVec4 };
 enum class GltfTarget : uint16_t { kNone = 0, kVertices = 34962, kIndices = 34963 };
 
 struct GltfBufferView {
-  uint64_t offset = 0;  // bytes in the buffer, as reserve() and append() return it
+  uint64_t offset = 0;  // in the buffer, as reserve() and append() return it
   uint64_t bytes = 0;   // >= 1
   uint32_t stride = 0;  // bytes, 4 to 252; 0: tightly packed
   GltfTarget target = GltfTarget::kNone;
@@ -36,12 +36,12 @@ struct GltfBufferView {
 
 struct GltfAccessor {
   uint32_t buffer_view = format::kNone;
-  uint64_t offset = 0;  // bytes in the view
+  uint64_t offset = 0;  // in the view
   GltfComponent component = GltfComponent::kFloat32;
   GltfType type = GltfType::kVec3;
   bool normalized = false;
   uint64_t count = 0;            // >= 1
-  std::vector<double> min, max;  // required of POSITION; empty: not written
+  std::vector<double> min, max;  // required for POSITION; empty: not written
 };
 
 struct GltfPrimitive {
@@ -60,8 +60,8 @@ struct GltfNode {
   uint32_t mesh = format::kNone;
   uint32_t camera = format::kNone;
   bool has_matrix = false;
-  /// As format::NodeRecord::local: a column-major matrix, or translation 3, rotation xyzw 4, scale 3 (parts that are
-  /// the identity are not written).
+  /// As format::NodeRecord::local: a column-major matrix, or translation 3, rotation xyzw 4, scale 3. Parts that are
+  /// the identity are not written.
   std::array<double, 16> local{0, 0, 0, 0, 0, 0, 1, 1, 1, 1};
   std::vector<uint32_t> children;
   /// EXT_mesh_gpu_instancing: "TRANSLATION", "ROTATION", "SCALE" -> accessor.
@@ -77,7 +77,7 @@ struct GltfCamera {
   double z_far = 0.0;  // 0: infinite (perspective only)
 };
 
-/// KHR_texture_transform, not written where it is the identity.
+/// KHR_texture_transform; not written if it is the identity.
 struct GltfTextureTransform {
   double offset[2] = {0, 0};
   double scale[2] = {1, 1};
@@ -96,7 +96,7 @@ struct GltfMaterial {
   double alpha_cutoff = 0.5;
   bool double_sided = false;
   bool unlit = false;                            // KHR_materials_unlit
-  std::optional<format::SurfaceRecord> surface;  // its textures by number here; none: not metallic, fully rough
+  std::optional<format::SurfaceRecord> surface;  // texture numbers are those here; none: not metallic, fully rough
 };
 
 struct GltfTexture {
@@ -113,26 +113,25 @@ struct GltfScene {
   std::vector<uint32_t> nodes;
 };
 
-/// What to tell people of a .glb of version 3, behind its name.
+/// Note for users about a .glb of version 3; follows its name.
 inline constexpr const char* kVersion3Note =
     ": passes 4 GiB and is a GLB of version 3 (glTF 2.1, a draft), which few programs read; name it .gltf for others";
 
-/// Writes to files with ".part" after their names and renames them in finish(); without finish(), or when it fails,
-/// nothing is left behind. Every Result is kFile with the file and what the system said. A .glb past 4 GiB is one of
-/// version 3 (the draft of glTF 2.1, with lengths of 64 bits).
-/// Only write_at() may be called from several threads at once.
+/// Writes to files with ".part" after their names, and finish() renames them. Without finish(), or if it fails, no file
+/// is left behind. Every Result is kFile with the file and the system's message. A .glb above 4 GiB has version 3 (the
+/// draft of glTF 2.1, with lengths of 64 bits). Only write_at() may be called from several threads at once.
 class GltfWriter {
  public:
-  /// `path` ends in .gltf or .glb (else kUsage). "city.gltf" gets "city.bin" beside it. `copyright` may be empty.
+  /// `path` must end in .gltf or .glb (else kUsage). "city.gltf" gets "city.bin" beside it. `copyright` may be empty.
   /// `existing`: for all files of the output.
   static Result<GltfWriter> create(const std::string& path, std::string_view copyright = {},
                                    format::Existing existing = format::Existing::kReplace);
 
-  /// From now on what writes fails with kFile "interrupted" once `stop` is raised.
+  /// From now on writing fails with kFile "interrupted" once `stop` is raised.
   void stop_on(const std::atomic<bool>* stop);
 
-  /// Whether the files that these images will get, in the order of their add_image(), are there already; with
-  /// Existing::kRefuse, which add_image() finds only later. Errors kFile.
+  /// Checks whether the files of these images, in the order of their add_image(), exist already, with
+  /// Existing::kRefuse; add_image() would find them only later. Errors kFile.
   struct PlannedImage {
     std::string_view name;
     format::ImageCodec codec;
@@ -142,9 +141,10 @@ class GltfWriter {
   GltfWriter& operator=(GltfWriter&&) noexcept;
   ~GltfWriter();
 
-  /// The next `bytes` of the buffer, aligned (a power of two); returns their offset. They are zero until written.
+  /// Reserves the next `bytes` of the buffer, aligned (a power of two); returns their offset. They are zero until
+  /// written.
   Result<uint64_t> reserve(uint64_t bytes, uint64_t alignment = 4);
-  /// Writes within what is reserved. Thread-safe for ranges that do not overlap.
+  /// Writes within a reserved range. Thread-safe for ranges that do not overlap.
   Result<void> write_at(uint64_t offset, std::span<const std::byte> bytes) const;
   /// reserve() and write_at().
   Result<uint64_t> append(std::span<const std::byte> bytes, uint64_t alignment = 4);
@@ -159,21 +159,21 @@ class GltfWriter {
   uint32_t add_camera(GltfCamera camera);
   uint32_t add_material(GltfMaterial material);
   uint32_t add_texture(GltfTexture texture);
-  /// Stores an encoded JPEG or PNG: inside a .glb, else as a file "city_NAME.jpg" beside the .gltf (NAME made safe and
-  /// unique).
+  /// Stores an encoded JPEG or PNG: inside a .glb, otherwise as a file "city_NAME.jpg" beside the .gltf (NAME is made
+  /// safe and unique).
   Result<uint32_t> add_image(std::string_view name, format::ImageCodec codec, std::span<const std::byte> bytes);
   /// The first one added is the default scene unless set_default_scene() names another.
   uint32_t add_scene(GltfScene scene);
   void set_default_scene(uint32_t scene);
-  /// For extensions this writer does not add by itself (it adds EXT_mesh_gpu_instancing as required,
-  /// KHR_texture_transform and KHR_materials_unlit as used, where they are).
+  /// Declares extensions that this writer does not declare by itself. It declares EXT_mesh_gpu_instancing as required,
+  /// and KHR_texture_transform and KHR_materials_unlit as used, if they occur.
   void use_extension(std::string_view name, bool required);
 
-  /// Writes the document, closes and renames. The files appear data first, the named file last. Call once, and nothing
-  /// after it.
+  /// Writes the document, closes and renames. Data files get their names first, the named file last. Must be called
+  /// once, as the last call.
   Result<void> finish();
 
-  /// The most bytes of a .glb of version 2, 2^32 - 1 unless a test wants fewer.
+  /// The most bytes of a .glb of version 2: 2^32 - 1, or fewer in a test.
   void set_most_version_2_bytes(uint64_t bytes);
   /// Whether finish() wrote a .glb of version 3.
   bool is_version_3() const;

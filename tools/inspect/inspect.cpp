@@ -128,11 +128,15 @@ Command add_inspect(CLI::App& parent) {
                 "Check every checksum and decode everything; also show the share of indices in clusters");
   app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
   app->add_option("--source", options.source,
-                  "Measure the true position error against this .gltf or .glb (needs convert --source-ids)");
-  app->add_option("--exclude", options.exclude, "The --exclude that the file was converted with, for --source");
+                  "Measure the true position error against this .gltf or .glb (needs convert --source-ids)")
+      ->type_name("FILE");
+  app->add_option("--exclude", options.exclude, "The --exclude that the file was converted with, for --source")
+      ->type_name("REGEX");
   app->add_flag("--allow-outside", options.allow_outside, convert::kAllowOutsideHelp);
-  app->add_option("--top", options.top, "Meshes and images to list by name")->capture_default_str();
-  app->add_option("--threads", options.threads, "Threads of --verify; 0: one per processor")->capture_default_str();
+  app->add_option("--top", options.top, "Meshes and images to list by name")->type_name("N")->capture_default_str();
+  app->add_option("--threads", options.threads, "Threads of --verify; 0: one per processor")
+      ->type_name("N")
+      ->capture_default_str();
   const auto quiet = std::make_shared<bool>(false);
   app->add_flag("-q,--quiet", *quiet, "No progress");
   return {app, [arguments, quiet] {

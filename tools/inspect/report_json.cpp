@@ -35,170 +35,143 @@ void cost(JsonWriter& json, const Stats& stats, const Cost& bytes, uint64_t sour
 }
 
 void spread(JsonWriter& json, const char* name, const Spread& values) {
-  json.key(name);
-  json.begin_object();
-  json.member("min", values.min);
-  json.member("median", values.median);
-  json.member("max", values.max);
-  json.end_object();
+  json.object(name, [&] {
+    json.member("min", values.min);
+    json.member("median", values.median);
+    json.member("max", values.max);
+  });
 }
 
 void file_member(JsonWriter& json, const format::Container& file, const Stats& stats, const std::string& path) {
   const format::SourceRecord& source = file.source();
-  json.key("file");
-  json.begin_object();
-  json.member("path", path);
-  json.member("bytes", stats.file_bytes);
-  json.member("version_major", uint64_t{file.header().version_major});
-  json.member("version_minor", uint64_t{file.header().version_minor});
-  json.member("generator", file.string(source.generator));
-  json.member("options", file.string(source.options));
-  json.member("copyright", file.string(source.copyright));
-  json.end_object();
+  json.object("file", [&] {
+    json.member("path", path);
+    json.member("bytes", stats.file_bytes);
+    json.member("version_major", uint64_t{file.header().version_major});
+    json.member("version_minor", uint64_t{file.header().version_minor});
+    json.member("generator", file.string(source.generator));
+    json.member("options", file.string(source.options));
+    json.member("copyright", file.string(source.copyright));
+  });
   json.line();
 
-  json.key("source");
-  json.begin_object();
-  json.member("name", file.string(source.name));
-  json.member("json_bytes", source.json_bytes);
-  json.member("buffer_bytes", source.buffer_bytes);
-  json.member("file_bytes", source.file_bytes);
-  json.member("index_bytes", source.index_bytes);
-  json.member("position_bytes", source.position_bytes);
-  json.member("attribute_bytes", source.attribute_bytes);
-  json.end_object();
+  json.object("source", [&] {
+    json.member("name", file.string(source.name));
+    json.member("json_bytes", source.json_bytes);
+    json.member("buffer_bytes", source.buffer_bytes);
+    json.member("file_bytes", source.file_bytes);
+    json.member("index_bytes", source.index_bytes);
+    json.member("position_bytes", source.position_bytes);
+    json.member("attribute_bytes", source.attribute_bytes);
+  });
   json.line();
 }
 
 void size_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
   const SourceBytes source = source_bytes(file);
-  json.key("size");
-  json.begin_object();
-  uint64_t reference = stats.images.raw;
-  for (size_t i = 0; i < kStreamCount; ++i) {
-    const auto stream = static_cast<Stream>(i);
-    json.key(stream_key(stream));
-    json.begin_object();
-    // The source's attribute bytes are a single sum, which "attributes" has.
-    const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
-    const uint64_t source_of = is_mixed || stats.stream_meshes[i] == 0 ? 0
-                               : stream == kIndices                    ? source.indices
-                               : stream == kPositions                  ? source.positions
-                               : stream == kClusterData                ? source.indices + source.positions
-                                                                       : 0;
-    cost(json, stats, stats.streams[i], source_of, stats.reference_bytes[i]);
-    json.end_object();
-    reference += stats.reference_bytes[i];
-  }
-  json.key("textures");
-  json.begin_object();
-  cost(json, stats, stats.images, 0, 0);
-  json.end_object();
-  json.key("container");
-  json.begin_object();
-  cost(json, stats, {stats.container_bytes(), stats.container_bytes()}, 0, 0);
-  json.end_object();
-  json.key("total");
-  json.begin_object();
-  json.member("bytes", stats.file_bytes);
-  ratio(json, "bits_per_triangle", 8 * stats.file_bytes, stats.triangles);
-  if (source.total != 0) json.member("source_bytes", source.total);
-  ratio(json, "source_ratio", stats.file_bytes, source.total);
-  if (reference != 0) json.member("float32_bytes", reference);
-  ratio(json, "float32_ratio", stats.file_bytes, reference);
-  json.end_object();
-  json.end_object();
+  json.object("size", [&] {
+    uint64_t reference = stats.images.raw;
+    for (size_t i = 0; i < kStreamCount; ++i) {
+      const auto stream = static_cast<Stream>(i);
+      json.object(stream_key(stream), [&] {
+        // The source's attribute bytes are a single sum, which "attributes" has.
+        const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
+        const uint64_t source_of = is_mixed || stats.stream_meshes[i] == 0 ? 0
+                                   : stream == kIndices                    ? source.indices
+                                   : stream == kPositions                  ? source.positions
+                                   : stream == kClusterData                ? source.indices + source.positions
+                                                                           : 0;
+        cost(json, stats, stats.streams[i], source_of, stats.reference_bytes[i]);
+      });
+      reference += stats.reference_bytes[i];
+    }
+    json.object("textures", [&] { cost(json, stats, stats.images, 0, 0); });
+    json.object("container", [&] { cost(json, stats, {stats.container_bytes(), stats.container_bytes()}, 0, 0); });
+    json.object("total", [&] {
+      json.member("bytes", stats.file_bytes);
+      ratio(json, "bits_per_triangle", 8 * stats.file_bytes, stats.triangles);
+      if (source.total != 0) json.member("source_bytes", source.total);
+      ratio(json, "source_ratio", stats.file_bytes, source.total);
+      if (reference != 0) json.member("float32_bytes", reference);
+      ratio(json, "float32_ratio", stats.file_bytes, reference);
+    });
+  });
   json.line();
 }
 
-void point_member(JsonWriter& json, const char* name, const runtime::Vec3& point) {
-  json.key(name);
-  json.begin_array();
-  for (const double value : point) json.value(value);
-  json.end_array();
-}
-
 void scene_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
-  json.key("scene");
-  json.begin_object();
-  json.member("nodes", file.nodes().size());
-  json.member("groups", file.groups().size());
-  json.member("meshes", file.meshes().size());
-  json.member("instances", file.instances().size());
-  json.member("node_instances", file.node_instances().size());
-  json.member("matrices", file.matrices().size());
-  json.member("materials", file.materials().size());
-  json.member("textures", file.textures().size());
-  json.member("images", file.images().size());
-  json.member("cameras", file.cameras().size());
-  json.key("scenes");
-  json.begin_array();
-  const auto scenes = file.scenes();
-  for (uint64_t i = 0; i < scenes.size(); ++i) {
-    json.begin_object();
-    json.member("name", file.string(scenes[i].name));
-    json.member("default", (scenes[i].flags & 1) != 0);
-    json.member("roots", scenes[i].root_count);
-    json.member("instances", scenes[i].instance_count);
-    json.member("triangles_drawn", scenes[i].triangle_count);
-    if (!stats.extents[i].box.is_empty()) {
-      point_member(json, "min", stats.extents[i].box.min);
-      point_member(json, "max", stats.extents[i].box.max);
+  json.object("scene", [&] {
+    json.member("nodes", file.nodes().size());
+    json.member("groups", file.groups().size());
+    json.member("meshes", file.meshes().size());
+    json.member("instances", file.instances().size());
+    json.member("node_instances", file.node_instances().size());
+    json.member("matrices", file.matrices().size());
+    json.member("materials", file.materials().size());
+    json.member("textures", file.textures().size());
+    json.member("images", file.images().size());
+    json.member("cameras", file.cameras().size());
+    json.key("scenes");
+    json.begin_array();
+    const auto scenes = file.scenes();
+    for (uint64_t i = 0; i < scenes.size(); ++i) {
+      json.begin_object();
+      json.member("name", file.string(scenes[i].name));
+      json.member("default", (scenes[i].flags & 1) != 0);
+      json.member("roots", scenes[i].root_count);
+      json.member("instances", scenes[i].instance_count);
+      json.member("triangles_drawn", scenes[i].triangle_count);
+      if (!stats.extents[i].box.is_empty()) {
+        json.array("min", stats.extents[i].box.min);
+        json.array("max", stats.extents[i].box.max);
+      }
+      json.member("max_position_error", stats.extents[i].max_position_error);
+      json.end_object();
     }
-    json.member("max_position_error", stats.extents[i].max_position_error);
-    json.end_object();
-  }
-  json.end_array();
-  json.end_object();
+    json.end_array();
+  });
   json.line();
 }
 
 void meshes_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
-  json.key("meshes");
-  json.begin_object();
-  json.member("count", file.meshes().size());
-  json.member("triangles", stats.triangles);
-  json.member("vertices", stats.vertices);
-  json.member("source_vertices", stats.source_vertices);
-  json.member("bytes", stats.geometry_bytes());
-  json.member("max_position_error", stats.max_position_error);
-  spread(json, "triangles_each", stats.mesh_triangles);
-  json.key("top");
-  json.begin_array();
-  for (const MeshCost& entry : stats.top_meshes) {
-    const format::MeshRecord& mesh = file.meshes()[entry.mesh];
-    json.begin_object();
-    json.member("mesh", entry.mesh);
-    json.member("name", file.string(file.groups()[mesh.group].name));
-    json.member("group", mesh.group);
-    json.member("bytes", entry.stored);
-    json.member("triangles", mesh.triangle_count);
-    json.member("vertices", mesh.vertex_count);
-    json.member("source_vertices", mesh.source_vertex_count);
-    json.member("chunks", mesh.chunk_count);
-    const bool is_float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
-    json.member("float32", is_float32);
-    if (!is_float32) json.member("step", format::exp2i(mesh.lattice_exponent));
-    json.member("max_position_error", mesh.max_position_error);
-    json.member("max_uv_error", static_cast<double>(mesh.max_uv_error));
-    json.end_object();
-  }
-  json.end_array();
-  json.end_object();
+  json.object("meshes", [&] {
+    json.member("count", file.meshes().size());
+    json.member("triangles", stats.triangles);
+    json.member("vertices", stats.vertices);
+    json.member("source_vertices", stats.source_vertices);
+    json.member("bytes", stats.geometry_bytes());
+    json.member("max_position_error", stats.max_position_error);
+    spread(json, "triangles_each", stats.mesh_triangles);
+    json.objects("top", stats.top_meshes, [&](const MeshCost& entry) {
+      const format::MeshRecord& mesh = file.meshes()[entry.mesh];
+      json.member("mesh", entry.mesh);
+      json.member("name", file.string(file.groups()[mesh.group].name));
+      json.member("group", mesh.group);
+      json.member("bytes", entry.stored);
+      json.member("triangles", mesh.triangle_count);
+      json.member("vertices", mesh.vertex_count);
+      json.member("source_vertices", mesh.source_vertex_count);
+      json.member("chunks", mesh.chunk_count);
+      const bool is_float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
+      json.member("float32", is_float32);
+      if (!is_float32) json.member("step", format::exp2i(mesh.lattice_exponent));
+      json.member("max_position_error", mesh.max_position_error);
+      json.member("max_uv_error", static_cast<double>(mesh.max_uv_error));
+    });
+  });
   json.line();
 }
 
 void chunks_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
-  json.key("chunks");
-  json.begin_object();
-  json.member("count", file.chunks().size());
-  spread(json, "triangles_each", stats.chunk_triangles);
-  spread(json, "vertices_each", stats.chunk_vertices);
-  spread(json, "bytes_each", stats.chunk_bytes);
-  json.member("pages", stats.pages);
-  json.member("geometry_pages", stats.geometry_pages);
-  json.member("compressed_pages", stats.compressed_pages);
-  json.end_object();
+  json.object("chunks", [&] {
+    json.member("count", file.chunks().size());
+    spread(json, "triangles_each", stats.chunk_triangles);
+    spread(json, "vertices_each", stats.chunk_vertices);
+    spread(json, "bytes_each", stats.chunk_bytes);
+    json.member("pages", stats.pages);
+    json.member("geometry_pages", stats.geometry_pages);
+    json.member("compressed_pages", stats.compressed_pages);
+  });
   json.line();
 
   json.key("index_bits");
@@ -215,29 +188,25 @@ void chunks_member(JsonWriter& json, const format::Container& file, const Stats&
   json.line();
 
   const ClusterStats& clusters = stats.clusters;
-  json.key("clusters");
-  json.begin_object();
-  json.member("chunks", clusters.chunks);
-  json.member("count", clusters.clusters);
-  json.member("triangles", clusters.triangles);
-  json.member("vertices", clusters.vertices);
-  if (stats.has_split) json.member("predicted", clusters.predicted);
-  json.member("bounds_bytes", clusters.bytes[kClusterBounds]);
-  json.member("record_bytes", clusters.bytes[kClusterRecords]);
-  json.member("data_bytes", clusters.bytes[kIndices] + clusters.bytes[kPositions] + clusters.bytes[kClusterData]);
-  if (stats.has_split) {
-    json.member("index_bytes", clusters.bytes[kIndices]);
-    json.member("position_bytes", clusters.bytes[kPositions]);
-  }
-  json.member("attribute_bytes",
-              clusters.bytes[kUvs] + clusters.bytes[kColors] + clusters.bytes[kNormals] + clusters.bytes[kSourceIds]);
-  json.end_object();
+  json.object("clusters", [&] {
+    json.member("chunks", clusters.chunks);
+    json.member("count", clusters.clusters);
+    json.member("triangles", clusters.triangles);
+    json.member("vertices", clusters.vertices);
+    if (stats.has_split) json.member("predicted", clusters.predicted);
+    json.member("bounds_bytes", clusters.bytes[kClusterBounds]);
+    json.member("record_bytes", clusters.bytes[kClusterRecords]);
+    json.member("data_bytes", clusters.bytes[kIndices] + clusters.bytes[kPositions] + clusters.bytes[kClusterData]);
+    if (stats.has_split) {
+      json.member("index_bytes", clusters.bytes[kIndices]);
+      json.member("position_bytes", clusters.bytes[kPositions]);
+    }
+    json.member("attribute_bytes",
+                clusters.bytes[kUvs] + clusters.bytes[kColors] + clusters.bytes[kNormals] + clusters.bytes[kSourceIds]);
+  });
   json.line();
 
-  json.key("position_steps");
-  json.begin_array();
-  for (const LatticeStats& lattice : stats.lattices) {
-    json.begin_object();
+  json.objects("position_steps", stats.lattices, [&](const LatticeStats& lattice) {
     json.member("float32", lattice.is_float32);
     if (!lattice.is_float32) {
       json.member("step", format::exp2i(lattice.exponent));
@@ -249,98 +218,81 @@ void chunks_member(JsonWriter& json, const format::Container& file, const Stats&
     json.member("vertices", lattice.vertices);
     json.member("bytes", lattice.stored);
     json.member("max_error", lattice.max_error);
-    json.end_object();
-  }
-  json.end_array();
+  });
   json.line();
 }
 
 void attributes_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
-  json.key("attributes");
-  json.begin_object();
-  const SourceBytes source = source_bytes(file);
-  json.member("bytes", stats.attribute_bytes());
-  if (source.attributes != 0) json.member("source_bytes", source.attributes);
-  ratio(json, "source_ratio", stats.attribute_bytes(), source.attributes);
-  for (const Stream stream : {kUvs, kColors, kNormals, kSourceIds}) {
-    json.key(stream_key(stream));
-    json.begin_object();
-    json.member("meshes", stats.stream_meshes[stream]);
-    json.member(stream == kSourceIds ? "triangles" : "vertices", stats.stream_elements[stream]);
-    json.member("bytes", stats.streams[stream].stored);
-    if (stream == kUvs) json.member("max_error", stats.max_uv_error);
-    if (stream == kNormals) json.member("min_bits", stats.min_normal_bits);
-    json.end_object();
-  }
-  json.end_object();
+  json.object("attributes", [&] {
+    const SourceBytes source = source_bytes(file);
+    json.member("bytes", stats.attribute_bytes());
+    if (source.attributes != 0) json.member("source_bytes", source.attributes);
+    ratio(json, "source_ratio", stats.attribute_bytes(), source.attributes);
+    for (const Stream stream : {kUvs, kColors, kNormals, kSourceIds}) {
+      json.object(stream_key(stream), [&] {
+        json.member("meshes", stats.stream_meshes[stream]);
+        json.member(stream == kSourceIds ? "triangles" : "vertices", stats.stream_elements[stream]);
+        json.member("bytes", stats.streams[stream].stored);
+        if (stream == kUvs) json.member("max_error", stats.max_uv_error);
+        if (stream == kNormals) json.member("min_bits", stats.min_normal_bits);
+      });
+    }
+  });
   json.line();
 }
 
 void textures_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
-  json.key("textures");
-  json.begin_object();
-  json.member("count", file.textures().size());
-  json.member("images", file.images().size());
-  json.member("mip_levels", stats.mip_levels);
-  json.member("mip_level_bytes", stats.level_bytes);
-  json.member("masks", stats.masks);
-  json.member("mask_bytes", stats.mask_pages.stored);
-  json.member("mask_memory_bytes", stats.mask_pages.raw);
-  json.member("opaque_masks", stats.opaque_masks);
-  json.member("blended_materials", stats.blended);
-  for (const format::ImageCodec codec : {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kBlocks,
-                                         format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
-    const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];
-    json.key(codec_name(codec));
-    json.begin_object();
-    json.member("images", kind.images);
-    json.member("pixels", kind.pixels);
-    json.member("bytes", kind.cost.stored);
-    json.end_object();
-  }
-  json.key("top");
-  json.begin_array();
-  for (const uint32_t number : stats.top_images) {
-    const format::ImageRecord& image = file.images()[number];
-    json.begin_object();
-    json.member("image", number);
-    json.member("name", file.string(image.name));
-    json.member("codec", codec_name(image.codec));
-    if (image.codec == format::ImageCodec::kBlocks)
-      json.member("block_format", format::block_format_name(image.block_format));
-    json.member("width", image.width);
-    json.member("height", image.height);
-    json.member("channels", uint32_t{image.channels});
-    json.member("bytes", image_bytes(file, number));
-    json.end_object();
-  }
-  json.end_array();
-  json.end_object();
+  json.object("textures", [&] {
+    json.member("count", file.textures().size());
+    json.member("images", file.images().size());
+    json.member("mip_levels", stats.mip_levels);
+    json.member("mip_level_bytes", stats.level_bytes);
+    json.member("masks", stats.masks);
+    json.member("mask_bytes", stats.mask_pages.stored);
+    json.member("mask_memory_bytes", stats.mask_pages.raw);
+    json.member("opaque_masks", stats.opaque_masks);
+    json.member("blended_materials", stats.blended);
+    for (const format::ImageCodec codec : {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kBlocks,
+                                           format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
+      const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];
+      json.object(codec_name(codec), [&] {
+        json.member("images", kind.images);
+        json.member("pixels", kind.pixels);
+        json.member("bytes", kind.cost.stored);
+      });
+    }
+    json.objects("top", stats.top_images, [&](const uint32_t number) {
+      const format::ImageRecord& image = file.images()[number];
+      json.member("image", number);
+      json.member("name", file.string(image.name));
+      json.member("codec", codec_name(image.codec));
+      if (image.codec == format::ImageCodec::kBlocks)
+        json.member("block_format", format::block_format_name(image.block_format));
+      json.member("width", image.width);
+      json.member("height", image.height);
+      json.member("channels", uint32_t{image.channels});
+      json.member("bytes", image_bytes(file, number));
+    });
+  });
   json.line();
 }
 
 void container_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
-  json.key("container");
-  json.begin_object();
-  json.member("bytes", stats.container_bytes());
-  json.member("header_bytes", stats.header_bytes);
-  json.member("toc_bytes", stats.toc_bytes);
-  json.member("page_gap_bytes", stats.page_gaps.stored);
-  json.member("other_page_bytes", stats.other_pages);
-  json.member("padding_bytes", stats.padding_bytes);
-  json.key("tables");
-  json.begin_array();
-  for (const TableCost& table : stats.tables) {
-    json.begin_object();
-    json.member("name", table.name);
-    json.member("kind", static_cast<uint32_t>(table.kind));
-    json.member("records", table.records);
-    json.member("record_bytes", table.record_bytes);
-    json.member("bytes", table.bytes);
-    json.end_object();
-  }
-  json.end_array();
-  json.end_object();
+  json.object("container", [&] {
+    json.member("bytes", stats.container_bytes());
+    json.member("header_bytes", stats.header_bytes);
+    json.member("toc_bytes", stats.toc_bytes);
+    json.member("page_gap_bytes", stats.page_gaps.stored);
+    json.member("other_page_bytes", stats.other_pages);
+    json.member("padding_bytes", stats.padding_bytes);
+    json.objects("tables", stats.tables, [&](const TableCost& table) {
+      json.member("name", table.name);
+      json.member("kind", static_cast<uint32_t>(table.kind));
+      json.member("records", table.records);
+      json.member("record_bytes", table.record_bytes);
+      json.member("bytes", table.bytes);
+    });
+  });
   json.line();
 
   json.key("left_out");
@@ -360,35 +312,26 @@ void container_member(JsonWriter& json, const format::Container& file, const Sta
 }
 
 void verify_member(JsonWriter& json, const VerifyReport& report) {
-  json.key("verify");
-  json.begin_object();
-  json.member("ok", report.failure_count == 0);
-  json.member("tables", report.tables);
-  json.member("pages", report.pages);
-  json.member("page_bytes", report.page_bytes);
-  json.member("raw_bytes", report.raw_bytes);
-  json.member("padding_bytes", report.padding_bytes);
-  json.member("chunks", report.chunks);
-  json.member("triangles", report.triangles);
-  json.member("vertices", report.vertices);
-  json.member("meshes", report.meshes);
-  json.member("images", report.images);
-  json.member("pixels", report.pixels);
-  json.key("warnings");
-  json.begin_array();
-  for (const std::string& warning : report.warnings) json.value(warning);
-  json.end_array();
-  json.member("failure_count", report.failure_count);
-  json.key("failures");
-  json.begin_array();
-  for (const Failure& failure : report.failures) {
-    json.begin_object();
-    json.member("offset", failure.offset);
-    json.member("message", failure.error.message);
-    json.end_object();
-  }
-  json.end_array();
-  json.end_object();
+  json.object("verify", [&] {
+    json.member("ok", report.failure_count == 0);
+    json.member("tables", report.tables);
+    json.member("pages", report.pages);
+    json.member("page_bytes", report.page_bytes);
+    json.member("raw_bytes", report.raw_bytes);
+    json.member("padding_bytes", report.padding_bytes);
+    json.member("chunks", report.chunks);
+    json.member("triangles", report.triangles);
+    json.member("vertices", report.vertices);
+    json.member("meshes", report.meshes);
+    json.member("images", report.images);
+    json.member("pixels", report.pixels);
+    json.array("warnings", report.warnings);
+    json.member("failure_count", report.failure_count);
+    json.objects("failures", report.failures, [&](const Failure& failure) {
+      json.member("offset", failure.offset);
+      json.member("message", failure.error.message);
+    });
+  });
 }
 
 /// Written in pieces, because a file may have millions of chunks.
@@ -415,15 +358,9 @@ void chunk_rows_member(JsonWriter& json, const format::Container& file, std::str
     } else {
       json.member("clusters", chunk.cluster_count);
     }
-    json.key("position_bits");
-    json.begin_array();
-    for (const uint8_t bits : chunk.position_bits) json.value(uint32_t{bits});
-    json.end_array();
+    json.array("position_bits", chunk.position_bits, [&](const uint8_t bits) { json.value(uint32_t{bits}); });
     if (attributes & format::kHasUv) {
-      json.key("uv_bits");
-      json.begin_array();
-      for (const uint8_t bits : chunk.uv_bits) json.value(uint32_t{bits});
-      json.end_array();
+      json.array("uv_bits", chunk.uv_bits, [&](const uint8_t bits) { json.value(uint32_t{bits}); });
     }
     if (attributes & format::kHasNormal) json.member("normal_bits", uint32_t{chunk.normal_bits});
     if (attributes & format::kHasSourceIds) json.member("source_bits", uint32_t{chunk.source_bits});

@@ -1,5 +1,6 @@
 #include "tools/render/layers.h"
 
+#include <cstdio>
 #include <new>
 #include <string>
 #include <utility>
@@ -74,6 +75,12 @@ Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Sce
                                 bool is_streamed) {
   const bool exr = options.writes_exr();
   const bool with_surface = exr && (!is_streamed || options.layers.are_chosen);
+  if (exr && !with_surface && (options.layers.normal || options.layers.uv) && !options.quiet)
+    std::fprintf(
+        stderr,
+        "scree render: warning: %s: without the layers normal and uv: a GPU that streams chunks has none; more "
+        "--device-memory or --backend cpu makes them\n",
+        options.output.c_str());
   FrameLayers out;
   Result<void> done;
   try {

@@ -464,7 +464,8 @@ Command add_render(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand("render", "Draws a packed scene");
   app->add_option("file", words->file, "The scene: a .scree file")->required();
   app->add_option("-o,--output", words->output,
-                  "The picture to write, a .png, or an .exr of all --layers (default: a .png beside the file)");
+                  "The picture to write, a .png, or an .exr of all --layers (default: a .png beside the file)")
+      ->type_name("FILE");
   app->add_option(
          "--layers", words->layers,
          "What an .exr holds, of color: R, G, B, A, linear and premultiplied; depth: Z; normal: N.X, N.Y, N.Z; uv: "
@@ -475,31 +476,38 @@ Command add_render(CLI::App& parent) {
   add_picture_options(*app, *words);
   add_camera_options(*app, *words);
   app->add_flag("--list-cameras", words->list_cameras, "List the scene's cameras and draw nothing");
-  app->add_option(
-      "--show", words->show,
-      "texture (default), color: without textures, uv, normal, triangle, cluster, mesh, stage: of the rasteriser, or "
-      "depth");
+  app->add_option("--show", words->show,
+                  "texture (default), color: without textures, uv, normal, triangle, cluster, mesh, stage: of the "
+                  "rasteriser, or depth")
+      ->type_name("NAME");
   app->add_flag("--no-light", words->no_light, "No light: surface colours only");
   add_light_options(*app, words->light);
   app->add_flag("--ssao", words->ssao, "Ambient occlusion: darkens corners and surfaces close behind others");
   app->add_flag("--edl", words->edl, "Eye-dome lighting: darkens pixels whose neighbours are nearer");
-  app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)");
-  app->add_option("--edl-radius", words->edl_radius, "Distance of these neighbours in pixels, 1 to 64 (default: 1)");
+  app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)")->type_name("N");
+  app->add_option("--edl-radius", words->edl_radius, "Distance of these neighbours in pixels, 1 to 64 (default: 1)")
+      ->type_name("N");
   app->add_option("--background", words->background,
-                  "#rgb, #rrggbb, #rrggbbaa, a name such as black or skyblue, or transparent (default: #9aa4b0)");
+                  "#rgb, #rrggbb, #rrggbbaa, a name such as black or skyblue, or transparent (default: #9aa4b0)")
+      ->type_name("COLOR");
   app->add_option(
-      "--depth", words->depth,
-      "Write the depth image, a .pfm: distances from the eye's plane in the scene's units, inf where nothing is");
+         "--depth", words->depth,
+         "Write the depth image, a .pfm: distances from the eye's plane in the scene's units, inf where nothing is")
+      ->type_name("FILE");
   app->add_option("--normals", words->normals,
                   "Write the normals, a .pfm of three floats per pixel: unit length, in world space, of the front also "
-                  "where the back is seen, 0 where nothing is");
+                  "where the back is seen, 0 where nothing is")
+      ->type_name("FILE");
   app->add_option("--uvs", words->uvs,
-                  "Write the texture coordinates, a .pfm of three floats per pixel: u, v as the mesh has them, and 0");
+                  "Write the texture coordinates, a .pfm of three floats per pixel: u, v as the mesh has them, and 0")
+      ->type_name("FILE");
   app->add_option("--visbuffer", words->visbuffer,
                   "Write the visibility buffer: one little-endian 64-bit word per sample, top row first, 28 bits of "
-                  "depth code above 36 of triangle id, all ones on the background");
+                  "depth code above 36 of triangle id, all ones on the background")
+      ->type_name("FILE");
   app->add_option("--pick", words->picks,
                   "Print the object under pixel X,Y; repeatable; without -o no picture is written")
+      ->type_name("X,Y")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next word is a file to read
@@ -510,17 +518,19 @@ Command add_render(CLI::App& parent) {
                   "then patterns, such as -o frame_%05d.png")
       ->type_name("FILE");
   app->add_option(
-      "--frames", words->frames,
-      "Of a path: FIRST:END, as 0:600 for frames 0 to 599, and I/N, every N-th of them from the I-th on, or "
-      "both, as 0:600,1/8 (default: all). Without a path: draw so many frames of a still camera and write "
-      "the last (default: 1); with --stats, what each of them streamed");
+         "--frames", words->frames,
+         "Of a path: FIRST:END, as 0:600 for frames 0 to 599, and I/N, every N-th of them from the I-th on, or "
+         "both, as 0:600,1/8 (default: all). Without a path: draw so many frames of a still camera and write "
+         "the last (default: 1); with --stats, what each of them streamed")
+      ->type_name("FRAMES");
   app->add_option("--fps", words->fps, "Frames per second of a path (default: the file's, else 30)")->type_name("N");
   app->add_flag("--resume", words->resume,
                 "Of a path: leave frames alone that are there, whole and of this size; they may be of another run");
   app->add_option(
-      "--texture-cache", words->texture_cache,
-      "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
-      "64MiB, on a GPU 256MiB)");
+         "--texture-cache", words->texture_cache,
+         "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
+         "64MiB, on a GPU 256MiB)")
+      ->type_name("SIZE");
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("--json", words->json, "Print one JSON object instead of the closing line");

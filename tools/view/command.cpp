@@ -234,32 +234,41 @@ Command add_view(CLI::App& parent) {
   const auto words = std::make_shared<ViewWords>();
   CLI::App* app = parent.add_subcommand("view", "Serves a scene to browsers: look around, pick, measure");
   app->add_option("file", words->file, "The scene: a .scree file")->required();
-  app->add_option("--scene", words->scene, "Scene of the file, by name or number (default: the file's default)");
+  app->add_option("--scene", words->scene, "Scene of the file, by name or number (default: the file's default)")
+      ->type_name("NAME");
   app->add_flag("--open", words->open, "Open the page in this machine's browser");
   app->add_option("--host", words->host,
-                  "The address to listen on (default: 127.0.0.1, reachable only from this machine)");
+                  "The address to listen on (default: 127.0.0.1, reachable only from this machine)")
+      ->type_name("HOST");
   app->add_option("--port", words->port,
-                  "The port to listen on; 0: any that is free (default: 8080, or the next of 20 that is free)");
-  app->add_option("--base-path", words->base_path, "Path under which a proxy serves the page, such as /scree");
+                  "The port to listen on; 0: any that is free (default: 8080, or the next of 20 that is free)")
+      ->type_name("N");
+  app->add_option("--base-path", words->base_path, "Path under which a proxy serves the page, such as /scree")
+      ->type_name("PATH");
   app->add_option("--allow-host", words->allowed_hosts,
                   "Host name that browsers may use, such as a proxy's; repeatable")
+      ->type_name("HOST")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  app->add_option("--viewers", words->viewers, "The most pages at once, 1 to 32 (default: 8)");
-  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)");
+  app->add_option("--viewers", words->viewers, "The most pages at once, 1 to 32 (default: 8)")->type_name("N");
+  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
   app->add_option("--backend", words->backend,
-                  "cpu, cuda, or auto: the GPU, or the CPU with one line that says why (default)");
+                  "cpu, cuda, or auto: the GPU, or the CPU with one line that says why (default)")
+      ->type_name("NAME");
   app->add_option(
-      "--device", words->device,
-      "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
-      "used)");
+         "--device", words->device,
+         "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
+         "used)")
+      ->type_name("N|UUID");
   app->add_option("--device-memory", words->device_memory,
                   "Limit of GPU memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
-                  "that do not fit are streamed");
+                  "that do not fit are streamed")
+      ->type_name("SIZE");
   app->add_option("--texture-cache", words->texture_cache,
-                  "Memory for decoded blocks of JPEG textures, such as 1GiB (default: 64MiB, on a GPU 256MiB)");
+                  "Memory for decoded blocks of JPEG textures, such as 1GiB (default: 64MiB, on a GPU 256MiB)")
+      ->type_name("SIZE");
   add_light_options(*app, words->light);
   app->add_flag("-q,--quiet", words->quiet, "No warnings");
   return {app, [words]() -> Result<void> {

@@ -11,10 +11,7 @@ namespace {
 
 template <class Numbers>
 void write_numbers(JsonWriter& json, std::string_view name, const Numbers& numbers) {
-  json.key(name);
-  json.begin_array();
-  for (const auto number : numbers) json.value(number);
-  json.end_array();
+  json.array(name, numbers);
 }
 
 void write_camera(JsonWriter& json, const Camera& camera) {
@@ -119,20 +116,14 @@ std::string scene_text(const ViewSession& session, const SessionOptions& options
       write_numbers(json, "boxMin", box.min);
       write_numbers(json, "boxMax", box.max);
     }
-    json.key("home");
-    json.begin_object();
-    // A wide picture's home; pages with a narrow one step back.
-    if (const Result<Camera> home = session.home(1920, 1080); home) write_camera(json, *home);
-    json.end_object();
-    json.key("cameras");
-    json.begin_array();
-    for (const NamedCamera& camera : session.cameras()) {
-      json.begin_object();
+    json.object("home", [&] {
+      // A wide picture's home; pages with a narrow one step back.
+      if (const Result<Camera> home = session.home(1920, 1080); home) write_camera(json, *home);
+    });
+    json.objects("cameras", session.cameras(), [&](const NamedCamera& camera) {
       json.member("name", std::string_view(camera.name));
       write_camera(json, camera.camera);
-      json.end_object();
-    }
-    json.end_array();
+    });
   });
 }
 

@@ -212,14 +212,14 @@ Parts full_parts() {
 }
 
 Bytes file_of(const Parts& parts) {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const std::string path = folder.file("file.scree");
   auto writer = ContainerWriter::create(path);
   REQUIRE(writer);
   for (const SealedPage& page : parts.pages) REQUIRE(writer->append(page));
   const auto size = writer->finish(parts.tables);
   REQUIRE(size);
-  const Bytes file = read_file(path);
+  const Bytes file = read_bytes(path);
   REQUIRE(file.size() == *size);
   return file;
 }

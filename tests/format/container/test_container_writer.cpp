@@ -21,7 +21,7 @@ namespace {
 using namespace scree::format;
 namespace fs = std::filesystem;
 
-size_t file_count(const TemporaryFolder& folder) {
+size_t file_count(const TempFolder& folder) {
   size_t count = 0;
   for ([[maybe_unused]] const auto& entry : fs::directory_iterator(folder.path())) ++count;
   return count;
@@ -62,7 +62,7 @@ class FileSizeLimit {
 };
 
 TEST_CASE("container writer: a page that nobody holds is the page that was held", "[container]") {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   for (const size_t bytes : {size_t{1}, size_t{1} << 20, (size_t{1} << 20) + 1, size_t{3000000}}) {
     const SealedPage page = noise_page(bytes);
     auto held = ContainerWriter::create(folder.file("held"));
@@ -82,7 +82,7 @@ TEST_CASE("container writer: a page that nobody holds is the page that was held"
     CHECK(*number == 0);
     REQUIRE(held->finish({}));
     REQUIRE(read->finish({}));
-    CHECK(read_file(folder.file("held")) == read_file(folder.file("read")));
+    CHECK(read_bytes(folder.file("held")) == read_bytes(folder.file("read")));
   }
   auto writer = ContainerWriter::create(folder.file("failed"));
   REQUIRE(writer);
@@ -93,7 +93,7 @@ TEST_CASE("container writer: a page that nobody holds is the page that was held"
 }
 
 TEST_CASE("container writer: the name appears at the end, the .part goes", "[container]") {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const std::string path = folder.file("a.scree");
   write_text(path, "the earlier file");
   {
@@ -101,7 +101,7 @@ TEST_CASE("container writer: the name appears at the end, the .part goes", "[con
     REQUIRE(writer);
     CHECK(fs::exists(path + ".part"));
     REQUIRE(writer->append(noise_page(5000)));
-    CHECK(read_file(path).size() == 16);
+    CHECK(read_bytes(path).size() == 16);
     const auto size = writer->finish({});
     REQUIRE(size);
     CHECK(writer->bytes() == *size);
@@ -113,11 +113,11 @@ TEST_CASE("container writer: the name appears at the end, the .part goes", "[con
     CHECK(again.error().message == path + ".part: is not open any more");
   }
   CHECK(fs::exists(path));
-  CHECK(!verify_copy(read_file(path)));
+  CHECK(!verify_copy(read_bytes(path)));
 }
 
 TEST_CASE("container writer: pages that are dropped leave nothing", "[container]") {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const auto bytes_of = [&](bool drops) {
     auto writer = ContainerWriter::create(folder.file("a.scree"));
     REQUIRE(writer);
@@ -132,13 +132,13 @@ TEST_CASE("container writer: pages that are dropped leave nothing", "[container]
     REQUIRE(writer->append(noise_page(100)));
     REQUIRE(writer->append(noise_page(200)));
     REQUIRE(writer->finish({}));
-    return read_file(folder.file("a.scree"));
+    return read_bytes(folder.file("a.scree"));
   };
   CHECK((bytes_of(true) == bytes_of(false)));
 }
 
 TEST_CASE("container writer: destroyed before its end, it leaves nothing", "[container]") {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const std::string path = folder.file("a.scree");
   write_text(path, "the earlier file");
   {
@@ -150,11 +150,11 @@ TEST_CASE("container writer: destroyed before its end, it leaves nothing", "[con
     REQUIRE(*moved.append(noise_page(100)) == 2);
   }
   CHECK(file_count(folder) == 1);
-  CHECK(read_file(path).size() == 16);
+  CHECK(read_bytes(path).size() == 16);
 }
 
 TEST_CASE("container writer: a stale .part is taken over, a busy one is not", "[container]") {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const std::string path = folder.file("a.scree");
   // Longer than the written file, so that leftovers would show.
   std::ofstream(path + ".part", std::ios::binary) << std::string(100000, 'x');
@@ -166,13 +166,13 @@ TEST_CASE("container writer: a stale .part is taken over, a busy one is not", "[
   CHECK(second.error().message == path + ".part: another program is writing it");
   REQUIRE(first->append(noise_page(100)));
   REQUIRE(first->finish({}));
-  CHECK(!verify_copy(read_file(path)));
+  CHECK(!verify_copy(read_bytes(path)));
   auto third = ContainerWriter::create(path);
   CHECK(third);
 }
 
 TEST_CASE("container writer: places that cannot be written", "[container]") {
-  const TemporaryFolder folder;
+  const TempFolder folder;
   const auto error = [](const std::string& path) {
     const auto writer = ContainerWriter::create(path);
     REQUIRE(!writer);
@@ -198,7 +198,7 @@ TEST_CASE("container writer: places that cannot be written", "[container]") {
 TEST_CASE("container writer: a full disk", "[container]") {
   // Once while pages are written, once at the tables. The limit first shortens a write and then refuses one.
   for (const rlim_t limit : {rlim_t{4096 + 3000}, rlim_t{4096 + 8192 + 10}}) {
-    const TemporaryFolder folder;
+    const TempFolder folder;
     const std::string path = folder.file("a.scree");
     write_text(path, "the earlier file");
     auto writer = ContainerWriter::create(path);
@@ -222,7 +222,7 @@ TEST_CASE("container writer: a full disk", "[container]") {
     }
     CHECK(message == path + ".part: write: File too large");
     CHECK(file_count(folder) == 1);  // given up at once, not only when the writer is destroyed
-    CHECK(read_file(path).size() == 16);
+    CHECK(read_bytes(path).size() == 16);
   }
 }
 

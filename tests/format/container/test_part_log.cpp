@@ -44,7 +44,7 @@ class Unfinished {
     REQUIRE(whole);
     append(*whole, 0, kPages);
     REQUIRE(whole->finish({}));
-    expected = read_file(path);
+    expected = read_bytes(path);
     fs::remove(path);
     auto writer = ContainerWriter::create(path);
     REQUIRE(writer);
@@ -73,12 +73,12 @@ class Unfinished {
     CHECK(kept <= notes.size() + 1);  // killed between a page and its log entry
     append(*writer, kept, kPages);
     REQUIRE(writer->finish({}));
-    CHECK((read_file(path) == expected));
+    CHECK((read_bytes(path) == expected));
     fs::remove(path);
     return kept;
   }
 
-  TemporaryFolder folder;
+  TempFolder folder;
   std::string path = folder.file("a.scree");
   Bytes expected;
 };
@@ -87,7 +87,7 @@ class Unfinished {
 
 TEST_CASE("part log: whatever is cut off or damaged, the same bytes", "[container][resume]") {
   Unfinished unfinished;
-  const Bytes part = read_file(unfinished.path + ".part");
+  const Bytes part = read_bytes(unfinished.path + ".part");
   REQUIRE(part.size() > kMostBytes);
   CHECK(unfinished.finish(part) == 4);
   for (size_t size = 0; size < part.size(); size += 1 + part.size() / 97)
@@ -110,7 +110,7 @@ TEST_CASE("part log: whatever is cut off or damaged, the same bytes", "[containe
     REQUIRE(writer->append(page_of(1)));
     REQUIRE(writer->append(page_of(2)));
   }
-  CHECK(unfinished.finish(read_file(unfinished.path + ".part")) == 3);
+  CHECK(unfinished.finish(read_bytes(unfinished.path + ".part")) == 3);
 }
 
 TEST_CASE("part log: another id, no .part, and pages that are given up", "[container][resume]") {
@@ -129,7 +129,7 @@ TEST_CASE("part log: another id, no .part, and pages that are given up", "[conta
   writer->drop_pages(2);
   append(*writer, 2, kPages);
   REQUIRE(writer->finish({}));
-  CHECK((read_file(unfinished.path) == unfinished.expected));
+  CHECK((read_bytes(unfinished.path) == unfinished.expected));
 }
 
 TEST_CASE("part log: pages that were dropped are not gone on with, whole as they lie there", "[container][resume]") {
@@ -158,7 +158,7 @@ TEST_CASE("part log: pages that were dropped are not gone on with, whole as they
   CHECK(writer.page_count() == 3);
   append(writer, 3, kPages);
   REQUIRE(writer.finish({}));
-  CHECK((read_file(unfinished.path) == unfinished.expected));
+  CHECK((read_bytes(unfinished.path) == unfinished.expected));
 }
 
 TEST_CASE("part log: a file that grows past its log is right, and ends where it should", "[container][resume]") {
@@ -168,7 +168,7 @@ TEST_CASE("part log: a file that grows past its log is right, and ends where it 
   writer->keep_log(kId, 3 * kPageAlignment);
   append(*writer, 0, kPages);
   REQUIRE(writer->finish({}));
-  CHECK((read_file(unfinished.path) == unfinished.expected));
+  CHECK((read_bytes(unfinished.path) == unfinished.expected));
 }
 
 }  // namespace scree::tests

@@ -17,6 +17,7 @@
 #include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
+#include "tests/tools/temp_folder.h"
 
 // Not scree::tests itself: these names are short, and other tests have functions of the same name.
 namespace scree::tests::jpeg {
@@ -65,13 +66,6 @@ inline JpegRecipe recipe_of(int width, int height, std::vector<std::pair<int, in
   recipe.factors = std::move(factors);
   recipe.restart = restart;
   return recipe;
-}
-
-inline Bytes read_file(const std::filesystem::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  const std::string text((std::istreambuf_iterator<char>(stream)), {});
-  const auto* const bytes = reinterpret_cast<const std::byte*>(text.data());
-  return {bytes, bytes + text.size()};
 }
 
 inline std::vector<std::filesystem::path> jpeg_files(const std::filesystem::path& folder) {

@@ -117,7 +117,7 @@ TEST_CASE("damaged JPEG files are refused or indexed, and every MCU ends", "[jpe
   uint32_t refused = 0;
   for (const auto& path : jpeg_files(scree::tests::models_path() / "bad" / "jpeg")) {
     INFO(path.filename().string());
-    const Bytes file = read_file(path);
+    const Bytes file = read_bytes(path);
     GuardedBytes guarded(file);
     const auto bytes = encode(guarded.bytes());
     if (!bytes) {

@@ -160,7 +160,7 @@ TEST_CASE("real JPEG files are indexed without loss", "[jpeg_index]") {
   uint32_t indexed = 0;
   for (const auto& path : jpeg_files(scree::tests::models_path() / "jpeg")) {
     INFO(path.filename().string());
-    const Bytes file = read_file(path);
+    const Bytes file = read_bytes(path);
     const auto header = parse_jpeg(file);
     if (!header) FAIL(header.error().message);
     if (judge_jpeg(*header).treatment != JpegTreatment::kAsItIs) continue;

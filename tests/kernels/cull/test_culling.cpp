@@ -4,6 +4,7 @@
 #include <random>
 #include <utility>
 
+#include "kernels/cull/near_bucket.h"
 #include "kernels/frame_parts.h"
 #include "tests/kernels/cuda/crowd.h"
 #include "tests/kernels/draw_counted.h"
@@ -203,6 +204,21 @@ TEST_CASE("culling: parts of a picture hide what comes in later ones", "[raster]
     REQUIRE(draw_part_cpu(scene, view, samples, 2));
   }
   CHECK(samples == expected);
+}
+
+TEST_CASE("culling: chunks have an order from near to far, however near the near plane is", "[raster]") {
+  for (const float near : {1e-1f, 1e-3f, 1e-6f, 1e-12f}) {  // the near plane, as a share of the scene's size
+    const float farthest = 1 / near;                        // depths count from the near plane
+    CHECK(near_bucket(farthest, false, farthest) == kNearBuckets - 1);
+    const float nearest = std::max(1.0f, farthest / 65000);
+    for (float depth = nearest; depth * 1.04f < farthest; depth *= 1.04f)
+      REQUIRE(near_bucket(depth, false, farthest) < near_bucket(depth * 1.04f, false, farthest));
+    CHECK(near_bucket(0, false, farthest) <= near_bucket(nearest, false, farthest));
+    CHECK(near_bucket(std::nanf(""), false, farthest) < kNearBuckets);
+  }
+  CHECK(near_bucket(-0.1f, true, 1) == 0);
+  CHECK(near_bucket(0.3f, true, 1) < near_bucket(0.31f, true, 1));
+  CHECK(near_bucket(1.1f, true, 1) == kNearBuckets - 1);
 }
 
 TEST_CASE("culling: single precision keeps every box that double precision keeps, and hardly another", "[raster]") {

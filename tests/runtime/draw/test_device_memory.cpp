@@ -36,14 +36,8 @@ using runtime::Reading;
 using runtime::Scene;
 
 kernels::View view_of(const Scene& scene, uint32_t width, uint32_t height) {
-  runtime::CameraOptions camera;
-  camera.width = width;
-  camera.height = height;
-  camera.eye = runtime::Vec3{0.3, 0.6, 2.5};
-  camera.target = runtime::Vec3{0, 0, 0};
-  const Result<kernels::View> view = runtime::make_view(scene.container(), 0, scene.view(), camera);
-  REQUIRE(view);
-  return *view;
+  return tests::must_view(
+      scene, {.eye = runtime::Vec3{0.3, 0.6, 2.5}, .target = runtime::Vec3{0, 0, 0}, .width = width, .height = height});
 }
 
 #if defined(SCREE_EMULATED_CUDA)

@@ -27,6 +27,7 @@ using scree::runtime::Scene;
 using scree::runtime::SceneFile;
 using scree::runtime::Vec3;
 using scree::tests::must_load;
+using scree::tests::must_view;
 using scree::tests::ScratchPath;
 using scree::tests::SmallScene;
 
@@ -41,15 +42,8 @@ Result<Scene> load_file(const std::string& path, uint32_t threads = 2) {
 
 /// The quad from the front: half the picture's height and (with square pixels) a quarter to half of its width.
 View front_view(const Scene& scene, uint32_t width, uint32_t height) {
-  CameraOptions options;
-  options.eye = Vec3{0, 0, 2};
-  options.target = Vec3{0, 0, 0};
-  options.fov_degrees = 90;
-  options.width = width;
-  options.height = height;
-  Result<View> view = scree::runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
-  REQUIRE(view);
-  return *view;
+  return must_view(
+      scene, {.eye = Vec3{0, 0, 2}, .target = Vec3{0, 0, 0}, .fov_degrees = 90, .width = width, .height = height});
 }
 
 Frame draw(const Scene& scene, const View& view, uint32_t samples = 1, uint32_t threads = 2) {
@@ -208,7 +202,7 @@ TEST_CASE("compressed pages draw as raw ones do", "[renderer]") {
 TEST_CASE("a flipped bit in any page is found when it is loaded", "[renderer]") {
   const ScratchPath path("flipped.scree");
   SmallScene{}.write(path.string());
-  const std::vector<std::byte> whole = scree::tests::file_bytes(path.path());
+  const std::vector<std::byte> whole = scree::tests::read_bytes(path.path());
   size_t refused = 0;
   for (size_t at = 0; at < whole.size(); at += 61) {
     std::vector<std::byte> file = whole;
@@ -318,13 +312,9 @@ TEST_CASE("real models are drawn alike by one thread and many, and fill what the
     if (!report) FAIL(report.error().message);
     const Result<Scene> scene = load_file(path.string());
     if (!scene) FAIL(scene.error().message);
-    CameraOptions options;
-    options.width = 160;
-    options.height = 120;
-    const Result<View> view = scree::runtime::make_view(scene->container(), 0, scene->view(), options);
-    REQUIRE(view);
-    const Frame one = draw(*scene, *view, 2, 1);
-    const Frame many = draw(*scene, *view, 2, 7);
+    const View view = must_view(*scene, {.width = 160, .height = 120});
+    const Frame one = draw(*scene, view, 2, 1);
+    const Frame many = draw(*scene, view, 2, 7);
     CHECK(std::equal(one.samples().begin(), one.samples().end(), many.samples().begin()));
     const Picture picture = shade(one, {}, 1);
     CHECK(picture.pixels == shade(many, {}, 5).pixels);
@@ -337,6 +327,6 @@ TEST_CASE("real models are drawn alike by one thread and many, and fill what the
     const std::optional<Pick> pick = *one.pick(80, 60);
     REQUIRE(pick);
     CHECK(pick->mesh_triangle < scene->view().meshes[pick->mesh].triangle_count);
-    CHECK(pick->depth > view->z_near);
+    CHECK(pick->depth > view.z_near);
   }
 }

@@ -38,6 +38,7 @@ using scree::runtime::Reading;
 using scree::runtime::Scene;
 using scree::tests::Encoding;
 using scree::tests::must_load;
+using scree::tests::must_view;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
@@ -120,25 +121,22 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
   size_t hidden = 0;
   size_t outside = 0;
   for (int i = 0; i < 40; ++i) {
-    runtime::CameraOptions camera;
-    camera.width = 320;
-    camera.height = 200;
-    camera.eye = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), 1.6 + unit(random)};
-    camera.target = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), -1};
-    Result<View> view = runtime::make_view(scene.container(), 0, scene.view(), camera);
-    REQUIRE(view);
+    View view = must_view(scene, {.eye = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), 1.6 + unit(random)},
+                                  .target = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), -1},
+                                  .width = 320,
+                                  .height = 200});
     if (i % 4 == 3) {
-      view->orthographic = true;
-      view->half_width = 1.6;
-      view->half_height = 1;
-      view->z_far = view->z_near + 20;
+      view.orthographic = true;
+      view.half_width = 1.6;
+      view.half_height = 1;
+      view.z_far = view.z_near + 20;
     }
-    const runtime::VisibleChunks on_host(scene.view(), *view, 2);
-    std::vector<uint64_t> samples(uint64_t{view->width} * view->height);
-    REQUIRE(kernels::draw_cpu(scene.view(), *view, samples, 2));
+    const runtime::VisibleChunks on_host(scene.view(), view, 2);
+    std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
+    REQUIRE(kernels::draw_cpu(scene.view(), view, samples, 2));
     kernels::DepthPyramid pyramid;
     std::vector<uint32_t> codes(
-        kernels::lay_out(pyramid, static_cast<int32_t>(view->width), static_cast<int32_t>(view->height)));
+        kernels::lay_out(pyramid, static_cast<int32_t>(view.width), static_cast<int32_t>(view.height)));
     pyramid.codes = codes.data();
     kernels::build_pyramid(pyramid, samples.data());
     std::vector<uint32_t> expected(scene.view().chunk_count, runtime::kNotInView);
@@ -150,7 +148,7 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
     outside += expected.size() - on_host.near_to_far().size();
     if (!has_gpu) continue;
 
-    const Result<std::span<const uint32_t>> nearest = on_device.find_nearest(*view);
+    const Result<std::span<const uint32_t>> nearest = on_device.find_nearest(view);
     REQUIRE(nearest);
     const std::vector<uint32_t> order = runtime::order_by_depth(*nearest);
     REQUIRE(std::equal(order.begin(), order.end(), on_host.near_to_far().begin(), on_host.near_to_far().end()));
@@ -237,15 +235,14 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
         const double turn = i / 2;  // every view twice
         camera.eye = runtime::Vec3{4 - 3 * turn, 1 - turn, 6 - 2 * turn};
         camera.target = runtime::Vec3{0, 0, 0};
-        Result<View> view = runtime::make_view(whole.container(), 0, whole.view(), camera);
-        REQUIRE(view);
+        const View view = must_view(whole, camera);
         ShadeOptions shade;
         shade.show = i % 3 == 2 ? Show::kNormal : Show::kColor;
         shade.ssao = i == 3;
         const uint32_t side = i == 4 ? 2 : 1;
-        const Result<Frame> expected = Frame::draw(whole, *view, side, 2);
+        const Result<Frame> expected = Frame::draw(whole, view, side, 2);
         REQUIRE(expected);
-        Result<Frame> frame = Frame::draw(scene, *view, side, 2, &*device, &shade);
+        Result<Frame> frame = Frame::draw(scene, view, side, 2, &*device, &shade);
         if (!frame) FAIL(frame.error().message);
         REQUIRE(device->stream_stats());
         const Result<Picture> picture = frame->shade(shade, 2);
@@ -274,11 +271,10 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
   }
   camera.eye = runtime::Vec3{3, 1, 5};
   camera.target = runtime::Vec3{0, 0, 0};
-  const Result<View> view = runtime::make_view(whole.container(), 0, whole.view(), camera);
-  REQUIRE(view);
+  const View view = must_view(whole, camera);
   const ShadeOptions shade;
-  Result<Frame> a = Frame::draw(scene, *view, 2, 2, &*resident);
-  Result<Frame> b = Frame::draw(scene, *view, 2, 2, &*streamed, &shade);
+  Result<Frame> a = Frame::draw(scene, view, 2, 2, &*resident);
+  Result<Frame> b = Frame::draw(scene, view, 2, 2, &*streamed, &shade);
   REQUIRE(a);
   REQUIRE(b);
   const Result<Picture> from_resident = a->shade(shade, 2);
@@ -321,12 +317,11 @@ TEST_CASE("a GPU decodes JPEG textures as it looks at them while chunks are stre
         camera.eye = runtime::Vec3{0.3, 0.4, 0.2};
         camera.target = runtime::Vec3{0.9, 0, 0.8};
       }
-      const Result<View> view = runtime::make_view(decoded.container(), 0, decoded.view(), camera);
-      REQUIRE(view);
+      const View view = must_view(decoded, camera);
       const uint32_t side = i == 0 ? 2 : 1;
       const ShadeOptions shade;
-      const Result<Frame> expected = Frame::draw(decoded, *view, side, 2, &*resident);
-      const Result<Frame> found = Frame::draw(scene, *view, side, 2, &*streamed, &shade);
+      const Result<Frame> expected = Frame::draw(decoded, view, side, 2, &*resident);
+      const Result<Frame> found = Frame::draw(scene, view, side, 2, &*streamed, &shade);
       REQUIRE(expected);
       if (!found) FAIL(found.error().message);
       REQUIRE(streamed->stream_stats());

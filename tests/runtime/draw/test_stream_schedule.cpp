@@ -14,6 +14,7 @@
 #include "runtime/stream/streamer.h"
 #include "runtime/threads/job_thread.h"
 #include "tests/catch.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
 
@@ -29,6 +30,7 @@ using scree::runtime::Streamer;
 using scree::runtime::StreamStats;
 using scree::runtime::StreamTarget;
 using scree::tests::Encoding;
+using scree::tests::must_view;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
@@ -182,13 +184,8 @@ struct Chunks {
     Result<Scene> opened = Scene::open(folder.file("chunks.scree"), {.threads = 1, .pages = false});
     REQUIRE(opened);
     scene.emplace(std::move(*opened));
-    runtime::CameraOptions camera;
-    camera.width = camera.height = 16;
-    camera.eye = runtime::Vec3{0, 0, 5};
-    camera.target = runtime::Vec3{0, 0, 0};
-    Result<View> made = runtime::make_view(scene->container(), 0, scene->view(), camera);
-    REQUIRE(made);
-    view = *made;
+    view =
+        must_view(*scene, {.eye = runtime::Vec3{0, 0, 5}, .target = runtime::Vec3{0, 0, 0}, .width = 16, .height = 16});
     for (uint64_t c = 0; c < scene->view().chunk_count; ++c) {
       bytes.push_back(300 + random() % 3000);
       all += bytes.back();

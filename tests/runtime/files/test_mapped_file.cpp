@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "tests/catch.h"
+#include "tests/tools/temp_folder.h"
 
 using scree::ErrorCode;
 using scree::Result;
@@ -71,10 +72,7 @@ TEST_CASE("the page cache is seen right by a user who may only read the file", "
   ::close(probe);
   if (has_probes && share_of_owner < 50) CHECK(share < 50);
   // Cached pages are recognised.
-  const std::string bytes = [&] {
-    std::ifstream in(path, std::ios::binary);
-    return std::string(std::istreambuf_iterator<char>(in), {});
-  }();
+  const std::string bytes = scree::tests::read_whole(path);
   CHECK(bytes.size() == 16u << 20);
   CHECK(share_of(false) > 90);
   std::filesystem::remove(path);

@@ -22,6 +22,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/tools/flat_images.h"
+#include "tests/tools/temp_folder.h"
 
 using scree::ErrorCode;
 using scree::Result;
@@ -32,19 +33,12 @@ using scree::runtime::Image;
 using scree::runtime::ImageFile;
 using scree::runtime::ImageInfo;
 using scree::runtime::probe_image;
+using scree::tests::read_bytes;
 
 namespace {
 
 std::filesystem::path scratch(const std::string& name) {
   return std::filesystem::temp_directory_path() / ("scree_" + std::to_string(::getpid()) + "_" + name);
-}
-
-std::vector<std::byte> read_file(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  const std::vector<char> text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-  std::vector<std::byte> bytes(text.size());
-  if (!text.empty()) std::memcpy(bytes.data(), text.data(), text.size());
-  return bytes;
 }
 
 std::vector<std::filesystem::path> files_below(const std::filesystem::path& folder) {
@@ -135,7 +129,7 @@ TEST_CASE("a PNG comes back as it was written", "[image]") {
     for (const auto& [width, height] : {std::array{1u, 1u}, std::array{7u, 5u}, std::array{300u, 2u}}) {
       const std::vector<uint8_t> pixels = noise(size_t{width} * height * channels);
       REQUIRE(scree::runtime::write_png(path.string(), width, height, channels, pixels));
-      const std::vector<std::byte> file = read_file(path);
+      const std::vector<std::byte> file = read_bytes(path);
       const Result<ImageInfo> info = probe_image(file);
       REQUIRE(info);
       CHECK(info->codec == ImageCodec::kPng);
@@ -204,7 +198,7 @@ TEST_CASE("a PFM has its rows bottom to top, little-endian", "[image]") {
   const auto path = scratch("depth.pfm");
   const std::vector<float> values{1.0f, 2.0f, 3.0f, 4.0f, 5.0f, std::numeric_limits<float>::infinity()};
   REQUIRE(scree::runtime::write_pfm(path.string(), 2, 3, values));
-  const std::vector<std::byte> file = read_file(path);
+  const std::vector<std::byte> file = read_bytes(path);
   const std::string head = "Pf\n2 3\n-1.0\n";
   REQUIRE(file.size() == head.size() + 24);
   CHECK(std::memcmp(file.data(), head.data(), head.size()) == 0);
@@ -222,7 +216,7 @@ TEST_CASE("a visibility buffer is its words and nothing else", "[image]") {
   const auto path = scratch("visibility.bin");
   const std::vector<uint64_t> samples{0x0123456789abcdefu, ~uint64_t{0}};
   REQUIRE(scree::runtime::write_visibility(path.string(), samples));
-  const std::vector<std::byte> file = read_file(path);
+  const std::vector<std::byte> file = read_bytes(path);
   REQUIRE(file.size() == 16);
   CHECK(std::memcmp(file.data(), samples.data(), 16) == 0);
   std::filesystem::remove(path);
@@ -242,7 +236,7 @@ TEST_CASE("what is no image is named", "[image]") {
 TEST_CASE("a huge picture in a few bytes is refused before its memory is taken", "[image]") {
   const auto path = scratch("bomb.png");
   REQUIRE(scree::runtime::write_png(path.string(), 2, 2, 3, noise(12)));
-  std::vector<std::byte> file = read_file(path);
+  std::vector<std::byte> file = read_bytes(path);
   file[16] = file[20] = std::byte{0};
   file[17] = file[21] = std::byte{0};
   file[18] = file[22] = std::byte{0x20};  // 8194 x 8194
@@ -279,10 +273,10 @@ TEST_CASE("an image is accepted by its check just where it is decoded", "[image]
       check_agrees_when_damaged(make_jpeg(173, 91, components, is_progressive), 40);
   const auto path = scratch("check.png");
   REQUIRE(scree::runtime::write_png(path.string(), 301, 200, 4, noise(size_t{301} * 200 * 4)));
-  check_agrees_when_damaged(read_file(path), 40);
+  check_agrees_when_damaged(read_bytes(path), 40);
   std::filesystem::remove(path);
   scree::tests::write_flat_png(path.string(), 203, true);
-  check_agrees_when_damaged(read_file(path), 40);
+  check_agrees_when_damaged(read_bytes(path), 40);
   std::filesystem::remove(path);
   for (const auto kind : {scree::tests::JpegKind::kBaseline, scree::tests::JpegKind::kProgressive}) {
     const std::string text = scree::tests::flat_jpeg(128, kind);
@@ -322,7 +316,7 @@ TEST_CASE("real JPEGs decode, or say why not", "[image][models]") {
   size_t refused = 0;
   for (const auto& path : files_below(models / "jpeg")) {
     INFO(path.string());
-    const std::vector<std::byte> file = read_file(path);
+    const std::vector<std::byte> file = read_bytes(path);
     const Result<Image> image = decode_image(file);
     check_agrees(file);
     if (!image) {
@@ -350,12 +344,12 @@ TEST_CASE("one picture coded in many ways looks the same", "[image][models]") {
   }
   // go-libjpeg's video-001 family shows one picture. CMYK goes to ink and back without a profile.
   const auto folder = models / "jpeg" / "go-libjpeg";
-  const Result<Image> reference = decode_image(read_file(folder / "video-001.jpeg"));
+  const Result<Image> reference = decode_image(read_bytes(folder / "video-001.jpeg"));
   REQUIRE(reference);
   for (const char* name : {"video-001.progressive.jpeg", "video-001.q50.420.jpeg", "video-001.q50.444.jpeg",
                            "video-001.rgb.jpeg", "video-001.cmyk.jpeg", "video-001.q50.410.jpeg"}) {
     INFO(name);
-    const Result<Image> image = decode_image(read_file(folder / name));
+    const Result<Image> image = decode_image(read_bytes(folder / name));
     REQUIRE(image);
     REQUIRE(image->rgba.size() == reference->rgba.size());
     double difference = 0;
@@ -374,7 +368,7 @@ TEST_CASE("malformed JPEGs never crash, nor do cut and bit-flipped ones", "[imag
   size_t files = 0;
   for (const auto& path : files_below(models / "bad" / "jpeg")) {
     INFO(path.string());
-    const std::vector<std::byte> bad = read_file(path);
+    const std::vector<std::byte> bad = read_bytes(path);
     const Result<Image> image = decode_image(bad);
     if (!image) CHECK_FALSE(image.error().message.empty());
     check_agrees(bad);
@@ -382,7 +376,7 @@ TEST_CASE("malformed JPEGs never crash, nor do cut and bit-flipped ones", "[imag
   }
   CHECK(files > 200);
 
-  const std::vector<std::byte> whole = read_file(models / "jpeg" / "go-libjpeg" / "video-001.progressive.jpeg");
+  const std::vector<std::byte> whole = read_bytes(models / "jpeg" / "go-libjpeg" / "video-001.progressive.jpeg");
   REQUIRE(whole.size() > 1000);
   std::mt19937 random(3);
   for (int i = 0; i < 60; ++i) {

@@ -36,6 +36,7 @@ using scree::tests::Encoding;
 using scree::tests::GridSpec;
 using scree::tests::ModelMaker;
 using scree::tests::must_load;
+using scree::tests::must_view;
 using scree::tests::PagedScene;
 using scree::tests::Soup;
 using scree::tests::TempFolder;
@@ -352,9 +353,8 @@ TEST_CASE("what the view holds already is not streamed again along a path", "[st
     const double angle = 2 * std::numbers::pi * i / kSteps;
     camera.eye = runtime::Vec3{1.5, 0.4, 1.5};
     camera.target = runtime::Vec3{1.5 + std::cos(angle), 0, 1.5 + std::sin(angle)};
-    const Result<View> view = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
-    REQUIRE(view);
-    const StreamStats stats = scene.draw(*stream, *view, 1, shade_options(0));
+    const View view = must_view(scene.whole(), camera);
+    const StreamStats stats = scene.draw(*stream, view, 1, shade_options(0));
     REQUIRE(stats.streamed_bytes <= stats.missing_bytes);
     streamed += stats.streamed_bytes;
     seen += stats.seen_bytes;
@@ -376,10 +376,9 @@ TEST_CASE("chunks behind what is drawn are not loaded, nor asked for again", "[s
   camera.height = 80;
   camera.eye = runtime::Vec3{1.5, 9, 1.5};
   camera.target = runtime::Vec3{1.5, 0, 1.49};
-  const Result<View> view = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
-  REQUIRE(view);
+  const View view = must_view(scene.whole(), camera);
   const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
-  const StreamStats first = scene.draw(*stream, *view, 2, shade_options(0));
+  const StreamStats first = scene.draw(*stream, view, 2, shade_options(0));
   CHECK(first.missing_bytes == first.seen_bytes);
   // Seen from above, the ground hides the whole mesh below it, which has the most triangles.
   uint64_t below = 0;
@@ -388,15 +387,14 @@ TEST_CASE("chunks behind what is drawn are not loaded, nor asked for again", "[s
     if (records.meshes[records.chunks[c].mesh].triangle_count == 3200) below += records.chunks[c].bytes;
   // The first three of eight batches are chosen before the ground is drawn.
   CHECK(first.hidden_bytes > below / 4);
-  const StreamStats again = scene.draw(*stream, *view, 2, shade_options(0));
+  const StreamStats again = scene.draw(*stream, view, 2, shade_options(0));
   CHECK(again.hidden_bytes == first.hidden_bytes);
   CHECK(again.streamed_bytes == 0);
   // Seen from below, the one-sided ground hides nothing.
   camera.eye = runtime::Vec3{1.5, -2, 1.5};
   camera.target = runtime::Vec3{1.5, -3, 1.49};
-  const Result<View> under = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
-  REQUIRE(under);
-  CHECK(scene.draw(*stream, *under, 1, shade_options(0)).streamed_bytes > 0);
+  const View under = must_view(scene.whole(), camera);
+  CHECK(scene.draw(*stream, under, 1, shade_options(0)).streamed_bytes > 0);
 }
 
 TEST_CASE("a still camera over a pool that is too small streams what is missing, near chunks stay", "[streamer]") {
@@ -407,15 +405,11 @@ TEST_CASE("a still camera over a pool that is too small streams what is missing,
   const Compared scene(folder.file("out.scree"));
   const Pool pool = scene.pool();
   const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 3);
-  runtime::CameraOptions camera;
-  camera.width = 120;
-  camera.height = 80;
-  const Result<View> view = runtime::make_view(scene.whole().container(), 0, scene.whole().view(), camera);
-  REQUIRE(view);
-  const StreamStats first = scene.draw(*stream, *view, 1, shade_options(0));
+  const View view = must_view(scene.whole(), {.width = 120, .height = 80});
+  const StreamStats first = scene.draw(*stream, view, 1, shade_options(0));
   CHECK(first.missing_bytes == first.seen_bytes);
   for (int i = 0; i < 3; ++i) {
-    const StreamStats again = scene.draw(*stream, *view, 1, shade_options(0));
+    const StreamStats again = scene.draw(*stream, view, 1, shade_options(0));
     CHECK(again.missing_bytes + pool.all / 4 <= again.seen_bytes);  // most of the pool was useful
     CHECK(again.streamed_bytes <= first.streamed_bytes - pool.all / 4);
   }
@@ -432,17 +426,12 @@ TEST_CASE("pages that are not good end a streamed frame as they end loading", "[
   };
   paged.write(folder.file("bad.scree"), {{random_soup(900, random), Encoding{}}});
   Scene scene = open_scene(folder.file("bad.scree"), false);
-  runtime::CameraOptions camera;
-  camera.eye = runtime::Vec3{0, 0, 9};
-  camera.target = runtime::Vec3{0, 0, 0};
-  camera.width = 64;
-  camera.height = 64;
-  const Result<View> view = runtime::make_view(scene.container(), 0, scene.view(), camera);
-  REQUIRE(view);
+  const View view =
+      must_view(scene, {.eye = runtime::Vec3{0, 0, 9}, .target = runtime::Vec3{0, 0, 0}, .width = 64, .height = 64});
   Result<std::unique_ptr<CpuStream>> stream = CpuStream::create(scene, pool_of(scene).least * 3, 2);
   REQUIRE(stream);
   for (int i = 0; i < 2; ++i) {
-    const Result<StreamStats> drawn = (*stream)->draw_frame(*view, nullptr);
+    const Result<StreamStats> drawn = (*stream)->draw_frame(view, nullptr);
     REQUIRE_FALSE(drawn);
     const Result<void> loaded = scene.load_pages(2);
     REQUIRE_FALSE(loaded);

@@ -180,7 +180,7 @@ TEST_CASE("samples and colours of real files are libjpeg's", "[jpeg_pixels]") {
   Difference fancy;
   for (const auto& path : scree::tests::jpeg::jpeg_files(scree::tests::models_path() / "jpeg")) {
     INFO(path.filename().string());
-    const Bytes file = scree::tests::jpeg::read_file(path);
+    const Bytes file = tests::read_bytes(path);
     const auto indexed = runtime::index_jpeg(file);
     if (!indexed) {
       CHECK(indexed.error().code == ErrorCode::kUnsupported);

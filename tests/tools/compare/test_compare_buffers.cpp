@@ -11,6 +11,7 @@
 #include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
@@ -76,14 +77,11 @@ void fill_with_grids(tests::ModelMaker& maker) {
 }
 
 std::vector<uint64_t> draw(const runtime::Scene& scene) {
-  runtime::CameraOptions camera;
-  camera.width = kWidth;
-  camera.height = kHeight;
-  camera.eye = runtime::Vec3{-1.0, 2.0, 3.5};
-  camera.target = runtime::Vec3{1.0, 0.0, 1.0};
-  const auto view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
-  REQUIRE(view);
-  const auto frame = runtime::Frame::draw(scene, *view, 1, 2);
+  const kernels::View view = tests::must_view(scene, {.eye = runtime::Vec3{-1.0, 2.0, 3.5},
+                                                      .target = runtime::Vec3{1.0, 0.0, 1.0},
+                                                      .width = kWidth,
+                                                      .height = kHeight});
+  const auto frame = runtime::Frame::draw(scene, view, 1, 2);
   REQUIRE(frame);
   return {frame->samples().begin(), frame->samples().end()};
 }
@@ -292,7 +290,7 @@ TEST_CASE("files of different sources are not matched", "[compare]") {
       {[](tests::ModelMaker& maker) {
          add_squares(maker, 2, {0, 0.001, 0});
        },
-       "node 0 stands in another place"},
+       "node 0 has another transform"},
       {[](tests::ModelMaker& maker) {
          add_squares(maker, 2, {0, 0, 0}, 1.01f);
        },

@@ -13,6 +13,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/tools/compare/reference_fixture.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
@@ -172,27 +173,23 @@ TEST_CASE("the reference's colours are those that kernels/ draws", "[reference]"
     REQUIRE(file);
     const auto scene = runtime::Scene::load(std::move(*file), 0, {false, 2});
     REQUIRE(scene);
-    runtime::CameraOptions camera;
-    camera.width = 96;
-    camera.height = 64;
-    const auto view = runtime::make_view(scene->container(), 0, scene->view(), camera);
-    REQUIRE(view);
+    const kernels::View view = tests::must_view(*scene, {.width = 96, .height = 64});
     const auto gltf = convert::import_gltf(source, {});
     REQUIRE(gltf);
     const auto model = compare::load_source_model(*gltf, scene->container(), 0);
     REQUIRE(model);
-    const auto expected = compare::draw_reference(model->views, model->instances, *view, 2);
+    const auto expected = compare::draw_reference(model->views, model->instances, view, 2);
     REQUIRE(expected);
-    const auto frame = runtime::Frame::draw(*scene, *view, 1, 2);
+    const auto frame = runtime::Frame::draw(*scene, view, 1, 2);
     REQUIRE(frame);
     kernels::ShadeOptions shading;
     shading.show = kernels::Show::kColor;
     shading.background[3] = 1;
     const auto picture = frame->shade(shading, 2);
     REQUIRE(picture);
-    const auto rgb = compare::shade_reference(*model, *expected, *view, 1, 2);
+    const auto rgb = compare::shade_reference(*model, *expected, view, 1, 2);
     REQUIRE(rgb);
-    const auto report = compare::compare_frame(*frame, *model, *expected, *view, 2);
+    const auto report = compare::compare_frame(*frame, *model, *expected, view, 2);
     REQUIRE(report);
     uint64_t same = 0;
     int largest = 0;
@@ -235,7 +232,7 @@ TEST_CASE("the judge takes a type and a limit from kernels/, and no code", "[ref
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
     if (!entry.path().filename().string().starts_with("reference")) continue;
     ++files;
-    const std::string text = tests::read_file(entry.path());
+    const std::string text = tests::read_whole(entry.path());
     INFO(entry.path().filename().string());
     for (std::sregex_iterator at(text.begin(), text.end(), name), end; at != end; ++at)
       CHECK(((*at)[1] == "View" || (*at)[1] == "kMaxImageSide"));

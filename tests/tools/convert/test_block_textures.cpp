@@ -54,12 +54,8 @@ std::vector<FileBytes> all_files() {
 }
 
 std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, runtime::DeviceScene* device = nullptr) {
-  runtime::CameraOptions camera;
-  camera.width = width;
-  camera.height = width * 2 / 3;
-  const auto view = runtime::make_view(scene.container(), 0, scene.view(), camera);
-  REQUIRE(view);
-  const auto frame = runtime::Frame::draw(scene, *view, 1, 2, device);
+  const kernels::View view = tests::must_view(scene, {.width = width, .height = width * 2 / 3});
+  const auto frame = runtime::Frame::draw(scene, view, 1, 2, device);
   if (!frame) FAIL(frame.error().message);
   const auto picture = frame->shade({}, 2);
   REQUIRE(picture);

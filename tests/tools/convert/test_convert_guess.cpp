@@ -321,7 +321,7 @@ TEST_CASE("convert: what is wrong late in a giant primitive is said as ever", "[
   }
   SECTION("an index") {
     overwrite(bin, 12 * vertices + 4 * (corners - 7), 0x7fffffff);
-    must_fail_alike(options, "index 2147483647 at place " + std::to_string(corners - 7));
+    must_fail_alike(options, "index 2147483647 at element " + std::to_string(corners - 7));
   }
 }
 

@@ -47,12 +47,6 @@ void two(tests::ModelMaker& maker, std::vector<tools::GltfPrimitive> a, std::vec
   maker.node("b", maker.mesh("b", std::move(b)), {3, 0, 0});
 }
 
-std::vector<std::byte> bytes_of(const char* name) {
-  const std::string text = tests::read_whole(tests::data_path(name).string());
-  const auto* first = reinterpret_cast<const std::byte*>(text.data());
-  return {first, first + text.size()};
-}
-
 }  // namespace
 
 TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates]") {
@@ -225,7 +219,7 @@ TEST_CASE("duplicates: what differs in anything that is stored stays apart", "[d
 
 TEST_CASE("duplicates: equal images give one texture, one material, one mesh", "[duplicates]") {
   const TempFolder folder;
-  const auto checker = bytes_of("checker.png");
+  const auto checker = tests::read_bytes(tests::data_path("checker.png"));
   const auto make = [&](bool is_same_wrap) {
     tests::ModelMaker maker(folder.file("in.glb"));
     const auto textured = [&](format::Wrap wrap) {

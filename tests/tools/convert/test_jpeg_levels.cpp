@@ -114,7 +114,7 @@ TEST_CASE("levels of real files take at most 0.4 of their base levels", "[jpeg_l
   double worst = 0;
   for (const auto& path : scree::tests::jpeg::jpeg_files(scree::tests::models_path() / "jpeg")) {
     INFO(path.filename().string());
-    const Bytes file = scree::tests::jpeg::read_file(path);
+    const Bytes file = tests::read_bytes(path);
     if (!runtime::index_jpeg(file)) continue;
     const Levels levels = must_make(file);
     uint64_t sum = levels.base.size();

@@ -12,6 +12,7 @@
 #include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/temp_folder.h"
@@ -27,12 +28,8 @@ using tests::TempFolder;
 namespace {
 
 std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, uint32_t samples, uint32_t threads) {
-  runtime::CameraOptions camera;
-  camera.width = width;
-  camera.height = width * 2 / 3;
-  const auto view = runtime::make_view(scene.container(), 0, scene.view(), camera);
-  REQUIRE(view);
-  const auto frame = runtime::Frame::draw(scene, *view, samples, threads);
+  const kernels::View view = tests::must_view(scene, {.width = width, .height = width * 2 / 3});
+  const auto frame = runtime::Frame::draw(scene, view, samples, threads);
   if (!frame) FAIL(frame.error().message);
   const auto picture = frame->shade({}, threads);
   REQUIRE(picture);

@@ -17,8 +17,8 @@ using scree::format::JpegTreatment;
 using scree::tests::GuardedBytes;
 using scree::tests::JpegRecipe;
 using scree::tests::make_jpeg;
+using scree::tests::read_bytes;
 using scree::tests::jpeg::Bytes;
-using scree::tests::jpeg::read_file;
 
 namespace {
 
@@ -157,7 +157,7 @@ TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or
   for (const auto& entry : std::filesystem::recursive_directory_iterator(scree::tests::models_path() / "jpeg")) {
     if (!entry.is_regular_file()) continue;
     INFO(entry.path().filename().string());
-    const Bytes file = read_file(entry.path());
+    const Bytes file = read_bytes(entry.path());
     const auto header = format::parse_jpeg(file);
     REQUIRE(header);
     switch (format::judge_jpeg(*header).treatment) {
@@ -196,7 +196,7 @@ TEST_CASE("damaged JPEG files never take the transcoder past its limits", "[jpeg
        std::filesystem::recursive_directory_iterator(scree::tests::models_path() / "bad" / "jpeg")) {
     if (!entry.is_regular_file()) continue;
     INFO(entry.path().filename().string());
-    const auto transcoded = runtime::transcode_jpeg(read_file(entry.path()));
+    const auto transcoded = runtime::transcode_jpeg(read_bytes(entry.path()));
     refused += !transcoded;
     if (transcoded) check_indexable(transcoded->file);
   }

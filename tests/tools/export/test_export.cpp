@@ -164,7 +164,7 @@ TEST_CASE("export: the validator check can fail", "[export]") {
   REQUIRE(packed);
   const std::string path = folder.file("a.glb");
   REQUIRE(tools::export_gltf(packed->file, path, {}));
-  std::string bytes = tests::read_file(path);
+  std::string bytes = tests::read_whole(path);
   const size_t place = bytes.find("\"POSITION\"");
   REQUIRE(place != std::string::npos);
   std::memcpy(&bytes[place + 1], "POSITIOM", 8);  // no such attribute
@@ -183,9 +183,9 @@ TEST_CASE("export: the same bytes for any number of threads", "[export]") {
   REQUIRE(packed);
   REQUIRE(tools::export_gltf(packed->file, folder.file("one.glb"), with_threads(1)));
   REQUIRE(tools::export_gltf(packed->file, folder.file("many.glb"), with_threads(7)));
-  const std::string one = tests::read_file(folder.file("one.glb"));
+  const std::string one = tests::read_whole(folder.file("one.glb"));
   CHECK(!one.empty());
-  CHECK(one == tests::read_file(folder.file("many.glb")));
+  CHECK(one == tests::read_whole(folder.file("many.glb")));
 }
 
 TEST_CASE("export: a mesh with more vertices than an index can name is cut between chunks", "[export]") {
@@ -268,7 +268,7 @@ TEST_CASE("export: what cannot be written is an error and leaves nothing behind"
     REQUIRE(!no_folder);
     CHECK(no_folder.error().code == ErrorCode::kFile);
   }
-  std::string bytes = tests::read_file(scree);
+  std::string bytes = tests::read_whole(scree);
   const auto opened = tests::open_packed(scree);
   REQUIRE(opened);
   const uint64_t place = opened->file.pages()[0].offset;

@@ -55,7 +55,7 @@ Bytes huge_jpeg(bool is_progressive, bool is_arithmetic) {
 }
 
 Bytes huge_png() {
-  Bytes file = tests::read_file(data_path("checker.png").string());
+  Bytes file = tests::read_bytes(data_path("checker.png").string());
   file[18] = file[22] = std::byte{0x3f};
   file[19] = file[23] = std::byte{0xff};
   return file;

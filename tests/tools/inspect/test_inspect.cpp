@@ -258,7 +258,7 @@ TEST_CASE("inspect: --verify finds a flipped bit in every byte", "[inspect][veri
     options.source_ids = true;
     const std::string path = folder.file("a.scree");
     REQUIRE(tests::pack(small_model().string(), path, options));
-    const AlignedBytes copy(tests::read_file(path));
+    const AlignedBytes copy(tests::read_whole(path));
     const std::span<std::byte> bytes = copy.bytes();
     {
       const auto whole = format::Container::open(bytes);
@@ -368,7 +368,7 @@ TEST_CASE("inspect: a failure is named, printed and ends in an error", "[inspect
   REQUIRE(tests::pack(small_model().string(), path));
   const auto packed = tests::open_packed(path);
   REQUIRE(packed);
-  std::string bytes = tests::read_file(path);
+  std::string bytes = tests::read_whole(path);
   const uint64_t offset = packed->file.pages()[0].offset;
   bytes[offset + 5] = static_cast<char>(bytes[offset + 5] ^ 1);
   const std::string bad = folder.file("bad.scree");

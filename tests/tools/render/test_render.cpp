@@ -140,13 +140,13 @@ TEST_CASE("render writes picture, depth and visibility buffer", "[render]") {
                                         visibility.string(), "--size", "32x16", "--eye", "-0.5,0,3", "--target",
                                         "-0.5,-0.25,0", "--samples", "2", "--background", "none", "-q"});
   if (!done) FAIL(done.error().message);
-  const Result<scree::runtime::Image> image = scree::runtime::decode_image(scree::tests::file_bytes(picture.path()));
+  const Result<scree::runtime::Image> image = scree::runtime::decode_image(scree::tests::read_bytes(picture.path()));
   REQUIRE(image);
   CHECK(image->width == 32);
   CHECK(image->rgba[3] == 0);
   CHECK(image->rgba[4 * (8 * 32 + 16) + 3] == 255);
-  CHECK(scree::tests::file_bytes(depth.path()).size() == std::string("Pf\n32 16\n-1.0\n").size() + 4 * 32 * 16);
-  CHECK(scree::tests::file_bytes(visibility.path()).size() == 8 * 64 * 32);
+  CHECK(scree::tests::read_bytes(depth.path()).size() == std::string("Pf\n32 16\n-1.0\n").size() + 4 * 32 * 16);
+  CHECK(scree::tests::read_bytes(visibility.path()).size() == 8 * 64 * 32);
 }
 
 TEST_CASE("render refuses to write over what it reads", "[render]") {

@@ -10,7 +10,7 @@
 
 using scree::ErrorCode;
 using scree::Result;
-using scree::tests::file_bytes;
+using scree::tests::read_bytes;
 using scree::tests::ScratchPath;
 using scree::tests::SmallScene;
 namespace fs = std::filesystem;
@@ -107,7 +107,7 @@ TEST_CASE("each frame of a path has the bytes of a picture of its camera", "[ren
       const std::string frame = i == 0 ? "f_00" : "f_04";
       for (const std::string extension : {".png", ".pfm", ".bin"}) {
         INFO(extension << " of frame " << frame);
-        CHECK(file_bytes(path.name(frame + extension)) == file_bytes(path.name("one" + extension)));
+        CHECK(read_bytes(path.name(frame + extension)) == read_bytes(path.name("one" + extension)));
       }
     }
   }
@@ -120,8 +120,8 @@ TEST_CASE("shares of a path make the frames of one run", "[render][path]") {
   CHECK(path.files() == 2 + 2 * 15);
   for (int frame = 0; frame < 5; ++frame)
     for (const std::string extension : {".png", ".pfm", ".bin"})
-      CHECK(file_bytes(path.name("f_0" + std::to_string(frame) + extension)) ==
-            file_bytes(path.name("g_" + std::to_string(frame) + extension)));
+      CHECK(read_bytes(path.name("f_0" + std::to_string(frame) + extension)) ==
+            read_bytes(path.name("g_" + std::to_string(frame) + extension)));
   REQUIRE(path.draw({"--frames", "7/9"}, "h_%d"));  // a share of nothing
   CHECK(path.files() == 2 + 2 * 15);
 }
@@ -129,7 +129,7 @@ TEST_CASE("shares of a path make the frames of one run", "[render][path]") {
 TEST_CASE("a resumed path draws what is not there or not whole", "[render][path]") {
   const PathRun path;
   REQUIRE(path.draw({}));
-  const auto before = file_bytes(path.name("f_03.png"));
+  const auto before = read_bytes(path.name("f_03.png"));
   CHECK(message(path.draw({}), ErrorCode::kFile).find("f_00.png: exists already; --force replaces it, --resume") !=
         std::string::npos);
   fs::remove(path.name("f_01.bin"));
@@ -141,12 +141,12 @@ TEST_CASE("a resumed path draws what is not there or not whole", "[render][path]
   REQUIRE(path.draw({"--resume"}));
   CHECK(fs::last_write_time(path.name("f_00.png")) == old);
   CHECK(fs::last_write_time(path.name("f_01.png")) != drawn_again);
-  CHECK(file_bytes(path.name("f_03.png")) == before);
+  CHECK(read_bytes(path.name("f_03.png")) == before);
   CHECK(fs::file_size(path.name("f_02.pfm")) == 40 * 30 * 4 + std::string("Pf\n40 30\n-1.0\n").size());
   CHECK(fs::exists(path.name("f_01.bin")));
   // Frames of another size are not those that are asked for.
   REQUIRE(path.draw({"--resume"}, "f_%02d", "20x10"));
-  CHECK(file_bytes(path.name("f_00.bin")).size() == 20 * 10 * 8);
+  CHECK(read_bytes(path.name("f_00.bin")).size() == 20 * 10 * 8);
 }
 
 TEST_CASE("mistakes with a path are told before anything is drawn", "[render][path]") {

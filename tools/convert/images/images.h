@@ -1,4 +1,4 @@
-// Base-colour images: checked once, equal ones stored once, in the form of ConvertOptions::textures.
+// The images of textures: checked once, equal ones stored once, in the form of ConvertOptions::images.
 #pragma once
 
 #include <cstdint>

@@ -9,7 +9,7 @@
 namespace scree::convert {
 namespace {
 
-constexpr uint64_t kJobsPerThread = 2;
+constexpr uint64_t kAheadJobsPerThread = 2;
 
 // Measured triangles per thread that may wait, beside the jobs in flight: enough that no thread idles when several
 // meshes become ready together.
@@ -35,7 +35,7 @@ EncodeAhead::EncodeAhead(const ConvertOptions& options, const SourceScene& scene
       scene_(scene),
       pool_(pool),
       writer_(writer),
-      in_flight_{kJobsPerThread * pool.threads(), limits.flight_bytes},
+      in_flight_{kAheadJobsPerThread * pool.threads(), limits.flight_bytes},
       times_(times),
       progress_(std::move(progress)),
       most_waiting_(kWaitingPerThread * pool.threads()),

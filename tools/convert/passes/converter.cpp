@@ -1,0 +1,772 @@
+#include "tools/convert/passes/converter.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <functional>
+#include <iterator>
+#include <map>
+#include <optional>
+#include <set>
+#include <thread>
+#include <utility>
+
+#include "format/container/container.h"
+#include "tools/common/progress.h"
+#include "tools/convert/encode/geometry_writer.h"
+#include "tools/convert/images/images.h"
+#include "tools/convert/images/masks.h"
+#include "tools/convert/passes/encode_ahead.h"
+#include "tools/convert/passes/encode_pass.h"
+#include "tools/convert/passes/memory_plan.h"
+#include "tools/convert/passes/merge_pass.h"
+#include "tools/convert/passes/resume.h"
+#include "tools/convert/passes/shard.h"
+#include "tools/convert/passes/sort_scattered.h"
+#include "tools/convert/plan/convert_options.h"
+#include "tools/convert/plan/lattices.h"
+#include "tools/convert/plan/left_out.h"
+#include "tools/convert/plan/mesh_plan.h"
+#include "tools/convert/plan/scene_tables.h"
+#include "tools/convert/windows/duplicates.h"
+#include "tools/convert/windows/measure.h"
+#include "tools/gltf/box.h"
+#include "tools/gltf/byte_source.h"
+#include "tools/gltf/source.h"
+
+namespace scree::convert {
+namespace {
+
+using format::kNone;
+
+constexpr uint64_t kEncodeJobsPerThread = 3;
+
+class Converter {
+ public:
+  Converter(const ConvertOptions& options, SourceScene& scene, const std::set<std::string>& files, ShardSet* shards,
+            tools::Progress& progress, ConvertReport& report)
+      : options_(options), scene_(scene), files_(files), shards_(shards), progress_(progress), report_(report) {}
+
+  Result<void> run() {
+    find_wanted();
+    if (const Result<void> done = find_masks(); !done) return done;
+    if (const Result<void> done = plan_memory(); !done) return done;
+    if (shards_ == nullptr) prepare_ahead();
+    read_before_ = read_totals();  // what images took is not the geometry's
+    if (const Result<void> done = shards_ != nullptr ? take_measured() : measure_primitives(); !done) return done;
+    for (const Measured& primitive : measurement_.primitives) {
+      report_.dropped_degenerate += primitive.dropped_degenerate;
+      report_.dropped_nonfinite += primitive.dropped_nonfinite;
+    }
+    if (!ahead_)
+      if (const Result<void> done = plan_images(materials_used()); !done) return done;
+    if (options_.shards > 0) note_plan();
+    merge_equal();
+    add_meshes();
+    plan_materials();
+    Result<InstancePlan> instances = plan_scenes(scene_, tables_);
+    if (!instances) return instances.error();
+    instances_ = std::move(*instances);
+    if (const Result<void> done = choose_lattices(options_, scene_, instances_, plans_, tables_); !done) return done;
+    add_source_record();
+    EncodeStart start;
+    if (options_.shards > 0) start = cut_shard();
+    if (!ahead_) {
+      Result<format::ContainerWriter> writer = open_writer();
+      if (!writer) return writer.error();
+      writer_ = std::move(*writer);
+      // Images come first: what is wrong with one is said before the geometry is encoded.
+      if (const Result<void> done = store_images(*writer_); !done) return done;
+      written_before_ = writer_->bytes();
+    }
+    report_.warnings.insert(report_.warnings.end(), images_.warnings.begin(), images_.warnings.end());
+    tables_.images = images_.records;
+    tables_.mip_levels = images_.levels;
+    if (const Result<void> done = shards_ != nullptr ? place_shards() : encode(*writer_, std::move(start)); !done)
+      return done;
+    if (options_.shards > 0) return finish_shard();
+    if (const Result<void> done = store_masks(*writer_); !done) return done;
+    list_left_out();
+    if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer_); !done) return done;
+    const Result<uint64_t> bytes = writer_->finish(tables_);
+    if (!bytes) return bytes.error();
+    report_.output_bytes = *bytes;
+    fill_report();
+    return {};
+  }
+
+ private:
+  void find_wanted() {
+    std::vector<bool> drawn(scene_.groups.size());
+    for (const SourceNode& node : scene_.nodes)
+      if (node.group != kNone) drawn[node.group] = true;
+    wanted_.resize(scene_.primitives.size());
+    for (size_t i = 0; i < wanted_.size(); ++i) {
+      wanted_[i] = drawn[scene_.primitives[i].group];
+      if (!wanted_[i]) ++undrawn_;
+    }
+  }
+
+  /// Decides which alpha masks are masks in fact. What is clear everywhere is no longer wanted.
+  Result<void> find_masks() {
+    report_.threads_asked =
+        options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
+    WorkerPool pool(report_.threads_asked, options_.stop);
+    ImageOptions image_options = options_.images;
+    image_options.memory = std::min(image_options.memory, options_.memory / 2);
+    Result<MaskPlan> masks = plan_masks(scene_, wanted_, image_options, pool, [](uint64_t) {});
+    if (!masks) return masks.error();
+    masks_ = std::move(*masks);
+    for (size_t i = 0; i < wanted_.size(); ++i) {
+      if (!wanted_[i] || masks_.kind(scene_.primitives[i]) != MaskKind::kClear) continue;
+      wanted_[i] = false;
+      ++clear_;
+    }
+    return {};
+  }
+
+  Result<void> plan_memory() {
+    Result<MemoryPlan> plan = MemoryPlan::make(
+        options_, scene_, wanted_, std::max(largest_image_bytes(scene_, options_.images), largest_mask_bytes(scene_)),
+        report_.threads_asked);
+    if (!plan) return plan.error();
+    memory_ = *plan;
+    return {};
+  }
+
+  Result<void> measure_primitives() {
+    uint64_t triangles = 0;
+    for (size_t i = 0; i < wanted_.size(); ++i)
+      if (wanted_[i]) triangles += scene_.primitives[i].triangle_count();
+    progress_.stage("measure", triangles);
+    const MeasureOptions measure_options{may_sort(options_), options_.drop_nonfinite, options_.chunk_triangles == 0,
+                                         options_.normals,
+                                         options_.share ? may_repeat(scene_, wanted_) : std::vector<bool>()};
+    const auto show = [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); };
+    if (const Result<void> done =
+            ahead_ ? measure_and_encode(measure_options, triangles, show) : measure_all(measure_options, show);
+        !done)
+      return done;
+    Result<SortedPrimitives> sorted = sort_scattered(scene_, report_.output, memory_, measure_options, options_.stop,
+                                                     progress_, times_, measurement_);
+    if (!sorted) return sorted.error();
+    report_.sorted_triangles = sorted->triangles;
+    report_.sort_file_bytes = sorted->file_bytes;
+    sorted_ = std::move(sorted->copies);
+    return {};
+  }
+
+  /// What the shards measured, in place of measuring.
+  Result<void> take_measured() {
+    if (const Result<void> checked = check_shards(*shards_, scene_); !checked) return checked;
+    measurement_ = std::move(shards_->plan.measurement);
+    for (const uint32_t primitive : shards_->plan.sorted) {
+      sorted_.emplace(primitive, scene_.primitives[primitive]);
+      report_.sorted_triangles += scene_.primitives[primitive].triangle_count();
+    }
+    return {};
+  }
+
+  /// For the shard: all that is known before equal meshes are joined, which merging does again.
+  void note_plan() {
+    ShardPlan plan;
+    plan.count = options_.shards;
+    plan.options = options_;
+    plan.files = stamp_files(options_.input, files_);
+    plan.measurement = measurement_;
+    for (const auto& [primitive, copy] : sorted_) plan.sorted.push_back(primitive);
+    plan.images = images_;
+    shard_plan_ = pack_plan(plan);
+  }
+
+  /// Leaves this shard's share of the images and windows, and says where encoding them begins.
+  EncodeStart cut_shard() {
+    shard_share_.index = options_.shard;
+    shard_share_.input = whole_path(options_.input).string();
+    const auto keep = [](auto& list, Part part) {
+      list.erase(list.begin() + static_cast<ptrdiff_t>(part.end), list.end());
+      list.erase(list.begin(), list.begin() + static_cast<ptrdiff_t>(part.first));
+    };
+    const Part images = part_of(images_.costs, options_.shard, options_.shards);
+    keep(images_.records, images);
+    keep(images_.sources, images);
+    keep(images_.is_color, images);
+    keep(images_.costs, images);
+    keep(images_.broken, images);
+    keep(images_.hashes, images);
+    std::vector<WindowPlan>& windows = measurement_.windows;
+    std::vector<uint64_t> costs;
+    for (const WindowPlan& window : windows) costs.push_back(window.count);
+    const Part own = part_of(costs, options_.shard, options_.shards);
+    EncodeStart start;
+    for (uint64_t i = own.first;
+         own.first < own.end && i-- > 0 && windows[i].primitive == windows[own.first].primitive;)
+      start.triangle += windows[i].kept;
+    if (start.triangle > 0) start.mesh = mesh_of_[windows[own.first].primitive];
+    keep(windows, own);
+    return start;
+  }
+
+  /// A file of the pages and of what merging needs to know of them.
+  Result<void> finish_shard() {
+    const std::pair<format::PageKind, std::vector<std::byte>> pages[] = {{kShardPlanPage, shard_plan_},
+                                                                         {kShardSharePage, pack_share(shard_share_)}};
+    for (const auto& [kind, bytes] : pages) {
+      const std::span<const std::byte> from(bytes);
+      const auto copy = [from](uint64_t offset, std::span<std::byte> out) {
+        std::copy_n(from.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
+        return Result<void>();
+      };
+      const Result<uint32_t> page = writer_->append_raw(kind, bytes.size(), copy);
+      if (!page) return page.error();
+    }
+    format::TableSet tables;
+    tables.source = tables_.source;
+    tables.strings = tables_.strings;
+    const Result<uint64_t> bytes = writer_->finish(tables);
+    if (!bytes) return bytes.error();
+    report_.output_bytes = *bytes;
+    fill_report();
+    return {};
+  }
+
+  /// Places what shards have encoded, in place of encoding.
+  Result<void> place_shards() {
+    const std::vector<WindowPlan>& windows = measurement_.windows;
+    uint64_t triangles = 0, done = 0, number = 0;
+    for (const WindowPlan& window : windows) triangles += window.count;
+    progress_.stage("merge", triangles);
+    report_.threads = report_.threads_asked;
+    WorkerPool pool(report_.threads_asked, options_.stop);
+    MergePass pass(pool, *writer_, options_.zstd_level, times_);
+    for (ShardFile& shard : shards_->files) {
+      pass.begin(shard);
+      for (WindowOutcome& window : shard.share.windows) {
+        const uint32_t mesh = number < windows.size() ? mesh_of_[windows[number].primitive] : kNone;
+        if (mesh == kNone || window.made_from != window_id(windows[number], mesh, tables_.meshes[mesh]) ||
+            !is_outcome_of(window, windows[number], mesh))
+          return Error{ErrorCode::kFormat, shard.map.path() + ": window " + std::to_string(number) + " is another one"};
+        if (const Result<void> added = pass.add(window); !added) return added;
+        note_window(window, mesh);
+        done += windows[number++].count;
+        progress_.update(done, writer_->bytes());
+        window = {};
+      }
+      if (options_.stop != nullptr && options_.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
+    }
+    if (number != windows.size())
+      return Error{ErrorCode::kFormat, shards_->files.back().map.path() + ": its shards have " +
+                                           std::to_string(number) + " of " + std::to_string(windows.size()) +
+                                           " windows"};
+    const Result<void> finished = pass.finish();
+    report_.rates = rates();
+    return finished;
+  }
+
+  static bool is_outcome_of(const WindowOutcome& outcome, const WindowPlan& window, uint32_t mesh) {
+    uint64_t triangles = 0;
+    for (const format::ChunkRecord& chunk : outcome.chunks) {
+      if (chunk.mesh != mesh) return false;
+      triangles += chunk.triangle_count;
+    }
+    return triangles == window.kept && !outcome.chunks.empty();
+  }
+
+  Result<void> measure_all(const MeasureOptions& options, const std::function<void(uint64_t)>& show) {
+    WorkerPool pool(memory_.measure().threads, options_.stop);
+    Result<Measurement> measured =
+        measure(scene_, wanted_, options, {pool, times_, show, read_ahead_bytes(options_.memory)});
+    if (!measured) return measured.error();
+    measurement_ = std::move(*measured);
+    return {};
+  }
+
+  /// Measures all, and encodes as many windows as can be meanwhile.
+  Result<void> measure_and_encode(const MeasureOptions& options, uint64_t triangles,
+                                  const std::function<void(uint64_t)>& show) {
+    progress_.stage("encode", triangles);
+    report_.threads = ahead_->threads;
+    WorkerPool pool(ahead_->threads, options_.stop);
+    EncodeAhead ahead(options_, scene_, pool, *writer_, *ahead_, times_, [&](uint64_t done) {
+      progress_.update(done, writer_->bytes(), [&] { return describe(rates()); });
+    });
+    bool is_alone = false;
+    const auto show_alone = [&](uint64_t done) {
+      if (ahead.is_stopped() && !std::exchange(is_alone, true)) progress_.stage("measure", triangles);
+      if (is_alone) show(done);
+    };
+    Result<Measurement> measured =
+        measure(scene_, wanted_, options, {pool, times_, show_alone, read_ahead_bytes(options_.memory), &ahead});
+    if (!measured) return measured.error();
+    measurement_ = std::move(*measured);
+    Result<EncodeAhead::Written> written = ahead.finish();
+    if (!written) return written.error();
+    resumed_.windows = std::move(written->windows);
+    resumed_.whole_windows = resumed_.windows.size();
+    open_page_ = std::move(written->page);
+    report_.windows_ahead = written->before;
+    report_.windows_guessed = written->guessed;
+    report_.windows_discarded = written->discarded;
+    return {};
+  }
+
+  /// Makes all that is needed to encode meshes before all are measured, where that can be made from the document alone
+  /// and no mesh waits for others: with a step of all or errors in pixels they do, and a run that goes on with a .part
+  /// must know that the input is as it was. The .part of an earlier run may be gone on with, so it is replaced only
+  /// once the input is known to be good. Where something goes wrong all is as it was: it goes wrong again, once all is
+  /// measured.
+  void prepare_ahead() {
+    const std::optional<std::vector<bool>> used = materials_known();
+    std::error_code ignored;
+    const bool is_other_part = std::filesystem::exists(report_.output + ".part", ignored);
+    if (options_.resume || options_.shards > 0 || is_other_part || options_.grid != Grid::kMesh ||
+        options_.pixel_bound.pixels > 0 || !used || !memory_.ahead())
+      return;
+    if (const Result<void> planned = plan_images(*used); planned) {
+      Result<format::ContainerWriter> writer = create_writer(most_bytes_known());
+      if (writer && store_images(*writer)) ahead_ = memory_.ahead();  // images have taken their part by now
+      if (ahead_) {
+        writer_ = std::move(*writer);
+        written_before_ = writer_->bytes();
+      }
+    }
+    if (!ahead_) {
+      images_ = {};
+      return;
+    }
+    if (options_.share) merged_ = merge_materials(scene_, *used, images_.places);
+  }
+
+  /// materials_used() where the document says it: every triangle of a list is kept, unless its position may be bad.
+  std::optional<std::vector<bool>> materials_known() const {
+    std::vector<bool> known(scene_.materials.size()), possible(scene_.materials.size());
+    for (size_t i = 0; i < scene_.primitives.size(); ++i) {
+      const Primitive& primitive = scene_.primitives[i];
+      if (!wanted_[i] || primitive.material == kNone || primitive.triangle_count() == 0) continue;
+      possible[primitive.material] = true;
+      if (primitive.mode == PrimitiveMode::kTriangles && !options_.drop_nonfinite) known[primitive.material] = true;
+    }
+    if (known != possible) return std::nullopt;
+    return known;
+  }
+
+  /// That a window is of: a sorted copy where there is one.
+  const Primitive& primitive_of(const WindowPlan& window) const {
+    const auto sorted = sorted_.find(window.primitive);
+    return sorted == sorted_.end() ? scene_.primitives[window.primitive] : sorted->second;
+  }
+
+  /// For the progress line: buffers are read evenly with the triangles, near enough.
+  uint64_t bytes_read(uint64_t done, uint64_t total) const {
+    const double share = total > 0 ? static_cast<double>(done) / static_cast<double>(total) : 0;
+    return static_cast<uint64_t>(share * static_cast<double>(scene_.buffer_bytes));
+  }
+
+  /// Groups and meshes: a mesh for every primitive that keeps a triangle.
+  void add_meshes() {
+    tables_.groups.resize(scene_.groups.size());
+    mesh_of_.assign(scene_.primitives.size(), kNone);
+    size_t primitive = 0;
+    for (uint32_t g = 0; g < scene_.groups.size(); ++g) {
+      format::GroupRecord& group = tables_.groups[g];
+      group.name = tables_.strings.add(scene_.groups[g].name);
+      group.first_mesh = static_cast<uint32_t>(tables_.meshes.size());
+      for (; primitive < scene_.primitives.size() && scene_.primitives[primitive].group == g; ++primitive) {
+        if (measurement_.primitives[primitive].triangles == 0 || is_repeat(primitive)) continue;
+        add_mesh(static_cast<uint32_t>(primitive));
+        ++group.mesh_count;
+      }
+    }
+  }
+
+  void add_mesh(uint32_t primitive) {
+    const PlannedMesh mesh =
+        plan_mesh(options_, scene_, primitive, measurement_.primitives[primitive], sorted_.contains(primitive));
+    mesh_of_[primitive] = static_cast<uint32_t>(tables_.meshes.size());
+    tables_.meshes.push_back(mesh.record);  // its material is numbered anew by plan_materials
+    plans_.push_back(mesh.plan);
+  }
+
+  /// Flags for the materials of primitives that keep a triangle.
+  std::vector<bool> materials_used() const {
+    std::vector<bool> used(scene_.materials.size());
+    for (size_t i = 0; i < scene_.primitives.size(); ++i)
+      if (measurement_.primitives[i].triangles != 0 && scene_.primitives[i].material != kNone)
+        used[scene_.primitives[i].material] = true;
+    return used;
+  }
+
+  /// The options of a pass over images or masks, with its share of the memory, and its threads.
+  std::pair<ImageOptions, uint32_t> image_stage() const {
+    ImageOptions options = options_.images;
+    options.zstd_level = options_.zstd_level;
+    const StageLimits limits = memory_.images(options.memory);
+    options.memory = limits.flight_bytes;
+    return {options, limits.threads};
+  }
+
+  /// Images of the primitives that are kept.
+  Result<void> plan_images(const std::vector<bool>& used) {
+    const MaterialUse use = find_material_use(scene_, used);
+    std::vector<bool> wanted(scene_.images.size());
+    for (size_t i = 0; i < wanted.size(); ++i) wanted[i] = use.images[i] != kNone;
+    const auto [image_options, threads] = image_stage();
+    WorkerPool pool(threads, options_.stop);
+    const auto count = static_cast<uint64_t>(std::count(wanted.begin(), wanted.end(), true));
+    if (shards_ != nullptr) {
+      images_ = std::move(shards_->plan.images);
+      for (size_t i = 0; i < wanted.size(); ++i)
+        if (wanted[i] != (images_.places[i] != kNone))
+          return Error{ErrorCode::kFormat, shards_->files.front().map.path() + ": image " + std::to_string(i) +
+                                               " of the source is used otherwise"};
+    } else {
+      if (count > 0) progress_.stage("check images", count, "images");
+      Result<ImagePlan> images = check_images(scene_, wanted, image_options, pool,
+                                              [&](uint64_t done, uint64_t bytes) { progress_.update(done, bytes); });
+      if (!images) return images.error();
+      images_ = std::move(*images);
+    }
+    for (size_t i = 0; i < images_.records.size(); ++i)
+      images_.records[i].name = tables_.strings.add(scene_.images[images_.sources[i]].name);
+    return {};
+  }
+
+  Result<void> store_images(format::ContainerWriter& writer) {
+    const auto [image_options, threads] = image_stage();
+    if (shards_ != nullptr)
+      if (const Result<void> appended = append_shard_images(writer); !appended) return appended;
+    shard_share_.images = resumed_.images;
+    WorkerPool pool(threads, options_.stop);
+    const uint64_t before = resumed_.images.size(), count = images_.records.size();
+    if (count > before) progress_.stage("store images", count - before, "images");
+    return write_images(scene_, image_options, images_, pool, writer, resumed_.images,
+                        [&](uint64_t number, const StoredImageRecord& stored) {
+                          log_image(writer, number, stored);
+                          if (options_.shards > 0) shard_share_.images.push_back(stored);
+                          progress_.update(number + 1 - before, writer.bytes());
+                        });
+  }
+
+  /// As images that are stored already.
+  Result<void> append_shard_images(format::ContainerWriter& writer) {
+    for (ShardFile& shard : shards_->files) {
+      if (const Result<void> appended = append_images(shard, resumed_.images.size(), writer); !appended)
+        return appended;
+      std::move(shard.share.images.begin(), shard.share.images.end(), std::back_inserter(resumed_.images));
+    }
+    if (resumed_.images.size() == images_.records.size()) return {};
+    return Error{ErrorCode::kFormat, shards_->files.front().map.path() + ": its shards have " +
+                                         std::to_string(resumed_.images.size()) + " of " +
+                                         std::to_string(images_.records.size()) + " images"};
+  }
+
+  /// Behind the geometry: what an earlier run wrote of them is not worth keeping.
+  Result<void> store_masks(format::ContainerWriter& writer) {
+    const auto [image_options, threads] = image_stage();
+    WorkerPool pool(threads, options_.stop);
+    const MaterialUse use = find_material_use(scene_, materials_used());
+    return write_masks(scene_, masks_, use.materials, image_options, pool, writer, tables_);
+  }
+
+  void merge_equal() {
+    if (options_.share && !ahead_) merged_ = merge_materials(scene_, materials_used(), images_.places);
+    first_equal_ = find_equal_groups(scene_, measurement_);
+    for (SourceNode& node : scene_.nodes)
+      if (node.group != kNone) node.group = first_equal_[node.group];
+    std::erase_if(measurement_.windows, [&](const WindowPlan& window) { return is_repeat(window.primitive); });
+  }
+
+  /// Whether a primitive is of a glTF mesh that is stored as another one.
+  bool is_repeat(size_t primitive) const {
+    const uint32_t group = scene_.primitives[primitive].group;
+    return first_equal_[group] != group;
+  }
+
+  /// Materials and textures of the meshes that are kept.
+  void plan_materials() {
+    const MaterialUse use = find_material_use(scene_, materials_used());
+    for (format::MeshRecord& mesh : tables_.meshes)
+      if (mesh.material != kNone) mesh.material = use.materials[mesh.material];
+    add_materials(scene_, use, images_.places, tables_);
+  }
+
+  /// A writer that begins, or goes on where an earlier run ended.
+  Result<format::ContainerWriter> open_writer() {
+    if (options_.resume) {
+      const format::PartId id = make_part_id();
+      const std::string part = report_.output + ".part";
+      std::error_code ignored;
+      const bool is_there = std::filesystem::exists(part, ignored);
+      progress_.stage("check " + part, 0);
+      Result<format::ContainerWriter> writer = format::ContainerWriter::resume(
+          report_.output, id,
+          [&](uint32_t kind, std::span<const std::byte> entry) { read_entry(kind, entry, resumed_); },
+          options_.existing);
+      if (!writer && writer.error().code != ErrorCode::kFormat) return writer;
+      if (writer && !is_of_this_input(resumed_))
+        writer = Error{ErrorCode::kFormat, "it was made from another input or with other options"};
+      if (writer) {
+        drop_incomplete_tail(resumed_, writer->page_count(), images_.records.size(), measurement_.windows.size());
+        writer->drop_pages(resumed_.pages);
+        report_.resumed_pages = resumed_.pages;
+      }
+      if (is_there && resumed_.pages == 0)
+        report_.warnings.push_back(part +
+                                   ": starts afresh: " + (writer ? "it has no whole page" : writer.error().message));
+      if (writer) return writer;
+      resumed_ = {};
+    }
+    return create_writer(most_bytes());
+  }
+
+  Result<format::ContainerWriter> create_writer(uint64_t bytes) {
+    Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output, options_.existing);
+    if (!writer) return writer;
+    if (options_.resume) writer->keep_part();
+    writer->keep_log(make_part_id(), bytes);
+    return writer;
+  }
+
+  format::PartId make_part_id() const {
+    std::string options = describe_options(options_);
+    if (options_.shards > 0)
+      options += " --shard " + std::to_string(options_.shard + 1) + "/" + std::to_string(options_.shards);
+    return part_id(options, files_, images_);
+  }
+
+  /// Whether the windows that an earlier run noted are those that were measured now.
+  bool is_of_this_input(const Resumed& resumed) const {
+    for (size_t i = 0; i < std::min(resumed.windows.size(), measurement_.windows.size()); ++i) {
+      const WindowPlan& window = measurement_.windows[i];
+      const uint32_t mesh = mesh_of_[window.primitive];
+      if (resumed.windows[i].made_from != window_id(window, mesh, tables_.meshes[mesh])) return false;
+    }
+    return resumed.windows.size() <= measurement_.windows.size();
+  }
+
+  /// More than the finished file will take.
+  uint64_t most_bytes() const {
+    uint64_t bytes = uint64_t{1} << 20;
+    for (const WindowPlan& window : measurement_.windows) {
+      const uint64_t chunks = options_.chunk_triangles == 0 ? 1 : window.kept / options_.chunk_triangles + 2;
+      bytes += encoded_bytes_estimate(plans_[mesh_of_[window.primitive]], window) + 512 * chunks;
+    }
+    return with_rest(bytes);
+  }
+
+  /// The same from what the document says.
+  uint64_t most_bytes_known() const {
+    uint64_t bytes = uint64_t{1} << 20;
+    for (size_t i = 0; i < wanted_.size(); ++i)
+      if (wanted_[i]) bytes += memory_.most_stored_bytes(scene_.primitives[i]);
+    return with_rest(bytes);
+  }
+
+  /// With all but the geometry, and a quarter more.
+  uint64_t with_rest(uint64_t bytes) const {
+    for (const uint64_t cost : images_.costs) bytes += 4 * cost;
+    bytes += masks_.bytes();
+    bytes += 512 * (scene_.nodes.size() + scene_.primitives.size()) + tables_.strings.bytes().size();
+    for (const SourceNode& node : scene_.nodes)
+      bytes += node.name.size() + (node.instances ? 256 * node.instances->count : 0);
+    return bytes + bytes / 4;
+  }
+
+  /// `start`: of the first window, where nothing of it is in the file.
+  Result<void> encode(format::ContainerWriter& writer, EncodeStart start) {
+    const std::vector<WindowPlan>& windows = measurement_.windows;
+    for (uint64_t i = 0; i < resumed_.whole_windows; ++i)
+      note_window(resumed_.windows[i], mesh_of_[windows[i].primitive]);
+    resumed_.windows.erase(resumed_.windows.begin(),
+                           resumed_.windows.begin() + static_cast<ptrdiff_t>(resumed_.whole_windows));
+    start.page = std::move(open_page_);
+    start.window = resumed_.whole_windows;
+    if (start.window > 0) {
+      const format::ChunkRecord& last = tables_.chunks.back();
+      start.mesh = last.mesh;
+      start.triangle = last.first_triangle + last.triangle_count;
+    }
+    if (resumed_.chunks_of_next > 0) {
+      start.placed = std::move(resumed_.windows.front().chunks);
+      start.placed.resize(resumed_.chunks_of_next);
+    }
+    const std::vector<Batch> batches = make_batches(windows, start.window);
+    const StageLimits limits = memory_.encode(windows);
+    if (!batches.empty() || !ahead_) report_.threads = std::max(report_.threads, limits.threads);
+    if (!batches.empty()) {
+      uint64_t source_triangles = 0;
+      for (const Batch& batch : batches) source_triangles += batch.triangles;
+      progress_.stage("encode", source_triangles);
+    }
+
+    WorkerPool pool(limits.threads, options_.stop);
+    EncodePass pass(options_, scene_, pool, writer, {kEncodeJobsPerThread * pool.threads(), limits.flight_bytes},
+                    times_, std::move(start));
+    const uint64_t done_before = times_.encoded_triangles;
+    uint64_t number = resumed_.whole_windows;
+    const auto take_one = [&]() -> Result<void> {
+      Result<std::vector<EncodedWindow>> encoded = pass.next();
+      if (!encoded) return encoded.error();
+      const Result<std::vector<WindowOutcome>> placed = pass.place(std::move(*encoded));
+      if (!placed) return placed.error();
+      for (const WindowOutcome& outcome : *placed) note_window(outcome, mesh_of_[windows[number++].primitive]);
+      progress_.update(times_.encoded_triangles - done_before, writer.bytes(), [&] { return describe(rates()); });
+      return {};
+    };
+    for (const Batch& batch : batches) {
+      std::vector<EncodeItem> items;
+      for (uint64_t i = batch.first; i < batch.first + batch.count; ++i) {
+        const uint32_t mesh = mesh_of_[windows[i].primitive];
+        items.push_back({windows[i], &primitive_of(windows[i]), &plans_[mesh], &tables_.meshes[mesh], mesh, nullptr});
+      }
+      while (!pass.has_room(items))
+        if (const Result<void> taken = take_one(); !taken) return taken;
+      pass.submit(std::move(items));
+    }
+    while (pass.in_flight() > 0)
+      if (const Result<void> taken = take_one(); !taken) return taken;
+    const Result<void> finished = pass.finish();
+    report_.rates = rates();
+    return finished;
+  }
+
+  StageRates rates() const {
+    const ReadTotals read = read_totals();
+    const auto seconds = [](const std::atomic<uint64_t>& nanoseconds) {
+      return 1e-9 * static_cast<double>(nanoseconds.load());
+    };
+    StageRates now;
+    now.measured_triangles = times_.measured_triangles;
+    now.encoded_triangles = times_.encoded_triangles;
+    now.read_bytes = read.bytes - read_before_.bytes;
+    now.read_seconds = read.seconds - read_before_.seconds;
+    now.written_bytes = writer_->bytes() + times_.discarded_bytes - written_before_;
+    now.measure_seconds = seconds(times_.measuring);
+    now.encode_seconds = seconds(times_.encoding);
+    now.write_seconds = seconds(times_.writing);
+    now.threads = report_.threads;
+    return now;
+  }
+
+  void note_window(const WindowOutcome& window, uint32_t mesh) {
+    if (options_.shards > 0) shard_share_.windows.push_back(window);
+    format::MeshRecord& record = tables_.meshes[mesh];
+    if (record.chunk_count == 0) record.first_chunk = tables_.chunks.size();
+    record.max_uv_error = std::max(record.max_uv_error, window.uv_error);
+    for (size_t i = 0; i < window.chunks.size(); ++i) {
+      const format::ChunkRecord& chunk = window.chunks[i];
+      if (bounds_error(options_)) report_.positions.add(record, record.chunk_count == 0, chunk, window.saved[i]);
+      record.vertex_count += chunk.vertex_count;
+      ++record.chunk_count;
+      tables_.chunks.push_back(chunk);
+    }
+    report_.position_error = std::max(report_.position_error, window.position_error);
+    const double diagonal = diagonal_of(plans_[mesh].box);
+    if (diagonal > 0)
+      report_.relative_position_error = std::max(report_.relative_position_error, window.position_error / diagonal);
+    welded_.add(window.welded);
+    repaired_uvs_ += window.repaired_uvs;
+    repaired_colors_ += window.repaired_colors;
+    repaired_normals_ += window.repaired_normals;
+  }
+
+  void add_source_record() {
+    format::SourceRecord& source = tables_.source;
+    source.json_bytes = scene_.json_bytes;
+    source.buffer_bytes = scene_.buffer_bytes;
+    source.file_bytes = report_.input_bytes;
+    add_source_bytes(scene_, mesh_of_, source);
+    source.name = tables_.strings.add(scene_.file_name);
+    source.options = tables_.strings.add(describe_options(options_));
+    source.generator = tables_.strings.add("scree " SCREE_VERSION);
+    source.copyright = tables_.strings.add(scene_.copyright);
+  }
+
+  void list_left_out() {
+    convert::add_left_out({scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, welded_,
+                           options_.normals, undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite,
+                           repaired_uvs_, repaired_colors_, repaired_normals_, clear_},
+                          tables_);
+    const auto warn = [&](uint64_t count, const char* text) {
+      if (count > 0) report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + text);
+    };
+    warn(undrawn_, "primitives that no node draws are left out");
+    warn(clear_, "primitives that their alpha masks hide everywhere are left out");
+    warn(report_.dropped_nonfinite, "triangles with positions that are not finite are left out");
+    warn(repaired_uvs_, "texture coordinates are not finite and became 0");
+    warn(repaired_colors_, "vertex colours are not finite and became 0");
+    warn(repaired_normals_, "normals are zero or not finite and became +z");
+    if (tables_.meshes.empty()) report_.warnings.push_back(scene_.file_name + ": there is nothing to draw");
+  }
+
+  void fill_report() {
+    report_.meshes = tables_.meshes.size();
+    report_.chunks = tables_.chunks.size();
+    report_.windows = measurement_.windows.size();
+    for (const format::MeshRecord& mesh : tables_.meshes) {
+      report_.triangles += mesh.triangle_count;
+      report_.position_error_bound = std::max(report_.position_error_bound, mesh.max_position_error);
+    }
+    for (const format::SceneRecord& scene : tables_.scenes) report_.triangles_drawn += scene.triangle_count;
+    report_.geometry_bytes = writer_->page_bytes(format::PageKind::kGeometry);
+    report_.image_bytes = writer_->page_bytes(format::PageKind::kImage) + writer_->page_bytes(format::PageKind::kMask);
+    report_.mask_bytes = writer_->page_bytes(format::PageKind::kMask);
+    for (const format::MaterialRecord& material : tables_.materials) {
+      report_.blended += (material.flags & format::kMaterialAlphaBlend) != 0 ? 1 : 0;
+      report_.opaque_masks += (material.flags & format::kMaterialCutOut) == format::kMaterialAlphaMask ? 1 : 0;
+    }
+    for (const format::MaskRecord& mask : tables_.masks)
+      report_.masks += (tables_.materials[mask.material].flags & format::kMaterialAlphaBlend) == 0 ? 1 : 0;
+    report_.opaque_masks -= report_.masks;
+    for (const format::LeftOutRecord& record : tables_.left_out) {
+      const std::string_view what = tables_.strings.bytes().data() + record.what;
+      // What is stored once, or is implied, is not lost.
+      if (what.starts_with("duplicate ") || what.starts_with("unused ") || what == "COLOR_0 (all white)" ||
+          what == kFaceNormals || what == kUnlitNormals)
+        continue;
+      report_.left_out.push_back({std::string(what), record.count, record.source_bytes, 0});
+    }
+  }
+
+  const ConvertOptions& options_;
+  SourceScene& scene_;
+  const std::set<std::string>& files_;
+  ShardSet* shards_;
+  tools::Progress& progress_;
+  ConvertReport& report_;
+  std::optional<AheadLimits> ahead_;               // where meshes are encoded before all are measured
+  Resumed resumed_;                                // what the file has before encode(): by another run, or ahead
+  GeometryWriter::OpenPage open_page_;             // behind that
+  std::optional<format::ContainerWriter> writer_;  // once it is open
+  StageTimes times_;
+  ReadTotals read_before_;
+  uint64_t written_before_ = 0;  // images, and what another run wrote
+  std::vector<bool> wanted_;     // of the primitives: some node draws them
+  MaskPlan masks_;
+  MemoryPlan memory_;
+  Measurement measurement_;
+  std::map<uint32_t, Primitive> sorted_;  // copies of primitives without locality
+  MergedMaterials merged_;
+  std::vector<uint32_t> first_equal_;  // of each group the one that is stored for it
+  std::vector<MeshPlan> plans_;        // as tables_.meshes
+  std::vector<uint32_t> mesh_of_;      // of each primitive, or kNone
+  ImagePlan images_;
+  InstancePlan instances_;
+  format::TableSet tables_;
+  std::vector<std::byte> shard_plan_;  // of the shard that is made
+  ShardShare shard_share_;
+  uint64_t undrawn_ = 0;
+  uint64_t clear_ = 0;  // primitives whose alpha mask hides all of them
+  Welded welded_;
+  uint64_t repaired_uvs_ = 0;
+  uint64_t repaired_colors_ = 0;
+  uint64_t repaired_normals_ = 0;
+};
+
+}  // namespace
+
+Result<void> run_conversion(const ConvertOptions& options, SourceScene& scene, const std::set<std::string>& files,
+                            ShardSet* shards, tools::Progress& progress, ConvertReport& report) {
+  return Converter(options, scene, files, shards, progress, report).run();
+}
+
+}  // namespace scree::convert
