@@ -213,7 +213,7 @@ enum MaterialFlags : uint32_t {
   kMaterialDoubleSided = 1,
   kMaterialUnlit = 2,
   kMaterialAlphaMask = 4,   // kept for export; a MaskRecord says what is drawn
-  kMaterialAlphaBlend = 8,  // likewise; blended by no version yet, but drawn as a mask
+  kMaterialAlphaBlend = 8,  // blends; a MaskRecord has the alpha of its texture
 };
 inline constexpr uint32_t kMaterialCutOut = kMaterialAlphaMask | kMaterialAlphaBlend;  // may have a MaskRecord
 

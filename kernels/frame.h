@@ -50,12 +50,15 @@ enum class Lighting : uint32_t {
   kScene,        // only the file's lights
 };
 
+inline constexpr uint32_t kBlendLayers = 16;
+
 struct ShadeOptions {
   Show show = Show::kTexture;
   bool light = true;  // false: base colours without light (kTexture and kColor)
   Lighting lighting = Lighting::kAuto;
-  float exposure = 1;                  // factor of the light of kEnvironment and kScene
-  float background[4] = {0, 0, 0, 0};  // linear RGBA
+  float exposure = 1;                    // factor of the light of kEnvironment and kScene
+  float background[4] = {0, 0, 0, 0};    // linear RGBA
+  uint32_t blend_layers = kBlendLayers;  // the most layers of blended surfaces that are drawn
   // One factor per pixel for the light of its surfaces, computed from the picture's depths. Applies to every Show.
   bool ssao = false;              // ambient occlusion
   bool edl = false;               // eye-dome lighting
@@ -81,7 +84,18 @@ inline bool shades_surfaces(const SceneView& scene, const ShadeOptions& options)
   return scene.surface_count != 0 || lighting_of(scene, options) != Lighting::kCamera;
 }
 
+/// Whether a picture has layers of blended surfaces (kernels/blend.h). What else is shown is the opaque picture.
+inline bool shows_layers(const SceneView& scene, const ShadeOptions& options) {
+  return scene.blend_masks != nullptr && (options.show == Show::kTexture || options.show == Show::kColor);
+}
+
 }  // namespace SCREE_ISA
+
+/// The layers of blended surfaces in a picture.
+struct BlendCounts {
+  uint32_t layers = 0;
+  uint64_t samples_left_out = 0;  // that have more layers than were drawn
+};
 
 /// Times of one resolve by the GPU's clock.
 struct ResolveTimes {
@@ -156,11 +170,11 @@ Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const
 /// Finished pixels: shades every sample, averages the `samples_per_side` squared samples of a pixel in linear light,
 /// weighted by their alpha, and codes the result as 8-bit sRGB. `view` and `samples`: of the whole picture, in samples;
 /// both sides are multiples of `samples_per_side` (1, 2 or 4). `pixels`: width * height pixels of `channels` bytes, row
-/// by row. 4 channels are RGBA with linear alpha, not premultiplied; 3 leave the alpha out. Errors kRange (sizes that
-/// do not fit each other), kMemory.
+/// by row. 4 channels are RGBA with linear alpha, not premultiplied; 3 leave the alpha out. Draws layers of blended
+/// surfaces over the samples; `blended`: null, or filled in. Errors kRange (sizes that do not fit each other), kMemory.
 Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
                          std::span<const uint64_t> samples, const ShadeOptions& options, uint32_t channels,
-                         std::span<uint8_t> pixels, uint32_t threads);
+                         std::span<uint8_t> pixels, uint32_t threads, BlendCounts* blended = nullptr);
 
 /// The share of the light of each pixel's surfaces that ShadeOptions::ssao and edl leave: factors from 0 to 1, row by
 /// row. Both work on pixels, not on samples; a pixel's depth is that of its nearest sample. Errors kRange, kMemory.

@@ -27,9 +27,9 @@ Result<FrameStats> draw_part_cpu(const SceneView& scene, const View& view, std::
 Result<void> shade_part_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
                             const ShadeOptions& options, std::span<float> colors, uint32_t threads);
 
-/// As resolve_cpu(), from the colours of all samples that are not background.
+/// As resolve_cpu(), from the colours of all samples that are not background. `over`: of blend_cpu(), or empty.
 Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
-                                std::span<const float> colors, const ShadeOptions& options, uint32_t channels,
-                                std::span<uint8_t> pixels, uint32_t threads);
+                                std::span<const float> colors, std::span<const float> over, const ShadeOptions& options,
+                                uint32_t channels, std::span<uint8_t> pixels, uint32_t threads);
 
 }  // namespace scree::kernels

@@ -10,6 +10,7 @@
 
 #include "format/jpeg/pixels.h"
 #include "format/layout.h"
+#include "kernels/math.h"
 
 namespace scree::kernels {
 
@@ -111,6 +112,39 @@ struct SceneView {
   ChunkKinds chunk_kinds;  // kMixed is correct for every scene
   BlockCache* blocks;      // cache of the textures' JPEG levels; null if there are none, and on a GPU
   const MaskView* masks;   // by material; null: nothing is masked
+  // By material: the alpha of blended surfaces (spec/rasterization.md, blending), with the threshold that leaves out
+  // what is clear; null: nothing blends.
+  const MaskView* blend_masks;
+  bool draws_blended;  // frames draw layers of blended surfaces, not the opaque picture
 };
+
+inline namespace SCREE_ISA {
+
+/// Whether samples of the mesh's triangles may have an alpha below 1 that blends.
+SCREE_HD inline bool may_blend(const SceneView& scene, const format::MeshRecord& mesh) {
+  if (scene.blend_masks == nullptr || mesh.material == format::kNone) return false;
+  const format::MaterialRecord& material = scene.materials[mesh.material];
+  if ((material.flags & format::kMaterialAlphaBlend) == 0) return false;
+  return material.base_color[3] < 1.0f || (mesh.attributes & format::kHasColor) != 0 ||
+         ((mesh.attributes & format::kHasUv) != 0 && scene.blend_masks[mesh.material].alpha != nullptr);
+}
+
+/// Whether frames of the view draw the mesh. Blended surfaces are in the opaque picture where their alpha is 1, which a
+/// mask finds if it comes from a texture alone.
+SCREE_HD inline bool draws_mesh(const SceneView& scene, const format::MeshRecord& mesh) {
+  if (scene.blend_masks == nullptr) return true;
+  if (!may_blend(scene, mesh)) return !scene.draws_blended;
+  return scene.draws_blended ||
+         (scene.materials[mesh.material].base_color[3] >= 1.0f && (mesh.attributes & format::kHasColor) == 0);
+}
+
+/// The view whose frames draw the layers of blended surfaces. `scene`: its blend_masks is not null.
+inline SceneView blended_view(SceneView scene) {
+  scene.masks = scene.blend_masks;
+  scene.draws_blended = true;
+  return scene;
+}
+
+}  // namespace SCREE_ISA
 
 }  // namespace scree::kernels

@@ -118,7 +118,7 @@ typedef struct scree_material_info {
   const char* name;
   float base_color[4]; /* linear RGBA */
   int32_t texture;     /* -1: none */
-  uint32_t flags;      /* 1: double-sided, 2: unlit, 4: alpha mask, 8: alpha blend; both are drawn opaque */
+  uint32_t flags;      /* 1: double-sided, 2: unlit, 4: alpha mask, 8: alpha blend */
 } scree_material_info;
 
 typedef struct scree_camera_info {

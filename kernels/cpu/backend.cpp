@@ -191,15 +191,16 @@ Result<void> check_frame(const View& view, uint64_t triangle_count) {
 
 namespace {
 
-Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span<uint64_t> samples, bool clear,
-                             uint32_t threads, InstructionSet set, const QueueSizes& sizes) {
+Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span<uint64_t> samples,
+                             const uint64_t* peeled, bool clear, uint32_t threads, InstructionSet set,
+                             const QueueSizes& sizes) {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
   const uint64_t triangles = scene.instance_count == 0 ? 0 : scene.instance_base[scene.instance_count];
   if (auto checked = check_frame(view, triangles); !checked) return checked.error();
   try {
     ThreadPool pool(threads);
     FrameStats stats{};
-    if (!passes_for(set).draw(pool, scene, view, samples.data(), clear, sizes, stats)) return out_of_memory();
+    if (!passes_for(set).draw(pool, scene, view, samples.data(), peeled, clear, sizes, stats)) return out_of_memory();
     return stats;
   } catch (const std::bad_alloc&) {
     return out_of_memory();
@@ -210,7 +211,7 @@ Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span
 
 Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads, InstructionSet set, const QueueSizes& sizes) {
-  return draw_into(scene, view, samples, true, threads, set, sizes);
+  return draw_into(scene, view, samples, nullptr, true, threads, set, sizes);
 }
 
 Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples, uint32_t threads) {
@@ -219,7 +220,14 @@ Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<
 
 Result<FrameStats> draw_part_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads) {
-  return draw_into(scene, view, samples, false, threads, best_instruction_set(), QueueSizes{});
+  return draw_into(scene, view, samples, nullptr, false, threads, best_instruction_set(), QueueSizes{});
+}
+
+Result<void> draw_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* peeled,
+                            uint32_t threads) {
+  const Result<FrameStats> done =
+      draw_into(scene, view, {at.drawn, at.sample_count}, peeled, false, threads, best_instruction_set(), QueueSizes{});
+  return done ? Result<void>() : done.error();
 }
 
 Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
@@ -285,7 +293,20 @@ Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span
 
 Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
                          std::span<const uint64_t> samples, const ShadeOptions& options, uint32_t channels,
-                         std::span<uint8_t> pixels, uint32_t threads) {
+                         std::span<uint8_t> pixels, uint32_t threads, BlendCounts* blended) {
+  if (shows_layers(scene, options)) {
+    BlendCounts counts;
+    const Result<std::vector<float>> over = blend_cpu(scene, view, samples, options, threads, counts);
+    if (!over) return over.error();
+    if (blended != nullptr) *blended = counts;
+    try {
+      std::vector<float> colors(3 * samples.size());
+      if (auto done = shade_part_cpu(scene, view, samples, options, colors, threads); !done) return done;
+      return resolve_colors_cpu(view, samples_per_side, samples, colors, *over, options, channels, pixels, threads);
+    } catch (const std::bad_alloc&) {
+      return out_of_memory();
+    }
+  }
   return resolve_with(view, samples_per_side, samples, options, channels, pixels, threads,
                       [&](ThreadPool& pool, const float* visibility) {
                         passes_for(best_instruction_set())
@@ -310,15 +331,76 @@ Result<void> shade_part_cpu(const SceneView& scene, const View& view, std::span<
 }
 
 Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
-                                std::span<const float> colors, const ShadeOptions& options, uint32_t channels,
-                                std::span<uint8_t> pixels, uint32_t threads) {
+                                std::span<const float> colors, std::span<const float> over, const ShadeOptions& options,
+                                uint32_t channels, std::span<uint8_t> pixels, uint32_t threads) {
   if (auto checked = check_picture(view, colors.size(), 3, "values of colours"); !checked) return checked;
+  if (!over.empty())
+    if (auto checked = check_picture(view, over.size(), 4, "values of layers"); !checked) return checked;
   return resolve_with(view, samples_per_side, samples, options, channels, pixels, threads,
                       [&](ThreadPool& pool, const float* visibility) {
                         passes_for(best_instruction_set())
-                            .resolve_colors(pool, view, samples_per_side, samples.data(), colors.data(), options,
-                                            srgb_tables(), visibility, channels, pixels.data());
+                            .resolve_colors(pool, view, samples_per_side, samples.data(), colors.data(),
+                                            over.empty() ? nullptr : over.data(), options, srgb_tables(), visibility,
+                                            channels, pixels.data());
                       });
+}
+
+Result<void> shade_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* samples,
+                             const ShadeOptions& options, uint32_t threads) {
+  const uint64_t count = at.sample_count;
+  if (auto shaded = shade_part_cpu(scene, view, {samples, count}, options, {at.colors, 3 * count}, threads); !shaded)
+    return shaded;
+  try {
+    ThreadPool pool(threads);
+    passes_for(best_instruction_set()).find_alphas(pool, scene, view, samples, at.alphas);
+    return {};
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
+}
+
+Result<std::vector<float>> blend_cpu(const View& view, std::span<const uint64_t> samples, uint32_t most,
+                                     const LayerSource& source, uint32_t threads, BlendCounts& counts) {
+  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
+  try {
+    std::vector<uint64_t> drawn(samples.size());
+    std::vector<uint64_t> layer(samples.size());
+    std::vector<float> colors(3 * samples.size());
+    std::vector<float> alphas(samples.size());
+    std::vector<float> over(4 * samples.size());
+    const BlendTargets at{static_cast<uint32_t>(samples.size()),
+                          samples.data(),
+                          drawn.data(),
+                          layer.data(),
+                          colors.data(),
+                          alphas.data(),
+                          over.data()};
+    const CpuPasses& passes = passes_for(best_instruction_set());
+    ThreadPool pool(threads);
+    for (counts = {};; ++counts.layers) {
+      const bool is_first = counts.layers == 0;
+      passes.begin_layer(pool, at, is_first);
+      if (auto done = source.draw(at, is_first ? nullptr : at.layer); !done) return done.error();
+      const uint64_t shown = passes.end_layer(pool, at, is_first);
+      if (shown != 0 && counts.layers == most) counts.samples_left_out = shown;
+      if (shown == 0 || counts.layers == most) return over;
+      if (auto done = source.shade(at); !done) return done.error();
+      passes.lay_under(pool, at);
+    }
+  } catch (const std::bad_alloc&) {
+    return out_of_memory();
+  }
+}
+
+Result<std::vector<float>> blend_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
+                                     const ShadeOptions& options, uint32_t threads, BlendCounts& counts) {
+  const SceneView blended = blended_view(scene);
+  const LayerSource source{
+      [&](const BlendTargets& at, const uint64_t* peeled) {
+        return draw_layer_cpu(blended, view, at, peeled, threads);
+      },
+      [&](const BlendTargets& at) { return shade_layer_cpu(blended, view, at, at.layer, options, threads); }};
+  return blend_cpu(view, samples, options.blend_layers, source, threads, counts);
 }
 
 Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,

@@ -6,6 +6,7 @@
 #include <memory>
 #include <span>
 
+#include "kernels/blend.h"
 #include "kernels/cpu/passes.h"
 #include "kernels/frame.h"
 #include "kernels/shade/srgb.h"
@@ -51,11 +52,11 @@ InstructionSet best_instruction_set();
 Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads, InstructionSet set, const QueueSizes& sizes);
 
-/// The functions that passes.cpp defines for each instruction set. draw: returns false if memory ran out; `clear`:
-/// clear the samples first.
+/// The functions that passes.cpp defines for each instruction set. draw: returns false if memory ran out; `peeled`: of
+/// Target; `clear`: clear the samples first. end_layer: returns the number of samples that show something.
 struct CpuPasses {
-  bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, bool clear,
-               const QueueSizes& sizes, FrameStats& stats);
+  bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
+               bool clear, const QueueSizes& sizes, FrameStats& stats);
   void (*shade)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
                 const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count,
                 float* rgba);
@@ -65,12 +66,16 @@ struct CpuPasses {
   void (*shade_part)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
                      const ShadeOptions& options, const SrgbTables& srgb, float* colors);
   void (*resolve_colors)(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples,
-                         const float* colors, const ShadeOptions& options, const SrgbTables& srgb,
+                         const float* colors, const float* over, const ShadeOptions& options, const SrgbTables& srgb,
                          const float* visibility, uint32_t channels, uint8_t* pixels);
   void (*occlude)(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples,
                   const ShadeOptions& options, float* depth, float* open, float* visibility);
   void (*layers)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
                  const LayerTargets& out);
+  void (*begin_layer)(ThreadPool& pool, const BlendTargets& at, bool is_first);
+  uint64_t (*end_layer)(ThreadPool& pool, const BlendTargets& at, bool is_first);
+  void (*lay_under)(ThreadPool& pool, const BlendTargets& at);
+  void (*find_alphas)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* layer, float* alphas);
 };
 namespace isa_baseline {
 extern const CpuPasses kPasses;

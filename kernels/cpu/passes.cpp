@@ -2,6 +2,7 @@
 #include "kernels/cpu/passes.h"
 #include "kernels/cpu/team.h"
 #include "kernels/shade/ambient_occlusion.h"
+#include "kernels/shade/blend.h"
 #include "kernels/shade/layers.h"
 #include "kernels/shade/pixels.h"
 #include "kernels/shade/stored_colors.h"
@@ -10,12 +11,12 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 namespace {
 
-bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, bool clear,
-          const QueueSizes& sizes, FrameStats& stats) {
+bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
+          bool clear, const QueueSizes& sizes, FrameStats& stats) {
   CpuBackend backend(pool);
   const FrameView frame = make_frame_view(view);
   if (clear) clear_frame(backend, frame, samples);
-  return draw_frame(backend, scene, frame, samples, sizes, stats);
+  return draw_frame(backend, scene, frame, {samples, frame.width, peeled}, sizes, stats);
 }
 
 /// Calls visit(shader) with the shader of the picture's samples.
@@ -55,12 +56,43 @@ void shade_part(ThreadPool& pool, const SceneView& scene, const View& view, cons
 }
 
 void resolve_colors(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const float* colors,
-                    const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
-                    uint8_t* pixels) {
+                    const float* over, const ShadeOptions& options, const SrgbTables& srgb, const float* visibility,
+                    uint32_t channels, uint8_t* pixels) {
   CpuBackend backend(pool);
   const PixelTiles tiles{view.width / side, 0, view.height / side};
-  const StoredColors shader{make_shade_inputs(SceneView{}, view, options, nullptr, &srgb, nullptr), colors};
+  const ShadeInputs in = make_shade_inputs(SceneView{}, view, options, nullptr, &srgb, nullptr);
+  if (over != nullptr) {
+    const BlendedColors shader{in, colors, over};
+    backend.for_each(tiles.count(), Resolve<BlendedColors>{shader, tiles, samples, side, visibility, channels, pixels});
+    return;
+  }
+  const StoredColors shader{in, colors};
   backend.for_each(tiles.count(), Resolve<StoredColors>{shader, tiles, samples, side, visibility, channels, pixels});
+}
+
+void begin_layer(ThreadPool& pool, const BlendTargets& at, bool is_first) {
+  CpuBackend(pool).for_each(blend_items(at.sample_count), BeginLayer{at, is_first});
+}
+
+uint64_t end_layer(ThreadPool& pool, const BlendTargets& at, bool is_first) {
+  uint64_t count = 0;
+  CpuBackend(pool).for_each(blend_items(at.sample_count), EndLayer{at, is_first, &count});
+  return count;
+}
+
+void lay_under(ThreadPool& pool, const BlendTargets& at) {
+  CpuBackend(pool).for_each(blend_items(at.sample_count), LayUnder{at});
+}
+
+void find_alphas(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* layer, float* alphas) {
+  CpuBackend backend(pool);
+  const PixelTiles tiles{view.width, 0, view.height};
+  const ShadeInputs in = make_shade_inputs(scene, view, ShadeOptions{}, nullptr, nullptr, nullptr);
+  if (view.orthographic) {
+    backend.for_each(tiles.count(), FindAlphas<true>{in, tiles, layer, alphas});
+  } else {
+    backend.for_each(tiles.count(), FindAlphas<false>{in, tiles, layer, alphas});
+  }
 }
 
 void occlude(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
@@ -80,7 +112,8 @@ void layers(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t
 }  // namespace
 
 extern const CpuPasses kPasses;
-const CpuPasses kPasses = {draw, shade, resolve, shade_part, resolve_colors, occlude, layers};
+const CpuPasses kPasses = {draw,   shade,       resolve,   shade_part, resolve_colors, occlude,
+                           layers, begin_layer, end_layer, lay_under,  find_alphas};
 
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

@@ -108,9 +108,9 @@ struct PyramidBand {
 template <class Backend, bool kOrthographic, bool kMasked>
 class FrameDrawer {
  public:
-  FrameDrawer(Backend& backend, const SceneView& scene, const FrameView& view, uint64_t* samples,
+  FrameDrawer(Backend& backend, const SceneView& scene, const FrameView& view, const Target& target,
               const QueueSizes& sizes)
-      : backend_(backend), scene_(scene), view_(view), target_{samples, view.width}, sizes_(sizes) {
+      : backend_(backend), scene_(scene), view_(view), target_(target), sizes_(sizes) {
     queues_ = Queues{};
     queues_.counters = backend.counters();
     culling_.centers = center_range(view);
@@ -185,8 +185,8 @@ class FrameDrawer {
       return {};
   }
 
-  /// Draws the blocks from near to far, in rounds. Each round has up to as many triangles as all rounds before it, so that
-  /// it is culled against what they drew.
+  /// Draws the blocks from near to far, in rounds. Each round has up to as many triangles as all rounds before it, so
+  /// that it is culled against what they drew.
   bool draw_blocks(uint64_t total, FrameStats& stats) {
     if (culling_.occlusion) {
       std::sort(queues_.blocks, queues_.blocks + total,
@@ -290,10 +290,10 @@ void clear_frame(Backend& backend, const FrameView& view, uint64_t* samples) {
 }
 
 template <class Backend>
-bool draw_frame(Backend& backend, const SceneView& scene, const FrameView& view, uint64_t* samples,
+bool draw_frame(Backend& backend, const SceneView& scene, const FrameView& view, const Target& target,
                 const QueueSizes& sizes, FrameStats& stats) {
   const auto draw = [&]<bool kOrthographic, bool kMasked>() {
-    return FrameDrawer<Backend, kOrthographic, kMasked>(backend, scene, view, samples, sizes).draw(stats);
+    return FrameDrawer<Backend, kOrthographic, kMasked>(backend, scene, view, target, sizes).draw(stats);
   };
   const auto draw_with = [&]<bool kMasked>() {
     return view.orthographic ? draw.template operator()<true, kMasked>() : draw.template operator()<false, kMasked>();

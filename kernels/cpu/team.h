@@ -293,7 +293,9 @@ class CpuTeam {
             if (codes[k] <= sample_depth_code(__atomic_load_n(sample, __ATOMIC_RELAXED))) {
               const uint64_t drawn = pack_sample(codes[k], triangle.id);
               if constexpr (Mask::kTests) {
-                if (drawn >= load_relaxed(sample) || !mask.passes(box.x0 + start + k, y)) continue;
+                if (drawn >= load_relaxed(sample) || !target.is_behind_peeled(sample, drawn) ||
+                    !mask.passes(box.x0 + start + k, y))
+                  continue;
               }
               update_min(sample, drawn);
             }

@@ -307,13 +307,13 @@ struct ClusterMask {
 
   __device__ ClusterMask(const ClusterFrame& of, WarpMasks& warp) : shared(&warp), frame(&of) {}
 
-  /// Returns 1 where the triangle is masked.
+  /// Returns Triangle::is_masked.
   __device__ uint32_t find(const SurvivorTriangle& of) {
     survivor = of;
     const SceneView& scene = frame->small.scene;
     const uint32_t chunk = frame->list.draws[frame->list.items[of.item].draw].chunk;
     mask = mask_of(scene, scene.meshes[scene.chunks[chunk].mesh]);
-    return mask != nullptr ? 1 : 0;
+    return is_tested(scene, mask);
   }
 
   template <bool kOrthographic>
@@ -555,7 +555,8 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
     }
   }
   auto mask = lane_mask<kMasked>(frame, [&]() -> WarpMasks& { return *masks; });
-  if constexpr (kMasked) mask.find(item.survivor);
+  [[maybe_unused]] uint32_t is_masked = 0;
+  if constexpr (kMasked) is_masked = mask.find(item.survivor);
     // Of 4 corners two triangles are left.
 #pragma unroll 1
   for (int i = 2; i < 4; ++i) {
@@ -566,7 +567,7 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
     if (i < polygon.count &&
         reader.set_up(frame.small.view, polygon.corner[0], polygon.corner[1], polygon.corner[2], triangle, box, area))
       pixels = box.pixels();
-    if constexpr (kMasked) triangle.is_masked = mask.mask != nullptr ? 1 : 0;
+    if constexpr (kMasked) triangle.is_masked = is_masked;
     if (draw_set_up<false>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels, mask)) ++drawn;
     polygon.corner[1] = polygon.corner[2];
     polygon.corner[2] = polygon.corner[3];

@@ -18,12 +18,15 @@ void for_each_drawn_mesh(const SceneView& scene, const std::vector<uint64_t>& in
   }
 }
 
+bool draws_instance(const SceneView& scene, uint64_t number) {
+  const format::MeshRecord& mesh = scene.meshes[scene.instances[number].mesh];
+  return mesh.triangle_count != 0 && draws_mesh(scene, mesh);
+}
+
 std::vector<uint64_t> instances_by_mesh(const SceneView& scene) {
   std::vector<uint64_t> count(scene.mesh_count);
-  for (uint64_t i = 0; i < scene.instance_count; ++i) {
-    const uint32_t mesh = scene.instances[i].mesh;
-    if (scene.meshes[mesh].triangle_count != 0) ++count[mesh];
-  }
+  for (uint64_t i = 0; i < scene.instance_count; ++i)
+    if (draws_instance(scene, i)) ++count[scene.instances[i].mesh];
   return count;
 }
 
@@ -70,7 +73,7 @@ void place_hints(const SceneView& scene, DrawTables& tables) {
   tables.hint_offset.reserve(scene.instance_count);
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
     tables.hint_offset.push_back(word);
-    word += mesh_groups[scene.instances[i].mesh];
+    if (draws_instance(scene, i)) word += mesh_groups[scene.instances[i].mesh];
   }
 }
 
@@ -119,6 +122,7 @@ SceneBox find_scene_box(const SceneView& scene) {
 std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene) {
   std::vector<ClusterGroup> groups;
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
+    if (!draws_instance(scene, i)) continue;
     const format::MeshRecord& mesh = scene.meshes[scene.instances[i].mesh];
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
       const auto count = static_cast<uint32_t>(cluster_group_count(scene.chunks[c]));
@@ -171,8 +175,7 @@ Result<DrawTables> make_draw_tables(const SceneView& scene) {
   tables.order.resize(place);
   std::vector<uint32_t> next = tables.mesh_first;
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
-    const uint32_t mesh = scene.instances[i].mesh;
-    if (scene.meshes[mesh].triangle_count != 0) tables.order[next[mesh]++] = static_cast<uint32_t>(i);
+    if (draws_instance(scene, i)) tables.order[next[scene.instances[i].mesh]++] = static_cast<uint32_t>(i);
   }
   return tables;
 }

@@ -538,7 +538,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
                       transforms.data(),
                       instanced_draws.data(),
                       counters};
-  const Target target{samples, frame.width};
+  const Target target{samples, frame.width, options.peeled};
   const uint64_t sample_count = static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height);
 
   Result<void> done;

@@ -254,8 +254,13 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
         const float weight1 = strip.value_at<kHuge>(1, moved[1], exclusive1) * plane.inverse_area;
         const float weight2 = strip.value_at<kHuge>(2, moved[2], exclusive2) * plane.inverse_area;
         const uint64_t drawn = pack_sample(depth_code<kOrthographic>(depth_of_weights(plane, weight1, weight2)), id);
-        if (drawn < seen[y] && mask.passes(x, first_y + y))
-          WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
+        if constexpr (Mask::kTests) {
+          if (drawn < seen[y] && target.is_behind_peeled(samples + static_cast<uint32_t>(y) * stride, drawn) &&
+              mask.passes(x, first_y + y))
+            WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
+        } else {
+          if (drawn < seen[y]) WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
+        }
       }
       moved[1] += strip.down[1];
       moved[2] += strip.down[2];

@@ -49,7 +49,7 @@ struct LaneMask {
   uint32_t chunk;
   uint32_t number;
 
-  /// Returns 1 if the triangle is masked.
+  /// Returns Triangle::is_masked.
   __device__ uint32_t find(const SceneView& of, const FrameView& seen, const Transform* transforms, uint32_t instance,
                            uint32_t of_chunk, uint32_t of_number) {
     scene = &of;
@@ -58,7 +58,7 @@ struct LaneMask {
     chunk = of_chunk;
     number = of_number;
     mask = mask_of(of, of.meshes[of.chunks[of_chunk].mesh]);
-    return mask != nullptr ? 1 : 0;
+    return is_tested(of, mask);
   }
 
   template <bool kOrthographic>

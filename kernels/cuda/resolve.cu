@@ -7,6 +7,7 @@
 #include "kernels/cuda/pixels.cuh"
 #include "kernels/cuda/resolve.h"
 #include "kernels/shade/ambient_occlusion.h"
+#include "kernels/shade/blend.h"
 #include "kernels/shade/pixels.h"
 #include "kernels/shade/stored_colors.h"
 
@@ -217,17 +218,20 @@ Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, 
 }
 
 Result<void> CudaResolver::resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples,
-                                          const float* colors, const ShadeOptions& options, uint32_t* pixels,
-                                          cudaStream_t stream, ResolveTimes* times) {
+                                          const float* colors, const float* over, const ShadeOptions& options,
+                                          uint32_t* pixels, cudaStream_t stream, ResolveTimes* times) {
   Impl& impl = *impl_;
   const float* visibility = nullptr;
   if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
     return begun;
   const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
-  const StoredColors shader{make_shade_inputs(SceneView{}, view, options, nullptr, impl.tables, nullptr), colors};
-  if (!impl.run(Resolve<StoredColors>{shader, tiles, samples, samples_per_side, visibility, 4,
-                                      reinterpret_cast<uint8_t*>(pixels)},
-                tiles.count(), stream) ||
+  const ShadeInputs in = make_shade_inputs(SceneView{}, view, options, nullptr, impl.tables, nullptr);
+  const auto run = [&]<class Shader>(const Shader& shader) {
+    return impl.run(
+        Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, reinterpret_cast<uint8_t*>(pixels)},
+        tiles.count(), stream);
+  };
+  if (!(over != nullptr ? run(BlendedColors{in, colors, over}) : run(StoredColors{in, colors})) ||
       !impl.end(stream, times))
     return impl.error;
   return {};

@@ -42,9 +42,9 @@ class CudaResolver {
                           const Transform* transforms, const ShadeOptions& options, float* colors, cudaStream_t stream,
                           CudaTextureCache* cache = nullptr);
 
-  /// As resolve_colors_cpu(). Otherwise as resolve().
+  /// As resolve_colors_cpu(), whose `over` may be null here. Otherwise as resolve().
   Result<void> resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples, const float* colors,
-                              const ShadeOptions& options, uint32_t* pixels, cudaStream_t stream,
+                              const float* over, const ShadeOptions& options, uint32_t* pixels, cudaStream_t stream,
                               ResolveTimes* times = nullptr);
 
  private:

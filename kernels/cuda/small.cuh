@@ -260,7 +260,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     }
     if constexpr (Masks::kTests) {
       for (uint32_t k = 0; k < kBatch; ++k) {
-        const bool shows = drawn[k] < seen[k];
+        const bool shows = drawn[k] < seen[k] && target.is_behind_peeled(target.samples + sample[k], drawn[k]);
         const bool waits = shows && (masked >> owners[k] & 1) != 0;
         if (shows && !waits) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
         const uint32_t those = __ballot_sync(~0u, waits);

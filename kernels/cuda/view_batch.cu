@@ -109,7 +109,7 @@ Result<void> CudaViewBatch::Impl::draw_part(std::span<const View> part, uint64_t
 
 bool CudaViewBatch::takes(const SceneView& host) {
   const CandidateCounts candidates = count_candidates(host);
-  return candidates.indexed == 0 && candidates.cluster_groups != 0 &&
+  return host.blend_masks == nullptr && candidates.indexed == 0 && candidates.cluster_groups != 0 &&
          candidates.cluster_groups < CudaQueueSizes{}.two_pass_groups;
 }
 

@@ -50,7 +50,7 @@ __device__ void look_at_chunks(const SceneView& scene, const FrameView& view, co
   const format::InstanceRecord& instance = scene.instances[number];
   const format::MeshRecord& mesh = scene.meshes[instance.mesh];
   const uint64_t first = uint64_t{blockIdx.y} * kLanes + threadIdx.x % kLanes;
-  if (mesh.triangle_count == 0 || first >= mesh.chunk_count) return;
+  if (mesh.triangle_count == 0 || first >= mesh.chunk_count || !draws_mesh(scene, mesh)) return;
   const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
                                              mesh.position_encoding == format::PositionEncoding::kFloat32);
   if (!may_be_seen(transform, view, mesh_box(mesh, transform))) return;
@@ -107,7 +107,8 @@ Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& dev
   return done;
 }
 
-Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& view) {
+Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& view, bool draws_blended) {
+  scene_.draws_blended = draws_blended;
   frame_ = make_frame_view(view);
   // Allocated now, because nothing is being drawn that the allocation would wait for.
   const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);

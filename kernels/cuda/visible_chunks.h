@@ -30,8 +30,8 @@ class CudaVisibleChunks {
   static uint64_t device_bytes(const SceneView& scene);
 
   /// By chunk, the nearest depth code that it may have in `view`; ~0 if it draws no sample. Waits for the result, which
-  /// is valid until the next call. Errors kDevice.
-  Result<std::span<const uint32_t>> find_nearest(const View& view);
+  /// is valid until the next call. `draws_blended`: as SceneView has it. Errors kDevice.
+  Result<std::span<const uint32_t>> find_nearest(const View& view, bool draws_blended = false);
 
   /// Queues the same search on the default stream, for the view of the last find_nearest(). Skips instances of a chunk
   /// that the picture in `samples` (device memory) hides at that time. ~0 if all are hidden or outside the view.

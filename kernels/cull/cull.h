@@ -87,7 +87,7 @@ struct Cull {
     const uint64_t number = first + item;
     const format::InstanceRecord& instance = scene.instances[number];
     const format::MeshRecord& mesh = scene.meshes[instance.mesh];
-    if (mesh.triangle_count == 0) return;
+    if (mesh.triangle_count == 0 || !draws_mesh(scene, mesh)) return;
     const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
     const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, float32);
     if (!may_be_seen(transform, view, mesh_box(mesh, transform))) return;

@@ -53,8 +53,8 @@ SCREE_HD inline uint32_t mask_level(float footprint, uint32_t level_count) {
   return min_of(exponent <= 0 ? 0u : static_cast<uint32_t>(exponent + 1) >> 1, level_count - 1);
 }
 
-/// Whether the alpha at texture coordinates (u, v), finite ones, reaches the mask's threshold.
-SCREE_HD inline bool mask_passes(const MaskView& mask, double u, double v, float footprint) {
+/// The alpha at texture coordinates (u, v), finite ones, in 1 / kMaxMaskThreshold.
+SCREE_HD inline uint32_t mask_alpha(const MaskView& mask, double u, double v, float footprint) {
   const uint32_t level = mask_level(footprint, mask.level_count);
   const uint8_t* alpha = mask.alpha;
   uint32_t width = mask.width;
@@ -71,7 +71,11 @@ SCREE_HD inline bool mask_passes(const MaskView& mask, double u, double v, float
   const uint8_t* const below = alpha + uint64_t{row.second} * width;
   const uint32_t upper = above[column.first] * (256 - column.weight) + above[column.second] * column.weight;
   const uint32_t lower = below[column.first] * (256 - column.weight) + below[column.second] * column.weight;
-  return upper * (256 - row.weight) + lower * row.weight >= mask.threshold;
+  return upper * (256 - row.weight) + lower * row.weight;
+}
+
+SCREE_HD inline bool mask_passes(const MaskView& mask, double u, double v, float footprint) {
+  return mask_alpha(mask, u, v, footprint) >= mask.threshold;
 }
 
 /// A triangle on its mask: what each sample is tested by. `weight` and `moved[c]` are linear in the sample (x, y, 1);
@@ -79,7 +83,7 @@ SCREE_HD inline bool mask_passes(const MaskView& mask, double u, double v, float
 struct MaskPlane {
   static constexpr bool kTests = true;
 
-  const MaskView* mask;  // null: the triangle is opaque
+  const MaskView* mask;  // null: every sample passes
   double weight[3];
   double moved[2][3];
   double first[2];
@@ -87,6 +91,11 @@ struct MaskPlane {
   float most[2];
 
   SCREE_HD bool passes(int32_t sample_x, int32_t sample_y) const {
+    return mask == nullptr || alpha(sample_x, sample_y) >= mask->threshold;
+  }
+
+  /// As mask_alpha(); there is a mask.
+  SCREE_HD uint32_t alpha(int32_t sample_x, int32_t sample_y) const {
     const auto x = static_cast<double>(sample_x);
     const auto y = static_cast<double>(sample_y);
     const double inverse = 1.0 / (weight[0] * x + weight[1] * y + weight[2]);
@@ -103,16 +112,22 @@ struct MaskPlane {
       // Snapping lets a sample lie outside, of triangles seen edge-on far outside; NaN becomes the least.
       place[c] = first[c] + min_of(max_of(at, static_cast<double>(least[c])), static_cast<double>(most[c]));
     }
-    return mask_passes(*mask, place[0], place[1], static_cast<float>(max_of(right, down)));
+    return mask_alpha(*mask, place[0], place[1], static_cast<float>(max_of(right, down)));
   }
 };
 
-/// The mask of a mesh's triangles; null where they are opaque.
+/// The mask of a mesh's triangles; null where there is none.
 SCREE_HD inline const MaskView* mask_of(const SceneView& scene, const format::MeshRecord& mesh) {
   if (scene.masks == nullptr || mesh.material == format::kNone || (mesh.attributes & format::kHasUv) == 0)
     return nullptr;
   const MaskView* const mask = scene.masks + mesh.material;
   return mask->alpha != nullptr ? mask : nullptr;
+}
+
+/// Triangle::is_masked of a mesh's triangles: 1 where samples are tested before they are drawn. Those of layers all
+/// are, with a mask or without.
+SCREE_HD inline uint32_t is_tested(const SceneView& scene, const MaskView* mask) {
+  return scene.draws_blended || mask != nullptr ? 1 : 0;
 }
 
 /// The texture coordinates that a chunk stores, before the mask's transform.
@@ -202,6 +217,8 @@ template <bool kOrthographic>
                                                 const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                                 const std::byte* page, const ChunkReader& reader, uint32_t number,
                                                 MaskPlane& out) {
+  out.mask = nullptr;
+  if (mask == nullptr) return;
   uint32_t vertex[3];
   reader.triangle(number, vertex);
   const StoredUvs uvs(chunk, page + chunk.offset + streams_of(mesh, chunk).uvs.offset);
@@ -212,7 +229,7 @@ template <bool kOrthographic>
   make_mask_plane<kOrthographic>(mask, view, transform, uvs, corner, out);
 }
 
-/// As above, of triangle `number` of a chunk of the scene that has a mask.
+/// As above, of triangle `number` of a chunk of the scene.
 template <bool kOrthographic>
 [[gnu::noinline]] SCREE_HD void make_mask_plane(const SceneView& scene, const FrameView& view,
                                                 const Transform& transform, uint64_t chunk_number, uint32_t number,

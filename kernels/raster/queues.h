@@ -61,8 +61,16 @@ SCREE_HD inline void push(Team team, uint64_t* counter, T* items, uint64_t capac
 struct Target {
   uint64_t* samples;
   int32_t width;
+  // Of a layer of blended surfaces (spec/rasterization.md, blending): the layer before it, or null. What is drawn lies
+  // behind that. Only where masks are tested is it read.
+  const uint64_t* peeled = nullptr;
 
   SCREE_HD uint64_t* row(int32_t y) const { return samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(width); }
+
+  /// Whether `value` lies behind the layer before. `sample`: its place in samples.
+  SCREE_HD bool is_behind_peeled(const uint64_t* sample, uint64_t value) const {
+    return peeled == nullptr || value > peeled[sample - samples];
+  }
 };
 
 }  // namespace SCREE_ISA

@@ -20,7 +20,7 @@ struct Triangle {
   int32_t x[3];
   int32_t y[3];
   float depth[3];
-  uint32_t is_masked;  // 1: its material has a mask (mask.h)
+  uint32_t is_masked;  // 1: its samples are tested (mask.h)
   uint64_t id;
 };
 static_assert(sizeof(Triangle) == 48);

@@ -27,7 +27,9 @@ SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& t
         const float depth = depth_at<Int>(plane, value1 + edges.exclusive[1], value2 + edges.exclusive[2]);
         const uint64_t sample = pack_sample(depth_code<kOrthographic>(depth), triangle.id);
         if constexpr (Mask::kTests) {
-          if (sample < team.load_relaxed(samples + x) && mask.passes(x, y)) team.update_min(samples + x, sample);
+          if (sample < team.load_relaxed(samples + x) && target.is_behind_peeled(samples + x, sample) &&
+              mask.passes(x, y))
+            team.update_min(samples + x, sample);
         } else {
           team.update_min(samples + x, sample);
         }
@@ -125,7 +127,7 @@ struct RasterSmall {
                 box, area)) {
       return;
     }
-    if constexpr (kMasked) triangle.is_masked = context.masked.mask != nullptr ? 1 : 0;
+    if constexpr (kMasked) triangle.is_masked = is_tested(scene, context.masked.mask);
     const int64_t pixels = box.pixels();
     if (pixels <= context.small_box) {
       ++context.small;

@@ -83,6 +83,12 @@ struct ShadeRows {
   }
 };
 
+/// Whether a Shader has layers of blended surfaces over its colours: BlendTargets::over of a sample.
+template <class Shader>
+concept HasLayers = requires(const Shader& shader) {
+  shader.over_at(0u, 0u);
+};
+
 /// Finished pixels, one tile per item. A pixel's light is the mean of its samples weighted by their alpha, so that a
 /// transparent background does not bleed into an edge.
 template <class ShaderOfPixels>
@@ -110,7 +116,8 @@ struct Resolve {
     const ShadeInputs& in = shader.in;
     const uint64_t row_samples = static_cast<uint64_t>(in.view.width);
     float light[3] = {0, 0, 0};
-    float background = 0;  // number of background samples
+    [[maybe_unused]] float layers[3] = {0, 0, 0};  // their light
+    float background = 0;                          // number of background samples
     float surface = 0;
     for (uint32_t j = 0; j < side; ++j) {
       for (uint32_t i = 0; i < side; ++i) {
@@ -120,7 +127,16 @@ struct Resolve {
         const bool covered = sample != kBackground;
         float color[3];
         shader(team, covered, sample, static_cast<int32_t>(sample_x), static_cast<int32_t>(sample_y), state, color);
-        if (covered) {
+        if constexpr (HasLayers<Shader>) {
+          if (!inside) continue;
+          const float* const over = shader.over_at(sample_x, sample_y);
+          for (int c = 0; c < 3; ++c) {
+            layers[c] += over[c];
+            if (covered) light[c] += over[3] * color[c];
+          }
+          surface += covered ? 1.0f : 1.0f - over[3];
+          background += covered ? 0.0f : over[3];
+        } else if (covered) {
           surface += 1.0f;
           for (int c = 0; c < 3; ++c) light[c] += color[c];
         } else {
@@ -136,8 +152,11 @@ struct Resolve {
     const float alpha = surface + behind;
     const float scale = alpha > 0 ? 1.0f / alpha : 0.0f;
     uint32_t code[4];
-    for (int c = 0; c < 3; ++c)
-      code[c] = srgb_code(*in.srgb, (light[c] * factor + behind * in.options.background[c]) * scale);
+    for (int c = 0; c < 3; ++c) {
+      float sum = light[c] * factor + behind * in.options.background[c];
+      if constexpr (HasLayers<Shader>) sum += layers[c];
+      code[c] = srgb_code(*in.srgb, sum * scale);
+    }
     const float share = alpha / static_cast<float>(side * side);
     code[3] = static_cast<uint32_t>(round_even(min_of(max_of(share, 0.0f), 1.0f) * 255.0f));
     uint8_t* out = pixels + (uint64_t{y - tiles.first_row} * tiles.width + x) * channels;

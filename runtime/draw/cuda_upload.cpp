@@ -149,7 +149,8 @@ struct ArenaLayout {
     const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
     pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
     textures.assign(host.textures, host.textures + host.texture_count);
-    if (host.masks != nullptr) masks.assign(host.masks, host.masks + host.material_count);
+    for (const kernels::MaskView* const of : {host.masks, host.blend_masks})
+      if (of != nullptr) masks.insert(masks.end(), of, of + host.material_count);
     meshes = plan.add_array(host.meshes, host.mesh_count);
     chunks = plan.add_array(host.chunks, host.chunk_count);
     instances = plan.add_array(host.instances, host.instance_count);
@@ -190,9 +191,9 @@ struct ArenaLayout {
   std::vector<kernels::TextureView> textures;
   std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
   std::map<const uint8_t*, uint64_t> block_offset;  // likewise
-  std::vector<kernels::MaskView> masks;
-  std::map<const uint8_t*, uint64_t> mask_offset;  // several masks may have one page
-  std::vector<uint64_t> page_offset;               // empty where pages are streamed
+  std::vector<kernels::MaskView> masks;             // SceneView::masks, then blend_masks
+  std::map<const uint8_t*, uint64_t> mask_offset;   // several masks may have one page
+  std::vector<uint64_t> page_offset;                // empty where pages are streamed
   JpegLevels levels;
   uint64_t meshes;
   uint64_t chunks;
@@ -296,8 +297,10 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   if (scene.view().environment != nullptr)
     copy.view_.environment = reinterpret_cast<const float*>(base + layout.environment);
   copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + layout.texture_views);
-  if (copy.view_.masks != nullptr)
-    copy.view_.masks = reinterpret_cast<const kernels::MaskView*>(base + layout.mask_views);
+  const auto* const masks = reinterpret_cast<const kernels::MaskView*>(base + layout.mask_views);
+  if (copy.view_.blend_masks != nullptr)
+    copy.view_.blend_masks = masks + (copy.view_.masks != nullptr ? copy.view_.material_count : 0);
+  if (copy.view_.masks != nullptr) copy.view_.masks = masks;
   copy.view_.pages = reinterpret_cast<const std::byte* const*>(base + layout.page_table);
   copy.stats_.counts = *counts;
   copy.stats_.device_bytes = needed;

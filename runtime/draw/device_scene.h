@@ -71,6 +71,8 @@ class DeviceView {
   Result<void> read_samples(std::span<uint64_t> samples);
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr, uint32_t* out = nullptr);
+  /// The layers of blended surfaces in what resolve() made last.
+  const kernels::BlendCounts& blended() const;
 
   /// One sample of the picture that draw() made last; `index` below width * height. Error kDevice.
   Result<uint64_t> read_sample(uint64_t index);
@@ -174,6 +176,12 @@ class DeviceScene {
   /// byte, read back; may be empty where the time is all that is wanted.
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
+
+  const kernels::BlendCounts& blended() const;
+
+  /// The layers over that picture, read back: as kernels::blend_cpu(), 4 floats a sample. What is shown has layers
+  /// (kernels::shows_layers()). Errors as resolve().
+  Result<void> read_over(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> over);
 
   /// Linear light of the samples of that picture, 3 floats each, read back: as kernels::shade_part_cpu() with all
   /// chunks. Those of the background hold anything. `view` and `options` as for resolve(); what they show is shaded

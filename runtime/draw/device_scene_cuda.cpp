@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "kernels/cuda/blend.h"
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
 #include "kernels/cuda/jpeg.h"
@@ -57,7 +58,8 @@ uint64_t tile_list_bytes(uint64_t width, uint64_t height) {
 }
 
 /// Device memory of the pictures beside the scene, its frames and the pool of chunks.
-uint64_t picture_bytes(const PictureNeeds& needs, bool streamed, bool has_jpegs) {
+uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool streamed) {
+  const bool has_jpegs = scene.jpeg_slot_bytes() != 0;
   const uint64_t pixels = uint64_t{needs.width} * needs.height;
   const uint64_t width = uint64_t{needs.width} * needs.samples_per_side;
   const uint64_t height = uint64_t{needs.height} * needs.samples_per_side;
@@ -72,10 +74,19 @@ uint64_t picture_bytes(const PictureNeeds& needs, bool streamed, bool has_jpegs)
     }
   }
   if (needs.shade == nullptr) return bytes;
+  if (kernels::shows_layers(scene.view(), *needs.shade))
+    bytes += kernels::CudaBlend::device_bytes(samples) + pyramid_bytes(width, height);
   bytes += pixels * sizeof(uint32_t) + kResolverBytes;
   if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
   if (needs.shade->ssao || needs.shade->edl) bytes += 3 * pixels * sizeof(float);
   if (has_jpegs && !streamed) bytes += tile_list_bytes(needs.width, needs.height);
+  return bytes;
+}
+
+/// Device memory of the frames of the picture, and of its layers.
+uint64_t frames_bytes(const kernels::SceneView& host) {
+  uint64_t bytes = kernels::CudaFrames::device_bytes(host);
+  if (host.blend_masks != nullptr) bytes += kernels::CudaFrames::device_bytes(kernels::blended_view(host));
   return bytes;
 }
 
@@ -85,8 +96,11 @@ struct DeviceView::Impl {
   explicit Impl(DeviceScene::Impl& of) : scene(of) {}
 
   DeviceScene::Impl& scene;
-  std::optional<kernels::CudaFrames> frames;  // none where chunks are streamed and another view has them
+  std::optional<kernels::CudaFrames> frames;        // none where chunks are streamed and another view has them
+  std::optional<kernels::CudaFrames> blend_frames;  // of layers, where the scene has blended surfaces; likewise
   kernels::CudaResolver resolver;
+  kernels::CudaBlend blend;
+  kernels::BlendCounts blended;  // of what resolve() made last
   DeviceBuffer samples;
   DeviceBuffer pixels;
   DeviceBuffer colors;  // of read_colors()
@@ -124,6 +138,7 @@ struct DeviceView::Impl {
   }
   bool open_second(const kernels::SceneView& host);
   bool open_view_batch(const kernels::SceneView& host);
+  Result<const float*> blended_over(const kernels::View& view, const kernels::ShadeOptions& options);
 };
 
 struct DeviceScene::Impl {
@@ -137,6 +152,11 @@ struct DeviceScene::Impl {
     Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.view());
     if (!made) return made.error();
     view.frames = std::move(*made);
+    if (host.blend_masks == nullptr) return {};
+    Result<kernels::CudaFrames> layers =
+        kernels::CudaFrames::create(kernels::blended_view(host), kernels::blended_view(scene.view()));
+    if (!layers) return layers.error();
+    view.blend_frames = std::move(*layers);
     return {};
   }
   Result<void> upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
@@ -164,6 +184,33 @@ bool DeviceView::Impl::open_view_batch(const kernels::SceneView& host) {
   takes_view_batches = static_cast<bool>(made);
   if (made) view_batch = std::move(*made);
   return takes_view_batches;
+}
+
+/// The layers of blended surfaces over the picture that was drawn last: BlendTargets::over. Those of a streamed scene
+/// came with the picture.
+Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, const kernels::ShadeOptions& options) {
+  if (const CudaStream* const stream = scene.stream.get()) {
+    blended = stream->blended();
+    if (stream->over() == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
+    return stream->over();
+  }
+  const kernels::SceneView blended_scene = kernels::blended_view(scene.scene.view());
+  const kernels::LayerSource source{
+      [&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
+        kernels::DrawOptions draw;
+        draw.part = kernels::FramePart::kPart;
+        draw.peeled = peeled;
+        const Result<kernels::FrameStats> drawn = blend_frames->draw(view, at.drawn, draw);
+        return drawn ? Result<void>() : drawn.error();
+      },
+      [&](const kernels::BlendTargets& at) -> Result<void> {
+        const kernels::Transform* const transforms = blend_frames->transforms();
+        Result<void> done = resolver.shade_part(blended_scene, view, at.layer, transforms, options, at.colors, nullptr,
+                                                scene.scene.texture_cache());
+        if (done) done = kernels::start_finding_alphas(blended_scene, view, at.layer, transforms, at.alphas, nullptr);
+        return done;
+      }};
+  return blend.blend(view, sample_data(), options.blend_layers, source, blended);
 }
 
 DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -218,8 +265,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   const uint64_t left = *free / kLeftShare;
   const uint64_t usable = *free - std::min(left, kMostLeft);
   const uint64_t budget = budget_bytes == 0 ? usable : std::min(budget_bytes, usable);
-  const uint64_t beside =
-      kernels::CudaFrames::device_bytes(scene.view()) + picture_bytes(pictures, false, scene.jpeg_slot_bytes() != 0);
+  const uint64_t beside = frames_bytes(scene.view()) + picture_bytes(pictures, scene, false);
   if (CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget) {
     auto streamed = std::make_unique<Impl>();
     streamed->device = gpu->index;
@@ -249,13 +295,13 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
 Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
                                                 uint64_t texture_cache, uint64_t host_memory,
                                                 const PictureNeeds& pictures, JobProgress* progress) {
-  const uint64_t picture = picture_bytes(pictures, true, host.jpeg_slot_bytes() != 0);
-  const uint64_t frames_bytes = kernels::CudaFrames::device_bytes(host.view());
+  const uint64_t picture = picture_bytes(pictures, host, true);
+  const uint64_t of_frames = frames_bytes(host.view());
   std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
   const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
   const uint64_t room = 2 * (largest + 2 * Residency::kAlignment);  // the least pool, and what moving a chunk takes
   const auto fixed_with = [&](uint64_t cache) {
-    return CudaScene::device_bytes(host, &host.view(), cache) + frames_bytes + CudaStream::device_bytes(host.view()) +
+    return CudaScene::device_bytes(host, &host.view(), cache) + of_frames + CudaStream::device_bytes(host.view()) +
            picture;
   };
   texture_cache = std::min(texture_cache, budget / kTextureCacheShare);
@@ -287,13 +333,14 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   }
   stream = std::make_unique<CudaStream>(host, std::move(*streamer), bounce, threads);
   Result<CudaScene> copy =
-      CudaScene::upload(host, 0, frames_bytes, threads, reading, texture_cache, &stream->view(), host_memory, progress);
+      CudaScene::upload(host, 0, of_frames, threads, reading, texture_cache, &stream->view(), host_memory, progress);
   if (!copy) return copy.error();
   scene = std::move(*copy);
   if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
   stats = scene.stats();
   stats.device_bytes = budget;
-  return stream->open(scene.view(), *own->frames, own->resolver, scene.texture_cache(), kept);
+  return stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
+                      scene.texture_cache(), kept);
 }
 
 const std::optional<StreamStats>& DeviceScene::stream_stats() const {
@@ -313,6 +360,22 @@ Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_pe
                                   const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
                                   kernels::ResolveTimes* times) {
   return DeviceView(impl_->own).resolve(view, samples_per_side, options, pixels, times);
+}
+
+const kernels::BlendCounts& DeviceScene::blended() const {
+  return impl_->own->blended;
+}
+
+Result<void> DeviceScene::read_over(const kernels::View& view, const kernels::ShadeOptions& options,
+                                    std::span<float> over) {
+  DeviceView::Impl& own = *impl_->own;
+  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
+  if (over.size() != uint64_t{4} * view.width * view.height || !kernels::shows_layers(impl_->scene.view(), options))
+    return Error{ErrorCode::kRange, std::to_string(over.size()) + " values for the layers of " +
+                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
+  const Result<const float*> made = own.blended_over(view, options);
+  if (!made) return made.error();
+  return cuda_check(cudaMemcpy(over.data(), *made, over.size_bytes(), cudaMemcpyDeviceToHost), "reading the layers");
 }
 
 Result<void> DeviceScene::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
@@ -358,6 +421,10 @@ DeviceView::~DeviceView() = default;
 
 Result<void> DeviceView::make_current() const {
   return cuda_check(cudaSetDevice(impl_->scene.device), "choosing the GPU");
+}
+
+const kernels::BlendCounts& DeviceView::blended() const {
+  return impl_->blended;
 }
 
 const std::optional<StreamStats>& DeviceView::stream_stats() const {
@@ -423,13 +490,25 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   uint32_t* const device_pixels = out != nullptr ? out : reinterpret_cast<uint32_t*>(impl.pixels.data());
   const CudaStream* const stream = impl.scene.stream.get();
   const bool from_colors = stream != nullptr && kernels::shades_from_chunks(options.show);
+  impl.blended = {};
+  const float* over = nullptr;
+  if (kernels::shows_layers(impl.scene.scene.view(), options)) {
+    const Result<const float*> drawn = impl.blended_over(view, options);
+    if (!drawn) return drawn.error();
+    over = *drawn;
+  }
   if (from_colors && stream->colors() == nullptr)
     return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
-  if (from_colors) {
-    if (auto done = impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), stream->colors(), options,
-                                                 device_pixels, nullptr, times);
-        !done)
-      return done;
+  if (from_colors || over != nullptr) {
+    const float* colors = from_colors ? stream->colors() : impl.blend.colors();
+    Result<void> done;
+    if (!from_colors)
+      done = impl.resolver.shade_part(impl.scene.scene.view(), view, impl.sample_data(), impl.frames->transforms(),
+                                      options, impl.blend.colors(), nullptr, impl.scene.scene.texture_cache());
+    if (done)
+      done = impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), colors, over, options,
+                                          device_pixels, nullptr, times);
+    if (!done) return done;
   } else if (auto done = impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
                                                impl.frames ? impl.frames->transforms() : nullptr, options,
                                                device_pixels, nullptr, times, impl.scene.scene.texture_cache());

@@ -63,6 +63,15 @@ Result<DeviceView> DeviceScene::add_view(const Scene&) {
   return current_gpu().error();
 }
 
+const kernels::BlendCounts& DeviceScene::blended() const {
+  static const kernels::BlendCounts none;
+  return none;
+}
+
+Result<void> DeviceScene::read_over(const kernels::View&, const kernels::ShadeOptions&, std::span<float>) {
+  return current_gpu().error();
+}
+
 bool DeviceScene::is_streamed() const {
   return false;
 }
@@ -94,6 +103,11 @@ Result<void> DeviceView::read_samples(std::span<uint64_t>) {
 Result<void> DeviceView::resolve(const kernels::View&, uint32_t, const kernels::ShadeOptions&, std::span<uint32_t>,
                                  kernels::ResolveTimes*, uint32_t*) {
   return current_gpu().error();
+}
+
+const kernels::BlendCounts& DeviceView::blended() const {
+  static const kernels::BlendCounts none;
+  return none;
 }
 
 Result<uint64_t> DeviceView::read_sample(uint64_t) {

@@ -9,6 +9,7 @@
 
 #include "format/bitpack.h"
 #include "format/geometry/chunk_layout.h"
+#include "kernels/blend.h"
 #include "kernels/frame_parts.h"
 #include "runtime/textures/srgb.h"
 #include "runtime/threads/parallel.h"
@@ -86,13 +87,14 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
     picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
     if (device_ == nullptr) {
       const Result<void> resolved = kernels::resolve_cpu(scene_->view(), view_, samples_per_side_, samples_, options,
-                                                         picture.channels, picture.pixels, threads);
+                                                         picture.channels, picture.pixels, threads, &picture.blended);
       if (!resolved) return resolved.error();
       return picture;
     }
     std::vector<uint32_t> rgba(uint64_t{picture.width} * picture.height);
     if (const Result<void> resolved = device_->resolve(view_, samples_per_side_, options, rgba); !resolved)
       return resolved.error();
+    picture.blended = device_->blended();
     parallel_for(picture.height, threads, [&](uint64_t row) {
       uint8_t* out = picture.pixels.data() + row * picture.width * picture.channels;
       const uint32_t* in = rgba.data() + row * picture.width;
@@ -105,7 +107,8 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
   }
 }
 
-Result<std::vector<float>> Frame::linear(const kernels::ShadeOptions& options, uint32_t threads) const {
+Result<std::vector<float>> Frame::linear(const kernels::ShadeOptions& options, uint32_t threads,
+                                         kernels::BlendCounts* blended) const {
   try {
     std::vector<float> out(uint64_t{4} * width() * height());
     if (!kernels::shades_from_chunks(options.show)) {
@@ -124,6 +127,21 @@ Result<std::vector<float>> Frame::linear(const kernels::ShadeOptions& options, u
         device_ != nullptr ? device_->read_colors(view_, options, colors)
                            : kernels::shade_part_cpu(scene_->view(), view_, samples_, options, colors, threads);
     if (!shaded) return shaded.error();
+    // Of the layers of blended surfaces: their light, and the share of what lies behind them.
+    std::vector<float> over;
+    if (kernels::shows_layers(scene_->view(), options)) {
+      kernels::BlendCounts counts;
+      if (device_ != nullptr) {
+        over.resize(4 * samples_.size());
+        if (const Result<void> read = device_->read_over(view_, options, over); !read) return read.error();
+        counts = device_->blended();
+      } else {
+        Result<std::vector<float>> made = kernels::blend_cpu(scene_->view(), view_, samples_, options, threads, counts);
+        if (!made) return made.error();
+        over = std::move(*made);
+      }
+      if (blended != nullptr) *blended = counts;
+    }
     std::vector<float> visibility(options.ssao || options.edl ? out.size() / 4 : 0);
     if (!visibility.empty())
       if (const Result<void> found =
@@ -135,20 +153,25 @@ Result<std::vector<float>> Frame::linear(const kernels::ShadeOptions& options, u
       for (uint64_t x = 0; x < width(); ++x) {
         const uint64_t pixel = y * width() + x;
         float light[3] = {0, 0, 0};
+        float layers[3] = {0, 0, 0};
         float surface = 0;
         for (uint64_t j = 0; j < side; ++j) {
           for (uint64_t i = 0; i < side; ++i) {
             const uint64_t sample = (y * side + j) * view_.width + x * side + i;
-            if (samples_[sample] == kernels::kBackground) continue;
-            surface += 1;
-            for (uint64_t c = 0; c < 3; ++c) light[c] += colors[3 * sample + c];
+            const bool covered = samples_[sample] != kernels::kBackground;
+            const float through = over.empty() ? 1.0f : over[4 * sample + 3];
+            for (uint64_t c = 0; c < 3; ++c) {
+              if (!over.empty()) layers[c] += over[4 * sample + c];
+              if (covered) light[c] += through * colors[3 * sample + c];
+            }
+            surface += covered ? 1.0f : 1.0f - through;
           }
         }
         const float factor = visibility.empty() ? 1.0f : visibility[pixel];
         const float share = 1.0f / static_cast<float>(side * side);
         const float behind = (static_cast<float>(side * side) - surface) * options.background[3];
         for (uint64_t c = 0; c < 3; ++c)
-          out[4 * pixel + c] = (light[c] * factor + behind * options.background[c]) * share;
+          out[4 * pixel + c] = (light[c] * factor + layers[c] + behind * options.background[c]) * share;
         out[4 * pixel + 3] = (surface + behind) * share;
       }
     });

@@ -22,6 +22,7 @@ struct Picture {
   uint32_t height = 0;
   uint32_t channels = 3;  // 3: RGB; 4: RGBA, alpha linear and not premultiplied
   std::vector<uint8_t> pixels;
+  kernels::BlendCounts blended;
 };
 
 /// 4 channels only where the background lets something show through.
@@ -69,7 +70,9 @@ class Frame {
   /// The same in linear light: RGBA, 4 floats a pixel, premultiplied by alpha. Of what shows ids or depths, the 8-bit
   /// colours in linear light. On a GPU after read_samples(). Takes 12 bytes a sample meanwhile. Errors kMemory, those
   /// of shade(), kernels::shade_part_cpu and DeviceScene::read_colors.
-  Result<std::vector<float>> linear(const kernels::ShadeOptions& options, uint32_t threads) const;
+  /// `blended`: null, or filled in.
+  Result<std::vector<float>> linear(const kernels::ShadeOptions& options, uint32_t threads,
+                                    kernels::BlendCounts* blended = nullptr) const;
 
   /// Brings the samples of a GPU to where samples() and pick() find them; nothing to do on a CPU. Errors
   /// kMemory, kDevice.

@@ -33,7 +33,30 @@ Result<std::unique_ptr<CpuStream>> CpuStream::create(const Scene& scene, uint64_
 }
 
 Result<StreamStats> CpuStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade) {
-  return streamer_.draw(view, shade, *this);
+  over_.clear();
+  blended_ = {};
+  Result<StreamStats> stats = streamer_.draw(view, shade, *this);
+  if (!stats || shade == nullptr || !kernels::shows_layers(scene_, *shade)) return stats;
+  if (const Result<void> drawn = draw_layers(*stats); !drawn) return drawn.error();
+  return stats;
+}
+
+/// Each is streamed as the picture was, and shaded part by part.
+Result<void> CpuStream::draw_layers(StreamStats& stats) {
+  const kernels::LayerSource source{[&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
+                                      layer_ = Layer{&at, peeled};
+                                      const Result<StreamStats> drawn = streamer_.draw(view_, &*shade_, *this);
+                                      layer_.reset();
+                                      if (!drawn) return drawn.error();
+                                      stats.add_layer(*drawn);
+                                      return {};
+                                    },
+                                    [](const kernels::BlendTargets&) { return Result<void>(); }};
+  Result<std::vector<float>> over =
+      kernels::blend_cpu(view_, samples_, shade_->blend_layers, source, threads_, blended_);
+  if (!over) return over.error();
+  over_ = std::move(*over);
+  return {};
 }
 
 Result<Picture> CpuStream::picture(uint32_t samples_per_side) const {
@@ -45,8 +68,8 @@ Result<Picture> CpuStream::picture(uint32_t samples_per_side) const {
     picture.channels = picture_channels(*shade_);
     picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
     const Result<void> resolved = kernels::shades_from_chunks(shade_->show)
-                                      ? kernels::resolve_colors_cpu(view_, samples_per_side, samples_, colors_, *shade_,
-                                                                    picture.channels, picture.pixels, threads_)
+                                      ? kernels::resolve_colors_cpu(view_, samples_per_side, samples_, colors_, over_,
+                                                                    *shade_, picture.channels, picture.pixels, threads_)
                                       : kernels::resolve_cpu(scene_, view_, samples_per_side, samples_, *shade_,
                                                              picture.channels, picture.pixels, threads_);
     if (!resolved) return resolved.error();
@@ -57,6 +80,7 @@ Result<Picture> CpuStream::picture(uint32_t samples_per_side) const {
 }
 
 Result<void> CpuStream::begin(const kernels::View& view, const kernels::ShadeOptions* shade) {
+  if (layer_) return {};
   const uint64_t count = uint64_t{view.width} * view.height;
   view_ = view;
   shade_ = shade != nullptr ? std::optional(*shade) : std::nullopt;
@@ -67,7 +91,7 @@ Result<void> CpuStream::begin(const kernels::View& view, const kernels::ShadeOpt
 
 Result<std::span<const uint32_t>> CpuStream::list() {
   has_depths_ = false;
-  visible_ = VisibleChunks(scene_, view_, threads_);
+  visible_ = VisibleChunks(layer_ ? kernels::blended_view(scene_) : scene_, view_, threads_);
   return visible_.near_to_far();
 }
 
@@ -95,13 +119,21 @@ Result<void> CpuStream::start_drawing(std::span<const Residency::Place> places, 
   if (options.share == Share::kLikelySeen) return {};  // which it does not know; kRest is all then
   const Stopwatch watch;
   for (const Residency::Place& place : places) pages_[place.chunk] = pool_.data() + place.offset;
-  const Result<kernels::FrameStats> drawn = kernels::draw_part_cpu(scene_, view_, samples_, threads_);
-  Result<void> done = drawn ? Result<void>() : drawn.error();
-  if (done && !colors_.empty()) done = kernels::shade_part_cpu(scene_, view_, samples_, *shade_, colors_, threads_);
+  Result<void> done;
+  if (layer_) {
+    const kernels::SceneView blended = kernels::blended_view(scene_);
+    done = kernels::draw_layer_cpu(blended, view_, *layer_->at, layer_->peeled, threads_);
+    if (done) done = kernels::shade_layer_cpu(blended, view_, *layer_->at, layer_->at->drawn, *shade_, threads_);
+  } else {
+    const Result<kernels::FrameStats> drawn = kernels::draw_part_cpu(scene_, view_, samples_, threads_);
+    done = drawn ? Result<void>() : drawn.error();
+    if (done && !colors_.empty()) done = kernels::shade_part_cpu(scene_, view_, samples_, *shade_, colors_, threads_);
+    if (done) drawn_.stats = *drawn;
+  }
   for (const Residency::Place& place : places) pages_[place.chunk] = nullptr;
   if (!done) return done;
   if (options.finds_depths) find_depths();
-  drawn_ = {*drawn, watch.elapsed().wall_ms};
+  drawn_.ms = watch.elapsed().wall_ms;
   return {};
 }
 
@@ -117,7 +149,7 @@ void CpuStream::stop() {
 void CpuStream::find_depths() {
   codes_.resize(kernels::lay_out(depths_, static_cast<int32_t>(view_.width), static_cast<int32_t>(view_.height)));
   depths_.codes = codes_.data();
-  kernels::build_pyramid(depths_, samples_.data());
+  kernels::build_pyramid(depths_, layer_ ? layer_->at->drawn : samples_.data());
   has_depths_ = true;
 }
 

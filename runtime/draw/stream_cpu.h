@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "format/result.h"
+#include "kernels/blend.h"
 #include "kernels/frame.h"
 #include "runtime/draw/renderer.h"
 #include "runtime/stream/chunk_source.h"
@@ -30,6 +31,9 @@ class CpuStream final : public StreamTarget {
   /// Draws `view` (its sides in samples) as kernels::draw_cpu() does. `shade`: what picture() will be asked for; null
   /// where only the samples are wanted.
   Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade);
+
+  /// The layers of blended surfaces in the last frame, which was drawn to be shaded.
+  const kernels::BlendCounts& blended() const { return blended_; }
 
   /// Of the last frame, row by row.
   std::span<const uint64_t> samples() const { return samples_; }
@@ -54,6 +58,13 @@ class CpuStream final : public StreamTarget {
  private:
   CpuStream(const Scene& scene, Streamer streamer, uint32_t threads);
   void find_depths();
+  Result<void> draw_layers(StreamStats& stats);
+
+  /// A layer that is drawn, in place of the picture.
+  struct Layer {
+    const kernels::BlendTargets* at;
+    const uint64_t* peeled;
+  };
 
   ChunkSource source_;
   Streamer streamer_;
@@ -66,6 +77,9 @@ class CpuStream final : public StreamTarget {
   std::optional<kernels::ShadeOptions> shade_;
   std::vector<uint64_t> samples_;
   std::vector<float> colors_;
+  std::vector<float> over_;  // of the layers; empty without any
+  kernels::BlendCounts blended_;
+  std::optional<Layer> layer_;
   VisibleChunks visible_;
   bool has_depths_ = false;
   kernels::DepthPyramid depths_{};

@@ -70,9 +70,12 @@ CudaStream::~CudaStream() {
 }
 
 Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFrames& frames,
-                              kernels::CudaResolver& resolver, kernels::CudaTextureCache* cache, uint64_t host_bytes) {
+                              kernels::CudaFrames* blend_frames, kernels::CudaResolver& resolver,
+                              kernels::CudaTextureCache* cache, uint64_t host_bytes) {
   scene_ = device;
   frames_ = &frames;
+  blend_frames_ = blend_frames;
+  blended_scene_ = kernels::blended_view(device);
   resolver_ = &resolver;
   cache_ = cache;
   const Residency& residency = streamer_.residency();
@@ -151,10 +154,33 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
 Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
                                            uint64_t* samples) {
   samples_ = samples;
-  return streamer_.draw(view, shade, *this);
+  over_ = nullptr;
+  blended_ = {};
+  Result<StreamStats> stats = streamer_.draw(view, shade, *this);
+  if (!stats || shade == nullptr || !kernels::shows_layers(scene_, *shade)) return stats;
+  if (const Result<void> drawn = draw_layers(*stats); !drawn) return drawn.error();
+  return stats;
+}
+
+/// Each is streamed as the picture was, and shaded part by part.
+Result<void> CudaStream::draw_layers(StreamStats& stats) {
+  const kernels::LayerSource source{[&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
+                                      layer_ = Layer{&at, peeled};
+                                      const Result<StreamStats> drawn = streamer_.draw(view_, &shade_, *this);
+                                      layer_.reset();
+                                      if (!drawn) return drawn.error();
+                                      stats.add_layer(*drawn);
+                                      return {};
+                                    },
+                                    [](const kernels::BlendTargets&) { return Result<void>(); }};
+  const Result<const float*> over = blend_.blend(view_, samples_, shade_.blend_layers, source, blended_);
+  if (!over) return over.error();
+  over_ = *over;
+  return {};
 }
 
 Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOptions* shade) {
+  if (layer_) return {};
   const uint64_t count = uint64_t{view.width} * view.height;
   view_ = view;
   shades_ = shade != nullptr && kernels::shades_from_chunks(shade->show);
@@ -316,7 +342,8 @@ Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places,
   options.part = part.share == Share::kAll          ? kernels::FramePart::kPart
                  : part.share == Share::kLikelySeen ? kernels::FramePart::kPreviouslyVisible
                                                     : kernels::FramePart::kRest;
-  if (done) done = frames_->start(view_, samples_, options);
+  options.peeled = layer_ ? layer_->peeled : nullptr;
+  if (done) done = frames().start(view_, layer_ ? layer_->at->drawn : samples_, options);
   if (done) done = use_drawn();
   return done;
 }
@@ -324,16 +351,22 @@ Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places,
 /// Queues what comes after drawing a part, while its pages are there.
 Result<void> CudaStream::use_drawn() {
   Result<void> done;
-  if (shades_ && part_.share != Share::kLikelySeen)
-    done = resolver_->shade_part(scene_, view_, samples_, frames_->transforms(), shade_,
-                                 reinterpret_cast<float*>(colors_.data()), nullptr, cache_);
-  if (done && part_.finds_depths) done = visible_.start_finding_shown(samples_);
+  const uint64_t* const drawn = layer_ ? layer_->at->drawn : samples_;
+  if (shades_ && part_.share != Share::kLikelySeen) {
+    const kernels::SceneView& scene = layer_ ? blended_scene_ : scene_;
+    const kernels::Transform* const transforms = frames().transforms();
+    float* const colors = layer_ ? layer_->at->colors : reinterpret_cast<float*>(colors_.data());
+    done = resolver_->shade_part(scene, view_, drawn, transforms, shade_, colors, nullptr, cache_);
+    if (done && layer_)
+      done = kernels::start_finding_alphas(scene, view_, drawn, transforms, layer_->at->alphas, nullptr);
+  }
+  if (done && part_.finds_depths) done = visible_.start_finding_shown(drawn);
   if (done) done = cuda_check(cudaEventRecord(drawing_ended_, nullptr), "recording a time");
   return done;
 }
 
 Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
-  const Result<kernels::CudaFrames::Finished> drawn = frames_->finish();
+  const Result<kernels::CudaFrames::Finished> drawn = frames().finish();
   if (!drawn) return drawn.error();
   Result<void> done;
   if (drawn->is_drawn_again) done = use_drawn();
@@ -354,7 +387,7 @@ void CudaStream::stop() {
 }
 
 Result<std::span<const uint32_t>> CudaStream::list() {
-  const Result<std::span<const uint32_t>> nearest = visible_.find_nearest(view_);
+  const Result<std::span<const uint32_t>> nearest = visible_.find_nearest(view_, layer_.has_value());
   if (!nearest) return nearest.error();
   shown_.assign(nearest->begin(), nearest->end());
   near_to_far_ = order_by_depth(shown_);

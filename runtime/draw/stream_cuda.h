@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "format/result.h"
+#include "kernels/cuda/blend.h"
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/device_copies.h"
 #include "kernels/cuda/frame.h"
@@ -58,18 +59,23 @@ class CudaStream final : public StreamTarget {
   /// As the target has to see it: for CudaScene::upload.
   const kernels::SceneView& view() const { return streamer_.view(); }
 
-  /// `device`: that scene on the device; with `frames` of it, and what resolves its pictures, it outlives this.
+  /// `device`: that scene on the device; with `frames` of it, `blend_frames` of its layers (null where nothing blends),
+  /// and what resolves its pictures, it outlives this.
   /// `cache`: of the scene's JPEG levels; null where it has none. `host_bytes`: chunks, in the order of the file, are
   /// brought to so much pinned host memory once and copied from there; the others come through pinned batches from
   /// where ChunkSource has them. Errors kDevice (no memory), those of ChunkSource::read.
-  Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaResolver& resolver,
-                    kernels::CudaTextureCache* cache, uint64_t host_bytes);
+  Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaFrames* blend_frames,
+                    kernels::CudaResolver& resolver, kernels::CudaTextureCache* cache, uint64_t host_bytes);
 
   /// Draws into `samples` (device memory, view.width * view.height); colors() are then those of `shade`.
   Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade, uint64_t* samples);
 
   /// Of the last frame, 3 floats a sample, in device memory; null where it was not shaded from chunks.
   const float* colors() const { return shades_ ? reinterpret_cast<const float*>(colors_.data()) : nullptr; }
+
+  /// BlendTargets::over of the last frame, in device memory; null where it has no layers.
+  const float* over() const { return over_; }
+  const kernels::BlendCounts& blended() const { return blended_; }
 
   Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
   Result<std::span<const uint32_t>> list() override;
@@ -124,6 +130,14 @@ class CudaStream final : public StreamTarget {
   Result<void> keep_in_host_memory(uint64_t host_bytes);
   Result<void> load(const Residency::Batch& batch, const Events& events);
   Result<void> use_drawn();
+  Result<void> draw_layers(StreamStats& stats);
+  kernels::CudaFrames& frames() { return layer_ ? *blend_frames_ : *frames_; }
+
+  /// A layer that is drawn, in place of the picture.
+  struct Layer {
+    const kernels::BlendTargets* at;
+    const uint64_t* peeled;
+  };
   Result<void> draw_nothing();
 
   ChunkSource source_;
@@ -131,7 +145,10 @@ class CudaStream final : public StreamTarget {
   Workers workers_;  // that read
   int device_ = 0;
   kernels::SceneView scene_{};
+  kernels::SceneView blended_scene_{};
   kernels::CudaFrames* frames_ = nullptr;
+  kernels::CudaFrames* blend_frames_ = nullptr;
+  kernels::CudaBlend blend_;
   kernels::CudaResolver* resolver_ = nullptr;
   kernels::CudaTextureCache* cache_ = nullptr;
   kernels::DeviceBuffer pool_;
@@ -155,6 +172,9 @@ class CudaStream final : public StreamTarget {
   bool shades_ = false;
   kernels::ShadeOptions shade_;
   kernels::DeviceBuffer colors_;
+  const float* over_ = nullptr;
+  kernels::BlendCounts blended_;
+  std::optional<Layer> layer_;
   kernels::CudaVisibleChunks visible_;
   std::vector<uint32_t> near_to_far_;
   std::vector<uint32_t> shown_;  // nearest_shown(), by chunk

@@ -209,8 +209,8 @@ Result<std::span<const std::byte>> Scene::page(uint32_t page, std::vector<std::b
   return read;
 }
 
-/// Loads the masks of all drawn meshes' materials. Masks decide which samples are covered, so no option leaves them
-/// out.
+/// Loads the masks of all drawn meshes' materials, and the alpha of blended ones. Masks decide which samples are
+/// covered, so no option leaves them out.
 Result<void> Scene::load_masks() {
   std::vector<bool> material_drawn(view_.material_count, false);
   for (uint64_t m = 0; m < view_.mesh_count; ++m)
@@ -232,20 +232,33 @@ Result<void> Scene::load_masks() {
       mask_pages_.push_back(*page);
       stats_.mask_bytes += page->size();
     }
-    masks_.resize(view_.material_count);
-    kernels::MaskView& mask = masks_[record.material];
+    const format::MaterialRecord& material = view_.materials[record.material];
+    const bool blends = (material.flags & format::kMaterialAlphaBlend) != 0;
+    std::vector<kernels::MaskView>& masks = blends ? blend_masks_ : masks_;
+    masks.resize(view_.material_count);
+    kernels::MaskView& mask = masks[record.material];
     mask.alpha = reinterpret_cast<const uint8_t*>(entry->second.data());
     mask.width = record.width;
     mask.height = record.height;
     mask.level_count = record.level_count;
-    mask.threshold = record.threshold;
+    mask.threshold = blends ? 1 : record.threshold;  // what is clear is no layer
     std::copy(&record.place[0][0], &record.place[0][0] + 6, &mask.place[0][0]);
     mask.wrap_s = record.wrap_s;
     mask.wrap_t = record.wrap_t;
     mask.nearest = (record.flags & format::kMaskNearest) != 0;
     ++stats_.masks;
+    if (!blends || material.base_color[3] < 1.0f) continue;
+    // Where its alpha is 1, it is in the opaque picture.
+    masks_.resize(view_.material_count);
+    masks_[record.material] = mask;
+    masks_[record.material].threshold = format::kMaxMaskThreshold;
   }
   view_.masks = masks_.empty() ? nullptr : masks_.data();
+  blend_masks_.resize(view_.material_count);
+  view_.blend_masks = blend_masks_.data();
+  for (uint64_t m = 0; m < view_.mesh_count; ++m)
+    if (mesh_drawn_[m] && kernels::may_blend(view_, view_.meshes[m])) return {};
+  view_.blend_masks = nullptr;
   return {};
 }
 

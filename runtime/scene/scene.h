@@ -168,6 +168,7 @@ class Scene {
   std::unique_ptr<kernels::BlockCache> blocks_;
   std::vector<kernels::TextureView> textures_;
   std::vector<kernels::MaskView> masks_;                // one per material; empty if nothing is masked
+  std::vector<kernels::MaskView> blend_masks_;          // likewise, of blended materials
   std::vector<std::span<const std::byte>> mask_pages_;  // in the mapped file or in
   std::vector<std::vector<std::byte>> unpacked_masks_;  // pages that had to be unpacked
   std::vector<std::string> warnings_;

@@ -47,6 +47,22 @@ Error no_memory(const std::string& what) {
 
 }  // namespace
 
+void StreamStats::add_layer(const StreamStats& layer) {
+  missing_bytes += layer.missing_bytes;
+  hidden_bytes += layer.hidden_bytes;
+  streamed_bytes += layer.streamed_bytes;
+  needed_bytes += layer.needed_bytes;
+  moved_bytes += layer.moved_bytes;
+  batches += layer.batches;
+  parts += layer.parts;
+  list_ms += layer.list_ms;
+  choose_ms += layer.choose_ms;
+  draw_ms += layer.draw_ms;
+  load_ms += layer.load_ms;
+  drawing_ms += layer.drawing_ms;
+  copying_ms += layer.copying_ms;
+}
+
 Streamer::Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes)
     : residency_(std::move(residency)), batch_bytes_(batch_bytes), view_(scene.view()) {
   chunks_.assign(view_.chunks, view_.chunks + view_.chunk_count);

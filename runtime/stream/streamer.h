@@ -82,6 +82,9 @@ struct StreamStats {
   double load_ms = 0;           // waiting for loads while nothing is drawn
   double drawing_ms = 0;        // from each part's start to its end, including its depths
   double copying_ms = 0;        // from each load's first copy to its end
+
+  /// Adds what a layer of blended surfaces streamed over the same picture; `drawn` stays the picture's.
+  void add_layer(const StreamStats& layer);
 };
 
 // How far loading runs ahead. Any values give the same picture.

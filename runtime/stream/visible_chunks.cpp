@@ -26,7 +26,7 @@ VisibleChunks::VisibleChunks(const kernels::SceneView& scene, const kernels::Vie
     for (uint64_t i = block * kInstancesAtATime; i < end; ++i) {
       const format::InstanceRecord& instance = scene.instances[i];
       const format::MeshRecord& mesh = scene.meshes[instance.mesh];
-      if (mesh.triangle_count == 0) continue;
+      if (mesh.triangle_count == 0 || !kernels::draws_mesh(scene, mesh)) continue;
       const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
       const Transform transform =
           kernels::make_transform(frame, scene.matrices[instance.matrix], mesh.lattice_exponent, float32);

@@ -127,6 +127,22 @@ class SceneBuilder {
     return number;
   }
 
+  /// A blended material of alpha `alpha`, times that of `levels` where there are some (as masked_material() has them).
+  uint32_t blended_material(float alpha, kernels::MaskView mask = {}, std::vector<uint8_t> levels = {}) {
+    const uint32_t number = material(format::kMaterialAlphaBlend | format::kMaterialDoubleSided);
+    materials[number].base_color[3] = alpha;
+    blend_masks.resize(materials.size());
+    alphas.resize(materials.size());
+    blend_masks[number] = mask;
+    blend_masks[number].threshold = 1;
+    alphas[number] = std::move(levels);
+    if (alpha < 1 || alphas[number].empty()) return number;
+    masks.resize(materials.size());
+    masks[number] = mask;
+    masks[number].threshold = format::kMaxMaskThreshold;
+    return number;
+  }
+
   /// `first_id`: added to all global ids.
   kernels::SceneView view(uint64_t first_id = 0) {
     bases.assign(1, first_id);
@@ -150,8 +166,14 @@ class SceneBuilder {
     scene.material_count = materials.size();
     scene.texture_count = textures.size();
     masks.resize(masks.empty() ? 0 : materials.size());
-    for (size_t i = 0; i < alphas.size(); ++i) masks[i].alpha = alphas[i].empty() ? nullptr : alphas[i].data();
+    blend_masks.resize(blend_masks.empty() ? 0 : materials.size());
+    for (size_t i = 0; i < alphas.size(); ++i) {
+      const uint8_t* const alpha = alphas[i].empty() ? nullptr : alphas[i].data();
+      if (!masks.empty() && masks[i].threshold != 0) masks[i].alpha = alpha;
+      if (!blend_masks.empty() && blend_masks[i].threshold != 0) blend_masks[i].alpha = alpha;
+    }
     scene.masks = masks.empty() ? nullptr : masks.data();
+    scene.blend_masks = blend_masks.empty() ? nullptr : blend_masks.data();
     return scene;
   }
 
@@ -162,9 +184,10 @@ class SceneBuilder {
   std::vector<format::MatrixRecord> matrices;
   std::vector<format::MaterialRecord> materials;
   std::vector<kernels::TextureView> textures;
-  std::vector<kernels::MaskView> masks;      // by material, or none
-  std::vector<std::vector<uint8_t>> alphas;  // by material, likewise
-  std::deque<std::vector<std::byte>> pages;  // one per chunk; operator new aligns them to 16
+  std::vector<kernels::MaskView> masks;        // by material, or none
+  std::vector<kernels::MaskView> blend_masks;  // likewise
+  std::vector<std::vector<uint8_t>> alphas;    // by material, likewise
+  std::deque<std::vector<std::byte>> pages;    // one per chunk; operator new aligns them to 16
   std::vector<const std::byte*> page_pointers;
 
  private:

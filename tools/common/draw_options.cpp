@@ -1,9 +1,11 @@
 #include "tools/common/draw_options.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <system_error>
 #include <utility>
 
 #include "kernels/visbuffer.h"
@@ -50,6 +52,10 @@ void add_light_options(CLI::App& app, LightWords& words) {
   app.add_option("--exposure", words.exposure,
                  "Exposure in stops, -20 to 20 (default: 0); the camera's light ignores it")
       ->type_name("STOPS");
+  app.add_option("--blend-layers", words.blend_layers,
+                 "The most layers of blended surfaces, such as glass, behind one another, 0 to 65535 (default: 16); a "
+                 "warning says where there are more")
+      ->type_name("N");
 }
 
 Result<LightOptions> parse_light_options(const LightWords& words) {
@@ -72,7 +78,20 @@ Result<LightOptions> parse_light_options(const LightWords& words) {
   if (words.exposure.empty() || end != words.exposure.c_str() + words.exposure.size() || !(std::abs(stops) <= 20))
     return usage("--exposure: '" + words.exposure + "' is not a number from -20 to 20");
   options.exposure = static_cast<float>(std::exp2(stops));
+  const std::string& layers = words.blend_layers;
+  const auto [last, error] = std::from_chars(layers.data(), layers.data() + layers.size(), options.blend_layers);
+  if (error != std::errc() || last != layers.data() + layers.size() || options.blend_layers > UINT16_MAX)
+    return usage("--blend-layers: '" + layers + "' is not a number from 0 to 65535");
   return options;
+}
+
+void warn_of_layers(const char* command, const std::string& path, const kernels::BlendCounts& blended) {
+  if (blended.samples_left_out == 0) return;
+  std::fprintf(
+      stderr,
+      "scree %s: warning: %s: %llu samples have more than %u layers of blended surfaces; those behind are left "
+      "out (--blend-layers)\n",
+      command, path.c_str(), static_cast<unsigned long long>(blended.samples_left_out), blended.layers);
 }
 
 Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet) {

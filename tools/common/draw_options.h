@@ -37,20 +37,22 @@ struct DrawOptions {
   runtime::Reading reading = runtime::Reading::kAuto;  // how a GPU's pages are read
 };
 
-/// Where the light of pictures comes from, as render and view take it.
+/// Where the light of pictures comes from, and what it shines through, as render and view take it.
 struct LightWords {
   std::string light;
   std::string environment;
   std::string exposure = "0";
+  std::string blend_layers = "16";
 };
 
 struct LightOptions {
   kernels::Lighting lighting = kernels::Lighting::kAuto;
   std::string environment;  // file; empty: a sky of our own
   float exposure = 1;       // factor
+  uint32_t blend_layers = kernels::kBlendLayers;
 };
 
-/// --light, --environment, --exposure.
+/// --light, --environment, --exposure, --blend-layers.
 void add_light_options(CLI::App& app, LightWords& words);
 
 /// Errors kUsage: the option, what was typed, what is allowed.
@@ -59,6 +61,9 @@ Result<LightOptions> parse_light_options(const LightWords& words);
 /// Looks at a scene that was loaded to be drawn: errors kUsage, with the file's name, where --light scene has no
 /// lights; prints the scene's warnings on stderr unless `quiet`.
 Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet);
+
+/// Prints on stderr where a picture has more layers of blended surfaces than were drawn.
+void warn_of_layers(const char* command, const std::string& path, const kernels::BlendCounts& blended);
 
 /// --size and --samples; and those that choose what draws and what it may take: --threads, --backend, --device,
 /// --device-memory, --host-memory, --read.

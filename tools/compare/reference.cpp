@@ -116,7 +116,8 @@ void for_each_group(std::span<const ReferenceMesh> meshes, std::span<const Refer
   std::vector<Block> group;
   uint64_t triangles = 0;
   for (uint32_t i = 0; i < instances.size(); ++i) {
-    const uint64_t count = meshes[instances[i].mesh].corners.size() / 3;
+    const ReferenceMesh& mesh = meshes[instances[i].mesh];
+    const uint64_t count = mesh.is_drawn ? mesh.corners.size() / 3 : 0;
     for (uint64_t first = 0; first < count; first += kBlockTriangles) {
       group.push_back({i, first, std::min(kBlockTriangles, count - first)});
       triangles += group.back().count;

@@ -120,7 +120,8 @@ ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::P
   mask.wrap = {texture.wrap_s, texture.wrap_t};
   mask.width = planned.width;
   mask.height = planned.height;
-  mask.cutoff = static_cast<double>(planned.threshold) / 65536;
+  // What blends is in the opaque picture where its alpha is 1.
+  mask.cutoff = planned.blends ? 255 : static_cast<double>(planned.threshold) / 65536;
   mask.nearest = texture.mag_filter == kGlNearest;
   for (uint32_t l = 0; !levels.empty(); ++l) {
     const size_t texels = size_t{std::max(1u, mask.width >> l)} * std::max(1u, mask.height >> l);
@@ -300,7 +301,13 @@ Result<SourceModel> load_source_model(const convert::SourceScene& scene, const f
   }
   for (const SourceMesh& mesh : model.meshes) {
     ReferenceMesh view{mesh.positions, mesh.corners, &mesh.kept, mesh.double_sided, nullptr, mesh.uvs};
-    if (!mesh.uvs.empty()) view.mask = &model.masks.at(scene.primitives[mesh.primitive].material);
+    const convert::Primitive& primitive = scene.primitives[mesh.primitive];
+    if (!mesh.uvs.empty()) view.mask = &model.masks.at(primitive.material);
+    if (primitive.material != format::kNone) {
+      const format::MaterialRecord& material = scene.materials[primitive.material].record;
+      const bool is_white = (file.meshes()[model.views.size()].attributes & format::kHasColor) == 0;
+      view.is_drawn = (material.flags & format::kMaterialAlphaBlend) == 0 || (material.base_color[3] >= 1 && is_white);
+    }
     model.views.push_back(view);
   }
   // Which mesh stands where is the file's word; where that place is, the source's.

@@ -71,6 +71,7 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report,
   if (report.masks + report.opaque_masks > 0)
     text += "alpha masks: " + std::to_string(report.masks) + " drawn, " + std::to_string(report.opaque_masks) +
             " that hide nothing\n";
+  if (report.blended > 0) text += "blended materials: " + std::to_string(report.blended) + "\n";
   if (!report.left_out.empty()) text += "left out: " + list_left_out(report) + "\n";
   if (!stats) return text;
   text += describe_work(report);
@@ -93,6 +94,7 @@ std::string json_report(const ConvertOptions& options, const ConvertReport& repo
   json.member("masks", report.masks);
   json.member("mask_bytes", report.mask_bytes);
   json.member("opaque_masks", report.opaque_masks);
+  json.member("blended_materials", report.blended);
   json.member("meshes", report.meshes);
   json.member("chunks", report.chunks);
   json.member("triangles", report.triangles);

@@ -180,6 +180,13 @@ DocMaterial read_material(const tinygltf::Material& source) {
   material.alpha_cutoff = source.alphaCutoff;
   material.alpha_mask = source.alphaMode == "MASK";
   material.alpha_blend = source.alphaMode == "BLEND";
+  // What shines through an opaque surface is drawn as if it were blended; a quarter stays, for the surface to be seen.
+  const double transmission =
+      number_member(member(source.extensions, "KHR_materials_transmission"), "transmissionFactor", 0);
+  if (transmission > 0 && !material.alpha_mask && !material.alpha_blend) {
+    material.alpha_blend = true;
+    material.base_color[3] = 1 - 0.75 * std::min(transmission, 1.0);
+  }
   material.double_sided = source.doubleSided;
   material.unlit = source.extensions.count("KHR_materials_unlit") != 0;
   return material;

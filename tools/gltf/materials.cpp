@@ -74,7 +74,7 @@ class MaterialMaker {
     to.texture = kNone;
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
     to.uv_scale[0] = to.uv_scale[1] = 1.0f;
-    // Where a blended surface covers more than half of what lies behind it.
+    // Where a blended surface covers more than half of what lies behind it: programs that blend nothing draw it there.
     to.alpha_cutoff = from.alpha_blend ? 0.5f : static_cast<float>(from.alpha_cutoff);
     to.flags = (from.double_sided ? format::kMaterialDoubleSided : 0u) | (from.unlit ? format::kMaterialUnlit : 0u) |
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
@@ -332,17 +332,6 @@ class MaterialMaker {
   std::vector<std::pair<std::string, uint64_t>> dropped_;
 };
 
-void warn_of_blending(const GltfDocument& document, const std::vector<bool>& used, SourceScene& scene) {
-  uint64_t blended = 0;
-  for (size_t i = 0; i < document.materials.size(); ++i)
-    blended += used[i] && document.materials[i].alpha_blend ? 1 : 0;
-  if (blended == 0) return;
-  scene.warnings.push_back("alpha blending of " + std::to_string(blended) +
-                           (blended == 1 ? " material" : " materials") +
-                           " is left out: drawn where alpha is at least 0.5");
-  scene.left_out.push_back({"alpha blending", blended, 0, 0});
-}
-
 }  // namespace
 
 Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vector<bool>& used, GltfBuffers& buffers,
@@ -373,7 +362,6 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
   }
   if (unused > 0) scene.left_out.push_back({"unused materials", unused, 0, 0});
   maker.warn();
-  warn_of_blending(document, used, scene);
   return plan;
 }
 

@@ -368,6 +368,7 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
               times(stats.opaque_masks, "material has one that hides nothing", "materials have one that hides nothing");
     text += "\n";
   }
+  if (stats.blended != 0) text += "  " + times(stats.blended, "material blends", "materials blend") + "\n";
   if (stats.top_images.empty()) return;
   TextTable largest;
   largest.row({"largest by bytes", "kind", "size", "channels", "bytes", "share"});

@@ -251,6 +251,7 @@ void textures_member(JsonWriter& json, const format::Container& file, const Stat
     json.member("mask_bytes", stats.mask_pages.stored);
     json.member("mask_memory_bytes", stats.mask_pages.raw);
     json.member("opaque_masks", stats.opaque_masks);
+    json.member("blended_materials", stats.blended);
     for (const format::ImageCodec codec : {format::ImageCodec::kIndexedJpeg, format::ImageCodec::kBlocks,
                                            format::ImageCodec::kJpeg, format::ImageCodec::kPng}) {
       const ImageStats& kind = stats.image_kinds[static_cast<size_t>(codec)];

@@ -341,10 +341,16 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
       sum->raw += pages[number].raw_bytes;
     }
   }
+  for (uint64_t i = 0; i < file.materials().size(); ++i) {
+    const uint32_t flags = file.materials()[i].flags;
+    stats.blended += (flags & format::kMaterialAlphaBlend) != 0 ? 1 : 0;
+    stats.opaque_masks += (flags & format::kMaterialCutOut) == format::kMaterialAlphaMask ? 1 : 0;
+  }
   stats.masks = file.masks().size();
-  for (uint64_t i = 0; i < file.materials().size(); ++i)
-    stats.opaque_masks += (file.materials()[i].flags & format::kMaterialCutOut) != 0 ? 1 : 0;
-  stats.opaque_masks -= std::min(stats.opaque_masks, stats.masks);
+  for (uint64_t i = 0; i < file.masks().size(); ++i)
+    if ((file.materials()[file.masks()[i].material].flags & format::kMaterialCutOut) == format::kMaterialAlphaMask &&
+        stats.opaque_masks != 0)
+      --stats.opaque_masks;
   for (uint64_t i = 0; i < pages.size(); ++i) {
     if (pages[i].kind != PageKind::kGeometry && !seen[i]) stats.other_pages += pages[i].stored_bytes;
   }

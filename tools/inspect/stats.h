@@ -145,6 +145,7 @@ struct Stats {
   uint64_t mip_levels = 0;
   uint64_t level_bytes = 0;   // of the mip levels
   uint64_t masks = 0;         // materials with a mask
+  uint64_t blended = 0;       // materials that blend, some with a mask for their alpha
   uint64_t opaque_masks = 0;  // materials whose alpha mask hides nothing
   Cost mask_pages;
 

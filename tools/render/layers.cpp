@@ -84,7 +84,7 @@ Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Sce
   FrameLayers out;
   Result<void> done;
   try {
-    if (exr && options.layers.color) done = take(frame.linear(options.shade, options.threads), out.color);
+    if (exr && options.layers.color) done = take(frame.linear(options.shade, options.threads, &out.blended), out.color);
     if (done && (!options.depth.empty() || (exr && options.layers.depth)))
       done = take(frame.layer<float>(PixelLayer::kDepth, options.threads), out.depth);
     if (done && (!options.normals.empty() || (with_surface && options.layers.normal)))

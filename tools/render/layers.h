@@ -18,6 +18,7 @@ struct FrameLayers {
   std::vector<float> normals;  // 3
   std::vector<float> uvs;      // 2
   std::vector<uint32_t> ids;   // kIdCount: instance, mesh, material, triangle of the mesh; all ones where there is none
+  kernels::BlendCounts blended;  // in `color`
 };
 inline constexpr uint32_t kIdCount = 4;
 

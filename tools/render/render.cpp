@@ -91,6 +91,7 @@ struct Times {
   std::optional<runtime::UploadStats> upload;
   std::optional<runtime::StreamStats> streamed;
   std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
+  kernels::BlendCounts blended;
   Duration shade;
   Duration write;
   std::string drawn_on;  // "cuda:0 (NVIDIA H200)", "the CPU, 16 threads"
@@ -162,6 +163,9 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
                 static_cast<unsigned long long>(drawn.clusters_tested),
                 static_cast<unsigned long long>(drawn.clusters_drawn));
   }
+  if (scene.view().blend_masks != nullptr)
+    std::printf("blended surfaces: %u layers, %llu samples with more\n", times.blended.layers,
+                static_cast<unsigned long long>(times.blended.samples_left_out));
   std::printf("draw: %s\nshade: %s\nwrite: %s\n", both_times(frame.draw_time()).c_str(),
               both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
@@ -215,6 +219,8 @@ void print_json(const RenderOptions& options, const runtime::Scene& scene, const
   json.member("draws", frame.stats().draws);
   json.member("triangles_drawn", frame.stats().triangles);
   json.member("clusters_drawn", frame.stats().clusters_drawn);
+  json.member("blended_layers", uint64_t{times.blended.layers});
+  json.member("samples_with_more_layers", times.blended.samples_left_out);
   json.member("load_ms", loading_ms(scene, times));
   json.member("draw_ms", frame.draw_time().wall_ms);
   json.member("shade_ms", times.shade.wall_ms);
@@ -284,7 +290,7 @@ bool reads_samples(const RenderOptions& options) {
 
 /// What the pictures take on the host: samples, depths, and pixels as they are shaded and written. 0 where nothing says
 /// how much that may be.
-uint64_t host_picture_bytes(const RenderOptions& options, bool on_gpu) {
+uint64_t host_picture_bytes(const RenderOptions& options, const runtime::Scene& scene, bool on_gpu) {
   if (options.host_memory == 0) return 0;
   const uint64_t pixels = uint64_t{options.camera.width} * options.camera.height;
   const uint64_t samples = pixels * options.samples_per_side * options.samples_per_side;
@@ -296,6 +302,11 @@ uint64_t host_picture_bytes(const RenderOptions& options, bool on_gpu) {
   bytes += layer_bytes(options);
   if (!options.output.empty() && !on_gpu && (options.shade.ssao || options.shade.edl))
     bytes += 3 * pixels * sizeof(float);
+  constexpr uint64_t kLayerBytes = 48;  // kernels::blend_cpu()
+  if (!options.output.empty() && kernels::shows_layers(scene.view(), options.shade)) {
+    if (!on_gpu) bytes += kLayerBytes * samples;
+    if (on_gpu && options.writes_exr()) bytes += 4 * samples * sizeof(float);
+  }
   return bytes;
 }
 
@@ -329,11 +340,13 @@ Result<Drawn> draw(const RenderOptions& options, const runtime::Scene& scene, co
   Result<FrameLayers> layers = make_layers(options, scene, drawn.frame, device != nullptr && device->is_streamed());
   if (!layers) return layers.error();
   drawn.layers = std::move(*layers);
+  times.blended = drawn.layers.blended;
   if (options.writes_exr()) times.shade = watch.elapsed();
   if (!options.output.empty() && !options.writes_exr()) {
     Result<runtime::Picture> shaded = drawn.frame.shade(options.shade, options.threads);
     if (!shaded) return shaded.error();
     times.shade = watch.elapsed();
+    times.blended = shaded->blended;
     drawn.picture = std::move(*shaded);
   }
   if (device == nullptr) return Result<Drawn>(std::move(drawn));
@@ -380,7 +393,7 @@ Result<void> render(const RenderOptions& options) {
       runtime::make_view(scene->container(), *scene_index, scene->view(), options.camera);
   if (!view) return at(options.file, view.error());
 
-  const uint64_t host_needs = host_picture_bytes(options, gpu->has_value());
+  const uint64_t host_needs = host_picture_bytes(options, *scene, gpu->has_value());
   if (const Result<void> fits = check_host_memory(options, host_needs); !fits) return fits;
   const runtime::PictureNeeds pictures{options.camera.width, options.camera.height, options.samples_per_side,
                                        options.output.empty() ? nullptr : &options.shade};
@@ -412,7 +425,8 @@ Result<void> render(const RenderOptions& options) {
       device.reset();
       times.upload.reset();
       times.streamed.reset();
-      if (const Result<void> fits = check_host_memory(options, host_picture_bytes(options, false)); !fits) return fits;
+      if (const Result<void> fits = check_host_memory(options, host_picture_bytes(options, *scene, false)); !fits)
+        return fits;
       if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
     }
   }
@@ -425,6 +439,7 @@ Result<void> render(const RenderOptions& options) {
   const runtime::Frame& frame = drawn->frame;
   if (const auto written = write_outputs(options, scene->file().map(), *drawn, times); !written) return written;
   if (const Result<void> printed = print_picks(options, *scene, frame); !printed) return printed;
+  if (!options.quiet) warn_of_layers("render", options.file, times.blended);
   if (options.stats) print_stats(*scene, frame, *view, times);
   if (options.json) {
     print_json(options, *scene, frame, times);

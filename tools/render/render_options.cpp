@@ -375,6 +375,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
     return Error{ErrorCode::kUsage, "--no-light and --light exclude each other"};
   options.shade.lighting = light->lighting;
   options.shade.exposure = light->exposure;
+  options.shade.blend_layers = light->blend_layers;
   if (const Result<void> occlusion = parse_occlusion(words, options.shade); !occlusion) return occlusion.error();
   const Result<std::array<float, 4>> background = parse_color(words.background);
   if (!background) return background.error();

@@ -1,6 +1,7 @@
 #include "tools/render/render_ranks.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstdio>
 #include <functional>
 #include <new>
@@ -9,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include "kernels/blend.h"
 #include "kernels/frame_parts.h"
 #include "runtime/draw/renderer.h"
 #include "runtime/images/image.h"
@@ -138,7 +140,42 @@ class RankedPicture {
     const Stopwatch gather_watch;
     const Result<void> summed = ranks_.sum(std::span(colors_));
     exchange_ms_ += gather_watch.elapsed().wall_ms;
-    return summed;
+    if (!summed || !kernels::shows_layers(scene_view_, options_.shade)) return summed;
+    return draw_layers();
+  }
+
+  /// over_: at rank 0. Every rank draws and shades its own part of each layer.
+  Result<void> draw_layers() {
+    const kernels::SceneView blended = kernels::blended_view(scene_view_);
+    const kernels::LayerSource source{
+        [&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
+          const Result<void> drawn = kernels::draw_layer_cpu(blended, view_, at, peeled, options_.threads);
+          const Result<void> joined = ranks_.least({at.drawn, at.sample_count});
+          return drawn ? joined : drawn;
+        },
+        [&](const kernels::BlendTargets& at) -> Result<void> {
+          std::fill_n(at.colors, 3 * uint64_t{at.sample_count}, 0.0f);
+          std::fill_n(at.alphas, at.sample_count, -1.0f);
+          const Result<void> shaded =
+              kernels::shade_layer_cpu(blended, view_, at, at.layer, options_.shade, options_.threads);
+          // All ranks have to end a sample's layers at the same one.
+          std::vector<uint64_t> alphas(at.sample_count);
+          for (size_t i = 0; i < alphas.size(); ++i)
+            alphas[i] = at.alphas[i] >= 0 ? std::bit_cast<uint32_t>(at.alphas[i]) : UINT64_MAX;
+          const Result<void> joined = ranks_.least(alphas);
+          for (size_t i = 0; i < alphas.size(); ++i)
+            at.alphas[i] = std::bit_cast<float>(static_cast<uint32_t>(alphas[i]));
+          const Result<void> summed = ranks_.sum(std::span(at.colors, 3 * uint64_t{at.sample_count}));
+          if (!shaded) return shaded;
+          return joined ? summed : joined;
+        }};
+    kernels::BlendCounts counts;
+    Result<std::vector<float>> over =
+        kernels::blend_cpu(view_, samples_, options_.shade.blend_layers, source, options_.threads, counts);
+    if (!over) return at(options_.file, over.error());
+    over_ = std::move(*over);
+    if (!options_.quiet && ranks_.is_first()) warn_of_layers("render", options_.file, counts);
+    return {};
   }
 
   uint32_t width() const { return options_.camera.width; }
@@ -151,7 +188,7 @@ class RankedPicture {
       std::vector<uint8_t> pixels(uint64_t{width()} * height() * channels);
       const Result<void> resolved =
           kernels::shades_from_chunks(options_.shade.show)
-              ? kernels::resolve_colors_cpu(view_, options_.samples_per_side, samples_, colors_, options_.shade,
+              ? kernels::resolve_colors_cpu(view_, options_.samples_per_side, samples_, colors_, over_, options_.shade,
                                             channels, pixels, options_.threads)
               : kernels::resolve_cpu(scene_view_, view_, options_.samples_per_side, samples_, options_.shade, channels,
                                      pixels, options_.threads);
@@ -225,6 +262,7 @@ class RankedPicture {
   kernels::View view_{};                          // in samples
   std::vector<uint64_t> samples_;
   std::vector<float> colors_;
+  std::vector<float> over_;  // of the layers of blended surfaces; empty without any
   double load_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, exchange_ms_ = 0, own_bytes_ = 0;
 };
 

@@ -300,6 +300,7 @@ Result<Drawn> ViewSession::draw(const PictureRequest& request, uint32_t width, u
   kernels::ShadeOptions shade = request.shade;
   shade.lighting = impl_->options.light.lighting;
   shade.exposure = impl_->options.light.exposure;
+  shade.blend_layers = impl_->options.light.blend_layers;
   Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg);
   const bool may_fall_back = impl_->device && impl_->options.backend.choice == BackendChoice::kAuto;
   if (drawn || drawn.error().code != ErrorCode::kDevice || !may_fall_back) return drawn;

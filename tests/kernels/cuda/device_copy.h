@@ -27,13 +27,16 @@ class DeviceCopy {
     copy(view_.matrices, host_.matrix_count);
     copy(view_.materials, host_.material_count);
     copy(view_.textures, host_.texture_count);
-    if (host_.masks != nullptr) {
-      masks_.assign(host_.masks, host_.masks + host_.material_count);
-      for (kernels::MaskView& mask : masks_)
+    const auto copy_masks = [&](const kernels::MaskView*& masks) {
+      if (masks == nullptr) return;
+      std::vector<kernels::MaskView>& copied = masks_.emplace_back(masks, masks + host_.material_count);
+      for (kernels::MaskView& mask : copied)
         if (mask.alpha != nullptr) copy(mask.alpha, format::mask_bytes(mask.width, mask.height, mask.level_count));
-      view_.masks = masks_.data();
-      copy(view_.masks, masks_.size());
-    }
+      masks = copied.data();
+      copy(masks, copied.size());
+    };
+    copy_masks(view_.masks);
+    copy_masks(view_.blend_masks);
     std::vector<const std::byte*> table;
     for (const std::vector<std::byte>& page : pages) {
       const std::byte* bytes = page.data();
@@ -45,7 +48,7 @@ class DeviceCopy {
     pages_ = std::move(table);
   }
 
-  /// The scene as kernels see it.
+  /// The scene as kernels see it: every pointer is of the device.
   const kernels::SceneView& view() const { return view_; }
 
   /// The GPU's samples of the scene, with queues that start at `sizes`.
@@ -150,7 +153,7 @@ class DeviceCopy {
   kernels::SceneView host_;
   kernels::SceneView view_;
   std::vector<const std::byte*> pages_;  // on the device
-  std::vector<kernels::MaskView> masks_;
+  std::deque<std::vector<kernels::MaskView>> masks_;
   std::vector<kernels::DeviceBuffer> buffers_;
 };
 

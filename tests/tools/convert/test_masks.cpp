@@ -122,25 +122,42 @@ TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
   CHECK(convert::mask_level_count(32, 16) == 2);
 }
 
-TEST_CASE("blended materials are drawn as masks of one half", "[convert][mask]") {
+TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[convert][mask][blend]") {
   const TempFolder folder;
   {
     ModelMaker maker(folder.file("in.glb"));
-    add_masked(maker, "leaf", disc_png(20, 240), 0.9, 1, true, tools::GltfAlpha::kBlend);
-    add_masked(maker, "wood", disc_png(140, 240), 0.9, 1, true, tools::GltfAlpha::kBlend);
+    using tools::GltfAlpha;
+    add_masked(maker, "leaf", disc_png(20, 240), 0.9, 1, true, GltfAlpha::kBlend);
+    add_masked(maker, "film", disc_png(20, 240), 0.9, 0.25, true, GltfAlpha::kBlend);
+    add_masked(maker, "leaf again, masked", disc_png(20, 240), 0.5, 1);
+    add_masked(maker, "wood", disc_png(255, 255), 0.9, 1, true, GltfAlpha::kBlend);
+    add_masked(maker, "glass", disc_png(20, 240), 0.9, 0.2, false, GltfAlpha::kBlend);
+    add_masked(maker, "air", disc_png(20, 240), 0.9, 0, false, GltfAlpha::kBlend);
+    add_masked(maker, "clear", disc_png(0, 0), 0.9, 1, true, GltfAlpha::kBlend);
     maker.finish();
   }
   const convert::ConvertReport report = must_convert(options_of(folder));
   CHECK(report.masks == 1);
-  CHECK(report.opaque_masks == 1);
-  CHECK(std::any_of(report.warnings.begin(), report.warnings.end(), [](const std::string& warning) {
-    return warning.ends_with("alpha blending of 2 materials is left out: drawn where alpha is at least 0.5");
-  }));
+  CHECK(report.opaque_masks == 0);
+  CHECK(report.blended == 4);
+  CHECK(report.warnings ==
+        std::vector<std::string>{folder.file("in.glb") +
+                                 ": 2 primitives that their alpha masks hide everywhere are left out"});
   const tests::OpenFile opened = must_open(options_of(folder).output);
-  REQUIRE(opened.file.masks().size() == 1);
+  REQUIRE(opened.file.masks().size() == 3);
   CHECK(opened.file.masks()[0].threshold == convert::mask_threshold(1, 0.5f));
+  CHECK(opened.file.masks()[1].threshold == format::kMaxMaskThreshold);  // which a factor of 0.25 never reaches
+  CHECK(opened.file.masks()[0].page == opened.file.masks()[1].page);
+  CHECK(opened.file.masks()[2].page != opened.file.masks()[1].page);
   CHECK(opened.file.materials()[opened.file.masks()[0].material].flags ==
         (format::kMaterialAlphaBlend | format::kMaterialDoubleSided));
+  // Glass has no mask, but blends; wood and what has no alpha below 1 does not.
+  const auto scene = runtime::Scene::open(options_of(folder).output, {});
+  REQUIRE(scene);
+  uint64_t blended = 0;
+  for (uint64_t m = 0; m < scene->view().mesh_count; ++m)
+    blended += kernels::may_blend(scene->view(), scene->view().meshes[m]) ? 1 : 0;
+  CHECK(blended == 3);
 }
 
 TEST_CASE("masks are stored where they hide something, and drawn", "[convert][mask]") {

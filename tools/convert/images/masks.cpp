@@ -53,7 +53,9 @@ uint64_t mask_cost(const SourceImage& image) {
   return info ? image.bytes + 12 * uint64_t{info->width} * info->height : image.bytes;
 }
 
-MaskKind kind_of(uint32_t least, uint32_t most, uint32_t threshold) {
+MaskKind kind_of(uint32_t least, uint32_t most, const PlannedMask& mask) {
+  if (mask.blends) return least == 255 ? MaskKind::kOpaque : most == 0 ? MaskKind::kClear : MaskKind::kMixed;
+  const uint32_t threshold = mask.threshold;
   if (uint64_t{least} * 65536 >= threshold) return MaskKind::kOpaque;
   return uint64_t{most} * 65536 < threshold ? MaskKind::kClear : MaskKind::kMixed;
 }
@@ -155,8 +157,14 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
     const format::MaterialRecord& record = scene.materials[i].record;
     if (!used[i] || (record.flags & format::kMaterialCutOut) == 0) continue;
     PlannedMask& mask = plan.materials[i];
+    mask.blends = (record.flags & format::kMaterialAlphaBlend) != 0;
     mask.threshold = mask_threshold(record.base_color[3], record.alpha_cutoff);
-    mask.plain = mask.textured = kind_of(255, 255, mask.threshold);
+    mask.plain = mask.textured = kind_of(255, 255, mask);
+    if (mask.blends) {
+      // Programs that blend nothing draw a mask of one half.
+      mask.threshold = std::clamp(mask.threshold, 1u, format::kMaxMaskThreshold);
+      if (record.base_color[3] <= 0) mask.plain = mask.textured = MaskKind::kClear;
+    }
     // If full alpha fails, every smaller alpha fails too: no need to decode the image.
     if (record.texture != kNone && has_places[i] && mask.plain == MaskKind::kOpaque && mask.threshold > 0)
       materials_of[scene.textures[record.texture].record.image].push_back(i);
@@ -177,7 +185,7 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
   const auto take = [&](uint64_t i, Seen seen) -> Result<void> {
     for (const size_t material : materials_of[images[i]]) {
       PlannedMask& mask = plan.materials[material];
-      mask.textured = kind_of(seen.least, seen.most, mask.threshold);
+      mask.textured = kind_of(seen.least, seen.most, mask);
       mask.width = seen.width;
       mask.height = seen.height;
     }
@@ -204,7 +212,7 @@ Result<std::vector<std::byte>> load_mask_levels(const SourceScene& scene, const 
   if (!alpha) return alpha.error();
   if (alpha->width != planned.width || alpha->height != planned.height)
     return at(image_place(scene, image), Error{ErrorCode::kFile, "was changed while it was read"});
-  return make_mask_levels(alpha->codes, alpha->width, alpha->height, planned.threshold);
+  return make_mask_levels(alpha->codes, alpha->width, alpha->height, planned.blends ? 0 : planned.threshold);
 }
 
 void uv_transform(const format::MaterialRecord& material, double matrix[2][3]) {
@@ -219,12 +227,13 @@ void uv_transform(const format::MaterialRecord& material, double matrix[2][3]) {
 Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const std::vector<uint32_t>& materials,
                          const ImageOptions& options, WorkerPool& pool, format::ContainerWriter& writer,
                          format::TableSet& tables) {
-  // The levels depend on the threshold too, so materials share a page only with the same image and threshold.
+  // The levels depend on the threshold too, so materials share a page only with the same image and threshold; those of
+  // blended materials, which have none, are shared as threshold 0.
   std::map<std::pair<uint32_t, uint32_t>, std::vector<size_t>> materials_of;  // by image and threshold
   for (size_t i = 0; i < materials.size(); ++i) {
     if (materials[i] == kNone || plan.materials[i].textured != MaskKind::kMixed) continue;
     const uint32_t image = scene.textures[scene.materials[i].record.texture].record.image;
-    materials_of[{image, plan.materials[i].threshold}].push_back(i);
+    materials_of[{image, plan.materials[i].blends ? 0 : plan.materials[i].threshold}].push_back(i);
   }
   std::vector<std::pair<uint32_t, uint32_t>> keys;
   for (const auto& entry : materials_of) keys.push_back(entry.first);

@@ -16,8 +16,8 @@
 namespace scree::convert {
 
 enum class MaskKind : uint8_t {
-  kOpaque,  // every texel passes
-  kClear,   // no texel passes
+  kOpaque,  // every texel passes; of blended surfaces: the texture's alpha is 1
+  kClear,   // no texel passes; of blended surfaces: the alpha is 0
   kMixed
 };
 
@@ -25,6 +25,7 @@ enum class MaskKind : uint8_t {
 struct PlannedMask {
   MaskKind plain = MaskKind::kOpaque;     // triangles without texture coordinates
   MaskKind textured = MaskKind::kOpaque;  // triangles with texture coordinates
+  bool blends = false;                    // the mask is the alpha of blended surfaces: all of it counts
   uint32_t threshold = 0;                 // MaskRecord::threshold, where `textured` is kMixed
   uint32_t width = 0;                     // texels of level 0, where `textured` is kMixed
   uint32_t height = 0;
@@ -44,7 +45,8 @@ uint32_t mask_threshold(float factor, float cutoff);
 
 /// Returns the levels of a mask, one after the other, down to a longer side of 16 texels. Level 0 is `alpha` (width x
 /// height codes). Each coarser level is the box filter of level 0, scaled so that the share of texels that reach
-/// `threshold` stays the same. Without the scale, leaves would thin out or close up with distance.
+/// `threshold` stays the same. Without the scale, leaves would thin out or close up with distance. A threshold of 0
+/// leaves the levels as they are filtered: alpha that blends.
 /// Throws std::bad_alloc.
 std::vector<std::byte> make_mask_levels(std::span<const uint8_t> alpha, uint32_t width, uint32_t height,
                                         uint32_t threshold);

@@ -599,8 +599,8 @@ class Converter {
     }
 
     WorkerPool pool(limits.threads, options_.stop);
-    EncodePass pass(options_, scene_, pool, writer, {kEncodeJobsPerThread * pool.threads(), limits.flight_bytes}, times_,
-                    std::move(start));
+    EncodePass pass(options_, scene_, pool, writer, {kEncodeJobsPerThread * pool.threads(), limits.flight_bytes},
+                    times_, std::move(start));
     const uint64_t done_before = times_.encoded_triangles;
     uint64_t number = resumed_.whole_windows;
     const auto take_one = [&]() -> Result<void> {
@@ -709,11 +709,14 @@ class Converter {
     for (const format::SceneRecord& scene : tables_.scenes) report_.triangles_drawn += scene.triangle_count;
     report_.geometry_bytes = writer_->page_bytes(format::PageKind::kGeometry);
     report_.image_bytes = writer_->page_bytes(format::PageKind::kImage) + writer_->page_bytes(format::PageKind::kMask);
-    report_.masks = tables_.masks.size();
     report_.mask_bytes = writer_->page_bytes(format::PageKind::kMask);
-    for (const format::MaterialRecord& material : tables_.materials)
-      report_.opaque_masks += (material.flags & format::kMaterialCutOut) != 0 ? 1 : 0;
-    report_.opaque_masks -= tables_.masks.size();
+    for (const format::MaterialRecord& material : tables_.materials) {
+      report_.blended += (material.flags & format::kMaterialAlphaBlend) != 0 ? 1 : 0;
+      report_.opaque_masks += (material.flags & format::kMaterialCutOut) == format::kMaterialAlphaMask ? 1 : 0;
+    }
+    for (const format::MaskRecord& mask : tables_.masks)
+      report_.masks += (tables_.materials[mask.material].flags & format::kMaterialAlphaBlend) == 0 ? 1 : 0;
+    report_.opaque_masks -= report_.masks;
     for (const format::LeftOutRecord& record : tables_.left_out) {
       const std::string_view what = tables_.strings.bytes().data() + record.what;
       // What is stored once, or is implied, is not lost.

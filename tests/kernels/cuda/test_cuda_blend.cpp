@@ -1,0 +1,102 @@
+// Blended surfaces on the GPU: the layers and their alphas equal the CPU's bit for bit, for every encoding, camera and
+// stage, with queues that are large enough and queues that have to grow.
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "kernels/cuda/blend.h"
+#include "kernels/cuda/resolve.h"
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/kernels/cuda/device_copy.h"
+#include "tests/kernels/raster/blend_cases.h"
+
+using namespace scree;
+using namespace scree::tests;
+using kernels::View;
+
+namespace {
+
+template <class T>
+std::vector<T> read(const T* device, size_t count) {
+  std::vector<T> values(count);
+  REQUIRE(kernels::cuda_check(cudaMemcpy(values.data(), device, count * sizeof(T), cudaMemcpyDeviceToHost), "reading"));
+  return values;
+}
+
+class GpuLayers {
+ public:
+  GpuLayers(const kernels::SceneView& host, const DeviceCopy& device, const kernels::CudaQueueSizes& sizes)
+      : device_(device.view()), blended_(kernels::blended_view(device_)) {
+    Result<kernels::CudaFrames> opaque = kernels::CudaFrames::create(host, device_, sizes);
+    Result<kernels::CudaFrames> layers = kernels::CudaFrames::create(kernels::blended_view(host), blended_, sizes);
+    REQUIRE(opaque);
+    REQUIRE(layers);
+    opaque_.emplace(std::move(*opaque));
+    layers_.emplace(std::move(*layers));
+  }
+
+  DrawnLayers draw(const View& view) {
+    const size_t count = size_t{view.width} * view.height;
+    Result<kernels::DeviceBuffer> samples = kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "allocating");
+    REQUIRE(samples);
+    auto* const opaque = reinterpret_cast<uint64_t*>(samples->data());
+    REQUIRE(opaque_->draw(view, opaque));
+    DrawnLayers out;
+    const kernels::LayerSource source{
+        [&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
+          kernels::DrawOptions options;
+          options.part = kernels::FramePart::kPart;
+          options.peeled = peeled;
+          const Result<kernels::FrameStats> drawn = layers_->draw(view, at.drawn, options);
+          return drawn ? Result<void>() : drawn.error();
+        },
+        [&](const kernels::BlendTargets& at) -> Result<void> {
+          const kernels::Transform* const transforms = layers_->transforms();
+          Result<void> done = resolver_.shade_part(blended_, view, at.layer, transforms, {}, at.colors, nullptr);
+          if (done) done = kernels::start_finding_alphas(blended_, view, at.layer, transforms, at.alphas, nullptr);
+          if (done) out.add(read(at.layer, count), read(at.alphas, count));
+          return done;
+        }};
+    REQUIRE(blend_.blend(view, opaque, 64, source, out.counts));
+    return out;
+  }
+
+ private:
+  kernels::SceneView device_;
+  kernels::SceneView blended_;
+  std::optional<kernels::CudaFrames> opaque_;
+  std::optional<kernels::CudaFrames> layers_;
+  kernels::CudaResolver resolver_;
+  kernels::CudaBlend blend_;
+};
+
+}  // namespace
+
+TEST_CASE("layers of blended surfaces are drawn alike on the GPU", "[cuda][blend]") {
+  const bool is_clustered = GENERATE(false, true);
+  SceneBuilder builder;
+  add_blended_meshes(builder, is_clustered);
+  const kernels::SceneView scene = builder.view();
+  std::vector<View> views;
+  for (View view : masked_views()) {
+    if (kEmulatesGpu) view.width /= 2, view.height /= 2;
+    views.push_back(view);
+  }
+  // The emulator is slow.
+  for (int step = 0; step < (kEmulatesGpu ? 1 : 40); ++step) {
+    const double turn = 0.16 * step;
+    views.push_back(look_at({2 * std::cos(turn), 0.3 + 0.01 * step, 2 * std::sin(turn)}, {0, 0, 0}, 96, 64, 0.2));
+  }
+  std::vector<DrawnLayers> expected;
+  for (const View& view : views) expected.push_back(draw_layers(scene, view));
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  kernels::CudaQueueSizes two_passes;
+  two_passes.two_pass_groups = two_passes.round_groups = 1;
+  const kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1, 1};
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), two_passes, no_room}) {
+    GpuLayers gpu(scene, device, sizes);
+    for (size_t i = 0; i < views.size(); ++i) CHECK((gpu.draw(views[i]) == expected[i]));
+  }
+}
