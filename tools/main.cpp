@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/container/part_file.h"
 #include "tools/common/command.h"
 #include "tools/common/ranks.h"
 #include "tools/common/stop_signal.h"
@@ -80,9 +81,10 @@ int run(int argc, char** argv) {
   return 0;
 }
 
-/// Where memory runs out in a destructor or in a thread's first lines, nobody can catch it; what is half written keeps
-/// its name .part. Everything else that ends here is a bug, and leaves a core.
+/// Where memory runs out in a destructor or in a thread's first lines, nobody can catch it. Everything else that ends
+/// here is a bug, and leaves a core. Unfinished files are removed in both cases.
 [[noreturn]] void on_terminate() {
+  scree::format::remove_open_parts();
   try {
     if (const std::exception_ptr current = std::current_exception()) std::rethrow_exception(current);
   } catch (const std::bad_alloc&) {

@@ -6,6 +6,8 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
@@ -29,7 +31,48 @@ bool lock(int file) {
   return locked == 0 || errno != EWOULDBLOCK;
 }
 
+/// An open .part, in static memory: whoever removes it may neither allocate nor wait for a lock.
+struct OpenPart {
+  static constexpr int kFree = -1;
+  static constexpr int kTaken = -2;  // its name is being written
+  std::atomic<int> file{kFree};
+  char name[1024];
+};
+static_assert(std::atomic<int>::is_always_lock_free, "a signal handler may only touch lock-free atomics");
+
+std::array<OpenPart, 64> open_parts;
+
+/// Where all places are taken or the name is too long, the .part stays if the program ends at once.
+void note_part(const std::string& name, int file) noexcept {
+  if (name.size() >= sizeof(OpenPart::name)) return;
+  for (OpenPart& part : open_parts) {
+    int expected = OpenPart::kFree;
+    if (!part.file.compare_exchange_strong(expected, OpenPart::kTaken)) continue;
+    std::copy_n(name.c_str(), name.size() + 1, part.name);
+    part.file = file;
+    return;
+  }
+}
+
+/// Before the file is closed, for then its number may be another's.
+void forget_part(int file) noexcept {
+  for (OpenPart& part : open_parts)
+    if (file >= 0 && part.file == file) part.file = OpenPart::kFree;
+}
+
 }  // namespace
+
+void remove_open_parts() noexcept {
+  for (const OpenPart& part : open_parts) {
+    const int file = part.file;
+    // Another thread may have given the file its name meanwhile, and another program may have taken the .part.
+    struct stat of_file;
+    struct stat of_name;
+    if (file >= 0 && ::fstat(file, &of_file) == 0 && ::lstat(part.name, &of_name) == 0 &&
+        of_file.st_dev == of_name.st_dev && of_file.st_ino == of_name.st_ino)
+      ::unlink(part.name);
+  }
+}
 
 Error PartFile::error_of(const char* call, int error) const {
   return {ErrorCode::kFile, part_path_ + ": " + call + ": " + std::strerror(error)};
@@ -82,6 +125,7 @@ Result<PartFile> PartFile::create(const std::string& path, Content content, Exis
     if (::lstat(name.c_str(), &of_name) == 0 && of_name.st_dev == of_file.st_dev && of_name.st_ino == of_file.st_ino) {
       part.file_ = opened;
       part.is_part_ = true;
+      if (content == Content::kEmpty) note_part(name, opened);  // else its content is worth keeping
       if (content == Content::kEmpty && ::ftruncate(opened, 0) != 0) return part.error_of("truncate", errno);
       return part;
     }
@@ -109,10 +153,16 @@ PartFile& PartFile::operator=(PartFile&& other) noexcept {
   return *this;
 }
 
+void PartFile::keep() {
+  is_kept_ = true;
+  forget_part(file_);
+}
+
 void PartFile::discard() noexcept {
   if (is_part_ && !is_kept_ && is_parked_) reopen();
   // The name is known to refer to this file only while the lock is held.
   if (std::exchange(is_part_, false) && !is_kept_ && file_ >= 0) ::unlink(part_path_.c_str());
+  forget_part(file_);
   if (file_ >= 0) ::close(std::exchange(file_, -1));
 }
 
@@ -169,6 +219,7 @@ Result<void> PartFile::park() {
   if (::fstat(file_, &status) != 0) return error_of("stat", errno);
   parked_ = {status.st_dev, status.st_ino, status.st_size, status.st_ctim.tv_sec, status.st_ctim.tv_nsec};
   is_parked_ = true;
+  forget_part(file_);
   if (::close(std::exchange(file_, -1)) != 0) return error_of("close", errno);
   return {};
 }
@@ -196,6 +247,7 @@ Result<void> PartFile::hide() {
   if (!is_part_) return not_open();
   if (::unlink(part_path_.c_str()) != 0) return error_of("remove", errno);
   is_part_ = false;
+  forget_part(file_);
   return {};
 }
 
@@ -239,7 +291,10 @@ Result<void> PartFile::commit() {
   }
   Result<void> named = take_name();
   has_name_ = has_name_ || named;
-  if (has_name_) is_part_ = false;
+  if (has_name_) {
+    is_part_ = false;
+    forget_part(file_);
+  }
   if (!named) return named;
   if (::close(std::exchange(file_, -1)) != 0)
     return Error{ErrorCode::kFile, path_ + ": close: " + std::strerror(errno)};

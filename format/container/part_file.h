@@ -13,6 +13,11 @@ namespace scree::format {
 /// How to treat an existing file that has the name of the one to be written.
 enum class Existing { kReplace, kRefuse };
 
+/// Removes the .part files of this process that are open, but for those that are kept: for a program that is about to
+/// end without its destructors (std::terminate, a second signal). Only makes calls that POSIX allows in signal
+/// handlers.
+void remove_open_parts() noexcept;
+
 /// Writes to "NAME.part". commit() renames it to NAME; destruction without commit() removes it. An earlier NAME is
 /// untouched until then. The .part is locked (flock) from create() until it has its name or is removed. A .part that
 /// another program holds is an error; one that was left behind is overwritten. If NAME is a symbolic link to a file,
@@ -50,7 +55,7 @@ class PartFile {
   /// Unlinks the .part at once: its bytes live as long as this object, however the program ends.
   Result<void> hide();
   /// From now on discard() leaves the .part where it is, for another create() to take over.
-  void keep() { is_kept_ = true; }
+  void keep();
   /// Closes the .part, and removes it unless it has its name or is to be kept. Allocates no memory, because it may run
   /// when memory is exhausted.
   void discard() noexcept;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <new>
 
 #include "format/jpeg/index_layout.h"
 
@@ -184,7 +185,7 @@ JpegView JpegIndex::view() const {
   return view;
 }
 
-Result<JpegIndex> open_jpeg_index(std::span<const std::byte> bytes) {
+Result<JpegIndex> open_jpeg_index(std::span<const std::byte> bytes) try {
   const auto header = read_header(bytes);
   if (!header) return header.error();
   JpegIndex index;
@@ -235,6 +236,8 @@ Result<JpegIndex> open_jpeg_index(std::span<const std::byte> bytes) {
   }
   if (const auto checked = check_blocks(index, header->anchor_words); !checked) return checked.error();
   return index;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "out of memory for a JPEG's tables"};
 }
 
 }  // namespace scree::format

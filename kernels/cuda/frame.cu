@@ -30,12 +30,12 @@ uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
   return min_of(cluster_groups * format::kGroupClusters, sizes.clusters);
 }
 
-/// Clusters that are drawn in one pass, and nothing else.
+/// Scenes without indexed chunks that are drawn in one pass.
 bool is_small_scene(uint64_t indexed_candidates, uint64_t cluster_groups, const CudaQueueSizes& sizes) {
   return indexed_candidates == 0 && cluster_groups < sizes.two_pass_groups;
 }
 
-/// A kernel of stage 1, built for what a scene has.
+/// A stage 1 kernel, built for the scene's kind of positions and instances.
 struct SmallVariant {
   void (*kernel)(const SmallFrame);
   size_t shared_bytes;
@@ -103,13 +103,13 @@ enum FrameEvent {
 struct FrameStreams {
   cudaStream_t main = nullptr;
   cudaStream_t side = nullptr;  // stage 3
-  cudaStream_t clip = nullptr;  // triangles of clusters that are clipped, through all stages
+  cudaStream_t clip = nullptr;  // triangles of clusters that are clipped, in all stages
 };
 
-/// Drawn triangles from which on a frame is no longer captured in a graph.
+/// Frames with at least this many drawn triangles are not captured in a graph.
 constexpr uint64_t kMostGraphTriangles = uint64_t{1} << 23;
 
-/// The events of one pass: stages 2 and 3 begin after `small_done`.
+/// The events of one pass. Stages 2 and 3 begin after `small_done`.
 struct StageEvents {
   FrameEvent small_done;
   FrameEvent medium_done;
@@ -147,7 +147,7 @@ struct CudaFrames::Impl {
 
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
   Result<void> open_clusters(const SceneView& host, const CudaQueueSizes& sizes);
-  // These start kernels on the streams that they are given: the frame's, or those that a graph is captured from.
+  // These launch kernels on the given streams: the frame's, or those that a graph is captured from.
   void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters,
                       const FrameStreams& streams);
   template <bool kOrthographic>
@@ -183,15 +183,15 @@ struct CudaFrames::Impl {
                            uint32_t rounds) const;
   Result<void> prepare(SmallVariant& variant) const;
   bool has_clusters() const { return cluster_candidates.count() != 0; }
-  /// A round more for every doubling: it is worth its pyramid where it saves enough clusters.
+  /// One more round for every doubling: a round pays for its pyramid if it saves enough clusters.
   uint32_t rounds_when_moving() const {
     return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / round_groups)), 1u), kMostRounds);
   }
   bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
-  /// So few, and nothing else, that one kernel culls them.
+  /// Whether one kernel does all culling, because there are few groups and no other chunks.
   bool culls_as_small_scene() const { return small_scene_groups.count() != 0; }
-  /// A guess from the frame before. raster_near_clipped is faster for many triangles, but its code is longer, and a few
-  /// triangles would wait for it to be fetched.
+  /// A guess from the previous frame. raster_near_clipped is faster for many triangles. Its code is longer, and
+  /// fetching it would delay a few triangles.
   bool clips_many() const { return clipped_before > uint64_t{resident.multiprocessors()} * kClusterWarps; }
   bool clips_on_own_stream() const { return has_clusters() && !in_two_passes(); }
   /// For the next frame, while nobody waits.
@@ -201,7 +201,8 @@ struct CudaFrames::Impl {
     counters_cleared = static_cast<bool>(done);
     return done;
   }
-  /// Worth it where a frame takes a fraction of a millisecond; not in two passes, whose rounds change.
+  /// Graphs are worth it if a frame takes a fraction of a millisecond. Frames of two passes change their rounds, so
+  /// they have none.
   bool goes_as_graph() const {
     return options.part == FramePart::kWhole && !two_passes && !options.stage_times &&
            triangle_count < kMostGraphTriangles;
@@ -215,16 +216,16 @@ struct CudaFrames::Impl {
 
   SceneView scene{};
   uint64_t triangle_count = 0;
-  DrawTables tables;  // the flags; the vectors are given up once they are on the device
+  DrawTables tables;  // only the flags; the vectors are freed once they are on the device
   ResidentBlocks resident;
   SmallVariant variants[2] = {};  // perspective, orthographic
   // The frame is submitted to blocking streams, so that work on the default stream (the resolver's) is ordered with it.
   FrameStreams frame_streams;
-  // A graph is captured from streams that do not block: work on the default stream during a capture would fail, and
-  // would end the capture.
+  // A graph is captured from non-blocking streams. With blocking ones, work on the default stream during a capture
+  // would fail and end the capture.
   FrameStreams capture_streams;
   CudaGraph graph;
-  bool is_graph = false;  // the last frame
+  bool is_graph = false;  // of the last frame
   cudaEvent_t events[kEventCount] = {};
   FrameCounters* host_counters = nullptr;  // pinned: the counters after a frame
 
@@ -237,22 +238,22 @@ struct CudaFrames::Impl {
   DeviceArray<Transform> transforms;
   DeviceArray<InstancedDraw> instanced_draws;
   FrameQueues queues;
-  // Of clustered chunks:
+  // Clustered chunks:
   DeviceArray<CandidateDraw> cluster_candidates;
   DeviceArray<uint32_t> chunk_hint_offset;
   DeviceArray<uint64_t> hint_offset;
   DeviceArray<uint32_t> hints;
   DeviceArray<uint16_t> draw_bucket;
   DeviceArray<ClusterDraw> draws;
-  DeviceArray<ClusterGroup> small_scene_groups;  // of scenes that are drawn in one pass and have no other chunks
+  DeviceArray<ClusterGroup> small_scene_groups;  // for scenes that are drawn in one pass and have no other chunks
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};
-  // The frame that was begun last:
+  // The current frame:
   FrameView frame{};
   uint64_t* samples = nullptr;
   DrawOptions options;
   FrameView last_view{};
-  bool two_passes = false;  // the last frame
+  bool two_passes = false;  // of the last frame
   uint64_t two_pass_groups = 0;
   uint64_t round_groups = 0;
   uint32_t frame_number = 0;
@@ -335,7 +336,7 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
   return done;
 }
 
-/// As if nothing had been drawn before: no cluster is taken to be seen.
+/// Clears all hints, as if nothing had been drawn before.
 Result<void> CudaFrames::Impl::forget() {
   if (!in_two_passes()) return {};
   last_view = {};
@@ -343,7 +344,7 @@ Result<void> CudaFrames::Impl::forget() {
                     "clearing a bit for each cluster");
 }
 
-/// Room for the pyramid of an image, made when its size changes.
+/// Makes room for the pyramid of an image, if the size has changed.
 Result<void> CudaFrames::Impl::fit_pyramid(const FrameView& frame) {
   if (!in_two_passes() || (pyramid.width == frame.width && pyramid.height == frame.height)) return {};
   const uint64_t count = lay_out(pyramid, frame.width, frame.height);
@@ -419,12 +420,12 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
                                        const FrameStreams& streams) {
   const uint32_t pass = kPass == ClusterPass::kNewlyVisible ? 1 + round : 0;
   if (!culls_as_small_scene()) {
-    // More blocks than the registers let be there at once: culling waits for memory, and late blocks even it out.
+    // More blocks than the registers allow at once: culling waits for memory, and late blocks balance the load.
     cull_clusters<kOrthographic, kPass><<<resident.fill(kCullThreads), kCullThreads, 0, streams.main>>>(
         cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
-  // Not of parts of a frame: what the last of them draws has no first pass to compare with.
+  // Not in parts of a frame: their last clusters have no first pass to compare with.
   const bool culls_late = kPass == ClusterPass::kNewlyVisible && options.part == FramePart::kWhole;
   const auto kernel = !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false, kMasked>
                       : culls_late     ? raster_clusters<kOrthographic, 1, true, kMasked>
@@ -437,7 +438,7 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
 /// Clips the triangles of clusters that need it.
 template <bool kOrthographic, bool kMasked>
 void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t stream) {
-  if constexpr (!kOrthographic) {  // an orthographic camera has no near plane that bends what it cuts
+  if constexpr (!kOrthographic) {  // clip_near() is for perspective only
     if (clips_many()) {
       const auto near_clipped = raster_near_clipped<kMasked>;
       near_clipped<<<resident.of(near_clipped, kClusterThreads), kClusterThreads, 0, stream>>>(clusters);
@@ -447,9 +448,9 @@ void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t
   raster_clipped<kOrthographic, kMasked><<<resident.multiprocessors(), kClusterThreads, 0, stream>>>(clusters);
 }
 
-/// Clips the triangles of clusters that need it and draws what is left of them, while all others go through stages 2
-/// and 3. Few as they are, each takes 20 us. Worth the kernels that it costs only where a frame is short: of scenes
-/// that are drawn in one pass.
+/// Clips the triangles of clusters that need it and draws the remaining pieces, while all other triangles go through
+/// stages 2 and 3. They are few, but each takes 20 us. The additional kernels are worth it only in short frames: in
+/// scenes that are drawn in one pass.
 template <bool kOrthographic, bool kMasked>
 Result<void> CudaFrames::Impl::submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams) {
   SmallFrame clipped = small;
@@ -468,7 +469,7 @@ Result<void> CudaFrames::Impl::submit_clipping_on_own_stream(const SmallFrame& s
   return done;
 }
 
-/// What stage 1 left, by stages 2 and 3 side by side: each alone is too little for the GPU.
+/// Runs stages 2 and 3 side by side, because each alone is too little work for the GPU.
 template <bool kOrthographic, bool kMasked>
 Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageEvents& at,
                                              const FrameStreams& streams) {
@@ -518,7 +519,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
 
   Result<void> done;
   static_assert(kBackground == ~uint64_t{0});
-  // Of frames in one pass nothing is known to have been seen.
+  // A one-pass frame has no hints.
   const bool draws_only_previously_visible = options.part == FramePart::kPreviouslyVisible;
   const bool draws_clusters = has_clusters() && (two_passes || !draws_only_previously_visible);
   const bool draws_indexed = list.candidate_count != 0 && !draws_only_previously_visible;
@@ -587,7 +588,7 @@ Result<void> CudaFrames::Impl::capture_graph() {
   return done;
 }
 
-/// Begins the frame, or does it once more.
+/// Starts the frame, or starts it again.
 Result<void> CudaFrames::Impl::submit() {
   ++frame_number;
   two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
@@ -690,17 +691,17 @@ Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOp
 }
 
 /// Makes room in the queues that overflowed, before the frame is drawn again. Errors kDevice; kRange: a queue would
-/// need 2^32 places.
+/// need 2^32 entries.
 Result<void> CudaFrames::Impl::grow_queues() {
   const bool lost_clusters = queues.lost_clusters(*host_counters);
-  // A little more than the frame needed, since the camera moves; exactly that where no more fits.
+  // A little more than the frame needed, because the camera moves; the exact size if there is no memory for more.
   Result<void> grown = queues.grow(queues.needed(*host_counters, 4));
   if (!grown) grown = queues.grow(queues.needed(*host_counters, 0));
   if (!grown) return grown;
   if (!queues.had_room(*host_counters))
-    return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 places; use --backend cpu"};
-  // Clusters without room hid nothing: the hints that the frame left name far too many. In a part, a cluster with a new
-  // hint would count as drawn before the part.
+    return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 entries; use --backend cpu"};
+  // Clusters without room hid nothing, so the frame left far too many hints. In a part, a cluster with a new hint would
+  // also count as drawn before the part.
   return lost_clusters || options.part != FramePart::kWhole ? forget() : Result<void>();
 }
 
@@ -725,7 +726,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     if (impl_->queues.had_room(*impl_->host_counters)) break;
     if (Result<void> grown = impl_->grow_queues(); !grown) return grown.error();
     is_drawn_again = true;
-    impl_->clipped_before = impl_->host_counters->to_clip;  // the same frame again: the guess is right
+    impl_->clipped_before = impl_->host_counters->to_clip;  // for the same frame the guess is right
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }
   impl_->adapt_next_frame();
@@ -734,7 +735,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   }
   const Counters& counters = impl_->host_counters->queues;
   FrameStats stats{};
-  if (impl_->options.part != FramePart::kPreviouslyVisible) {  // else kRest counts them
+  if (impl_->options.part != FramePart::kPreviouslyVisible) {  // otherwise kRest counts them
     stats.instances_drawn = counters.instances_drawn;
     stats.draws = counters.draws;
     stats.triangles = counters.triangles;

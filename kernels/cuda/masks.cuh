@@ -1,4 +1,4 @@
-// Alpha masks of the triangles that a warp draws together: their planes in shared memory.
+// Alpha masks of the triangles that a warp draws together. Their planes lie in shared memory.
 #pragma once
 
 #include "kernels/cuda/backend.cuh"
@@ -6,25 +6,25 @@
 
 namespace scree::kernels {
 
-/// Blocks of a multiprocessor of kernels of stage 1 that draw masked triangles. One more would leave 96 registers and
-/// spills: a forest takes 3.1 ms with 5 blocks and 2.75 with 4 (H200).
+/// Blocks per multiprocessor of the stage 1 kernels that draw masked triangles. One more block would leave 96 registers
+/// and cause spills: a forest takes 3.1 ms with 5 blocks and 2.75 ms with 4 (H200).
 inline constexpr uint32_t kMaskedBlocks = 4;
 
-/// A warp's shared memory for them.
+/// A warp's shared memory for masks.
 struct WarpMasks {
-  /// Samples that wait for the test, at most: what draw_pixels() looks at in one go, twice.
+  /// The most samples that wait for the test: twice as many as draw_pixels() processes at once.
   static constexpr uint32_t kMostSamples = 256;
 
   MaskPlane planes[kWarpLanes];    // one per triangle of SetUpTriangles
-  uint16_t samples[kMostSamples];  // bits 0 to 6: the pixel of the triangle's box; from bit 7 on: the triangle
+  uint16_t samples[kMostSamples];  // bits 0 to 6: pixel in the triangle's box; from bit 7 on: the triangle
 };
 
-/// A call, so that the loops over samples keep what they have in registers: few samples come here.
+/// A call, so that loops over samples keep their values in registers. Few samples get here.
 static __device__ __noinline__ bool plane_passes(const MaskPlane* plane, int32_t x, int32_t y) {
   return plane->passes(x, y);
 }
 
-/// What the samples of a warp's triangle are tested by.
+/// The mask test of the samples of a warp's triangle.
 struct WarpPlane {
   static constexpr bool kTests = true;
   const MaskPlane* plane;  // in shared memory
@@ -32,12 +32,12 @@ struct WarpPlane {
   __device__ bool passes(int32_t x, int32_t y) const { return plane_passes(plane, x, y); }
 };
 
-/// Of kernels that draw opaque triangles alone.
+/// For kernels that draw only opaque triangles.
 struct NoLaneMask {
   static constexpr bool kTests = false;
 };
 
-/// The triangle of a lane, as its mask needs it; and the shared memory of the warp.
+/// The mask of a lane's triangle, and the warp's shared memory.
 struct LaneMask {
   static constexpr bool kTests = true;
 

@@ -1,4 +1,4 @@
-// CudaResolver: the passes of pixels.h on a stream of the caller's, a warp a tile of 8 x 4 pixels.
+// CudaResolver: runs the passes of pixels.h on the caller's stream, a warp per tile of 8 x 4 pixels.
 #include <cuda_runtime.h>
 
 #include <string>
@@ -14,9 +14,9 @@
 namespace scree::kernels {
 namespace {
 
-/// Blocks that a multiprocessor should hold: what bounds the registers of a pass.
+/// Blocks that a multiprocessor should hold. This limits the registers of a pass.
 template <class Pass>
-inline constexpr uint32_t kResidentBlocks = 6;  // 80 registers a thread
+inline constexpr uint32_t kResidentBlocks = 6;  // 80 registers per thread
 template <bool kOrthographic, ChunkKinds kKinds>
 inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kColor, kKinds>>> = 8;  // 64
 template <bool kOrthographic, ChunkKinds kKinds>
@@ -37,7 +37,7 @@ __global__ void __launch_bounds__(kPixelThreads, kResidentBlocks<Pass>)
   if (item < count) pass(item, PixelTeam{});
 }
 
-/// The transform of an instance; an item is 32 of them.
+/// Makes the transforms of 32 instances per item.
 struct MakeTransforms {
   SceneView scene;
   FrameView view;
@@ -75,14 +75,14 @@ struct CudaResolver::Impl {
     return static_cast<bool>(done);
   }
 
-  /// The stream's earlier work with what is too small is waited for, by cudaFree.
+  /// If the buffer grows, cudaFree waits for the stream's earlier work with it.
   bool reserve(DeviceBuffer& buffer, uint64_t bytes, const char* what) {
     const Result<void> done = buffer.reserve(bytes, what);
     if (!done) error = done.error();
     return static_cast<bool>(done);
   }
 
-  /// The tables of the coding, and behind them the range of depths.
+  /// The tables of the coding, followed by the range of depths.
   bool open() {
     if (tables != nullptr) return true;
     void* memory = nullptr;
@@ -112,8 +112,8 @@ struct CudaResolver::Impl {
     return check(cudaGetLastError(), "starting a pass of the resolve");
   }
 
-  /// What comes before shading a picture of side * side samples a pixel. `visibility` stays null where `options` asks
-  /// for no occlusion.
+  /// The steps before shading a picture of side * side samples per pixel. `visibility` stays null if `options` requests
+  /// no occlusion.
   Result<void> begin(const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
                      cudaStream_t stream, const ResolveTimes* times, const float*& visibility) {
     if (Result<void> checked = check_resolve(view, side); !checked) return checked;
@@ -147,7 +147,7 @@ struct CudaResolver::Impl {
 
   SrgbTables* tables = nullptr;
   DeviceBuffer transforms;
-  DeviceBuffer occlusion;  // three floats a pixel: depth, obscurance, visibility
+  DeviceBuffer occlusion;  // three floats per pixel: depth, obscurance, visibility
   cudaEvent_t events[kEventCount] = {};
   Error error{ErrorCode::kDevice, ""};
 };

@@ -8,7 +8,7 @@
 
 #include "kernels/cuda/backend.cuh"
 #include "kernels/cuda/chunk.cuh"
-#include "kernels/cuda/cull.cuh"
+#include "kernels/cuda/draw_list.cuh"
 #include "kernels/cuda/masks.cuh"
 #include "kernels/cull/coverage_filter.h"
 #include "kernels/raster/small.h"

@@ -65,7 +65,6 @@ struct MakeLayers {
     for (uint32_t i = first + team.rank(); i < end; i += team.size()) set(i);
   }
 
- private:
   SCREE_HD void set(uint32_t pixel) const {
     uint32_t x;
     uint32_t y;

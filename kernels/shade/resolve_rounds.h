@@ -46,7 +46,7 @@ struct ShadeRound {
     });
     if constexpr (Shader::Texels::kMayMiss) {
       const uint32_t rest = Team::size() == 1 ? missed : team.ballot(missed != 0);
-      if (rest != 0 && team.rank() == 0) unfinished[count_up(&counters->tiles)] = {own.tile, rest};
+      if (rest != 0 && team.rank() == 0) unfinished[fetch_increment(&counters->tiles)] = {own.tile, rest};
     }
   }
 };

@@ -1,6 +1,6 @@
 // Surfaces under light: glTF 2.0's metallic-roughness model (its appendix B: GGX, Smith, Schlick), with
-// KHR_materials_specular and KHR_materials_ior, under an environment, the file's lights, or the camera's.
-// All in view space: x right, y down, z away from the eye, in units of ShadeInputs::light.unit.
+// KHR_materials_specular and KHR_materials_ior, under an environment, the file's lights, or the camera's. Everything is
+// in view space: x right, y down, z away from the eye, LightFrame::unit units per world unit.
 #pragma once
 
 #include "kernels/shade/environment.h"
@@ -10,7 +10,8 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 inline constexpr float kPi = 3.14159265f;
-inline constexpr float kLeastRoughness = 0.045f;  // smoother is a mirror, whose highlights no sample would meet
+inline constexpr float kLeastRoughness =
+    0.045f;  // a smoother surface is a mirror, whose highlights the samples would miss
 
 struct Float3 {
   float x;
@@ -41,11 +42,11 @@ SCREE_HD inline Float3 cross(const Float3& a, const Float3& b) {
 SCREE_HD inline float largest_of(const Float3& a) {
   return max_of(a.x, max_of(a.y, a.z));
 }
-/// Of unit length, or `otherwise` where there is no direction.
+/// Scaled to unit length, or `otherwise` if there is no direction.
 SCREE_HD inline Float3 unit_or(const Float3& a, const Float3& otherwise) {
   const float largest = max_of(abs_of(a.x), max_of(abs_of(a.y), abs_of(a.z)));
   if (!(largest > 0) || !(largest < 3e38f)) return otherwise;
-  const Float3 scaled = a * (1.0f / largest);  // squares of tiny lengths would vanish
+  const Float3 scaled = a * (1.0f / largest);  // squares of tiny lengths would underflow
   return scaled * inverse_root(dot(scaled, scaled));
 }
 SCREE_HD inline float unit_range(float value) {
@@ -55,13 +56,13 @@ SCREE_HD inline Float3 mix(const Float3& a, const Float3& b, float share) {
   return a + (b - a) * share;
 }
 
-/// What light meets at a sample.
+/// The surface that light hits at a sample.
 struct SurfacePoint {
-  Float3 diffuse;    // albedo of what enters the surface
+  Float3 diffuse;    // albedo of the light that enters the surface
   Float3 f0;         // reflectance at normal incidence
   float f90;         // and at grazing incidence
   float roughness;   // perceptual
-  float occlusion;   // share of the surroundings' light that comes there
+  float occlusion;   // share of the surroundings' light that arrives
   Float3 normal;     // unit, towards the viewer
   Float3 to_viewer;  // unit
 };
@@ -86,7 +87,7 @@ SCREE_HD inline Float3 reflected_share(const SurfacePoint& at, const Float3& to_
   return (at.diffuse * ((1.0f - largest_of(fresnel)) / kPi) + fresnel * (distribution / masking)) * n_l;
 }
 
-/// Reflectance of a whole hemisphere of equal light: f0 * scale + f90 * bias. Source: B. Karis, Physically Based
+/// Reflectance under equal light from the whole hemisphere: f0 * scale + f90 * bias. Source: B. Karis, Physically Based
 /// Shading on Mobile, 2014, a fit of D. Lazarov, Getting More Physical in Call of Duty: Black Ops II, 2013.
 SCREE_HD inline void split_sum(float roughness, float n_v, float& scale, float& bias) {
   const float x = 1.0f - roughness;
@@ -116,7 +117,7 @@ SCREE_HD inline Float3 environment_light(const ShadeInputs& in, const SurfacePoi
   return (diffuse + specular * Float3{light[0], light[1], light[2]}) * at.occlusion;
 }
 
-/// The light of the file's lights (KHR_lights_punctual). `place`: of the sample, from the eye.
+/// The light from the file's lights (KHR_lights_punctual). `place`: the sample, relative to the eye.
 SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint& at, const Float3& place) {
   const float(*axes)[3] = in.light.axes;
   const auto turned = [&](const float v[3]) {
@@ -131,7 +132,7 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
     Float3 to_light = along * -1.0f;
     float strength = 1.0f;
     if (light.kind != format::LightKind::kDirectional) {
-      // Both are large where a scene lies far from the origin: the difference first.
+      // Both are large if a scene lies far from the origin, so the difference is taken first.
       const float offset[3] = {static_cast<float>(light.position[0] - in.view.eye[0]),
                                static_cast<float>(light.position[1] - in.view.eye[1]),
                                static_cast<float>(light.position[2] - in.view.eye[2])};
@@ -154,7 +155,7 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
   return sum;
 }
 
-/// What a code of a texture means: linear light, or with a null table a number from 0 to 1.
+/// Values of a texture's codes: linear light, or with a null table numbers from 0 to 1.
 struct SurfaceCodes {
   const float* linear;
   SCREE_HD float operator[](uint32_t code) const {
@@ -162,9 +163,9 @@ struct SurfaceCodes {
   }
 };
 
-/// The normal that a normal map's `code` gives around `normal` (unit, of the front). The tangent is that of the
-/// triangle's texture coordinates, as they are after their transform: constant on a triangle, where MikkTSpace's is a
-/// mean at its corners.
+/// The normal that a normal map's `code` gives around `normal` (unit length, of the front). The tangent comes from the
+/// triangle's transformed texture coordinates. It is constant on a triangle, while MikkTSpace's is averaged at its
+/// corners.
 SCREE_HD inline Float3 mapped_normal(const PlacedChunk& at, const uint32_t vertex[3],
                                      const format::SurfaceRecord& surface, const Float3& code, const Float3 edge[2],
                                      const Float3& normal) {
@@ -180,7 +181,7 @@ SCREE_HD inline Float3 mapped_normal(const PlacedChunk& at, const uint32_t verte
   const float bump_x = (2.0f * code.x - 1.0f) * surface.normal_scale;
   const float bump_y = (2.0f * code.y - 1.0f) * surface.normal_scale;
   const float bump_z = 2.0f * code.z - 1.0f;
-  if (dot(tangent, tangent) == 0) return normal;  // no area in the texture
+  if (dot(tangent, tangent) == 0) return normal;  // the triangle has no area in the texture
   return unit_or(tangent * bump_x + bitangent * bump_y + normal * bump_z, normal);
 }
 
@@ -189,7 +190,7 @@ struct SurfaceValues {
   Float3 base{1, 1, 1};
   Float3 bump{0, 0, 0};  // the normal map's code
   bool has_bump = false;
-  float metallic = 0;  // a base colour alone is matt
+  float metallic = 0;  // a material without a surface is matt
   float roughness = 1;
   float occlusion = 1;
   Float3 emission{0, 0, 0};
@@ -197,14 +198,14 @@ struct SurfaceValues {
   Float3 specular_color{1, 1, 1};
 };
 
-/// A bit per use of a texture: SurfaceUse, and behind them the base colour.
+/// One bit per use of a texture: the uses of SurfaceUse, and after them the base colour.
 SCREE_HD constexpr uint32_t use_bit(format::SurfaceUse use) {
   return 1u << static_cast<uint32_t>(use);
 }
 inline constexpr uint32_t kBaseUse = format::kSurfaceUses;
 inline constexpr uint32_t kCameraUses = use_bit(format::SurfaceUse::kNormalMap) |
                                         use_bit(format::SurfaceUse::kOcclusion) |
-                                        use_bit(format::SurfaceUse::kEmission);  // that the camera's light shows
+                                        use_bit(format::SurfaceUse::kEmission);  // visible in the camera's light
 inline constexpr uint32_t kColorUses = [] {
   uint32_t bits = 1u << kBaseUse;
   for (uint32_t i = 0; i < format::kSurfaceUses; ++i)
@@ -212,8 +213,9 @@ inline constexpr uint32_t kColorUses = [] {
   return bits;
 }();
 
-/// Multiplies a material's textures into `out`, which has its factors. `surface`: null where there is a base colour
-/// alone. One loop over all textures, so that the kernel holds one sampler: with seven it took nvcc minutes to compile.
+/// Multiplies a material's textures into `out`, which holds its factors. `surface`: null if there is only a base
+/// colour. It is one loop over all textures, so that the kernel contains one sampler; with seven, nvcc took minutes to
+/// compile it.
 template <class Shader>
 SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
                                    const format::MaterialRecord& material, const format::SurfaceRecord* surface,
@@ -264,7 +266,7 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
   }
 }
 
-/// As shade.h declares it.
+/// See shade.h.
 template <bool kOrthographic, class Shader>
 SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
                             const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
@@ -278,7 +280,7 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
   if (material != nullptr && !unlit && in.scene.surface_of != nullptr && in.scene.surface_of[number] != format::kNone)
     surface = in.scene.surfaces + in.scene.surface_of[number];
 
-  // From here on a GPU keeps one number of the corners.
+  // From here on a GPU keeps only this number of the corners.
   float depth = at.transform.w[3];
   for (int i = 0; i < 3; ++i)
     depth = multiply_add(at.transform.w[i],
@@ -302,8 +304,8 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
   if ((at.mesh.attributes & format::kHasColor) != 0) Shader::vertex_color(at, vertex, weights, rgb);
   if (unlit) return;
 
-  // The plane, and the ray that meets it.
-  const float focal = kOrthographic ? -in.focal : in.focal;  // the depth row of an orthographic camera falls
+  // The triangle's plane, and the ray that hits it.
+  const float focal = kOrthographic ? -in.focal : in.focal;  // the depth row of an orthographic camera decreases
   Float3 edge[2];
   for (int n = 0; n < 2; ++n) {
     edge[n] = kOrthographic ? Float3{m.edge_x[n], m.edge_y[n] * in.aspect, m.edge_w[n] * focal}
@@ -336,7 +338,7 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
     float reflectance = 0.04f;
     if (surface != nullptr) {
       const float root = (surface->ior - 1.0f) / (surface->ior + 1.0f);
-      reflectance = root * root;  // of ior 0 it is 1
+      reflectance = root * root;  // 1 if ior is 0
     }
     const Float3 tinted = values.specular_color * reflectance;
     const Float3 dielectric =

@@ -15,25 +15,25 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 // Words that threads share. The rounds provide all ordering that is needed.
-SCREE_HD inline uint64_t swap_if(uint64_t* place, uint64_t expected, uint64_t wanted) {
+SCREE_HD inline uint64_t compare_and_swap(uint64_t* address, uint64_t expected, uint64_t wanted) {
 #if defined(__CUDA_ARCH__)
-  return atomicCAS(reinterpret_cast<unsigned long long*>(place), static_cast<unsigned long long>(expected),
+  return atomicCAS(reinterpret_cast<unsigned long long*>(address), static_cast<unsigned long long>(expected),
                    static_cast<unsigned long long>(wanted));
 #else
-  __atomic_compare_exchange_n(place, &expected, wanted, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
+  __atomic_compare_exchange_n(address, &expected, wanted, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
   return expected;
 #endif
 }
-SCREE_HD inline uint32_t swap_if(uint32_t* place, uint32_t expected, uint32_t wanted) {
+SCREE_HD inline uint32_t compare_and_swap(uint32_t* address, uint32_t expected, uint32_t wanted) {
 #if defined(__CUDA_ARCH__)
-  return atomicCAS(place, expected, wanted);
+  return atomicCAS(address, expected, wanted);
 #else
-  __atomic_compare_exchange_n(place, &expected, wanted, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
+  __atomic_compare_exchange_n(address, &expected, wanted, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
   return expected;
 #endif
 }
 /// Returns the previous value.
-SCREE_HD inline uint32_t count_up(uint32_t* counter) {
+SCREE_HD inline uint32_t fetch_increment(uint32_t* counter) {
 #if defined(__CUDA_ARCH__)
   return atomicAdd(counter, 1u);
 #else
@@ -42,35 +42,35 @@ SCREE_HD inline uint32_t count_up(uint32_t* counter) {
 }
 /// On a GPU it may return the value from the start of the kernel.
 template <class T>
-SCREE_HD inline T look_at(const T* place) {
+SCREE_HD inline T load_cached(const T* address) {
 #if defined(__CUDA_ARCH__)
-  return *place;
+  return *address;
 #else
-  return __atomic_load_n(place, __ATOMIC_RELAXED);
+  return __atomic_load_n(address, __ATOMIC_RELAXED);
 #endif
 }
 /// Returns the current value.
 template <class T>
-SCREE_HD inline T look_again_at(const T* place) {
+SCREE_HD inline T load_relaxed(const T* address) {
 #if defined(__CUDA_ARCH__)
-  return *static_cast<const volatile T*>(place);
+  return *static_cast<const volatile T*>(address);
 #else
-  return __atomic_load_n(place, __ATOMIC_RELAXED);
+  return __atomic_load_n(address, __ATOMIC_RELAXED);
 #endif
 }
 template <class T>
-SCREE_HD inline void put_at(T* place, T value) {
+SCREE_HD inline void store_relaxed(T* address, T value) {
 #if defined(__CUDA_ARCH__)
-  *static_cast<volatile T*>(place) = value;
+  *static_cast<volatile T*>(address) = value;
 #else
-  __atomic_store_n(place, value, __ATOMIC_RELAXED);
+  __atomic_store_n(address, value, __ATOMIC_RELAXED);
 #endif
 }
 
 /// A group that pixels lack: its key, and its index in TextureCache::wanted.
 struct GroupRequest {
   uint64_t key;
-  uint32_t place;
+  uint32_t wanted_index;
   uint32_t zero;
 };
 
@@ -131,25 +131,25 @@ struct TextureCache {
   SCREE_HD const uint8_t* lookup(uint64_t key, uint32_t now) const {
     const uint32_t slot = find(key);
     if (slot == kNoSlot) return nullptr;
-    if (look_at(stamps + slot) != now) put_at(stamps + slot, now);
+    if (load_cached(stamps + slot) != now) store_relaxed(stamps + slot, now);
     return samples + uint64_t{slot} * slot_bytes;
   }
 
   /// Requests an absent group, once for all pixels that lack it. Drops the request if there is no room.
   SCREE_HD void request_group(uint64_t key, RoundCounters* counters) const {
-    if (look_again_at(&counters->requests) > slot_count)
+    if (load_relaxed(&counters->requests) > slot_count)
       return;  // otherwise the misses of a small cache would wrap the counter
     uint32_t place = scale_to(static_cast<uint32_t>(spread(key) >> 20), wanted_count);
     for (uint32_t probe = 0; probe < kProbes; ++probe) {
-      uint64_t there = look_at(wanted + place);
-      if (there == kNoKey) there = swap_if(wanted + place, kNoKey, key);
+      uint64_t there = load_cached(wanted + place);
+      if (there == kNoKey) there = compare_and_swap(wanted + place, kNoKey, key);
       if (there == key) return;
       if (there == kNoKey) {
-        const uint32_t index = count_up(&counters->requests);
+        const uint32_t index = fetch_increment(&counters->requests);
         if (index < slot_count) {
           requests[index] = {key, place, 0};
         } else {
-          put_at(wanted + place, kNoKey);
+          store_relaxed(wanted + place, kNoKey);
         }
         return;
       }
@@ -161,7 +161,7 @@ struct TextureCache {
   /// Several threads may allocate at once. A slot lost to another thread keeps the stamp `now`, so a thread tries at
   /// most once per way.
   SCREE_HD uint32_t allocate_slot(const GroupRequest& request, uint32_t now) const {
-    put_at(wanted + request.place, kNoKey);
+    store_relaxed(wanted + request.wanted_index, kNoKey);
     const uint64_t spread_key = spread(request.key);
     for (;;) {
       uint32_t oldest = kNoSlot;
@@ -169,14 +169,14 @@ struct TextureCache {
       for (uint32_t choice = 0; choice < 2; ++choice) {
         const uint32_t first = first_slot(spread_key, choice);
         for (uint32_t way = 0; way < kWays; ++way) {
-          const uint32_t seen = look_again_at(stamps + first + way);
+          const uint32_t seen = load_relaxed(stamps + first + way);
           if (seen >= stamp) continue;
           stamp = seen;
           oldest = first + way;
         }
       }
       if (oldest == kNoSlot) return kNoSlot;
-      if (swap_if(stamps + oldest, stamp, now) != stamp) continue;
+      if (compare_and_swap(stamps + oldest, stamp, now) != stamp) continue;
       keys[oldest] = request.key;
       return oldest;
     }
@@ -275,7 +275,7 @@ struct DecodeGroups {
     const GroupRequest& request = cache.requests[item];
     const uint32_t slot = cache.allocate_slot(request, now);
     if (slot == TextureCache::kNoSlot) return;
-    count_up(&counters->decoded);
+    fetch_increment(&counters->decoded);
     const JpegLevel& level = cache.levels[request.key >> 32];
     format::decode_jpeg_group(level.picture, static_cast<uint32_t>(request.key),
                               cache.samples + uint64_t{slot} * cache.slot_bytes);

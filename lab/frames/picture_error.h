@@ -16,7 +16,7 @@ struct HostPicture {
   std::vector<uint8_t> pixels;    // RGBA8, sRGB-coded, 4 bytes per pixel
 };
 
-/// Compares `picture` with `reference`, both of `view`. The position error is left 0.
+/// Compares `picture` with `reference`, both of `view`. Leaves the position error 0.
 PictureError compare_pictures(const kernels::View& view, const HostPicture& picture, const HostPicture& reference);
 
 }  // namespace scree::lab

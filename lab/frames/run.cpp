@@ -74,7 +74,7 @@ class Runner {
     std::printf("%s, driver %s, copies %.2f TB/s; commit %s; median of %u frames after %u, ms\n",
                 machine_.device.c_str(), machine_.driver.c_str(), machine_.copy_gb_per_s * 1e-3,
                 machine_.commit.c_str(), options_.frames, options_.warmup);
-    // Results measured before a failure are printed all the same.
+    // Results measured before a failure are printed as well.
     const Result<void> done = measure_all();
     if (!results_.empty()) print();
     return done;

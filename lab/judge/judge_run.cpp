@@ -36,7 +36,7 @@ class JudgeRun {
   Result<void> run() {
     std::printf("%s; commit %s; median of up to %u frames, ms\n", machine_.device.c_str(), machine_.commit.c_str(),
                 settings_.frames);
-    // Rows judged before a failure are printed all the same.
+    // Rows judged before a failure are printed as well.
     const Result<void> done = judge_all();
     if (!rows_.empty()) std::printf("\n%s", judged_tables(rows_).c_str());
     return done;
@@ -53,7 +53,7 @@ class JudgeRun {
       std::filesystem::remove_all(folder_.file(kSceneFolder), ignored);
     }
     for (const std::string& path : options_.files) {
-      // If there are scenes too, the named views belong to these.
+      // If scenes are named too, the named views belong to these.
       const std::vector<std::string> views = options_.scenes.empty() ? options_.views : std::vector<std::string>();
       if (Result<void> done = judge_source({file_name(path), path, 1, views}); !done) return done;
     }

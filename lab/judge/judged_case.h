@@ -13,12 +13,12 @@
 
 namespace scree::lab {
 
-/// The question that a row answers.
+/// The subject of a row.
 enum class Study : uint8_t {
   kPositions,    // the error by the width of positions
-  kSupersample,  // the difference from 64 samples per pixel that 1, 4 and 16 samples leave
-  kDepth,        // the error of depth codes, with all else exact
-  kSnapping,     // the error of rounding projected corners, with all else exact
+  kSupersample,  // the difference of 1, 4 and 16 samples per pixel from 64
+  kDepth,        // the error of depth codes, with everything else exact
+  kSnapping,     // the error of rounding projected corners, with everything else exact
 };
 const char* study_name(Study study);
 

@@ -45,7 +45,7 @@ struct CaseResult {
 
   uint64_t unique_triangles = 0;
   uint64_t drawn_triangles = 0;  // in the scene: over its instances, before culling
-  uint64_t geometry_bytes = 0;   // indices and positions
+  uint64_t geometry_bytes = 0;   // indices and positions, or clusters
   uint64_t device_bytes = 0;     // pages and records
   kernels::FrameStats stats{};   // of the last frame
   uint64_t covered_samples = 0;
@@ -63,7 +63,7 @@ struct CaseResult {
 
   std::optional<PictureError> error;
 
-  /// The time that speed is computed from.
+  /// The time from which speed is computed.
   const Times& drawing() const { return raster ? *raster : frame; }
   double triangles_per_s() const { return static_cast<double>(drawn_triangles) / (drawing().median * 1e-3); }
   double bytes_per_triangle() const {

@@ -94,6 +94,12 @@ class DeviceView {
                                          const kernels::ShadeOptions* shade,
                                          const std::function<Result<void>(size_t)>& make);
 
+  /// The same in one set of launches, where kernels::CudaViewBatch takes the scene and its pictures: depths and ids
+  /// alone, into `out`, view by view. Nothing where that is not so, or the device has no room for it. There is no
+  /// picture to resolve() afterwards.
+  Result<std::optional<kernels::FrameStats>> draw_together(const Scene& scene, std::span<const kernels::View> views,
+                                                           uint32_t samples_per_side, const kernels::LayerTargets& out);
+
   /// The picture that resolve() made last of `width` x `height` pixels, as a JPEG file that is made on the device:
   /// baseline, with libjpeg's tables of `quality` (1 to 100) and a restart marker after every few MCUs. `is_sharp`:
   /// colours in full resolution in place of a quarter. Errors kDevice, kMemory, kRange (a side of 0 or over 65,535).

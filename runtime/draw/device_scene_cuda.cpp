@@ -14,6 +14,7 @@
 #include "kernels/cuda/jpeg.h"
 #include "kernels/cuda/layers.h"
 #include "kernels/cuda/resolve.h"
+#include "kernels/cuda/view_batch.h"
 #include "kernels/cull/depth_pyramid.h"
 #include "kernels/frame_parts.h"
 #include "kernels/shade/pixels.h"
@@ -110,6 +111,8 @@ struct DeviceView::Impl {
   DeviceBuffer second_samples;
   size_t picture = 0;  // whose turn it is
   bool has_room_for_second = true;
+  std::optional<kernels::CudaViewBatch> view_batch;
+  bool takes_view_batches = true;  // until the scene, or the device's memory, turns out to be none for them
   kernels::CudaJpegCoder jpeg;
   cudaEvent_t queued = nullptr;
   std::optional<StreamStats> streamed;
@@ -135,6 +138,7 @@ struct DeviceView::Impl {
   }
   bool open_second(const kernels::SceneView& host);
   Result<const float*> blended_over(const kernels::View& view, const kernels::ShadeOptions& options);
+  bool open_view_batch(const kernels::SceneView& host);
 };
 
 struct DeviceScene::Impl {
@@ -196,6 +200,17 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
         return done;
       }};
   return blend.blend(view, sample_data(), options.blend_layers, source, blended);
+}
+
+/// False where the scene is none for batches of views, or the device has no room for them.
+bool DeviceView::Impl::open_view_batch(const kernels::SceneView& host) {
+  if (view_batch || !takes_view_batches) return takes_view_batches;
+  takes_view_batches = scene.stream == nullptr && kernels::CudaViewBatch::takes(host);
+  if (!takes_view_batches) return false;
+  Result<kernels::CudaViewBatch> made = kernels::CudaViewBatch::create(host, scene.scene.view());
+  takes_view_batches = static_cast<bool>(made);
+  if (made) view_batch = std::move(*made);
+  return takes_view_batches;
 }
 
 DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -578,6 +593,21 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
   if (!done) impl.width = 0;
   if (!done) return done.error();
   return sum;
+}
+
+Result<std::optional<kernels::FrameStats>> DeviceView::draw_together(const Scene& scene,
+                                                                     std::span<const kernels::View> views,
+                                                                     uint32_t samples_per_side,
+                                                                     const kernels::LayerTargets& out) {
+  Impl& impl = *impl_;
+  using Drawn = std::optional<kernels::FrameStats>;
+  if (out.normal != nullptr || out.uv != nullptr || !kernels::CudaViewBatch::pays(views) ||
+      !impl.open_view_batch(scene.view()) || !impl.view_batch->reserve(views))
+    return Drawn();
+  impl.width = 0;
+  const Result<kernels::FrameStats> drawn = impl.view_batch->draw(views, samples_per_side, out);
+  if (!drawn) return drawn.error();
+  return Drawn(*drawn);
 }
 
 Result<std::vector<std::byte>> DeviceView::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {

@@ -128,6 +128,11 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene&, std::span<const
   return current_gpu().error();
 }
 
+Result<std::optional<kernels::FrameStats>> DeviceView::draw_together(const Scene&, std::span<const kernels::View>,
+                                                                     uint32_t, const kernels::LayerTargets&) {
+  return current_gpu().error();
+}
+
 Result<std::vector<std::byte>> DeviceView::encode_jpeg(uint32_t, uint32_t, int, bool) {
   return current_gpu().error();
 }

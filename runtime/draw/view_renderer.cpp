@@ -230,6 +230,18 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
   } catch (const std::bad_alloc&) {
     return out_of_memory(views.size_bytes());
   }
+  const auto made = [&](const kernels::FrameStats& stats) {
+    stats_ = stats;
+    std::copy(std::begin(blocks), std::end(blocks), std::begin(on_gpu_));
+  };
+  const FrameTargets all = targets_of(layers, 0, [&](size_t layer) { return blocks[layer]; });
+  if (!shades) {
+    const Result<std::optional<kernels::FrameStats>> together =
+        device_->draw_together(scene_->scene(), in, samples_per_side_, all.others);
+    if (!together) return together.error();
+    if (*together) made(**together);
+    if (*together) return {};
+  }
   const Result<kernels::FrameStats> drawn = device_->draw_batch(
       scene_->scene(), in, scene_->is_streamed() && shades ? &shade_ : nullptr, [&](size_t v) -> Result<void> {
         const FrameTargets targets = targets_of(layers, v, [&](size_t layer) { return blocks[layer]; });
@@ -241,8 +253,7 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
         return done;
       });
   if (!drawn) return drawn.error();
-  stats_ = *drawn;
-  std::copy(std::begin(blocks), std::end(blocks), std::begin(on_gpu_));
+  made(*drawn);
   return {};
 }
 

@@ -515,11 +515,18 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
     for (const Shot& shot : random_shots(5, 5)) cameras.push_back(shot.camera);
     const scree_draw_options options = draw_options(20, 10, 2);
     constexpr uint32_t kMade = 0x7f & ~(1u << SCREE_SAMPLES);
+    // Of these four pictures or more are drawn at once.
+    constexpr uint32_t kIds = 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE;
     must(scree_draw_batch(cpu.view, cameras.data(), 5, &options, kMade));
-    for (const uint32_t count : {5u, 2u, 1u, 5u}) {
-      must(scree_draw_batch(second, cameras.data(), count, &options, kMade));
+    for (const auto& [count, made] :
+         {std::pair{5u, kMade}, {2u, kMade}, {1u, kMade}, {5u, kIds}, {3u, kIds}, {1u, kIds}, {5u, kMade}}) {
+      must(scree_draw_batch(second, cameras.data(), count, &options, made));
+      auto refused = sized<scree_array>();
+      if (made == kIds) CHECK(scree_host_layer(second, SCREE_NORMAL, &refused) == SCREE_ERROR_ARGUMENT);
+      CHECK(scree_draw_batch(second, cameras.data(), 0, &options, made) == SCREE_ERROR_ARGUMENT);
+      must(scree_draw_batch(second, cameras.data(), count, &options, made));
       for (const scree_layer layer : kAllLayers) {
-        if (layer == SCREE_SAMPLES) continue;
+        if ((made >> layer & 1) == 0) continue;
         INFO("layer " << layer << ", " << count << " cameras");
         auto array = sized<scree_array>();
         must(scree_device_layer(second, layer, nullptr, &array));

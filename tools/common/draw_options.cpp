@@ -50,7 +50,7 @@ void add_light_options(CLI::App& app, LightWords& words) {
                  "directions (default: a clear sky)")
       ->type_name("FILE");
   app.add_option("--exposure", words.exposure,
-                 "Brighter or darker by so many stops, -20 to 20 (default: 0), but for the camera's light")
+                 "Exposure in stops, -20 to 20 (default: 0); the camera's light ignores it")
       ->type_name("STOPS");
   app.add_option("--blend-layers", words.blend_layers,
                  "The most layers of blended surfaces, such as glass, behind one another, 0 to 65535 (default: 16); a "

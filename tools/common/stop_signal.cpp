@@ -6,6 +6,8 @@
 
 #include <unistd.h>
 
+#include "format/container/part_file.h"
+
 namespace scree::tools {
 namespace {
 
@@ -50,27 +52,32 @@ void print_line() {
   }
 }
 
-extern "C" void request_stop(int signal) {
-  stop_requested.store(true, std::memory_order_relaxed);
-  stop_signal.store(signal, std::memory_order_relaxed);
-}
-
 extern "C" void end_at_once(int signal) {
+  format::remove_open_parts();  // after a second signal; there are none before the first
   if (void (*const function)() = clean_up) function();
   print_line();
   ::raise(signal);  // its action is the default again, and takes effect when the handler returns
 }
 
-void install(void (*handler)(int)) {
+/// What `signal` does from now on, if it is not ignored. The default action is back before the handler runs.
+void handle(int signal, void (*handler)(int)) {
   struct sigaction action {};
   action.sa_handler = handler;
   action.sa_flags = static_cast<int>(SA_RESETHAND);
   sigemptyset(&action.sa_mask);
-  for (const int signal : kSignals) {
-    struct sigaction now {};
-    sigaction(signal, nullptr, &now);
-    if (now.sa_handler != SIG_IGN) sigaction(signal, &action, nullptr);
-  }
+  struct sigaction now {};
+  sigaction(signal, nullptr, &now);
+  if (now.sa_handler != SIG_IGN) sigaction(signal, &action, nullptr);
+}
+
+extern "C" void request_stop(int signal) {
+  stop_requested.store(true, std::memory_order_relaxed);
+  stop_signal.store(signal, std::memory_order_relaxed);
+  handle(signal, end_at_once);
+}
+
+void install(void (*handler)(int)) {
+  for (const int signal : kSignals) handle(signal, handler);
 }
 
 }  // namespace

@@ -15,7 +15,8 @@ namespace scree::tools {
 void end_on_signal(std::string_view command);
 
 /// While one exists, the first signal only raises flag(), and the job ends itself and removes its unfinished files; a
-/// second signal ends the program at once. Only one may exist at a time.
+/// second signal ends the program at once, and removes them too but for those that --resume goes on from. Only one may
+/// exist at a time.
 class StopOnSignal {
  public:
   /// `advice`: replaces "nothing written" at the end of the line.

@@ -298,10 +298,10 @@ Command add_compare(CLI::App& parent) {
   RenderWords& render = words->render;
   CLI::App* app = parent.add_subcommand(
       "compare",
-      "Says by how much A misses B: two PNG pictures, two visibility buffers of one view, or a .scree file\n"
-      "(made with convert --source-ids) and its glTF, which a double-precision rasteriser draws and lights as it is.\n"
-      "Of a .scree file and its glTF: vertices, pixels of another triangle, depths, and how far the lit pictures lie\n"
-      "apart (PSNR and FLIP), from which textures are left out.");
+      "Measures how A differs from B: two PNG pictures, two visibility buffers of one view, or a .scree file (made\n"
+      "with convert --source-ids) and its glTF, which a double-precision rasteriser draws and lights exactly. For a\n"
+      ".scree file and its glTF it compares vertices, the pixels' triangles, depths, and the lit pictures without\n"
+      "textures (PSNR and FLIP).");
   app->add_option("A", render.file, "A PNG, a visibility buffer, or a .scree file")->required();
   app->add_option("B", words->other, "The reference: a PNG, a visibility buffer, a .gltf or .glb")->required();
   app->add_option("-o,--output", render.output,

@@ -278,10 +278,10 @@ Command add_convert(CLI::App& parent) {
       ->type_name("NAME");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
-  app->add_option(
-         "--normals", words->normals,
-         "Which normals are stored, 12 bits an axis of the octahedral map: auto: those of meshes on which they "
-         "show, for they are not their faces' (default); always, which --normals alone means; never")
+  app->add_option("--normals", words->normals,
+                  "Normals to store, with 12 bits per axis of the octahedral map: auto (default): of meshes whose "
+                  "normals differ "
+                  "from those of their faces; always (also --normals alone); never")
       ->type_name("WHICH");
   app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
   app->add_option("--exclude", words->exclude,
@@ -294,13 +294,14 @@ Command add_convert(CLI::App& parent) {
   app->add_flag("--no-share", words->no_share,
                 "Store equal meshes, textures and materials as often as the source has them");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
-  app->add_option("--memory", words->memory,
-                  "The most memory to take (default: 2GiB): with less, fewer threads work at a time on the same bytes")
+  app->add_option(
+         "--memory", words->memory,
+         "Limit of memory (default: 2GiB); with less, fewer threads work at a time, and the bytes stay the same")
       ->type_name("SIZE");
   app->add_option(
          "--shard", words->shard,
-         "Make share I of N, which count from 1, into a file of its own (default: the input with the extension "
-         ".I.part), of which scree merge makes the file of one run (docs/scale.md)")
+         "Convert only share I of N (counted from 1) into a file of its own (default: the input with the extension "
+         ".I.part); scree merge joins the shares into the file of one run (docs/scale.md)")
       ->type_name("I/N");
   app->add_flag("--resume", words->resume,
                 "Continue a killed run from OUTPUT.part (same input and options, same bytes); keep OUTPUT.part if this "

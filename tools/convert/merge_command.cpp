@@ -68,11 +68,11 @@ Result<void> run(const MergeWords& words) {
 Command add_merge(CLI::App& parent) {
   const auto words = std::make_shared<MergeWords>();
   CLI::App* app = parent.add_subcommand(
-      "merge", "Makes of the shards of a conversion (scree convert --shard) the .scree file that one run makes");
-  app->add_option("shards", words->shards, "All shards, in any order; the source is there as it was")->required();
+      "merge", "Joins the shards of a conversion (scree convert --shard) into the .scree file of one run");
+  app->add_option("shards", words->shards, "All shards, in any order; their source must be unchanged")->required();
   app->add_option("-o,--output", words->output, "The file to write")->required()->type_name("FILE");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
-  app->add_option("--memory", words->memory, "The most memory to take (default: 2GiB)")->type_name("SIZE");
+  app->add_option("--memory", words->memory, "Limit of memory (default: 2GiB)")->type_name("SIZE");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--json", words->json, "Print one JSON object instead of the closing lines");

@@ -468,9 +468,9 @@ Command add_render(CLI::App& parent) {
       ->type_name("FILE");
   app->add_option(
          "--layers", words->layers,
-         "What an .exr holds, of color: R, G, B, A, linear and premultiplied; depth: Z; normal: N.X, N.Y, N.Z; uv: "
-         "UV.U, UV.V; id: id.instance, id.mesh, id.material, id.triangle of the mesh, 4294967295 where there is "
-         "none (default: color,depth,normal,uv,id)")
+         "Layers of an .exr: color: R, G, B, A, linear and premultiplied; depth: Z; normal: N.X, N.Y, N.Z; uv: UV.U, "
+         "UV.V; id: id.instance, id.mesh, id.material, id.triangle of the mesh, 4294967295 if there is none (default: "
+         "color,depth,normal,uv,id)")
       ->type_name("NAMES");
   app->add_flag("--float", words->float_color, "Colours of an .exr with 32 bits, not 16");
   add_picture_options(*app, *words);
@@ -492,11 +492,11 @@ Command add_render(CLI::App& parent) {
       ->type_name("COLOR");
   app->add_option(
          "--depth", words->depth,
-         "Write the depth image, a .pfm: distances from the eye's plane in the scene's units, inf where nothing is")
+         "Write the depth image, a .pfm: distances from the eye's plane in the scene's units, inf on the background")
       ->type_name("FILE");
   app->add_option("--normals", words->normals,
-                  "Write the normals, a .pfm of three floats per pixel: unit length, in world space, of the front also "
-                  "where the back is seen, 0 where nothing is")
+                  "Write the normals, a .pfm of three floats per pixel: unit length, in world space, of the front "
+                  "even if the back is seen, 0 on the background")
       ->type_name("FILE");
   app->add_option("--uvs", words->uvs,
                   "Write the texture coordinates, a .pfm of three floats per pixel: u, v as the mesh has them, and 0")
@@ -519,13 +519,13 @@ Command add_render(CLI::App& parent) {
       ->type_name("FILE");
   app->add_option(
          "--frames", words->frames,
-         "Of a path: FIRST:END, as 0:600 for frames 0 to 599, and I/N, every N-th of them from the I-th on, or "
-         "both, as 0:600,1/8 (default: all). Without a path: draw so many frames of a still camera and write "
-         "the last (default: 1); with --stats, what each of them streamed")
+         "With --path: FIRST:END, such as 0:600 for frames 0 to 599; I/N, every N-th of them from the I-th on; or "
+         "both, such as 0:600,1/8 (default: all). Without a path: draw this many frames of a still camera and write "
+         "the last (default: 1); --stats then shows what each of them streamed")
       ->type_name("FRAMES");
   app->add_option("--fps", words->fps, "Frames per second of a path (default: the file's, else 30)")->type_name("N");
   app->add_flag("--resume", words->resume,
-                "Of a path: leave frames alone that are there, whole and of this size; they may be of another run");
+                "With --path: keep frames that exist, complete and of this size, also from another run");
   app->add_option(
          "--texture-cache", words->texture_cache,
          "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "

@@ -17,7 +17,8 @@ namespace {
 
 using Bytes = std::vector<std::byte>;
 
-/// A few strips per thread, so that none waits long for the last, of at least `least` rows each.
+/// Rows of a strip: a few strips per thread, so that no thread waits long for the last strip, and at least `least` rows
+/// each.
 uint32_t rows_per_strip(uint32_t rows, uint32_t threads, uint32_t least) {
   const uint32_t strips = std::max(1u, threads > 1 ? 3 * threads : 2);
   return std::max((rows + strips - 1) / strips, least);
@@ -40,13 +41,13 @@ struct TurboFree {
   void operator()(void* handle) const { tjDestroy(handle); }
 };
 
-/// The compressor of a thread: making one clears 100 KB.
+/// The compressor of this thread. Making one clears 100 KB.
 tjhandle compressor() {
   thread_local std::unique_ptr<void, TurboFree> handle(tjInitCompress());
   return handle.get();
 }
 
-/// A whole JPEG of rows [first, first + count); empty where libjpeg fails, for lack of memory.
+/// A whole JPEG of rows [first, first + count); empty if libjpeg fails, for lack of memory.
 Bytes jpeg_strip(const PixelView& picture, uint32_t first, uint32_t count, int quality, int sampling) {
   const tjhandle handle = compressor();
   if (handle == nullptr) return {};
@@ -62,7 +63,7 @@ Bytes jpeg_strip(const PixelView& picture, uint32_t first, uint32_t count, int q
   return out;
 }
 
-/// The strips' data behind one head for all of them. Each strip starts from a DC of 0 at a byte's edge, as behind a
+/// Joins the strips' data after one common head. Each strip starts from a DC of 0 at a byte boundary, as after a
 /// restart marker. Source: T.81, B.2.1, B.2.4.4. Errors as parse_jpeg().
 Result<Bytes> join_strips(Bytes head, const std::vector<Bytes>& strips) {
   Bytes out = std::move(head);
@@ -74,13 +75,13 @@ Result<Bytes> join_strips(Bytes head, const std::vector<Bytes>& strips) {
     if (!header) return header.error();
     if (i != 0) append_bytes(out, 0xff, 0xd0 + (i - 1) % 8);
     const std::span<const std::byte> strip(strips[i]);
-    append(out, strip.first(strip.size() - 2).subspan(header->data_offset));  // less the EOI
+    append(out, strip.first(strip.size() - 2).subspan(header->data_offset));  // without the EOI marker
   }
   append_bytes(out, 0xff, 0xd9);
   return out;
 }
 
-/// A strip of a PNG's image data: deflate blocks that end at a byte, and the checksum of the bytes they unpack to.
+/// A strip of a PNG's image data: deflate blocks that end at a byte, and the checksum of their unpacked bytes.
 struct PngStrip {
   Bytes data;
   uint32_t adler = 0;
@@ -164,7 +165,7 @@ Result<Bytes> encode_jpeg(const PixelView& picture, int quality, bool is_sharp, 
 
 Result<Bytes> encode_png(const PixelView& picture, runtime::Workers& workers, const IsAbandoned& is_abandoned) try {
   assert(picture.bytes.size() == size_t{picture.width} * picture.height * picture.channels);
-  // Strips of 64 KiB or more, or what is lost between them shows in the size.
+  // Strips of at least 64 KiB. With smaller ones the bytes lost at their ends would be a visible share.
   const uint32_t least = std::max(1u, (64 << 10) / (3 * picture.width));
   const uint32_t per_strip = std::min(rows_per_strip(picture.height, 4 * workers.count(), least), picture.height);
   const uint32_t strip_count = (picture.height + per_strip - 1) / per_strip;

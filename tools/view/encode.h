@@ -1,4 +1,4 @@
-// Pictures as bytes to send, encoded in strips on many threads.
+// Encodes pictures into bytes to send, in strips on many threads.
 #pragma once
 
 #include <cstddef>
@@ -16,20 +16,20 @@ namespace scree::tools::view {
 struct PixelView {
   uint32_t width = 0;
   uint32_t height = 0;
-  uint32_t channels = 3;  // 3: RGB; 4: RGB and a byte that is left out
+  uint32_t channels = 3;  // 3: RGB; 4: RGB and a byte that is ignored
   std::span<const uint8_t> bytes;
 };
 
 /// Tested before each strip; true ends the work, and the encoder returns no bytes.
 using IsAbandoned = std::function<bool()>;
 
-/// A baseline JPEG with a restart marker after each strip, in which every byte is as if one thread had made it.
-/// `quality`: 1 to 100. `is_sharp`: full resolution for colour (4:4:4) in place of a quarter (4:2:0). Errors kMemory.
+/// A baseline JPEG with a restart marker after each strip. The number of threads does not change its bytes. `quality`:
+/// 1 to 100. `is_sharp`: colour in full resolution (4:4:4) instead of a quarter (4:2:0). Errors kMemory.
 Result<std::vector<std::byte>> encode_jpeg(const PixelView& picture, int quality, bool is_sharp,
                                            runtime::Workers& workers, const IsAbandoned& is_abandoned = {});
 
-/// A PNG of RGB, fast and not small: strips of rows, each the difference to the pixel on the left, deflated apart
-/// (zlib's level 1). Errors kMemory.
+/// A PNG of RGB, made for speed, not for size: strips of rows, each value as the difference to the pixel on its left,
+/// each strip deflated separately (zlib's level 1). Errors kMemory.
 Result<std::vector<std::byte>> encode_png(const PixelView& picture, runtime::Workers& workers,
                                           const IsAbandoned& is_abandoned = {});
 

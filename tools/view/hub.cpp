@@ -14,9 +14,9 @@ namespace {
 using namespace std::chrono_literals;
 using Milliseconds = std::chrono::duration<double, std::milli>;
 
-// A picture at rest comes so long after the newest camera: at once would be in the way of the next of a movement.
-constexpr auto kRestDelay = 60ms;         // the page says that it does not move
-constexpr auto kMovingRestDelay = 160ms;  // it said that it moves, and has sent nothing since
+// Delays of the picture at rest after the newest camera. Without a delay it would block the next picture of a movement.
+constexpr auto kRestDelay = 60ms;         // if the page says that it does not move
+constexpr auto kMovingRestDelay = 160ms;  // if it said that it moves, but has sent nothing since
 // More samples keep the thread busy, and nothing can interrupt it: only where that is hardly noticed, or after a while.
 constexpr double kQuickMs = 150;
 constexpr double kPatientMs = 900;
@@ -28,19 +28,19 @@ double ms_between(Hub::Clock::time_point from, Hub::Clock::time_point to) {
   return Milliseconds(to - from).count();
 }
 
-/// Ids have colours that a quarter of the colour resolution would smear.
+/// Ids have colours that would smear at a quarter of the colour resolution.
 bool has_sharp_colours(kernels::Show show) {
   return show == kernels::Show::kTriangle || show == kernels::Show::kCluster || show == kernels::Show::kMesh ||
          show == kernels::Show::kStage;
 }
 
-/// The most samples a side, up to `wanted`, that a picture of this size can have.
+/// The most samples per side, up to `wanted`, that a picture of this size can have.
 uint32_t possible_samples(uint32_t wanted, uint32_t width, uint32_t height) {
   while (wanted > 1 && uint64_t{wanted} * std::max(width, height) > kernels::kMaxImageSide) wanted /= 2;
   return wanted;
 }
 
-/// Whether two requests are answered by the same pixels: one with `is_moving` comes at the end of each movement.
+/// Whether the same pixels answer both requests: a movement ends with a request that differs only in `is_moving`.
 bool is_same_picture(const PictureRequest& a, const PictureRequest& b) {
   const kernels::ShadeOptions &s = a.shade, &t = b.shade;
   return a.camera == b.camera && a.width == b.width && a.height == b.height && s.show == t.show && s.light == t.light &&
@@ -100,7 +100,7 @@ void Hub::receive(uint32_t number, Message message) {
   if (found == viewers_.end()) return;
   Viewer& viewer = *found->second;
   const auto add_job = [&](Job job) {
-    if (!is_ready_ || !viewer.wanted) return;  // there is nothing to look at yet
+    if (!is_ready_ || !viewer.wanted) return;  // there is nothing to draw yet
     if (viewer.jobs.size() >= kMaxJobs) return viewer.link->send_text(error_text("too many questions at once"));
     viewer.jobs.push_back(std::move(job));
   };
@@ -113,7 +113,7 @@ void Hub::receive(uint32_t number, Message message) {
             for (const auto& [other_number, other] : viewers_)
               if (other->follows == number) other->link->send_text(text);
           }
-          // What was sent for a moment of movement is the moving picture of the rest as well.
+          // A picture sent for a moment of a movement also serves as the moving picture of the rest.
           const bool is_drawn =
               viewer.wanted && viewer.drawn_version == viewer.version && is_same_picture(*viewer.wanted, body);
           viewer.wanted = std::move(body);
@@ -129,9 +129,9 @@ void Hub::receive(uint32_t number, Message message) {
             const Clock::time_point now = Clock::now();
             viewer.adaptation.note(acknowledged->level, ms_between(acknowledged->begun, now), ms_between({}, now));
           }
-          viewer.in_flight.erase(viewer.in_flight.begin(), acknowledged + 1);  // pages show them in order
+          viewer.in_flight.erase(viewer.in_flight.begin(), acknowledged + 1);  // pages show pictures in order
         } else if constexpr (std::is_same_v<Body, Probe>) {
-          // Depths of another view would name a point that lies elsewhere by now.
+          // Depths of another view would give a point that has moved since.
           const bool is_current = viewer.wanted && viewer.depths_version == viewer.version;
           if (!is_current || body.at.x >= viewer.wanted->width || body.at.y >= viewer.wanted->height) return;
           viewer.link->send_text(point_text(body.at, viewer.depths.point(body.at)));
@@ -180,7 +180,7 @@ std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point
   work.samples = viewer->exact_samples == 0 ? 1 : 2 * viewer->exact_samples;
   Clock::time_point due = viewer->wanted_at + (viewer->wanted->is_moving ? kMovingRestDelay : kRestDelay);
   if (work.samples > 1) {
-    const double guess_ms = 3 * viewer->exact_ms;  // four times the samples, but not the triangles
+    const double guess_ms = 3 * viewer->exact_ms;  // four times the samples, but not of the triangles
     if (guess_ms > kPatientMs) return std::nullopt;
     if (guess_ms > kQuickMs) due = viewer->wanted_at + kPatientDelay;
   }
@@ -189,7 +189,7 @@ std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point
   return std::nullopt;
 }
 
-/// Round robin; pictures of those who move come before pictures at rest.
+/// Round robin; pictures of moving viewers come before pictures at rest.
 std::optional<Hub::Work> Hub::next_work(Clock::time_point now, Clock::time_point& wake) {
   std::optional<Work> at_rest;
   auto next = viewers_.upper_bound(served_);
@@ -252,7 +252,7 @@ void Hub::run() {
         for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
       }
       if (done) continue;
-      // The request asks too much, or is none: it counts as drawn, so that it is not tried again and again.
+      // The request is too large or invalid. It counts as drawn, so that it is not tried again and again.
       work->viewer->link->send_text(error_text(done.error().message));
       if (!work->job && work->viewer->version == work->version) {
         work->viewer->drawn_version = work->version;
@@ -309,7 +309,7 @@ Result<void> Hub::draw_exact(const Work& work) {
   if (!image) return image.error();
   if (image->empty()) return {};
   const double encode_ms = watch.elapsed().wall_ms;
-  std::optional<DepthMap> depths;  // once for a camera, of its first picture at rest
+  std::optional<DepthMap> depths;  // once per camera, of its first picture at rest
   if (work.samples == 1) {
     Result<DepthMap> read = session_->depths();
     if (!read) return read.error();

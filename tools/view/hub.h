@@ -1,4 +1,4 @@
-// The viewers of a scene and the one thread that draws for them. Sockets stay outside: a viewer is a ViewerLink.
+// The viewers of a scene, and the thread that draws for them. The hub knows no sockets: a viewer is a ViewerLink.
 #pragma once
 
 #include <chrono>
@@ -20,41 +20,41 @@
 
 namespace scree::tools::view {
 
-/// The way to one page. Called from any thread, must not block, and must not call the hub.
+/// The connection to one page. Called from any thread. It must not block, and must not call the hub.
 class ViewerLink {
  public:
   virtual ~ViewerLink() = default;
   virtual void send_text(std::string text) = 0;
-  /// A picture message: u32 little-endian, bytes of the JSON head that follows; then the image file.
+  /// A picture message: a little-endian u32, the bytes of the JSON head that follows, then the image file.
   virtual void send_picture(std::vector<std::byte> message) = 0;
 };
 
-/// Pictures sent to a viewer and not acknowledged by it; more would only queue on the way.
+/// Pictures sent to a viewer that it has not acknowledged. More would only wait on the way.
 inline constexpr size_t kMaxInFlight = 2;
 
-/// Answers to one viewer that are still to be made; a page that asks for more gets an error.
+/// Answers to one viewer that are not yet made. A page that asks for more gets an error.
 inline constexpr size_t kMaxJobs = 16;
 
-/// Thread-safe. Nothing a viewer does makes the hub hold more than kMaxInFlight pictures, kMaxJobs jobs and a depth map
-/// of 4 MiB for it, or keeps the others waiting for longer than the drawing of one picture.
+/// Thread-safe. For each viewer the hub holds at most kMaxInFlight pictures, kMaxJobs jobs and a depth map of 4 MiB. No
+/// viewer delays the others for longer than the drawing of one picture.
 class Hub {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Begins to open the scene, on the hub's own thread. `on_end`: called there if that fails, and when the hub can draw
-  /// no longer; the hub is then of no use.
+  /// Starts opening the scene on the hub's own thread. `on_end`: called there if that fails, and if the hub can no
+  /// longer draw; the hub is useless then.
   Hub(SessionOptions options, std::function<void(Error)> on_end);
   Hub(const Hub&) = delete;
   Hub& operator=(const Hub&) = delete;
   ~Hub();
 
-  /// A new viewer's number, from 1 on.
+  /// Returns the new viewer's number, from 1 on.
   uint32_t join(std::shared_ptr<ViewerLink> link);
   void leave(uint32_t viewer);
   void receive(uint32_t viewer, Message message);
 
-  /// Ends the thread behind the picture that it is drawing. Returns whether it has ended within `patience`; where it
-  /// has not, the destructor waits for it.
+  /// Ends the thread after the picture that it is drawing. Returns whether it ended within `patience`; if not, the
+  /// destructor waits for it.
   bool stop(std::chrono::milliseconds patience);
 
  private:
@@ -64,29 +64,29 @@ class Hub {
     uint64_t frame;
     Clock::time_point begun;
     size_t level;
-    bool is_moving;  // as the adaptation counts it
+    bool is_moving;  // as for the adaptation
   };
 
   struct Viewer {
     uint32_t number = 0;
     std::shared_ptr<ViewerLink> link;
-    std::optional<PictureRequest> wanted;  // the newest
+    std::optional<PictureRequest> wanted;  // the newest request
     Clock::time_point wanted_at;
     Visibility visibility;
-    uint64_t version = 0;        // of wanted and visibility
-    uint64_t drawn_version = 0;  // of the picture sent last
-    uint32_t exact_samples = 0;  // a side, of the lossless picture of this version; 0: none was sent yet
-    double exact_ms = 0;         // that it took to draw
+    uint64_t version = 0;        // number of the state of wanted and visibility
+    uint64_t drawn_version = 0;  // version of the last picture sent
+    uint32_t exact_samples = 0;  // per side, of this version's lossless picture; 0: none was sent yet
+    double exact_ms = 0;         // time of drawing it
     std::deque<InFlight> in_flight;
     std::deque<Job> jobs;
     Adaptation adaptation;
     DepthMap depths;
-    uint64_t depths_version = 0;  // that they are of
+    uint64_t depths_version = 0;  // version of the depths
     uint32_t follows = 0;
   };
   using ViewerPtr = std::shared_ptr<Viewer>;
 
-  /// Something to draw. `request` etc. are copies: the viewer changes meanwhile.
+  /// Something to draw. `request` and the rest are copies, because the viewer changes meanwhile.
   struct Work {
     ViewerPtr viewer;
     PictureRequest request;
@@ -94,8 +94,8 @@ class Hub {
     uint64_t version = 0;
     Clock::time_point wanted_at;
     Clock::time_point begun;
-    std::optional<Job> job;  // nothing: a picture,
-    uint32_t samples = 0;    // lossless with so many samples a side; 0: a JPEG at once
+    std::optional<Job> job;  // none: draw a picture,
+    uint32_t samples = 0;    // lossless with this many samples per side; 0: a JPEG immediately
     size_t level = 0;
   };
 
@@ -123,9 +123,9 @@ class Hub {
   bool has_ended_ = false;
   std::map<uint32_t, ViewerPtr> viewers_;
   uint32_t last_number_ = 0;
-  uint32_t served_ = 0;     // the viewer that was drawn for last
-  uint64_t frames_ = 0;     // sent so far
-  std::string scene_text_;  // the same for all; empty until the scene is open
+  uint32_t served_ = 0;     // the viewer that was served last
+  uint64_t frames_ = 0;     // pictures sent so far
+  std::string scene_text_;  // the same for all viewers; empty until the scene is open
   std::thread thread_;
 };
 

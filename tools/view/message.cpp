@@ -13,7 +13,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Reads members of one object. The first error stays; what is read after it is a default.
+/// Reads members of one object. Keeps the first error; afterwards every read returns a default.
 class Members {
  public:
   explicit Members(const Json& object) : object_(object) {}
@@ -60,7 +60,7 @@ class Members {
     return out;
   }
 
-  /// Null where there is none, which is no error.
+  /// Null if the member is absent, which is not an error.
   const Json* optional(const char* name) const {
     const auto found = object_.find(name);
     return found == object_.end() ? nullptr : &*found;
@@ -101,7 +101,7 @@ class Members {
   std::optional<Error> error_;
 };
 
-constexpr uint64_t kMaxNumber = uint64_t{1} << 53;  // JavaScript counts no further
+constexpr uint64_t kMaxNumber = uint64_t{1} << 53;  // JavaScript's integers are exact up to here
 
 Pixel read_pixel(Members& in) {
   return {static_cast<uint32_t>(in.whole("x", 0, kMaxPictureSide - 1)),

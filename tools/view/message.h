@@ -1,4 +1,4 @@
-// What a page says to the server: one JSON object per WebSocket message, hostile until it is parsed.
+// The messages of a page to the server: one JSON object per WebSocket message, hostile until it is parsed.
 #pragma once
 
 #include <array>
@@ -19,10 +19,10 @@ namespace scree::tools::view {
 inline constexpr size_t kMaxMessageBytes = 16 << 10;
 inline constexpr uint32_t kMaxPictureSide = 8192;                 // pixels
 inline constexpr uint64_t kMaxPicturePixels = uint64_t{1} << 25;  // 8192 x 4096
-inline constexpr uint32_t kMaxListedNodes = 1024;                 // of one kHide message
-inline constexpr double kMaxCoordinate = 1e15;                    // scene units; what is farther is no camera
+inline constexpr uint32_t kMaxListedNodes = 1024;                 // per kHide message
+inline constexpr double kMaxCoordinate = 1e15;                    // in scene units; cameras farther away are refused
 
-/// A place in a picture, pixels from the top left.
+/// A point in a picture, in pixels from the top left.
 struct Pixel {
   uint32_t x = 0;
   uint32_t y = 0;
@@ -37,21 +37,21 @@ struct Camera {
   bool operator==(const Camera&) const = default;
 };
 
-/// "hello": the first message of a page; anything else before it ends the connection.
+/// "hello": the first message of a page. Any other first message ends the connection.
 struct Hello {
   std::string token;
 };
 
-/// "view": all that decides a picture, so that the newest makes every older one superfluous.
+/// "view": everything that determines a picture, so the newest request replaces all older ones.
 struct PictureRequest {
-  uint64_t sequence = 0;  // the page's number of it, returned with the picture
+  uint64_t sequence = 0;  // the page's number of the request, returned with the picture
   Camera camera;
   uint32_t width = 0;  // pixels, at rest
   uint32_t height = 0;
   kernels::ShadeOptions shade;   // with an opaque background
-  uint32_t most_samples = 1;     // a side of a pixel, at rest: 1, 2 or 4
-  bool is_moving = false;        // the next is expected at once
-  bool is_full_quality = false;  // full size and the best JPEG quality while moving, whatever that takes
+  uint32_t most_samples = 1;     // per side of a pixel, at rest: 1, 2 or 4
+  bool is_moving = false;        // the next request will follow immediately
+  bool is_full_quality = false;  // full size and the best JPEG quality even while moving, however slow
   std::optional<Pixel> cursor;   // within the picture
 };
 
@@ -60,14 +60,14 @@ struct Ack {
   uint64_t frame = 0;
 };
 
-/// "probe": what is the point under this pixel of the newest picture at rest?
+/// "probe": asks for the point under this pixel of the newest picture at rest.
 struct Probe {
   Pixel at;
 };
 
-/// "pick": all about the surface under this pixel.
+/// "pick": asks for all about the surface under this pixel.
 struct PickRequest {
-  uint64_t id = 0;  // the page's number of it, returned with the answer
+  uint64_t id = 0;  // the page's number of the request, returned with the answer
   Pixel at;
 };
 
@@ -79,10 +79,10 @@ struct Screenshot {
   uint32_t samples = 1;
 };
 
-/// "nodes": the tree of the scene's nodes.
+/// "nodes": asks for the tree of the scene's nodes.
 struct NodesRequest {};
 
-/// "hide": which nodes are drawn. A node stands for all below it.
+/// "hide": the nodes that are drawn. A node stands for itself and all its descendants.
 struct Visibility {
   std::vector<uint32_t> hidden;
   std::vector<uint32_t> only;  // empty: all
@@ -90,7 +90,7 @@ struct Visibility {
   bool operator==(const Visibility&) const = default;
 };
 
-/// "follow": whose camera this page takes; 0: nobody's.
+/// "follow": the viewer whose camera this page takes over; 0: none.
 struct Follow {
   uint32_t viewer = 0;
 };

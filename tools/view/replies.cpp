@@ -21,7 +21,7 @@ void write_camera(JsonWriter& json, const Camera& camera) {
   json.member("fov", camera.fov_degrees);
 }
 
-/// u32, JSON, image: one message.
+/// One message of u32, JSON and image.
 std::vector<std::byte> picture_message(const std::string& head, const std::vector<std::byte>& image) {
   std::vector<std::byte> out;
   out.reserve(4 + head.size() + image.size());
@@ -32,7 +32,7 @@ std::vector<std::byte> picture_message(const std::string& head, const std::vecto
   return out;
 }
 
-/// Which picture it is, and for which view.
+/// The picture's number, and the view that it shows.
 void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request) {
   json.member("frame", frame);
   json.member("seq", request.sequence);
@@ -40,7 +40,7 @@ void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request
   json.member("fullHeight", request.height);
 }
 
-/// What the head of a picture and of a screenshot have in common.
+/// The members that a picture's head and a screenshot's head share.
 void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
   json.member("width", drawn.pixels.width);
   json.member("height", drawn.pixels.height);
@@ -207,7 +207,7 @@ std::string pick_text(uint64_t id, const std::optional<Picked>& picked) {
 }
 
 std::string nodes_text(const runtime::Scene& scene) {
-  // 200,000 nodes are some MB; a page with more would be slow, and says that it has not all.
+  // 200,000 nodes are some MB. A larger page would be slow; the page tells the user that nodes are missing.
   constexpr uint64_t kMostNodes = 200000;
   const format::Container& container = scene.container();
   const auto nodes = container.nodes();

@@ -1,4 +1,4 @@
-// What pages are told: JSON texts, and picture messages with their heads.
+// Messages to pages: JSON texts, and picture messages with their heads.
 #pragma once
 
 #include <cstddef>
@@ -16,22 +16,22 @@
 namespace scree::tools::view {
 
 std::string error_text(std::string_view message);
-/// Until the scene is open.
+/// Sent until the scene is open.
 std::string loading_text(std::string_view file);
-/// The scene, its cameras and where a page begins.
+/// The scene, its cameras, and the first view of a page.
 std::string scene_text(const ViewSession& session, const SessionOptions& options);
 /// Names, parents and triangles of the first 200,000 nodes.
 std::string nodes_text(const runtime::Scene& scene);
 std::string viewers_text(uint32_t you, std::span<const uint32_t> viewers);
-/// For those who follow `viewer`.
+/// For viewers that follow `viewer`.
 std::string camera_text(uint32_t viewer, const Camera& camera);
-/// Nothing: the background.
+/// `point`: nothing for the background.
 std::string point_text(Pixel at, const std::optional<runtime::Vec3>& point);
 std::string pick_text(uint64_t id, const std::optional<Picked>& picked);
 
 // Picture messages: u32 little-endian, bytes of the JSON head that follows; then the image file.
 
-/// `drawn` has its JPEG. `wait_ms`: from the request to the beginning of its drawing.
+/// `drawn` has a JPEG. `wait_ms`: from the request to the start of its drawing.
 std::vector<std::byte> moving_picture(uint64_t frame, const PictureRequest& request, const Quality& quality,
                                       const Drawn& drawn, double wait_ms, const std::optional<runtime::Vec3>& point);
 std::vector<std::byte> exact_picture(uint64_t frame, const PictureRequest& request, const Drawn& drawn,

@@ -25,7 +25,7 @@ using asio::ip::tcp;
 using BoostError = boost::system::error_code;
 using Stream = beast::tcp_stream;
 
-// The kernel's queue would hold old pictures: about one fits.
+// The kernel's queue would fill with old pictures, so it has room for about one.
 constexpr int kSendBufferBytes = 256 << 10;
 
 constexpr const char* kContentPolicy =
@@ -46,7 +46,7 @@ struct ViewServer::Impl {
   uint32_t sockets = 0;
   uint32_t viewers = 0;
   std::set<WebSocketViewer*> open;
-  asio::io_context context{1};  // behind what the connections that it holds write to when they go
+  asio::io_context context{1};  // declared after the objects that its connections write to when they end
   tcp::acceptor acceptor{context};
 
   void accept();
@@ -54,7 +54,7 @@ struct ViewServer::Impl {
 
 namespace {
 
-/// Counts a socket while it lives.
+/// Counts a socket while it is open.
 class SocketCount {
  public:
   explicit SocketCount(uint32_t& count) : count_(&count) { ++*count_; }
@@ -68,7 +68,7 @@ class SocketCount {
   uint32_t* count_;
 };
 
-/// A page's connection, from the upgrade on. Everything runs on the server's thread but the ViewerLink's functions.
+/// A page's connection, from the upgrade on. Everything except the ViewerLink's functions runs on the server's thread.
 class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
  public:
   WebSocketViewer(ViewServer::Impl& server, Stream stream, SocketCount count)
@@ -86,7 +86,8 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     timeout.keep_alive_pings = true;
     stream_.set_option(timeout);
     stream_.read_message_max(kMaxMessageBytes);
-    stream_.auto_fragment(true);  // pings go between the parts of a large picture, or a slow link would seem dead
+    stream_.auto_fragment(
+        true);  // pings go between the parts of a large picture; otherwise a slow link would seem dead
     stream_.write_buffer_bytes(64 << 10);
     auto self = shared_from_this();
     auto kept = std::make_shared<http::request<http::empty_body>>(std::move(request));
@@ -102,7 +103,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
 
   void send(std::vector<std::byte> bytes, bool is_text) {
     if (is_closing_) return;
-    // One picture may be larger than the limit: the message that is being written does not count.
+    // A single picture may be larger than the limit, so the message that is being written does not count.
     const size_t waiting_bytes = queue_.empty() ? 0 : queued_bytes_ - queue_.front().bytes.size();
     if (waiting_bytes > kMaxQueuedBytes || queue_.size() >= kMaxQueuedMessages)
       return close(CloseCode::kTooSlow, "the connection is too slow");
@@ -117,16 +118,16 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     leave();
     close_reason_ = websocket::close_reason(static_cast<websocket::close_code>(code), reason);
     auto self = shared_from_this();
-    timer_.expires_after(kCloseTimeout);  // a client that does not read holds up the write and the close frame
+    timer_.expires_after(kCloseTimeout);  // a client that does not read blocks the write and the close frame
     timer_.async_wait([self](BoostError waited) {
       if (!waited) self->cut();
     });
-    // What waits is dropped; a write that has begun ends first.
+    // Waiting messages are dropped; a write that has begun ends first.
     if (queue_.size() > 1) queue_.erase(queue_.begin() + 1, queue_.end());
     if (queue_.empty()) close_now();
   }
 
-  /// Where the server ends: no handshake that a dead page would not answer.
+  /// Used when the server ends: without a handshake, which a dead page would not answer.
   void cut() {
     leave();
     is_closing_ = true;
@@ -141,7 +142,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     bool is_text;
   };
 
-  /// What the hub has of a viewer; it may outlive the connection.
+  /// The hub's link to a viewer. It may outlive the connection.
   class Link : public ViewerLink {
    public:
     Link(asio::io_context& context, std::weak_ptr<WebSocketViewer> viewer)
@@ -168,7 +169,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
       if (error) return self->ended();
       self->receive();
       self->buffer_.consume(self->buffer_.size());
-      // Beast answers a close from the other side only while something reads, so this goes on while closing.
+      // Beast answers the other side's close only while something reads, so reading continues while closing.
       self->read();
     });
   }
@@ -183,7 +184,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     }
     const auto data = buffer_.data();
     Result<Message> message = parse_message({static_cast<const char*>(data.data()), data.size()});
-    // Pictures limit how many acknowledgements of them can come.
+    // Acknowledgements are limited by the number of pictures sent.
     if (message && std::holds_alternative<Ack>(*message) && acks_due_ != 0)
       --acks_due_;
     else if (++messages_ > kMaxMessagesPerSecond)
@@ -239,16 +240,16 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
   beast::flat_buffer buffer_{kMaxMessageBytes};
   std::deque<Outgoing> queue_;  // the first is being written
   size_t queued_bytes_ = 0;
-  uint32_t number_ = 0;  // the hub's; 0: not welcome yet
+  uint32_t number_ = 0;  // the hub's number; 0: not yet accepted
   bool has_left_ = false;
   bool is_closing_ = false;
   websocket::close_reason close_reason_;
-  std::chrono::steady_clock::time_point second_{};  // in which messages_ came
+  std::chrono::steady_clock::time_point second_{};  // the second in which messages_ arrived
   uint32_t messages_ = 0;
-  uint64_t acks_due_ = 0;  // pictures that were sent and not acknowledged
+  uint64_t acks_due_ = 0;  // pictures that were sent and not yet acknowledged
 };
 
-/// Requests of one connection, one after another, until it becomes a WebSocket.
+/// The requests of one connection, one after another, until it becomes a WebSocket.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
   HttpConnection(ViewServer::Impl& server, tcp::socket socket)
@@ -296,7 +297,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     const std::string_view origin = text_of(request[http::field::origin]);
     if (request.count(http::field::origin) != 1 || !server_.access.allows_origin(origin, host))
       return refuse(http::status::forbidden, "this origin is not allowed\n", false);
-    stream_.expires_never();  // the WebSocket has timeouts of its own
+    stream_.expires_never();  // the WebSocket has its own timeouts
     std::make_shared<WebSocketViewer>(server_, std::move(stream_), std::move(count_))->start(std::move(request));
   }
 
@@ -310,7 +311,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
     respond(status, "text/plain; charset=utf-8", {reinterpret_cast<const unsigned char*>(text.data()), text.size()});
   }
 
-  /// `body` stays where it is until it is sent: an asset or a literal.
+  /// `body` must stay valid until it is sent: an asset or a literal.
   void respond(http::status status, std::string_view type, std::span<const unsigned char> body) {
     response_.emplace(status, 11);
     Response& response = *response_;
@@ -346,7 +347,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   bool is_head_ = false;
 };
 
-/// Listens on `endpoint`.
+/// Starts listening on `endpoint`.
 BoostError open_acceptor(tcp::acceptor& acceptor, const tcp::endpoint& endpoint) {
   BoostError error;
   acceptor.open(endpoint.protocol(), error);
@@ -372,7 +373,7 @@ void ViewServer::Impl::accept() {
       std::make_shared<HttpConnection>(*this, std::move(socket))->read();
     }
     if (!error) return accept();
-    // Out of file descriptors, most likely: a moment later there may be some.
+    // Probably no file descriptor is free. There may be some a moment later.
     auto pause = std::make_shared<asio::steady_timer>(context, std::chrono::milliseconds(100));
     pause->async_wait([this, pause](BoostError) {
       if (acceptor.is_open()) accept();
@@ -392,7 +393,7 @@ Result<ViewServer> ViewServer::listen(ServerOptions options) {
   const std::string host = wanted.host == "localhost" ? "127.0.0.1" : wanted.host;
   const asio::ip::address address = asio::ip::make_address(host, error);
   if (error) return Error{ErrorCode::kUsage, "--host: '" + wanted.host + "' is not an address such as 127.0.0.1"};
-  impl->access = AccessList(address.to_string(), wanted.allowed_hosts);  // as browsers write the address
+  impl->access = AccessList(address.to_string(), wanted.allowed_hosts);  // in the form that browsers send
   const uint32_t last = wanted.is_port_fixed || wanted.port == 0 ? wanted.port : std::min(wanted.port + 20u, 65535u);
   for (uint32_t port = wanted.port; port <= last; ++port) {
     error = open_acceptor(impl->acceptor, {address, static_cast<uint16_t>(port)});
@@ -415,7 +416,7 @@ void ViewServer::run(Hub& hub, const std::function<bool()>& ends) {
   while (!ends()) impl_->context.run_for(std::chrono::milliseconds(50));
   BoostError ignored;
   impl_->acceptor.close(ignored);
-  // A page that is told so waits for the server to come back; 200 ms are for the words, not for answers.
+  // A page that gets this message waits for the server to come back. 200 ms are for sending it, not for answers.
   const std::set<WebSocketViewer*> open = impl_->open;
   for (WebSocketViewer* const viewer : open) viewer->close(CloseCode::kEnding, "the server ends");
   impl_->context.restart();

@@ -24,13 +24,13 @@ struct Asset {
   std::span<const unsigned char> bytes;
 };
 
-/// All files that the server has (made of tools/view/page/ by cmake/embed.cmake).
+/// All files that the server has (cmake/embed.cmake makes them from tools/view/page/).
 std::span<const Asset> page_assets();
 
 struct ServerOptions {
   std::string host = "127.0.0.1";  // an address, or "localhost"
-  uint16_t port = 8080;            // 0: any that is free
-  bool is_port_fixed = false;      // else one of the next 20 where it is taken
+  uint16_t port = 8080;            // 0: any free port
+  bool is_port_fixed = false;      // false: one of the next 20 if the port is in use
   std::string base_path;           // as parse_base_path() returns it
   std::vector<std::string> allowed_hosts;
   std::string token;
@@ -38,17 +38,18 @@ struct ServerOptions {
   std::chrono::milliseconds idle_timeout{20000};  // without an answer to a ping
 };
 
-// Limits of a server, whoever its clients are.
+// Limits of a server, for any number of clients.
 inline constexpr uint32_t kMaxSockets = 64;
 inline constexpr uint32_t kMaxHeaderBytes = 8 << 10;
-inline constexpr uint32_t kMaxMessagesPerSecond = 240;       // of a viewer, but its acks; more end its connection,
-inline constexpr size_t kMaxQueuedBytes = size_t{32} << 20;  // and so does this much that it has not taken
+inline constexpr uint32_t kMaxMessagesPerSecond =
+    240;  // per viewer, without acknowledgements; a viewer that sends more is disconnected,
+inline constexpr size_t kMaxQueuedBytes = size_t{32} << 20;  // and so is one that has not taken this much data
 inline constexpr size_t kMaxQueuedMessages = 512;
 inline constexpr std::chrono::seconds kRequestTimeout{10};  // for a request's head, and for a WebSocket's handshake
 inline constexpr std::chrono::seconds kHelloTimeout{5};
-inline constexpr std::chrono::seconds kCloseTimeout{5};  // from deciding to close a WebSocket to cutting it off
+inline constexpr std::chrono::seconds kCloseTimeout{5};  // from the decision to close a WebSocket to cutting it off
 
-// Close codes of WebSockets that the page explains; RFC 6455 leaves 4000 to 4999 to applications.
+// Close codes of WebSockets that the page explains. RFC 6455 reserves 4000 to 4999 for applications.
 enum class CloseCode : uint16_t {
   kEnding = 4000,
   kWrongToken = 4001,
@@ -58,10 +59,10 @@ enum class CloseCode : uint16_t {
   kTooManyMessages = 4005
 };
 
-/// One thread, that of run(). No file of the machine is served, and no path of a request is opened.
+/// Runs on the thread of run(). Serves no file of the machine, and opens no path of a request.
 class ViewServer {
  public:
-  /// Errors kUsage (no such address), kFile (the port is taken), kUnsupported (built without Boost).
+  /// Errors kUsage (invalid address), kFile (the port is in use), kUnsupported (built without Boost).
   static Result<ViewServer> listen(ServerOptions options);
   ViewServer(ViewServer&&) noexcept;
   ViewServer& operator=(ViewServer&&) noexcept;
@@ -69,8 +70,8 @@ class ViewServer {
 
   uint16_t port() const;
 
-  /// Serves until `ends()`, called every 50 ms, then closes every connection within 250 ms. The hub outlives the call,
-  /// and has stopped when the server is destroyed.
+  /// Serves until `ends()`, called every 50 ms, returns true; then closes every connection within 250 ms. The hub must
+  /// outlive the call, and must have stopped before the server is destroyed.
   void run(Hub& hub, const std::function<bool()>& ends);
 
   struct Impl;

@@ -1,4 +1,4 @@
-// ViewServer where the program is built without Boost.
+// ViewServer in a build without Boost.
 #include "tools/view/server.h"
 
 namespace scree::tools::view {

@@ -17,9 +17,9 @@ namespace {
 using runtime::Stopwatch;
 using runtime::Vec3;
 
-constexpr uint64_t kMostDepths = uint64_t{1} << 20;  // of a DepthMap: 4 MiB
+constexpr uint64_t kMostDepths = uint64_t{1} << 20;  // per DepthMap: 4 MiB
 
-/// World place of a sample's centre at a distance from the eye's plane.
+/// The point in world space of a sample's centre, at a distance from the eye's plane.
 Vec3 place_of(const kernels::View& view, double x, double y, double depth) {
   const double across = (2 * x / view.width - 1) * view.half_width;
   const double along = (1 - 2 * y / view.height) * view.half_height;
@@ -29,7 +29,7 @@ Vec3 place_of(const kernels::View& view, double x, double y, double depth) {
   return out;
 }
 
-/// The scene without the instances of hidden nodes. Ids of triangles are its own.
+/// The scene without the instances of hidden nodes. It has its own triangle ids.
 class VisibleScene {
  public:
   /// Throws std::bad_alloc.
@@ -68,7 +68,7 @@ class VisibleScene {
   }
 
   const kernels::SceneView& view() const { return view_; }
-  /// In the whole scene.
+  /// The instance's number in the whole scene.
   uint64_t number(uint64_t instance) const { return numbers_[instance]; }
 
  private:
@@ -80,7 +80,7 @@ class VisibleScene {
   kernels::SceneView view_{};
 };
 
-/// What decides a visibility buffer.
+/// Everything that determines a visibility buffer.
 struct BufferKey {
   Camera camera;
   uint32_t width = 0;
@@ -122,14 +122,14 @@ struct ViewSession::Impl {
   VisibleScene visible;
   bool is_filtered = false;
 
-  // The picture drawn last.
+  // The last picture:
   std::optional<BufferKey> key;
   kernels::View view{};  // in samples
   uint32_t samples_per_side = 1;
   kernels::FrameStats stats{};
-  std::vector<uint64_t> samples;  // of the CPU, or read from the GPU
+  std::vector<uint64_t> samples;  // the CPU's, or read back from the GPU
   bool has_samples = false;
-  double buffer_ms = 0;  // that drawing it took
+  double buffer_ms = 0;  // the time of drawing it
   std::vector<uint8_t> pixels;
   std::vector<uint32_t> device_pixels;
 
@@ -217,7 +217,7 @@ struct ViewSession::Impl {
   Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, const JpegKind* jpeg) {
     Drawn out;
     out.samples = wanted.samples;
-    // What a streamed frame keeps of a part is its colours: other shading needs another frame.
+    // A streamed frame keeps only the colours of a part, so other shading needs another frame.
     const bool is_streamed = device && device->stream_stats();
     if (key != wanted || is_streamed) {
       const Stopwatch draw_watch;

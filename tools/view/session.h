@@ -1,5 +1,5 @@
-// A scene that is drawn for viewers: from a camera to pixels, depths and picks. Nothing here is of HTTP or of a page,
-// and the rest of tools/view/ reaches scenes only through it.
+// A scene that is drawn for viewers: from a camera to pixels, depths and picks. Independent of HTTP and of the page.
+// The rest of tools/view/ accesses scenes only through it.
 #pragma once
 
 #include <array>
@@ -26,42 +26,42 @@ struct SessionOptions {
   std::string scene;  // by name or number; empty: the file's default
   uint32_t threads = 1;
   BackendOptions backend;
-  uint64_t device_memory = 0;  // bytes; 0: what is free
+  uint64_t device_memory = 0;  // bytes; 0: all free memory
   uint64_t texture_cache = 0;  // bytes; 0: the runtime's default
   LightOptions light;
   bool quiet = false;  // no warnings
 };
 
-/// A camera of the document as a page takes it.
+/// A camera of the document, in the form that a page uses.
 struct NamedCamera {
   std::string name;
   Camera camera;
 };
 
-/// The size of what is drawn, and how long it took.
-/// How a picture becomes a JPEG: see encode_jpeg().
+/// Parameters of encode_jpeg().
 struct JpegKind {
   int quality;
   bool is_sharp;
 };
 
+/// A picture with its size and times.
 struct Drawn {
   PixelView pixels;             // valid until the next draw(); a GPU that made the JPEG keeps their bytes
-  std::vector<std::byte> jpeg;  // empty where none was wanted
+  std::vector<std::byte> jpeg;  // empty if none was requested
   uint32_t samples = 1;
   kernels::FrameStats stats{};
-  double draw_ms = 0;    // 0 where the visibility buffer of the picture before was the same,
-  double buffer_ms = 0;  // which once took so long
-  double shade_ms = 0;   // with what it takes to bring the pixels to the host
+  double draw_ms = 0;    // 0 if the previous picture had the same visibility buffer,
+  double buffer_ms = 0;  // which took this long when it was drawn
+  double shade_ms = 0;   // includes bringing the pixels to the host
   double encode_ms = 0;  // of the JPEG
 };
 
-/// Depths of one picture, in memory of their own, so that a viewer's cursor finds its point while others draw.
+/// The depths of one picture in separate memory, so that a viewer's cursor can be located while others draw.
 class DepthMap {
  public:
-  /// World place under a pixel; nothing on the background. `at` lies within the picture.
+  /// The point in world space under a pixel; nothing on the background. `at` must lie within the picture.
   std::optional<runtime::Vec3> point(Pixel at) const;
-  /// Along the view direction, scene units.
+  /// Distance along the view direction, in scene units.
   std::optional<double> depth(Pixel at) const;
   uint64_t bytes() const { return codes_.size() * sizeof(uint32_t); }
 
@@ -69,7 +69,7 @@ class DepthMap {
   friend class ViewSession;
   kernels::View view_{};  // in samples
   uint32_t samples_ = 1;
-  uint32_t step_ = 1;  // pixels from one kept depth to the next
+  uint32_t step_ = 1;  // pixels between two kept depths
   uint32_t across_ = 0;
   std::vector<uint32_t> codes_;
 };
@@ -78,40 +78,40 @@ class DepthMap {
 struct Picked {
   uint32_t node = 0;
   uint32_t node_instance = 0;
-  uint64_t instance = 0;  // of the scene
+  uint64_t instance = 0;  // in the scene
   uint32_t mesh = 0;
-  uint64_t triangle = 0;  // of the mesh as stored
+  uint64_t triangle = 0;  // in the mesh as stored
   uint32_t material = format::kNone;
   std::string node_name;
   std::string mesh_name;
   std::string material_name;
   runtime::Vec3 point{};               // world
   double depth = 0;                    // along the view direction
-  std::array<runtime::Vec3, 8> box{};  // the instance's box: corner k has its maximum along axis a where bit a is set
+  std::array<runtime::Vec3, 8> box{};  // the instance's box: corner k has its maximum along axis a if bit a is set
 };
 
-/// Used by one thread, the one that opened it.
+/// Used only by the thread that opened it.
 class ViewSession {
  public:
-  /// Opens and loads the scene, onto the GPU where the options say so; with BackendChoice::kAuto the CPU draws where a
-  /// GPU fails, now or later. Errors as SceneFile::open, Scene::load and DeviceScene::upload.
+  /// Opens and loads the scene, onto a GPU if the options allow. With BackendChoice::kAuto the CPU draws if a GPU
+  /// fails, now or later. Errors as SceneFile::open, Scene::load and DeviceScene::upload.
   static Result<ViewSession> open(const SessionOptions& options);
   ViewSession(ViewSession&&) noexcept;
   ViewSession& operator=(ViewSession&&) noexcept;
   ~ViewSession();
 
-  /// Draws and shades a picture of `width` x `height` pixels. `visibility`: may name nodes that are not there. `jpeg`:
-  /// what to encode it as, if at all; a GPU does that by itself, so that a file comes to the host and not all pixels.
-  /// The pixels are those of `scree render` with the same camera, size, samples and shading, bit for bit. Errors kUsage
-  /// (a camera without a direction), kRange (more than kernels::kMaxImageSide samples a side), kMemory, kDevice,
-  /// kUnsupported (a visibility that hides something, where can_hide() is false).
+  /// Draws and shades a picture of `width` x `height` pixels. `visibility`: may name missing nodes. `jpeg`: how to
+  /// encode it, if at all; a GPU encodes by itself, so that a file comes to the host instead of all pixels. The pixels
+  /// equal those of `scree render` with the same camera, size, samples and shading, bit for bit. Errors kUsage (a
+  /// camera without a direction), kRange (more than kernels::kMaxImageSide samples per side), kMemory, kDevice,
+  /// kUnsupported (`visibility` hides something, but can_hide() is false).
   Result<Drawn> draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
                      const Visibility& visibility, const JpegKind* jpeg = nullptr);
 
-  /// Of the picture that draw() made last. Errors kMemory, kDevice.
+  /// The depths of draw()'s last picture. Errors kMemory, kDevice.
   Result<DepthMap> depths();
   Result<std::optional<Picked>> pick(Pixel at);
-  /// World place under a pixel of it; nothing on the background, and where the samples are not on the host.
+  /// The point in world space under a pixel of it; nothing on the background, or if the samples are not on the host.
   std::optional<runtime::Vec3> point(Pixel at) const;
 
   /// The view that shows the whole scene in a picture of this size. Errors as runtime::make_view.
@@ -121,8 +121,8 @@ class ViewSession {
 
   const runtime::Scene& scene() const;
   const std::string& drawn_on() const;  // "cuda:0 (NVIDIA H200)", "the CPU, 16 threads"
-  uint64_t device_bytes() const;        // taken on the GPU; 0 on the CPU
-  bool can_hide() const;                // whether nodes can be left out
+  uint64_t device_bytes() const;        // on the GPU; 0 on the CPU
+  bool can_hide() const;                // whether nodes can be hidden
   runtime::Workers& workers();
 
  private:

@@ -150,6 +150,25 @@ TEST_CASE("part file: a container whose name is taken meanwhile stays as a .part
   CHECK(folder.names() == std::vector<std::string>{"out.scree"});
 }
 
+TEST_CASE("part file: a program that ends at once removes those that are open, but for kept and parked ones",
+          "[part]") {
+  const TempFolder folder;
+  std::vector<PartFile> open;
+  for (const std::string name : {"a", "b", "kept", "parked", "done"}) open.push_back(must_create(folder.file(name)));
+  open[2].keep();
+  REQUIRE(open[3].park());
+  REQUIRE(open[4].commit());
+  // As if another program had taken the .part.
+  std::filesystem::remove(folder.file("b.part"));
+  folder.write("b.part", "of another program");
+  remove_open_parts();
+  CHECK(folder.names() == std::vector<std::string>{"b.part", "done", "kept.part", "parked.part"});
+  CHECK_FALSE(open[0].commit());
+  open.clear();
+  remove_open_parts();
+  CHECK(folder.names() == std::vector<std::string>{"done", "kept.part"});
+}
+
 TEST_CASE("part file: a link stays a link, and permissions stay", "[part]") {
   const TempFolder folder;
   const std::string target = folder.write("data/target.bin", "old");

@@ -48,7 +48,7 @@ class DeviceCopy {
     pages_ = std::move(table);
   }
 
-  /// Every pointer is of the device.
+  /// The scene as kernels see it.
   const kernels::SceneView& view() const { return view_; }
 
   /// The GPU's samples of the scene, with queues that start at `sizes`.

@@ -1,7 +1,11 @@
-# cmake -DREPORT=frame.cu.o.ptxas -DTABLE=registers.txt -P registers.cmake: fails if a kernel of the table takes more
-# registers or spills more bytes than the table allows, or is missing in all of the report's capabilities.
+# cmake -DFOLDER=scree_cuda_passes.dir/cuda -DTABLE=registers.txt -P registers.cmake: fails if a kernel of the table takes
+# more registers or spills more bytes than the table allows, or is missing in all capabilities of the folder's reports.
 file(STRINGS "${TABLE}" rows REGEX "^[a-z]")
-file(READ "${REPORT}" report)
+set(report "")
+foreach(source IN ITEMS frame view_batch)
+  file(READ "${FOLDER}/${source}.cu.o.ptxas" of_source)
+  string(APPEND report "${of_source}")
+endforeach()
 string(REPLACE ";" "," report "${report}")
 string(REGEX MATCHALL "Compiling entry function '[^']+' for 'sm_[0-9]+'[^']*Used [0-9]+ registers" kernels "${report}")
 find_program(CXXFILT NAMES c++filt REQUIRED)
@@ -43,7 +47,7 @@ foreach(row IN LISTS rows)
     endif()
   endforeach()
   if(NOT found)
-    string(APPEND wrong "${name}: not in ${REPORT}\n")
+    string(APPEND wrong "${name}: not in ${FOLDER}\n")
   endif()
 endforeach()
 if(NOT wrong STREQUAL "" OR compared EQUAL 0)

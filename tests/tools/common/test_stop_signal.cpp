@@ -3,17 +3,23 @@
 
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include <unistd.h>
+
+#include "format/container/part_file.h"
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
+#include "tools/common/stop_signal.h"
 
 namespace scree::tests {
 namespace {
@@ -107,6 +113,30 @@ TEST_CASE("a signal that comes before convert is done says how to go on", "[stop
   CHECK(stop({"convert", model, "-o", packed, "--quiet", "--threads", "1", "--resume"}, log, SIGHUP, has_part) ==
         "scree convert: stopped; go on with --resume\n");
   CHECK(folder.names() == std::vector<std::string>{"city.scree.part"});
+}
+
+TEST_CASE("a second signal ends a command at once, and its unfinished file is removed too", "[stop]") {
+  const TempFolder folder;
+  const TempFolder outside;
+  const std::string log = outside.file("log");
+  const pid_t child = fork();
+  REQUIRE(child >= 0);
+  if (child == 0) {
+    if (std::freopen(log.c_str(), "w", stderr) == nullptr) _exit(1);
+    tools::end_on_signal("test");
+    const tools::StopOnSignal handlers;
+    Result<format::PartFile> part = format::PartFile::create(folder.file("out.bin"));
+    if (!part || !part->write_at(0, std::as_bytes(std::span("new")))) _exit(2);
+    std::raise(SIGINT);  // which nobody looks at
+    if (!tools::StopOnSignal::flag()->load()) _exit(3);
+    std::raise(SIGINT);
+    _exit(4);
+  }
+  const int status = wait_for(child);
+  REQUIRE(WIFSIGNALED(status));
+  CHECK(WTERMSIG(status) == SIGINT);
+  CHECK(read_whole(log) == "scree test: stopped; nothing written\n");
+  CHECK(folder.names().empty());
 }
 
 }  // namespace

@@ -309,7 +309,7 @@ TEST_CASE("a group is asked for once, and one too many is forgotten", "[texture_
         std::count_if(wanted.begin(), wanted.end(), [](uint64_t key) { return key != TextureCache::kNoKey; }));
     CHECK(there == slots);
     for (uint32_t i = 0; i < slots; ++i) {
-      CHECK(wanted[requests[i].place] == requests[i].key);
+      CHECK(wanted[requests[i].wanted_index] == requests[i].key);
       (void)cache.allocate_slot(requests[i], 1);
     }
     CHECK(std::all_of(wanted.begin(), wanted.end(), [](uint64_t key) { return key == TextureCache::kNoKey; }));

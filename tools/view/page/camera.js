@@ -1,8 +1,8 @@
-// The camera: where it is, and how it moves. It stays upright; the server is told eye, target, up and field of view.
+// The camera: its pose and its movements. It stays upright. The server gets eye, target, up and field of view.
 import {add, cross, distance, dot, length, mix, normalize, rotate, scale, sub} from './vector.js';
 
 const kSteepest = 89.9 * Math.PI / 180;  // above and below the horizon
-const kClosest = 1e-6;                   // to a surface, of the scene's size
+const kClosest = 1e-6;                   // distance to a surface, relative to the scene's size
 
 export class Camera {
   constructor() {
@@ -10,7 +10,7 @@ export class Camera {
     this.target = [0, 0, 0];
     this.worldUp = [0, 1, 0];
     this.fov = 45;
-    this.size = 1;  // of the scene: its box's diagonal
+    this.size = 1;  // diagonal of the scene's box
   }
 
   get forward() { return normalize(sub(this.target, this.eye)); }
@@ -29,7 +29,7 @@ export class Camera {
     if (pose.fov) this.fov = pose.fov;
     this.unroll();
   }
-  /// A view straight up or down has no side of its own.
+  /// A view straight up or down has no direction to the right of its own.
   unroll() {
     const pitch = this.pitch;
     if (Math.abs(pitch) <= kSteepest + 1e-9) return;
@@ -39,26 +39,26 @@ export class Camera {
     this.target = add(this.eye, scale(direction, reach));
   }
 
-  /// Unit vector through a place of the picture, x and y from 0 to 1 from the top left.
+  /// Unit vector through a point of the picture; x and y from 0 to 1 from the top left.
   ray(x, y, aspect) {
     const tan = Math.tan(this.fov * Math.PI / 360);
     return normalize(add(this.forward, add(scale(this.right, (2 * x - 1) * tan * aspect), scale(this.up, (1 - 2 * y) * tan))));
   }
-  /// Where a point lies in the picture; depth is along the view, not positive behind the eye.
+  /// The position of a point in the picture. depth is along the view, not positive behind the eye.
   project(point, aspect) {
     const tan = Math.tan(this.fov * Math.PI / 360), d = sub(point, this.eye);
     const depth = dot(d, this.forward);
     return {x: 0.5 + dot(d, this.right) / (2 * depth * tan * aspect), y: 0.5 - dot(d, this.up) / (2 * depth * tan), depth};
   }
-  /// The point at a depth along the view under a place of the picture.
+  /// The point at a depth along the view, under a point of the picture.
   pointAt(x, y, aspect, depth) {
     const ray = this.ray(x, y, aspect);
     return add(this.eye, scale(ray, depth / dot(ray, this.forward)));
   }
 
-  /// Turns around `pivot`, as if the scene was dragged by so many radians to the right and down.
+  /// Turns around `pivot`, as if the scene was dragged to the right and down by these angles in radians.
   orbit(pivot, yaw, pitch) { this.turn(pivot, -yaw, -pitch); }
-  /// Turns where it stands.
+  /// Turns without moving.
   look(yaw, pitch) { this.turn(this.eye, -yaw, -pitch); }
   turn(pivot, yaw, pitch) {
     const now = this.pitch;
@@ -73,20 +73,21 @@ export class Camera {
     this.eye = add(this.eye, offset);
     this.target = add(this.target, offset);
   }
-  /// The point keeps its place in the picture; the eye goes to `factor` of its distance, never quite there.
+  /// Moves the eye to `factor` of its distance from the point, never quite there. The point keeps its position in the
+  /// picture.
   zoom(point, factor) {
     let reach = sub(point, this.eye);
     const closest = kClosest * this.size;
-    if (length(reach) < closest && factor < 1) reach = scale(this.forward, closest);  // on through the surface
+    if (length(reach) < closest && factor < 1) reach = scale(this.forward, closest);  // passes through the surface
     this.move(scale(reach, 1 - factor));
     this.reach(Math.max(closest, dot(sub(point, this.eye), this.forward)));
   }
-  /// Puts the target at a distance; the view stays.
+  /// Sets the target's distance; the view stays the same.
   reach(distanceToTarget) {
     this.target = add(this.eye, scale(this.forward, distanceToTarget));
   }
-  /// The pose from which all points are seen, in the direction of now, in the middle of what a panel leaves of the picture:
-  /// it covers a share `covered` of the width, on the right.
+  /// The pose in the given direction that shows all points, centred in the part of the picture that a panel leaves
+  /// free. The panel covers the share `covered` of the width, on the right.
   framing(points, aspect, covered = 0, direction = this.forward) {
     const view = new Camera();
     Object.assign(view, {eye: scale(direction, -1), target: [0, 0, 0], worldUp: this.worldUp});
@@ -94,7 +95,7 @@ export class Camera {
     const {forward, right, up} = view;
     const tan = Math.tan(this.fov * Math.PI / 360), kMargin = 0.92;
     let center = mix(bound(points, Math.min), bound(points, Math.max), 0.5), reach = 0;
-    // What is near looks larger, so the middle of the picture is not that of the box.
+    // Near points look larger, so the middle of the picture is not that of the box.
     for (let round = 0; round < 6; ++round) {
       reach = 2 * kClosest * this.size;
       const places = points.map((point) => sub(point, center)).map((d) => [dot(d, right), dot(d, up), dot(d, forward)]);
@@ -114,19 +115,20 @@ export class Camera {
 const bound = (points, choose) => [0, 1, 2].map((axis) => choose(...points.map((point) => point[axis])));
 
 function nearestAxis(up) {
-  // A file's camera may be rolled; the page keeps to the axis that its up is nearest to.
+  // A file's camera may be rolled. The page uses the axis nearest to its up.
   const axes = [[0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1], [1, 0, 0], [-1, 0, 0]];
   const unit = normalize(up);
   if (dot(unit, [0, 1, 0]) > 0.3) return [0, 1, 0];
   return axes.reduce((best, axis) => dot(axis, unit) > dot(best, unit) + 1e-9 ? axis : best);
 }
 
-/// From one pose to another; t from 0 to 1. Distances to the target change by factors, so that a way from a city to a screw
-/// does not rush past its end.
+/// Interpolates from one pose to another; t from 0 to 1. Distances to the target change by factors, so that a flight
+/// from a city to a screw does not rush past its end.
 export function between(a, b, t) {
   const from = distance(a.eye, a.target), to = distance(b.eye, b.target);
   const reach = from > 0 && to > 0 ? from * Math.pow(to / from, t) : from + (to - from) * t;
-  // The target goes as far as the distance has changed, which is how far things seem to be.
+  // The target's share of its way is the share by which the distance has changed, because that is how far things seem
+  // to be.
   const share = Math.abs(from - to) > 1e-9 * Math.max(from, to) ? (from - reach) / (from - to) : t;
   const target = mix(a.target, b.target, share);
   const back = slerp(normalize(sub(a.eye, a.target)), normalize(sub(b.eye, b.target)), t);

@@ -1,24 +1,24 @@
-// Mouse, touch and held keys: what they do to the camera. One scheme, no modes.
+// Mouse, touch and held keys, and how they move the camera. One scheme, without modes.
 import {add, distance, dot, scale, sub} from './vector.js';
 
-const kOrbitTurn = Math.PI;      // of a drag across the picture's height
-const kNotch = 0.85;             // of the distance, per notch of the wheel
-const kClickPixels = 4;          // a press that moves less is a click
+const kOrbitTurn = Math.PI;  // radians for a drag across the picture's height
+const kNotch = 0.85;         // factor of the distance per notch of the wheel
+const kClickPixels = 4;      // a press that moves less is a click
 const kDoubleMs = 350;
-const kFlySeconds = 2;           // in which one flies to what is under the cursor
+const kFlySeconds = 2;  // time of a flight to the point under the cursor
 const kFlyKeys = {KeyW: [0, 0, 1], KeyS: [0, 0, -1], KeyA: [-1, 0, 0], KeyD: [1, 0, 0], KeyE: [0, 1, 0], KeyQ: [0, -1, 0],
   ArrowUp: [0, 0, 1], ArrowDown: [0, 0, -1], ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0]};
 
-/// `host`: {camera, aspect(), begin(), changed(time, keepsHover), ended(), pointUnder(x, y), probe(x, y), click(x, y, event),
-/// doubleClick(x, y), hover(x, y), pivot(point or null)}. Places are in CSS pixels of the stage.
+/// `host`: {camera, aspect(), begin(), changed(time, keepsHover), ended(), pointUnder(x, y), probe(x, y), click(x, y,
+/// event), doubleClick(x, y), hover(x, y), pivot(point or null)}. Coordinates are in CSS pixels of the stage.
 export class Controls {
   constructor(stage, host) {
     this.stage = stage;
     this.host = host;
     this.pointers = new Map();
     this.held = new Set();
-    this.speed = 1;     // of flying, by the wheel
-    this.zoomLeft = 0;  // notches that are still to be eased in
+    this.speed = 1;     // of flying; the wheel changes it
+    this.zoomLeft = 0;  // notches that are not yet applied
     this.zoomPoint = null;
     this.frame = 0;
     this.lastTime = 0;
@@ -34,7 +34,7 @@ export class Controls {
 
   get isBusy() { return this.pointers.size > 0 || this.zoomLeft !== 0 || this.held.size > 0; }
 
-  /// Whether the key was taken.
+  /// Whether the key was handled.
   key(event) {
     if (!(event.code in kFlyKeys) || event.ctrlKey || event.metaKey || event.altKey) return false;
     this.held.add(event.code);
@@ -52,7 +52,7 @@ export class Controls {
     this.grab(event);
   }
 
-  /// Begins a drag, also where a finger more or less makes another of it.
+  /// Begins a drag; also when the number of fingers changes, which makes it another drag.
   grab(event) {
     const {x, y} = this.middle();
     this.pivot = this.host.pointUnder(x, y);
@@ -66,7 +66,7 @@ export class Controls {
     this.stage.className = '';
   }
 
-  /// A probe's answer while a drag has begun: later turns are around the point that is really there.
+  /// A probe's answer while a drag has begun. Later turns go around the point found.
   found(point) {
     if (this.pointers.size > 0) this.pivot = point;
     if (this.zoomLeft !== 0) this.zoomPoint = point;
@@ -142,7 +142,7 @@ export class Controls {
       this.zoomPoint = this.host.pointUnder(event.clientX, event.clientY);
       this.host.probe(event.clientX, event.clientY);
     }
-    // Pinches of a touchpad come as a wheel with Ctrl, in small steps.
+    // Browsers report touchpad pinches as a wheel with Ctrl, in small steps.
     this.zoomLeft += Math.max(-6, Math.min(6, pixels / (event.ctrlKey ? 12 : 100)));
     this.inputTime = event.timeStamp;
     this.run();

@@ -1,4 +1,4 @@
-// What is drawn over the picture: the pivot, picks and their boxes, a measured distance, the axes.
+// Drawn over the picture: the pivot, picks and their boxes, a measured distance, the axes.
 import {cross, dot, sub} from './vector.js';
 
 const kSpace = 'http://www.w3.org/2000/svg';
@@ -12,7 +12,7 @@ export class Overlay {
     this.svg = svg;
     this.axes = axes.getContext('2d');
     this.pivot = null;
-    this.picks = [];  // {point, box}; the last two, of which the last has its box drawn
+    this.picks = [];  // {point, box}: at most two; the box of the last is drawn
     this.isMeasured = false;
   }
 

@@ -1,4 +1,4 @@
-// Times of the last pictures as a graph, and numbers.
+// The times of the last pictures as a graph, and as numbers.
 const kParts = [['wait', '#5b6675', 'waits'], ['draw', '#f0a35e', 'draw'], ['shade', '#e3d06a', 'shade'],
   ['encode', '#63c7a2', 'encode'], ['send', '#6ea8f5', 'send'], ['decode', '#b58cf0', 'show']];
 const kShown = 96;

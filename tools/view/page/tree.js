@@ -1,4 +1,4 @@
-// The scene's nodes as a list of rows, of which only those in sight exist: 100,000 nodes are as fast as ten.
+// The scene's nodes as a list of rows. Only rows in sight exist, so 100,000 nodes are as fast as ten.
 import {countText} from './stats.js';
 
 const kRow = 24;
@@ -39,7 +39,7 @@ export class Tree {
 
   name(node) { return this.names[node] || `node ${node}`; }
 
-  /// Which nodes have a row, and how deep they are.
+  /// Finds the nodes that have a row, and their depths.
   list() {
     const words = this.search.value.trim().toLowerCase();
     this.listed = [];
@@ -58,7 +58,7 @@ export class Tree {
     this.draw();
   }
 
-  /// Hidden by itself or by a node above it, or not among those that are shown alone.
+  /// Whether the node is hidden, itself or by an ancestor, or is not among those that are shown alone.
   isOff(node) {
     let only = this.only.size === 0;
     for (let n = node; n >= 0; n = this.parents[n]) {
@@ -123,7 +123,7 @@ export class Tree {
     this.draw();
   }
 
-  /// Opens what is above a node and scrolls to it.
+  /// Opens the node's ancestors and scrolls to it.
   reveal(node) {
     this.picked = node;
     if (!this.isLoaded || node >= this.names.length) return;

@@ -1,4 +1,4 @@
-// The connection and the pictures, away from the page's own thread: texts go to it, pictures to its canvas.
+// The connection and the pictures, outside the page's own thread. Texts go to the page, pictures to its canvas.
 let canvas, context, socket, address, token;
 let last = Promise.resolve();
 let retryMs = 250, retryTimer = 0, isWanted = false;
@@ -36,7 +36,7 @@ function connect() {
   };
 }
 
-/// JPEG: WebCodecs is twice as fast where there is one (secure contexts alone). PNG: bytes come back unchanged.
+/// JPEG: WebCodecs is twice as fast where it is available (secure contexts only). PNG: the bytes come back unchanged.
 async function decode(bytes, type) {
   if (type === 'image/jpeg' && self.ImageDecoder) {
     const decoder = new ImageDecoder({data: bytes, type, colorSpaceConversion: 'none'});
@@ -63,7 +63,7 @@ async function show(from, data, arrived) {
   let image;
   try {
     image = await decode(bytes, head.kind === 'png' ? 'image/png' : 'image/jpeg');
-  } finally {  // one that cannot be shown is not on its way any more either
+  } finally {  // a picture that cannot be shown is no longer on its way either
     if (!image) acknowledge(from, head);
   }
   const decoded = now();
@@ -99,7 +99,7 @@ onmessage = ({data}) => {
         postMessage({type: 'pixels', width: canvas.width, height: canvas.height, pixels: pixels.data.buffer}, [pixels.data.buffer]);
       });
       break;
-    case 'drop':  // for tests: as if the connection broke
+    case 'drop':  // for tests: as if the connection was lost
       socket?.close();
       break;
   }
