@@ -147,6 +147,7 @@ kernels::ShadeOptions shading_of_reference() {
   kernels::ShadeOptions options;
   options.show = kernels::Show::kColor;
   options.background[3] = 1;
+  options.blend_layers = 0;
   return options;
 }
 

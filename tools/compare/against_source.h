@@ -19,7 +19,7 @@ namespace scree::compare {
 inline constexpr double kCoincidence = 1e-12;
 
 /// What of a scene's colours the reference has too (shade_reference()): base colour factors, vertex colours and light,
-/// black behind; no textures.
+/// black behind; no textures, and no layers of blended surfaces.
 kernels::ShadeOptions shading_of_reference();
 
 struct SourceReport {

@@ -364,11 +364,12 @@ TEST_CASE("a file cut short while chunks are streamed ends in one line and exit 
 TEST_CASE("a file cut short while a GPU is streamed to ends in one line and exit code 2", "[cuda][cut][stream]") {
   if (!has_gpu()) return;
   const CutFile file(0);
-  const ProgramRun refused = run_program(
-      {"render", file.path(), "--backend", "cuda", "--device-memory", "1", "-o", file.folder().file("refused.png")},
-      file.folder().file("log"));
-  // Leaves room for a sixteenth of the chunks: fewer than a frame shows.
-  const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(file.path()) / 16;
+  // The limit counts the picture, so its size must be that of the frames.
+  const ProgramRun refused = run_program({"render", file.path(), "--backend", "cuda", "--size", "160x120",
+                                          "--device-memory", "1", "-o", file.folder().file("refused.png")},
+                                         file.folder().file("log"));
+  // Leaves room for a third of the chunks.
+  const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(file.path()) / 3;
   file.cut_while_drawn({"--backend", "cuda", "--device-memory", std::to_string(budget), "--host-memory", "0"});
 }
 
