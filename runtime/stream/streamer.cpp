@@ -48,8 +48,6 @@ Error no_memory(const std::string& what) {
 }  // namespace
 
 void StreamStats::add_layer(const StreamStats& layer) {
-  seen_chunks += layer.seen_chunks;
-  seen_bytes += layer.seen_bytes;
   missing_bytes += layer.missing_bytes;
   hidden_bytes += layer.hidden_bytes;
   streamed_bytes += layer.streamed_bytes;

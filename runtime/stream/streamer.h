@@ -83,7 +83,7 @@ struct StreamStats {
   double drawing_ms = 0;        // from each part's start to its end, including its depths
   double copying_ms = 0;        // from each load's first copy to its end
 
-  /// Adds the chunks of a layer of blended surfaces over the same picture, which count again; `drawn` stays the
+  /// Adds what a layer of blended surfaces streamed over the same picture; `drawn` and the seen chunks stay the
   /// picture's.
   void add_layer(const StreamStats& layer);
 };
