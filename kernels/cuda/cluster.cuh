@@ -215,7 +215,7 @@ struct SurvivorReader {
   __device__ SurvivorReader(const ClusterFrame& frame, const SurvivorTriangle& survivor)
       : SurvivorReader(frame, survivor, frame.list.items[survivor.item]) {}
 
-  /// Of corner 0 to 2: its vertex in the cluster.
+  /// The vertex in the cluster of corner 0 to 2.
   __device__ uint32_t corner(uint32_t number_of_corner) const { return corners >> (7 * (number_of_corner + 1)) & 127; }
 
   /// Of corner 0 to 2: lattice coordinates less the transform's reference. Not where the draw is far away.

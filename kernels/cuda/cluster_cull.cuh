@@ -217,11 +217,6 @@ __device__ inline BoxCoverage may_show(const ClusterCull& cull, const CoverageFi
   return shows;
 }
 
-__device__ inline format::ClusterBounds load_bounds(const format::ClusterBounds* from) {
-  const uint4 words = __ldg(reinterpret_cast<const uint4*>(from));
-  return {{words.x, words.y, words.z}, words.w};
-}
-
 /// A lane per group of clusters; then, for each group that may be visible, a lane per cluster.
 template <bool kOrthographic, ClusterPass kPass>
 __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_constant__ ClusterCull cull) {

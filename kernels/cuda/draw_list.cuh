@@ -1,4 +1,4 @@
-// What several kernels read of the scene and of the draw list.
+// How kernels read the scene and the draw list.
 #pragma once
 
 #include "kernels/cuda/backend.cuh"
@@ -9,6 +9,11 @@ namespace scree::kernels {
 
 __device__ inline bool is_double_sided(const SceneView& scene, const format::MeshRecord& mesh) {
   return mesh.material != format::kNone && (scene.materials[mesh.material].flags & format::kMaterialDoubleSided) != 0;
+}
+
+__device__ inline format::ClusterBounds load_bounds(const format::ClusterBounds* from) {
+  const uint4 words = __ldg(reinterpret_cast<const uint4*>(from));
+  return {{words.x, words.y, words.z}, words.w};
 }
 
 /// The smallest known box of a chunk's vertices.

@@ -50,7 +50,7 @@ inline constexpr uint32_t kBatchLayerThreads = 256;
 inline constexpr uint32_t kWarpQueue = kWarpLanes;
 inline constexpr uint32_t kClippedAtOnce = kWarpQueue / (kMaxPolygon - 2);
 
-/// What a warp draws: a group of clusters of an instance, as a view sees it.
+/// The work of a warp: a group of clusters of an instance, as a view sees it.
 struct BatchGroup {
   Transform transform;  // of the instance
   uint64_t first_id;    // of the chunk's triangle 0
@@ -98,16 +98,11 @@ __device__ inline Queues batch_queues(const BatchFrame& in) {
   return {nullptr, medium, medium + kWarpQueue, nullptr, 0, kWarpQueue, kWarpQueue, 0, &batch_shared().queued};
 }
 
-__device__ inline format::ClusterBounds fetch_bounds(const format::ClusterBounds* from) {
-  const uint4 words = __ldg(reinterpret_cast<const uint4*>(from));
-  return {{words.x, words.y, words.z}, words.w};
-}
-
 template <bool kOrthographic>
 __device__ inline bool may_show(const FrameView& size, const CoverageFilter& filter,
                                 const format::ClusterBounds* bounds) {
   ScreenBounds on_screen;
-  return bound_on_screen<kOrthographic>(filter, size, center_range(size), centered_box(fetch_bounds(bounds)),
+  return bound_on_screen<kOrthographic>(filter, size, center_range(size), centered_box(load_bounds(bounds)),
                                         on_screen) == BoxCoverage::kCenters;
 }
 
@@ -122,7 +117,7 @@ struct BatchCluster {
 
   __device__ BatchCluster(const BatchGroup& group, uint32_t number) : data(group.data()) {
     const uint4 record = __ldg(reinterpret_cast<const uint4*>(group.records() + number));
-    const format::ClusterBounds bounds = fetch_bounds(group.bounds + number);
+    const format::ClusterBounds bounds = load_bounds(group.bounds + number);
     at = format::cluster_layout({record.x, record.y, record.z, record.w});
     first_triangle = record.y;
     predictor = {at.predicted_axis, 0, 0, 0};
@@ -175,7 +170,7 @@ class BatchCorners {
         wide_(cluster.at.wide_steps ? (cluster.at.triangle_count + 31) / 32 : 0),
         up_to_lane_((2u << threadIdx.x % kWarpLanes) - 1) {}
 
-  /// Of the next 32, by all lanes; `is_there`: whether the lane has one, `number` in the cluster.
+  /// The corners of the next 32 triangles, by all lanes; `is_there`: whether the lane has one, `number` in the cluster.
   __device__ void next(uint32_t number, bool is_there, uint32_t out[3]) {
     const uint32_t low = steps_[0];
     out[0] = largest_ + static_cast<uint32_t>(__popc(low & up_to_lane_));
@@ -337,13 +332,8 @@ __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samp
     area = doubled_area(triangle.x, triangle.y);
     pixels = box.pixels();
     if constexpr (kMasked) {
-      mask.scene = &in.scene;
-      mask.view = &in.size;
-      mask.transform = &shared.group.transform;
-      mask.chunk = chunk;
-      mask.number = number_in_chunk(triangle.id);
-      mask.mask = mask_of(in.scene, in.scene.meshes[in.scene.chunks[chunk].mesh]);
-      triangle.is_masked = mask.mask != nullptr ? 1 : 0;
+      triangle.is_masked =
+          mask.find(in.scene, in.size, &shared.group.transform, 0, chunk, number_in_chunk(triangle.id));
     }
   }
   const bool drawn = draw_set_up<kOrthographic>({samples, in.size.width}, batch_queues(in), shared.set_up, triangle,
