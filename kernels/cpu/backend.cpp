@@ -377,16 +377,19 @@ Result<std::vector<float>> blend_cpu(const View& view, std::span<const uint64_t>
                           over.data()};
     const CpuPasses& passes = passes_for(best_instruction_set());
     ThreadPool pool(threads);
-    for (counts = {};; ++counts.layers) {
-      const bool is_first = counts.layers == 0;
-      passes.begin_layer(pool, at, is_first);
-      if (auto done = source.draw(at, is_first ? nullptr : at.layer); !done) return done.error();
-      const uint64_t shown = passes.end_layer(pool, at, is_first);
-      if (shown != 0 && counts.layers == most) counts.samples_left_out = shown;
-      if (shown == 0 || counts.layers == most) return over;
-      if (auto done = source.shade(at); !done) return done.error();
-      passes.lay_under(pool, at);
-    }
+    const Result<void> done = draw_layers(
+        at, most, source, counts,
+        [&](bool is_first) {
+          passes.begin_layer(pool, at, is_first);
+          return Result<void>();
+        },
+        [&](bool is_first) { return Result<uint64_t>(passes.end_layer(pool, at, is_first)); },
+        [&] {
+          passes.lay_under(pool, at);
+          return Result<void>();
+        });
+    if (!done) return done.error();
+    return over;
   } catch (const std::bad_alloc&) {
     return out_of_memory();
   }

@@ -76,17 +76,14 @@ Result<const float*> CudaBlend::blend(const View& view, const uint64_t* samples,
   if (Result<void> done = impl_->fit(view, samples); !done) return done.error();
   const BlendTargets& at = impl_->at;
   const uint32_t items = blend_items(at.sample_count);
-  for (counts = {};; ++counts.layers) {
-    const bool is_first = counts.layers == 0;
-    if (Result<void> done = start(BeginLayer{at, is_first}, items, nullptr); !done) return done.error();
-    if (Result<void> done = source.draw(at, is_first ? nullptr : at.layer); !done) return done.error();
-    const Result<uint64_t> shown = impl_->end_layer(is_first);
-    if (!shown) return shown.error();
-    if (*shown != 0 && counts.layers == most) counts.samples_left_out = *shown;
-    if (*shown == 0 || counts.layers == most) return static_cast<const float*>(at.over);
-    if (Result<void> done = source.shade(at); !done) return done.error();
-    if (Result<void> done = start(LayUnder{at}, items, nullptr); !done) return done.error();
-  }
+  const Result<void> done = draw_layers(
+      at, most, source, counts,
+      [&](bool is_first) {
+        return start(BeginLayer{at, is_first}, items, nullptr);
+      },
+      [&](bool is_first) { return impl_->end_layer(is_first); }, [&] { return start(LayUnder{at}, items, nullptr); });
+  if (!done) return done.error();
+  return static_cast<const float*>(at.over);
 }
 
 Result<void> start_finding_alphas(const SceneView& scene, const View& view, const uint64_t* samples,
