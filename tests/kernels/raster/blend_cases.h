@@ -23,23 +23,12 @@ inline void add_blended_meshes(SceneBuilder& builder, bool clustered_alone) {
                                                   noisy_levels(61, 37, 4, 1));
   builder.materials[glass].base_color[0] = 0.1f;
   builder.materials[film].base_color[1] = 0.3f;
-  Encoding lattice;
-  lattice.chunk_triangles = 700;
-  Encoding clustered = lattice;
-  clustered.clusters = Clusters::kClustered;
-  Encoding floats = float32();
-  floats.chunk_triangles = 333;
-  const auto with = [](Encoding encoding, uint32_t material) {
-    encoding.material = material;
-    return encoding;
-  };
+  const auto [clustered, second, third] = encodings_of_scene(clustered_alone);
   const auto with_colors = [](Soup soup) {
     for (size_t v = 0; v < soup.positions.size() / 3; ++v)
       soup.colors.insert(soup.colors.end(), {1.0f, 0.5f, 0.2f, static_cast<float>(v % 7) / 6.0f});
     return soup;
   };
-  const Encoding second = clustered_alone ? clustered : lattice;
-  const Encoding third = clustered_alone ? clustered : floats;
   const uint32_t meshes[] = {builder.mesh(grid(12, 0.2), with(clustered, glass)),
                              builder.mesh(with_uvs(grid(17, 0.3), 5), with(second, leaf)),
                              builder.mesh(with_uvs(grid(1, 0), 3), with(third, film)),

@@ -39,6 +39,26 @@ inline Soup with_uvs(Soup soup, double repeats) {
   return soup;
 }
 
+struct SceneEncodings {
+  Encoding clustered, second, third;
+};
+
+/// Clusters, a lattice and floats; `clustered_alone`: clusters in the place of the other two.
+inline SceneEncodings encodings_of_scene(bool clustered_alone) {
+  Encoding lattice;
+  lattice.chunk_triangles = 700;
+  Encoding clustered = lattice;
+  clustered.clusters = Clusters::kClustered;
+  Encoding floats = float32();
+  floats.chunk_triangles = 333;
+  return {clustered, clustered_alone ? clustered : lattice, clustered_alone ? clustered : floats};
+}
+
+inline Encoding with(Encoding encoding, uint32_t material) {
+  encoding.material = material;
+  return encoding;
+}
+
 /// Adds masked and opaque meshes with small and large triangles and every wrap mode. They hide each other in part, and
 /// some instances are mirrored. `clustered_alone`: all encodings are clustered.
 inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
@@ -57,18 +77,7 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
   for (uint32_t i = 0; i < 3; ++i)
     materials[i] = builder.masked_material(i == 1 ? 0 : uint32_t{format::kMaterialDoubleSided}, wraps[i],
                                            noisy_levels(wraps[i].width, 37, wraps[i].level_count, i));
-  Encoding lattice;
-  lattice.chunk_triangles = 700;
-  Encoding clustered = lattice;
-  clustered.clusters = Clusters::kClustered;
-  Encoding floats = float32();
-  floats.chunk_triangles = 333;
-  const auto with = [](Encoding encoding, uint32_t material) {
-    encoding.material = material;
-    return encoding;
-  };
-  const Encoding second = clustered_alone ? clustered : lattice;
-  const Encoding third = clustered_alone ? clustered : floats;
+  const auto [clustered, second, third] = encodings_of_scene(clustered_alone);
   const uint32_t meshes[] = {builder.mesh(with_uvs(grid(40, 0.2), 3), with(clustered, materials[0])),
                              builder.mesh(with_uvs(grid(31, 0.3), 40), with(second, materials[1])),
                              builder.mesh(with_uvs(grid(1, 0), 2), with(third, materials[2])),
