@@ -144,11 +144,12 @@ class JpegLevels {
 
 /// Where everything of a scene lies in the arena. The tables of pointers are filled once its address is known.
 struct ArenaLayout {
-  /// `streamed`: as CudaScene::upload has it.
-  ArenaLayout(const Scene& scene, const kernels::SceneView* streamed) {
+  /// `streamed`, `share`: as CudaScene::upload has them.
+  ArenaLayout(const Scene& scene, const kernels::SceneView* streamed, const PageShare* share) {
     const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
+    const bool is_shaded = share == nullptr || share->is_shaded();
     pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
-    textures.assign(host.textures, host.textures + host.texture_count);
+    if (is_shaded) textures.assign(host.textures, host.textures + host.texture_count);
     for (const kernels::MaskView* const of : {host.masks, host.blend_masks})
       if (of != nullptr) masks.insert(masks.end(), of, of + host.material_count);
     meshes = plan.add_array(host.meshes, host.mesh_count);
@@ -168,15 +169,18 @@ struct ArenaLayout {
       texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
     }
     for (const BlockTexture& image : scene.block_textures())
-      if (!image.empty())
+      if (is_shaded && !image.empty())
         block_offset[reinterpret_cast<const uint8_t*>(image.blocks().data())] =
             plan.add(image.blocks().data(), image.blocks().size());
     for (const std::span<const std::byte> page : scene.mask_pages())
       mask_offset[reinterpret_cast<const uint8_t*>(page.data())] = plan.add(page.data(), page.size());
     mask_views = plan.add_array(masks.data(), masks.size());
-    levels.add_to(plan, scene);
+    if (is_shaded) levels.add_to(plan, scene);
     if (streamed != nullptr) return;
-    const DrawnPages& drawn = scene.drawn_pages();
+    if (share != nullptr)
+      own_pages = scene.drawn_pages().subset([&](uint64_t i) { return share->owners[i] == share->owner; });
+    const DrawnPages& drawn = share != nullptr ? own_pages : scene.drawn_pages();
+    drawn_pages = &drawn;
     page_offset.resize(pages.size());
     if (!scene.has_pages()) plan.add_pages(drawn);
     for (uint64_t i = 0; i < drawn.size(); ++i)
@@ -187,6 +191,8 @@ struct ArenaLayout {
   ArenaLayout& operator=(const ArenaLayout&) = delete;
 
   UploadPlan plan;
+  DrawnPages own_pages;                     // of a share
+  const DrawnPages* drawn_pages = nullptr;  // those that go to the device; null where pages are streamed
   std::vector<const std::byte*> pages;
   std::vector<kernels::TextureView> textures;
   std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
@@ -221,8 +227,12 @@ StagingSizes staging_within(uint64_t host_memory) {
   return most;
 }
 
-uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache) {
-  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+uint32_t slot_bytes_of(const Scene& scene, const PageShare* share) {
+  return share == nullptr || share->is_shaded() ? scene.jpeg_slot_bytes() : 0;
+}
+
+uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache, const PageShare* share) {
+  const uint32_t slot_bytes = slot_bytes_of(scene, share);
   return slot_bytes != 0 ? kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) : 0;
 }
 
@@ -236,25 +246,40 @@ Result<uint64_t> device_budget(uint64_t budget_bytes) {
   return budget_bytes == 0 ? uint64_t{free_bytes} : std::min<uint64_t>(budget_bytes, free_bytes);
 }
 
-uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache) {
-  return ArenaLayout(scene, streamed).plan.bytes() + cache_bytes_of(scene, texture_cache);
+uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache,
+                                 const PageShare* share) {
+  return ArenaLayout(scene, streamed, share).plan.bytes() + cache_bytes_of(scene, texture_cache, share);
+}
+
+Result<void> CudaScene::add_pages_of(std::span<const CudaScene> others) {
+  for (const CudaScene& other : others)
+    for (size_t page = 0; page < pages_.size(); ++page)
+      if (other.pages_[page] != nullptr) pages_[page] = other.pages_[page];
+  const uint64_t bytes = pages_.size() * sizeof(pages_[0]);
+  Result<void> done = shared_pages_.reserve(std::max<uint64_t>(bytes, 1), "allocating the table of pages");
+  if (done)
+    done = cuda_check(cudaMemcpy(shared_pages_.data(), pages_.data(), bytes, cudaMemcpyHostToDevice),
+                      "copying the table of pages");
+  view_.pages = reinterpret_cast<const std::byte* const*>(shared_pages_.data());
+  return done;
 }
 
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
                                     uint32_t threads, Reading reading, uint64_t texture_cache,
-                                    const kernels::SceneView* streamed, uint64_t host_memory, JobProgress* progress) {
+                                    const kernels::SceneView* streamed, uint64_t host_memory, JobProgress* progress,
+                                    const PageShare* share) {
   const auto start = std::chrono::steady_clock::now();
-  ArenaLayout layout(scene, streamed);
+  ArenaLayout layout(scene, streamed, share);
   const UploadPlan& plan = layout.plan;
-  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
-  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache) + reserved_bytes;
+  const uint32_t slot_bytes = slot_bytes_of(scene, share);
+  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache, share) + reserved_bytes;
   if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
   Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
   if (!arena) return arena.error();
   std::byte* const base = arena->data();
-  const DrawnPages& drawn = scene.drawn_pages();
-  if (streamed == nullptr)
-    for (uint64_t i = 0; i < drawn.size(); ++i) layout.pages[drawn.page(i)] = base + layout.page_offset[drawn.page(i)];
+  if (const DrawnPages* const drawn = layout.drawn_pages)
+    for (uint64_t i = 0; i < drawn->size(); ++i)
+      layout.pages[drawn->page(i)] = base + layout.page_offset[drawn->page(i)];
   for (kernels::TextureView& texture : layout.textures) {
     if (texture.texels != nullptr)
       texture.texels = reinterpret_cast<const uint8_t*>(base + layout.texel_offset[texture.texels]);
@@ -297,11 +322,13 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   if (scene.view().environment != nullptr)
     copy.view_.environment = reinterpret_cast<const float*>(base + layout.environment);
   copy.view_.textures = reinterpret_cast<const kernels::TextureView*>(base + layout.texture_views);
+  copy.view_.texture_count = layout.textures.size();
   const auto* const masks = reinterpret_cast<const kernels::MaskView*>(base + layout.mask_views);
   if (copy.view_.blend_masks != nullptr)
     copy.view_.blend_masks = masks + (copy.view_.masks != nullptr ? copy.view_.material_count : 0);
   if (copy.view_.masks != nullptr) copy.view_.masks = masks;
   copy.view_.pages = reinterpret_cast<const std::byte* const*>(base + layout.page_table);
+  copy.pages_ = std::move(layout.pages);
   copy.stats_.counts = *counts;
   copy.stats_.device_bytes = needed;
   copy.stats_.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();

@@ -4,6 +4,8 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "format/result.h"
 #include "kernels/cuda/check.h"
@@ -17,6 +19,14 @@ namespace scree::runtime {
 /// What a scene may take: `budget_bytes`, 0 for all, and no more than the device has free. Errors kDevice.
 Result<uint64_t> device_budget(uint64_t budget_bytes);
 
+/// The part of a scene that one GPU of several gets: its own pages, and textures only if it is the first, which shades.
+struct PageShare {
+  std::span<const uint32_t> owners;  // owners_of_pages()
+  uint32_t owner = 0;
+
+  bool is_shaded() const { return owner == 0; }
+};
+
 class CudaScene {
  public:
   CudaScene() = default;
@@ -27,13 +37,19 @@ class CudaScene {
   /// and for what; a scene that does not fit, both sizes named) and, with the file named, those of run_upload.
   /// `host_memory`: the most pinned memory that the copies go through; 0: 128 MiB.
   /// `streamed`: null, or Streamer::view() of the scene: no page goes, and view().pages are chunk_count nulls.
+  /// `share`: null, or the pages that go; view().pages are null for the others.
   static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
                                   Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                   const kernels::SceneView* streamed = nullptr, uint64_t host_memory = 0,
-                                  JobProgress* progress = nullptr);
+                                  JobProgress* progress = nullptr, const PageShare* share = nullptr);
 
   /// What upload() takes without `reserved_bytes`.
-  static uint64_t device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache);
+  static uint64_t device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache,
+                               const PageShare* share = nullptr);
+
+  /// Adds to view() the pages of other devices, whose memory the current one, which has this scene, reads. Errors
+  /// kDevice.
+  Result<void> add_pages_of(std::span<const CudaScene> others);
 
   /// As `scene`'s, every pointer one of the device.
   const kernels::SceneView& view() const { return view_; }
@@ -50,6 +66,8 @@ class CudaScene {
   std::optional<kernels::CudaTextureCache> cache_;
   const kernels::JpegLevel* jpeg_levels_ = nullptr;
   kernels::SceneView view_{};
+  std::vector<const std::byte*> pages_;  // as view_.pages, in host memory
+  kernels::DeviceBuffer shared_pages_;   // view_.pages after add_pages_of()
   UploadStats stats_;
 };
 

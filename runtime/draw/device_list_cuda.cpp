@@ -1,6 +1,7 @@
 // The list of GPUs where the program is built with CUDA; device_list_none.cpp stands in elsewhere.
 #include <cuda_runtime_api.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -171,6 +172,23 @@ Result<Gpu> use_gpu(std::string_view which) {
   if (!found) return found;
   make_current(*found);
   return usable(std::move(*found));
+}
+
+Result<std::vector<int>> gpus_from(int first, uint32_t count) {
+  const Result<int> all = count_gpus();
+  if (!all) return all.error();
+  const KeptGpu kept;
+  std::vector<int> found{first};
+  const uint32_t most = std::min(count, kMostGpus);
+  for (int step = 1; step < *all && found.size() < most; ++step) {
+    Gpu gpu = describe_gpu((first + step) % *all);
+    make_current(gpu);
+    if (gpu.is_usable()) found.push_back(gpu.index);
+  }
+  if (count != kAllGpus && found.size() < count)
+    return Error{ErrorCode::kDevice,
+                 std::to_string(count) + " GPUs are wanted, and " + std::to_string(found.size()) + " can be used"};
+  return found;
 }
 
 Result<Gpu> current_gpu() {

@@ -143,10 +143,14 @@ class DeviceScene {
   /// usable device, a CUDA call that failed (which and for what), or a budget that does not hold what cannot be
   /// streamed (both sizes named); kMemory: a `host_memory` that holds no batch (both sizes named); with the file named,
   /// those of Scene::load_pages. `progress`: hears of the bytes that are copied, and may stop the upload (kFile).
+  /// `gpus`: the most GPUs that draw the scene together, each with a share of its pages and this budget: the current
+  /// device and the next ones that can be used; kAllGpus: as many as there are. Views draw on all of them; batches and
+  /// layers are drawn by the first, which reads the others' pages. Such a scene is not streamed. Errors kDevice: fewer
+  /// GPUs, GPUs that cannot read each other's memory.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
                                     Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                     uint64_t host_memory = 0, const PictureNeeds& pictures = {},
-                                    JobProgress* progress = nullptr);
+                                    JobProgress* progress = nullptr, uint32_t gpus = 1);
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
@@ -155,6 +159,9 @@ class DeviceScene {
   /// device memory more as kernels::CudaFrames::device_bytes() where the scene is resident. `scene`: what was uploaded.
   /// Errors kDevice, kMemory.
   Result<DeviceView> add_view(const Scene& scene);
+
+  /// How many GPUs draw it.
+  uint32_t gpu_count() const;
 
   /// Whether chunks are brought to the device while frames are drawn.
   bool is_streamed() const;

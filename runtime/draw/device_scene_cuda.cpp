@@ -23,6 +23,7 @@
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
+#include "runtime/draw/gpu_team.h"
 #include "runtime/draw/shared_device_buffer.h"
 #include "runtime/draw/stream_cuda.h"
 #include "runtime/images/jpeg_head.h"
@@ -119,6 +120,7 @@ struct DeviceView::Impl {
 
   uint32_t width = 0;  // in samples, of what draw() made last
   uint32_t height = 0;
+  bool is_drawn_by_team = false;
 
   ~Impl() {
     if (queued != nullptr) (void)cudaEventDestroy(queued);
@@ -136,6 +138,8 @@ struct DeviceView::Impl {
     std::swap(samples, second_samples);
     picture = number;
   }
+  /// Of the picture that draw() made last.
+  const kernels::Transform* transforms() const;
   bool open_second(const kernels::SceneView& host);
   bool open_view_batch(const kernels::SceneView& host);
   Result<const float*> blended_over(const kernels::View& view, const kernels::ShadeOptions& options);
@@ -146,6 +150,7 @@ struct DeviceScene::Impl {
   int device = 0;
   std::shared_ptr<DeviceView::Impl> own = std::make_shared<DeviceView::Impl>(*this);
   std::unique_ptr<CudaStream> stream;  // where the scene's pages do not lie on the device
+  std::unique_ptr<GpuTeam> team;       // where several GPUs have them
   UploadStats stats;
 
   Result<void> make_frames(DeviceView::Impl& view, const kernels::SceneView& host) const {
@@ -162,7 +167,13 @@ struct DeviceScene::Impl {
   Result<void> upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
                                uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
                                JobProgress* progress);
+  Result<void> upload_shared(const Scene& host, std::span<const int> gpus, const GpuTeam::Options& options);
 };
+
+const kernels::Transform* DeviceView::Impl::transforms() const {
+  if (is_drawn_by_team) return scene.team->transforms();
+  return frames ? frames->transforms() : nullptr;
+}
 
 /// False where the device has no room for it, or the scene is streamed.
 bool DeviceView::Impl::open_second(const kernels::SceneView& host) {
@@ -234,6 +245,10 @@ kernels::CudaFrames& DeviceScene::frames() {
   return *impl_->own->frames;
 }
 
+uint32_t DeviceScene::gpu_count() const {
+  return impl_->team != nullptr ? impl_->team->size() : 1;
+}
+
 bool DeviceScene::is_streamed() const {
   return impl_->stream != nullptr;
 }
@@ -256,7 +271,7 @@ const kernels::SceneView& DeviceScene::device_view() const {
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
                                         uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
-                                        JobProgress* progress) {
+                                        JobProgress* progress, uint32_t gpus) {
   const Result<Gpu> gpu = current_gpu();
   if (!gpu) return gpu.error();
   const auto start = std::chrono::steady_clock::now();
@@ -266,6 +281,22 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   const uint64_t usable = *free - std::min(left, kMostLeft);
   const uint64_t budget = budget_bytes == 0 ? usable : std::min(budget_bytes, usable);
   const uint64_t beside = frames_bytes(scene.view()) + picture_bytes(pictures, scene, false);
+  if (gpus > 1) {
+    const Result<std::vector<int>> team = gpus_from(gpu->index, gpus);
+    if (!team) return team.error();
+    if (team->size() > 1) {
+      const uint64_t own_frames = kernels::CudaFrames::device_bytes(scene.view());
+      const uint64_t samples = uint64_t{pictures.width} * pictures.height * pictures.samples_per_side *
+                               pictures.samples_per_side * sizeof(uint64_t);
+      auto shared = std::make_unique<Impl>();
+      shared->device = gpu->index;
+      const Result<void> done = shared->upload_shared(
+          scene, *team,
+          {budget, beside + own_frames, own_frames + samples, threads, reading, texture_cache, host_memory, progress});
+      if (!done) return done.error();
+      return DeviceScene(std::move(shared));
+    }
+  }
   if (CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget) {
     auto streamed = std::make_unique<Impl>();
     streamed->device = gpu->index;
@@ -288,6 +319,16 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   impl->stats = impl->scene.stats();
   impl->stats.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return DeviceScene(std::move(impl));
+}
+
+Result<void> DeviceScene::Impl::upload_shared(const Scene& host, std::span<const int> gpus,
+                                              const GpuTeam::Options& options) {
+  team = std::make_unique<GpuTeam>();
+  Result<CudaScene> shared = team->open(host, gpus, options);
+  if (!shared) return shared.error();
+  scene = std::move(*shared);
+  stats = team->stats();
+  return make_frames(*own, host.view());
 }
 
 /// `budget`: of device memory, which the records, textures and frames take their part of. A cache of textures leaves
@@ -393,7 +434,7 @@ Result<void> DeviceScene::read_colors(const kernels::View& view, const kernels::
     Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
     if (done)
       done =
-          own.resolver.shade_part(impl_->scene.view(), view, own.sample_data(), own.frames->transforms(), options,
+          own.resolver.shade_part(impl_->scene.view(), view, own.sample_data(), own.transforms(), options,
                                   reinterpret_cast<float*>(own.colors.data()), nullptr, impl_->scene.texture_cache());
     if (!done) return done;
     made = reinterpret_cast<const float*>(own.colors.data());
@@ -439,6 +480,21 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   if (const Result<void> reserved = impl.samples.reserve(bytes, "allocating the visibility buffer"); !reserved)
     return reserved.error();
   CudaStream* const stream = impl.scene.stream.get();
+  impl.is_drawn_by_team = impl.scene.team != nullptr;
+  const auto start = std::chrono::steady_clock::now();
+  const auto time = [&] {
+    if (times == nullptr) return;
+    *times = {};
+    times->raster_ms = std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count();
+  };
+  if (impl.is_drawn_by_team) {
+    const Result<kernels::FrameStats> drawn = impl.scene.team->draw(view, impl.sample_data());
+    if (!drawn) return drawn.error();
+    impl.width = view.width;
+    impl.height = view.height;
+    time();
+    return drawn;
+  }
   if (stream == nullptr) {
     const Result<kernels::FrameStats> drawn = impl.frames->draw(view, impl.sample_data(), {}, times);
     if (!drawn) return drawn.error();
@@ -446,16 +502,12 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
     impl.height = view.height;
     return drawn;
   }
-  const auto start = std::chrono::steady_clock::now();
   const Result<StreamStats> streamed = stream->draw_frame(view, shade, impl.sample_data());
   if (!streamed) return streamed.error();
   impl.width = view.width;
   impl.height = view.height;
   impl.streamed = *streamed;
-  if (times != nullptr) {
-    *times = {};
-    times->raster_ms = std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count();
-  }
+  time();
   return streamed->drawn;
 }
 
@@ -503,15 +555,15 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
     const float* colors = from_colors ? stream->colors() : impl.blend.colors();
     Result<void> done;
     if (!from_colors)
-      done = impl.resolver.shade_part(impl.scene.scene.view(), view, impl.sample_data(), impl.frames->transforms(),
-                                      options, impl.blend.colors(), nullptr, impl.scene.scene.texture_cache());
+      done = impl.resolver.shade_part(impl.scene.scene.view(), view, impl.sample_data(), impl.transforms(), options,
+                                      impl.blend.colors(), nullptr, impl.scene.scene.texture_cache());
     if (done)
       done = impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), colors, over, options,
                                           device_pixels, nullptr, times);
     if (!done) return done;
   } else if (auto done = impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
-                                               impl.frames ? impl.frames->transforms() : nullptr, options,
-                                               device_pixels, nullptr, times, impl.scene.scene.texture_cache());
+                                               impl.transforms(), options, device_pixels, nullptr, times,
+                                               impl.scene.scene.texture_cache());
              !done)
     return done;
   if (pixels.empty()) return {};
@@ -543,7 +595,7 @@ Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples
                  "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
                  "budget of it has to hold the scene, or the CPU draws it"};
   return kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
-                               reads_chunks ? impl.frames->transforms() : nullptr, out, nullptr);
+                               reads_chunks ? impl.transforms() : nullptr, out, nullptr);
 }
 
 Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span<const kernels::View> views,
@@ -578,6 +630,7 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
     }
     impl.use_picture(started % 2);
     const kernels::View& view = views[started];
+    impl.is_drawn_by_team = false;
     done =
         impl.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t), "allocating the visibility buffer");
     if (done) done = impl.frames->start(view, impl.sample_data());

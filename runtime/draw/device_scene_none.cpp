@@ -15,7 +15,7 @@ DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
 Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t,
-                                        const PictureNeeds&, JobProgress*) {
+                                        const PictureNeeds&, JobProgress*, uint32_t) {
   return current_gpu().error();
 }
 
@@ -70,6 +70,10 @@ const kernels::BlendCounts& DeviceScene::blended() const {
 
 Result<void> DeviceScene::read_over(const kernels::View&, const kernels::ShadeOptions&, std::span<float>) {
   return current_gpu().error();
+}
+
+uint32_t DeviceScene::gpu_count() const {
+  return 1;
 }
 
 bool DeviceScene::is_streamed() const {

@@ -70,7 +70,7 @@ Result<void> LoadedScene::upload(const LoadOptions& options) {
   Result<DeviceScene> device =
       DeviceScene::upload(*scene_, options.device_memory, options.threads, options.reading,
                           options.texture_cache != 0 ? options.texture_cache : kDeviceTextureCache, options.host_memory,
-                          options.pictures, options.progress);
+                          options.pictures, options.progress, options.gpus);
   if (!device) return device.error();
   device_ = std::make_unique<DeviceScene>(std::move(*device));
   return {};

@@ -22,7 +22,8 @@ enum class DrawOn { kAuto, kCpu, kGpu };
 struct LoadOptions {
   std::string scene;  // by name or number; empty: the file's default
   DrawOn on = DrawOn::kAuto;
-  std::string gpu;  // as use_gpu(); empty: the first that can be used
+  std::string gpu;    // as use_gpu(); empty: the first that can be used
+  uint32_t gpus = 1;  // as DeviceScene::upload(); kAllGpus: all
   uint32_t threads = 1;
   bool textures = true;
   uint64_t texture_cache = 0;        // bytes of decoded blocks; 0: kHostTextureCache, kDeviceTextureCache

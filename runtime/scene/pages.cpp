@@ -1,8 +1,11 @@
 #include "runtime/scene/pages.h"
 
 #include <algorithm>
+#include <functional>
 #include <new>
+#include <queue>
 #include <string>
+#include <utility>
 
 #include "format/bytes.h"
 #include "format/geometry/attribute_codec.h"
@@ -96,6 +99,20 @@ Result<void> DrawnPages::check(uint64_t index, std::span<const std::byte> raw) c
       return at(chunk_place(container_, chunks_[c].chunk), checked.error());
   }
   return {};
+}
+
+std::vector<uint32_t> owners_of_pages(const DrawnPages& pages, uint32_t owners) {
+  using Load = std::pair<uint64_t, uint32_t>;  // bytes, owner
+  std::priority_queue<Load, std::vector<Load>, std::greater<>> loads;
+  for (uint32_t owner = 0; owner < owners; ++owner) loads.emplace(0, owner);
+  std::vector<uint32_t> owner_of(pages.size());
+  for (uint64_t i = 0; i < pages.size(); ++i) {
+    const auto [bytes, owner] = loads.top();
+    loads.pop();
+    owner_of[i] = owner;
+    loads.emplace(bytes + pages.record(i).raw_bytes, owner);
+  }
+  return owner_of;
 }
 
 Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads, JobProgress* progress) {

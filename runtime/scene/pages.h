@@ -30,6 +30,21 @@ class DrawnPages {
   /// `container`: copied; its bytes must outlive this. drawn[mesh]: whether a mesh is drawn. Throws std::bad_alloc.
   DrawnPages(const format::Container& container, const std::vector<bool>& drawn);
 
+  /// Those of them that `is_kept(index)` picks.
+  template <class IsKept>
+  DrawnPages subset(const IsKept& is_kept) const {
+    DrawnPages kept;
+    kept.container_ = container_;
+    kept.first_chunk_.push_back(0);
+    for (uint64_t i = 0; i < size(); ++i) {
+      if (!is_kept(i)) continue;
+      kept.chunks_.insert(kept.chunks_.end(), chunks_.begin() + static_cast<ptrdiff_t>(first_chunk_[i]),
+                          chunks_.begin() + static_cast<ptrdiff_t>(first_chunk_[i + 1]));
+      kept.first_chunk_.push_back(kept.chunks_.size());
+    }
+    return kept;
+  }
+
   uint64_t size() const { return first_chunk_.empty() ? 0 : first_chunk_.size() - 1; }
   uint32_t page(uint64_t index) const { return chunks_[first_chunk_[index]].page; }
   const format::PageRecord& record(uint64_t index) const { return container_.pages()[page(index)]; }
@@ -49,6 +64,10 @@ class DrawnPages {
   std::vector<PageChunk> chunks_;      // page by page
   std::vector<uint64_t> first_chunk_;  // by page: index of its first entry in chunks_; one more entry ends the last
 };
+
+/// Shares pages among `owners` processes or GPUs: by index in `pages`, the owner's number. In file order each page goes
+/// to the owner with the fewest bytes so far, so the file's tables alone decide. Throws std::bad_alloc.
+std::vector<uint32_t> owners_of_pages(const DrawnPages& pages, uint32_t owners);
 
 /// Raw bytes by page number; null where a page was not loaded.
 struct PageSet {

@@ -13,8 +13,10 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/emulator/machine.h"
@@ -49,8 +51,8 @@ struct CUgraphExec_st {
 };
 
 struct CUstream_st {
-  int gpu = 0;                  // its GPU; the null stream belongs to all
-  bool waits_for_null = false;  // ordered with the null stream, in both directions
+  int gpu = 0;
+  bool waits_for_null = false;  // ordered with the null stream of its GPU, in both directions
   bool is_destroyed = false;
   bool is_running = false;
   std::shared_ptr<CUgraph_st> capture;  // the graph that its work goes to
@@ -129,12 +131,13 @@ struct Kernel {
 /// State that the calls share. One call runs at a time.
 struct Device {
   std::recursive_mutex mutex;
-  CUstream_st null_stream;
+  std::map<int, CUstream_st> null_streams;           // by GPU
   std::deque<std::unique_ptr<CUstream_st>> streams;  // including destroyed ones
   std::map<uintptr_t, Allocation> allocations;
   std::map<const void*, Kernel> kernels;
   std::map<int, scree::emulator::MemoryInUse> in_use;  // by GPU; pinned memory is under kPinned
   std::vector<std::shared_ptr<CUgraph_st>> graphs;     // not destroyed yet
+  std::set<std::pair<int, int>> peers;                 // GPUs that may read the memory of others
 };
 
 Device& device() {
@@ -151,8 +154,14 @@ cudaError_t failed(cudaError_t error) {
   return error;
 }
 
+CUstream_st* null_stream_of(int gpu) {
+  CUstream_st& stream = device().null_streams[gpu];
+  stream.gpu = gpu;
+  return &stream;
+}
+
 CUstream_st* stream_of(cudaStream_t stream) {
-  if (stream == nullptr) return &device().null_stream;
+  if (stream == nullptr) return null_stream_of(current_gpu);
   if (stream->is_destroyed) fail("a stream is used after it was destroyed");
   return stream;
 }
@@ -180,18 +189,19 @@ Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> 
     ++stream->captured;
     return {nullptr, 0};
   }
-  if (stream == &all.null_stream) {
+  CUstream_st* const null_stream = null_stream_of(stream->gpu);
+  if (stream == null_stream) {
     for (const auto& other : all.streams)
-      if (other->waits_for_null && !other->waiting.empty()) after.push_back(other->end());
-  } else if (stream->waits_for_null && !all.null_stream.waiting.empty()) {
-    after.push_back(all.null_stream.end());
+      if (other->gpu == stream->gpu && other->waits_for_null && !other->waiting.empty()) after.push_back(other->end());
+  } else if (stream->waits_for_null && !null_stream->waiting.empty()) {
+    after.push_back(null_stream->end());
   }
   stream->waiting.push_back({std::move(run), std::move(after)});
   const Point end = stream->end();
   // A GPU may be arbitrarily fast.
   if (random_below(4) == 0) {
     const uint32_t number = random_below(static_cast<uint32_t>(all.streams.size()) + 1);
-    CUstream_st* const any = number == all.streams.size() ? &all.null_stream : all.streams[number].get();
+    CUstream_st* const any = number == all.streams.size() ? null_stream : all.streams[number].get();
     if (!any->waiting.empty()) reach({any, any->done + 1 + random_below(static_cast<uint32_t>(any->waiting.size()))});
   }
   return end;
@@ -233,12 +243,21 @@ cudaError_t allocate(void** out, size_t bytes, bool is_device) {
   return cudaSuccess;
 }
 
+/// Does all work of a GPU; kPinned: of all GPUs.
+void finish(int gpu) {
+  Device& all = device();
+  for (auto& [of, stream] : all.null_streams)
+    if (gpu == kPinned || of == gpu) reach(stream.end());
+  for (const auto& stream : all.streams)
+    if (gpu == kPinned || stream->gpu == gpu) reach(stream->end());
+}
+
 /// Both functions wait for all submitted work.
 cudaError_t give_back(void* block, bool is_device) {
   if (block == nullptr) return cudaSuccess;
   Device& all = device();
   const std::lock_guard lock(all.mutex);
-  (void)cudaDeviceSynchronize();
+  finish(kPinned);
   const auto found = all.allocations.find(reinterpret_cast<uintptr_t>(block));
   if (found == all.allocations.end() || found->second.is_device != is_device) return failed(cudaErrorInvalidValue);
   all.in_use[found->second.gpu].now -= found->second.bytes;
@@ -430,11 +449,25 @@ cudaError_t cudaDriverGetVersion(int* version) {
 }
 
 cudaError_t cudaDeviceSynchronize() {
-  Device& all = device();
-  const std::lock_guard lock(all.mutex);
-  reach(all.null_stream.end());
-  for (const auto& stream : all.streams) reach(stream->end());
+  const std::lock_guard lock(device().mutex);
+  finish(current_gpu);
   return cudaSuccess;
+}
+
+/// GPUs of one kind read each other's memory.
+cudaError_t cudaDeviceCanAccessPeer(int* can, int number, int peer) {
+  const std::vector<Gpu> gpus = listed_gpus();
+  const auto is_listed = [&](int gpu) { return gpu >= 0 && static_cast<size_t>(gpu) < gpus.size(); };
+  if (!is_listed(number) || !is_listed(peer)) return failed(cudaErrorInvalidDevice);
+  *can = number != peer && gpus[number].major == gpus[peer].major && gpus[number].minor == gpus[peer].minor ? 1 : 0;
+  return cudaSuccess;
+}
+cudaError_t cudaDeviceEnablePeerAccess(int peer, unsigned) {
+  const std::lock_guard lock(device().mutex);
+  int can = 0;
+  if (const cudaError_t status = cudaDeviceCanAccessPeer(&can, current_gpu, peer); status != cudaSuccess) return status;
+  if (can == 0) return failed(cudaErrorPeerAccessUnsupported);
+  return device().peers.emplace(current_gpu, peer).second ? cudaSuccess : failed(cudaErrorPeerAccessAlreadyEnabled);
 }
 
 cudaError_t cudaStreamCreate(cudaStream_t* stream) {
@@ -479,7 +512,8 @@ cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned
 cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode) {
   const std::lock_guard lock(device().mutex);
   CUstream_st* const begun = stream_of(stream);
-  if (begun == &device().null_stream || begun->capture != nullptr) return failed(cudaErrorStreamCaptureUnsupported);
+  if (begun == null_stream_of(begun->gpu) || begun->capture != nullptr)
+    return failed(cudaErrorStreamCaptureUnsupported);
   // Such a stream and the default stream wait for each other's work.
   if (begun->waits_for_null) fail("a stream is captured that is ordered with the default stream");
   begun->capture = device().graphs.emplace_back(std::make_shared<CUgraph_st>());

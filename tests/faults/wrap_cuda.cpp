@@ -75,6 +75,8 @@ SCREE_WRAP(cudaGetDeviceCount, cudaErrorUnknown, (int* count), (count))
 SCREE_WRAP(cudaGetDeviceProperties, cudaErrorUnknown, (cudaDeviceProp * out, int device), (out, device))
 SCREE_WRAP(cudaDeviceGetAttribute, cudaErrorUnknown, (int* value, cudaDeviceAttr attribute, int device),
            (value, attribute, device))
+SCREE_WRAP(cudaDeviceCanAccessPeer, cudaErrorUnknown, (int* can, int device, int peer), (can, device, peer))
+SCREE_WRAP(cudaDeviceEnablePeerAccess, cudaErrorUnknown, (int peer, unsigned flags), (peer, flags))
 SCREE_WRAP(cudaDeviceSynchronize, cudaErrorUnknown, (), ())
 SCREE_WRAP(cudaDriverGetVersion, cudaErrorUnknown, (int* version), (version))
 SCREE_WRAP(cudaEventQuery, cudaErrorUnknown, (cudaEvent_t event), (event))

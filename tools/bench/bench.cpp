@@ -44,9 +44,9 @@ class LoadedScene {
     scene_.emplace(std::move(*scene));
     if (!on_gpu) return {};
     const runtime::PictureNeeds pictures{options_.size.width, options_.size.height, options_.samples_per_side, &shade_};
-    Result<runtime::DeviceScene> device =
-        runtime::DeviceScene::upload(*scene_, options_.device_memory, options_.threads, options_.reading,
-                                     runtime::kDeviceTextureCache, options_.host_memory, pictures);
+    Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(
+        *scene_, options_.device_memory, options_.threads, options_.reading, runtime::kDeviceTextureCache,
+        options_.host_memory, pictures, nullptr, options_.backend.gpus);
     if (!device) return device.error();
     device_.emplace(std::move(*device));
     return {};
@@ -262,6 +262,11 @@ Result<void> run_bench(const BenchOptions& options) {
   const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("bench", options.backend, options.quiet);
   if (!gpu) return gpu.error();
   BenchReport report{options, gpu->has_value() ? gpu_machine(**gpu) : cpu_machine(), {}};
+  if (options.backend.gpus != 1) {
+    const Result<std::vector<int>> gpus = runtime::gpus_from((*gpu)->index, options.backend.gpus);
+    if (!gpus) return gpus.error();
+    report.machine.device = std::to_string(gpus->size()) + " x " + report.machine.device;
+  }
   Result<void> done;
   for (const std::string& file : options.files) {
     tools::report_sigbus("bench", file);

@@ -1,12 +1,14 @@
 #include "tools/common/backend.h"
 
+#include <charconv>
 #include <cstdio>
+#include <system_error>
 
 #include "tools/common/options.h"
 
 namespace scree::tools {
 
-Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device) {
+Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device, const std::string& gpus) {
   BackendOptions options;
   options.device = device;
   if (const Result<void> chosen =
@@ -14,6 +16,18 @@ Result<BackendOptions> parse_backend(const std::string& backend, const std::stri
                        {{"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}});
       !chosen)
     return chosen.error();
+  const auto [last, error] = std::from_chars(gpus.data(), gpus.data() + gpus.size(), options.gpus);
+  if (gpus == "all")
+    options.gpus = runtime::kAllGpus;
+  else if (error != std::errc() || last != gpus.data() + gpus.size() || options.gpus < 1 ||
+           options.gpus > runtime::kMostGpus)
+    return Error{ErrorCode::kUsage, "--gpus: '" + gpus + "' is neither a number from 1 to " +
+                                        std::to_string(runtime::kMostGpus) + " nor all"};
+  if (options.gpus != 1) {
+    if (options.choice == BackendChoice::kCpu)
+      return Error{ErrorCode::kUsage, "--gpus and --backend cpu exclude each other"};
+    options.choice = BackendChoice::kCuda;
+  }
   if (device.empty()) return options;
   if (!runtime::names_gpu(device))
     return Error{ErrorCode::kUsage,
@@ -48,8 +62,9 @@ std::string name_of_cpu(uint32_t threads) {
   return "the CPU, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads");
 }
 
-std::string name_of(const runtime::Gpu& gpu) {
-  return "cuda:" + std::to_string(gpu.index) + " (" + gpu.name + ")";
+std::string name_of(const runtime::Gpu& gpu, uint32_t count) {
+  const std::string name = "cuda:" + std::to_string(gpu.index) + " (" + gpu.name + ")";
+  return count == 1 ? name : std::to_string(count) + " GPUs from " + name + " on";
 }
 
 }  // namespace scree::tools

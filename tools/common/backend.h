@@ -15,11 +15,14 @@ enum class BackendChoice { kAuto, kCpu, kCuda };
 struct BackendOptions {
   BackendChoice choice = BackendChoice::kAuto;
   std::string device;  // --device; empty: the first usable GPU
+  uint32_t gpus = 1;   // --gpus; runtime::kAllGpus: all
 };
 
-/// `backend`: "auto", "cpu" or "cuda". `device`: as typed, or empty; with a device, auto means cuda. Errors kUsage:
-/// another value, a device that is neither an index nor a UUID, a device together with the CPU.
-Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device);
+/// `backend`: "auto", "cpu" or "cuda". `device`: as typed, or empty; `gpus`: a number or "all". With a device or
+/// several GPUs, auto means cuda. Errors kUsage: another value, a device that is neither an index nor a UUID, a device
+/// or several GPUs together with the CPU.
+Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device,
+                                     const std::string& gpus = "1");
 
 /// Chooses the GPU to draw on and makes it the thread's current device. Returns nullopt if the CPU has to draw. If
 /// kAuto finds no usable GPU, one line on stderr gives the reason, unless `quiet`; a program without CUDA prints it
@@ -32,8 +35,8 @@ void warn_of_cpu(const char* command, const std::string& reason);
 /// An error of the device, with what the user can do; other errors as they are.
 Error with_cpu_advice(Error error);
 
-/// "cuda:0 (NVIDIA H200)".
-std::string name_of(const runtime::Gpu& gpu);
+/// "cuda:0 (NVIDIA H200)"; if several draw, "2 GPUs from cuda:0 (NVIDIA H200) on".
+std::string name_of(const runtime::Gpu& gpu, uint32_t count = 1);
 
 /// "the CPU, 16 threads".
 std::string name_of_cpu(uint32_t threads);

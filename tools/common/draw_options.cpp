@@ -17,6 +17,13 @@ void add_picture_options(CLI::App& app, DrawWords& words) {
   app.add_option("--samples", words.samples, "Samples per pixel along each side: 1 (default), 2 or 4")->type_name("N");
 }
 
+void add_gpus_option(CLI::App& app, std::string& word) {
+  app.add_option("--gpus", word,
+                 "How many GPUs draw the scene together, from --device on, each with a part of it in its memory, or "
+                 "all (default: 1)")
+      ->type_name("N|all");
+}
+
 void add_device_options(CLI::App& app, DrawWords& words) {
   app.add_option("--threads", words.threads, "Threads; 0: one per processor (default)")->type_name("N");
   app.add_option("--backend", words.backend,
@@ -25,9 +32,11 @@ void add_device_options(CLI::App& app, DrawWords& words) {
   app.add_option("--device", words.device,
                  "The GPU, by its index or UUID, as scree devices lists them (default: the first that can be used)")
       ->type_name("N|UUID");
-  app.add_option("--device-memory", words.device_memory,
-                 "Limit of GPU memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
-                 "that do not fit are streamed")
+  add_gpus_option(app, words.gpus);
+  app.add_option(
+         "--device-memory", words.device_memory,
+         "Limit of a GPU's memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
+         "that do not fit are streamed")
       ->type_name("SIZE");
   app.add_option("--host-memory", words.host_memory,
                  "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks that the GPU's "
@@ -123,7 +132,7 @@ Result<DrawOptions> parse_draw_options(const DrawWords& words) {
   const Result<uint32_t> threads = parse_threads(words.threads);
   if (!threads) return threads.error();
   options.threads = *threads;
-  const Result<BackendOptions> backend = parse_backend(words.backend, words.device);
+  const Result<BackendOptions> backend = parse_backend(words.backend, words.device, words.gpus);
   if (!backend) return backend.error();
   options.backend = *backend;
   const Result<uint64_t> device_memory = parse_size(words.device_memory, "--device-memory", 0);

@@ -22,6 +22,7 @@ struct DrawWords {
   std::string threads = "0";
   std::string backend = "auto";
   std::string device;
+  std::string gpus = "1";
   std::string device_memory;
   std::string host_memory;
   std::string read = "auto";
@@ -69,6 +70,9 @@ void warn_of_layers(const char* command, const std::string& path, const kernels:
 /// --device-memory, --host-memory, --read.
 void add_picture_options(CLI::App& app, DrawWords& words);
 void add_device_options(CLI::App& app, DrawWords& words);
+
+/// --gpus, one of these.
+void add_gpus_option(CLI::App& app, std::string& word);
 
 /// Errors kUsage: the option, its value, the allowed values.
 Result<DrawOptions> parse_draw_options(const DrawWords& words);

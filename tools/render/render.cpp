@@ -401,9 +401,10 @@ Result<void> render(const RenderOptions& options) {
   std::optional<runtime::DeviceScene> device;
   std::optional<Drawn> drawn;
   if (gpu->has_value()) {
-    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
-        *scene, options.device_memory, options.threads, options.reading,
-        options.texture_cache.value_or(runtime::kDeviceTextureCache), options.host_memory - host_needs, pictures);
+    Result<runtime::DeviceScene> uploaded =
+        runtime::DeviceScene::upload(*scene, options.device_memory, options.threads, options.reading,
+                                     options.texture_cache.value_or(runtime::kDeviceTextureCache),
+                                     options.host_memory - host_needs, pictures, nullptr, options.backend.gpus);
     if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
     std::optional<Error> failed;
     if (uploaded) {
@@ -411,7 +412,7 @@ Result<void> render(const RenderOptions& options) {
       Result<Drawn> on_gpu = draw(options, *scene, *view, &*device, times);
       if (on_gpu) {
         drawn = std::move(*on_gpu);
-        times.drawn_on = name_of(**gpu);
+        times.drawn_on = name_of(**gpu, device->gpu_count());
       } else {
         failed = on_gpu.error();
       }

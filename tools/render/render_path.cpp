@@ -165,6 +165,7 @@ class PathRenderer {
     load.scene = options_.scene;
     load.on = on;
     load.gpu = gpu_of_rank();
+    load.gpus = options_.backend.gpus;
     load.threads = options_.threads;
     const runtime::SceneOptions wanted = options_.scene_options();
     load.textures = wanted.textures;
@@ -329,7 +330,7 @@ class PathRenderer {
 
   std::string drawn_on() const {
     if (scene_ == nullptr) return "nothing";
-    if (scene_->gpu()) return name_of(*scene_->gpu());
+    if (scene_->gpu()) return name_of(*scene_->gpu(), scene_->device()->gpu_count());
     return name_of_cpu(options_.threads);
   }
 

@@ -3,10 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <cstdio>
-#include <functional>
 #include <new>
 #include <optional>
-#include <queue>
 #include <string>
 #include <utility>
 
@@ -108,7 +106,7 @@ class RankedPicture {
   Result<void> load_own_pages() {
     const runtime::DrawnPages& drawn = scene_->drawn_pages();
     const format::Container& container = scene_->container();
-    const std::vector<uint32_t> owners = owners_of_pages(drawn, ranks_.count());
+    const std::vector<uint32_t> owners = runtime::owners_of_pages(drawn, ranks_.count());
     pages_.assign(container.pages().size(), nullptr);
     unpacked_.resize(drawn.size());
     runtime::FirstError failure;
@@ -267,20 +265,6 @@ class RankedPicture {
 };
 
 }  // namespace
-
-std::vector<uint32_t> owners_of_pages(const runtime::DrawnPages& pages, uint32_t ranks) {
-  using Load = std::pair<uint64_t, uint32_t>;  // bytes, rank
-  std::priority_queue<Load, std::vector<Load>, std::greater<>> loads;
-  for (uint32_t rank = 0; rank < ranks; ++rank) loads.emplace(0, rank);
-  std::vector<uint32_t> owners(pages.size());
-  for (uint64_t i = 0; i < pages.size(); ++i) {
-    const auto [bytes, rank] = loads.top();
-    loads.pop();
-    owners[i] = rank;
-    loads.emplace(bytes + pages.record(i).raw_bytes, rank);
-  }
-  return owners;
-}
 
 Result<void> render_ranks(const RenderOptions& options, Ranks& ranks) {
   end_silently_on_signal();

@@ -41,6 +41,7 @@ struct ViewWords {
   std::string threads = "0";
   std::string backend = "auto";
   std::string device;
+  std::string gpus = "1";
   std::string device_memory;
   std::string texture_cache;
   LightWords light;
@@ -65,7 +66,7 @@ Result<ViewOptions> parse_view_options(const ViewWords& words) {
   const Result<uint32_t> threads = parse_threads(words.threads);
   if (!threads) return threads.error();
   options.session.threads = *threads;
-  const Result<BackendOptions> backend = parse_backend(words.backend, words.device);
+  const Result<BackendOptions> backend = parse_backend(words.backend, words.device, words.gpus);
   if (!backend) return backend.error();
   options.session.backend = *backend;
   const Result<LightOptions> light = parse_light_options(words.light);
@@ -262,9 +263,11 @@ Command add_view(CLI::App& parent) {
          "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
          "used)")
       ->type_name("N|UUID");
-  app->add_option("--device-memory", words->device_memory,
-                  "Limit of GPU memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
-                  "that do not fit are streamed")
+  add_gpus_option(*app, words->gpus);
+  app->add_option(
+         "--device-memory", words->device_memory,
+         "Limit of a GPU's memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
+         "that do not fit are streamed")
       ->type_name("SIZE");
   app->add_option("--texture-cache", words->texture_cache,
                   "Memory for decoded blocks of JPEG textures, such as 1GiB (default: 64MiB, on a GPU 256MiB)")

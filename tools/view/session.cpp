@@ -144,8 +144,9 @@ struct ViewSession::Impl {
     pictures.shade = &shade;
     pictures.is_encoded = true;
     const uint64_t cache = options.texture_cache != 0 ? options.texture_cache : runtime::kDeviceTextureCache;
-    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(scene, options.device_memory, options.threads,
-                                                                         runtime::Reading::kAuto, cache, 0, pictures);
+    Result<runtime::DeviceScene> uploaded =
+        runtime::DeviceScene::upload(scene, options.device_memory, options.threads, runtime::Reading::kAuto, cache, 0,
+                                     pictures, nullptr, options.backend.gpus);
     if (!uploaded) return uploaded.error();
     device = std::move(*uploaded);
     return {};
@@ -281,8 +282,8 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   ViewSession session(std::make_unique<Impl>(options, std::move(*scene)));
   Impl& impl = *session.impl_;
   if (gpu->has_value()) {
-    impl.drawn_on = name_of(**gpu);
     const Result<void> uploaded = impl.upload();
+    impl.drawn_on = name_of(**gpu, uploaded ? impl.device->gpu_count() : 1);
     if (uploaded) return Result<ViewSession>(std::move(session));
     if (uploaded.error().code != ErrorCode::kDevice || options.backend.choice != BackendChoice::kAuto)
       return at(options.file, uploaded.error());

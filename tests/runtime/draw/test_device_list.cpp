@@ -77,6 +77,12 @@ TEST_CASE("a GPU that --device names is taken, and has to draw", "[device]") {
   CHECK(parse_backend("auto", "")->choice == BackendChoice::kAuto);
   CHECK(parse_backend("auto", "1")->choice == BackendChoice::kCuda);
   CHECK(parse_backend("cuda", "GPU-5")->device == "GPU-5");
+  CHECK(parse_backend("auto", "")->gpus == 1);
+  CHECK(parse_backend("auto", "", "2")->gpus == 2);
+  CHECK(parse_backend("auto", "", "2")->choice == BackendChoice::kCuda);
+  CHECK(parse_backend("cuda", "1", "all")->gpus == runtime::kAllGpus);
+  for (const auto& [backend, gpus] : {std::pair{"cpu", "2"}, {"auto", "0"}, {"auto", "17"}, {"auto", "two"}})
+    CHECK(parse_backend(backend, "", gpus).error().code == ErrorCode::kUsage);
   for (const auto& [backend, device] : {std::pair{"cpu", "0"}, {"auto", "-1"}, {"gpu", ""}, {"cuda", "cuda:0"}}) {
     CAPTURE(backend, device);
     const auto options = parse_backend(backend, device);

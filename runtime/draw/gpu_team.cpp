@@ -1,0 +1,198 @@
+#include "runtime/draw/gpu_team.h"
+
+#include <algorithm>
+#include <chrono>
+#include <future>
+#include <string>
+#include <utility>
+
+#include "runtime/draw/device_list.h"
+#include "runtime/scene/pages.h"
+
+namespace scree::runtime {
+
+using kernels::cuda_check;
+using kernels::FramePart;
+using kernels::FrameStats;
+
+namespace {
+
+static_assert(kMostGpus <= kernels::kMostBuffers);
+
+std::string gpu_name(int gpu) {
+  return "GPU " + std::to_string(gpu);
+}
+
+void add(UploadCounts& sum, const UploadCounts& one) {
+  sum.pages += one.pages;
+  sum.stored_bytes += one.stored_bytes;
+  sum.unpacked_bytes += one.unpacked_bytes;
+  sum.copied_bytes += one.copied_bytes;
+  sum.direct_bytes += one.direct_bytes;
+}
+
+}  // namespace
+
+GpuTeam::~GpuTeam() {
+  const KeptGpu kept;
+  for (Member& member : members_) {
+    (void)make_current(member);
+    member.frames.reset();
+    if (member.joined != nullptr) (void)cudaEventDestroy(member.joined);
+  }
+}
+
+Result<void> GpuTeam::make_current(const Member& member) const {
+  return cuda_check(cudaSetDevice(member.gpu), "choosing the GPU");
+}
+
+/// Lets every GPU read and write the memory of all others.
+Result<void> GpuTeam::connect() const {
+  for (const Member& from : members_) {
+    if (Result<void> done = make_current(from); !done) return done;
+    for (const Member& to : members_) {
+      if (to.gpu == from.gpu) continue;
+      int can = 0;
+      if (Result<void> done = cuda_check(cudaDeviceCanAccessPeer(&can, from.gpu, to.gpu), "asking for peer access");
+          !done)
+        return done;
+      if (can == 0)
+        return Error{ErrorCode::kDevice, gpu_name(from.gpu) + " cannot read the memory of " + gpu_name(to.gpu) +
+                                             " (no peer access), so they cannot draw one scene together"};
+      const cudaError_t status = cudaDeviceEnablePeerAccess(to.gpu, 0);
+      if (status == cudaErrorPeerAccessAlreadyEnabled) {
+        (void)cudaGetLastError();
+        continue;
+      }
+      if (Result<void> done = cuda_check(status, "enabling peer access"); !done) return done;
+    }
+  }
+  return {};
+}
+
+Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, const Options& options) {
+  const auto start = std::chrono::steady_clock::now();
+  const KeptGpu kept;
+  members_.resize(gpus.size());
+  for (size_t i = 0; i < gpus.size(); ++i) members_[i].gpu = gpus[i];
+  buffers_.count = size();
+  if (const Result<void> connected = connect(); !connected) return connected.error();
+
+  const std::vector<uint32_t> owners = owners_of_pages(scene.drawn_pages(), size());
+  const uint32_t threads = std::max(options.threads / size(), 1u);
+  const uint64_t host_memory = options.host_memory / size();
+  const auto upload = [&](uint32_t i) -> Result<CudaScene> {
+    if (const Result<void> current = make_current(members_[i]); !current) return current.error();
+    const PageShare share{owners, i};
+    return CudaScene::upload(scene, options.budget, i == 0 ? options.beside : options.beside_others, threads,
+                             options.reading, options.texture_cache, nullptr, host_memory,
+                             i == 0 ? options.progress : nullptr, &share);
+  };
+  std::vector<std::future<Result<CudaScene>>> uploads;
+  for (uint32_t i = 1; i < size(); ++i) uploads.push_back(std::async(std::launch::async, upload, i));
+  Result<CudaScene> first = upload(0);
+  std::vector<CudaScene> others;
+  std::optional<Error> failed;
+  const auto take = [&](Result<CudaScene>& made, uint32_t i) {
+    if (made) {
+      add(stats_.counts, made->stats().counts);
+      stats_.device_bytes += made->stats().device_bytes;
+    } else if (!failed) {
+      failed = made.error();
+      if (failed->code == ErrorCode::kDevice) failed->message = gpu_name(gpus[i]) + ": " + failed->message;
+    }
+  };
+  take(first, 0);
+  for (uint32_t i = 1; i < size(); ++i) {
+    Result<CudaScene> other = uploads[i - 1].get();
+    take(other, i);
+    if (other) others.push_back(std::move(*other));
+  }
+  if (failed) return *failed;
+
+  for (uint32_t i = 0; i < size(); ++i) {
+    Member& member = members_[i];
+    Result<void> done = make_current(member);
+    if (done) done = cuda_check(cudaEventCreateWithFlags(&member.joined, cudaEventDisableTiming), "making an event");
+    if (!done) return done.error();
+    Result<kernels::CudaFrames> frames =
+        kernels::CudaFrames::create(scene.view(), i == 0 ? first->view() : others[i - 1].view(), options.queues);
+    if (!frames) return frames.error();
+    member.frames = std::move(*frames);
+  }
+  if (const Result<void> done = make_current(members_[0]); !done) return done.error();
+  if (const Result<void> done = first->add_pages_of(others); !done) return done.error();
+  for (uint32_t i = 1; i < size(); ++i) members_[i].scene = std::move(others[i - 1]);
+  stats_.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return first;
+}
+
+/// buffers_: with room for the frame and nothing in it.
+Result<void> GpuTeam::start_frame(const kernels::View& view, uint64_t* samples) {
+  const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
+  for (uint32_t i = 0; i < size(); ++i) {
+    Member& member = members_[i];
+    Result<void> done = make_current(member);
+    if (done && i != 0) done = member.samples.reserve(bytes, "allocating the visibility buffer");
+    buffers_.of[i] = i == 0 ? samples : reinterpret_cast<uint64_t*>(member.samples.data());
+    static_assert(kernels::kBackground == ~uint64_t{0});
+    if (done) done = cuda_check(cudaMemsetAsync(buffers_.of[i], 0xff, bytes, nullptr), "clearing");
+    if (!done) return done;
+  }
+  return {};
+}
+
+/// Each GPU joins its own part of all buffers. What is queued on a default stream afterwards sees all of them.
+Result<void> GpuTeam::join(uint64_t count) {
+  const uint64_t part = (count + size() - 1) / size();
+  for (uint32_t i = 0; i < size(); ++i) {
+    Result<void> done = make_current(members_[i]);
+    if (done)
+      done =
+          kernels::start_least_samples(buffers_, std::min(i * part, count), std::min((i + 1) * part, count), nullptr);
+    if (done) done = cuda_check(cudaEventRecord(members_[i].joined, nullptr), "recording an event");
+    if (!done) return done;
+  }
+  for (const Member& waiting : members_) {
+    Result<void> done = make_current(waiting);
+    for (const Member& other : members_)
+      if (done && other.gpu != waiting.gpu)
+        done = cuda_check(cudaStreamWaitEvent(nullptr, other.joined, 0), "ordering the GPUs");
+    if (!done) return done;
+  }
+  return {};
+}
+
+Result<FrameStats> GpuTeam::draw(const kernels::View& view, uint64_t* samples) {
+  const KeptGpu kept;
+  Result<void> done = start_frame(view, samples);
+  FrameStats sum{};
+  for (const FramePart part : {FramePart::kPreviouslyVisible, FramePart::kRest}) {
+    uint32_t started = 0;
+    for (; done && started < size(); ++started) {
+      done = make_current(members_[started]);
+      if (done) done = members_[started].frames->start(view, buffers_.of[started], {.part = part});
+      if (!done) break;
+    }
+    // Also after an error: no frame may be on its way to the caller's memory.
+    for (uint32_t i = 0; i < started; ++i) {
+      Result<void> current = make_current(members_[i]);
+      const Result<kernels::CudaFrames::Finished> finished = members_[i].frames->finish();
+      if (done && !current) done = current;
+      if (done && !finished) done = finished.error();
+      if (!finished) continue;
+      FrameStats stats = finished->stats;
+      if (i != 0) stats.instances_drawn = 0;  // every GPU finds the same ones
+      sum += stats;
+    }
+    if (done) done = join(uint64_t{view.width} * view.height);
+  }
+  for (const Member& member : members_)
+    if (done) done = cuda_check(cudaEventSynchronize(member.joined), "joining the samples of several GPUs");
+  if (done) return sum;
+  for (const Member& member : members_)
+    if (make_current(member)) (void)cudaDeviceSynchronize();
+  return done.error();
+}
+
+}  // namespace scree::runtime

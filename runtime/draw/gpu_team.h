@@ -1,0 +1,79 @@
+// GPUs of one machine that draw a scene together. Each has a part of the pages and draws it; their samples are joined
+// by the links between them, so the picture is that of one GPU. The first shades, and reads the others' pages for that.
+// Where the program is built with CUDA.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/frame.h"
+#include "kernels/cuda/least_samples.h"
+#include "kernels/frame.h"
+#include "runtime/draw/cuda_upload.h"
+#include "runtime/scene/scene.h"
+
+namespace scree::runtime {
+
+class GpuTeam {
+ public:
+  /// What every GPU takes besides its share of the scene, and how the shares are read; as CudaScene::upload() has it,
+  /// except that `beside` is for the first GPU, and `beside_others` for each of the others.
+  struct Options {
+    uint64_t budget = 0;
+    uint64_t beside = 0;
+    uint64_t beside_others = 0;
+    uint32_t threads = 1;
+    Reading reading = Reading::kAuto;
+    uint64_t texture_cache = kDeviceTextureCache;
+    uint64_t host_memory = 0;
+    JobProgress* progress = nullptr;
+    kernels::CudaQueueSizes queues{};
+  };
+
+  GpuTeam() = default;
+  GpuTeam(const GpuTeam&) = delete;
+  GpuTeam& operator=(const GpuTeam&) = delete;
+  ~GpuTeam();
+
+  /// Lets every GPU read and write the others' memory and brings its share of `scene` to each, all at the same time.
+  /// `gpus`: 2 to kMostGpus, by CUDA's numbers; the first is the current device, before and after. Returns the
+  /// scene as the first has it: all records and textures, and all pages readable there. Errors kDevice: two GPUs that
+  /// cannot read each other's memory, and those of CudaScene::upload() with the GPU named.
+  Result<CudaScene> open(const Scene& scene, std::span<const int> gpus, const Options& options);
+
+  /// As CudaFrames::draw() of a whole frame, on all GPUs, into `samples` of the first. Each draws the clusters that
+  /// were visible last time; the joined samples then hide what is behind them on every GPU. Errors kRange, kDevice.
+  Result<kernels::FrameStats> draw(const kernels::View& view, uint64_t* samples);
+
+  uint32_t size() const { return static_cast<uint32_t>(members_.size()); }
+  /// On the first GPU: CudaFrames::transforms() of the last frame.
+  const kernels::Transform* transforms() const { return members_[0].frames->transforms(); }
+  /// Of all GPUs, from the beginning to the end of the last upload.
+  const UploadStats& stats() const { return stats_; }
+
+ private:
+  struct Member {
+    int gpu = 0;
+    CudaScene scene;  // of the others; the first's belongs to the caller
+    std::optional<kernels::CudaFrames> frames;
+    kernels::DeviceBuffer samples;  // of the others
+    cudaEvent_t joined = nullptr;   // the GPU has joined its part of the samples
+  };
+
+  Result<void> connect() const;
+  Result<void> make_current(const Member& member) const;
+  Result<void> start_frame(const kernels::View& view, uint64_t* samples);
+  Result<void> join(uint64_t count);
+
+  std::vector<Member> members_;
+  kernels::SampleBuffers buffers_{};
+  UploadStats stats_;
+};
+
+}  // namespace scree::runtime

@@ -1,0 +1,250 @@
+// Several GPUs draw one scene: samples equal the CPU's, pictures equal those of one GPU byte for byte, and each GPU has
+// only a part of the pages.
+#include "runtime/draw/gpu_team.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/draw/device_list.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/camera.h"
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/models.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/runtime/paged_scene.h"
+#include "tests/tools/temp_folder.h"
+#include "tools/convert/convert.h"
+
+namespace scree::tests {
+namespace {
+
+using kernels::View;
+using runtime::CudaScene;
+using runtime::DeviceScene;
+using runtime::Frame;
+using runtime::GpuTeam;
+using runtime::Reading;
+using runtime::Scene;
+
+/// As many emulated GPUs; one again in the end. Real ones stay as they are.
+class Gpus {
+ public:
+  explicit Gpus(const char* list) { set(list); }
+  Gpus(const Gpus&) = delete;
+  Gpus& operator=(const Gpus&) = delete;
+  ~Gpus() { set("1"); }
+
+  /// Prints the reason with WARN if there are fewer.
+  static bool are_there(uint32_t count) {
+    const Result<runtime::Gpu> first = runtime::use_gpu();
+    const Result<std::vector<int>> gpus =
+        first ? runtime::gpus_from(first->index, count) : Result<std::vector<int>>(first.error());
+    if (!gpus) WARN("skipped: " << gpus.error().message);
+    return static_cast<bool>(gpus);
+  }
+
+ private:
+  static void set([[maybe_unused]] const char* list) {
+#if defined(SCREE_EMULATED_CUDA)
+    setenv("SCREE_EMULATED_GPU", list, 1);
+#endif
+  }
+};
+
+Soup triangles_around(uint32_t count, std::mt19937& random) {
+  std::uniform_real_distribution<double> unit(-1, 1);
+  Soup soup;
+  for (uint32_t i = 0; i < count; ++i) {
+    const double place[3] = {unit(random), unit(random), 3 * unit(random)};
+    uint32_t corner[3];
+    for (uint32_t& c : corner)
+      c = soup.add(place[0] + 0.2 * unit(random), place[1] + 0.2 * unit(random), place[2] + 0.2 * unit(random));
+    soup.triangle(corner[0], corner[1], corner[2]);
+  }
+  return soup;
+}
+
+/// Meshes drawn twice: all clustered, or of all encodings.
+void write_soup(const std::string& path, bool all_clustered) {
+  std::mt19937 random(29);
+  std::vector<std::pair<Soup, Encoding>> meshes;
+  for (int i = 0; i < 6; ++i) {
+    Encoding encoding;
+    encoding.float32 = !all_clustered && i % 3 == 0;
+    if (all_clustered || i % 3 == 1) encoding.clusters = Clusters::kClustered;
+    meshes.emplace_back(triangles_around(1200, random), encoding);
+  }
+  PagedScene paged;
+  paged.drawn_twice = true;
+  paged.write(path, meshes);
+}
+
+/// A camera that moves, and stays where it is in every second frame.
+View view_of(const Scene& scene, int frame) {
+  const double turn = frame / 2;
+  return must_view(scene, {.eye = runtime::Vec3{4 - 3 * turn, 1 - turn, 6 - 2 * turn},
+                           .target = runtime::Vec3{0, 0, 0},
+                           .width = 131,
+                           .height = 77});
+}
+
+Result<DeviceScene> upload(const Scene& scene, uint32_t gpus, uint64_t budget = 0) {
+  return DeviceScene::upload(scene, budget, 2, Reading::kAuto, runtime::kDeviceTextureCache, 0, {}, nullptr, gpus);
+}
+
+std::vector<uint8_t> picture(const Scene& scene, DeviceScene& device, const View& view,
+                             const kernels::ShadeOptions& options) {
+  const Result<Frame> frame = Frame::draw(scene, view, 2, 2, &device, &options);
+  if (!frame) FAIL(frame.error().message);
+  const Result<runtime::Picture> shaded = frame->shade(options, 2);
+  if (!shaded) FAIL(shaded.error().message);
+  return shaded->pixels;
+}
+
+}  // namespace
+
+TEST_CASE("GPUs that share a scene's pages draw what one draws", "[cuda][gpus]") {
+  if (!has_gpu()) return;
+  const Gpus emulated("9.0,9.0,9.0");
+  const TempFolder folder;
+  write_soup(folder.file("soup.scree"), false);
+  const Scene whole = must_load(folder.file("soup.scree"));
+  const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
+  Result<DeviceScene> alone = upload(scene, 1);
+  REQUIRE(alone);
+  for (const uint32_t count : {2u, 3u}) {
+    if (!Gpus::are_there(count)) continue;
+    Result<DeviceScene> team = upload(scene, count);
+    if (!team) FAIL(team.error().message);
+    CHECK(team->gpu_count() == count);
+    CHECK(team->stats().counts.pages == alone->stats().counts.pages);
+    for (int i = 0; i < 4; ++i) {
+      CAPTURE(count, i);
+      const View view = view_of(scene, i);
+      const Result<Frame> expected = Frame::draw(whole, view, 1, 2);
+      Result<Frame> drawn = Frame::draw(scene, view, 1, 2, &*team);
+      REQUIRE(expected);
+      if (!drawn) FAIL(drawn.error().message);
+      REQUIRE(drawn->read_samples());
+      REQUIRE(std::equal(drawn->samples().begin(), drawn->samples().end(), expected->samples().begin(),
+                         expected->samples().end()));
+      CHECK(drawn->stats().instances_drawn == expected->stats().instances_drawn);
+      kernels::ShadeOptions options;
+      options.show = i == 1 ? kernels::Show::kNormal : kernels::Show::kTexture;
+      CHECK(picture(scene, *team, view, options) == picture(scene, *alone, view, options));
+    }
+    const View view = view_of(scene, 0);
+    REQUIRE(alone->draw(view));
+    REQUIRE(team->draw(view));
+    for (const runtime::PixelLayer layer : {runtime::PixelLayer::kDepth, runtime::PixelLayer::kNormal}) {
+      std::vector<std::byte> of_one(uint64_t{view.width} * view.height * runtime::layer_bytes(layer));
+      std::vector<std::byte> of_team(of_one.size());
+      REQUIRE(alone->read_layer(view, 1, layer, of_one));
+      REQUIRE(team->read_layer(view, 1, layer, of_team));
+      CHECK(of_one == of_team);
+    }
+    // A batch is drawn by the first GPU alone, from the pages of all.
+    Result<runtime::DeviceView> batch = team->add_view(scene);
+    REQUIRE(batch);
+    const View views[] = {view_of(scene, 0), view_of(scene, 2)};
+    REQUIRE(batch->draw_batch(scene, views, nullptr, [](size_t) { return Result<void>(); }));
+    std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
+    REQUIRE(batch->read_samples(samples));
+    const Result<Frame> expected = Frame::draw(whole, views[1], 1, 2);
+    REQUIRE(expected);
+    CHECK(std::equal(samples.begin(), samples.end(), expected->samples().begin(), expected->samples().end()));
+  }
+}
+
+TEST_CASE("clusters that one GPU drew hide those of others", "[cuda][gpus]") {
+  if (!has_gpu()) return;
+  const Gpus emulated("9.0,9.0");
+  if (!Gpus::are_there(2)) return;
+  const TempFolder folder;
+  write_soup(folder.file("soup.scree"), true);
+  const Scene whole = must_load(folder.file("soup.scree"));
+  const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
+  const Result<std::vector<int>> gpus = runtime::gpus_from(runtime::use_gpu()->index, 2);
+  REQUIRE(gpus);
+  GpuTeam team;
+  GpuTeam::Options options;
+  options.threads = 2;
+  options.queues.two_pass_groups = 1;  // hints also in a small scene
+  options.queues.medium = 64;          // queues that grow
+  const Result<CudaScene> first = team.open(scene, *gpus, options);
+  if (!first) FAIL(first.error().message);
+  for (int i = 0; i < 6; ++i) {
+    CAPTURE(i);
+    const View view = view_of(scene, i);
+    const uint64_t count = uint64_t{view.width} * view.height;
+    Result<kernels::DeviceBuffer> samples = kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "a test");
+    REQUIRE(samples);
+    const Result<kernels::FrameStats> drawn = team.draw(view, reinterpret_cast<uint64_t*>(samples->data()));
+    if (!drawn) FAIL(drawn.error().message);
+    std::vector<uint64_t> read(count);
+    REQUIRE(cudaMemcpy(read.data(), samples->data(), count * sizeof(uint64_t), cudaMemcpyDeviceToHost) == cudaSuccess);
+    const Result<Frame> expected = Frame::draw(whole, view, 1, 2);
+    REQUIRE(expected);
+    CHECK(std::equal(read.begin(), read.end(), expected->samples().begin(), expected->samples().end()));
+  }
+}
+
+TEST_CASE("scenes of one page, with masks and textures, are drawn by several GPUs", "[cuda][gpus]") {
+  if (!has_gpu()) return;
+  const Gpus emulated("9.0,9.0");
+  if (!Gpus::are_there(2)) return;
+  for (const char* const name : {"textured_cube.glb", "masked.glb", "materials.gltf"}) {
+    INFO(name);
+    const TempFolder folder;
+    convert::ConvertOptions convert;
+    convert.input = data_path(name).string();
+    convert.output = folder.file("scene.scree");
+    REQUIRE(convert::convert(convert));
+    const Scene scene = must_load(convert.output, {.threads = 2, .pages = false});
+    Result<DeviceScene> alone = upload(scene, 1);
+    Result<DeviceScene> team = upload(scene, 2);
+    REQUIRE(alone);
+    if (!team) FAIL(team.error().message);
+    const View view = must_view(must_load(convert.output), {.width = 96, .height = 64});
+    CHECK(picture(scene, *team, view, {}) == picture(scene, *alone, view, {}));
+  }
+}
+
+TEST_CASE("GPUs that cannot draw together are refused", "[cuda][gpus]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  write_soup(folder.file("soup.scree"), false);
+  const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
+  const auto refusal = [&](uint32_t gpus, uint64_t budget) {
+    REQUIRE(runtime::use_gpu());
+    const Result<DeviceScene> device = upload(scene, gpus, budget);
+    REQUIRE_FALSE(device);
+    CHECK(device.error().code == ErrorCode::kDevice);
+    return device.error().message;
+  };
+#if defined(SCREE_EMULATED_CUDA)
+  {
+    const Gpus emulated("9.0,9.0,6.1");
+    CHECK(refusal(3, 0) == "3 GPUs are wanted, and 2 can be used");
+    const std::string too_small = refusal(2, 20000);
+    CHECK(too_small.starts_with("GPU 0: the scene takes "));
+    CHECK(too_small.ends_with(" bytes of device memory, but 20000 are allowed"));
+    Result<DeviceScene> all = upload(scene, runtime::kAllGpus);
+    REQUIRE(all);
+    CHECK(all->gpu_count() == 2);
+  }
+  const Gpus emulated("9.0,8.0");
+  CHECK(refusal(2, 0) ==
+        "GPU 0 cannot read the memory of GPU 1 (no peer access), so they cannot draw one scene together");
+#else
+  CHECK(refusal(runtime::kMostGpus, 0).starts_with("16 GPUs are wanted, and "));
+#endif
+}
+
+}  // namespace scree::tests
