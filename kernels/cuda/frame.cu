@@ -737,7 +737,8 @@ Result<void> CudaFrames::Impl::grow_queues() {
 /// Chooses how the next frame is drawn, from this one's view and counters: in how many rounds, by which kernel its
 /// triangles are clipped (clips_many), and how often the hints are tested anew.
 void CudaFrames::Impl::adapt_next_frame() {
-  last_view = frame;
+  // kRest ends the frame that kPreviouslyVisible begins: it has as many rounds as a whole frame.
+  if (options.part != FramePart::kPreviouslyVisible) last_view = frame;
   clipped_before = host_counters->to_clip;
   queued_little =
       host_counters->to_clip == 0 && host_counters->queues.large == 0 && host_counters->queues.medium <= kMostDeferred;

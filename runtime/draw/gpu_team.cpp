@@ -76,6 +76,7 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   members_.resize(gpus.size());
   for (size_t i = 0; i < gpus.size(); ++i) members_[i].gpu = gpus[i];
   buffers_.count = size();
+  workers_.emplace(size());
   if (const Result<void> connected = connect(); !connected) return connected.error();
 
   const std::vector<uint32_t> owners = owners_of_pages(scene.drawn_pages(), size());
@@ -163,29 +164,32 @@ Result<void> GpuTeam::join(uint64_t count) {
   return {};
 }
 
+/// On all GPUs at the same time. The GPUs are idle when it returns, also after an error.
+Result<FrameStats> GpuTeam::draw_part(const kernels::View& view, FramePart part) {
+  std::vector<Result<FrameStats>> drawn(size(), FrameStats{});
+  workers_->for_each(size(), [&](uint64_t i) {
+    kernels::DrawOptions options;
+    options.part = part;
+    const Result<void> current = make_current(members_[i]);
+    drawn[i] = current ? members_[i].frames->draw(view, buffers_.of[i], options) : Result<FrameStats>(current.error());
+  });
+  FrameStats sum{};
+  for (size_t i = 0; i < drawn.size(); ++i) {
+    if (!drawn[i]) return drawn[i].error();
+    if (i != 0) drawn[i]->instances_drawn = 0;  // every GPU finds the same ones
+    sum += *drawn[i];
+  }
+  return sum;
+}
+
 Result<FrameStats> GpuTeam::draw(const kernels::View& view, uint64_t* samples) {
   const KeptGpu kept;
   Result<void> done = start_frame(view, samples);
   FrameStats sum{};
   for (const FramePart part : {FramePart::kPreviouslyVisible, FramePart::kRest}) {
-    uint32_t started = 0;
-    for (; done && started < size(); ++started) {
-      done = make_current(members_[started]);
-      if (done) done = members_[started].frames->start(view, buffers_.of[started], {.part = part});
-      if (!done) break;
-    }
-    // Also after an error: no frame may be on its way to the caller's memory.
-    for (uint32_t i = 0; i < started; ++i) {
-      Result<void> current = make_current(members_[i]);
-      const Result<kernels::CudaFrames::Finished> finished = members_[i].frames->finish();
-      if (done && !current) done = current;
-      if (done && !finished) done = finished.error();
-      if (!finished) continue;
-      FrameStats stats = finished->stats;
-      if (i != 0) stats.instances_drawn = 0;  // every GPU finds the same ones
-      sum += stats;
-    }
-    if (done) done = join(uint64_t{view.width} * view.height);
+    const Result<FrameStats> drawn = done ? draw_part(view, part) : Result<FrameStats>(done.error());
+    done = drawn ? join(uint64_t{view.width} * view.height) : Result<void>(drawn.error());
+    if (drawn) sum += *drawn;
   }
   for (const Member& member : members_)
     if (done) done = cuda_check(cudaEventSynchronize(member.joined), "joining the samples of several GPUs");

@@ -17,6 +17,7 @@
 #include "kernels/frame.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/scene/scene.h"
+#include "runtime/threads/workers.h"
 
 namespace scree::runtime {
 
@@ -69,9 +70,11 @@ class GpuTeam {
   Result<void> connect() const;
   Result<void> make_current(const Member& member) const;
   Result<void> start_frame(const kernels::View& view, uint64_t* samples);
+  Result<kernels::FrameStats> draw_part(const kernels::View& view, kernels::FramePart part);
   Result<void> join(uint64_t count);
 
   std::vector<Member> members_;
+  std::optional<Workers> workers_;  // a thread per GPU
   kernels::SampleBuffers buffers_{};
   UploadStats stats_;
 };
