@@ -338,6 +338,8 @@ scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats) {
     out.draw_ms = renderer.draw_time().wall_ms;
     out.gpu_ms = static_cast<double>(renderer.gpu_ms());
     out.cameras = renderer.batch();
+    out.blended_layers = renderer.blended().layers;
+    out.samples_with_more_layers = renderer.blended().samples_left_out;
     out.streamed_bytes = renderer.stream_stats() ? renderer.stream_stats()->streamed_bytes : 0;
     give(stats, out);
     return SCREE_OK;

@@ -328,7 +328,8 @@ py::dict stats_of(const scree::View& view) {
   return py::dict("width"_a = stats.width, "height"_a = stats.height, "samples"_a = stats.samples,
                   "instances"_a = stats.instances, "triangles"_a = stats.triangles, "clusters"_a = stats.clusters,
                   "draw_ms"_a = stats.draw_ms, "gpu_ms"_a = stats.gpu_ms, "streamed_bytes"_a = stats.streamed_bytes,
-                  "cameras"_a = stats.cameras);
+                  "cameras"_a = stats.cameras, "blended_layers"_a = stats.blended_layers,
+                  "samples_with_more_layers"_a = stats.samples_with_more_layers);
 }
 
 std::vector<py::dict> scenes_of(const scree::File& file) {

@@ -26,7 +26,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define SCREE_API_VERSION 2 /* grows by 1 with every addition; what is here stays as it is */
+#define SCREE_API_VERSION 3 /* grows by 1 with every addition; what is here stays as it is */
 
 #if defined(__GNUC__)
 #define SCREE_API __attribute__((visibility("default")))
@@ -353,6 +353,8 @@ typedef struct scree_frame_stats {
   double gpu_ms;           /* the GPU's clock, for the samples alone; 0: the CPU drew, or chunks were streamed */
   uint64_t streamed_bytes; /* of a batch 0 */
   uint32_t cameras;        /* of the batch, whose counts are sums; 0: no batch */
+  uint32_t blended_layers; /* of blended surfaces, in the colours once they are made; of a batch the most of a frame */
+  uint64_t samples_with_more_layers; /* than are drawn, 16; 0 until the colours are made */
 } scree_frame_stats;
 
 SCREE_API scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats);

@@ -294,8 +294,9 @@ Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span
 Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
                          std::span<const uint64_t> samples, const ShadeOptions& options, uint32_t channels,
                          std::span<uint8_t> pixels, uint32_t threads, BlendCounts* blended) {
+  BlendCounts counts;
+  if (blended != nullptr) *blended = {};
   if (shows_layers(scene, options)) {
-    BlendCounts counts;
     const Result<std::vector<float>> over = blend_cpu(scene, view, samples, options, threads, counts);
     if (!over) return over.error();
     if (blended != nullptr) *blended = counts;

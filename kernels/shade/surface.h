@@ -58,16 +58,25 @@ SCREE_HD inline Float3 mix(const Float3& a, const Float3& b, float share) {
 
 /// The surface that light hits at a sample.
 struct SurfacePoint {
-  Float3 diffuse;    // albedo of the light that enters the surface
-  Float3 f0;         // reflectance at normal incidence
-  float f90;         // and at grazing incidence
+  Float3 diffuse;  // albedo of the light that enters the surface
+  Float3 f0;       // reflectance at normal incidence
+  float f90;       // and at grazing incidence
+  float coat_f0;   // the same of the dielectric alone, of the colour that it reflects most
+  float coat_f90;
   float roughness;   // perceptual
   float occlusion;   // share of the surroundings' light that arrives
   Float3 normal;     // unit, towards the viewer
   Float3 to_viewer;  // unit
 };
 
-/// Appendix B's BRDF times the cosine, for light from the unit direction `to_light`.
+/// mix(a, b, share) of numbers.
+SCREE_HD inline float between(float a, float b, float share) {
+  return a + (b - a) * share;
+}
+
+/// Appendix B's BRDF times the cosine, for light from the unit direction `to_light`. It is mix(dielectric, metal,
+/// metallic). Both have one roughness, so their reflections are one of mixed reflectances; but light enters the
+/// dielectric alone, less by its own reflection.
 SCREE_HD inline Float3 reflected_share(const SurfacePoint& at, const Float3& to_light) {
   const float n_l = dot(at.normal, to_light);
   if (!(n_l > 0)) return grey(0);
@@ -84,7 +93,8 @@ SCREE_HD inline Float3 reflected_share(const SurfacePoint& at, const Float3& to_
   const float grazing = 1.0f - v_h;
   const float fifth = grazing * grazing * grazing * grazing * grazing;
   const Float3 fresnel = mix(at.f0, grey(at.f90), fifth);
-  return (at.diffuse * ((1.0f - largest_of(fresnel)) / kPi) + fresnel * (distribution / masking)) * n_l;
+  const float entering = 1.0f - between(at.coat_f0, at.coat_f90, fifth);
+  return (at.diffuse * (entering / kPi) + fresnel * (distribution / masking)) * n_l;
 }
 
 /// Reflectance under equal light from the whole hemisphere: f0 * scale + f90 * bias. Source: B. Karis, Physically Based
@@ -111,7 +121,8 @@ SCREE_HD inline Float3 environment_light(const ShadeInputs& in, const SurfacePoi
   float light[3];
   world(at.normal, direction);
   diffuse_environment(in.scene.environment, direction, light);
-  const Float3 diffuse = at.diffuse * (1.0f - unit_range(largest_of(specular))) * Float3{light[0], light[1], light[2]};
+  const float entering = 1.0f - unit_range(at.coat_f0 * scale + at.coat_f90 * bias);
+  const Float3 diffuse = at.diffuse * entering * Float3{light[0], light[1], light[2]};
   world(at.normal * (2.0f * dot(at.normal, at.to_viewer)) - at.to_viewer, direction);
   reflected_light(in.scene.environment, direction, at.roughness, light);
   return (diffuse + specular * Float3{light[0], light[1], light[2]}) * at.occlusion;
@@ -197,6 +208,20 @@ struct SurfaceValues {
   float specular = 1;
   Float3 specular_color{1, 1, 1};
 };
+
+/// What a surface reflects, and what enters it. `base`: its colour; `ior`: its index of refraction.
+SCREE_HD inline void set_reflectance(const SurfaceValues& values, const Float3& base, float ior, SurfacePoint& out) {
+  const float root = (ior - 1.0f) / (ior + 1.0f);  // 1 if ior is 0
+  const Float3 tinted = values.specular_color * (root * root);
+  const Float3 dielectric =
+      Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * values.specular;
+  out.roughness = max_of(values.roughness, kLeastRoughness);
+  out.diffuse = base * (1.0f - values.metallic);
+  out.f0 = mix(dielectric, base, values.metallic);
+  out.f90 = between(values.specular, 1.0f, values.metallic);
+  out.coat_f0 = largest_of(dielectric);
+  out.coat_f90 = values.specular;
+}
 
 /// One bit per use of a texture: the uses of SurfaceUse, and after them the base colour.
 SCREE_HD constexpr uint32_t use_bit(format::SurfaceUse use) {
@@ -335,18 +360,7 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
     const float cosine = unit_range(dot(point.normal, point.to_viewer));
     light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + values.emission;
   } else {
-    float reflectance = 0.04f;
-    if (surface != nullptr) {
-      const float root = (surface->ior - 1.0f) / (surface->ior + 1.0f);
-      reflectance = root * root;  // 1 if ior is 0
-    }
-    const Float3 tinted = values.specular_color * reflectance;
-    const Float3 dielectric =
-        Float3{min_of(tinted.x, 1.0f), min_of(tinted.y, 1.0f), min_of(tinted.z, 1.0f)} * values.specular;
-    point.roughness = max_of(values.roughness, kLeastRoughness);
-    point.diffuse = base * (1.0f - values.metallic);
-    point.f0 = mix(dielectric, base, values.metallic);
-    point.f90 = values.specular + (1.0f - values.specular) * values.metallic;
+    set_reflectance(values, base, surface != nullptr ? surface->ior : 1.5f, point);
     if (lighting == Lighting::kEnvironment) {
       light = environment_light(in, point);
     } else {

@@ -194,7 +194,7 @@ class View:
 
     @property
     def stats(self) -> dict:
-        """Of the last frame or batch: width, height, samples, instances, triangles, clusters, draw_ms, cameras..."""
+        """Of the last frame or batch: width, height, samples, instances, triangles, clusters, draw_ms, cameras, blended_layers..."""
         return self._view.stats
 
 

@@ -33,6 +33,11 @@ PixelLayer pixel_layer(Layer layer) {
   }
 }
 
+void add(kernels::BlendCounts& sum, const kernels::BlendCounts& frame) {
+  sum.layers = std::max(sum.layers, frame.layers);
+  sum.samples_left_out += frame.samples_left_out;
+}
+
 Error out_of_memory(uint64_t bytes) {
   return {ErrorCode::kMemory, "no memory left for " + std::to_string(bytes) + " bytes of a frame"};
 }
@@ -92,6 +97,7 @@ Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per
   std::fill(std::begin(on_gpu_), std::end(on_gpu_), nullptr);
   streamed_.reset();
   gpu_ms_ = 0;
+  blended_ = {};
   shade_ = shade;
   const uint64_t width = uint64_t{view.width} * samples_per_side;
   const uint64_t height = uint64_t{view.height} * samples_per_side;
@@ -194,9 +200,11 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
       const Result<kernels::FrameStats> drawn = kernels::draw_cpu(scene_->scene().view(), view, samples, threads_each);
       Result<void> done = drawn ? Result<void>() : drawn.error();
       const FrameTargets targets = targets_of(layers, v, [&](size_t layer) { return host_[layer].bytes.data(); });
+      kernels::BlendCounts blended;
       if (done && targets.color != nullptr)
         done = kernels::resolve_cpu(scene_->scene().view(), view, samples_per_side_, samples, shade_, 4,
-                                    {reinterpret_cast<uint8_t*>(targets.color), targets.color_bytes}, threads_each);
+                                    {reinterpret_cast<uint8_t*>(targets.color), targets.color_bytes}, threads_each,
+                                    &blended);
       if (done && targets.has_others)
         done =
             kernels::layers_cpu(scene_->scene().view(), view, samples_per_side_, samples, targets.others, threads_each);
@@ -204,6 +212,7 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
       lock.lock();
       free.push_back(worker);
       if (drawn) stats_ += *drawn;
+      add(blended_, blended);
     });
     if (failure.any()) return failure.error();
   } catch (const std::bad_alloc&) {
@@ -225,8 +234,10 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
   }
   const bool shades = (layers & 1u << static_cast<uint32_t>(Layer::kColor)) != 0;
   std::vector<kernels::View> in;
+  std::vector<kernels::BlendCounts> blended;  // by picture, some of which are made twice
   try {
     for (const kernels::View& view : views) in.push_back(in_samples(view));
+    blended.resize(views.size());
   } catch (const std::bad_alloc&) {
     return out_of_memory(views.size_bytes());
   }
@@ -249,11 +260,13 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
         if (targets.color != nullptr)
           done = device_->resolve(in[v], samples_per_side_, shade_, {}, nullptr,
                                   reinterpret_cast<uint32_t*>(targets.color));
+        if (targets.color != nullptr) blended[v] = device_->blended();
         if (done && targets.has_others) done = device_->make_layers(in[v], samples_per_side_, targets.others);
         return done;
       });
   if (!drawn) return drawn.error();
   made(*drawn);
+  for (const kernels::BlendCounts& picture : blended) add(blended_, picture);
   return {};
 }
 
@@ -271,6 +284,7 @@ Result<void> ViewRenderer::draw_on_gpu() {
   if (!is_streamed) return {};
   // The colours of the parts are the stream's: another view's frame writes over them.
   if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved) return resolved;
+  blended_ = device_->blended();
   on_gpu_[static_cast<size_t>(Layer::kColor)] = reinterpret_cast<const std::byte*>(device_->pixels());
   return {};
 }
@@ -280,6 +294,7 @@ Result<void> ViewRenderer::set_shade(const kernels::ShadeOptions& shade) {
   if (scene_->is_streamed())
     return Error{ErrorCode::kUnsupported, "a streamed frame is shaded while it is drawn: draw it again"};
   shade_ = shade;
+  blended_ = {};
   host_[static_cast<size_t>(Layer::kColor)].is_made = false;
   on_gpu_[static_cast<size_t>(Layer::kColor)] = nullptr;
   return {};
@@ -330,7 +345,7 @@ Result<void> ViewRenderer::make_on_cpu(Layer layer, std::span<std::byte> out) {
 
 /// A layer of one frame from its samples.
 Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples,
-                                   uint32_t threads, std::span<std::byte> out) const {
+                                   uint32_t threads, std::span<std::byte> out) {
   const kernels::SceneView& scene = scene_->scene().view();
   if (layer == Layer::kSamples) {
     std::memcpy(out.data(), samples.data(), out.size());
@@ -338,7 +353,7 @@ Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::
   }
   if (layer == Layer::kColor)
     return kernels::resolve_cpu(scene, view, samples_per_side_, samples, shade_, 4,
-                                {reinterpret_cast<uint8_t*>(out.data()), out.size()}, threads);
+                                {reinterpret_cast<uint8_t*>(out.data()), out.size()}, threads, &blended_);
   return kernels::layers_cpu(scene, view, samples_per_side_, samples, target_of(pixel_layer(layer), out.data()),
                              threads);
 }
@@ -353,6 +368,7 @@ Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
   if (layer == Layer::kColor) {
     if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved)
       return resolved.error();
+    blended_ = device_->blended();
     made = reinterpret_cast<const std::byte*>(device_->pixels());
   } else {
     const Result<const std::byte*> queued = device_->make_layer(view_, samples_per_side_, pixel_layer(layer));

@@ -91,6 +91,8 @@ class ViewRenderer {
   uint64_t layer_bytes(Layer layer) const;
   const kernels::View& view() const { return view_; }  // its sides in samples
   const kernels::FrameStats& stats() const { return stats_; }
+  /// Of the colours, once they are made; of a batch the most layers of a frame, and all samples with more.
+  const kernels::BlendCounts& blended() const { return blended_; }
   const Duration& draw_time() const { return draw_time_; }
   /// What the GPU took for the samples of a resident frame, by its own clock; 0 where there was none, and for a batch.
   float gpu_ms() const { return gpu_ms_; }
@@ -117,7 +119,7 @@ class ViewRenderer {
   Result<void> make(Layer layer, std::span<std::byte> out);
   Result<void> make_on_cpu(Layer layer, std::span<std::byte> out);
   Result<void> make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples, uint32_t threads,
-                       std::span<std::byte> out) const;
+                       std::span<std::byte> out);
   Result<const std::byte*> make_on_gpu(Layer layer);
 
   std::shared_ptr<const LoadedScene> scene_;
@@ -135,6 +137,7 @@ class ViewRenderer {
   HostLayer host_[kLayerCount];
   const std::byte* on_gpu_[kLayerCount] = {};  // null: not made
   kernels::FrameStats stats_{};
+  kernels::BlendCounts blended_;
   Duration draw_time_;
   float gpu_ms_ = 0;
   std::optional<StreamStats> streamed_;

@@ -481,6 +481,16 @@ def left_out():
     m.save_glb()
 
 
+def glass():
+    """18 blended panes behind one another, one mesh: more layers than are drawn by default."""
+    m = Model("glass")
+    pane = m.mesh({"attributes": {"POSITION": m.positions(QUAD)}, "indices": m.accessor(QUAD_INDICES, UBYTE),
+                   "material": m.material("glass", color=[0.2, 0.8, 0.5, 0.25], alphaMode="BLEND")})
+    for i in range(18):
+        m.node(name=f"pane {i}", mesh=pane, translation=[0, 0, -i / 32])
+    m.save_glb()
+
+
 def data_uri():
     m = Model("data_uri")
     m.node(name="tetrahedron", mesh=m.mesh({"attributes": {"POSITION": m.positions(TETRAHEDRON)},
@@ -504,7 +514,7 @@ def grid():
 
 
 for make in (textured_cube, masked, two_instances, index_types, modes, interleaved, sparse, quantized, materials,
-             colors, gpu_instancing, nodes, multi_primitive, left_out, data_uri, grid):
+             colors, gpu_instancing, nodes, multi_primitive, left_out, glass, data_uri, grid):
     make()
 
 

@@ -80,6 +80,36 @@ TEST_CASE("a view draws what a fresh one draws, whatever it drew before", "[libr
   }
 }
 
+TEST_CASE("statistics say how many layers the colours have", "[library]") {
+  const TempFolder folder;
+  const Opened opened(packed(folder, "glass.glb"));
+  const auto stats = [&] {
+    auto out = sized<scree_frame_stats>();
+    must(scree_get_frame_stats(opened.view, &out));
+    return out;
+  };
+  scree_draw_options options = draw_options(40, 30);
+  const scree_camera camera = look_at(0, 0, 4);
+  must(scree_draw(opened.view, &camera, &options));
+  CHECK(stats().blended_layers == 0);  // nothing was shaded yet
+  layer_of(opened.view, SCREE_COLOR);
+  const scree_frame_stats single = stats();
+  CHECK(single.blended_layers == 16);
+  CHECK(single.samples_with_more_layers > 100);
+  options.show = SCREE_SHOW_NORMAL;
+  must(scree_shade(opened.view, &options));
+  layer_of(opened.view, SCREE_COLOR);
+  CHECK(stats().blended_layers == 0);
+  CHECK(stats().samples_with_more_layers == 0);
+  options.show = SCREE_SHOW_TEXTURE;
+  const scree_camera cameras[] = {camera, look_at(9, 0, -0.25), camera};
+  must(scree_draw_batch(opened.view, cameras, 3, &options, 1u << SCREE_COLOR));
+  CHECK(stats().blended_layers == 16);
+  CHECK(stats().samples_with_more_layers >= 2 * single.samples_with_more_layers);
+  must(scree_draw_batch(opened.view, cameras, 3, &options, 1u << SCREE_DEPTH));
+  CHECK(stats().blended_layers == 0);
+}
+
 TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));

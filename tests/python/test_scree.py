@@ -154,6 +154,15 @@ class Package(unittest.TestCase):
         with self.assertRaises(scree.Error):
             view.pick(64, 0)
 
+    def test_layers(self):
+        path = self.folder / "glass.scree"
+        scree.convert(DATA / "glass.glb", path)
+        view = scree.open(path).load(backend="cpu").view().draw(32, 24, camera=scree.look_at((0, 0, 4)))
+        self.assertEqual(view.stats["blended_layers"], 0)
+        view.read()
+        self.assertEqual(view.stats["blended_layers"], 16)
+        self.assertGreater(view.stats["samples_with_more_layers"], 0)
+
     def test_shade(self):
         view = self.scene.view().draw(32, 32, show="normal")
         normal = view.read()

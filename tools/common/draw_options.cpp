@@ -94,13 +94,14 @@ Result<LightOptions> parse_light_options(const LightWords& words) {
   return options;
 }
 
-void warn_of_layers(const char* command, const std::string& path, const kernels::BlendCounts& blended) {
-  if (blended.samples_left_out == 0) return;
-  std::fprintf(
-      stderr,
-      "scree %s: warning: %s: %llu samples have more than %u layers of blended surfaces; those behind are left "
-      "out (--blend-layers)\n",
-      command, path.c_str(), static_cast<unsigned long long>(blended.samples_left_out), blended.layers);
+void warn_of_layers(const char* command, const std::string& path, uint64_t count, const std::string& kind,
+                    uint32_t most) {
+  if (count == 0) return;
+  std::fprintf(stderr,
+               "scree %s: warning: %s: %llu %s more than %u layers of blended surfaces; those behind are left out "
+               "(--blend-layers)\n",
+               command, path.c_str(), static_cast<unsigned long long>(count),
+               (kind + (count == 1 ? " has" : "s have")).c_str(), most);
 }
 
 Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet) {

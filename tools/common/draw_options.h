@@ -63,8 +63,10 @@ Result<LightOptions> parse_light_options(const LightWords& words);
 /// lights; prints the scene's warnings on stderr unless `quiet`.
 Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet);
 
-/// Prints on stderr where a picture has more layers of blended surfaces than were drawn.
-void warn_of_layers(const char* command, const std::string& path, const kernels::BlendCounts& blended);
+/// Prints on stderr that `count` samples or frames (`kind`: "sample", "frame") have more layers of blended surfaces
+/// than the `most` that were drawn; nothing if it is 0.
+void warn_of_layers(const char* command, const std::string& path, uint64_t count, const std::string& kind,
+                    uint32_t most);
 
 /// --size and --samples; and those that choose what draws and what it may take: --threads, --backend, --device,
 /// --device-memory, --host-memory, --read.

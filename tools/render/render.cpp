@@ -440,7 +440,8 @@ Result<void> render(const RenderOptions& options) {
   const runtime::Frame& frame = drawn->frame;
   if (const auto written = write_outputs(options, scene->file().map(), *drawn, times); !written) return written;
   if (const Result<void> printed = print_picks(options, *scene, frame); !printed) return printed;
-  if (!options.quiet) warn_of_layers("render", options.file, times.blended);
+  if (!options.quiet)
+    warn_of_layers("render", options.file, times.blended.samples_left_out, "sample", times.blended.layers);
   if (options.stats) print_stats(*scene, frame, *view, times);
   if (options.json) {
     print_json(options, *scene, frame, times);

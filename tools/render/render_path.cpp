@@ -289,6 +289,7 @@ class PathRenderer {
       if (const Result<void> read = renderer_->read(output.layer, bytes); !read) return read.error();
     }
     shade_ms_ += watch.elapsed().wall_ms;
+    if (renderer_->blended().samples_left_out != 0) ++frames_with_more_layers_;
     return drawn;
   }
 
@@ -336,12 +337,16 @@ class PathRenderer {
 
   /// Of all ranks, by the first; times are those of one rank on average, but the whole, which is the first's.
   Result<void> report() {
-    double sums[] = {static_cast<double>(frames_.size()), load_ms_, draw_ms_, shade_ms_, write_ms_};
+    double sums[] = {static_cast<double>(frames_.size()),          load_ms_, draw_ms_, shade_ms_, write_ms_,
+                     static_cast<double>(frames_with_more_layers_)};
     if (const Result<void> summed = ranks_.sum(sums); !summed) return summed;
     if (!ranks_.is_first()) return {};
     const double frames = sums[0];
     const auto drawn = static_cast<uint64_t>(frames);
     const uint64_t count = of_all_ranks_.count(), there = count - drawn;
+    const auto with_more_layers = static_cast<uint64_t>(sums[5]);
+    if (!options_.quiet)
+      warn_of_layers("render", options_.file, with_more_layers, "frame", options_.shade.blend_layers);
     if (options_.json) {
       std::string text;
       JsonWriter json(text);
@@ -355,6 +360,7 @@ class PathRenderer {
       json.member("samples_per_side", options_.samples_per_side);
       json.member("device", drawn_on());
       json.member("ranks", ranks_.count());
+      json.member("frames_with_more_layers", with_more_layers);
       json.member("load_ms", sums[1] / ranks_.count());
       json.member("wall_ms", watch_.elapsed().wall_ms);
       json.member("draw_ms", sums[2]);
@@ -404,6 +410,7 @@ class PathRenderer {
   std::unique_ptr<ViewRenderer> renderer_;
   uint64_t most_waiting_ = 1;
   uint64_t done_ = 0;
+  uint64_t frames_with_more_layers_ = 0;  // of blended surfaces than are drawn
   Stopwatch watch_;
   double load_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, write_ms_ = 0;
 };

@@ -167,12 +167,12 @@ class RankedPicture {
           if (!shaded) return shaded;
           return joined ? summed : joined;
         }};
-    kernels::BlendCounts counts;
     Result<std::vector<float>> over =
-        kernels::blend_cpu(view_, samples_, options_.shade.blend_layers, source, options_.threads, counts);
+        kernels::blend_cpu(view_, samples_, options_.shade.blend_layers, source, options_.threads, blended_);
     if (!over) return at(options_.file, over.error());
     over_ = std::move(*over);
-    if (!options_.quiet && ranks_.is_first()) warn_of_layers("render", options_.file, counts);
+    if (!options_.quiet && ranks_.is_first())
+      warn_of_layers("render", options_.file, blended_.samples_left_out, "sample", blended_.layers);
     return {};
   }
 
@@ -231,6 +231,8 @@ class RankedPicture {
       json.member("samples_per_side", options_.samples_per_side);
       json.member("ranks", ranks_.count());
       json.member("page_bytes", static_cast<uint64_t>(sums[3]));
+      json.member("blended_layers", uint64_t{blended_.layers});
+      json.member("samples_with_more_layers", blended_.samples_left_out);
       json.member("load_ms", sums[0] * each);
       json.member("draw_ms", sums[1] * each);
       json.member("shade_ms", sums[2] * each);
@@ -261,6 +263,7 @@ class RankedPicture {
   std::vector<uint64_t> samples_;
   std::vector<float> colors_;
   std::vector<float> over_;  // of the layers of blended surfaces; empty without any
+  kernels::BlendCounts blended_;
   double load_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, exchange_ms_ = 0, own_bytes_ = 0;
 };
 

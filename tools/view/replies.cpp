@@ -48,6 +48,8 @@ void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
   json.member("drawMs", drawn.draw_ms);
   json.member("shadeMs", drawn.shade_ms);
   json.member("encodeMs", encode_ms);
+  json.member("blendedLayers", drawn.blended.layers);
+  json.member("samplesWithMoreLayers", drawn.blended.samples_left_out);
 }
 
 /// A message of `type`; body(json) adds its members.

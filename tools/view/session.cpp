@@ -127,6 +127,7 @@ struct ViewSession::Impl {
   kernels::View view{};  // in samples
   uint32_t samples_per_side = 1;
   kernels::FrameStats stats{};
+  kernels::BlendCounts blended;
   std::vector<uint64_t> samples;  // the CPU's, or read back from the GPU
   bool has_samples = false;
   double buffer_ms = 0;  // the time of drawing it
@@ -202,12 +203,13 @@ struct ViewSession::Impl {
       device_pixels.resize(reads_pixels ? count : 0);
       if (const Result<void> done = device->resolve(view, samples_per_side, shade, device_pixels); !done)
         return done.error();
+      blended = device->blended();
       out.bytes = {reinterpret_cast<const uint8_t*>(device_pixels.data()), 4 * device_pixels.size()};
     } else {
       out.channels = 3;
       pixels.resize(3 * count);
-      if (const Result<void> done =
-              kernels::resolve_cpu(drawn_view(), view, samples_per_side, samples, shade, 3, pixels, options.threads);
+      if (const Result<void> done = kernels::resolve_cpu(drawn_view(), view, samples_per_side, samples, shade, 3,
+                                                         pixels, options.threads, &blended);
           !done)
         return done.error();
       out.bytes = pixels;
@@ -232,6 +234,7 @@ struct ViewSession::Impl {
     out.shade_ms = shade_watch.elapsed().wall_ms;
     out.pixels = *shaded;
     out.stats = stats;
+    out.blended = blended;
     if (jpeg == nullptr) return out;
     const Stopwatch encode_watch;
     Result<std::vector<std::byte>> file =

@@ -50,6 +50,7 @@ struct Drawn {
   std::vector<std::byte> jpeg;  // empty if none was requested
   uint32_t samples = 1;
   kernels::FrameStats stats{};
+  kernels::BlendCounts blended;
   double draw_ms = 0;    // 0 if the previous picture had the same visibility buffer,
   double buffer_ms = 0;  // which took this long when it was drawn
   double shade_ms = 0;   // includes bringing the pixels to the host

@@ -1,10 +1,13 @@
 // Surfaces under light, against glTF 2.0's appendix B in double and cases that are known without it.
 #include "kernels/shade/surface.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 
 #include "kernels/cpu/backend.h"
+#include "tests/format/geometry/spec_vectors.h"
 #include "tests/kernels/square.h"
 
 using namespace scree;
@@ -15,21 +18,59 @@ namespace {
 
 constexpr double kPiWide = 3.14159265358979323846;
 
-/// Appendix B.3, term by term.
-double expected_share(double diffuse, double f0, double f90, double roughness, const double n[3], const double v[3],
-                      const double l[3]) {
-  const auto product = [](const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
-  double h[3] = {v[0] + l[0], v[1] + l[1], v[2] + l[2]};
+using Vector = std::array<double, 3>;
+
+/// Of a surface whose normal is +z; all of it in double.
+struct Material {
+  Vector base{1, 1, 1};
+  double metallic = 0, roughness = 1, specular = 1, ior = 1.5;
+  Vector specular_color{1, 1, 1};
+};
+
+Float3 narrow(const Vector& a) {
+  return {static_cast<float>(a[0]), static_cast<float>(a[1]), static_cast<float>(a[2])};
+}
+
+Vector share_of(const Material& material, const Vector& viewer, const Vector& light) {
+  SurfaceValues values;
+  values.metallic = static_cast<float>(material.metallic);
+  values.roughness = static_cast<float>(material.roughness);
+  values.specular = static_cast<float>(material.specular);
+  values.specular_color = narrow(material.specular_color);
+  SurfacePoint at{};
+  set_reflectance(values, narrow(material.base), static_cast<float>(material.ior), at);
+  at.normal = {0, 0, 1};
+  at.to_viewer = narrow(viewer);
+  const Float3 share = reflected_share(at, narrow(light));
+  return {static_cast<double>(share.x), static_cast<double>(share.y), static_cast<double>(share.z)};
+}
+
+/// Appendix B's metal and dielectric, with KHR_materials_specular and KHR_materials_ior, and their mix.
+Vector expected_share(const Material& material, const Vector& v, const Vector& l) {
+  const Vector n{0, 0, 1};
+  const auto product = [](const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; };
+  Vector h{v[0] + l[0], v[1] + l[1], v[2] + l[2]};
   const double length = std::sqrt(product(h, h));
   for (double& c : h) c /= length;
   const double n_l = product(n, l), n_v = std::abs(product(n, v)), n_h = product(n, h), v_h = product(v, h);
-  if (n_l <= 0) return 0;
-  const double a2 = std::pow(roughness, 4);
+  if (n_l <= 0) return {};
+  const double a2 = std::pow(material.roughness, 4);
   const double d = a2 / (kPiWide * std::pow(n_h * n_h * (a2 - 1) + 1, 2));
   const double g1 = 2 * n_l / (n_l + std::sqrt(a2 + (1 - a2) * n_l * n_l));
   const double g2 = 2 * n_v / (n_v + std::sqrt(a2 + (1 - a2) * n_v * n_v));
-  const double f = f0 + (f90 - f0) * std::pow(1 - std::abs(v_h), 5);
-  return ((1 - f) * diffuse / kPiWide + f * d * g1 * g2 / (4 * n_l * n_v)) * n_l;
+  const double glossy = d * g1 * g2 / (4 * n_l * n_v);
+  const auto fresnel = [&](double f0) { return f0 + (1 - f0) * std::pow(1 - std::abs(v_h), 5); };
+  const double root = (1 - material.ior) / (1 + material.ior);
+  Vector coat;
+  for (size_t c = 0; c < 3; ++c) coat[c] = fresnel(std::min(material.specular_color[c] * root * root, 1.0));
+  const double entering = 1 - material.specular * std::max({coat[0], coat[1], coat[2]});
+  Vector share;
+  for (size_t c = 0; c < 3; ++c) {
+    const double dielectric = entering * material.base[c] / kPiWide + material.specular * coat[c] * glossy;
+    const double metal = fresnel(material.base[c]) * glossy;
+    share[c] = (dielectric + (metal - dielectric) * material.metallic) * n_l;
+  }
+  return share;
 }
 
 /// A white square from -1 to 1 that faces +z and the camera, with one surface.
@@ -111,29 +152,66 @@ ShadeOptions lit_by(Lighting lighting) {
 TEST_CASE("surface: the BRDF is appendix B's", "[surface]") {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(0, 1);
-  const auto direction = [&](double out[3]) {
+  const auto direction = [&] {
     const double z = unit(random), angle = 2 * kPiWide * unit(random), r = std::sqrt(1 - z * z);
-    out[0] = r * std::cos(angle), out[1] = r * std::sin(angle), out[2] = z;
+    return Vector{r * std::cos(angle), r * std::sin(angle), z};
   };
   for (int i = 0; i < 20000; ++i) {
-    double v[3], l[3];
-    const double n[3] = {0, 0, 1};
-    direction(v);
-    direction(l);
+    const Vector v = direction(), l = direction();
     if (v[2] < 0.01) continue;
-    const double roughness = 0.1 + 0.9 * unit(random), diffuse = unit(random), f0 = unit(random), f90 = unit(random);
-    const auto narrow = [](const double a[3]) {
-      return Float3{static_cast<float>(a[0]), static_cast<float>(a[1]), static_cast<float>(a[2])};
+    const Material material{{unit(random), unit(random), unit(random)},
+                            unit(random),
+                            0.1 + 0.9 * unit(random),
+                            unit(random),
+                            1 + unit(random),
+                            {2 * unit(random), 2 * unit(random), 2 * unit(random)}};
+    const Vector expected = expected_share(material, v, l), found = share_of(material, v, l);
+    for (size_t c = 0; c < 3; ++c) REQUIRE(found[c] == Approx(expected[c]).epsilon(2e-3).margin(1e-5));
+  }
+}
+
+TEST_CASE("surface: examples of the specification", "[surface]") {
+  size_t mixed = 0;
+  for (const SpecVector& vector : spec_vectors("surfaces.txt")) {
+    const auto three = [&](const char* key, size_t first = 0) {
+      const std::vector<float> values = vector.floats(key);
+      REQUIRE(values.size() == first + 3);
+      return Vector{static_cast<double>(values[first]), static_cast<double>(values[first + 1]),
+                    static_cast<double>(values[first + 2])};
     };
-    SurfacePoint at{};
-    at.diffuse = grey(static_cast<float>(diffuse));
-    at.f0 = grey(static_cast<float>(f0));
-    at.f90 = static_cast<float>(f90);
-    at.roughness = static_cast<float>(roughness);
-    at.normal = narrow(n);
-    at.to_viewer = narrow(v);
-    const double expected = expected_share(diffuse, f0, f90, roughness, n, v, l);
-    REQUIRE(static_cast<double>(reflected_share(at, narrow(l)).y) == Approx(expected).epsilon(2e-3).margin(1e-5));
+    const Material material{three("base"),
+                            vector.number("metallic"),
+                            vector.number("roughness"),
+                            static_cast<double>(vector.floats("specular").at(0)),
+                            vector.number("ior"),
+                            three("specular", 1)};
+    mixed += material.metallic > 0 && material.metallic < 1;
+    const Vector expected = three("share"), found = share_of(material, three("viewer"), three("light"));
+    for (size_t c = 0; c < 3; ++c) CHECK(found[c] == Approx(expected[c]).epsilon(1e-3));
+  }
+  CHECK(mixed > 5);
+}
+
+TEST_CASE("surface: light from all around is mixed of dielectric and metal as well", "[surface]") {
+  const View view = cameras()[0];
+  LitSquare scene;
+  scene.environment = even_light(1);
+  const float base[] = {0.9f, 0.6f, 0.2f};
+  std::copy_n(base, 3, scene.builder.materials[0].base_color);
+  scene.surface.roughness = 0.5f;
+  scene.surface.specular = 1;
+  std::fill_n(scene.surface.specular_color, 3, 1.0f);
+  float scale, bias;
+  split_sum(0.5f, 1, scale, bias);
+  for (const float metallic : {0.0f, 0.3f, 0.5f, 0.8f, 1.0f}) {
+    scene.surface.metallic = metallic;
+    const auto lit = scene.middle(view, lit_by(Lighting::kEnvironment));
+    const float coat = 0.04f * scale + bias;
+    for (size_t c = 0; c < 3; ++c) {
+      const float dielectric = (1 - coat) * base[c] + coat;
+      const float metal = base[c] * scale + bias;
+      CHECK(lit[c] == Approx(dielectric + (metal - dielectric) * metallic).epsilon(2e-3));
+    }
   }
 }
 

@@ -1,11 +1,13 @@
-// FLIP and PSNR. No values of the authors' program are available; the expected values follow from the paper's formulas.
+// FLIP and PSNR: values of the authors' program, and values that follow from the paper's formulas.
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
 #include <vector>
 
 #include "runtime/images/image.h"
 #include "tests/catch.h"
+#include "tests/models.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/compare/flip.h"
 #include "tools/compare/images.h"
@@ -93,4 +95,28 @@ TEST_CASE("psnr and flip of picture files", "[flip]") {
   REQUIRE(same);
   CHECK(std::isinf(same->psnr));
   CHECK(same->flip_max == 0);
+}
+
+TEST_CASE("flip has the values of the authors' program", "[flip]") {
+  const std::filesystem::path folder = std::filesystem::path(tests::kModelsFolder) / "flip";
+  if (!std::filesystem::exists(folder)) {
+    WARN("skipped: no pictures that the authors' program has judged");
+    return;
+  }
+  struct Pair {
+    const char* test;
+    const char* reference;
+    double mean, max;  // of FLIP v1.6 with the same pixels per degree
+  };
+  for (const Pair& pair : {Pair{"a1.png", "a16.png", 0.050113, 0.309114},
+                           {"assao.png", "a1.png", 0.102688, 0.521568},
+                           {"anorm.png", "a1.png", 0.830921, 0.991447},
+                           {"acol.png", "a1.png", 0.690676, 0.969740}}) {
+    INFO(pair.test);
+    const auto report = compare::compare_pictures((folder / pair.test).string(), (folder / pair.reference).string(),
+                                                  compare::kPixelsPerDegree, 2);
+    REQUIRE(report);
+    CHECK(report->flip_mean == Approx(pair.mean).epsilon(0).margin(2e-5));
+    CHECK(report->flip_max == Approx(pair.max).epsilon(0).margin(2e-5));
+  }
 }

@@ -12,6 +12,8 @@
 #include <thread>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/models.h"
@@ -195,12 +197,19 @@ TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
 
 namespace {
 
-/// Several pages of geometry, some of them textured.
-void make_large_scene(const TempFolder& folder) {
+/// Several pages of geometry, some of them textured. `blends`: four of the six grids are layers.
+void make_large_scene(const TempFolder& folder, bool blends = false) {
   namespace format = scree::format;
   scree::tests::ModelMaker maker(folder.file("grids.gltf"));
   const std::string png = scree::tests::read_whole(scree::tests::data_path("checker.png").string());
   const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
+  scree::tools::GltfMaterial glass;
+  glass.alpha = scree::tools::GltfAlpha::kBlend;
+  glass.base_color[3] = 0.5;
+  const uint32_t clear = maker.writer().add_material(glass);
+  glass.texture =
+      maker.writer().add_texture(maker.texture("film", format::ImageCodec::kPng, std::as_bytes(std::span(png))));
+  const uint32_t film = maker.writer().add_material(glass);
   scree::tests::GridSpec grid;
   grid.uv = grid.color = true;
   for (int i = 0; i < 6; ++i) {
@@ -208,7 +217,9 @@ void make_large_scene(const TempFolder& folder) {
     grid.rows = 120;
     grid.origin = {0, 0, 0.1f * static_cast<float>(i)};  // which lie in front of each other
     const std::string name = "grid " + std::to_string(i);
-    maker.node(name, maker.mesh(name, {maker.grid(grid, i % 2 == 0 ? checker : format::kNone)}), {0.2 * i, 0.1 * i, 0});
+    const uint32_t opaque = i % 2 == 0 ? checker : format::kNone;
+    const uint32_t material = !blends || i < 2 ? opaque : i % 2 == 0 ? film : clear;
+    maker.node(name, maker.mesh(name, {maker.grid(grid, material)}), {0.2 * i, 0.1 * i, 0});
   }
   maker.finish();
   scree::convert::ConvertOptions options;
@@ -249,6 +260,39 @@ TEST_CASE("ranks that share a scene's pages draw the picture of one", "[render][
       CHECK(files_of(folder, name) == expected);
     }
   }
+}
+
+TEST_CASE("ranks that share a scene's pages draw the layers of one", "[render][ranks][blend]") {
+  const TempFolder folder;
+  make_large_scene(folder, true);
+  for (const std::string more : {"", "--samples 2 --background transparent --show color", "--blend-layers 1"}) {
+    std::string expected, warned;
+    uint64_t layers = 0;
+    for (const int ranks : {1, 2, 3}) {
+      INFO(ranks << " ranks, " << more);
+      const std::string name = "n" + std::to_string(ranks);
+      Launch launch(render(ranks, more + " --size 160x120 --force --json -o " + name + ".png --depth " + name +
+                                      ".pfm --visbuffer " + name + ".bin"),
+                    folder);
+      REQUIRE(launch.wait(60) == 0);
+      const nlohmann::json report = nlohmann::json::parse(launch.out());
+      const std::string warning = launch.errors().empty() ? "" : launch.errors()[0];
+      CHECK(launch.errors().size() == (more == "--blend-layers 1" ? 1 : 0));
+      if (ranks == 1) {
+        expected = files_of(folder, name);
+        warned = warning;
+        layers = report["blended_layers"].get<uint64_t>();
+        CHECK((more == "--blend-layers 1" ? layers == 1 : layers > 3));
+      }
+      CHECK(report["blended_layers"] == layers);
+      CHECK(files_of(folder, name) == expected);
+      CHECK(warning == warned);
+    }
+  }
+  // The opaque picture alone is another one.
+  Launch launch(render(2, "--blend-layers 0 --size 160x120 -q -o none.png"), folder);
+  REQUIRE(launch.wait(60) == 0);
+  CHECK(scree::tests::read_whole(folder.file("none.png")) != scree::tests::read_whole(folder.file("n1.png")));
 }
 
 TEST_CASE("a damaged page ends all ranks, and its owner alone has read it", "[render][ranks]") {

@@ -24,9 +24,9 @@ namespace scree::tests {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-ViewProcess::ViewProcess(const std::vector<std::string>& more_words) {
-  scene_ = folder_.file("small.scree");
-  SmallScene{}.write(scene_);
+ViewProcess::ViewProcess(const std::vector<std::string>& more_words, const std::string& scene) {
+  scene_ = scene.empty() ? folder_.file("small.scree") : scene;
+  if (scene.empty()) SmallScene{}.write(scene_);
   std::vector<std::string> words{"view", scene_, "--port", "0", "--backend", "cpu", "--threads", "2"};
   words.insert(words.end(), more_words.begin(), more_words.end());
   child_ = start_program(words, folder_.file("log"));

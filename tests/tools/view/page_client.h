@@ -16,10 +16,11 @@
 
 namespace scree::tests {
 
-/// A small packed scene, and `scree view` of it on a free port of 127.0.0.1. The test fails if it does not start.
+/// `scree view` on a free port of 127.0.0.1, of a small packed scene, or of `scene`. The test fails if it does not
+/// start.
 class ViewProcess {
  public:
-  explicit ViewProcess(const std::vector<std::string>& more_words = {});
+  explicit ViewProcess(const std::vector<std::string>& more_words = {}, const std::string& scene = {});
   ViewProcess(const ViewProcess&) = delete;
   ViewProcess& operator=(const ViewProcess&) = delete;
   ~ViewProcess();

@@ -7,9 +7,11 @@
 
 #include "runtime/images/image.h"
 #include "tests/catch.h"
+#include "tests/models.h"
 #include "tests/sanitized.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/view/page_client.h"
+#include "tools/convert/convert.h"
 #include "tools/view/server.h"
 
 using namespace scree::tests;
@@ -168,6 +170,28 @@ TEST_CASE("scree view draws what render draws", "[view][view-server]") {
   CHECK(std::equal(empty.begin() + 4, empty.end(), empty.begin()));  // only background
   client.send("{\"type\":\"pick\",\"id\":4,\"x\":80,\"y\":45}");
   CHECK(holds(client.receive_text("pick"), "\"hit\":false"));
+}
+
+TEST_CASE("scree view says how many layers its pictures have", "[view][view-server][blend]") {
+  const TempFolder folder;
+  scree::convert::ConvertOptions options;
+  options.input = data_path("glass.glb").string();
+  options.output = folder.file("glass.scree");
+  REQUIRE(scree::convert::convert(options));
+  for (const uint64_t most : {uint64_t{16}, uint64_t{18}}) {
+    ViewProcess server({"--blend-layers", std::to_string(most)}, options.output);
+    PageClient client(server.port());
+    client.join(server);
+    client.send(view_text(1, 64, 36));
+    for (bool is_exact = false; !is_exact;) {
+      const auto picture = client.receive_picture();
+      REQUIRE(picture);
+      client.acknowledge(*picture);
+      CHECK(picture->number("blendedLayers") == most);
+      CHECK((picture->number("samplesWithMoreLayers") > 0) == (most == 16));
+      is_exact = picture->is_exact();
+    }
+  }
 }
 
 TEST_CASE("a page that never acknowledges costs the others nothing", "[view][view-server]") {

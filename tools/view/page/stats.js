@@ -81,6 +81,8 @@ export class Stats {
       ['triangles drawn', l.triangles === undefined ? '–' : countText(l.triangles)],
       ['memory of the server', l.hostBytes ? bytesText(l.hostBytes) : '–'],
     ];
+    if (l.blendedLayers || l.samplesWithMoreLayers)
+      table.push(['blended layers', `${l.blendedLayers}${l.samplesWithMoreLayers ? `, ${countText(l.samplesWithMoreLayers)} samples have more` : ''}`]);
     if (l.deviceBytes) table.push(['memory of the GPU', bytesText(l.deviceBytes)]);
     this.numbers.replaceChildren(...table.flatMap(([name, value]) => {
       const term = document.createElement('dt'), text = document.createElement('dd');
