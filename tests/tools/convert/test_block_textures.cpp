@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,7 @@
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
+#include "tests/tools/run_program.h"
 #include "tools/export/export.h"
 #include "tools/inspect/verify.h"
 
@@ -84,7 +86,7 @@ TEST_CASE("blocks and levels are in the file as they came", "[block_textures]") 
                                            make_dds(of_dds, 71), make_ktx2(recipes[1])});
   convert::ConvertOptions options = tests::options_of(folder);
   options.images.textures = GENERATE(convert::Textures::kKeep, convert::Textures::kRaw);
-  options.zstd_level = GENERATE(0, 3);
+  options.images.block_zstd_level = GENERATE(0, 3);
   tests::must_convert(options);
   CHECK(verify_failures(options.output) == 0);
   const auto packed = tests::open_packed(options.output);
@@ -110,6 +112,36 @@ TEST_CASE("blocks and levels are in the file as they came", "[block_textures]") 
   using enum format::ChannelSource;
   CHECK(images[0].swizzle == format::make_swizzle(kOne, kRed, kGreen, kOne));
   CHECK(images[1].swizzle == format::kPlainSwizzle);
+}
+
+TEST_CASE("pages of blocks are compressed where that pays, unless --zstd says otherwise", "[block_textures]") {
+  const TempFolder folder;
+  const BlockRecipe recipe{.width = 256, .height = 256};
+  FileBytes noise = make_ktx2(recipe);
+  std::mt19937 random(1);
+  for (size_t i = noise.size() - tests::level_blocks(recipe, 0).size(); i < noise.size(); ++i)
+    noise[i] = static_cast<std::byte>(random());
+  make_block_model(folder.file("in.glb"), {noise, make_ktx2(recipe)});
+  const auto convert = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words{"convert", folder.file("in.glb"), "-o", folder.file("out.scree"), "--force", "-q"};
+    words.insert(words.end(), more.begin(), more.end());
+    CHECK(tests::run_program(words, folder.file("log")).exit_code == 0);
+    const auto packed = tests::open_packed(folder.file("out.scree"));
+    REQUIRE(packed);
+    const auto pages = packed->file.pages();
+    const auto images = packed->file.images();
+    REQUIRE(images.size() == 2);
+    CHECK(pages[images[0].page].codec == format::PageCodec::kRaw);
+    const bool has_all = !more.empty() && more.back() != "0";
+    for (uint64_t p = 0; p < pages.size(); ++p)
+      if (pages[p].kind == format::PageKind::kGeometry) CHECK((pages[p].codec != format::PageCodec::kRaw) == has_all);
+    const std::string text(packed->file.string(packed->file.source().options));
+    CHECK((text.find("--zstd") == std::string::npos) == more.empty());
+    return pages[images[1].page].codec;
+  };
+  CHECK(convert({}) == format::PageCodec::kZstd);
+  CHECK(convert({"--zstd", "1"}) == format::PageCodec::kZstd);
+  CHECK(convert({"--zstd", "0"}) == format::PageCodec::kRaw);
 }
 
 TEST_CASE("stored levels are looked at as blocks, the others are made from the last", "[block_textures]") {

@@ -222,7 +222,7 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
     const bool is_bad = !stored && stored.error().code != ErrorCode::kMemory && stored.error().code != ErrorCode::kFile;
     return is_bad && options.keep_going ? grey_image(stored.error().message) : std::move(stored);
   };
-  if (keeps_blocks(options, record.codec)) return or_grey(store_blocks(source, record, hash, options.zstd_level));
+  if (keeps_blocks(options, record.codec)) return or_grey(store_blocks(source, record, hash, options.block_zstd_level));
   const auto file = read_file(source, hash);
   if (!file) return file.error();
   Result<StoredImage> stored = StoredImage{};
@@ -250,7 +250,7 @@ uint64_t zstd_bytes(int level, uint64_t page_bytes) {
 uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
   // All levels together take a third more than level 0; the compressed ones are in memory at the same time.
   if (keeps_blocks(options, info.codec))
-    return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.zstd_level, info.block_bytes);
+    return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.block_zstd_level, info.block_bytes);
   const uint64_t pixels = uint64_t{info.width} * info.height;
   if (!is_indexed(options, info.codec)) {
     // The picture, and a PNG that grows to as much at most, by doubling.
