@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "format/blocks/format.h"
 #include "format/container/container.h"
 #include "format/result.h"
 #include "kernels/scene_view.h"
@@ -36,9 +37,21 @@ class BlockTexture {
   MipChain made_;  // the levels below; its level 0 is the first of them
 };
 
-/// The blocks of a stored level. `scratch` holds them if the page is compressed. Errors as BlockTexture::load.
-Result<std::span<const std::byte>> block_level(const format::Container& container, uint32_t image, uint32_t level,
-                                               std::vector<std::byte>& scratch);
+/// Where a stored level of a block image lies: in rows.pages() pages from `page` on. If it is one page, that may hold
+/// other levels too, and the level begins at `offset`.
+struct LevelPlace {
+  uint32_t page;
+  uint64_t offset;
+  format::BlockRows rows;
+};
+LevelPlace block_level_place(const format::Container& container, uint32_t image, uint32_t level);
+
+/// Checks a page and unpacks it to `raw`, raw_bytes of room. Errors as Container::load_page.
+Result<void> load_page_into(const format::Container& container, uint32_t page, std::span<std::byte> raw);
+
+/// The blocks of a stored level: BlockRows::bytes() of them. Errors as Container::load_page, with the level.
+Result<void> load_block_level(const format::Container& container, uint32_t image, uint32_t level,
+                              std::span<std::byte> out);
 
 /// Level 0 as a picture. Errors as BlockTexture::load; kRange: more than kMaxImagePixels. Throws std::bad_alloc.
 Result<Image> decode_block_image(const format::Container& container, uint32_t image);

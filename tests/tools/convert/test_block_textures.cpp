@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "format/blocks/pixels.h"
+#include "format/container/mip_levels.h"
 #include "kernels/shade/texture.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/renderer.h"
@@ -64,6 +65,13 @@ std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, runtime::
   return picture->pixels;
 }
 
+std::vector<std::byte> stored_blocks(const format::Container& file, uint32_t image, uint32_t level) {
+  std::vector<std::byte> blocks(format::block_rows(file.images()[image], level).bytes());
+  const auto loaded = runtime::load_block_level(file, image, level, blocks);
+  if (!loaded) FAIL(loaded.error().message);
+  return blocks;
+}
+
 uint64_t verify_failures(const std::string& path) {
   const auto map = runtime::MappedFile::open(path);
   REQUIRE(map);
@@ -102,16 +110,48 @@ TEST_CASE("blocks and levels are in the file as they came", "[block_textures]") 
     CHECK(images[i].channels == 4);
     REQUIRE(images[i].level_count == recipe.levels - 1);
     for (uint32_t l = 0; l < recipe.levels; ++l) {
-      std::vector<std::byte> scratch;
-      const auto blocks = runtime::block_level(packed->file, i, l, scratch);
-      REQUIRE(blocks);
-      const FileBytes expected = tests::level_blocks(recipe, l);
-      CHECK(std::equal(blocks->begin(), blocks->end(), expected.begin(), expected.end()));
+      CHECK(stored_blocks(packed->file, i, l) == tests::level_blocks(recipe, l));
     }
   }
   using enum format::ChannelSource;
   CHECK(images[0].swizzle == format::make_swizzle(kOne, kRed, kGreen, kOne));
   CHECK(images[1].swizzle == format::kPlainSwizzle);
+}
+
+TEST_CASE("a large level lies in several pages, small ones share one", "[block_textures]") {
+  const TempFolder folder;
+  // Rows of 75 blocks of 16 bytes: 218 of them in a page. Level 1 has 145 rows of 38, 2 and 3 are 73 x 19 and 37 x 10.
+  const BlockRecipe tall{.width = 300, .height = 1160, .levels = 8, .scheme = 2};
+  const BlockRecipe plain{.vk_format = 37, .model = 1, .format = BlockFormat::kRgba8, .width = 1001, .height = 300};
+  const BlockRecipe exact{.width = 1024, .height = 256, .levels = 11, .seed = 2};
+  make_block_model(folder.file("in.glb"), {make_ktx2(tall), make_ktx2(plain), make_ktx2(exact)});
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.images.block_zstd_level = GENERATE(0, 3);
+  tests::must_convert(options);
+  CHECK(verify_failures(options.output) == 0);
+  const auto packed = tests::open_packed(options.output);
+  REQUIRE(packed);
+  const auto images = packed->file.images();
+  REQUIRE(images.size() == 3);
+  CHECK(packed->file.pages()[images[0].page].raw_bytes == 218 * 75 * 16);
+  const auto pages_of = [&](uint32_t image, uint32_t level) {
+    const runtime::LevelPlace place = runtime::block_level_place(packed->file, image, level);
+    return std::array{place.page - images[0].page, place.rows.pages()};
+  };
+  using Pages = std::array<uint32_t, 2>;
+  CHECK(pages_of(0, 0) == Pages{0, 2});
+  CHECK(pages_of(0, 1) == Pages{2, 1});
+  CHECK(pages_of(0, 2) == Pages{3, 1});
+  for (uint32_t l = 3; l < 8; ++l) CHECK(pages_of(0, l) == Pages{4, 1});
+  CHECK(pages_of(1, 0) == Pages{5, 5});  // 65 rows of 4004 bytes in a page
+  CHECK(pages_of(2, 0) == Pages{10, 1});
+  CHECK(pages_of(2, 1) == Pages{11, 1});
+  for (uint32_t l = 2; l < 11; ++l) CHECK(pages_of(2, l) == Pages{12, 1});
+  for (uint32_t i = 0; i < 3; ++i) {
+    const BlockRecipe& recipe = i == 0 ? tall : i == 1 ? plain : exact;
+    for (uint32_t l = 0; l <= images[i].level_count; ++l)
+      CHECK(stored_blocks(packed->file, i, l) == tests::level_blocks(recipe, l));
+  }
 }
 
 TEST_CASE("pages of blocks are compressed where that pays, unless --zstd says otherwise", "[block_textures]") {
@@ -158,23 +198,20 @@ TEST_CASE("stored levels are looked at as blocks, the others are made from the l
     INFO("image " << image << ", " << format::block_format_name(images[image].block_format));
     CHECK(texture.block_level_count == images[image].level_count + 1);
     CHECK(texture.level_count == format::most_block_levels(texture.width, texture.height) + 1);
-    std::vector<std::byte> scratch;
-    const auto last = runtime::block_level(scene.container(), image, images[image].level_count, scratch);
-    REQUIRE(last);
+    const std::vector<std::byte> last = stored_blocks(scene.container(), image, images[image].level_count);
     const runtime::MipChain made = runtime::make_mips(runtime::decode_block_level(
         texture.block_format, texture.swizzle, std::max(1u, texture.width >> images[image].level_count),
-        std::max(1u, texture.height >> images[image].level_count), last->data()));
+        std::max(1u, texture.height >> images[image].level_count), last.data()));
     for (uint32_t l = 0; l < texture.level_count; ++l) {
+      std::vector<std::byte> blocks;
+      if (l < texture.block_level_count) blocks = stored_blocks(scene.container(), image, l);
       const uint32_t width = std::max(1u, texture.width >> l), height = std::max(1u, texture.height >> l);
       for (uint32_t y = 0; y < height; ++y)
         for (uint32_t x = 0; x < width; ++x) {
           uint32_t expected;
           if (l < texture.block_level_count) {
-            std::vector<std::byte> level_scratch;
-            const auto blocks = runtime::block_level(scene.container(), image, l, level_scratch);
-            REQUIRE(blocks);
             expected = format::block_image_pixel(texture.block_format, texture.swizzle,
-                                                 reinterpret_cast<const uint8_t*>(blocks->data()), width, x, y);
+                                                 reinterpret_cast<const uint8_t*>(blocks.data()), width, x, y);
           } else {
             std::memcpy(
                 &expected,
