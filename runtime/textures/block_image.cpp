@@ -30,6 +30,13 @@ Result<Image> decode_level(const format::ImageRecord& record, uint32_t level, co
   return decode_block_level(record.block_format, record.swizzle, size.width, size.height, blocks);
 }
 
+/// Whether the level has pages of its own that are worth leaving in the file.
+bool may_be_paged(const format::Container& container, uint32_t image, uint32_t level) {
+  const LevelPlace place = block_level_place(container, image, level);
+  return place.rows.bytes() > kLeastPagedBytes &&
+         (place.rows.pages() > 1 || container.pages()[place.page].raw_bytes == place.rows.bytes());
+}
+
 }  // namespace
 
 Result<void> load_page_into(const format::Container& container, uint32_t page, std::span<std::byte> raw) {
@@ -73,23 +80,34 @@ Result<Image> decode_block_image(const format::Container& container, uint32_t im
   return decode_level(record, 0, blocks.data());
 }
 
-Result<BlockTexture> BlockTexture::load(const format::Container& container, uint32_t image, TexelCoding coding) {
+Result<BlockTexture> BlockTexture::load(const format::Container& container, uint32_t image, TexelCoding coding,
+                                        bool paged) {
   BlockTexture texture;
   const format::ImageRecord& record = texture.record_ = container.images()[image];
+  uint32_t& first = texture.paged_levels_;
+  while (paged && first <= record.level_count && may_be_paged(container, image, first)) ++first;
+  texture.offsets_.resize(first);
   uint64_t bytes = 0;
-  for (uint32_t level = 0; level <= record.level_count; ++level) {
+  for (uint32_t level = first; level <= record.level_count; ++level) {
     texture.offsets_.push_back(bytes);
     bytes += format::align_up(format::block_rows(record, level).bytes(), format::kChunkAlignment);
   }
   texture.blocks_.resize(bytes);
-  for (uint32_t level = 0; level <= record.level_count; ++level) {
+  for (uint32_t level = first; level <= record.level_count; ++level) {
     const std::span<std::byte> out =
         std::span(texture.blocks_).subspan(texture.offsets_[level], format::block_rows(record, level).bytes());
     if (Result<void> loaded = load_block_level(container, image, level, out); !loaded) return loaded.error();
   }
   const Size last = size_of(record, record.level_count);
   if (last.width == 1 && last.height == 1) return texture;
-  Result<Image> picture = decode_level(record, record.level_count, texture.blocks_.data() + texture.offsets_.back());
+  std::vector<std::byte> of_last;
+  if (first > record.level_count) {
+    of_last.resize(format::block_rows(record, record.level_count).bytes());
+    if (Result<void> loaded = load_block_level(container, image, record.level_count, of_last); !loaded)
+      return loaded.error();
+  }
+  Result<Image> picture = decode_level(
+      record, record.level_count, of_last.empty() ? texture.blocks_.data() + texture.offsets_.back() : of_last.data());
   if (!picture) return at("level " + std::to_string(record.level_count), picture.error());
   MipChain chain = make_mips(std::move(*picture), coding);
   // The picture itself is there as blocks.
@@ -99,6 +117,14 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
   for (uint32_t l = 0; l < made.level_count; ++l) made.level_offset[l] = chain.level_offset[l + 1] - before;
   made.texels.assign(chain.texels.begin() + static_cast<ptrdiff_t>(4 * before), chain.texels.end());
   return texture;
+}
+
+void BlockTexture::add_pages(const format::Container& container, uint32_t image, BlockPager& pager) {
+  for (uint32_t level = 0; level < paged_levels_; ++level) {
+    const LevelPlace place = block_level_place(container, image, level);
+    offsets_[level] = pager.size();
+    for (uint32_t i = 0; i < place.rows.pages(); ++i) pager.add(place.page + i);
+  }
 }
 
 kernels::TextureView BlockTexture::view(const format::TextureRecord& record) const {
@@ -112,6 +138,7 @@ kernels::TextureView BlockTexture::view(const format::TextureRecord& record) con
   view.level_count += stored;
   view.blocks = reinterpret_cast<const uint8_t*>(blocks_.data());
   view.block_level_count = stored;
+  view.paged_level_count = paged_levels_;
   view.block_format = record_.block_format;
   view.swizzle = record_.swizzle;
   if (made_.texels.empty()) view.texels = nullptr;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <fstream>
 #include <random>
 #include <string>
 #include <vector>
@@ -278,6 +279,108 @@ TEST_CASE("a KTX2 that is not read is one line, or grey with --keep-going", "[bl
     const runtime::Scene scene = tests::must_load(options.output);
     CHECK(scene.container().images()[0].codec == ImageCodec::kIndexedJpeg);
     CHECK(scene.container().images()[0].width == 1);
+  }
+}
+
+namespace {
+
+/// Levels in one page and in several, of all block sizes, with and without the levels of the source.
+std::vector<FileBytes> large_files() {
+  return {
+      make_ktx2({.width = 1024, .height = 1024, .levels = 11, .scheme = 2}),
+      make_dds({.format = BlockFormat::kBc1, .width = 700, .height = 1300, .levels = 3, .seed = 2}, 71),
+      make_ktx2({.vk_format = 37, .model = 1, .format = BlockFormat::kRgba8, .width = 300, .height = 301, .seed = 3}),
+      make_ktx2({.vk_format = 9, .model = 1, .format = BlockFormat::kR8, .width = 513, .height = 700, .levels = 10}),
+      make_ktx2({.width = 64, .height = 64, .levels = 7, .seed = 4})};
+}
+
+}  // namespace
+
+TEST_CASE("a picture does not depend on the memory for pages of textures", "[block_textures][texel_pager]") {
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), large_files());
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.images.block_zstd_level = GENERATE(0, 3);
+  tests::must_convert(options);
+  const runtime::Scene whole = tests::must_load(options.output, {.threads = 2});
+  REQUIRE(whole.block_pager() == nullptr);
+  for (const auto& [width, samples] : {std::pair{60u, 1u}, {60u, 4u}, {700u, 1u}, {500u, 2u}}) {
+    const kernels::View view = tests::must_view(whole, {.width = width, .height = width * 2 / 3});
+    const auto frame = runtime::Frame::draw(whole, view, samples, 2);
+    REQUIRE(frame);
+    const auto expected = frame->shade({}, 2);
+    const auto light = frame->linear({}, 2);
+    REQUIRE(expected);
+    REQUIRE(light);
+    uint64_t needed = 0;  // pages read with room for all
+    for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{3} << 19}) {
+      CAPTURE(width, samples, memory);
+      const runtime::Scene paged = tests::must_load(options.output, {.threads = 2, .texture_memory = memory});
+      const runtime::BlockPager* const pager = paged.block_pager();
+      REQUIRE(pager != nullptr);
+      CHECK(pager->resident_bytes() == 0);
+      const uint64_t bytes = pager->all_bytes() + paged.stats().texture_bytes;
+      CHECK(bytes <= whole.stats().texture_bytes);
+      CHECK(bytes + 16 * 40 > whole.stats().texture_bytes);  // levels in memory begin at multiples of 16
+      const auto again = runtime::Frame::draw(paged, view, samples, 2);
+      REQUIRE(again);
+      const auto found = again->shade({}, 2);
+      if (!found) FAIL(found.error().message);
+      CHECK(found->pixels == expected->pixels);
+      const uint64_t read = pager->stats().read_pages;
+      CHECK(pager->resident_bytes() <= memory);
+      if (needed == 0) {
+        // A still camera's second frame reads nothing.
+        REQUIRE(again->shade({}, 2));
+        CHECK(pager->stats().read_pages == read);
+        CHECK(pager->resident_bytes() == pager->stats().read_bytes);
+        const bool is_smaller = pager->stats().stored_bytes < pager->stats().read_bytes;
+        CHECK(is_smaller == (read != 0 && options.images.block_zstd_level != 0));
+        CHECK((read != 0) == (width > 100));
+        needed = read;
+      }
+      CHECK(read >= needed);
+      CHECK(again->linear({}, 2).value() == *light);
+    }
+  }
+  // Less than one pixel shows.
+  const runtime::Scene small = tests::must_load(options.output, {.texture_memory = 1});
+  const kernels::View view = tests::must_view(small, {.width = 1500, .height = 1000});
+  const auto frame = runtime::Frame::draw(small, view, 1, 2);
+  REQUIRE(frame);
+  const auto refused = frame->shade({}, 2);
+  REQUIRE_FALSE(refused);
+  CHECK(refused.error().code == ErrorCode::kMemory);
+  CHECK(refused.error().message.starts_with("a pixel shows pages of textures of "));
+  CHECK(refused.error().message.find(" bytes together, but 1 are allowed for them") != std::string::npos);
+}
+
+TEST_CASE("a page of a texture is checked when it is read", "[block_textures][texel_pager][bad]") {
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), {large_files()[0]});
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.images.block_zstd_level = GENERATE(0, 3);
+  tests::must_convert(options);
+  uint64_t offset = 0;
+  {
+    const auto packed = tests::open_packed(options.output);
+    REQUIRE(packed);
+    offset = packed->file.pages()[packed->file.images()[0].page + 1].offset;
+  }
+  std::fstream file(options.output, std::ios::in | std::ios::out | std::ios::binary);
+  file.seekp(static_cast<std::streamoff>(offset + 100));
+  file.put('!').put('?').put('!');
+  file.close();
+  CHECK_FALSE(runtime::Scene::open(options.output, {}));
+  const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = uint64_t{1} << 30});
+  const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
+  const auto frame = runtime::Frame::draw(scene, view, 1, 2);
+  REQUIRE(frame);
+  for (int time = 0; time < 2; ++time) {
+    const auto refused = frame->shade({}, 2);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == ErrorCode::kChecksum);
+    CHECK(refused.error().message.starts_with("page "));
   }
 }
 
