@@ -163,7 +163,8 @@ Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<
 
 /// Shades a band of rows. `rgba`: 4 linear floats per sample, not premultiplied; the background where there is no
 /// triangle. It holds whole rows from `first_row` on, as many as its size allows, so that a large picture can be shaded
-/// in bands. `samples`: the whole picture's. Show::kDepth spreads its greys over the whole picture.
+/// in bands. `samples`: the whole picture's. Show::kDepth spreads its greys over the whole picture. `scene` has no
+/// paged levels.
 Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
                        const ShadeOptions& options, std::span<float> rgba, uint32_t threads, uint32_t first_row = 0);
 

@@ -35,6 +35,7 @@ struct MaskView {
 };
 
 class BlockCache;
+class TexelPager;
 
 /// How a scene's chunks are encoded, so that a pass over one kind is compiled without the others: indexed with float32
 /// positions, indexed with lattice positions, clustered (always on a lattice), or kMixed for any of them.
@@ -55,8 +56,10 @@ inline ChunkKinds kinds_of(std::span<const format::MeshRecord> meshes, std::span
 }
 
 /// A texture with its mip levels. Level l is max(1, width >> l) by max(1, height >> l) texels. The first levels may be
-/// JPEGs, or blocks that begin `level_offset[l]` bytes from `blocks`. The others are decoded: 4 bytes per texel (RGBA8,
-/// sRGB-coded colour, linear alpha), rows top to bottom, `level_offset[l]` texels from `texels`.
+/// JPEGs, or blocks that begin `level_offset[l]` bytes from `blocks`. The first levels of blocks may be paged: their
+/// rows lie in the pages of SceneView::pager from number `level_offset[l]` on (format::block_rows()). The others are
+/// decoded: 4 bytes per texel (RGBA8, sRGB-coded colour, linear alpha), rows top to bottom, `level_offset[l]` texels
+/// from `texels`.
 struct TextureView {
   static constexpr uint32_t kMaxLevels = 17;  // 65536 x 65536
   const uint8_t* texels;
@@ -68,6 +71,7 @@ struct TextureView {
   const JpegLevel* jpeg;      // levels 0 to jpeg_level_count - 1
   const uint8_t* blocks;      // levels 0 to block_level_count - 1 (format/blocks/pixels.h)
   uint32_t block_level_count;
+  uint32_t paged_level_count;  // the first of them; 0 on a GPU
   format::BlockFormat block_format;
   uint16_t swizzle;
   format::Wrap wrap_s;
@@ -111,6 +115,7 @@ struct SceneView {
   uint32_t light_count;
   ChunkKinds chunk_kinds;  // kMixed is correct for every scene
   BlockCache* blocks;      // cache of the textures' JPEG levels; null if there are none, and on a GPU
+  TexelPager* pager;       // of the textures' paged levels; likewise
   const MaskView* masks;   // by material; null: nothing is masked
   // By material: the alpha of blended surfaces (spec/rasterization.md, blending), with the threshold that leaves out
   // what is clear; null: nothing blends.

@@ -30,7 +30,7 @@ scree_status translate(const scree_convert_options& in, convert::ConvertOptions&
   out.grid = has(SCREE_CONVERT_GRID_SCENE) ? convert::Grid::kScene : convert::Grid::kMesh;
   out.encoding = has(SCREE_CONVERT_INDEXED) ? convert::Encoding::kIndexed : convert::Encoding::kClustered;
   out.clusters = has(SCREE_CONVERT_BEST) ? tools::ClusterEffort::kBest : tools::ClusterEffort::kFast;
-  out.zstd_level = in.zstd_level;
+  if (in.zstd_level != 0) out.zstd_level = out.images.block_zstd_level = in.zstd_level == -1 ? 0 : in.zstd_level;
   out.normals = has(SCREE_CONVERT_NORMALS) ? convert::Normals::kAlways : convert::Normals::kAuto;
   out.source_ids = has(SCREE_CONVERT_SOURCE_IDS);
   out.drop_nonfinite = has(SCREE_CONVERT_DROP_NONFINITE);

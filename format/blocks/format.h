@@ -58,6 +58,31 @@ constexpr uint64_t block_level_bytes(BlockFormat format, uint32_t width, uint32_
   return uint64_t{(width + side - 1) / side} * ((height + side - 1) / side) * block_bytes(format);
 }
 
+/// The most raw bytes of a page of a level that takes several. Small enough to be read and unpacked for a few pixels,
+/// and large enough that pages' alignment and records take less than 2%.
+inline constexpr uint64_t kBlockPageBytes = uint64_t{1} << 18;
+
+/// How a level's rows of blocks lie in pages: as many whole rows per page as kBlockPageBytes hold.
+struct BlockRows {
+  uint64_t row_bytes;  // at most kBlockPageBytes
+  uint32_t rows;
+  uint32_t rows_per_page;
+
+  SCREE_HD constexpr uint32_t pages() const { return (rows + rows_per_page - 1) / rows_per_page; }
+  /// `page`: below pages().
+  constexpr uint64_t page_bytes(uint32_t page) const {
+    return row_bytes * std::min(rows_per_page, rows - page * rows_per_page);
+  }
+  constexpr uint64_t bytes() const { return row_bytes * rows; }
+};
+
+/// Sides up to kMaxBlockImageSide.
+SCREE_HD constexpr BlockRows block_rows(BlockFormat format, uint32_t width, uint32_t height) {
+  const uint32_t side = block_side(format);
+  const uint64_t row_bytes = uint64_t{(width + side - 1) / side} * block_bytes(format);
+  return {row_bytes, (height + side - 1) / side, static_cast<uint32_t>(kBlockPageBytes / row_bytes)};
+}
+
 /// Levels of a picture of this size from level 1 down to 1 x 1. A block image has at most this many.
 constexpr uint32_t most_block_levels(uint32_t width, uint32_t height) {
   return static_cast<uint32_t>(std::bit_width(std::max(width, height))) - 1;

@@ -320,14 +320,28 @@ std::optional<Error> Checker::blocks_of(uint64_t number) const {
     return fail(kRange, "image ", number, ": ", uint32_t{image.channels}, " channels, but ",
                 block_format_name(image.block_format), " has ", block_channels(image.block_format));
   }
-  const uint64_t bytes = block_level_bytes(image.block_format, image.width, image.height);
-  if (pages_[image.page].raw_bytes != bytes) {
-    return fail(kRange, "image ", number, ": page ", image.page, " has ", pages_[image.page].raw_bytes,
-                " bytes, expected ", bytes);
-  }
+  if (auto error = block_pages_of("image", number, image.page, block_rows(image, 0))) return error;
   if (image.level_count > most_block_levels(image.width, image.height)) {
     return fail(kRange, "image ", number, ": ", image.level_count, " mip levels, expected at most ",
                 most_block_levels(image.width, image.height));
+  }
+  return std::nullopt;
+}
+
+/// Checks that the pages from `first` on hold the rows of a level and nothing else.
+std::optional<Error> Checker::block_pages_of(const char* what, uint64_t number, uint64_t first,
+                                             const BlockRows& rows) const {
+  for (uint32_t i = 0; i < rows.pages(); ++i) {
+    if (first + i >= pages_.size()) return fail_index(what, number, "page", first + i, pages_.size(), "pages");
+    const PageRecord& page = pages_[first + i];
+    if (page.kind != PageKind::kImage) {
+      return fail(kRange, what, " ", number, ": page ", first + i, " is of kind ", static_cast<uint32_t>(page.kind),
+                  ", which holds no image");
+    }
+    if (page.raw_bytes != rows.page_bytes(i)) {
+      return fail(kRange, what, " ", number, ": page ", first + i, " has ", page.raw_bytes, " bytes, expected ",
+                  rows.page_bytes(i));
+    }
   }
   return std::nullopt;
 }
@@ -348,15 +362,18 @@ std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
       return fail(kRange, "mip level ", i, ": page ", level.page, " is of kind ", static_cast<uint32_t>(page.kind),
                   ", which holds no image");
     }
-    if (level.offset % kChunkAlignment != 0 || !range_within(level.offset, level.bytes, page.raw_bytes)) {
+    const ImageRecord& of = images_[image];
+    const auto l = static_cast<uint32_t>(i - first) + 1;
+    const bool has_pages = level_page_count(of, l) > 1;
+    if (has_pages) {
+      if (level.offset != 0) return fail(kRange, "mip level ", i, ": at byte ", level.offset, " of its first page");
+      if (auto error = block_pages_of("mip level", i, level.page, block_rows(of, l))) return error;
+    } else if (level.offset % kChunkAlignment != 0 || !range_within(level.offset, level.bytes, page.raw_bytes)) {
       return fail(kRange, "mip level ", i, ": ", level.bytes, " bytes at byte ", level.offset, " of page ", level.page,
                   ", which has ", page.raw_bytes);
     }
-    const ImageRecord& of = images_[image];
     if (of.codec != ImageCodec::kBlocks) continue;
-    const auto l = static_cast<uint32_t>(i - first) + 1;
-    const uint64_t bytes =
-        block_level_bytes(of.block_format, std::max(1u, of.width >> l), std::max(1u, of.height >> l));
+    const uint64_t bytes = block_rows(of, l).bytes();
     if (level.bytes != bytes) {
       return fail(kRange, "mip level ", i, ": ", level.bytes, " bytes, expected ", bytes);
     }

@@ -8,6 +8,7 @@
 #include <optional>
 #include <type_traits>
 
+#include "format/blocks/format.h"
 #include "format/container/check.h"
 
 namespace scree::format {
@@ -95,6 +96,7 @@ class Checker {
   std::optional<Error> chunk_streams_of(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> scene_fields(uint64_t index) const;
   std::optional<Error> blocks_of(uint64_t image) const;
+  std::optional<Error> block_pages_of(const char* what, uint64_t number, uint64_t first, const BlockRows& rows) const;
   std::optional<Error> levels_of(uint64_t image, uint64_t first) const;
   Result<void> instances_to(uint64_t end);
 

@@ -108,8 +108,8 @@ struct SealedPage {
 
 /// Compresses (zstd_level 1 to 22; 0 keeps the bytes raw) and checksums a page. `clusters`: the page's clusters in the
 /// order in which they lie; a page with clusters is split if that is possible. The page stays raw where zstd does not
-/// make it smaller, where a reader would refuse its size (kMaxZstdRatio), and where memory for compressing is short.
-/// Equal arguments give equal bytes, except where memory is short.
+/// make it smaller (a page of images: by more than a twentieth), where a reader would refuse its size (kMaxZstdRatio),
+/// and where memory for compressing is short. Equal arguments give equal bytes, except where memory is short.
 SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
                      std::span<const PageClusters> clusters = {});
 

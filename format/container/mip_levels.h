@@ -1,9 +1,12 @@
-// Which mip levels of an indexed JPEG a file stores, and how many bytes the levels of a mask take.
-// Source: spec/container.md, mip levels and masks.
+// Which mip levels of an indexed JPEG a file stores, how many pages a level takes, and how many bytes the levels of a
+// mask. Source: spec/container.md, mip levels and masks.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
+
+#include "format/blocks/format.h"
+#include "format/layout.h"
 
 namespace scree::format {
 
@@ -18,6 +21,17 @@ inline uint32_t stored_level_count(uint32_t width, uint32_t height) {
   uint32_t count = 0;
   while (std::max(width, height) >> (count + 1) >= kLeastLevelSide) ++count;
   return count;
+}
+
+/// How level `level` of an image whose codec is kBlocks lies in its pages.
+inline BlockRows block_rows(const ImageRecord& image, uint32_t level) {
+  return block_rows(image.block_format, std::max(1u, image.width >> level), std::max(1u, image.height >> level));
+}
+
+/// Pages that level `level` of an image takes, from the one on that its record names. If there are several, they hold
+/// nothing else.
+inline uint32_t level_page_count(const ImageRecord& image, uint32_t level) {
+  return image.codec == ImageCodec::kBlocks ? block_rows(image, level).pages() : 1;
 }
 
 /// The most levels that a mask of this size may have: down to one texel.

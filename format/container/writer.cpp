@@ -27,6 +27,10 @@ namespace {
 constexpr uint32_t kPageEntry = 1;  // a PageRecord
 constexpr uint32_t kDropEntry = 2;  // the number of pages that remain (u32)
 
+/// A page of images is compressed where that saves at least one byte in so many. Blocks that hardly shrink stay a plain
+/// read.
+constexpr uint64_t kLeastImageSaving = 20;
+
 /// One zstd frame that states its content size. Empty where it would take `limit` bytes or more, or memory is short.
 /// `ends`: offsets in `content` where bytes of another kind begin; each kind gets its own blocks, with codes that fit
 /// it.
@@ -74,8 +78,9 @@ SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
   if (zstd_level > 0 && page.stored.size() > 1 && page.stored.size() <= kMaxZstdPageBytes) {
     const SplitPage split = clusters.empty() ? SplitPage{} : split_page(page.stored, clusters);
     const bool is_split = !split.bytes.empty();
-    std::vector<std::byte> compressed =
-        compress(is_split ? split.bytes : page.stored, split.stream_ends, page.stored.size(), zstd_level);
+    const uint64_t least_saving = kind == PageKind::kImage ? page.stored.size() / kLeastImageSaving : 0;
+    std::vector<std::byte> compressed = compress(is_split ? split.bytes : page.stored, split.stream_ends,
+                                                 page.stored.size() - least_saving, zstd_level);
     // The last rule is the reader's (spec/container.md, pages): a page that unpacks to much must itself be large.
     if (!compressed.empty() &&
         (page.stored.size() <= kPageTargetBytes || page.stored.size() / kMaxZstdRatio < compressed.size())) {

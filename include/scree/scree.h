@@ -388,7 +388,7 @@ typedef struct scree_convert_options {
   uint32_t flags;
   uint32_t position_bits; /* an axis, 8 to 24. 0: 16 */
   double max_error;       /* above 0: an axis in a mesh's own units, in place of position_bits */
-  int32_t zstd_level;     /* 0 to 22. 0: not compressed */
+  int32_t zstd_level;     /* 1 to 22. 0: 3 for pages of blocks of textures, others are not compressed. -1: none is */
   scree_textures textures;
   int32_t jpeg_quality; /* 1 to 100. 0: 90 */
   uint32_t threads;     /* 0: one per processor */

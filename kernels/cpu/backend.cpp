@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cassert>
 #include <cmath>
 #include <condition_variable>
 #include <exception>
@@ -14,6 +15,7 @@
 
 #include "kernels/frame_parts.h"
 #include "kernels/shade/layers.h"
+#include "kernels/shade/pixels.h"
 
 namespace scree::kernels {
 
@@ -240,6 +242,7 @@ Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const
                                         ", but the picture is " + std::to_string(view.width) + " x " +
                                         std::to_string(view.height)};
   if (auto checked = check_view(view); !checked) return checked.error();
+  assert(scene.pager == nullptr);
   try {
     ThreadPool pool(threads);
     passes_for(best_instruction_set())
@@ -263,6 +266,18 @@ Result<void> check_resolve(const View& view, uint32_t samples_per_side) {
 
 namespace {
 
+/// Shades all tiles of a picture of `scene`, in rounds if it has paged levels. `run(round)`: as CpuPasses::resolve.
+template <class Run>
+Result<void> shade_tiles(const SceneView& scene, uint32_t width, uint32_t height, const Run& run) {
+  const uint32_t count = PixelTiles{width, 0, height}.count();
+  if (scene.pager != nullptr)
+    return shade_in_rounds(*scene.pager, count, [&](std::span<const UnfinishedTile> tiles, UnfinishedTile* left) {
+      return run(TileRound{tiles.data(), static_cast<uint32_t>(tiles.size()), left});
+    });
+  run(TileRound{nullptr, count, nullptr});
+  return {};
+}
+
 /// Shared by both ways to finished pixels. `run(pool, visibility)`: `visibility` is null if `options` requests no
 /// occlusion.
 template <class Run>
@@ -282,8 +297,7 @@ Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span
       if (auto done = occlusion_cpu(view, samples_per_side, samples, options, visibility, threads); !done) return done;
     }
     ThreadPool pool(threads);
-    run(pool, visibility.empty() ? nullptr : visibility.data());
-    return {};
+    return run(pool, visibility.empty() ? nullptr : visibility.data());
   } catch (const std::bad_alloc&) {
     return out_of_memory();
   }
@@ -310,9 +324,12 @@ Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samp
   }
   return resolve_with(view, samples_per_side, samples, options, channels, pixels, threads,
                       [&](ThreadPool& pool, const float* visibility) {
-                        passes_for(best_instruction_set())
-                            .resolve(pool, scene, view, samples_per_side, samples.data(), options, srgb_tables(),
-                                     visibility, channels, pixels.data());
+                        const uint32_t width = view.width / samples_per_side, height = view.height / samples_per_side;
+                        return shade_tiles(scene, width, height, [&](const TileRound& round) {
+                          return passes_for(best_instruction_set())
+                              .resolve(pool, scene, view, samples_per_side, samples.data(), options, srgb_tables(),
+                                       visibility, channels, pixels.data(), round);
+                        });
                       });
 }
 
@@ -323,9 +340,10 @@ Result<void> shade_part_cpu(const SceneView& scene, const View& view, std::span<
   if (auto checked = check_view(view); !checked) return checked;
   try {
     ThreadPool pool(threads);
-    passes_for(best_instruction_set())
-        .shade_part(pool, scene, view, samples.data(), options, srgb_tables(), colors.data());
-    return {};
+    return shade_tiles(scene, view.width, view.height, [&](const TileRound& round) {
+      return passes_for(best_instruction_set())
+          .shade_part(pool, scene, view, samples.data(), options, srgb_tables(), colors.data(), round);
+    });
   } catch (const std::bad_alloc&) {
     return out_of_memory();
   }
@@ -343,6 +361,7 @@ Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std
                             .resolve_colors(pool, view, samples_per_side, samples.data(), colors.data(),
                                             over.empty() ? nullptr : over.data(), options, srgb_tables(), visibility,
                                             channels, pixels.data());
+                        return Result<void>();
                       });
 }
 

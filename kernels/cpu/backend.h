@@ -10,6 +10,7 @@
 #include "kernels/cpu/passes.h"
 #include "kernels/frame.h"
 #include "kernels/shade/srgb.h"
+#include "kernels/shade/texel_pager.h"
 
 namespace scree::kernels {
 
@@ -52,19 +53,27 @@ InstructionSet best_instruction_set();
 Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads, InstructionSet set, const QueueSizes& sizes);
 
+/// The tiles that one round of shading finishes.
+struct TileRound {
+  const UnfinishedTile* tiles;  // null: all pixels of all tiles
+  uint32_t count;
+  UnfinishedTile* left;  // those with pixels that lacked texels; room for all; null if none can be missing
+};
+
 /// The functions that passes.cpp defines for each instruction set. draw: returns false if memory ran out; `peeled`: of
-/// Target; `clear`: clear the samples first. end_layer: returns the number of samples that show something.
+/// Target; `clear`: clear the samples first. resolve, shade_part: return the number of tiles in round.left. end_layer:
+/// returns the number of samples that show something.
 struct CpuPasses {
   bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
                bool clear, const QueueSizes& sizes, FrameStats& stats);
   void (*shade)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
                 const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count,
                 float* rgba);
-  void (*resolve)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
-                  const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
-                  uint8_t* pixels);
-  void (*shade_part)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-                     const ShadeOptions& options, const SrgbTables& srgb, float* colors);
+  uint32_t (*resolve)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side,
+                      const uint64_t* samples, const ShadeOptions& options, const SrgbTables& srgb,
+                      const float* visibility, uint32_t channels, uint8_t* pixels, const TileRound& round);
+  uint32_t (*shade_part)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
+                         const ShadeOptions& options, const SrgbTables& srgb, float* colors, const TileRound& round);
   void (*resolve_colors)(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples,
                          const float* colors, const float* over, const ShadeOptions& options, const SrgbTables& srgb,
                          const float* visibility, uint32_t channels, uint8_t* pixels);

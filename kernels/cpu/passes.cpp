@@ -5,6 +5,7 @@
 #include "kernels/shade/blend.h"
 #include "kernels/shade/layers.h"
 #include "kernels/shade/pixels.h"
+#include "kernels/shade/resolve_rounds.h"
 #include "kernels/shade/stored_colors.h"
 
 namespace scree::kernels {
@@ -36,23 +37,32 @@ void shade(ThreadPool& pool, const SceneView& scene, const View& view, const uin
   });
 }
 
-void resolve(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
-             const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
-             uint8_t* pixels) {
-  CpuBackend backend(pool);
-  const PixelTiles tiles{view.width / side, 0, view.height / side};
-  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
-    backend.for_each(tiles.count(), Resolve<Shader>{shader, tiles, samples, side, visibility, channels, pixels});
-  });
+template <class Pixels>
+void run_round(CpuBackend& backend, const Pixels& pixels, const TileRound& round, RoundCounters& counters) {
+  backend.for_each(round.count, ShadeRound<Pixels>{pixels, round.tiles, round.left, &counters});
 }
 
-void shade_part(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-                const ShadeOptions& options, const SrgbTables& srgb, float* colors) {
+uint32_t resolve(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
+                 const ShadeOptions& options, const SrgbTables& srgb, const float* visibility, uint32_t channels,
+                 uint8_t* pixels, const TileRound& round) {
   CpuBackend backend(pool);
+  RoundCounters counters{};
+  const PixelTiles tiles{view.width / side, 0, view.height / side};
+  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
+    run_round(backend, Resolve<Shader>{shader, tiles, samples, side, visibility, channels, pixels}, round, counters);
+  });
+  return counters.tiles;
+}
+
+uint32_t shade_part(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
+                    const ShadeOptions& options, const SrgbTables& srgb, float* colors, const TileRound& round) {
+  CpuBackend backend(pool);
+  RoundCounters counters{};
   const PixelTiles tiles{view.width, 0, view.height};
   with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
-    backend.for_each(tiles.count(), ShadePart<Shader>{shader, tiles, samples, colors});
+    run_round(backend, ShadePart<Shader>{shader, tiles, samples, colors}, round, counters);
   });
+  return counters.tiles;
 }
 
 void resolve_colors(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const float* colors,

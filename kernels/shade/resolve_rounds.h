@@ -1,4 +1,5 @@
-// The resolve of pictures whose textures are decoded on demand, in rounds (texture_cache.h).
+// The resolve of pictures in rounds: their textures are decoded on demand (texture_cache.h), or come in pages
+// (texel_pager.h).
 #pragma once
 
 #include "kernels/shade/pixels.h"
@@ -11,12 +12,6 @@ inline namespace SCREE_ISA {
 /// are all in the cache takes one round, one whose texels fit takes two, a larger one more. Pixels left by the last
 /// round decode for themselves (FallbackTexels).
 inline constexpr uint32_t kDecodeRounds = 4;
-
-/// A tile with pixels that lacked texels: one bit per pixel, row by row.
-struct UnfinishedTile {
-  uint32_t tile;
-  uint32_t pixels;
-};
 
 /// Shades tiles whose pixels may lack texels, and lists the tiles with pixels that did. `Pixels`: Resolve, or
 /// ShadePart, whose pixels are samples.

@@ -7,6 +7,7 @@
 #include "kernels/math.h"
 #include "kernels/scene_view.h"
 #include "kernels/shade/block_cache.h"
+#include "kernels/shade/texel_pager.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
@@ -71,16 +72,50 @@ SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, 
   }
 }
 
-/// The source of a sample's texels: the decoded levels, and on a CPU the scene's block cache. Texels are never missing.
+#if !defined(__CUDA_ARCH__)
+/// As decoded_texels(), for paged levels. Returns whether all four are there.
+inline bool paged_texels(TexelPager& pager, const TextureView& texture, uint32_t level, const TexelPair& column,
+                         const TexelPair& row, uint32_t texels[4]) {
+  const uint32_t width = max_of(texture.width >> level, 1u);
+  const format::BlockRows rows = format::block_rows(texture.block_format, width, max_of(texture.height >> level, 1u));
+  const uint32_t page_height = rows.rows_per_page * format::block_side(texture.block_format);
+  bool are_there = true;
+  for (uint32_t i = 0; i < 4; ++i) {
+    const uint32_t y = i < 2 ? row.first : row.second;
+    const uint32_t page = y / page_height;
+    const uint8_t* const blocks = pager.want(texture.level_offset[level] + page);
+    are_there = are_there && blocks != nullptr;
+    texels[i] = blocks == nullptr
+                    ? 0
+                    : format::block_image_pixel(texture.block_format, texture.swizzle, blocks, width,
+                                                i % 2 == 0 ? column.first : column.second, y - page * page_height);
+  }
+  return are_there;
+}
+#endif
+
+/// The source of a sample's texels: the decoded levels, and on a CPU the scene's block cache and pages. Only texels of
+/// pages may be missing.
 struct SceneTexels {
+#if defined(__CUDA_ARCH__)
   static constexpr bool kMayMiss = false;
-  struct Lane {};  // the state of a lane's lookups
+#else
+  static constexpr bool kMayMiss = true;
+#endif
+  struct Lane {           // the state of a lane's lookups
+    bool missed = false;  // a page was absent, for the current pixel
+  };
 
   BlockCache* blocks;  // SceneView::blocks
+  TexelPager* pager = nullptr;
 
-  SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
-                      uint32_t texels[4]) const {
+  SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
+                      const TexelPair& row, uint32_t texels[4]) const {
 #if !defined(__CUDA_ARCH__)
+    if (level < texture.paged_level_count) {
+      if (!paged_texels(*pager, texture, level, column, row, texels)) lane.missed = true;
+      return;
+    }
     if (level < texture.jpeg_level_count) {
       const uint32_t x[2] = {column.first, column.second};
       const uint32_t y[2] = {row.first, row.second};

@@ -204,8 +204,8 @@ def convert(input, output=None, *, position_bits=16, float32=False, max_error=0.
     """Packs a .gltf or .glb into a .scree file, in bounded memory; `output` None is `input` with the extension .scree.
 
     `position_bits`: an axis of a mesh, 8 to 24; `float32` keeps positions as they are; `max_error`, above 0, picks the
-    step of each mesh instead, in its own units. `encoding`: "clustered" or "indexed". `zstd`: 0 to 22. `textures`:
-    "keep", "raw" or "jpeg". `replace`: an output that is there. `memory`: bytes that the process may take. `progress` as
+    step of each mesh instead, in its own units. `encoding`: "clustered" or "indexed". `zstd`: 1 to 22; 0:
+    only pages of blocks of textures, at level 3; -1: no page. `textures`: "keep", "raw" or "jpeg". `replace`: an output that is there. `memory`: bytes that the process may take. `progress` as
     File.load(). Returns input_bytes, output_bytes, triangles, meshes, position_error, seconds and warnings.
     """
     return _scree.convert(

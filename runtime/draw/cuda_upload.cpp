@@ -1,6 +1,7 @@
 #include "runtime/draw/cuda_upload.h"
 
 #include <algorithm>
+#include <cassert>
 #include <chrono>
 #include <map>
 #include <span>
@@ -269,6 +270,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
                                     const kernels::SceneView* streamed, uint64_t host_memory, JobProgress* progress,
                                     const PageShare* share) {
   const auto start = std::chrono::steady_clock::now();
+  assert(scene.block_pager() == nullptr && "a device has whole textures");
   ArenaLayout layout(scene, streamed, share);
   const UploadPlan& plan = layout.plan;
   const uint32_t slot_bytes = slot_bytes_of(scene, share);
@@ -310,6 +312,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   copy.arena_ = std::move(*arena);
   copy.view_ = scene.view();
   copy.view_.blocks = nullptr;
+  copy.view_.pager = nullptr;
   copy.view_.meshes = reinterpret_cast<const format::MeshRecord*>(base + layout.meshes);
   copy.view_.chunks = reinterpret_cast<const format::ChunkRecord*>(base + layout.chunks);
   copy.view_.instances = reinterpret_cast<const format::InstanceRecord*>(base + layout.instances);

@@ -305,7 +305,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
       return;
     }
     if (images[image].codec == format::ImageCodec::kBlocks) {
-      Result<BlockTexture> blocks = BlockTexture::load(container(), image, coding);
+      Result<BlockTexture> blocks = BlockTexture::load(container(), image, coding, options.texture_memory != 0);
       if (blocks) {
         block_images_[image] = std::move(*blocks);
       } else {
@@ -331,6 +331,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
   number_jpeg_levels();
   if (jpeg_slot_bytes_ != 0) blocks_ = std::make_unique<kernels::BlockCache>(options.texture_cache, jpeg_slot_bytes_);
   view_.blocks = blocks_.get();
+  number_block_pages(options);
   stats_.images = wanted.size();
   for (uint64_t t = 0; t < textures.size(); ++t)
     if (texture_drawn[t]) textures_[t] = view_of(textures[t]);
@@ -422,6 +423,15 @@ kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
   if (mips.level_count != 0) return texture_view(mips, record);
   const BlockTexture& blocks = block_images_[record.image];
   return blocks.empty() ? jpegs_[record.image].view(record) : blocks.view(record);
+}
+
+void Scene::number_block_pages(const SceneOptions& options) {
+  auto pager = std::make_unique<BlockPager>(file_.map(), container(), options.texture_memory, options.threads);
+  for (uint32_t i = 0; i < block_images_.size(); ++i)
+    if (!block_images_[i].empty()) block_images_[i].add_pages(container(), i, *pager);
+  if (pager->size() == 0) return;
+  pager_ = std::move(pager);
+  view_.pager = pager_.get();
 }
 
 void Scene::number_jpeg_levels() {

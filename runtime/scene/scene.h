@@ -18,6 +18,7 @@
 #include "runtime/scene/camera.h"
 #include "runtime/scene/pages.h"
 #include "runtime/textures/block_image.h"
+#include "runtime/textures/block_pager.h"
 #include "runtime/textures/jpeg_image.h"
 #include "runtime/textures/texture.h"
 #include "runtime/threads/job_progress.h"
@@ -47,6 +48,8 @@ class SceneFile {
 /// Default cache sizes for decoded blocks of JPEG textures on a CPU and a GPU, bytes.
 inline constexpr uint64_t kHostTextureCache = uint64_t{64} << 20;
 inline constexpr uint64_t kDeviceTextureCache = uint64_t{256} << 20;
+/// Default of SceneOptions::texture_memory in render, view and bench.
+inline constexpr uint64_t kHostTextureMemory = uint64_t{2} << 30;
 
 struct SceneOptions {
   bool textures = true;  // false: texture views have no texels
@@ -54,6 +57,9 @@ struct SceneOptions {
   // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
+  // Upper limit of the memory for pages of block images, bytes. They come from the file when pixels sample them. 0: all
+  // are read when the scene is loaded, as a GPU needs them.
+  uint64_t texture_memory = 0;
   kernels::Lighting lighting = kernels::Lighting::kAuto;  // what pictures will ask for: what that takes is made
   std::string environment{};                              // a Radiance picture for kEnvironment; empty: make_sky()
   bool pages = true;                // false: view().pages are null until load_pages(), for scenes that a GPU draws
@@ -109,6 +115,8 @@ class Scene {
   const LoadStats& stats() const { return stats_; }
   /// Cache of the JPEG textures' blocks; null if there are none.
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
+  /// The pages of block images that stay in the file; null if there are none.
+  const BlockPager* block_pager() const { return pager_.get(); }
   /// By image: the ones that stay JPEGs. Other entries have no levels.
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
   /// By image: the ones that stay blocks. Other entries are empty.
@@ -143,6 +151,7 @@ class Scene {
   void visit_drawn_textures(const Visit& visit) const;
   kernels::TextureView view_of(const format::TextureRecord& record) const;
   void number_jpeg_levels();
+  void number_block_pages(const SceneOptions& options);
 
   SceneFile file_;
   uint32_t scene_ = 0;
@@ -166,6 +175,7 @@ class Scene {
   std::vector<BlockTexture> block_images_;  // or here
   uint32_t jpeg_slot_bytes_ = 0;
   std::unique_ptr<kernels::BlockCache> blocks_;
+  std::unique_ptr<BlockPager> pager_;
   std::vector<kernels::TextureView> textures_;
   std::vector<kernels::MaskView> masks_;                // one per material; empty if nothing is masked
   std::vector<kernels::MaskView> blend_masks_;          // likewise, of blended materials

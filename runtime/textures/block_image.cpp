@@ -6,6 +6,7 @@
 
 #include "format/blocks/format.h"
 #include "format/bytes.h"
+#include "format/container/mip_levels.h"
 #include "runtime/images/block_file.h"
 #include "runtime/textures/mip_rows.h"
 
@@ -29,44 +30,84 @@ Result<Image> decode_level(const format::ImageRecord& record, uint32_t level, co
   return decode_block_level(record.block_format, record.swizzle, size.width, size.height, blocks);
 }
 
+/// Whether the level has pages of its own that are worth leaving in the file.
+bool may_be_paged(const format::Container& container, uint32_t image, uint32_t level) {
+  const LevelPlace place = block_level_place(container, image, level);
+  return place.rows.bytes() > kLeastPagedBytes &&
+         (place.rows.pages() > 1 || container.pages()[place.page].raw_bytes == place.rows.bytes());
+}
+
 }  // namespace
 
-Result<std::span<const std::byte>> block_level(const format::Container& container, uint32_t image, uint32_t level,
-                                               std::vector<std::byte>& scratch) {
+Result<void> load_page_into(const format::Container& container, uint32_t page, std::span<std::byte> raw) {
+  if (Result<void> checked = container.check_page(page, container.padded_page(page)); !checked) return checked;
+  const std::span<const std::byte> stored = container.stored_page(page);
+  if (container.pages()[page].codec != format::PageCodec::kRaw) return container.unpack_page(page, stored, raw);
+  std::copy(stored.begin(), stored.end(), raw.begin());
+  return {};
+}
+
+LevelPlace block_level_place(const format::Container& container, uint32_t image, uint32_t level) {
   const format::ImageRecord& record = container.images()[image];
-  const std::string place = "level " + std::to_string(level);
-  if (level == 0) {
-    const auto page = container.load_page(record.page, scratch);
-    if (!page) return at(place, page.error());
-    return page;
-  }
+  if (level == 0) return {record.page, 0, format::block_rows(record, 0)};
   const format::MipLevelRecord& stored = container.mip_levels()[record.first_level + level - 1];
-  const auto page = container.load_page(stored.page, scratch);
-  if (!page) return at(place, page.error());
-  return page->subspan(stored.offset, stored.bytes);
+  return {stored.page, stored.offset, format::block_rows(record, level)};
+}
+
+Result<void> load_block_level(const format::Container& container, uint32_t image, uint32_t level,
+                              std::span<std::byte> out) {
+  const auto [first, offset, rows] = block_level_place(container, image, level);
+  const std::string place = "level " + std::to_string(level);
+  if (container.pages()[first].raw_bytes != rows.page_bytes(0)) {  // the page holds more
+    std::vector<std::byte> scratch;
+    const auto page = container.load_page(first, scratch);
+    if (!page) return at(place, page.error());
+    std::copy_n(page->begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
+    return {};
+  }
+  for (uint32_t i = 0; i < rows.pages(); ++i) {
+    const Result<void> loaded = load_page_into(container, first + i, out.first(rows.page_bytes(i)));
+    if (!loaded) return at(place, loaded.error());
+    out = out.subspan(rows.page_bytes(i));
+  }
+  return {};
 }
 
 Result<Image> decode_block_image(const format::Container& container, uint32_t image) {
-  std::vector<std::byte> scratch;
-  const auto blocks = block_level(container, image, 0, scratch);
-  if (!blocks) return blocks.error();
-  return decode_level(container.images()[image], 0, blocks->data());
+  const format::ImageRecord& record = container.images()[image];
+  std::vector<std::byte> blocks(format::block_rows(record, 0).bytes());
+  if (Result<void> loaded = load_block_level(container, image, 0, blocks); !loaded) return loaded.error();
+  return decode_level(record, 0, blocks.data());
 }
 
-Result<BlockTexture> BlockTexture::load(const format::Container& container, uint32_t image, TexelCoding coding) {
+Result<BlockTexture> BlockTexture::load(const format::Container& container, uint32_t image, TexelCoding coding,
+                                        bool paged) {
   BlockTexture texture;
   const format::ImageRecord& record = texture.record_ = container.images()[image];
-  std::vector<std::byte> scratch;
-  for (uint32_t level = 0; level <= record.level_count; ++level) {
-    const auto blocks = block_level(container, image, level, scratch);
-    if (!blocks) return blocks.error();
-    texture.offsets_.push_back(format::align_up(texture.blocks_.size(), format::kChunkAlignment));
-    texture.blocks_.resize(texture.offsets_.back());
-    texture.blocks_.insert(texture.blocks_.end(), blocks->begin(), blocks->end());
+  uint32_t& first = texture.paged_levels_;
+  while (paged && first <= record.level_count && may_be_paged(container, image, first)) ++first;
+  texture.offsets_.resize(first);
+  uint64_t bytes = 0;
+  for (uint32_t level = first; level <= record.level_count; ++level) {
+    texture.offsets_.push_back(bytes);
+    bytes += format::align_up(format::block_rows(record, level).bytes(), format::kChunkAlignment);
+  }
+  texture.blocks_.resize(bytes);
+  for (uint32_t level = first; level <= record.level_count; ++level) {
+    const std::span<std::byte> out =
+        std::span(texture.blocks_).subspan(texture.offsets_[level], format::block_rows(record, level).bytes());
+    if (Result<void> loaded = load_block_level(container, image, level, out); !loaded) return loaded.error();
   }
   const Size last = size_of(record, record.level_count);
   if (last.width == 1 && last.height == 1) return texture;
-  Result<Image> picture = decode_level(record, record.level_count, texture.blocks_.data() + texture.offsets_.back());
+  std::vector<std::byte> of_last;
+  if (first > record.level_count) {
+    of_last.resize(format::block_rows(record, record.level_count).bytes());
+    if (Result<void> loaded = load_block_level(container, image, record.level_count, of_last); !loaded)
+      return loaded.error();
+  }
+  Result<Image> picture = decode_level(
+      record, record.level_count, of_last.empty() ? texture.blocks_.data() + texture.offsets_.back() : of_last.data());
   if (!picture) return at("level " + std::to_string(record.level_count), picture.error());
   MipChain chain = make_mips(std::move(*picture), coding);
   // The picture itself is there as blocks.
@@ -76,6 +117,14 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
   for (uint32_t l = 0; l < made.level_count; ++l) made.level_offset[l] = chain.level_offset[l + 1] - before;
   made.texels.assign(chain.texels.begin() + static_cast<ptrdiff_t>(4 * before), chain.texels.end());
   return texture;
+}
+
+void BlockTexture::add_pages(const format::Container& container, uint32_t image, BlockPager& pager) {
+  for (uint32_t level = 0; level < paged_levels_; ++level) {
+    const LevelPlace place = block_level_place(container, image, level);
+    offsets_[level] = pager.size();
+    for (uint32_t i = 0; i < place.rows.pages(); ++i) pager.add(place.page + i);
+  }
 }
 
 kernels::TextureView BlockTexture::view(const format::TextureRecord& record) const {
@@ -89,6 +138,7 @@ kernels::TextureView BlockTexture::view(const format::TextureRecord& record) con
   view.level_count += stored;
   view.blocks = reinterpret_cast<const uint8_t*>(blocks_.data());
   view.block_level_count = stored;
+  view.paged_level_count = paged_levels_;
   view.block_format = record_.block_format;
   view.swizzle = record_.swizzle;
   if (made_.texels.empty()) view.texels = nullptr;

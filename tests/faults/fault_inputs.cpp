@@ -16,6 +16,7 @@
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/windows/window.h"
 #include "tools/gltf/document.h"
@@ -102,6 +103,19 @@ void write_giant(const TempFolder& folder) {
                            R"(},{"bufferView":1,"componentType":5123,"type":"SCALAR","count":)" + corner_count + "}]}");
 }
 
+/// Two grids, each with a texture of which one level lies in a page of 25,600 bytes.
+void write_blocks(const TempFolder& folder) {
+  ModelMaker maker(folder.file("blocks.gltf"));
+  for (uint32_t i = 0; i < 2; ++i) {
+    GridSpec spec;
+    spec.uv = true;
+    const FileBytes file = make_ktx2({.width = 160, .height = 160, .seed = i});
+    const uint32_t blocks = maker.textured("blocks" + std::to_string(i), format::ImageCodec::kBlocks, file);
+    maker.node("a", maker.mesh("grid", {maker.grid(spec, blocks)}), {1.1 * i, 0, 0});
+  }
+  maker.finish();
+}
+
 /// Grids around the origin, in front of and beside each other, so that some hide others.
 void write_many(const TempFolder& folder) {
   JpegRecipe recipe;
@@ -141,6 +155,8 @@ FaultInputs::FaultInputs() {
   }
   write_scattered(folder_);
   write_shuffled(folder_);
+  write_blocks(folder_);
+  make("convert blocks.gltf -o blocks.scree --quiet --threads 1");
   make("convert in.gltf -o in.scree --source-ids --normals --quiet --threads 1");
   make("convert in.gltf -o packed.scree --encoding clustered --zstd 3 --quiet --threads 1");
   const std::string seen_from = " --size 24x16 --backend cpu --quiet --threads 1";

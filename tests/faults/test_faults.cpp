@@ -68,6 +68,9 @@ constexpr Job kReaders[] = {
      "render in.scree --force -o out.png --depth out.pfm --normals normals.pfm --uvs uvs.pfm --visbuffer out.bin "
      "--size 24x16 --ssao --pick 12,8 --backend cpu --quiet --threads 1"},
     {"out.png", "render packed.scree --force -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 2"},
+    // Room for one page of two, which threads read.
+    {"out.png",
+     "render blocks.scree --force -o out.png --size 200x120 --texture-memory 30KiB --backend cpu --quiet --threads 2"},
 };
 #if defined(SCREE_HAS_EXR)
 // For calls for files alone: where memory runs out while it writes, OpenEXR 3.1 may wait for ever.

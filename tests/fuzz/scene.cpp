@@ -14,7 +14,8 @@ void draw(const runtime::Scene& scene, const runtime::CameraOptions& camera) {
   const auto frame = runtime::Frame::draw(scene, *view, 1, 1);
   if (!frame) return;
   kernels::ShadeOptions shade;
-  must(bool(frame->shade(shade, 1)), "a frame that was drawn is shaded");
+  const bool is_shaded = bool(frame->shade(shade, 1));
+  must(is_shaded || scene.block_pager() != nullptr, "a frame that was drawn is shaded, if its textures are there");
   for (const runtime::PixelLayer layer :
        {runtime::PixelLayer::kDepth, runtime::PixelLayer::kNormal, runtime::PixelLayer::kUv})
     (void)frame->layer<float>(layer, 1);
@@ -36,7 +37,7 @@ void scene(Bytes bytes) {
     if (uint64_t{image.width} * image.height > 1024 * 1024 && bytes.size() > 16384) return;
   }
   runtime::SceneOptions options;
-  options.texture_cache = 65536;
+  options.texture_cache = options.texture_memory = 65536;
   const auto loaded = runtime::Scene::load(std::move(*file), *chosen, options);
   if (!loaded) return;
   runtime::CameraOptions camera;

@@ -202,6 +202,8 @@ TEST_CASE("numbers and options out of range", "[library][misuse]") {
   converts("40");
   convert.zstd_level = 99;
   converts("99");
+  convert.zstd_level = -2;
+  converts("-2");
   convert.jpeg_quality = 200;
   converts("200");
   convert.textures = static_cast<scree_textures>(5);

@@ -39,6 +39,7 @@ class LoadedScene {
     load.threads = options_.threads;
     load.pages = !on_gpu;
     load.texture_cache = runtime::kHostTextureCache;
+    load.texture_memory = on_gpu ? 0 : runtime::kHostTextureMemory;
     Result<runtime::Scene> scene = runtime::Scene::open(path, load);
     if (!scene) return scene.error();
     scene_.emplace(std::move(*scene));
@@ -87,6 +88,7 @@ class LoadedScene {
   uint64_t device_bytes() const {
     if (device_) return device_->stats().device_bytes;
     uint64_t bytes = scene_->stats().texture_bytes + scene_->stats().jpeg_bytes;
+    if (const runtime::BlockPager* pager = scene_->block_pager()) bytes += pager->resident_bytes();
     for (uint64_t i = 0; i < scene_->drawn_pages().size(); ++i) bytes += scene_->drawn_pages().record(i).raw_bytes;
     return bytes;
   }

@@ -33,7 +33,7 @@ struct ConvertArguments {
   std::string encoding = "clustered";
   std::string clusters = "fast";
   std::string chunk_triangles = std::to_string(format::kMaxChunkTriangles);
-  std::string zstd = "0";
+  std::string zstd;
   std::string threads = "0";
   std::string memory = "2GiB";
   std::string exclude;
@@ -169,9 +169,6 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   const Result<uint64_t> chunk = parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles");
   if (!chunk) return chunk.error();
   options.chunk_triangles = *chunk;
-  const Result<uint64_t> level = parse_whole(words.zstd, 0, 22, "--zstd");
-  if (!level) return level.error();
-  options.zstd_level = static_cast<int>(*level);
   const Result<uint64_t> threads = parse_whole(words.threads, 0, 4096, "--threads");
   if (!threads) return threads.error();
   options.threads = static_cast<uint32_t>(*threads);
@@ -182,6 +179,11 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   const Result<convert::ImageOptions> images = parse_textures(words.textures);
   if (!images) return images.error();
   options.images = *images;
+  if (!words.zstd.empty()) {
+    const Result<uint64_t> level = parse_whole(words.zstd, 0, 22, "--zstd");
+    if (!level) return level.error();
+    options.zstd_level = options.images.block_zstd_level = static_cast<int>(*level);
+  }
   options.images.keep_going = words.keep_going;
   options.source_ids = words.source_ids;
   options.drop_nonfinite = words.drop_nonfinite;
@@ -268,7 +270,9 @@ Command add_convert(CLI::App& parent) {
                   "Largest number of triangles per chunk, 1 to 65536 (default: 65536); 0: one chunk per mesh, which "
                   "needs memory for the whole largest mesh")
       ->type_name("N");
-  app->add_option("--zstd", words->zstd, "Compress pages with zstd at this level, 1 to 22; 0: not at all (default)")
+  app->add_option("--zstd", words->zstd,
+                  "Compress pages with zstd at this level, 1 to 22; 0: not at all (default: only blocks of textures, "
+                  "at level 3)")
       ->type_name("N");
   app->add_option(
          "--textures", words->textures,

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/container/mip_levels.h"
 #include "format/geometry/chunk_layout.h"
 
 namespace scree::inspect {
@@ -302,34 +303,31 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
   const auto images = file.images();
   std::vector<bool> seen(pages.size());
   std::vector<uint64_t> bytes_of(images.size());
+  // Images may share a page, whose bytes count once.
+  const auto count_pages = [&](const format::ImageRecord& image, uint32_t level, uint32_t first) {
+    for (uint32_t page = first; page < first + format::level_page_count(image, level); ++page) {
+      if (seen[page]) continue;
+      seen[page] = true;
+      for (Cost* sum : {&stats.images, &stats.image_kinds[static_cast<size_t>(image.codec)].cost}) {
+        sum->stored += pages[page].stored_bytes;
+        sum->raw += pages[page].raw_bytes;
+      }
+    }
+  };
   for (uint32_t i = 0; i < images.size(); ++i) {
-    const format::PageRecord& page = pages[images[i].page];
     const size_t codec = static_cast<size_t>(images[i].codec);
     bytes_of[i] = image_bytes(file, i);
     if (codec < stats.image_kinds.size()) {
       ++stats.image_kinds[codec].images;
       stats.image_kinds[codec].pixels += uint64_t{images[i].width} * images[i].height;
     }
-    if (seen[images[i].page]) continue;  // images may share a page, whose bytes count once
-    seen[images[i].page] = true;
-    stats.images.stored += page.stored_bytes;
-    stats.images.raw += page.raw_bytes;
-    if (codec < stats.image_kinds.size()) {
-      stats.image_kinds[codec].cost.stored += page.stored_bytes;
-      stats.image_kinds[codec].cost.raw += page.raw_bytes;
-    }
+    count_pages(images[i], 0, images[i].page);
   }
   const auto levels = file.mip_levels();
   for (uint64_t i = 0; i < levels.size(); ++i) {
     stats.level_bytes += levels[i].bytes;
-    if (seen[levels[i].page]) continue;
-    seen[levels[i].page] = true;
-    const format::PageRecord& page = pages[levels[i].page];
-    Cost& cost = stats.image_kinds[static_cast<size_t>(images[levels[i].image].codec)].cost;
-    for (Cost* sum : {&stats.images, &cost}) {
-      sum->stored += page.stored_bytes;
-      sum->raw += page.raw_bytes;
-    }
+    const format::ImageRecord& image = images[levels[i].image];
+    count_pages(image, static_cast<uint32_t>(i - image.first_level) + 1, levels[i].page);
   }
   stats.mip_levels = levels.size();
   for (uint64_t i = 0; i < file.masks().size(); ++i) {
@@ -381,9 +379,19 @@ std::vector<SceneExtent> scene_extents(const format::Container& file) {
 
 uint64_t image_bytes(const format::Container& file, uint32_t image) {
   const format::ImageRecord& record = file.images()[image];
-  uint64_t bytes = file.pages()[record.page].stored_bytes;
+  const auto own_pages = [&](uint32_t level, uint32_t first) {
+    uint64_t sum = 0;
+    for (uint32_t page = first; page < first + format::level_page_count(record, level); ++page)
+      sum += file.pages()[page].stored_bytes;
+    return sum;
+  };
+  uint64_t bytes = own_pages(0, record.page);
   for (uint32_t i = 0; i < record.level_count; ++i) {
     const format::MipLevelRecord& level = file.mip_levels()[record.first_level + i];
+    if (format::level_page_count(record, i + 1) > 1) {
+      bytes += own_pages(i + 1, level.page);
+      continue;
+    }
     const format::PageRecord& page = file.pages()[level.page];
     if (page.raw_bytes == 0) continue;
     bytes += static_cast<uint64_t>(static_cast<double>(page.stored_bytes) / static_cast<double>(page.raw_bytes) *

@@ -12,6 +12,7 @@
 
 #include "format/bytes.h"
 #include "format/container/checksum.h"
+#include "format/container/mip_levels.h"
 #include "runtime/images/image.h"
 #include "runtime/scene/pages.h"
 #include "runtime/textures/jpeg_image.h"
@@ -358,7 +359,8 @@ class Verifier {
       } else if (first_set(raw.subspan(end, begin - end)) != begin - end) {
         fail(file_.pages()[number].offset, {ErrorCode::kReserved, place + ": a byte before it is not 0"});
       }
-      end = record.offset + record.bytes;
+      // The bytes of a level in several pages are as many as the records say.
+      end = format::level_page_count(image, number_of_image) > 1 ? raw.size() : record.offset + record.bytes;
       if (image.codec == format::ImageCodec::kBlocks) {
         count_blocks(image, number_of_image);
       } else {

@@ -146,6 +146,10 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   else if (const kernels::BlockCache* blocks = scene.block_cache())
     std::printf("JPEG levels: %s, %llu groups decoded into a cache of %s\n", format_bytes(load.jpeg_bytes).c_str(),
                 static_cast<unsigned long long>(blocks->decoded()), format_bytes(blocks->bytes()).c_str());
+  if (const runtime::BlockPager* pager = scene.block_pager())
+    std::printf("pages of textures: %s in all, %llu read, %s unpacked, %s in the file\n",
+                format_bytes(pager->all_bytes()).c_str(), static_cast<unsigned long long>(pager->stats().read_pages),
+                format_bytes(pager->stats().read_bytes).c_str(), format_bytes(pager->stats().stored_bytes).c_str());
   std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
               view.eye[2], view.forward[0], view.forward[1], view.forward[2], view.up[0], view.up[1], view.up[2],
               view.z_near);
@@ -383,6 +387,7 @@ Result<void> render(const RenderOptions& options) {
   if (!gpu) return at(options.file, with_cpu_advice(gpu.error()));
   runtime::SceneOptions load = options.scene_options();
   load.pages = !gpu->has_value();
+  load.texture_memory = gpu->has_value() ? 0 : options.texture_memory;
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
   if (const Result<void> accepted = accept_scene("render", *scene, options.light, options.quiet); !accepted)
@@ -533,6 +538,7 @@ Command add_render(CLI::App& parent) {
          "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
          "64MiB, on a GPU 256MiB)")
       ->type_name("SIZE");
+  app->add_option("--texture-memory", words->texture_memory, kTextureMemoryHelp)->type_name("SIZE");
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("--json", words->json, "Print one JSON object instead of the closing line");

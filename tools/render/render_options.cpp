@@ -387,6 +387,11 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
     if (!bytes) return at("--texture-cache", bytes.error());
     options.texture_cache = std::max<uint64_t>(*bytes, 1);
   }
+  if (!words.texture_memory.empty()) {
+    const Result<uint64_t> bytes = parse_size(words.texture_memory);
+    if (!bytes) return at("--texture-memory", bytes.error());
+    options.texture_memory = std::max<uint64_t>(*bytes, 1);
+  }
   for (const std::string& text : words.picks) {
     const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
     if (!place) return place.error();

@@ -12,6 +12,7 @@
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/scene/camera.h"
+#include "runtime/scene/scene.h"
 #include "tools/common/draw_options.h"
 #include "tools/render/path_frames.h"
 
@@ -39,6 +40,7 @@ struct RenderWords : DrawWords {
   std::string frames;
   std::string fps;
   std::string texture_cache;
+  std::string texture_memory;
   std::vector<std::string> picks;
   std::string edl_strength;
   std::string edl_radius;
@@ -94,6 +96,7 @@ struct RenderOptions : DrawOptions {
   // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
   // runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;
+  uint64_t texture_memory = runtime::kHostTextureMemory;
   uint32_t frames = 1;  // of a still camera, drawn one after the other
   std::optional<PathOptions> path;
   std::vector<PixelPlace> picks;

@@ -172,6 +172,7 @@ class PathRenderer {
     load.lighting = wanted.lighting;
     load.environment = wanted.environment;
     load.texture_cache = options_.texture_cache.value_or(0);
+    load.texture_memory = options_.texture_memory;
     load.device_memory = options_.device_memory;
     load.reading = options_.reading;
     load.pictures = {width(), height(), options_.samples_per_side, has_color ? &options_.shade : nullptr};

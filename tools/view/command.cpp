@@ -3,9 +3,11 @@
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -44,6 +46,7 @@ struct ViewWords {
   std::string gpus = "1";
   std::string device_memory;
   std::string texture_cache;
+  std::string texture_memory;
   LightWords light;
   bool open = false;
   bool quiet = false;
@@ -73,14 +76,17 @@ Result<ViewOptions> parse_view_options(const ViewWords& words) {
   if (!light) return light.error();
   options.session.light = *light;
   const std::pair<const char*, const std::string*> names[] = {{"--device-memory", &words.device_memory},
-                                                              {"--texture-cache", &words.texture_cache}};
-  uint64_t* const sizes[] = {&options.session.device_memory, &options.session.texture_cache};
-  for (size_t i = 0; i < 2; ++i) {
+                                                              {"--texture-cache", &words.texture_cache},
+                                                              {"--texture-memory", &words.texture_memory}};
+  uint64_t* const sizes[] = {&options.session.device_memory, &options.session.texture_cache,
+                             &options.session.texture_memory};
+  for (size_t i = 0; i < std::size(names); ++i) {
     if (names[i].second->empty()) continue;
     const Result<uint64_t> bytes = parse_size(*names[i].second);
     if (!bytes) return at(names[i].first, bytes.error());
     *sizes[i] = *bytes;
   }
+  options.session.texture_memory = std::max<uint64_t>(options.session.texture_memory, 1);
   options.server.host = words.host;
   if (!words.port.empty()) {
     const Result<uint64_t> port = parse_whole(words.port, 0, 65535, "--port");
@@ -272,6 +278,7 @@ Command add_view(CLI::App& parent) {
   app->add_option("--texture-cache", words->texture_cache,
                   "Memory for decoded blocks of JPEG textures, such as 1GiB (default: 64MiB, on a GPU 256MiB)")
       ->type_name("SIZE");
+  app->add_option("--texture-memory", words->texture_memory, kTextureMemoryHelp)->type_name("SIZE");
   add_light_options(*app, words->light);
   app->add_flag("-q,--quiet", words->quiet, "No warnings");
   return {app, [words]() -> Result<void> {

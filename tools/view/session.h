@@ -28,6 +28,7 @@ struct SessionOptions {
   BackendOptions backend;
   uint64_t device_memory = 0;  // bytes; 0: all free memory
   uint64_t texture_cache = 0;  // bytes; 0: the runtime's default
+  uint64_t texture_memory = runtime::kHostTextureMemory;
   LightOptions light;
   bool quiet = false;  // no warnings
 };

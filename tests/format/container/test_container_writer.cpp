@@ -244,6 +244,13 @@ TEST_CASE("container writer: seal_page", "[container]") {
   CHECK(kept.stored == raw);
   const SealedPage noise = seal_page(PageKind::kImage, noise_page(5000).stored, 22);
   CHECK(noise.record.codec == PageCodec::kRaw);
+  // Nine parts of noise and one of zeros are worth it, 29 and one are so for geometry alone.
+  for (const size_t parts : {10, 30}) {
+    Bytes mixed = noise_page(3000 * (parts - 1)).stored;
+    mixed.resize(3000 * parts);
+    CHECK(seal_page(PageKind::kGeometry, mixed, 3).record.codec == PageCodec::kZstd);
+    CHECK((seal_page(PageKind::kImage, mixed, 3).record.codec == PageCodec::kZstd) == (parts == 10));
+  }
   for (const size_t bytes : {0, 1, 2})
     CHECK(seal_page(PageKind::kImage, Bytes(bytes), 3).record.codec == PageCodec::kRaw);
 }

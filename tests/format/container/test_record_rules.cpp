@@ -759,4 +759,48 @@ TEST_CASE("container rules: block images and their mip levels", "[container]") {
       l, 0, [](L& r) { r.bytes = 16; }, "mip level 0: 16 bytes, expected 8");
 }
 
+TEST_CASE("container rules: levels of blocks in several pages", "[container]") {
+  scree::tests::Parts parts = full_parts();
+  // 4096 x 1028 pixels of BC1 have 257 rows of 8192 bytes; 32 rows are a page. Level 1 has 129 rows, 64 in a page.
+  const auto add_pages = [&](size_t count, size_t last) {
+    for (size_t i = 0; i < count; ++i)
+      parts.pages.push_back(seal_page(PageKind::kImage, Bytes(i + 1 == count ? last : kBlockPageBytes), 0));
+  };
+  add_pages(9, 8192);
+  add_pages(3, 4096);
+  ImageRecord image = parts.tables.images[0];
+  image.codec = ImageCodec::kBlocks;
+  image.page = 3;
+  image.width = 4096;
+  image.height = 1028;
+  image.channels = 4;
+  image.block_format = BlockFormat::kBc1;
+  image.swizzle = kOpaqueSwizzle;
+  image.first_level = 0;
+  image.level_count = 1;
+  parts.tables.images.push_back(image);
+  parts.tables.mip_levels = {{0, 129 * 4096, 12, 1}};
+  const Breaker b(parts);
+
+  using I = ImageRecord;
+  constexpr TableKind i = TableKind::kImages;
+  b.record<I>(
+      i, 1, [](I& r) { r.page = 4; }, "image 1: page 11 has 8192 bytes, expected 262144");
+  b.record<I>(
+      i, 1, [](I& r) { r.page = 12; }, "image 1: page 14 has 4096 bytes, expected 262144");
+  b.record<I>(
+      i, 1, [](I& r) { r.height = 1032; }, "image 1: page 11 has 8192 bytes, expected 16384");
+  using L = MipLevelRecord;
+  constexpr TableKind l = TableKind::kMipLevels;
+  b.record<L>(
+      l, 0, [](L& r) { r.page = 13; }, "mip level 0: page 14 has 4096 bytes, expected 262144");
+  b.record<L>(
+      l, 0, [](L& r) { r.offset = 16; }, "mip level 0: at byte 16 of its first page");
+  b.record<L>(
+      l, 0, [](L& r) { r.bytes = 4096; }, "mip level 0: 4096 bytes, expected 528384");
+  using P = PageRecord;
+  b.record<P>(
+      TableKind::kPages, 8, [](P& r) { r.kind = PageKind{7}; }, "image 1: page 8 is of kind 7, which holds no image");
+}
+
 }  // namespace scree::tests

@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <fstream>
+#include <random>
 #include <string>
 #include <vector>
 
 #include "format/blocks/pixels.h"
+#include "format/container/mip_levels.h"
 #include "kernels/shade/texture.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/renderer.h"
@@ -19,6 +22,7 @@
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
+#include "tests/tools/run_program.h"
 #include "tools/export/export.h"
 #include "tools/inspect/verify.h"
 
@@ -62,6 +66,13 @@ std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, runtime::
   return picture->pixels;
 }
 
+std::vector<std::byte> stored_blocks(const format::Container& file, uint32_t image, uint32_t level) {
+  std::vector<std::byte> blocks(format::block_rows(file.images()[image], level).bytes());
+  const auto loaded = runtime::load_block_level(file, image, level, blocks);
+  if (!loaded) FAIL(loaded.error().message);
+  return blocks;
+}
+
 uint64_t verify_failures(const std::string& path) {
   const auto map = runtime::MappedFile::open(path);
   REQUIRE(map);
@@ -84,7 +95,7 @@ TEST_CASE("blocks and levels are in the file as they came", "[block_textures]") 
                                            make_dds(of_dds, 71), make_ktx2(recipes[1])});
   convert::ConvertOptions options = tests::options_of(folder);
   options.images.textures = GENERATE(convert::Textures::kKeep, convert::Textures::kRaw);
-  options.zstd_level = GENERATE(0, 3);
+  options.images.block_zstd_level = GENERATE(0, 3);
   tests::must_convert(options);
   CHECK(verify_failures(options.output) == 0);
   const auto packed = tests::open_packed(options.output);
@@ -100,16 +111,78 @@ TEST_CASE("blocks and levels are in the file as they came", "[block_textures]") 
     CHECK(images[i].channels == 4);
     REQUIRE(images[i].level_count == recipe.levels - 1);
     for (uint32_t l = 0; l < recipe.levels; ++l) {
-      std::vector<std::byte> scratch;
-      const auto blocks = runtime::block_level(packed->file, i, l, scratch);
-      REQUIRE(blocks);
-      const FileBytes expected = tests::level_blocks(recipe, l);
-      CHECK(std::equal(blocks->begin(), blocks->end(), expected.begin(), expected.end()));
+      CHECK(stored_blocks(packed->file, i, l) == tests::level_blocks(recipe, l));
     }
   }
   using enum format::ChannelSource;
   CHECK(images[0].swizzle == format::make_swizzle(kOne, kRed, kGreen, kOne));
   CHECK(images[1].swizzle == format::kPlainSwizzle);
+}
+
+TEST_CASE("a large level lies in several pages, small ones share one", "[block_textures]") {
+  const TempFolder folder;
+  // Rows of 75 blocks of 16 bytes: 218 of them in a page. Level 1 has 145 rows of 38, 2 and 3 are 73 x 19 and 37 x 10.
+  const BlockRecipe tall{.width = 300, .height = 1160, .levels = 8, .scheme = 2};
+  const BlockRecipe plain{.vk_format = 37, .model = 1, .format = BlockFormat::kRgba8, .width = 1001, .height = 300};
+  const BlockRecipe exact{.width = 1024, .height = 256, .levels = 11, .seed = 2};
+  make_block_model(folder.file("in.glb"), {make_ktx2(tall), make_ktx2(plain), make_ktx2(exact)});
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.images.block_zstd_level = GENERATE(0, 3);
+  tests::must_convert(options);
+  CHECK(verify_failures(options.output) == 0);
+  const auto packed = tests::open_packed(options.output);
+  REQUIRE(packed);
+  const auto images = packed->file.images();
+  REQUIRE(images.size() == 3);
+  CHECK(packed->file.pages()[images[0].page].raw_bytes == 218 * 75 * 16);
+  const auto pages_of = [&](uint32_t image, uint32_t level) {
+    const runtime::LevelPlace place = runtime::block_level_place(packed->file, image, level);
+    return std::array{place.page - images[0].page, place.rows.pages()};
+  };
+  using Pages = std::array<uint32_t, 2>;
+  CHECK(pages_of(0, 0) == Pages{0, 2});
+  CHECK(pages_of(0, 1) == Pages{2, 1});
+  CHECK(pages_of(0, 2) == Pages{3, 1});
+  for (uint32_t l = 3; l < 8; ++l) CHECK(pages_of(0, l) == Pages{4, 1});
+  CHECK(pages_of(1, 0) == Pages{5, 5});  // 65 rows of 4004 bytes in a page
+  CHECK(pages_of(2, 0) == Pages{10, 1});
+  CHECK(pages_of(2, 1) == Pages{11, 1});
+  for (uint32_t l = 2; l < 11; ++l) CHECK(pages_of(2, l) == Pages{12, 1});
+  for (uint32_t i = 0; i < 3; ++i) {
+    const BlockRecipe& recipe = i == 0 ? tall : i == 1 ? plain : exact;
+    for (uint32_t l = 0; l <= images[i].level_count; ++l)
+      CHECK(stored_blocks(packed->file, i, l) == tests::level_blocks(recipe, l));
+  }
+}
+
+TEST_CASE("pages of blocks are compressed where that pays, unless --zstd says otherwise", "[block_textures]") {
+  const TempFolder folder;
+  const BlockRecipe recipe{.width = 256, .height = 256};
+  FileBytes noise = make_ktx2(recipe);
+  std::mt19937 random(1);
+  for (size_t i = noise.size() - tests::level_blocks(recipe, 0).size(); i < noise.size(); ++i)
+    noise[i] = static_cast<std::byte>(random());
+  make_block_model(folder.file("in.glb"), {noise, make_ktx2(recipe)});
+  const auto convert = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words{"convert", folder.file("in.glb"), "-o", folder.file("out.scree"), "--force", "-q"};
+    words.insert(words.end(), more.begin(), more.end());
+    CHECK(tests::run_program(words, folder.file("log")).exit_code == 0);
+    const auto packed = tests::open_packed(folder.file("out.scree"));
+    REQUIRE(packed);
+    const auto pages = packed->file.pages();
+    const auto images = packed->file.images();
+    REQUIRE(images.size() == 2);
+    CHECK(pages[images[0].page].codec == format::PageCodec::kRaw);
+    const bool has_all = !more.empty() && more.back() != "0";
+    for (uint64_t p = 0; p < pages.size(); ++p)
+      if (pages[p].kind == format::PageKind::kGeometry) CHECK((pages[p].codec != format::PageCodec::kRaw) == has_all);
+    const std::string text(packed->file.string(packed->file.source().options));
+    CHECK((text.find("--zstd") == std::string::npos) == more.empty());
+    return pages[images[1].page].codec;
+  };
+  CHECK(convert({}) == format::PageCodec::kZstd);
+  CHECK(convert({"--zstd", "1"}) == format::PageCodec::kZstd);
+  CHECK(convert({"--zstd", "0"}) == format::PageCodec::kRaw);
 }
 
 TEST_CASE("stored levels are looked at as blocks, the others are made from the last", "[block_textures]") {
@@ -126,23 +199,20 @@ TEST_CASE("stored levels are looked at as blocks, the others are made from the l
     INFO("image " << image << ", " << format::block_format_name(images[image].block_format));
     CHECK(texture.block_level_count == images[image].level_count + 1);
     CHECK(texture.level_count == format::most_block_levels(texture.width, texture.height) + 1);
-    std::vector<std::byte> scratch;
-    const auto last = runtime::block_level(scene.container(), image, images[image].level_count, scratch);
-    REQUIRE(last);
+    const std::vector<std::byte> last = stored_blocks(scene.container(), image, images[image].level_count);
     const runtime::MipChain made = runtime::make_mips(runtime::decode_block_level(
         texture.block_format, texture.swizzle, std::max(1u, texture.width >> images[image].level_count),
-        std::max(1u, texture.height >> images[image].level_count), last->data()));
+        std::max(1u, texture.height >> images[image].level_count), last.data()));
     for (uint32_t l = 0; l < texture.level_count; ++l) {
+      std::vector<std::byte> blocks;
+      if (l < texture.block_level_count) blocks = stored_blocks(scene.container(), image, l);
       const uint32_t width = std::max(1u, texture.width >> l), height = std::max(1u, texture.height >> l);
       for (uint32_t y = 0; y < height; ++y)
         for (uint32_t x = 0; x < width; ++x) {
           uint32_t expected;
           if (l < texture.block_level_count) {
-            std::vector<std::byte> level_scratch;
-            const auto blocks = runtime::block_level(scene.container(), image, l, level_scratch);
-            REQUIRE(blocks);
             expected = format::block_image_pixel(texture.block_format, texture.swizzle,
-                                                 reinterpret_cast<const uint8_t*>(blocks->data()), width, x, y);
+                                                 reinterpret_cast<const uint8_t*>(blocks.data()), width, x, y);
           } else {
             std::memcpy(
                 &expected,
@@ -209,6 +279,108 @@ TEST_CASE("a KTX2 that is not read is one line, or grey with --keep-going", "[bl
     const runtime::Scene scene = tests::must_load(options.output);
     CHECK(scene.container().images()[0].codec == ImageCodec::kIndexedJpeg);
     CHECK(scene.container().images()[0].width == 1);
+  }
+}
+
+namespace {
+
+/// Levels in one page and in several, of all block sizes, with and without the levels of the source.
+std::vector<FileBytes> large_files() {
+  return {
+      make_ktx2({.width = 1024, .height = 1024, .levels = 11, .scheme = 2}),
+      make_dds({.format = BlockFormat::kBc1, .width = 700, .height = 1300, .levels = 3, .seed = 2}, 71),
+      make_ktx2({.vk_format = 37, .model = 1, .format = BlockFormat::kRgba8, .width = 300, .height = 301, .seed = 3}),
+      make_ktx2({.vk_format = 9, .model = 1, .format = BlockFormat::kR8, .width = 513, .height = 700, .levels = 10}),
+      make_ktx2({.width = 64, .height = 64, .levels = 7, .seed = 4})};
+}
+
+}  // namespace
+
+TEST_CASE("a picture does not depend on the memory for pages of textures", "[block_textures][texel_pager]") {
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), large_files());
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.images.block_zstd_level = GENERATE(0, 3);
+  tests::must_convert(options);
+  const runtime::Scene whole = tests::must_load(options.output, {.threads = 2});
+  REQUIRE(whole.block_pager() == nullptr);
+  for (const auto& [width, samples] : {std::pair{60u, 1u}, {60u, 4u}, {700u, 1u}, {500u, 2u}}) {
+    const kernels::View view = tests::must_view(whole, {.width = width, .height = width * 2 / 3});
+    const auto frame = runtime::Frame::draw(whole, view, samples, 2);
+    REQUIRE(frame);
+    const auto expected = frame->shade({}, 2);
+    const auto light = frame->linear({}, 2);
+    REQUIRE(expected);
+    REQUIRE(light);
+    uint64_t needed = 0;  // pages read with room for all
+    for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{3} << 19}) {
+      CAPTURE(width, samples, memory);
+      const runtime::Scene paged = tests::must_load(options.output, {.threads = 2, .texture_memory = memory});
+      const runtime::BlockPager* const pager = paged.block_pager();
+      REQUIRE(pager != nullptr);
+      CHECK(pager->resident_bytes() == 0);
+      const uint64_t bytes = pager->all_bytes() + paged.stats().texture_bytes;
+      CHECK(bytes <= whole.stats().texture_bytes);
+      CHECK(bytes + 16 * 40 > whole.stats().texture_bytes);  // levels in memory begin at multiples of 16
+      const auto again = runtime::Frame::draw(paged, view, samples, 2);
+      REQUIRE(again);
+      const auto found = again->shade({}, 2);
+      if (!found) FAIL(found.error().message);
+      CHECK(found->pixels == expected->pixels);
+      const uint64_t read = pager->stats().read_pages;
+      CHECK(pager->resident_bytes() <= memory);
+      if (needed == 0) {
+        // A still camera's second frame reads nothing.
+        REQUIRE(again->shade({}, 2));
+        CHECK(pager->stats().read_pages == read);
+        CHECK(pager->resident_bytes() == pager->stats().read_bytes);
+        const bool is_smaller = pager->stats().stored_bytes < pager->stats().read_bytes;
+        CHECK(is_smaller == (read != 0 && options.images.block_zstd_level != 0));
+        CHECK((read != 0) == (width > 100));
+        needed = read;
+      }
+      CHECK(read >= needed);
+      CHECK(again->linear({}, 2).value() == *light);
+    }
+  }
+  // Less than one pixel shows.
+  const runtime::Scene small = tests::must_load(options.output, {.texture_memory = 1});
+  const kernels::View view = tests::must_view(small, {.width = 1500, .height = 1000});
+  const auto frame = runtime::Frame::draw(small, view, 1, 2);
+  REQUIRE(frame);
+  const auto refused = frame->shade({}, 2);
+  REQUIRE_FALSE(refused);
+  CHECK(refused.error().code == ErrorCode::kMemory);
+  CHECK(refused.error().message.starts_with("a pixel shows pages of textures of "));
+  CHECK(refused.error().message.find(" bytes together, but 1 are allowed for them") != std::string::npos);
+}
+
+TEST_CASE("a page of a texture is checked when it is read", "[block_textures][texel_pager][bad]") {
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), {large_files()[0]});
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.images.block_zstd_level = GENERATE(0, 3);
+  tests::must_convert(options);
+  uint64_t offset = 0;
+  {
+    const auto packed = tests::open_packed(options.output);
+    REQUIRE(packed);
+    offset = packed->file.pages()[packed->file.images()[0].page + 1].offset;
+  }
+  std::fstream file(options.output, std::ios::in | std::ios::out | std::ios::binary);
+  file.seekp(static_cast<std::streamoff>(offset + 100));
+  file.put('!').put('?').put('!');
+  file.close();
+  CHECK_FALSE(runtime::Scene::open(options.output, {}));
+  const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = uint64_t{1} << 30});
+  const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
+  const auto frame = runtime::Frame::draw(scene, view, 1, 2);
+  REQUIRE(frame);
+  for (int time = 0; time < 2; ++time) {
+    const auto refused = frame->shade({}, 2);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == ErrorCode::kChecksum);
+    CHECK(refused.error().message.starts_with("page "));
   }
 }
 

@@ -176,7 +176,7 @@ TEST_CASE("masks are stored where they hide something, and drawn", "[convert][ma
   for (const convert::Textures textures : {convert::Textures::kKeep, convert::Textures::kJpeg}) {
     convert::ConvertOptions options = options_of(folder);
     options.images.textures = textures;
-    options.images.zstd_level = options.zstd_level = textures == convert::Textures::kJpeg ? 3 : 0;
+    options.zstd_level = textures == convert::Textures::kJpeg ? 3 : 0;
     const convert::ConvertReport report = tests::must_match(options);
     CHECK(report.masks == 3);
     CHECK(report.opaque_masks == 2);

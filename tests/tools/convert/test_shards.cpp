@@ -139,7 +139,7 @@ TEST_CASE("shards merge to the bytes of one run", "[convert][shards]") {
   ConvertOptions options = scene.options();
   const std::pair<const char*, std::function<void()>> cases[] = {
       {"as it is", [] {}},
-      {"zstd", [&] { options.zstd_level = 3; }},
+      {"zstd", [&] { options.zstd_level = options.images.block_zstd_level = 5; }},
       {"indexed, normals, source ids",
        [&] {
          options.encoding = convert::Encoding::kIndexed;

@@ -101,7 +101,7 @@ struct StoredImage {
   std::vector<format::SealedPage> pages;       // of a block image; without png, base and pages: the unchanged file
   format::BlockFormat block_format = format::BlockFormat::kNoBlocks;
   uint16_t swizzle = 0;
-  std::vector<format::MipLevelRecord> places;  // of a block image's mip levels, with page and image unset
+  std::vector<format::MipLevelRecord> places;  // of a block image's mip levels: page in `pages`, image unset
   uint32_t width = 0;
   uint32_t height = 0;
   uint32_t channels = 0;
@@ -123,7 +123,10 @@ Result<std::vector<std::byte>> read_file(const SourceImage& image, const Content
   return file;
 }
 
-/// The blocks of a KTX2 or DDS file: one page for level 0, and one for all other levels.
+/// Levels below the first of at most so many bytes share a page. Readers keep them all, so they should be small.
+constexpr uint64_t kMostSharedBytes = uint64_t{1} << 14;
+
+/// The blocks of a KTX2 or DDS file. Each large level has pages of its own, so that it is read without the others.
 Result<StoredImage> store_blocks(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
                                  int zstd_level) {
   const auto bytes = read_file(source, hash);
@@ -135,20 +138,31 @@ Result<StoredImage> store_blocks(const SourceImage& source, const format::ImageR
   StoredImage stored;
   stored.block_format = head->format;
   stored.swizzle = head->swizzle;
+  const auto add_page = [&](std::vector<std::byte> raw) {
+    stored.pages.push_back(format::seal_page(format::PageKind::kImage, std::move(raw), zstd_level));
+  };
   std::vector<std::byte> together;
   for (uint32_t l = 0; l < head->levels.size(); ++l) {
     auto blocks = runtime::read_block_level(file, *head, l);
     if (!blocks) return blocks.error();
-    if (l == 0) {
-      stored.pages.push_back(format::seal_page(format::PageKind::kImage, std::move(*blocks), zstd_level));
+    const auto first_page = static_cast<uint32_t>(stored.pages.size());
+    if (l != 0 && blocks->size() <= kMostSharedBytes) {
+      together.resize(format::align_up(together.size(), format::kChunkAlignment));
+      stored.places.push_back({together.size(), blocks->size(), first_page, 0});
+      together.insert(together.end(), blocks->begin(), blocks->end());
       continue;
     }
-    together.resize(format::align_up(together.size(), format::kChunkAlignment));
-    stored.places.push_back({together.size(), blocks->size(), 0, 0});
-    together.insert(together.end(), blocks->begin(), blocks->end());
+    if (l != 0) stored.places.push_back({0, blocks->size(), first_page, 0});
+    const format::BlockRows rows =
+        format::block_rows(head->format, std::max(1u, head->width >> l), std::max(1u, head->height >> l));
+    std::span<const std::byte> rest(*blocks);
+    for (uint32_t i = 0; i < rows.pages(); ++i) {
+      const auto page = rest.first(rows.page_bytes(i));
+      add_page({page.begin(), page.end()});
+      rest = rest.subspan(page.size());
+    }
   }
-  if (!together.empty())
-    stored.pages.push_back(format::seal_page(format::PageKind::kImage, std::move(together), zstd_level));
+  if (!together.empty()) add_page(std::move(together));
   return stored;
 }
 
@@ -222,7 +236,7 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
     const bool is_bad = !stored && stored.error().code != ErrorCode::kMemory && stored.error().code != ErrorCode::kFile;
     return is_bad && options.keep_going ? grey_image(stored.error().message) : std::move(stored);
   };
-  if (keeps_blocks(options, record.codec)) return or_grey(store_blocks(source, record, hash, options.zstd_level));
+  if (keeps_blocks(options, record.codec)) return or_grey(store_blocks(source, record, hash, options.block_zstd_level));
   const auto file = read_file(source, hash);
   if (!file) return file.error();
   Result<StoredImage> stored = StoredImage{};
@@ -250,7 +264,7 @@ uint64_t zstd_bytes(int level, uint64_t page_bytes) {
 uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
   // All levels together take a third more than level 0; the compressed ones are in memory at the same time.
   if (keeps_blocks(options, info.codec))
-    return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.zstd_level, info.block_bytes);
+    return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.block_zstd_level, info.block_bytes);
   const uint64_t pixels = uint64_t{info.width} * info.height;
   if (!is_indexed(options, info.codec)) {
     // The picture, and a PNG that grows to as much at most, by doubling.
@@ -299,9 +313,11 @@ Result<void> append_blocks(StoredImage stored, uint32_t number, StoredImageRecor
     const Result<uint32_t> page = writer.append(sealed);
     if (!page) return page.error();
     if (written.page_count++ == 0) record.page = *page;
-    for (format::MipLevelRecord& level : stored.places) level.page = *page;
   }
-  for (format::MipLevelRecord& level : stored.places) level.image = number;
+  for (format::MipLevelRecord& level : stored.places) {
+    level.page += record.page;
+    level.image = number;
+  }
   written.levels = std::move(stored.places);
   return {};
 }

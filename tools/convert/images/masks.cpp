@@ -225,7 +225,7 @@ void uv_transform(const format::MaterialRecord& material, double matrix[2][3]) {
 }
 
 Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const std::vector<uint32_t>& materials,
-                         const ImageOptions& options, WorkerPool& pool, format::ContainerWriter& writer,
+                         const ImageOptions& options, int zstd_level, WorkerPool& pool, format::ContainerWriter& writer,
                          format::TableSet& tables) {
   // The levels depend on the threshold too, so materials share a page only with the same image and threshold; those of
   // blended materials, which have none, are shared as threshold 0.
@@ -241,7 +241,7 @@ Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const s
     Result<std::vector<std::byte>> levels =
         load_mask_levels(scene, plan, materials_of.at(keys[i]).front(), options.keep_going);
     if (!levels) return levels.error();
-    return format::seal_page(format::PageKind::kMask, std::move(*levels), options.zstd_level);
+    return format::seal_page(format::PageKind::kMask, std::move(*levels), zstd_level);
   };
   const auto cost = [&](uint64_t i) { return mask_cost(scene.images[keys[i].first]); };
   const auto take = [&](uint64_t i, format::SealedPage sealed) -> Result<void> {

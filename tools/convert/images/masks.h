@@ -72,11 +72,11 @@ Result<std::vector<std::byte>> load_mask_levels(const SourceScene& scene, const 
 /// The matrix of KHR_texture_transform: takes texture coordinates (u, v, 1) to a position on the mask.
 void uv_transform(const format::MaterialRecord& material, double matrix[2][3]);
 
-/// Appends one page per distinct mask and fills `tables.masks`, sorted by material. `materials` maps each entry of
-/// SourceScene::materials to its record in the file, or kNone. Errors: those of load_mask_levels and
-/// ContainerWriter::append.
+/// Appends one page per distinct mask, compressed at `zstd_level` (0: raw), and fills `tables.masks`, sorted by
+/// material. `materials` maps each entry of SourceScene::materials to its record in the file, or kNone. Errors: those
+/// of load_mask_levels and ContainerWriter::append.
 Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const std::vector<uint32_t>& materials,
-                         const ImageOptions& options, WorkerPool& pool, format::ContainerWriter& writer,
+                         const ImageOptions& options, int zstd_level, WorkerPool& pool, format::ContainerWriter& writer,
                          format::TableSet& tables);
 
 }  // namespace scree::convert

@@ -398,7 +398,6 @@ class Converter {
   /// The options of a pass over images or masks, with its share of the memory, and its threads.
   std::pair<ImageOptions, uint32_t> image_stage() const {
     ImageOptions options = options_.images;
-    options.zstd_level = options_.zstd_level;
     const StageLimits limits = memory_.images(options.memory);
     options.memory = limits.flight_bytes;
     return {options, limits.threads};
@@ -464,7 +463,7 @@ class Converter {
     const auto [image_options, threads] = image_stage();
     WorkerPool pool(threads, options_.stop);
     const MaterialUse use = find_material_use(scene_, materials_used());
-    return write_masks(scene_, masks_, use.materials, image_options, pool, writer, tables_);
+    return write_masks(scene_, masks_, use.materials, image_options, options_.zstd_level, pool, writer, tables_);
   }
 
   void merge_equal() {

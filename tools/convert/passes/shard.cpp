@@ -70,6 +70,7 @@ void visit_options(const Stream& stream, Options& options) {
   stream(options.exclude);
   stream(options.images.textures);
   stream(options.images.quality);
+  stream(options.images.block_zstd_level);
   stream(options.images.keep_going);
 }
 

@@ -50,8 +50,8 @@ Result<void> check_options(const ConvertOptions& options) {
   }
   if (options.float32 && options.grid == Grid::kScene)
     return usage("--grid scene and --positions float32 exclude each other");
-  if (options.zstd_level < 0 || options.zstd_level > 22)
-    return usage("--zstd: level " + std::to_string(options.zstd_level) + ", but 0 to 22 are possible");
+  for (const int level : {options.zstd_level, options.images.block_zstd_level})
+    if (level < 0 || level > 22) return usage("--zstd: level " + std::to_string(level) + ", but 0 to 22 are possible");
   if (options.images.quality < 1 || options.images.quality > 100)
     return usage("--textures: quality " + std::to_string(options.images.quality) + ", but 1 to 100 are possible");
   if (options.threads > 4096) return usage("--threads: more than 4096");
@@ -73,7 +73,8 @@ std::string describe_options(const ConvertOptions& options) {
   if (options.encoding == Encoding::kClustered)
     text += options.clusters == tools::ClusterEffort::kBest ? " --clusters best" : " --clusters fast";
   text += " --chunk-triangles " + std::to_string(options.chunk_triangles);
-  text += " --zstd " + std::to_string(options.zstd_level);
+  if (options.zstd_level != 0 || options.images.block_zstd_level != ImageOptions().block_zstd_level)
+    text += " --zstd " + std::to_string(options.zstd_level);
   text += " --textures " + describe_textures(options.images);
   if (options.normals != Normals::kAuto)
     text += options.normals == Normals::kAlways ? " --normals always" : " --normals never";

@@ -41,7 +41,7 @@ struct ConvertOptions {
   Encoding encoding = Encoding::kClustered;
   tools::ClusterEffort clusters = tools::ClusterEffort::kFast;  // for clustered meshes
   uint64_t chunk_triangles = format::kMaxChunkTriangles;        // at least 1; 0: every mesh is one chunk and one window
-  int zstd_level = 0;                                           // 0 (raw pages) to 22
+  int zstd_level = 0;  // 0 (raw) to 22, for pages of geometry and masks; blocks have ImageOptions::block_zstd_level
   Normals normals = Normals::kAuto;
   bool source_ids = false;
   bool drop_nonfinite = false;

@@ -1,0 +1,152 @@
+// Rounds of shading with pages that are brought between them, in any amount of room.
+#include "kernels/shade/texel_pager.h"
+
+#include <algorithm>
+#include <bit>
+#include <random>
+#include <set>
+#include <vector>
+
+#include "tests/catch.h"
+
+using namespace scree;
+using kernels::UnfinishedTile;
+
+namespace {
+
+/// Pages of one byte, their number.
+class TestPager final : public kernels::TexelPager {
+ public:
+  TestPager(size_t pages, size_t room) : room_(room), content_(pages) {
+    for (size_t i = 0; i < pages; ++i) content_[i] = static_cast<uint8_t>(i);
+    blocks_.assign(pages, nullptr);
+    wanted_.assign(pages, 0);
+  }
+
+  void begin_round() override { std::fill(wanted_.begin(), wanted_.end(), uint8_t{0}); }
+
+  Result<bool> bring(bool must) override {
+    if (fails) return Error{ErrorCode::kChecksum, "damaged"};
+    const auto wanted = static_cast<size_t>(std::count(wanted_.begin(), wanted_.end(), 1));
+    if (wanted > room_ && must) return Error{ErrorCode::kMemory, "too many"};
+    if (wanted > room_) return false;
+    for (size_t i = 0; i < blocks_.size(); ++i) {
+      if (wanted_[i] != 0 && blocks_[i] == nullptr) ++brought;
+      blocks_[i] = wanted_[i] != 0 ? &content_[i] : nullptr;
+    }
+    return true;
+  }
+
+  size_t brought = 0;
+  bool fails = false;
+
+ private:
+  size_t room_;
+  std::vector<uint8_t> content_;
+};
+
+/// Pixels that show up to `most` of the pages each, neighbours similar ones.
+class TestPicture {
+ public:
+  TestPicture(uint32_t tiles, uint32_t pages, uint32_t most) : finished_(32 * size_t{tiles}, 0) {
+    std::mt19937 random(tiles + pages + most);
+    for (size_t i = 0; i < finished_.size(); ++i) {
+      const size_t first = i * pages / finished_.size();
+      std::vector<uint32_t>& shown = pages_.emplace_back();
+      for (auto n = random() % (most + 1); n > 0; --n)
+        shown.push_back(static_cast<uint32_t>((first + random() % most) % pages));
+    }
+  }
+
+  Result<void> shade(kernels::TexelPager& pager) {
+    return kernels::shade_in_rounds(pager, static_cast<uint32_t>(finished_.size() / 32),
+                                    [&](std::span<const UnfinishedTile> tiles, UnfinishedTile* left) -> uint32_t {
+                                      ++rounds;
+                                      uint32_t count = 0;
+                                      for (const UnfinishedTile& tile : tiles) {
+                                        uint32_t missed = 0;
+                                        for (uint32_t bit = 0; bit < 32; ++bit) {
+                                          if ((tile.pixels >> bit & 1) == 0) continue;
+                                          bool is_there = true;
+                                          for (const uint32_t page : pages_[32 * tile.tile + bit]) {
+                                            const uint8_t* const content = pager.want(page);
+                                            is_there = is_there && content != nullptr;
+                                            if (content != nullptr) wrong += *content != page;
+                                          }
+                                          if (is_there)
+                                            ++finished_[32 * tile.tile + bit];
+                                          else
+                                            missed |= 1u << bit;
+                                        }
+                                        if (missed != 0) left[count++] = {tile.tile, missed};
+                                      }
+                                      std::reverse(left, left + count);  // as threads may list them
+                                      return count;
+                                    });
+  }
+
+  bool is_complete(int times) const {
+    return std::all_of(finished_.begin(), finished_.end(), [&](int count) { return count == times; });
+  }
+  size_t shown_pages() const {
+    std::set<uint32_t> all;
+    for (const auto& pages : pages_) all.insert(pages.begin(), pages.end());
+    return all.size();
+  }
+  size_t most_pages() const {
+    size_t most = 0;
+    for (const auto& pages : pages_) most = std::max(most, std::set<uint32_t>(pages.begin(), pages.end()).size());
+    return most;
+  }
+
+  size_t rounds = 0;
+  size_t wrong = 0;
+
+ private:
+  std::vector<std::vector<uint32_t>> pages_;
+  std::vector<int> finished_;
+};
+
+}  // namespace
+
+TEST_CASE("every pixel is finished once, whatever the room for pages", "[texel_pager]") {
+  for (const uint32_t tiles : {1u, 7u, 200u}) {
+    for (const uint32_t pages : {1u, 5u, 250u}) {
+      TestPicture picture(tiles, pages, 5);
+      const size_t least = picture.most_pages(), all = picture.shown_pages();
+      int times = 0;
+      for (size_t room = least; room <= all; room += std::max<size_t>(1, room / 2)) {
+        CAPTURE(tiles, pages, room);
+        TestPager pager(pages, room);
+        picture.wrong = 0;
+        REQUIRE(picture.shade(pager));
+        CHECK(picture.is_complete(++times));
+        CHECK(picture.wrong == 0);
+      }
+      // With room for all, every page is brought once, and then none.
+      TestPager pager(pages, all);
+      for (const size_t rounds : {2, 1}) {
+        picture.rounds = 0;
+        REQUIRE(picture.shade(pager));
+        CHECK(picture.is_complete(++times));
+        CHECK(picture.rounds == rounds);
+        CHECK(pager.brought == all);
+      }
+    }
+  }
+}
+
+TEST_CASE("a pixel that shows more pages than there is room for is an error, and so is a bad page", "[texel_pager]") {
+  TestPicture picture(20, 50, 6);
+  TestPager small(50, picture.most_pages() - 1);
+  const auto refused = picture.shade(small);
+  REQUIRE_FALSE(refused);
+  CHECK(refused.error().code == ErrorCode::kMemory);
+  TestPager bad(50, 50);
+  bad.fails = true;
+  const auto failed = picture.shade(bad);
+  REQUIRE_FALSE(failed);
+  CHECK(failed.error().code == ErrorCode::kChecksum);
+  CHECK(bad.mutex().try_lock());
+  bad.mutex().unlock();
+}
