@@ -72,6 +72,10 @@ Result<void> DeviceScene::read_over(const kernels::View&, const kernels::ShadeOp
   return current_gpu().error();
 }
 
+Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t>) {
+  return current_gpu().error();
+}
+
 bool DeviceScene::is_streamed() const {
   return false;
 }
