@@ -12,8 +12,8 @@
 
 namespace scree::kernels {
 
-/// A camera. World space is right-handed. View space looks along `forward`, with x to the right and y up. Row 0 is the
-/// top of the picture. right, up and forward are orthonormal to 1e-12.
+/// A camera, and the instances that it leaves out. World space is right-handed. View space looks along `forward`, with
+/// x to the right and y up. Row 0 is the top of the picture. right, up and forward are orthonormal to 1e-12.
 struct View {
   double eye[3];
   double right[3];
@@ -27,6 +27,9 @@ struct View {
   double z_far;    // orthographic only; perspective has no far plane
   uint32_t width;  // samples (after supersampling), 1 to kMaxImageSide
   uint32_t height;
+  // One bit per instance of the scene, the lowest of a word first; instances whose bit is set are not drawn. In memory
+  // that the drawing device reads. Null: all are drawn.
+  const uint32_t* omitted = nullptr;
 };
 
 enum class Show : uint32_t {

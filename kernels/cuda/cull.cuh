@@ -79,6 +79,7 @@ __global__ void __launch_bounds__(kCullThreads)
                                                mesh.position_encoding == format::PositionEncoding::kFloat32);
     seen = may_be_seen(transform, view, mesh_box(mesh, transform));
     if (seen) staged[threadIdx.x] = transform;
+    seen = seen && !is_omitted(view, number);  // last: before may_be_seen() it would take more registers
   }
   __syncwarp();
   // The warp writes one transform after the other. If each thread wrote its own, the stores would touch 32 times the

@@ -32,6 +32,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
   const ClusterGroup at = in.groups[number];
   const SceneView& scene = in.scene;
   const FrameView& view = in.cull.view;
+  if (is_omitted(view, at.instance)) return;
   FrameCounters& counters = *in.cull.counters;
   const format::InstanceRecord& instance = scene.instances[at.instance];
   const format::ChunkRecord& chunk = scene.chunks[at.chunk];

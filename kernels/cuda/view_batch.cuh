@@ -203,6 +203,7 @@ class BatchCorners {
 /// and filter in shared memory. Out of line: what it takes of registers the loops over clusters do without.
 template <bool kOrthographic>
 __device__ __noinline__ bool prepare_group(const BatchFrame& in, const FrameView& view, const ClusterGroup& at) {
+  if (is_omitted(view, at.instance)) return false;
   const SceneView& scene = in.scene;
   const format::InstanceRecord& instance = scene.instances[at.instance];
   const format::ChunkRecord& chunk = scene.chunks[at.chunk];

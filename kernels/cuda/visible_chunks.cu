@@ -46,7 +46,7 @@ __global__ void __launch_bounds__(1024) fill_other_levels(const __grid_constant_
 template <class Use>
 __device__ void look_at_chunks(const SceneView& scene, const FrameView& view, const Use& use) {
   const uint64_t number = uint64_t{blockIdx.x} * kWarps + threadIdx.x / kLanes;
-  if (number >= scene.instance_count) return;
+  if (number >= scene.instance_count || is_omitted(view, number)) return;
   const format::InstanceRecord& instance = scene.instances[number];
   const format::MeshRecord& mesh = scene.meshes[instance.mesh];
   const uint64_t first = uint64_t{blockIdx.y} * kLanes + threadIdx.x % kLanes;

@@ -85,6 +85,7 @@ struct Cull {
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
     const uint64_t number = first + item;
+    if (is_omitted(view, number)) return;
     const format::InstanceRecord& instance = scene.instances[number];
     const format::MeshRecord& mesh = scene.meshes[instance.mesh];
     if (mesh.triangle_count == 0 || !draws_mesh(scene, mesh)) return;

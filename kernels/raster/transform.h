@@ -25,7 +25,8 @@ struct FrameView {
   double row_y[3];
   double row_w[3];
   double offset_w;
-  float half_width;  // the image's, sub-pixels
+  const uint32_t* omitted;  // View::omitted
+  float half_width;         // the image's, sub-pixels
   float half_height;
   int32_t width;  // samples
   int32_t height;
@@ -39,6 +40,7 @@ SCREE_HD inline FrameView make_frame_view(const View& view) {
   frame.half_width = static_cast<float>(view.width) * (kSubpixels / 2);
   frame.half_height = static_cast<float>(view.height) * (kSubpixels / 2);
   frame.orthographic = view.orthographic;
+  frame.omitted = view.omitted;
   const double scale = view.orthographic ? 1.0 : 1.0 / view.z_near;
   const double scale_x = static_cast<double>(frame.half_width) / view.half_width * scale;
   const double scale_y = static_cast<double>(frame.half_height) / view.half_height * scale;
@@ -51,6 +53,11 @@ SCREE_HD inline FrameView make_frame_view(const View& view) {
   }
   frame.offset_w = view.orthographic ? view.z_far / (view.z_far - view.z_near) : 0.0;
   return frame;
+}
+
+/// Whether the view leaves out an instance.
+SCREE_HD inline bool is_omitted(const FrameView& view, uint64_t instance) {
+  return view.omitted != nullptr && (view.omitted[instance / 32] >> (instance % 32) & 1) != 0;
 }
 
 /// One matrix per world matrix and lattice exponent: rows x, y and depth over (d, 1). d is a lattice coordinate minus

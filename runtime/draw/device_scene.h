@@ -160,6 +160,11 @@ class DeviceScene {
   /// Errors kDevice, kMemory.
   Result<DeviceView> add_view(const Scene& scene);
 
+  /// Brings the bits of View::omitted to the device, in place of those of the call before, which no picture may need
+  /// any more. Returns where they lie while this lives; null for none. Errors kRange (not a bit for each instance),
+  /// kDevice.
+  Result<const uint32_t*> set_omitted(std::span<const uint32_t> bits);
+
   /// How many GPUs draw it.
   uint32_t gpu_count() const;
 

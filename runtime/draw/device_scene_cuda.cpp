@@ -84,9 +84,14 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   return bytes;
 }
 
+/// Of DeviceScene::set_omitted().
+uint64_t omitted_words(const kernels::SceneView& scene) {
+  return (scene.instance_count + 31) / 32;
+}
+
 /// Device memory of the frames of the picture, and of its layers.
 uint64_t frames_bytes(const kernels::SceneView& host) {
-  uint64_t bytes = kernels::CudaFrames::device_bytes(host);
+  uint64_t bytes = kernels::CudaFrames::device_bytes(host) + omitted_words(host) * sizeof(uint32_t);
   if (host.blend_masks != nullptr) bytes += kernels::CudaFrames::device_bytes(kernels::blended_view(host));
   return bytes;
 }
@@ -151,6 +156,7 @@ struct DeviceScene::Impl {
   std::shared_ptr<DeviceView::Impl> own = std::make_shared<DeviceView::Impl>(*this);
   std::unique_ptr<CudaStream> stream;  // where the scene's pages do not lie on the device
   std::unique_ptr<GpuTeam> team;       // where several GPUs have them
+  DeviceBuffer omitted;                // of set_omitted()
   UploadStats stats;
 
   Result<void> make_frames(DeviceView::Impl& view, const kernels::SceneView& host) const {
@@ -263,6 +269,20 @@ Result<DeviceView> DeviceScene::add_view(const Scene& scene) {
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for another view"};
   }
+}
+
+Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t> bits) {
+  if (bits.empty()) return static_cast<const uint32_t*>(nullptr);
+  if (const uint64_t words = omitted_words(impl_->scene.view()); bits.size() != words)
+    return Error{ErrorCode::kRange,
+                 std::to_string(bits.size()) + " words of bits for the instances, expected " + std::to_string(words)};
+  DeviceBuffer& omitted = impl_->omitted;
+  Result<void> done = omitted.reserve(bits.size_bytes(), "allocating a bit for each instance");
+  if (done)
+    done = cuda_check(cudaMemcpy(omitted.data(), bits.data(), bits.size_bytes(), cudaMemcpyHostToDevice),
+                      "copying a bit for each instance");
+  if (!done) return done.error();
+  return reinterpret_cast<const uint32_t*>(omitted.data());
 }
 
 const kernels::SceneView& DeviceScene::device_view() const {

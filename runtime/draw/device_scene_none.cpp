@@ -76,6 +76,10 @@ uint32_t DeviceScene::gpu_count() const {
   return 1;
 }
 
+Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t>) {
+  return current_gpu().error();
+}
+
 bool DeviceScene::is_streamed() const {
   return false;
 }

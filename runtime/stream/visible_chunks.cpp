@@ -24,6 +24,7 @@ VisibleChunks::VisibleChunks(const kernels::SceneView& scene, const kernels::Vie
   parallel_for(blocks, threads, [&](uint64_t block) {
     const uint64_t end = std::min((block + 1) * kInstancesAtATime, scene.instance_count);
     for (uint64_t i = block * kInstancesAtATime; i < end; ++i) {
+      if (kernels::is_omitted(frame, i)) continue;
       const format::InstanceRecord& instance = scene.instances[i];
       const format::MeshRecord& mesh = scene.meshes[instance.mesh];
       if (mesh.triangle_count == 0 || !kernels::draws_mesh(scene, mesh)) continue;

@@ -112,7 +112,6 @@ std::string scene_text(const ViewSession& session, const SessionOptions& options
     json.member("nodes", uint64_t{container.nodes().size()});
     json.member("drawnOn", std::string_view(session.drawn_on()));
     json.member("deviceBytes", session.device_bytes());
-    json.member("canHide", session.can_hide());
     const runtime::WorldBox box = session.box();
     if (!box.is_empty()) {
       write_numbers(json, "boxMin", box.min);

@@ -29,56 +29,28 @@ Vec3 place_of(const kernels::View& view, double x, double y, double depth) {
   return out;
 }
 
-/// The scene without the instances of hidden nodes. It has its own triangle ids.
-class VisibleScene {
- public:
-  /// Throws std::bad_alloc.
-  void update(const runtime::Scene& scene, const Visibility& wanted) {
-    if (is_made_ && wanted == visibility_) return;
-    is_made_ = false;
-    const kernels::SceneView& whole = scene.view();
-    const auto nodes = scene.container().nodes();
-    std::vector<bool> hidden(nodes.size(), false), shown(nodes.size(), wanted.only.empty());
-    for (const uint32_t node : wanted.hidden)
-      if (node < nodes.size()) hidden[node] = true;
-    for (const uint32_t node : wanted.only)
-      if (node < nodes.size()) shown[node] = true;
-    for (uint64_t n = 0; n < nodes.size(); ++n) {  // parents come before their children
-      const uint32_t parent = nodes[n].parent;
-      if (parent == format::kNone) continue;
-      hidden[n] = hidden[n] || hidden[parent];
-      shown[n] = shown[n] || shown[parent];
-    }
-    instances_.clear();
-    numbers_.clear();
-    bases_.assign(1, 0);
-    for (uint64_t i = 0; i < whole.instance_count; ++i) {
-      const format::InstanceRecord& instance = whole.instances[i];
-      if (hidden[instance.node] || !shown[instance.node]) continue;
-      instances_.push_back(instance);
-      numbers_.push_back(i);
-      bases_.push_back(bases_.back() + whole.meshes[instance.mesh].triangle_count);
-    }
-    view_ = whole;
-    view_.instances = instances_.data();
-    view_.instance_base = bases_.data();
-    view_.instance_count = instances_.size();
-    visibility_ = wanted;
-    is_made_ = true;
+/// The bits of kernels::View::omitted. Throws std::bad_alloc.
+std::vector<uint32_t> omitted_bits(const runtime::Scene& scene, const Visibility& wanted) {
+  const auto nodes = scene.container().nodes();
+  std::vector<bool> hidden(nodes.size(), false), shown(nodes.size(), wanted.only.empty());
+  for (const uint32_t node : wanted.hidden)
+    if (node < nodes.size()) hidden[node] = true;
+  for (const uint32_t node : wanted.only)
+    if (node < nodes.size()) shown[node] = true;
+  for (uint64_t n = 0; n < nodes.size(); ++n) {  // parents come before their children
+    const uint32_t parent = nodes[n].parent;
+    if (parent == format::kNone) continue;
+    hidden[n] = hidden[n] || hidden[parent];
+    shown[n] = shown[n] || shown[parent];
   }
-
-  const kernels::SceneView& view() const { return view_; }
-  /// The instance's number in the whole scene.
-  uint64_t number(uint64_t instance) const { return numbers_[instance]; }
-
- private:
-  bool is_made_ = false;
-  Visibility visibility_;
-  std::vector<format::InstanceRecord> instances_;
-  std::vector<uint64_t> numbers_;
-  std::vector<uint64_t> bases_;
-  kernels::SceneView view_{};
-};
+  const kernels::SceneView& view = scene.view();
+  std::vector<uint32_t> bits((view.instance_count + 31) / 32, 0);
+  for (uint64_t i = 0; i < view.instance_count; ++i) {
+    const uint32_t node = view.instances[i].node;
+    if (hidden[node] || !shown[node]) bits[i / 32] |= 1u << (i % 32);
+  }
+  return bits;
+}
 
 /// Everything that determines a visibility buffer.
 struct BufferKey {
@@ -119,8 +91,10 @@ struct ViewSession::Impl {
   std::optional<runtime::DeviceScene> device;
   std::string drawn_on;
   runtime::Workers workers;
-  VisibleScene visible;
-  bool is_filtered = false;
+  // Of the last picture that did not show all nodes:
+  Visibility visibility;
+  std::vector<uint32_t> omitted;
+  const uint32_t* omitted_on_device = nullptr;  // null: not brought there yet
 
   // The last picture:
   std::optional<BufferKey> key;
@@ -133,8 +107,6 @@ struct ViewSession::Impl {
   double buffer_ms = 0;  // the time of drawing it
   std::vector<uint8_t> pixels;
   std::vector<uint32_t> device_pixels;
-
-  const kernels::SceneView& drawn_view() const { return is_filtered ? visible.view() : scene.view(); }
 
   Result<void> upload() {
     runtime::PictureNeeds pictures;
@@ -161,6 +133,22 @@ struct ViewSession::Impl {
     return scene.load_pages(options.threads);
   }
 
+  /// View::omitted of the next picture. Throws std::bad_alloc.
+  Result<const uint32_t*> omit(const Visibility& wanted) {
+    if (wanted.is_all()) return static_cast<const uint32_t*>(nullptr);
+    if (wanted != visibility) {
+      Visibility copy = wanted;
+      omitted = omitted_bits(scene, wanted);
+      visibility = std::move(copy);
+      omitted_on_device = nullptr;
+    }
+    if (!device) return static_cast<const uint32_t*>(omitted.data());
+    if (omitted_on_device != nullptr) return omitted_on_device;
+    const Result<const uint32_t*> brought = device->set_omitted(omitted);
+    if (brought) omitted_on_device = *brought;
+    return brought;
+  }
+
   Result<void> draw_buffer(const BufferKey& wanted, const kernels::ShadeOptions& shade) {
     key.reset();
     has_samples = false;
@@ -177,14 +165,15 @@ struct ViewSession::Impl {
     view.width *= wanted.samples;
     view.height *= wanted.samples;
     samples_per_side = wanted.samples;
-    is_filtered = !wanted.visibility.is_all();
-    if (is_filtered) visible.update(scene, wanted.visibility);
+    const Result<const uint32_t*> left_out = omit(wanted.visibility);
+    if (!left_out) return left_out.error();
+    view.omitted = *left_out;
     Result<kernels::FrameStats> drawn = kernels::FrameStats{};
     if (device) {
       drawn = device->draw(view, nullptr, &shade);
     } else {
       samples.resize(uint64_t{view.width} * view.height);
-      drawn = kernels::draw_cpu(drawn_view(), view, samples, options.threads);
+      drawn = kernels::draw_cpu(scene.view(), view, samples, options.threads);
       has_samples = bool(drawn);
     }
     if (!drawn) return drawn.error();
@@ -208,7 +197,7 @@ struct ViewSession::Impl {
     } else {
       out.channels = 3;
       pixels.resize(3 * count);
-      if (const Result<void> done = kernels::resolve_cpu(drawn_view(), view, samples_per_side, samples, shade, 3,
+      if (const Result<void> done = kernels::resolve_cpu(scene.view(), view, samples_per_side, samples, shade, 3,
                                                          pixels, options.threads, &blended);
           !done)
         return done.error();
@@ -299,8 +288,6 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
 
 Result<Drawn> ViewSession::draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
                                 const Visibility& visibility, const JpegKind* jpeg) try {
-  if (!visibility.is_all() && !can_hide())
-    return Error{ErrorCode::kUnsupported, "nodes are hidden by the CPU's renderer alone (--backend cpu)"};
   BufferKey wanted{request.camera, width, height, samples, visibility};
   kernels::ShadeOptions shade = request.shade;
   shade.lighting = impl_->options.light.lighting;
@@ -356,7 +343,7 @@ Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
   if (column >= view.width || row >= view.height) return std::optional<Picked>();
   const uint64_t sample = impl_->samples[row * view.width + column];
   if (sample == kernels::kBackground) return std::optional<Picked>();
-  const kernels::SceneView& scene = impl_->drawn_view();
+  const kernels::SceneView& scene = impl_->scene.view();
   const format::Container& container = impl_->scene.container();
   const kernels::Hit hit = kernels::find_triangle(scene, kernels::sample_id(sample));
   const format::InstanceRecord& instance = scene.instances[hit.instance];
@@ -364,7 +351,7 @@ Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
   Picked out;
   out.node = instance.node;
   out.node_instance = instance.node_instance;
-  out.instance = impl_->is_filtered ? impl_->visible.number(hit.instance) : hit.instance;
+  out.instance = hit.instance;
   out.mesh = instance.mesh;
   out.triangle = scene.chunks[hit.chunk].first_triangle + hit.triangle;
   out.material = mesh.material;
@@ -454,9 +441,6 @@ const std::string& ViewSession::drawn_on() const {
 }
 uint64_t ViewSession::device_bytes() const {
   return impl_->device ? impl_->device->stats().device_bytes : 0;
-}
-bool ViewSession::can_hide() const {
-  return !impl_->device;
 }
 runtime::Workers& ViewSession::workers() {
   return impl_->workers;

@@ -105,8 +105,7 @@ class ViewSession {
   /// Draws and shades a picture of `width` x `height` pixels. `visibility`: may name missing nodes. `jpeg`: how to
   /// encode it, if at all; a GPU encodes by itself, so that a file comes to the host instead of all pixels. The pixels
   /// equal those of `scree render` with the same camera, size, samples and shading, bit for bit. Errors kUsage (a
-  /// camera without a direction), kRange (more than kernels::kMaxImageSide samples per side), kMemory, kDevice,
-  /// kUnsupported (`visibility` hides something, but can_hide() is false).
+  /// camera without a direction), kRange (more than kernels::kMaxImageSide samples per side), kMemory, kDevice.
   Result<Drawn> draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
                      const Visibility& visibility, const JpegKind* jpeg = nullptr);
 
@@ -124,7 +123,6 @@ class ViewSession {
   const runtime::Scene& scene() const;
   const std::string& drawn_on() const;  // "cuda:0 (NVIDIA H200)", "the CPU, 16 threads"
   uint64_t device_bytes() const;        // on the GPU; 0 on the CPU
-  bool can_hide() const;                // whether nodes can be hidden
   runtime::Workers& workers();
 
  private:

@@ -15,6 +15,21 @@
 
 namespace scree::tests {
 
+/// Bits for View::omitted on the device.
+class DeviceBits {
+ public:
+  explicit DeviceBits(const std::vector<uint32_t>& bits) {
+    REQUIRE(buffer_.reserve(bits.size() * sizeof(uint32_t), "allocating bits"));
+    REQUIRE(kernels::cuda_check(
+        cudaMemcpy(buffer_.data(), bits.data(), bits.size() * sizeof(uint32_t), cudaMemcpyHostToDevice),
+        "copying bits"));
+  }
+  const uint32_t* data() const { return reinterpret_cast<const uint32_t*>(buffer_.data()); }
+
+ private:
+  kernels::DeviceBuffer buffer_;
+};
+
 class DeviceCopy {
  public:
   /// `host`: a builder's view(), whose pages are `pages`. Both must outlive this.

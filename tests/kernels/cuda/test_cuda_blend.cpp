@@ -9,6 +9,7 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/device_copy.h"
+#include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/blend_cases.h"
 
 using namespace scree;
@@ -99,4 +100,25 @@ TEST_CASE("layers of blended surfaces are drawn alike on the GPU", "[cuda][blend
     GpuLayers gpu(scene, device, sizes);
     for (size_t i = 0; i < views.size(); ++i) CHECK((gpu.draw(views[i]) == expected[i]));
   }
+}
+
+TEST_CASE("layers of omitted instances are left out alike on the GPU, and come back", "[cuda][blend][omitted]") {
+  const bool is_clustered = GENERATE(false, true);
+  SceneBuilder builder;
+  add_blended_meshes(builder, is_clustered);
+  const kernels::SceneView scene = builder.view();
+  View view = masked_views()[0];
+  if (kEmulatesGpu) view.width /= 2, view.height /= 2;
+  const std::vector<uint32_t> bits = random_omitted(scene.instance_count, 3);
+  const DrawnLayers all = draw_layers(scene, view);
+  const DrawnLayers expected = draw_layers(scene, omitting(view, bits.data()));
+  CHECK(expected.counts.layers > 0);
+  CHECK_FALSE((expected == all));
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  const DeviceBits there(bits);
+  GpuLayers gpu(scene, device, {});
+  CHECK((gpu.draw(view) == all));
+  CHECK((gpu.draw(omitting(view, there.data())) == expected));
+  CHECK((gpu.draw(view) == all));
 }

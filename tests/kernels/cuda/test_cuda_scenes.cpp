@@ -10,7 +10,9 @@
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/crowd.h"
 #include "tests/kernels/cuda/device_copy.h"
+#include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/hard_cases.h"
+#include "tests/kernels/raster/mask_cases.h"
 #include "tests/kernels/scene_builder.h"
 
 using namespace scree;
@@ -93,6 +95,44 @@ TEST_CASE("scenes that mix lattice and float32 meshes are drawn alike on the GPU
   for (const uint32_t mesh : meshes)
     for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
   compare(builder, all_views(), 5000);
+}
+
+// One frame after the other, so that hints of clusters outlive frames that omit them.
+TEST_CASE("omitted instances are left out alike on the GPU, and come back", "[cuda][omitted]") {
+  const bool is_clustered = GENERATE(false, true);
+  SceneBuilder builder;
+  add_masked_meshes(builder, is_clustered);
+  const kernels::SceneView scene = builder.view();
+  const std::vector<uint32_t> some = random_omitted(scene.instance_count, 1);
+  const std::vector<uint32_t> others = random_omitted(scene.instance_count, 2);
+  std::vector<View> views;
+  std::vector<const std::vector<uint32_t>*> omitted;
+  std::vector<std::vector<uint64_t>> expected;
+  const std::vector<View> cameras = masked_views();
+  for (size_t i = 0; i < cameras.size(); i += kEmulatesGpu ? 4 : 1) {
+    for (const std::vector<uint32_t>* bits : {static_cast<const std::vector<uint32_t>*>(nullptr), &some, &others,
+                                              static_cast<const std::vector<uint32_t>*>(nullptr)}) {
+      View view = cameras[i];
+      if (kEmulatesGpu) view.width /= 2, view.height /= 2;
+      views.push_back(view);
+      omitted.push_back(bits);
+      expected.push_back(draw(scene, omitting(view, bits != nullptr ? bits->data() : nullptr), 2));
+    }
+    const size_t last = expected.size() - 1;
+    CHECK(expected[last - 3] == expected[last]);
+    CHECK(expected[last - 2] != expected[last]);
+    CHECK(expected[last - 1] != expected[last - 2]);
+  }
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  const DeviceBits some_there(some);
+  const DeviceBits others_there(others);
+  for (size_t i = 0; i < views.size(); ++i)
+    if (omitted[i] != nullptr) views[i].omitted = omitted[i] == &some ? some_there.data() : others_there.data();
+  kernels::CudaQueueSizes two_passes;
+  two_passes.two_pass_groups = two_passes.round_groups = 1;
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), two_passes})
+    CHECK((device.draw_in_turn(views, sizes) == expected));
 }
 
 TEST_CASE("an orthographic camera sees float32 positions alike on the GPU", "[cuda]") {

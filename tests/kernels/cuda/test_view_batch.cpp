@@ -8,6 +8,7 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/device_copy.h"
+#include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/mask_cases.h"
 
 using namespace scree;
@@ -177,6 +178,30 @@ TEST_CASE("a batch of orthographic views is drawn as each of them alone", "[cuda
   std::vector<View> views;
   for (const View& view : random_views(6, 37, 41, 7)) views.push_back(orthographic(view, 1.2, 0.05, 6));
   compare(builder, views);
+}
+
+TEST_CASE("each view of a batch leaves out its own omitted instances", "[cuda][batch][omitted]") {
+  SceneBuilder builder;
+  add_meshes(builder);
+  const kernels::SceneView scene = builder.view();
+  std::vector<View> views = random_views(6, 40, 27, 8);
+  const std::vector<std::vector<uint32_t>> bits{random_omitted(scene.instance_count, 1),
+                                                random_omitted(scene.instance_count, 2)};
+  const Layers all = layers_on_cpu(scene, views, 1);
+  for (size_t i = 0; i < views.size(); ++i) views[i].omitted = i % 3 == 2 ? nullptr : bits[i % 3].data();
+  const Layers expected = layers_on_cpu(scene, views, 1);
+  CHECK_FALSE((expected == all));
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  const DeviceBits there[2]{DeviceBits(bits[0]), DeviceBits(bits[1])};
+  std::vector<View> shown = views;
+  for (size_t i = 0; i < views.size(); ++i) {
+    views[i].omitted = i % 3 == 2 ? nullptr : there[i % 3].data();
+    shown[i].omitted = nullptr;
+  }
+  DeviceBatch batch(scene, device, CudaViewBatch::kMostSamples);
+  CHECK((batch.draw(views, 1) == expected));
+  CHECK((batch.draw(shown, 1) == all));
 }
 
 TEST_CASE("which scenes and views are drawn in a batch", "[batch]") {

@@ -12,6 +12,7 @@
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
+#include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/runtime/load_scene.h"
@@ -170,6 +171,87 @@ TEST_CASE("pages that only the GPU has are drawn and picked alike", "[cuda]") {
       CHECK((*on_cpu)->mesh_triangle == (*on_gpu)->mesh_triangle);
     }
   }
+}
+
+TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one and in batches", "[cuda][omitted]") {
+  const scree::tests::TempFolder folder;
+  scree::tests::Encoding clustered;
+  clustered.clusters = scree::tests::Clusters::kClustered;
+  scree::tests::PagedScene paged;
+  paged.drawn_twice = true;
+  paged.write(folder.file("paged.scree"), {{scree::tests::grid(9, 0.2), clustered},
+                                           {scree::tests::sphere(12, 0.1), clustered},
+                                           {scree::tests::grid(3, 0.5), clustered}});
+  const Scene scene = must_load(folder.file("paged.scree"));
+  const std::vector<std::vector<uint32_t>> bits{{0x15u}, {0x2au}};  // one instance of each mesh, then the other
+  std::vector<View> views;
+  std::vector<int64_t> expected;
+  std::vector<uint64_t> first;  // samples of the first view
+  for (uint32_t i = 0; i < 5; ++i) {
+    scree::runtime::CameraOptions camera;
+    camera.width = 64;
+    camera.height = 48;
+    camera.eye = scree::runtime::Vec3{2.0 - 0.5 * i, 1.5, 2};
+    camera.target = scree::runtime::Vec3{0, 0, 0};
+    views.push_back(scree::tests::must_view(scene, camera));
+    const Result<Frame> frame = Frame::draw(scene, scree::tests::omitting(views[i], bits[0].data()), 1, 2);
+    REQUIRE(frame);
+    const Result<std::vector<int64_t>> ids = frame->layer<int64_t>(scree::runtime::PixelLayer::kTriangle, 2);
+    REQUIRE(ids);
+    expected.insert(expected.end(), ids->begin(), ids->end());
+    if (i == 0) first.assign(frame->samples().begin(), frame->samples().end());
+  }
+  const Result<Frame> whole = Frame::draw(scene, views[0], 1, 2);
+  const Result<Frame> other = Frame::draw(scene, scree::tests::omitting(views[0], bits[1].data()), 1, 2);
+  REQUIRE(whole);
+  REQUIRE(other);
+  const auto is = [](std::span<const uint64_t> a, std::span<const uint64_t> b) {
+    return std::equal(a.begin(), a.end(), b.begin(), b.end());
+  };
+  CHECK_FALSE(is(first, whole->samples()));
+  CHECK_FALSE(is(first, other->samples()));
+  if (!scree::tests::has_gpu()) return;
+
+  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+  REQUIRE(device);
+  CHECK(device->set_omitted(std::vector<uint32_t>(2)).error().code == scree::ErrorCode::kRange);
+  CHECK(device->set_omitted({}).value() == nullptr);
+  std::vector<scree::runtime::DeviceView> both;
+  for (int i = 0; i < 2; ++i) {
+    Result<scree::runtime::DeviceView> view = device->add_view(scene);
+    REQUIRE(view);
+    both.push_back(std::move(*view));
+  }
+  std::vector<uint64_t> samples(first.size());
+  for (const size_t set : {0u, 1u, 2u, 0u}) {
+    const Result<const uint32_t*> brought = device->set_omitted(set == 2 ? std::vector<uint32_t>() : bits[set]);
+    REQUIRE(brought);
+    for (scree::runtime::DeviceView& view : both) {
+      REQUIRE(view.draw(scree::tests::omitting(views[0], *brought)));
+      REQUIRE(view.read_samples(samples));
+      CHECK(is(samples, set == 2 ? whole->samples() : set == 1 ? other->samples() : first));
+    }
+  }
+  const Result<const uint32_t*> brought = device->set_omitted(bits[0]);
+  REQUIRE(brought);
+  for (View& view : views) view.omitted = *brought;
+  const uint64_t bytes = first.size() * sizeof(int64_t);
+  const Result<std::byte*> block = both[1].reserve_block(0, views.size() * bytes);
+  REQUIRE(block);
+  const auto target = [&](size_t i) {
+    return scree::runtime::target_of(scree::runtime::PixelLayer::kTriangle, *block + i * bytes);
+  };
+  std::vector<int64_t> ids(expected.size());
+  REQUIRE(
+      both[1].draw_batch(scene, views, nullptr, [&](size_t i) { return both[1].make_layers(views[i], 1, target(i)); }));
+  REQUIRE(both[1].read(*block, std::as_writable_bytes(std::span(ids))));
+  CHECK(ids == expected);
+  ids.assign(ids.size(), 0);
+  const auto together = both[1].draw_together(scene, views, 1, target(0));
+  REQUIRE(together);
+  REQUIRE(together->has_value());
+  REQUIRE(both[1].read(*block, std::as_writable_bytes(std::span(ids))));
+  CHECK(ids == expected);
 }
 
 TEST_CASE("a scene over the device's budget is refused with both sizes", "[cuda]") {

@@ -20,6 +20,7 @@
 #include "runtime/stream/visible_chunks.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
+#include "tests/kernels/omitted_cases.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
@@ -210,6 +211,8 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
   const Scene whole = must_load(folder.file("soup.scree"));
   const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
 
+  const std::vector<uint32_t> omitted = scree::tests::random_omitted(scene.view().instance_count, 4);
+
   uint64_t all = 0;
   uint64_t largest = 0;
   for (const uint64_t bytes : runtime::ChunkSource(scene).chunk_bytes()) {
@@ -235,14 +238,21 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
         const double turn = i / 2;  // every view twice
         camera.eye = runtime::Vec3{4 - 3 * turn, 1 - turn, 6 - 2 * turn};
         camera.target = runtime::Vec3{0, 0, 0};
-        const View view = must_view(whole, camera);
+        View view = must_view(whole, camera);
+        View on_device = view;
+        if (i == 3) {
+          view.omitted = omitted.data();
+          const Result<const uint32_t*> brought = device->set_omitted(omitted);
+          REQUIRE(brought);
+          on_device.omitted = *brought;
+        }
         ShadeOptions shade;
         shade.show = i % 3 == 2 ? Show::kNormal : Show::kColor;
         shade.ssao = i == 3;
         const uint32_t side = i == 4 ? 2 : 1;
         const Result<Frame> expected = Frame::draw(whole, view, side, 2);
         REQUIRE(expected);
-        Result<Frame> frame = Frame::draw(scene, view, side, 2, &*device, &shade);
+        Result<Frame> frame = Frame::draw(scene, on_device, side, 2, &*device, &shade);
         if (!frame) FAIL(frame.error().message);
         REQUIRE(device->stream_stats());
         const Result<Picture> picture = frame->shade(shade, 2);

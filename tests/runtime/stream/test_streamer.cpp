@@ -13,6 +13,7 @@
 #include "runtime/draw/stream_cpu.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
+#include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
@@ -311,6 +312,30 @@ TEST_CASE("streamed pictures are those of the whole scene: files of tests/data",
     options.chunk_triangles = 1;
     scree::tests::must_convert(options);
     compare_paths(Compared(folder.file("out.scree")), 7, 2);
+  }
+}
+
+TEST_CASE("streamed pictures leave out omitted instances, whose chunks are not loaded", "[streamer][omitted]") {
+  for (const char* name : {"gpu_instancing.glb", "materials.gltf"}) {
+    INFO(name);
+    const TempFolder folder;
+    convert::ConvertOptions options = scree::tests::options_of(folder);
+    options.input = scree::tests::data_path(name).string();
+    options.chunk_triangles = 1;
+    scree::tests::must_convert(options);
+    const Compared scene(folder.file("out.scree"));
+    const View view = must_view(scene.whole(), {.width = 97, .height = 61});
+    const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().least);
+    const StreamStats all = scene.draw(*stream, view, 1, {});
+    const uint64_t instances = scene.whole().view().instance_count;
+    for (const uint32_t seed : {1u, 2u}) {
+      const std::vector<uint32_t> bits = scree::tests::random_omitted(instances, seed);
+      const StreamStats some = scene.draw(*stream, scree::tests::omitting(view, bits.data()), 1, {});
+      CHECK(some.drawn.triangles < all.drawn.triangles);
+    }
+    const std::vector<uint32_t> none((instances + 31) / 32, ~0u);
+    CHECK(scene.draw(*stream, scree::tests::omitting(view, none.data()), 1, {}).seen_chunks == 0);
+    CHECK(scene.draw(*stream, view, 1, {}).seen_bytes == all.seen_bytes);
   }
 }
 

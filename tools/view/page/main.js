@@ -208,9 +208,6 @@ function opened(message) {
   $('scene-facts').textContent = `${countText(scene.triangles)} triangles in ${countText(scene.instances)} instances, on ${scene.drawnOn}`;
   document.title = `${scene.name} – scree view`;
   camera.size = scene.boxMin ? Math.max(distance(scene.boxMin, scene.boxMax), 1e-9) : 1;
-  tree.canHide = scene.canHide;
-  $('tree-hint').hidden = scene.canHide;
-  $('tree-hint').textContent = 'Nodes can be hidden where the CPU draws (--backend cpu).';
   if (isFirst) {
     if (!readAddress()) camera.set(homePose());
     fillCameras();
@@ -376,7 +373,6 @@ function showPick() {
   const last = picks.at(-1);
   $('picked').hidden = $('picked-buttons').hidden = !last;
   $('picked-hint').hidden = Boolean(last);
-  for (const button of $('picked-buttons').querySelectorAll('[data-do=hide],[data-do=isolate]')) button.hidden = !scene.canHide;
   if (!last) return;
   const named = (number, name) => name ? `${name} (${number})` : `${number}`;
   const box = last.box, side = (k) => distance(box[0], box[1 << k]);
@@ -617,8 +613,8 @@ const actions = {
   help: () => $('help').open ? $('help').close() : $('help').showModal(),
   axis: (button) => ease(axisPose(button.dataset.axis)),
   unpick,
-  hide: () => { if (picks.length && scene.canHide) tree.toggle(picks.at(-1).node); },
-  isolate: () => { if (picks.length && scene.canHide) tree.isolate(picks.at(-1).node); },
+  hide: () => { if (picks.length) tree.toggle(picks.at(-1).node); },
+  isolate: () => { if (picks.length) tree.isolate(picks.at(-1).node); },
   'show-all': () => tree.showAll(),
   key: addKey,
   play,

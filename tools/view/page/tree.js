@@ -16,7 +16,6 @@ export class Tree {
     this.only = new Set();
     this.open = new Set();
     this.picked = -1;
-    this.canHide = true;
     box.addEventListener('scroll', () => this.draw());
     search.addEventListener('input', () => this.list());
   }
@@ -92,10 +91,8 @@ export class Tree {
     part('span', 'fold', hasChildren ? (this.open.has(node) ? '▾' : '▸') : '', '', () => this.fold(node));
     part('span', 'name', this.name(node), this.name(node));
     part('span', 'size', this.triangles[node] ? countText(this.triangles[node]) : '', `${this.triangles[node]} triangles`);
-    if (this.canHide) {
-      part('button', 'only', '◎', 'Show this alone', () => this.isolate(node));
-      part('button', 'eye', this.hidden.has(node) ? '○' : '●', this.hidden.has(node) ? 'Show' : 'Hide', () => this.toggle(node));
-    }
+    part('button', 'only', '◎', 'Show this alone', () => this.isolate(node));
+    part('button', 'eye', this.hidden.has(node) ? '○' : '●', this.hidden.has(node) ? 'Show' : 'Hide', () => this.toggle(node));
     return row;
   }
 
