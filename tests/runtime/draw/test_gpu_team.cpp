@@ -149,6 +149,19 @@ TEST_CASE("GPUs that share a scene's pages draw what one draws", "[cuda][gpus]")
       REQUIRE(team->read_layer(view, 1, layer, of_team));
       CHECK(of_one == of_team);
     }
+    // Hidden instances are hidden on all GPUs.
+    const uint32_t omitted[] = {0b1001};
+    const Result<const uint32_t*> bits = team->set_omitted(omitted);
+    if (!bits) FAIL(bits.error().message);
+    View hiding = view;
+    hiding.omitted = omitted;
+    const Result<Frame> without = Frame::draw(whole, hiding, 1, 2);
+    REQUIRE(without);
+    hiding.omitted = *bits;
+    REQUIRE(team->draw(hiding));
+    std::vector<uint64_t> seen(uint64_t{view.width} * view.height);
+    REQUIRE(team->read_samples(seen));
+    CHECK(std::equal(seen.begin(), seen.end(), without->samples().begin(), without->samples().end()));
     // A batch is drawn by the first GPU alone, from the pages of all.
     Result<runtime::DeviceView> batch = team->add_view(scene);
     REQUIRE(batch);
