@@ -135,10 +135,10 @@ __device__ inline void filter_vertices(const ClusterFrame& frame, const Prepared
 }
 
 /// Appends the triangles of a staged cluster that may cover a pixel centre to those that wait; returns how many do.
-/// `kAffine`: by shared.screen_places. Else, of `parts` parts, it takes those of one: every parts-th 32. `kNarrow`: the
-/// cluster's steps have one bit. Not unrolled: a multiprocessor's cache of instructions holds little more of the kernel
-/// than what is run.
-template <bool kAffine, bool kNarrow>
+/// `kAffine`: by shared.screen_places. Else, of `parts` parts, it takes those of one: every parts-th 32. `kBytes`: the
+/// cluster's steps have one bit and its distances 4, so that a triangle's two take a byte. Not unrolled: a
+/// multiprocessor's cache of instructions holds little more of the kernel than what is run.
+template <bool kAffine, bool kBytes>
 __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, const ClusterStage& stage,
                                             uint32_t survivor_count, uint32_t part, uint32_t parts) {
   ClusterShared& shared = cluster_shared();
@@ -146,17 +146,19 @@ __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, cons
   const uint32_t before_lane = (1u << lane) - 1;
   const uint32_t up_to_lane = 2 * before_lane + 1;
   const uint32_t last_triangle = byte_of(cluster.shape, PreparedCluster::kLastTriangle);
-  const uint32_t distance_bits = byte_of(cluster.shape, PreparedCluster::kDistanceBits);
+  const uint32_t distance_bits = kBytes ? 4 : byte_of(cluster.shape, PreparedCluster::kDistanceBits);
   const uint32_t mask = (1u << distance_bits) - 1;
   const uint32_t rounds = last_triangle / kWarpLanes + 1;
-  const bool wide_steps = !kNarrow && (cluster.offsets & PreparedCluster::kWideSteps) != 0;
+  const bool wide_steps = !kBytes && (cluster.offsets & PreparedCluster::kWideSteps) != 0;
   const uint32_t item = cluster.item;
   const uint32_t twice_slack = cluster.projection.twice_slack;
   const uint32_t fraction = cluster.projection.fraction;
   const uint32_t* steps = stage.words() + byte_of(cluster.offsets, PreparedCluster::kSteps);
+  const uint32_t* distances = stage.words() + byte_of(cluster.offsets, PreparedCluster::kDistances);
+  const auto* const bytes = reinterpret_cast<const uint8_t*>(distances);
   // As with vertices, each lane's distances begin at the same bit of a word.
   const uint32_t bit = lane * 2 * distance_bits;
-  const uint32_t* distances = stage.words() + byte_of(cluster.offsets, PreparedCluster::kDistances) + (bit >> 5);
+  distances += bit >> 5;
   uint32_t largest = 2;  // vertex of the triangles before
 #pragma unroll 1
   for (uint32_t triangle = lane; triangle < rounds * kWarpLanes;
@@ -171,7 +173,7 @@ __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, cons
     }
     if (!kAffine && parts != 1 && triangle / kWarpLanes % parts != part) continue;
     // Lanes past the last triangle read what follows it, and then look at the last.
-    uint32_t code = __funnelshift_r(distances[0], distances[1], bit);
+    uint32_t code = kBytes ? bytes[triangle] : __funnelshift_r(distances[0], distances[1], bit);
     bool survives = triangle <= last_triangle;
     if (!survives) code = 0;
     const uint32_t b = a - (code & mask);
@@ -452,7 +454,8 @@ class ClusterWarp {
           project_vertices<true>(cluster, stage);
         }
         __syncwarp();
-        survivor_count_ = (cluster.offsets & PreparedCluster::kWideSteps) == 0
+        const bool is_narrow = (cluster.offsets & PreparedCluster::kWideSteps) == 0;
+        survivor_count_ = is_narrow && byte_of(cluster.shape, PreparedCluster::kDistanceBits) == 4
                               ? filter_triangles<true, true>(cluster, stage, survivor_count_, 0, 1)
                               : filter_triangles<true, false>(cluster, stage, survivor_count_, 0, 1);
       } else {
