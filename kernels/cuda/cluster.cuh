@@ -285,17 +285,23 @@ template <bool kOrthographic>
 __device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const SurvivorTriangle& survivor,
                                                 const MaskView* mask, MaskPlane& out) {
   const SurvivorReader reader(frame, survivor);
-  const format::ChunkRecord& chunk = frame.small.scene.chunks[reader.draw.chunk];
-  const StoredUvs uvs(chunk, reinterpret_cast<const std::byte*>(reader.data) +
-                                 format::packed_bytes(chunk.cluster_words, 32));  // as format::chunk_streams() has them
+  const SceneView& scene = frame.small.scene;
+  const format::ChunkRecord& chunk = scene.chunks[reader.draw.chunk];
+  // As format::chunk_streams() has them.
+  const std::byte* const uvs =
+      reinterpret_cast<const std::byte*>(reader.data) + format::packed_bytes(chunk.cluster_words, 32);
+  const std::byte* colors = nullptr;
+  if (masks_by_colors(scene, scene.meshes[chunk.mesh]))
+    colors = uvs + format::packed_bytes(chunk.vertex_count, uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1]);
+  const MaskVertices vertices(chunk, uvs, colors);
   const auto corner = [&](int n, double d[3]) {
     int32_t position[3];
     reader.relative(static_cast<uint32_t>(n), position);
     for (int k = 0; k < 3; ++k) d[k] = static_cast<double>(position[k]);
     return reader.first_vertex + reader.corner(static_cast<uint32_t>(n));
   };
-  make_mask_plane<kOrthographic>(mask, frame.small.view, frame.small.list.transforms[reader.draw.instance], uvs, corner,
-                                 out);
+  make_mask_plane<kOrthographic>(mask, frame.small.view, frame.small.list.transforms[reader.draw.instance], vertices,
+                                 corner, out);
 }
 
 /// As LaneMask, of a cluster's triangle: its corners are read as they were to draw it.

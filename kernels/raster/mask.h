@@ -78,8 +78,23 @@ SCREE_HD inline bool mask_passes(const MaskView& mask, double u, double v, float
   return mask_alpha(mask, u, v, footprint) >= mask.threshold;
 }
 
-/// A triangle on its mask: what each sample is tested by. `weight` and `moved[c]` are linear in the sample (x, y, 1);
-/// moved[c] / weight is how far coordinate c is from corner 0's, `first[c]`.
+/// The alpha codes of three corners, 8 bits each from corner 0 on.
+inline constexpr uint32_t kOpaqueCorners = 0xffffff;
+/// An alpha between those of corners: 1 is this.
+inline constexpr uint32_t kOpaqueVertices = 255 * 256;
+
+/// The alpha of vertex colours `moved` codes from that of corner 0; in 1 / kOpaqueVertices.
+SCREE_HD inline uint32_t corner_alpha(uint32_t codes, double moved) {
+  const auto first = static_cast<double>(codes & 255);
+  const double to1 = static_cast<double>(codes >> 8 & 255) - first;
+  const double to2 = static_cast<double>(codes >> 16) - first;
+  const double least = min_of(min_of(to1, to2), 0.0);
+  const double most = max_of(max_of(to1, to2), 0.0);
+  return static_cast<uint32_t>(std::floor(256.0 * (first + min_of(max_of(moved, least), most))));
+}
+
+/// A triangle on its mask: what each sample is tested by. `weight`, `moved[c]` and `moved_alpha` are linear in the
+/// sample (x, y, 1); moved[c] / weight is how far coordinate c is from corner 0's, `first[c]`.
 struct MaskPlane {
   static constexpr bool kTests = true;
 
@@ -89,12 +104,27 @@ struct MaskPlane {
   double first[2];
   float least[2];  // of moved / weight at the corners
   float most[2];
+  float moved_alpha[3];  // of the vertex colours' alpha, in codes; set where a corner has less than 255
+  uint32_t corners;      // their codes
 
   SCREE_HD bool passes(int32_t sample_x, int32_t sample_y) const {
-    return mask == nullptr || alpha(sample_x, sample_y) >= mask->threshold;
+    if (mask == nullptr) return true;
+    const uint32_t texels = alpha(sample_x, sample_y);
+    if (corners == kOpaqueCorners) return texels >= mask->threshold;
+    return uint64_t{texels} * vertex_alpha(sample_x, sample_y) >= uint64_t{mask->threshold} * kOpaqueVertices;
   }
 
-  /// As mask_alpha(); there is a mask.
+  /// As corner_alpha(); not kOpaqueCorners.
+  SCREE_HD uint32_t vertex_alpha(int32_t sample_x, int32_t sample_y) const {
+    const auto x = static_cast<double>(sample_x);
+    const auto y = static_cast<double>(sample_y);
+    const double inverse = 1.0 / (weight[0] * x + weight[1] * y + weight[2]);
+    const double sum = static_cast<double>(moved_alpha[0]) * x + static_cast<double>(moved_alpha[1]) * y +
+                       static_cast<double>(moved_alpha[2]);
+    return corner_alpha(corners, sum * inverse);
+  }
+
+  /// As mask_alpha(), without the vertex colours'; there is a mask.
   SCREE_HD uint32_t alpha(int32_t sample_x, int32_t sample_y) const {
     const auto x = static_cast<double>(sample_x);
     const auto y = static_cast<double>(sample_y);
@@ -130,20 +160,32 @@ SCREE_HD inline uint32_t is_tested(const SceneView& scene, const MaskView* mask)
   return scene.draws_blended || mask != nullptr ? 1 : 0;
 }
 
-/// The texture coordinates that a chunk stores, before the mask's transform.
-struct StoredUvs {
+/// Whether the alpha of a masked mesh's vertex colours is multiplied in. That of blended surfaces is not: it is their
+/// layers' own.
+SCREE_HD inline bool masks_by_colors(const SceneView& scene, const format::MeshRecord& mesh) {
+  return (mesh.attributes & format::kHasColor) != 0 && !scene.draws_blended;
+}
+
+/// What a chunk stores of its vertices for a mask: texture coordinates, before the mask's transform, and colours.
+struct MaskVertices {
   const std::byte* stream;
+  const std::byte* colors;  // null: their alpha is 1
   uint32_t bits[2];
   int64_t min[2];
   double step;
 
-  SCREE_HD StoredUvs(const format::ChunkRecord& chunk, const std::byte* of_chunk)
-      : stream(of_chunk),
+  SCREE_HD MaskVertices(const format::ChunkRecord& chunk, const std::byte* uvs, const std::byte* with_colors)
+      : stream(uvs),
+        colors(with_colors),
         bits{chunk.uv_bits[0], chunk.uv_bits[1]},
         min{chunk.uv_min[0], chunk.uv_min[1]},
         step(format::exp2i(chunk.uv_exponent)) {}
 
-  SCREE_HD void read(uint32_t vertex, double out[2]) const {
+  SCREE_HD uint32_t alpha(uint32_t vertex) const {
+    return colors != nullptr ? static_cast<uint32_t>(colors[4 * uint64_t{vertex} + 3]) : 255u;
+  }
+
+  SCREE_HD void read_uv(uint32_t vertex, double out[2]) const {
     uint64_t bit = uint64_t{vertex} * (bits[0] + bits[1]);
     for (int c = 0; c < 2; ++c) {
       const uint32_t code = bits[c] == 0 ? 0u : unpack_bits(stream, bit, bits[c]);
@@ -157,7 +199,7 @@ struct StoredUvs {
 /// corner n; writes its position less the transform's reference to d, 3 doubles.
 template <bool kOrthographic, class Corner>
 SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view, const Transform& transform,
-                                     const StoredUvs& uvs, const Corner& corner, MaskPlane& out) {
+                                     const MaskVertices& vertices, const Corner& corner, MaskPlane& out) {
   // Homogeneous, in sub-pixels from the centre of the image's first sample.
   const double origin_x = static_cast<double>(view.width * (kSubpixels / 2) - kSubpixels / 2);
   const double origin_y = static_cast<double>(view.height * (kSubpixels / 2) - kSubpixels / 2);
@@ -165,6 +207,7 @@ SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view
   double y[3] = {};
   double w[3] = {};
   double uv[3][2] = {};
+  uint32_t codes = 0;
   // One after the other on a GPU, by the same instructions: a multiprocessor's cache of them is small.
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
@@ -183,11 +226,13 @@ SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view
     x[2] = row(transform.exact_x) + origin_x * w[2];
     y[2] = row(transform.exact_y) + origin_y * w[2];
     double stored[2];
-    uvs.read(vertex, stored);
+    vertices.read_uv(vertex, stored);
+    codes = codes >> 8 | vertices.alpha(vertex) << 16;
     for (int c = 0; c < 2; ++c)
       uv[2][c] = mask->place[c][0] * stored[0] + mask->place[c][1] * stored[1] + mask->place[c][2];
   }
   out.mask = mask;
+  out.corners = codes;
   for (int c = 0; c < 2; ++c) {
     const double to1 = uv[1][c] - uv[0][c];
     const double to2 = uv[2][c] - uv[0][c];
@@ -195,12 +240,17 @@ SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view
     out.least[c] = static_cast<float>(min_of(min_of(to1, to2), 0.0));
     out.most[c] = static_cast<float>(max_of(max_of(to1, to2), 0.0));
   }
-  for (int n = 0; n < 3; ++n) {
+  // The edge function opposite corner n, over samples.
+  const auto edge_of = [&](int n, double edge[3]) {
     const int a = n == 2 ? 0 : n + 1;
     const int b = a == 2 ? 0 : a + 1;
-    // The edge function opposite corner n, over samples.
-    const double edge[3] = {(y[a] * w[b] - w[a] * y[b]) * kSubpixels, (w[a] * x[b] - x[a] * w[b]) * kSubpixels,
-                            x[a] * y[b] - y[a] * x[b]};
+    edge[0] = (y[a] * w[b] - w[a] * y[b]) * kSubpixels;
+    edge[1] = (w[a] * x[b] - x[a] * w[b]) * kSubpixels;
+    edge[2] = x[a] * y[b] - y[a] * x[b];
+  };
+  for (int n = 0; n < 3; ++n) {
+    double edge[3];
+    edge_of(n, edge);
     for (int i = 0; i < 3; ++i) {
       out.weight[i] = n == 0 ? edge[i] : out.weight[i] + edge[i];
       for (int c = 0; c < 2 && n != 0; ++c) {
@@ -209,24 +259,36 @@ SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view
       }
     }
   }
+  if (codes == kOpaqueCorners) return;
+  const auto code = [&](int n) { return static_cast<double>(codes >> 8 * n & 255); };
+  double edge1[3];
+  double edge2[3];
+  edge_of(1, edge1);
+  edge_of(2, edge2);
+  for (int i = 0; i < 3; ++i)
+    out.moved_alpha[i] = static_cast<float>((code(1) - code(0)) * edge1[i] + (code(2) - code(0)) * edge2[i]);
 }
 
 /// The same, of triangle `number` of the chunk that `reader` reads. Out of line, for it takes many registers.
 template <bool kOrthographic>
-[[gnu::noinline]] SCREE_HD void make_mask_plane(const MaskView* mask, const FrameView& view, const Transform& transform,
-                                                const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                                                const std::byte* page, const ChunkReader& reader, uint32_t number,
-                                                MaskPlane& out) {
+[[gnu::noinline]] SCREE_HD void make_mask_plane(const SceneView& scene, const FrameView& view,
+                                                const Transform& transform, const format::MeshRecord& mesh,
+                                                const format::ChunkRecord& chunk, const std::byte* page,
+                                                const ChunkReader& reader, uint32_t number, MaskPlane& out) {
+  const MaskView* const mask = mask_of(scene, mesh);
   out.mask = nullptr;
   if (mask == nullptr) return;
   uint32_t vertex[3];
   reader.triangle(number, vertex);
-  const StoredUvs uvs(chunk, page + chunk.offset + streams_of(mesh, chunk).uvs.offset);
+  const format::ChunkStreams streams = streams_of(mesh, chunk);
+  const std::byte* const data = page + chunk.offset;
+  const MaskVertices vertices(chunk, data + streams.uvs.offset,
+                              masks_by_colors(scene, mesh) ? data + streams.colors.offset : nullptr);
   const auto corner = [&](int n, double d[3]) {
     reader.exact_relative(vertex[n], d);
     return vertex[n];
   };
-  make_mask_plane<kOrthographic>(mask, view, transform, uvs, corner, out);
+  make_mask_plane<kOrthographic>(mask, view, transform, vertices, corner, out);
 }
 
 /// As above, of triangle `number` of a chunk of the scene.
@@ -238,7 +300,7 @@ template <bool kOrthographic>
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   const std::byte* const page = scene.pages[chunk.page];
   const ChunkReader reader = make_reader(mesh, chunk, page, transform, number);
-  make_mask_plane<kOrthographic>(mask_of(scene, mesh), view, transform, mesh, chunk, page, reader, number, out);
+  make_mask_plane<kOrthographic>(scene, view, transform, mesh, chunk, page, reader, number, out);
 }
 
 /// What stages 2 and 3 find the masks of their triangles by: nothing where none is masked.

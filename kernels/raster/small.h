@@ -151,7 +151,7 @@ struct RasterSmall {
                                    const PixelBox& box, int64_t area) const {
     const MaskedChunk<true>& masked = context.masked;
     MaskPlane plane;
-    make_mask_plane<kOrthographic>(masked.mask, view, *context.transform, *masked.mesh, *masked.chunk, masked.page,
+    make_mask_plane<kOrthographic>(scene, view, *context.transform, *masked.mesh, *masked.chunk, masked.page,
                                    *context.reader, number, plane);
     if (fits_narrow_edges(triangle.x, triangle.y)) {
       draw_box<kOrthographic, int32_t>(team, target, triangle, box, area, plane);

@@ -206,19 +206,21 @@ def textured_cube():
 
 
 def masked():
-    """A square whose alpha is a disc, and one that an alpha mask hides nowhere."""
+    """A square whose alpha is a disc, one that an alpha mask hides nowhere, and a disc that vertex colours cut off."""
     m = Model("masked")
     corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
     places = [(0, 2), (1.5, 2), (1.5, 0), (0, 0)]
     attributes = {"POSITION": m.positions(corners), "TEXCOORD_0": m.accessor(places)}
     indices = m.accessor([0, 1, 2, 0, 2, 3], USHORT)
-    for number, low in enumerate((10, 200)):
+    colors = m.accessor([(1.0, 1.0, 1.0, alpha) for alpha in (1.0, 0.2, 0.2, 1.0)])
+    for number, low in enumerate((10, 200, 10)):
         disc = [value for y in range(20) for x in range(20)
                 for value in (200, 12 * x, 90, 240 if (x - 9.5) ** 2 + (y - 9.5) ** 2 < 60 else low)]
         image = {"bufferView": m.view(png(20, 20, disc, 4)), "mimeType": "image/png", "name": "disc"}
         material = m.material("disc", m.texture(image, wrapS=33648), alphaMode="MASK", doubleSided=True)
-        m.node(name="Square", translation=[0, 0, number], mesh=m.mesh({"attributes": attributes, "indices": indices,
-                                                                        "material": material}, name="square"))
+        more = {"COLOR_0": colors} if number == 2 else {}
+        m.node(name="Square", translation=[0, 0, number] if number < 2 else [1.25, 0, 0],
+               mesh=m.mesh({"attributes": {**attributes, **more}, "indices": indices, "material": material}, name="square"))
     m.save_glb()
 
 

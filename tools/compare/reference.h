@@ -36,6 +36,7 @@ struct ReferenceMesh {
   bool double_sided = false;
   const ReferenceMask* mask = nullptr;  // null: all of every triangle is there
   std::span<const float> uvs{};         // u v a vertex, where there is a mask
+  std::span<const float> alphas{};      // of the vertex colours, where there is a mask; empty: 1
   bool is_drawn = true;                 // false: nothing of it is opaque
 };
 

@@ -9,9 +9,9 @@ namespace {
 using kernels::View;
 using TexturePoint = std::array<double, 2>;
 
-/// Where the ray meets the triangle's plane on the mask. With `inside` the weights are brought into the triangle.
-TexturePoint place_of(const View& view, const std::array<SeenPoint, 3>& corners,
-                      const std::array<TexturePoint, 3>& places, Ray ray, bool inside) {
+/// What the corners count where the ray meets the triangle's plane; their sum is 1. With `inside` they are brought into
+/// the triangle.
+std::array<double, 3> shares_of(const View& view, const std::array<SeenPoint, 3>& corners, Ray ray, bool inside) {
   std::array<double, 3> weights = corner_weights(view, corners, ray);
   const double orientation = weights[0] + weights[1] + weights[2] < 0 ? -1 : 1;
   double sum = 0;
@@ -19,9 +19,14 @@ TexturePoint place_of(const View& view, const std::array<SeenPoint, 3>& corners,
     weight = inside ? std::max(orientation * weight, 0.0) : orientation * weight;
     sum += weight;
   }
+  for (double& weight : weights) weight /= sum;
+  return weights;
+}
+
+TexturePoint place_of(const std::array<TexturePoint, 3>& places, const std::array<double, 3>& shares) {
   TexturePoint place{};
   for (size_t n = 0; n < 3; ++n)
-    for (size_t c = 0; c < 2; ++c) place[c] += weights[n] / sum * places[n][c];
+    for (size_t c = 0; c < 2; ++c) place[c] += shares[n] * places[n][c];
   return place;
 }
 
@@ -57,9 +62,10 @@ bool mask_passes(const View& view, const ReferenceMesh& mesh, uint64_t triangle,
   constexpr double kStep = 1e-3;
   const Ray ray = ray_of(view, x, y);
   const double pixel_x = 2 * view.half_width / view.width, pixel_y = 2 * view.half_height / view.height;
-  const TexturePoint at = place_of(view, corners, places, ray, false);
-  const TexturePoint right = place_of(view, corners, places, {ray.x + kStep * pixel_x, ray.y}, false);
-  const TexturePoint down = place_of(view, corners, places, {ray.x, ray.y - kStep * pixel_y}, false);
+  const auto place_at = [&](Ray through) { return place_of(places, shares_of(view, corners, through, false)); };
+  const TexturePoint at = place_at(ray);
+  const TexturePoint right = place_at({ray.x + kStep * pixel_x, ray.y});
+  const TexturePoint down = place_at({ray.x, ray.y - kStep * pixel_y});
   const auto step = [&](const TexturePoint& to) {
     return std::hypot((to[0] - at[0]) * mask.width, (to[1] - at[1]) * mask.height) / kStep;
   };
@@ -67,7 +73,8 @@ bool mask_passes(const View& view, const ReferenceMesh& mesh, uint64_t triangle,
   size_t level = 0;
   while (level + 1 < mask.levels.size() && !(footprint < std::sqrt(2.0) * static_cast<double>(1u << level))) ++level;
 
-  const TexturePoint inside = place_of(view, corners, places, ray, true);
+  const std::array<double, 3> shares = shares_of(view, corners, ray, true);
+  const TexturePoint inside = place_of(places, shares);
   const int64_t size[2] = {std::max(1u, mask.width >> level), std::max(1u, mask.height >> level)};
   int64_t texel[2][2];
   double weight[2];
@@ -87,7 +94,10 @@ bool mask_passes(const View& view, const ReferenceMesh& mesh, uint64_t triangle,
     for (size_t i = 0; i < 2; ++i)
       alpha += (i == 0 ? 1 - weight[0] : weight[0]) * (j == 0 ? 1 - weight[1] : weight[1]) *
                static_cast<double>(mask.levels[level][static_cast<size_t>(texel[1][j] * size[0] + texel[0][i])]);
-  return alpha >= mask.cutoff;
+  double colors = mesh.alphas.empty() ? 1 : 0;
+  for (size_t n = 0; n < 3 && !mesh.alphas.empty(); ++n)
+    colors += shares[n] * static_cast<double>(mesh.alphas[mesh.corners[3 * triangle + n]]);
+  return alpha * colors >= mask.cutoff;
 }
 
 }  // namespace scree::compare

@@ -94,15 +94,15 @@ class NodeCopies {
   std::vector<format::NodeInstanceRecord> block_;
 };
 
-/// Without alpha, and clamped to [0, 1]; what is not a number becomes 0.
-Result<void> read_colors(const convert::Accessor& accessor, std::vector<float>& out) {
+/// Components [first, end) of colours, clamped to [0, 1]; what is not a number becomes 0.
+Result<void> read_colors(const convert::Accessor& accessor, size_t first, size_t end, std::vector<float>& out) {
   std::vector<float> all(accessor.components * accessor.count);
   if (Result<void> read = convert::read_floats(accessor, 0, accessor.count, all); !read) return read;
-  out.resize(3 * accessor.count);
+  out.reserve((end - first) * accessor.count);
   for (uint64_t vertex = 0; vertex < accessor.count; ++vertex) {
-    for (size_t c = 0; c < 3; ++c) {
+    for (size_t c = first; c < end; ++c) {
       const float value = all[vertex * accessor.components + c];
-      out[3 * vertex + c] = value > 0 ? std::min(value, 1.0f) : 0;
+      out.push_back(value > 0 ? std::min(value, 1.0f) : 0);
     }
   }
   return {};
@@ -142,6 +142,8 @@ Result<void> add_mask(const convert::SourceScene& scene, const convert::MaskPlan
     return read;
   for (float& value : mesh.uvs)
     if (!std::isfinite(value)) value = 0;  // as convert has it
+  if (primitive.color && primitive.color->components == 4)
+    if (Result<void> read = read_colors(*primitive.color, 3, 4, mesh.alphas); !read) return read;
   if (masks.contains(primitive.material)) return {};
   const auto levels = convert::load_mask_levels(scene, plan, primitive.material, true);
   if (!levels) return levels.error();
@@ -172,7 +174,7 @@ Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t 
     mesh.kept_count += keep ? 1 : 0;
   }
   if (primitive.color)
-    if (const Result<void> read = read_colors(*primitive.color, mesh.colors); !read) return read.error();
+    if (const Result<void> read = read_colors(*primitive.color, 0, 3, mesh.colors); !read) return read.error();
   if (primitive.material == format::kNone) return mesh;
   const format::MaterialRecord& material = scene.materials[primitive.material].record;
   for (size_t c = 0; c < 3; ++c) mesh.base_color[c] = static_cast<double>(material.base_color[c]);
@@ -282,7 +284,7 @@ uint64_t source_model_bytes(const convert::SourceScene& scene) {
     bytes += 3 * sizeof(uint32_t) * primitive.triangle_count() + primitive.triangle_count() / 8;
     if (primitive.uv && primitive.material != format::kNone &&
         (scene.materials[primitive.material].record.flags & format::kMaterialCutOut) != 0)
-      bytes += 2 * sizeof(float) * primitive.vertex_count();
+      bytes += (primitive.color ? 3 : 2) * sizeof(float) * primitive.vertex_count();
   }
   return bytes;
 }
@@ -300,7 +302,7 @@ Result<SourceModel> load_source_model(const convert::SourceScene& scene, const f
     model.meshes.push_back(std::move(**mesh));
   }
   for (const SourceMesh& mesh : model.meshes) {
-    ReferenceMesh view{mesh.positions, mesh.corners, &mesh.kept, mesh.double_sided, nullptr, mesh.uvs};
+    ReferenceMesh view{mesh.positions, mesh.corners, &mesh.kept, mesh.double_sided, nullptr, mesh.uvs, mesh.alphas};
     const convert::Primitive& primitive = scene.primitives[mesh.primitive];
     if (!mesh.uvs.empty()) view.mask = &model.masks.at(primitive.material);
     if (primitive.material != format::kNone) {

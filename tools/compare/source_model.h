@@ -17,7 +17,7 @@
 
 namespace scree::compare {
 
-/// One primitive, whole in memory: 12 bytes a vertex (24 with colours, 8 more with a mask) and 12 a triangle.
+/// One primitive, whole in memory: 12 bytes a vertex (24 with colours, 12 more with a mask) and 12 a triangle.
 struct SourceMesh {
   uint32_t primitive = 0;         // in SourceScene::primitives
   std::vector<float> positions;   // x y z
@@ -28,7 +28,8 @@ struct SourceMesh {
   std::vector<float> colors;                  // of vertices, linear red, green, blue; empty where there are none
   bool double_sided = false;
   bool unlit = false;
-  std::vector<float> uvs;  // u v, where the material has a mask
+  std::vector<float> uvs;     // u v, where the material has a mask
+  std::vector<float> alphas;  // of vertex colours that have one, likewise
 };
 
 /// Reads a primitive. Not kept: triangles of strips and fans with two equal indices (they cover nothing) and those with

@@ -24,11 +24,6 @@ inline void add_blended_meshes(SceneBuilder& builder, bool clustered_alone) {
   builder.materials[glass].base_color[0] = 0.1f;
   builder.materials[film].base_color[1] = 0.3f;
   const auto [clustered, second, third] = encodings_of_scene(clustered_alone);
-  const auto with_colors = [](Soup soup) {
-    for (size_t v = 0; v < soup.positions.size() / 3; ++v)
-      soup.colors.insert(soup.colors.end(), {1.0f, 0.5f, 0.2f, static_cast<float>(v % 7) / 6.0f});
-    return soup;
-  };
   const uint32_t meshes[] = {builder.mesh(grid(12, 0.2), with(clustered, glass)),
                              builder.mesh(with_uvs(grid(17, 0.3), 5), with(second, leaf)),
                              builder.mesh(with_uvs(grid(1, 0), 3), with(third, film)),

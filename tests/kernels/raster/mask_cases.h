@@ -39,6 +39,13 @@ inline Soup with_uvs(Soup soup, double repeats) {
   return soup;
 }
 
+/// Adds colours whose alpha differs from vertex to vertex.
+inline Soup with_colors(Soup soup) {
+  for (size_t v = 0; v < soup.positions.size() / 3; ++v)
+    soup.colors.insert(soup.colors.end(), {1.0f, 0.5f, 0.2f, static_cast<float>(v % 7) / 6.0f});
+  return soup;
+}
+
 struct SceneEncodings {
   Encoding clustered, second, third;
 };
@@ -82,6 +89,9 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
                              builder.mesh(with_uvs(grid(31, 0.3), 40), with(second, materials[1])),
                              builder.mesh(with_uvs(grid(1, 0), 2), with(third, materials[2])),
                              builder.mesh(with_uvs(grid(2, 0.1), 5), with(clustered, materials[0])),
+                             builder.mesh(with_colors(with_uvs(grid(23, 0.3), 2)), with(clustered, materials[0])),
+                             builder.mesh(with_colors(with_uvs(grid(1, 0), 1)), with(third, materials[2])),
+                             builder.mesh(with_colors(with_uvs(grid(3, 0.2), 1)), with(second, materials[0])),
                              builder.mesh(grid(12, 0.1), with(second, materials[0])),  // no texture coordinates: opaque
                              builder.mesh(with_uvs(grid(9, 0.1), 1), clustered)};      // no material
   const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),

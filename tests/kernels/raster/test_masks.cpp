@@ -28,6 +28,13 @@ TEST_CASE("texels, levels and alpha of masks are those of the vectors", "[mask]"
       INFO("level: " << vector.text("level"));
       REQUIRE(words.size() == 3);
       CHECK(mask_level(std::stof(words[0]), static_cast<uint32_t>(std::stoul(words[1]))) == std::stoul(words[2]));
+    } else if (vector.has("corners")) {
+      const std::vector<std::string> words = vector.words("corners");
+      INFO("corners: " << vector.text("corners"));
+      REQUIRE(words.size() == 5);
+      uint32_t codes = 0;
+      for (size_t n = 0; n < 3; ++n) codes |= static_cast<uint32_t>(std::stoul(words[n])) << 8 * n;
+      CHECK(corner_alpha(codes, std::stod(words[3])) == std::stoul(words[4]));
     } else {
       const std::vector<std::string> words = vector.words("alpha");
       INFO("alpha: " << vector.text("alpha"));
@@ -52,9 +59,15 @@ TEST_CASE("texels, levels and alpha of masks are those of the vectors", "[mask]"
 
 namespace {
 
+/// The alpha of the test's vertex colours: 1 at x = -1, and `slope` less at x = 1.
+double color_alpha(double slope, double x) {
+  return 1 - slope * (0.5 + 0.5 * x);
+}
+
 /// The rule's result for a flat quad at y = 0 under with_uvs(), from an independent ray cast: the alpha's distance
 /// above the threshold, in 8-bit codes; NaN where the ray misses the quad.
-double alpha_above(const View& view, const MaskView& mask, double repeats, uint32_t x, uint32_t y) {
+double alpha_above(const View& view, const MaskView& mask, double repeats, double slope, uint32_t x, uint32_t y) {
+  double place = 0;
   const auto hit = [&](double sample_x, double sample_y, double out[2]) {
     const double across = (2 * (sample_x + 0.5) / view.width - 1) * view.half_width;
     const double up = (1 - 2 * (sample_y + 0.5) / view.height) * view.half_height;
@@ -67,14 +80,15 @@ double alpha_above(const View& view, const MaskView& mask, double repeats, uint3
     const double t = -from[1] / ray[1];
     const double px = from[0] + t * ray[0];
     const double pz = from[2] + t * ray[2];
+    place = px;
     out[0] = repeats * (0.4 * px + 0.1 * pz) + 0.3;
     out[1] = repeats * (0.5 * pz - 0.07 * px) - 1.7;
   };
   double at[2], right[2], down[2];
   const double e = 1e-4;
-  hit(x, y, at);
   hit(x + e, y, right);
   hit(x, y + e, down);
+  hit(x, y, at);
   const double size[2] = {static_cast<double>(mask.width), static_cast<double>(mask.height)};
   double squares[2] = {0, 0};
   for (int c = 0; c < 2; ++c) {
@@ -97,20 +111,26 @@ double alpha_above(const View& view, const MaskView& mask, double repeats, uint3
   const double wx = px - x0, wy = py - y0;
   const double value = (texel(x0, y0) * (1 - wx) + texel(x0 + 1, y0) * wx) * (1 - wy) +
                        (texel(x0, y0 + 1) * (1 - wx) + texel(x0 + 1, y0 + 1) * wx) * wy;
-  return value - mask.threshold / 65536.0;
+  return value * color_alpha(slope, place) - mask.threshold / 65536.0;
 }
 
 }  // namespace
 
 TEST_CASE("a masked quad has the holes that a ray cast sees", "[mask]") {
   const double repeats = GENERATE(0.7, 9.0);
+  const double slope = GENERATE(0.0, 0.6);  // of vertex colours; 0: none
   SceneBuilder masked;
-  MaskView mask = mask_view(64, 32, 6, 120 * 65536);
+  MaskView mask = mask_view(64, 32, 6, (slope > 0 ? 65 : 120) * 65536);
   const std::vector<uint8_t> levels = noisy_levels(64, 32, 6, 5);
   Encoding encoding;
   encoding.material = masked.masked_material(format::kMaterialDoubleSided, mask, levels);
   mask.alpha = levels.data();
-  for (const uint32_t n : {1u, 60u}) masked.mesh(with_uvs(grid(n, 0), repeats), encoding);
+  for (const uint32_t n : {1u, 60u}) {
+    Soup soup = with_uvs(grid(n, 0), repeats);
+    for (size_t v = 0; slope > 0 && v < soup.positions.size() / 3; ++v)
+      soup.colors.insert(soup.colors.end(), {1, 1, 1, static_cast<float>(color_alpha(slope, soup.positions[3 * v]))});
+    masked.mesh(soup, encoding);
+  }
   for (const uint32_t mesh : {0u, 1u}) {
     masked.instances.clear();
     masked.instance(mesh, masked.identity());
@@ -126,7 +146,7 @@ TEST_CASE("a masked quad has the holes that a ray cast sees", "[mask]") {
         if (all[i] == kBackground) continue;
         const bool passes = seen[i] != kBackground;
         (passes ? kept : dropped) += 1;
-        const double above = alpha_above(view, mask, repeats, i % view.width, i / view.width);
+        const double above = alpha_above(view, mask, repeats, slope, i % view.width, i / view.width);
         // Positions are rounded to 1/256 texel and texture coordinates to few bits: an alpha can move by some codes.
         if (std::fabs(above) > 6 && (above > 0) != passes) ++wrong;
       }
@@ -137,6 +157,29 @@ TEST_CASE("a masked quad has the holes that a ray cast sees", "[mask]") {
       CHECK(dropped > 300);
       CHECK(wrong <= (kept + dropped) / 200);  // borders between levels and edges of quads
     }
+  }
+}
+
+TEST_CASE("the alpha of vertex colours scales that of a mask", "[mask]") {
+  Encoding encoding;
+  encoding.clusters = GENERATE(Clusters::kNone, Clusters::kClustered);
+  /// `alpha`: of all vertices; below 0: they have no colours.
+  const auto picture = [&](const View& view, float alpha, uint32_t threshold) {
+    SceneBuilder builder;
+    encoding.material = builder.masked_material(format::kMaterialDoubleSided, mask_view(64, 32, 6, threshold),
+                                                noisy_levels(64, 32, 6, 5));
+    Soup soup = with_uvs(grid(4, 0), 3);
+    for (size_t v = 0; alpha >= 0 && v < soup.positions.size() / 3; ++v)
+      soup.colors.insert(soup.colors.end(), {1.0f, 0.5f, 0.2f, alpha});
+    builder.instance(builder.mesh(soup, encoding), builder.identity());
+    return draw(builder.view(), view);
+  };
+  for (const View& view : masked_views()) {
+    INFO(view.width << " samples wide");
+    CHECK(picture(view, 1, 120 * 65536) == picture(view, -1, 120 * 65536));
+    CHECK(picture(view, 0.2f, 30 * 65536) == picture(view, -1, 150 * 65536));  // as a threshold five times as high
+    CHECK(picture(view, 0.2f, 30 * 65536) != picture(view, -1, 30 * 65536));
+    CHECK(covered(picture(view, 0, 1)) == 0);
   }
 }
 

@@ -77,6 +77,16 @@ TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
   CHECK(covered(draw(mesh, view)) > 50);
   mask.cutoff = 201;
   CHECK(covered(draw(mesh, view)) < 16);
+  // The vertices' alpha, 1 on the left and 0 on the right, takes the right half.
+  mask.levels = {{255, 255, 255, 255}};
+  mask.cutoff = 127.5;
+  const std::vector<float> alphas{1, 0, 0, 1};
+  mesh.alphas = alphas;
+  const auto left = draw(mesh, view);
+  CHECK(covered(left) == 32);
+  CHECK_FALSE(left[16 * 5 + 7].is_background());
+  CHECK(left[16 * 5 + 8].is_background());
+  mesh.alphas = {};
   // What is hidden hides nothing.
   mask.cutoff = 256;
   CHECK(covered(draw(mesh, view)) == 0);
