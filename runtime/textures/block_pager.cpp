@@ -24,13 +24,15 @@ void BlockPager::add(uint32_t page) {
   all_bytes_ += container_.pages()[page].raw_bytes;
 }
 
+/// The last round may have found all pages, so that bring() did not see what it wanted.
 void BlockPager::begin_round() {
-  std::fill(wanted_.begin(), wanted_.end(), uint8_t{0});
+  for (size_t number = 0; number < slots_.size(); ++number)
+    if (std::exchange(wanted_[number], uint8_t{0}) != 0) slots_[number].round = round_;
+  ++round_;
 }
 
 Result<bool> BlockPager::bring(bool must) {
   try {
-    ++round_;
     std::vector<uint32_t> missing;
     uint64_t wanted_bytes = 0, missing_bytes = 0;
     for (uint32_t number = 0; number < slots_.size(); ++number) {

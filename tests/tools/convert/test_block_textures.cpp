@@ -355,6 +355,39 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   CHECK(refused.error().message.find(" bytes together, but 1 are allowed for them") != std::string::npos);
 }
 
+TEST_CASE("pages that were wanted longest ago make room", "[block_textures][texel_pager]") {
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), {make_ktx2({.width = 1024, .height = 1024})});
+  const convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const auto file = runtime::SceneFile::open(options.output);
+  REQUIRE(file);
+  runtime::BlockPager pager(file->map(), file->container(), 2 * format::kBlockPageBytes, 2);
+  for (uint32_t page = 0; page < 4; ++page) pager.add(file->container().images()[0].page + page);
+  const auto round = [&](const std::vector<uint64_t>& wanted) {
+    pager.begin_round();
+    bool are_there = true;
+    for (const uint64_t page : wanted) are_there = pager.want(page) != nullptr && are_there;
+    return are_there;
+  };
+  const auto bring = [&](const std::vector<uint64_t>& wanted) {
+    CHECK_FALSE(round(wanted));
+    const auto brought = pager.bring(false);
+    REQUIRE(brought);
+    return *brought;
+  };
+  CHECK(bring({0, 1}));
+  CHECK(round({0}));
+  CHECK(bring({2}));
+  CHECK(round({0, 2}));  // 1 was wanted before 0
+  CHECK(bring({3, 2}));
+  CHECK(round({2, 3}));
+  CHECK_FALSE(bring({1, 2, 3}));  // one too many
+  CHECK(round({2, 3}));
+  CHECK(pager.resident_bytes() == 2 * format::kBlockPageBytes);
+  CHECK(pager.stats().read_pages == 4);
+}
+
 TEST_CASE("a page of a texture is checked when it is read", "[block_textures][texel_pager][bad]") {
   const TempFolder folder;
   make_block_model(folder.file("in.glb"), {large_files()[0]});
