@@ -18,11 +18,11 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
                                           ", at most " + std::to_string(kMostThreads));
   switch (options.backend) {
     case SCREE_BACKEND_AUTO:
-      out.on = options.gpu != nullptr ? runtime::DrawOn::kGpu : runtime::DrawOn::kAuto;
+      out.on = options.gpu != nullptr || options.gpus > 1 ? runtime::DrawOn::kGpu : runtime::DrawOn::kAuto;
       break;
     case SCREE_BACKEND_CPU:
-      if (options.gpu != nullptr)
-        return fail(SCREE_ERROR_ARGUMENT, "scree_load_options names a GPU, but the backend is the CPU");
+      if (options.gpu != nullptr || options.gpus > 1)
+        return fail(SCREE_ERROR_ARGUMENT, "scree_load_options names GPUs, but the backend is the CPU");
       out.on = runtime::DrawOn::kCpu;
       break;
     case SCREE_BACKEND_CUDA:
@@ -36,6 +36,11 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   if (options.gpu != nullptr) out.gpu = options.gpu;
   if (!out.gpu.empty() && !runtime::names_gpu(out.gpu))
     return fail(SCREE_ERROR_ARGUMENT, "'" + out.gpu + "' is neither the index of a GPU nor its UUID, GPU-...");
+  if (options.gpus > runtime::kMostGpus && options.gpus != SCREE_ALL_GPUS)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_load_options::gpus is " + std::to_string(options.gpus) + ", at most " +
+                                          std::to_string(runtime::kMostGpus) + " or SCREE_ALL_GPUS");
+  out.gpus = std::max(static_cast<uint32_t>(options.gpus), 1u);
+  static_assert(SCREE_ALL_GPUS == runtime::kAllGpus);
   out.threads = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
   out.textures = options.no_textures == 0;
   out.texture_cache = options.texture_cache;

@@ -385,7 +385,8 @@ std::vector<py::dict> cameras_of(const scree::File& file, uint32_t scene) {
 std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<std::string>& scene,
                                    const std::string& backend, const std::optional<std::string>& gpu, uint32_t threads,
                                    bool textures, uint64_t device_memory, uint64_t host_memory, uint64_t texture_cache,
-                                   const std::array<uint32_t, 3>& largest, const py::object& progress) {
+                                   const std::array<uint32_t, 3>& largest, const py::object& progress,
+                                   std::optional<uint32_t> gpus) {
   auto options = scree::make<scree_load_options>();
   options.scene = scene ? scene->c_str() : nullptr;
   options.backend = static_cast<scree_backend>(number_of(kBackends, backend, "backend"));
@@ -398,6 +399,7 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
   options.max_width = largest[0];
   options.max_height = largest[1];
   options.max_samples = largest[2];
+  options.gpus = gpus.value_or(SCREE_ALL_GPUS);
   Progress heard{progress, nullptr};
   if (!progress.is_none()) {
     options.progress = &Progress::hear;
@@ -570,7 +572,7 @@ PYBIND11_MODULE(_scree, module) {
   py::class_<scree::File, std::shared_ptr<scree::File>>(module, "File")
       .def(py::init<const std::string&>(), "path"_a)
       .def("load", &load, py::kw_only(), "scene"_a, "backend"_a, "gpu"_a, "threads"_a, "textures"_a, "device_memory"_a,
-           "host_memory"_a, "texture_cache"_a, "largest"_a, "progress"_a)
+           "host_memory"_a, "texture_cache"_a, "largest"_a, "progress"_a, "gpus"_a)
       .def_property_readonly("bytes", [](const scree::File& file) { return file.info().bytes; })
       .def_property_readonly("triangles", [](const scree::File& file) { return file.info().triangles; })
       .def_property_readonly("default_scene", [](const scree::File& file) { return file.info().default_scene; })

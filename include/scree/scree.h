@@ -150,6 +150,8 @@ typedef enum scree_backend {
   SCREE_BACKEND_32_BITS = 0x7fffffff
 } scree_backend;
 
+#define SCREE_ALL_GPUS 0xffffffffu
+
 typedef struct scree_load_options {
   size_t size;
   const char* scene; /* by name or number; null: the file's default */
@@ -166,6 +168,8 @@ typedef struct scree_load_options {
   uint32_t max_samples; /* a pixel's side: 1, 2 or 4 */
   scree_progress progress;
   void* user;
+  uint64_t gpus; /* how many draw the scene together, from `gpu` on, each with a part of its pages (docs/scale.md), at
+                    most 16; SCREE_ALL_GPUS: every one. 0 and 1: one. Since version 3 */
 } scree_load_options;
 
 /* Loads a scene and checks every byte of it. `options` may be null. */

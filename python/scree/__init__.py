@@ -87,7 +87,7 @@ class File:
         return self._file.cameras(self.default_scene if scene is None else scene)
 
     def load(self, scene=None, *, backend="auto", gpu=None, threads=0, textures=True, device_memory=0, host_memory=0,
-             texture_cache=0, largest=(0, 0, 1), progress=None) -> Scene:
+             texture_cache=0, largest=(0, 0, 1), progress=None, gpus=1) -> Scene:
         """Loads a scene, by name or number, and checks every byte of it.
 
         `backend`: "cpu", "cuda", or "auto": a GPU where one can be used and takes the scene. `gpu`: its index or UUID.
@@ -95,12 +95,12 @@ class File:
         that it does not hold are streamed while frames are drawn. `host_memory`: bytes of pinned memory that feed it.
         `texture_cache`: bytes of decoded blocks of JPEG textures. `largest`: width, height and samples of the largest
         frames, which `device_memory` then counts. `progress(stage, done, total)` is called now and then; it returns
-        False to stop.
+        False to stop. `gpus`: how many draw the scene together, from `gpu` on, each with a part of it; None: all.
         """
         return Scene(self._file.load(
             scene=None if scene is None else str(scene), backend=backend, gpu=None if gpu is None else str(gpu),
             threads=threads, textures=textures, device_memory=device_memory, host_memory=host_memory,
-            texture_cache=texture_cache, largest=tuple(largest), progress=progress))
+            texture_cache=texture_cache, largest=tuple(largest), progress=progress, gpus=gpus))
 
     def render(self, width=1920, height=1080, **options) -> dict:
         """load().render(): for one picture. Whoever draws more keeps the scene."""

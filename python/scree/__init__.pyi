@@ -61,6 +61,7 @@ class File:
         texture_cache: int = ...,
         largest: Sequence[int] = ...,
         progress: _Progress | None = ...,
+        gpus: int | None = ...,
     ) -> Scene: ...
     def render(self, width: int = ..., height: int = ..., **options: Any) -> dict[str, npt.NDArray[Any]]: ...
 

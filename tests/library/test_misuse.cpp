@@ -126,6 +126,12 @@ TEST_CASE("numbers and options out of range", "[library][misuse]") {
   load.threads = 1;
   load.max_samples = 3;
   failed(scree_load(opened.file, &load, &scene), SCREE_ERROR_ARGUMENT, "max_samples is 3");
+  load.max_samples = 1;
+  load.gpus = 17;
+  failed(scree_load(opened.file, &load, &scene), SCREE_ERROR_ARGUMENT, "gpus is 17, at most 16 or SCREE_ALL_GPUS");
+  load.gpus = 2;
+  load.backend = SCREE_BACKEND_CPU;
+  failed(scree_load(opened.file, &load, &scene), SCREE_ERROR_ARGUMENT, "names GPUs, but the backend is the CPU");
 
   const auto draws = [&](const scree_draw_options& options, const std::string& part) {
     failed(scree_draw(opened.view, nullptr, &options), SCREE_ERROR_ARGUMENT, part);
