@@ -281,6 +281,8 @@ Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t> bits)
   if (done)
     done = cuda_check(cudaMemcpy(omitted.data(), bits.data(), bits.size_bytes(), cudaMemcpyHostToDevice),
                       "copying a bit for each instance");
+  // Other GPUs that draw the scene read the bits too, and wait for no stream of this one.
+  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "copying a bit for each instance");
   if (!done) return done.error();
   return reinterpret_cast<const uint32_t*>(omitted.data());
 }
