@@ -783,6 +783,10 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   return Finished{stats, is_drawn_again};
 }
 
+Result<void> CudaFrames::pages_came() {
+  return impl_->tables.has_float32 ? impl_->find_all_bounds(impl_->frame_streams) : Result<void>();
+}
+
 const Transform* CudaFrames::transforms() const {
   return impl_->transforms.data();
 }

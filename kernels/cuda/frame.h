@@ -101,6 +101,10 @@ class CudaFrames {
   Result<void> start(const View& view, uint64_t* samples, const DrawOptions& options = {});
   Result<Finished> finish(FrameTimes* times = nullptr);
 
+  /// To be called before a whole frame where pages of the scene's table are there that create() did not see. Error
+  /// kDevice.
+  Result<void> pages_came();
+
   /// Device memory, by instance number: valid for the instances that the last frame drew.
   const Transform* transforms() const;
 

@@ -66,7 +66,7 @@ class DeviceView {
 
   /// As DeviceScene's.
   Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr,
-                                   const kernels::ShadeOptions* shade = nullptr);
+                                   const kernels::ShadeOptions* shade = nullptr, const IsOver& is_over = {});
   const std::optional<StreamStats>& stream_stats() const;
   Result<void> read_samples(std::span<uint64_t> samples);
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
@@ -147,10 +147,12 @@ class DeviceScene {
   /// device and the next ones that can be used; kAllGpus: as many as there are. Views draw on all of them; batches and
   /// layers are drawn by the first, which reads the others' pages. Such a scene is not streamed. Errors kDevice: fewer
   /// GPUs, GPUs that cannot read each other's memory.
+  /// `comes_later`: where the budget of one GPU holds the scene and what streaming takes beside it, no page is brought
+  /// here. Pictures stream their chunks, and load_rest() brings all others, after which the scene is resident.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
                                     Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                     uint64_t host_memory = 0, const PictureNeeds& pictures = {},
-                                    JobProgress* progress = nullptr, uint32_t gpus = 1);
+                                    JobProgress* progress = nullptr, uint32_t gpus = 1, bool comes_later = false);
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
@@ -171,11 +173,15 @@ class DeviceScene {
   /// Whether chunks are brought to the device while frames are drawn.
   bool is_streamed() const;
 
+  /// As Streamer::load_rest(); returns the bytes that are left. After the last the scene is resident: its next picture
+  /// has to be drawn before another is resolved or read. 0 for a scene that is resident already. Errors also kDevice.
+  Result<uint64_t> load_rest(const IsOver& is_over = {});
+
   /// As kernels::draw_cpu, on the device, where the visibility buffer stays. `times`: null, or filled in (of a streamed
   /// frame raster_ms alone, by the host's clock). `shade`: what resolve() will be asked to show, by which light, where
-  /// the scene is streamed; null where it will not be asked.
+  /// the scene is streamed; null where it will not be asked. `is_over`: as Streamer::draw(), if it is streamed.
   Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr,
-                                   const kernels::ShadeOptions* shade = nullptr);
+                                   const kernels::ShadeOptions* shade = nullptr, const IsOver& is_over = {});
 
   /// Of the last frame, where the scene is streamed.
   const std::optional<StreamStats>& stream_stats() const;

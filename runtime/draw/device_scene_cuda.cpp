@@ -43,6 +43,9 @@ constexpr uint64_t kTextureCacheShare = 8;
 constexpr uint64_t kLeftShare = 16;
 constexpr uint64_t kMostLeft = uint64_t{512} << 20;
 
+/// The largest batch where pictures are drawn while a scene comes: two of them may be waited for (Streamer::draw).
+constexpr uint64_t kComingBatchBytes = uint64_t{64} << 20;
+
 /// The tables of the resolver (kernels/cuda/resolve.cu), with room for the range of depths.
 constexpr uint64_t kResolverBytes = sizeof(kernels::SrgbTables) + 256;
 
@@ -94,6 +97,30 @@ uint64_t frames_bytes(const kernels::SceneView& host) {
   uint64_t bytes = kernels::CudaFrames::device_bytes(host) + omitted_words(host) * sizeof(uint32_t);
   if (host.blend_masks != nullptr) bytes += kernels::CudaFrames::device_bytes(kernels::blended_view(host));
   return bytes;
+}
+
+/// Device memory of a streamed scene beside its pool and the room to move chunks.
+uint64_t fixed_bytes(const Scene& host, const PictureNeeds& pictures, uint64_t texture_cache) {
+  return CudaScene::device_bytes(host, &host.view(), texture_cache) + frames_bytes(host.view()) +
+         CudaStream::device_bytes(host.view()) + picture_bytes(pictures, host, true);
+}
+
+/// The pool that holds all chunks: an empty one has a room too.
+uint64_t whole_pool(std::span<const uint64_t> chunk_bytes) {
+  return CudaStream::kept_bytes(chunk_bytes) + chunk_bytes.size() * Residency::kAlignment;
+}
+
+uint64_t largest_of(std::span<const uint64_t> chunk_bytes) {
+  return chunk_bytes.empty() ? 0 : *std::max_element(chunk_bytes.begin(), chunk_bytes.end());
+}
+
+/// Whether a streamed scene has all of its chunks in the end.
+bool holds_all(const Scene& host, const PictureNeeds& pictures, uint64_t texture_cache, uint64_t budget) {
+  const std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
+  const uint64_t pool = whole_pool(bytes);
+  return fixed_bytes(host, pictures, std::min(texture_cache, budget / kTextureCacheShare)) + pool +
+             CudaStream::bounce_bytes(largest_of(bytes), UINT64_MAX) + 2 * Residency::kAlignment <=
+         budget;
 }
 
 }  // namespace
@@ -170,9 +197,15 @@ struct DeviceScene::Impl {
     view.blend_frames = std::move(*layers);
     return {};
   }
+  /// Null where all chunks are there.
+  CudaStream* streaming() const { return stream != nullptr && !stream->is_complete() ? stream.get() : nullptr; }
+  /// Makes the frames of a view that was added while chunks were streamed and is not any more.
+  Result<void> make_ready(DeviceView::Impl& view) const {
+    return view.frames || streaming() != nullptr ? Result<void>() : make_frames(view, stream->view());
+  }
   Result<void> upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
                                uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
-                               JobProgress* progress);
+                               JobProgress* progress, uint64_t most_batch);
   Result<void> upload_shared(const Scene& host, std::span<const int> gpus, const GpuTeam::Options& options);
 };
 
@@ -183,7 +216,7 @@ const kernels::Transform* DeviceView::Impl::transforms() const {
 
 /// False where the device has no room for it, or the scene is streamed.
 bool DeviceView::Impl::open_second(const kernels::SceneView& host) {
-  if (scene.stream != nullptr || !has_room_for_second) return false;
+  if (scene.streaming() != nullptr || !has_room_for_second) return false;
   std::optional<kernels::CudaFrames>& second = picture == 0 ? second_frames : frames;
   if (second) return true;
   Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.scene.view());
@@ -195,7 +228,8 @@ bool DeviceView::Impl::open_second(const kernels::SceneView& host) {
 /// False where the scene is none for batches of views, or the device has no room for them.
 bool DeviceView::Impl::open_view_batch(const kernels::SceneView& host) {
   if (view_batch || !takes_view_batches) return takes_view_batches;
-  takes_view_batches = scene.stream == nullptr && kernels::CudaViewBatch::takes(host);
+  if (scene.streaming() != nullptr) return false;
+  takes_view_batches = kernels::CudaViewBatch::takes(host);
   if (!takes_view_batches) return false;
   Result<kernels::CudaViewBatch> made = kernels::CudaViewBatch::create(host, scene.scene.view());
   takes_view_batches = static_cast<bool>(made);
@@ -206,7 +240,7 @@ bool DeviceView::Impl::open_view_batch(const kernels::SceneView& host) {
 /// The layers of blended surfaces over the picture that was drawn last: BlendTargets::over. Those of a streamed scene
 /// came with the picture.
 Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, const kernels::ShadeOptions& options) {
-  if (const CudaStream* const stream = scene.stream.get()) {
+  if (const CudaStream* const stream = scene.streaming()) {
     blended = stream->blended();
     if (stream->over() == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
     return stream->over();
@@ -241,7 +275,7 @@ const UploadStats& DeviceScene::stats() const {
 
 Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
   const kernels::CudaTextureCache* const cache = impl_->scene.texture_cache();
-  if (cache == nullptr || impl_->stream != nullptr) return std::optional<kernels::TextureCacheCounts>();
+  if (cache == nullptr || impl_->streaming() != nullptr) return std::optional<kernels::TextureCacheCounts>();
   const Result<kernels::TextureCacheCounts> counts = cache->counts();
   if (!counts) return counts.error();
   return std::optional<kernels::TextureCacheCounts>(*counts);
@@ -256,14 +290,28 @@ uint32_t DeviceScene::gpu_count() const {
 }
 
 bool DeviceScene::is_streamed() const {
-  return impl_->stream != nullptr;
+  return impl_->streaming() != nullptr;
+}
+
+Result<uint64_t> DeviceScene::load_rest(const IsOver& is_over) {
+  CudaStream* const stream = impl_->streaming();
+  if (stream == nullptr) return uint64_t{0};
+  const Result<uint64_t> left = stream->load_rest(is_over);
+  if (!left || *left != 0) return left;
+  // Views that were added have no frames yet. The last picture's transforms are those of its last part alone.
+  DeviceView::Impl& own = *impl_->own;
+  own.width = 0;
+  Result<void> done = own.frames->pages_came();
+  if (done && own.blend_frames) done = own.blend_frames->pages_came();
+  if (!done) return done.error();
+  return left;
 }
 
 Result<DeviceView> DeviceScene::add_view(const Scene& scene) {
   if (impl_->own.use_count() == 1) return DeviceView(impl_->own);
   try {
     auto view = std::make_shared<DeviceView::Impl>(*impl_);
-    if (impl_->stream == nullptr)
+    if (impl_->stream == nullptr)  // or make_ready() makes them
       if (const Result<void> made = impl_->make_frames(*view, scene.view()); !made) return made.error();
     return DeviceView(std::move(view));
   } catch (const std::bad_alloc&) {
@@ -281,6 +329,8 @@ Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t> bits)
   if (done)
     done = cuda_check(cudaMemcpy(omitted.data(), bits.data(), bits.size_bytes(), cudaMemcpyHostToDevice),
                       "copying a bit for each instance");
+  // Other GPUs that draw the scene read the bits too, and wait for no stream of this one.
+  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "copying a bit for each instance");
   if (!done) return done.error();
   return reinterpret_cast<const uint32_t*>(omitted.data());
 }
@@ -291,7 +341,7 @@ const kernels::SceneView& DeviceScene::device_view() const {
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
                                         uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
-                                        JobProgress* progress, uint32_t gpus) {
+                                        JobProgress* progress, uint32_t gpus, bool comes_later) {
   const Result<Gpu> gpu = current_gpu();
   if (!gpu) return gpu.error();
   const auto start = std::chrono::steady_clock::now();
@@ -317,12 +367,14 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
       return DeviceScene(std::move(shared));
     }
   }
-  if (CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget) {
+  const uint64_t allowed = budget_bytes == 0 ? *free - left : budget;
+  if (comes_later) comes_later = holds_all(scene, pictures, texture_cache, allowed);
+  if (comes_later || CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget) {
     auto streamed = std::make_unique<Impl>();
     streamed->device = gpu->index;
-    const uint64_t allowed = budget_bytes == 0 ? *free - left : budget;
     if (Result<void> done =
-            streamed->upload_streamed(scene, allowed, threads, reading, texture_cache, host_memory, pictures, progress);
+            streamed->upload_streamed(scene, allowed, threads, reading, texture_cache, host_memory, pictures, progress,
+                                      comes_later ? kComingBatchBytes : kMostBatchBytes);
         !done)
       return done.error();
     streamed->stats.upload_ms =
@@ -355,30 +407,26 @@ Result<void> DeviceScene::Impl::upload_shared(const Scene& host, std::span<const
 /// most of it to chunks.
 Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
                                                 uint64_t texture_cache, uint64_t host_memory,
-                                                const PictureNeeds& pictures, JobProgress* progress) {
-  const uint64_t picture = picture_bytes(pictures, host, true);
-  const uint64_t of_frames = frames_bytes(host.view());
+                                                const PictureNeeds& pictures, JobProgress* progress,
+                                                uint64_t most_batch) {
   std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
-  const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
+  const uint64_t largest = largest_of(bytes);
   const uint64_t room = 2 * (largest + 2 * Residency::kAlignment);  // the least pool, and what moving a chunk takes
-  const auto fixed_with = [&](uint64_t cache) {
-    return CudaScene::device_bytes(host, &host.view(), cache) + of_frames + CudaStream::device_bytes(host.view()) +
-           picture;
-  };
   texture_cache = std::min(texture_cache, budget / kTextureCacheShare);
-  if (budget < fixed_with(texture_cache) + room) texture_cache = 1;  // one group: slow, and the same picture
-  const uint64_t fixed = fixed_with(texture_cache);
+  if (budget < fixed_bytes(host, pictures, texture_cache) + room)
+    texture_cache = 1;  // one group: slow, and the same picture
+  const uint64_t fixed = fixed_bytes(host, pictures, texture_cache);
   const uint64_t least = fixed + room;
   if (budget < least)
     return Error{ErrorCode::kDevice, "the scene takes at least " + std::to_string(least) +
                                          " bytes of device memory where its chunks are streamed, but " +
                                          std::to_string(budget) + " are allowed"};
   const uint64_t bounce = CudaStream::bounce_bytes(largest, budget - fixed);
-  const uint64_t pool = budget - fixed - bounce - 2 * Residency::kAlignment;
+  const uint64_t pool = std::min(budget - fixed - bounce - 2 * Residency::kAlignment, whole_pool(bytes));
   const uint64_t all_rooms = CudaStream::kept_bytes(bytes);
   const uint64_t lists = CudaStream::pinned_list_bytes(host.view());
   // Batches take a fifth of the pinned memory, unless one chunk takes more, and the chunks that are kept the rest.
-  const uint64_t most_batch = host_memory == 0 ? kMostBatchBytes : host_memory / (5 * CudaStream::kStagings);
+  if (host_memory != 0) most_batch = std::min(most_batch, host_memory / (5 * CudaStream::kStagings));
   Result<Streamer> streamer = Streamer::create(host, pool, std::move(bytes), most_batch);
   if (!streamer) return streamer.error();
   uint64_t kept = 0;
@@ -393,13 +441,13 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
     kept = host_memory - lists - (keeps_all ? 0 : staging);
   }
   stream = std::make_unique<CudaStream>(host, std::move(*streamer), bounce, threads);
-  Result<CudaScene> copy =
-      CudaScene::upload(host, 0, of_frames, threads, reading, texture_cache, &stream->view(), host_memory, progress);
+  Result<CudaScene> copy = CudaScene::upload(host, 0, frames_bytes(host.view()), threads, reading, texture_cache,
+                                             &stream->view(), host_memory, progress);
   if (!copy) return copy.error();
   scene = std::move(*copy);
   if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
   stats = scene.stats();
-  stats.device_bytes = budget;
+  stats.device_bytes = fixed + bounce + pool + 2 * Residency::kAlignment;
   return stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
                       scene.texture_cache(), kept);
 }
@@ -409,8 +457,8 @@ const std::optional<StreamStats>& DeviceScene::stream_stats() const {
 }
 
 Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels::FrameTimes* times,
-                                              const kernels::ShadeOptions* shade) {
-  return DeviceView(impl_->own).draw(view, times, shade);
+                                              const kernels::ShadeOptions* shade, const IsOver& is_over) {
+  return DeviceView(impl_->own).draw(view, times, shade, is_over);
 }
 
 Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
@@ -447,8 +495,8 @@ Result<void> DeviceScene::read_colors(const kernels::View& view, const kernels::
     return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
                                         std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
   const float* made = nullptr;
-  if (impl_->stream != nullptr) {
-    made = impl_->stream->colors();
+  if (const CudaStream* const stream = impl_->streaming()) {
+    made = stream->colors();
     if (made == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
   } else {
     Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
@@ -493,13 +541,14 @@ const std::optional<StreamStats>& DeviceView::stream_stats() const {
 }
 
 Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels::FrameTimes* times,
-                                             const kernels::ShadeOptions* shade) {
+                                             const kernels::ShadeOptions* shade, const IsOver& is_over) {
   Impl& impl = *impl_;
   impl.width = 0;
   const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
   if (const Result<void> reserved = impl.samples.reserve(bytes, "allocating the visibility buffer"); !reserved)
     return reserved.error();
-  CudaStream* const stream = impl.scene.stream.get();
+  if (const Result<void> ready = impl.scene.make_ready(impl); !ready) return ready.error();
+  CudaStream* const stream = impl.scene.streaming();
   impl.is_drawn_by_team = impl.scene.team != nullptr;
   const auto start = std::chrono::steady_clock::now();
   const auto time = [&] {
@@ -516,13 +565,14 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
     return drawn;
   }
   if (stream == nullptr) {
+    impl.streamed.reset();
     const Result<kernels::FrameStats> drawn = impl.frames->draw(view, impl.sample_data(), {}, times);
     if (!drawn) return drawn.error();
     impl.width = view.width;
     impl.height = view.height;
     return drawn;
   }
-  const Result<StreamStats> streamed = stream->draw_frame(view, shade, impl.sample_data());
+  const Result<StreamStats> streamed = stream->draw_frame(view, shade, impl.sample_data(), is_over);
   if (!streamed) return streamed.error();
   impl.width = view.width;
   impl.height = view.height;
@@ -560,7 +610,7 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
     if (auto reserved = impl.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
       return reserved.error();
   uint32_t* const device_pixels = out != nullptr ? out : reinterpret_cast<uint32_t*>(impl.pixels.data());
-  const CudaStream* const stream = impl.scene.stream.get();
+  const CudaStream* const stream = impl.scene.streaming();
   const bool from_colors = stream != nullptr && kernels::shades_from_chunks(options.show);
   impl.blended = {};
   const float* over = nullptr;
@@ -610,7 +660,7 @@ Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples
   Impl& impl = *impl_;
   if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
   const bool reads_chunks = out.normal != nullptr || out.uv != nullptr;
-  if (reads_chunks && impl.scene.stream != nullptr)
+  if (reads_chunks && impl.scene.streaming() != nullptr)
     return Error{ErrorCode::kUnsupported,
                  "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
                  "budget of it has to hold the scene, or the CPU draws it"};
@@ -622,6 +672,7 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
                                                    const kernels::ShadeOptions* shade,
                                                    const std::function<Result<void>(size_t)>& make) {
   Impl& impl = *impl_;
+  if (const Result<void> ready = impl.scene.make_ready(impl); !ready) return ready.error();
   kernels::FrameStats sum{};
   if (views.size() < 2 || !impl.open_second(scene.view())) {
     for (size_t i = 0; i < views.size(); ++i) {

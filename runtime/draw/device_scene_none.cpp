@@ -15,12 +15,12 @@ DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
 Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t,
-                                        const PictureNeeds&, JobProgress*, uint32_t) {
+                                        const PictureNeeds&, JobProgress*, uint32_t, bool) {
   return current_gpu().error();
 }
 
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, kernels::FrameTimes*,
-                                              const kernels::ShadeOptions*) {
+Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, kernels::FrameTimes*, const kernels::ShadeOptions*,
+                                              const IsOver&) {
   return current_gpu().error();
 }
 
@@ -59,6 +59,10 @@ const UploadStats& DeviceScene::stats() const {
   return none;
 }
 
+Result<uint64_t> DeviceScene::load_rest(const IsOver&) {
+  return current_gpu().error();
+}
+
 Result<DeviceView> DeviceScene::add_view(const Scene&) {
   return current_gpu().error();
 }
@@ -95,7 +99,8 @@ Result<void> DeviceView::make_current() const {
   return current_gpu().error();
 }
 
-Result<kernels::FrameStats> DeviceView::draw(const kernels::View&, kernels::FrameTimes*, const kernels::ShadeOptions*) {
+Result<kernels::FrameStats> DeviceView::draw(const kernels::View&, kernels::FrameTimes*, const kernels::ShadeOptions*,
+                                             const IsOver&) {
   return current_gpu().error();
 }
 

@@ -32,20 +32,27 @@ Result<std::unique_ptr<CpuStream>> CpuStream::create(const Scene& scene, uint64_
   }
 }
 
-Result<StreamStats> CpuStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade) {
+Result<StreamStats> CpuStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
+                                          const IsOver& is_over) {
   over_.clear();
   blended_ = {};
-  Result<StreamStats> stats = streamer_.draw(view, shade, *this);
+  Result<StreamStats> stats = streamer_.draw(view, shade, *this, is_over);
   if (!stats || shade == nullptr || !kernels::shows_layers(scene_, *shade)) return stats;
-  if (const Result<void> drawn = draw_layers(*stats); !drawn) return drawn.error();
+  if (const Result<void> drawn = draw_layers(*stats, is_over); !drawn) return drawn.error();
   return stats;
 }
 
+Result<uint64_t> CpuStream::load_rest(const IsOver& is_over) {
+  const Result<Streamer::Rest> rest = streamer_.load_rest(*this, is_over);
+  if (!rest) return rest.error();
+  return rest->left_bytes;
+}
+
 /// Each is streamed as the picture was, and shaded part by part.
-Result<void> CpuStream::draw_layers(StreamStats& stats) {
+Result<void> CpuStream::draw_layers(StreamStats& stats, const IsOver& is_over) {
   const kernels::LayerSource source{[&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
                                       layer_ = Layer{&at, peeled};
-                                      const Result<StreamStats> drawn = streamer_.draw(view_, &*shade_, *this);
+                                      const Result<StreamStats> drawn = streamer_.draw(view_, &*shade_, *this, is_over);
                                       layer_.reset();
                                       if (!drawn) return drawn.error();
                                       stats.add_layer(*drawn);

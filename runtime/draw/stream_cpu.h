@@ -29,8 +29,12 @@ class CpuStream final : public StreamTarget {
   static Result<std::unique_ptr<CpuStream>> create(const Scene& scene, uint64_t pool_bytes, uint32_t threads);
 
   /// Draws `view` (its sides in samples) as kernels::draw_cpu() does. `shade`: what picture() will be asked for; null
-  /// where only the samples are wanted.
-  Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade);
+  /// where only the samples are wanted. `is_over`: as Streamer::draw().
+  Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
+                                 const IsOver& is_over = {});
+
+  /// As Streamer::load_rest(); returns the bytes that are left.
+  Result<uint64_t> load_rest(const IsOver& is_over = {});
 
   /// The layers of blended surfaces in the last frame, which was drawn to be shaded.
   const kernels::BlendCounts& blended() const { return blended_; }
@@ -58,7 +62,7 @@ class CpuStream final : public StreamTarget {
  private:
   CpuStream(const Scene& scene, Streamer streamer, uint32_t threads);
   void find_depths();
-  Result<void> draw_layers(StreamStats& stats);
+  Result<void> draw_layers(StreamStats& stats, const IsOver& is_over);
 
   /// A layer that is drawn, in place of the picture.
   struct Layer {

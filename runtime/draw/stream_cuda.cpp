@@ -152,21 +152,33 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
 }
 
 Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
-                                           uint64_t* samples) {
+                                           uint64_t* samples, const IsOver& is_over) {
   samples_ = samples;
   over_ = nullptr;
   blended_ = {};
-  Result<StreamStats> stats = streamer_.draw(view, shade, *this);
+  Result<StreamStats> stats = streamer_.draw(view, shade, *this, is_over);
   if (!stats || shade == nullptr || !kernels::shows_layers(scene_, *shade)) return stats;
-  if (const Result<void> drawn = draw_layers(*stats); !drawn) return drawn.error();
+  if (const Result<void> drawn = draw_layers(*stats, is_over); !drawn) return drawn.error();
   return stats;
 }
 
+Result<uint64_t> CudaStream::load_rest(const IsOver& is_over) {
+  const Result<Streamer::Rest> rest = streamer_.load_rest(*this, is_over);
+  if (!rest) return rest.error();
+  if (rest->left_bytes != 0) return rest->left_bytes;
+  list_pages(rest->present);
+  Result<void> done = pages_.set(entries_);
+  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "listing all chunks");
+  if (!done) return done.error();
+  is_complete_ = true;
+  return rest->left_bytes;
+}
+
 /// Each is streamed as the picture was, and shaded part by part.
-Result<void> CudaStream::draw_layers(StreamStats& stats) {
+Result<void> CudaStream::draw_layers(StreamStats& stats, const IsOver& is_over) {
   const kernels::LayerSource source{[&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
                                       layer_ = Layer{&at, peeled};
-                                      const Result<StreamStats> drawn = streamer_.draw(view_, &shade_, *this);
+                                      const Result<StreamStats> drawn = streamer_.draw(view_, &shade_, *this, is_over);
                                       layer_.reset();
                                       if (!drawn) return drawn.error();
                                       stats.add_layer(*drawn);
@@ -332,10 +344,14 @@ Result<double> CudaStream::finish_loading() {
   return ms;
 }
 
-Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places, PartOptions part) {
-  part_ = part;
+void CudaStream::list_pages(std::span<const Residency::Place> places) {
   entries_.clear();
   for (const Residency::Place& place : places) entries_.push_back({place.chunk, pool_.data() + place.offset});
+}
+
+Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places, PartOptions part) {
+  part_ = part;
+  list_pages(places);
   Result<void> done = cuda_check(cudaEventRecord(drawing_begun_, nullptr), "recording a time");
   if (done) done = pages_.set(entries_);
   kernels::DrawOptions options;

@@ -67,8 +67,15 @@ class CudaStream final : public StreamTarget {
   Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaFrames* blend_frames,
                     kernels::CudaResolver& resolver, kernels::CudaTextureCache* cache, uint64_t host_bytes);
 
-  /// Draws into `samples` (device memory, view.width * view.height); colors() are then those of `shade`.
-  Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade, uint64_t* samples);
+  /// Draws into `samples` (device memory, view.width * view.height); colors() are then those of `shade`. `is_over`: as
+  /// Streamer::draw().
+  Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade, uint64_t* samples,
+                                 const IsOver& is_over = {});
+
+  /// As Streamer::load_rest(); returns the bytes that are left. After the last all chunks are in the scene's page
+  /// table, and nothing is streamed any more.
+  Result<uint64_t> load_rest(const IsOver& is_over);
+  bool is_complete() const { return is_complete_; }
 
   /// Of the last frame, 3 floats a sample, in device memory; null where it was not shaded from chunks.
   const float* colors() const { return shades_ ? reinterpret_cast<const float*>(colors_.data()) : nullptr; }
@@ -130,7 +137,8 @@ class CudaStream final : public StreamTarget {
   Result<void> keep_in_host_memory(uint64_t host_bytes);
   Result<void> load(const Residency::Batch& batch, const Events& events);
   Result<void> use_drawn();
-  Result<void> draw_layers(StreamStats& stats);
+  Result<void> draw_layers(StreamStats& stats, const IsOver& is_over);
+  void list_pages(std::span<const Residency::Place> places);
   kernels::CudaFrames& frames() { return layer_ ? *blend_frames_ : *frames_; }
 
   /// A layer that is drawn, in place of the picture.
@@ -151,6 +159,7 @@ class CudaStream final : public StreamTarget {
   kernels::CudaBlend blend_;
   kernels::CudaResolver* resolver_ = nullptr;
   kernels::CudaTextureCache* cache_ = nullptr;
+  bool is_complete_ = false;
   kernels::DeviceBuffer pool_;
   uint64_t bounce_bytes_;
   kernels::DeviceBuffer bounce_;  // for moves onto themselves

@@ -51,6 +51,7 @@ void StreamStats::add_layer(const StreamStats& layer) {
   missing_bytes += layer.missing_bytes;
   hidden_bytes += layer.hidden_bytes;
   streamed_bytes += layer.streamed_bytes;
+  left_bytes += layer.left_bytes;
   needed_bytes += layer.needed_bytes;
   moved_bytes += layer.moved_bytes;
   batches += layer.batches;
@@ -94,8 +95,9 @@ uint64_t Streamer::most_batch_bytes() const {
 /// One frame, drawn in parts: the chunks in the pool at its beginning, and each batch.
 class Streamer::Frame {
  public:
-  Frame(Residency& residency, uint64_t batch_bytes, std::span<LastSeen> last_seen, StreamTarget& target)
-      : residency_(residency), last_seen_(last_seen), target_(target), batch_bytes_(batch_bytes) {}
+  Frame(Residency& residency, uint64_t batch_bytes, std::span<LastSeen> last_seen, StreamTarget& target,
+        const IsOver& is_over)
+      : residency_(residency), last_seen_(last_seen), target_(target), batch_bytes_(batch_bytes), is_over_(is_over) {}
 
   Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade);
 
@@ -130,11 +132,19 @@ class Streamer::Frame {
     return std::any_of(parts_.begin(), parts_.end(), [](const Part& part) { return !part.places.empty(); });
   }
   void look_at_picture();
+  /// Whether the frame ends with the loads that have started.
+  bool ends() {
+    ends_ = ends_ || (is_over_ && is_over_());
+    return ends_;
+  }
+  void leave_missing();
 
   Residency& residency_;
   const std::span<LastSeen> last_seen_;
   StreamTarget& target_;
   const uint64_t batch_bytes_;
+  const IsOver& is_over_;
+  bool ends_ = false;
   StreamStats stats_{};
   std::vector<uint32_t> listed_;  // near ones first; chunks that were hidden last time come last
   // Missing chunks that the residency does not have yet:
@@ -160,6 +170,10 @@ Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kerne
       Part part = std::move(parts_.front());
       parts_.pop_front();
       if (Result<void> drawn = draw_part(std::move(part)); !drawn) return drawn.error();
+    }
+    if (ends()) {
+      leave_missing();
+      break;
     }
     // Chunks hidden last time are most likely hidden again, by something that is drawn by now.
     if (!has_unsure() && residency_.missing().empty()) {
@@ -296,12 +310,13 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
   // drawn: that takes as long as two batches if near chunks are drawn in many places with nothing in front.
   if (!has_depths_ && !has_begun_) most_unsure = 1;
   for (;;) {
+    if (ends()) return {};
     if (is_sure_ && residency_.missing().empty()) {
       if (unsure_.empty()) return {};
       unsure_bytes_ = batch_bytes_ / (has_depths_ || !parts_.empty() ? 1 : kFirstBatchShare);
       is_sure_ = false;
     }
-    if (loads_ >= (is_sure_ ? kMostLoads : most_unsure)) return {};
+    if (loads_ >= (!is_sure_ ? most_unsure : is_over_ ? kLoadsAhead : kMostLoads)) return {};
     const uint64_t most_bytes = is_sure_ ? batch_bytes_ : unsure_bytes_;
     // While other loads run, small remainders can wait until more is evicted.
     if (loads_ != 0 && has_parts() && residency_.room_left() < most_bytes / 2) return {};
@@ -378,31 +393,76 @@ Result<void> Streamer::Frame::finish_loading() {
   return {};
 }
 
-/// Records the visibility of chunks for the next frame.
+/// Goes without the chunks that are missing.
+void Streamer::Frame::leave_missing() {
+  const auto leave = [&](uint32_t chunk) {
+    if (!is_hidden(chunk)) stats_.left_bytes += residency_.chunk_bytes(chunk);
+    return true;
+  };
+  residency_.drop_missing(leave);
+  for (const Unsure& unsure : unsure_) leave(unsure.chunk);
+  for (const uint32_t chunk : hidden_) leave(chunk);
+}
+
+/// Records the visibility of chunks for the next frame. What an incomplete picture shows may be hidden in a whole one.
 void Streamer::Frame::look_at_picture() {
-  if (!has_all_depths_) return;
+  if (!has_all_depths_ || stats_.left_bytes != 0) return;
   for (const uint32_t chunk : listed_)
     last_seen_[chunk] = target_.nearest_shown(chunk) == kNotInView ? LastSeen::kHidden : LastSeen::kVisible;
   for (const uint32_t chunk : streamed_)
     if (last_seen_[chunk] == LastSeen::kVisible) stats_.needed_bytes += residency_.chunk_bytes(chunk);
 }
 
-Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade,
-                                   StreamTarget& target) {
-  const uint64_t triangles = view_.instance_count == 0 ? 0 : view_.instance_base[view_.instance_count];
-  if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
-  Result<StreamStats> drawn = [&]() -> Result<StreamStats> {
+/// After an error nothing is known of the pool.
+template <class Work>
+auto Streamer::guarded(StreamTarget& target, const Work& work) -> decltype(work()) {
+  auto done = [&]() -> decltype(work()) {
     try {
-      return Frame(residency_, batch_bytes_, last_seen_, target).draw(view, shade);
+      return work();
     } catch (const std::bad_alloc&) {
       return no_memory("for the frame's chunks");
     }
   }();
-  if (!drawn) {
+  if (!done) {
     target.stop();
     residency_.forget();
   }
-  return drawn;
+  return done;
+}
+
+Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
+                                   const IsOver& is_over) {
+  const uint64_t triangles = view_.instance_count == 0 ? 0 : view_.instance_base[view_.instance_count];
+  if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
+  return guarded(target,
+                 [&] { return Frame(residency_, batch_bytes_, last_seen_, target, is_over).draw(view, shade); });
+}
+
+Result<Streamer::Rest> Streamer::load_rest(StreamTarget& target, const IsOver& is_over) {
+  return guarded(target, [&]() -> Result<Rest> {
+    std::vector<uint32_t> chunks;
+    for (uint64_t c = 0; c < view_.chunk_count; ++c)
+      if (residency_.chunk_bytes(static_cast<uint32_t>(c)) != 0) chunks.push_back(static_cast<uint32_t>(c));
+    Rest rest{0, residency_.begin_frame(chunks)};
+    size_t loads = 0;
+    for (bool is_ended = false;;) {
+      while (loads < kLoadsAhead && !is_ended) {
+        const Residency::Batch batch = residency_.next_batch(batch_bytes_);
+        is_ended = batch.loads.empty();
+        if (is_ended) break;
+        if (Result<void> started = target.start_loading(batch); !started) return started.error();
+        ++loads;
+        rest.present.insert(rest.present.end(), batch.loads.begin(), batch.loads.end());
+        is_ended = is_over && is_over();
+      }
+      if (loads == 0) break;
+      if (const Result<double> loaded = target.finish_loading(); !loaded) return loaded.error();
+      --loads;
+    }
+    for (const uint32_t chunk : residency_.missing()) rest.left_bytes += residency_.chunk_bytes(chunk);
+    residency_.batch_drawn(rest.present);
+    return rest;
+  });
 }
 
 }  // namespace scree::runtime

@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -72,6 +73,7 @@ struct StreamStats {
   uint64_t missing_bytes = 0;   // of the seen chunks that were not in the pool when the frame began
   uint64_t hidden_bytes = 0;    // missing, but hidden by what was drawn before, and not loaded
   uint64_t streamed_bytes = 0;  // missing and loaded
+  uint64_t left_bytes = 0;      // missing, not hidden by what was drawn, and not loaded: the frame was ended before
   uint64_t needed_bytes = 0;    // streamed and not hidden in the finished picture, according to bounds
   uint64_t moved_bytes = 0;     // within the pool
   uint64_t batches = 0;         // loaded batches
@@ -87,6 +89,9 @@ struct StreamStats {
   /// picture's.
   void add_layer(const StreamStats& layer);
 };
+
+/// Whether a frame should end without the chunks whose loads have not started yet. Empty: never. Stays true.
+using IsOver = std::function<bool()>;
 
 // How far loading runs ahead. Any values give the same picture.
 
@@ -121,8 +126,18 @@ class Streamer {
   const kernels::SceneView& view() const { return view_; }
 
   /// Draws one frame through `target`, which must use this streamer's pool exclusively. After an error the next frame
-  /// begins with an empty pool. Errors kRange (kernels::check_frame), kMemory, errors of `target`.
-  Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target);
+  /// begins with an empty pool. With `is_over` at most kLoadsAhead loads are in flight. If it ends the frame, this
+  /// shows the chunks that were there or had begun to load: StreamStats::left_bytes are missing. Errors kRange
+  /// (kernels::check_frame), kMemory, errors of `target`.
+  Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
+                           const IsOver& is_over = {});
+
+  /// Loads chunks that no frame needed yet into free room, in the order of the file, until `is_over`. Errors as draw().
+  struct Rest {
+    uint64_t left_bytes = 0;                // of chunks that are still missing
+    std::vector<Residency::Place> present;  // the chunks that are there
+  };
+  Result<Rest> load_rest(StreamTarget& target, const IsOver& is_over = {});
 
   const Residency& residency() const { return residency_; }
 
@@ -135,6 +150,8 @@ class Streamer {
   class Frame;
 
   Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes);
+  template <class Work>
+  auto guarded(StreamTarget& target, const Work& work) -> decltype(work());
 
   Residency residency_;
   uint64_t batch_bytes_;             // wanted size of a batch

@@ -21,6 +21,10 @@ constexpr auto kMovingRestDelay = 160ms;  // if it said that it moves, but has s
 constexpr double kQuickMs = 150;
 constexpr double kPatientMs = 900;
 constexpr auto kPatientDelay = 1200ms;
+// How long a picture waits for chunks that are still on their way to a GPU before it goes without them, and how long
+// chunks are loaded that no picture needs while there is nothing to draw.
+constexpr auto kChunkPatience = 150ms;
+constexpr auto kIdleLoading = 30ms;
 // A viewer at rest waits no longer for those who move.
 constexpr auto kLongestWait = 3s;
 
@@ -46,6 +50,10 @@ bool is_same_picture(const PictureRequest& a, const PictureRequest& b) {
   return a.camera == b.camera && a.width == b.width && a.height == b.height && s.show == t.show && s.light == t.light &&
          std::equal(std::begin(s.background), std::end(s.background), std::begin(t.background)) && s.ssao == t.ssao &&
          s.edl == t.edl && s.edl_strength == t.edl_strength && s.edl_radius == t.edl_radius;
+}
+
+runtime::IsOver after(std::chrono::milliseconds patience) {
+  return [end = Hub::Clock::now() + patience] { return Hub::Clock::now() >= end; };
 }
 
 uint32_t scaled(uint32_t side, double scale) {
@@ -233,16 +241,27 @@ void Hub::run() {
     scene_text_ = std::move(text);
     is_ready_ = true;
     for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
+    uint64_t left_bytes = UINT64_MAX;  // of the scene's chunks
     while (!is_stopping_) {
       const Clock::time_point now = Clock::now();
       Clock::time_point wake = now + 10s;
       std::optional<Work> work = next_work(now, wake);
-      if (!work) {
+      if (!work && left_bytes == 0) {
         changed_.wait_until(lock, wake);
         continue;
       }
       lock.unlock();
-      const Result<void> done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
+      Result<void> done;
+      if (work) {
+        done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
+      } else {
+        const Result<uint64_t> left = session_->load_rest(after(kIdleLoading));
+        if (!left) {
+          on_end_(left.error());
+          return end();
+        }
+        left_bytes = *left < left_bytes ? *left : 0;  // a GPU that is full takes no more
+      }
       const bool fell_back = session_->drawn_on() != drawn_on;  // from a GPU that failed to the CPU
       if (fell_back) text = scene_text(*session_, options_);
       lock.lock();
@@ -251,7 +270,7 @@ void Hub::run() {
         scene_text_ = text;
         for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
       }
-      if (done) continue;
+      if (done || !work) continue;
       // The request is too large or invalid. It counts as drawn, so that it is not tried again and again.
       work->viewer->link->send_text(error_text(done.error().message));
       if (!work->job && work->viewer->version == work->version) {
@@ -265,19 +284,20 @@ void Hub::run() {
   end();
 }
 
-void Hub::sent(const Work& work, uint64_t frame, bool is_moving) {
+void Hub::sent(const Work& work, uint64_t frame, bool is_moving, bool is_whole) {
   const std::lock_guard lock(mutex_);
   Viewer& viewer = *work.viewer;
-  viewer.in_flight.push_back({frame, work.begun, work.level, is_moving});
-  viewer.drawn_version = std::max(viewer.drawn_version, work.version);
+  viewer.in_flight.push_back({frame, work.begun, work.level, is_moving && is_whole});
+  if (is_whole) viewer.drawn_version = std::max(viewer.drawn_version, work.version);
 }
 
 Result<void> Hub::draw_moving(const Work& work) {
   const PictureRequest& request = work.request;
   const Quality& quality = kQualities[work.level];
   const JpegKind jpeg{quality.jpeg, has_sharp_colours(request.shade.show)};
-  const Result<Drawn> drawn = session_->draw(request, scaled(request.width, quality.scale),
-                                             scaled(request.height, quality.scale), 1, work.visibility, &jpeg);
+  const Result<Drawn> drawn =
+      session_->draw(request, scaled(request.width, quality.scale), scaled(request.height, quality.scale), 1,
+                     work.visibility, &jpeg, after(kChunkPatience));
   if (!drawn) return drawn.error();
 
   std::optional<runtime::Vec3> point;
@@ -293,14 +313,15 @@ Result<void> Hub::draw_moving(const Work& work) {
   }
   std::vector<std::byte> message =
       moving_picture(frame, request, quality, *drawn, ms_between(work.wanted_at, work.begun), point);
-  sent(work, frame, true);
+  sent(work, frame, true, drawn->left_bytes == 0);
   work.viewer->link->send_picture(std::move(message));
   return {};
 }
 
 Result<void> Hub::draw_exact(const Work& work) {
   const PictureRequest& request = work.request;
-  const Result<Drawn> drawn = session_->draw(request, request.width, request.height, work.samples, work.visibility);
+  const Result<Drawn> drawn = session_->draw(request, request.width, request.height, work.samples, work.visibility,
+                                             nullptr, [&] { return is_outdated(work); });
   if (!drawn) return drawn.error();
   if (is_outdated(work)) return {};
   const runtime::Stopwatch watch;
@@ -332,7 +353,7 @@ Result<void> Hub::draw_exact(const Work& work) {
   }
   std::vector<std::byte> message =
       exact_picture(frame, request, *drawn, encode_ms, session_->device_bytes(), point, *image);
-  sent(work, frame, false);
+  sent(work, frame, false, true);
   work.viewer->link->send_picture(std::move(message));
   return {};
 }
@@ -346,13 +367,15 @@ Result<void> Hub::do_job(const Work& work) {
 
 Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
   const uint32_t samples = possible_samples(shot.samples, shot.width, shot.height);
-  const Result<Drawn> drawn = session_->draw(work.request, shot.width, shot.height, samples, work.visibility);
-  if (!drawn) return drawn.error();
-  const runtime::Stopwatch watch;
   const auto is_stopping = [&] {
     const std::lock_guard lock(mutex_);
     return is_stopping_;
   };
+  const Result<Drawn> drawn =
+      session_->draw(work.request, shot.width, shot.height, samples, work.visibility, nullptr, is_stopping);
+  if (!drawn) return drawn.error();
+  if (drawn->left_bytes != 0) return {};
+  const runtime::Stopwatch watch;
   const Result<std::vector<std::byte>> image = encode_png(drawn->pixels, session_->workers(), is_stopping);
   if (!image) return image.error();
   if (image->empty()) return {};

@@ -107,7 +107,7 @@ class Hub {
   Result<void> do_job(const Work& work);
   Result<void> take_screenshot(const Work& work, const Screenshot& shot);
   Result<void> pick(const Work& work, const PickRequest& request);
-  void sent(const Work& work, uint64_t frame, bool is_moving);
+  void sent(const Work& work, uint64_t frame, bool is_moving, bool is_whole);
   void tell_viewers() const;
   bool is_outdated(const Work& work) const;
 

@@ -140,6 +140,7 @@ std::vector<std::byte> moving_picture(uint64_t frame, const PictureRequest& requ
   json.member("scale", quality.scale);
   write_head(json, drawn, drawn.encode_ms);
   json.member("waitMs", wait_ms);
+  json.member("leftBytes", drawn.left_bytes);
   json.member("triangles", drawn.stats.triangles);
   if (point) write_numbers(json, "point", *point);
   json.end_object();

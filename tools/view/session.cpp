@@ -104,7 +104,8 @@ struct ViewSession::Impl {
   kernels::BlendCounts blended;
   std::vector<uint64_t> samples;  // the CPU's, or read back from the GPU
   bool has_samples = false;
-  double buffer_ms = 0;  // the time of drawing it
+  uint64_t left_bytes = 0;  // of chunks that it lacks
+  double buffer_ms = 0;     // the time of drawing it
   std::vector<uint8_t> pixels;
   std::vector<uint32_t> device_pixels;
 
@@ -119,7 +120,7 @@ struct ViewSession::Impl {
     const uint64_t cache = options.texture_cache != 0 ? options.texture_cache : runtime::kDeviceTextureCache;
     Result<runtime::DeviceScene> uploaded =
         runtime::DeviceScene::upload(scene, options.device_memory, options.threads, runtime::Reading::kAuto, cache, 0,
-                                     pictures, nullptr, options.backend.gpus);
+                                     pictures, nullptr, options.backend.gpus, true);
     if (!uploaded) return uploaded.error();
     device = std::move(*uploaded);
     return {};
@@ -131,6 +132,14 @@ struct ViewSession::Impl {
     key.reset();
     drawn_on = name_of_cpu(options.threads);
     return scene.load_pages(options.threads);
+  }
+
+  bool may_fall_back(const Error& error) const {
+    return error.code == ErrorCode::kDevice && device && options.backend.choice == BackendChoice::kAuto;
+  }
+  Result<void> fall_back(const Error& error) {
+    if (!options.quiet) warn_of_cpu("view", drawn_on + ": " + error.message);
+    return use_cpu();
   }
 
   /// View::omitted of the next picture. Throws std::bad_alloc.
@@ -149,9 +158,11 @@ struct ViewSession::Impl {
     return brought;
   }
 
-  Result<void> draw_buffer(const BufferKey& wanted, const kernels::ShadeOptions& shade) {
+  Result<void> draw_buffer(const BufferKey& wanted, const kernels::ShadeOptions& shade,
+                           const runtime::IsOver& is_over) {
     key.reset();
     has_samples = false;
+    left_bytes = 0;
     runtime::CameraOptions camera;
     camera.eye = wanted.camera.eye;
     camera.target = wanted.camera.target;
@@ -170,7 +181,9 @@ struct ViewSession::Impl {
     view.omitted = *left_out;
     Result<kernels::FrameStats> drawn = kernels::FrameStats{};
     if (device) {
-      drawn = device->draw(view, nullptr, &shade);
+      drawn = device->draw(view, nullptr, &shade, is_over);
+      if (const std::optional<runtime::StreamStats>& stream = device->stream_stats(); drawn && stream)
+        left_bytes = stream->left_bytes;
     } else {
       samples.resize(uint64_t{view.width} * view.height);
       drawn = kernels::draw_cpu(scene.view(), view, samples, options.threads);
@@ -178,7 +191,7 @@ struct ViewSession::Impl {
     }
     if (!drawn) return drawn.error();
     stats = *drawn;
-    key = wanted;
+    if (left_bytes == 0) key = wanted;
     return {};
   }
 
@@ -206,16 +219,18 @@ struct ViewSession::Impl {
     return out;
   }
 
-  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, const JpegKind* jpeg) {
+  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, const JpegKind* jpeg,
+                     const runtime::IsOver& is_over) {
     Drawn out;
     out.samples = wanted.samples;
     // A streamed frame keeps only the colours of a part, so other shading needs another frame.
-    const bool is_streamed = device && device->stream_stats();
+    const bool is_streamed = device && device->is_streamed();
     if (key != wanted || is_streamed) {
       const Stopwatch draw_watch;
-      if (const Result<void> drawn = draw_buffer(wanted, shade); !drawn) return drawn.error();
+      if (const Result<void> drawn = draw_buffer(wanted, shade, is_over); !drawn) return drawn.error();
       out.draw_ms = buffer_ms = draw_watch.elapsed().wall_ms;
     }
+    out.left_bytes = left_bytes;
     out.buffer_ms = buffer_ms;
     const Stopwatch shade_watch;
     const Result<PixelView> shaded = shade_buffer(shade, jpeg == nullptr);
@@ -287,22 +302,30 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
 }
 
 Result<Drawn> ViewSession::draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
-                                const Visibility& visibility, const JpegKind* jpeg) try {
+                                const Visibility& visibility, const JpegKind* jpeg,
+                                const runtime::IsOver& is_over) try {
   BufferKey wanted{request.camera, width, height, samples, visibility};
   kernels::ShadeOptions shade = request.shade;
   shade.lighting = impl_->options.light.lighting;
   shade.exposure = impl_->options.light.exposure;
   shade.blend_layers = impl_->options.light.blend_layers;
-  Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg);
-  const bool may_fall_back = impl_->device && impl_->options.backend.choice == BackendChoice::kAuto;
-  if (drawn || drawn.error().code != ErrorCode::kDevice || !may_fall_back) return drawn;
-  if (!impl_->options.quiet) warn_of_cpu("view", impl_->drawn_on + ": " + drawn.error().message);
-  if (const Result<void> ready = impl_->use_cpu(); !ready) return ready.error();
-  return impl_->draw(wanted, shade, jpeg);
+  Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg, is_over);
+  if (drawn || !impl_->may_fall_back(drawn.error())) return drawn;
+  if (const Result<void> ready = impl_->fall_back(drawn.error()); !ready) return ready.error();
+  return impl_->draw(wanted, shade, jpeg, is_over);
 } catch (const std::bad_alloc&) {
   impl_->key.reset();
   return Error{ErrorCode::kMemory,
                "no memory left for a picture of " + std::to_string(width) + " x " + std::to_string(height) + " pixels"};
+}
+
+Result<uint64_t> ViewSession::load_rest(const runtime::IsOver& is_over) {
+  if (!impl_->device) return uint64_t{0};
+  const Result<uint64_t> left = impl_->device->load_rest(is_over);
+  if (left && *left == 0) impl_->key.reset();
+  if (left || !impl_->may_fall_back(left.error())) return left;
+  if (const Result<void> ready = impl_->fall_back(left.error()); !ready) return ready.error();
+  return uint64_t{0};
 }
 
 Result<DepthMap> ViewSession::depths() try {

@@ -13,6 +13,7 @@
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/scene/scene.h"
+#include "runtime/stream/streamer.h"
 #include "runtime/stream/upload.h"
 #include "tools/common/backend.h"
 #include "tools/common/draw_options.h"
@@ -52,10 +53,11 @@ struct Drawn {
   uint32_t samples = 1;
   kernels::FrameStats stats{};
   kernels::BlendCounts blended;
-  double draw_ms = 0;    // 0 if the previous picture had the same visibility buffer,
-  double buffer_ms = 0;  // which took this long when it was drawn
-  double shade_ms = 0;   // includes bringing the pixels to the host
-  double encode_ms = 0;  // of the JPEG
+  uint64_t left_bytes = 0;  // of chunks that are still on their way to a GPU; 0: the picture is whole
+  double draw_ms = 0;       // 0 if the previous picture had the same visibility buffer,
+  double buffer_ms = 0;     // which took this long when it was drawn
+  double shade_ms = 0;      // includes bringing the pixels to the host
+  double encode_ms = 0;     // of the JPEG
 };
 
 /// The depths of one picture in separate memory, so that a viewer's cursor can be located while others draw.
@@ -95,7 +97,8 @@ struct Picked {
 /// Used only by the thread that opened it.
 class ViewSession {
  public:
-  /// Opens and loads the scene, onto a GPU if the options allow. With BackendChoice::kAuto the CPU draws if a GPU
+  /// Opens and loads the scene, onto a GPU if the options allow. Its chunks come there with the pictures that show them
+  /// and by load_rest(). With BackendChoice::kAuto the CPU draws if a GPU
   /// fails, now or later. Errors as SceneFile::open, Scene::load and DeviceScene::upload.
   static Result<ViewSession> open(const SessionOptions& options);
   ViewSession(ViewSession&&) noexcept;
@@ -103,11 +106,17 @@ class ViewSession {
   ~ViewSession();
 
   /// Draws and shades a picture of `width` x `height` pixels. `visibility`: may name missing nodes. `jpeg`: how to
-  /// encode it, if at all; a GPU encodes by itself, so that a file comes to the host instead of all pixels. The pixels
-  /// equal those of `scree render` with the same camera, size, samples and shading, bit for bit. Errors kUsage (a
-  /// camera without a direction), kRange (more than kernels::kMaxImageSide samples per side), kMemory, kDevice.
+  /// encode it, if at all; a GPU encodes by itself, so that a file comes to the host instead of all pixels. `is_over`:
+  /// as runtime::Streamer::draw(), where chunks come with the picture. Without Drawn::left_bytes the pixels equal those
+  /// of `scree render` with the same camera, size, samples and shading, bit for bit. Errors kUsage (a camera without a
+  /// direction), kRange (more than kernels::kMaxImageSide samples per side), kMemory, kDevice.
   Result<Drawn> draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
-                     const Visibility& visibility, const JpegKind* jpeg = nullptr);
+                     const Visibility& visibility, const JpegKind* jpeg = nullptr, const runtime::IsOver& is_over = {});
+
+  /// Brings chunks to the GPU that no picture needed yet, until `is_over`. Returns the bytes that are left: 0 in the
+  /// end, unless the GPU's memory does not hold the scene. The last picture must be drawn again before it is read.
+  /// Errors as draw(), and those of pages that are damaged.
+  Result<uint64_t> load_rest(const runtime::IsOver& is_over);
 
   /// The depths of draw()'s last picture. Errors kMemory, kDevice.
   Result<DepthMap> depths();

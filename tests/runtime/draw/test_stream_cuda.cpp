@@ -21,6 +21,7 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
+#include "tests/models.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
@@ -293,6 +294,81 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
   REQUIRE(from_streamed);
   CHECK_FALSE(resident->stream_stats());
   CHECK(from_resident->pixels == from_streamed->pixels);
+}
+
+TEST_CASE("a scene that comes to the GPU with its pictures is resident in the end", "[cuda][stream]") {
+  if (!scree::tests::has_gpu()) return;
+  const TempFolder folder;
+  const bool is_blended = GENERATE(false, true);  // else all encodings, float32 too
+  std::string path = folder.file("soup.scree");
+  if (is_blended) {
+    scree::convert::ConvertOptions options = scree::tests::options_of(folder);
+    options.input = scree::tests::data_path("materials.gltf").string();
+    options.chunk_triangles = 1;
+    scree::tests::must_convert(options);
+    path = options.output;
+  } else {
+    write_soup(path);
+  }
+  const Scene whole = must_load(path);
+  const Scene scene = must_load(path, {.threads = 2, .pages = false});
+  Result<DeviceScene> resident = DeviceScene::upload(scene, 0, 2);
+  Result<DeviceScene> coming =
+      DeviceScene::upload(scene, 0, 2, Reading::kAuto, runtime::kDeviceTextureCache, 0, {}, nullptr, 1, true);
+  REQUIRE(resident);
+  REQUIRE(coming);
+  CHECK(coming->is_streamed());
+  std::vector<runtime::DeviceView> views;
+  for (int i = 0; i < 2; ++i) {
+    Result<runtime::DeviceView> added = coming->add_view(scene);
+    REQUIRE(added);
+    views.push_back(std::move(*added));
+  }
+  const View view = must_view(whole, {.width = 90, .height = 60});
+  const ShadeOptions shade;
+  const auto picture_of = [&](DeviceScene& device) {
+    const Result<Frame> frame = Frame::draw(scene, view, 1, 2, &device, &shade);
+    REQUIRE(frame);
+    const Result<Picture> picture = frame->shade(shade, 2);
+    REQUIRE(picture);
+    return picture->pixels;
+  };
+  const std::vector<uint8_t> expected = picture_of(*resident);
+  // It does not wait, and shows less.
+  REQUIRE(coming->draw(view, nullptr, &shade, [] { return true; }));
+  REQUIRE(coming->stream_stats());
+  CHECK(coming->stream_stats()->left_bytes > 0);
+  std::vector<uint32_t> pixels(size_t{view.width} * view.height);
+  REQUIRE(coming->resolve(view, 1, shade, pixels));
+  CHECK(std::all_of(pixels.begin(), pixels.end(), [](uint32_t pixel) { return pixel == 0; }));
+  // A picture loads what it shows.
+  CHECK(picture_of(*coming) == expected);
+  CHECK(coming->stream_stats()->left_bytes == 0);
+  uint64_t left = UINT64_MAX;
+  while (left != 0) {
+    const Result<uint64_t> less = coming->load_rest([] { return true; });
+    REQUIRE(less);
+    REQUIRE((*less < left || *less == 0));
+    left = *less;
+  }
+  CHECK_FALSE(coming->is_streamed());
+  CHECK(coming->load_rest().value() == 0);
+  CHECK_FALSE(coming->resolve(view, 1, shade, pixels));  // its picture was streamed
+  for (int i = 0; i < 2; ++i) CHECK(picture_of(*coming) == expected);
+  CHECK_FALSE(coming->stream_stats());
+  const Result<Frame> on_cpu = Frame::draw(whole, view, 1, 2);
+  REQUIRE(on_cpu);
+  std::vector<uint64_t> samples(on_cpu->samples().size());
+  const std::vector<View> two(2, view);
+  for (runtime::DeviceView& drawn : views) {
+    REQUIRE(drawn.draw(view));
+    REQUIRE(drawn.read_samples(samples));
+    CHECK(std::equal(samples.begin(), samples.end(), on_cpu->samples().begin()));
+    REQUIRE(drawn.resolve(view, 1, shade, pixels));
+    REQUIRE(drawn.draw_batch(scene, two, nullptr, [](size_t) { return Result<void>(); }));
+    REQUIRE(drawn.read_samples(samples));
+    CHECK(std::equal(samples.begin(), samples.end(), on_cpu->samples().begin()));
+  }
 }
 
 TEST_CASE("a GPU decodes JPEG textures as it looks at them while chunks are streamed", "[cuda][stream]") {

@@ -248,6 +248,57 @@ TEST_CASE("a streamer draws what shows once, from where it lies, whenever loads 
   CHECK(merged > 0);
 }
 
+TEST_CASE("a frame that is ended draws what it has begun to load, and the rest comes when nothing is drawn",
+          "[streamer]") {
+  Chunks chunks;
+  const auto count = static_cast<uint32_t>(chunks.bytes.size());
+  std::mt19937 random(9);
+  const auto below = [&](uint32_t most) { return static_cast<uint32_t>(random() % most); };
+  uint64_t ended = 0;
+  for (const uint64_t pool : {uint64_t{3500}, chunks.all / 3, 2 * chunks.all}) {
+    Account account(pool, static_cast<uint32_t>(pool));
+    Result<Streamer> streamer = Streamer::create(*chunks.scene, pool, chunks.bytes);
+    REQUIRE(streamer);
+    std::vector<uint32_t> codes(count);
+    for (int frame = 0; frame < 40; ++frame) {
+      if (frame % 8 == 0) {
+        for (uint32_t& code : codes) code = below(4) == 0 ? kNotInView : below(1000);
+        std::vector<uint32_t> in_the_end = codes;
+        for (uint32_t& code : in_the_end) code = below(3) == 0 ? kNotInView : code;
+        account.set_view(codes, in_the_end);
+      }
+      // Every eighth frame is not ended; some are, before they load anything.
+      uint32_t loads = frame % 8 == 7 ? UINT32_MAX : below(6);
+      if (frame % 9 == 5) account.fail_at(1 + below(20));
+      const Result<StreamStats> stats = streamer->draw(chunks.view, nullptr, account, [&] {
+        if (loads != 0) --loads;
+        return loads == 0;
+      });
+      account.fail_at(0);
+      if (!stats) continue;
+      REQUIRE(stats->streamed_bytes + stats->hidden_bytes + stats->left_bytes == stats->missing_bytes);
+      ended += stats->left_bytes != 0 ? 1 : 0;
+      if (stats->left_bytes == 0) account.check_all_drawn();
+      if (frame % 8 == 7) REQUIRE(stats->left_bytes == 0);
+      if (frame % 4 != 3) continue;
+      REQUIRE(account.begin(chunks.view, nullptr));
+      if (frame % 16 == 3) account.fail_at(1 + below(5));
+      int calls = 0;
+      const Result<Streamer::Rest> rest = streamer->load_rest(account, [&] { return ++calls == 2; });
+      account.fail_at(0);
+      if (!rest) continue;
+      uint64_t there = rest->left_bytes;
+      for (const Residency::Place& place : rest->present) there += place.bytes;
+      REQUIRE(there == chunks.all);
+    }
+    REQUIRE(account.begin(chunks.view, nullptr));
+    const Result<Streamer::Rest> rest = streamer->load_rest(account);
+    REQUIRE(rest);
+    CHECK((rest->left_bytes == 0) == (pool >= chunks.all));
+  }
+  CHECK(ended > 20);
+}
+
 TEST_CASE("what the last picture needed is loaded while what is there is drawn, what it hid is not", "[streamer]") {
   Chunks chunks;
   const auto count = static_cast<uint32_t>(chunks.bytes.size());

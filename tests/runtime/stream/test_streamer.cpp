@@ -315,6 +315,59 @@ TEST_CASE("streamed pictures are those of the whole scene: files of tests/data",
   }
 }
 
+TEST_CASE("pictures that do not wait for all chunks come to the whole picture", "[streamer]") {
+  const TempFolder folder;
+  convert::ConvertOptions options;
+  options.chunk_triangles = 60;
+  options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  convert_layers(folder, options);
+  const Compared scene(folder.file("out.scree"));
+  const View view = must_view(scene.whole(), {.width = 97, .height = 61});
+  const Result<Frame> whole = Frame::draw(scene.whole(), view, 1, 2);
+  REQUIRE(whole);
+  const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
+  const ShadeOptions shade;
+  uint64_t left = UINT64_MAX;
+  int frames = 0;
+  while (left != 0) {
+    bool has_asked = false;
+    const Result<StreamStats> stats = stream->draw_frame(view, &shade, [&] { return std::exchange(has_asked, true); });
+    REQUIRE(stats);
+    REQUIRE(stats->left_bytes < left);
+    left = stats->left_bytes;
+    // Every sample shows what the whole picture has there, or something behind it.
+    REQUIRE(stream->samples().size() == whole->samples().size());
+    bool is_behind = false;
+    for (size_t i = 0; i < whole->samples().size(); ++i) {
+      REQUIRE(stream->samples()[i] >= whole->samples()[i]);
+      is_behind = is_behind || stream->samples()[i] != whole->samples()[i];
+    }
+    CHECK((left != 0 || !is_behind));
+    if (frames++ == 0) CHECK(is_behind);
+  }
+  CHECK(frames > 2);
+  scene.draw(*stream, view, 2, shade);
+
+  uint64_t rest = UINT64_MAX;
+  int calls = 0;
+  while (rest != 0) {
+    const Result<uint64_t> less = stream->load_rest([] { return true; });
+    REQUIRE(less);
+    REQUIRE(*less < rest);
+    rest = *less;
+    ++calls;
+  }
+  CHECK(calls > 0);
+  CHECK(scene.draw(*stream, view, 1, shade).missing_bytes == 0);
+  // A pool that does not hold all keeps some for good.
+  const std::unique_ptr<CpuStream> small = scene.stream(scene.pool().all / 2);
+  const Result<uint64_t> kept_out = small->load_rest();
+  REQUIRE(kept_out);
+  CHECK(*kept_out > 0);
+  CHECK(*small->load_rest() == *kept_out);
+  scene.draw(*small, view, 1, shade);
+}
+
 TEST_CASE("streamed pictures leave out omitted instances, whose chunks are not loaded", "[streamer][omitted]") {
   for (const char* name : {"gpu_instancing.glb", "materials.gltf"}) {
     INFO(name);

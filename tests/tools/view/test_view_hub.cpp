@@ -114,6 +114,28 @@ TEST_CASE("a hub draws the newest camera, then the picture at rest, then more sa
   CHECK(hub.stop(5s));
 }
 
+TEST_CASE("a hub draws on a GPU while the scene comes there", "[view][view-hub][cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  const ScratchPath path("hub.scree");
+  SmallScene{}.write(path.string());
+  SessionOptions options = options_of(path.string());
+  options.backend.choice = scree::tools::BackendChoice::kCuda;
+  Hub hub(options, [](scree::Error error) { FAIL(error.message); });
+  const auto page = std::make_shared<Page>();
+  const uint32_t number = hub.join(page);
+  hub.receive(number, request(1, 0));  // before the scene is open
+  for (size_t i = 0;; ++i) {
+    REQUIRE(i < 100);
+    const std::string head = page->picture(i);
+    REQUIRE(!head.empty());
+    hub.receive(number, Ack{frame_of(head)});
+    if (head.find("\"exact\":true") == std::string::npos) continue;
+    CHECK(head.find("\"instancesDrawn\":1,") != std::string::npos);
+    break;
+  }
+  CHECK(hub.stop(5s));
+}
+
 TEST_CASE("questions to a hub are bounded", "[view][view-hub]") {
   const ScratchPath path("hub.scree");
   SmallScene{}.write(path.string());

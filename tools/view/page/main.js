@@ -135,6 +135,7 @@ function shown({head, bytes, decodeMs, shown: time}) {
   badge.className = head.exact ? 'badge exact' : 'badge';
   const hides = tree.hidden.size + tree.only.size > 0;
   badge.textContent = head.exact ? (head.samples > 1 ? `exact, ${head.samples}×${head.samples} samples` : 'exact') + (hides ? ', nodes hidden' : '')
+    : head.leftBytes ? `loading, ${bytesText(head.leftBytes)} to come`
     : head.scale < 1 ? `moving, ${Math.round(100 * head.scale)}%` : 'moving';
   if ($('cover').className !== 'gone') uncover();
   document.documentElement.dataset.frame = head.frame;  // tests wait for these
