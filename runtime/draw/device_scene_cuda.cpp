@@ -170,7 +170,7 @@ struct DeviceView::Impl {
     std::swap(samples, second_samples);
     picture = number;
   }
-  /// Of the picture that draw() made last.
+  /// The transforms of the picture that draw() made last.
   const kernels::Transform* transforms() const;
   bool open_second(const kernels::SceneView& host);
   bool open_view_batch(const kernels::SceneView& host);

@@ -143,7 +143,8 @@ Result<void> GpuTeam::start_frame(const kernels::View& view, uint64_t* samples) 
   return {};
 }
 
-/// Each GPU joins its own part of all buffers. What is queued on a default stream afterwards sees all of them.
+/// Each GPU joins its own part of all buffers. Work that is queued on a default stream afterwards sees the joined
+/// words.
 Result<void> GpuTeam::join(uint64_t count) {
   const uint64_t part = (count + size() - 1) / size();
   for (uint32_t i = 0; i < size(); ++i) {

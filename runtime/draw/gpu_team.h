@@ -23,8 +23,8 @@ namespace scree::runtime {
 
 class GpuTeam {
  public:
-  /// What every GPU takes besides its share of the scene, and how the shares are read; as CudaScene::upload() has it,
-  /// except that `beside` is for the first GPU, and `beside_others` for each of the others.
+  /// As the parameters of CudaScene::upload(), for each GPU. `beside`: the first GPU's reserved bytes, `beside_others`:
+  /// those of each other one.
   struct Options {
     uint64_t budget = 0;
     uint64_t beside = 0;
@@ -55,7 +55,7 @@ class GpuTeam {
   uint32_t size() const { return static_cast<uint32_t>(members_.size()); }
   /// On the first GPU: CudaFrames::transforms() of the last frame.
   const kernels::Transform* transforms() const { return members_[0].frames->transforms(); }
-  /// Of all GPUs, from the beginning to the end of the last upload.
+  /// All GPUs' counts, and the time until the last upload ended.
   const UploadStats& stats() const { return stats_; }
 
  private:

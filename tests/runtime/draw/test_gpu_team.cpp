@@ -19,6 +19,7 @@
 #include "tests/models.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/runtime/soup.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
@@ -57,19 +58,6 @@ class Gpus {
 #endif
   }
 };
-
-Soup triangles_around(uint32_t count, std::mt19937& random) {
-  std::uniform_real_distribution<double> unit(-1, 1);
-  Soup soup;
-  for (uint32_t i = 0; i < count; ++i) {
-    const double place[3] = {unit(random), unit(random), 3 * unit(random)};
-    uint32_t corner[3];
-    for (uint32_t& c : corner)
-      c = soup.add(place[0] + 0.2 * unit(random), place[1] + 0.2 * unit(random), place[2] + 0.2 * unit(random));
-    soup.triangle(corner[0], corner[1], corner[2]);
-  }
-  return soup;
-}
 
 /// Meshes drawn twice: all clustered, or of all encodings.
 void write_soup(const std::string& path, bool all_clustered) {

@@ -24,6 +24,7 @@
 #include "tests/models.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/runtime/soup.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/temp_folder.h"
@@ -50,19 +51,6 @@ namespace runtime = scree::runtime;
 
 namespace {
 
-Soup triangles_around(uint32_t count, std::mt19937& random) {
-  std::uniform_real_distribution<double> unit(-1, 1);
-  Soup soup;
-  for (uint32_t i = 0; i < count; ++i) {
-    const double place[3] = {unit(random), unit(random), 3 * unit(random)};
-    uint32_t corner[3];
-    for (uint32_t& c : corner)
-      c = soup.add(place[0] + 0.2 * unit(random), place[1] + 0.2 * unit(random), place[2] + 0.2 * unit(random));
-    soup.triangle(corner[0], corner[1], corner[2]);
-  }
-  return soup;
-}
-
 /// Nine meshes drawn twice, of all encodings.
 void write_soup(const std::string& path) {
   std::mt19937 random(11);
@@ -71,7 +59,7 @@ void write_soup(const std::string& path) {
     Encoding encoding;
     encoding.float32 = i % 3 == 0;
     if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
-    meshes.emplace_back(triangles_around(1500, random), encoding);
+    meshes.emplace_back(scree::tests::triangles_around(1500, random), encoding);
   }
   PagedScene paged;
   paged.drawn_twice = true;
