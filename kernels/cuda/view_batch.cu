@@ -37,6 +37,8 @@ struct CudaViewBatch::Impl {
   Result<void> draw_part(std::span<const View> views, uint64_t first, uint32_t samples_per_side,
                          const LayerTargets& out);
 
+  size_t mask_bytes() const { return scene.masks != nullptr ? kBatchMaskBytes : 0; }
+
   SceneView scene{};
   uint64_t triangle_count = 0;
   uint64_t most_samples = 0;
@@ -58,8 +60,15 @@ Result<void> CudaViewBatch::Impl::open(const SceneView& host) {
   if (done) done = counters.allocate(1, kWhat);
   if (done) done = read_stats.allocate(sizeof(FrameStats), "allocating pinned memory");
   uint32_t blocks = 0;
-  for (const bool orthographic : {false, true})
-    blocks = std::max(blocks, resident.of(kernel_of(orthographic, scene.masks != nullptr), kBatchThreads));
+  for (const bool orthographic : {false, true}) {
+    const Kernel kernel = kernel_of(orthographic, scene.masks != nullptr);
+    if (done)
+      done =
+          cuda_check(cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel),
+                                          cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(mask_bytes())),
+                     "asking for shared memory");
+    blocks = std::max(blocks, resident.of(kernel, kBatchThreads, mask_bytes()));
+  }
   if (done) done = queued.allocate(uint64_t{blocks} * kBatchWarps * 2 * kWarpQueue, kWhat);
   return done;
 }
@@ -86,9 +95,9 @@ Result<void> CudaViewBatch::Impl::draw_part(std::span<const View> part, uint64_t
   if (done) done = cuda_check(cudaMemsetAsync(&counters.data()->next, 0, sizeof(uint64_t)), "clearing the counters");
   if (!done) return done;
   const Kernel kernel = kernel_of(orthographic, scene.masks != nullptr);
-  const auto blocks = static_cast<uint32_t>(
-      std::min<uint64_t>(resident.of(kernel, kBatchThreads), (frame.work + kBatchWarps - 1) / kBatchWarps));
-  kernel<<<blocks, kBatchThreads>>>(frame);
+  const auto blocks = static_cast<uint32_t>(std::min<uint64_t>(resident.of(kernel, kBatchThreads, mask_bytes()),
+                                                               (frame.work + kBatchWarps - 1) / kBatchWarps));
+  kernel<<<blocks, kBatchThreads, mask_bytes()>>>(frame);
   if (done = cuda_check(cudaGetLastError(), "starting a batch"); !done) return done;
 
   const uint32_t width = part[0].width / samples_per_side;

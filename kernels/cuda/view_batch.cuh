@@ -87,9 +87,13 @@ __device__ inline BatchShared& batch_shared() {
   return all[threadIdx.x / kWarpLanes];
 }
 __device__ inline WarpMasks& batch_masks() {
-  __shared__ WarpMasks all[kBatchWarps];
-  return all[threadIdx.x / kWarpLanes];
+  extern __shared__ uint4 shared_memory[];
+  return reinterpret_cast<WarpMasks*>(shared_memory)[threadIdx.x / kWarpLanes];
 }
+
+/// Dynamic shared memory of a block that draws masked surfaces. With all the rest it would exceed the 48 KiB that a
+/// block may have without asking.
+inline constexpr size_t kBatchMaskBytes = kBatchWarps * sizeof(WarpMasks);
 
 /// This warp's.
 __device__ inline Queues batch_queues(const BatchFrame& in) {

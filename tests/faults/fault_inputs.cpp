@@ -117,7 +117,7 @@ void write_blocks(const TempFolder& folder) {
 }
 
 /// Grids around the origin, in front of and beside each other, so that some hide others.
-void write_many(const TempFolder& folder) {
+void write_many(const TempFolder& folder, uint32_t scale) {
   JpegRecipe recipe;
   recipe.width = recipe.height = 40;
   recipe.factors = {{1, 1}, {1, 1}, {1, 1}};
@@ -125,7 +125,7 @@ void write_many(const TempFolder& folder) {
   const uint32_t jpeg = maker.textured("many", format::ImageCodec::kJpeg, make_jpeg(recipe));
   for (uint32_t i = 0; i < 6; ++i) {
     GridSpec spec;
-    spec.columns = spec.rows = 4 + i;
+    spec.columns = spec.rows = (4 + i) * scale;
     spec.uv = spec.normal = i % 2 == 0;
     spec.flat = i == 3;
     const uint32_t mesh = maker.mesh("grid", {spec.uv ? maker.grid(spec, jpeg) : maker.grid(spec)});
@@ -165,10 +165,13 @@ FaultInputs::FaultInputs() {
   make("render coarse.scree -o b.png --visbuffer b.vis" + seen_from);
 }
 
-void FaultInputs::add_many() {
-  write_many(folder_);
-  make("convert many.gltf -o many.scree --chunk-triangles 20 --quiet --threads 1");
-  make("convert many.gltf -o many_packed.scree --chunk-triangles 32 --encoding clustered --zstd 1 --quiet --threads 1");
+void FaultInputs::add_many(uint32_t scale) {
+  write_many(folder_, scale);
+  const auto chunks_of = [&](uint32_t triangles) {
+    return " --chunk-triangles " + std::to_string(triangles * scale * scale) + " --quiet --threads 1";
+  };
+  make("convert many.gltf -o many.scree" + chunks_of(20));
+  make("convert many.gltf -o many_packed.scree --encoding clustered --zstd 1" + chunks_of(32));
 }
 
 void FaultInputs::add_shuffled() {

@@ -1,6 +1,7 @@
 // Inputs of scree_faults, for the tests.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "tests/tools/temp_folder.h"
@@ -14,7 +15,8 @@ class FaultInputs {
   FaultInputs();
 
   /// Adds many.scree and many_packed.scree: many chunks around the origin, for streaming.
-  void add_many();
+  /// `scale`: times as many columns and rows of triangles per chunk.
+  void add_many(uint32_t scale = 1);
 
   /// Adds shuffled.scree and shuffled_packed.scree, whose pages take more than a block.
   void add_shuffled();

@@ -281,30 +281,30 @@ TEST_CASE("faults: every place that takes memory fails once while a GPU draws", 
 TEST_CASE("faults: every call fails once while a GPU streams frames", "[cuda][faults][stream]") {
   if (!has_gpu()) return;
   FaultInputs inputs;
-  inputs.add_many();
+  inputs.add_many(12);  // the pages take more than streaming them does
   const std::string log = inputs.folder().file("log.txt");
   for (const std::string file : {"many.scree", "many_packed.scree"}) {
     const std::string path = inputs.folder().file(file);
     const ProgramRun refused = run_program(
-        {"render", path, "--backend", "cuda", "--device-memory", "1", "--size", "160x120", "-o", path + ".png"}, log);
+        {"render", path, "--backend", "cuda", "--device-memory", "1", "--size", "64x48", "-o", path + ".png"}, log);
     // Leaves room for a third of the chunks.
     const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(path) / 3;
     const std::string common =
-        " --force -o out.png --visbuffer out.bin --size 160x120 --eye 0,0,2 --target 0,0,0 --frames 2 "
+        " --force -o out.png --visbuffer out.bin --size 64x48 --eye 0,0,2 --target 0,0,0 --frames 2 "
         "--backend cuda --quiet --threads 2 --device-memory " +
         std::to_string(budget);
     // Partly from the page cache and partly from pinned memory: room for the picture's buffers and a third of the
     // chunks.
-    const uint64_t picture = 160 * 120 * (sizeof(uint64_t) + 3 + sizeof(uint32_t));
-    const ProgramRun no_room = run_program(
-        {"render", path, "-o", path + ".png", "--visbuffer", path + ".bin", "--size", "160x120", "--backend", "cuda",
-         "--device-memory", std::to_string(budget), "--host-memory", std::to_string(picture + 1)},
-        log);
+    const uint64_t picture = 64 * 48 * (sizeof(uint64_t) + 3 + sizeof(uint32_t));
+    const ProgramRun no_room =
+        run_program({"render", path, "-o", path + ".png", "--visbuffer", path + ".bin", "--size", "64x48", "--backend",
+                     "cuda", "--device-memory", std::to_string(budget), "--host-memory", std::to_string(picture + 1)},
+                    log);
     const uint64_t some = picture + least_device_memory(no_room.output) + std::filesystem::file_size(path) / 3;
     for (const std::string& host : {std::string("0"), std::to_string(some)}) {
       const std::string command = "render " + file + common + " --host-memory " + host;
       const ProgramRun streamed =
-          run_program({"render", path, "-o", path + ".png", "--size", "160x120", "--eye", "0,0,2", "--target", "0,0,0",
+          run_program({"render", path, "-o", path + ".png", "--size", "64x48", "--eye", "0,0,2", "--target", "0,0,0",
                        "--backend", "cuda", "--device-memory", std::to_string(budget), "--stats"},
                       log);
       CAPTURE(streamed.output);
