@@ -8,6 +8,7 @@
 #include "format/bytes.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/sanitized.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_files.h"
 #include "tests/tools/model_maker.h"
@@ -252,7 +253,7 @@ static void check_models(size_t every) {
 }
 
 TEST_CASE("with an error bound every model takes no more than as floats", "[models][error_bytes]") {
-  check_models(11);
+  check_models(tests::kIsSanitized ? 33 : 11);
 }
 
 TEST_CASE("with every error bound every model takes no more than as floats", "[.][models-all]") {
