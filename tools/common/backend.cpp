@@ -64,7 +64,7 @@ std::string name_of_cpu(uint32_t threads) {
 
 std::string name_of(const runtime::Gpu& gpu, uint32_t count) {
   const std::string name = "cuda:" + std::to_string(gpu.index) + " (" + gpu.name + ")";
-  return count == 1 ? name : std::to_string(count) + " GPUs from " + name + " on";
+  return count == 1 ? name : std::to_string(count) + " GPUs, the first " + name;
 }
 
 }  // namespace scree::tools

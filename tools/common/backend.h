@@ -35,7 +35,7 @@ void warn_of_cpu(const char* command, const std::string& reason);
 /// An error of the device, with what the user can do; other errors as they are.
 Error with_cpu_advice(Error error);
 
-/// "cuda:0 (NVIDIA H200)"; if several draw, "2 GPUs from cuda:0 (NVIDIA H200) on".
+/// "cuda:0 (NVIDIA H200)"; if several draw, "2 GPUs, the first cuda:0 (NVIDIA H200)".
 std::string name_of(const runtime::Gpu& gpu, uint32_t count = 1);
 
 /// "the CPU, 16 threads".
