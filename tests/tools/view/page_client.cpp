@@ -143,9 +143,9 @@ void PageClient::send(std::string_view message, uint8_t opcode) {
   send_raw(frame);
 }
 
-std::optional<PageClient::Received> PageClient::receive() {
+std::optional<PageClient::Received> PageClient::receive(Clock::time_point until) {
   Received parts;  // of a message in several frames, between which pings may come
-  for (;;) {
+  while (Clock::now() < until) {
     unsigned char head[2];
     if (!read_exactly(reinterpret_cast<char*>(head), 2)) return std::nullopt;
     uint64_t size = head[1] & 127u;
@@ -175,12 +175,14 @@ std::optional<PageClient::Received> PageClient::receive() {
     out.bytes = std::move(bytes);
     return out;
   }
+  return std::nullopt;
 }
 
 std::string PageClient::receive_text(std::string_view type) {
   const std::string start = "{\"type\":\"" + std::string(type) + "\"";
+  const Clock::time_point until = Clock::now() + kLongestWait;
   for (;;) {
-    const std::optional<Received> got = receive();
+    const std::optional<Received> got = receive(until);
     INFO("waiting for " << type);
     REQUIRE(got);
     INFO(got->bytes);
@@ -195,8 +197,9 @@ uint64_t PageClient::Picture::number(std::string_view name) const {
 }
 
 std::optional<PageClient::Picture> PageClient::receive_picture() {
+  const Clock::time_point until = Clock::now() + kLongestWait;
   for (;;) {
-    const std::optional<Received> got = receive();
+    const std::optional<Received> got = receive(until);
     if (!got || got->close_code != 0) return std::nullopt;
     if (got->is_text) {
       INFO(got->bytes);

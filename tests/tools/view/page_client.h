@@ -51,6 +51,8 @@ class ViewProcess {
 /// A socket to 127.0.0.1 whose reads time out after `patience`.
 class PageClient {
  public:
+  static constexpr std::chrono::minutes kLongestWait{2};
+
   explicit PageClient(uint16_t port, std::chrono::milliseconds patience = std::chrono::seconds(20));
   PageClient(const PageClient&) = delete;
   PageClient& operator=(const PageClient&) = delete;
@@ -73,9 +75,10 @@ class PageClient {
   };
   /// Sends a masked frame, as pages do. `opcode`: 1 text, 2 binary.
   void send(std::string_view message, uint8_t opcode = 1);
-  /// The next message; nullopt if the connection broke or `patience` is over. Pings are answered.
-  std::optional<Received> receive();
-  /// The next text of that type. The test fails if none comes.
+  using Clock = std::chrono::steady_clock;
+  /// The next message; nullopt if the connection broke, or `patience` or the time is over. Pings are answered.
+  std::optional<Received> receive(Clock::time_point until = Clock::now() + kLongestWait);
+  /// The next text of that type. The test fails if none comes within kLongestWait.
   std::string receive_text(std::string_view type);
   /// The next picture: its JSON header and its file.
   struct Picture {
