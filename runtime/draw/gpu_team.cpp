@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <future>
 #include <string>
 #include <utility>
 
@@ -82,50 +81,45 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   const std::vector<uint32_t> owners = owners_of_pages(scene.drawn_pages(), size());
   const uint32_t threads = std::max(options.threads / size(), 1u);
   const uint64_t host_memory = options.host_memory / size();
-  const auto upload = [&](uint32_t i) -> Result<CudaScene> {
-    if (const Result<void> current = make_current(members_[i]); !current) return current.error();
-    const PageShare share{owners, i};
-    return CudaScene::upload(scene, options.budget, i == 0 ? options.beside : options.beside_others, threads,
-                             options.reading, options.texture_cache, nullptr, host_memory,
-                             i == 0 ? options.progress : nullptr, &share);
-  };
-  std::vector<std::future<Result<CudaScene>>> uploads;
-  for (uint32_t i = 1; i < size(); ++i) uploads.push_back(std::async(std::launch::async, upload, i));
-  Result<CudaScene> first = upload(0);
-  std::vector<CudaScene> others;
-  std::optional<Error> failed;
-  const auto take = [&](Result<CudaScene>& made, uint32_t i) {
-    if (made) {
-      add(stats_.counts, made->stats().counts);
-      stats_.device_bytes += made->stats().device_bytes;
-    } else if (!failed) {
-      failed = made.error();
-      if (failed->code == ErrorCode::kDevice) failed->message = gpu_name(gpus[i]) + ": " + failed->message;
+  std::vector<CudaScene> scenes(size());
+  std::vector<Result<void>> uploaded(size());
+  workers_->for_each(size(), [&](uint64_t i) {
+    uploaded[i] = make_current(members_[i]);
+    if (!uploaded[i]) return;
+    const PageShare share{owners, static_cast<uint32_t>(i)};
+    Result<CudaScene> made = CudaScene::upload(scene, options.budget, i == 0 ? options.beside : options.beside_others,
+                                               threads, options.reading, options.texture_cache, nullptr, host_memory,
+                                               i == 0 ? options.progress : nullptr, &share);
+    if (made)
+      scenes[i] = std::move(*made);
+    else
+      uploaded[i] = made.error();
+  });
+  for (uint32_t i = 0; i < size(); ++i) {
+    if (!uploaded[i]) {
+      Error failed = uploaded[i].error();
+      if (failed.code == ErrorCode::kDevice) failed.message = gpu_name(gpus[i]) + ": " + failed.message;
+      return failed;
     }
-  };
-  take(first, 0);
-  for (uint32_t i = 1; i < size(); ++i) {
-    Result<CudaScene> other = uploads[i - 1].get();
-    take(other, i);
-    if (other) others.push_back(std::move(*other));
+    add(stats_.counts, scenes[i].stats().counts);
+    stats_.device_bytes += scenes[i].stats().device_bytes;
   }
-  if (failed) return *failed;
 
   for (uint32_t i = 0; i < size(); ++i) {
     Member& member = members_[i];
     Result<void> done = make_current(member);
     if (done) done = cuda_check(cudaEventCreateWithFlags(&member.joined, cudaEventDisableTiming), "making an event");
     if (!done) return done.error();
-    Result<kernels::CudaFrames> frames =
-        kernels::CudaFrames::create(scene.view(), i == 0 ? first->view() : others[i - 1].view(), options.queues);
+    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.view(), scenes[i].view(), options.queues);
     if (!frames) return frames.error();
     member.frames = std::move(*frames);
   }
   if (const Result<void> done = make_current(members_[0]); !done) return done.error();
-  if (const Result<void> done = first->add_pages_of(others); !done) return done.error();
-  for (uint32_t i = 1; i < size(); ++i) members_[i].scene = std::move(others[i - 1]);
+  CudaScene first = std::move(scenes[0]);
+  if (const Result<void> done = first.add_pages_of(std::span(scenes).subspan(1)); !done) return done.error();
+  for (uint32_t i = 1; i < size(); ++i) members_[i].scene = std::move(scenes[i]);
   stats_.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-  return first;
+  return Result<CudaScene>(std::move(first));
 }
 
 /// buffers_: with room for the frame and nothing in it.

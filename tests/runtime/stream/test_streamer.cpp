@@ -303,14 +303,19 @@ TEST_CASE("streamed pictures are those of the whole scene: JPEG textures decoded
   CHECK(compare_paths(Compared(folder.file("out.scree")), 6, 3).streamed > 0);
 }
 
+/// out.scree: a file of tests/data with a chunk per triangle.
+static void convert_by_triangles(const char* name, const TempFolder& folder) {
+  convert::ConvertOptions options = scree::tests::options_of(folder);
+  options.input = scree::tests::data_path(name).string();
+  options.chunk_triangles = 1;
+  scree::tests::must_convert(options);
+}
+
 TEST_CASE("streamed pictures are those of the whole scene: files of tests/data", "[streamer]") {
   for (const char* name : {"gpu_instancing.glb", "two_instances.gltf", "textured_cube.glb", "materials.gltf"}) {
     INFO(name);
     const TempFolder folder;
-    convert::ConvertOptions options = scree::tests::options_of(folder);
-    options.input = scree::tests::data_path(name).string();
-    options.chunk_triangles = 1;
-    scree::tests::must_convert(options);
+    convert_by_triangles(name, folder);
     compare_paths(Compared(folder.file("out.scree")), 7, 2);
   }
 }
@@ -372,10 +377,7 @@ TEST_CASE("streamed pictures leave out omitted instances, whose chunks are not l
   for (const char* name : {"gpu_instancing.glb", "materials.gltf"}) {
     INFO(name);
     const TempFolder folder;
-    convert::ConvertOptions options = scree::tests::options_of(folder);
-    options.input = scree::tests::data_path(name).string();
-    options.chunk_triangles = 1;
-    scree::tests::must_convert(options);
+    convert_by_triangles(name, folder);
     const Compared scene(folder.file("out.scree"));
     const View view = must_view(scene.whole(), {.width = 97, .height = 61});
     const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().least);
