@@ -166,7 +166,7 @@ SCREE_HD inline bool masks_by_colors(const SceneView& scene, const format::MeshR
   return (mesh.attributes & format::kHasColor) != 0 && !scene.draws_blended;
 }
 
-/// What a chunk stores of its vertices for a mask: texture coordinates, before the mask's transform, and colours.
+/// The vertices of a chunk as a mask reads them: texture coordinates, before the mask's transform, and colours.
 struct MaskVertices {
   const std::byte* stream;
   const std::byte* colors;  // null: their alpha is 1

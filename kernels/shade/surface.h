@@ -209,7 +209,7 @@ struct SurfaceValues {
   Float3 specular_color{1, 1, 1};
 };
 
-/// What a surface reflects, and what enters it. `base`: its colour; `ior`: its index of refraction.
+/// Sets which share of the light is reflected and which enters. `base`: the colour; `ior`: the index of refraction.
 SCREE_HD inline void set_reflectance(const SurfaceValues& values, const Float3& base, float ior, SurfacePoint& out) {
   const float root = (ior - 1.0f) / (ior + 1.0f);  // 1 if ior is 0
   const Float3 tinted = values.specular_color * (root * root);

@@ -91,7 +91,7 @@ class ViewRenderer {
   uint64_t layer_bytes(Layer layer) const;
   const kernels::View& view() const { return view_; }  // its sides in samples
   const kernels::FrameStats& stats() const { return stats_; }
-  /// Of the colours, once they are made; of a batch the most layers of a frame, and all samples with more.
+  /// Layers in the colours, once these are made. For a batch: the most layers of a frame, and all samples with more.
   const kernels::BlendCounts& blended() const { return blended_; }
   const Duration& draw_time() const { return draw_time_; }
   /// What the GPU took for the samples of a resident frame, by its own clock; 0 where there was none, and for a batch.

@@ -9,7 +9,7 @@ namespace {
 using kernels::View;
 using TexturePoint = std::array<double, 2>;
 
-/// What the corners count where the ray meets the triangle's plane; their sum is 1. With `inside` they are brought into
+/// The corners' shares where the ray meets the triangle's plane; their sum is 1. With `inside` they are brought into
 /// the triangle.
 std::array<double, 3> shares_of(const View& view, const std::array<SeenPoint, 3>& corners, Ray ray, bool inside) {
   std::array<double, 3> weights = corner_weights(view, corners, ray);

@@ -91,7 +91,7 @@ struct ViewSession::Impl {
   std::optional<runtime::DeviceScene> device;
   std::string drawn_on;
   runtime::Workers workers;
-  // Of the last picture that did not show all nodes:
+  // For the last picture that did not show all nodes:
   Visibility visibility;
   std::vector<uint32_t> omitted;
   const uint32_t* omitted_on_device = nullptr;  // null: not brought there yet

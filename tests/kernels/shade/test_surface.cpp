@@ -20,7 +20,7 @@ constexpr double kPiWide = 3.14159265358979323846;
 
 using Vector = std::array<double, 3>;
 
-/// Of a surface whose normal is +z; all of it in double.
+/// A surface whose normal is +z, in double precision.
 struct Material {
   Vector base{1, 1, 1};
   double metallic = 0, roughness = 1, specular = 1, ior = 1.5;
