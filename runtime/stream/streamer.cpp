@@ -404,7 +404,8 @@ void Streamer::Frame::leave_missing() {
   for (const uint32_t chunk : hidden_) leave(chunk);
 }
 
-/// Records the visibility of chunks for the next frame. Chunks that show in an incomplete picture may be hidden in a whole one.
+/// Records the visibility of chunks for the next frame. Chunks that show in an incomplete picture may be hidden in a
+/// whole one.
 void Streamer::Frame::look_at_picture() {
   if (!has_all_depths_ || stats_.left_bytes != 0) return;
   for (const uint32_t chunk : listed_)
