@@ -10,6 +10,11 @@
 namespace scree::library {
 namespace {
 
+static_assert(SCREE_LIGHT_AUTO == static_cast<int>(kernels::Lighting::kAuto) &&
+              SCREE_LIGHT_CAMERA == static_cast<int>(kernels::Lighting::kCamera) &&
+              SCREE_LIGHT_ENVIRONMENT == static_cast<int>(kernels::Lighting::kEnvironment) &&
+              SCREE_LIGHT_SCENE == static_cast<int>(kernels::Lighting::kScene));
+
 /// `options` as the engine takes them, but for the progress.
 scree_status translate(const scree_load_options& options, runtime::LoadOptions& out) {
   constexpr uint32_t kMostThreads = 4096;
@@ -44,6 +49,23 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   out.threads = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
   out.textures = options.no_textures == 0;
   out.texture_cache = options.texture_cache;
+  out.texture_memory = options.texture_memory != 0 ? options.texture_memory : runtime::kHostTextureMemory;
+  if (options.light > SCREE_LIGHT_SCENE)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_load_options::light is " + std::to_string(options.light) + ", at most 3");
+  out.lighting = static_cast<kernels::Lighting>(options.light);
+  if (options.environment != nullptr && *options.environment != 0) {
+    out.environment = options.environment;
+    if (options.light != SCREE_LIGHT_AUTO && options.light != SCREE_LIGHT_ENVIRONMENT)
+      return fail(SCREE_ERROR_ARGUMENT,
+                  "scree_load_options::environment is for SCREE_LIGHT_ENVIRONMENT, but light is another");
+    out.lighting = kernels::Lighting::kEnvironment;
+  }
+  if (options.reading > SCREE_READ_DIRECT)
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_load_options::reading is " + std::to_string(options.reading) + ", at most 3");
+  constexpr runtime::Reading kReadings[] = {runtime::Reading::kAuto, runtime::Reading::kMapped,
+                                            runtime::Reading::kBuffered, runtime::Reading::kDirect};
+  out.reading = kReadings[options.reading];
   out.device_memory = options.device_memory;
   out.host_memory = options.host_memory;
   out.pictures.width = options.max_width;
@@ -85,6 +107,12 @@ scree_status scree_load(scree_file* file, const scree_load_options* options, scr
     scree::Result<std::shared_ptr<runtime::LoadedScene>> loaded = runtime::LoadedScene::load(opened.file, load);
     if (!loaded && progress.is_stopped()) return fail(SCREE_ERROR_CANCELLED, loaded.error().message);
     if (!loaded) return fail(loaded.error(), Subject::kData);
+    const runtime::Scene& ready = (*loaded)->scene();
+    if (load.lighting == scree::kernels::Lighting::kScene && ready.view().light_count == 0)
+      return fail(SCREE_ERROR_ARGUMENT, ready.file().path() + ": scree_load_options::light: the scene has no lights");
+    if (taken.warning != nullptr)
+      for (const std::string& line : ready.warnings())
+        taken.warning(taken.user, (ready.file().path() + ": " + line).c_str());
     *scene = Scenes::all().add(std::make_shared<LoadedFile>(LoadedFile{std::move(*loaded), watch.elapsed().wall_ms}));
     return SCREE_OK;
   });
@@ -113,6 +141,10 @@ scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats)
     out.load_ms = loaded.load_ms;
     out.gpu_name = ready.gpu() ? ready.gpu()->name.c_str() : "";
     out.why_cpu = ready.why_cpu().c_str();
+    out.lights = view.light_count;
+    scree::kernels::ShadeOptions shade;
+    shade.lighting = ready.lighting();
+    out.light = static_cast<scree_light>(scree::kernels::lighting_of(view, shade));
     give(stats, out);
     return SCREE_OK;
   });

@@ -37,7 +37,7 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
                                             ", expected an angle above 0 and below 180");
     options.fov_degrees = camera.fov_degrees;
   }
-  if (camera.kind <= SCREE_CAMERA_LOOK_AT && !are_finite({camera.eye, camera.target, camera.up}))
+  if (camera.kind != SCREE_CAMERA_MATRICES && !are_finite({camera.eye, camera.target, camera.up}))
     return fail(SCREE_ERROR_ARGUMENT, "scree_camera: eye, target or up is not finite");
   if (camera.up[0] != 0 || camera.up[1] != 0 || camera.up[2] != 0) options.up = vector_of(camera.up);
   Result<View> view = View{};
@@ -65,8 +65,14 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
       out = *view;
       return SCREE_OK;
     }
+    case SCREE_CAMERA_AROUND:
+      if (!std::isfinite(camera.turn_degrees) || !(std::abs(camera.rise_degrees) <= 90))
+        return fail(SCREE_ERROR_ARGUMENT, "scree_camera: turn_degrees is not finite, or rise_degrees not -90 to 90");
+      options.turn_degrees = camera.turn_degrees;
+      options.rise_degrees = camera.rise_degrees;
+      break;
     default:
-      return fail(SCREE_ERROR_ARGUMENT, "scree_camera::kind is " + std::to_string(camera.kind) + ", at most 3");
+      return fail(SCREE_ERROR_ARGUMENT, "scree_camera::kind is " + std::to_string(camera.kind) + ", at most 4");
   }
   view = scene.view(options);
   if (!view) return fail(view.error(), Subject::kArguments);
@@ -74,10 +80,36 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
   return SCREE_OK;
 }
 
-scree_status take_shade(const scree_draw_options& options, kernels::ShadeOptions& shade) {
+/// The light of a picture, and what it shines through.
+scree_status take_light(const runtime::LoadedScene& scene, const scree_draw_options& options,
+                        kernels::ShadeOptions& shade) {
+  if (options.light > SCREE_LIGHT_SCENE)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::light is " + std::to_string(options.light) + ", at most 3");
+  if (options.light != SCREE_LIGHT_AUTO && (options.flags & SCREE_NO_LIGHT) != 0)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options: light and SCREE_NO_LIGHT exclude each other");
+  if (options.light == SCREE_LIGHT_ENVIRONMENT && scene.scene().view().environment == nullptr)
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_draw_options::light: the scene was loaded without surroundings (scree_load_options::light)");
+  if (options.light == SCREE_LIGHT_SCENE && scene.scene().view().light_count == 0)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::light: the scene has no lights");
+  if (!(std::abs(options.exposure) <= 20))
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_draw_options::exposure is " + std::to_string(options.exposure) + ", expected -20 to 20 stops");
+  if (options.blend_layers > UINT16_MAX)
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_draw_options::blend_layers is " + std::to_string(options.blend_layers) + ", at most 65535");
+  shade.lighting = options.light == SCREE_LIGHT_AUTO ? scene.lighting() : static_cast<kernels::Lighting>(options.light);
+  shade.exposure = static_cast<float>(std::exp2(options.exposure));
+  if (options.blend_layers != 0) shade.blend_layers = options.blend_layers;
+  if ((options.flags & SCREE_NO_BLEND) != 0) shade.blend_layers = 0;
+  return SCREE_OK;
+}
+
+scree_status take_shade(const runtime::LoadedScene& scene, const scree_draw_options& options,
+                        kernels::ShadeOptions& shade) {
   if (options.show > SCREE_SHOW_DEPTH)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::show is " + std::to_string(options.show) + ", at most 8");
-  if ((options.flags & ~uint32_t{SCREE_NO_LIGHT | SCREE_SSAO | SCREE_EDL}) != 0)
+  if ((options.flags & ~uint32_t{SCREE_NO_LIGHT | SCREE_SSAO | SCREE_EDL | SCREE_NO_BLEND}) != 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::flags has unknown flags: " + std::to_string(options.flags));
   if (!(options.edl_strength >= 0 && options.edl_strength <= 100) || options.edl_radius > 64)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options: edl_strength is at most 100 and edl_radius at most 64");
@@ -92,11 +124,12 @@ scree_status take_shade(const scree_draw_options& options, kernels::ShadeOptions
       return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::background is not finite");
     shade.background[i] = options.background[i];
   }
-  return SCREE_OK;
+  return take_light(scene, options, shade);
 }
 
 /// The size, the samples and the shading of a frame.
-scree_status take_frame(const scree_draw_options* options, scree_draw_options& taken, kernels::ShadeOptions& shade) {
+scree_status take_frame(const runtime::LoadedScene& scene, const scree_draw_options* options, scree_draw_options& taken,
+                        kernels::ShadeOptions& shade) {
   if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
   if (taken.width == 0) taken.width = 1920;
   if (taken.height == 0) taken.height = 1080;
@@ -108,12 +141,53 @@ scree_status take_frame(const scree_draw_options* options, scree_draw_options& t
   if (side > kernels::kMaxImageSide)
     return fail(SCREE_ERROR_ARGUMENT, "the frame has " + std::to_string(side) + " samples a side, at most " +
                                           std::to_string(kernels::kMaxImageSide));
-  return take_shade(taken, shade);
+  return take_shade(scene, taken, shade);
 }
 
 /// For the instance layer.
 bool has_too_many_instances(const runtime::LoadedScene& scene) {
   return scene.scene().view().instance_count > uint64_t{1} << 31;
+}
+
+scree_status fail_of_instances() {
+  return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids tell apart");
+}
+
+/// What a batch draws.
+struct Batch {
+  std::vector<View> views;
+  uint32_t samples;  // a pixel's side
+  uint64_t pixels;   // of one picture
+  kernels::ShadeOptions shade;
+};
+
+/// Calls body(renderer, batch) with what the arguments of a batch say.
+template <class Body>
+scree_status with_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
+                        const scree_draw_options* options, const Body& body) {
+  return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
+    if (cameras == nullptr) return fail(SCREE_ERROR_ARGUMENT, "the batch's cameras are null");
+    const std::lock_guard<std::mutex> lock(drawn.mutex);
+    const runtime::LoadedScene& scene = drawn.renderer->scene();
+    scree_draw_options taken;
+    Batch batch;
+    if (const scree_status checked = take_frame(scene, options, taken, batch.shade); checked != SCREE_OK)
+      return checked;
+    batch.samples = taken.samples;
+    batch.pixels = uint64_t{taken.width} * taken.height;
+    batch.views.resize(count);
+    const auto* next = reinterpret_cast<const std::byte*>(cameras);
+    for (uint32_t i = 0; i < count; ++i, next += cameras->size) {
+      const auto* const camera = reinterpret_cast<const scree_camera*>(next);
+      scree_camera seen;
+      if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
+      if (camera->size != cameras->size)
+        return fail(SCREE_ERROR_ARGUMENT, "camera " + std::to_string(i) + " of the batch has another size");
+      if (const scree_status made = make_view(scene, seen, taken.width, taken.height, batch.views[i]); made != SCREE_OK)
+        return fail(made, "camera " + std::to_string(i) + ": " + std::string(scree_error()));
+    }
+    return body(*drawn.renderer, batch);
+  });
 }
 
 /// Layers by number.
@@ -128,20 +202,20 @@ constexpr std::array<LayerKind, runtime::kLayerCount> kLayers{{{Layer::kColor, S
                                                                {Layer::kInstance, SCREE_INT32, 0},
                                                                {Layer::kSamples, SCREE_UINT64, 0},
                                                                {Layer::kNormal, SCREE_FLOAT32, 3},
-                                                               {Layer::kUv, SCREE_FLOAT32, 2}}};
+                                                               {Layer::kUv, SCREE_FLOAT32, 2},
+                                                               {Layer::kLinear, SCREE_FLOAT32, 4}}};
 
 /// Calls body(renderer, kind) with the view's frame, for functions that read a layer.
 template <class Body>
 scree_status with_layer(scree_view* view, scree_layer layer, const Body& body) {
   return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
     if (static_cast<uint32_t>(layer) >= kLayers.size())
-      return fail(SCREE_ERROR_ARGUMENT, "no layer " + std::to_string(layer) + ", at most 6");
+      return fail(SCREE_ERROR_ARGUMENT, "no layer " + std::to_string(layer) + ", at most 7");
     const std::lock_guard<std::mutex> lock(drawn.mutex);
     ViewRenderer& renderer = *drawn.renderer;
     if (!renderer.has_frame())
       return fail(SCREE_ERROR_NO_FRAME, "the view has drawn nothing yet, or the last draw failed");
-    if (layer == SCREE_INSTANCE && has_too_many_instances(renderer.scene()))
-      return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids tell apart");
+    if (layer == SCREE_INSTANCE && has_too_many_instances(renderer.scene())) return fail_of_instances();
     return body(renderer, kLayers[static_cast<size_t>(layer)]);
   });
 }
@@ -203,7 +277,8 @@ scree_status scree_draw(scree_view* view, const scree_camera* camera, const scre
     if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
     scree_draw_options taken;
     scree::kernels::ShadeOptions shade;
-    if (const scree_status checked = take_frame(options, taken, shade); checked != SCREE_OK) return checked;
+    if (const scree_status checked = take_frame(drawn.renderer->scene(), options, taken, shade); checked != SCREE_OK)
+      return checked;
     const std::lock_guard<std::mutex> lock(drawn.mutex);
     View seen_view{};
     if (const scree_status made = make_view(drawn.renderer->scene(), seen, taken.width, taken.height, seen_view);
@@ -216,27 +291,41 @@ scree_status scree_draw(scree_view* view, const scree_camera* camera, const scre
 
 scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
                               const scree_draw_options* options, uint32_t layers) {
-  return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
-    if (cameras == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_draw_batch: cameras is null");
-    scree_draw_options taken;
-    scree::kernels::ShadeOptions shade;
-    if (const scree_status checked = take_frame(options, taken, shade); checked != SCREE_OK) return checked;
-    const std::lock_guard<std::mutex> lock(drawn.mutex);
-    const scree::runtime::LoadedScene& scene = drawn.renderer->scene();
-    if ((layers >> SCREE_INSTANCE & 1) != 0 && has_too_many_instances(scene))
-      return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids tell apart");
-    std::vector<View> views(count);
-    const auto* next = reinterpret_cast<const std::byte*>(cameras);
-    for (uint32_t i = 0; i < count; ++i, next += cameras->size) {
-      const auto* const camera = reinterpret_cast<const scree_camera*>(next);
-      scree_camera seen;
-      if (const scree_status checked = take(camera, seen, "scree_camera"); checked != SCREE_OK) return checked;
-      if (camera->size != cameras->size)
-        return fail(SCREE_ERROR_ARGUMENT, "camera " + std::to_string(i) + " of the batch has another size");
-      if (const scree_status made = make_view(scene, seen, taken.width, taken.height, views[i]); made != SCREE_OK)
-        return fail(made, "camera " + std::to_string(i) + ": " + std::string(scree_error()));
+  return with_batch(view, cameras, count, options, [&](ViewRenderer& renderer, const Batch& batch) {
+    if ((layers >> SCREE_INSTANCE & 1) != 0 && has_too_many_instances(renderer.scene())) return fail_of_instances();
+    const scree::Result<void> done = renderer.draw_batch(batch.views, batch.samples, batch.shade, layers);
+    return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
+  });
+}
+
+scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, uint32_t count,
+                                 const scree_draw_options* options, const scree_target* targets, uint32_t target_count,
+                                 void* stream) {
+  return with_batch(view, cameras, count, options, [&](ViewRenderer& renderer, const Batch& batch) {
+    if (targets == nullptr || target_count == 0)
+      return fail(SCREE_ERROR_ARGUMENT, "scree_draw_batch_to: targets is null, or there are none");
+    ViewRenderer::BatchTargets taken{};
+    const auto* next = reinterpret_cast<const std::byte*>(targets);
+    for (uint32_t i = 0; i < target_count; ++i, next += targets->size) {
+      scree_target target;
+      const auto* const given = reinterpret_cast<const scree_target*>(next);
+      if (const scree_status checked = take(given, target, "scree_target"); checked != SCREE_OK) return checked;
+      const std::string name = "target " + std::to_string(i);
+      if (given->size != targets->size) return fail(SCREE_ERROR_ARGUMENT, name + " has another size");
+      if (static_cast<uint32_t>(target.layer) >= taken.size() || target.layer == SCREE_SAMPLES)
+        return fail(SCREE_ERROR_ARGUMENT, name + ": a batch has no layer " + std::to_string(target.layer));
+      std::byte*& place = taken[target.layer];
+      if (place != nullptr) return fail(SCREE_ERROR_ARGUMENT, name + " is of the layer of another");
+      if (target.data == nullptr || reinterpret_cast<uintptr_t>(target.data) % 16 != 0)
+        return fail(SCREE_ERROR_ARGUMENT, name + ": data is null, or begins at no multiple of 16 bytes");
+      if (target.layer == SCREE_INSTANCE && has_too_many_instances(renderer.scene())) return fail_of_instances();
+      const uint64_t bytes = scree::runtime::bytes_of(static_cast<Layer>(target.layer)) * count * batch.pixels;
+      if (target.bytes != bytes)
+        return fail(SCREE_ERROR_BUFFER, name + ": a buffer of " + std::to_string(target.bytes) +
+                                            " bytes, but the layer has " + std::to_string(bytes));
+      place = static_cast<std::byte*>(target.data);
     }
-    const scree::Result<void> done = drawn.renderer->draw_batch(views, taken.samples, shade, layers);
+    const scree::Result<void> done = renderer.draw_batch_to(batch.views, batch.samples, batch.shade, taken, stream);
     return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
   });
 }
@@ -246,7 +335,7 @@ scree_status scree_shade(scree_view* view, const scree_draw_options* options) {
     scree_draw_options taken;
     if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
     scree::kernels::ShadeOptions shade;
-    if (const scree_status checked = take_shade(taken, shade); checked != SCREE_OK) return checked;
+    if (const scree_status checked = take_shade(renderer.scene(), taken, shade); checked != SCREE_OK) return checked;
     const scree::Result<void> done = renderer.set_shade(shade);
     return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
   });

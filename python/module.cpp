@@ -102,15 +102,15 @@ std::vector<py::ssize_t> shape_of(const scree_array& array) {
 scree_array describe(const scree::View& view, scree_layer layer) {
   const scree_frame_stats stats = without_gil([&] { return view.stats(); });
   const uint32_t side = layer == SCREE_SAMPLES ? stats.samples : 1;
-  constexpr std::array<scree_type, 7> kTypes{SCREE_UINT8,  SCREE_FLOAT32, SCREE_INT64,  SCREE_INT32,
-                                             SCREE_UINT64, SCREE_FLOAT32, SCREE_FLOAT32};
+  constexpr std::array<scree_type, 8> kTypes{SCREE_UINT8,  SCREE_FLOAT32, SCREE_INT64,   SCREE_INT32,
+                                             SCREE_UINT64, SCREE_FLOAT32, SCREE_FLOAT32, SCREE_FLOAT32};
   scree_array array{};
   array.type = kTypes[static_cast<size_t>(layer)];
   int64_t* shape = array.shape;
   if (stats.cameras != 0) *shape++ = stats.cameras;
   *shape++ = int64_t{stats.height} * side;
   *shape++ = int64_t{stats.width} * side;
-  constexpr std::array<int64_t, 7> kChannels{4, 0, 0, 0, 0, 3, 2};
+  constexpr std::array<int64_t, 8> kChannels{4, 0, 0, 0, 0, 3, 2, 4};
   if (kChannels[static_cast<size_t>(layer)] != 0) *shape++ = kChannels[static_cast<size_t>(layer)];
   array.dimensions = static_cast<uint32_t>(shape - array.shape);
   return array;
@@ -206,6 +206,12 @@ Camera look_at(const scree::Vec3& eye, const std::optional<scree::Vec3>& target,
   return out;
 }
 
+Camera around(double turn, double rise, const scree::Vec3& up, double fov) {
+  Camera out;
+  out.camera = scree::around(turn, rise, up, fov);
+  return out;
+}
+
 using Matrix = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 Camera matrices(const Matrix& view, const Matrix& projection, double z_near) {
@@ -242,7 +248,10 @@ int number_of(const std::array<const char*, kCount>& words, const std::string& w
 
 constexpr std::array<const char*, 9> kShows{"texture", "color", "uv",    "normal", "triangle",
                                             "cluster", "mesh",  "stage", "depth"};
-constexpr std::array<const char*, 7> kLayers{"color", "depth", "triangle", "instance", "samples", "normal", "uv"};
+constexpr std::array<const char*, 8> kLayers{"color",   "depth",  "triangle", "instance",
+                                             "samples", "normal", "uv",       "linear"};
+constexpr std::array<const char*, 4> kLights{"auto", "camera", "environment", "scene"};
+constexpr std::array<const char*, 4> kReadings{"auto", "mapped", "buffered", "direct"};
 constexpr std::array<const char*, 3> kBackends{"auto", "cpu", "cuda"};
 constexpr std::array<const char*, 3> kTextures{"keep", "raw", "jpeg"};
 
@@ -250,18 +259,42 @@ scree_layer layer_of(const std::string& word) {
   return static_cast<scree_layer>(number_of(kLayers, word, "layer"));
 }
 
-scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t samples, const std::string& show, bool light,
-                                bool ssao, bool edl, const std::array<float, 4>& background) {
+/// `shading`: all options but sizes, by name (View.draw() in __init__.py has them).
+scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t samples, const py::dict& shading) {
   auto options = scree::make<scree_draw_options>();
   options.width = width;
   options.height = height;
   options.samples = samples;
-  options.show = static_cast<scree_show>(number_of(kShows, show, "show"));
-  if (!light) options.flags |= SCREE_NO_LIGHT;
-  if (ssao) options.flags |= SCREE_SSAO;
-  if (edl) options.flags |= SCREE_EDL;
-  std::copy(background.begin(), background.end(), options.background);
   if (width == 0 || height == 0 || samples == 0) throw py::value_error("width, height and samples are 1 at least");
+  const auto flag = [&](bool is_set, uint32_t bit) { options.flags |= is_set ? bit : 0u; };
+  for (const auto& [key, value] : shading) {
+    const auto name = key.cast<std::string>();
+    if (name == "show") {
+      options.show = static_cast<scree_show>(number_of(kShows, value.cast<std::string>(), "show"));
+    } else if (name == "light" && py::isinstance<py::bool_>(value)) {
+      flag(!value.cast<bool>(), SCREE_NO_LIGHT);
+    } else if (name == "light") {
+      options.light = static_cast<scree_light>(number_of(kLights, value.cast<std::string>(), "light"));
+    } else if (name == "exposure") {
+      options.exposure = value.cast<double>();
+    } else if (name == "blend_layers") {
+      options.blend_layers = value.cast<uint32_t>();
+      flag(options.blend_layers == 0, SCREE_NO_BLEND);
+    } else if (name == "ssao") {
+      flag(value.cast<bool>(), SCREE_SSAO);
+    } else if (name == "edl") {
+      flag(value.cast<bool>(), SCREE_EDL);
+    } else if (name == "edl_strength") {
+      options.edl_strength = value.cast<float>();
+    } else if (name == "edl_radius") {
+      options.edl_radius = value.cast<uint32_t>();
+    } else if (name == "background") {
+      const auto background = value.cast<std::array<float, 4>>();
+      std::copy(background.begin(), background.end(), options.background);
+    } else {
+      throw py::type_error("unexpected option '" + name + "'");
+    }
+  }
   return options;
 }
 
@@ -286,6 +319,17 @@ struct Progress {
   }
 };
 
+/// What loading and converting tell.
+struct Heard {
+  Progress progress;
+  std::vector<std::string> warnings;
+
+  static int hear(void* user, const char* stage, uint64_t done, uint64_t total) {
+    return Progress::hear(&static_cast<Heard*>(user)->progress, stage, done, total);
+  }
+  static void warn(void* user, const char* line) { static_cast<Heard*>(user)->warnings.emplace_back(line); }
+};
+
 py::dict stats_of(const scree::Scene& scene) {
   const scree_scene_stats stats = scene.stats();
   return py::dict("triangles"_a = stats.triangles, "instances"_a = stats.instances,
@@ -293,7 +337,8 @@ py::dict stats_of(const scree::Scene& scene) {
                   "box_max"_a = std::array<double, 3>{stats.box_max[0], stats.box_max[1], stats.box_max[2]},
                   "on_gpu"_a = stats.on_gpu != 0, "gpu"_a = stats.gpu, "gpu_name"_a = stats.gpu_name,
                   "why_cpu"_a = stats.why_cpu, "streamed"_a = stats.streamed != 0, "scene"_a = stats.scene,
-                  "device_bytes"_a = stats.device_bytes, "load_ms"_a = stats.load_ms);
+                  "device_bytes"_a = stats.device_bytes, "load_ms"_a = stats.load_ms, "lights"_a = stats.lights,
+                  "light"_a = kLights[stats.light]);
 }
 
 /// The columns of all instances.
@@ -386,7 +431,9 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
                                    const std::string& backend, const std::optional<std::string>& gpu, uint32_t threads,
                                    bool textures, uint64_t device_memory, uint64_t host_memory, uint64_t texture_cache,
                                    const std::array<uint32_t, 3>& largest, const py::object& progress,
-                                   std::optional<uint32_t> gpus) {
+                                   std::optional<uint32_t> gpus, uint64_t texture_memory,
+                                   const std::optional<std::string>& environment, const std::string& light,
+                                   const std::string& read, py::list warnings) {
   auto options = scree::make<scree_load_options>();
   options.scene = scene ? scene->c_str() : nullptr;
   options.backend = static_cast<scree_backend>(number_of(kBackends, backend, "backend"));
@@ -400,11 +447,14 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
   options.max_height = largest[1];
   options.max_samples = largest[2];
   options.gpus = gpus.value_or(SCREE_ALL_GPUS);
-  Progress heard{progress, nullptr};
-  if (!progress.is_none()) {
-    options.progress = &Progress::hear;
-    options.user = &heard;
-  }
+  options.texture_memory = texture_memory;
+  options.environment = environment ? environment->c_str() : nullptr;
+  options.light = static_cast<scree_light>(number_of(kLights, light, "light"));
+  options.reading = static_cast<scree_reading>(number_of(kReadings, read, "read"));
+  Heard heard{{progress, nullptr}, {}};
+  options.user = &heard;
+  if (!progress.is_none()) options.progress = &Heard::hear;
+  options.warning = &Heard::warn;
   std::shared_ptr<scree::Scene> loaded;
   std::optional<scree::Error> error;
   {
@@ -415,8 +465,9 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
       error = failed;
     }
   }
-  heard.raise();
+  heard.progress.raise();
   if (error) throw *error;
+  for (const std::string& line : heard.warnings) warnings.append(line);
   return loaded;
 }
 
@@ -444,16 +495,10 @@ py::dict convert(const std::string& input, const std::optional<std::string>& out
   options.exclude = exclude ? exclude->c_str() : nullptr;
   options.threads = threads;
   options.memory = memory;
-  struct Both {
-    Progress progress;
-    std::vector<std::string> warnings;
-  } heard{{progress, nullptr}, {}};
+  Heard heard{{progress, nullptr}, {}};
   options.user = &heard;
-  if (!progress.is_none())
-    options.progress = [](void* user, const char* stage, uint64_t done, uint64_t total) {
-      return Progress::hear(&static_cast<Both*>(user)->progress, stage, done, total);
-    };
-  options.warning = [](void* user, const char* line) { static_cast<Both*>(user)->warnings.emplace_back(line); };
+  if (!progress.is_none()) options.progress = &Heard::hear;
+  options.warning = &Heard::warn;
   scree_convert_report report;
   std::optional<scree::Error> error;
   {
@@ -494,6 +539,7 @@ PYBIND11_MODULE(_scree, module) {
 
   py::class_<Camera>(module, "Camera");
   module.def("look_at", &look_at, "eye"_a, "target"_a = py::none(), "up"_a = scree::Vec3{0, 1, 0}, "fov"_a = 45.0);
+  module.def("around", &around, "turn"_a, "rise"_a, "up"_a, "fov"_a);
   module.def("matrices", &matrices, "view"_a, "projection"_a, "z_near"_a = 0.0);
 
   py::class_<SharedLayer>(module, "SharedLayer")
@@ -510,21 +556,18 @@ PYBIND11_MODULE(_scree, module) {
       .def(
           "draw",
           [](scree::View& view, uint32_t width, uint32_t height, const py::object& camera, uint32_t samples,
-             const std::string& show, bool light, bool ssao, bool edl, const std::array<float, 4>& background) {
+             const py::dict& shading) {
             Camera seen = camera_of(camera);
-            const scree_draw_options options = draw_options(width, height, samples, show, light, ssao, edl, background);
+            const scree_draw_options options = draw_options(width, height, samples, shading);
             const py::gil_scoped_release release;
             view.draw(seen.get(), options);
           },
-          "width"_a = 1920, "height"_a = 1080, py::kw_only(), "camera"_a = py::none(), "samples"_a = 1,
-          "show"_a = "texture", "light"_a = true, "ssao"_a = false, "edl"_a = false,
-          "background"_a = std::array<float, 4>{})
+          "width"_a, "height"_a, "camera"_a, "samples"_a, "shading"_a)
       .def(
           "draw_batch",
           [](scree::View& view, const std::vector<py::object>& cameras, uint32_t width, uint32_t height,
-             const std::vector<std::string>& layers, uint32_t samples, const std::string& show, bool light, bool ssao,
-             bool edl, const std::array<float, 4>& background) {
-            const scree_draw_options options = draw_options(width, height, samples, show, light, ssao, edl, background);
+             const std::vector<std::string>& layers, uint32_t samples, const py::dict& shading) {
+            const scree_draw_options options = draw_options(width, height, samples, shading);
             uint32_t made = 0;
             for (const std::string& layer : layers) made |= 1u << layer_of(layer);
             std::vector<Camera> all;
@@ -535,18 +578,15 @@ PYBIND11_MODULE(_scree, module) {
             const py::gil_scoped_release release;
             view.draw_batch(seen.data(), static_cast<uint32_t>(seen.size()), options, made);
           },
-          "cameras"_a, "width"_a, "height"_a, py::kw_only(), "layers"_a, "samples"_a, "show"_a, "light"_a, "ssao"_a,
-          "edl"_a, "background"_a)
+          "cameras"_a, "width"_a, "height"_a, "layers"_a, "samples"_a, "shading"_a)
       .def(
           "shade",
-          [](scree::View& view, const std::string& show, bool light, bool ssao, bool edl,
-             const std::array<float, 4>& background) {
-            const scree_draw_options options = draw_options(1, 1, 1, show, light, ssao, edl, background);
+          [](scree::View& view, const py::dict& shading) {
+            const scree_draw_options options = draw_options(1, 1, 1, shading);
             const py::gil_scoped_release release;
             view.shade(options);
           },
-          py::kw_only(), "show"_a = "texture", "light"_a = true, "ssao"_a = false, "edl"_a = false,
-          "background"_a = std::array<float, 4>{})
+          "shading"_a)
       .def(
           "read", [](const scree::View& view, const std::string& layer) { return read(view, layer_of(layer)); },
           "layer"_a)
@@ -572,7 +612,8 @@ PYBIND11_MODULE(_scree, module) {
   py::class_<scree::File, std::shared_ptr<scree::File>>(module, "File")
       .def(py::init<const std::string&>(), "path"_a)
       .def("load", &load, py::kw_only(), "scene"_a, "backend"_a, "gpu"_a, "threads"_a, "textures"_a, "device_memory"_a,
-           "host_memory"_a, "texture_cache"_a, "largest"_a, "progress"_a, "gpus"_a)
+           "host_memory"_a, "texture_cache"_a, "largest"_a, "progress"_a, "gpus"_a, "texture_memory"_a, "environment"_a,
+           "light"_a, "read"_a, "warnings"_a)
       .def_property_readonly("bytes", [](const scree::File& file) { return file.info().bytes; })
       .def_property_readonly("triangles", [](const scree::File& file) { return file.info().triangles; })
       .def_property_readonly("default_scene", [](const scree::File& file) { return file.info().default_scene; })

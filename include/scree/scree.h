@@ -26,7 +26,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define SCREE_API_VERSION 3 /* grows by 1 with every addition; what is here stays as it is */
+#define SCREE_API_VERSION 4 /* grows by 1 with every addition; what is here stays as it is */
 
 #if defined(__GNUC__)
 #define SCREE_API __attribute__((visibility("default")))
@@ -152,6 +152,25 @@ typedef enum scree_backend {
 
 #define SCREE_ALL_GPUS 0xffffffffu
 
+/* Where the light of textured pictures comes from. Since version 4. */
+typedef enum scree_light {
+  SCREE_LIGHT_AUTO = 0,        /* in options of a load: the environment if a material has more than a base colour, or if
+                                  scree_load_options::environment names one; else the camera. Of a draw: as it was loaded */
+  SCREE_LIGHT_CAMERA = 1,      /* from the eye, on matt surfaces */
+  SCREE_LIGHT_ENVIRONMENT = 2, /* from all around */
+  SCREE_LIGHT_SCENE = 3,       /* the file's own lights; SCREE_ERROR_ARGUMENT where it has none */
+  SCREE_LIGHT_32_BITS = 0x7fffffff
+} scree_light;
+
+/* How pages are read for a GPU. Since version 4. */
+typedef enum scree_reading {
+  SCREE_READ_AUTO = 0, /* DIRECT for large files that are not in the page cache, else BUFFERED */
+  SCREE_READ_MAPPED = 1,
+  SCREE_READ_BUFFERED = 2, /* through the page cache */
+  SCREE_READ_DIRECT = 3,   /* past it */
+  SCREE_READ_32_BITS = 0x7fffffff
+} scree_reading;
+
 typedef struct scree_load_options {
   size_t size;
   const char* scene; /* by name or number; null: the file's default */
@@ -170,6 +189,16 @@ typedef struct scree_load_options {
   void* user;
   uint64_t gpus; /* how many draw the scene together, from `gpu` on, each with a part of its pages (docs/scale.md), at
                     most 16; SCREE_ALL_GPUS: every one. 0 and 1: one. Since version 3 */
+  /* Since version 4: */
+  uint64_t texture_memory; /* where the CPU draws: bytes of pages of KTX2 and DDS textures, which come from the file
+                              when pixels show them. 0: 2 GiB */
+  const char* environment; /* a Radiance picture (.hdr) of all directions, the light of SCREE_LIGHT_ENVIRONMENT, which
+                              it implies. Null: a clear sky */
+  scree_light light;       /* of its pictures, unless a draw names another. The surroundings are only loaded where they
+                              are the light: a draw by SCREE_LIGHT_ENVIRONMENT fails otherwise */
+  scree_reading reading;
+  void (*warning)(void* user, const char* line); /* about the scene, such as a damaged texture; by the caller's thread,
+                                                    at the end */
 } scree_load_options;
 
 /* Loads a scene and checks every byte of it. `options` may be null. */
@@ -190,6 +219,9 @@ typedef struct scree_scene_stats {
   double load_ms;       /* geometry, textures, upload */
   const char* gpu_name; /* stays as long as the handle */
   const char* why_cpu;  /* why SCREE_BACKEND_AUTO took no GPU, one line; "" where one draws or none was looked for */
+  /* Since version 4: */
+  uint32_t lights;   /* of the file, that are drawn */
+  scree_light light; /* what SCREE_LIGHT_AUTO of a draw is; never SCREE_LIGHT_AUTO */
 } scree_scene_stats;
 
 SCREE_API scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats);
@@ -218,6 +250,8 @@ typedef enum scree_camera_kind {
   SCREE_CAMERA_NAMED = 1,    /* `name`, of the file; takes `fov_degrees` */
   SCREE_CAMERA_LOOK_AT = 2,  /* `eye`, `target`, `up`, `fov_degrees` */
   SCREE_CAMERA_MATRICES = 3, /* `view`, `projection`, `z_near` */
+  SCREE_CAMERA_AROUND = 4,   /* all of the scene from `turn_degrees` and `rise_degrees`; takes `up` and `fov_degrees`.
+                                Since version 4 */
   SCREE_CAMERA_32_BITS = 0x7fffffff
 } scree_camera_kind;
 
@@ -234,6 +268,8 @@ typedef struct scree_camera {
   double projection[16]; /* rows first: from camera to clip space as OpenGL has it (w = -z, depths -1 to 1), perspective
                             or orthographic, around the middle of the picture. A perspective has no far plane here */
   double z_near;         /* above 0: in place of the projection's near plane, for other ranges of depth */
+  double turn_degrees;   /* to the right of the scene's front: 90 is its right, 180 its back. Since version 4 */
+  double rise_degrees;   /* above it, -90 to 90. Since version 4 */
 } scree_camera;
 
 typedef enum scree_show {
@@ -249,7 +285,12 @@ typedef enum scree_show {
   SCREE_SHOW_32_BITS = 0x7fffffff
 } scree_show;
 
-enum { SCREE_NO_LIGHT = 1, SCREE_SSAO = 2, SCREE_EDL = 4 };
+enum {
+  SCREE_NO_LIGHT = 1, /* surface colours alone */
+  SCREE_SSAO = 2,
+  SCREE_EDL = 4,     /* eye-dome lighting */
+  SCREE_NO_BLEND = 8 /* blended surfaces, such as glass, are left out of the colours. Since version 4 */
+};
 
 typedef struct scree_draw_options {
   size_t size;
@@ -257,10 +298,15 @@ typedef struct scree_draw_options {
   uint32_t height;  /* 0: 1080 */
   uint32_t samples; /* a pixel's side: 1, 2 or 4. 0: 1 */
   scree_show show;
-  uint32_t flags;      /* SCREE_NO_LIGHT: without the camera's light; SCREE_SSAO; SCREE_EDL: eye-dome lighting */
+  uint32_t flags;      /* SCREE_NO_LIGHT, which excludes `light`, and the others */
   float background[4]; /* linear RGBA */
   float edl_strength;  /* 0: 1 */
   uint32_t edl_radius; /* pixels, at most 64. 0: 1 */
+  uint32_t reserved;   /* not read */
+  /* Since version 4: */
+  double exposure;       /* stops, -20 to 20; the camera's light ignores it */
+  scree_light light;     /* SCREE_LIGHT_AUTO: as the scene was loaded */
+  uint32_t blend_layers; /* the most layers of blended surfaces behind one another, at most 65535. 0: 16 */
 } scree_draw_options;
 
 /* Draws a frame and returns when its samples are there. `camera` and `options` may be null. Nothing is allocated for a
@@ -268,14 +314,14 @@ typedef struct scree_draw_options {
 SCREE_API scree_status scree_draw(scree_view* view, const scree_camera* camera, const scree_draw_options* options);
 
 /* Draws a frame for each of `count` cameras, all of one size, in one call. `layers`: which of them are made, a bit
- * 1 << SCREE_COLOR and so on each; SCREE_SAMPLES is none of them. Until the next draw these layers have one more, first
- * dimension, of cameras: one block of memory, on the GPU where a GPU draws. There is nothing to pick then. On the CPU
- * the cameras are shared out among the scene's threads. */
+ * 1 << SCREE_COLOR and so on each; SCREE_SAMPLES and SCREE_LINEAR are none of them. Until the next draw these layers
+ * have one more, first dimension, of cameras: one block of memory, on the GPU where a GPU draws. There is nothing to
+ * pick then. On the CPU the cameras are shared out among the scene's threads. */
 SCREE_API scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
                                         const scree_draw_options* options, uint32_t layers);
 
-/* Shows the frame otherwise, without drawing it again: `show`, `flags`, `background`, `edl_...` of `options`. Not where
- * chunks are streamed. */
+/* Shows the frame otherwise, without drawing it again: all of `options` but sizes and samples. Not where chunks are
+ * streamed. */
 SCREE_API scree_status scree_shade(scree_view* view, const scree_draw_options* options);
 
 /* A pixel shows its nearest sample, but for colours. */
@@ -289,6 +335,8 @@ typedef enum scree_layer {
                          0 on the background. As SCREE_UV not where chunks are streamed: SCREE_ERROR_ARGUMENT */
   SCREE_UV = 6,       /* height x width x 2 float32: texture coordinates as the mesh has them, no material's transform
                          applied; 0 on the background and where the mesh has none */
+  SCREE_LINEAR = 7,   /* height x width x 4 float32: the colours in linear light, premultiplied by alpha, as an .exr
+                         has them; in host memory alone, and not where chunks are streamed. Since version 4 */
   SCREE_LAYER_32_BITS = 0x7fffffff
 } scree_layer;
 
@@ -328,6 +376,23 @@ SCREE_API scree_status scree_release(scree_memory* memory);
 /* Copies a layer to host memory of the caller's; `bytes`: of `buffer`, as many as the layer has. */
 SCREE_API scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes);
 
+/* A block of the caller's memory for a layer of a batch. Since version 4. */
+typedef struct scree_target {
+  size_t size;
+  void* data;     /* in the memory of the GPU that draws, else the host's; begins at a multiple of 16 bytes */
+  uint64_t bytes; /* as many as the layer of all cameras has, or SCREE_ERROR_BUFFER */
+  scree_layer layer;
+  uint32_t reserved; /* not read */
+} scree_target;
+
+/* As scree_draw_batch(), but the layers are drawn into `targets`, `target_count` of them, one per layer; the view keeps
+ * none. `stream`: a cudaStream_t of the GPU, whose earlier work ends before the drawing begins, and whose later work
+ * begins after it; null: the default stream. Not read where the CPU draws. After an error the targets hold anything.
+ * Since version 4. */
+SCREE_API scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, uint32_t count,
+                                           const scree_draw_options* options, const scree_target* targets,
+                                           uint32_t target_count, void* stream);
+
 typedef struct scree_pick_info {
   size_t size;
   uint32_t hit; /* 0: the background, and nothing below is set */
@@ -358,7 +423,7 @@ typedef struct scree_frame_stats {
   uint64_t streamed_bytes; /* of a batch 0 */
   uint32_t cameras;        /* of the batch, whose counts are sums; 0: no batch */
   uint32_t blended_layers; /* of blended surfaces, in the colours once they are made; of a batch the most of a frame */
-  uint64_t samples_with_more_layers; /* than are drawn, 16; 0 until the colours are made */
+  uint64_t samples_with_more_layers; /* than options::blend_layers; 0 until the colours are made */
 } scree_frame_stats;
 
 SCREE_API scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats);

@@ -60,6 +60,18 @@ inline scree_camera named_camera(const char* name) {
   return camera;
 }
 
+/// All of the scene, from `turn_degrees` to the right of its front and `rise_degrees` above.
+inline scree_camera around(double turn_degrees, double rise_degrees, const Vec3& up = {0, 1, 0},
+                           double fov_degrees = 45) {
+  auto camera = make<scree_camera>();
+  camera.kind = SCREE_CAMERA_AROUND;
+  camera.turn_degrees = turn_degrees;
+  camera.rise_degrees = rise_degrees;
+  for (int i = 0; i < 3; ++i) camera.up[i] = up[i];
+  camera.fov_degrees = fov_degrees;
+  return camera;
+}
+
 /// Both matrices rows first.
 inline scree_camera matrix_camera(const Mat4& view, const Mat4& projection, double z_near = 0) {
   auto camera = make<scree_camera>();
@@ -88,6 +100,11 @@ class View {
   void draw_batch(const scree_camera* cameras, std::uint32_t count, const scree_draw_options& options,
                   std::uint32_t layers) {
     check(scree_draw_batch(handle(), cameras, count, &options, layers));
+  }
+  /// scree_draw_batch_to(): `targets` follow each other in memory.
+  void draw_batch_to(const scree_camera* cameras, std::uint32_t count, const scree_draw_options& options,
+                     const scree_target* targets, std::uint32_t target_count, void* stream = nullptr) {
+    check(scree_draw_batch_to(handle(), cameras, count, &options, targets, target_count, stream));
   }
   void shade(const scree_draw_options& options) { check(scree_shade(handle(), &options)); }
 

@@ -17,9 +17,9 @@ import os
 from . import _scree
 from ._scree import Camera, Error, SharedLayer, __version__
 
-__all__ = ["Camera", "Error", "File", "Scene", "SharedLayer", "View", "convert", "look_at", "matrices", "open"]
+__all__ = ["Camera", "Error", "File", "Scene", "SharedLayer", "View", "around", "convert", "look_at", "matrices", "open"]
 
-LAYERS = ("color", "depth", "triangle", "instance", "samples", "normal", "uv")
+LAYERS = ("color", "depth", "triangle", "instance", "samples", "normal", "uv", "linear")
 
 
 def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
@@ -28,6 +28,14 @@ def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
     `fov`: the vertical field of view in degrees, above 0 and below 180.
     """
     return _scree.look_at(tuple(eye), None if target is None else tuple(target), tuple(up), fov)
+
+
+def around(turn, rise, up=(0, 1, 0), fov=45.0) -> Camera:
+    """A camera that shows all of the scene, from `turn` degrees to the right of its front and `rise` degrees above.
+
+    The front is (0, 0), the right (90, 0), the back (180, 0), the top (0, 90).
+    """
+    return _scree.around(turn, rise, tuple(up), fov)
 
 
 def matrices(view, projection, z_near=0.0) -> Camera:
@@ -87,7 +95,8 @@ class File:
         return self._file.cameras(self.default_scene if scene is None else scene)
 
     def load(self, scene=None, *, backend="auto", gpu=None, threads=0, textures=True, device_memory=0, host_memory=0,
-             texture_cache=0, largest=(0, 0, 1), progress=None, gpus=1) -> Scene:
+             texture_cache=0, largest=(0, 0, 1), progress=None, gpus=1, texture_memory=0, environment=None,
+             light="auto", read="auto") -> Scene:
         """Loads a scene, by name or number, and checks every byte of it.
 
         `backend`: "cpu", "cuda", or "auto": a GPU where one can be used and takes the scene. `gpu`: its index or UUID.
@@ -96,11 +105,19 @@ class File:
         `texture_cache`: bytes of decoded blocks of JPEG textures. `largest`: width, height and samples of the largest
         frames, which `device_memory` then counts. `progress(stage, done, total)` is called now and then; it returns
         False to stop. `gpus`: how many draw the scene together, from `gpu` on, each with a part of it; None: all.
+        `texture_memory`: where the CPU draws, bytes of pages of KTX2 and DDS textures, which come from the file when
+        pixels show them; 0: 2 GiB. `light`: of its pictures, unless a draw names another: "camera", "environment",
+        "scene" for the file's own lights, or "auto": the environment if materials have more than a base colour.
+        `environment`: a Radiance picture (.hdr) of all directions, which implies that light; None: a clear sky. `read`:
+        how pages are read for a GPU, "mapped", "buffered", "direct" or "auto".
         """
+        warnings = []
         return Scene(self._file.load(
             scene=None if scene is None else str(scene), backend=backend, gpu=None if gpu is None else str(gpu),
             threads=threads, textures=textures, device_memory=device_memory, host_memory=host_memory,
-            texture_cache=texture_cache, largest=tuple(largest), progress=progress, gpus=gpus))
+            texture_cache=texture_cache, largest=tuple(largest), progress=progress, gpus=gpus,
+            texture_memory=texture_memory, environment=None if environment is None else os.fspath(environment),
+            light=light, read=read, warnings=warnings), warnings)
 
     def render(self, width=1920, height=1080, **options) -> dict:
         """load().render(): for one picture. Whoever draws more keeps the scene."""
@@ -108,10 +125,14 @@ class File:
 
 
 class Scene:
-    """A loaded scene. `stats`: triangles, instances, box_min, box_max, on_gpu, why_cpu, streamed, load_ms..."""
+    """A loaded scene. `stats`: triangles, instances, box_min, box_max, on_gpu, why_cpu, streamed, load_ms, lights...
 
-    def __init__(self, scene):
+    `warnings`: one line about each thing that cannot be drawn as it is meant.
+    """
+
+    def __init__(self, scene, warnings):
         self._scene = scene
+        self.warnings = warnings
         self._view = None
 
     @property
@@ -141,31 +162,32 @@ class View:
         self._view = view
         self._gpu = stats["gpu"] if stats["on_gpu"] else -1
 
-    def draw(self, width=1920, height=1080, *, camera=None, samples=1, show="texture", light=True, ssao=False, edl=False,
-             background=(0, 0, 0, 0)) -> View:
+    def draw(self, width=1920, height=1080, *, camera=None, samples=1, **shading) -> View:
         """Draws a frame of width x height pixels with samples x samples each (1, 2 or 4).
 
-        `camera`: look_at(), matrices(), the name or number of one of the file's; None shows all of the scene.
-        `show`: texture, color, uv, normal, triangle, cluster, mesh, stage or depth. `background`: linear RGBA.
+        `camera`: look_at(), around(), matrices(), the name or number of one of the file's; None shows all of the scene.
+        `shading`, by default as the scene was loaded, without what is off:
+        `show`: texture, color, uv, normal, triangle, cluster, mesh, stage or depth. `light`: "camera", "environment",
+        "scene", or False: surface colours alone. `exposure`: in stops, -20 to 20; the camera's light ignores it.
+        `blend_layers`: the most layers of blended surfaces, such as glass, behind one another (16); 0: none is drawn.
+        `ssao`, `edl`: True for ambient occlusion and eye-dome lighting, the latter with `edl_strength` (1) and
+        `edl_radius` in pixels (1). `background`: linear RGBA (0, 0, 0, 0).
         """
-        self._view.draw(width, height, camera=camera, samples=samples, show=show, light=light, ssao=ssao, edl=edl,
-                        background=tuple(background))
+        self._view.draw(width, height, camera, samples, shading)
         return self
 
-    def draw_batch(self, cameras, width, height, *, layers=("color",), samples=1, show="texture", light=True, ssao=False,
-                   edl=False, background=(0, 0, 0, 0)) -> View:
+    def draw_batch(self, cameras, width, height, *, layers=("color",), samples=1, **shading) -> View:
         """Draws a frame for each of `cameras`, all of width x height pixels, in one call.
 
-        `layers`: which are made, of all but samples. read() and share() then give them with one more,
+        `layers`: which are made, of all but samples and linear. read() and share() then give them with one more,
         first dimension, of cameras; on a GPU they are one block of its memory. Otherwise as draw().
         """
-        self._view.draw_batch(list(cameras), width, height, layers=list(layers), samples=samples, show=show, light=light,
-                              ssao=ssao, edl=edl, background=tuple(background))
+        self._view.draw_batch(list(cameras), width, height, list(layers), samples, shading)
         return self
 
-    def shade(self, *, show="texture", light=True, ssao=False, edl=False, background=(0, 0, 0, 0)) -> View:
-        """Shows the last frame otherwise, without drawing it again; not where chunks are streamed."""
-        self._view.shade(show=show, light=light, ssao=ssao, edl=edl, background=tuple(background))
+    def shade(self, **shading) -> View:
+        """Shows the last frame otherwise, without drawing it again; not where chunks are streamed. As draw()."""
+        self._view.shade(shading)
         return self
 
     def read(self, layer="color"):
@@ -175,18 +197,18 @@ class View:
         plane in world units, inf on the background. triangle: int64 ids, -1 on the background. instance: int32, indices
         into Scene.instances(), -1 on the background. samples: uint64, the visibility buffer. normal: height x width x 3
         float32, unit length in world space, of the front even if the back is seen, 0 on the background. uv: height x
-        width x 2 float32, texture coordinates as the mesh has them, 0 if it has none. If chunks are streamed, normal and
-        uv are missing.
+        width x 2 float32, texture coordinates as the mesh has them, 0 if it has none. linear: height x width x 4
+        float32, the colours in linear light, premultiplied by alpha. If chunks are streamed, normal, uv and linear are missing.
         """
         return self._view.read(layer)
 
     def share(self, layer="color") -> SharedLayer:
         """A layer where it was made, without a copy, for from_dlpack() of numpy, torch, cupy or jax.
 
-        On a GPU it lies in its memory. What it shows changes with the next draw(); its memory stays, and a draw() that
-        needs more takes other memory.
+        On a GPU it lies in its memory, but for linear, which is made on the host. What it shows changes with the next
+        draw(); its memory stays, and a draw() that needs more takes other memory.
         """
-        return self._view.share(layer, self._gpu)
+        return self._view.share(layer, -1 if layer == "linear" else self._gpu)
 
     def pick(self, x: int, y: int) -> dict | None:
         """What lies at a pixel's middle: mesh, node, instance, triangle, depth, position...; None on the background."""

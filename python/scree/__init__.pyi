@@ -8,8 +8,9 @@ import numpy.typing as npt
 __version__: str
 LAYERS: tuple[str, ...]
 
-_Layer = Literal["color", "depth", "triangle", "instance", "samples", "normal", "uv"]
+_Layer = Literal["color", "depth", "triangle", "instance", "samples", "normal", "uv", "linear"]
 _Show = Literal["texture", "color", "uv", "normal", "triangle", "cluster", "mesh", "stage", "depth"]
+_Light = Literal["auto", "camera", "environment", "scene"]
 _Progress = Callable[[str, int, int], bool | None]
 _Path = str | os.PathLike[str]
 
@@ -29,6 +30,7 @@ class SharedLayer:
 def look_at(
     eye: Sequence[float], target: Sequence[float] | None = ..., up: Sequence[float] = ..., fov: float = ...
 ) -> Camera: ...
+def around(turn: float, rise: float, up: Sequence[float] = ..., fov: float = ...) -> Camera: ...
 def matrices(view: npt.ArrayLike, projection: npt.ArrayLike, z_near: float = ...) -> Camera: ...
 def open(path: _Path) -> File: ...
 
@@ -62,10 +64,15 @@ class File:
         largest: Sequence[int] = ...,
         progress: _Progress | None = ...,
         gpus: int | None = ...,
+        texture_memory: int = ...,
+        environment: _Path | None = ...,
+        light: _Light = ...,
+        read: Literal["auto", "mapped", "buffered", "direct"] = ...,
     ) -> Scene: ...
     def render(self, width: int = ..., height: int = ..., **options: Any) -> dict[str, npt.NDArray[Any]]: ...
 
 class Scene:
+    warnings: list[str]
     @property
     def stats(self) -> dict[str, Any]: ...
     def instances(self) -> dict[str, npt.NDArray[Any]]: ...
@@ -83,9 +90,13 @@ class View:
         camera: Camera | str | int | None = ...,
         samples: Literal[1, 2, 4] = ...,
         show: _Show = ...,
-        light: bool = ...,
+        light: bool | _Light = ...,
+        exposure: float = ...,
+        blend_layers: int = ...,
         ssao: bool = ...,
         edl: bool = ...,
+        edl_strength: float = ...,
+        edl_radius: int = ...,
         background: Sequence[float] = ...,
     ) -> View: ...
     def draw_batch(
@@ -97,18 +108,26 @@ class View:
         layers: Iterable[_Layer] = ...,
         samples: Literal[1, 2, 4] = ...,
         show: _Show = ...,
-        light: bool = ...,
+        light: bool | _Light = ...,
+        exposure: float = ...,
+        blend_layers: int = ...,
         ssao: bool = ...,
         edl: bool = ...,
+        edl_strength: float = ...,
+        edl_radius: int = ...,
         background: Sequence[float] = ...,
     ) -> View: ...
     def shade(
         self,
         *,
         show: _Show = ...,
-        light: bool = ...,
+        light: bool | _Light = ...,
+        exposure: float = ...,
+        blend_layers: int = ...,
         ssao: bool = ...,
         edl: bool = ...,
+        edl_strength: float = ...,
+        edl_radius: int = ...,
         background: Sequence[float] = ...,
     ) -> View: ...
     def read(self, layer: _Layer = ...) -> npt.NDArray[Any]: ...

@@ -29,7 +29,8 @@ struct PictureNeeds {
 /// What beside the colours can be made of a picture's pixels (kernels/shade/layers.h).
 enum class PixelLayer { kDepth, kTriangle, kInstance, kNormal, kUv };
 inline constexpr size_t kPixelLayerCount = 5;
-inline constexpr size_t kBlockCount = 7;  // of DeviceView::reserve_block(): one per Layer of a ViewRenderer
+inline constexpr size_t kBlockCount =
+    7;  // of DeviceView::reserve_block(): one per Layer that a ViewRenderer makes in batches, by number
 
 /// Bytes of a pixel of it.
 constexpr uint64_t layer_bytes(PixelLayer layer) {
@@ -73,6 +74,8 @@ class DeviceView {
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr, uint32_t* out = nullptr);
   /// The layers of blended surfaces in what resolve() made last.
   const kernels::BlendCounts& blended() const;
+  Result<void> read_over(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> over);
+  Result<void> read_colors(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> colors);
 
   /// One sample of the picture that draw() made last; `index` below width * height. Error kDevice.
   Result<uint64_t> read_sample(uint64_t index);
@@ -121,6 +124,10 @@ class DeviceView {
   Result<void> read(const void* device, std::span<std::byte> host);
   /// Lets a stream of the caller's, a cudaStream_t, wait for what is queued. Error kDevice.
   Result<void> order_before(void* stream);
+  /// Lets what is queued from now on wait for what the caller queued on that stream. Error kDevice.
+  Result<void> order_after(void* stream);
+  /// Errors kUsage: `data` is not in the memory of the GPU that draws; kDevice.
+  Result<void> check_memory(const void* data) const;
 
  private:
   friend class DeviceScene;

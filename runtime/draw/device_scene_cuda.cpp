@@ -128,6 +128,16 @@ bool holds_all(const Scene& host, const PictureNeeds& pictures, uint64_t texture
 struct DeviceView::Impl {
   explicit Impl(DeviceScene::Impl& of) : scene(of) {}
 
+  /// Lets `after` wait for what is queued on `before`.
+  Result<void> order(cudaStream_t before, cudaStream_t after) {
+    Result<void> done;
+    if (queued == nullptr)
+      done = cuda_check(cudaEventCreateWithFlags(&queued, cudaEventDisableTiming), "making an event");
+    if (done) done = cuda_check(cudaEventRecord(queued, before), "recording an event");
+    if (done) done = cuda_check(cudaStreamWaitEvent(after, queued), "ordering a stream");
+    return done;
+  }
+
   DeviceScene::Impl& scene;
   std::optional<kernels::CudaFrames> frames;        // none where chunks are streamed and another view has them
   std::optional<kernels::CudaFrames> blend_frames;  // of layers, where the scene has blended surfaces; likewise
@@ -477,38 +487,12 @@ const kernels::BlendCounts& DeviceScene::blended() const {
 
 Result<void> DeviceScene::read_over(const kernels::View& view, const kernels::ShadeOptions& options,
                                     std::span<float> over) {
-  DeviceView::Impl& own = *impl_->own;
-  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
-  if (over.size() != uint64_t{4} * view.width * view.height || !kernels::shows_layers(impl_->scene.view(), options))
-    return Error{ErrorCode::kRange, std::to_string(over.size()) + " values for the layers of " +
-                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
-  const Result<const float*> made = own.blended_over(view, options);
-  if (!made) return made.error();
-  return cuda_check(cudaMemcpy(over.data(), *made, over.size_bytes(), cudaMemcpyDeviceToHost), "reading the layers");
+  return DeviceView(impl_->own).read_over(view, options, over);
 }
 
 Result<void> DeviceScene::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
                                       std::span<float> colors) {
-  DeviceView::Impl& own = *impl_->own;
-  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
-  if (colors.size() != uint64_t{3} * view.width * view.height || !kernels::shades_from_chunks(options.show))
-    return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
-                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
-  const float* made = nullptr;
-  if (const CudaStream* const stream = impl_->streaming()) {
-    made = stream->colors();
-    if (made == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
-  } else {
-    Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
-    if (done)
-      done =
-          own.resolver.shade_part(impl_->scene.view(), view, own.sample_data(), own.transforms(), options,
-                                  reinterpret_cast<float*>(own.colors.data()), nullptr, impl_->scene.texture_cache());
-    if (!done) return done;
-    made = reinterpret_cast<const float*>(own.colors.data());
-  }
-  return cuda_check(cudaMemcpy(colors.data(), made, colors.size_bytes(), cudaMemcpyDeviceToHost),
-                    "reading the samples' colours");
+  return DeviceView(impl_->own).read_colors(view, options, colors);
 }
 
 Result<void> DeviceScene::read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
@@ -538,6 +522,42 @@ const kernels::BlendCounts& DeviceView::blended() const {
 
 const std::optional<StreamStats>& DeviceView::stream_stats() const {
   return impl_->streamed;
+}
+
+Result<void> DeviceView::read_over(const kernels::View& view, const kernels::ShadeOptions& options,
+                                   std::span<float> over) {
+  Impl& own = *impl_;
+  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
+  if (over.size() != uint64_t{4} * view.width * view.height || !kernels::shows_layers(own.scene.scene.view(), options))
+    return Error{ErrorCode::kRange, std::to_string(over.size()) + " values for the layers of " +
+                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
+  const Result<const float*> made = own.blended_over(view, options);
+  if (!made) return made.error();
+  return cuda_check(cudaMemcpy(over.data(), *made, over.size_bytes(), cudaMemcpyDeviceToHost), "reading the layers");
+}
+
+Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
+                                     std::span<float> colors) {
+  Impl& own = *impl_;
+  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
+  if (colors.size() != uint64_t{3} * view.width * view.height || !kernels::shades_from_chunks(options.show))
+    return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
+                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
+  const float* made = nullptr;
+  if (const CudaStream* const stream = own.scene.streaming()) {
+    made = stream->colors();
+    if (made == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
+  } else {
+    Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
+    if (done)
+      done = own.resolver.shade_part(own.scene.scene.view(), view, own.sample_data(), own.transforms(), options,
+                                     reinterpret_cast<float*>(own.colors.data()), nullptr,
+                                     own.scene.scene.texture_cache());
+    if (!done) return done;
+    made = reinterpret_cast<const float*>(own.colors.data());
+  }
+  return cuda_check(cudaMemcpy(colors.data(), made, colors.size_bytes(), cudaMemcpyDeviceToHost),
+                    "reading the samples' colours");
 }
 
 Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels::FrameTimes* times,
@@ -778,13 +798,19 @@ Result<void> DeviceView::read(const void* device, std::span<std::byte> host) {
 }
 
 Result<void> DeviceView::order_before(void* stream) {
-  cudaEvent_t& queued = impl_->queued;
-  Result<void> done;
-  if (queued == nullptr)
-    done = cuda_check(cudaEventCreateWithFlags(&queued, cudaEventDisableTiming), "making an event");
-  if (done) done = cuda_check(cudaEventRecord(queued, nullptr), "recording an event");
-  if (done) done = cuda_check(cudaStreamWaitEvent(static_cast<cudaStream_t>(stream), queued), "ordering a stream");
-  return done;
+  return impl_->order(nullptr, static_cast<cudaStream_t>(stream));
+}
+
+Result<void> DeviceView::order_after(void* stream) {
+  return impl_->order(static_cast<cudaStream_t>(stream), nullptr);
+}
+
+Result<void> DeviceView::check_memory(const void* data) const {
+  cudaPointerAttributes found{};
+  if (Result<void> done = cuda_check(cudaPointerGetAttributes(&found, data), "looking at a buffer"); !done) return done;
+  const bool is_device = found.type == cudaMemoryTypeDevice && found.device == impl_->scene.device;
+  if (is_device || found.type == cudaMemoryTypeManaged) return {};
+  return Error{ErrorCode::kUsage, "a buffer that is not in the memory of GPU " + std::to_string(impl_->scene.device)};
 }
 
 }  // namespace scree::runtime

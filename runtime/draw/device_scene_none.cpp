@@ -37,6 +37,22 @@ Result<void> DeviceScene::read_colors(const kernels::View&, const kernels::Shade
   return current_gpu().error();
 }
 
+Result<void> DeviceView::order_after(void*) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::check_memory(const void*) const {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::read_colors(const kernels::View&, const kernels::ShadeOptions&, std::span<float>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::read_over(const kernels::View&, const kernels::ShadeOptions&, std::span<float>) {
+  return current_gpu().error();
+}
+
 Result<void> DeviceScene::read_layer(const kernels::View&, uint32_t, PixelLayer, std::span<std::byte>) {
   return current_gpu().error();
 }

@@ -24,6 +24,7 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
   try {
     std::shared_ptr<LoadedScene> loaded(new LoadedScene);
     loaded->threads_ = options.threads;
+    loaded->lighting_ = options.lighting;
     if (options.on != DrawOn::kCpu) {
       const GpuLock lock = gpu_lock();
       Result<Gpu> gpu = use_gpu(options.gpu);

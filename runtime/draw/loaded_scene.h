@@ -47,6 +47,8 @@ class LoadedScene {
 
   const Scene& scene() const { return *scene_; }
   uint32_t threads() const { return threads_; }
+  /// LoadOptions::lighting.
+  kernels::Lighting lighting() const { return lighting_; }
   /// Which draws it; nothing: the CPU.
   const std::optional<Gpu>& gpu() const { return gpu_; }
   /// Why no GPU draws it, where DrawOn::kAuto looked for one: one line; else empty.
@@ -76,6 +78,7 @@ class LoadedScene {
 
   std::unique_ptr<Scene> scene_;
   uint32_t threads_ = 1;
+  kernels::Lighting lighting_ = kernels::Lighting::kAuto;
   std::optional<Gpu> gpu_;
   std::string why_cpu_;
   std::unique_ptr<DeviceScene> device_;

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <new>
 #include <optional>
 #include <span>
@@ -29,6 +30,40 @@ struct Picture {
 inline uint32_t picture_channels(const kernels::ShadeOptions& options) {
   return options.background[3] >= 1.0f ? 3 : 4;
 }
+
+/// What linear_picture() takes from the CPU or from the GPU that drew.
+struct PictureLight {
+  std::function<Result<void>(std::span<uint8_t> rgba)> coded;   // kernels::resolve_cpu() with 4 channels
+  std::function<Result<void>(std::span<float> colors)> colors;  // kernels::shade_part_cpu() with all chunks
+  std::function<Result<void>(std::vector<float>& over, kernels::BlendCounts& counts)> over;  // kernels::blend_cpu()
+};
+PictureLight light_of_cpu(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
+                          std::span<const uint64_t> samples, const kernels::ShadeOptions& options, uint32_t threads);
+
+/// `device`: DeviceScene or DeviceView, which drew `view` last and shows it by `options`.
+template <class Device>
+PictureLight light_of(Device& device, const kernels::View& view, uint32_t samples_per_side,
+                      const kernels::ShadeOptions& options) {
+  return {[=, &device](std::span<uint8_t> rgba) {
+            // RGBA8, red in the low byte.
+            return device.resolve(view, samples_per_side, options,
+                                  {reinterpret_cast<uint32_t*>(rgba.data()), rgba.size() / 4});
+          },
+          [=, &device](std::span<float> colors) { return device.read_colors(view, options, colors); },
+          [=, &device](std::vector<float>& over, kernels::BlendCounts& counts) {
+            over.resize(uint64_t{4} * view.width * view.height);
+            const Result<void> read = device.read_over(view, options, over);
+            counts = device.blended();
+            return read;
+          }};
+}
+
+/// A picture in linear light: RGBA, 4 floats a pixel, premultiplied by alpha. Of what shows ids or depths, the 8-bit
+/// colours in linear light. Takes 12 bytes a sample meanwhile, 16 more where blended surfaces are drawn. Errors those
+/// of `light` and kernels::occlusion_cpu. Throws std::bad_alloc.
+Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
+                            std::span<const uint64_t> samples, const kernels::ShadeOptions& options, uint32_t threads,
+                            const PictureLight& light, std::span<float> out, kernels::BlendCounts& blended);
 
 /// What lies under a pixel.
 struct Pick {
@@ -67,9 +102,8 @@ class Frame {
   /// opaque. Errors kMemory, those of kernels::resolve_cpu and DeviceScene::resolve.
   Result<Picture> shade(const kernels::ShadeOptions& options, uint32_t threads) const;
 
-  /// The same in linear light: RGBA, 4 floats a pixel, premultiplied by alpha. Of what shows ids or depths, the 8-bit
-  /// colours in linear light. On a GPU after read_samples(). Takes 12 bytes a sample meanwhile. Errors kMemory, those
-  /// of shade(), kernels::shade_part_cpu and DeviceScene::read_colors.
+  /// The same as linear_picture(). On a GPU after read_samples(). Errors kMemory, those of shade(),
+  /// kernels::shade_part_cpu and DeviceScene::read_colors.
   /// `blended`: null, or filled in.
   Result<std::vector<float>> linear(const kernels::ShadeOptions& options, uint32_t threads,
                                     kernels::BlendCounts* blended = nullptr) const;

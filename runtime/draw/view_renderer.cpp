@@ -15,7 +15,8 @@ namespace scree::runtime {
 namespace {
 
 /// All that a batch makes.
-constexpr uint32_t kPixelLayers = ((1u << kLayerCount) - 1) & ~(1u << static_cast<uint32_t>(Layer::kSamples));
+constexpr uint32_t kPixelLayers = ((1u << kBlockCount) - 1) & ~(1u << static_cast<uint32_t>(Layer::kSamples));
+static_assert(kBlockCount == static_cast<size_t>(Layer::kLinear));
 
 /// Of all but kColor and kSamples.
 PixelLayer pixel_layer(Layer layer) {
@@ -133,8 +134,8 @@ Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_
   return {};
 }
 
-Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
-                                      const kernels::ShadeOptions& shade, uint32_t layers) {
+Result<void> ViewRenderer::begin_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
+                                       const kernels::ShadeOptions& shade, uint32_t layers) {
   if (views.empty() || views.size() > UINT32_MAX) return Error{ErrorCode::kUsage, "a batch has 1 to 2^32 - 1 cameras"};
   if (layers == 0 || (layers & ~kPixelLayers) != 0)
     return Error{ErrorCode::kUsage,
@@ -145,23 +146,76 @@ Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint
   if (Result<void> begun = begin(views[0], samples_per_side, shade); !begun) return begun;
   batch_ = static_cast<uint32_t>(views.size());
   stats_ = {};
+  return {};
+}
+
+Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
+                                      const kernels::ShadeOptions& shade, uint32_t layers) {
+  if (Result<void> begun = begin_batch(views, samples_per_side, shade, layers); !begun) return begun;
   const Stopwatch watch;
-  if (Result<void> drawn = device_ ? draw_batch_on_gpu(views, layers) : draw_batch_on_cpu(views, layers); !drawn)
-    return drawn;
+  BatchTargets targets{};
+  if (!device_) {
+    try {
+      for (size_t i = 0; i < kBlockCount; ++i) {
+        if ((layers >> i & 1) == 0) continue;
+        const uint64_t bytes = layer_bytes(static_cast<Layer>(i));
+        if (host_[i].bytes.size() < bytes) host_[i].bytes.resize(bytes);
+        targets[i] = host_[i].bytes.data();
+      }
+    } catch (const std::bad_alloc&) {
+      return out_of_memory(layer_bytes(Layer::kColor));
+    }
+    if (Result<void> drawn = draw_batch_on_cpu(views, layers, targets); !drawn) return drawn;
+    for (size_t i = 0; i < kLayerCount; ++i) host_[i].is_made = (layers >> i & 1) != 0;
+  } else {
+    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+    if (Result<void> done = device_->make_current(); !done) return done;
+    for (size_t i = 0; i < kBlockCount; ++i) {
+      if ((layers >> i & 1) == 0) continue;
+      const Result<std::byte*> block = device_->reserve_block(i, layer_bytes(static_cast<Layer>(i)));
+      if (!block) return block.error();
+      targets[i] = *block;
+    }
+    if (Result<void> drawn = draw_batch_on_gpu(views, layers, targets); !drawn) return drawn;
+    std::copy(targets.begin(), targets.end(), std::begin(on_gpu_));
+  }
   draw_time_ = watch.elapsed();
   has_frame_ = true;
   return {};
 }
 
-/// Where the layers of frame `v` of a batch go, `block(layer)` being all of a layer.
-template <class Block>
-ViewRenderer::FrameTargets ViewRenderer::targets_of(uint32_t layers, uint64_t v, const Block& block) const {
+Result<void> ViewRenderer::draw_batch_to(std::span<const kernels::View> views, uint32_t samples_per_side,
+                                         const kernels::ShadeOptions& shade, const BatchTargets& targets,
+                                         void* stream) {
+  uint32_t layers = 0;
+  for (size_t i = 0; i < targets.size(); ++i) layers |= targets[i] != nullptr ? 1u << i : 0u;
+  if (Result<void> begun = begin_batch(views, samples_per_side, shade, layers); !begun) return begun;
+  const Stopwatch watch;
+  if (!device_) {
+    if (Result<void> drawn = draw_batch_on_cpu(views, layers, targets); !drawn) return drawn;
+  } else {
+    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+    Result<void> done = device_->make_current();
+    for (const std::byte* const target : targets)
+      if (done && target != nullptr) done = device_->check_memory(target);
+    if (done) done = device_->order_after(stream);
+    if (done) done = draw_batch_on_gpu(views, layers, targets);
+    if (done) done = device_->order_before(stream);
+    if (!done) return done;
+  }
+  draw_time_ = watch.elapsed();
+  has_frame_ = true;
+  return {};
+}
+
+/// Where the layers of frame `v` of a batch go, `all` being those of all frames.
+ViewRenderer::FrameTargets ViewRenderer::targets_of(uint32_t layers, uint64_t v, const BatchTargets& all) const {
   FrameTargets targets;
-  for (size_t i = 0; i < kLayerCount; ++i) {
+  for (size_t i = 0; i < kBlockCount; ++i) {
     if ((layers >> i & 1) == 0) continue;
     const auto layer = static_cast<Layer>(i);
     const uint64_t bytes = layer_bytes(layer) / batch_;
-    std::byte* const out = block(i) + v * bytes;
+    std::byte* const out = all[i] + v * bytes;
     if (layer == Layer::kColor) {
       targets.color = out;
       targets.color_bytes = bytes;
@@ -173,16 +227,12 @@ ViewRenderer::FrameTargets ViewRenderer::targets_of(uint32_t layers, uint64_t v,
   return targets;
 }
 
-Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers) {
+Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers,
+                                             const BatchTargets& all) {
   const uint64_t count = uint64_t{view_.width} * view_.height;
   const auto shared = static_cast<uint32_t>(std::min<uint64_t>(scene_->threads(), views.size()));
   const uint32_t threads_each = std::max(1u, scene_->threads() / shared);
   try {
-    for (size_t i = 0; i < kLayerCount; ++i) {
-      if ((layers >> i & 1) == 0) continue;
-      const uint64_t bytes = layer_bytes(static_cast<Layer>(i));
-      if (host_[i].bytes.size() < bytes) host_[i].bytes.resize(bytes);
-    }
     // A worker's samples are those of the frame that it draws.
     if (samples_.size() < shared * count) samples_.resize(shared * count);
     FirstError failure;
@@ -199,7 +249,7 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
       const kernels::View view = in_samples(views[v]);
       const Result<kernels::FrameStats> drawn = kernels::draw_cpu(scene_->scene().view(), view, samples, threads_each);
       Result<void> done = drawn ? Result<void>() : drawn.error();
-      const FrameTargets targets = targets_of(layers, v, [&](size_t layer) { return host_[layer].bytes.data(); });
+      const FrameTargets targets = targets_of(layers, v, all);
       kernels::BlendCounts blended;
       if (done && targets.color != nullptr)
         done = kernels::resolve_cpu(scene_->scene().view(), view, samples_per_side_, samples, shade_, 4,
@@ -218,20 +268,12 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
   } catch (const std::bad_alloc&) {
     return out_of_memory(views.size() * count * sizeof(uint64_t));
   }
-  for (size_t i = 0; i < kLayerCount; ++i) host_[i].is_made = (layers >> i & 1) != 0;
   return {};
 }
 
-Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers) {
-  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-  if (Result<void> done = device_->make_current(); !done) return done;
-  std::byte* blocks[kLayerCount] = {};
-  for (size_t i = 0; i < kLayerCount; ++i) {
-    if ((layers >> i & 1) == 0) continue;
-    const Result<std::byte*> block = device_->reserve_block(i, layer_bytes(static_cast<Layer>(i)));
-    if (!block) return block.error();
-    blocks[i] = *block;
-  }
+/// With the GPUs' lock held.
+Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers,
+                                             const BatchTargets& blocks) {
   const bool shades = (layers & 1u << static_cast<uint32_t>(Layer::kColor)) != 0;
   std::vector<kernels::View> in;
   std::vector<kernels::BlendCounts> blended;  // by picture, some of which are made twice
@@ -241,21 +283,19 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
   } catch (const std::bad_alloc&) {
     return out_of_memory(views.size_bytes());
   }
-  const auto made = [&](const kernels::FrameStats& stats) {
-    stats_ = stats;
-    std::copy(std::begin(blocks), std::end(blocks), std::begin(on_gpu_));
-  };
-  const FrameTargets all = targets_of(layers, 0, [&](size_t layer) { return blocks[layer]; });
+  const FrameTargets all = targets_of(layers, 0, blocks);
   if (!shades) {
     const Result<std::optional<kernels::FrameStats>> together =
         device_->draw_together(scene_->scene(), in, samples_per_side_, all.others);
     if (!together) return together.error();
-    if (*together) made(**together);
-    if (*together) return {};
+    if (*together) {
+      stats_ = **together;
+      return {};
+    }
   }
   const Result<kernels::FrameStats> drawn = device_->draw_batch(
       scene_->scene(), in, scene_->is_streamed() && shades ? &shade_ : nullptr, [&](size_t v) -> Result<void> {
-        const FrameTargets targets = targets_of(layers, v, [&](size_t layer) { return blocks[layer]; });
+        const FrameTargets targets = targets_of(layers, v, blocks);
         Result<void> done;
         if (targets.color != nullptr)
           done = device_->resolve(in[v], samples_per_side_, shade_, {}, nullptr,
@@ -265,7 +305,7 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
         return done;
       });
   if (!drawn) return drawn.error();
-  made(*drawn);
+  stats_ = *drawn;
   for (const kernels::BlendCounts& picture : blended) add(blended_, picture);
   return {};
 }
@@ -295,7 +335,7 @@ Result<void> ViewRenderer::set_shade(const kernels::ShadeOptions& shade) {
     return Error{ErrorCode::kUnsupported, "a streamed frame is shaded while it is drawn: draw it again"};
   shade_ = shade;
   blended_ = {};
-  host_[static_cast<size_t>(Layer::kColor)].is_made = false;
+  for (const Layer layer : {Layer::kColor, Layer::kLinear}) host_[static_cast<size_t>(layer)].is_made = false;
   on_gpu_[static_cast<size_t>(Layer::kColor)] = nullptr;
   return {};
 }
@@ -330,7 +370,9 @@ Result<void> ViewRenderer::read(Layer layer, std::span<std::byte> out) {
 }
 
 Result<void> ViewRenderer::make(Layer layer, std::span<std::byte> out) {
-  if (!device_ && batch_ != 0) return Error{ErrorCode::kRange, "the batch was drawn without this layer"};
+  if (batch_ != 0 && (!device_ || layer == Layer::kLinear))
+    return Error{ErrorCode::kRange, "the batch was drawn without this layer"};
+  if (layer == Layer::kLinear) return make_linear(out);
   if (!device_) return make_on_cpu(layer, out);
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   const Result<const std::byte*> made = make_on_gpu(layer);
@@ -341,6 +383,31 @@ Result<void> ViewRenderer::make(Layer layer, std::span<std::byte> out) {
 Result<void> ViewRenderer::make_on_cpu(Layer layer, std::span<std::byte> out) {
   const auto samples = std::span<const uint64_t>(samples_).first(uint64_t{view_.width} * view_.height);
   return make_of(layer, view_, samples, scene_->threads(), out);
+}
+
+Result<void> ViewRenderer::make_linear(std::span<std::byte> out) {
+  const kernels::SceneView& scene = scene_->scene().view();
+  const std::span<float> pixels(reinterpret_cast<float*>(out.data()), out.size() / sizeof(float));
+  const uint64_t count = uint64_t{view_.width} * view_.height;
+  try {
+    if (!device_) {
+      const auto samples = std::span<const uint64_t>(samples_).first(count);
+      return linear_picture(scene, view_, samples_per_side_, samples, shade_, scene_->threads(),
+                            light_of_cpu(scene, view_, samples_per_side_, samples, shade_, scene_->threads()), pixels,
+                            blended_);
+    }
+    if (scene_->is_streamed())
+      return Error{ErrorCode::kUnsupported,
+                   "a streamed frame has no linear colours: its chunks are not there any more"};
+    std::vector<uint64_t> samples(count);
+    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+    if (Result<void> done = device_->make_current(); !done) return done;
+    if (Result<void> done = device_->read_samples(samples); !done) return done;
+    return linear_picture(scene, view_, samples_per_side_, samples, shade_, scene_->threads(),
+                          light_of(*device_, view_, samples_per_side_, shade_), pixels, blended_);
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(12 * count);
+  }
 }
 
 /// A layer of one frame from its samples.
@@ -381,6 +448,7 @@ Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
 Result<const std::byte*> ViewRenderer::device_layer(Layer layer, void* stream) {
   if (Result<void> checked = check_frame(); !checked) return checked.error();
   if (!device_) return Error{ErrorCode::kDevice, "the scene is drawn on the CPU: its layers are in host memory"};
+  if (layer == Layer::kLinear) return Error{ErrorCode::kUnsupported, "linear colours are made in host memory alone"};
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   const Result<const std::byte*> made = make_on_gpu(layer);
   if (!made) return made;

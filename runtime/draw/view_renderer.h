@@ -1,6 +1,7 @@
 // A view of a scene that lives for many frames.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -27,12 +28,13 @@ enum class Layer {
   kSamples,   // uint64_t a sample: the visibility buffer (kernels/visbuffer.h)
   kNormal,    // 3 floats: unit length, world space, 0 on the background
   kUv,        // 2 floats: texture coordinates, 0 on the background and where the mesh has none
+  kLinear,    // 4 floats: the colours as linear_picture() makes them, in host memory alone
 };
-inline constexpr size_t kLayerCount = 7;
+inline constexpr size_t kLayerCount = 8;
 
 /// Bytes of a pixel, or of a sample of kSamples.
 constexpr uint64_t bytes_of(Layer layer) {
-  constexpr uint64_t kBytes[kLayerCount] = {4, 4, 8, 4, 8, 12, 8};
+  constexpr uint64_t kBytes[kLayerCount] = {4, 4, 8, 4, 8, 12, 8, 16};
   return kBytes[static_cast<size_t>(layer)];
 }
 
@@ -53,25 +55,34 @@ class ViewRenderer {
   Result<void> draw(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
 
   /// Draws one frame for each of `views`, all of one size, and makes the `layers` of all of them, bit 1 << Layer each
-  /// but kSamples: a layer is then one block, frame by frame. On the CPU frames are shared out among the threads, each
-  /// with samples of its own. Until the next draw there is nothing to pick and no other layer. Errors as draw(),
-  /// kUsage: no view, views of several sizes, no such layers.
+  /// but kSamples and kLinear: a layer is then one block, frame by frame. On the CPU frames are shared out among the
+  /// threads, each with samples of its own. Until the next draw there is nothing to pick and no other layer. Errors as
+  /// draw(), kUsage: no view, views of several sizes, no such layers.
   Result<void> draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
                           const kernels::ShadeOptions& shade, uint32_t layers);
+
+  /// Where the layers of a batch go, by Layer; null: not made. In the memory of the GPU that draws, or of the host.
+  using BatchTargets = std::array<std::byte*, kBlockCount>;
+
+  /// The same into the caller's memory, of batch_bytes() each, after what is queued on `stream`, a cudaStream_t, and
+  /// before what is queued there next. This view then has no layer. Errors as draw_batch(); kUsage: no target, or one
+  /// that is not in the GPU's memory.
+  Result<void> draw_batch_to(std::span<const kernels::View> views, uint32_t samples_per_side,
+                             const kernels::ShadeOptions& shade, const BatchTargets& targets, void* stream);
 
   /// The frame shown otherwise, without drawing it again. Errors kRange (no frame), kUnsupported: a streamed frame is
   /// shaded while it is drawn.
   Result<void> set_shade(const kernels::ShadeOptions& shade);
 
   /// A layer in host memory of this view's, until the next draw(), set_shade() or end. Errors kRange (no frame),
-  /// kUnsupported (DeviceView::make_layer()), kMemory, kDevice.
+  /// kUnsupported (DeviceView::make_layer(), and kLinear of a streamed frame), kMemory, kDevice.
   Result<std::span<const std::byte>> layer(Layer layer);
 
   /// The same into `out`, of layer_bytes().
   Result<void> read(Layer layer, std::span<std::byte> out);
 
   /// A layer in the GPU's memory, where it was written; `stream`, a cudaStream_t, waits until it is. It stays until the
-  /// next draw(), set_shade() or end. Errors as layer(); kDevice: the CPU draws.
+  /// next draw(), set_shade() or end. Errors as layer(); kDevice: the CPU draws; kUnsupported: kLinear.
   Result<const std::byte*> device_layer(Layer layer, void* stream);
 
   /// Keeps a layer's memory, `data` of layer() or device_layer(), where it is for as long as the result lives, also
@@ -104,20 +115,22 @@ class ViewRenderer {
   Result<void> check_frame() const;
   Result<void> check_single() const;
   Result<void> begin(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
-  Result<void> draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers);
-  Result<void> draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers);
+  Result<void> begin_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
+                           const kernels::ShadeOptions& shade, uint32_t layers);
+  Result<void> draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers, const BatchTargets& targets);
+  Result<void> draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers, const BatchTargets& targets);
   struct FrameTargets {
     std::byte* color = nullptr;
     uint64_t color_bytes = 0;
     kernels::LayerTargets others{};
     bool has_others = false;
   };
-  template <class Block>
-  FrameTargets targets_of(uint32_t layers, uint64_t v, const Block& block) const;
+  FrameTargets targets_of(uint32_t layers, uint64_t v, const BatchTargets& all) const;
   kernels::View in_samples(kernels::View view) const;
   Result<void> draw_on_gpu();
   Result<void> make(Layer layer, std::span<std::byte> out);
   Result<void> make_on_cpu(Layer layer, std::span<std::byte> out);
+  Result<void> make_linear(std::span<std::byte> out);
   Result<void> make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples, uint32_t threads,
                        std::span<std::byte> out);
   Result<const std::byte*> make_on_gpu(Layer layer);

@@ -369,6 +369,17 @@ cudaError_t cudaFreeHost(void* block) {
   return give_back(block, false);
 }
 
+cudaError_t cudaPointerGetAttributes(cudaPointerAttributes* out, const void* at) {
+  const std::lock_guard lock(device().mutex);
+  *out = {};
+  const Allocation* const found = allocation_at(at, 1);
+  out->type = found == nullptr   ? cudaMemoryTypeUnregistered
+              : found->is_device ? cudaMemoryTypeDevice
+                                 : cudaMemoryTypeHost;
+  out->device = found != nullptr && found->is_device ? found->gpu : kPinned;
+  return cudaSuccess;
+}
+
 cudaError_t cudaMemGetInfo(size_t* free_bytes, size_t* total) {
   const std::lock_guard lock(device().mutex);
   const std::vector<Gpu> gpus = listed_gpus();

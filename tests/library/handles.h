@@ -44,12 +44,10 @@ struct Opened {
   scree_scene* scene = nullptr;
   scree_view* view = nullptr;
 
-  explicit Opened(const std::string& path, scree_backend backend = SCREE_BACKEND_CPU, uint64_t device_memory = 0) {
+  explicit Opened(const std::string& path, scree_backend backend = SCREE_BACKEND_CPU, uint64_t device_memory = 0)
+      : Opened(path, options(backend, device_memory)) {}
+  Opened(const std::string& path, const scree_load_options& options) {
     must(scree_open(path.c_str(), &file));
-    auto options = sized<scree_load_options>();
-    options.backend = backend;
-    options.threads = 2;
-    options.device_memory = device_memory;
     must(scree_load(file, &options, &scene));
     must(scree_view_create(scene, &view));
   }
@@ -59,6 +57,15 @@ struct Opened {
     (void)scree_view_destroy(view);
     (void)scree_unload(scene);
     (void)scree_close(file);
+  }
+
+ private:
+  static scree_load_options options(scree_backend backend, uint64_t device_memory) {
+    auto options = sized<scree_load_options>();
+    options.backend = backend;
+    options.threads = 2;
+    options.device_memory = device_memory;
+    return options;
   }
 };
 
@@ -78,7 +85,7 @@ inline std::string layer_of(scree_view* view, scree_layer layer) {
 }
 
 inline constexpr scree_layer kAllLayers[] = {SCREE_COLOR,   SCREE_DEPTH,  SCREE_TRIANGLE, SCREE_INSTANCE,
-                                             SCREE_SAMPLES, SCREE_NORMAL, SCREE_UV};
+                                             SCREE_SAMPLES, SCREE_NORMAL, SCREE_UV,       SCREE_LINEAR};
 
 /// All layers, concatenated.
 inline std::string frame_of(scree_view* view) {

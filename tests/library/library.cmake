@@ -10,6 +10,14 @@ if(TARGET OpenEXR::OpenEXR)
   target_link_libraries(scree_library_tests PRIVATE OpenEXR::OpenEXR)
 endif()
 catch_discover_tests(scree_library_tests TEST_SPEC "~[cuda]~[.]" PROPERTIES LABELS cpu)
+
+# Of the library alone, so that building them under ThreadSanitizer builds nothing else.
+add_executable(scree_thread_tests main.cpp paths.cpp library/test_threads.cpp)
+set_property(TARGET scree_thread_tests PROPERTY UNITY_BUILD OFF)
+target_link_libraries(scree_thread_tests PRIVATE scree::scree scree_options
+  $<IF:$<TARGET_EXISTS:Catch2::Catch2WithMain>,Catch2::Catch2WithMain,Catch2::Catch2>)
+catch_discover_tests(scree_thread_tests PROPERTIES LABELS cpu)
+
 if(scree_cuda STREQUAL emulated)
   catch_discover_tests(scree_library_tests TEST_SPEC "[cuda]~[.]" TEST_SUFFIX " (emulated)"
     PROPERTIES LABELS cuda ENVIRONMENT SCREE_EMULATED_GPU=1)

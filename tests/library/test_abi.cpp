@@ -23,6 +23,7 @@ TEST_CASE("structures have the sizes that library/abi.txt lists", "[library][abi
   ADD(scree_array);
   ADD(scree_pick_info);
   ADD(scree_frame_stats);
+  ADD(scree_target);
   ADD(scree_convert_options);
   ADD(scree_convert_report);
 #undef ADD
@@ -49,7 +50,15 @@ TEST_CASE("numbers of the interface stay", "[library][abi]") {
   CHECK(SCREE_SHOW_DEPTH == 8);
   CHECK(SCREE_SAMPLES == 4);
   CHECK(SCREE_CAMERA_MATRICES == 3);
+  CHECK(SCREE_LINEAR == 7);
+  CHECK(SCREE_LIGHT_SCENE == 3);
+  CHECK(SCREE_READ_DIRECT == 3);
   CHECK(SCREE_CONVERT_BEST == 2048);
   CHECK(offsetof(scree_camera, projection) == 240);
   CHECK(offsetof(scree_array, shape) == 32);
+  // Programs of older versions end their structures here.
+  CHECK(offsetof(scree_load_options, texture_memory) == 104);
+  CHECK(offsetof(scree_scene_stats, lights) == 120);
+  CHECK(offsetof(scree_camera, turn_degrees) == 376);
+  CHECK(offsetof(scree_draw_options, exposure) == 56);
 }

@@ -83,8 +83,12 @@ TEST_CASE("an .exr holds the picture in linear light and the library's layers", 
           "A:f B:f G:f N.X:f N.Y:f N.Z:f R:f UV.U:f UV.V:f Z:f id.instance:u id.material:u id.mesh:u id.triangle:u");
 
     const Opened opened(file);
-    const scree_draw_options options = draw_options(kWidth, kHeight, 2);
+    scree_draw_options options = draw_options(kWidth, kHeight, 2);
+    options.flags = SCREE_EDL;
     must(scree_draw(opened.view, nullptr, &options));
+    const auto colors = values_of<float>(layer_of(opened.view, SCREE_LINEAR));
+    const char* const names[] = {"R", "G", "B", "A"};
+    for (size_t i = 0; i < 4; ++i) CHECK(read.floats(names[i]) == channel_of(colors, i, 4));
     CHECK(read.floats("Z") == values_of<float>(layer_of(opened.view, SCREE_DEPTH)));
     const auto normals = values_of<float>(layer_of(opened.view, SCREE_NORMAL));
     const char* const axes[] = {"N.X", "N.Y", "N.Z"};

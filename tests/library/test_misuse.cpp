@@ -1,4 +1,6 @@
 // Every misuse of the library gives an error code and a text.
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -264,7 +266,7 @@ TEST_CASE("frames that are not there, buffers of another size, pixels outside", 
   CHECK(buffer == std::vector<unsigned char>(280, 9));
   must(scree_read(opened.view, SCREE_COLOR, buffer.data(), 280));
   failed(scree_read(opened.view, SCREE_TRIANGLE, buffer.data(), 280), SCREE_ERROR_BUFFER, "560");
-  failed(scree_host_layer(opened.view, static_cast<scree_layer>(7), &array), SCREE_ERROR_ARGUMENT, "no layer 7");
+  failed(scree_host_layer(opened.view, static_cast<scree_layer>(8), &array), SCREE_ERROR_ARGUMENT, "no layer 8");
   failed(scree_pick(opened.view, 10, 0, &pick), SCREE_ERROR_ARGUMENT, "10,0");
   failed(scree_device_layer(opened.view, SCREE_COLOR, nullptr, &array), SCREE_ERROR_DEVICE, "CPU");
 
@@ -274,6 +276,33 @@ TEST_CASE("frames that are not there, buffers of another size, pixels outside", 
   failed(scree_draw_batch(opened.view, cameras.data(), 2, &options, 0), SCREE_ERROR_ARGUMENT, "layer");
   failed(scree_draw_batch(opened.view, cameras.data(), 2, &options, 1u << SCREE_SAMPLES), SCREE_ERROR_ARGUMENT,
          "layer");
+  const auto refused = [&](scree_status status, const char* text, const auto& change) {
+    alignas(16) std::array<float, 140> depths;
+    depths.fill(-9);
+    std::array<scree_target, 2> targets{sized<scree_target>(), sized<scree_target>()};
+    targets[0].layer = targets[1].layer = SCREE_DEPTH;
+    targets[0].data = depths.data();
+    targets[0].bytes = sizeof depths;
+    const uint32_t count = change(targets);
+    failed(scree_draw_batch_to(opened.view, cameras.data(), 2, &options, targets.data(), count, nullptr), status, text);
+    CHECK(std::all_of(depths.begin(), depths.end(), [](float depth) { return depth == -9; }));
+  };
+  failed(scree_draw_batch_to(opened.view, cameras.data(), 2, &options, nullptr, 1, nullptr), SCREE_ERROR_ARGUMENT,
+         "null");
+  refused(SCREE_ERROR_ARGUMENT, "none", [](auto&) { return 0; });
+  refused(SCREE_ERROR_ARGUMENT, "layer", [](auto& targets) { return targets[0].layer = SCREE_SAMPLES, 1; });
+  refused(SCREE_ERROR_ARGUMENT, "layer", [](auto& targets) { return targets[0].layer = SCREE_LINEAR, 1; });
+  refused(SCREE_ERROR_ARGUMENT, "layer",
+          [](auto& targets) { return targets[0].layer = static_cast<scree_layer>(8), 1; });
+  refused(SCREE_ERROR_ARGUMENT, "null", [](auto& targets) { return targets[0].data = nullptr, 1; });
+  refused(SCREE_ERROR_ARGUMENT, "16", [](auto& targets) {
+    targets[0].data = static_cast<char*>(targets[0].data) + 4;
+    return 1;
+  });
+  refused(SCREE_ERROR_BUFFER, "559 bytes", [](auto& targets) { return targets[0].bytes = 559, 1; });
+  refused(SCREE_ERROR_ARGUMENT, "of another", [](auto& targets) { return targets[1] = targets[0], 2; });
+  refused(SCREE_ERROR_ARGUMENT, "another size", [](auto& targets) { return targets[1].size -= 8, 2; });
+  refused(SCREE_ERROR_ARGUMENT, "scree_target", [](auto& targets) { return targets[0].size = 0, 1; });
   must(scree_draw_batch(opened.view, cameras.data(), 2, &options, 1u << SCREE_DEPTH));
   failed(scree_host_layer(opened.view, SCREE_COLOR, &array), SCREE_ERROR_ARGUMENT, "without this layer");
   failed(scree_pick(opened.view, 0, 0, &pick), SCREE_ERROR_ARGUMENT, "batch");

@@ -30,23 +30,108 @@ std::string pfm_values(const std::string& bytes, uint32_t width, uint32_t height
   return values;
 }
 
-/// Compares the output of `render` for `file` with the library's frame.
-void compare(const TempFolder& folder, const std::string& file, uint32_t samples) {
+/// One way to draw, for the command and for the library.
+struct Way {
+  std::vector<std::string> words;
+  scree_load_options load = sized<scree_load_options>();
+  scree_camera camera = sized<scree_camera>();
+  scree_draw_options draw = sized<scree_draw_options>();
+};
+
+/// A Radiance picture: four columns and two rows of different lights.
+std::string surroundings(const TempFolder& folder) {
+  std::string text = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n";
+  for (char i = 0; i < 8; ++i)
+    text += {static_cast<char>(100 + 10 * i), static_cast<char>(120 - 9 * i), 90, static_cast<char>(127 + i % 3)};
+  return folder.write("surroundings.hdr", text);
+}
+
+/// Together they have every option of `scree render` that changes a picture. `file`: whose lights `--light scene`
+/// needs.
+Way way_of(const TempFolder& folder, const std::string& file, size_t number, std::string& environment) {
+  Way way;
+  switch (number % 5) {
+    case 1:
+      environment = surroundings(folder);
+      way.words = {"--environment", environment, "--exposure", "1.25", "--ssao", "--blend-layers", "1"};
+      way.load.environment = environment.c_str();
+      way.draw.exposure = 1.25;
+      way.draw.flags = SCREE_SSAO;
+      way.draw.blend_layers = 1;
+      break;
+    case 2:
+      way.words = {"--light", "camera",         "--view", "top",          "--up", "0,0,-1",
+                   "--edl",   "--edl-strength", "2.5",    "--edl-radius", "3"};
+      way.draw.light = SCREE_LIGHT_CAMERA;
+      way.camera.kind = SCREE_CAMERA_AROUND;
+      way.camera.rise_degrees = 90;
+      way.camera.up[2] = -1;
+      way.draw.flags = SCREE_EDL;
+      way.draw.edl_strength = 2.5f;
+      way.draw.edl_radius = 3;
+      break;
+    case 3: {
+      auto stats = sized<scree_scene_stats>();
+      must(scree_get_scene_stats(Opened(file).scene, &stats));
+      way.words = {"--light",
+                   stats.lights != 0 ? "scene" : "environment",
+                   "--exposure",
+                   "-2",
+                   "--view",
+                   "left",
+                   "--fov",
+                   "70",
+                   "--texture-memory",
+                   "1MiB",
+                   "--texture-cache",
+                   "1"};
+      way.load.light = SCREE_LIGHT_ENVIRONMENT;
+      way.load.texture_memory = 1 << 20;
+      way.load.texture_cache = 1;
+      way.draw.light = stats.lights != 0 ? SCREE_LIGHT_SCENE : SCREE_LIGHT_AUTO;
+      way.draw.exposure = -2;
+      way.camera.kind = SCREE_CAMERA_AROUND;
+      way.camera.turn_degrees = -90;
+      way.camera.fov_degrees = 70;
+      break;
+    }
+    case 4:
+      way.words = {"--no-light", "--blend-layers", "0", "--show", "color", "--view", "iso"};
+      way.draw.show = SCREE_SHOW_COLOR;
+      way.draw.flags = SCREE_NO_LIGHT | SCREE_NO_BLEND;
+      way.camera.kind = SCREE_CAMERA_AROUND;
+      way.camera.turn_degrees = 45;
+      way.camera.rise_degrees = 35.26438968275465;
+      break;
+    default:
+      break;
+  }
+  way.load.backend = SCREE_BACKEND_CPU;
+  way.load.threads = 2;
+  return way;
+}
+
+/// Compares the output of `render` for `file` with the library's frame, drawn in one of five ways.
+void compare(const TempFolder& folder, const std::string& file, uint32_t samples, size_t number) {
   const uint32_t width = 97, height = 61;
   const std::string picture = folder.file("a.png"), depth = folder.file("a.pfm"), visibility = folder.file("a.vis");
   const std::string normals = folder.file("n.pfm"), uvs = folder.file("uv.pfm");
-  const ProgramRun run =
-      run_program({"render",       file,       "-o",        picture, "--depth",   depth,
-                   "--visbuffer",  visibility, "--size",    "97x61", "--samples", std::to_string(samples),
-                   "--background", "none",     "--backend", "cpu",   "--threads", "2",
-                   "--normals",    normals,    "--uvs",     uvs,     "--force",   "--quiet"},
-                  folder.file("log"));
-  if (run.exit_code != 0) INFO(run.output);
+  std::string environment;
+  Way way = way_of(folder, file, number, environment);
+  std::vector<std::string> words{"render",       file,       "-o",        picture, "--depth",   depth,
+                                 "--visbuffer",  visibility, "--size",    "97x61", "--samples", std::to_string(samples),
+                                 "--background", "none",     "--backend", "cpu",   "--threads", "2",
+                                 "--normals",    normals,    "--uvs",     uvs,     "--force",   "--quiet"};
+  words.insert(words.end(), way.words.begin(), way.words.end());
+  const ProgramRun run = run_program(words, folder.file("log"));
+  INFO("way " << number % 5 << ": " << run.output);
   REQUIRE(run.exit_code == 0);
 
-  const Opened opened(file);
-  const scree_draw_options options = draw_options(width, height, samples);
-  must(scree_draw(opened.view, nullptr, &options));
+  const Opened opened(file, way.load);
+  way.draw.width = width;
+  way.draw.height = height;
+  way.draw.samples = samples;
+  must(scree_draw(opened.view, &way.camera, &way.draw));
   CHECK(layer_of(opened.view, SCREE_SAMPLES) == read_whole(visibility));
   CHECK(layer_of(opened.view, SCREE_DEPTH) == pfm_values(read_whole(depth), width, height));
   CHECK(layer_of(opened.view, SCREE_NORMAL) == pfm_values(read_whole(normals), width, height, 3));
@@ -123,7 +208,7 @@ size_t compare_all(const fs::path& root, uint64_t most_bytes) {
     if (scree_convert(model.c_str(), file.c_str(), &options, nullptr) != SCREE_OK)
       continue;  // Draco and other
                  // unsupported input
-    compare(folder, file, compared % 4 == 0 ? 2 : 1);
+    compare(folder, file, compared % 4 == 0 ? 2 : 1, compared);
     ++compared;
   }
   return compared;
@@ -142,13 +227,24 @@ TEST_CASE("a frame of every small real model is what scree render writes", "[lib
     return;
   }
   CHECK(compare_all(models / "scenes", kIsSanitized ? 30000 : 2000000) >= 10);
+  CHECK(compare_all(models / "scenes-material", kIsSanitized ? 30000 : 200000) >= 3);
+}
+
+TEST_CASE("a frame of one model is what scree render writes, in every way", "[library]") {
+  const TempFolder folder;
+  const std::string glass = packed(folder, "glass.glb"), materials = packed(folder, "materials.gltf");
+  for (size_t way = 0; way < 5; ++way) {
+    compare(folder, glass, 2, way);
+    compare(folder, materials, 1, way);
+  }
 }
 
 // Takes minutes; run by name.
 TEST_CASE("a frame of every real model is what scree render writes", "[.][library-models]") {
   const fs::path models = models_path();
   REQUIRE(!models.empty());
-  const size_t compared = compare_all(models / "scenes", ~uint64_t{0});
+  const size_t compared =
+      compare_all(models / "scenes", ~uint64_t{0}) + compare_all(models / "scenes-material", ~uint64_t{0});
   WARN(compared << " models");
   CHECK(compared >= 100);
 }

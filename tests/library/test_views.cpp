@@ -1,66 +1,21 @@
-// Long-lived views: many frames of several sizes, with several cameras, shading options and threads.
-#include <unistd.h>
-
+// Long-lived views: many frames of several sizes, with several cameras and shading options.
+#include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
-#include <cstdlib>
-#include <fstream>
 #include <random>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
 #include "tests/gpu.h"
 #include "tests/library/handles.h"
+#include "tests/library/shots.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/sanitized.h"
 
 using namespace scree::tests;
 
 namespace {
-
-scree_camera look_at(double x, double y, double z) {
-  auto camera = sized<scree_camera>();
-  camera.kind = SCREE_CAMERA_LOOK_AT;
-  camera.eye[0] = x;
-  camera.eye[1] = y;
-  camera.eye[2] = z;
-  camera.look_at_box = 1;
-  return camera;
-}
-
-struct Shot {
-  scree_camera camera;
-  scree_draw_options options;
-};
-
-/// The same shots for the same seed.
-std::vector<Shot> random_shots(size_t count, uint32_t seed) {
-  std::mt19937 random(seed);
-  std::uniform_real_distribution<double> angle(0, 6.28), distance(1.5, 5);
-  std::vector<Shot> shots;
-  for (size_t i = 0; i < count; ++i) {
-    const double a = angle(random), d = distance(random);
-    const auto below = [&](uint32_t end) { return static_cast<uint32_t>(random() % end); };
-    Shot shot{look_at(d * std::cos(a), 0.4 * d, d * std::sin(a)), draw_options(8 + below(60), 8)};
-    shot.options.height += below(60);
-    shot.options.samples = 1u << below(2);
-    shot.options.show = static_cast<scree_show>(below(9));
-    shot.options.flags = below(8);
-    shot.options.background[3] = i % 2 == 0 ? 1.0f : 0.0f;
-    shots.push_back(shot);
-  }
-  return shots;
-}
-
-uint64_t resident_bytes() {
-  std::ifstream file("/proc/self/statm");
-  uint64_t all = 0, resident = 0;
-  file >> all >> resident;
-  return resident * static_cast<uint64_t>(sysconf(_SC_PAGESIZE));
-}
 
 std::string draw(scree_view* view, const Shot& shot) {
   must(scree_draw(view, &shot.camera, &shot.options));
@@ -125,7 +80,7 @@ TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
     scree_view* single = nullptr;
     must(scree_view_create(opened.scene, &single));
     for (const scree_layer layer : kAllLayers) {
-      if (layer == SCREE_SAMPLES) continue;
+      if (layer == SCREE_SAMPLES || layer == SCREE_LINEAR) continue;
       std::string expected;
       for (const scree_camera& camera : cameras) {
         must(scree_draw(single, &camera, &options));
@@ -144,6 +99,45 @@ TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
   const scree_draw_options options = draw_options(5, 5);
   must(scree_draw(opened.view, nullptr, &options));
   CHECK(layer_of(opened.view, SCREE_SAMPLES).size() == 25 * 8);
+}
+
+TEST_CASE("a batch into the caller's memory is the batch", "[library]") {
+  const TempFolder folder;
+  const Opened opened(packed(folder, "two_instances.gltf"));
+  std::vector<scree_camera> cameras;
+  for (const Shot& shot : random_shots(5, 6)) cameras.push_back(shot.camera);
+  const scree_draw_options options = draw_options(31, 17, 2);
+  must(scree_draw_batch(opened.view, cameras.data(), 5, &options, 0x7f & ~(1u << SCREE_SAMPLES)));
+  std::vector<std::vector<uint64_t>> blocks;  // one word more than the layer has
+  std::vector<scree_target> targets;
+  std::vector<std::string> expected;
+  for (const scree_layer layer : kAllLayers) {
+    if (layer == SCREE_SAMPLES || layer == SCREE_LINEAR) continue;
+    expected.push_back(layer_of(opened.view, layer));
+    blocks.emplace_back(expected.back().size() / 8 + 2, 0x5555555555555555u);
+    auto target = sized<scree_target>();
+    target.data = blocks.back().data();
+    target.bytes = expected.back().size();
+    target.layer = layer;
+    targets.push_back(target);
+  }
+  scree_view* other = nullptr;
+  must(scree_view_create(opened.scene, &other));
+  for (const uint32_t count : {static_cast<uint32_t>(targets.size()), 1u}) {
+    must(scree_draw_batch_to(other, cameras.data(), 5, &options, targets.data(), count, nullptr));
+    for (uint32_t i = 0; i < count; ++i) {
+      const auto* const bytes = reinterpret_cast<const char*>(blocks[i].data());
+      CHECK(std::string(bytes, expected[i].size()) == expected[i]);
+      for (size_t k = expected[i].size(); k < 8 * blocks[i].size(); ++k) CHECK(bytes[k] == 0x55);
+      std::fill(blocks[i].begin(), blocks[i].end(), 0x5555555555555555u);
+    }
+  }
+  // The view keeps none of them, and its own layers stay its own.
+  auto array = sized<scree_array>();
+  CHECK(scree_host_layer(other, SCREE_DEPTH, &array) == SCREE_ERROR_ARGUMENT);
+  must(scree_draw_batch(other, cameras.data(), 5, &options, 1u << SCREE_DEPTH));
+  CHECK(layer_of(other, SCREE_DEPTH) == layer_of(opened.view, SCREE_DEPTH));
+  must(scree_view_destroy(other));
 }
 
 TEST_CASE("buffers of a view stay where they are for frames that are no larger", "[library]") {
@@ -183,115 +177,6 @@ TEST_CASE("shading a frame again is drawing it so", "[library]") {
     must(scree_view_destroy(fresh));
   }
   CHECK(depth == layer_of(opened.view, SCREE_DEPTH));
-}
-
-TEST_CASE("threads draw views of scenes that others open and close", "[library]") {
-  const TempFolder folder;
-  const std::array<std::string, 2> files{packed(folder), packed(folder, "two_instances.gltf")};
-  const size_t count = kIsSanitized ? 20 : 60;
-  const std::vector<Shot> shots = random_shots(count, 2);
-  std::array<std::vector<std::string>, 2> expected;
-  for (size_t f = 0; f < 2; ++f) {
-    const Opened opened(files[f]);
-    for (const Shot& shot : shots) expected[f].push_back(draw(opened.view, shot));
-  }
-  std::atomic<size_t> wrong{0};
-  const Opened shared(files[0]);
-  std::vector<std::thread> threads;
-  for (size_t t = 0; t < 8; ++t)
-    threads.emplace_back([&, t] {
-      // Without Catch's macros, which must be used by one thread.
-      for (size_t i = t; i < count; i += 4) {
-        const size_t f = i % 2;
-        scree_file* file = nullptr;
-        scree_scene* scene = nullptr;
-        scree_view* view = nullptr;
-        auto load = sized<scree_load_options>();
-        load.backend = SCREE_BACKEND_CPU;
-        load.threads = 1;
-        bool good = scree_open(files[f].c_str(), &file) == SCREE_OK && scree_load(file, &load, &scene) == SCREE_OK;
-        good = good && scree_view_create(f == 0 && i % 3 == 0 ? shared.scene : scene, &view) == SCREE_OK;
-        // The view keeps the objects that it needs.
-        good = good && scree_close(file) == SCREE_OK && scree_unload(scene) == SCREE_OK;
-        good = good && scree_draw(view, &shots[i].camera, &shots[i].options) == SCREE_OK;
-        std::string bytes;
-        for (const scree_layer layer : kAllLayers) {
-          auto array = sized<scree_array>();
-          good = good && scree_host_layer(view, layer, &array) == SCREE_OK;
-          if (good) bytes.append(static_cast<const char*>(array.data), array.bytes);
-        }
-        good = good && bytes == expected[f][i] && scree_view_destroy(view) == SCREE_OK;
-        if (!good) ++wrong;
-      }
-    });
-  for (std::thread& thread : threads) thread.join();
-  CHECK(wrong == 0);
-}
-
-TEST_CASE("thousands of frames of changing cameras, sizes, samples and shadings take no more memory",
-          "[library][soak]") {
-  const TempFolder folder;
-  const std::array<std::string, 2> files{packed(folder), packed(folder, "two_instances.gltf")};
-  // SCREE_SOAK_FRAMES=10000 is the long run.
-  const char* const asked = std::getenv("SCREE_SOAK_FRAMES");
-  const size_t count = asked != nullptr ? std::stoul(asked) : kIsSanitized ? 200 : 2000;
-  std::vector<Shot> shots = random_shots(200, 11);
-  for (size_t i = 0; i < shots.size(); i += 25) shots[i].options.width = shots[i].options.height = 200;
-  const Opened kept(files[1]);
-  scree_view* other = nullptr;
-  must(scree_view_create(kept.scene, &other));
-  uint64_t settled = 0;
-  for (size_t i = 0; i < count; ++i) {
-    const Shot& shot = shots[i % shots.size()];
-    must(scree_draw(kept.view, &shot.camera, &shot.options));
-    (void)layer_of(kept.view, kAllLayers[i % std::size(kAllLayers)]);
-    // A second view of the scene in turn with it, by another thread, and batches.
-    std::thread thread([&] {
-      const scree_draw_options options = draw_options(24, 24);
-      std::vector<scree_camera> cameras(1 + i % 4, shot.camera);
-      (void)scree_draw_batch(other, cameras.data(), static_cast<uint32_t>(cameras.size()), &options,
-                             1u << SCREE_DEPTH | 1u << SCREE_NORMAL);
-    });
-    (void)frame_of(kept.view);
-    thread.join();
-    if (i % 20 == 0) const Opened short_lived(files[i % 2]);
-    if (i == count / 3) settled = resident_bytes();
-  }
-  // ASan keeps what was freed, up to 256 MiB.
-  const uint64_t allowed = settled + (uint64_t{kIsSanitized ? 288 : 4} << 20);
-  const uint64_t last = resident_bytes();
-  if (asked != nullptr) WARN(count << " frames: " << settled << " bytes after a third, " << last << " at the end");
-  CHECK(last < allowed);
-  must(scree_view_destroy(other));
-}
-
-TEST_CASE("two views of one scene are drawn by two threads at once", "[library]") {
-  const TempFolder folder;
-  const Opened opened(packed(folder, "two_instances.gltf"));
-  const std::vector<Shot> shots = random_shots(kIsSanitized ? 10 : 100, 12);
-  std::vector<std::string> expected;
-  for (const Shot& shot : shots) expected.push_back(draw(opened.view, shot));
-  scree_view* views[2] = {};
-  for (scree_view*& view : views) must(scree_view_create(opened.scene, &view));
-  std::atomic<size_t> wrong{0};
-  std::vector<std::thread> threads;
-  for (size_t t = 0; t < 2; ++t)
-    threads.emplace_back([&, t] {
-      for (size_t n = 0; n < shots.size(); ++n) {
-        const size_t i = t == 0 ? n : shots.size() - 1 - n;
-        bool good = scree_draw(views[t], &shots[i].camera, &shots[i].options) == SCREE_OK;
-        std::string bytes;
-        for (const scree_layer layer : kAllLayers) {
-          auto array = sized<scree_array>();
-          good = good && scree_host_layer(views[t], layer, &array) == SCREE_OK;
-          if (good) bytes.append(static_cast<const char*>(array.data), array.bytes);
-        }
-        if (!good || bytes != expected[i]) ++wrong;
-      }
-    });
-  for (std::thread& thread : threads) thread.join();
-  CHECK(wrong == 0);
-  for (scree_view* const view : views) must(scree_view_destroy(view));
 }
 
 TEST_CASE("a layer that is held stays when the view draws larger frames", "[library]") {
@@ -335,34 +220,6 @@ TEST_CASE("a layer that is held stays when the view draws larger frames", "[libr
     CHECK(scree_release(held[i]) == SCREE_ERROR_HANDLE);
   }
   must(scree_release(nullptr));
-}
-
-TEST_CASE("a file is closed while other threads read what it has", "[library]") {
-  const TempFolder folder;
-  const std::string path = packed(folder);
-  std::atomic<scree_file*> current{nullptr};
-  std::atomic<bool> ends{false};
-  std::atomic<size_t> wrong{0};
-  std::vector<std::thread> threads;
-  for (size_t t = 0; t < 2; ++t)
-    threads.emplace_back([&] {
-      while (!ends) {
-        scree_file* const file = current;
-        if (file == nullptr) continue;
-        auto info = sized<scree_file_info>();
-        const scree_status status = scree_get_file_info(file, &info);
-        if (status == SCREE_OK ? info.triangles != 12 : status != SCREE_ERROR_HANDLE) ++wrong;
-      }
-    });
-  for (size_t i = 0; i < (kIsSanitized ? 2000 : 20000); ++i) {
-    scree_file* file = nullptr;
-    must(scree_open(path.c_str(), &file));
-    current = file;
-    must(scree_close(file));
-  }
-  ends = true;
-  for (std::thread& thread : threads) thread.join();
-  CHECK(wrong == 0);
 }
 
 TEST_CASE("a camera of matrices sees what the same camera by eye and target sees", "[library]") {
@@ -516,7 +373,7 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
       for (scree_view* const view : {gpu.view, second}) {
         must(scree_draw(view, &shot.camera, &shot.options));
         for (const scree_layer layer : kAllLayers) {
-          if (layer == SCREE_COLOR) continue;
+          if (layer == SCREE_COLOR || layer == SCREE_LINEAR) continue;
           INFO("layer " << layer);
           const std::string expected = layer_of(cpu.view, layer);
           auto array = sized<scree_array>();
@@ -531,6 +388,14 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
         for (size_t i = 0; i < a.size(); ++i)
           differing += std::abs(static_cast<uint8_t>(a[i]) - static_cast<uint8_t>(b[i])) > 1 ? 1 : 0;
         CHECK(differing <= a.size() / 1000);
+        const auto linear = values_of<float>(layer_of(cpu.view, SCREE_LINEAR));
+        const auto linear_on_gpu = values_of<float>(layer_of(view, SCREE_LINEAR));
+        REQUIRE(linear.size() == linear_on_gpu.size());
+        differing = 0;
+        for (size_t i = 0; i < linear.size(); ++i) differing += std::abs(linear[i] - linear_on_gpu[i]) > 0.01f ? 1 : 0;
+        CHECK(differing <= linear.size() / 1000);
+        auto none = sized<scree_array>();
+        CHECK(scree_device_layer(view, SCREE_LINEAR, nullptr, &none) == SCREE_ERROR_ARGUMENT);
         auto on_cpu = sized<scree_pick_info>(), on_gpu = on_cpu;
         must(scree_pick(cpu.view, shot.options.width / 2, shot.options.height / 2, &on_cpu));
         must(scree_pick(view, shot.options.width / 2, shot.options.height / 2, &on_gpu));
@@ -570,6 +435,26 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
         CHECK(array.bytes == expected.size());
         CHECK(layer_of(second, layer) == expected);
         if (layer != SCREE_COLOR && count == 5) CHECK(layer_of(cpu.view, layer) == expected);
+        // Into the memory of a layer of another view, which stands for the caller's.
+        must(scree_draw_batch(gpu.view, cameras.data(), count, &options, made));
+        auto place = sized<scree_array>();
+        must(scree_device_layer(gpu.view, layer, nullptr, &place));
+        auto target = sized<scree_target>();
+        target.data = const_cast<void*>(place.data);
+        target.bytes = place.bytes;
+        target.layer = layer;
+        std::vector<scree_camera> turned(cameras.rbegin(), cameras.rend());
+        turned.resize(count);
+        must(scree_draw_batch(second, turned.data(), count, &options, 1u << layer));
+        const std::string wanted = layer_of(second, layer);
+        scree_view* third = nullptr;
+        must(scree_view_create(gpu.scene, &third));
+        must(scree_draw_batch_to(third, turned.data(), count, &options, &target, 1, nullptr));
+        CHECK(layer_of(gpu.view, layer) == wanted);
+        target.bytes -= 1;
+        CHECK(scree_draw_batch_to(third, turned.data(), count, &options, &target, 1, nullptr) == SCREE_ERROR_BUFFER);
+        must(scree_view_destroy(third));
+        must(scree_draw_batch(second, cameras.data(), count, &options, made));
       }
     }
     must(scree_draw(second, &cameras[1], &options));  // with the list of the second picture
@@ -627,6 +512,7 @@ TEST_CASE("views of a scene that the GPU's memory does not hold", "[library][cud
       CHECK(layer_of(view, SCREE_COLOR) == layer_of(views[0], SCREE_COLOR));
       auto array = sized<scree_array>();
       CHECK(scree_host_layer(view, SCREE_NORMAL, &array) == SCREE_ERROR_ARGUMENT);
+      CHECK(scree_host_layer(view, SCREE_LINEAR, &array) == SCREE_ERROR_ARGUMENT);
       CHECK(scree_shade(view, &shot.options) == SCREE_ERROR_ARGUMENT);
     }
   }

@@ -154,7 +154,7 @@ class Package(unittest.TestCase):
         with self.assertRaises(scree.Error):
             view.pick(64, 0)
 
-    def test_layers(self):
+    def test_blended_layers(self):
         path = self.folder / "glass.scree"
         scree.convert(DATA / "glass.glb", path)
         view = scree.open(path).load(backend="cpu").view().draw(32, 24, camera=scree.look_at((0, 0, 4)))
@@ -162,6 +162,46 @@ class Package(unittest.TestCase):
         view.read()
         self.assertEqual(view.stats["blended_layers"], 16)
         self.assertGreater(view.stats["samples_with_more_layers"], 0)
+
+    def test_light(self):
+        path = self.folder / "materials.scree"
+        scree.convert(DATA / "materials.gltf", path)
+        hdr = self.folder / "sky.hdr"
+        hdr.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n" + bytes([90, 100, 110, 128, 20, 10, 0, 127]))
+        file = scree.open(path)
+        scene = file.load(backend="cpu", light="environment", environment=hdr, texture_memory=1 << 20)
+        self.assertEqual(scene.stats["light"], "environment")
+        self.assertEqual(scene.stats["lights"], 0)
+        self.assertEqual(scene.warnings, [])
+        view = scene.view().draw(40, 30, camera=scree.around(20, 10))
+        lit = view.read()
+        self.assertTrue((view.shade(exposure=-3).read() != lit).any())
+        self.assertTrue((view.shade(light="camera").read() != lit).any())
+        self.assertTrue((view.shade(light="environment").read() == lit).all())
+        self.assertTrue((view.shade(edl=True, edl_strength=9.0, edl_radius=2).read() != lit).any())
+        linear = view.shade().read("linear")
+        self.assertEqual(linear.shape, (30, 40, 4))
+        self.assertTrue((np.from_dlpack(view.share("linear")) == linear).all())
+        self.assertTrue((np.abs(linear[..., 3] - lit[..., 3] / 255) <= 0.5 / 255 + 1e-6).all())
+        for words in ({"light": "scene"}, {"exposure": 21}, {"blend_layers": 70000}):
+            with self.assertRaises(scree.Error):
+                view.shade(**words)
+        with self.assertRaises(TypeError):
+            view.shade(glow=1)
+        with self.assertRaises(ValueError):
+            view.shade(light="moon")
+        with self.assertRaises(scree.Error):
+            file.load(backend="cpu", light="scene")
+        with self.assertRaises(scree.Error):
+            file.load(backend="cpu", environment=self.folder / "missing.hdr")
+
+    def test_blended_surfaces_are_left_out(self):
+        path = self.folder / "clear.scree"
+        scree.convert(DATA / "glass.glb", path)
+        view = scree.open(path).load(backend="cpu").view().draw(32, 24, camera=scree.look_at((0, 0, 4)))
+        for layers in (0, 1, 3):
+            view.shade(blend_layers=layers).read()
+            self.assertEqual(view.stats["blended_layers"], layers)
 
     def test_shade(self):
         view = self.scene.view().draw(32, 32, show="normal")
@@ -235,7 +275,7 @@ class Package(unittest.TestCase):
         self.assertEqual(scene.render(8, 8)["color"].shape, (8, 8, 4))
 
     def test_documentation(self):
-        for name in ("open", "convert", "look_at", "matrices"):
+        for name in ("open", "convert", "look_at", "around", "matrices"):
             self.assertTrue(getattr(scree, name).__doc__)
         for item in (scree.File, scree.Scene, scree.View):
             for name, member in vars(item).items():
