@@ -20,8 +20,8 @@ inline JpegRecipe jpeg_recipe(int width, int height, std::vector<std::pair<int, 
 }
 
 /// Grids side by side, of `side` quads per side, each with another JPEG, wrapping, filter and transform; some with many
-/// repeats, some close up.
-inline void make_jpeg_model(const std::string& path, uint32_t side = 4) {
+/// repeats, some close up. `alpha`: below 1, the grids blend, and lie twice above one another.
+inline void make_jpeg_model(const std::string& path, uint32_t side = 4, double alpha = 1) {
   ModelMaker maker(path);
   const std::vector<JpegRecipe> recipes = {
       jpeg_recipe(517, 389, {{2, 2}, {1, 1}, {1, 1}}),  jpeg_recipe(300, 300, {{1, 1}, {1, 1}, {1, 1}}),
@@ -41,6 +41,8 @@ inline void make_jpeg_model(const std::string& path, uint32_t side = 4) {
     material.texture = maker.writer().add_texture(texture);
     material.unlit = i % 2 == 0;
     material.double_sided = true;
+    material.base_color[3] = alpha;
+    if (alpha < 1) material.alpha = tools::GltfAlpha::kBlend;
     material.transform.scale[0] = i == 3 ? 9 : 0.4;
     material.transform.scale[1] = i == 2 ? 0.05 : 1.3;
     material.transform.offset[0] = -0.37 * static_cast<double>(i);
@@ -49,8 +51,10 @@ inline void make_jpeg_model(const std::string& path, uint32_t side = 4) {
     spec.columns = spec.rows = side;
     spec.uv = true;
     spec.origin = {1.05f * static_cast<float>(i % 3), 0, 1.05f * static_cast<float>(i / 3)};
-    maker.node("n" + std::to_string(i),
-               maker.mesh("m" + std::to_string(i), {maker.grid(spec, maker.writer().add_material(material))}));
+    const uint32_t mesh =
+        maker.mesh("m" + std::to_string(i), {maker.grid(spec, maker.writer().add_material(material))});
+    maker.node("n" + std::to_string(i), mesh);
+    if (alpha < 1) maker.node("a" + std::to_string(i), mesh, {0, 0.2, 0});
   }
   maker.finish();
 }

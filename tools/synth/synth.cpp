@@ -14,6 +14,7 @@
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
 #include "tools/synth/forest.h"
+#include "tools/synth/panes.h"
 #include "tools/synth/slope.h"
 #include "tools/synth/zorah.h"
 
@@ -26,7 +27,9 @@ Error usage(const std::string& message) {
 
 Result<void> check_options(const SynthOptions& options) {
   const bool is_zorah = options.scene.starts_with("zorah");
-  const bool is_scattered = options.scene == "slope" || options.scene == "forest", is_other = is_zorah || is_scattered;
+  const bool is_scattered = options.scene == "slope" || options.scene == "forest";
+  const bool is_pane = options.scene == "panes" || options.scene == "panes-textured";
+  const bool is_other = is_zorah || is_scattered || is_pane;
   if (!(options.scale > 0 && options.scale <= 1)) return usage("--scale lies above 0 and is at most 1");
   if (options.output.empty() && !options.checks) return usage("where to? (-o FILE.gltf or FILE.glb)");
   if (is_other && options.output.empty()) return usage("where to? (-o FILE.gltf or FILE.glb)");
@@ -36,11 +39,13 @@ Result<void> check_options(const SynthOptions& options) {
   if (is_other && options.order != MeshOrder::kRow) return usage("--order is for the scenes A, B and C");
   if (is_zorah && options.gpu_instancing)
     return usage("--gpu-instancing is not for zorah, which has instances as it is");
+  if (is_pane && options.gpu_instancing) return usage("--gpu-instancing is not for panes, of which each is one mesh");
   if (options.scene == "D" && options.order != MeshOrder::kRow) return usage("scene D has row order only");
   const uint32_t size = options.texture_size.value_or(64);
   if (!std::has_single_bit(size) || size < 64 || size > 8192)
     return usage("--texture-size is a power of two from 64 to 8192");
-  if (is_zorah && options.texture_size) return usage("--texture-size is for the slope and the forest");
+  if ((is_zorah || options.scene == "panes") && options.texture_size)
+    return usage("--texture-size is for the slope, the forest and panes-textured");
   if (!is_scattered && options.seed != 1)
     return usage("--seed is for the slope and the forest: the other scenes are fixed");
   return {};
@@ -54,13 +59,15 @@ Result<SynthReport> synthesize(const SynthOptions& options) {
   if (!sized.texture_size) sized.texture_size = options.scene == "forest" ? 4096 : 1024;
   if (options.scene == "slope") return write_slope(sized);
   if (options.scene == "forest") return write_forest(sized);
+  if (options.scene == "panes" || options.scene == "panes-textured") return write_panes(sized);
   if (options.scene == "A") return write_scene(terrain_scene(options.order, options.scale), options);
   if (options.scene == "B") return write_scene(lantern_scene(options.order, options.scale), options);
   if (options.scene == "C") return write_scene(zorahlike_scene(options.order, options.scale), options);
   if (options.scene == "D") return write_scene(sponzalike_scene(options.scale), options);
   if (options.scene == "zorah") return write_zorah(zorah_plan(options.scale), options);
   if (options.scene == "zorah-textured") return write_zorah(zorah_textured_plan(options.scale), options);
-  return usage("no scene \"" + options.scene + "\": A, B, C, D, slope, forest, zorah or zorah-textured");
+  return usage("no scene \"" + options.scene +
+               "\": A, B, C, D, slope, forest, panes, panes-textured, zorah or zorah-textured");
 }
 
 }  // namespace scree::synth
@@ -130,9 +137,10 @@ Command add_synth(CLI::App& parent) {
       "synth",
       "Writes a generated scene as glTF, streaming: the measured scenes A (terrain), B (one mesh 3000 times), C (2000\n"
       "meshes, 26,000 instances) and D (a small hall), a slope of textured stones, a forest of leaf cards with alpha\n"
-      "masks, or scenes with the counts of NVIDIA's Zorah: zorah (geometry behind EXT_meshopt_compression, 10 GB) and\n"
+      "masks, 8 panes of glass that fill the picture one behind another, or scenes with the counts of NVIDIA's Zorah: "
+      "zorah (geometry behind EXT_meshopt_compression, 10 GB) and\n"
       "zorah-textured (also 4,418 KTX2 textures, 78 GB).");
-  app->add_option("scene", options->scene, "A, B, C, D, slope, forest, zorah or zorah-textured")
+  app->add_option("scene", options->scene, "A, B, C, D, slope, forest, panes, panes-textured, zorah or zorah-textured")
       ->required()
       ->type_name("SCENE");
   app->add_option(
@@ -143,7 +151,8 @@ Command add_synth(CLI::App& parent) {
   app->add_option("--scale", options->scale,
                   "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
                   "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the\n"
-                  "forest fewer plants, zorah fewer triangles per primitive and texels per texture")
+                  "forest fewer plants, there are fewer panes, and zorah has fewer triangles per primitive and texels "
+                  "per texture")
       ->capture_default_str()
       ->type_name("SHARE");
   const auto order = std::make_shared<std::string>("row");
@@ -164,8 +173,10 @@ Command add_synth(CLI::App& parent) {
   app->add_option("--seed", options->seed, "Slope, forest: seed of the positions of stones or plants")
       ->capture_default_str()
       ->type_name("N");
-  app->add_option("--texture-size", options->texture_size,
-                  "Slope, forest: texels per side, a power of two from 64 to 8192 (default: 1024, of the forest 4096)")
+  app->add_option(
+         "--texture-size", options->texture_size,
+         "Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192 (default: 1024, of the\n"
+         "forest 4096)")
       ->type_name("N");
   const auto force = std::make_shared<bool>(false);
   app->add_flag("-f,--force", *force, kForceHelp);

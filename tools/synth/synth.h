@@ -1,5 +1,5 @@
-// Writes generated scenes as glTF: the measured scenes A, B, C and D, the slope of stones, the forest and two of the
-// shape of Zorah.
+// Writes generated scenes as glTF: the measured scenes A, B, C and D, the slope of stones, the forest, panes of
+// glass and two of the shape of Zorah.
 #pragma once
 
 #include <atomic>
@@ -14,9 +14,10 @@
 namespace scree::synth {
 
 struct SynthOptions {
-  std::string scene;   // "A", "B", "C", "D", "slope", "forest", "zorah" or "zorah-textured"
+  // "A", "B", "C", "D", "slope", "forest", "panes", "panes-textured", "zorah" or "zorah-textured"
+  std::string scene;
   std::string output;  // .gltf or .glb; empty with `checks`: nothing is written
-  double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h, forest.h, zorah_plan.h
+  double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h, forest.h, panes.h, zorah_plan.h
   MeshOrder order = MeshOrder::kRow;
   bool normals = false;  // A to D: NORMAL of the surface, from central differences (one-sided at a blob's face edges)
   bool uvs = false;      // A to D: TEXCOORD_0, with every grid as the unit square, and a texture
@@ -26,7 +27,8 @@ struct SynthOptions {
   bool json = false;    // scree synth prints its report so
   uint32_t threads = 0;  // 0: as many as the machine runs at once; the bytes do not depend on it
   uint32_t seed = 1;     // slope and forest only
-  // Slope, forest: texels per side, a power of two from 64 to 8192; without it 1024 and 4096.
+  // Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192; without it 1024, of the forest
+  // 4096.
   std::optional<uint32_t> texture_size;
   format::Existing existing = format::Existing::kReplace;  // for all files of the output
   const std::atomic<bool>* stop = nullptr;                 // if set, writing ends with kFile "interrupted"

@@ -1,0 +1,162 @@
+#include "tools/synth/panes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/images/image.h"
+#include "tools/gltf/writer.h"
+#include "tools/synth/gltf_parts.h"
+#include "tools/synth/scene_functions.h"
+
+namespace scree::synth {
+namespace {
+
+using namespace tools;
+
+constexpr uint32_t kMostPanes = 8;
+constexpr uint32_t kPaneQuads = 64;  // along a side
+constexpr double kPaneAngle = std::numbers::pi / 3;
+constexpr double kPaneAspect = 16.0 / 9.0;
+constexpr double kNearestPane = 4;   // of the panes' distances from the camera
+constexpr double kPaneStep = 0.5;    // from pane to pane
+constexpr double kPaneMargin = 1.1;  // of a pane around the picture
+constexpr double kPaneWaves = 0.12;  // height; neighbours do not meet
+
+/// The grid at `distance`, with waves of a phase of its own.
+Result<GltfPrimitive> add_pane(GltfWriter& writer, double distance, double phase, bool has_uvs) {
+  std::vector<float> positions;
+  std::vector<float> uvs;
+  std::vector<uint32_t> indices;
+  const double half_height = kPaneMargin * (distance + kPaneWaves) * std::tan(kPaneAngle / 2);
+  for (uint32_t y = 0; y <= kPaneQuads; ++y) {
+    for (uint32_t x = 0; x <= kPaneQuads; ++x) {
+      const double u = static_cast<double>(x) / kPaneQuads;
+      const double v = static_cast<double>(y) / kPaneQuads;
+      const double wave = kPaneWaves * std::sin(9 * u + phase) * std::sin(7 * v + 2 * phase);
+      for (const double value : {(2 * u - 1) * half_height * kPaneAspect, (1 - 2 * v) * half_height, wave - distance})
+        positions.push_back(static_cast<float>(value));
+      for (const double value : {4 * u, 4 * v}) uvs.push_back(static_cast<float>(value));
+      if (x == kPaneQuads || y == kPaneQuads) continue;
+      const uint32_t corner = y * (kPaneQuads + 1) + x;
+      const uint32_t below = corner + kPaneQuads + 1;
+      for (const uint32_t index : {corner, below, below + 1, corner, below + 1, corner + 1}) indices.push_back(index);
+    }
+  }
+  GltfAccessor accessor;
+  accessor.count = positions.size() / 3;
+  accessor.min.assign(3, std::numeric_limits<double>::infinity());
+  accessor.max.assign(3, -std::numeric_limits<double>::infinity());
+  for (size_t i = 0; i < positions.size(); ++i) {
+    accessor.min[i % 3] = std::min(accessor.min[i % 3], double{positions[i]});
+    accessor.max[i % 3] = std::max(accessor.max[i % 3], double{positions[i]});
+  }
+  GltfPrimitive primitive;
+  Result<uint32_t> added = append_stream(writer, positions, accessor, GltfTarget::kVertices);
+  if (!added) return added.error();
+  primitive.attributes.emplace_back("POSITION", *added);
+  accessor.min.clear();
+  accessor.max.clear();
+  if (has_uvs) {
+    accessor.type = GltfType::kVec2;
+    added = append_stream(writer, uvs, accessor, GltfTarget::kVertices);
+    if (!added) return added.error();
+    primitive.attributes.emplace_back("TEXCOORD_0", *added);
+  }
+  accessor.type = GltfType::kScalar;
+  accessor.component = GltfComponent::kUint32;
+  accessor.count = indices.size();
+  added = append_stream(writer, indices, accessor, GltfTarget::kIndices);
+  if (!added) return added.error();
+  primitive.indices = *added;
+  return primitive;
+}
+
+/// Streaks, in the texture's alpha.
+Result<uint32_t> add_streaks(GltfWriter& writer, uint32_t size) {
+  std::vector<uint8_t> rgba;
+  rgba.reserve(uint64_t{4} * size * size);
+  for (uint32_t y = 0; y < size; ++y) {
+    for (uint32_t x = 0; x < size; ++x) {
+      const double u = 2 * std::numbers::pi * x / size;
+      const double v = 2 * std::numbers::pi * y / size;
+      const double streak = 0.5 + 0.5 * std::sin(3 * u + std::sin(2 * v)) * std::sin(5 * v + std::cos(u));
+      const double alpha = 0.1 + 0.3 * streak + 0.1 * unit24(hash2(7, x, y));
+      for (const uint8_t code : {uint8_t{255}, uint8_t{255}, uint8_t{255}, static_cast<uint8_t>(255 * alpha + 0.5)})
+        rgba.push_back(code);
+    }
+  }
+  const Result<std::vector<std::byte>> png = runtime::encode_png(size, size, 4, rgba);
+  if (!png) return png.error();
+  const Result<uint32_t> image = writer.add_image("streaks", format::ImageCodec::kPng, *png);
+  if (!image) return image.error();
+  GltfTexture texture;
+  texture.name = "streaks";
+  texture.image = *image;
+  texture.mag_filter = 9729;  // linear
+  texture.min_filter = 9987;  // linear between mip levels too
+  return writer.add_texture(std::move(texture));
+}
+
+}  // namespace
+
+Result<SynthReport> write_panes(const SynthOptions& options) {
+  const bool is_textured = options.scene == "panes-textured";
+  Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
+  if (!writer) return writer.error();
+  writer->stop_on(options.stop);
+  uint32_t streaks = format::kNone;
+  if (is_textured) {
+    const Result<uint32_t> texture = add_streaks(*writer, *options.texture_size);
+    if (!texture) return texture.error();
+    streaks = *texture;
+  }
+  const auto panes = std::max(1u, static_cast<uint32_t>(std::lround(kMostPanes * options.scale)));
+  std::vector<uint32_t> children;
+  // The last one is the wall.
+  for (uint32_t i = 0; i <= panes; ++i) {
+    const bool is_wall = i == panes;
+    GltfMaterial material;
+    material.name = is_wall ? "wall" : "pane " + std::to_string(i);
+    const double tone = static_cast<double>(i) / kMostPanes;
+    const double color[3] = {0.9 - 0.8 * tone, 0.3 + 0.6 * std::abs(2 * tone - 1), 0.1 + 0.8 * tone};
+    std::copy(color, color + 3, material.base_color);
+    material.double_sided = true;
+    if (!is_wall) material.alpha = GltfAlpha::kBlend;
+    if (!is_wall && !is_textured) material.base_color[3] = 0.2;
+    if (!is_wall) material.texture = streaks;
+    GltfMesh mesh;
+    mesh.name = material.name;
+    Result<GltfPrimitive> primitive =
+        add_pane(*writer, kNearestPane + kPaneStep * (is_wall ? kMostPanes : i), i, is_textured && !is_wall);
+    if (!primitive) return primitive.error();
+    primitive->material = writer->add_material(std::move(material));
+    mesh.primitives.push_back(std::move(*primitive));
+    GltfNode node;
+    node.name = mesh.name;
+    node.mesh = writer->add_mesh(std::move(mesh));
+    children.push_back(writer->add_node(std::move(node)));
+  }
+  GltfCamera lens;
+  lens.name = "through";
+  lens.y = kPaneAngle;
+  lens.x = kPaneAspect;
+  GltfNode camera;
+  camera.name = lens.name;
+  camera.camera = writer->add_camera(lens);
+  children.push_back(writer->add_node(std::move(camera)));
+  writer->add_scene({"panes", std::move(children)});
+  if (Result<void> finished = writer->finish(); !finished) return finished.error();
+  SynthReport report;
+  report.instances = panes + 1;
+  report.unique_triangles = report.drawn_triangles = report.instances * (2 * kPaneQuads * kPaneQuads);
+  report.vertices = report.instances * ((kPaneQuads + 1) * (kPaneQuads + 1));
+  report.file_bytes = writer->total_bytes();
+  return report;
+}
+
+}  // namespace scree::synth
