@@ -8,8 +8,12 @@
 namespace scree::format {
 
 inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'};
-inline constexpr uint16_t kVersionMajor = 1;  // a reader refuses a newer one
+inline constexpr uint16_t kVersionMajor = 1;
 inline constexpr uint16_t kVersionMinor = 1;  // a reader skips additions of a newer one; see TableKind for those of 1
+// A file has this major version where a mesh or a surface uses second texture coordinates, or a mesh has tangents. A
+// reader of version 1 refuses it.
+inline constexpr uint16_t kSecondMajor = 2;
+inline constexpr uint16_t kSecondMinor = 0;
 
 inline constexpr uint64_t kPageAlignment = 4096;        // so that O_DIRECT can read pages
 inline constexpr uint64_t kPageTargetBytes = 1u << 20;  // a chunk that would take a page past this starts a new page
@@ -107,7 +111,10 @@ enum AttributeFlags : uint32_t {
   kHasColor = 2,
   kHasNormal = 4,
   kHasSourceIds = 8,
+  kHasSecondUv = 16,  // of major version 2, with kHasUv
+  kHasTangent = 32,   // of major version 2, with kHasNormal
 };
+inline constexpr uint32_t kSecondAttributes = kHasSecondUv | kHasTangent;
 
 /// A glTF primitive: triangles with one material. A lattice position is (lattice_min + offset) * 2^lattice_exponent,
 /// with offset < 2^lattice_bits on each axis. With float32 positions the lattice fields are zero.
@@ -154,12 +161,21 @@ struct ChunkRecord {
   uint8_t normal_bits;       // per axis of the octahedral map; 0 without normals
   uint8_t source_bits;       // 0 to 32
   ChunkEncoding encoding;
-  uint8_t reserved[3];
-  uint64_t source_min;     // source triangle number of code 0
-  uint32_t cluster_count;  // clustered: at least 1
-  uint32_t cluster_words;  // clustered: 4-byte words of the clusters' data
+  uint8_t second_uv_bits[2];  // 0 to 24; the rest of the range is in a SecondUvHeader
+  uint8_t tangent_bits;       // 3 to 16: one of them is the bitangent's sign; 0 without tangents
+  uint64_t source_min;        // source triangle number of code 0
+  uint32_t cluster_count;     // clustered: at least 1
+  uint32_t cluster_words;     // clustered: 4-byte words of the clusters' data
 };
 static_assert(sizeof(ChunkRecord) == 104);
+
+/// The first bytes of a chunk's stream of second texture coordinates, which continues like the first coordinates.
+struct SecondUvHeader {
+  int64_t min[2];    // as ChunkRecord::uv_min
+  int32_t exponent;  // as ChunkRecord::uv_exponent
+  uint32_t reserved[3];
+};
+static_assert(sizeof(SecondUvHeader) == 32);
 
 /// A glTF mesh: consecutive MeshRecords.
 struct GroupRecord {
@@ -261,7 +277,7 @@ struct SurfaceRecord {
   float ior;                 // KHR_materials_ior: 1 or more, or 0: reflects all
   float specular;            // KHR_materials_specular, 0 to 1
   float specular_color[3];
-  uint32_t reserved;
+  uint32_t second_uv;  // bits by SurfaceUse: the textures that use the mesh's second texture coordinates
   SurfaceTexture textures[kSurfaceUses];
 };
 static_assert(sizeof(SurfaceRecord) == 200);

@@ -27,6 +27,7 @@ struct TableViews {
   std::array<View, kKnownTableKinds> views{};
   uint64_t tables_offset = 0;  // bytes from the start of the file to the first table, where pages and their padding end
   bool newer_minor = false;    // the file is of a newer minor version than this reader
+  bool is_second = false;      // the file is of major version kSecondMajor
 
   const View& view(TableKind kind) const { return views[static_cast<uint32_t>(kind)]; }
 

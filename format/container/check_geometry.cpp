@@ -6,6 +6,7 @@
 #include "format/container/checker.h"
 #include "format/geometry/chunk_layout.h"
 #include "format/geometry/quantize.h"
+#include "format/geometry/tangent_codec.h"
 
 namespace scree::format {
 
@@ -79,8 +80,14 @@ std::optional<Error> Checker::mesh_fields(uint64_t index) const {
   if (mesh.material >= materials_.size() && mesh.material != kNone) {
     return fail_index("mesh", index, "material", mesh.material, materials_.size(), "materials");
   }
-  constexpr uint32_t kKnownAttributes = kHasUv | kHasColor | kHasNormal | kHasSourceIds;
-  if (mesh.attributes & ~kKnownAttributes) return fail(kReserved, "mesh ", index, ": attributes ", mesh.attributes);
+  const uint32_t known_attributes =
+      kHasUv | kHasColor | kHasNormal | kHasSourceIds | (tables_.is_second ? kSecondAttributes : 0u);
+  if (mesh.attributes & ~known_attributes) return fail(kReserved, "mesh ", index, ": attributes ", mesh.attributes);
+  if ((mesh.attributes & kHasSecondUv && !(mesh.attributes & kHasUv)) ||
+      (mesh.attributes & kHasTangent && !(mesh.attributes & kHasNormal))) {
+    return fail(kRange, "mesh ", index, ": attributes ", mesh.attributes,
+                ", but second uv needs uv, and tangents need normals");
+  }
 
   if (!all_finite(mesh.bounds_min, 3) || !all_finite(mesh.bounds_max, 3)) {
     return fail(kRange, "mesh ", index, ": bounds that are not finite");
@@ -128,9 +135,6 @@ std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh
   const ChunkRecord& chunk = chunks_[index];
   if (chunk.mesh != mesh_index) {
     return fail(kRange, "chunk ", index, ": mesh ", chunk.mesh, ", but it is a chunk of mesh ", mesh_index);
-  }
-  if (chunk.reserved[0] | chunk.reserved[1] | chunk.reserved[2]) {
-    return fail(kReserved, "chunk ", index, ": a reserved field is set");
   }
   if (chunk.first_triangle != first_triangle) {
     return fail(kRange, "chunk ", index, ": first triangle ", chunk.first_triangle, ", but the chunks before have ",
@@ -259,6 +263,24 @@ std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord&
     }
   } else if (chunk.normal_bits) {
     return fail(kReserved, "chunk ", index, ": normal bits are set, but the mesh has no normals");
+  }
+
+  if (mesh.attributes & kHasSecondUv) {
+    if (chunk.second_uv_bits[0] > kMaxUvBits || chunk.second_uv_bits[1] > kMaxUvBits) {
+      return fail(kRange, "chunk ", index, ": ", chunk.second_uv_bits[0], " and ", chunk.second_uv_bits[1],
+                  " second uv bits, expected at most ", kMaxUvBits);
+    }
+  } else if (chunk.second_uv_bits[0] | chunk.second_uv_bits[1]) {
+    return fail(kReserved, "chunk ", index, ": second uv bits are set, but the mesh has no second uv");
+  }
+
+  if (mesh.attributes & kHasTangent) {
+    if (chunk.tangent_bits < kMinTangentBits || chunk.tangent_bits > kMaxTangentBits) {
+      return fail(kRange, "chunk ", index, ": ", chunk.tangent_bits, " tangent bits, expected ", kMinTangentBits,
+                  " to ", kMaxTangentBits);
+    }
+  } else if (chunk.tangent_bits) {
+    return fail(kReserved, "chunk ", index, ": tangent bits are set, but the mesh has no tangents");
   }
 
   if (mesh.attributes & kHasSourceIds) {

@@ -195,7 +195,8 @@ Result<void> Checker::surfaces() const {
       return fail(kRange, "surface ", i, ": material ", surface.material, ", expected ", next, " or more");
     }
     next = uint64_t{surface.material} + 1;
-    if (surface.reserved) return fail(kReserved, "surface ", i, ": a reserved field is set");
+    if (surface.second_uv & ~(tables_.is_second ? (1u << kSurfaceUses) - 1 : 0u))
+      return fail(kReserved, "surface ", i, ": second uv of textures ", surface.second_uv);
     if (!all_finite(&surface.metallic, 12)) return fail(kRange, "surface ", i, ": a factor that is not finite");
     for (const float share : {surface.metallic, surface.roughness, surface.occlusion_strength, surface.specular}) {
       if (!(share >= 0 && share <= 1)) return fail(kRange, "surface ", i, ": a factor of ", share, ", expected 0 to 1");

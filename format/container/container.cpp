@@ -99,9 +99,9 @@ Result<FileHeader> check_header(std::span<const std::byte> file) {
   const FileHeader header = load<FileHeader>(file.data());
   if (std::memcmp(header.magic, kMagic, sizeof kMagic) != 0) return not_scree(file);
   // The version lies before everything that another major version may change, the checksum included.
-  if (header.version_major != kVersionMajor) {
+  if (header.version_major != kVersionMajor && header.version_major != kSecondMajor) {
     return fail(ErrorCode::kVersion, "the file has version ", header.version_major, ".", header.version_minor,
-                ", but this program reads version ", kVersionMajor);
+                ", but this program reads versions ", kVersionMajor, " and ", kSecondMajor);
   }
   const uint64_t actual = checksum(file.first(offsetof(FileHeader, checksum)));
   if (actual != header.checksum) return fail(ErrorCode::kChecksum, "header: the checksum differs");
@@ -277,6 +277,7 @@ Result<void> check_tables(const FileHeader& header, std::span<const std::byte> f
   // checksum is the useful error, not the rule that the record happens to break.
   TableViews again;
   again.newer_minor = views.newer_minor;
+  again.is_second = views.is_second;
   if (auto taken = take_tables(header, file, Checksums::kNow, again); !taken) return taken;
   return checked;
 }
@@ -344,7 +345,8 @@ Result<Container> Container::open(std::span<const std::byte> file) {
   const auto header = check_header(file);
   if (!header) return header.error();
   auto views = std::make_shared<Views>();
-  views->newer_minor = header->version_minor > kVersionMinor;
+  views->is_second = header->version_major == kSecondMajor;
+  views->newer_minor = header->version_minor > (views->is_second ? kSecondMinor : kVersionMinor);
   if (auto checked = check_tables(*header, file, *views); !checked) return checked.error();
   if (auto zero = check_zero(file, sizeof(FileHeader), kPageAlignment); !zero) return zero.error();
   Container container;

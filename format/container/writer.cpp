@@ -412,9 +412,15 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   const std::vector<TocEntry>& toc = impl_->toc;
   FileHeader header{};
   std::memcpy(header.magic, kMagic, sizeof kMagic);
-  header.version_major = kVersionMajor;
+  const bool is_second =
+      std::any_of(tables.meshes.begin(), tables.meshes.end(),
+                  [](const MeshRecord& mesh) { return (mesh.attributes & kSecondAttributes) != 0; }) ||
+      std::any_of(tables.surfaces.begin(), tables.surfaces.end(),
+                  [](const SurfaceRecord& surface) { return surface.second_uv != 0; });
   const bool is_older = tables.surfaces.empty() && tables.lights.empty() && tables.masks.empty();
-  header.version_minor = is_older ? 0 : 1;  // surfaces, lights and masks are what version 1.1 added
+  header.version_major = is_second ? kSecondMajor : kVersionMajor;
+  // Surfaces, lights and masks are what version 1.1 added.
+  header.version_minor = is_second ? kSecondMinor : is_older ? 0 : kVersionMinor;
   header.header_bytes = sizeof header;
   header.toc_offset = align_up(impl_->end, kTableAlignment);
   header.toc_count = static_cast<uint32_t>(toc.size());

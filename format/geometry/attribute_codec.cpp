@@ -252,6 +252,27 @@ Result<void> check_uvs(uint64_t vertex_count, const UvRange& range, std::span<co
   return check_uv_values(range, largest);
 }
 
+uint64_t second_uv_stream_bytes(uint64_t vertex_count, const UvRange& range) {
+  return sizeof(SecondUvHeader) + uv_stream_bytes(vertex_count, range);
+}
+
+void encode_second_uvs(std::span<std::byte> out, std::span<const float> uvs, const UvRange& range) {
+  SecondUvHeader header{};
+  std::copy(range.min.begin(), range.min.end(), header.min);
+  header.exponent = range.exponent;
+  store(out.data(), header);
+  encode_uvs(out.subspan(sizeof header), uvs, range);
+}
+
+Result<UvRange> open_second_uvs(const uint8_t bits[2], std::span<const std::byte>& bytes) {
+  if (bytes.size() < sizeof(SecondUvHeader)) return Error{ErrorCode::kTruncated, "second uvs: no header"};
+  const auto header = load<SecondUvHeader>(bytes.data());
+  if (header.reserved[0] | header.reserved[1] | header.reserved[2])
+    return Error{ErrorCode::kReserved, "second uvs: a reserved field is set"};
+  bytes = bytes.subspan(sizeof header);
+  return UvRange{header.exponent, {header.min[0], header.min[1]}, {bits[0], bits[1]}};
+}
+
 uint64_t color_stream_bytes(uint64_t vertex_count) {
   return align_up(vertex_count * kColorVertexBytes, kChunkAlignment);
 }

@@ -38,6 +38,12 @@ void encode_uvs(std::span<std::byte> out, std::span<const float> uvs, const UvRa
 Result<void> decode_uvs(std::span<float> out, const UvRange& range, std::span<const std::byte> bytes);
 Result<void> check_uvs(uint64_t vertex_count, const UvRange& range, std::span<const std::byte> bytes);
 
+/// A chunk's second texture coordinates: `bits` of its record and a header in the stream make the range, and the codes
+/// follow as above. open_second_uvs() takes the header off `bytes`. Errors kTruncated, kReserved.
+uint64_t second_uv_stream_bytes(uint64_t vertex_count, const UvRange& range);
+void encode_second_uvs(std::span<std::byte> out, std::span<const float> uvs, const UvRange& range);
+Result<UvRange> open_second_uvs(const uint8_t bits[2], std::span<const std::byte>& bytes);
+
 /// Linear RGBA8, 4 bytes per vertex, rounded up to 16. Values are clamped to 0 .. 1 and rounded to the nearest 1/255,
 /// halves up; NaN becomes 0. `rgba` and `out` of the decoder: 4 floats per vertex.
 uint64_t color_stream_bytes(uint64_t vertex_count);

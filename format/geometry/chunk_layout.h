@@ -31,6 +31,8 @@ struct ChunkStreams {
   ChunkStream colors;
   ChunkStream normals;
   ChunkStream source_ids;
+  ChunkStream second_uvs;  // SecondUvHeader, then the codes
+  ChunkStream tangents;
   uint64_t bytes;  // of all streams; equals ChunkRecord::bytes in a valid file
 };
 
@@ -81,7 +83,18 @@ SCREE_HD constexpr ChunkStreams chunk_streams(const MeshRecord& mesh, const Chun
     streams.source_ids.bytes = packed_bytes(triangles, chunk.source_bits);
   }
 
-  streams.bytes = streams.source_ids.offset + streams.source_ids.bytes;
+  streams.second_uvs.offset = streams.source_ids.offset + streams.source_ids.bytes;
+  if (mesh.attributes & kHasSecondUv) {
+    streams.second_uvs.bytes =
+        sizeof(SecondUvHeader) + packed_bytes(vertices, uint32_t{chunk.second_uv_bits[0]} + chunk.second_uv_bits[1]);
+  }
+
+  streams.tangents.offset = streams.second_uvs.offset + streams.second_uvs.bytes;
+  if (mesh.attributes & kHasTangent) {
+    streams.tangents.bytes = packed_bytes(vertices, chunk.tangent_bits);
+  }
+
+  streams.bytes = streams.tangents.offset + streams.tangents.bytes;
   return streams;
 }
 

@@ -120,7 +120,7 @@ struct Surface {
                    normal);
       for (int i = 0; i < 3; ++i) values[i] = static_cast<float>(normal[i]);
     } else {
-      const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, nullptr, 1.0f, 1.0f, hit, weights);
+      const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, nullptr, false, 1.0f, 1.0f, hit, weights);
       values[0] = static_cast<float>(place.u);
       values[1] = static_cast<float>(place.v);
     }

@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "format/geometry/attribute_codec.h"
+#include "format/geometry/tangent_codec.h"
 #include "kernels/shade/locate.h"
 #include "kernels/shade/srgb.h"
 #include "kernels/shade/texture.h"
@@ -120,6 +121,39 @@ SCREE_HD inline void vertex_normal(const PlacedChunk& at, const uint32_t vertex[
 
 SCREE_HD inline bool has_vertex_normals(const PlacedChunk& at) {
   return (at.mesh.attributes & format::kHasNormal) != 0 && at.chunk.normal_bits >= 2;
+}
+
+SCREE_HD inline bool has_tangents(const PlacedChunk& at) {
+  return (at.mesh.attributes & format::kHasTangent) != 0 && at.chunk.tangent_bits >= format::kMinTangentBits &&
+         has_vertex_normals(at);
+}
+
+/// The vertex tangents interpolated between the corners, in object space, not normalised. Returns 1 or -1: where the
+/// bitangent lies (corner 0).
+SCREE_HD inline float vertex_tangent(const PlacedChunk& at, const uint32_t vertex[3], const float weights[3],
+                                     float tangent[3]) {
+  const format::ChunkStreams streams = streams_of(at.mesh, at.chunk);
+  const std::byte* const normals = at.page + at.chunk.offset + streams.normals.offset;
+  const std::byte* const tangents = at.page + at.chunk.offset + streams.tangents.offset;
+  const uint32_t normal_bits = at.chunk.normal_bits;
+  const uint32_t bits = at.chunk.tangent_bits;
+  float side = 1.0f;
+  tangent[0] = tangent[1] = tangent[2] = 0;
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+  for (int i = 0; i < 3; ++i) {
+    const uint64_t bit = uint64_t{vertex[i]} * (2u * normal_bits);
+    float normal[3];
+    float unit[3];
+    format::decode_octahedral(unpack_bits(normals, bit, normal_bits),
+                              unpack_bits(normals, bit + normal_bits, normal_bits), normal_bits, normal);
+    const float sign =
+        format::decode_tangent(unpack_bits(tangents, uint64_t{vertex[i]} * bits, bits), bits, normal, unit);
+    if (i == 0) side = sign;
+    for (int j = 0; j < 3; ++j) tangent[j] = multiply_add(weights[i], unit[j], tangent[j]);
+  }
+  return side;
 }
 
 /// The mesh's vertex normals interpolated between the corners, or the normal of the face, in world space. A face's
@@ -262,14 +296,32 @@ SCREE_HD inline const float* uv_transform(const Record& record) {
   return reinterpret_cast<const float*>(&record) + offsetof(Record, uv_offset) / sizeof(float);
 }
 
-/// `transform`: uv_transform() of the record, or null to leave the coordinates as they are.
+/// The codes of a chunk's first or second texture coordinates, and their range.
+struct UvCodes {
+  const std::byte* stream;
+  const uint8_t* bits;
+  const int64_t* min;
+  int32_t exponent;
+};
+
+SCREE_HD inline UvCodes uv_codes(const PlacedChunk& at, bool is_second) {
+  const format::ChunkRecord& chunk = at.chunk;
+  const format::ChunkStreams streams = streams_of(at.mesh, chunk);
+  const std::byte* const payload = at.page + chunk.offset;
+  if (!is_second) return {payload + streams.uvs.offset, chunk.uv_bits, chunk.uv_min, chunk.uv_exponent};
+  const auto& header = *reinterpret_cast<const format::SecondUvHeader*>(payload + streams.second_uvs.offset);
+  return {payload + streams.second_uvs.offset + sizeof header, chunk.second_uv_bits, header.min, header.exponent};
+}
+
+/// `transform`: uv_transform() of the record, or null to leave the coordinates as they are. `is_second`: of the second
+/// texture coordinates, which the mesh then has.
 template <class Real>
 SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, const uint32_t vertex[3],
-                                                     const float* transform) {
-  const format::ChunkRecord& chunk = at.chunk;
-  const std::byte* stream = at.page + chunk.offset + streams_of(at.mesh, chunk).uvs.offset;
-  const uint32_t stride = uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1];
-  const double step = format::exp2i(chunk.uv_exponent);
+                                                     const float* transform, bool is_second) {
+  const UvCodes codes_of = uv_codes(at, is_second);
+  const std::byte* stream = codes_of.stream;
+  const uint32_t stride = uint32_t{codes_of.bits[0]} + codes_of.bits[1];
+  const double step = format::exp2i(codes_of.exponent);
   TextureCorners<Real> corners;
   double* const first = corners.first;
   Real(*const edge)[2] = corners.edge;
@@ -278,11 +330,11 @@ SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, cons
     // Two codes take at most 48 bits.
     uint64_t run = stride == 0 ? 0u : unpack_run(stream, uint64_t{vertex[n]} * stride, stride);
     for (int c = 0; c < 2; ++c) {
-      const uint32_t code = low_bits(run, chunk.uv_bits[c]);
-      run >>= chunk.uv_bits[c];
+      const uint32_t code = low_bits(run, codes_of.bits[c]);
+      run >>= codes_of.bits[c];
       if (n == 0) {
         codes[c] = code;
-        first[c] = static_cast<double>(wrapping_add(chunk.uv_min[c], static_cast<int64_t>(code))) * step;
+        first[c] = static_cast<double>(wrapping_add(codes_of.min[c], static_cast<int64_t>(code))) * step;
       } else {
         edge[n - 1][c] =
             static_cast<Real>(static_cast<int32_t>(code) - static_cast<int32_t>(codes[c])) * static_cast<Real>(step);
@@ -318,12 +370,12 @@ SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, cons
 }
 
 /// The point where the ray hits the triangle's plane, in texture coordinates, and how far from it the rays of the
-/// samples to the right and below hit. `transform`: as for texture_corners().
+/// samples to the right and below hit. `transform`, `is_second`: as for texture_corners().
 template <bool kOrthographic, class Real>
 SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
-                                           const float* transform, float width, float height, const PlaneHit<Real>& m,
-                                           const Real weights[3]) {
-  const TextureCorners<Real> corners = texture_corners<Real>(at, vertex, transform);
+                                           const float* transform, bool is_second, float width, float height,
+                                           const PlaneHit<Real>& m, const Real weights[3]) {
+  const TextureCorners<Real> corners = texture_corners<Real>(at, vertex, transform, is_second);
   const double* const first = corners.first;
   const Real(*const edge)[2] = corners.edge;
   TexturePlace place{};
@@ -453,19 +505,27 @@ struct Shader {
     }
   }
 
-  /// `transform`: as for texture_corners().
+  /// `transform`, `is_second`: as for texture_corners(). Only surfaces have second texture coordinates, so other
+  /// shaders have no code for them.
   SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3], const float* transform, float width,
-                                   float height, const PlaneHit<float>& m, const float weights[3], float x,
-                                   float y) const {
-    const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, transform, width, height, m, weights);
+                                   float height, const PlaneHit<float>& m, const float weights[3], float x, float y,
+                                   bool is_second = false) const {
+    const TexturePlace place =
+        texture_place<kOrthographic>(in, at, vertex, transform, is_second, width, height, m, weights);
     if (place.exact) return place;
     const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
-    return exact_place(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], transform, width, height,
-                       x, y);
+    if constexpr (kShow == Show::kSurface) {
+      if (is_second)
+        return exact_place<true>(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], transform,
+                                 width, height, x, y);
+    }
+    return exact_place<false>(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], transform, width,
+                              height, x, y);
   }
 
   /// Rarely called, and takes many registers. A call that takes only values, so that on a GPU the caller's values stay
   /// in registers.
+  template <bool kSecond>
   [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk, uint32_t triangle,
                                                              const Transform* transform, uint32_t vertex0,
                                                              uint32_t vertex1, uint32_t vertex2,
@@ -477,7 +537,7 @@ struct Shader {
                                                               static_cast<double>(x), static_cast<double>(y));
     double weights[3];
     hit_weights(m, weights);
-    return texture_place<kOrthographic>(in, at, vertex, transform_uv, width, height, m, weights);
+    return texture_place<kOrthographic>(in, at, vertex, transform_uv, kSecond, width, height, m, weights);
   }
 
   /// Multiplies `rgb` by the colours of the vertices.

@@ -174,21 +174,48 @@ struct SurfaceCodes {
   }
 };
 
-/// The normal that a normal map's `code` gives around `normal` (unit length, of the front). The tangent comes from the
-/// triangle's transformed texture coordinates. It is constant on a triangle, while MikkTSpace's is averaged at its
-/// corners.
-SCREE_HD inline Float3 mapped_normal(const PlacedChunk& at, const uint32_t vertex[3],
-                                     const format::SurfaceRecord& surface, const Float3& code, const Float3 edge[2],
-                                     const Float3& normal) {
-  const format::SurfaceTexture& use = surface.textures[static_cast<uint32_t>(format::SurfaceUse::kNormalMap)];
-  const TextureCorners<float> corners = texture_corners<float>(at, vertex, uv_transform(use));
-  const float(*d)[2] = corners.edge;
-  const float side = d[0][0] * d[1][1] - d[1][0] * d[0][1] >= 0 ? 1.0f : -1.0f;
-  const Float3 along_u = unit_or((edge[0] * d[1][1] - edge[1] * d[0][1]) * side, grey(0));
-  const Float3 along_v = (edge[1] * d[0][0] - edge[0] * d[1][0]) * side;
-  const Float3 tangent = unit_or(along_u - normal * dot(normal, along_u), grey(0));
-  Float3 bitangent = cross(normal, tangent);
-  if (dot(bitangent, along_v) > 0) bitangent = bitangent * -1.0f;  // green is up, v goes down
+/// Whether a texture of a surface uses the mesh's second texture coordinates.
+SCREE_HD inline bool uses_second(const format::SurfaceRecord& surface, uint32_t use) {
+  return (surface.second_uv >> use & 1u) != 0;
+}
+
+/// The direction of the mesh's tangents at the sample, in view space, around `normal`; the result's length is 0 if they
+/// have none there. `focal`: as for view_normal(). Sets `bitangent` too.
+SCREE_HD inline Float3 stored_tangent(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
+                                      const float weights[3], float focal, const Float3& normal, Float3& bitangent) {
+  float object[3];
+  const float sign = vertex_tangent(at, vertex, weights, object) * (at.transform.mirrored ? -1.0f : 1.0f);
+  Float3 along = grey(0);
+  for (int j = 0; j < 3; ++j)
+    along = along + Float3{at.transform.x[j], at.transform.y[j] * in.aspect, at.transform.w[j] * focal} * object[j];
+  along = unit_or(along, grey(0));
+  const Float3 tangent = unit_or(along - normal * dot(normal, along), grey(0));
+  bitangent = cross(normal, tangent) * sign;
+  return tangent;
+}
+
+/// The normal that a normal map's `code` gives around `normal` (unit length, of the front). The tangent is the mesh's
+/// or, if it stores none, comes from the triangle's transformed texture coordinates. Then it is constant on a triangle,
+/// while MikkTSpace's is averaged at its corners.
+SCREE_HD inline Float3 mapped_normal(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
+                                     const float weights[3], const format::SurfaceRecord& surface, const Float3& code,
+                                     const Float3 edge[2], float focal, const Float3& normal) {
+  constexpr uint32_t kUse = static_cast<uint32_t>(format::SurfaceUse::kNormalMap);
+  Float3 tangent;
+  Float3 bitangent;
+  if (has_tangents(at)) {
+    tangent = stored_tangent(in, at, vertex, weights, focal, normal, bitangent);
+  } else {
+    const TextureCorners<float> corners =
+        texture_corners<float>(at, vertex, uv_transform(surface.textures[kUse]), uses_second(surface, kUse));
+    const float(*d)[2] = corners.edge;
+    const float side = d[0][0] * d[1][1] - d[1][0] * d[0][1] >= 0 ? 1.0f : -1.0f;
+    const Float3 along_u = unit_or((edge[0] * d[1][1] - edge[1] * d[0][1]) * side, grey(0));
+    const Float3 along_v = (edge[1] * d[0][0] - edge[0] * d[1][0]) * side;
+    tangent = unit_or(along_u - normal * dot(normal, along_u), grey(0));
+    bitangent = cross(normal, tangent);
+    if (dot(bitangent, along_v) > 0) bitangent = bitangent * -1.0f;  // green is up, v goes down
+  }
   const float bump_x = (2.0f * code.x - 1.0f) * surface.normal_scale;
   const float bump_y = (2.0f * code.y - 1.0f) * surface.normal_scale;
   const float bump_z = 2.0f * code.z - 1.0f;
@@ -262,10 +289,12 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
     const TextureView& texture = in.scene.textures[number];
     const Use use = static_cast<Use>(i);
     if (texture.level_count == 0) continue;
+    const bool is_second = !is_base && uses_second(*surface, i);
+    if (is_second && (at.mesh.attributes & format::kHasSecondUv) == 0) continue;
     if (use == Use::kSpecular && texture.jpeg_level_count == texture.level_count) continue;  // no alpha in JPEGs
     const float* const transform = is_base ? uv_transform(material) : uv_transform(surface->textures[i]);
     const TexturePlace place = shader.find_place(at, vertex, transform, static_cast<float>(texture.width),
-                                                 static_cast<float>(texture.height), m, weights, x, y);
+                                                 static_cast<float>(texture.height), m, weights, x, y, is_second);
     float code[4];
     sample_channels<4>(shader.texels, lane, texture,
                        SurfaceCodes{(kColorUses >> i & 1u) != 0 ? in.srgb->linear : nullptr}, place.u, place.v,
@@ -350,7 +379,7 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
     view_normal(in, at, object, focal, turned);
     normal = unit_or(Float3{turned[0], turned[1], turned[2]} * hand, face);
   }
-  if (values.has_bump) normal = mapped_normal(at, vertex, *surface, values.bump, edge, normal);
+  if (values.has_bump) normal = mapped_normal(in, at, vertex, weights, *surface, values.bump, edge, focal, normal);
   if (dot(face, point.to_viewer) < 0) normal = normal * -1.0f;
   point.normal = normal;
   point.occlusion = values.occlusion;

@@ -13,6 +13,7 @@
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
+#include "format/geometry/tangent_codec.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
@@ -65,6 +66,16 @@ Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::
   if (mesh.attributes & format::kHasNormal) {
     checked = format::check_normals(chunk.vertex_count, chunk.normal_bits, bytes_of(streams.normals));
     if (!checked) return at("normals", checked.error());
+  }
+  if (mesh.attributes & format::kHasSecondUv) {
+    std::span<const std::byte> codes = bytes_of(streams.second_uvs);
+    const auto range = format::open_second_uvs(chunk.second_uv_bits, codes);
+    checked = range ? format::check_uvs(chunk.vertex_count, *range, codes) : Result<void>(range.error());
+    if (!checked) return at("second texture coordinates", checked.error());
+  }
+  if (mesh.attributes & format::kHasTangent) {
+    checked = format::check_tangents(chunk.vertex_count, chunk.tangent_bits, bytes_of(streams.tangents));
+    if (!checked) return at("tangents", checked.error());
   }
   if (mesh.attributes & format::kHasSourceIds) {
     checked = format::check_source_ids(chunk.triangle_count, {chunk.source_min, chunk.source_bits},

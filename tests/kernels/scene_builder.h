@@ -14,6 +14,7 @@
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
+#include "format/geometry/tangent_codec.h"
 #include "kernels/cpu/backend.h"
 #include "tests/catch.h"
 #include "tools/clusters/cluster_builder.h"
@@ -27,6 +28,8 @@ struct Soup {
   std::vector<float> uvs;
   std::vector<float> colors;
   std::vector<float> normals;
+  std::vector<float> second_uvs;
+  std::vector<float> tangents;  // with normals
 
   uint32_t add(double x, double y, double z) {
     for (double c : {x, y, z}) positions.push_back(static_cast<float>(c));
@@ -65,7 +68,9 @@ class SceneBuilder {
     mesh.material = encoding.material;
     mesh.attributes = (soup.uvs.empty() ? 0u : uint32_t{format::kHasUv}) |
                       (soup.colors.empty() ? 0u : uint32_t{format::kHasColor}) |
-                      (soup.normals.empty() ? 0u : uint32_t{format::kHasNormal});
+                      (soup.normals.empty() ? 0u : uint32_t{format::kHasNormal}) |
+                      (soup.second_uvs.empty() ? 0u : uint32_t{format::kHasSecondUv}) |
+                      (soup.tangents.empty() ? 0u : uint32_t{format::kHasTangent});
     float lo[3] = {INFINITY, INFINITY, INFINITY};
     float hi[3] = {-INFINITY, -INFINITY, -INFINITY};
     for (size_t i = 0; i < soup.positions.size(); ++i) {
@@ -265,6 +270,10 @@ class SceneBuilder {
       }
     }
     record.normal_bits = soup.normals.empty() ? 0 : 12;
+    const std::vector<float> second_uvs = gather(soup.second_uvs, soup.second_uvs.empty() ? 0 : 2);
+    const format::UvRange second_range = format::choose_uv_range(second_uvs);
+    if (!second_uvs.empty()) std::copy(second_range.bits.begin(), second_range.bits.end(), record.second_uv_bits);
+    record.tangent_bits = soup.tangents.empty() ? 0 : 12;
     const format::ChunkStreams streams = format::chunk_streams(mesh, record);
     record.bytes = streams.bytes;
     std::vector<std::byte>& page = pages.emplace_back(streams.bytes + 16);  // never empty
@@ -282,6 +291,12 @@ class SceneBuilder {
     if (!uvs.empty()) format::encode_uvs(at(streams.uvs), uvs, uv_range);
     if (!soup.colors.empty()) format::encode_colors(at(streams.colors), gather(soup.colors, 4));
     if (!soup.normals.empty()) format::encode_normals(at(streams.normals), gather(soup.normals, 3), record.normal_bits);
+    if (!second_uvs.empty()) format::encode_second_uvs(at(streams.second_uvs), second_uvs, second_range);
+    if (!soup.tangents.empty()) {
+      std::vector<float> normals(3 * used.size());
+      REQUIRE(format::decode_normals(normals, record.normal_bits, at(streams.normals)));
+      format::encode_tangents(at(streams.tangents), gather(soup.tangents, 4), normals, record.tangent_bits);
+    }
     mesh.vertex_count += used.size();
     mesh.source_vertex_count = soup.positions.size() / 3;
     chunks.push_back(record);

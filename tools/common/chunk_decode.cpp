@@ -10,6 +10,7 @@
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
+#include "format/geometry/tangent_codec.h"
 #include "runtime/scene/pages.h"
 
 namespace scree::tools {
@@ -38,6 +39,8 @@ uint64_t decoded_bytes(const MeshRecord& mesh, const ChunkRecord& chunk, uint32_
   if ((parts & kPartColors) && (mesh.attributes & format::kHasColor)) bytes += 16 * vertices;
   if ((parts & kPartNormals) && (mesh.attributes & format::kHasNormal)) bytes += 12 * vertices;
   if ((parts & kPartSourceIds) && (mesh.attributes & format::kHasSourceIds)) bytes += 8 * triangles;
+  if ((parts & kPartSecondUvs) && (mesh.attributes & format::kHasSecondUv)) bytes += 8 * vertices;
+  if ((parts & kPartTangents) && (mesh.attributes & format::kHasTangent)) bytes += 16 * vertices;
   return bytes;
 }
 
@@ -76,6 +79,8 @@ Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::sp
     set_size(out.colors, wanted(kPartColors, format::kHasColor) ? 4 * vertices : 0);
     set_size(out.normals, wanted(kPartNormals, format::kHasNormal) ? 3 * vertices : 0);
     set_size(out.source_ids, wanted(kPartSourceIds, format::kHasSourceIds) ? triangles : 0);
+    set_size(out.second_uvs, wanted(kPartSecondUvs, format::kHasSecondUv) ? 2 * vertices : 0);
+    set_size(out.tangents, wanted(kPartTangents, format::kHasTangent) && !out.normals.empty() ? 4 * vertices : 0);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory,
                  runtime::chunk_place(file, chunk) + ": no memory for its " + std::to_string(needed) + " bytes"};
@@ -114,6 +119,17 @@ Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::sp
   if (!out.normals.empty()) {
     const auto done = format::decode_normals(out.normals, record.normal_bits, bytes_of(streams.normals));
     if (!done) return at(place("normals"), done.error());
+  }
+  if (!out.second_uvs.empty()) {
+    std::span<const std::byte> codes = bytes_of(streams.second_uvs);
+    const auto range = format::open_second_uvs(record.second_uv_bits, codes);
+    const auto done = range ? format::decode_uvs(out.second_uvs, *range, codes) : Result<void>(range.error());
+    if (!done) return at(place("second texture coordinates"), done.error());
+  }
+  if (!out.tangents.empty()) {
+    const auto done =
+        format::decode_tangents(out.tangents, out.normals, record.tangent_bits, bytes_of(streams.tangents));
+    if (!done) return at(place("tangents"), done.error());
   }
   if (!out.source_ids.empty()) {
     const format::SourceIdRange range{record.source_min, record.source_bits};

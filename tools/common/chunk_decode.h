@@ -21,7 +21,9 @@ enum ChunkPart : uint32_t {
   kPartColors = 8,
   kPartNormals = 16,
   kPartSourceIds = 32,
-  kPartAll = 63,
+  kPartSecondUvs = 64,
+  kPartTangents = 128,  // with kPartNormals
+  kPartAll = 255,
 };
 
 /// The decoded streams of one chunk. A stream that the mesh lacks, or that was not requested, is empty.
@@ -32,6 +34,8 @@ struct DecodedChunk {
   std::vector<float> colors;         // linear RGBA, 0 to 1
   std::vector<float> normals;        // x y z, unit length
   std::vector<uint64_t> source_ids;  // 1 per triangle: its number in the source primitive
+  std::vector<float> second_uvs;     // u v
+  std::vector<float> tangents;       // x y z, unit length, and the bitangent's sign
 };
 
 /// Decodes the requested streams of a chunk of `file` into `out`, whose memory is reused. Every byte of them is

@@ -34,8 +34,8 @@ using format::kNone;
 // glTF keeps index 2^32 - 1 for primitive restart.
 constexpr uint64_t kMaxPrimitiveVertices = 0xffffffffu;
 
-/// The document's materials. glTF wants TEXCOORD_0 wherever a material has a texture, while a source may use one
-/// material on primitives with and without texture coordinates: those without get a copy without the texture.
+/// The document's materials. glTF wants the texture coordinates wherever a material has a texture, while a source may
+/// use one material on primitives with and without them: those without get a copy without the textures.
 class Materials {
  public:
   Materials(const format::Container& file, GltfWriter& writer) : file_(file), writer_(writer) {
@@ -44,18 +44,22 @@ class Materials {
   }
 
   /// The material of a mesh, in the document.
-  uint32_t of(uint32_t number, bool has_uv) {
-    if (number == kNone || has_uv) return number;
+  uint32_t of(uint32_t number, bool has_uv, bool has_second_uv) {
+    if (number == kNone || has_second_uv) return number;
     GltfMaterial copy = material(number);
-    bool is_textured = copy.texture != kNone;
-    copy.texture = kNone;
-    copy.transform = {};
-    for (size_t use = 0; copy.surface && use < format::kSurfaceUses; ++use) {
-      is_textured = is_textured || copy.surface->textures[use].texture != kNone;
-      copy.surface->textures[use].texture = kNone;
+    bool is_changed = false;
+    const auto remove = [&](uint32_t& texture) {
+      is_changed = is_changed || texture != kNone;
+      texture = kNone;
+    };
+    if (!has_uv) {
+      remove(copy.texture);
+      copy.transform = {};
     }
-    if (!is_textured) return number;
-    const auto [found, is_new] = untextured_.try_emplace(number, 0);
+    for (uint32_t use = 0; copy.surface && use < format::kSurfaceUses; ++use)
+      if (!has_uv || (copy.surface->second_uv >> use & 1u) != 0) remove(copy.surface->textures[use].texture);
+    if (!is_changed) return number;
+    const auto [found, is_new] = untextured_.try_emplace({number, has_uv}, 0);
     if (is_new) found->second = writer_.add_material(std::move(copy));
     return found->second;
   }
@@ -90,7 +94,7 @@ class Materials {
   const format::Container& file_;
   std::map<uint32_t, uint32_t> surface_of_;  // of materials that have one
   GltfWriter& writer_;
-  std::map<uint32_t, uint32_t> untextured_;
+  std::map<std::pair<uint32_t, bool>, uint32_t> untextured_;  // by number and whether it keeps the first set
 };
 
 /// An indexed JPEG as a file again, with the same coefficients.
@@ -237,7 +241,8 @@ std::vector<uint32_t> add_meshes(const format::Container& file, GltfWriter& writ
     mesh.name = file.string(groups[group].name);
     for (; last < primitives.size() && file.meshes()[primitives[last].mesh].group == group; ++last) {
       ExportedPrimitive& exported = primitives[last];
-      exported.primitive.material = materials.of(file.meshes()[exported.mesh].material, exported.has_uv);
+      exported.primitive.material =
+          materials.of(file.meshes()[exported.mesh].material, exported.has_uv, exported.has_second_uv);
       mesh.primitives.push_back(std::move(exported.primitive));
     }
     numbers[group] = writer.add_mesh(std::move(mesh));

@@ -25,7 +25,17 @@ constexpr uint64_t kBatchBytes = uint64_t{16} << 20;
 // The vertex counts up to which 16-bit indices fit: glTF keeps the largest index for primitive restart.
 constexpr uint64_t kMaxShortVertices = 65535;
 
-enum Stream : size_t { kPositions, kNormals, kUvs, kColors, kShortIndices, kIndices, kStreamCount };
+enum Stream : size_t {
+  kPositions,
+  kNormals,
+  kTangents,
+  kUvs,
+  kSecondUvs,
+  kColors,
+  kShortIndices,
+  kIndices,
+  kStreamCount
+};
 
 struct StreamFormat {
   const char* attribute;
@@ -38,7 +48,9 @@ struct StreamFormat {
 constexpr StreamFormat kStreams[kStreamCount] = {
     {"POSITION", 12, GltfComponent::kFloat32, GltfType::kVec3, false},
     {"NORMAL", 12, GltfComponent::kFloat32, GltfType::kVec3, false},
+    {"TANGENT", 16, GltfComponent::kFloat32, GltfType::kVec4, false},
     {"TEXCOORD_0", 8, GltfComponent::kFloat32, GltfType::kVec2, false},
+    {"TEXCOORD_1", 8, GltfComponent::kFloat32, GltfType::kVec2, false},
     {"COLOR_0", 4, GltfComponent::kUint8, GltfType::kVec4, true},
     {nullptr, 2, GltfComponent::kUint16, GltfType::kScalar, false},
     {nullptr, 4, GltfComponent::kUint32, GltfType::kScalar, false},
@@ -78,8 +90,12 @@ struct Part {
         return vertices;
       case kNormals:
         return attributes & format::kHasNormal ? vertices : 0;
+      case kTangents:
+        return attributes & format::kHasTangent ? vertices : 0;
       case kUvs:
         return attributes & format::kHasUv ? vertices : 0;
+      case kSecondUvs:
+        return attributes & format::kHasSecondUv ? vertices : 0;
       case kColors:
         return attributes & format::kHasColor ? vertices : 0;
       case kShortIndices:
@@ -215,8 +231,10 @@ class JobWriter {
       for (const Result<void>& done :
            {put(part, kPositions, vertex, std::as_bytes(std::span(decoded.positions))),
             put(part, kNormals, vertex, std::as_bytes(std::span(decoded.normals))),
-            put(part, kUvs, vertex, std::as_bytes(std::span(decoded.uvs))), put_colors(part, vertex, decoded),
-            put_indices(part, vertex, triangle, decoded)}) {
+            put(part, kTangents, vertex, std::as_bytes(std::span(decoded.tangents))),
+            put(part, kUvs, vertex, std::as_bytes(std::span(decoded.uvs))),
+            put(part, kSecondUvs, vertex, std::as_bytes(std::span(decoded.second_uvs))),
+            put_colors(part, vertex, decoded), put_indices(part, vertex, triangle, decoded)}) {
         if (!done) return done.error();
       }
       vertex += file_.chunks()[chunk].vertex_count;
@@ -339,6 +357,7 @@ Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container&
     ExportedPrimitive exported;
     exported.mesh = part.mesh;
     exported.has_uv = attributes & format::kHasUv;
+    exported.has_second_uv = attributes & format::kHasSecondUv;
     exported.vertices = part.vertices;
     exported.triangles = part.triangles;
     for (size_t stream = 0; stream < kStreamCount; ++stream) {

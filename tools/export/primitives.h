@@ -15,6 +15,7 @@ namespace scree::tools {
 struct ExportedPrimitive {
   uint32_t mesh = 0;
   bool has_uv = false;
+  bool has_second_uv = false;
   uint64_t vertices = 0;
   uint64_t triangles = 0;
   GltfPrimitive primitive;  // without its material

@@ -68,8 +68,10 @@ class MaterialMaker {
         image_places_(document.images.size(), kUnknown),
         texture_places_(document.textures.size(), kUnknown) {}
 
-  /// `uv_set`: the set of texture coordinates that its textures use, or kNone. The first texture decides.
-  Result<format::MaterialRecord> record(const DocMaterial& from, uint32_t& uv_set) {
+  /// The sets of texture coordinates that a material's textures use, or kNone. The first texture decides the first.
+  using UvSets = std::array<uint32_t, 2>;
+
+  Result<format::MaterialRecord> record(const DocMaterial& from, UvSets& sets) {
     format::MaterialRecord to{};
     to.texture = kNone;
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
@@ -79,7 +81,8 @@ class MaterialMaker {
     to.flags = (from.double_sided ? format::kMaterialDoubleSided : 0u) | (from.unlit ? format::kMaterialUnlit : 0u) |
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
                (from.alpha_blend ? format::kMaterialAlphaBlend : 0u);
-    auto base = placed(from.base_texture, uv_set);
+    bool is_second = false;  // never, for the first texture
+    auto base = placed(from.base_texture, sets, is_second);
     if (!base) return base.error();
     if (base->texture != kNone) {
       to.texture = base->texture;
@@ -99,8 +102,8 @@ class MaterialMaker {
 
   /// The properties of a material beyond its base colour. Nothing if it is matt or unlit, or has glTF's default
   /// metallic and roughness factors (a rough metal, but writers of such files mean matt). Runs after record() and
-  /// continues with its `uv_set`.
-  Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, uint32_t& uv_set) {
+  /// continues with its `sets`.
+  Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, UvSets& sets) {
     if (from.unlit) return std::optional<format::SurfaceRecord>();
     format::SurfaceRecord to{};
     const auto share = [](double value) { return static_cast<float>(std::clamp(value, 0.0, 1.0)); };
@@ -117,8 +120,10 @@ class MaterialMaker {
     bool is_plain = (to.metallic == 0 || to.metallic == 1) && to.roughness == 1 && to.ior == 1.5f && to.specular == 1;
     for (size_t c = 0; c < 3; ++c) is_plain = is_plain && to.emission[c] == 0 && to.specular_color[c] == 1;
     for (size_t use = 0; use < format::kSurfaceUses; ++use) {
-      auto made = placed(from.textures[use], uv_set);
+      bool is_second = false;
+      auto made = placed(from.textures[use], sets, is_second);
       if (!made) return made.error();
+      if (is_second) to.second_uv |= 1u << use;
       to.textures[use] = *made;
       is_plain = is_plain && made->texture == kNone;
     }
@@ -138,7 +143,7 @@ class MaterialMaker {
     }
     if (other_sets_ > 0)
       scene_.warnings.push_back(std::to_string(other_sets_) + (other_sets_ == 1 ? " texture uses" : " textures use") +
-                                " texture coordinates other than the material's first texture, and " +
+                                " a third set of texture coordinates of the material, and " +
                                 (other_sets_ == 1 ? "is" : "are") + " left out");
     uint64_t unused = 0;
     for (const uint32_t place : image_places_) unused += place == kUnknown ? 1 : 0;
@@ -150,19 +155,22 @@ class MaterialMaker {
  private:
   static constexpr uint32_t kUnknown = kNone - 1;  // not read yet
 
-  /// A texture as a material uses it. Its texture is kNone if there is none, if it cannot be drawn, or if it uses
-  /// another set of texture coordinates than `uv_set`.
-  Result<format::SurfaceTexture> placed(const DocTextureUse& from, uint32_t& uv_set) {
+  /// A texture as a material uses it, which may add to `sets`. Its texture is kNone if there is none, if it cannot be
+  /// drawn, or if it uses a third set of texture coordinates.
+  Result<format::SurfaceTexture> placed(const DocTextureUse& from, UvSets& sets, bool& is_second) {
     format::SurfaceTexture to{kNone, {0, 0}, {1, 1}, 0};
     if (from.texture == kAbsent) return to;
-    if (uv_set != kNone && from.uv_set != uv_set) {
+    const auto set =
+        std::find_if(sets.begin(), sets.end(), [&](uint32_t known) { return known == kNone || known == from.uv_set; });
+    if (set == sets.end()) {
       ++other_sets_;
       return to;
     }
     auto place = texture(from.texture);
     if (!place) return place.error();
     if (*place == kNone) return to;
-    uv_set = from.uv_set;
+    *set = from.uv_set;
+    is_second = set != sets.begin();
     to.texture = *place;
     for (size_t i = 0; i < 2; ++i) {
       to.uv_offset[i] = static_cast<float>(from.offset[i]);
@@ -328,7 +336,7 @@ class MaterialMaker {
   std::vector<uint32_t> image_places_;
   std::vector<uint32_t> texture_places_;
   std::vector<std::string> reasons_;
-  uint64_t other_sets_ = 0;  // textures with another set of texture coordinates
+  uint64_t other_sets_ = 0;  // textures with a third set of texture coordinates
   std::vector<std::pair<std::string, uint64_t>> dropped_;
 };
 
@@ -338,7 +346,7 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
                                     bool keep_going, SourceScene& scene) {
   MaterialPlan plan;
   plan.place.assign(document.materials.size(), kNone);
-  plan.uv_set.assign(document.materials.size(), kNone);
+  plan.uv_sets.assign(document.materials.size(), {kNone, kNone});
   MaterialMaker maker(document, buffers, keep_going, scene);
   uint64_t unused = 0;
   for (size_t i = 0; i < document.materials.size(); ++i) {
@@ -346,9 +354,9 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
       ++unused;
       continue;
     }
-    auto record = maker.record(document.materials[i], plan.uv_set[i]);
+    auto record = maker.record(document.materials[i], plan.uv_sets[i]);
     if (!record) return at("material " + std::to_string(i), record.error());
-    auto surface = maker.surface(document.materials[i], plan.uv_set[i]);
+    auto surface = maker.surface(document.materials[i], plan.uv_sets[i]);
     if (!surface) return at("material " + std::to_string(i), surface.error());
     plan.place[i] = static_cast<uint32_t>(scene.materials.size());
     scene.materials.push_back({document.materials[i].name, *record, *surface});

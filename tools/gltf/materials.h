@@ -1,6 +1,7 @@
 // Materials, textures and images that the kept primitives use.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -14,8 +15,8 @@ namespace scree::convert {
 
 /// Materials by document number.
 struct MaterialPlan {
-  std::vector<uint32_t> place;   // index in SourceScene::materials, or format::kNone
-  std::vector<uint32_t> uv_set;  // set of texture coordinates that its textures use, or format::kNone
+  std::vector<uint32_t> place;                   // index in SourceScene::materials, or format::kNone
+  std::vector<std::array<uint32_t, 2>> uv_sets;  // sets of texture coordinates that its textures use, or format::kNone
 };
 
 /// Adds the materials marked in `used` (by document number), in the document's order, with their textures and images,

@@ -358,28 +358,47 @@ class Importer {
     uint64_t without_uv = 0;
     for (Primitive& to : scene_.primitives) {
       const DocPrimitive& from = document_.meshes[to.mesh].primitives[to.place];
-      std::string uv_name;
+      std::array<std::string, 2> uv_names;
       if (from.material != kAbsent) {
         const size_t material = static_cast<size_t>(from.material);
         to.material = materials->place[material];
-        if (materials->uv_set[material] != kNone) uv_name = "TEXCOORD_" + std::to_string(materials->uv_set[material]);
+        for (size_t i = 0; i < uv_names.size(); ++i)
+          if (const uint32_t set = materials->uv_sets[material][i]; set != kNone)
+            uv_names[i] = "TEXCOORD_" + std::to_string(set);
       }
-      if (const int32_t index = uv_name.empty() ? kAbsent : find(from.attributes, uv_name); index != kAbsent) {
-        auto accessor = attribute(uv_name, index, to.positions.count);
-        if (!accessor)
-          return at("mesh " + std::to_string(to.mesh) + " primitive " + std::to_string(to.place), accessor.error());
-        to.uv = std::move(accessor).value();
-      } else if (!uv_name.empty()) {
-        ++without_uv;
-      }
-      if (auto packed = take_draco(from, uv_name, to); !packed)
-        return at("mesh " + std::to_string(to.mesh) + " primitive " + std::to_string(to.place), packed.error());
+      const auto place = [&] { return "mesh " + std::to_string(to.mesh) + " primitive " + std::to_string(to.place); };
+      // Returns whether the primitive has the attribute.
+      const auto read = [&](const std::string& name, std::optional<Accessor>& slot) -> Result<bool> {
+        const int32_t index = name.empty() ? kAbsent : find(from.attributes, name);
+        if (index == kAbsent) return false;
+        auto accessor = attribute(name, index, to.positions.count);
+        if (!accessor) return at(place(), accessor.error());
+        slot = std::move(accessor).value();
+        return true;
+      };
+      const auto has_uv = read(uv_names[0], to.uv);
+      if (!has_uv) return has_uv.error();
+      SurfaceAttributes surface;
+      const auto has_second = *has_uv ? read(uv_names[1], surface.second_uv) : Result<bool>(false);
+      if (!has_second) return has_second.error();
+      if ((!*has_uv && !uv_names[0].empty()) || (!*has_second && !uv_names[1].empty())) ++without_uv;
+      if (*has_uv && to.normal && has_normal_map(to))
+        if (const auto has_tangent = read("TANGENT", surface.tangent); !has_tangent) return has_tangent.error();
+      if (auto packed = take_draco(from, uv_names, to, surface); !packed) return at(place(), packed.error());
+      if (surface.second_uv || surface.tangent)
+        to.surface = std::make_shared<const SurfaceAttributes>(std::move(surface));
     }
     if (without_uv > 0) {
       scene_.warnings.push_back(counted(without_uv, "primitive has", "primitives have") +
                                 " a textured material but not its texture coordinates");
     }
     return {};
+  }
+
+  bool has_normal_map(const Primitive& primitive) const {
+    if (primitive.material == kNone) return false;
+    const auto& surface = scene_.materials[primitive.material].surface;
+    return surface && surface->textures[static_cast<size_t>(format::SurfaceUse::kNormalMap)].texture != format::kNone;
   }
 
   static int32_t find(const std::vector<DocAttribute>& attributes, const std::string& name) {
@@ -393,9 +412,9 @@ class Importer {
   void count_left_out() {
     for (const Primitive& primitive : scene_.primitives) {
       left_out_.keep(primitive.positions);
-      for (const auto* accessor : {&primitive.indices, &primitive.uv, &primitive.color}) {
-        if (*accessor) left_out_.keep(**accessor);
-      }
+      if (primitive.indices) left_out_.keep(*primitive.indices);
+      if (primitive.tangent() != nullptr) left_out_.keep(*primitive.tangent());
+      visit_attributes(primitive, false, [&](const Accessor& accessor) { left_out_.keep(accessor); });
     }
     for (const Primitive& primitive : scene_.primitives) {
       const DocPrimitive& from = document_.meshes[primitive.mesh].primitives[primitive.place];
@@ -415,7 +434,8 @@ class Importer {
 
   // Accessors without data of their own take those of the primitive's Draco stream. An accessor with a plain copy is
   // read from the copy: it is exact, and the stream has the vertices in another order.
-  Result<void> take_draco(const DocPrimitive& from, const std::string& uv_name, Primitive& to) {
+  Result<void> take_draco(const DocPrimitive& from, const std::array<std::string, 2>& uv_names, Primitive& to,
+                          SurfaceAttributes& surface) {
     std::vector<std::pair<const char*, Accessor*>> empty;
     const auto add = [&](const char* name, Accessor& accessor) {
       if (accessor.source == nullptr && !accessor.sparse) empty.emplace_back(name, &accessor);
@@ -423,7 +443,9 @@ class Importer {
     add("POSITION", to.positions);
     if (to.color) add("COLOR_0", *to.color);
     if (to.normal) add("NORMAL", *to.normal);
-    if (to.uv) add(uv_name.c_str(), *to.uv);
+    if (to.uv) add(uv_names[0].c_str(), *to.uv);
+    if (surface.second_uv) add(uv_names[1].c_str(), *surface.second_uv);
+    if (surface.tangent) add("TANGENT", *surface.tangent);
     const bool has_corners = !to.indices || to.indices->source != nullptr || to.indices->sparse;
     const bool is_packed = from.draco != kAbsent && !empty.empty() && empty[0].second == &to.positions;
     if (!is_packed) {
@@ -497,6 +519,10 @@ class Importer {
       right = components == 3 && (is_float || (is_signed && accessor->normalized));
       plain = is_float;
       expected = "VEC3 of float or normalised byte or short";
+    } else if (name == "TANGENT") {
+      right = components == 4 && (is_float || (is_signed && accessor->normalized));
+      plain = is_float;
+      expected = "VEC4 of float or normalised byte or short";
     } else if (name == "COLOR_0") {
       right = (components == 3 || components == 4) && (is_float || (!is_signed && (is_byte || is_short)));
       expected = "VEC3 or VEC4 of float or normalised unsigned byte or short";

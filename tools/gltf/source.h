@@ -81,6 +81,12 @@ struct SourceNumbers {
   uint32_t first_vertex = 0;
 };
 
+/// Attributes that few primitives have.
+struct SurfaceAttributes {
+  std::optional<Accessor> second_uv;  // if a texture of the material uses another set than Primitive::uv
+  std::optional<Accessor> tangent;    // if the material has a normal map, and the primitive normals
+};
+
 /// A primitive that is kept: triangles, strips or fans.
 struct Primitive {
   uint32_t group = 0;  // index in SourceScene::groups of its glTF mesh
@@ -89,16 +95,29 @@ struct Primitive {
   PrimitiveMode mode = PrimitiveMode::kTriangles;
   std::optional<Accessor> indices;  // 8, 16 or 32 bits, scalar
   Accessor positions;
-  std::optional<Accessor> uv;     // the set that its material's textures use; only if a texture needs it
+  std::optional<Accessor> uv;     // the set that its material's first texture uses; only if a texture needs it
   std::optional<Accessor> color;  // COLOR_0, 3 or 4 components
   std::optional<Accessor> normal;
+  std::shared_ptr<const SurfaceAttributes> surface;  // null: none
   uint32_t material = format::kNone;
   std::shared_ptr<const SourceNumbers> numbers;  // of a sorted copy; null otherwise, and numbers then count from 0
   std::optional<Box> stated_box;  // of many positions used by no other primitive; stated by the document, unchecked
 
   uint64_t vertex_count() const { return positions.count; }
   uint64_t triangle_count() const;  // includes degenerate triangles of strips
+  const Accessor* second_uv() const { return surface && surface->second_uv ? &*surface->second_uv : nullptr; }
+  const Accessor* tangent() const { return surface && surface->tangent ? &*surface->tangent : nullptr; }
 };
+
+/// Calls `take(accessor)` for every vertex attribute beside the positions. `directions`: normals and tangents too.
+template <class Take>
+void visit_attributes(const Primitive& primitive, bool directions, const Take& take) {
+  if (primitive.uv) take(*primitive.uv);
+  if (primitive.color) take(*primitive.color);
+  if (primitive.second_uv() != nullptr) take(*primitive.second_uv());
+  if (directions && primitive.normal) take(*primitive.normal);
+  if (directions && primitive.tangent() != nullptr) take(*primitive.tangent());
+}
 
 /// Reads the vertex numbers of triangles [first, first + count) of a primitive, 3 per triangle, counter-clockwise
 /// (every other strip triangle is turned). Errors kFile, kRange: an index of vertex_count or more, named with its place
@@ -202,8 +221,8 @@ struct SourceSceneRoots {
 };
 
 /// Something in the document that the import leaves out. Attributes are named as in glTF ("TANGENT", "TEXCOORD_1").
-/// "NORMAL" is among them although Primitive::normal offers it: a caller that stores normals removes that entry. Each
-/// accessor's bytes count once.
+/// "NORMAL" is among them although Primitive::normal offers it: a caller that stores normals removes that entry. Not
+/// so tangents that a primitive offers. Each accessor's bytes count once.
 struct LeftOut {
   std::string what;
   uint64_t count = 0;

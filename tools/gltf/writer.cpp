@@ -306,7 +306,8 @@ void write_material(JsonWriter& json, const GltfMaterial& material) {
   const auto write_use = [&](const char* key, format::SurfaceUse which, const char* name = nullptr, float value = 1) {
     if (surface == nullptr) return;
     const format::SurfaceTexture& use = surface->textures[static_cast<size_t>(which)];
-    write_texture_use(json, key, use.texture, material.tex_coord, transform_of(use), name, value);
+    const uint32_t set = material.tex_coord + (surface->second_uv >> static_cast<uint32_t>(which) & 1u);
+    write_texture_use(json, key, use.texture, set, transform_of(use), name, value);
   };
   write_name(json, material.name);
   json.key("pbrMetallicRoughness");

@@ -101,7 +101,7 @@ struct GltfMaterial {
   std::string name;
   double base_color[4] = {1, 1, 1, 1};  // linear
   uint32_t texture = format::kNone;
-  uint32_t tex_coord = 0;  // TEXCOORD_n of `texture`
+  uint32_t tex_coord = 0;  // TEXCOORD_n of its textures; those of SurfaceRecord::second_uv have the next
   GltfTextureTransform transform;
   GltfAlpha alpha = GltfAlpha::kOpaque;
   double alpha_cutoff = 0.5;

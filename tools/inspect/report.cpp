@@ -120,8 +120,8 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
   stream(kClusterData, is_mixed ? 0 : source.indices + source.positions);
   stream(kClusterBounds, 0);
   stream(kClusterRecords, 0);
-  const uint64_t attribute_reference =
-      stats.reference_bytes[kUvs] + stats.reference_bytes[kColors] + stats.reference_bytes[kNormals];
+  uint64_t attribute_reference = 0;
+  for (const Stream attribute : kAttributes) attribute_reference += stats.reference_bytes[attribute];
   if (attribute_reference != 0) row("attributes", stats.attribute_bytes(), source.attributes, attribute_reference);
   stream(kSourceIds, 0);
   if (!file.images().empty()) row("textures", stats.images.stored, 0, 0);
@@ -273,7 +273,8 @@ void add_clusters(const Stats& stats, std::string& text) {
   if (stats.has_split) text += "; an axis is predicted in " + percent(clusters.predicted, clusters.clusters);
   text += "\n";
   const auto& bytes = clusters.bytes;
-  const uint64_t attributes = bytes[kUvs] + bytes[kColors] + bytes[kNormals] + bytes[kSourceIds];
+  uint64_t attributes = bytes[kSourceIds];
+  for (const Stream attribute : kAttributes) attributes += bytes[attribute];
   const uint64_t data = bytes[kIndices] + bytes[kPositions] + bytes[kClusterData];
   const uint64_t geometry = bytes[kClusterBounds] + bytes[kClusterRecords] + data;
   TextTable table;
@@ -318,15 +319,17 @@ void add_attributes(const Stats& stats, std::string& text) {
   table.row({"", "meshes", "vertices", "bytes", "share", "bits/vertex", "bits/tri " + note('a'),
              "of float32 " + note('c'), "max error"});
   bool any = false;
-  for (const Stream stream : {kUvs, kColors, kNormals, kSourceIds}) {
+  for (const Stream stream : {kUvs, kSecondUvs, kColors, kNormals, kTangents, kSourceIds}) {
     if (stats.stream_meshes[stream] == 0) continue;
     any = true;
     const uint64_t bytes = stats.streams[stream].stored, elements = stats.stream_elements[stream];
     const bool is_per_vertex = stream != kSourceIds;
-    const std::string error = stream == kUvs       ? short_number(stats.max_uv_error)
-                              : stream == kColors  ? "1/510"
-                              : stream == kNormals ? std::to_string(stats.min_normal_bits) + " bits an axis"
-                                                   : "0";
+    const bool is_uv = stream == kUvs || stream == kSecondUvs;
+    const std::string error = is_uv                 ? short_number(stats.max_uv_error)
+                              : stream == kColors   ? "1/510"
+                              : stream == kNormals  ? std::to_string(stats.min_normal_bits) + " bits an axis"
+                              : stream == kTangents ? std::to_string(stats.min_tangent_bits) + " bits"
+                                                    : "0";
     table.row({stream_title(stream), grouped(stats.stream_meshes[stream]), is_per_vertex ? grouped(elements) : "-",
                human_bytes(bytes), percent(bytes, stats.file_bytes), is_per_vertex ? bits_each(bytes, elements) : "-",
                bits_each(bytes, stats.triangles), percent(bytes, stats.reference_bytes[stream]), error});

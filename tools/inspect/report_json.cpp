@@ -201,8 +201,9 @@ void chunks_member(JsonWriter& json, const format::Container& file, const Stats&
       json.member("index_bytes", clusters.bytes[kIndices]);
       json.member("position_bytes", clusters.bytes[kPositions]);
     }
-    json.member("attribute_bytes",
-                clusters.bytes[kUvs] + clusters.bytes[kColors] + clusters.bytes[kNormals] + clusters.bytes[kSourceIds]);
+    uint64_t attributes = clusters.bytes[kSourceIds];
+    for (const Stream attribute : kAttributes) attributes += clusters.bytes[attribute];
+    json.member("attribute_bytes", attributes);
   });
   json.line();
 
@@ -228,13 +229,14 @@ void attributes_member(JsonWriter& json, const format::Container& file, const St
     json.member("bytes", stats.attribute_bytes());
     if (source.attributes != 0) json.member("source_bytes", source.attributes);
     ratio(json, "source_ratio", stats.attribute_bytes(), source.attributes);
-    for (const Stream stream : {kUvs, kColors, kNormals, kSourceIds}) {
+    for (const Stream stream : {kUvs, kSecondUvs, kColors, kNormals, kTangents, kSourceIds}) {
       json.object(stream_key(stream), [&] {
         json.member("meshes", stats.stream_meshes[stream]);
         json.member(stream == kSourceIds ? "triangles" : "vertices", stats.stream_elements[stream]);
         json.member("bytes", stats.streams[stream].stored);
-        if (stream == kUvs) json.member("max_error", stats.max_uv_error);
+        if (stream == kUvs || stream == kSecondUvs) json.member("max_error", stats.max_uv_error);
         if (stream == kNormals) json.member("min_bits", stats.min_normal_bits);
+        if (stream == kTangents) json.member("min_bits", stats.min_tangent_bits);
       });
     }
   });
@@ -363,6 +365,10 @@ void chunk_rows_member(JsonWriter& json, const format::Container& file, std::str
       json.array("uv_bits", chunk.uv_bits, [&](const uint8_t bits) { json.value(uint32_t{bits}); });
     }
     if (attributes & format::kHasNormal) json.member("normal_bits", uint32_t{chunk.normal_bits});
+    if (attributes & format::kHasSecondUv) {
+      json.array("second_uv_bits", chunk.second_uv_bits, [&](const uint8_t bits) { json.value(uint32_t{bits}); });
+    }
+    if (attributes & format::kHasTangent) json.member("tangent_bits", uint32_t{chunk.tangent_bits});
     if (attributes & format::kHasSourceIds) json.member("source_bits", uint32_t{chunk.source_bits});
     json.end_object();
     if (text.size() > kDrainBytes) {

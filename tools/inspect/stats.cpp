@@ -83,6 +83,8 @@ class StreamBytes {
     bytes[kColors] = streams.colors.bytes;
     bytes[kNormals] = streams.normals.bytes;
     bytes[kSourceIds] = streams.source_ids.bytes;
+    bytes[kSecondUvs] = streams.second_uvs.bytes;
+    bytes[kTangents] = streams.tangents.bytes;
     if (chunk.encoding != format::ChunkEncoding::kClustered) return bytes;
     bytes[kClusterBounds] = streams.group_bounds.bytes + streams.cluster_bounds.bytes;
     bytes[kClusterRecords] = streams.clusters.bytes;
@@ -224,6 +226,10 @@ void count_geometry(const format::Container& file, std::vector<PageShares>& page
         (stats.min_normal_bits == 0 || chunk.normal_bits < stats.min_normal_bits)) {
       stats.min_normal_bits = chunk.normal_bits;
     }
+    if ((mesh.attributes & format::kHasTangent) &&
+        (stats.min_tangent_bits == 0 || chunk.tangent_bits < stats.min_tangent_bits)) {
+      stats.min_tangent_bits = chunk.tangent_bits;
+    }
   }
   stats.chunk_triangles = spread_of(triangles);
   stats.chunk_vertices = spread_of(vertices);
@@ -283,6 +289,8 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
     }
     if (mesh.attributes & format::kHasColor) add(kColors, mesh.vertex_count, 16 * reference);
     if (mesh.attributes & format::kHasNormal) add(kNormals, mesh.vertex_count, 12 * reference);
+    if (mesh.attributes & format::kHasSecondUv) add(kSecondUvs, mesh.vertex_count, 8 * reference);
+    if (mesh.attributes & format::kHasTangent) add(kTangents, mesh.vertex_count, 16 * reference);
     if (mesh.attributes & format::kHasSourceIds) add(kSourceIds, mesh.triangle_count, 0);
 
     const bool is_float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
@@ -401,16 +409,24 @@ uint64_t image_bytes(const format::Container& file, uint32_t image) {
 }
 
 const char* stream_key(Stream stream) {
-  static constexpr const char* kKeys[kStreamCount] = {"indices",         "positions",  "cluster_bounds",
-                                                      "cluster_records", "uvs",        "colors",
-                                                      "normals",         "source_ids", "cluster_data"};
+  static constexpr const char* kKeys[kStreamCount] = {"indices",    "positions", "cluster_bounds", "cluster_records",
+                                                      "uvs",        "colors",    "normals",        "source_ids",
+                                                      "second_uvs", "tangents",  "cluster_data"};
   return kKeys[stream];
 }
 
 const char* stream_title(Stream stream) {
-  static constexpr const char* kTitles[kStreamCount] = {
-      "indices",        "positions", "cluster bounds", "cluster records",           "texture coordinates",
-      "vertex colours", "normals",   "source numbers", "cluster indices, positions"};
+  static constexpr const char* kTitles[kStreamCount] = {"indices",
+                                                        "positions",
+                                                        "cluster bounds",
+                                                        "cluster records",
+                                                        "texture coordinates",
+                                                        "vertex colours",
+                                                        "normals",
+                                                        "source numbers",
+                                                        "second texture coordinates",
+                                                        "tangents",
+                                                        "cluster indices, positions"};
   return kTitles[stream];
 }
 
@@ -421,7 +437,9 @@ uint64_t Stats::geometry_bytes() const {
 }
 
 uint64_t Stats::attribute_bytes() const {
-  return streams[kUvs].stored + streams[kColors].stored + streams[kNormals].stored;
+  uint64_t sum = 0;
+  for (const Stream attribute : kAttributes) sum += streams[attribute].stored;
+  return sum;
 }
 
 uint64_t Stats::container_bytes() const {

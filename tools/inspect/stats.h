@@ -27,9 +27,14 @@ enum Stream : size_t {
   kColors,
   kNormals,
   kSourceIds,
+  kSecondUvs,
+  kTangents,
   kClusterData,
   kStreamCount
 };
+
+/// Streams of what vertices have beside positions.
+inline constexpr Stream kAttributes[] = {kUvs, kSecondUvs, kColors, kNormals, kTangents};
 
 /// Stable names, for --json ("indices", "positions", "uvs", ...) and for people ("texture coordinates", ...).
 const char* stream_key(Stream stream);
@@ -130,6 +135,7 @@ struct Stats {
   double max_position_error = 0;                         // model units
   double max_uv_error = 0;
   uint32_t min_normal_bits = 0;
+  uint32_t min_tangent_bits = 0;
   uint64_t float32_meshes = 0;
 
   std::vector<SceneExtent> extents;  // by scene
@@ -150,7 +156,7 @@ struct Stats {
   Cost mask_pages;
 
   uint64_t geometry_bytes() const;   // all streams, stored
-  uint64_t attribute_bytes() const;  // uvs, colours, normals, stored
+  uint64_t attribute_bytes() const;  // kAttributes, stored
   uint64_t container_bytes() const;  // all but streams and images
 };
 

@@ -162,13 +162,46 @@ TEST_CASE("container: versions", "[container]") {
   }
   SECTION("a newer major is refused, before anything else is looked at") {
     RawFile raw(file);
-    raw.version_major = kVersionMajor + 1;
+    raw.version_major = kSecondMajor + 1;
     Bytes newer = raw.build();
     newer[60] ^= std::byte{1};
     const auto error = verify_copy(newer);
     REQUIRE(error);
     CHECK(error->code == ErrorCode::kVersion);
-    CHECK(error->message == "the file has version 2.0, but this program reads version 1");
+    CHECK(error->message == "the file has version 3.0, but this program reads versions 1 and 2");
+  }
+  SECTION("second texture coordinates and tangents need the second major") {
+    const auto errors = [&](uint16_t major) {
+      std::vector<std::string> found;
+      Parts parts = full_parts();
+      SurfaceRecord surface{};
+      surface.roughness = surface.specular = 1;
+      surface.ior = 1.5f;
+      surface.second_uv = 1;
+      for (SurfaceTexture& use : surface.textures) use = {kNone, {0, 0}, {1, 1}, 0};
+      const auto add = [&](const Bytes& bytes) {
+        RawFile raw(bytes);
+        raw.version_major = major;
+        raw.version_minor = 0;
+        const auto error = verify_copy(raw.build());
+        found.push_back(error ? error->message : "");
+      };
+      for (const uint32_t attributes : {16u, 32u}) {
+        Bytes changed =
+            patched<MeshRecord>(file, TableKind::kMeshes, 0, [&](MeshRecord& mesh) { mesh.attributes |= attributes; });
+        add(changed);
+      }
+      parts.tables.surfaces = {surface};
+      add(file_of(parts));
+      return found;
+    };
+    const std::vector<std::string> first = errors(kVersionMajor), second = errors(kSecondMajor);
+    CHECK(first == std::vector<std::string>{"mesh 0: attributes 31", "mesh 0: attributes 47",
+                                            "surface 0: second uv of textures 1"});
+    REQUIRE(second.size() == 3);
+    CHECK(second[0].starts_with("chunk 0: "));  // whose bytes lack the stream
+    CHECK(second[1].starts_with("chunk 0: 0 tangent bits, expected 3 to 16"));
+    CHECK(second[2].empty());
   }
   SECTION("a newer minor may have longer records, unknown tables and unknown pages") {
     RawFile raw(file);

@@ -19,7 +19,7 @@ TEST_CASE("container rules: header", "[container]") {
   const Breaker b(tiny_parts());
   using H = FileHeader;
   b.header([](H& h) { h.magic[0] = 'S'; }, "not a scree file", ErrorCode::kFormat);
-  b.header([](H& h) { h.version_major = 0; }, "the file has version 0.0, but this program reads version 1",
+  b.header([](H& h) { h.version_major = 0; }, "the file has version 0.0, but this program reads versions 1 and 2",
            ErrorCode::kVersion);
   b.header([](H& h) { h.file_bytes = 0; }, "header: the checksum differs", ErrorCode::kChecksum, false);
   b.header([](H& h) { h.header_bytes = 72; }, "header: 72 bytes, expected 64", ErrorCode::kRange);

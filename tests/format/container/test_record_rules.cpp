@@ -140,7 +140,11 @@ TEST_CASE("container rules: chunks", "[container]") {
       k, 1, [](C& c) { c.cluster_words = 1; }, "chunk 1: cluster fields are set, but it is indexed",
       ErrorCode::kReserved);
   b.record<C>(
-      k, 1, [](C& c) { c.reserved[2] = 1; }, "chunk 1: a reserved field is set", ErrorCode::kReserved);
+      k, 1, [](C& c) { c.second_uv_bits[1] = 1; }, "chunk 1: second uv bits are set, but the mesh has no second uv",
+      ErrorCode::kReserved);
+  b.record<C>(
+      k, 1, [](C& c) { c.tangent_bits = 3; }, "chunk 1: tangent bits are set, but the mesh has no tangents",
+      ErrorCode::kReserved);
   b.record<C>(
       k, 1, [](C& c) { c.first_triangle = 0; }, "chunk 1: first triangle 0, but the chunks before have 100");
   b.record<C>(
@@ -614,7 +618,7 @@ TEST_CASE("container rules: surfaces and lights", "[container]") {
   b.record<S>(
       s, 1, [](S& r) { r.material = 0; }, "surface 1: material 0, expected 1 or more");
   b.record<S>(
-      s, 0, [](S& r) { r.reserved = 1; }, "surface 0: a reserved field is set", ErrorCode::kReserved);
+      s, 0, [](S& r) { r.second_uv = 1; }, "surface 0: second uv of textures 1", ErrorCode::kReserved);
   b.record<S>(
       s, 0, [](S& r) { r.specular_color[2] = kInfinity; }, "surface 0: a factor that is not finite");
   b.record<S>(

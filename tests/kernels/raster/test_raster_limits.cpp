@@ -339,8 +339,8 @@ TEST_CASE("raster: a triangle of an id, with empty meshes and chunks between", "
   Encoding encoding;
   encoding.chunk_triangles = 7;
   const uint32_t some = builder.mesh(grid(4, 0.1), encoding);  // 32 triangles, 5 chunks
-  const uint32_t none = builder.mesh(Soup{{0, 0, 0}, {}, {}, {}, {}}, encoding);
-  const uint32_t one = builder.mesh(Soup{{0, 0, 0, 1, 0, 0, 0, 1, 0}, {0, 1, 2}, {}, {}, {}}, encoding);
+  const uint32_t none = builder.mesh(Soup{{0, 0, 0}, {}, {}, {}, {}, {}, {}}, encoding);
+  const uint32_t one = builder.mesh(Soup{{0, 0, 0, 1, 0, 0, 0, 1, 0}, {0, 1, 2}, {}, {}, {}, {}, {}}, encoding);
   const uint32_t identity = builder.identity();
   for (uint32_t mesh : {none, some, none, none, one, some, none}) builder.instance(mesh, identity);
   const SceneView scene = builder.view();

@@ -286,6 +286,73 @@ TEST_CASE("surface: a normal map's red points along u, its green against v", "[s
   }
 }
 
+TEST_CASE("surface: a texture of the second coordinates is read at them", "[surface]") {
+  // Black on the left and white on the right; the first coordinates lie all on the left, the second on the right.
+  const std::array<uint8_t, 8> texels{0, 0, 0, 255, 255, 255, 255, 255};
+  for (const View& view : cameras()) {
+    for (const uint32_t exact_scale : {1u, 1u << 17}) {  // the second in double: the triangle spans many texels
+      Soup soup = square(0.125, 0, 0.375, 1);
+      soup.second_uvs = square(0.625, 0, 0.875, 1).uvs;
+      const auto emitted = [&](uint32_t second_uv, bool has_second) {
+        Soup made = soup;
+        if (!has_second) made.second_uvs.clear();
+        LitSquare scene(made);
+        TextureView texture{};
+        texture.width = 2;
+        texture.height = texture.level_count = 1;
+        texture.texels = texels.data();
+        texture.wrap_s = texture.wrap_t = format::Wrap::kRepeat;
+        scene.builder.textures.push_back(texture);
+        format::SurfaceTexture& use = scene.surface.textures[static_cast<size_t>(format::SurfaceUse::kEmission)];
+        use.texture = 0;
+        use.uv_scale[1] = static_cast<float>(exact_scale);
+        std::fill_n(scene.surface.emission, 3, 0.5f);
+        scene.surface.second_uv = second_uv;
+        return scene.middle(view, lit_by(Lighting::kScene))[0];
+      };
+      constexpr uint32_t kBit = 1u << static_cast<uint32_t>(format::SurfaceUse::kEmission);
+      CHECK(emitted(0, true) == Approx(0).margin(1e-3));
+      CHECK(emitted(kBit, true) == Approx(0.5));
+      CHECK(emitted(kBit, false) == Approx(0.5));  // a mesh without them is drawn without the texture
+    }
+  }
+}
+
+TEST_CASE("surface: a mesh's own tangents turn its normal map", "[surface]") {
+  constexpr double kDegree = kPiWide / 180;
+  for (const View& view : cameras()) {
+    for (const bool is_mirrored : {false, true}) {  // the instance
+      for (const float sign : {1.0f, -1.0f}) {      // of the bitangent
+        for (const double degrees : {0.0, 35.0, 140.0, 250.0}) {
+          const double c = std::cos(degrees * kDegree), s = std::sin(degrees * kDegree);
+          Soup soup = square(0, 0, 1, 1);
+          for (int i = 0; i < 4; ++i) {
+            soup.normals.insert(soup.normals.end(), {0, 0, 1});
+            soup.tangents.insert(soup.tangents.end(), {static_cast<float>(c), static_cast<float>(s), 0, sign});
+          }
+          const auto lit = [&](const std::array<uint8_t, 4>& normal, double x, double y) {
+            LitSquare scene(soup);
+            const double along = is_mirrored ? -1 : 1;
+            scene.builder.instances[0].matrix = scene.builder.matrix({along, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0});
+            scene.surface.specular = 0;
+            scene.builder.materials[0].flags |= format::kMaterialDoubleSided;
+            scene.lights = {sun(static_cast<float>(along * x), static_cast<float>(y), 1, 1)};
+            scene.set_texture(format::SurfaceUse::kNormalMap, normal);
+            return scene.middle(view, lit_by(Lighting::kScene))[0];
+          };
+          CAPTURE(is_mirrored, sign, degrees);
+          const std::array<uint8_t, 4> right{218, 128, 218, 255}, up{128, 218, 218, 255};
+          // Red points along the tangent, green along cross(normal, tangent) times the sign.
+          CHECK(lit(right, c, s) == Approx(1 / kPiWide).epsilon(0.01));
+          CHECK(lit(right, -c, -s) == Approx(0).margin(0.01));
+          CHECK(lit(up, -s * sign, c * sign) == Approx(1 / kPiWide).epsilon(0.01));
+          CHECK(lit(up, s * sign, -c * sign) == Approx(0).margin(0.01));
+        }
+      }
+    }
+  }
+}
+
 TEST_CASE("surface: lights of a scene fall off as KHR_lights_punctual says", "[surface]") {
   for (const View& view : cameras()) {
     LitSquare scene;

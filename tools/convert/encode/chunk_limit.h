@@ -30,20 +30,21 @@ class ChunkLimit {
     if (most_triangles_ == 0) return true;
     if (triangles > most_triangles_) return false;
     const uint64_t index_bits = static_cast<uint64_t>(std::bit_width(vertices - 1));
-    return triangles * (3 * index_bits + triangle_bits_) + vertices * vertex_bits_ <= kBudgetBits;
+    return triangles * (3 * index_bits + triangle_bits_) + vertices * vertex_bits_ <= budget_bits_;
   }
 
   /// The same for a chunk of clusters with that many words of data.
   bool clusters_fit(uint64_t triangles, uint64_t vertices, uint64_t clusters, uint64_t words) const;
 
  private:
-  // The rest of a page always holds six streams' slack and rounding up to 16 bytes.
+  // The rest of a page always holds the slack of six streams and rounding up to 16 bytes.
   static constexpr uint64_t kBudgetBits = 8 * (format::kPageTargetBytes - 6 * (format::kPackedSlackBytes + 16));
 
   uint64_t most_triangles_;
   uint64_t vertex_bits_;
   uint64_t attribute_bits_;
   uint64_t triangle_bits_;
+  uint64_t budget_bits_;
 };
 
 }  // namespace scree::convert

@@ -12,6 +12,7 @@
 #include "format/geometry/chunk_layout.h"
 #include "format/geometry/index_codec.h"
 #include "format/geometry/quantize.h"
+#include "format/geometry/tangent_codec.h"
 #include "tools/convert/encode/chunk_limit.h"
 
 namespace scree::convert {
@@ -48,6 +49,8 @@ class WindowEncoder {
     if (const Result<void> done = encode_colors(); !done) return done.error();
     if (const Result<void> done = encode_normals(); !done) return done.error();
     encode_source_ids();
+    encode_second_uvs();
+    if (const Result<void> done = encode_tangents(); !done) return done.error();
     return std::move(out_);
   }
 
@@ -209,10 +212,13 @@ class WindowEncoder {
         s_.clusters.build(s_.chunk_indices, s_.chunk_coordinates, options_.clusters, most_of_cluster());
     if (set.words.size() > format::kMaxClusterWords || set.vertices.size() >= kNone) return false;
     const std::span<const uint32_t> used = std::span<const uint32_t>(s_.chunk_order).subspan(first_vertex_.back());
-    uint32_t uv_bits = 0;  // repeated vertices do not change the range
-    if (mesh_.attributes & format::kHasUv) {
-      pick(used, std::span<const float>(s_.floats), 2, s_.chunk_floats);
-      uv_bits = format::choose_uv_range(s_.chunk_floats).stride_bits();
+    uint32_t uv_bits[2] = {0, 0};  // repeated vertices do not change the range
+    const std::pair<uint32_t, const std::vector<float>*> sets[] = {{format::kHasUv, &s_.floats},
+                                                                   {format::kHasSecondUv, &s_.second_uvs}};
+    for (size_t i = 0; i < 2; ++i) {
+      if (!(mesh_.attributes & sets[i].first)) continue;
+      pick(used, std::span<const float>(*sets[i].second), 2, s_.chunk_floats);
+      uv_bits[i] = format::choose_uv_range(s_.chunk_floats).stride_bits();
     }
     const uint64_t bytes = format::cluster_stream_bytes(set.clusters.size(), set.words.size());
     const uint64_t all_bytes = bytes + attribute_bytes(set.vertices.size(), uv_bits);
@@ -242,16 +248,18 @@ class WindowEncoder {
   }
 
   /// Bytes of the attribute streams of that many vertices.
-  uint64_t attribute_bytes(uint64_t vertices, uint32_t uv_bits) const {
-    uint64_t bytes = format::packed_bytes(vertices, uv_bits);
+  uint64_t attribute_bytes(uint64_t vertices, const uint32_t uv_bits[2]) const {
+    uint64_t bytes = format::packed_bytes(vertices, uv_bits[0]) + format::packed_bytes(vertices, uv_bits[1]);
     if (mesh_.attributes & format::kHasColor) bytes += format::color_stream_bytes(vertices);
     if (mesh_.attributes & format::kHasNormal) bytes += format::normal_stream_bytes(vertices, kNormalBits);
+    if (mesh_.attributes & format::kHasTangent) bytes += format::tangent_stream_bytes(vertices, kTangentBits);
     return bytes;
   }
 
   /// Upper bound of attribute_bytes(), to reserve room.
   uint64_t attribute_bytes_bound(uint64_t vertices) const {
-    return (vertices * attribute_bits_bound(mesh_) + 7) / 8 + 4 * (format::kPackedSlackBytes + 16);
+    return (vertices * attribute_bits_bound(mesh_) + 7) / 8 + 6 * (format::kPackedSlackBytes + 16) +
+           sizeof(format::SecondUvHeader);
   }
 
   /// Cuts the triangles into clusters and these into chunks, and encodes all but attributes and source numbers.
@@ -311,17 +319,17 @@ class WindowEncoder {
     for (const uint32_t vertex : vertices) at = std::copy_n(&values[components * size_t{vertex}], components, at);
   }
 
-  /// Reads an attribute of the window's vertices and sets values that are not finite to 0. Returns the number of
-  /// vertices with such values.
-  Result<uint64_t> read_attribute(const Accessor& accessor) {
-    if (const Result<void> read = read_vertices(accessor, s_.window.vertices(), s_.floats); !read) return read.error();
+  /// Reads an attribute of the window's vertices into `out` and sets values that are not finite to 0. Returns the
+  /// number of vertices with such values.
+  Result<uint64_t> read_attribute(const Accessor& accessor, std::vector<float>& out) {
+    if (const Result<void> read = read_vertices(accessor, s_.window.vertices(), out); !read) return read.error();
     uint64_t repaired = 0;
     const size_t components = accessor.components;
-    for (size_t i = 0; i < s_.floats.size(); i += components) {
+    for (size_t i = 0; i < out.size(); i += components) {
       bool bad = false;
       for (size_t c = 0; c < components; ++c) {
-        if (std::isfinite(s_.floats[i + c])) continue;
-        s_.floats[i + c] = 0;
+        if (std::isfinite(out[i + c])) continue;
+        out[i + c] = 0;
         bad = true;
       }
       repaired += bad ? 1 : 0;
@@ -332,9 +340,13 @@ class WindowEncoder {
   /// Called before chunks are cut, since the size of texture coordinates affects the cut.
   Result<void> read_uvs() {
     if (!(mesh_.attributes & format::kHasUv)) return {};
-    const Result<uint64_t> repaired = read_attribute(*primitive_.uv);
+    const Result<uint64_t> repaired = read_attribute(*primitive_.uv, s_.floats);
     if (!repaired) return repaired.error();
     out_.repaired_uvs = *repaired;
+    if (!(mesh_.attributes & format::kHasSecondUv)) return {};
+    const Result<uint64_t> second = read_attribute(*primitive_.second_uv(), s_.second_uvs);
+    if (!second) return second.error();
+    out_.repaired_uvs += *second;
     return {};
   }
 
@@ -353,6 +365,41 @@ class WindowEncoder {
     }
   }
 
+  void encode_second_uvs() {
+    if (!(mesh_.attributes & format::kHasSecondUv)) return;
+    for (size_t i = 0; i < out_.chunks.size(); ++i) {
+      EncodedChunk& chunk = out_.chunks[i];
+      pick(chunk_vertices(i), std::span<const float>(s_.second_uvs), 2, s_.chunk_floats);
+      const format::UvRange range = format::choose_uv_range(s_.chunk_floats);
+      format::encode_second_uvs(extend(chunk.payload, format::second_uv_stream_bytes(chunk.record.vertex_count, range)),
+                                s_.chunk_floats, range);
+      std::copy(range.bits.begin(), range.bits.end(), chunk.record.second_uv_bits);
+      out_.uv_error = std::max(out_.uv_error, stated_uv_error(range));
+    }
+  }
+
+  /// Around the normals as the file has them.
+  Result<void> encode_tangents() {
+    if (!(mesh_.attributes & format::kHasTangent)) return {};
+    if (const Result<void> read = read_vertices(*primitive_.tangent(), s_.window.vertices(), s_.floats); !read)
+      return read;
+    for (size_t i = 0; i < out_.chunks.size(); ++i) {
+      EncodedChunk& chunk = out_.chunks[i];
+      const uint64_t vertices = chunk.record.vertex_count;
+      s_.chunk_normals.resize(3 * vertices);
+      const auto normals = std::span<const std::byte>(chunk.payload)
+                               .subspan(first_normal_[i], format::normal_stream_bytes(vertices, kNormalBits));
+      if (const Result<void> decoded = format::decode_normals(s_.chunk_normals, kNormalBits, normals); !decoded)
+        return decoded;
+      pick(chunk_vertices(i), std::span<const float>(s_.floats), 4, s_.chunk_floats);
+      chunk.record.tangent_bits = kTangentBits;
+      out_.repaired_tangents +=
+          format::encode_tangents(extend(chunk.payload, format::tangent_stream_bytes(vertices, kTangentBits)),
+                                  s_.chunk_floats, s_.chunk_normals, kTangentBits);
+    }
+    return {};
+  }
+
   /// Rounded up, so that the record's float is never below the codec's bound.
   static float stated_uv_error(const format::UvRange& range) {
     const double bound =
@@ -362,7 +409,7 @@ class WindowEncoder {
 
   Result<void> encode_colors() {
     if (!(mesh_.attributes & format::kHasColor)) return {};
-    const Result<uint64_t> repaired = read_attribute(*primitive_.color);
+    const Result<uint64_t> repaired = read_attribute(*primitive_.color, s_.floats);
     if (!repaired) return repaired.error();
     out_.repaired_colors = *repaired;
     const size_t components = primitive_.color->components;
@@ -401,6 +448,7 @@ class WindowEncoder {
       EncodedChunk& chunk = out_.chunks[i];
       pick(chunk_vertices(i), std::span<const float>(s_.floats), 3, s_.chunk_floats);
       chunk.record.normal_bits = kNormalBits;
+      first_normal_.push_back(chunk.payload.size());
       format::encode_normals(extend(chunk.payload, format::normal_stream_bytes(chunk.record.vertex_count, kNormalBits)),
                              s_.chunk_floats, kNormalBits);
     }
@@ -434,6 +482,7 @@ class WindowEncoder {
   std::span<const uint32_t> chunk_order_;          // window vertices of all chunks, chunk by chunk
   std::vector<size_t> first_vertex_;               // by chunk: its first index in chunk_order_
   std::vector<uint64_t> first_triangle_;           // by chunk: its first triangle in the window
+  std::vector<size_t> first_normal_;               // by chunk with normals: the byte of the payload where they begin
   std::span<const uint32_t> order_;                // triangles of the window in cutting order; empty: unchanged
   std::span<const uint32_t> clustered_triangles_;  // triangles of the window by clusters
 };
@@ -444,15 +493,19 @@ Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScra
   Welder& welder = scratch.welder;
   const bool are_signed = mesh.float32 || mesh.chunks_as_float32;
   welder.start(window.positions(), are_signed ? Welder::Zeros::kSigned : Welder::Zeros::kUnsigned);
-  const std::pair<uint32_t, const std::optional<Accessor>*> attributes[] = {
-      {format::kHasUv, &primitive.uv}, {format::kHasColor, &primitive.color}, {format::kHasNormal, &primitive.normal}};
+  const auto of = [](const std::optional<Accessor>& accessor) { return accessor ? &*accessor : nullptr; };
+  const std::pair<uint32_t, const Accessor*> attributes[] = {{format::kHasUv, of(primitive.uv)},
+                                                             {format::kHasColor, of(primitive.color)},
+                                                             {format::kHasNormal, of(primitive.normal)},
+                                                             {format::kHasSecondUv, primitive.second_uv()},
+                                                             {format::kHasTangent, primitive.tangent()}};
   std::vector<uint32_t>& numbers = scratch.chunk_indices;  // of the candidates in the source
   for (const auto& [flag, accessor] : attributes) {
     if (!(mesh.attributes & flag) || welder.duplicates() == 0) continue;
     numbers.clear();
     for (const uint32_t place : welder.find_candidates()) numbers.push_back(window.vertices()[place]);
-    if (const Result<void> read = read_vertices(**accessor, numbers, scratch.floats); !read) return read.error();
-    welder.part(scratch.floats, (*accessor)->components);
+    if (const Result<void> read = read_vertices(*accessor, numbers, scratch.floats); !read) return read.error();
+    welder.part(scratch.floats, accessor->components);
   }
   Welded welded;
   welded.vertices = welder.duplicates();
@@ -460,7 +513,7 @@ Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScra
   window.merge(welder.firsts());
   welded.source_bytes = welded.vertices * primitive.positions.element_bytes();
   for (const auto& [flag, accessor] : attributes)
-    if (mesh.attributes & flag) welded.source_bytes += welded.vertices * (*accessor)->element_bytes();
+    if (mesh.attributes & flag) welded.source_bytes += welded.vertices * accessor->element_bytes();
   return welded;
 }
 
@@ -473,7 +526,8 @@ uint64_t cost_bits(uint64_t vertices, const MeshPlan& mesh, const std::vector<En
     const format::ChunkRecord& r = chunk.record;
     const uint64_t color = mesh.attributes & format::kHasColor ? 32 : 0;
     const uint64_t vertex = uint64_t{r.position_bits[0]} + r.position_bits[1] + r.position_bits[2] + r.uv_bits[0] +
-                            r.uv_bits[1] + 2 * uint64_t{r.normal_bits} + color;
+                            r.uv_bits[1] + 2 * uint64_t{r.normal_bits} + color + r.second_uv_bits[0] +
+                            r.second_uv_bits[1] + r.tangent_bits;
     bits += r.vertex_count * vertex;
     count += r.vertex_count;
   }

@@ -24,6 +24,8 @@ enum class Order {
 
 /// Bits per axis of stored normals. The angle between a normal and its code stays below 0.05 degrees.
 inline constexpr uint32_t kNormalBits = 12;
+/// Bits of stored tangents, the sign included: the angle around the normal is off by at most 1/512, 0.112 degrees.
+inline constexpr uint32_t kTangentBits = 12;
 
 struct EncodeOptions {
   Order order = Order::kFifo;
@@ -74,9 +76,10 @@ struct EncodedWindow {
   double position_error = 0;  // largest found, model units, per axis
   float uv_error = 0;         // largest possible, per axis
   Welded welded;
-  uint64_t repaired_uvs = 0;      // vertices whose texture coordinates were not finite and became 0
-  uint64_t repaired_colors = 0;   // the same for colours, which became 0
-  uint64_t repaired_normals = 0;  // not finite or zero; became +z
+  uint64_t repaired_uvs = 0;       // vertices whose texture coordinates were not finite and became 0
+  uint64_t repaired_colors = 0;    // the same for colours, which became 0
+  uint64_t repaired_normals = 0;   // not finite or zero; became +z
+  uint64_t repaired_tangents = 0;  // stored ones without a direction beside the normal; became any
 };
 
 /// Memory that a thread reuses from window to window.
@@ -94,8 +97,10 @@ struct EncodeScratch {
   Welder welder;
   tools::ClusterBuilder clusters;
   std::vector<uint32_t> chunk_coordinates;
-  std::vector<float> floats;        // one attribute of the window
-  std::vector<float> chunk_floats;  // one attribute of a chunk
+  std::vector<float> floats;         // one attribute of the window
+  std::vector<float> second_uvs;     // of the window
+  std::vector<float> chunk_floats;   // one attribute of a chunk
+  std::vector<float> chunk_normals;  // decoded, for its tangents
   std::vector<uint64_t> chunk_ids;
 };
 

@@ -666,6 +666,7 @@ class Converter {
     repaired_uvs_ += window.repaired_uvs;
     repaired_colors_ += window.repaired_colors;
     repaired_normals_ += window.repaired_normals;
+    repaired_tangents_ += window.repaired_tangents;
   }
 
   void add_source_record() {
@@ -683,7 +684,7 @@ class Converter {
   void list_left_out() {
     convert::add_left_out({scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, welded_,
                            options_.normals, undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite,
-                           repaired_uvs_, repaired_colors_, repaired_normals_, clear_},
+                           repaired_uvs_, repaired_colors_, repaired_normals_, repaired_tangents_, clear_},
                           tables_);
     const auto warn = [&](uint64_t count, const char* text) {
       if (count > 0) report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + text);
@@ -694,6 +695,7 @@ class Converter {
     warn(repaired_uvs_, "texture coordinates are not finite and became 0");
     warn(repaired_colors_, "vertex colours are not finite and became 0");
     warn(repaired_normals_, "normals are zero or not finite and became +z");
+    warn(repaired_tangents_, "tangents have no direction beside their normal and became any");
     if (tables_.meshes.empty()) report_.warnings.push_back(scene_.file_name + ": there is nothing to draw");
   }
 
@@ -720,7 +722,7 @@ class Converter {
       const std::string_view what = tables_.strings.bytes().data() + record.what;
       // What is stored once, or is implied, is not lost.
       if (what.starts_with("duplicate ") || what.starts_with("unused ") || what == "COLOR_0 (all white)" ||
-          what == kFaceNormals || what == kUnlitNormals)
+          what == kFaceNormals || what == kUnlitNormals || what == kDerivedTangents)
         continue;
       report_.left_out.push_back({std::string(what), record.count, record.source_bytes, 0});
     }
@@ -759,6 +761,7 @@ class Converter {
   uint64_t repaired_uvs_ = 0;
   uint64_t repaired_colors_ = 0;
   uint64_t repaired_normals_ = 0;
+  uint64_t repaired_tangents_ = 0;
 };
 
 }  // namespace

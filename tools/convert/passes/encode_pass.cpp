@@ -93,6 +93,7 @@ Result<WindowOutcome> EncodePass::place_window(EncodedWindow& window, const Enco
   outcome.repaired_uvs = window.repaired_uvs;
   outcome.repaired_colors = window.repaired_colors;
   outcome.repaired_normals = window.repaired_normals;
+  outcome.repaired_tangents = window.repaired_tangents;
   if (item.mesh != mesh_) triangle_ = 0;
   mesh_ = item.mesh;
   for (size_t i = 0; i < window.chunks.size(); ++i) {

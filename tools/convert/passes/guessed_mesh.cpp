@@ -34,6 +34,7 @@ std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const Sourc
   measured.box = *source.stated_box;
   measured.white = so_far.white;
   measured.shows_normals = so_far.shows_normals;
+  measured.shows_tangents = so_far.shows_tangents;
   for (size_t axis = 0; axis < 3; ++axis)
     if (measured.box.lo[axis] > measured.box.hi[axis]) return std::nullopt;
   PlannedMesh mesh = plan_mesh(options, scene, primitive, measured, false);

@@ -77,7 +77,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   plan.vertex_bits_ = 96;
   plan.primitives_ = wanted.size();
   uint64_t sort_bytes = 0, of_group = 0;
-  bool has_uv = false, has_color = false, has_normal = false;
+  bool has_uv = false, has_color = false, has_normal = false, has_second_uv = false, has_tangent = false;
   for (size_t i = 0; i < wanted.size(); ++i) {
     if (!wanted[i]) continue;
     const Primitive& primitive = scene.primitives[i];
@@ -105,12 +105,22 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
     has_uv |= primitive.uv.has_value();
     has_color |= primitive.color.has_value();
     has_normal |= primitive.normal.has_value();
+    has_second_uv |= primitive.second_uv() != nullptr;
+    has_tangent |= primitive.tangent() != nullptr;
   }
   plan.usual_.triangles = plan.most_.triangles;
   plan.usual_.chunks = plan.most_.chunks;
-  plan.vertex_bits_ +=
-      (has_uv ? 48u : 0u) + (has_color ? 32u : 0u) + (has_normal && options.normals != Normals::kNever ? 24u : 0u);
-  plan.attribute_components_ = has_color ? 4 : has_normal ? 3 : has_uv ? 2 : 0;
+  has_tangent = has_tangent && options.normals != Normals::kNever;
+  plan.vertex_bits_ += (has_uv ? 48u : 0u) + (has_color ? 32u : 0u) +
+                       (has_normal && options.normals != Normals::kNever ? 2 * kNormalBits : 0u) +
+                       (has_second_uv ? 48u : 0u) + (has_tangent ? kTangentBits : 0u);
+  // The second set stays beside the others while a window is encoded, and tangents are measured beside normals and uv.
+  plan.attribute_components_ = has_tangent ? 9
+                                           : (has_color    ? 4
+                                              : has_normal ? 3
+                                              : has_uv     ? 2
+                                                           : 0) +
+                                                 (has_second_uv ? 2 : 0);
 
   uint64_t held_instances = 0;
   for (const SourceNode& node : scene.nodes) held_instances += node.instances ? node.instances->count : 1;

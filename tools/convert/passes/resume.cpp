@@ -11,7 +11,7 @@ namespace scree::convert {
 namespace {
 
 // Must change when log entries change, or the way in which a scene is cut and packed.
-constexpr uint64_t kLogFormat = 5;
+constexpr uint64_t kLogFormat = 6;
 
 enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };
 
@@ -26,6 +26,7 @@ void visit_numbers(Stream&& stream, Outcome& window) {
   stream(window.repaired_uvs);
   stream(window.repaired_colors);
   stream(window.repaired_normals);
+  stream(window.repaired_tangents);
 }
 
 }  // namespace

@@ -26,6 +26,7 @@ struct WindowOutcome {
   uint64_t repaired_uvs = 0;
   uint64_t repaired_colors = 0;
   uint64_t repaired_normals = 0;
+  uint64_t repaired_tangents = 0;
   std::vector<format::ChunkRecord> chunks;  // with page and offset
   std::vector<int64_t> saved;               // by chunk: EncodedChunk::saved
 };

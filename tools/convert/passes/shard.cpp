@@ -15,7 +15,7 @@ namespace scree::convert {
 namespace {
 
 // A change of what is packed, or of how a scene is cut and packed, needs another number.
-constexpr uint64_t kShardFormat = 1;
+constexpr uint64_t kShardFormat = 2;
 
 /// Reads or writes the fields of a struct one by one, in one order for both.
 struct Add {
@@ -96,6 +96,8 @@ void visit_measured(const Stream& stream, Primitive& primitive) {
   stream(primitive.white);
   stream(primitive.shows_normals);
   stream(primitive.normals);
+  stream(primitive.shows_tangents);
+  stream(primitive.tangents);
 }
 
 template <class Stream, class Stamp>

@@ -27,9 +27,8 @@ std::set<std::string> source_files(const std::string& input, const SourceScene& 
   };
   for (const Primitive& primitive : scene.primitives) {
     add_accessor(primitive.positions);
-    for (const std::optional<Accessor>* accessor :
-         {&primitive.indices, &primitive.uv, &primitive.color, &primitive.normal})
-      if (*accessor) add_accessor(**accessor);
+    if (primitive.indices) add_accessor(*primitive.indices);
+    visit_attributes(primitive, true, add_accessor);
   }
   for (const SourceImage& image : scene.images) add(image.source);
   return files;

@@ -4,6 +4,7 @@
 
 #include "format/geometry/attribute_codec.h"
 #include "format/geometry/chunk_layout.h"
+#include "format/geometry/tangent_codec.h"
 
 namespace scree::convert {
 namespace {
@@ -44,9 +45,8 @@ uint64_t sum_of_chunks(const format::TableSet& tables, uint32_t mesh, const Byte
 
 void AccessorBytes::add(const Primitive& primitive) {
   add(primitive.positions);
-  for (const std::optional<Accessor>* accessor :
-       {&primitive.indices, &primitive.uv, &primitive.color, &primitive.normal})
-    if (*accessor) add(**accessor);
+  if (primitive.indices) add(*primitive.indices);
+  visit_attributes(primitive, true, [&](const Accessor& accessor) { add(accessor); });
 }
 
 void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source) {
@@ -56,8 +56,7 @@ void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mes
     const Primitive& primitive = scene.primitives[i];
     if (primitive.indices) indices.add(*primitive.indices);
     positions.add(primitive.positions);
-    for (const std::optional<Accessor>* attribute : {&primitive.uv, &primitive.color, &primitive.normal})
-      if (*attribute) attributes.add(**attribute);
+    visit_attributes(primitive, true, [&](const Accessor& accessor) { attributes.add(accessor); });
   }
   source.index_bytes = indices.bytes();
   source.position_bytes = positions.bytes();
@@ -82,6 +81,7 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
     uint64_t cost = 0;
   };
   Dropped normals[] = {{"NORMAL", {}}, {kFaceNormals, {}}, {kUnlitNormals, {}}};
+  Dropped tangents[] = {{"TANGENT", {}}, {kDerivedTangents, {}}};
   uint64_t white_cost = 0, repeat_count = 0, repeat_cost = 0;
   std::vector<uint32_t> place(scene.groups.size());  // of the next primitive that keeps a triangle
   for (size_t i = 0; i < scene.primitives.size(); ++i) {
@@ -112,6 +112,13 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
         return format::normal_stream_bytes(chunk.vertex_count, kNormalBits);
       });
     }
+    if (primitive.tangent() != nullptr && !(stored & format::kHasTangent)) {
+      Dropped& dropped = tangents[facts.normals == Normals::kNever ? 0 : 1];
+      dropped.bytes.add(*primitive.tangent());
+      dropped.cost += sum_of_chunks(tables, mesh, [](const format::ChunkRecord& chunk) {
+        return format::tangent_stream_bytes(chunk.vertex_count, kTangentBits);
+      });
+    }
     if (primitive.color && !(stored & format::kHasColor)) {
       white.add(*primitive.color);
       white_cost += sum_of_chunks(tables, mesh, [](const format::ChunkRecord& chunk) {
@@ -129,6 +136,7 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
 
   for (const LeftOut& entry : scene.left_out)
     if (entry.what != "NORMAL") add(entry.what, entry.count, entry.source_bytes, cost_of(entry));
+  for (const Dropped& dropped : tangents) add(dropped.what, dropped.bytes.count(), dropped.bytes.bytes(), dropped.cost);
   for (const Dropped& dropped : normals) add(dropped.what, dropped.bytes.count(), dropped.bytes.bytes(), dropped.cost);
   add("COLOR_0 (all white)", white.count(), white.bytes(), white_cost);
   add("primitives no node draws", facts.undrawn, 0, 0);
@@ -143,6 +151,7 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
   add("texture coordinates that are not finite", facts.repaired_uvs, 0, 0);
   add("colours that are not finite", facts.repaired_colors, 0, 0);
   add("normals that are not finite or zero", facts.repaired_normals, 0, 0);
+  add("tangents without a direction", facts.repaired_tangents, 0, 0);
 }
 
 }  // namespace scree::convert

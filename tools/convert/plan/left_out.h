@@ -43,6 +43,8 @@ void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mes
 /// Names of normals that Normals::kAuto leaves out, which show nothing.
 inline constexpr const char* kFaceNormals = "NORMAL (as of the faces)";
 inline constexpr const char* kUnlitNormals = "NORMAL (of unlit materials)";
+/// The same of tangents (derived_tangents.h).
+inline constexpr const char* kDerivedTangents = "TANGENT (as texture coordinates give them)";
 
 /// What a conversion knows when its geometry is written.
 struct LeftOutFacts {
@@ -61,6 +63,7 @@ struct LeftOutFacts {
   uint64_t repaired_uvs = 0;
   uint64_t repaired_colors = 0;
   uint64_t repaired_normals = 0;
+  uint64_t repaired_tangents = 0;
   uint64_t clear = 0;  // primitives that their alpha masks hide entirely
 };
 

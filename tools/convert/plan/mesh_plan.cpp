@@ -11,6 +11,8 @@ uint32_t stored_attributes(const ConvertOptions& options, const Primitive& sourc
   if (source.uv) attributes |= format::kHasUv;
   if (source.color && !measured.white) attributes |= format::kHasColor;
   if (measured.shows_normals) attributes |= format::kHasNormal;
+  if (source.second_uv() != nullptr) attributes |= format::kHasSecondUv;
+  if (measured.shows_tangents) attributes |= format::kHasTangent;
   if (options.source_ids) attributes |= format::kHasSourceIds;
   return attributes;
 }

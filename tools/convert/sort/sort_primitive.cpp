@@ -61,9 +61,7 @@ constexpr uint32_t kVertexHeadBytes = 8;
 
 std::vector<const Accessor*> vertex_accessors(const Primitive& primitive, bool normals) {
   std::vector<const Accessor*> out{&primitive.positions};
-  for (const std::optional<Accessor>* accessor : {&primitive.uv, &primitive.color})
-    if (*accessor) out.push_back(&**accessor);
-  if (normals && primitive.normal) out.push_back(&*primitive.normal);
+  visit_attributes(primitive, normals, [&](const Accessor& accessor) { out.push_back(&accessor); });
   return out;
 }
 
@@ -506,14 +504,21 @@ class Sorter {
       accessor.count = vertices_;
       accessor.sparse.reset();
     };
+    SurfaceAttributes surface;
+    if (out.surface) surface = *out.surface;
+    // In the order of visit_attributes().
     move(out.positions);
-    for (std::optional<Accessor>* accessor : {&out.uv, &out.color})
+    for (std::optional<Accessor>* accessor : {&out.uv, &out.color, &surface.second_uv})
       if (*accessor) move(**accessor);
-    if (next < element_offsets_.size()) {
-      move(*out.normal);
-    } else {
-      out.normal.reset();
+    for (std::optional<Accessor>* accessor : {&out.normal, &surface.tangent}) {
+      if (!*accessor) continue;
+      if (next < element_offsets_.size()) {
+        move(**accessor);
+      } else {
+        accessor->reset();
+      }
     }
+    if (out.surface) out.surface = std::make_shared<const SurfaceAttributes>(std::move(surface));
     auto origin = std::make_shared<SourceNumbers>();
     origin->triangles = numbers(ids_offset_, triangles);
     origin->vertices = numbers(numbers_offset_, vertices_);

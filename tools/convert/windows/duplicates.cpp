@@ -33,7 +33,8 @@ std::vector<bool> may_repeat(const SourceScene& scene, const std::vector<bool>& 
     for (; i < scene.primitives.size() && scene.primitives[i].group == hashes.size(); ++i) {
       const Primitive& primitive = scene.primitives[i];
       add_value(hasher, primitive.triangle_count());
-      const uint32_t attributes = (primitive.uv ? 1u : 0u) | (primitive.color ? 2u : 0u);
+      const uint32_t attributes =
+          (primitive.uv ? 1u : 0u) | (primitive.color ? 2u : 0u) | (primitive.second_uv() != nullptr ? 4u : 0u);
       add_value(hasher, attributes);
     }
     hashes.push_back(hasher.value());
@@ -99,6 +100,7 @@ uint32_t EqualGroups::find_first(const SourceScene& scene, const std::vector<Mea
     add_value(hasher, scene.primitives[i].material);
     hasher.add(std::as_bytes(std::span(*measured[i].content)));
     if (measured[i].shows_normals) hasher.add(std::as_bytes(std::span(measured[i].normals)));
+    if (measured[i].shows_tangents) hasher.add(std::as_bytes(std::span(measured[i].tangents)));
   }
   return is_hashed ? known_.try_emplace(hasher.value(), group).first->second : group;
 }

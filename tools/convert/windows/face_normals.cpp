@@ -4,34 +4,14 @@
 #include <cassert>
 #include <cmath>
 
+#include "tools/convert/windows/vectors.h"
+
 namespace scree::convert {
 namespace {
 
 constexpr double kSineOfFloats = 1.7453283658983088e-3;  // of 0.1 degrees
 constexpr double kSineOfBytes = 1.7452406437283513e-2;   // of 1 degree: codes of 1/127 an axis turn up to 0.4, two
                                                          // octahedral ones of 8 bits 0.6 more
-constexpr double kRounding = 1.0 / (1 << 22);            // of a float coordinate: 2 to 4 units in the last place
-
-struct Vector {
-  double x, y, z;
-};
-
-Vector at(std::span<const float> values, uint32_t index) {
-  const float* v = &values[3 * size_t{index}];
-  return {v[0], v[1], v[2]};
-}
-Vector operator-(const Vector& a, const Vector& b) {
-  return {a.x - b.x, a.y - b.y, a.z - b.z};
-}
-double dot(const Vector& a, const Vector& b) {
-  return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-Vector cross(const Vector& a, const Vector& b) {
-  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-double largest_of(const Vector& v) {
-  return std::max({std::fabs(v.x), std::fabs(v.y), std::fabs(v.z)});
-}
 
 }  // namespace
 
@@ -42,7 +22,7 @@ bool are_face_normals(const WindowContent& window, std::span<const float> normal
   const std::span<const uint32_t> indices = window.indices();
   for (size_t i = 0; i + 2 < indices.size(); i += 3) {
     Vector corner[3];
-    for (size_t c = 0; c < 3; ++c) corner[c] = at(window.positions(), indices[i + c]);
+    for (size_t c = 0; c < 3; ++c) corner[c] = vector_at(window.positions(), 3 * size_t{indices[i + c]});
     const Vector edge[3] = {corner[1] - corner[0], corner[2] - corner[0], corner[2] - corner[1]};
     const Vector face = cross(edge[0], edge[1]);
     const double largest = std::max({largest_of(corner[0]), largest_of(corner[1]), largest_of(corner[2])});
@@ -50,11 +30,11 @@ bool are_face_normals(const WindowContent& window, std::span<const float> normal
     const double area = dot(face, face);  // squared, twice
     // The sine by which a corner that moves by the rounding turns the face is that over the triangle's height, which is
     // the area over the longest edge.
-    const double rounding = kRounding * largest * (kRounding * largest) * longest;
+    const double rounding = kFloatRounding * largest * (kFloatRounding * largest) * longest;
     if (area <= rounding) continue;
     const double allowed = std::max(sine * sine * area, rounding);
     for (size_t c = 0; c < 3; ++c) {
-      const Vector normal = at(normals, indices[i + c]);
+      const Vector normal = vector_at(normals, 3 * size_t{indices[i + c]});
       const double squared = dot(normal, normal);
       if (!(squared > 0) || !std::isfinite(squared)) continue;
       const Vector turned = cross(normal, face);

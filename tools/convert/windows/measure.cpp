@@ -9,6 +9,7 @@
 #include <span>
 #include <utility>
 
+#include "tools/convert/windows/derived_tangents.h"
 #include "tools/convert/windows/face_normals.h"
 #include "tools/convert/windows/locality.h"
 #include "tools/convert/windows/read_ahead.h"
@@ -29,8 +30,10 @@ struct WindowFacts {
   Box box = empty_box();
   bool white = true;
   bool shows_normals = false;
+  bool shows_tangents = false;
   ContentHash content{};
   ContentHash normals{};
+  ContentHash tangents{};
   bool waits = false;  // not measured: its vertices lie too far apart
   VertexUse use;
   std::unique_ptr<HeldWindow> held;
@@ -40,6 +43,8 @@ struct Scratch {
   Window window;
   std::vector<float> colors;
   std::vector<float> floats;
+  std::vector<float> uvs;
+  std::vector<float> tangents;
   std::vector<uint32_t> numbers;
 };
 
@@ -63,10 +68,11 @@ Result<ContentHash> hash_window(const Primitive& primitive, Scratch& scratch) {
   for (uint32_t& number : scratch.numbers) number = (window.is_renumbered() ? vertices[number] : number) - first;
   add_values(hasher, std::span<const uint32_t>(scratch.numbers));
   add_values(hasher, window.positions());
-  for (const std::optional<Accessor>* accessor : {&primitive.uv, &primitive.color}) {
+  const auto of = [](const std::optional<Accessor>& accessor) { return accessor ? &*accessor : nullptr; };
+  for (const Accessor* accessor : {of(primitive.uv), of(primitive.color), primitive.second_uv()}) {
     scratch.floats.clear();
-    if (*accessor) {
-      const Result<void> read = read_vertices(**accessor, window.vertices(), scratch.floats);
+    if (accessor != nullptr) {
+      const Result<void> read = read_vertices(*accessor, window.vertices(), scratch.floats);
       if (!read) return read.error();
     }
     add_values(hasher, std::span<const float>(scratch.floats));  // without values nothing is added; their count is
@@ -99,11 +105,37 @@ std::unique_ptr<HeldWindow> reserve(HeldBudget* budget, const Primitive& primiti
 
 /// What else a window is measured for.
 struct WindowTask {
-  bool may_wait;               // vertices that lie too far apart are left unread
-  bool has_normals;            // that may be kept
-  std::atomic<bool>* is_flat;  // of the primitive, with Normals::kAuto: once it is not, nobody looks again
-  HeldBudget* budget;          // for windows that are held; may be null
+  bool may_wait;                            // vertices that lie too far apart are left unread
+  bool has_normals;                         // that may be kept
+  std::atomic<bool>* is_flat;               // of the primitive, with Normals::kAuto: once it is not, nobody looks again
+  const format::SurfaceRecord* surface;     // of tangents that may be kept, else null
+  std::atomic<bool>* has_derived_tangents;  // as is_flat
+  HeldBudget* budget;                       // for windows that are held; may be null
 };
+
+/// Reads a window's normals and tangents, looks whether they must be stored, and hashes them.
+Result<void> measure_directions(const Primitive& primitive, const WindowTask& task, bool looks, bool is_hashed,
+                                Scratch& scratch, WindowFacts& facts) {
+  const Window& window = scratch.window;
+  const auto read = [&](const Accessor& accessor, std::vector<float>& out) {
+    return read_vertices(accessor, window.vertices(), out);
+  };
+  const bool looks_at_tangents = task.surface != nullptr && *task.has_derived_tangents;
+  if (looks || looks_at_tangents || (is_hashed && task.has_normals))
+    if (const Result<void> done = read(*primitive.normal, scratch.floats); !done) return done;
+  if (looks && !are_face_normals(window, scratch.floats, *primitive.normal)) *task.is_flat = false;
+  if (is_hashed && task.has_normals) facts.normals = hash_floats(scratch.floats);
+  if (!looks_at_tangents && !(is_hashed && task.surface != nullptr)) return {};
+  if (const Result<void> done = read(*primitive.tangent(), scratch.tangents); !done) return done;
+  if (is_hashed) facts.tangents = hash_floats(scratch.tangents);
+  if (!looks_at_tangents) return {};
+  const Accessor& uv = normal_map_uv(primitive, *task.surface);
+  if (const Result<void> done = read(uv, scratch.uvs); !done) return done;
+  if (!are_derived_tangents(window, {scratch.floats, scratch.uvs, scratch.tangents}, *task.surface,
+                            *primitive.tangent()))
+    *task.has_derived_tangents = false;
+  return {};
+}
 
 Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
                                    const WindowTask& task, Scratch& scratch) {
@@ -111,7 +143,9 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
   std::unique_ptr<HeldWindow> held = reserve(task.budget, primitive, plan);
   const bool is_hashed = !options.hashed.empty() && options.hashed[plan.primitive];
   const bool looks = task.has_normals && options.normals == Normals::kAuto && *task.is_flat;
-  const Window::Find find = held || looks ? Window::Find::kTriangles : Window::Find::kVertices;
+  const Window::Find find = held || looks || (task.surface != nullptr && *task.has_derived_tangents)
+                                ? Window::Find::kTriangles
+                                : Window::Find::kVertices;
   if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, find); !loaded)
     return loaded.error();
   WindowFacts facts;
@@ -136,13 +170,11 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
       return read.error();
     facts.white = std::all_of(scratch.colors.begin(), scratch.colors.end(), [](float value) { return value == 1.0f; });
   }
-  if (looks || (is_hashed && task.has_normals)) {
-    if (const Result<void> read = read_vertices(*primitive.normal, window.vertices(), scratch.floats); !read)
-      return read.error();
-    if (looks && !are_face_normals(window, scratch.floats, *primitive.normal)) *task.is_flat = false;
-    if (is_hashed) facts.normals = hash_floats(scratch.floats);
-  }
-  facts.shows_normals = task.has_normals && (options.normals == Normals::kAlways || !*task.is_flat);
+  if (const Result<void> measured = measure_directions(primitive, task, looks, is_hashed, scratch, facts); !measured)
+    return measured.error();
+  facts.shows_tangents = task.surface != nullptr && !*task.has_derived_tangents;
+  facts.shows_normals =
+      task.has_normals && (options.normals == Normals::kAlways || !*task.is_flat || facts.shows_tangents);
   if (is_hashed) {
     const Result<ContentHash> content = hash_window(primitive, scratch);
     if (!content) return content.error();
@@ -163,9 +195,11 @@ class Measurer {
         run_(run),
         listener_(run.listener),
         scratch_(run.pool.threads()),
-        is_flat_(scene.primitives.size()) {
+        is_flat_(scene.primitives.size()),
+        has_derived_tangents_(scene.primitives.size()) {
     out_.primitives.resize(scene.primitives.size());
     for (std::atomic<bool>& is_flat : is_flat_) is_flat = true;
+    for (std::atomic<bool>& has_derived : has_derived_tangents_) has_derived = true;
   }
 
   Result<Measurement> run(const std::vector<bool>& wanted) {
@@ -214,10 +248,11 @@ class Measurer {
       std::vector<WindowFacts> facts;
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const uint32_t primitive = windows[i].primitive;
+        const bool has_normals = may_keep_normals(scene_, scene_.primitives[primitive], options_.normals);
         Result<WindowFacts> measured = measure_window(
             scene_.primitives[primitive], windows[i], options_,
-            {uses_.contains(primitive), may_keep_normals(scene_, scene_.primitives[primitive], options_.normals),
-             &is_flat_[primitive], budget},
+            {uses_.contains(primitive), has_normals, &is_flat_[primitive],
+             has_normals ? surface_of_tangents(primitive) : nullptr, &has_derived_tangents_[primitive], budget},
             scratch_[worker]);
         if (!measured) return at(scene_.file_name, measured.error());
         facts.push_back(std::move(*measured));
@@ -241,6 +276,11 @@ class Measurer {
     const uint64_t most_jobs = kJobsPerThread * run_.pool.threads();
     return run_ordered<std::vector<WindowFacts>>(run_.pool, batches.size(), {most_jobs, UINT64_MAX}, work, no_cost,
                                                  take, run_.listener);
+  }
+
+  const format::SurfaceRecord* surface_of_tangents(uint32_t primitive) const {
+    const Primitive& source = scene_.primitives[primitive];
+    return source.tangent() != nullptr ? &*scene_.materials[source.material].surface : nullptr;
   }
 
   /// Passes on the results up to window `end`: the window itself, or, if it completes a primitive or group, all windows
@@ -286,9 +326,11 @@ class Measurer {
     total.dropped_nonfinite += facts.dropped_nonfinite;
     total.white = total.white && facts.white;
     total.shows_normals = total.shows_normals || facts.shows_normals;
+    total.shows_tangents = total.shows_tangents || facts.shows_tangents;
     if (!options_.hashed.empty() && options_.hashed[plan.primitive]) {
       total.content = joined(total.content.value_or(ContentHash{}), facts.content);
       total.normals = joined(total.normals, facts.normals);
+      total.tangents = joined(total.tangents, facts.tangents);
     }
     grow(total.box, facts.box);
     if (const auto use = uses_.find(plan.primitive); use != uses_.end()) use->second.add(facts.use);
@@ -336,7 +378,8 @@ class Measurer {
   uint64_t done_ = 0;
   std::vector<std::unique_ptr<HeldWindow>> held_;  // windows that the listener has not taken
   std::vector<Scratch> scratch_;
-  std::vector<std::atomic<bool>> is_flat_;  // of each primitive, as far as its windows were looked at
+  std::vector<std::atomic<bool>> is_flat_;               // of each primitive, as far as its windows were looked at
+  std::vector<std::atomic<bool>> has_derived_tangents_;  // the same
 };
 
 }  // namespace

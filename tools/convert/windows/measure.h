@@ -52,6 +52,8 @@ struct Measured {
   std::optional<ContentHash> content;  // hash of its triangles and their vertices, if MeasureOptions::hashed requests
                                        // it
   ContentHash normals{};               // the same of their normals, if they may be kept
+  bool shows_tangents = false;         // they are stored: some differ from the derived ones (derived_tangents.h)
+  ContentHash tangents{};              // as `normals`
 };
 
 /// A primitive without locality (locality.h). It was not measured, except for dropped_degenerate.

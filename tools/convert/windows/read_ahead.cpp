@@ -92,9 +92,14 @@ uint64_t ReadAhead::ask(const WindowPlan& window) const {
   const uint64_t first_vertex = share(vertices, window.first, triangles);
   const uint64_t end_vertex = share(vertices, end, triangles) + 1;
   bytes += ask_elements(primitive.positions, first_vertex, end_vertex);
-  if (primitive.color) bytes += ask_elements(*primitive.color, first_vertex, end_vertex);
-  if (attributes_ && primitive.uv) bytes += ask_elements(*primitive.uv, first_vertex, end_vertex);
-  if (attributes_ && normals_ && primitive.normal) bytes += ask_elements(*primitive.normal, first_vertex, end_vertex);
+  const auto ask_vertices = [&](const Accessor& accessor) {
+    bytes += ask_elements(accessor, first_vertex, end_vertex);
+  };
+  if (attributes_) {
+    visit_attributes(primitive, normals_, ask_vertices);
+  } else if (primitive.color) {
+    ask_vertices(*primitive.color);
+  }
   return bytes;
 }
 
