@@ -69,6 +69,7 @@ SCREE_WRAP(cudaMemset, cudaErrorUnknown, (void* at, int value, size_t bytes), (a
 SCREE_WRAP(cudaMemsetAsync, cudaErrorUnknown, (void* at, int value, size_t bytes, cudaStream_t stream),
            (at, value, bytes, stream))
 SCREE_WRAP(cudaMemGetInfo, cudaErrorUnknown, (size_t * free, size_t* total), (free, total))
+SCREE_WRAP(cudaPointerGetAttributes, cudaErrorUnknown, (cudaPointerAttributes * out, const void* at), (out, at))
 SCREE_WRAP(cudaGetDevice, cudaErrorUnknown, (int* device), (device))
 SCREE_WRAP(cudaSetDevice, cudaErrorUnknown, (int device), (device))
 SCREE_WRAP(cudaGetDeviceCount, cudaErrorUnknown, (int* count), (count))
