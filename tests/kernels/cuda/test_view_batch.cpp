@@ -112,7 +112,7 @@ void add_meshes(SceneBuilder& builder) {
 }
 
 /// Draws the views in one part and in several, and compares layers and counts.
-void compare(SceneBuilder& builder, const std::vector<View>& views, uint32_t samples_per_side = 1) {
+void compare_batch(SceneBuilder& builder, const std::vector<View>& views, uint32_t samples_per_side = 1) {
   const kernels::SceneView scene = builder.view();
   REQUIRE(CudaViewBatch::takes(scene));
   const Layers expected = layers_on_cpu(scene, views, samples_per_side);
@@ -149,22 +149,22 @@ constexpr size_t kViews = kEmulatesGpu ? 7 : 200;
 TEST_CASE("a batch of views is drawn as each of them alone", "[cuda][batch]") {
   SceneBuilder builder;
   add_meshes(builder);
-  compare(builder, random_views(kViews, 40, 27, 1));
-  compare(builder, random_views(kEmulatesGpu ? 4 : 30, 131, 90, 2));
-  compare(builder, random_views(4, 1, 1, 3));
+  compare_batch(builder, random_views(kViews, 40, 27, 1));
+  compare_batch(builder, random_views(kEmulatesGpu ? 4 : 30, 131, 90, 2));
+  compare_batch(builder, random_views(4, 1, 1, 3));
 }
 
 TEST_CASE("a batch of views with several samples per pixel is drawn as each of them alone", "[cuda][batch]") {
   SceneBuilder builder;
   add_meshes(builder);
-  compare(builder, random_views(5, 32, 24, 4), 2);
-  compare(builder, random_views(4, 32, 24, 5), 4);
+  compare_batch(builder, random_views(5, 32, 24, 4), 2);
+  compare_batch(builder, random_views(4, 32, 24, 5), 4);
 }
 
 TEST_CASE("a batch of views of masked surfaces is drawn as each of them alone", "[cuda][batch][mask]") {
   SceneBuilder builder;
   add_masked_meshes(builder, true);
-  compare(builder, random_views(kViews, 45, 31, 6));
+  compare_batch(builder, random_views(kViews, 45, 31, 6));
 }
 
 TEST_CASE("a batch of orthographic views is drawn as each of them alone", "[cuda][batch]") {
@@ -177,7 +177,7 @@ TEST_CASE("a batch of orthographic views is drawn as each of them alone", "[cuda
   }
   std::vector<View> views;
   for (const View& view : random_views(6, 37, 41, 7)) views.push_back(orthographic(view, 1.2, 0.05, 6));
-  compare(builder, views);
+  compare_batch(builder, views);
 }
 
 TEST_CASE("each view of a batch leaves out its own omitted instances", "[cuda][batch][omitted]") {

@@ -37,7 +37,7 @@ format::ClusterBounds bounds_of_codes(const std::vector<std::array<uint32_t, 3>>
   return bounds;
 }
 
-struct Tally {
+struct BoxTally {
   uint64_t boxes = 0;
   uint64_t culled = 0;
   uint64_t empty = 0;  // boxes whose triangles cover no pixel centre
@@ -97,7 +97,7 @@ void add_triangle(const FrameView& view, const Transform& transform, const Chunk
 /// Uses runs of 1 to 128 triangles of a chunk as clusters.
 template <bool kOrthographic>
 void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                 const ChunkReader& reader, const Transform& transform, std::mt19937& random, Tally& tally) {
+                 const ChunkReader& reader, const Transform& transform, std::mt19937& random, BoxTally& tally) {
   const RoundedBox whole = rounded_chunk_box(mesh, chunk, transform);
   const CoverageFilter filter =
       make_coverage_filter(view, transform, error_of(transform, whole), lattice_box(transform, mesh, chunk));
@@ -133,7 +133,7 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
   }
 }
 
-void tally_scene(const SceneView& scene, const View& camera, std::mt19937& random, Tally& tally) {
+void tally_scene(const SceneView& scene, const View& camera, std::mt19937& random, BoxTally& tally) {
   const FrameView view = make_frame_view(camera);
   for_each_drawn_chunk(scene, view, [&](const auto& mesh, const auto& chunk, const Transform& transform) {
     const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
@@ -150,7 +150,7 @@ void tally_scene(const SceneView& scene, const View& camera, std::mt19937& rando
 TEST_CASE("bounds of clusters hold every pixel and depth code of their triangles", "[cluster_bounds]") {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> unit(-1, 1);
-  Tally sum;
+  BoxTally sum;
   for (int round = 0; round < 160; ++round) {
     SceneBuilder scene;
     const Soup soup = round % 2 == 0 ? sphere(40, 0.2) : grid(60, 0.3);
@@ -167,7 +167,7 @@ TEST_CASE("bounds of clusters hold every pixel and depth code of their triangles
                           {origin + 0.2 * unit(random), -origin, origin}, width, height,
                           round % 3 == 0 ? distance * 1e-3 : distance * std::abs(unit(random)));
     if (round % 8 == 5) camera = orthographic(camera, 0.3 + std::abs(unit(random)), 0.5 * distance, 2 * distance);
-    Tally one;
+    BoxTally one;
     tally_scene(scene.view(), camera, random, one);
     INFO("round " << round);
     CHECK(one.wrong == 0);

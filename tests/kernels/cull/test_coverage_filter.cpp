@@ -13,7 +13,7 @@ using namespace scree::tests;
 
 namespace {
 
-struct Tally {
+struct FilterTally {
   uint64_t triangles = 0;
   uint64_t clipped = 0;   // not outside, with corners to be clipped
   uint64_t covering = 0;  // the exact projection, or a piece of it, has a non-empty pixel box
@@ -37,7 +37,7 @@ bool piece_covers(ClipVertex polygon[kMaxPolygon], const FrameView& view) {
 
 template <bool kOrthographic>
 void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                 const ChunkReader& reader, const Transform& transform, Tally& tally) {
+                 const ChunkReader& reader, const Transform& transform, FilterTally& tally) {
   const CoverageFilter filter =
       make_coverage_filter(view, transform, error_of(transform, vertex_box(mesh, chunk, transform)),
                            stored_box(transform, vertex_box(mesh, chunk, transform), mesh, chunk));
@@ -82,9 +82,9 @@ void tally_chunk(const FrameView& view, const format::MeshRecord& mesh, const fo
   }
 }
 
-Tally tally(const SceneView& scene, const View& camera) {
+FilterTally tally(const SceneView& scene, const View& camera) {
   const FrameView view = make_frame_view(camera);
-  Tally out;
+  FilterTally out;
   for_each_drawn_chunk(scene, view, [&](const auto& mesh, const auto& chunk, const Transform& transform) {
     const ChunkReader reader = make_reader(mesh, chunk, scene.pages[chunk.page], transform, 0);
     if (view.orthographic) {
@@ -101,7 +101,7 @@ Tally tally(const SceneView& scene, const View& camera) {
 TEST_CASE("no triangle that covers a pixel centre is filtered out", "[sample_filter]") {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> unit(-1, 1);
-  Tally sum;
+  FilterTally sum;
   for (int round = 0; round < 120; ++round) {
     SceneBuilder scene;
     const Soup soup = round % 2 == 0 ? sphere(40, 0.2) : grid(60, 0.3);
@@ -119,7 +119,7 @@ TEST_CASE("no triangle that covers a pixel centre is filtered out", "[sample_fil
                            origin + distance * std::sin(around)},
                           {origin + 0.2 * unit(random), -origin, origin}, width, height, distance * 1e-3);
     if (round % 8 == 5) camera = orthographic(camera, 0.3 + std::abs(unit(random)), 0.1 * distance, 2 * distance);
-    const Tally one = tally(scene.view(), camera);
+    const FilterTally one = tally(scene.view(), camera);
     INFO("round " << round);
     CHECK(one.wrong == 0);
     sum.triangles += one.triangles;
@@ -136,7 +136,7 @@ TEST_CASE("most triangles of a dense mesh are filtered out", "[sample_filter]") 
     SceneBuilder scene;
     scene.instance(scene.mesh(grid(300, 0.05), {float32, -16}), scene.identity());
     // 180,000 triangles on about 30,000 pixels: legs of half a pixel.
-    const Tally seen = tally(scene.view(), look_at({0.4, 2.5, 1.5}, {0, 0, 0}, 200, 160));
+    const FilterTally seen = tally(scene.view(), look_at({0.4, 2.5, 1.5}, {0, 0, 0}, 200, 160));
     CHECK(seen.wrong == 0);
     CHECK(seen.covering > 1000);
     CHECK(seen.kept < seen.covering + seen.covering / 10);
@@ -148,15 +148,15 @@ TEST_CASE("most triangles that are smaller than a pixel are filtered out at the 
   for (const bool float32 : {false, true}) {
     SceneBuilder scene;
     scene.instance(scene.mesh(rough_field(300, 0.01), {float32, -16}), scene.identity());
-    Tally sum;
+    FilterTally sum;
     // From above, with the surface at the near plane; and from close, with corners at half of the near distance.
-    const Tally above = tally(scene.view(), look_at({0, 1.6, 0}, {0, 0, 0}, 200, 160, 1.6));
+    const FilterTally above = tally(scene.view(), look_at({0, 1.6, 0}, {0, 0, 0}, 200, 160, 1.6));
     CHECK(above.wrong == 0);
     CHECK(above.clipped > 50000);
     CHECK(above.kept < above.triangles / 2);
     CHECK(above.kept < 2 * above.covering);  // the part that is cut off would have covered some
     for (const double height : {0.4, 0.1, 0.02}) {
-      const Tally near = tally(scene.view(), look_at({0.1, height, 0.05}, {0, 0, 0}, 200, 160, height));
+      const FilterTally near = tally(scene.view(), look_at({0.1, height, 0.05}, {0, 0, 0}, 200, 160, height));
       INFO("from " << height);
       CHECK(near.wrong == 0);
       CHECK(near.clipped > 5);
@@ -168,7 +168,7 @@ TEST_CASE("matrices that say nothing keep every triangle", "[sample_filter]") {
   SceneBuilder scene;
   scene.instance(scene.mesh(grid(4, 0.1), {}), scene.matrix({1e200, 0, 0, 0, 0, 1e200, 0, 0, 0, 0, 1e200, 0}));
   scene.instance(0, scene.matrix({NAN, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));
-  const Tally seen = tally(scene.view(), look_at({0, 2, 2}, {0, 0, 0}, 64, 64));
+  const FilterTally seen = tally(scene.view(), look_at({0, 2, 2}, {0, 0, 0}, 64, 64));
   CHECK(seen.triangles == 64);
   CHECK(seen.kept == 64);
 }

@@ -92,14 +92,14 @@ std::vector<double> stored_positions(const Soup& soup, const Encoding& encoding)
   return out;
 }
 
-struct Tally {
+struct EdgeTally {
   uint64_t covered = 0;
   uint64_t empty = 0;
   uint64_t outline = 0;
 };
 
 void check_picture(const Soup& soup, const Encoding& base, const std::array<double, 12>& world, const View& view,
-                   Tally& tally) {
+                   EdgeTally& tally) {
   SceneBuilder builder;
   Encoding encoding = base;
   encoding.material = builder.material(format::kMaterialDoubleSided);
@@ -142,7 +142,7 @@ constexpr std::array<double, 12> kIdentity = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0
 TEST_CASE("watertight: outside, inside and across the near plane", "[raster][watertight]") {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> unit(-1, 1);
-  Tally tally;
+  EdgeTally tally;
   for (int round = 0; round < 40; ++round) {
     const Soup soup = sphere(6 + static_cast<uint32_t>(round) % 5, round % 2 ? 0.2 : 0.0);
     Encoding encoding;
@@ -175,7 +175,7 @@ TEST_CASE("watertight: outside, inside and across the near plane", "[raster][wat
 }
 
 TEST_CASE("watertight: an eye on a vertex, on an edge and on a face", "[raster][watertight]") {
-  Tally tally;
+  EdgeTally tally;
   const Soup soup = sphere(8, 0.1);
   Encoding encoding;
   encoding.exponent = -12;
@@ -204,7 +204,7 @@ TEST_CASE("watertight: an eye on a vertex, on an edge and on a face", "[raster][
 }
 
 TEST_CASE("watertight: huge triangles, far beyond the guard band and behind the eye", "[raster][watertight]") {
-  Tally tally;
+  EdgeTally tally;
   Soup soup;  // a box with sides of 2e4; its 12 triangles are seen from inside, near a corner and near the middle
   for (int i = 0; i < 8; ++i) soup.add(i & 1 ? 1e4 : -1e4, i & 2 ? 1e4 : -1e4, i & 4 ? 1e4 : -1e4);
   const uint32_t faces[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}};
@@ -231,7 +231,7 @@ TEST_CASE("watertight: triangles along the planes of the view, from far ahead to
   // Corners a hundred thousand units away and a few ulps inside determine the picture near the eye.
   std::mt19937 random(17);
   std::uniform_real_distribution<double> unit(-1, 1);
-  Tally tally;
+  EdgeTally tally;
   for (int round = 0; round < 200; ++round) {
     const View view = look_at({0, 0, 0}, {unit(random), unit(random), unit(random)}, 24, 18, 0.01, 1.0);
     Soup soup;

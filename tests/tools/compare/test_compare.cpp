@@ -33,7 +33,7 @@ namespace {
 using Points = std::vector<float>;
 
 /// Corners of a square of 8 units, counter-clockwise from the lower left.
-Points square(float x, float y, float z = 0) {
+Points square_at(float x, float y, float z = 0) {
   return {x, y, z, x + 8, y, z, x + 8, y + 8, z, x, y + 8, z};
 }
 
@@ -117,7 +117,7 @@ uint64_t count(const PixelReport& report, PixelKind kind) {
 
 TEST_CASE("a scene against its own source has no wrong pixel", "[compare]") {
   Case test;
-  const std::vector<Part> parts{{square(-12, -4), kOneSquare, {}}, {square(0, 0), kOneSquare, {3, -4, 0}}};
+  const std::vector<Part> parts{{square_at(-12, -4), kOneSquare, {}}, {square_at(0, 0), kOneSquare, {3, -4, 0}}};
   const auto report = test.pixels(parts, parts);
   REQUIRE(report);
   CHECK(report->wrong() == 0);
@@ -130,7 +130,7 @@ TEST_CASE("a scene against its own source has no wrong pixel", "[compare]") {
 TEST_CASE("a square shifted by two pixels: its rims against the background, its diagonal to the neighbour",
           "[compare]") {
   Case test;
-  const auto report = test.pixels({{square(-4, -4), kOneSquare, {}}}, {{square(-2, -4), kOneSquare, {}}});
+  const auto report = test.pixels({{square_at(-4, -4), kOneSquare, {}}}, {{square_at(-2, -4), kOneSquare, {}}});
   REQUIRE(report);
   CHECK(count(*report, PixelKind::kBackground) == 2 * 2 * 8);
   // Two pixels per row lie between the two diagonals; of these, the six columns that both squares cover have 12.
@@ -141,7 +141,7 @@ TEST_CASE("a square shifted by two pixels: its rims against the background, its 
 
 TEST_CASE("a square nearer by a unit: right pixels, wrong depth", "[compare]") {
   Case test;
-  const auto report = test.pixels({{square(-4, -4, 0), kOneSquare, {}}}, {{square(-4, -4, 2), kOneSquare, {}}});
+  const auto report = test.pixels({{square_at(-4, -4, 0), kOneSquare, {}}}, {{square_at(-4, -4, 2), kOneSquare, {}}});
   REQUIRE(report);
   CHECK(report->wrong() == 0);
   CHECK(report->same_depth.max() == Approx(0.25).epsilon(1e-5));  // 10 instead of 8
@@ -150,14 +150,14 @@ TEST_CASE("a square nearer by a unit: right pixels, wrong depth", "[compare]") {
 
 TEST_CASE("swapped meshes are other meshes, swapped squares of one mesh share no vertex", "[compare]") {
   Case test;
-  const Part left{square(0, -4), kOneSquare, {-12, 0, 0}}, right{square(0, -4), kOneSquare, {4, 0, 0}};
+  const Part left{square_at(0, -4), kOneSquare, {-12, 0, 0}}, right{square_at(0, -4), kOneSquare, {4, 0, 0}};
   const auto meshes = test.pixels({left, right}, {right, left});
   REQUIRE(meshes);
   CHECK(count(*meshes, PixelKind::kOtherMesh) == 128);
   CHECK(meshes->wrong() == 128);
   CHECK(meshes->surface_depth.count() == 128);
   CHECK(meshes->same_depth.count() == 0);
-  const Points a = square(-12, -4), b = square(4, -4);
+  const Points a = square_at(-12, -4), b = square_at(4, -4);
   const auto squares = test.pixels({{joined(a, b), kTwoSquares, {}}}, {{joined(b, a), kTwoSquares, {}}});
   REQUIRE(squares);
   CHECK(count(*squares, PixelKind::kApart) == 128);
@@ -167,17 +167,17 @@ TEST_CASE("swapped meshes are other meshes, swapped squares of one mesh share no
 TEST_CASE("a missing triangle is background, and another number of triangles another source", "[compare]") {
   Case test;
   // The second triangle of the source has no area, so the file's 28 pixels of it are too many.
-  const auto report = test.pixels({{square(-4, -4), kOneSquare, {}}}, {{square(-4, -4), {0, 1, 2, 0, 3, 3}, {}}});
+  const auto report = test.pixels({{square_at(-4, -4), kOneSquare, {}}}, {{square_at(-4, -4), {0, 1, 2, 0, 3, 3}, {}}});
   REQUIRE(report);
   CHECK(count(*report, PixelKind::kBackground) == 28);
   CHECK(count(*report, PixelKind::kSame) == 36);
   CHECK(report->wrong() == 28);
-  const auto fewer = test.pixels({{square(-4, -4), {0, 1, 2}, {}}}, {{square(-4, -4), kOneSquare, {}}});
+  const auto fewer = test.pixels({{square_at(-4, -4), {0, 1, 2}, {}}}, {{square_at(-4, -4), kOneSquare, {}}});
   REQUIRE_FALSE(fewer);
   CHECK(fewer.error().code == ErrorCode::kFormat);
   CHECK(fewer.error().message.find("1 triangles, but the source has 2") != std::string::npos);
-  const auto meshes = test.pixels({{square(-4, -4), kOneSquare, {}}},
-                                  {{square(-4, -4), kOneSquare, {}}, {square(-4, -4), kOneSquare, {}}});
+  const auto meshes = test.pixels({{square_at(-4, -4), kOneSquare, {}}},
+                                  {{square_at(-4, -4), kOneSquare, {}}, {square_at(-4, -4), kOneSquare, {}}});
   REQUIRE_FALSE(meshes);
   CHECK(meshes.error().code == ErrorCode::kFormat);
 }
@@ -185,8 +185,8 @@ TEST_CASE("a missing triangle is background, and another number of triangles ano
 TEST_CASE("of triangles in one place either is right", "[compare]") {
   Case test;
   // In the source two squares coincide, and the reference shows the first; in the file that one lies behind the other.
-  const auto report = test.pixels({{joined(square(-4, -4, -2), square(-4, -4)), kTwoSquares, {}}},
-                                  {{joined(square(-4, -4), square(-4, -4)), kTwoSquares, {}}});
+  const auto report = test.pixels({{joined(square_at(-4, -4, -2), square_at(-4, -4)), kTwoSquares, {}}},
+                                  {{joined(square_at(-4, -4), square_at(-4, -4)), kTwoSquares, {}}});
   REQUIRE(report);
   CHECK(report->wrong() == 0);
   CHECK(count(*report, PixelKind::kCoincident) == 64);
@@ -196,7 +196,7 @@ TEST_CASE("two visibility buffers: kinds and depths", "[compare]") {
   const tests::TempFolder folder;
   const std::string gltf = folder.file("two.gltf"), file = folder.file("two.scree");
   // Mesh 0: triangles 0 and 1 of one square, 2 and 3 of another. Mesh 1: 4 and 5.
-  make(gltf, {{joined(square(-12, -4), square(4, -4)), kTwoSquares, {}}, {square(0, 0), kOneSquare, {}}});
+  make(gltf, {{joined(square_at(-12, -4), square_at(4, -4)), kTwoSquares, {}}, {square_at(0, 0), kOneSquare, {}}});
   convert::ConvertOptions options;
   options.order = convert::Order::kNone;
   REQUIRE(tests::pack(gltf, file, options));
@@ -240,7 +240,7 @@ TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[comp
   const tests::TempFolder folder;
   const auto write = [&](const std::string& path, float shift, double degrees) {
     tests::ModelMaker maker(path);
-    Points points = square(shift, -4);
+    Points points = square_at(shift, -4);
     tools::GltfPrimitive primitive = maker.primitive(points, kOneSquare);
     Points normals;
     const double angle = degrees * 3.14159265358979323846 / 180;
@@ -333,7 +333,7 @@ TEST_CASE("the small models are drawn as the reference draws them", "[compare]")
 
 TEST_CASE("lit pictures against the source: identical ones say so", "[compare]") {
   Case test;
-  const std::vector<Part> parts{{square(-4, -4), kOneSquare, {}}}, shifted{{square(-2, -4), kOneSquare, {}}};
+  const std::vector<Part> parts{{square_at(-4, -4), kOneSquare, {}}}, shifted{{square_at(-2, -4), kOneSquare, {}}};
   make(test.folder.file("parts.gltf"), parts);
   make(test.folder.file("shifted.gltf"), shifted);
   convert::ConvertOptions options;
@@ -421,8 +421,8 @@ TEST_CASE("compare prints what it found as JSON", "[compare][cli]") {
 
 TEST_CASE("inspect --source fails where a file is farther from its source than it states", "[compare]") {
   const tests::TempFolder folder;
-  make(folder.file("file.gltf"), {{square(0, 0), kOneSquare, {}}, {square(20, 0), kOneSquare, {}}});
-  make(folder.file("moved.gltf"), {{square(0, 0), kOneSquare, {}}, {square(20, 0.25f), kOneSquare, {}}});
+  make(folder.file("file.gltf"), {{square_at(0, 0), kOneSquare, {}}, {square_at(20, 0), kOneSquare, {}}});
+  make(folder.file("moved.gltf"), {{square_at(0, 0), kOneSquare, {}}, {square_at(20, 0.25f), kOneSquare, {}}});
   convert::ConvertOptions options;
   options.source_ids = true;
   REQUIRE(tests::pack(folder.file("file.gltf"), folder.file("file.scree"), options));

@@ -100,7 +100,7 @@ PixelReport compared_by_id(const runtime::Scene& a, const runtime::Scene& b) {
   return *report;
 }
 
-uint64_t count(const PixelReport& report, PixelKind kind) {
+uint64_t count_of(const PixelReport& report, PixelKind kind) {
   return report.counts()[static_cast<size_t>(kind)];
 }
 
@@ -195,9 +195,9 @@ TEST_CASE("source numbers match triangles whose ids an encoding changes", "[comp
     for (const bool turned : {false, true}) {
       const PixelReport report = turned ? compared(indexed, other) : compared(other, indexed);
       CHECK(report.wrong() == 0);
-      CHECK(count(report, PixelKind::kCoincident) == 0);
-      CHECK(count(report, PixelKind::kSame) > 3500);
-      CHECK(report.same_depth.count() == count(report, PixelKind::kSame));
+      CHECK(count_of(report, PixelKind::kCoincident) == 0);
+      CHECK(count_of(report, PixelKind::kSame) > 3500);
+      CHECK(report.same_depth.count() == count_of(report, PixelKind::kSame));
       CHECK(report.same_depth.max() <= 0x1p-21);  // one or two codes, because clusters rotate triangles
     }
   }

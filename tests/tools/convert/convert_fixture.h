@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -12,6 +13,9 @@
 #include "tools/convert/convert.h"
 
 namespace scree::tests {
+
+inline constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+inline constexpr float kInf = std::numeric_limits<float>::infinity();
 
 inline convert::ConvertOptions options_of(const TempFolder& folder, const std::string& input = "in.glb") {
   convert::ConvertOptions options;

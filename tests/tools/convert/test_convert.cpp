@@ -20,6 +20,8 @@
 
 using namespace scree;
 using tests::GridSpec;
+using tests::kInf;
+using tests::kNan;
 using tests::make_grids;
 using tests::ModelMaker;
 using tests::must_convert;
@@ -30,12 +32,7 @@ using tests::must_open;
 using tests::options_of;
 using tests::TempFolder;
 
-namespace {
-
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInf = std::numeric_limits<float>::infinity();
-
-}  // namespace
+namespace {}  // namespace
 
 TEST_CASE("every option keeps the triangles and the stated error", "[convert]") {
   const TempFolder folder;

@@ -19,14 +19,13 @@
 using namespace scree;
 using namespace scree::convert;
 using tests::GridSpec;
+using tests::kNan;
 using tests::ModelMaker;
 using tests::must_convert;
 using tests::options_of;
 using tests::TempFolder;
 
 namespace {
-
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 GridSpec grid_of(uint32_t side, float size) {
   GridSpec spec;
@@ -52,7 +51,7 @@ tools::GltfPrimitive triangles_apart(ModelMaker& maker, uint32_t triangles) {
 
 /// Enough triangles for one thread to start encoding before all are measured. Meshes that repeat, with several
 /// primitives, with more than one window, with white colours and without content.
-void make_scene(const std::string& path, Kind kind) {
+void make_ahead_scene(const std::string& path, Kind kind) {
   ModelMaker maker(path);
   const std::string png = tests::read_whole(tests::data_path("checker.png").string());
   const uint32_t checker =
@@ -119,7 +118,7 @@ uint64_t windows_ahead(const tests::ProgramRun& run) {
 /// memory every time.
 class TightMemory {
  public:
-  explicit TightMemory(Kind kind) { make_scene(folder_.file("in.glb"), kind); }
+  explicit TightMemory(Kind kind) { make_ahead_scene(folder_.file("in.glb"), kind); }
 
   tests::ProgramRun convert_within(uint64_t mib) const {
     return tests::run_program({"convert", folder_.file("in.glb"), "-o", folder_.file("out.scree"), "--force", "--stats",
@@ -149,7 +148,7 @@ constexpr uint64_t kPlentyMiB = 2048;  // the default
 TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead]") {
   const TempFolder folder;
   const Kind kind = GENERATE(kPlain, kImages);
-  make_scene(folder.file("in.glb"), kind);
+  make_ahead_scene(folder.file("in.glb"), kind);
   ConvertOptions options = options_of(folder);
   options.encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
   for (const uint32_t threads : {1u, 3u}) {
@@ -165,7 +164,7 @@ TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead
 
 TEST_CASE("convert: windows that are measured are not read again", "[convert][ahead]") {
   const TempFolder folder;
-  make_scene(folder.file("in.glb"), kPlain);
+  make_ahead_scene(folder.file("in.glb"), kPlain);
   ConvertOptions options = options_of(folder);
   options.weld = options.share = false;
   const ConvertReport report = must_convert(options);
@@ -209,7 +208,7 @@ TEST_CASE("convert: under a tight --memory a window with more vertices than most
 
 TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[convert][ahead][sort]") {
   const TempFolder folder;
-  make_scene(folder.file("in.glb"), kShuffled);
+  make_ahead_scene(folder.file("in.glb"), kShuffled);
   ConvertOptions options = options_of(folder);
   options.threads = 1;
   const ConvertReport report = must_be_same(options);
@@ -221,7 +220,7 @@ TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[conve
 
 TEST_CASE("convert: a mesh that no lattice serves ends encoding ahead, a bad one at the end all", "[convert][ahead]") {
   const TempFolder folder;
-  make_scene(folder.file("in.glb"), kWide);
+  make_ahead_scene(folder.file("in.glb"), kWide);
   ConvertOptions options = options_of(folder);
   options.threads = 1;
   options.max_error = 1e-5;
@@ -244,7 +243,7 @@ TEST_CASE("convert: the .part of an earlier run outlives a run whose source is b
   CHECK(tests::read_whole(part) == "what a run that was killed left");
 
   // When the source is good, memory becomes free once everything is measured.
-  make_scene(folder.file("in.glb"), kWide);
+  make_ahead_scene(folder.file("in.glb"), kWide);
   CHECK(must_convert(options).windows_ahead == 0);
   CHECK((folder.names() == std::vector<std::string>{"in.glb", "out.scree"}));
   CHECK(must_convert(options).windows_ahead > 0);

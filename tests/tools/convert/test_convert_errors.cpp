@@ -19,17 +19,14 @@
 
 using namespace scree;
 using tests::GridSpec;
+using tests::kNan;
 using tests::ModelMaker;
 using tests::must_fail;
 using tests::must_match;
 using tests::options_of;
 using tests::TempFolder;
 
-namespace {
-
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-
-}  // namespace
+namespace {}  // namespace
 
 TEST_CASE("a broken image is named and nothing is written", "[convert]") {
   const TempFolder folder;

@@ -32,7 +32,7 @@ using tests::TempFolder;
 
 namespace {
 
-GridSpec grid_of(uint32_t columns, uint32_t rows, float size = 1) {
+GridSpec rectangle_of(uint32_t columns, uint32_t rows, float size = 1) {
   GridSpec spec;
   spec.columns = columns;
   spec.rows = rows;
@@ -41,11 +41,11 @@ GridSpec grid_of(uint32_t columns, uint32_t rows, float size = 1) {
 }
 
 /// Five windows, so that with one thread some of them are in the file before all are measured.
-const GridSpec kGiant = grid_of(600, 900);
+const GridSpec kGiant = rectangle_of(600, 900);
 constexpr uint64_t kGiantWindows = 5;
 
 /// Two windows.
-const GridSpec kLarge = grid_of(370, 370);
+const GridSpec kLarge = rectangle_of(370, 370);
 
 /// in.gltf, whose stated boxes of positions can be changed. Its length stays the same, and so do the options.
 class Model {
@@ -331,7 +331,7 @@ TEST_CASE("convert: colours that are white at first, and meshes that repeat", "[
   const uint64_t vertices = uint64_t{kLarge.columns + 1} * (kLarge.rows + 1);
   std::vector<float> colors(4 * vertices, 1.0f);
   const auto colored = [&](float size) {
-    tools::GltfPrimitive primitive = model.maker().grid(grid_of(kLarge.columns, kLarge.rows, size));
+    tools::GltfPrimitive primitive = model.maker().grid(rectangle_of(kLarge.columns, kLarge.rows, size));
     primitive.attributes.emplace_back("COLOR_0", model.maker().floats(colors, tools::GltfType::kVec4));
     return primitive;
   };
@@ -360,7 +360,7 @@ TEST_CASE("convert: primitives that are sorted end what was guessed of them", "[
   model.add("large", model.maker().grid(kLarge));
   constexpr uint32_t kSide = 400;
   model.add("shuffled", shuffled_squares(model.maker(), kSide));
-  model.add("last", model.maker().grid(grid_of(20, 20)));
+  model.add("last", model.maker().grid(rectangle_of(20, 20)));
   model.finish();
   ConvertOptions options = options_of(folder, "in.gltf");
   const std::string reference = reference_of(options);
@@ -378,7 +378,7 @@ TEST_CASE("convert: primitives that are sorted end what was guessed of them", "[
 TEST_CASE("encode ahead: nothing is left of a giant primitive that fails while it is encoded", "[convert][guess]") {
   const TempFolder folder;
   Model model(folder);
-  GridSpec spec = grid_of(600, 1200);
+  GridSpec spec = rectangle_of(600, 1200);
   spec.normal = true;
   model.add("giant", model.maker().grid(spec));
   model.finish();

@@ -29,7 +29,7 @@ using tests::TempFolder;
 namespace {
 
 /// Two images, five windows in three meshes: 9 MB.
-void make_scene(const std::string& path) {
+void make_resumed_scene(const std::string& path) {
   ModelMaker maker(path);
   tests::JpegRecipe recipe;
   recipe.width = recipe.height = 200;
@@ -53,7 +53,7 @@ void make_scene(const std::string& path) {
 class Conversion {
  public:
   explicit Conversion(const std::string& encoding = "indexed") : encoding_(encoding) {
-    make_scene(in_);
+    make_resumed_scene(in_);
     run({"-o", reference_path()}, 0);
     reference_ = tests::read_whole(reference_path());
     REQUIRE(reference_.size() > (encoding == "indexed" ? 5000000 : 1000000));

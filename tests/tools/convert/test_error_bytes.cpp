@@ -113,7 +113,7 @@ void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, C
 
 /// Grids; a mesh whose every cluster has nearly all of its vertices (with and without texture coordinates); one without
 /// shared vertices that exceeds a page as floats; points with both zeros; and the smallest possible meshes.
-void make_scene(const std::string& path) {
+void make_error_scene(const std::string& path) {
   tests::ModelMaker maker(path);
   const auto add = [&](const std::string& name, tools::GltfPrimitive primitive) {
     maker.node(name, maker.mesh(name, {std::move(primitive)}));
@@ -152,7 +152,7 @@ void make_scene(const std::string& path) {
 
 TEST_CASE("with an error bound no chunk takes more than as floats, whatever the options", "[convert][error_bytes]") {
   const tests::TempFolder folder;
-  make_scene(folder.file("in.glb"));
+  make_error_scene(folder.file("in.glb"));
   const auto encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
   const auto variant = GENERATE(0, 1, 2, 3, 4, 5);
   CAPTURE(encoding == Encoding::kClustered, variant);
@@ -175,7 +175,7 @@ TEST_CASE("with an error bound no chunk takes more than as floats, whatever the 
 
 TEST_CASE("what is not clustered for its bytes is what it was, on any threads and memory", "[convert][error_bytes]") {
   const tests::TempFolder folder;
-  make_scene(folder.file("in.glb"));
+  make_error_scene(folder.file("in.glb"));
   for (const Bound& bound : {kBounds[1], kBounds[3], kBounds[6]}) {
     for (const auto clusters : {tools::ClusterEffort::kFast, tools::ClusterEffort::kBest}) {
       ConvertOptions options = bounded(tests::options_of(folder), bound);

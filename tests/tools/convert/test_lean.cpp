@@ -35,7 +35,7 @@ constexpr uint64_t kClusterOverhead = 56;
 constexpr uint64_t kPageOverhead = 40 + 4095;
 
 /// 301 meshes: small ones, and one of many chunks. `with_ballast`: with all kinds of data that nothing needs.
-void make_scene(const std::string& path, bool with_ballast) {
+void make_lean_scene(const std::string& path, bool with_ballast) {
   tests::ModelMaker maker(path);
   uint32_t material = format::kNone;
   if (with_ballast) {
@@ -148,7 +148,7 @@ void check_overheads(convert::Encoding encoding) {
   convert::ConvertOptions options = options_of(folder);
   options.encoding = encoding;
   options.source_ids = false;
-  make_scene(folder.file("in.glb"), false);
+  make_lean_scene(folder.file("in.glb"), false);
   must_convert(options);
   const OpenFile packed = must_open(options.output);
   const format::Container& file = packed.file;
@@ -177,7 +177,7 @@ void check_overheads(convert::Encoding encoding) {
 
   // The same scene with normals, texture coordinates, tangents, white colours, materials, a texture and a mesh that
   // nothing needs. Pages and tables are the same, except for the description of the source.
-  make_scene(folder.file("in.glb"), true);
+  make_lean_scene(folder.file("in.glb"), true);
   options.output = folder.file("ballast.scree");
   options.exclude = "excluded";
   must_convert(options);
@@ -206,7 +206,7 @@ TEST_CASE("lean: a scene of positions pays for nothing else, in clusters", "[lea
 
 TEST_CASE("lean: what is left out is named with what it takes there and would take here", "[lean][inspect]") {
   const TempFolder folder;
-  make_scene(folder.file("in.glb"), true);
+  make_lean_scene(folder.file("in.glb"), true);
   convert::ConvertOptions options = options_of(folder);
   options.source_ids = false;
   options.exclude = "excluded";

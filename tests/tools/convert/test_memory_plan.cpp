@@ -15,7 +15,7 @@ constexpr uint64_t kPrimitives = 200;
 constexpr uint64_t kTriangles = uint64_t{1} << 31;  // of each primitive
 
 /// Primitives of one glTF mesh, or each in its own. Their accessors are never read.
-SourceScene make_scene(bool in_one_mesh) {
+SourceScene make_planned_scene(bool in_one_mesh) {
   SourceScene scene;
   scene.file_name = "huge.gltf";
   for (uint32_t i = 0; i < kPrimitives; ++i) {
@@ -44,7 +44,7 @@ uint64_t least_ahead(const SourceScene& scene) {
 }  // namespace
 
 TEST_CASE("memory plan: windows of one glTF mesh wait for each other", "[convert][memory]") {
-  const uint64_t apart = least_ahead(make_scene(false)), together = least_ahead(make_scene(true));
+  const uint64_t apart = least_ahead(make_planned_scene(false)), together = least_ahead(make_planned_scene(true));
   CHECK(apart < uint64_t{1} << 40);
   // Each window is listed three times, in vectors that may be half empty. Process memory varies by some MiB.
   const uint64_t windows = kPrimitives * (kTriangles / kWindowTriangles);
@@ -54,7 +54,7 @@ TEST_CASE("memory plan: windows of one glTF mesh wait for each other", "[convert
 
 TEST_CASE("memory plan: windows of indexed triangles count with a vertex a triangle where no more has room",
           "[convert][memory]") {
-  SourceScene scene = make_scene(false);
+  SourceScene scene = make_planned_scene(false);
   for (Primitive& primitive : scene.primitives) primitive.positions.count = uint64_t{1} << 30;
   const auto largest = [&](uint64_t memory) {
     ConvertOptions options;
@@ -79,7 +79,7 @@ TEST_CASE("memory plan: windows of indexed triangles count with a vertex a trian
 
 TEST_CASE("memory plan: compressed views take what their places, their readers and what is kept of them do",
           "[convert][memory][meshopt]") {
-  SourceScene scene = make_scene(false);
+  SourceScene scene = make_planned_scene(false);
   const uint64_t plain = least_ahead(scene);
   constexpr uint64_t kGiB = uint64_t{1} << 30;
   constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory varies

@@ -40,7 +40,7 @@ Vector corner(const PixelBound& bound) {
 }
 
 /// Three meshes: a plain one, one under a node that scales it by 100, and one of single floats far from the origin.
-void make_scene(const std::string& path) {
+void make_textured_scene(const std::string& path) {
   tests::ModelMaker maker(path);
   tests::GridSpec grid;
   grid.columns = grid.rows = 24;
@@ -127,7 +127,7 @@ TEST_CASE("pixel bound: the gain of a matrix is that of its worst corner", "[pix
 
 TEST_CASE("pixel bound: meshes get the bits their instances need, and their measured errors keep it", "[pixel_bound]") {
   const tests::TempFolder folder;
-  make_scene(folder.file("in.glb"));
+  make_textured_scene(folder.file("in.glb"));
   for (const double pixels : {0.01, 0.5, 4.0}) {
     for (const bool clustered : {false, true}) {
       INFO(pixels << (clustered ? " clustered" : " indexed"));
@@ -165,7 +165,7 @@ TEST_CASE("pixel bound: meshes get the bits their instances need, and their meas
 
 TEST_CASE("an error too small for one mesh's lattice keeps that mesh's floats, and no other's", "[pixel_bound]") {
   const tests::TempFolder folder;
-  make_scene(folder.file("in.glb"));
+  make_textured_scene(folder.file("in.glb"));
   for (const double error : {1e-3, 1e-5, 1e-12}) {
     for (const bool clustered : {false, true}) {
       for (const uint32_t threads : {1u, 4u}) {
@@ -192,7 +192,7 @@ TEST_CASE("an error too small for one mesh's lattice keeps that mesh's floats, a
 
 TEST_CASE("pixel bound: what is drawn keeps it, measured from the vertices' own places", "[pixel_bound]") {
   const tests::TempFolder folder;
-  make_scene(folder.file("in.glb"));
+  make_textured_scene(folder.file("in.glb"));
   convert::ConvertOptions options = options_of(folder);
   options.pixel_bound = {1, 3, 800, 600, 60};
   must_convert(options);
@@ -211,7 +211,7 @@ TEST_CASE("pixel bound: what is drawn keeps it, measured from the vertices' own 
 
 TEST_CASE("pixel bound: its words", "[pixel_bound]") {
   const tests::TempFolder folder;
-  make_scene(folder.file("in.glb"));
+  make_textured_scene(folder.file("in.glb"));
   const auto run = [&](std::vector<std::string> words) {
     words.insert(words.begin(), {"convert", folder.file("in.glb"), "-o", folder.file("out.scree")});
     return tests::run_program(words, folder.file("log"));

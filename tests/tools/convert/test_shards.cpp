@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Three images, two of them equal; a mesh of several windows, two equal ones, many small ones, one that is not drawn.
-void make_scene(const std::string& path, bool is_large) {
+void make_sharded_scene(const std::string& path, bool is_large) {
   ModelMaker maker(path);
   tests::JpegRecipe recipe;
   recipe.width = recipe.height = 100;
@@ -58,7 +58,7 @@ class Sharded {
  public:
   explicit Sharded(bool is_large = false) {
     fs::create_directory(folder_.file("in"));
-    make_scene(input(), is_large);
+    make_sharded_scene(input(), is_large);
   }
   explicit Sharded(const fs::path& model) : input_(model.string()) {}
 
