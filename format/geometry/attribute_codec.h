@@ -59,6 +59,8 @@ void encode_normals(std::span<std::byte> out, std::span<const float> normals, ui
 Result<void> decode_normals(std::span<float> out, uint32_t bits, std::span<const std::byte> bytes);
 Result<void> check_normals(uint64_t vertex_count, uint32_t bits, std::span<const std::byte> bytes);
 
+inline namespace SCREE_ISA {
+
 /// The point of the octahedron |x| + |y| + |z| = half with the coordinates (u, v), each in -half .. half.
 SCREE_HD inline void octahedral_point(int32_t u, int32_t v, int32_t half, int32_t out[3]) {
   const int32_t abs_u = u < 0 ? -u : u;
@@ -83,6 +85,8 @@ SCREE_HD inline void decode_octahedral(uint32_t code_u, uint32_t code_v, uint32_
   out[1] = y / length;
   out[2] = z / length;
 }
+
+}  // namespace SCREE_ISA
 
 /// Each triangle's number in the source primitive is min + code.
 struct SourceIdRange {

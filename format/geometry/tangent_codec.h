@@ -29,6 +29,8 @@ Result<void> decode_tangents(std::span<float> out, std::span<const float> normal
                              std::span<const std::byte> bytes);
 Result<void> check_tangents(uint64_t vertex_count, uint32_t bits, std::span<const std::byte> bytes);
 
+inline namespace SCREE_ISA {
+
 /// Two unit vectors at right angles to the unit vector `normal` and to each other. Source: T. Duff et al., Building an
 /// Orthonormal Basis, Revisited, JCGT 2017.
 SCREE_HD inline void tangent_axes(const float normal[3], float first[3], float second[3]) {
@@ -62,4 +64,5 @@ SCREE_HD inline float decode_tangent(uint32_t code, uint32_t bits, const float n
   return (code & 1u) != 0 ? -1.0f : 1.0f;
 }
 
+}  // namespace SCREE_ISA
 }  // namespace scree::format

@@ -232,8 +232,9 @@ TEST_CASE("eight threads draw random frames of scenes that they open and close",
   CHECK(open_files() == files_before);
   const uint64_t last = resident_bytes();
   if (asked != nullptr) WARN(count << " frames: " << settled << " bytes after a quarter, " << last << " at the end");
-  // Sanitizers keep memory that was freed.
-  if (!kIsSanitized) CHECK(last < settled + (uint64_t{2} << 20));
+  // Sanitizers keep memory that was freed. The allocator's pools differ by some MiB from run to run; what a frame leaks
+  // counts hundreds of times.
+  if (!kIsSanitized) CHECK(last < settled + (uint64_t{6} << 20));
   CHECK(mapped_scenes() == 0);
 }
 

@@ -137,9 +137,9 @@ Command add_synth(CLI::App& parent) {
       "synth",
       "Writes a generated scene as glTF, streaming: the measured scenes A (terrain), B (one mesh 3000 times), C (2000\n"
       "meshes, 26,000 instances) and D (a small hall), a slope of textured stones, a forest of leaf cards with alpha\n"
-      "masks, 8 panes of glass that fill the picture one behind another, or scenes with the counts of NVIDIA's Zorah: "
-      "zorah (geometry behind EXT_meshopt_compression, 10 GB) and\n"
-      "zorah-textured (also 4,418 KTX2 textures, 78 GB).");
+      "masks, 8 panes of glass that fill the picture one behind another, or scenes with the counts of NVIDIA's\n"
+      "Zorah: zorah (geometry behind EXT_meshopt_compression, 10 GB) and zorah-textured (also 4,418 KTX2 textures,\n"
+      "78 GB).");
   app->add_option("scene", options->scene, "A, B, C, D, slope, forest, panes, panes-textured, zorah or zorah-textured")
       ->required()
       ->type_name("SCENE");
@@ -148,11 +148,12 @@ Command add_synth(CLI::App& parent) {
          "FILE.gltf, with FILE.bin and others beside it, or FILE.glb (not of zorah; past 4 GiB of version 3, which\n"
          "few programs read)")
       ->type_name("FILE");
-  app->add_option("--scale", options->scale,
-                  "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
-                  "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the\n"
-                  "forest fewer plants, there are fewer panes, and zorah has fewer triangles per primitive and texels "
-                  "per texture")
+  app->add_option(
+         "--scale", options->scale,
+         "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
+         "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the\n"
+         "forest fewer plants, zorah fewer triangles per primitive and texels per texture; of the panes there\n"
+         "are fewer")
       ->capture_default_str()
       ->type_name("SHARE");
   const auto order = std::make_shared<std::string>("row");

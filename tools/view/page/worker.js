@@ -23,8 +23,8 @@ function connect() {
   opened.onmessage = ({data}) => {
     if (opened !== socket) return;
     if (typeof data === 'string') return tell('text', {message: JSON.parse(data)});
-    const arrived = now();
-    last = last.then(() => show(opened, data, arrived)).catch((error) => tell('trouble', {message: String(error)}));
+    const picture = receive(data);
+    last = last.then(async () => show(opened, await picture)).catch((error) => tell('trouble', {message: String(error)}));
   };
   opened.onclose = ({code}) => {
     if (opened !== socket) return;
@@ -51,22 +51,29 @@ function acknowledge(from, {frame}) {
   if (from.readyState === WebSocket.OPEN) from.send(JSON.stringify({type: 'ack', frame}));
 }
 
-async function show(from, data, arrived) {
+/// Decoding begins at once, beside the drawing of the picture before.
+async function receive(data) {
   const headBytes = new DataView(data).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, headBytes)));
-  const bytes = new Uint8Array(data, 4 + headBytes);
+  const picture = {head, bytes: new Uint8Array(data, 4 + headBytes), arrived: now()};
+  if (head.kind === 'screenshot') return picture;
+  picture.image = decode(picture.bytes, head.kind === 'png' ? 'image/png' : 'image/jpeg').finally(() => { picture.decoded = now(); });
+  picture.image.catch(() => {});  // show() has it
+  return picture;
+}
+
+async function show(from, picture) {
+  const {head, arrived} = picture;
   if (head.kind === 'screenshot') {
-    const copy = bytes.slice().buffer;
+    const copy = picture.bytes.slice().buffer;
     return postMessage({type: 'screenshot', head, bytes: copy}, [copy]);
   }
-  const started = now();
   let image;
   try {
-    image = await decode(bytes, head.kind === 'png' ? 'image/png' : 'image/jpeg');
+    image = await picture.image;
   } finally {  // a picture that cannot be shown is no longer on its way either
     if (!image) acknowledge(from, head);
   }
-  const decoded = now();
   if (canvas.width !== head.fullWidth || canvas.height !== head.fullHeight) {
     canvas.width = head.fullWidth;
     canvas.height = head.fullHeight;
@@ -76,7 +83,7 @@ async function show(from, data, arrived) {
   context.drawImage(image, 0, 0, canvas.width, canvas.height);
   image.close();
   acknowledge(from, head);
-  tell('frame', {head, bytes: data.byteLength, arrived, decodeMs: decoded - started, shown: now()});
+  tell('frame', {head, bytes: picture.bytes.byteLength, arrived, decodeMs: picture.decoded - arrived, shown: now()});
 }
 
 onmessage = ({data}) => {
