@@ -103,7 +103,7 @@ struct BlendCounts {
 /// Times of one resolve by the GPU's clock.
 struct ResolveTimes {
   float occlusion_ms = 0;  // ambient occlusion and eye-dome lighting; 0 if neither is requested
-  float resolve_ms = 0;    // shading, averaging and coding
+  float resolve_ms = 0;    // shading, averaging and coding; with blended layers all of it, by the host's clock
 };
 
 /// How the last picture used a GPU's cache of JPEG textures.

@@ -320,7 +320,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + layout.matrices);
   copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + layout.materials);
   copy.view_.surfaces = reinterpret_cast<const format::SurfaceRecord*>(base + layout.surfaces);
-  copy.view_.surface_of = reinterpret_cast<const uint32_t*>(base + layout.surface_of);
+  if (scene.view().surface_of != nullptr)
+    copy.view_.surface_of = reinterpret_cast<const uint32_t*>(base + layout.surface_of);
   copy.view_.lights = reinterpret_cast<const kernels::PlacedLight*>(base + layout.lights);
   if (scene.view().environment != nullptr)
     copy.view_.environment = reinterpret_cast<const float*>(base + layout.environment);

@@ -632,6 +632,7 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   const bool from_colors = stream != nullptr && kernels::shades_from_chunks(options.show);
   impl.blended = {};
   const float* over = nullptr;
+  const auto start = std::chrono::steady_clock::now();
   if (kernels::shows_layers(impl.scene.scene.view(), options)) {
     const Result<const float*> drawn = impl.blended_over(view, options);
     if (!drawn) return drawn.error();
@@ -649,6 +650,10 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
       done = impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), colors, over, options,
                                           device_pixels, nullptr, times);
     if (!done) return done;
+    if (over != nullptr && times != nullptr) {
+      const std::chrono::duration<float, std::milli> taken = std::chrono::steady_clock::now() - start;
+      times->resolve_ms = taken.count() - times->occlusion_ms;
+    }
   } else if (auto done = impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
                                                impl.transforms(), options, device_pixels, nullptr, times,
                                                impl.scene.scene.texture_cache());

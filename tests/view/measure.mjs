@@ -12,11 +12,14 @@ await rests(page);
 console.log(`first exact picture after ${Date.now() - started} ms (with the page's loading)`);
 await page.mouse.move(width / 2, height / 2);
 await page.mouse.down();
+// A hand does not wait until the page has taken its last movement, so neither does this.
+const input = await page.context().newCDPSession(page);
+const move = (x, y) => input.send('Input.dispatchMouseEvent', {type: 'mouseMoved', x, y, button: 'left', buttons: 1}).catch(() => {});
 const drag = async (duration) => {
   const start = Date.now();
   for (let i = 0; Date.now() - start < duration; ++i) {
     const angle = i / 40;
-    await page.mouse.move(width / 2 + 150 * Math.sin(angle), height / 2 + 60 * Math.sin(0.7 * angle));
+    move(width / 2 + 150 * Math.sin(angle), height / 2 + 60 * Math.sin(0.7 * angle));
     await new Promise((resolve) => setTimeout(resolve, Math.max(0, start + 16 * i - Date.now())));
   }
 };
