@@ -194,7 +194,7 @@ Result<void> check_frame(const View& view, uint64_t triangle_count) {
 namespace {
 
 Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span<uint64_t> samples,
-                             const LayersToDraw& layers, bool clear, uint32_t threads, InstructionSet set,
+                             const uint64_t* peeled, bool clear, uint32_t threads, InstructionSet set,
                              const QueueSizes& sizes) {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
   const uint64_t triangles = scene.instance_count == 0 ? 0 : scene.instance_base[scene.instance_count];
@@ -202,7 +202,7 @@ Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span
   try {
     ThreadPool pool(threads);
     FrameStats stats{};
-    if (!passes_for(set).draw(pool, scene, view, samples.data(), layers, clear, sizes, stats)) return out_of_memory();
+    if (!passes_for(set).draw(pool, scene, view, samples.data(), peeled, clear, sizes, stats)) return out_of_memory();
     return stats;
   } catch (const std::bad_alloc&) {
     return out_of_memory();
@@ -213,7 +213,7 @@ Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span
 
 Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads, InstructionSet set, const QueueSizes& sizes) {
-  return draw_into(scene, view, samples, {}, true, threads, set, sizes);
+  return draw_into(scene, view, samples, nullptr, true, threads, set, sizes);
 }
 
 Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples, uint32_t threads) {
@@ -222,13 +222,13 @@ Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<
 
 Result<FrameStats> draw_part_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads) {
-  return draw_into(scene, view, samples, {}, false, threads, best_instruction_set(), QueueSizes{});
+  return draw_into(scene, view, samples, nullptr, false, threads, best_instruction_set(), QueueSizes{});
 }
 
-Result<void> draw_layers_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* peeled,
-                             uint32_t threads) {
-  const Result<FrameStats> done = draw_into(scene, view, {last_layer(at), at.sample_count}, {peeled, at.layers}, false,
-                                            threads, best_instruction_set(), QueueSizes{});
+Result<void> draw_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* peeled,
+                            uint32_t threads) {
+  const Result<FrameStats> done =
+      draw_into(scene, view, {at.drawn, at.sample_count}, peeled, false, threads, best_instruction_set(), QueueSizes{});
   return done ? Result<void>() : done.error();
 }
 
@@ -365,16 +365,15 @@ Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std
                       });
 }
 
-Result<void> shade_layers_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const BlendPass* pass,
-                              const ShadeOptions& options, uint32_t threads) {
-  if (auto checked = check_picture(view, at.sample_count, 1, "samples"); !checked) return checked;
-  if (auto checked = check_view(view); !checked) return checked;
+Result<void> shade_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* samples,
+                             const ShadeOptions& options, uint32_t threads) {
+  const uint64_t count = at.sample_count;
+  if (auto shaded = shade_part_cpu(scene, view, {samples, count}, options, {at.colors, 3 * count}, threads); !shaded)
+    return shaded;
   try {
     ThreadPool pool(threads);
-    return shade_tiles(scene, view.width, view.height, [&](const TileRound& round) {
-      return passes_for(best_instruction_set())
-          .shade_layers(pool, scene, view, at, pass, options, srgb_tables(), round);
-    });
+    passes_for(best_instruction_set()).find_alphas(pool, scene, view, samples, at.alphas);
+    return {};
   } catch (const std::bad_alloc&) {
     return out_of_memory();
   }
@@ -384,38 +383,30 @@ Result<std::vector<float>> blend_cpu(const View& view, std::span<const uint64_t>
                                      const LayerSource& source, uint32_t threads, BlendCounts& counts) {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
   try {
-    const size_t count = samples.size();
-    std::vector<uint64_t> drawn(source.layers() * count);
-    std::vector<uint64_t> peeled(count);
-    std::vector<uint32_t> further(PixelTiles{view.width, 0, view.height}.count(), ~0u);
-    std::vector<float> over(4 * count);
-    std::vector<float> shaded(source.blend ? 0 : 4 * count);
-    BlendProgress progress{};
-    const BlendTargets at{static_cast<uint32_t>(count),
-                          source.layers(),
+    std::vector<uint64_t> drawn(samples.size());
+    std::vector<uint64_t> layer(samples.size());
+    std::vector<float> colors(3 * samples.size());
+    std::vector<float> alphas(samples.size());
+    std::vector<float> over(4 * samples.size());
+    const BlendTargets at{static_cast<uint32_t>(samples.size()),
                           samples.data(),
                           drawn.data(),
-                          peeled.data(),
-                          over.data(),
-                          shaded.data(),
-                          further.data(),
-                          &progress};
+                          layer.data(),
+                          colors.data(),
+                          alphas.data(),
+                          over.data()};
     const CpuPasses& passes = passes_for(best_instruction_set());
     ThreadPool pool(threads);
     const Result<void> done = draw_layers(
         at, most, source, counts,
-        [&] {
-          passes.begin_layers(pool, at);
+        [&](bool is_first) {
+          passes.begin_layer(pool, at, is_first);
           return Result<void>();
         },
-        [&](const BlendPass& pass) {
-          passes.lay_shaded(pool, view, at, pass);
-          return Result<void>();
-        },
+        [&](bool is_first) { return Result<uint64_t>(passes.end_layer(pool, at, is_first)); },
         [&] {
-          BlendProgress found = progress;
-          progress.goes_on = 0;
-          return Result<BlendProgress>(found);
+          passes.lay_under(pool, at);
+          return Result<void>();
         });
     if (!done) return done.error();
     return over;
@@ -427,13 +418,11 @@ Result<std::vector<float>> blend_cpu(const View& view, std::span<const uint64_t>
 Result<std::vector<float>> blend_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
                                      const ShadeOptions& options, uint32_t threads, BlendCounts& counts) {
   const SceneView blended = blended_view(scene);
-  LayerSource source{[&](const BlendTargets& at, const uint64_t* peeled) {
-                       return draw_layers_cpu(blended, view, at, peeled, threads);
-                     },
-                     [&](const BlendTargets& at, const BlendPass& pass) {
-                       return shade_layers_cpu(blended, view, at, &pass, options, threads);
-                     }};
-  if (scene.pager != nullptr) source.layers_per_pass = 1;  // a sample's texels have to be there at once
+  const LayerSource source{
+      [&](const BlendTargets& at, const uint64_t* peeled) {
+        return draw_layer_cpu(blended, view, at, peeled, threads);
+      },
+      [&](const BlendTargets& at) { return shade_layer_cpu(blended, view, at, at.layer, options, threads); }};
   return blend_cpu(view, samples, options.blend_layers, source, threads, counts);
 }
 

@@ -60,18 +60,12 @@ struct TileRound {
   UnfinishedTile* left;  // those with pixels that lacked texels; room for all; null if none can be missing
 };
 
-/// What a frame of layers of blended surfaces has beside its samples: as in Target.
-struct LayersToDraw {
-  const uint64_t* peeled = nullptr;
-  uint32_t layers = 1;
-};
-
-/// The functions that passes.cpp defines for each instruction set. draw: returns false if memory ran out; `clear`:
-/// clear the samples first. resolve, shade_part, shade_layers: return the number of tiles in round.left. shade_layers:
-/// `pass` as for shade_layers_cpu().
+/// The functions that passes.cpp defines for each instruction set. draw: returns false if memory ran out; `peeled`: of
+/// Target; `clear`: clear the samples first. resolve, shade_part: return the number of tiles in round.left. end_layer:
+/// returns the number of samples that show something.
 struct CpuPasses {
-  bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples,
-               const LayersToDraw& layers, bool clear, const QueueSizes& sizes, FrameStats& stats);
+  bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
+               bool clear, const QueueSizes& sizes, FrameStats& stats);
   void (*shade)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
                 const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count,
                 float* rgba);
@@ -87,11 +81,10 @@ struct CpuPasses {
                   const ShadeOptions& options, float* depth, float* open, float* visibility);
   void (*layers)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
                  const LayerTargets& out);
-  void (*begin_layers)(ThreadPool& pool, const BlendTargets& at);
-  uint32_t (*shade_layers)(ThreadPool& pool, const SceneView& scene, const View& view, const BlendTargets& at,
-                           const BlendPass* pass, const ShadeOptions& options, const SrgbTables& srgb,
-                           const TileRound& round);
-  void (*lay_shaded)(ThreadPool& pool, const View& view, const BlendTargets& at, const BlendPass& pass);
+  void (*begin_layer)(ThreadPool& pool, const BlendTargets& at, bool is_first);
+  uint64_t (*end_layer)(ThreadPool& pool, const BlendTargets& at, bool is_first);
+  void (*lay_under)(ThreadPool& pool, const BlendTargets& at);
+  void (*find_alphas)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* layer, float* alphas);
 };
 namespace isa_baseline {
 extern const CpuPasses kPasses;

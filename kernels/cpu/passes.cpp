@@ -12,13 +12,12 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 namespace {
 
-bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const LayersToDraw& layers,
+bool draw(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
           bool clear, const QueueSizes& sizes, FrameStats& stats) {
   CpuBackend backend(pool);
   const FrameView frame = make_frame_view(view);
   if (clear) clear_frame(backend, frame, samples);
-  const Target target{samples, frame.width, layers.peeled, layers.layers, uint64_t{view.width} * view.height};
-  return draw_frame(backend, scene, frame, target, sizes, stats);
+  return draw_frame(backend, scene, frame, {samples, frame.width, peeled}, sizes, stats);
 }
 
 /// Calls visit(shader) with the shader of the picture's samples.
@@ -81,28 +80,29 @@ void resolve_colors(ThreadPool& pool, const View& view, uint32_t side, const uin
   backend.for_each(tiles.count(), Resolve<StoredColors>{shader, tiles, samples, side, visibility, channels, pixels});
 }
 
-void begin_layers(ThreadPool& pool, const BlendTargets& at) {
-  CpuBackend(pool).for_each(blend_items(at.sample_count), BeginLayers{at});
+void begin_layer(ThreadPool& pool, const BlendTargets& at, bool is_first) {
+  CpuBackend(pool).for_each(blend_items(at.sample_count), BeginLayer{at, is_first});
 }
 
-uint32_t shade_layers(ThreadPool& pool, const SceneView& scene, const View& view, const BlendTargets& at,
-                      const BlendPass* pass, const ShadeOptions& options, const SrgbTables& srgb,
-                      const TileRound& round) {
+uint64_t end_layer(ThreadPool& pool, const BlendTargets& at, bool is_first) {
+  uint64_t count = 0;
+  CpuBackend(pool).for_each(blend_items(at.sample_count), EndLayer{at, is_first, &count});
+  return count;
+}
+
+void lay_under(ThreadPool& pool, const BlendTargets& at) {
+  CpuBackend(pool).for_each(blend_items(at.sample_count), LayUnder{at});
+}
+
+void find_alphas(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* layer, float* alphas) {
   CpuBackend backend(pool);
-  RoundCounters counters{};
   const PixelTiles tiles{view.width, 0, view.height};
-  const ShadeInputs in = make_shade_inputs(scene, view, options, nullptr, &srgb, nullptr);
-  visit_layers(in, SceneTexels{scene.blocks, scene.pager}, [&]<class Shader>(const Shader& shader) {
-    const BlendLayers<Shader> layers{shader, tiles, at, pass != nullptr ? *pass : BlendPass{}, pass == nullptr};
-    run_round(backend, layers, round, counters);
-  });
-  return counters.tiles;
-}
-
-void lay_shaded(ThreadPool& pool, const View& view, const BlendTargets& at, const BlendPass& pass) {
-  const PixelTiles tiles{view.width, 0, view.height};
-  const ShadeInputs in = make_shade_inputs(SceneView{}, view, ShadeOptions{}, nullptr, nullptr, nullptr);
-  CpuBackend(pool).for_each(tiles.count(), BlendLayers<ShadedLayer>{{in, at.shaded}, tiles, at, pass, false});
+  const ShadeInputs in = make_shade_inputs(scene, view, ShadeOptions{}, nullptr, nullptr, nullptr);
+  if (view.orthographic) {
+    backend.for_each(tiles.count(), FindAlphas<true>{in, tiles, layer, alphas});
+  } else {
+    backend.for_each(tiles.count(), FindAlphas<false>{in, tiles, layer, alphas});
+  }
 }
 
 void occlude(ThreadPool& pool, const View& view, uint32_t side, const uint64_t* samples, const ShadeOptions& options,
@@ -122,8 +122,8 @@ void layers(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t
 }  // namespace
 
 extern const CpuPasses kPasses;
-const CpuPasses kPasses = {draw,    shade,  resolve,      shade_part,   resolve_colors,
-                           occlude, layers, begin_layers, shade_layers, lay_shaded};
+const CpuPasses kPasses = {draw,   shade,       resolve,   shade_part, resolve_colors, occlude,
+                           layers, begin_layer, end_layer, lay_under,  find_alphas};
 
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

@@ -150,21 +150,6 @@ class CpuTeam {
     }
   }
 
-  void atomic_min(uint64_t* sample, uint64_t value) const { update_min(sample, value); }
-
-  /// As atomic_min(); returns what was there.
-  uint64_t exchange_min(uint64_t* sample, uint64_t value) const {
-    uint64_t seen = __atomic_load_n(sample, __ATOMIC_RELAXED);
-    if (alone_) {
-      if (value < seen) *sample = value;
-      return seen;
-    }
-    while (value < seen) {
-      if (__atomic_compare_exchange_n(sample, &seen, value, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) break;
-    }
-    return seen;
-  }
-
   /// One bit per lane.
   static uint32_t ballot(bool value) { return value ? 1 : 0; }
   /// The value of `lane`.
@@ -311,10 +296,8 @@ class CpuTeam {
                 if (drawn >= load_relaxed(sample) || !target.is_behind_peeled(sample, drawn) ||
                     !mask.passes(box.x0 + start + k, y))
                   continue;
-                target.keep(*this, sample, drawn);
-              } else {
-                update_min(sample, drawn);
               }
+              update_min(sample, drawn);
             }
           }
         }

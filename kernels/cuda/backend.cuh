@@ -28,11 +28,6 @@ struct WarpTeam {
     atomicMin(reinterpret_cast<unsigned long long*>(sample), value);
   }
 
-  /// As atomic_min(); returns what was there.
-  __device__ static uint64_t exchange_min(uint64_t* sample, uint64_t value) {
-    return atomicMin(reinterpret_cast<unsigned long long*>(sample), value);
-  }
-
   /// Keeps the smaller of the sample and `value`. Reads first: most pixels that are drawn again lose, and a read costs
   /// an eighth of an atomic.
   __device__ static void update_min(uint64_t* sample, uint64_t value) {

@@ -538,8 +538,8 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
                       transforms.data(),
                       instanced_draws.data(),
                       counters};
+  const Target target{samples, frame.width, options.peeled};
   const uint64_t sample_count = static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height);
-  const Target target{samples, frame.width, options.peeled, options.layers, sample_count};
 
   Result<void> done;
   static_assert(kBackground == ~uint64_t{0});

@@ -29,10 +29,7 @@ struct DrawOptions {
   bool cluster_bounds = true;   // culls such clusters, and clusters outside the picture
   bool occlusion = true;        // culls clusters behind the depth pyramid; requires cluster_bounds
   FramePart part = FramePart::kWhole;
-  // Of frames that draw blended surfaces: Target::peeled, in device memory, and Target::layers. The frame's samples are
-  // those of the last layer; the others lie before them, each a picture after the one before.
-  const uint64_t* peeled = nullptr;
-  uint32_t layers = 1;
+  const uint64_t* peeled = nullptr;  // Target::peeled, in device memory, of frames that draw blended surfaces
   // A small scene's frame is one submission, so its stages have no times. With this flag its kernels are launched one
   // by one, which costs 0.02 ms on scene D.
   bool stage_times = false;

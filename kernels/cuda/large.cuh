@@ -257,7 +257,7 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
         if constexpr (Mask::kTests) {
           if (drawn < seen[y] && target.is_behind_peeled(samples + static_cast<uint32_t>(y) * stride, drawn) &&
               mask.passes(x, first_y + y))
-            target.keep(WarpTeam{}, samples + static_cast<uint32_t>(y) * stride, drawn);
+            WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
         } else {
           if (drawn < seen[y]) WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
         }

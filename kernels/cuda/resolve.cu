@@ -29,8 +29,6 @@ inline constexpr uint32_t kResidentBlocks<Resolve<Shader<kOrthographic, Show::kS
 
 template <class Shader>
 inline constexpr uint32_t kResidentBlocks<ShadePart<Shader>> = 4;
-template <class Shader>
-inline constexpr uint32_t kResidentBlocks<BlendLayers<Shader>> = 4;
 
 template <class Pass>
 __global__ void __launch_bounds__(kPixelThreads, kResidentBlocks<Pass>)
@@ -214,24 +212,6 @@ Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, 
   bool started = false;
   visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
     started = impl.run(ShadePart<Shader>{shader, tiles, samples, colors}, tiles.count(), stream);
-  });
-  if (!started) return impl.error;
-  return {};
-}
-
-Result<void> CudaResolver::shade_layers(const SceneView& scene, const View& view, const BlendTargets& at,
-                                        const BlendPass* pass, const Transform* transforms, const ShadeOptions& options,
-                                        cudaStream_t stream, CudaTextureCache* cache) {
-  if (Result<void> checked = check_frame(view, 0); !checked) return checked;
-  Impl& impl = *impl_;
-  if (!impl.open()) return impl.error;
-  const PixelTiles tiles{view.width, 0, view.height};
-  const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, nullptr);
-  if (cache != nullptr && options.show == Show::kTexture) return cache->shade_layers(inputs, tiles, at, pass, stream);
-  bool started = false;
-  visit_layers(inputs, SceneTexels{scene.blocks, scene.pager}, [&]<class Shader>(const Shader& shader) {
-    const BlendLayers<Shader> layers{shader, tiles, at, pass != nullptr ? *pass : BlendPass{}, pass == nullptr};
-    started = impl.run(layers, tiles.count(), stream);
   });
   if (!started) return impl.error;
   return {};

@@ -7,7 +7,6 @@
 #include <memory>
 
 #include "format/result.h"
-#include "kernels/blend.h"
 #include "kernels/cuda/texture_cache.h"
 #include "kernels/frame.h"
 #include "kernels/raster/transform.h"
@@ -42,11 +41,6 @@ class CudaResolver {
   Result<void> shade_part(const SceneView& scene, const View& view, const uint64_t* samples,
                           const Transform* transforms, const ShadeOptions& options, float* colors, cudaStream_t stream,
                           CudaTextureCache* cache = nullptr);
-
-  /// As shade_layers_cpu(), with all pointers in device memory. Otherwise as resolve().
-  Result<void> shade_layers(const SceneView& scene, const View& view, const BlendTargets& at, const BlendPass* pass,
-                            const Transform* transforms, const ShadeOptions& options, cudaStream_t stream,
-                            CudaTextureCache* cache = nullptr);
 
   /// As resolve_colors_cpu(), whose `over` may be null here. Otherwise as resolve().
   Result<void> resolve_colors(const View& view, uint32_t samples_per_side, const uint64_t* samples, const float* colors,

@@ -187,7 +187,7 @@ __device__ inline void draw_masked_samples(const Target& target, const SetUpTria
     uint32_t sample;
     sample_at<kOrthographic>(triangles.items[waiting >> 7], waiting & 127, target.width, drawn, sample);
     if (shared.planes[waiting >> 7].passes(static_cast<int32_t>(sample % row), static_cast<int32_t>(sample / row)))
-      target.keep(WarpTeam{}, target.samples + sample, drawn);
+      WarpTeam::atomic_min(target.samples + sample, drawn);
   }
   __syncwarp();
 }
@@ -262,7 +262,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
       for (uint32_t k = 0; k < kBatch; ++k) {
         const bool shows = drawn[k] < seen[k] && target.is_behind_peeled(target.samples + sample[k], drawn[k]);
         const bool waits = shows && (masked >> owners[k] & 1) != 0;
-        if (shows && !waits) target.keep(WarpTeam{}, target.samples + sample[k], drawn[k]);
+        if (shows && !waits) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
         const uint32_t those = __ballot_sync(~0u, waits);
         if (waits) {
           const uint32_t inside = base + k * kWarpLanes + lane - shared.items[owners[k]].start;

@@ -8,7 +8,6 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/pixels.cuh"
 #include "kernels/cuda/texture_cache.h"
-#include "kernels/shade/blend.h"
 #include "kernels/shade/resolve_rounds.h"
 #include "kernels/shade/stored_colors.h"
 
@@ -111,19 +110,10 @@ struct CudaTextureCache::Impl {
     return is_clean;
   }
 
-  /// `pixels_of(shader)`: returns what finishes the pixels of `tiles` (ShadeRound). `with_shader(texels, visit)`:
-  /// visits the shader of these texels.
-  template <class WithShader, class PixelsOf>
-  bool shade(const PixelTiles& tiles, const WithShader& with_shader, const PixelsOf& pixels_of, cudaStream_t stream);
-
-  /// `kApart`: as for visit_kinds().
+  /// `pixels_of(shader)`: returns the Resolve or the ShadePart that finishes the pixels of `tiles`. `kApart`: as for
+  /// visit_kinds().
   template <bool kApart, class PixelsOf>
-  bool shade_picture(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of, cudaStream_t stream) {
-    const auto with_shader = [&]<class Texels>(const Texels& texels, const auto& visit) {
-      visit_textured<kApart && Texels::kMayMiss>(in, texels, visit);
-    };
-    return shade(tiles, with_shader, pixels_of, stream);
-  }
+  bool shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of, cudaStream_t stream);
 
   DeviceBuffer memory;
   DeviceBuffer lists;
@@ -135,8 +125,8 @@ struct CudaTextureCache::Impl {
   Error error{ErrorCode::kDevice, ""};
 };
 
-template <class WithShader, class PixelsOf>
-bool CudaTextureCache::Impl::shade(const PixelTiles& tiles, const WithShader& with_shader, const PixelsOf& pixels_of,
+template <bool kApart, class PixelsOf>
+bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of,
                                    cudaStream_t stream) {
   const uint32_t tile_count = tiles.count();
   if (!reserve(tile_count)) return false;
@@ -151,7 +141,7 @@ bool CudaTextureCache::Impl::shade(const PixelTiles& tiles, const WithShader& wi
   for (uint32_t round = 0; round < kDecodeRounds && started; ++round, ++now) {
     const UnfinishedTile* const from = round == 0 ? nullptr : list[(round - 1) % 2];
     const RoundCounters* const before = round == 0 ? nullptr : counters + round - 1;
-    with_shader(CachedTexels{cache, counters + round, now}, [&](const auto& shader) {
+    visit_textured<kApart>(in, CachedTexels{cache, counters + round, now}, [&](const auto& shader) {
       const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list[round % 2], counters + round};
       started = run(pass, tile_count, before, stream);
     });
@@ -162,7 +152,7 @@ bool CudaTextureCache::Impl::shade(const PixelTiles& tiles, const WithShader& wi
     started = check(cudaGetLastError(), "starting a round of decoding");
   }
   if (!started) return false;
-  with_shader(FallbackTexels{cache, now - 1}, [&](const auto& shader) {
+  visit_textured<false>(in, FallbackTexels{cache, now - 1}, [&](const auto& shader) {
     const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), list[(kDecodeRounds - 1) % 2], nullptr,
                                                        nullptr};
     started = run(pass, tile_count, counters + kDecodeRounds - 1, stream);
@@ -226,7 +216,7 @@ Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& 
     auto* const out = reinterpret_cast<uint8_t*>(pixels);
     return Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, out};
   };
-  if (!impl_->shade_picture<true>(in, tiles, pixels_of, stream)) return impl_->error;
+  if (!impl_->shade<true>(in, tiles, pixels_of, stream)) return impl_->error;
   return {};
 }
 
@@ -236,17 +226,7 @@ Result<void> CudaTextureCache::shade_part(const ShadeInputs& in, const PixelTile
     return ShadePart<Shader>{shader, tiles, samples, colors};
   };
   // One kernel for all kinds of chunks: one per kind would add 10 s of compile time and 0.7 MB.
-  if (!impl_->shade_picture<false>(in, tiles, pixels_of, stream)) return impl_->error;
-  return {};
-}
-
-Result<void> CudaTextureCache::shade_layers(const ShadeInputs& in, const PixelTiles& tiles, const BlendTargets& at,
-                                            const BlendPass* pass, cudaStream_t stream) {
-  const auto with_shader = [&](const auto& texels, const auto& visit) { visit_layers(in, texels, visit); };
-  const auto pixels_of = [&]<class Shader>(const Shader& shader) {
-    return BlendLayers<Shader>{shader, tiles, at, pass != nullptr ? *pass : BlendPass{}, pass == nullptr};
-  };
-  if (!impl_->shade(tiles, with_shader, pixels_of, stream)) return impl_->error;
+  if (!impl_->shade<false>(in, tiles, pixels_of, stream)) return impl_->error;
   return {};
 }
 

@@ -8,7 +8,6 @@
 #include <memory>
 
 #include "format/result.h"
-#include "kernels/blend.h"
 #include "kernels/frame.h"
 #include "kernels/math.h"
 #include "kernels/scene_view.h"
@@ -47,10 +46,6 @@ class CudaTextureCache {
   /// As CudaResolver::shade_part, which calls it for pictures of Show::kTexture. Otherwise as resolve().
   Result<void> shade_part(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples, float* colors,
                           cudaStream_t stream);
-
-  /// As CudaResolver::shade_layers, which calls it for pictures of Show::kTexture. Otherwise as resolve().
-  Result<void> shade_layers(const ShadeInputs& in, const PixelTiles& tiles, const BlendTargets& at,
-                            const BlendPass* pass, cudaStream_t stream);
 
   /// Waits for the last picture, or its last part. Errors kDevice.
   Result<TextureCacheCounts> counts() const;

@@ -68,7 +68,7 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
           if (drawn[k] < seen[k] && target.is_behind_peeled(sample[k], drawn[k]) &&
               mask.passes(box.x0 + static_cast<int32_t>(place[k] & 0xffffu),
                           box.y0 + static_cast<int32_t>(place[k] >> 16)))
-            target.keep(team, sample[k], drawn[k]);
+            team.atomic_min(sample[k], drawn[k]);
         } else {
           if (drawn[k] < seen[k]) team.atomic_min(sample[k], drawn[k]);
         }

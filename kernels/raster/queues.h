@@ -57,48 +57,19 @@ SCREE_HD inline void push(Team team, uint64_t* counter, T* items, uint64_t capac
   if (slot < capacity) items[slot] = item;
 }
 
-/// Keeps `value` if it is among the least of a sample's `layers` words, which lie `stride` words apart, the least first
-/// and the last at `last`. Each word takes the minimum and passes on the larger value, so that the result does not
-/// depend on the order of drawing. A value that is there already ends at its own word. A call, because a frame's loops
-/// over samples keep their values in registers.
-template <class Team>
-[[gnu::noinline]] SCREE_HD void keep_least(Team team, uint64_t* last, uint64_t value, uint32_t layers,
-                                           uint64_t stride) {
-  for (uint64_t* word = last - (layers - 1) * stride;; word += stride) {
-    uint64_t seen = team.load_relaxed(word);
-    if (value < seen) seen = team.exchange_min(word, value);
-    if (seen == value || word == last) return;
-    value = max_of(value, seen);
-  }
-}
-
 /// The picture being drawn, row by row.
 struct Target {
   uint64_t* samples;
   int32_t width;
-  // Of layers of blended surfaces (spec/rasterization.md, blending): the layer before them, or null. What is drawn lies
-  // behind that. Only where masks are tested are this and the next two read.
+  // Of a layer of blended surfaces (spec/rasterization.md, blending): the layer before it, or null. What is drawn lies
+  // behind that. Only where masks are tested is it read.
   const uint64_t* peeled = nullptr;
-  // So many of the least words are kept per sample. `samples` are those of the last layer, which all others lie before:
-  // what is behind it is not seen.
-  uint32_t layers = 1;
-  uint64_t stride = 0;  // words from a layer to the next
 
   SCREE_HD uint64_t* row(int32_t y) const { return samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(width); }
 
   /// Whether `value` lies behind the layer before. `sample`: its place in samples.
   SCREE_HD bool is_behind_peeled(const uint64_t* sample, uint64_t value) const {
     return peeled == nullptr || value > peeled[sample - samples];
-  }
-
-  /// Draws a sample that was tested. `sample`: as above.
-  template <class Team>
-  SCREE_HD void keep(Team team, uint64_t* sample, uint64_t value) const {
-    if (layers == 1) {
-      team.atomic_min(sample, value);
-    } else {
-      keep_least(team, sample, value, layers, stride);
-    }
   }
 };
 

@@ -29,7 +29,7 @@ SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& t
         if constexpr (Mask::kTests) {
           if (sample < team.load_relaxed(samples + x) && target.is_behind_peeled(samples + x, sample) &&
               mask.passes(x, y))
-            target.keep(team, samples + x, sample);
+            team.update_min(samples + x, sample);
         } else {
           team.update_min(samples + x, sample);
         }

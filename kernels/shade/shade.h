@@ -499,7 +499,9 @@ struct Shader {
           const int stage = stage_of<kOrthographic>(at, vertex, in.view, x, y);
           for (int c = 0; c < 3; ++c) rgb[c] = stage == c + 1 ? 1.0f : 0.05f;
         } else {
-          shade(at, state.at.instance, vertex, x, y, state.texels, rgb);
+          const float center_x = static_cast<float>(x * kSubpixels + kSubpixels / 2) - in.view.half_width;
+          const float center_y = static_cast<float>(y * kSubpixels + kSubpixels / 2) - in.view.half_height;
+          shade(at, state.at.instance, vertex, center_x, center_y, state.texels, rgb);
         }
       }
     }
@@ -552,17 +554,9 @@ struct Shader {
     for (int c = 0; c < 3; ++c) rgb[c] = rgb[c] * (color[c] * (1.0f / 255.0f));
   }
 
-  /// The light of sample (x, y), of a triangle with corners `vertex`; of pictures that need its point on the screen.
-  SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], int32_t x, int32_t y,
-                      typename Texels::Lane& lane, float rgb[3]) const {
-    const float center_x = static_cast<float>(x * kSubpixels + kSubpixels / 2) - in.view.half_width;
-    const float center_y = static_cast<float>(y * kSubpixels + kSubpixels / 2) - in.view.half_height;
-    shade_at(at, instance, vertex, center_x, center_y, lane, rgb);
-  }
-
  private:
-  SCREE_HD void shade_at(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
-                         [[maybe_unused]] typename Texels::Lane& lane, float rgb[3]) const {
+  SCREE_HD void shade(const PlacedChunk& at, uint64_t instance, const uint32_t vertex[3], float x, float y,
+                      [[maybe_unused]] typename Texels::Lane& lane, float rgb[3]) const {
     const Corners<float> corners = fetch_corners<float>(at.reader, vertex);
     const PlaneHit<float> m = intersect_plane<kOrthographic>(at.transform, corners, x, y);
     float weights[3];

@@ -79,7 +79,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   }
   if (needs.shade == nullptr) return bytes;
   if (kernels::shows_layers(scene.view(), *needs.shade))
-    bytes += kernels::CudaBlend::device_bytes(width, height, streamed) + pyramid_bytes(width, height);
+    bytes += kernels::CudaBlend::device_bytes(samples) + pyramid_bytes(width, height);
   bytes += pixels * sizeof(uint32_t) + kResolverBytes;
   if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
   if (needs.shade->ssao || needs.shade->edl) bytes += 3 * pixels * sizeof(float);
@@ -261,13 +261,15 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
         kernels::DrawOptions draw;
         draw.part = kernels::FramePart::kPart;
         draw.peeled = peeled;
-        draw.layers = at.layers;
-        const Result<kernels::FrameStats> drawn = blend_frames->draw(view, kernels::last_layer(at), draw);
+        const Result<kernels::FrameStats> drawn = blend_frames->draw(view, at.drawn, draw);
         return drawn ? Result<void>() : drawn.error();
       },
-      [&](const kernels::BlendTargets& at, const kernels::BlendPass& pass) {
-        return resolver.shade_layers(blended_scene, view, at, &pass, blend_frames->transforms(), options, nullptr,
-                                     scene.scene.texture_cache());
+      [&](const kernels::BlendTargets& at) -> Result<void> {
+        const kernels::Transform* const transforms = blend_frames->transforms();
+        Result<void> done = resolver.shade_part(blended_scene, view, at.layer, transforms, options, at.colors, nullptr,
+                                                scene.scene.texture_cache());
+        if (done) done = kernels::start_finding_alphas(blended_scene, view, at.layer, transforms, at.alphas, nullptr);
+        return done;
       }};
   return blend.blend(view, sample_data(), options.blend_layers, source, blended);
 }

@@ -58,7 +58,7 @@ Result<void> CpuStream::draw_layers(StreamStats& stats, const IsOver& is_over) {
                                       stats.add_layer(*drawn);
                                       return {};
                                     },
-                                    {}};
+                                    [](const kernels::BlendTargets&) { return Result<void>(); }};
   Result<std::vector<float>> over =
       kernels::blend_cpu(view_, samples_, shade_->blend_layers, source, threads_, blended_);
   if (!over) return over.error();
@@ -129,8 +129,8 @@ Result<void> CpuStream::start_drawing(std::span<const Residency::Place> places, 
   Result<void> done;
   if (layer_) {
     const kernels::SceneView blended = kernels::blended_view(scene_);
-    done = kernels::draw_layers_cpu(blended, view_, *layer_->at, layer_->peeled, threads_);
-    if (done) done = kernels::shade_layers_cpu(blended, view_, *layer_->at, nullptr, *shade_, threads_);
+    done = kernels::draw_layer_cpu(blended, view_, *layer_->at, layer_->peeled, threads_);
+    if (done) done = kernels::shade_layer_cpu(blended, view_, *layer_->at, layer_->at->drawn, *shade_, threads_);
   } else {
     const Result<kernels::FrameStats> drawn = kernels::draw_part_cpu(scene_, view_, samples_, threads_);
     done = drawn ? Result<void>() : drawn.error();

@@ -184,7 +184,7 @@ Result<void> CudaStream::draw_layers(StreamStats& stats, const IsOver& is_over) 
                                       stats.add_layer(*drawn);
                                       return {};
                                     },
-                                    {}};
+                                    [](const kernels::BlendTargets&) { return Result<void>(); }};
   const Result<const float*> over = blend_.blend(view_, samples_, shade_.blend_layers, source, blended_);
   if (!over) return over.error();
   over_ = *over;
@@ -369,11 +369,12 @@ Result<void> CudaStream::use_drawn() {
   Result<void> done;
   const uint64_t* const drawn = layer_ ? layer_->at->drawn : samples_;
   if (shades_ && part_.share != Share::kLikelySeen) {
+    const kernels::SceneView& scene = layer_ ? blended_scene_ : scene_;
     const kernels::Transform* const transforms = frames().transforms();
-    done = layer_ ? resolver_->shade_layers(blended_scene_, view_, *layer_->at, nullptr, transforms, shade_, nullptr,
-                                            cache_)
-                  : resolver_->shade_part(scene_, view_, drawn, transforms, shade_,
-                                          reinterpret_cast<float*>(colors_.data()), nullptr, cache_);
+    float* const colors = layer_ ? layer_->at->colors : reinterpret_cast<float*>(colors_.data());
+    done = resolver_->shade_part(scene, view_, drawn, transforms, shade_, colors, nullptr, cache_);
+    if (done && layer_)
+      done = kernels::start_finding_alphas(scene, view_, drawn, transforms, layer_->at->alphas, nullptr);
   }
   if (done && part_.finds_depths) done = visible_.start_finding_shown(drawn);
   if (done) done = cuda_check(cudaEventRecord(drawing_ended_, nullptr), "recording a time");

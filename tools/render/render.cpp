@@ -9,7 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "kernels/blend.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/renderer.h"
 #include "runtime/images/image.h"
@@ -307,8 +306,9 @@ uint64_t host_picture_bytes(const RenderOptions& options, const runtime::Scene& 
   bytes += layer_bytes(options);
   if (!options.output.empty() && !on_gpu && (options.shade.ssao || options.shade.edl))
     bytes += 3 * pixels * sizeof(float);
+  constexpr uint64_t kLayerBytes = 48;  // kernels::blend_cpu()
   if (!options.output.empty() && kernels::shows_layers(scene.view(), options.shade)) {
-    if (!on_gpu) bytes += kernels::kHostLayerBytes * samples;
+    if (!on_gpu) bytes += kLayerBytes * samples;
     if (on_gpu && options.writes_exr()) bytes += 4 * samples * sizeof(float);
   }
   return bytes;

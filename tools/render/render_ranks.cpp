@@ -147,27 +147,26 @@ class RankedPicture {
     const kernels::SceneView blended = kernels::blended_view(scene_view_);
     const kernels::LayerSource source{
         [&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
-          const Result<void> drawn = kernels::draw_layers_cpu(blended, view_, at, peeled, options_.threads);
+          const Result<void> drawn = kernels::draw_layer_cpu(blended, view_, at, peeled, options_.threads);
           const Result<void> joined = ranks_.least({at.drawn, at.sample_count});
-          const std::span<float> shaded(at.shaded, 4 * uint64_t{at.sample_count});
-          for (size_t i = 0; i < shaded.size(); ++i) shaded[i] = i % 4 == 3 ? -1.0f : 0.0f;
-          Result<void> done = drawn ? joined : drawn;
-          if (done) done = kernels::shade_layers_cpu(blended, view_, at, nullptr, options_.shade, options_.threads);
+          return drawn ? joined : drawn;
+        },
+        [&](const kernels::BlendTargets& at) -> Result<void> {
+          std::fill_n(at.colors, 3 * uint64_t{at.sample_count}, 0.0f);
+          std::fill_n(at.alphas, at.sample_count, -1.0f);
+          const Result<void> shaded =
+              kernels::shade_layer_cpu(blended, view_, at, at.layer, options_.shade, options_.threads);
           // All ranks have to end a sample's layers at the same one.
           std::vector<uint64_t> alphas(at.sample_count);
-          for (size_t i = 0; i < alphas.size(); ++i) {
-            float& alpha = shaded[4 * i + 3];
-            alphas[i] = alpha >= 0 ? std::bit_cast<uint32_t>(alpha) : UINT64_MAX;
-            alpha = 0;
-          }
-          const Result<void> shared = ranks_.least(alphas);
-          const Result<void> summed = ranks_.sum(shaded);
           for (size_t i = 0; i < alphas.size(); ++i)
-            shaded[4 * i + 3] = std::bit_cast<float>(static_cast<uint32_t>(alphas[i]));
-          if (!done) return done;
-          return shared ? summed : shared;
-        },
-        {}};
+            alphas[i] = at.alphas[i] >= 0 ? std::bit_cast<uint32_t>(at.alphas[i]) : UINT64_MAX;
+          const Result<void> joined = ranks_.least(alphas);
+          for (size_t i = 0; i < alphas.size(); ++i)
+            at.alphas[i] = std::bit_cast<float>(static_cast<uint32_t>(alphas[i]));
+          const Result<void> summed = ranks_.sum(std::span(at.colors, 3 * uint64_t{at.sample_count}));
+          if (!shaded) return shaded;
+          return joined ? summed : joined;
+        }};
     Result<std::vector<float>> over =
         kernels::blend_cpu(view_, samples_, options_.shade.blend_layers, source, options_.threads, blended_);
     if (!over) return at(options_.file, over.error());

@@ -2,8 +2,6 @@
 #pragma once
 
 #include <span>
-#include <utility>
-#include <vector>
 
 #include "kernels/blend.h"
 #include "tests/kernels/raster/mask_cases.h"
@@ -42,97 +40,39 @@ inline void add_blended_meshes(SceneBuilder& builder, bool clustered_alone) {
   builder.instance(meshes[2], builder.matrix({1, 0, 0, 0, 0, 1, 0, 0.5, 0, 0, 1, 0}));
 }
 
-/// What a picture's layers are.
+/// What a picture's layers are: samples and alphas of each.
 struct DrawnLayers {
-  // Of each: words, kBackground where a sample has none, and alphas, 0 there. Only where a pass draws one layer.
   std::vector<std::vector<uint64_t>> samples;
-  std::vector<std::vector<float>> alphas;
-  std::vector<float> over;  // BlendTargets::over
+  std::vector<std::vector<float>> alphas;  // where a sample shows something, else 0
   kernels::BlendCounts counts;
 
   bool operator==(const DrawnLayers& other) const {
-    return samples == other.samples && alphas == other.alphas && is_as_deep(other);
+    return samples == other.samples && alphas == other.alphas && counts.layers == other.counts.layers &&
+           counts.samples_left_out == other.counts.samples_left_out;
   }
-  /// As many layers, which let the same light through, to the bit.
-  bool is_as_deep(const DrawnLayers& other) const {
-    bool same = counts.layers == other.counts.layers && counts.samples_left_out == other.counts.samples_left_out &&
-                over.size() == other.over.size();
-    for (size_t i = 3; same && i < over.size(); i += 4) same = over[i] == other.over[i];
-    return same;
-  }
-  void add(std::span<const uint64_t> drawn, std::span<const uint64_t> opaque, std::span<const float> shaded) {
-    std::vector<uint64_t>& words = samples.emplace_back(drawn.begin(), drawn.end());
-    std::vector<float>& own = alphas.emplace_back(drawn.size());
-    for (size_t i = 0; i < words.size(); ++i) {
-      if (words[i] == 0 || words[i] == opaque[i])
-        words[i] = kernels::kBackground;
-      else
-        own[i] = shaded[4 * i + 3];
-    }
-  }
-  /// A last pass may have drawn what is not shown.
-  void end() {
-    samples.resize(counts.layers);
-    alphas.resize(counts.layers);
-  }
-  /// Whether a pass has drawn the words of these layers. `drawn`, `further`: of BlendTargets.
-  bool has_drawn(std::span<const uint64_t> drawn, std::span<const uint32_t> further, uint32_t before,
-                 uint32_t width) const {
-    const size_t count = over.size() / 4;
-    for (size_t l = 0; l < drawn.size() / count && before + l < samples.size(); ++l) {
-      for (size_t i = 0; i < count; ++i) {
-        const size_t x = i % width;
-        const size_t y = i / width;
-        const bool is_open = (further[y / 4 * ((width + 7) / 8) + x / 8] >> (y % 4 * 8 + x % 8) & 1) != 0;
-        const uint64_t word = samples[before + l][i];
-        if (word != kernels::kBackground && (!is_open || drawn[l * count + i] != word)) return false;
-      }
-    }
-    return true;
+  void add(std::span<const uint64_t> layer, std::span<const float> alpha) {
+    samples.emplace_back(layer.begin(), layer.end());
+    alphas.emplace_back(alpha.begin(), alpha.end());
+    for (size_t i = 0; i < layer.size(); ++i)
+      if (layer[i] == kernels::kBackground) alphas.back()[i] = 0;
   }
 };
 
-/// Layer by layer, each of which is drawn and shaded before it is laid.
 inline DrawnLayers draw_layers(const kernels::SceneView& scene, const kernels::View& view, uint32_t most = 64,
                                uint32_t threads = 2) {
   const std::vector<uint64_t> opaque = draw(scene, view, threads);
   const kernels::SceneView blended = kernels::blended_view(scene);
   DrawnLayers layers;
-  const kernels::LayerSource source{
-      [&](const kernels::BlendTargets& at, const uint64_t* peeled) {
-        Result<void> done = kernels::draw_layers_cpu(blended, view, at, peeled, threads);
-        if (done) done = kernels::shade_layers_cpu(blended, view, at, nullptr, {}, threads);
-        layers.add({at.drawn, at.sample_count}, opaque, {at.shaded, 4 * size_t{at.sample_count}});
-        return done;
-      },
-      {}};
-  Result<std::vector<float>> over = kernels::blend_cpu(view, opaque, most, source, threads, layers.counts);
-  REQUIRE(over);
-  layers.over = std::move(*over);
-  layers.end();
-  return layers;
-}
-
-/// `per_pass` of them at once, compared with `expected` as they are drawn. Returns `over` and the counts.
-inline DrawnLayers draw_layers_together(const kernels::SceneView& scene, const kernels::View& view, uint32_t per_pass,
-                                        const DrawnLayers& expected, uint32_t most = 64, uint32_t threads = 2) {
-  const std::vector<uint64_t> opaque = draw(scene, view, threads);
-  const kernels::SceneView blended = kernels::blended_view(scene);
-  DrawnLayers layers;
-  kernels::LayerSource source{
-      [&](const kernels::BlendTargets& at, const uint64_t* peeled) {
-        return kernels::draw_layers_cpu(blended, view, at, peeled, threads);
-      },
-      [&](const kernels::BlendTargets& at, const kernels::BlendPass& pass) {
-        CHECK(expected.has_drawn({at.drawn, size_t{at.layers} * at.sample_count},
-                                 {at.further, size_t{(view.width + 7) / 8} * ((view.height + 3) / 4)}, pass.before,
-                                 view.width));
-        return kernels::shade_layers_cpu(blended, view, at, &pass, {}, threads);
-      }};
-  source.layers_per_pass = per_pass;
-  Result<std::vector<float>> over = kernels::blend_cpu(view, opaque, most, source, threads, layers.counts);
-  REQUIRE(over);
-  layers.over = std::move(*over);
+  const kernels::LayerSource source{[&](const kernels::BlendTargets& at, const uint64_t* peeled) {
+                                      return kernels::draw_layer_cpu(blended, view, at, peeled, threads);
+                                    },
+                                    [&](const kernels::BlendTargets& at) {
+                                      const Result<void> shaded =
+                                          kernels::shade_layer_cpu(blended, view, at, at.layer, {}, threads);
+                                      layers.add({at.layer, at.sample_count}, {at.alphas, at.sample_count});
+                                      return shaded;
+                                    }};
+  REQUIRE(kernels::blend_cpu(view, opaque, most, source, threads, layers.counts));
   return layers;
 }
 

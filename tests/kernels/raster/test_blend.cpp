@@ -25,9 +25,8 @@ std::vector<uint64_t> draw_instance(SceneView scene, const View& view, uint64_t 
   scene.instance_count = 1;
   kernels::BlendTargets at{};
   at.sample_count = static_cast<uint32_t>(samples.size());
-  at.layers = 1;
   at.drawn = samples.data();
-  REQUIRE(kernels::draw_layers_cpu(scene, view, at, nullptr, 1));
+  REQUIRE(kernels::draw_layer_cpu(scene, view, at, nullptr, 1));
   return samples;
 }
 
@@ -41,17 +40,6 @@ std::vector<uint8_t> picture(const SceneView& scene, const View& view, const Sha
   REQUIRE(kernels::resolve_cpu(scene, in_samples, side, samples, options, 4, pixels, 2, counts));
   return pixels;
 }
-
-/// The words of a team that keep_least() needs.
-struct OneLane {
-  static uint64_t load_relaxed(const uint64_t* word) { return *word; }
-  static uint64_t exchange_min(uint64_t* word, uint64_t value) {
-    const uint64_t seen = *word;
-    *word = std::min(seen, value);
-    return seen;
-  }
-  static void atomic_min(uint64_t* word, uint64_t value) { exchange_min(word, value); }
-};
 
 /// Flat squares of 2 x 2 units above one another, the first one on top, seen from above.
 struct Stack {
@@ -133,55 +121,6 @@ TEST_CASE("blended layers do not depend on threads or on how many are drawn", "[
                                       [](uint64_t sample) { return sample != kBackground; });
   CHECK(some.counts.samples_left_out == static_cast<uint64_t>(left_out));
   CHECK(std::equal(some.samples.begin(), some.samples.end(), all.samples.begin()));
-}
-
-TEST_CASE("layers of a pass are those that one after the other has", "[blend]") {
-  const bool is_clustered = GENERATE(false, true);
-  SceneBuilder builder;
-  add_blended_meshes(builder, is_clustered);
-  const SceneView scene = builder.view();
-  View view = masked_views()[0];
-  view.width = 77;  // tiles at its right and lower ends are cut
-  view.height = 51;
-  const DrawnLayers all = draw_layers(scene, view);
-  const uint32_t count = all.counts.layers;
-  REQUIRE(count > 5);
-  // As many as there are, one less and one more, and the most of them before, in and after the pass.
-  for (const uint32_t per_pass : {1u, 2u, 3u, 4u, count - 1, count, count + 1})
-    CHECK(draw_layers_together(scene, view, per_pass, all).over == all.over);
-  for (const uint32_t most : {0u, 1u, 3u, 4u, 5u, count - 1, count}) {
-    const DrawnLayers some = draw_layers(scene, view, most);
-    CHECK(some.counts.layers == most);
-    CHECK((some.counts.samples_left_out == 0) == (most == count));
-    for (const uint32_t per_pass : {2u, 4u}) {
-      for (const uint32_t threads : {1u, 3u}) {
-        const DrawnLayers together = draw_layers_together(scene, view, per_pass, some, most, threads);
-        CHECK(together.is_as_deep(some));
-        CHECK(together.over == some.over);
-      }
-    }
-  }
-}
-
-TEST_CASE("the least words of a sample are kept in any order", "[blend]") {
-  std::mt19937 random(5);
-  for (const uint32_t layers : {1u, 2u, 3u, 4u, 8u}) {
-    for (int turn = 0; turn < 200; ++turn) {
-      std::vector<uint64_t> values(random() % 12);
-      for (uint64_t& value : values) value = 1 + random() % 9;  // some twice
-      constexpr uint64_t kFarthest = 8;
-      constexpr size_t kStride = 3;
-      std::vector<uint64_t> words(layers * kStride, kFarthest);
-      uint64_t* const last = words.data() + (layers - 1) * kStride + 1;
-      const kernels::Target target{last, 1, nullptr, layers, kStride};
-      for (const uint64_t value : values) target.keep(OneLane{}, last, value);
-      std::sort(values.begin(), values.end());
-      values.erase(std::unique(values.begin(), values.end()), values.end());
-      while (!values.empty() && values.back() >= kFarthest) values.pop_back();
-      values.resize(std::max<size_t>(values.size(), layers), kFarthest);
-      for (size_t i = 0; i < words.size(); ++i) CHECK(words[i] == (i % kStride == 1 ? values[i / kStride] : kFarthest));
-    }
-  }
 }
 
 TEST_CASE("blended colours are laid over what lies behind them", "[blend]") {
