@@ -303,10 +303,10 @@ TEST_CASE("faults: every call fails once while a GPU streams frames", "[cuda][fa
     const uint64_t some = picture + least_device_memory(no_room.output) + std::filesystem::file_size(path) / 3;
     for (const std::string& host : {std::string("0"), std::to_string(some)}) {
       const std::string command = "render " + file + common + " --host-memory " + host;
-      const ProgramRun streamed =
-          run_program({"render", path, "-o", path + ".png", "--size", "64x48", "--eye", "0,0,2", "--target", "0,0,0",
-                       "--backend", "cuda", "--device-memory", std::to_string(budget), "--stats"},
-                      log);
+      const ProgramRun streamed = run_program(
+          {"render", path, "-f", "-o", path + ".png", "--size", "64x48", "--eye", "0,0,2", "--target", "0,0,0",
+           "--backend", "cuda", "--device-memory", std::to_string(budget), "--host-memory", host, "--stats"},
+          log);
       CAPTURE(streamed.output);
       REQUIRE(streamed.output.find(" batches") != std::string::npos);
       inputs.check("device", "all", "out.png,out.bin", command, kStreamedOnGpu);

@@ -1,5 +1,7 @@
 #include "tools/view/adaptation.h"
 
+#include <algorithm>
+
 namespace scree::tools::view {
 
 void Adaptation::go_to(size_t level, double now_ms) {
@@ -24,14 +26,24 @@ void Adaptation::note(size_t level, double ms, double now_ms) {
     lowest_until_ms_ = now_ms + kUselessMs;
     return go_to(level_ - 1, now_ms);
   }
+  const double stayed_ms = now_ms - changed_ms_;
   if (average > kSlow) {
     fast_since_ms_ = -1;
-    if (has_settled && level_ < lowest_) go_to(level_ + 1, now_ms);
-    return;
+    if (!has_settled || level_ >= lowest_) return;
+    trial_after_ms_ = is_trial_ ? std::min(2 * trial_after_ms_, kRarestTrialMs) : kTrialMs;
+    is_trial_ = false;
+    return go_to(level_ + 1, now_ms);
+  }
+  if (is_trial_ && stayed_ms >= kTrialMs) {
+    is_trial_ = false;
+    trial_after_ms_ = kTrialMs;
   }
   if (average >= kFast) {
     fast_since_ms_ = -1;
-    return;
+    // Neither slow nor fast: what made the level above slow may be over.
+    if (level_ == 0 || is_trial_ || stayed_ms < trial_after_ms_) return;
+    is_trial_ = true;
+    return go_to(level_ - 1, now_ms);
   }
   if (fast_since_ms_ < 0) fast_since_ms_ = now_ms;
   if (now_ms - fast_since_ms_ >= kRiseMs && level_ > 0) go_to(level_ - 1, now_ms);

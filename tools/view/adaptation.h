@@ -35,8 +35,10 @@ class Adaptation {
   // of half the size shows more than one of a quarter that arrives 30 ms sooner.
   static constexpr double kSlow = 100;
   static constexpr double kFast = 30;
-  static constexpr double kSettleMs = 250;  // between two steps to worse
-  static constexpr double kRiseMs = 1500;   // of fast pictures before a step to better
+  static constexpr double kSettleMs = 250;         // between two steps to worse
+  static constexpr double kRiseMs = 1500;          // of fast pictures before a step to better
+  static constexpr double kTrialMs = 3000;         // at a level between kSlow and kFast until the one above is tried
+  static constexpr double kRarestTrialMs = 60000;  // so long after trials that were too slow, one after the other
   static constexpr double kUselessMs =
       8000;                             // a level that gained nothing over the one above is not used for this long
   static constexpr double kGain = 0.9;  // a worse level must take less than this share of the better level's time
@@ -45,6 +47,8 @@ class Adaptation {
   std::array<double, kQualities.size()> average_ms_{};  // 0: unknown
   double changed_ms_ = 0;
   double fast_since_ms_ = -1;
+  bool is_trial_ = false;  // of a level that had been too slow
+  double trial_after_ms_ = kTrialMs;
   size_t lowest_ = kQualities.size() - 1;
   double lowest_until_ms_ = 0;
 };

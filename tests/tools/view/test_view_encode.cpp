@@ -1,5 +1,6 @@
 #include "tools/view/encode.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -106,4 +107,33 @@ TEST_CASE("quality follows what a link and a renderer take", "[view][view-encode
   CHECK(settle(10, 200, 0) <= 4);
   CHECK(settle(10, 10, 1500) == 5);  // a slow link: the lowest quality
   CHECK(settle(200, 1, 1) <= 1);     // neither pixels nor bytes matter: a good picture is as fast
+}
+
+TEST_CASE("quality that was lost for a moment comes back", "[view][view-encode]") {
+  Adaptation adaptation;
+  double now = 1000;
+  const auto show = [&](double until, double ms) {
+    size_t worst = 0;
+    for (; now < until; now += ms) {
+      adaptation.note(adaptation.level(), ms, now);
+      worst = std::max(worst, adaptation.level());
+    }
+    return worst;
+  };
+  CHECK(show(2000, 150) >= 2);  // while the scene comes
+  show(20000, 60);              // a picture that can be steered, but is not fast
+  CHECK(adaptation.level() == 0);
+  // Where the level above stays too slow, trials of it become rare.
+  Adaptation slow;
+  size_t trials = 0;
+  for (now = 1000; now < 241000;) {
+    const size_t level = slow.level();
+    const double ms = level < 2 ? 130 : 70;
+    slow.note(level, ms, now);
+    if (slow.level() < level) ++trials;
+    now += ms;
+  }
+  CHECK(trials >= 3);
+  CHECK(trials <= 8);
+  CHECK(slow.level() <= 2);
 }
