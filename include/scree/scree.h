@@ -110,7 +110,8 @@ typedef struct scree_mesh_info {
   float box_max[3];
   double max_position_error; /* an axis, in the mesh's own units */
   int32_t material;          /* -1: the default material */
-  uint32_t attributes;       /* 1: texture coordinates, 2: colours, 4: normals, 8: triangle numbers of the source, 16: second coordinates, 32: tangents */
+  uint32_t attributes;       /* 1: texture coordinates, 2: colours, 4: normals, 8: triangle numbers of the source,
+                                16: second texture coordinates, 32: tangents */
 } scree_mesh_info;
 
 typedef struct scree_material_info {
