@@ -30,8 +30,8 @@ struct LayerSource {
   std::function<Result<void>(const BlendTargets& at)> shade;
 };
 
-/// Draws up to `most` layers, from the nearest on, until none is left. `begin(is_first)` and `end(is_first)`, the
-/// number of samples that show the layer, stand before and after it is drawn; `lay_under()` lays it under those before.
+/// Draws up to `most` layers, from the nearest on, until none is left. `begin(is_first)` and `end()`, the number of
+/// samples that show the layer, stand before and after it is drawn; `lay_under()` lays it under those before.
 template <class Begin, class End, class LayUnder>
 Result<void> draw_layers(const BlendTargets& at, uint32_t most, const LayerSource& source, BlendCounts& counts,
                          const Begin& begin, const End& end, const LayUnder& lay_under) {
@@ -39,7 +39,7 @@ Result<void> draw_layers(const BlendTargets& at, uint32_t most, const LayerSourc
     const bool is_first = counts.layers == 0;
     if (Result<void> done = begin(is_first); !done) return done;
     if (Result<void> done = source.draw(at, is_first ? nullptr : at.layer); !done) return done;
-    const Result<uint64_t> shown = end(is_first);
+    const Result<uint64_t> shown = end();
     if (!shown) return shown.error();
     if (*shown != 0 && counts.layers == most) counts.samples_left_out = *shown;
     if (*shown == 0 || counts.layers == most) return {};

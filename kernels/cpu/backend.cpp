@@ -403,7 +403,7 @@ Result<std::vector<float>> blend_cpu(const View& view, std::span<const uint64_t>
           passes.begin_layer(pool, at, is_first);
           return Result<void>();
         },
-        [&](bool is_first) { return Result<uint64_t>(passes.end_layer(pool, at, is_first)); },
+        [&] { return Result<uint64_t>(passes.end_layer(pool, at)); },
         [&] {
           passes.lay_under(pool, at);
           return Result<void>();

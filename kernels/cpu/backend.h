@@ -82,7 +82,7 @@ struct CpuPasses {
   void (*layers)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side, const uint64_t* samples,
                  const LayerTargets& out);
   void (*begin_layer)(ThreadPool& pool, const BlendTargets& at, bool is_first);
-  uint64_t (*end_layer)(ThreadPool& pool, const BlendTargets& at, bool is_first);
+  uint64_t (*end_layer)(ThreadPool& pool, const BlendTargets& at);
   void (*lay_under)(ThreadPool& pool, const BlendTargets& at);
   void (*find_alphas)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* layer, float* alphas);
 };

@@ -84,9 +84,9 @@ void begin_layer(ThreadPool& pool, const BlendTargets& at, bool is_first) {
   CpuBackend(pool).for_each(blend_items(at.sample_count), BeginLayer{at, is_first});
 }
 
-uint64_t end_layer(ThreadPool& pool, const BlendTargets& at, bool is_first) {
+uint64_t end_layer(ThreadPool& pool, const BlendTargets& at) {
   uint64_t count = 0;
-  CpuBackend(pool).for_each(blend_items(at.sample_count), EndLayer{at, is_first, &count});
+  CpuBackend(pool).for_each(blend_items(at.sample_count), EndLayer{at, &count});
   return count;
 }
 

@@ -150,6 +150,9 @@ class CpuTeam {
     }
   }
 
+  /// `shown`: MaskPlane::shown() of a sample that is there.
+  void draw_blended(const Target&, uint64_t* sample, uint64_t value, uint32_t) const { update_min(sample, value); }
+
   /// One bit per lane.
   static uint32_t ballot(bool value) { return value ? 1 : 0; }
   /// The value of `lane`.
@@ -293,11 +296,11 @@ class CpuTeam {
             if (codes[k] <= sample_depth_code(__atomic_load_n(sample, __ATOMIC_RELAXED))) {
               const uint64_t drawn = pack_sample(codes[k], triangle.id);
               if constexpr (Mask::kTests) {
-                if (drawn >= load_relaxed(sample) || !target.is_behind_peeled(sample, drawn) ||
-                    !mask.passes(box.x0 + start + k, y))
-                  continue;
+                if (drawn < load_relaxed(sample))
+                  draw_tested(*this, target, sample, drawn, mask, box.x0 + start + k, y);
+              } else {
+                update_min(sample, drawn);
               }
-              update_min(sample, drawn);
             }
           }
         }

@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "kernels/cuda/warp.cuh"
+#include "kernels/raster/queues.h"
 
 namespace scree::kernels {
 
@@ -32,6 +33,19 @@ struct WarpTeam {
   /// an eighth of an atomic.
   __device__ static void update_min(uint64_t* sample, uint64_t value) {
     if (value < load_relaxed(sample)) atomic_min(sample, value);
+  }
+
+  /// `sample`: of the target. `shown`: MaskPlane::shown() of a sample that is there.
+  __device__ static void draw_blended(const Target& target, uint64_t* sample, uint64_t value, uint32_t shown) {
+    const FragmentSlots& to = target.fragments;
+    if (to.counts == nullptr) return atomic_min(sample, value);
+    const auto place = static_cast<uint64_t>(sample - target.samples);
+    // So the count cannot pass 2^32, however many fragments there are.
+    if (*static_cast<const volatile uint32_t*>(to.counts + place) > to.slot_count) return;
+    const uint32_t slot = atomicAdd(to.counts + place, 1u);
+    if (slot >= to.slot_count) return;
+    to.words[slot * to.sample_count + place] = value;
+    to.alphas[slot * to.sample_count + place] = shown;
   }
 };
 

@@ -4,29 +4,44 @@
 #include <cuda_runtime_api.h>
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 
 #include "format/result.h"
 #include "kernels/blend.h"
+#include "kernels/raster/queues.h"
 #include "kernels/raster/transform.h"
 
 namespace scree::kernels {
 
+/// How the fragments of a scene whose pages are all there are drawn and shaded, in device memory.
+struct FragmentSource {
+  SceneView scene;  // blended_view()
+  /// Draws all fragments in front of the opaque picture (DrawOptions::fragments).
+  std::function<Result<void>(const FragmentSlots& to)> draw;
+  /// Fills in the colours of samples that show something, 3 floats each.
+  std::function<Result<void>(const uint64_t* samples, float* colors)> shade;
+  std::function<const Transform*()> transforms;  // by instance, after it was drawn
+};
+
 /// Keeps its memory from one picture to the next.
 class CudaBlend {
  public:
-  CudaBlend();
+  /// `fragment_room`: bytes of device memory for fragments. With 4 bytes per sample and 12 more per fragment, up to 8
+  /// fragments per sample are drawn at once. The layers of samples with more are drawn one by one.
+  explicit CudaBlend(uint64_t fragment_room = 0);
   CudaBlend(CudaBlend&&) noexcept;
   CudaBlend& operator=(CudaBlend&&) noexcept;
   ~CudaBlend();
 
-  /// What a picture takes of device memory.
+  /// What a picture takes of device memory beside its fragments.
   static uint64_t device_bytes(uint64_t sample_count) { return 48 * sample_count + sizeof(uint64_t); }
 
   /// As blend_cpu(): BlendTargets::over, in device memory until the next call. Work goes to the default stream, with
-  /// which the work of `source` is ordered; the host waits for each layer. Errors kDevice, those of `source`.
+  /// which the work of `source` is ordered; the host waits for each layer. `fragments`: null, or the same layers drawn
+  /// at once, for which the host waits twice. Errors kDevice, those of the sources.
   Result<const float*> blend(const View& view, const uint64_t* samples, uint32_t most, const LayerSource& source,
-                             BlendCounts& counts);
+                             BlendCounts& counts, const FragmentSource* fragments = nullptr);
 
   /// 3 floats per sample that blend() used, free after it.
   float* colors() const;

@@ -270,9 +270,9 @@ __device__ inline WarpMasks& cluster_masks() {
 }
 
 /// This warp's in kernels whose shared memory is static.
-template <bool kMasked>
+template <Alpha kAlpha>
 __device__ inline WarpMasks* block_masks() {
-  if constexpr (kMasked) {
+  if constexpr (kAlpha != Alpha::kOpaque) {
     __shared__ WarpMasks masks[kClusterWarps];
     return masks + threadIdx.x / kWarpLanes;
   } else {
@@ -305,9 +305,8 @@ __device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const
 }
 
 /// As LaneMask, of a cluster's triangle: its corners are read as they were to draw it.
-struct ClusterMask {
-  static constexpr bool kTests = true;
-
+template <bool kOfLayers>
+struct ClusterMask : TestedSamples<kOfLayers> {
   const MaskView* mask = nullptr;  // null: the lane's triangle is opaque
   WarpMasks* shared;
   const ClusterFrame* frame;
@@ -331,10 +330,10 @@ struct ClusterMask {
 };
 
 /// `masks()`: the shared memory of the warp; not called where nothing is masked.
-template <bool kMasked, class Masks>
+template <Alpha kAlpha, class Masks>
 __device__ inline auto lane_mask(const ClusterFrame& frame, const Masks& masks) {
-  if constexpr (kMasked) {
-    return ClusterMask(frame, masks());
+  if constexpr (kAlpha != Alpha::kOpaque) {
+    return ClusterMask<kAlpha == Alpha::kBlended>(frame, masks());
   } else {
     return NoLaneMask{};
   }
@@ -373,7 +372,7 @@ __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const
 /// is 2% faster where they are many, since the code for parts is gone. `kLateCull`: where a pass has many clusters
 /// beside the first one, as after a jump of the camera, each run of clusters is tested against the current picture just
 /// before it is drawn. That requires kParts == 1.
-template <bool kOrthographic, uint32_t kParts, bool kLateCull, bool kMasked>
+template <bool kOrthographic, uint32_t kParts, bool kLateCull, Alpha kAlpha>
 class ClusterWarp {
   static_assert(!kLateCull || kParts == 1);
 
@@ -501,11 +500,11 @@ class ClusterWarp {
     PixelBox box{};
     int64_t area = 0;
     int64_t pixels = 0;
-    auto mask = lane_mask<kMasked>(frame_, cluster_masks);
+    auto mask = lane_mask<kAlpha>(frame_, cluster_masks);
     if (lane_ < count && project_cluster_survivor<kOrthographic>(frame_, shared.survivors[survivor_count_ + lane_],
                                                                  triangle, box, area)) {
       pixels = box.pixels();
-      if constexpr (kMasked) triangle.is_masked = mask.find(shared.survivors[survivor_count_ + lane_]);
+      if constexpr (kAlpha != Alpha::kOpaque) triangle.is_masked = mask.find(shared.survivors[survivor_count_ + lane_]);
     }
     if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area, pixels,
                                    mask)) {
@@ -523,10 +522,10 @@ class ClusterWarp {
   uint32_t small_ = 0;
 };
 
-template <bool kOrthographic, uint32_t kParts, bool kLateCull, bool kMasked>
-__global__ void __launch_bounds__(kClusterThreads, kMasked ? kMaskedBlocks : kClusterBlocks)
+template <bool kOrthographic, uint32_t kParts, bool kLateCull, Alpha kAlpha>
+__global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kMaskedBlocks : kClusterBlocks)
     raster_clusters(const __grid_constant__ ClusterFrame frame) {
-  ClusterWarp<kOrthographic, kParts, kLateCull, kMasked>(frame).run();
+  ClusterWarp<kOrthographic, kParts, kLateCull, kAlpha>(frame).run();
 }
 
 inline constexpr uint32_t kNearClippedBlocks = 4;  // of a multiprocessor
@@ -548,8 +547,8 @@ __device__ inline bool clip_survivor_near(const ClusterFrame& frame, const Survi
 }
 
 /// Draws what is left of up to 32 triangles of clusters that need clipping, a lane each. Returns as
-/// clip_and_draw() does. `masks`: null unless kMasked.
-template <bool kMasked>
+/// clip_and_draw() does. `masks`: null where all triangles are opaque.
+template <Alpha kAlpha>
 __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const ClipItem& item, bool has_one,
                                              SetUpTriangles& set_up, [[maybe_unused]] WarpMasks* masks) {
   const SurvivorReader reader(frame, item.survivor);
@@ -560,12 +559,12 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
       drawn = 1u << 16;
     } else {
       polygon.count = 0;
-      drawn = clip_and_draw<false, kMasked>(frame.small, item.instance, item.chunk, item.triangle);
+      drawn = clip_and_draw<false, kAlpha>(frame.small, item.instance, item.chunk, item.triangle);
     }
   }
-  auto mask = lane_mask<kMasked>(frame, [&]() -> WarpMasks& { return *masks; });
+  auto mask = lane_mask<kAlpha>(frame, [&]() -> WarpMasks& { return *masks; });
   [[maybe_unused]] uint32_t is_masked = 0;
-  if constexpr (kMasked) is_masked = mask.find(item.survivor);
+  if constexpr (kAlpha != Alpha::kOpaque) is_masked = mask.find(item.survivor);
     // Of 4 corners two triangles are left.
 #pragma unroll 1
   for (int i = 2; i < 4; ++i) {
@@ -576,7 +575,7 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
     if (i < polygon.count &&
         reader.set_up(frame.small.view, polygon.corner[0], polygon.corner[1], polygon.corner[2], triangle, box, area))
       pixels = box.pixels();
-    if constexpr (kMasked) triangle.is_masked = is_masked;
+    if constexpr (kAlpha != Alpha::kOpaque) triangle.is_masked = is_masked;
     if (draw_set_up<false>(frame.small.target, frame.small.queues, set_up, triangle, box, area, pixels, mask)) ++drawn;
     polygon.corner[1] = polygon.corner[2];
     polygon.corner[2] = polygon.corner[3];
@@ -586,7 +585,7 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
 
 /// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32, a thread each.
 /// Neighbours in the queue go to different warps, since hardly two take the same branches.
-template <bool kOrthographic, bool kMasked>
+template <bool kOrthographic, Alpha kAlpha>
 __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_constant__ ClusterFrame frame) {
   FrameCounters& counters = *frame.small.list.counters;
   const uint64_t count = min_of(counters.to_clip, frame.list.clip_capacity);
@@ -595,7 +594,7 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
   const uint64_t first = counters.to_clip_drawn + threadIdx.x % kWarpLanes * (threads / kWarpLanes) + warp;
   for (uint64_t i = first; i < count; i += threads) {
     const ClipItem item = frame.list.to_clip[i];
-    const uint32_t drawn = clip_and_draw<kOrthographic, kMasked>(frame.small, item.instance, item.chunk, item.triangle);
+    const uint32_t drawn = clip_and_draw<kOrthographic, kAlpha>(frame.small, item.instance, item.chunk, item.triangle);
     WarpTeam::add(&counters.queues.triangles_small, drawn & 0xffffu);
     WarpTeam::add(&counters.queues.triangles_clipped, drawn >> 16);
   }
@@ -603,7 +602,7 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
 
 /// The same for a perspective camera where they are many: neighbours in the queue go to one warp, and triangles that
 /// the near plane alone cuts are clipped in registers (clip_near).
-template <bool kMasked>
+template <Alpha kAlpha>
 __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
     raster_near_clipped(const __grid_constant__ ClusterFrame frame) {
   __shared__ SetUpTriangles set_up[kClusterWarps];
@@ -617,8 +616,8 @@ __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
   for (uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * kClusterThreads + warp * kWarpLanes;
        first < end; first += threads) {
     const bool has_one = first + lane < end;
-    const uint32_t drawn = draw_near_clipped<kMasked>(frame, frame.list.to_clip[has_one ? first + lane : first],
-                                                      has_one, set_up[warp], block_masks<kMasked>());
+    const uint32_t drawn = draw_near_clipped<kAlpha>(frame, frame.list.to_clip[has_one ? first + lane : first], has_one,
+                                                     set_up[warp], block_masks<kAlpha>());
     small += drawn & 0xffffu;
     clipped += drawn >> 16;
   }

@@ -28,13 +28,13 @@ __device__ inline ScreenVertex project_cluster_vertex(const FrameView& view, con
 
 /// Draws the clusters of a pass: a thread per vertex, then per triangle. Nothing is filtered, staged or read twice. A
 /// triangle that needs clipping is queued, unless it lies outside the picture.
-template <bool kOrthographic, bool kMasked>
-__global__ void __launch_bounds__(kClusterThreads, kMasked ? kMaskedBlocks : kFewClusterBlocks)
+template <bool kOrthographic, Alpha kAlpha>
+__global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kMaskedBlocks : kFewClusterBlocks)
     raster_few_clusters(const __grid_constant__ ClusterFrame frame) {
   static_assert(kClusterThreads >= format::kMaxClusterVertices && kClusterThreads >= format::kMaxClusterTriangles);
   __shared__ ScreenVertex vertices[format::kMaxClusterVertices];
   __shared__ SetUpTriangles set_up_triangles[kClusterWarps];
-  [[maybe_unused]] WarpMasks* const masks = block_masks<kMasked>();
+  [[maybe_unused]] WarpMasks* const masks = block_masks<kAlpha>();
   FrameCounters& counters = *frame.small.list.counters;
   const FrameView& view = frame.small.view;
   const uint32_t thread = threadIdx.x;
@@ -67,7 +67,7 @@ __global__ void __launch_bounds__(kClusterThreads, kMasked ? kMaskedBlocks : kFe
     PixelBox box{};
     int64_t area = 0;
     int64_t pixels = 0;
-    auto mask = lane_mask<kMasked>(frame, [&]() -> WarpMasks& { return *masks; });
+    auto mask = lane_mask<kAlpha>(frame, [&]() -> WarpMasks& { return *masks; });
     if (has_triangle && ((a.flags | b.flags | c.flags) & kNeedsClip) != 0) {
       if ((a.flags & b.flags & c.flags & kOutsideMask) == 0)
         push(WarpTeam{}, &counters.to_clip, frame.list.to_clip, frame.list.clip_capacity,
@@ -75,7 +75,7 @@ __global__ void __launch_bounds__(kClusterThreads, kMasked ? kMaskedBlocks : kFe
     } else if (has_triangle && set_up(view, a, b, c, draw.first_id + number, (draw.flags & ClusterDraw::kMirrored) != 0,
                                       (draw.flags & ClusterDraw::kDoubleSided) != 0, triangle, box, area)) {
       pixels = box.pixels();
-      if constexpr (kMasked) triangle.is_masked = mask.find(numbers);
+      if constexpr (kAlpha != Alpha::kOpaque) triangle.is_masked = mask.find(numbers);
     }
     if (draw_set_up<kOrthographic>(frame.small.target, frame.small.queues, set_up_triangles[thread / kWarpLanes],
                                    triangle, box, area, pixels, mask))

@@ -42,16 +42,19 @@ struct SmallVariant {
   size_t shared_bytes;
 };
 
-template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked = false>
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, Alpha kAlpha = Alpha::kOpaque>
 SmallVariant small_variant() {
-  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced, kMasked>,
-          kSmallWarps * (sizeof(SmallShared<kInstanced>) + (kMasked ? sizeof(WarpMasks) : 0))};
+  return {raster_small<kOrthographic, kLattice, kFloat32, kInstanced, kAlpha>,
+          kSmallWarps * (sizeof(SmallShared<kInstanced>) + (kAlpha != Alpha::kOpaque ? sizeof(WarpMasks) : 0))};
 }
 
-SmallVariant choose_small(const DrawTables& tables, bool orthographic, bool masked) {
-  if (masked)
-    return orthographic ? small_variant<true, true, true, true, true>()
-                        : small_variant<false, true, true, true, true>();
+SmallVariant choose_small(const DrawTables& tables, bool orthographic, Alpha alpha) {
+  if (alpha == Alpha::kMasked)
+    return orthographic ? small_variant<true, true, true, true, Alpha::kMasked>()
+                        : small_variant<false, true, true, true, Alpha::kMasked>();
+  if (alpha == Alpha::kBlended)
+    return orthographic ? small_variant<true, true, true, true, Alpha::kBlended>()
+                        : small_variant<false, true, true, true, Alpha::kBlended>();
   if (orthographic) return small_variant<true, true, true, true>();
   if (tables.has_lattice && tables.has_float32) return small_variant<false, true, true, true>();
   if (tables.has_float32) {
@@ -62,18 +65,19 @@ SmallVariant choose_small(const DrawTables& tables, bool orthographic, bool mask
 }
 
 /// Shared memory of a block of raster_clusters.
-template <bool kMasked>
-constexpr size_t kClusterSharedBytes = kClusterWarps*(sizeof(ClusterShared) + (kMasked ? sizeof(WarpMasks) : 0));
+template <Alpha kAlpha>
+constexpr size_t kClusterSharedBytes = kClusterWarps*(sizeof(ClusterShared) +
+                                                      (kAlpha != Alpha::kOpaque ? sizeof(WarpMasks) : 0));
 
-template <bool kMasked>
+template <Alpha kAlpha>
 Result<void> prepare_clusters() {
   for (const auto kernel :
-       {raster_clusters<false, 1, false, kMasked>, raster_clusters<false, 1, true, kMasked>,
-        raster_clusters<false, kClusterParts, false, kMasked>, raster_clusters<true, 1, false, kMasked>,
-        raster_clusters<true, 1, true, kMasked>, raster_clusters<true, kClusterParts, false, kMasked>}) {
+       {raster_clusters<false, 1, false, kAlpha>, raster_clusters<false, 1, true, kAlpha>,
+        raster_clusters<false, kClusterParts, false, kAlpha>, raster_clusters<true, 1, false, kAlpha>,
+        raster_clusters<true, 1, true, kAlpha>, raster_clusters<true, kClusterParts, false, kAlpha>}) {
     Result<void> done = cuda_check(
         cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel), cudaFuncAttributeMaxDynamicSharedMemorySize,
-                             static_cast<int>(kClusterSharedBytes<kMasked>)),
+                             static_cast<int>(kClusterSharedBytes<kAlpha>)),
         "asking for shared memory");
     if (!done) return done;
   }
@@ -161,27 +165,43 @@ struct CudaFrames::Impl {
   Result<void> fit_pyramid(const FrameView& frame);
   Result<void> submit();
   Result<void> capture_graph();
-  Result<void> submit_passes(const FrameStreams& streams) {
-    if (scene.masks != nullptr)
-      return frame.orthographic ? submit_passes<true, true>(streams) : submit_passes<false, true>(streams);
-    return frame.orthographic ? submit_passes<true, false>(streams) : submit_passes<false, false>(streams);
+  Alpha alpha() const {
+    return scene.draws_blended ? Alpha::kBlended : scene.masks != nullptr ? Alpha::kMasked : Alpha::kOpaque;
   }
-  template <bool kOrthographic, bool kMasked>
+  /// Calls run<kAlpha>() with the builds that the scene takes.
+  template <class Run>
+  Result<void> with_alpha(const Run& run) const {
+    switch (alpha()) {
+      case Alpha::kBlended:
+        return run.template operator()<Alpha::kBlended>();
+      case Alpha::kMasked:
+        return run.template operator()<Alpha::kMasked>();
+      case Alpha::kOpaque:
+        break;
+    }
+    return run.template operator()<Alpha::kOpaque>();
+  }
+  Result<void> submit_passes(const FrameStreams& streams) {
+    return with_alpha([&]<Alpha kAlpha>() {
+      return frame.orthographic ? submit_passes<true, kAlpha>(streams) : submit_passes<false, kAlpha>(streams);
+    });
+  }
+  template <bool kOrthographic, Alpha kAlpha>
   Result<void> submit_passes(const FrameStreams& streams);
-  template <bool kOrthographic, ClusterPass kPass, bool kMasked>
+  template <bool kOrthographic, ClusterPass kPass, Alpha kAlpha>
   void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips,
                        const FrameStreams& streams);
-  template <bool kOrthographic, bool kMasked>
+  template <bool kOrthographic, Alpha kAlpha>
   void submit_clipped(const ClusterFrame& clusters, cudaStream_t stream);
-  template <bool kOrthographic, bool kMasked>
+  template <bool kOrthographic, Alpha kAlpha>
   Result<void> submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams);
-  template <bool kOrthographic, bool kMasked>
+  template <bool kOrthographic, Alpha kAlpha>
   Result<void> submit_stages(const SmallFrame& small, const StageEvents& events_of_pass, const FrameStreams& streams);
   Result<void> record_stages(const StageEvents& events_of_pass, const FrameStreams& streams);
-  template <bool kMasked>
-  LargeFrame<kMasked> large_frame(const SmallFrame& small, const Queues& queued, const DrawnTriangles* drawn) const {
-    LargeFrame<kMasked> out{small.view, small.target, queued, drawn, {}};
-    if constexpr (kMasked) out.masks = {scene, transforms.data()};
+  template <Alpha kAlpha>
+  LargeFrame<kAlpha> large_frame(const SmallFrame& small, const Queues& queued, const DrawnTriangles* drawn) const {
+    LargeFrame<kAlpha> out{small.view, small.target, queued, drawn, {}};
+    if constexpr (kAlpha != Alpha::kOpaque) out.masks = {scene, transforms.data()};
     return out;
   }
   ClusterList cluster_list() const;
@@ -285,7 +305,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   tables = std::move(*made);
   Result<void> done = resident.open();
   for (const bool orthographic : {false, true}) {
-    variants[orthographic] = choose_small(tables, orthographic, scene.masks != nullptr);
+    variants[orthographic] = choose_small(tables, orthographic, alpha());
     if (done) done = prepare(variants[orthographic]);
   }
   for (cudaStream_t* stream : {&frame_streams.main, &frame_streams.side, &frame_streams.clip})
@@ -346,7 +366,7 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
   if (done) done = queues.clipped.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done)
     done = queues.grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip, sizes.clipped, 0, 0});
-  if (done) done = scene.masks != nullptr ? prepare_clusters<true>() : prepare_clusters<false>();
+  if (done) done = with_alpha([&]<Alpha kAlpha>() { return prepare_clusters<kAlpha>(); });
   return done;
 }
 
@@ -430,7 +450,7 @@ void CudaFrames::Impl::submit_small_scene_culling(const DrawList& list, const Sa
 
 /// Finds the clusters that a pass draws, unless they are few and found, and draws them. `clips`: and what has to be
 /// clipped of them.
-template <bool kOrthographic, ClusterPass kPass, bool kMasked>
+template <bool kOrthographic, ClusterPass kPass, Alpha kAlpha>
 void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips,
                                        const FrameStreams& streams) {
   const uint32_t pass = kPass == ClusterPass::kNewlyVisible ? 1 + round : 0;
@@ -442,69 +462,69 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
   const ClusterFrame clusters{small, cluster_list(), pass};
   // Not in parts of a frame: their last clusters have no first pass to compare with.
   const bool culls_late = kPass == ClusterPass::kNewlyVisible && options.part == FramePart::kWhole;
-  const auto kernel = has_few_clusters() ? raster_few_clusters<kOrthographic, kMasked>
-                      : !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false, kMasked>
-                      : culls_late       ? raster_clusters<kOrthographic, 1, true, kMasked>
-                                         : raster_clusters<kOrthographic, 1, false, kMasked>;
-  const size_t shared_bytes = has_few_clusters() ? 0 : kClusterSharedBytes<kMasked>;
+  const auto kernel = has_few_clusters() ? raster_few_clusters<kOrthographic, kAlpha>
+                      : !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false, kAlpha>
+                      : culls_late       ? raster_clusters<kOrthographic, 1, true, kAlpha>
+                                         : raster_clusters<kOrthographic, 1, false, kAlpha>;
+  const size_t shared_bytes = has_few_clusters() ? 0 : kClusterSharedBytes<kAlpha>;
   kernel<<<resident.of(kernel, kClusterThreads, shared_bytes), kClusterThreads, shared_bytes, streams.main>>>(clusters);
-  if (clips && !clips_on_own_stream()) submit_clipped<kOrthographic, kMasked>(clusters, streams.main);
+  if (clips && !clips_on_own_stream()) submit_clipped<kOrthographic, kAlpha>(clusters, streams.main);
 }
 
 /// Clips the triangles of clusters that need it.
-template <bool kOrthographic, bool kMasked>
+template <bool kOrthographic, Alpha kAlpha>
 void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t stream) {
   if constexpr (!kOrthographic) {  // clip_near() is for perspective only
     if (clips_many()) {
-      const auto near_clipped = raster_near_clipped<kMasked>;
+      const auto near_clipped = raster_near_clipped<kAlpha>;
       near_clipped<<<resident.of(near_clipped, kClusterThreads), kClusterThreads, 0, stream>>>(clusters);
       return;
     }
   }
-  raster_clipped<kOrthographic, kMasked><<<resident.multiprocessors(), kClusterThreads, 0, stream>>>(clusters);
+  raster_clipped<kOrthographic, kAlpha><<<resident.multiprocessors(), kClusterThreads, 0, stream>>>(clusters);
 }
 
 /// Clips the triangles of clusters that need it and draws the remaining pieces, while all other triangles go through
 /// stages 2 and 3. They are few, but each takes 20 us. The additional kernels are worth it only in short frames: in
 /// scenes that are drawn in one pass.
-template <bool kOrthographic, bool kMasked>
+template <bool kOrthographic, Alpha kAlpha>
 Result<void> CudaFrames::Impl::submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams) {
   SmallFrame clipped = small;
   clipped.queues = queues.clipped.view(&small.list.counters->clipped);
-  const LargeFrame<kMasked> queued = large_frame<kMasked>(small, clipped.queues, &small.list.counters->clipped_drawn);
+  const LargeFrame<kAlpha> queued = large_frame<kAlpha>(small, clipped.queues, &small.list.counters->clipped_drawn);
   Result<void> done = record_event(kClustersDone, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, events[kClustersDone]), "forking");
   if (!done) return done;
-  submit_clipped<kOrthographic, kMasked>({clipped, cluster_list(), 0}, streams.clip);
-  const auto large = raster_large<kOrthographic, kMasked>;
-  split_large<kOrthographic, kMasked><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
+  submit_clipped<kOrthographic, kAlpha>({clipped, cluster_list(), 0}, streams.clip);
+  const auto large = raster_large<kOrthographic, kAlpha>;
+  split_large<kOrthographic, kAlpha><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
   large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.clip>>>(queued);
-  raster_medium<kOrthographic, kMasked><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
+  raster_medium<kOrthographic, kAlpha><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
   done = cuda_check(cudaGetLastError(), "starting to clip");
   if (done) done = cuda_check(cudaEventRecord(events[kClippedDone], streams.clip), "recording an event");
   return done;
 }
 
 /// Runs stages 2 and 3 side by side, because each alone is too little work for the GPU.
-template <bool kOrthographic, bool kMasked>
+template <bool kOrthographic, Alpha kAlpha>
 Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageEvents& at,
                                              const FrameStreams& streams) {
-  const LargeFrame<kMasked> queued = large_frame<kMasked>(small, small.queues, &small.list.counters->drawn);
+  const LargeFrame<kAlpha> queued = large_frame<kAlpha>(small, small.queues, &small.list.counters->drawn);
   Result<void> done;
-  if (clips_on_own_stream()) done = submit_clipping_on_own_stream<kOrthographic, kMasked>(small, streams);
+  if (clips_on_own_stream()) done = submit_clipping_on_own_stream<kOrthographic, kAlpha>(small, streams);
   if (done) done = record_event(at.small_done, streams);
   if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, events[at.small_done]), "forking");
   if (done) done = cuda_check(cudaEventRecord(events[at.large_begun], streams.side), "recording an event");
   if (done) {
-    const auto split = split_large<kOrthographic, kMasked>;
-    const auto large = raster_large<kOrthographic, kMasked>;
+    const auto split = split_large<kOrthographic, kAlpha>;
+    const auto large = raster_large<kOrthographic, kAlpha>;
     split<<<resident.of(split, kLargeThreads), kLargeThreads, 0, streams.side>>>(queued);
     large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.side>>>(queued);
     done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
   if (done) done = cuda_check(cudaEventRecord(events[at.large_done], streams.side), "recording an event");
   if (done) {
-    const auto medium = raster_medium<kOrthographic, kMasked>;
+    const auto medium = raster_medium<kOrthographic, kAlpha>;
     medium<<<resident.of(medium, kLargeThreads), kLargeThreads, 0, streams.main>>>(queued);
     done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
@@ -524,7 +544,7 @@ Result<void> CudaFrames::Impl::record_stages(const StageEvents& at, const FrameS
 }
 
 /// Draws the frame.
-template <bool kOrthographic, bool kMasked>
+template <bool kOrthographic, Alpha kAlpha>
 Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   auto* const counters = reinterpret_cast<FrameCounters*>(zeroed.data());
   const DrawList list{order.data(),
@@ -538,7 +558,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
                       transforms.data(),
                       instanced_draws.data(),
                       counters};
-  const Target target{samples, frame.width, options.peeled};
+  const Target target{samples, frame.width, options.peeled, options.fragments};
   const uint64_t sample_count = static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height);
 
   Result<void> done;
@@ -579,15 +599,15 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   const bool defers = defers_stages();
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
-      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible, kMasked>(small, 0, 1, !defers, streams);
+      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible, kAlpha>(small, 0, 1, !defers, streams);
     } else if (!two_passes) {
-      submit_clusters<kOrthographic, ClusterPass::kOnly, kMasked>(small, 0, 1, true, streams);
+      submit_clusters<kOrthographic, ClusterPass::kOnly, kAlpha>(small, 0, 1, true, streams);
     }
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
   if (done) {
     done = defers ? record_stages(kFirstStages, streams)
-                  : submit_stages<kOrthographic, kMasked>(small, kFirstStages, streams);
+                  : submit_stages<kOrthographic, kAlpha>(small, kFirstStages, streams);
   }
   if (done) done = record_event(kFirstDone, streams);
   if (done && two_passes && !draws_only_previously_visible) {
@@ -600,9 +620,9 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
       build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters, !defers);
       if (round == 0) done = record_event(kPyramidDone, streams);
       const bool ends = !defers || round + 1 == rounds;
-      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible, kMasked>(small, round, rounds, ends, streams);
+      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible, kAlpha>(small, round, rounds, ends, streams);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
-      if (done && ends) done = submit_stages<kOrthographic, kMasked>(small, kSecondStages, streams);
+      if (done && ends) done = submit_stages<kOrthographic, kAlpha>(small, kSecondStages, streams);
     }
   }
   return done;

@@ -8,6 +8,7 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "kernels/raster/queues.h"
 #include "kernels/raster/transform.h"
 
 namespace scree::kernels {
@@ -29,7 +30,9 @@ struct DrawOptions {
   bool cluster_bounds = true;   // culls such clusters, and clusters outside the picture
   bool occlusion = true;        // culls clusters behind the depth pyramid; requires cluster_bounds
   FramePart part = FramePart::kWhole;
-  const uint64_t* peeled = nullptr;  // Target::peeled, in device memory, of frames that draw blended surfaces
+  // Of frames that draw blended surfaces, in device memory: Target::peeled and Target::fragments.
+  const uint64_t* peeled = nullptr;
+  FragmentSlots fragments = {};
   // A small scene's frame is one submission, so its stages have no times. With this flag its kernels are launched one
   // by one, which costs 0.02 ms on scene D.
   bool stage_times = false;

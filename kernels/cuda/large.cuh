@@ -8,21 +8,21 @@
 
 namespace scree::kernels {
 
-template <bool kMasked>
+template <Alpha kAlpha>
 struct LargeFrame {
   FrameView view;
   Target target;
   Queues queues;
   const DrawnTriangles* drawn;
-  MaskSource<kMasked> masks;
+  MaskSource<kAlpha != Alpha::kOpaque> masks;
 };
 
 inline constexpr uint32_t kLargeThreads = 256;
 // Blocks per multiprocessor, all at once. The builds that draw masked triangles need more registers.
-template <bool kMasked>
-inline constexpr uint32_t kMediumBlocks = kMasked ? 2 : 3;
-template <bool kMasked>
-inline constexpr uint32_t kLargeBlocks = kMasked ? 3 : 4;
+template <Alpha kAlpha>
+inline constexpr uint32_t kMediumBlocks = kAlpha != Alpha::kOpaque ? 2 : 3;
+template <Alpha kAlpha>
+inline constexpr uint32_t kLargeBlocks = kAlpha != Alpha::kOpaque ? 3 : 4;
 
 /// Rows of a tile that are drawn together, as a strip.
 inline constexpr int32_t kStripRows = 8;
@@ -38,13 +38,13 @@ __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t r
 
 /// The planes of up to 32 triangles that a warp draws one after the other: a plane takes a lane some thousand
 /// instructions, so all lanes make theirs at once.
-template <bool kOrthographic, bool kMasked>
+template <bool kOrthographic, Alpha kAlpha>
 struct WarpPlanes {
-  const LargeFrame<kMasked>& frame;
+  const LargeFrame<kAlpha>& frame;
 
   /// By all lanes. `triangle`: the lane's, null if it has none.
   __device__ void make(const Triangle* triangle) const {
-    if constexpr (kMasked) {
+    if constexpr (kAlpha != Alpha::kOpaque) {
       __syncwarp();  // the planes before are done with
       if (triangle != nullptr && triangle->is_masked != 0)
         frame.masks.template make_plane<kOrthographic>(WarpTeam{}, frame.view, triangle->id,
@@ -56,8 +56,8 @@ struct WarpPlanes {
   /// Calls draw(mask) with what the samples of `triangle` are tested by, whose plane lane `maker` has made.
   template <class Draw>
   __device__ void with_mask(const Triangle& triangle, [[maybe_unused]] uint32_t maker, const Draw& draw) const {
-    if constexpr (kMasked) {
-      if (triangle.is_masked != 0) return draw(WarpPlane{planes() + maker});
+    if constexpr (kAlpha != Alpha::kOpaque) {
+      if (triangle.is_masked != 0) return draw(WarpPlane<kAlpha == Alpha::kBlended>{planes() + maker});
     }
     draw(NoMask{});
   }
@@ -71,8 +71,8 @@ struct WarpPlanes {
 
 /// Appends the tiles that a large triangle may touch, with a warp. Counts them first, because each addition to the
 /// queue's counter costs a wait. Draws tiles without room immediately.
-template <bool kOrthographic, bool kMasked>
-__device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t number) {
+template <bool kOrthographic, Alpha kAlpha>
+__device__ inline void split_triangle(const LargeFrame<kAlpha>& frame, uint32_t number) {
   const Queues& queues = frame.queues;
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const Triangle triangle = queues.large[number];
@@ -101,7 +101,7 @@ __device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t
       queues.tiles[slot] = {number, static_cast<uint16_t>(x), static_cast<uint16_t>(y)};
     }
     if (next <= queues.tile_capacity) continue;
-    const WarpPlanes<kOrthographic, kMasked> planes{frame};
+    const WarpPlanes<kOrthographic, kAlpha> planes{frame};
     planes.make(lane == 0 ? &triangle : nullptr);
     for (uint32_t left = __ballot_sync(~0u, touches && !kept); left != 0; left &= left - 1) {
       const int owner = __ffs(static_cast<int>(left)) - 1;
@@ -117,9 +117,9 @@ __device__ inline void split_triangle(const LargeFrame<kMasked>& frame, uint32_t
 }
 
 /// Splits the large queue into tiles, one triangle per warp.
-template <bool kOrthographic, bool kMasked>
-__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kMasked>)
-    split_large(const __grid_constant__ LargeFrame<kMasked> frame) {
+template <bool kOrthographic, Alpha kAlpha>
+__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kAlpha>)
+    split_large(const __grid_constant__ LargeFrame<kAlpha> frame) {
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   const uint64_t large = min_of(frame.queues.counters->large, frame.queues.large_capacity);
@@ -133,15 +133,15 @@ inline constexpr int64_t kWholeBox = 512;  // pixels
 
 /// Draws one part of a triangle of the medium queue, or the whole triangle if its box is small. `maker`: the lane that
 /// made its plane.
-template <bool kOrthographic, bool kMasked>
-__device__ inline void draw_medium_part(const LargeFrame<kMasked>& frame, const Triangle& triangle, uint32_t part,
+template <bool kOrthographic, Alpha kAlpha>
+__device__ inline void draw_medium_part(const LargeFrame<kAlpha>& frame, const Triangle& triangle, uint32_t part,
                                         uint32_t maker) {
   const PixelBox whole = pixel_box(triangle.x, triangle.y, frame.view);
   const int32_t rows = (whole.y1 - whole.y0) / static_cast<int32_t>(kMediumParts) + 1;
   const PixelBox box = whole.pixels() > kWholeBox ? rows_of(whole, part, rows) : whole;
   if (box.empty()) return;
   const int64_t area = doubled_area(triangle.x, triangle.y);
-  WarpPlanes<kOrthographic, kMasked>{frame}.with_mask(triangle, maker, [&](const auto& mask) {
+  WarpPlanes<kOrthographic, kAlpha>{frame}.with_mask(triangle, maker, [&](const auto& mask) {
     if (fits_narrow_edges(triangle.x, triangle.y)) {
       draw_box_with_team<kOrthographic, int32_t>(WarpTeam{}, frame.target, triangle, box, area, mask);
     } else {
@@ -153,9 +153,9 @@ __device__ inline void draw_medium_part(const LargeFrame<kMasked>& frame, const 
 /// Draws the medium queue, a triangle or a part of one per warp. First come whole triangles and part 0 of split ones;
 /// then the remaining parts, spread over the warps, so that no warp draws all parts of a triangle. Few triangles are
 /// split: a warp's lanes test 32 candidates at a time.
-template <bool kOrthographic, bool kMasked>
-__global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kMasked>)
-    raster_medium(const __grid_constant__ LargeFrame<kMasked> frame) {
+template <bool kOrthographic, Alpha kAlpha>
+__global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kAlpha>)
+    raster_medium(const __grid_constant__ LargeFrame<kAlpha> frame) {
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
@@ -167,13 +167,13 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kMasked>)
   uint64_t found = 0;     // by this lane
   uint32_t left = 0;      // lanes that found a part
   uint32_t maker = kWarpLanes - 1;
-  const WarpPlanes<kOrthographic, kMasked> planes{frame};
+  const WarpPlanes<kOrthographic, kAlpha> planes{frame};
   for (;;) {
     uint64_t number = first;
     uint32_t part = 0;
     if (first < medium) {
       maker = (maker + 1) % kWarpLanes;
-      if (kMasked && maker == 0)
+      if (kAlpha != Alpha::kOpaque && maker == 0)
         planes.make(first + lane * warps < medium ? triangles + first + lane * warps : nullptr);
       first += warps;
     } else {
@@ -182,7 +182,7 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kMasked>)
         const bool inside = found < medium * kMediumParts;
         const Triangle& looked_at = triangles[inside ? found % medium : 0];
         left = __ballot_sync(~0u, inside && pixel_box(looked_at.x, looked_at.y, frame.view).pixels() > kWholeBox);
-        if (kMasked && left != 0) planes.make((left >> lane & 1) != 0 ? &looked_at : nullptr);
+        if (kAlpha != Alpha::kOpaque && left != 0) planes.make((left >> lane & 1) != 0 ? &looked_at : nullptr);
       }
       if (left == 0) break;
       maker = static_cast<uint32_t>(__ffs(static_cast<int>(left)) - 1);
@@ -255,9 +255,8 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
         const float weight2 = strip.value_at<kHuge>(2, moved[2], exclusive2) * plane.inverse_area;
         const uint64_t drawn = pack_sample(depth_code<kOrthographic>(depth_of_weights(plane, weight1, weight2)), id);
         if constexpr (Mask::kTests) {
-          if (drawn < seen[y] && target.is_behind_peeled(samples + static_cast<uint32_t>(y) * stride, drawn) &&
-              mask.passes(x, first_y + y))
-            WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
+          uint64_t* const sample = samples + static_cast<uint32_t>(y) * stride;
+          if (drawn < seen[y]) draw_tested(WarpTeam{}, target, sample, drawn, mask, x, first_y + y);
         } else {
           if (drawn < seen[y]) WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
         }
@@ -269,17 +268,17 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
 }
 
 /// Draws the tiles, one strip per warp.
-template <bool kOrthographic, bool kMasked>
-__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kMasked>)
-    raster_large(const __grid_constant__ LargeFrame<kMasked> frame) {
+template <bool kOrthographic, Alpha kAlpha>
+__global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kAlpha>)
+    raster_large(const __grid_constant__ LargeFrame<kAlpha> frame) {
   const uint64_t warp = (uint64_t{blockIdx.x} * blockDim.x + threadIdx.x) / kWarpLanes;
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   const uint64_t strips = min_of(frame.queues.counters->tiles, frame.queues.tile_capacity) * kStrips;
   uint32_t maker = kWarpLanes - 1;
-  const WarpPlanes<kOrthographic, kMasked> planes{frame};
+  const WarpPlanes<kOrthographic, kAlpha> planes{frame};
   for (uint64_t i = warp; i < strips; i += warps) {
     maker = (maker + 1) % kWarpLanes;
-    if (kMasked && maker == 0) {
+    if (kAlpha != Alpha::kOpaque && maker == 0) {
       const uint64_t own = i + threadIdx.x % kWarpLanes * warps;
       planes.make(own < strips ? frame.queues.large + frame.queues.tiles[own / kStrips].triangle : nullptr);
     }

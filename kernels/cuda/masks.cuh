@@ -1,6 +1,8 @@
 // Alpha masks of the triangles that a warp draws together. Their planes lie in shared memory.
 #pragma once
 
+#include <type_traits>
+
 #include "kernels/cuda/backend.cuh"
 #include "kernels/raster/mask.h"
 
@@ -20,16 +22,18 @@ struct WarpMasks {
 };
 
 /// A call, so that loops over samples keep their values in registers. Few samples get here.
-static __device__ __noinline__ bool plane_passes(const MaskPlane* plane, int32_t x, int32_t y) {
-  return plane->passes(x, y);
+static __device__ __noinline__ uint32_t shown_by_plane(const MaskPlane* plane, int32_t x, int32_t y) {
+  return plane->shown(x, y);
 }
 
-/// The mask test of the samples of a warp's triangle.
+/// The mask test of the samples of a warp's triangle. `kOfLayers`: the triangle is blended.
+template <bool kOfLayers>
 struct WarpPlane {
   static constexpr bool kTests = true;
+  static constexpr bool kBlends = kOfLayers;
   const MaskPlane* plane;  // in shared memory
 
-  __device__ bool passes(int32_t x, int32_t y) const { return plane_passes(plane, x, y); }
+  __device__ uint32_t shown(int32_t x, int32_t y) const { return shown_by_plane(plane, x, y); }
 };
 
 /// For kernels that draw only opaque triangles.
@@ -37,10 +41,24 @@ struct NoLaneMask {
   static constexpr bool kTests = false;
 };
 
-/// The mask of a lane's triangle, and the warp's shared memory.
-struct LaneMask {
+/// How the samples of lanes' triangles that are there are drawn.
+template <bool kOfLayers>
+struct TestedSamples {
   static constexpr bool kTests = true;
+  static constexpr bool kBlends = kOfLayers;
 
+  __device__ static void draw(const Target& target, uint64_t* sample, uint64_t value, uint32_t shown) {
+    if constexpr (kBlends) {
+      WarpTeam::draw_blended(target, sample, value, shown);
+    } else {
+      WarpTeam::atomic_min(sample, value);
+    }
+  }
+};
+
+/// The mask of a lane's triangle, and the warp's shared memory.
+template <bool kOfLayers>
+struct LaneMask : TestedSamples<kOfLayers> {
   const MaskView* mask = nullptr;  // null: the lane's triangle is opaque
   WarpMasks* shared;
   const SceneView* scene;
@@ -66,5 +84,8 @@ struct LaneMask {
     make_mask_plane<kOrthographic>(*scene, *view, *transform, chunk, number, out);
   }
 };
+
+template <Alpha kAlpha>
+using LaneMaskOf = std::conditional_t<kAlpha == Alpha::kOpaque, NoLaneMask, LaneMask<kAlpha == Alpha::kBlended>>;
 
 }  // namespace scree::kernels

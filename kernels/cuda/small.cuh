@@ -70,7 +70,7 @@ __device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& c
 
 /// Draws a triangle that needs clipping, or whose reference is too far away for int32. Returns how many of its pieces
 /// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, because it is rare and takes many registers.
-template <bool kOrthographic, bool kMasked>
+template <bool kOrthographic, Alpha kAlpha>
 __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
                                                uint32_t number) {
   const format::ChunkRecord& chunk = frame.scene.chunks[chunk_number];
@@ -78,11 +78,11 @@ __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t
   Transform transform = frame.list.transforms[instance];
   set_error(transform, vertex_box(mesh, chunk, transform));
   const ChunkReader reader = make_reader(mesh, chunk, frame.scene.pages[chunk.page], transform, number);
-  const RasterSmall<kOrthographic, kMasked> pass{frame.scene, frame.view, frame.target, frame.queues};
-  typename RasterSmall<kOrthographic, kMasked>::Context context{
+  const RasterSmall<kOrthographic, kAlpha != Alpha::kOpaque> pass{frame.scene, frame.view, frame.target, frame.queues};
+  typename RasterSmall<kOrthographic, kAlpha != Alpha::kOpaque>::Context context{
       &reader, &transform, is_double_sided(frame.scene, mesh),
       frame.scene.instance_base[instance] + chunk.first_triangle, kLaneBox};
-  if constexpr (kMasked) context.masked = {frame.scene, mesh, chunk};
+  if constexpr (kAlpha != Alpha::kOpaque) context.masked = {frame.scene, mesh, chunk};
   uint32_t v[3];
   reader.triangle(number, v);
   ScreenVertex corners[3];
@@ -186,8 +186,9 @@ __device__ inline void draw_masked_samples(const Target& target, const SetUpTria
     uint64_t drawn;
     uint32_t sample;
     sample_at<kOrthographic>(triangles.items[waiting >> 7], waiting & 127, target.width, drawn, sample);
-    if (shared.planes[waiting >> 7].passes(static_cast<int32_t>(sample % row), static_cast<int32_t>(sample / row)))
-      WarpTeam::atomic_min(target.samples + sample, drawn);
+    const uint32_t shown =
+        shared.planes[waiting >> 7].shown(static_cast<int32_t>(sample % row), static_cast<int32_t>(sample / row));
+    if (shown != 0) mask.draw(target, target.samples + sample, drawn, shown);
   }
   __syncwarp();
 }
@@ -260,9 +261,10 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     }
     if constexpr (Masks::kTests) {
       for (uint32_t k = 0; k < kBatch; ++k) {
-        const bool shows = drawn[k] < seen[k] && target.is_behind_peeled(target.samples + sample[k], drawn[k]);
+        const bool shows =
+            drawn[k] < seen[k] && (!Masks::kBlends || target.is_behind_peeled(target.samples + sample[k], drawn[k]));
         const bool waits = shows && (masked >> owners[k] & 1) != 0;
-        if (shows && !waits) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
+        if (shows && !waits) masks.draw(target, target.samples + sample[k], drawn[k], kShownOpaque);
         const uint32_t those = __ballot_sync(~0u, waits);
         if (waits) {
           const uint32_t inside = base + k * kWarpLanes + lane - shared.items[owners[k]].start;
@@ -312,7 +314,7 @@ __device__ inline bool draw_set_up(const Target& target, const Queues& queues, S
 }
 
 /// Projects a survivor. False if there is nothing to draw, or if clip_and_draw() drew it (`drawn`).
-template <bool kOrthographic, Fetch kIndices, Fetch kPositions, bool kMasked>
+template <bool kOrthographic, Fetch kIndices, Fetch kPositions, Alpha kAlpha>
 __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChunkView& stored,
                                         const InstanceTransform& exact, bool double_sided, uint32_t number,
                                         uint32_t chunk, Triangle& triangle, PixelBox& box, int64_t& area,
@@ -331,7 +333,7 @@ __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChu
     for (int i = 0; i < 3; ++i) {
       outside &= plane_flags<kOrthographic>(points[i], frame.view, exact.error[0], exact.error[1], exact.error[2]);
     }
-    if (outside == 0) drawn = clip_and_draw<kOrthographic, kMasked>(frame, exact.instance, chunk, number);
+    if (outside == 0) drawn = clip_and_draw<kOrthographic, kAlpha>(frame, exact.instance, chunk, number);
     return false;
   }
   return set_up(frame.view, snap_point(points[0], frame.view, 0), snap_point(points[1], frame.view, 0),
@@ -341,7 +343,7 @@ __device__ inline bool project_survivor(const SmallFrame& frame, const PackedChu
 
 /// Draws the triangles survivors[first] to [first + count - 1] with a whole warp, one per lane. Returns counts in the
 /// form of clip_and_draw().
-template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked>
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, Alpha kAlpha>
 __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t first, uint32_t count, uint32_t chunk) {
   SmallShared<kInstanced>& shared = small_shared<kInstanced>();
   const uint32_t lane = threadIdx.x % kWarpLanes;
@@ -350,17 +352,17 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
   int64_t area = 0;
   int64_t pixels = 0;  // 0: there is nothing to draw
   uint32_t drawn = 0;
-  std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
-  if constexpr (kMasked) mask.shared = &small_masks<kInstanced>();
+  LaneMaskOf<kAlpha> mask;
+  if constexpr (kAlpha != Alpha::kOpaque) mask.shared = &small_masks<kInstanced>();
   if (lane < count) {
     const uint32_t number = shared.survivors[first + lane];
     const InstanceTransform& exact = shared.exact[kInstanced ? shared.survivor_instance[first + lane] : 0];
     const auto project = [&](auto indices, auto positions) {
-      return project_survivor<kOrthographic, decltype(indices)::value, decltype(positions)::value, kMasked>(
+      return project_survivor<kOrthographic, decltype(indices)::value, decltype(positions)::value, kAlpha>(
           frame, shared.stored, exact, shared.double_sided, number, chunk, triangle, box, area, drawn);
     };
     if (choose_fetch<kLattice, kFloat32>(shared.stored, project)) pixels = box.pixels();
-    if constexpr (kMasked) {
+    if constexpr (kAlpha != Alpha::kOpaque) {
       if (pixels != 0)
         triangle.is_masked = mask.find(frame.scene, frame.view, frame.list.transforms, exact.instance, chunk, number);
     }
@@ -453,7 +455,7 @@ __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor
 }
 
 /// One warp's work on the draw list.
-template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked>
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, Alpha kAlpha>
 class SmallWarp {
  public:
   __device__ explicit SmallWarp(const SmallFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
@@ -533,7 +535,7 @@ class SmallWarp {
     if (count == 0) return;
     at.survivor_count -= count;
     const uint32_t drawn =
-        draw_survivors<kOrthographic, kLattice, kFloat32, kInstanced, kMasked>(frame_, at.survivor_count, count, chunk);
+        draw_survivors<kOrthographic, kLattice, kFloat32, kInstanced, kAlpha>(frame_, at.survivor_count, count, chunk);
     small_ += drawn & 0xffffu;
     clipped_ += drawn >> 16;
     __syncwarp();
@@ -553,10 +555,10 @@ class SmallWarp {
   uint32_t clipped_ = 0;
 };
 
-template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, bool kMasked>
-__global__ void __launch_bounds__(kSmallThreads, kMasked ? kMaskedBlocks : small_blocks(kInstanced))
+template <bool kOrthographic, bool kLattice, bool kFloat32, bool kInstanced, Alpha kAlpha>
+__global__ void __launch_bounds__(kSmallThreads, kAlpha != Alpha::kOpaque ? kMaskedBlocks : small_blocks(kInstanced))
     raster_small(const __grid_constant__ SmallFrame frame) {
-  SmallWarp<kOrthographic, kLattice, kFloat32, kInstanced, kMasked>(frame).run();
+  SmallWarp<kOrthographic, kLattice, kFloat32, kInstanced, kAlpha>(frame).run();
 }
 
 }  // namespace scree::kernels

@@ -302,7 +302,7 @@ __device__ __noinline__ void draw_queued(const BatchFrame& in, uint64_t* samples
           make_mask_plane<kOrthographic>(in.scene, in.size, shared.group.transform, chunk, number_in_chunk(triangle.id),
                                          plane);
         __syncwarp();
-        draw_boxes<kOrthographic>(in.size, target, triangle, WarpPlane{&plane});
+        draw_boxes<kOrthographic>(in.size, target, triangle, WarpPlane<false>{&plane});
         __syncwarp();
         continue;
       }
@@ -329,7 +329,7 @@ __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samp
   PixelBox box{};
   int64_t area = 0;
   int64_t pixels = 0;
-  std::conditional_t<kMasked, LaneMask, NoLaneMask> mask;
+  LaneMaskOf<kMasked ? Alpha::kMasked : Alpha::kOpaque> mask;
   if constexpr (kMasked) mask.shared = &batch_masks();
   if (lane < count) {
     triangle = shared.survivors[first + lane];

@@ -4,16 +4,24 @@
 
 #include <cmath>
 
+#include "kernels/raster/queues.h"
 #include "kernels/shade/locate.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
+/// What the triangles of a build of kernels may be. Layers of blended surfaces are drawn by builds of their own, so
+/// that masks do not pay for them.
+enum class Alpha : uint8_t { kOpaque, kMasked, kBlended };
+
 /// Tests nothing: of opaque triangles.
 struct NoMask {
   static constexpr bool kTests = false;
-  SCREE_HD static bool passes(int32_t, int32_t) { return true; }
 };
+
+/// Of a sample that is there: this bit, and the alpha of its texture in the bits below, in 1 / kMaxMaskThreshold.
+inline constexpr uint32_t kShown = 1u << 31;
+inline constexpr uint32_t kShownOpaque = kShown | format::kMaxMaskThreshold;
 
 /// Where a sample lies on a texture along one axis: of a level of `size` texels the two around it, and the weight of
 /// the second, of 256. `value`: finite.
@@ -97,6 +105,7 @@ SCREE_HD inline uint32_t corner_alpha(uint32_t codes, double moved) {
 /// sample (x, y, 1); moved[c] / weight is how far coordinate c is from corner 0's, `first[c]`.
 struct MaskPlane {
   static constexpr bool kTests = true;
+  static constexpr bool kBlends = true;  // or not: Target says so
 
   const MaskView* mask;  // null: every sample passes
   double weight[3];
@@ -107,11 +116,14 @@ struct MaskPlane {
   float moved_alpha[3];  // of the vertex colours' alpha, in codes; set where a corner has less than 255
   uint32_t corners;      // their codes
 
-  SCREE_HD bool passes(int32_t sample_x, int32_t sample_y) const {
-    if (mask == nullptr) return true;
+  /// 0 where the mask hides the sample; otherwise kShown and the texture's alpha.
+  SCREE_HD uint32_t shown(int32_t sample_x, int32_t sample_y) const {
+    if (mask == nullptr) return kShownOpaque;
     const uint32_t texels = alpha(sample_x, sample_y);
-    if (corners == kOpaqueCorners) return texels >= mask->threshold;
-    return uint64_t{texels} * vertex_alpha(sample_x, sample_y) >= uint64_t{mask->threshold} * kOpaqueVertices;
+    const bool is_there = corners == kOpaqueCorners ? texels >= mask->threshold
+                                                    : uint64_t{texels} * vertex_alpha(sample_x, sample_y) >=
+                                                          uint64_t{mask->threshold} * kOpaqueVertices;
+    return is_there ? kShown | texels : 0;
   }
 
   /// As corner_alpha(); not kOpaqueCorners.
@@ -145,6 +157,19 @@ struct MaskPlane {
     return mask_alpha(*mask, place[0], place[1], static_cast<float>(max_of(right, down)));
   }
 };
+
+/// Draws `value`, which lies in front of `sample` of the target, if that is not peeled and `mask` shows (x, y).
+template <class Team, class Mask>
+SCREE_HD inline void draw_tested(Team team, const Target& target, uint64_t* sample, uint64_t value, const Mask& mask,
+                                 int32_t x, int32_t y) {
+  if constexpr (Mask::kBlends) {
+    if (!target.is_behind_peeled(sample, value)) return;
+    const uint32_t shown = mask.shown(x, y);
+    if (shown != 0) team.draw_blended(target, sample, value, shown);
+  } else {
+    if (mask.shown(x, y) != 0) team.atomic_min(sample, value);
+  }
+}
 
 /// The mask of a mesh's triangles; null where there is none.
 SCREE_HD inline const MaskView* mask_of(const SceneView& scene, const format::MeshRecord& mesh) {

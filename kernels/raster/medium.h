@@ -65,10 +65,9 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
       for (int k = 0; k < kBatch; ++k) seen[k] = drawn[k] != kBackground ? team.load_relaxed(sample[k]) : 0;
       for (int k = 0; k < kBatch; ++k) {
         if constexpr (Mask::kTests) {
-          if (drawn[k] < seen[k] && target.is_behind_peeled(sample[k], drawn[k]) &&
-              mask.passes(box.x0 + static_cast<int32_t>(place[k] & 0xffffu),
-                          box.y0 + static_cast<int32_t>(place[k] >> 16)))
-            team.atomic_min(sample[k], drawn[k]);
+          if (drawn[k] < seen[k])
+            draw_tested(team, target, sample[k], drawn[k], mask, box.x0 + static_cast<int32_t>(place[k] & 0xffffu),
+                        box.y0 + static_cast<int32_t>(place[k] >> 16));
         } else {
           if (drawn[k] < seen[k]) team.atomic_min(sample[k], drawn[k]);
         }

@@ -57,6 +57,16 @@ SCREE_HD inline void push(Team team, uint64_t* counter, T* items, uint64_t capac
   if (slot < capacity) items[slot] = item;
 }
 
+/// Room for the fragments of blended surfaces in front of a picture, in device memory: the first `slot_count` of each
+/// sample, in any order; one may be there twice.
+struct FragmentSlots {
+  uint64_t* words;   // slot by slot, sample_count each
+  uint32_t* alphas;  // of the words: MaskPlane::shown()
+  uint32_t* counts;  // per sample, the fragments there were; where there is no room, at least slot_count + 1
+  uint64_t sample_count;
+  uint32_t slot_count;
+};
+
 /// The picture being drawn, row by row.
 struct Target {
   uint64_t* samples;
@@ -64,6 +74,9 @@ struct Target {
   // Of a layer of blended surfaces (spec/rasterization.md, blending): the layer before it, or null. What is drawn lies
   // behind that. Only where masks are tested is it read.
   const uint64_t* peeled = nullptr;
+  // Of blended surfaces on a GPU: where all fragments in front of `samples` go, which then stay as they are. Without
+  // `counts`, what is drawn goes to the samples.
+  FragmentSlots fragments = {};
 
   SCREE_HD uint64_t* row(int32_t y) const { return samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(width); }
 

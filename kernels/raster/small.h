@@ -27,9 +27,7 @@ SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& t
         const float depth = depth_at<Int>(plane, value1 + edges.exclusive[1], value2 + edges.exclusive[2]);
         const uint64_t sample = pack_sample(depth_code<kOrthographic>(depth), triangle.id);
         if constexpr (Mask::kTests) {
-          if (sample < team.load_relaxed(samples + x) && target.is_behind_peeled(samples + x, sample) &&
-              mask.passes(x, y))
-            team.update_min(samples + x, sample);
+          if (sample < team.load_relaxed(samples + x)) draw_tested(team, target, samples + x, sample, mask, x, y);
         } else {
           team.update_min(samples + x, sample);
         }

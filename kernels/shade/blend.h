@@ -4,6 +4,7 @@
 
 #include "kernels/blend.h"
 #include "kernels/raster/mask.h"
+#include "kernels/raster/queues.h"
 #include "kernels/shade/pixels.h"
 
 namespace scree::kernels {
@@ -29,12 +30,17 @@ SCREE_HD inline void for_each_sample(uint32_t item, uint32_t sample_count, Team 
 struct BeginLayer {
   BlendTargets at;
   bool is_first;
+  FragmentSlots drawn = {};  // with counts: samples whose fragments have room there are done, and have no layers
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
     for_each_sample(item, at.sample_count, team, [&](uint32_t i) {
-      at.drawn[i] = is_first || at.layer[i] != kBackground ? at.opaque[i] : 0;
+      const bool is_done = drawn.counts != nullptr && drawn.counts[i] <= drawn.slot_count;
+      const bool goes_on = is_first ? !is_done : at.layer[i] != kBackground;
+      at.drawn[i] = goes_on ? at.opaque[i] : 0;
       if (!is_first) return;
+      at.layer[i] = goes_on ? 0 : kBackground;
+      if (is_done) return;
       for (uint32_t c = 0; c < 4; ++c) at.over[4 * uint64_t{i} + c] = c == 3 ? 1.0f : 0.0f;
     });
   }
@@ -43,7 +49,6 @@ struct BeginLayer {
 /// After it is drawn: `layer` is what it shows. Adds the number of samples that show something to `count`.
 struct EndLayer {
   BlendTargets at;
-  bool is_first;
   uint64_t* count;
 
   template <class Team>
@@ -51,13 +56,21 @@ struct EndLayer {
     uint64_t shown = 0;
     for_each_sample(item, at.sample_count, team, [&](uint32_t i) {
       const uint64_t drawn = at.drawn[i];
-      const bool shows = drawn != at.opaque[i] && (is_first || at.layer[i] != kBackground);
+      const bool shows = drawn != at.opaque[i] && at.layer[i] != kBackground;
       at.layer[i] = shows ? drawn : kBackground;
       shown += shows ? 1 : 0;
     });
     if (shown != 0) team.add(count, shown);
   }
 };
+
+/// Lays a fragment under the layers before it. Returns whether anything shines through.
+SCREE_HD inline bool lay_under(float over[4], const float color[3], float alpha) {
+  const float share = over[3] * alpha;
+  for (int c = 0; c < 3; ++c) over[c] = over[c] + share * color[c];
+  over[3] = over[3] - share;
+  return over[3] > 0;
+}
 
 /// Lays the layer under those before. What nothing shines through ends there.
 struct LayUnder {
@@ -67,28 +80,22 @@ struct LayUnder {
   SCREE_HD void operator()(uint32_t item, Team team) const {
     for_each_sample(item, at.sample_count, team, [&](uint32_t i) {
       if (at.layer[i] == kBackground) return;
-      float* const over = at.over + 4 * uint64_t{i};
-      const float* const color = at.colors + 3 * uint64_t{i};
-      const float share = over[3] * at.alphas[i];
-      for (int c = 0; c < 3; ++c) over[c] = over[c] + share * color[c];
-      over[3] = over[3] - share;
-      if (!(over[3] > 0)) at.layer[i] = kBackground;
+      if (!lay_under(at.over + 4 * uint64_t{i}, at.colors + 3 * uint64_t{i}, at.alphas[i])) at.layer[i] = kBackground;
     });
   }
 };
 
-/// The alpha of a triangle's sample, in double but for its factors: the same on every machine.
-template <bool kOrthographic>
+/// The alpha of a triangle's sample, in double but for its factors: the same on every machine. `of_texture()`: its
+/// MaskPlane::alpha(); called where the material has a texture.
+template <bool kOrthographic, class OfTexture>
 SCREE_HD inline float blended_alpha(const SceneView& scene, const FrameView& view, const Transform& transform,
-                                    uint64_t chunk_number, uint32_t triangle, int32_t x, int32_t y) {
+                                    uint64_t chunk_number, uint32_t triangle, int32_t x, int32_t y,
+                                    const OfTexture& of_texture) {
   const format::ChunkRecord& chunk = scene.chunks[chunk_number];
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   float alpha = scene.materials[mesh.material].base_color[3];
-  if ((mesh.attributes & format::kHasUv) != 0 && scene.blend_masks[mesh.material].alpha != nullptr) {
-    MaskPlane plane;
-    make_mask_plane<kOrthographic>(scene, view, transform, chunk_number, triangle, plane);
-    alpha = alpha * (static_cast<float>(plane.alpha(x, y)) / static_cast<float>(format::kMaxMaskThreshold));
-  }
+  if ((mesh.attributes & format::kHasUv) != 0 && scene.blend_masks[mesh.material].alpha != nullptr)
+    alpha = alpha * (static_cast<float>(of_texture()) / static_cast<float>(format::kMaxMaskThreshold));
   if ((mesh.attributes & format::kHasColor) != 0) {
     const PlacedChunk at = place_chunk<ChunkKinds::kMixed>(scene, chunk_number, triangle, transform);
     uint32_t vertex[3];
@@ -129,10 +136,76 @@ struct FindAlphas {
       const bool shows = sample != kBackground;
       locate(team, in.scene, id, shows, state.at);
       if (!shows || in.scene.pages[in.scene.chunks[state.at.chunk].page] == nullptr) return;
-      alphas[place] = blended_alpha<kOrthographic>(in.scene, in.view, state.source.get(in, state.at.instance),
-                                                   state.at.chunk, static_cast<uint32_t>(id - state.at.first_id),
-                                                   static_cast<int32_t>(x), static_cast<int32_t>(y));
+      const Transform& transform = state.source.get(in, state.at.instance);
+      const auto triangle = static_cast<uint32_t>(id - state.at.first_id);
+      const auto column = static_cast<int32_t>(x);
+      const auto row = static_cast<int32_t>(y);
+      const auto of_texture = [&] {
+        MaskPlane plane;
+        make_mask_plane<kOrthographic>(in.scene, in.view, transform, state.at.chunk, triangle, plane);
+        return plane.alpha(column, row);
+      };
+      alphas[place] =
+          blended_alpha<kOrthographic>(in.scene, in.view, transform, state.at.chunk, triangle, column, row, of_texture);
     });
+  }
+};
+
+/// Layers that lie in slots.
+struct SlotCounts {
+  static constexpr uint32_t kMostSlots = 8;
+
+  uint64_t shown[kMostSlots + 1];  // samples by layer: of the first that is left out how many, of others whether any
+  uint64_t overfull;               // whether a sample has more fragments than slots
+  uint32_t deepest;                // the most fragments of any other sample
+  uint32_t unused;
+};
+
+/// Lays a layer that lies in a slot under those before. The slots hold the fragments of every sample in their order,
+/// and then kBackground, which this passes on to the next slot; that also follows what nothing shines through.
+template <bool kOrthographic>
+struct LaySlotUnder {
+  using Texels = SceneTexels;  // which it does not read
+
+  ShadeInputs in;  // of the view that draws the layers
+  PixelTiles tiles;
+  FragmentSlots slots;
+  uint32_t slot;
+  uint32_t most;  // layers that are drawn
+  const float* colors;
+  float* over;
+  SlotCounts* counts;
+
+  template <class Team>
+  SCREE_HD void operator()(uint32_t item, Team team) const {
+    ShadeState<Team, LaySlotUnder> state;
+    uint64_t next_shown = 0;
+    tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) {
+      const uint64_t sample = uint64_t{y} * tiles.width + x;
+      const uint64_t at = slot * slots.sample_count + sample;
+      const uint64_t word = inside ? slots.words[at] : kBackground;
+      const bool shows = word != kBackground;
+      locate(team, in.scene, sample_id(word), shows, state.at);
+      bool ends = !shows;
+      if (shows) {
+        const float alpha = blended_alpha<kOrthographic>(
+            in.scene, in.view, state.source.get(in, state.at.instance), state.at.chunk,
+            static_cast<uint32_t>(sample_id(word) - state.at.first_id), static_cast<int32_t>(x),
+            static_cast<int32_t>(y), [&] { return slots.alphas[at] & ~kShown; });
+        ends = !lay_under(over + 4 * sample, colors + 3 * sample, alpha);
+      }
+      if (!inside || slot + 1 == slots.slot_count) return;
+      uint64_t& next = slots.words[at + slots.sample_count];
+      if (ends) next = kBackground;
+      next_shown += next != kBackground ? 1 : 0;
+    });
+    if (next_shown == 0) return;
+    uint64_t& next_count = counts->shown[slot + 1];
+    if (slot + 1 == most) {
+      team.add(&next_count, next_shown);
+    } else if (next_count == 0) {
+      next_count = 1;
+    }
   }
 };
 

@@ -195,8 +195,10 @@ struct DeviceScene::Impl {
   std::unique_ptr<GpuTeam> team;       // where several GPUs have them
   DeviceBuffer omitted;                // of set_omitted()
   UploadStats stats;
+  uint64_t fragment_room = 0;  // bytes, of the fragments of blended surfaces of a view
 
   Result<void> make_frames(DeviceView::Impl& view, const kernels::SceneView& host) const {
+    view.blend = kernels::CudaBlend(fragment_room);
     Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.view());
     if (!made) return made.error();
     view.frames = std::move(*made);
@@ -256,22 +258,29 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
     return stream->over();
   }
   const kernels::SceneView blended_scene = kernels::blended_view(scene.scene.view());
+  const auto draw = [&](uint64_t* onto, const uint64_t* peeled, const kernels::FragmentSlots& to) -> Result<void> {
+    kernels::DrawOptions drawing;
+    drawing.part = kernels::FramePart::kPart;
+    drawing.peeled = peeled;
+    drawing.fragments = to;
+    const Result<kernels::FrameStats> drawn = blend_frames->draw(view, onto, drawing);
+    return drawn ? Result<void>() : drawn.error();
+  };
+  const auto shade = [&](const uint64_t* layer, float* light) {
+    return resolver.shade_part(blended_scene, view, layer, blend_frames->transforms(), options, light, nullptr,
+                               scene.scene.texture_cache());
+  };
   const kernels::LayerSource source{
-      [&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
-        kernels::DrawOptions draw;
-        draw.part = kernels::FramePart::kPart;
-        draw.peeled = peeled;
-        const Result<kernels::FrameStats> drawn = blend_frames->draw(view, at.drawn, draw);
-        return drawn ? Result<void>() : drawn.error();
-      },
+      [&](const kernels::BlendTargets& at, const uint64_t* peeled) { return draw(at.drawn, peeled, {}); },
       [&](const kernels::BlendTargets& at) -> Result<void> {
-        const kernels::Transform* const transforms = blend_frames->transforms();
-        Result<void> done = resolver.shade_part(blended_scene, view, at.layer, transforms, options, at.colors, nullptr,
-                                                scene.scene.texture_cache());
-        if (done) done = kernels::start_finding_alphas(blended_scene, view, at.layer, transforms, at.alphas, nullptr);
-        return done;
+        if (Result<void> done = shade(at.layer, at.colors); !done) return done;
+        return kernels::start_finding_alphas(blended_scene, view, at.layer, blend_frames->transforms(), at.alphas,
+                                             nullptr);
       }};
-  return blend.blend(view, sample_data(), options.blend_layers, source, blended);
+  const kernels::FragmentSource fragments{
+      blended_scene, [&](const kernels::FragmentSlots& to) { return draw(sample_data(), nullptr, to); }, shade,
+      [&] { return blend_frames->transforms(); }};
+  return blend.blend(view, sample_data(), options.blend_layers, source, blended, &fragments);
 }
 
 DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -397,6 +406,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   auto impl = std::make_unique<Impl>();
   impl->device = gpu->index;
   impl->scene = std::move(*copy);
+  impl->fragment_room = budget - std::min(budget, impl->scene.stats().device_bytes);
   if (const Result<void> made = impl->make_frames(*impl->own, scene.view()); !made) return made.error();
   impl->stats = impl->scene.stats();
   impl->stats.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -455,9 +465,10 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
                                              &stream->view(), host_memory, progress);
   if (!copy) return copy.error();
   scene = std::move(*copy);
-  if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
   stats = scene.stats();
   stats.device_bytes = fixed + bounce + pool + 2 * Residency::kAlignment;
+  fragment_room = budget - std::min(budget, stats.device_bytes);
+  if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
   return stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
                       scene.texture_cache(), kept);
 }

@@ -1,5 +1,6 @@
 // Blended surfaces on the GPU: the layers and their alphas equal the CPU's bit for bit, for every encoding, camera and
 // stage, with queues that are large enough and queues that have to grow.
+#include <algorithm>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -38,32 +39,58 @@ class GpuLayers {
   }
 
   DrawnLayers draw(const View& view) {
+    DrawnLayers out;
+    blend(view, 64, nullptr, &out, out.counts);
+    return out;
+  }
+
+  /// BlendTargets::over. `slots`: fragments per sample that are drawn at once; 0: the layers one by one.
+  std::vector<float> over(const View& view, uint32_t most, uint32_t slots, kernels::BlendCounts& counts) {
+    const uint64_t samples = uint64_t{view.width} * view.height;
+    kernels::CudaBlend at_once(slots == 0 ? 0 : (4 + 12 * slots) * samples + 1024);
+    return blend(view, most, &at_once, nullptr, counts);
+  }
+
+ private:
+  /// `blend`: null, or what draws all fragments at once. `out`: null, or gets the layers.
+  std::vector<float> blend(const View& view, uint32_t most, kernels::CudaBlend* at_once, DrawnLayers* out,
+                           kernels::BlendCounts& counts) {
     const size_t count = size_t{view.width} * view.height;
     Result<kernels::DeviceBuffer> samples = kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "allocating");
     REQUIRE(samples);
     auto* const opaque = reinterpret_cast<uint64_t*>(samples->data());
     REQUIRE(opaque_->draw(view, opaque));
-    DrawnLayers out;
+    const std::vector<uint64_t> before = read(opaque, count);
+    const auto draw = [&](uint64_t* to, const uint64_t* peeled, const kernels::FragmentSlots& slots) -> Result<void> {
+      kernels::DrawOptions options;
+      options.part = kernels::FramePart::kPart;
+      options.peeled = peeled;
+      options.fragments = slots;
+      const Result<kernels::FrameStats> drawn = layers_->draw(view, to, options);
+      return drawn ? Result<void>() : drawn.error();
+    };
+    const auto shade = [&](const uint64_t* layer, float* colors) {
+      return resolver_.shade_part(blended_, view, layer, layers_->transforms(), {}, colors, nullptr);
+    };
     const kernels::LayerSource source{
-        [&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
-          kernels::DrawOptions options;
-          options.part = kernels::FramePart::kPart;
-          options.peeled = peeled;
-          const Result<kernels::FrameStats> drawn = layers_->draw(view, at.drawn, options);
-          return drawn ? Result<void>() : drawn.error();
-        },
+        [&](const kernels::BlendTargets& at, const uint64_t* peeled) { return draw(at.drawn, peeled, {}); },
         [&](const kernels::BlendTargets& at) -> Result<void> {
-          const kernels::Transform* const transforms = layers_->transforms();
-          Result<void> done = resolver_.shade_part(blended_, view, at.layer, transforms, {}, at.colors, nullptr);
-          if (done) done = kernels::start_finding_alphas(blended_, view, at.layer, transforms, at.alphas, nullptr);
-          if (done) out.add(read(at.layer, count), read(at.alphas, count));
+          Result<void> done = shade(at.layer, at.colors);
+          if (done)
+            done = kernels::start_finding_alphas(blended_, view, at.layer, layers_->transforms(), at.alphas, nullptr);
+          if (done && out != nullptr) out->add(read(at.layer, count), read(at.alphas, count));
           return done;
         }};
-    REQUIRE(blend_.blend(view, opaque, 64, source, out.counts));
-    return out;
+    const kernels::FragmentSource fragments{blended_,
+                                            [&](const kernels::FragmentSlots& to) { return draw(opaque, nullptr, to); },
+                                            shade, [&] { return layers_->transforms(); }};
+    kernels::CudaBlend& used = at_once != nullptr ? *at_once : blend_;
+    const Result<const float*> over = used.blend(view, opaque, most, source, counts, at_once ? &fragments : nullptr);
+    REQUIRE(over);
+    CHECK((read(opaque, count) == before));
+    return read(*over, 4 * count);
   }
 
- private:
   kernels::SceneView device_;
   kernels::SceneView blended_;
   std::optional<kernels::CudaFrames> opaque_;
@@ -100,6 +127,39 @@ TEST_CASE("layers of blended surfaces are drawn alike on the GPU", "[cuda][blend
     GpuLayers gpu(scene, device, sizes);
     for (size_t i = 0; i < views.size(); ++i) CHECK((gpu.draw(views[i]) == expected[i]));
   }
+}
+
+TEST_CASE("fragments that are drawn at once give the layers that are drawn one by one", "[cuda][blend]") {
+  const bool is_clustered = GENERATE(false, true);
+  SceneBuilder builder;
+  add_blended_meshes(builder, is_clustered);
+  const kernels::SceneView scene = builder.view();
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  kernels::CudaQueueSizes two_passes;
+  two_passes.two_pass_groups = two_passes.round_groups = 1;
+  const kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1, 1};
+  uint32_t deepest = 0;
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), two_passes, no_room}) {
+    GpuLayers gpu(scene, device, sizes);
+    for (View view : masked_views()) {
+      if (kEmulatesGpu) view.width /= 2, view.height /= 2;
+      for (const uint32_t most : {64u, 2u}) {
+        kernels::BlendCounts expected_counts;
+        const std::vector<float> expected = gpu.over(view, most, 0, expected_counts);
+        deepest = std::max(deepest, expected_counts.layers);
+        for (const uint32_t slots : {1u, 2u, 4u, 8u}) {
+          if (kEmulatesGpu && slots > 2) continue;
+          INFO(most << " layers, " << slots << " slots");
+          kernels::BlendCounts counts;
+          CHECK((gpu.over(view, most, slots, counts) == expected));
+          CHECK(counts.layers == expected_counts.layers);
+          CHECK(counts.samples_left_out == expected_counts.samples_left_out);
+        }
+      }
+    }
+  }
+  CHECK(deepest > 3);  // so that some samples have more than 2 slots hold
 }
 
 TEST_CASE("layers of omitted instances are left out alike on the GPU, and come back", "[cuda][blend][omitted]") {
