@@ -100,10 +100,10 @@ class MaterialMaker {
     return to;
   }
 
-  /// The properties of a material beyond its base colour. Nothing if it is matt or unlit, or has glTF's default
-  /// metallic and roughness factors (a rough metal, but writers of such files mean matt). Runs after record() and
-  /// continues with its `sets`.
-  Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, UvSets& sets) {
+  /// The properties of a material beyond its base colour; nothing if it is matt or unlit. Runs after record() and
+  /// continues with its `sets`. `is_default`: whether its properties are glTF's defaults, of a rough metal.
+  Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, UvSets& sets, bool& is_default) {
+    is_default = false;
     if (from.unlit) return std::optional<format::SurfaceRecord>();
     format::SurfaceRecord to{};
     const auto share = [](double value) { return static_cast<float>(std::clamp(value, 0.0, 1.0)); };
@@ -131,7 +131,8 @@ class MaterialMaker {
                                from.specular, from.emission[0], from.emission[1], from.emission[2],
                                from.specular_color[0], from.specular_color[1], from.specular_color[2]})
       if (!std::isfinite(static_cast<float>(value))) return Error{ErrorCode::kRange, "a factor that no float holds"};
-    if (is_plain) return std::optional<format::SurfaceRecord>();
+    if (is_plain && to.metallic == 0) return std::optional<format::SurfaceRecord>();
+    is_default = is_plain;
     return std::optional(to);
   }
 
@@ -349,6 +350,7 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
   plan.uv_sets.assign(document.materials.size(), {kNone, kNone});
   MaterialMaker maker(document, buffers, keep_going, scene);
   uint64_t unused = 0;
+  bool all_default = true;
   for (size_t i = 0; i < document.materials.size(); ++i) {
     if (!used[i]) {
       ++unused;
@@ -356,11 +358,16 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
     }
     auto record = maker.record(document.materials[i], plan.uv_sets[i]);
     if (!record) return at("material " + std::to_string(i), record.error());
-    auto surface = maker.surface(document.materials[i], plan.uv_sets[i]);
+    bool is_default = false;
+    auto surface = maker.surface(document.materials[i], plan.uv_sets[i], is_default);
     if (!surface) return at("material " + std::to_string(i), surface.error());
+    if (*surface) all_default = all_default && is_default;
     plan.place[i] = static_cast<uint32_t>(scene.materials.size());
     scene.materials.push_back({document.materials[i].name, *record, *surface});
   }
+  // Such files are scenes of base colours: their writers mean matt.
+  if (all_default)
+    for (NamedMaterial& material : scene.materials) material.surface.reset();
   for (const NamedMaterial& material : scene.materials) {
     const auto mark = [&](uint32_t texture) { scene.images[scene.textures[texture].record.image].is_color = true; };
     if (material.record.texture != kNone) mark(material.record.texture);

@@ -70,7 +70,9 @@ TEST_CASE("surfaces: a material has one where it is more than a base colour", "[
   const auto scene = import_gltf(path, {});
   if (!scene) FAIL(scene.error().message);
   REQUIRE(scene->materials.size() == 4);
-  CHECK(!scene->materials[0].surface);
+  REQUIRE(scene->materials[0].surface);  // glTF's defaults, beside surfaces
+  CHECK(scene->materials[0].surface->metallic == 1);
+  CHECK(scene->materials[0].surface->roughness == 1);
   CHECK(!scene->materials[2].surface);
   REQUIRE(scene->materials[1].surface);
   CHECK(scene->materials[1].surface->metallic == 0);
@@ -102,20 +104,21 @@ TEST_CASE("surfaces: a material has one where it is more than a base colour", "[
   options.output = folder.file("out.scree");
   must_convert(options);
   const tests::OpenFile packed = must_open(options.output);
-  REQUIRE(packed.file.surfaces().size() == 2);
-  CHECK(packed.file.surfaces()[0].material == 1);
-  CHECK(packed.file.surfaces()[1].material == 3);
+  REQUIRE(packed.file.surfaces().size() == 3);
+  CHECK(packed.file.surfaces()[1].material == 1);
+  CHECK(packed.file.surfaces()[2].material == 3);
   CHECK(tests::read_whole(options.output)[8] == 2);  // the major version, for the second coordinates
   const auto loaded = runtime::Scene::open(options.output, {});
   if (!loaded) FAIL(loaded.error().message);
-  CHECK(loaded->view().surface_count == 2);
-  CHECK(loaded->view().surface_of[3] == 1);
-  CHECK(loaded->view().surface_of[0] == format::kNone);
+  CHECK(loaded->view().surface_count == 3);
+  CHECK(loaded->view().surface_of[3] == 2);
+  CHECK(loaded->view().surface_of[2] == format::kNone);
   CHECK(loaded->view().environment != nullptr);
 
   // A file of base colours is of version 1.0, and has no environment made.
   options.input =
-      write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}})"));
+      write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
+                             R"({"name":"matt","pbrMetallicRoughness":{"metallicFactor":0}})"));
   must_convert(options);
   CHECK(tests::read_whole(options.output)[8] == 1);
   CHECK(tests::read_whole(options.output)[10] == 0);
