@@ -17,37 +17,14 @@
 #include <utility>
 #include <vector>
 
-namespace py = pybind11;
+#include "dlpack.h"
+#include "layers.h"
+#include "targets.h"
+
+using namespace scree_python;
 using namespace py::literals;
 
 namespace {
-
-// DLPack's structures (its version 0.8, dlpack.h), as far as they cross the border.
-struct DlDevice {
-  int32_t type;
-  int32_t index;
-};
-constexpr int32_t kDlCpu = 1;
-constexpr int32_t kDlCuda = 2;
-struct DlDataType {
-  uint8_t code;  // 0: int, 1: unsigned int, 2: float
-  uint8_t bits;
-  uint16_t lanes;
-};
-struct DlTensor {
-  void* data;
-  DlDevice device;
-  int32_t dimensions;
-  DlDataType type;
-  int64_t* shape;
-  int64_t* strides;
-  uint64_t byte_offset;
-};
-struct DlManagedTensor {
-  DlTensor tensor;
-  void* context;
-  void (*deleter)(DlManagedTensor*);
-};
 
 /// Calls what may wait for a view or a GPU that another thread uses, which may want the GIL meanwhile.
 template <class Call>
@@ -79,21 +56,6 @@ DlDataType dl_type(scree_type type) {
   }
 }
 
-py::dtype numpy_type(scree_type type) {
-  switch (type) {
-    case SCREE_UINT8:
-      return py::dtype::of<uint8_t>();
-    case SCREE_FLOAT32:
-      return py::dtype::of<float>();
-    case SCREE_INT64:
-      return py::dtype::of<int64_t>();
-    case SCREE_INT32:
-      return py::dtype::of<int32_t>();
-    default:
-      return py::dtype::of<uint64_t>();
-  }
-}
-
 std::vector<py::ssize_t> shape_of(const scree_array& array) {
   return {array.shape, array.shape + array.dimensions};
 }
@@ -102,16 +64,14 @@ std::vector<py::ssize_t> shape_of(const scree_array& array) {
 scree_array describe(const scree::View& view, scree_layer layer) {
   const scree_frame_stats stats = without_gil([&] { return view.stats(); });
   const uint32_t side = layer == SCREE_SAMPLES ? stats.samples : 1;
-  constexpr std::array<scree_type, 8> kTypes{SCREE_UINT8,  SCREE_FLOAT32, SCREE_INT64,   SCREE_INT32,
-                                             SCREE_UINT64, SCREE_FLOAT32, SCREE_FLOAT32, SCREE_FLOAT32};
   scree_array array{};
-  array.type = kTypes[static_cast<size_t>(layer)];
+  const LayerKind kind = kLayerKinds[static_cast<size_t>(layer)];
+  array.type = kind.type;
   int64_t* shape = array.shape;
   if (stats.cameras != 0) *shape++ = stats.cameras;
   *shape++ = int64_t{stats.height} * side;
   *shape++ = int64_t{stats.width} * side;
-  constexpr std::array<int64_t, 8> kChannels{4, 0, 0, 0, 0, 3, 2, 4};
-  if (kChannels[static_cast<size_t>(layer)] != 0) *shape++ = kChannels[static_cast<size_t>(layer)];
+  if (kind.channels != 0) *shape++ = kind.channels;
   array.dimensions = static_cast<uint32_t>(shape - array.shape);
   return array;
 }
@@ -235,29 +195,31 @@ Camera camera_of(const py::object& given) {
   return camera;
 }
 
-/// The number of a word; the words are listed in an error.
-template <size_t kCount>
-int number_of(const std::array<const char*, kCount>& words, const std::string& word, const char* what) {
-  std::string all;
-  for (size_t i = 0; i < kCount; ++i) {
-    if (word == words[i]) return static_cast<int>(i);
-    all += (i == 0 ? "" : ", ") + std::string(words[i]);
+/// The cameras of a batch, one after the other in memory.
+class Cameras {
+ public:
+  explicit Cameras(const std::vector<py::object>& given) {
+    if (given.empty()) throw py::value_error("a batch has one camera at least");
+    for (const py::object& camera : given) named_.push_back(camera_of(camera));
+    for (Camera& camera : named_) cameras_.push_back(camera.get());
   }
-  throw py::value_error(std::string(what) + ": '" + word + "' is not one of " + all);
-}
+  Cameras(const Cameras&) = delete;
+  Cameras& operator=(const Cameras&) = delete;
+
+  const scree_camera* data() const { return cameras_.data(); }
+  uint32_t count() const { return static_cast<uint32_t>(cameras_.size()); }
+
+ private:
+  std::vector<Camera> named_;  // whose names `cameras_` points to
+  std::vector<scree_camera> cameras_;
+};
 
 constexpr std::array<const char*, 9> kShows{"texture", "color", "uv",    "normal", "triangle",
                                             "cluster", "mesh",  "stage", "depth"};
-constexpr std::array<const char*, 8> kLayers{"color",   "depth",  "triangle", "instance",
-                                             "samples", "normal", "uv",       "linear"};
 constexpr std::array<const char*, 4> kLights{"auto", "camera", "environment", "scene"};
 constexpr std::array<const char*, 4> kReadings{"auto", "mapped", "buffered", "direct"};
 constexpr std::array<const char*, 3> kBackends{"auto", "cpu", "cuda"};
 constexpr std::array<const char*, 3> kTextures{"keep", "raw", "jpeg"};
-
-scree_layer layer_of(const std::string& word) {
-  return static_cast<scree_layer>(number_of(kLayers, word, "layer"));
-}
 
 /// `shading`: all options but sizes, by name (View.draw() in __init__.py has them).
 scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t samples, const py::dict& shading) {
@@ -570,15 +532,23 @@ PYBIND11_MODULE(_scree, module) {
             const scree_draw_options options = draw_options(width, height, samples, shading);
             uint32_t made = 0;
             for (const std::string& layer : layers) made |= 1u << layer_of(layer);
-            std::vector<Camera> all;
-            for (const py::object& camera : cameras) all.push_back(camera_of(camera));
-            std::vector<scree_camera> seen;
-            for (Camera& camera : all) seen.push_back(camera.get());
-            if (seen.empty()) throw py::value_error("a batch has one camera at least");
+            const Cameras seen(cameras);
             const py::gil_scoped_release release;
-            view.draw_batch(seen.data(), static_cast<uint32_t>(seen.size()), options, made);
+            view.draw_batch(seen.data(), seen.count(), options, made);
           },
           "cameras"_a, "width"_a, "height"_a, "layers"_a, "samples"_a, "shading"_a)
+      .def(
+          "draw_batch_to",
+          [](scree::View& view, const std::vector<py::object>& cameras, const py::dict& arrays, int gpu,
+             uint32_t samples, const py::object& stream, const py::dict& shading) {
+            const Cameras seen(cameras);
+            const Targets targets = take_targets(arrays, cameras.size(), gpu, stream);
+            const scree_draw_options options = draw_options(targets.width, targets.height, samples, shading);
+            const py::gil_scoped_release release;
+            view.draw_batch_to(seen.data(), seen.count(), options, targets.all.data(),
+                               static_cast<uint32_t>(targets.all.size()), targets.stream);
+          },
+          "cameras"_a, "targets"_a, "gpu"_a, "samples"_a, "stream"_a, "shading"_a)
       .def(
           "shade",
           [](scree::View& view, const py::dict& shading) {

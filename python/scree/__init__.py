@@ -185,6 +185,27 @@ class View:
         self._view.draw_batch(list(cameras), width, height, list(layers), samples, shading)
         return self
 
+    def draw_batch_to(self, cameras, targets, *, samples=1, stream=None, **shading) -> View:
+        """Draws a frame for each of `cameras` into the caller's arrays, without a copy; the view keeps no layer.
+
+        `targets`: an array per layer, of the layers of draw_batch(), which is overwritten: {"depth": array}. Types and
+        units are those of read(), shapes have the cameras first: cameras x height x width for depth, triangle and
+        instance, with a last dimension of 4 for color, 3 for normal, 2 for uv. The frames have the arrays' width and
+        height in pixels, the same in all of them. Rows follow each other without gaps, and the memory begins at a
+        multiple of 16 bytes, as new arrays do.
+        Where the CPU draws, an array is numpy's or has __dlpack__ (torch's on the CPU). Where a GPU draws, it has
+        __cuda_array_interface__ or __dlpack__ (torch, cupy, numba) and lies in the memory of that GPU.
+        `stream`: a CUDA stream of that GPU as an int, such as torch.cuda.current_stream().cuda_stream. The drawing begins
+        after its earlier work, and its later work begins after the drawing. None: the stream that the arrays name in
+        __cuda_array_interface__, else the default stream. Not read where the CPU draws. Otherwise as draw().
+
+        Raises TypeError for an object that is no array, and for another dtype; ValueError for another shape, gaps between
+        rows, read-only memory, or memory of another device: each names the array, and nothing is drawn. After a
+        scree.Error the arrays hold anything.
+        """
+        self._view.draw_batch_to(list(cameras), dict(targets), self._gpu, samples, stream, shading)
+        return self
+
     def shade(self, **shading) -> View:
         """Shows the last frame otherwise, without drawing it again; not where chunks are streamed. As draw()."""
         self._view.shade(shading)

@@ -1,6 +1,6 @@
 import os
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,16 @@ _Show = Literal["texture", "color", "uv", "normal", "triangle", "cluster", "mesh
 _Light = Literal["auto", "camera", "environment", "scene"]
 _Progress = Callable[[str, int, int], bool | None]
 _Path = str | os.PathLike[str]
+
+class _CudaArray(Protocol):
+    @property
+    def __cuda_array_interface__(self) -> dict[str, Any]: ...
+
+class _DlpackArray(Protocol):
+    def __dlpack__(self, *, stream: Any = ...) -> Any: ...
+    def __dlpack_device__(self) -> tuple[Any, int]: ...
+
+_Array = npt.NDArray[Any] | _CudaArray | _DlpackArray
 
 class Error(RuntimeError):
     status: str
@@ -107,6 +117,23 @@ class View:
         *,
         layers: Iterable[_Layer] = ...,
         samples: Literal[1, 2, 4] = ...,
+        show: _Show = ...,
+        light: bool | _Light = ...,
+        exposure: float = ...,
+        blend_layers: int = ...,
+        ssao: bool = ...,
+        edl: bool = ...,
+        edl_strength: float = ...,
+        edl_radius: int = ...,
+        background: Sequence[float] = ...,
+    ) -> View: ...
+    def draw_batch_to(
+        self,
+        cameras: Iterable[Camera | str | int | None],
+        targets: Mapping[Literal["color", "depth", "triangle", "instance", "normal", "uv"], _Array],
+        *,
+        samples: Literal[1, 2, 4] = ...,
+        stream: int | None = ...,
         show: _Show = ...,
         light: bool | _Light = ...,
         exposure: float = ...,

@@ -1,11 +1,13 @@
 """The Python package: test_scree.py DATA_FOLDER EXAMPLES_FOLDER"""
 
+import ctypes
 import gc
 import pathlib
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 import unittest
 import weakref
 
@@ -13,6 +15,56 @@ import numpy as np
 import scree
 
 DATA = EXAMPLES = None
+
+
+class CudaArray:
+    """An array as the CUDA Array Interface describes it; `words` replace what is so of `array`."""
+
+    def __init__(self, array, **words):
+        self.array = array
+        self.__cuda_array_interface__ = {"shape": array.shape, "typestr": array.dtype.str, "version": 3,
+                                         "data": (array.ctypes.data, False), **words}
+
+
+class DlpackArray:
+    """A numpy array of which only DLPack's methods show, as they are before its version 1.0."""
+
+    def __init__(self, array, device=(1, 0)):
+        self.array = array
+        self.device = device
+
+    def __dlpack__(self, stream=None):
+        self.stream = stream
+        return self.array.__dlpack__()
+
+    def __dlpack_device__(self):
+        return self.device
+
+
+class VersionedArray:
+    """A small float32 array in a capsule of DLPack 1.0, or of the version and with the flags named."""
+
+    class Tensor(ctypes.Structure):
+        _fields_ = [("major", ctypes.c_uint32), ("minor", ctypes.c_uint32), ("context", ctypes.c_void_p),
+                    ("deleter", ctypes.c_void_p), ("flags", ctypes.c_uint64), ("data", ctypes.c_void_p),
+                    ("device_type", ctypes.c_int32), ("device", ctypes.c_int32), ("dimensions", ctypes.c_int32),
+                    ("code", ctypes.c_uint8), ("bits", ctypes.c_uint8), ("lanes", ctypes.c_uint16),
+                    ("shape", ctypes.c_void_p), ("strides", ctypes.c_void_p), ("offset", ctypes.c_uint64)]
+
+    def __init__(self, array, major=1, flags=0, offset=0):
+        self.array = array
+        self.shape = (ctypes.c_int64 * array.ndim)(*array.shape)
+        self.tensor = self.Tensor(major=major, flags=flags, data=array.ctypes.data - offset, device_type=1, code=2, bits=32,
+                                  lanes=1, dimensions=array.ndim, shape=ctypes.addressof(self.shape), offset=offset)
+
+    def __dlpack__(self, *, max_version):
+        assert max_version == (1, 0)
+        make = ctypes.pythonapi.PyCapsule_New
+        make.restype, make.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+        return make(ctypes.addressof(self.tensor), b"dltensor_versioned", None)
+
+    def __dlpack_device__(self):
+        return (1, 0)
 
 
 class Package(unittest.TestCase):
@@ -141,6 +193,170 @@ class Package(unittest.TestCase):
             view.read("triangle")
         with self.assertRaises(ValueError):
             view.draw_batch([], 8, 8)
+
+    def test_batch_into_arrays(self):
+        cameras = [scree.look_at((4 * np.sin(a), 2, 4 * np.cos(a))) for a in np.linspace(0, 6, 7)] + [None]
+        layers = [layer for layer in scree.LAYERS if layer not in ("samples", "linear")]
+        expected = self.scene.view().draw_batch(cameras, 36, 20, layers=layers, samples=2, show="normal")
+        expected = {layer: expected.read(layer) for layer in layers}
+        view = self.scene.view()
+        # Parts of larger arrays, of which nothing else is written.
+        blocks = {layer: np.full((10, *array.shape[1:]), 77, array.dtype) for layer, array in expected.items()}
+        drawn = view.draw_batch_to(cameras, {layer: block[1:9] for layer, block in blocks.items()}, samples=2, stream=5,
+                                   show="normal")
+        for layer, block in blocks.items():
+            self.assertTrue((block[1:9] == expected[layer]).all(), layer)
+            self.assertTrue((block[[0, 9]] == 77).all(), layer)
+        self.assertIs(drawn, view)
+        self.assertEqual((view.stats["width"], view.stats["height"], view.stats["cameras"]), (36, 20, 8))
+        with self.assertRaises(scree.Error):  # the view keeps no layer
+            view.read("depth")
+        # A dimension of one element has a stride of no meaning.
+        one = np.lib.stride_tricks.as_strided(np.zeros((20, 36), np.float32), (1, 20, 36), (4, 144, 4))
+        view.draw_batch_to(cameras[:1], {"depth": one}, samples=2)
+        self.assertTrue((one[0] == expected["depth"][0]).all())
+
+    def test_batch_into_dlpack(self):
+        cameras = [None, scree.around(90, 10)]
+        expected = self.scene.view().draw_batch(cameras, 36, 20, layers=["depth"]).read("depth")
+        for made in (DlpackArray, lambda array: DlpackArray(array, (3, 0)), VersionedArray,
+                     lambda array: VersionedArray(array, offset=48)):
+            depth = np.zeros((2, 20, 36), np.float32)
+            before = sys.getrefcount(depth)
+            given = made(depth)
+            self.scene.view().draw_batch_to(cameras, {"depth": given})
+            self.assertTrue((depth == expected).all())
+            del given
+            self.assertEqual(sys.getrefcount(depth), before)
+        for made, error, text in ((lambda array: VersionedArray(array, flags=1), ValueError, "read-only"),
+                                  (lambda array: VersionedArray(array, major=2), BufferError, "DLPack 2"),
+                                  (lambda array: DlpackArray(array, (2, 0)), ValueError, "GPU 0, but the CPU draws"),
+                                  (lambda array: DlpackArray(array, (7, 0)), ValueError, "DLPack device 7"),
+                                  (lambda array: DlpackArray(array[:, ::2]), ValueError, "not contiguous"),
+                                  (lambda array: DlpackArray(array.astype(np.float64)), TypeError,
+                                   "dtype float64, expected float32")):
+            depth = np.full((2, 20, 36), 3, np.float32)
+            with self.assertRaisesRegex(error, text):
+                self.scene.view().draw_batch_to(cameras, {"depth": made(depth)})
+            self.assertTrue((depth == 3).all())
+        other = DlpackArray(depth, (2, 0))
+        for stream, seen in ((None, 1), (0, 1), (2, 2), (1 << 40, 1 << 40)):
+            with self.assertRaisesRegex(ValueError, "the CPU draws"):
+                self.scene.view().draw_batch_to(cameras, {"depth": other}, stream=stream)
+            self.assertEqual(other.stream, seen)
+
+    def test_batch_refuses_arrays(self):
+        cameras = [None, None, None]
+        view = self.scene.view()
+        depth = np.full((3, 20, 36), 5, np.float32)
+        locked = depth.copy()
+        locked.flags.writeable = False
+        bytes_ = np.zeros(depth.nbytes + 16, np.uint8)
+        odd = bytes_[4 - bytes_.ctypes.data % 16:][:depth.nbytes].view(np.float32).reshape(depth.shape)
+        one = np.zeros((1, 20, 36), np.float32)
+        for targets, error, text in (
+                ({}, ValueError, "one layer at least"),
+                ({"colour": depth}, ValueError, "'colour' is not one of color, "),
+                ({"samples": depth}, ValueError, "no such layer"),
+                ({"linear": depth}, ValueError, "no such layer"),
+                ({"depth": [1, 2]}, TypeError, r"^targets\['depth'\]: list is no numpy array"),
+                ({"depth": depth.astype(np.float64)}, TypeError, r"^targets\['depth'\]: dtype float64, expected float32$"),
+                ({"depth": depth.astype(">f4")}, TypeError, "dtype >f4, expected float32"),
+                ({"depth": depth[0]}, ValueError, r"shape \(20, 36\), expected \(3, height, width\) for 3 cameras"),
+                ({"depth": depth[:2]}, ValueError, r"shape \(2, 20, 36\)"),
+                ({"depth": depth[:, :0]}, ValueError, r"shape \(3, 0, 36\) has no pixels"),
+                ({"uv": np.zeros((3, 2, 20, 36), np.float32)}, ValueError, r"expected \(3, height, width, 2\)"),
+                ({"depth": depth, "instance": np.zeros((3, 36, 20), np.int32)}, ValueError,
+                 r"^targets\['instance'\]: 36 x 20 pixels, but targets\['depth'\] has 20 x 36"),
+                ({"depth": depth[:, ::2]}, ValueError, r"^targets\['depth'\]: not contiguous"),
+                ({"depth": np.asfortranarray(depth)}, ValueError, "not contiguous"),
+                ({"depth": np.broadcast_to(one, depth.shape)}, ValueError, "not contiguous"),
+                ({"depth": locked}, ValueError, r"^targets\['depth'\]: read-only$"),
+                ({"depth": odd}, ValueError, "multiple of 16 bytes"),
+                ({"depth": CudaArray(depth)}, ValueError, r"^targets\['depth'\]: it lies in GPU memory, but the CPU draws$"),
+                ({"depth": CudaArray(depth, typestr="<f8")}, TypeError, "dtype float64"),
+                ({"depth": CudaArray(depth, shape=(3, 20))}, ValueError, "shape"),
+                ({"depth": CudaArray(depth, strides=None)}, ValueError, "the CPU draws"),
+                ({"depth": CudaArray(depth, strides=(2880, 144, 4))}, ValueError, "the CPU draws"),
+                ({"depth": CudaArray(depth, strides=(2880, 4, 80))}, ValueError, "not contiguous"),
+                ({"depth": CudaArray(depth, strides=(2880, 144, 3))}, ValueError, "not contiguous"),
+                ({"depth": CudaArray(depth, data=(depth.ctypes.data, True))}, ValueError, "read-only"),
+                ({"depth": CudaArray(depth, data=(depth.ctypes.data + 4, False))}, ValueError, "16 bytes")):
+            with self.subTest(text), self.assertRaisesRegex(error, text):
+                view.draw_batch_to(cameras, targets)
+        for stream, error in ((-1, ValueError), (1.5, TypeError), ("1", TypeError)):
+            with self.assertRaisesRegex(error, "^stream: "):
+                view.draw_batch_to(cameras, {"depth": depth}, stream=stream)
+        with self.assertRaises(ValueError):
+            view.draw_batch_to([], {"depth": depth[:0]})
+        with self.assertRaises(TypeError):
+            view.draw_batch_to(cameras, {"depth": depth}, glow=1)
+        with self.assertRaises(scree.Error):
+            view.draw_batch_to(cameras, {"depth": depth}, samples=3)
+        self.assertTrue((depth == 5).all())
+
+        class Fails:
+            @property
+            def __cuda_array_interface__(self):
+                raise RuntimeError("requires grad")
+
+        with self.assertRaisesRegex(RuntimeError, "requires grad"):
+            view.draw_batch_to(cameras, {"depth": Fails()})
+
+    def test_batch_into_a_gpus_memory(self):
+        try:
+            scene = self.file.load(backend="cuda")
+        except scree.Error as error:
+            self.skipTest(str(error))
+        cameras = [scree.look_at((4 * np.sin(a), 2, 4 * np.cos(a))) for a in np.linspace(0, 6, 5)]
+        owner, view = scene.view(), scene.view()
+        for layer in scree.LAYERS:
+            if layer in ("samples", "linear"):
+                continue
+            expected = owner.draw_batch(cameras, 36, 20, layers=[layer]).read(layer)
+            # Memory of another view, which stands for the caller's.
+            shared = owner.draw_batch([None] * 5, 36, 20, layers=[layer]).share(layer)
+            view.draw_batch_to(cameras, {layer: shared}, stream=0)
+            self.assertTrue((owner.read(layer) == expected).all(), layer)
+
+            owner.draw_batch([None] * 5, 36, 20, layers=[layer])
+            pointer = ctypes.pythonapi.PyCapsule_GetPointer
+            pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+            capsule = shared.__dlpack__()
+            address = ctypes.c_void_p.from_address(pointer(capsule, b"dltensor")).value
+            view.draw_batch_to(cameras, {layer: CudaArray(expected, data=(address, False), stream=1)})
+            self.assertTrue((owner.read(layer) == expected).all(), layer)
+        host = np.zeros((5, 20, 36), np.float32)
+        with self.assertRaisesRegex(ValueError, "host memory, but GPU 0 draws"):
+            view.draw_batch_to(cameras, {"depth": host})
+        with self.assertRaisesRegex(ValueError, "the memory of GPU 1, but GPU 0 draws"):
+            view.draw_batch_to(cameras, {"depth": DlpackArray(host, (2, 1))})
+        shared = owner.draw_batch(cameras, 36, 20, layers=["depth", "instance"])
+        address = [ctypes.c_void_p.from_address(pointer(capsule, b"dltensor")).value
+                   for capsule in (shared.share("depth").__dlpack__(), shared.share("instance").__dlpack__())]
+        two = {"depth": CudaArray(host, data=(address[0], False), stream=1),
+               "instance": CudaArray(host.astype(np.int32), data=(address[1], False), stream=2)}
+        with self.assertRaisesRegex(ValueError, "another CUDA stream"):
+            view.draw_batch_to(cameras, two)
+        view.draw_batch_to(cameras, two, stream=2)
+
+    def test_other_threads_run_while_a_batch_is_drawn(self):
+        ticks, done = [], threading.Event()
+
+        def tick():
+            while not done.wait(0.001):
+                ticks.append(time.perf_counter())
+
+        thread = threading.Thread(target=tick)
+        thread.start()
+        color = np.zeros((8, 512, 512, 4), np.uint8)
+        view = self.scene.view()
+        begin = time.perf_counter()
+        view.draw_batch_to([None] * 8, {"color": color}, samples=4)
+        end = time.perf_counter()
+        done.set()
+        thread.join()
+        self.assertGreater(sum(begin < moment < end for moment in ticks), 5)
 
     def test_pick_and_stats(self):
         view = self.scene.view().draw(64, 64)

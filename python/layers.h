@@ -1,0 +1,67 @@
+// The layers of a view as Python has them: their names, types and shapes.
+#ifndef SCREE_PYTHON_LAYERS_H
+#define SCREE_PYTHON_LAYERS_H
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <scree/scree.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+namespace scree_python {
+
+namespace py = pybind11;
+
+struct LayerKind {
+  scree_type type;
+  int64_t channels;  // 0: no dimension of their own
+};
+
+constexpr std::array<const char*, 8> kLayers{"color",   "depth",  "triangle", "instance",
+                                             "samples", "normal", "uv",       "linear"};
+constexpr std::array<LayerKind, 8> kLayerKinds{{{SCREE_UINT8, 4},
+                                                {SCREE_FLOAT32, 0},
+                                                {SCREE_INT64, 0},
+                                                {SCREE_INT32, 0},
+                                                {SCREE_UINT64, 0},
+                                                {SCREE_FLOAT32, 3},
+                                                {SCREE_FLOAT32, 2},
+                                                {SCREE_FLOAT32, 4}}};
+
+/// The number of a word; the words are listed in an error.
+template <size_t kCount>
+int number_of(const std::array<const char*, kCount>& words, const std::string& word, const char* what) {
+  std::string all;
+  for (size_t i = 0; i < kCount; ++i) {
+    if (word == words[i]) return static_cast<int>(i);
+    all += (i == 0 ? "" : ", ") + std::string(words[i]);
+  }
+  throw py::value_error(std::string(what) + ": '" + word + "' is not one of " + all);
+}
+
+inline scree_layer layer_of(const std::string& word) {
+  return static_cast<scree_layer>(number_of(kLayers, word, "layer"));
+}
+
+inline py::dtype numpy_type(scree_type type) {
+  switch (type) {
+    case SCREE_UINT8:
+      return py::dtype::of<uint8_t>();
+    case SCREE_FLOAT32:
+      return py::dtype::of<float>();
+    case SCREE_INT64:
+      return py::dtype::of<int64_t>();
+    case SCREE_INT32:
+      return py::dtype::of<int32_t>();
+    default:
+      return py::dtype::of<uint64_t>();
+  }
+}
+
+}  // namespace scree_python
+
+#endif
