@@ -31,14 +31,14 @@ struct DlTensor {
   uint64_t byte_offset;
 };
 
-/// What a capsule "dltensor" holds.
+/// The contents of a capsule "dltensor".
 struct DlManagedTensor {
   DlTensor tensor;
   void* context;
   void (*deleter)(DlManagedTensor*);
 };
 
-/// What a capsule "dltensor_versioned" holds.
+/// The contents of a capsule "dltensor_versioned".
 struct DlVersionedTensor {
   uint32_t major;
   uint32_t minor;

@@ -34,7 +34,7 @@ class CudaBlend {
   CudaBlend& operator=(CudaBlend&&) noexcept;
   ~CudaBlend();
 
-  /// What a picture takes of device memory beside its fragments.
+  /// Device memory of a picture, beside its fragments.
   static uint64_t device_bytes(uint64_t sample_count) { return 48 * sample_count + sizeof(uint64_t); }
 
   /// As blend_cpu(): BlendTargets::over, in device memory until the next call. Work goes to the default stream, with

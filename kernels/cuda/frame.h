@@ -30,7 +30,7 @@ struct DrawOptions {
   bool cluster_bounds = true;   // culls such clusters, and clusters outside the picture
   bool occlusion = true;        // culls clusters behind the depth pyramid; requires cluster_bounds
   FramePart part = FramePart::kWhole;
-  // Of frames that draw blended surfaces, in device memory: Target::peeled and Target::fragments.
+  // In frames that draw blended surfaces, and in device memory: Target::peeled and Target::fragments.
   const uint64_t* peeled = nullptr;
   FragmentSlots fragments = {};
   // A small scene's frame is one submission, so its stages have no times. With this flag its kernels are launched one

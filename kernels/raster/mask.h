@@ -10,7 +10,7 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// What the triangles of a build of kernels may be. Layers of blended surfaces are drawn by builds of their own, so
+/// The triangles that a build of kernels draws. Layers of blended surfaces are drawn by builds of their own, so
 /// that masks do not pay for them.
 enum class Alpha : uint8_t { kOpaque, kMasked, kBlended };
 
@@ -19,7 +19,7 @@ struct NoMask {
   static constexpr bool kTests = false;
 };
 
-/// Of a sample that is there: this bit, and the alpha of its texture in the bits below, in 1 / kMaxMaskThreshold.
+/// For a sample that is there: this bit, and the alpha of its texture in the bits below, in 1 / kMaxMaskThreshold.
 inline constexpr uint32_t kShown = 1u << 31;
 inline constexpr uint32_t kShownOpaque = kShown | format::kMaxMaskThreshold;
 

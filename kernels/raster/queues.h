@@ -74,7 +74,7 @@ struct Target {
   // Of a layer of blended surfaces (spec/rasterization.md, blending): the layer before it, or null. What is drawn lies
   // behind that. Only where masks are tested is it read.
   const uint64_t* peeled = nullptr;
-  // Of blended surfaces on a GPU: where all fragments in front of `samples` go, which then stay as they are. Without
+  // For blended surfaces on a GPU: where all fragments in front of `samples` go, which then stay as they are. Without
   // `counts`, what is drawn goes to the samples.
   FragmentSlots fragments = {};
 
