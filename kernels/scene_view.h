@@ -71,7 +71,7 @@ struct TextureView {
   const JpegLevel* jpeg;      // levels 0 to jpeg_level_count - 1
   const uint8_t* blocks;      // levels 0 to block_level_count - 1 (format/blocks/pixels.h)
   uint32_t block_level_count;
-  uint32_t paged_level_count;  // the first of them; 0 on a GPU
+  uint32_t paged_level_count;  // the first of them
   format::BlockFormat block_format;
   uint16_t swizzle;
   format::Wrap wrap_s;
@@ -115,7 +115,7 @@ struct SceneView {
   uint32_t light_count;
   ChunkKinds chunk_kinds;  // kMixed is correct for every scene
   BlockCache* blocks;      // cache of the textures' JPEG levels; null if there are none, and on a GPU
-  TexelPager* pager;       // of the textures' paged levels; likewise
+  TexelPager* pager;       // of the textures' paged levels; likewise (a GPU has it beside its texture cache)
   const MaskView* masks;   // by material; null: nothing is masked
   // By material: the alpha of blended surfaces (spec/rasterization.md, blending), with the threshold that leaves out
   // what is clear; null: nothing blends.

@@ -49,7 +49,7 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   out.threads = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
   out.textures = options.no_textures == 0;
   out.texture_cache = options.texture_cache;
-  out.texture_memory = options.texture_memory != 0 ? options.texture_memory : runtime::kHostTextureMemory;
+  out.texture_memory = options.texture_memory;
   if (options.light > SCREE_LIGHT_SCENE)
     return fail(SCREE_ERROR_ARGUMENT, "scree_load_options::light is " + std::to_string(options.light) + ", at most 3");
   out.lighting = static_cast<kernels::Lighting>(options.light);

@@ -271,9 +271,11 @@ template <class Run>
 Result<void> shade_tiles(const SceneView& scene, uint32_t width, uint32_t height, const Run& run) {
   const uint32_t count = PixelTiles{width, 0, height}.count();
   if (scene.pager != nullptr)
-    return shade_in_rounds(*scene.pager, count, [&](std::span<const UnfinishedTile> tiles, UnfinishedTile* left) {
-      return run(TileRound{tiles.data(), static_cast<uint32_t>(tiles.size()), left});
-    });
+    return shade_in_rounds(*scene.pager, count,
+                           [&](std::span<const UnfinishedTile> tiles, UnfinishedTile* left) -> Result<uint32_t> {
+                             if (tiles.empty()) return run(TileRound{nullptr, count, left});
+                             return run(TileRound{tiles.data(), static_cast<uint32_t>(tiles.size()), left});
+                           });
   run(TileRound{nullptr, count, nullptr});
   return {};
 }

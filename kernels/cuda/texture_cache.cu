@@ -1,7 +1,10 @@
-// CudaTextureCache: rounds of shading and decoding. They are queued without reading the counters of earlier rounds.
+// CudaTextureCache: rounds of shading and decoding. They are queued without reading the counters of earlier rounds,
+// except those that wait for pages.
 #include <cuda_runtime.h>
 
 #include <algorithm>
+#include <new>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -10,6 +13,7 @@
 #include "kernels/cuda/texture_cache.h"
 #include "kernels/shade/resolve_rounds.h"
 #include "kernels/shade/stored_colors.h"
+#include "kernels/shade/texel_pager.h"
 
 #pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
 
@@ -18,7 +22,8 @@ namespace {
 
 constexpr uint32_t kResidentBlocks = 4;  // per multiprocessor: 128 registers per thread
 constexpr uint32_t kDecodeThreads = 64;
-constexpr uint32_t kDecodeBlocks = 16;  // per multiprocessor
+constexpr uint32_t kDecodeBlocks = 16;           // per multiprocessor
+constexpr uint32_t kRounds = kDecodeRounds + 1;  // with the one whose pixels decode for themselves
 
 /// `before`: the counters of the round that left the tiles, or null to shade all `tile_count` tiles.
 template <class Pixels>
@@ -52,6 +57,10 @@ struct CacheLayout {
   uint64_t bytes;
 };
 
+uint32_t slots_of(uint64_t bytes, uint32_t slot_bytes) {
+  return slot_bytes != 0 ? TextureCache::slots_for(bytes, slot_bytes) : 0;
+}
+
 CacheLayout lay_out(uint32_t slots, uint32_t slot_bytes) {
   uint64_t at = 0;
   const auto add = [&at](uint64_t count, uint64_t size) {
@@ -66,7 +75,7 @@ CacheLayout lay_out(uint32_t slots, uint32_t slot_bytes) {
   layout.samples = add(slots, slot_bytes);
   layout.wanted = add(TextureCache::wanted_for(slots), sizeof(uint64_t));
   layout.requests = add(slots, sizeof(GroupRequest));
-  layout.counters = add(kDecodeRounds, sizeof(RoundCounters));
+  layout.counters = add(kRounds, sizeof(RoundCounters));
   layout.bytes = at;
   return layout;
 }
@@ -94,6 +103,7 @@ struct CudaTextureCache::Impl {
     const Result<void> done =
         lists.reserve(uint64_t{2} * tiles * sizeof(UnfinishedTile), "allocating the lists of tiles");
     if (!done) error = done.error();
+    list_room = tiles;
     return static_cast<bool>(done);
   }
 
@@ -106,7 +116,7 @@ struct CudaTextureCache::Impl {
                check(cudaMemsetAsync(cache.stamps, 0xff, ways * sizeof(uint32_t), stream), kWhat) &&
                check(cudaMemsetAsync(cache.stamps, 0, cache.slot_count * sizeof(uint32_t), stream), kWhat) &&
                check(cudaMemsetAsync(cache.wanted, 0xff, cache.wanted_count * sizeof(uint64_t), stream), kWhat) &&
-               check(cudaMemsetAsync(counters, 0, kDecodeRounds * sizeof(RoundCounters), stream), kWhat);
+               check(cudaMemsetAsync(counters, 0, kRounds * sizeof(RoundCounters), stream), kWhat);
     return is_clean;
   }
 
@@ -115,9 +125,22 @@ struct CudaTextureCache::Impl {
   template <bool kApart, class PixelsOf>
   bool shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of, cudaStream_t stream);
 
+  /// Queues shading of `count` tiles: list(1), or if `all` is set every tile. Where pages may be missing, list(0) then
+  /// has the tiles with pixels that lacked some, and the last counters their number.
+  template <bool kApart, class PixelsOf>
+  bool shade_tiles(const ShadeInputs& in, const PixelsOf& pixels_of, uint32_t count, bool all, cudaStream_t stream);
+
+  UnfinishedTile* list(uint32_t i) { return reinterpret_cast<UnfinishedTile*>(lists.data()) + i * list_room; }
+  bool has_jpegs() const { return cache.slot_count != 0; }
+  /// The round whose pixels lack nothing but pages.
+  uint32_t last_round() const { return has_jpegs() ? kDecodeRounds : 0; }
+  TexelPages pages() const { return pager != nullptr ? pager->pages() : TexelPages{}; }
+
   DeviceBuffer memory;
   DeviceBuffer lists;
-  TextureCache cache{};
+  uint64_t list_room = 0;  // tiles in one
+  TextureCache cache{};    // without slots where there are no JPEG levels
+  TexelPager* pager = nullptr;
   RoundCounters* counters = nullptr;  // one per round
   uint32_t multiprocessors = 0;
   uint32_t now = 1;       // first round of the next picture
@@ -130,33 +153,63 @@ bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tile
                                    cudaStream_t stream) {
   const uint32_t tile_count = tiles.count();
   if (!reserve(tile_count)) return false;
-  if ((!is_clean || now > TextureCache::kNever - kDecodeRounds) && !clear(stream)) return false;
-  is_clean = false;
-  if (!check(cudaMemsetAsync(counters, 0, kDecodeRounds * sizeof(RoundCounters), stream),
-             "clearing the rounds' counters"))
+  if (pager == nullptr) return shade_tiles<kApart>(in, pixels_of, tile_count, true, stream);
+  try {
+    const Result<void> done = shade_in_rounds(
+        *pager, tile_count, [&](std::span<const UnfinishedTile> some, UnfinishedTile* left) -> Result<uint32_t> {
+          constexpr const char* kWhat = "copying a list of tiles";
+          const uint32_t count = some.empty() ? tile_count : static_cast<uint32_t>(some.size());
+          RoundCounters last{};
+          if (!some.empty() &&
+              !check(cudaMemcpyAsync(list(1), some.data(), some.size_bytes(), cudaMemcpyHostToDevice, stream), kWhat))
+            return error;
+          if (!shade_tiles<kApart>(in, pixels_of, count, some.empty(), stream) ||
+              !check(cudaMemcpyAsync(&last, counters + last_round(), sizeof last, cudaMemcpyDeviceToHost, stream),
+                     kWhat) ||
+              !check(cudaStreamSynchronize(stream), "shading"))
+            return error;
+          if (last.tiles != 0 &&
+              !check(cudaMemcpy(left, list(0), last.tiles * sizeof *left, cudaMemcpyDeviceToHost), kWhat))
+            return error;
+          return last.tiles;
+        });
+    if (!done) error = done.error();
+    return static_cast<bool>(done);
+  } catch (const std::bad_alloc&) {
+    error = {ErrorCode::kMemory, "no memory left for the tiles of a picture"};
     return false;
-  auto* const first_list = reinterpret_cast<UnfinishedTile*>(lists.data());
-  UnfinishedTile* const list[2] = {first_list, first_list + tile_count};
+  }
+}
+
+template <bool kApart, class PixelsOf>
+bool CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const PixelsOf& pixels_of, uint32_t count, bool all,
+                                         cudaStream_t stream) {
+  if ((!is_clean || now > TextureCache::kNever - kRounds) && !clear(stream)) return false;
+  is_clean = false;
+  if (!check(cudaMemsetAsync(counters, 0, kRounds * sizeof(RoundCounters), stream), "clearing the rounds' counters"))
+    return false;
+  const UnfinishedTile* from = all ? nullptr : list(1);
+  const RoundCounters* before = nullptr;
   bool started = true;
-  for (uint32_t round = 0; round < kDecodeRounds && started; ++round, ++now) {
-    const UnfinishedTile* const from = round == 0 ? nullptr : list[(round - 1) % 2];
-    const RoundCounters* const before = round == 0 ? nullptr : counters + round - 1;
-    visit_textured<kApart>(in, CachedTexels{cache, counters + round, now}, [&](const auto& shader) {
-      const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list[round % 2], counters + round};
-      started = run(pass, tile_count, before, stream);
+  for (uint32_t round = 0; round < (has_jpegs() ? kDecodeRounds : 1) && started; ++round, ++now) {
+    visit_textured<kApart>(in, CachedTexels{cache, counters + round, now, pages()}, [&](const auto& shader) {
+      const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list(round % 2), counters + round};
+      started = run(pass, count, before, stream);
     });
-    if (!started) return false;
+    from = list(round % 2);
+    before = counters + round;
+    if (!started || !has_jpegs()) continue;
     // The last round decodes too: for the pixels that are left, and for the next picture.
     decode_round<<<multiprocessors * kDecodeBlocks, kDecodeThreads, 0, stream>>>(
         DecodeGroups{cache, counters + round, now});
     started = check(cudaGetLastError(), "starting a round of decoding");
   }
-  if (!started) return false;
-  visit_textured<false>(in, FallbackTexels{cache, now - 1}, [&](const auto& shader) {
-    const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), list[(kDecodeRounds - 1) % 2], nullptr,
-                                                       nullptr};
-    started = run(pass, tile_count, counters + kDecodeRounds - 1, stream);
-  });
+  if (started && has_jpegs())
+    visit_textured<false>(in, FallbackTexels{cache, now - 1, pages()}, [&](const auto& shader) {
+      static_assert(kDecodeRounds % 2 == 0, "the last of them leaves list(1)");
+      const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list(0), counters + kDecodeRounds};
+      started = run(pass, count, before, stream);
+    });
   is_clean = started;
   return started;
 }
@@ -167,13 +220,15 @@ CudaTextureCache& CudaTextureCache::operator=(CudaTextureCache&&) noexcept = def
 CudaTextureCache::~CudaTextureCache() = default;
 
 uint64_t CudaTextureCache::device_bytes(uint64_t bytes, uint32_t slot_bytes) {
-  return lay_out(TextureCache::slots_for(bytes, slot_bytes), slot_bytes).bytes;
+  return lay_out(slots_of(bytes, slot_bytes), slot_bytes).bytes;
 }
 
-Result<CudaTextureCache> CudaTextureCache::create(const JpegLevel* levels, uint64_t bytes, uint32_t slot_bytes) {
+Result<CudaTextureCache> CudaTextureCache::create(const JpegLevel* levels, uint64_t bytes, uint32_t slot_bytes,
+                                                  TexelPager* pager) {
   CudaTextureCache made;
   Impl& impl = *made.impl_;
-  const uint32_t slots = TextureCache::slots_for(bytes, slot_bytes);
+  impl.pager = pager;
+  const uint32_t slots = slots_of(bytes, slot_bytes);
   const CacheLayout layout = lay_out(slots, slot_bytes);
   Result<DeviceBuffer> memory = DeviceBuffer::allocate(layout.bytes, "allocating the texture cache");
   if (!memory) return memory.error();

@@ -1,5 +1,5 @@
-// The cache of decoded groups of JPEG textures in GPU memory, and the resolve of pictures that need it
-// (kernels/shade/texture_cache.h).
+// The cache of decoded groups of JPEG textures in GPU memory, and the resolve of pictures whose textures need it
+// (kernels/shade/texture_cache.h) or come in pages (kernels/shade/texel_pager.h).
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -27,9 +27,10 @@ class CudaTextureCache {
   ~CudaTextureCache();
 
   /// `levels`: the scene's JPEG levels by number; all pointers are on the current device, and outlive this. `bytes`: of
-  /// samples, rounded down to whole slots (and sets, of 8), at least one. `slot_bytes`: of the largest group. Errors
-  /// kDevice.
-  static Result<CudaTextureCache> create(const JpegLevel* levels, uint64_t bytes, uint32_t slot_bytes);
+  /// samples, rounded down to whole slots (and sets, of 8), at least one. `slot_bytes`: of the largest group; 0: there
+  /// are no JPEG levels. `pager`: of the scene's paged levels, null if there are none; outlives this. Errors kDevice.
+  static Result<CudaTextureCache> create(const JpegLevel* levels, uint64_t bytes, uint32_t slot_bytes,
+                                         TexelPager* pager = nullptr);
 
   /// Device memory of create(). The first picture adds a list of its tiles, half a byte per pixel (in parts: per
   /// sample).
@@ -39,7 +40,8 @@ class CudaTextureCache {
   uint64_t bytes() const;  // of samples
 
   /// As CudaResolver::resolve, which calls it for pictures of Show::kTexture. Everything is queued on `stream`. Waits
-  /// only if the picture is larger than those before, to grow the lists. Errors kDevice.
+  /// if the picture is larger than those before, to grow the lists, and with a pager for each of its rounds. Errors
+  /// kDevice, kMemory, those of TexelPager::bring.
   Result<void> resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
                        uint32_t samples_per_side, const float* visibility, uint32_t* pixels, cudaStream_t stream);
 

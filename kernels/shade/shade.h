@@ -649,7 +649,7 @@ inline void visit_kinds(const ShadeInputs& in, const Texels& texels, const Visit
 /// without textures uses a shader without texture code.
 template <bool kApart, class Visit>
 inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
-  const SceneTexels texels{in.scene.blocks, in.scene.pager};
+  const SceneTexels texels{in.scene.blocks, in.scene.pager != nullptr ? in.scene.pager->pages() : TexelPages{}};
   const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
     visit_kinds<kApart, kOrthographic, kShow>(in, texels, visit);
   };

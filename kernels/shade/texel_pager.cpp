@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <bit>
+#include <memory>
+#include <vector>
 
 namespace scree::kernels {
 namespace {
@@ -16,36 +18,38 @@ UnfinishedTile split(UnfinishedTile& tile) {
 
 }  // namespace
 
-Result<void> shade_in_rounds(TexelPager& pager, uint32_t tile_count,
-                             const std::function<uint32_t(std::span<const UnfinishedTile>, UnfinishedTile*)>& shade) {
+Result<void> shade_in_rounds(
+    TexelPager& pager, uint32_t tile_count,
+    const std::function<Result<uint32_t>(std::span<const UnfinishedTile>, UnfinishedTile*)>& shade) {
   const std::lock_guard<std::mutex> lock(pager.mutex());
-  std::vector<UnfinishedTile> waiting(tile_count);  // the next one last
-  for (uint32_t i = 0; i < tile_count; ++i) waiting[i] = {tile_count - 1 - i, ~uint32_t{0}};
-  std::vector<UnfinishedTile> tiles;
+  std::vector<UnfinishedTile> waiting;                                               // the next one last
+  std::vector<UnfinishedTile> tiles;                                                 // of a round; none: all
+  const auto listed = std::make_unique_for_overwrite<UnfinishedTile[]>(tile_count);  // seldom written
   std::vector<UnfinishedTile> left;
   size_t count = tile_count;  // of tiles that are shaded at a time
-  while (!waiting.empty()) {
+  for (;;) {
+    pager.begin_round();
+    const Result<uint32_t> unfinished = shade(tiles, listed.get());
+    if (!unfinished) return unfinished.error();
+    left.assign(listed.get(), listed.get() + *unfinished);
+    if (left.empty()) {
+      count *= 2;
+    } else {
+      const bool is_pixel = left.size() == 1 && std::has_single_bit(left.front().pixels);
+      const Result<bool> fits = pager.bring(is_pixel);
+      if (!fits) return fits.error();
+      // Threads list tiles in any order. Neighbours show the same pages.
+      std::sort(left.begin(), left.end(), [](const auto& a, const auto& b) { return a.tile > b.tile; });
+      count = left.size();
+      if (!*fits && count == 1) left.insert(left.begin(), split(left.front()));
+      if (!*fits) count = (count + 1) / 2;
+      waiting.insert(waiting.end(), left.begin(), left.end());
+    }
+    if (waiting.empty()) return {};
     count = std::min(count, waiting.size());
     tiles.assign(waiting.rbegin(), waiting.rbegin() + static_cast<ptrdiff_t>(count));
     waiting.resize(waiting.size() - count);
-    left.resize(count);
-    pager.begin_round();
-    left.resize(shade(tiles, left.data()));
-    if (left.empty()) {
-      count *= 2;
-      continue;
-    }
-    const bool is_pixel = left.size() == 1 && std::has_single_bit(left.front().pixels);
-    const Result<bool> fits = pager.bring(is_pixel);
-    if (!fits) return fits.error();
-    // Threads list tiles in any order. Neighbours show the same pages.
-    std::sort(left.begin(), left.end(), [](const auto& a, const auto& b) { return a.tile > b.tile; });
-    count = left.size();
-    if (!*fits && count == 1) left.insert(left.begin(), split(left.front()));
-    if (!*fits) count = (count + 1) / 2;
-    waiting.insert(waiting.end(), left.begin(), left.end());
   }
-  return {};
 }
 
 }  // namespace scree::kernels

@@ -7,6 +7,7 @@
 #include "kernels/math.h"
 #include "kernels/scene_view.h"
 #include "kernels/shade/block_cache.h"
+#include "kernels/shade/shared_words.h"
 #include "kernels/shade/texel_pager.h"
 
 namespace scree::kernels {
@@ -72,18 +73,26 @@ SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, 
   }
 }
 
-#if !defined(__CUDA_ARCH__)
+/// A page's raw bytes, null where it is not there. Either way the current round wants it.
+SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t number) {
+  if (load_cached(pages.wanted + number) != pages.round) store_relaxed(pages.wanted + number, pages.round);
+  return pages.blocks[number];
+}
+
 /// As decoded_texels(), for paged levels. Returns whether all four are there.
-inline bool paged_texels(TexelPager& pager, const TextureView& texture, uint32_t level, const TexelPair& column,
-                         const TexelPair& row, uint32_t texels[4]) {
+SCREE_HD inline bool paged_texels(const TexelPages& pages, const TextureView& texture, uint32_t level,
+                                  const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
   const format::BlockRows rows = format::block_rows(texture.block_format, width, max_of(texture.height >> level, 1u));
   const uint32_t page_height = rows.rows_per_page * format::block_side(texture.block_format);
   bool are_there = true;
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
   for (uint32_t i = 0; i < 4; ++i) {
     const uint32_t y = i < 2 ? row.first : row.second;
     const uint32_t page = y / page_height;
-    const uint8_t* const blocks = pager.want(texture.level_offset[level] + page);
+    const uint8_t* const blocks = want_page(pages, texture.level_offset[level] + page);
     are_there = are_there && blocks != nullptr;
     texels[i] = blocks == nullptr
                     ? 0
@@ -92,7 +101,6 @@ inline bool paged_texels(TexelPager& pager, const TextureView& texture, uint32_t
   }
   return are_there;
 }
-#endif
 
 /// The source of a sample's texels: the decoded levels, and on a CPU the scene's block cache and pages. Only texels of
 /// pages may be missing.
@@ -107,13 +115,13 @@ struct SceneTexels {
   };
 
   BlockCache* blocks;  // SceneView::blocks
-  TexelPager* pager = nullptr;
+  TexelPages pages{};
 
   SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
                       const TexelPair& row, uint32_t texels[4]) const {
 #if !defined(__CUDA_ARCH__)
     if (level < texture.paged_level_count) {
-      if (!paged_texels(*pager, texture, level, column, row, texels)) lane.missed = true;
+      if (!paged_texels(pages, texture, level, column, row, texels)) lane.missed = true;
       return;
     }
     if (level < texture.jpeg_level_count) {

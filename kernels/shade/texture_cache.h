@@ -9,63 +9,11 @@
 
 #include <cstdint>
 
+#include "kernels/shade/shared_words.h"
 #include "kernels/shade/texture.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
-
-// Words that threads share. The rounds provide all ordering that is needed.
-SCREE_HD inline uint64_t compare_and_swap(uint64_t* address, uint64_t expected, uint64_t wanted) {
-#if defined(__CUDA_ARCH__)
-  return atomicCAS(reinterpret_cast<unsigned long long*>(address), static_cast<unsigned long long>(expected),
-                   static_cast<unsigned long long>(wanted));
-#else
-  __atomic_compare_exchange_n(address, &expected, wanted, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
-  return expected;
-#endif
-}
-SCREE_HD inline uint32_t compare_and_swap(uint32_t* address, uint32_t expected, uint32_t wanted) {
-#if defined(__CUDA_ARCH__)
-  return atomicCAS(address, expected, wanted);
-#else
-  __atomic_compare_exchange_n(address, &expected, wanted, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
-  return expected;
-#endif
-}
-/// Returns the previous value.
-SCREE_HD inline uint32_t fetch_increment(uint32_t* counter) {
-#if defined(__CUDA_ARCH__)
-  return atomicAdd(counter, 1u);
-#else
-  return __atomic_fetch_add(counter, 1u, __ATOMIC_RELAXED);
-#endif
-}
-/// On a GPU it may return the value from the start of the kernel.
-template <class T>
-SCREE_HD inline T load_cached(const T* address) {
-#if defined(__CUDA_ARCH__)
-  return *address;
-#else
-  return __atomic_load_n(address, __ATOMIC_RELAXED);
-#endif
-}
-/// Returns the current value.
-template <class T>
-SCREE_HD inline T load_relaxed(const T* address) {
-#if defined(__CUDA_ARCH__)
-  return *static_cast<const volatile T*>(address);
-#else
-  return __atomic_load_n(address, __ATOMIC_RELAXED);
-#endif
-}
-template <class T>
-SCREE_HD inline void store_relaxed(T* address, T value) {
-#if defined(__CUDA_ARCH__)
-  *static_cast<volatile T*>(address) = value;
-#else
-  __atomic_store_n(address, value, __ATOMIC_RELAXED);
-#endif
-}
 
 /// A group that pixels lack: its key, and its index in TextureCache::wanted.
 struct GroupRequest {
@@ -194,19 +142,24 @@ struct TextureCache {
   static uint32_t wanted_for(uint32_t slots) { return 2 * slots < 4 * kProbes ? 4 * kProbes : 2 * slots; }
 };
 
-/// Texels of JPEG levels from the cache only.
+/// Texels of JPEG levels from the cache only, and of paged levels from the pages that are there.
 struct CachedTexels {
   static constexpr bool kMayMiss = true;
   struct Lane {
-    bool missed = false;  // a group was absent, for the current pixel
+    bool missed = false;  // a group or a page was absent, for the current pixel
   };
 
   TextureCache cache;
   RoundCounters* counters;
   uint32_t now;
+  TexelPages pages;
 
   SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
                       const TexelPair& row, uint32_t texels[4]) const {
+    if (level < texture.paged_level_count) {
+      if (!paged_texels(pages, texture, level, column, row, texels)) lane.missed = true;
+      return;
+    }
     if (level >= texture.jpeg_level_count) return decoded_texels(texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
     const uint8_t* samples = nullptr;
@@ -228,17 +181,25 @@ struct CachedTexels {
   }
 };
 
-/// Texels of JPEG levels from the cache. An absent group is decoded immediately: slow, but always correct.
+/// Texels of JPEG levels from the cache, where an absent group is decoded immediately: slow, but always correct. Only
+/// texels of pages may be missing.
 struct FallbackTexels {
-  static constexpr bool kMayMiss = false;
-  struct Lane {};
+  static constexpr bool kMayMiss = true;
+  struct Lane {
+    bool missed = false;  // a page was absent, for the current pixel
+  };
 
   TextureCache cache;
   uint32_t now;
+  TexelPages pages;
 
   /// A call, so that the decoder is compiled once and not in every kernel.
-  [[gnu::noinline]] SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column,
+  [[gnu::noinline]] SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
                                         const TexelPair& row, uint32_t texels[4]) const {
+    if (level < texture.paged_level_count) {
+      if (!paged_texels(pages, texture, level, column, row, texels)) lane.missed = true;
+      return;
+    }
     if (level >= texture.jpeg_level_count) return decoded_texels(texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
     format::JpegPlace places[4];

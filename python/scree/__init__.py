@@ -105,8 +105,9 @@ class File:
         `texture_cache`: bytes of decoded blocks of JPEG textures. `largest`: width, height and samples of the largest
         frames, which `device_memory` then counts. `progress(stage, done, total)` is called now and then; it returns
         False to stop. `gpus`: how many draw the scene together, from `gpu` on, each with a part of it; None: all.
-        `texture_memory`: where the CPU draws, bytes of pages of KTX2 and DDS textures, which come from the file when
-        pixels show them; 0: 2 GiB. `light`: of its pictures, unless a draw names another: "camera", "environment",
+        `texture_memory`: bytes for pages of KTX2 and DDS textures, which come from the file when pixels show them; 0: 2
+        GiB where the CPU draws. On a GPU textures that fit are loaded whole; 0: if the whole file fits, else a quarter
+        of its memory for pages. `light`: of its pictures, unless a draw names another: "camera", "environment",
         "scene" for the file's own lights, or "auto": the environment if materials have more than a base colour.
         `environment`: a Radiance picture (.hdr) of all directions, which implies that light; None: a clear sky. `read`:
         how pages are read for a GPU, "mapped", "buffered", "direct" or "auto".

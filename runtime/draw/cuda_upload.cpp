@@ -1,7 +1,6 @@
 #include "runtime/draw/cuda_upload.h"
 
 #include <algorithm>
-#include <cassert>
 #include <chrono>
 #include <map>
 #include <span>
@@ -232,9 +231,16 @@ uint32_t slot_bytes_of(const Scene& scene, const PageShare* share) {
   return share == nullptr || share->is_shaded() ? scene.jpeg_slot_bytes() : 0;
 }
 
+bool has_texel_pages(const Scene& scene, const PageShare* share) {
+  return scene.block_pager() != nullptr && (share == nullptr || share->is_shaded());
+}
+
 uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache, const PageShare* share) {
   const uint32_t slot_bytes = slot_bytes_of(scene, share);
-  return slot_bytes != 0 ? kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) : 0;
+  const bool has_pages = has_texel_pages(scene, share);
+  if (slot_bytes == 0 && !has_pages) return 0;
+  return kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) +
+         (has_pages ? DeviceBlockPager::device_bytes(scene) : 0);
 }
 
 }  // namespace
@@ -270,7 +276,6 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
                                     const kernels::SceneView* streamed, uint64_t host_memory, JobProgress* progress,
                                     const PageShare* share) {
   const auto start = std::chrono::steady_clock::now();
-  assert(scene.block_pager() == nullptr && "a device has whole textures");
   ArenaLayout layout(scene, streamed, share);
   const UploadPlan& plan = layout.plan;
   const uint32_t slot_bytes = slot_bytes_of(scene, share);
@@ -302,9 +307,14 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   if (!counts) return at(scene.file().path(), counts.error());
 
   CudaScene copy;
-  if (slot_bytes != 0) {
+  if (has_texel_pages(scene, share)) {
+    Result<std::unique_ptr<DeviceBlockPager>> pager = DeviceBlockPager::create(scene, threads, host_memory);
+    if (!pager) return pager.error();
+    copy.pager_ = std::move(*pager);
+  }
+  if (slot_bytes != 0 || copy.pager_ != nullptr) {
     Result<kernels::CudaTextureCache> cache =
-        kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, slot_bytes);
+        kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, slot_bytes, copy.pager_.get());
     if (!cache) return cache.error();
     copy.cache_ = std::move(*cache);
     copy.jpeg_levels_ = layout.levels.table(base);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/texture_cache.h"
 #include "kernels/scene_view.h"
+#include "runtime/draw/device_block_pager.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/upload.h"
 
@@ -31,13 +33,13 @@ class CudaScene {
  public:
   CudaScene() = default;
 
-  /// Brings records, pages and textures of `scene` to the current device; `scene` may go afterwards. JPEG levels go as
-  /// they are; decoded blocks of them are kept in `texture_cache` bytes. `budget_bytes`: what all that and
-  /// `reserved_bytes` may take together; 0: what the device has free. Errors kDevice (a CUDA call that failed, which
-  /// and for what; a scene that does not fit, both sizes named) and, with the file named, those of run_upload.
-  /// `host_memory`: the most pinned memory that the copies go through; 0: 128 MiB.
-  /// `streamed`: null, or Streamer::view() of the scene: no page goes, and view().pages are chunk_count nulls.
-  /// `share`: null, or the pages that go; view().pages are null for the others.
+  /// Brings records, pages and textures of `scene` to the current device; `scene` may go afterwards, unless its
+  /// textures have a pager: their pages come later, to scene.device_texture_memory() bytes. JPEG levels go as they are;
+  /// decoded blocks of them are kept in `texture_cache` bytes. `budget_bytes`: what all that and `reserved_bytes` may
+  /// take together; 0: what the device has free. Errors kDevice (a CUDA call that failed, which and for what; a scene
+  /// that does not fit, both sizes named) and, with the file named, those of run_upload. `host_memory`: the most pinned
+  /// memory that the copies go through; 0: 128 MiB. `streamed`: null, or Streamer::view() of the scene: no page goes,
+  /// and view().pages are chunk_count nulls. `share`: null, or the pages that go; view().pages are null for the others.
   static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
                                   Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                   const kernels::SceneView* streamed = nullptr, uint64_t host_memory = 0,
@@ -53,16 +55,19 @@ class CudaScene {
 
   /// As `scene`'s, every pointer one of the device.
   const kernels::SceneView& view() const { return view_; }
-  /// Of the textures' JPEG levels; null where there are none.
+  /// Of the textures' JPEG and paged levels; null where there are none.
   kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
+  /// The pages of block images that come when they are shown; null where there are none.
+  const BlockPager* block_pager() const { return pager_.get(); }
   /// Of the device, by number, where there are any.
   const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
-  /// device_bytes: of the arena, the texture cache and `reserved_bytes`.
+  /// device_bytes: of the arena, the texture cache, the pages of textures and `reserved_bytes`.
   const UploadStats& stats() const { return stats_; }
   uint64_t arena_bytes() const { return arena_.bytes(); }
 
  private:
   kernels::DeviceBuffer arena_;
+  std::unique_ptr<DeviceBlockPager> pager_;
   std::optional<kernels::CudaTextureCache> cache_;
   const kernels::JpegLevel* jpeg_levels_ = nullptr;
   kernels::SceneView view_{};

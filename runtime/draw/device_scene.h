@@ -164,6 +164,10 @@ class DeviceScene {
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
 
+  /// As runtime::set_texture_memory(), for the current device. Error kDevice.
+  static Result<void> set_texture_memory(const SceneFile& file, uint64_t wanted, uint64_t budget_bytes,
+                                         SceneOptions& options);
+
   /// A view of this scene, which outlives it: the first is the one that this draws with itself, others take as much
   /// device memory more as kernels::CudaFrames::device_bytes() where the scene is resident. `scene`: what was uploaded.
   /// Errors kDevice, kMemory.
@@ -222,6 +226,9 @@ class DeviceScene {
 
   const UploadStats& stats() const;
 
+  /// The pages of textures that come when they are shown; null where there are none.
+  const BlockPager* block_pager() const;
+
   /// Of the picture that resolve() made last; nothing where no texture has JPEG levels, or the scene is streamed, and
   /// shaded part by part. Errors kDevice.
   Result<std::optional<kernels::TextureCacheCounts>> texture_counts() const;
@@ -237,5 +244,16 @@ class DeviceScene {
   explicit DeviceScene(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
+
+/// Decides whether the block images of a scene of `file` are loaded whole or page by page, and sets both memories of
+/// `options` for pages. `wanted`: the room for them; 0: kHostTextureMemory on the CPU. On a GPU, the current device,
+/// images that fit `wanted` are loaded whole; 0: whole if everything in the file fits `device_memory` (as
+/// DeviceScene::upload() has it), else a quarter of that is for pages. Error kDevice.
+inline Result<void> set_texture_memory(const SceneFile& file, uint64_t wanted, bool on_gpu, uint64_t device_memory,
+                                       SceneOptions& options) {
+  if (on_gpu) return DeviceScene::set_texture_memory(file, wanted, device_memory, options);
+  options.texture_memory = wanted != 0 ? wanted : kHostTextureMemory;
+  return {};
+}
 
 }  // namespace scree::runtime

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/container/mip_levels.h"
 #include "kernels/cuda/blend.h"
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
@@ -38,6 +39,9 @@ namespace {
 /// Of a streamed scene's budget at most one part in so many is a cache of its textures.
 constexpr uint64_t kTextureCacheShare = 8;
 
+/// The part of device memory for pages of textures that do not all fit.
+constexpr uint64_t kTextureShare = 4;
+
 /// Of the free memory what is left to kernels' code, their stacks and queues that grow: a part, and this much at most
 /// where the scene is resident. A streamed scene's pool could use all of it.
 constexpr uint64_t kLeftShare = 16;
@@ -55,7 +59,7 @@ uint64_t pyramid_bytes(uint64_t width, uint64_t height) {
   return kernels::lay_out(pyramid, static_cast<int32_t>(width), static_cast<int32_t>(height)) * sizeof(uint32_t);
 }
 
-/// Two lists of the tiles of a picture of a scene with JPEG levels (kernels/cuda/texture_cache.cu).
+/// Two lists of the tiles of a picture of a scene with JPEG or paged levels (kernels/cuda/texture_cache.cu).
 uint64_t tile_list_bytes(uint64_t width, uint64_t height) {
   const kernels::PixelTiles tiles{static_cast<uint32_t>(width), 0, static_cast<uint32_t>(height)};
   return uint64_t{2} * tiles.count() * sizeof(kernels::UnfinishedTile);
@@ -63,7 +67,7 @@ uint64_t tile_list_bytes(uint64_t width, uint64_t height) {
 
 /// Device memory of the pictures beside the scene, its frames and the pool of chunks.
 uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool streamed) {
-  const bool has_jpegs = scene.jpeg_slot_bytes() != 0;
+  const bool has_rounds = scene.jpeg_slot_bytes() != 0 || scene.block_pager() != nullptr;
   const uint64_t pixels = uint64_t{needs.width} * needs.height;
   const uint64_t width = uint64_t{needs.width} * needs.samples_per_side;
   const uint64_t height = uint64_t{needs.height} * needs.samples_per_side;
@@ -74,7 +78,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
     bytes += pyramid_bytes(width, height) + kResolverBytes + 256 + tile_list_bytes(1, 1);
     if (needs.shade != nullptr && kernels::shades_from_chunks(needs.shade->show)) {
       bytes += 3 * samples * sizeof(float);
-      if (has_jpegs) bytes += tile_list_bytes(width, height);
+      if (has_rounds) bytes += tile_list_bytes(width, height);
     }
   }
   if (needs.shade == nullptr) return bytes;
@@ -83,7 +87,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   bytes += pixels * sizeof(uint32_t) + kResolverBytes;
   if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
   if (needs.shade->ssao || needs.shade->edl) bytes += 3 * pixels * sizeof(float);
-  if (has_jpegs && !streamed) bytes += tile_list_bytes(needs.width, needs.height);
+  if (has_rounds && !streamed) bytes += tile_list_bytes(needs.width, needs.height);
   return bytes;
 }
 
@@ -294,10 +298,15 @@ const UploadStats& DeviceScene::stats() const {
 
 Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts() const {
   const kernels::CudaTextureCache* const cache = impl_->scene.texture_cache();
-  if (cache == nullptr || impl_->streaming() != nullptr) return std::optional<kernels::TextureCacheCounts>();
+  if (cache == nullptr || cache->slots() == 0 || impl_->streaming() != nullptr)
+    return std::optional<kernels::TextureCacheCounts>();
   const Result<kernels::TextureCacheCounts> counts = cache->counts();
   if (!counts) return counts.error();
   return std::optional<kernels::TextureCacheCounts>(*counts);
+}
+
+const BlockPager* DeviceScene::block_pager() const {
+  return impl_->scene.block_pager();
 }
 
 kernels::CudaFrames& DeviceScene::frames() {
@@ -356,6 +365,25 @@ Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t> bits)
 
 const kernels::SceneView& DeviceScene::device_view() const {
   return impl_->scene.view();
+}
+
+Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wanted, uint64_t budget_bytes,
+                                             SceneOptions& options) {
+  const format::Container& container = file.container();
+  const Result<uint64_t> budget = device_budget(budget_bytes);
+  if (!budget) return budget.error();
+  uint64_t blocks = 0;
+  for (uint64_t i = 0; i < container.images().size(); ++i) {
+    const format::ImageRecord& image = container.images()[i];
+    if (image.codec != format::ImageCodec::kBlocks) continue;
+    for (uint32_t level = 0; level <= image.level_count; ++level) blocks += format::block_rows(image, level).bytes();
+  }
+  uint64_t all = 0;
+  for (uint64_t i = 0; i < container.pages().size(); ++i) all += container.pages()[i].raw_bytes;
+  const bool fits = wanted != 0 ? blocks <= wanted : all <= *budget - *budget / kLeftShare;
+  options.texture_memory = fits ? 0 : wanted != 0 ? wanted : kHostTextureMemory;
+  options.device_texture_memory = fits ? 0 : wanted != 0 ? wanted : *budget / kTextureShare;
+  return {};
 }
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
@@ -444,7 +472,8 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   const uint64_t bounce = CudaStream::bounce_bytes(largest, budget - fixed);
   const uint64_t pool = std::min(budget - fixed - bounce - 2 * Residency::kAlignment, whole_pool(bytes));
   const uint64_t all_rooms = CudaStream::kept_bytes(bytes);
-  const uint64_t lists = CudaStream::pinned_list_bytes(host.view());
+  const uint64_t lists = CudaStream::pinned_list_bytes(host.view()) +
+                         (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) : 0);
   // Batches take a fifth of the pinned memory, unless one chunk takes more, and the chunks that are kept the rest.
   if (host_memory != 0) most_batch = std::min(most_batch, host_memory / (5 * CudaStream::kStagings));
   Result<Streamer> streamer = Streamer::create(host, pool, std::move(bytes), most_batch);

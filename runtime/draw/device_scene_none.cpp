@@ -65,6 +65,14 @@ Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts()
   return current_gpu().error();
 }
 
+const BlockPager* DeviceScene::block_pager() const {
+  return nullptr;
+}
+
+Result<void> DeviceScene::set_texture_memory(const SceneFile&, uint64_t, uint64_t, SceneOptions&) {
+  return {};
+}
+
 const std::optional<StreamStats>& DeviceScene::stream_stats() const {
   static const std::optional<StreamStats> none;
   return none;

@@ -23,6 +23,7 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
   if (!index) return index.error();
   try {
     std::shared_ptr<LoadedScene> loaded(new LoadedScene);
+    SceneOptions scene_options;
     loaded->threads_ = options.threads;
     loaded->lighting_ = options.lighting;
     if (options.on != DrawOn::kCpu) {
@@ -33,15 +34,20 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
         loaded->gpu_ = std::move(*gpu);
       else
         loaded->why_cpu_ = gpu.error().message;
+      if (loaded->gpu_)
+        if (const auto sized =
+                set_texture_memory(file, options.texture_memory, true, options.device_memory, scene_options);
+            !sized)
+          return at(path, sized.error());
     }
-    SceneOptions scene_options;
+    if (!loaded->gpu_)
+      (void)set_texture_memory(file, options.texture_memory, false, options.device_memory, scene_options);
     scene_options.textures = options.textures;
     scene_options.threads = options.threads;
     scene_options.lighting = options.lighting;
     scene_options.environment = options.environment;
     scene_options.texture_cache = options.texture_cache != 0 ? options.texture_cache : kHostTextureCache;
     scene_options.pages = !loaded->gpu_;
-    scene_options.texture_memory = loaded->gpu_ ? 0 : options.texture_memory;
     scene_options.progress = options.progress;
     Result<Scene> scene = Scene::load(std::move(file), *index, scene_options);
     if (!scene) return scene.error();

@@ -27,7 +27,7 @@ struct LoadOptions {
   uint32_t threads = 1;
   bool textures = true;
   uint64_t texture_cache = 0;        // bytes of decoded blocks; 0: kHostTextureCache, kDeviceTextureCache
-  uint64_t texture_memory = 0;       // as SceneOptions has it, where the CPU draws
+  uint64_t texture_memory = 0;       // as set_texture_memory() has it
   uint64_t device_memory = 0;        // as DeviceScene::upload()
   uint64_t host_memory = 0;          // likewise
   PictureNeeds pictures;             // likewise

@@ -426,7 +426,8 @@ kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
 }
 
 void Scene::number_block_pages(const SceneOptions& options) {
-  auto pager = std::make_unique<BlockPager>(file_.map(), container(), options.texture_memory, options.threads);
+  device_texture_memory_ = options.device_texture_memory;
+  auto pager = std::make_unique<HostBlockPager>(file_.map(), container(), options.texture_memory, options.threads);
   for (uint32_t i = 0; i < block_images_.size(); ++i)
     if (!block_images_[i].empty()) block_images_[i].add_pages(container(), i, *pager);
   if (pager->size() == 0) return;

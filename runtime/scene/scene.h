@@ -48,7 +48,7 @@ class SceneFile {
 /// Default cache sizes for decoded blocks of JPEG textures on a CPU and a GPU, bytes.
 inline constexpr uint64_t kHostTextureCache = uint64_t{64} << 20;
 inline constexpr uint64_t kDeviceTextureCache = uint64_t{256} << 20;
-/// Default of SceneOptions::texture_memory in render, view and bench.
+/// Of SceneOptions::texture_memory where nothing else is asked for.
 inline constexpr uint64_t kHostTextureMemory = uint64_t{2} << 30;
 
 struct SceneOptions {
@@ -57,9 +57,10 @@ struct SceneOptions {
   // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
-  // Upper limit of the memory for pages of block images, bytes. They come from the file when pixels sample them. 0: all
-  // are read when the scene is loaded, as a GPU needs them.
+  // Upper limit of the host memory for pages of block images, bytes. They come from the file when pixels sample them.
+  // 0: all are read when the scene is loaded.
   uint64_t texture_memory = 0;
+  uint64_t device_texture_memory = 0;  // the same of a GPU's memory, where one draws the scene (set_texture_memory())
   kernels::Lighting lighting = kernels::Lighting::kAuto;  // what pictures will ask for: what that takes is made
   std::string environment{};                              // a Radiance picture for kEnvironment; empty: make_sky()
   bool pages = true;                // false: view().pages are null until load_pages(), for scenes that a GPU draws
@@ -116,7 +117,8 @@ class Scene {
   /// Cache of the JPEG textures' blocks; null if there are none.
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
   /// The pages of block images that stay in the file; null if there are none.
-  const BlockPager* block_pager() const { return pager_.get(); }
+  const HostBlockPager* block_pager() const { return pager_.get(); }
+  uint64_t device_texture_memory() const { return device_texture_memory_; }  // of SceneOptions
   /// By image: the ones that stay JPEGs. Other entries have no levels.
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
   /// By image: the ones that stay blocks. Other entries are empty.
@@ -175,7 +177,8 @@ class Scene {
   std::vector<BlockTexture> block_images_;  // or here
   uint32_t jpeg_slot_bytes_ = 0;
   std::unique_ptr<kernels::BlockCache> blocks_;
-  std::unique_ptr<BlockPager> pager_;
+  std::unique_ptr<HostBlockPager> pager_;
+  uint64_t device_texture_memory_ = 0;
   std::vector<kernels::TextureView> textures_;
   std::vector<kernels::MaskView> masks_;                // one per material; empty if nothing is masked
   std::vector<kernels::MaskView> blend_masks_;          // likewise, of blended materials

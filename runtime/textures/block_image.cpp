@@ -119,7 +119,7 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
   return texture;
 }
 
-void BlockTexture::add_pages(const format::Container& container, uint32_t image, BlockPager& pager) {
+void BlockTexture::add_pages(const format::Container& container, uint32_t image, HostBlockPager& pager) {
   for (uint32_t level = 0; level < paged_levels_; ++level) {
     const LevelPlace place = block_level_place(container, image, level);
     offsets_[level] = pager.size();

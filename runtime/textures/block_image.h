@@ -29,7 +29,7 @@ class BlockTexture {
   static Result<BlockTexture> load(const format::Container& container, uint32_t image, TexelCoding coding, bool paged);
 
   /// Adds the pages of the levels that stay in the file. Throws std::bad_alloc.
-  void add_pages(const format::Container& container, uint32_t image, BlockPager& pager);
+  void add_pages(const format::Container& container, uint32_t image, HostBlockPager& pager);
 
   /// Valid as long as this, which may be moved.
   kernels::TextureView view(const format::TextureRecord& record) const;

@@ -17,108 +17,150 @@ Error no_memory() {
 
 }  // namespace
 
-void BlockPager::add(uint32_t page) {
-  slots_.push_back({page, 0, nullptr});
+void BlockPager::add(uint32_t file_page) {
+  file_pages_.push_back(file_page);
   blocks_.push_back(nullptr);
-  wanted_.push_back(0);
-  all_bytes_ += container_.pages()[page].raw_bytes;
-}
-
-/// The last round may have found all pages, so that bring() did not see what it wanted.
-void BlockPager::begin_round() {
-  for (size_t number = 0; number < slots_.size(); ++number)
-    if (std::exchange(wanted_[number], uint8_t{0}) != 0) slots_[number].round = round_;
-  ++round_;
+  all_bytes_ += container_.pages()[file_page].raw_bytes;
 }
 
 Result<bool> BlockPager::bring(bool must) {
   try {
+    const Result<std::span<const uint64_t>> last = wanted();
+    if (!last) return last.error();
+    std::vector<uint32_t> shown;
     std::vector<uint32_t> missing;
-    uint64_t wanted_bytes = 0, missing_bytes = 0;
-    for (uint32_t number = 0; number < slots_.size(); ++number) {
-      if (wanted_[number] == 0) continue;
-      slots_[number].round = round_;
-      wanted_bytes += raw_bytes(number);
-      if (blocks_[number] != nullptr) continue;
-      missing.push_back(number);
-      missing_bytes += raw_bytes(number);
+    uint64_t shown_bytes = 0;
+    for (uint32_t number = 0; number < size(); ++number) {
+      if ((*last)[number] != pages_.round) continue;
+      shown.push_back(number);
+      shown_bytes += bytes_of(number);
+      if (blocks_[number] == nullptr) missing.push_back(number);
     }
-    if (wanted_bytes > budget_bytes_) {
+    if (shown_bytes > room_bytes_) {
       if (!must) return false;
-      return Error{ErrorCode::kMemory, "a pixel shows pages of textures of " + std::to_string(wanted_bytes) +
-                                           " bytes together, but " + std::to_string(budget_bytes_) +
+      return Error{ErrorCode::kMemory, "a pixel shows pages of textures of " + std::to_string(shown_bytes) +
+                                           " bytes together, but " + std::to_string(room_bytes_) +
                                            " are allowed for them"};
     }
-    make_room(missing_bytes);
-    if (Result<void> done = read(missing); !done) return done.error();
+    if (!take_all(missing, *last)) {
+      // The room that is left lies in pieces between pages that are shown.
+      for (uint32_t number = 0; number < size(); ++number)
+        if (blocks_[number] != nullptr) drop(number);
+      missing = shown;
+      for (const uint32_t number : missing) (void)take_next(number);
+    }
+    const Result<void> done = load(missing);
+    // Pages that were read before an error are of use later.
+    for (const uint32_t number : missing) {
+      if (blocks_[number] == nullptr) {
+        drop(number);
+        continue;
+      }
+      ++stats_.read_pages;
+      stats_.read_bytes += record(number).raw_bytes;
+      stats_.stored_bytes += record(number).stored_bytes;
+    }
+    if (!done) return done.error();
     return true;
   } catch (const std::bad_alloc&) {
     return no_memory();
   }
 }
 
-/// Drops pages that the last round did not want until `bytes` more fit.
-void BlockPager::make_room(uint64_t bytes) {
-  if (resident_bytes_ + bytes <= budget_bytes_) return;
-  std::vector<uint32_t> unwanted;
-  for (uint32_t number = 0; number < slots_.size(); ++number)
-    if (blocks_[number] != nullptr && slots_[number].round != round_) unwanted.push_back(number);
-  std::sort(unwanted.begin(), unwanted.end(), [&](uint32_t a, uint32_t b) {
-    return slots_[a].round != slots_[b].round ? slots_[a].round < slots_[b].round : a < b;
-  });
-  for (auto next = unwanted.begin(); resident_bytes_ + bytes > budget_bytes_; ++next) {
-    blocks_[*next] = nullptr;
-    slots_[*next].raw.reset();
-    resident_bytes_ -= raw_bytes(*next);
-  }
+bool BlockPager::take_next(uint64_t number) {
+  if (resident_bytes_ + bytes_of(number) > room_bytes_ || !take(number)) return false;
+  resident_bytes_ += bytes_of(number);
+  return true;
 }
 
-Result<void> BlockPager::read(const std::vector<uint32_t>& missing) {
-  const auto ask_for = [&](uint64_t i) {
-    if (i >= missing.size()) return;
-    const format::PageRecord& record = container_.pages()[slots_[missing[i]].page];
-    map_.will_need(record.offset, record.stored_bytes);
+void BlockPager::drop(uint64_t number) {
+  blocks_[number] = nullptr;
+  give_back(number);
+  resident_bytes_ -= bytes_of(number);
+}
+
+/// Drops pages that the round did not want until memory for all is taken. Takes none if that is not enough.
+bool BlockPager::take_all(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted) {
+  size_t taken = 0;
+  const auto take_more = [&] {
+    while (taken < numbers.size() && take_next(numbers[taken])) ++taken;
+    return taken == numbers.size();
   };
-  for (uint64_t i = 0; i < 2 * uint64_t{threads_}; ++i) ask_for(i);
+  if (take_more()) return true;
+  std::vector<uint32_t> unwanted;
+  for (uint32_t number = 0; number < size(); ++number)
+    if (blocks_[number] != nullptr && wanted[number] != pages_.round) unwanted.push_back(number);
+  std::sort(unwanted.begin(), unwanted.end(),
+            [&](uint32_t a, uint32_t b) { return wanted[a] != wanted[b] ? wanted[a] < wanted[b] : a < b; });
+  for (const uint32_t number : unwanted) {
+    drop(number);
+    if (take_more()) return true;
+  }
+  while (taken > 0) drop(numbers[--taken]);
+  return false;
+}
+
+uint64_t BlockPager::read_bytes(uint64_t number) const {
+  return record(number).codec == format::PageCodec::kRaw ? container_.padded_page(file_pages_[number]).size()
+                                                         : record(number).raw_bytes;
+}
+
+Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
+                                  const std::function<void(uint64_t i)>& was_read) const {
+  const uint64_t ahead = 2 * uint64_t{threads_};
+  const auto ask_for = [&](uint64_t i) {
+    if (i < numbers.size()) map_.will_need(record(numbers[i]).offset, record(numbers[i]).stored_bytes);
+  };
+  for (uint64_t i = 0; i < ahead; ++i) ask_for(i);
   FirstError failure;
-  parallel_for(missing.size(), threads_, [&](uint64_t i) {
+  parallel_for(numbers.size(), threads_, [&](uint64_t i) {
     if (failure.is_superseded(i)) return;
-    ask_for(i + 2 * uint64_t{threads_});
+    ask_for(i + ahead);
     try {
-      Result<std::unique_ptr<std::byte[]>> raw = read(slots_[missing[i]].page);
-      if (!raw) return failure.report(i, raw.error());
-      slots_[missing[i]].raw = std::move(*raw);
+      const Result<void> done = read(numbers[i], to(i));
+      if (!done) return failure.report(i, done.error());
+      was_read(i);
     } catch (const std::bad_alloc&) {
       failure.report(i, no_memory());
     }
   });
-  // Pages that were read before an error are of use later.
-  for (const uint32_t number : missing) {
-    const Slot& slot = slots_[number];
-    if (slot.raw == nullptr) continue;
-    blocks_[number] = reinterpret_cast<const uint8_t*>(slot.raw.get());
-    resident_bytes_ += raw_bytes(number);
-    ++stats_.read_pages;
-    stats_.read_bytes += raw_bytes(number);
-    stats_.stored_bytes += container_.pages()[slot.page].stored_bytes;
-  }
   if (failure.any()) return failure.error();
   return {};
 }
 
 /// By read() and not from the map: that takes no page faults, and a file that has become shorter is an error.
-Result<std::unique_ptr<std::byte[]>> BlockPager::read(uint32_t page) const {
-  const format::PageRecord& record = container_.pages()[page];
+Result<void> BlockPager::read(uint64_t number, std::byte* to) const {
+  const uint32_t page = file_pages_[number];
+  const format::PageRecord& stored = record(number);
   const uint64_t padded_bytes = container_.padded_page(page).size();
-  auto padded = std::make_unique_for_overwrite<std::byte[]>(padded_bytes);
-  if (Result<void> done = map_.read(record.offset, {padded.get(), padded_bytes}); !done) return done.error();
-  if (Result<void> done = container_.check_page(page, {padded.get(), padded_bytes}); !done) return done.error();
-  if (record.codec == format::PageCodec::kRaw) return padded;
-  auto raw = std::make_unique_for_overwrite<std::byte[]>(record.raw_bytes);
-  const Result<void> done =
-      container_.unpack_page(page, {padded.get(), record.stored_bytes}, {raw.get(), record.raw_bytes});
-  if (!done) return done.error();
-  return raw;
+  const bool is_raw = stored.codec == format::PageCodec::kRaw;
+  const auto packed = is_raw ? nullptr : std::make_unique_for_overwrite<std::byte[]>(padded_bytes);
+  std::byte* const padded = is_raw ? to : packed.get();
+  if (Result<void> done = map_.read(stored.offset, {padded, padded_bytes}); !done) return done;
+  if (Result<void> done = container_.check_page(page, {padded, padded_bytes}); !done || is_raw) return done;
+  return container_.unpack_page(page, {padded, stored.stored_bytes}, {to, stored.raw_bytes});
+}
+
+void HostBlockPager::add(uint32_t file_page) {
+  BlockPager::add(file_page);
+  wanted_.push_back(0);
+  raw_.emplace_back();
+  pages_.blocks = blocks_.data();
+  pages_.wanted = wanted_.data();
+}
+
+Result<void> HostBlockPager::load(std::span<const uint32_t> numbers) {
+  std::vector<std::unique_ptr<std::byte[]>> read(numbers.size());
+  return read_all(
+      numbers,
+      [&](uint64_t i) {
+        read[i] = std::make_unique_for_overwrite<std::byte[]>(read_bytes(numbers[i]));
+        return read[i].get();
+      },
+      [&](uint64_t i) {
+        raw_[numbers[i]] = std::move(read[i]);
+        blocks_[numbers[i]] = reinterpret_cast<const uint8_t*>(raw_[numbers[i]].get());
+      });
 }
 
 }  // namespace scree::runtime

@@ -3,7 +3,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -21,47 +23,84 @@ struct PagerStats {
   uint64_t stored_bytes = 0;  // of these pages, in the file
 };
 
-class BlockPager final : public kernels::TexelPager {
+/// Decides which pages are there. A derived class has the memory that they lie in.
+class BlockPager : public kernels::TexelPager {
  public:
-  /// `map`: of the file that `container` was opened on; must outlive this. `budget_bytes`: the most that pages take.
-  /// Reads on `threads` threads.
-  BlockPager(const MappedFile& map, format::Container container, uint64_t budget_bytes, uint32_t threads)
-      : map_(map), container_(std::move(container)), budget_bytes_(budget_bytes), threads_(threads) {}
+  /// Drops the pages that were wanted longest ago, if room is needed. Errors kMemory (they exceed the room; no memory
+  /// left), kFile, kDevice, those of Container::load_page.
+  Result<bool> bring(bool must) final;
 
-  /// Adds a page of the file that holds rows of blocks. It gets the next number. Throws std::bad_alloc.
-  void add(uint32_t page);
-
-  void begin_round() override;
-  /// Drops the pages that were wanted longest ago, if room is needed. Errors kMemory (they exceed the budget; no memory
-  /// left), kFile, those of Container::load_page.
-  Result<bool> bring(bool must) override;
-
-  uint64_t size() const { return slots_.size(); }    // in pages
-  uint64_t all_bytes() const { return all_bytes_; }  // of all pages
-  uint64_t resident_bytes() const { return resident_bytes_; }
+  uint64_t size() const { return file_pages_.size(); }                  // in pages
+  std::span<const uint32_t> file_pages() const { return file_pages_; }  // by number: which page of the file
+  uint64_t all_bytes() const { return all_bytes_; }                     // of all pages
+  uint64_t resident_bytes() const { return resident_bytes_; }           // with what rounding takes
   const PagerStats& stats() const { return stats_; }
 
- private:
-  struct Slot {
-    uint32_t page;
-    uint64_t round = 0;  // the last one that wanted it
-    std::unique_ptr<std::byte[]> raw;
-  };
+ protected:
+  /// `map`: of the file that `container` was opened on; must outlive this. `room_bytes`: the most that pages take.
+  /// Reads on `threads` threads.
+  BlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads)
+      : map_(map), container_(std::move(container)), room_bytes_(room_bytes), threads_(threads) {}
 
-  uint64_t raw_bytes(uint64_t number) const { return container_.pages()[slots_[number].page].raw_bytes; }
-  void make_room(uint64_t bytes);
-  Result<void> read(const std::vector<uint32_t>& missing);
-  Result<std::unique_ptr<std::byte[]>> read(uint32_t page) const;
+  void add(uint32_t file_page);
+
+  const format::PageRecord& record(uint64_t number) const { return container_.pages()[file_pages_[number]]; }
+  /// Memory that reading a page fills: a raw page comes with its padding. At most format::kBlockPageBytes.
+  uint64_t read_bytes(uint64_t number) const;
+  /// Reads pages on all threads, while the system reads others ahead: the i-th to `to(i)`, which throws
+  /// std::bad_alloc where it has no memory. `was_read(i)` follows, on the same thread. Returns the error of the first
+  /// page that failed.
+  Result<void> read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
+                        const std::function<void(uint64_t i)>& was_read) const;
+
+  /// What a page of so many bytes takes of the room.
+  virtual uint64_t rounded(uint64_t bytes) const { return bytes; }
+  /// By number: TexelPages::wanted, in host memory.
+  virtual Result<std::span<const uint64_t>> wanted() = 0;
+  /// Takes memory for a page. False if the room that is left lies in pieces; never in an empty room.
+  virtual bool take(uint64_t number) = 0;
+  virtual void give_back(uint64_t number) = 0;
+  /// Reads pages, for which memory is taken, and sets blocks_ of those that came. Then brings blocks_ to where shading
+  /// reads them.
+  virtual Result<void> load(std::span<const uint32_t> numbers) = 0;
+
+  std::vector<const uint8_t*> blocks_;  // by number, where shading reads it; null where it is not there
+
+ private:
+  uint64_t bytes_of(uint64_t number) const { return rounded(record(number).raw_bytes); }
+  bool take_all(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted);
+  bool take_next(uint64_t number);
+  void drop(uint64_t number);
+  Result<void> read(uint64_t number, std::byte* to) const;
 
   const MappedFile& map_;
   format::Container container_;
-  uint64_t budget_bytes_;
+  uint64_t room_bytes_;
   uint32_t threads_;
-  std::vector<Slot> slots_;
-  uint64_t round_ = 0;
+  std::vector<uint32_t> file_pages_;
   uint64_t all_bytes_ = 0;
   uint64_t resident_bytes_ = 0;
   PagerStats stats_;
+};
+
+/// For pictures that the CPU shades.
+class HostBlockPager final : public BlockPager {
+ public:
+  /// As BlockPager.
+  HostBlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads)
+      : BlockPager(map, std::move(container), room_bytes, threads) {}
+
+  /// Adds a page of the file that holds rows of blocks. It gets the next number. Throws std::bad_alloc.
+  void add(uint32_t file_page);
+
+ private:
+  Result<std::span<const uint64_t>> wanted() override { return std::span<const uint64_t>(wanted_); }
+  bool take(uint64_t) override { return true; }
+  void give_back(uint64_t number) override { raw_[number].reset(); }
+  Result<void> load(std::span<const uint32_t> numbers) override;
+
+  std::vector<uint64_t> wanted_;
+  std::vector<std::unique_ptr<std::byte[]>> raw_;
 };
 
 }  // namespace scree::runtime

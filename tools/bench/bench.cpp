@@ -39,8 +39,13 @@ class LoadedScene {
     load.threads = options_.threads;
     load.pages = !on_gpu;
     load.texture_cache = runtime::kHostTextureCache;
-    load.texture_memory = on_gpu ? 0 : runtime::kHostTextureMemory;
-    Result<runtime::Scene> scene = runtime::Scene::open(path, load);
+    Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
+    if (!file) return file.error();
+    if (const auto sized = runtime::set_texture_memory(*file, 0, on_gpu, options_.device_memory, load); !sized)
+      return sized;
+    const Result<uint32_t> index = file->find_scene("");
+    if (!index) return index.error();
+    Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *index, load);
     if (!scene) return scene.error();
     scene_.emplace(std::move(*scene));
     if (!on_gpu) return {};

@@ -39,8 +39,9 @@ struct DrawOptions {
 };
 
 inline constexpr const char* kTextureMemoryHelp =
-    "Where the CPU draws: memory for pages of KTX2 and DDS textures, such as 8GiB, which come from the file when "
-    "pixels show them; the picture does not depend on it (default: 2GiB)";
+    "Memory for pages of KTX2 and DDS textures, such as 8GiB, which come from the file when pixels show them; the "
+    "picture does not depend on it (default: 2GiB where the CPU draws; on a GPU textures that fit are loaded whole, "
+    "else a quarter of its memory)";
 
 /// Where the light of pictures comes from, and what it shines through, as render and view take it.
 struct LightWords {

@@ -91,6 +91,8 @@ struct Times {
   std::optional<runtime::UploadStats> upload;
   std::optional<runtime::StreamStats> streamed;
   std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
+  uint64_t texel_page_bytes = 0;                      // of all pages of textures
+  runtime::PagerStats texel_pages;                    // of those that were shown
   kernels::BlendCounts blended;
   Duration shade;
   Duration write;
@@ -146,10 +148,11 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   else if (const kernels::BlockCache* blocks = scene.block_cache())
     std::printf("JPEG levels: %s, %llu groups decoded into a cache of %s\n", format_bytes(load.jpeg_bytes).c_str(),
                 static_cast<unsigned long long>(blocks->decoded()), format_bytes(blocks->bytes()).c_str());
-  if (const runtime::BlockPager* pager = scene.block_pager())
-    std::printf("pages of textures: %s in all, %llu read, %s unpacked, %s in the file\n",
-                format_bytes(pager->all_bytes()).c_str(), static_cast<unsigned long long>(pager->stats().read_pages),
-                format_bytes(pager->stats().read_bytes).c_str(), format_bytes(pager->stats().stored_bytes).c_str());
+  if (times.texel_page_bytes != 0)
+    std::printf(
+        "pages of textures: %s in all, %llu read, %s unpacked, %s in the file\n",
+        format_bytes(times.texel_page_bytes).c_str(), static_cast<unsigned long long>(times.texel_pages.read_pages),
+        format_bytes(times.texel_pages.read_bytes).c_str(), format_bytes(times.texel_pages.stored_bytes).c_str());
   std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
               view.eye[2], view.forward[0], view.forward[1], view.forward[2], view.up[0], view.up[1], view.up[2],
               view.z_near);
@@ -353,6 +356,10 @@ Result<Drawn> draw(const RenderOptions& options, const runtime::Scene& scene, co
     times.blended = shaded->blended;
     drawn.picture = std::move(*shaded);
   }
+  if (const runtime::BlockPager* pager = device != nullptr ? device->block_pager() : scene.block_pager()) {
+    times.texel_page_bytes = pager->all_bytes();
+    times.texel_pages = pager->stats();
+  }
   if (device == nullptr) return Result<Drawn>(std::move(drawn));
   times.upload = device->stats();
   times.streamed = device->stream_stats();
@@ -387,7 +394,9 @@ Result<void> render(const RenderOptions& options) {
   if (!gpu) return at(options.file, with_cpu_advice(gpu.error()));
   runtime::SceneOptions load = options.scene_options();
   load.pages = !gpu->has_value();
-  load.texture_memory = gpu->has_value() ? 0 : options.texture_memory;
+  const Result<void> sized =
+      runtime::set_texture_memory(*file, options.texture_memory, gpu->has_value(), options.device_memory, load);
+  if (!sized) return at(options.file, sized.error());
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
   if (const Result<void> accepted = accept_scene("render", *scene, options.light, options.quiet); !accepted)

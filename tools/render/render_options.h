@@ -96,8 +96,8 @@ struct RenderOptions : DrawOptions {
   // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
   // runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;
-  uint64_t texture_memory = runtime::kHostTextureMemory;
-  uint32_t frames = 1;  // of a still camera, drawn one after the other
+  uint64_t texture_memory = 0;  // as runtime::set_texture_memory()
+  uint32_t frames = 1;          // of a still camera, drawn one after the other
   std::optional<PathOptions> path;
   std::vector<PixelPlace> picks;
   format::Existing existing = format::Existing::kReplace;  // of all outputs

@@ -84,9 +84,8 @@ Result<ViewOptions> parse_view_options(const ViewWords& words) {
     if (names[i].second->empty()) continue;
     const Result<uint64_t> bytes = parse_size(*names[i].second);
     if (!bytes) return at(names[i].first, bytes.error());
-    *sizes[i] = *bytes;
+    *sizes[i] = std::max<uint64_t>(*bytes, 1);
   }
-  options.session.texture_memory = std::max<uint64_t>(options.session.texture_memory, 1);
   options.server.host = words.host;
   if (!words.port.empty()) {
     const Result<uint64_t> port = parse_whole(words.port, 0, 65535, "--port");

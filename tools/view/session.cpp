@@ -278,7 +278,9 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   load.lighting = options.light.lighting;
   load.environment = options.light.environment;
   load.pages = !gpu->has_value();
-  load.texture_memory = gpu->has_value() ? 0 : options.texture_memory;
+  const Result<void> sized =
+      runtime::set_texture_memory(*file, options.texture_memory, gpu->has_value(), options.device_memory, load);
+  if (!sized) return at(options.file, sized.error());
   load.texture_cache = options.texture_cache != 0 ? options.texture_cache : runtime::kHostTextureCache;
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();

@@ -27,9 +27,9 @@ struct SessionOptions {
   std::string scene;  // by name or number; empty: the file's default
   uint32_t threads = 1;
   BackendOptions backend;
-  uint64_t device_memory = 0;  // bytes; 0: all free memory
-  uint64_t texture_cache = 0;  // bytes; 0: the runtime's default
-  uint64_t texture_memory = runtime::kHostTextureMemory;
+  uint64_t device_memory = 0;   // bytes; 0: all free memory
+  uint64_t texture_cache = 0;   // bytes; 0: the runtime's default
+  uint64_t texture_memory = 0;  // as runtime::set_texture_memory()
   LightOptions light;
   bool quiet = false;  // no warnings
 };

@@ -7,6 +7,7 @@
 #include <set>
 #include <vector>
 
+#include "kernels/shade/texture.h"
 #include "tests/catch.h"
 
 using namespace scree;
@@ -21,18 +22,17 @@ class TestPager final : public kernels::TexelPager {
     for (size_t i = 0; i < pages; ++i) content_[i] = static_cast<uint8_t>(i);
     blocks_.assign(pages, nullptr);
     wanted_.assign(pages, 0);
+    pages_ = {blocks_.data(), wanted_.data(), 0};
   }
-
-  void begin_round() override { std::fill(wanted_.begin(), wanted_.end(), uint8_t{0}); }
 
   Result<bool> bring(bool must) override {
     if (fails) return Error{ErrorCode::kChecksum, "damaged"};
-    const auto wanted = static_cast<size_t>(std::count(wanted_.begin(), wanted_.end(), 1));
+    const auto wanted = static_cast<size_t>(std::count(wanted_.begin(), wanted_.end(), pages_.round));
     if (wanted > room_ && must) return Error{ErrorCode::kMemory, "too many"};
     if (wanted > room_) return false;
     for (size_t i = 0; i < blocks_.size(); ++i) {
-      if (wanted_[i] != 0 && blocks_[i] == nullptr) ++brought;
-      blocks_[i] = wanted_[i] != 0 ? &content_[i] : nullptr;
+      if (wanted_[i] == pages_.round && blocks_[i] == nullptr) ++brought;
+      blocks_[i] = wanted_[i] == pages_.round ? &content_[i] : nullptr;
     }
     return true;
   }
@@ -43,6 +43,8 @@ class TestPager final : public kernels::TexelPager {
  private:
   size_t room_;
   std::vector<uint8_t> content_;
+  std::vector<const uint8_t*> blocks_;
+  std::vector<uint64_t> wanted_;
 };
 
 /// Pixels that show up to `most` of the pages each, neighbours similar ones.
@@ -59,30 +61,33 @@ class TestPicture {
   }
 
   Result<void> shade(kernels::TexelPager& pager) {
-    return kernels::shade_in_rounds(pager, static_cast<uint32_t>(finished_.size() / 32),
-                                    [&](std::span<const UnfinishedTile> tiles, UnfinishedTile* left) -> uint32_t {
-                                      ++rounds;
-                                      uint32_t count = 0;
-                                      for (const UnfinishedTile& tile : tiles) {
-                                        uint32_t missed = 0;
-                                        for (uint32_t bit = 0; bit < 32; ++bit) {
-                                          if ((tile.pixels >> bit & 1) == 0) continue;
-                                          bool is_there = true;
-                                          for (const uint32_t page : pages_[32 * tile.tile + bit]) {
-                                            const uint8_t* const content = pager.want(page);
-                                            is_there = is_there && content != nullptr;
-                                            if (content != nullptr) wrong += *content != page;
-                                          }
-                                          if (is_there)
-                                            ++finished_[32 * tile.tile + bit];
-                                          else
-                                            missed |= 1u << bit;
-                                        }
-                                        if (missed != 0) left[count++] = {tile.tile, missed};
-                                      }
-                                      std::reverse(left, left + count);  // as threads may list them
-                                      return count;
-                                    });
+    const auto count = static_cast<uint32_t>(finished_.size() / 32);
+    std::vector<UnfinishedTile> all(count);
+    for (uint32_t i = 0; i < count; ++i) all[i] = {i, ~uint32_t{0}};
+    return kernels::shade_in_rounds(
+        pager, count, [&](std::span<const UnfinishedTile> tiles, UnfinishedTile* left) -> Result<uint32_t> {
+          ++rounds;
+          uint32_t unfinished = 0;
+          for (const UnfinishedTile& tile : tiles.empty() ? std::span<const UnfinishedTile>(all) : tiles) {
+            uint32_t missed = 0;
+            for (uint32_t bit = 0; bit < 32; ++bit) {
+              if ((tile.pixels >> bit & 1) == 0) continue;
+              bool is_there = true;
+              for (const uint32_t page : pages_[32 * tile.tile + bit]) {
+                const uint8_t* const content = kernels::want_page(pager.pages(), page);
+                is_there = is_there && content != nullptr;
+                if (content != nullptr) wrong += *content != page;
+              }
+              if (is_there)
+                ++finished_[32 * tile.tile + bit];
+              else
+                missed |= 1u << bit;
+            }
+            if (missed != 0) left[unfinished++] = {tile.tile, missed};
+          }
+          std::reverse(left, left + unfinished);  // as threads may list them
+          return unfinished;
+        });
   }
 
   bool is_complete(int times) const {

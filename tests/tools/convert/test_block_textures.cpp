@@ -362,12 +362,12 @@ TEST_CASE("pages that were wanted longest ago make room", "[block_textures][texe
   tests::must_convert(options);
   const auto file = runtime::SceneFile::open(options.output);
   REQUIRE(file);
-  runtime::BlockPager pager(file->map(), file->container(), 2 * format::kBlockPageBytes, 2);
+  runtime::HostBlockPager pager(file->map(), file->container(), 2 * format::kBlockPageBytes, 2);
   for (uint32_t page = 0; page < 4; ++page) pager.add(file->container().images()[0].page + page);
   const auto round = [&](const std::vector<uint64_t>& wanted) {
     pager.begin_round();
     bool are_there = true;
-    for (const uint64_t page : wanted) are_there = pager.want(page) != nullptr && are_there;
+    for (const uint64_t page : wanted) are_there = kernels::want_page(pager.pages(), page) != nullptr && are_there;
     return are_there;
   };
   const auto bring = [&](const std::vector<uint64_t>& wanted) {
@@ -433,4 +433,77 @@ TEST_CASE("the GPU draws block-compressed textures as the CPU does", "[cuda]") {
     for (size_t i = 0; i < on_cpu.size(); ++i) off += std::abs(int{on_cpu[i]} - int{on_gpu[i]}) > 1;
     CHECK(off <= on_cpu.size() / 10000);
   }
+}
+
+TEST_CASE("a GPU's picture does not depend on the memory for pages of textures", "[cuda][texel_pager]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), large_files());
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.images.block_zstd_level = GENERATE(0, 3);
+  options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  tests::must_convert(options);
+  const runtime::Scene whole = tests::must_load(options.output);
+  auto all_there = runtime::DeviceScene::upload(whole, 0, 2);
+  if (!all_there) FAIL(all_there.error().message);
+  CHECK(all_there->block_pager() == nullptr);
+  for (const uint32_t width : {60u, 700u}) {
+    const std::vector<uint8_t> expected = draw(whole, width, &*all_there);
+    for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{5} << 18}) {
+      CAPTURE(width, memory);
+      const runtime::Scene paged =
+          tests::must_load(options.output, {.threads = 2, .texture_memory = memory, .device_texture_memory = memory});
+      auto device = runtime::DeviceScene::upload(paged, 0, 2);
+      if (!device) FAIL(device.error().message);
+      const runtime::BlockPager* const pager = device->block_pager();
+      REQUIRE(pager != nullptr);
+      CHECK(pager->resident_bytes() == 0);
+      const uint64_t spared = pager->all_bytes() - std::min(pager->all_bytes(), memory);
+      CHECK(device->stats().device_bytes + spared < all_there->stats().device_bytes + (uint64_t{1} << 20));
+      CHECK(draw(paged, width, &*device) == expected);
+      const uint64_t read = pager->stats().read_pages;
+      CHECK((read != 0) == (width > 100));
+      CHECK(pager->resident_bytes() <= memory);
+      CHECK(paged.block_pager()->stats().read_pages == 0);
+      if (memory < uint64_t{1} << 40) continue;
+      CHECK(draw(paged, width, &*device) == expected);  // a still camera's second picture reads nothing
+      CHECK(pager->stats().read_pages == read);
+    }
+  }
+}
+
+TEST_CASE("pages of textures that a GPU lacks room for, or that are damaged, are one line",
+          "[cuda][texel_pager][bad]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), {large_files()[0]});
+  const convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const auto refused = [&](uint64_t memory) {
+    const runtime::Scene scene =
+        tests::must_load(options.output, {.texture_memory = 1, .device_texture_memory = memory});
+    auto device = runtime::DeviceScene::upload(scene, 0, 2);
+    if (!device) FAIL(device.error().message);
+    const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
+    const auto frame = runtime::Frame::draw(scene, view, 1, 2, &*device);
+    REQUIRE(frame);
+    const auto shaded = frame->shade({}, 2);
+    REQUIRE_FALSE(shaded);
+    CHECK_FALSE(frame->shade({}, 2));
+    return shaded.error();
+  };
+  const Error small = refused(1);
+  CHECK(small.code == ErrorCode::kMemory);
+  CHECK(small.message.starts_with("a pixel shows pages of textures of "));
+  {
+    const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = 1});
+    std::fstream file(options.output, std::ios::in | std::ios::out | std::ios::binary);
+    for (const uint32_t page : scene.block_pager()->file_pages()) {
+      file.seekp(static_cast<std::streamoff>(scene.container().pages()[page].offset + 100));
+      file.put('!').put('?').put('!');
+    }
+  }
+  const Error damaged = refused(uint64_t{1} << 30);
+  CHECK(damaged.code == ErrorCode::kChecksum);
+  CHECK(damaged.message.starts_with("page "));
 }

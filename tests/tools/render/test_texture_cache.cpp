@@ -84,7 +84,7 @@ class HostCache {
       RoundCounters* const own = &counters_[round];
       const uint32_t count = round == 0 ? tiles.count() : counters_[round - 1].tiles;
       kernels::visit_textured<false>(
-          in, kernels::CachedTexels{cache_, own, now_}, [&]<class Shader>(const Shader& shader) {
+          in, kernels::CachedTexels{cache_, own, now_, {}}, [&]<class Shader>(const Shader& shader) {
             const kernels::ShadeRound<kernels::Resolve<Shader>> pass{
                 resolve_of(shader), round == 0 ? nullptr : lists[(round - 1) % 2].data(), lists[round % 2].data(), own};
             runtime::parallel_for(count, threads, [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
@@ -94,7 +94,7 @@ class HostCache {
       check();
     }
     kernels::visit_textured<false>(
-        in, kernels::FallbackTexels{cache_, now_ - 1}, [&]<class Shader>(const Shader& shader) {
+        in, kernels::FallbackTexels{cache_, now_ - 1, {}}, [&]<class Shader>(const Shader& shader) {
           const kernels::ShadeRound<kernels::Resolve<Shader>> pass{
               resolve_of(shader), lists[kernels::kDecodeRounds % 2].data(), nullptr, nullptr};
           runtime::parallel_for(counters_.back().tiles, threads,

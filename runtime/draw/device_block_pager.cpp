@@ -1,0 +1,107 @@
+#include "runtime/draw/device_block_pager.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace scree::runtime {
+
+using kernels::cuda_check;
+
+uint64_t DeviceBlockPager::room_bytes(const Scene& scene) {
+  const HostBlockPager& host = *scene.block_pager();
+  uint64_t all = 0;
+  for (const uint32_t page : host.file_pages())
+    all += (scene.container().pages()[page].raw_bytes + kUnit - 1) / kUnit * kUnit;
+  return std::min(all, scene.device_texture_memory() / kUnit * kUnit);
+}
+
+uint64_t DeviceBlockPager::device_bytes(const Scene& scene) {
+  return room_bytes(scene) + scene.block_pager()->size() * (sizeof(uint8_t*) + sizeof(uint64_t));
+}
+
+uint64_t DeviceBlockPager::pinned_bytes(uint64_t host_memory) {
+  constexpr uint64_t kMost = 128 * format::kBlockPageBytes;
+  constexpr uint64_t kLeast = 2 * format::kBlockPageBytes;
+  return host_memory == 0 ? kMost : std::clamp(host_memory / 8 / kLeast * kLeast, kLeast, kMost);
+}
+
+Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& scene, uint32_t threads,
+                                                                   uint64_t host_memory) {
+  const uint64_t room = room_bytes(scene);
+  std::unique_ptr<DeviceBlockPager> made(new DeviceBlockPager(scene.file().map(), scene.container(), room, threads));
+  DeviceBlockPager& pager = *made;
+  for (const uint32_t page : scene.block_pager()->file_pages()) pager.add(page);
+  const uint64_t count = pager.size();
+  pager.taken_.assign(count, BlockPool::kNone);
+  pager.wanted_.assign(count, 0);
+  pager.pool_.reset(room / kUnit);
+  Result<void> done = pager.room_.reserve(std::max<uint64_t>(room, 1), "allocating room for pages of textures");
+  const uint64_t table_bytes = count * sizeof(uint8_t*);
+  if (done) done = pager.tables_.reserve(table_bytes + count * sizeof(uint64_t), "allocating the table of pages");
+  if (done)
+    done = cuda_check(cudaMemset(pager.tables_.data(), 0, pager.tables_.bytes()), "clearing the table of pages");
+  pager.half_ = pinned_bytes(host_memory) / format::kBlockPageBytes / 2;
+  if (done) done = pager.staging_.allocate(pinned_bytes(host_memory), "allocating pinned memory for pages of textures");
+  if (done) done = cuda_check(cudaStreamCreateWithFlags(&pager.stream_, cudaStreamNonBlocking), "making a stream");
+  for (cudaEvent_t& event : pager.copied_)
+    if (done) done = cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming), "making an event");
+  if (!done) return done.error();
+  pager.pages_.blocks = reinterpret_cast<const uint8_t* const*>(pager.tables_.data());
+  pager.pages_.wanted = reinterpret_cast<uint64_t*>(pager.tables_.data() + table_bytes);
+  return made;
+}
+
+DeviceBlockPager::~DeviceBlockPager() {
+  if (stream_ != nullptr) (void)cudaStreamSynchronize(stream_);
+  for (cudaEvent_t event : copied_)
+    if (event != nullptr) (void)cudaEventDestroy(event);
+  if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
+}
+
+Result<std::span<const uint64_t>> DeviceBlockPager::wanted() {
+  const Result<void> done =
+      cuda_check(cudaMemcpy(wanted_.data(), pages_.wanted, wanted_.size() * sizeof wanted_[0], cudaMemcpyDeviceToHost),
+                 "reading which pages of textures are shown");
+  if (!done) return done.error();
+  return std::span<const uint64_t>(wanted_);
+}
+
+bool DeviceBlockPager::take(uint64_t number) {
+  taken_[number] = pool_.take(rounded(record(number).raw_bytes) / kUnit, static_cast<uint32_t>(number));
+  return taken_[number] != BlockPool::kNone;
+}
+
+Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
+  Result<void> done;
+  for (uint64_t first = 0, half = 0; first < numbers.size() && done; first += half_, half ^= 1)
+    done = load_part(numbers.subspan(first, std::min<uint64_t>(half_, numbers.size() - first)),
+                     static_cast<uint32_t>(half));
+  // Copies out of blocks_ and into the room end before a page is shown, or its memory is given back.
+  const Result<void> copied =
+      cuda_check(cudaMemcpyAsync(tables_.data(), blocks_.data(), blocks_.size() * sizeof blocks_[0],
+                                 cudaMemcpyHostToDevice, stream_),
+                 "copying the table of pages");
+  const Result<void> ended = cuda_check(cudaStreamSynchronize(stream_), "copying pages of textures");
+  return !done ? done : !copied ? copied : ended;
+}
+
+Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint32_t half) {
+  constexpr const char* kWhat = "copying pages of textures";
+  if (Result<void> done = cuda_check(cudaEventSynchronize(copied_[half]), kWhat); !done) return done;
+  const auto slot = [&](uint64_t i) { return staging_.data() + (half * half_ + i) * format::kBlockPageBytes; };
+  std::vector<uint8_t> is_read(numbers.size());
+  const Result<void> read = read_all(numbers, slot, [&](uint64_t i) { is_read[i] = 1; });
+  for (uint64_t i = 0; i < numbers.size(); ++i) {
+    if (is_read[i] == 0) continue;
+    std::byte* const to = room_.data() + pool_.offset(taken_[numbers[i]]) * kUnit;
+    if (Result<void> done = cuda_check(
+            cudaMemcpyAsync(to, slot(i), record(numbers[i]).raw_bytes, cudaMemcpyHostToDevice, stream_), kWhat);
+        !done)
+      return done;
+    blocks_[numbers[i]] = reinterpret_cast<const uint8_t*>(to);
+  }
+  const Result<void> recorded = cuda_check(cudaEventRecord(copied_[half], stream_), kWhat);
+  return read ? recorded : read;
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,57 @@
+// Pages of block images in a GPU's memory. Where the program is built with CUDA.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "kernels/cuda/check.h"
+#include "runtime/scene/scene.h"
+#include "runtime/stream/block_pool.h"
+#include "runtime/textures/block_pager.h"
+
+namespace scree::runtime {
+
+/// Of the device that was current when it was made. Pages go through pinned memory: some are read while others are
+/// copied.
+class DeviceBlockPager final : public BlockPager {
+ public:
+  /// For the pages of scene.block_pager(), which is not null, on `threads` threads. They take up to
+  /// scene.device_texture_memory() bytes. `host_memory`: as for pinned_bytes(). `scene` outlives this. Errors kDevice.
+  /// Throws std::bad_alloc.
+  static Result<std::unique_ptr<DeviceBlockPager>> create(const Scene& scene, uint32_t threads, uint64_t host_memory);
+  ~DeviceBlockPager();
+
+  /// What create() takes.
+  static uint64_t device_bytes(const Scene& scene);
+  /// The pinned memory that it takes if an upload may take `host_memory` (0: as much as it wants): an eighth, 32 MiB at
+  /// most, two pages at least.
+  static uint64_t pinned_bytes(uint64_t host_memory);
+
+ private:
+  using BlockPager::BlockPager;
+
+  static constexpr uint64_t kUnit = 4096;  // of the room
+  static uint64_t room_bytes(const Scene& scene);
+
+  uint64_t rounded(uint64_t bytes) const override { return (bytes + kUnit - 1) / kUnit * kUnit; }
+  Result<std::span<const uint64_t>> wanted() override;
+  bool take(uint64_t number) override;
+  void give_back(uint64_t number) override { pool_.give_back(taken_[number]); }
+  Result<void> load(std::span<const uint32_t> numbers) override;
+  Result<void> load_part(std::span<const uint32_t> numbers, uint32_t half);
+
+  kernels::DeviceBuffer room_;
+  kernels::DeviceBuffer tables_;  // TexelPages::blocks, then wanted
+  kernels::PinnedBuffer staging_;
+  uint64_t half_ = 0;  // pages of half of it
+  cudaStream_t stream_ = nullptr;
+  cudaEvent_t copied_[2] = {};   // out of each half of staging_
+  BlockPool pool_;               // of room_, in units of kUnit
+  std::vector<uint32_t> taken_;  // by number: the block in pool_
+  std::vector<uint64_t> wanted_;
+};
+
+}  // namespace scree::runtime
