@@ -12,8 +12,9 @@
 
 namespace scree::kernels {
 
-/// A camera, and the instances that it leaves out. World space is right-handed. View space looks along `forward`, with
-/// x to the right and y up. Row 0 is the top of the picture. right, up and forward are orthonormal to 1e-12.
+/// A camera, and the instances and the space that it leaves out. World space is right-handed. View space looks along
+/// `forward`, with x to the right and y up. Row 0 is the top of the picture. right, up and forward are orthonormal to
+/// 1e-12.
 struct View {
   double eye[3];
   double right[3];
@@ -30,6 +31,10 @@ struct View {
   // One bit per instance of the scene, the lowest of a word first; instances whose bit is set are not drawn. In memory
   // that the drawing device reads. Null: all are drawn.
   const uint32_t* omitted = nullptr;
+  // The clipping box, if `clips`: samples outside are not drawn. World space, the smallest and largest corner.
+  bool clips = false;
+  double clip_min[3] = {};
+  double clip_max[3] = {};
 };
 
 enum class Show : uint32_t {

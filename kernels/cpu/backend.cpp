@@ -166,6 +166,13 @@ Result<void> check_view(const View& view) {
   } else {
     sane = sane && std::isfinite(view.z_near) && view.z_near > 0;
   }
+  bool has_room = true;
+  for (int i = 0; i < 3 && view.clips; ++i) {
+    has_room = has_room && std::isfinite(view.clip_min[i]) && std::isfinite(view.clip_max[i]) &&
+               view.clip_min[i] <= view.clip_max[i];
+  }
+  if (!has_room)
+    return Error{ErrorCode::kRange, "clipping box that is infinite or whose corners are in the wrong order"};
   if (sane) return {};
   return Error{ErrorCode::kRange, "camera with an empty or infinite field of view, position or range of depth"};
 }

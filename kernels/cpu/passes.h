@@ -298,7 +298,8 @@ bool draw_frame(Backend& backend, const SceneView& scene, const FrameView& view,
   const auto draw_with = [&]<bool kMasked>() {
     return view.orthographic ? draw.template operator()<true, kMasked>() : draw.template operator()<false, kMasked>();
   };
-  return scene.masks != nullptr ? draw_with.template operator()<true>() : draw_with.template operator()<false>();
+  return scene.masks != nullptr || view.clip_box.is_set ? draw_with.template operator()<true>()
+                                                        : draw_with.template operator()<false>();
 }
 
 }  // namespace SCREE_ISA

@@ -155,6 +155,11 @@ struct RasterBlocks {
 
   /// Whether a triangle whose vertices lie in the box may cover a pixel centre. If so, fills `bounds`.
   bool shows(const CoverageFilter& filter, const CenteredBox& box, ScreenBounds& bounds) const {
+    if constexpr (kMasked) {
+      if (small.view.clip_box.is_set)
+        return bound_on_screen<kOrthographic, true>(filter, small.view, culling.centers, box, bounds) ==
+               BoxCoverage::kCenters;
+    }
     return bound_on_screen<kOrthographic>(filter, small.view, culling.centers, box, bounds) == BoxCoverage::kCenters;
   }
 

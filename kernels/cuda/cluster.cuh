@@ -307,7 +307,7 @@ __device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const
 /// As LaneMask, of a cluster's triangle: its corners are read as they were to draw it.
 template <bool kOfLayers>
 struct ClusterMask : TestedSamples<kOfLayers> {
-  const MaskView* mask = nullptr;  // null: the lane's triangle is opaque
+  const MaskView* mask = nullptr;  // null: the lane's triangle has none
   WarpMasks* shared;
   const ClusterFrame* frame;
   SurvivorTriangle survivor;
@@ -320,11 +320,17 @@ struct ClusterMask : TestedSamples<kOfLayers> {
     const SceneView& scene = frame->small.scene;
     const uint32_t chunk = frame->list.draws[frame->list.items[of.item].draw].chunk;
     mask = mask_of(scene, scene.meshes[scene.chunks[chunk].mesh]);
-    return is_tested(scene, mask);
+    return is_tested(scene, frame->small.view, mask);
   }
+
+  /// As LaneMask has them.
+  __device__ const FrameView& frame_view() const { return frame->small.view; }
+  __device__ bool waits() const { return mask != nullptr || frame->small.view.clip_box.is_set; }
 
   template <bool kOrthographic>
   __device__ void make_plane(MaskPlane& out) const {
+    out.mask = nullptr;
+    if (mask == nullptr) return;
     make_cluster_plane<kOrthographic>(*frame, survivor, mask, out);
   }
 };

@@ -37,6 +37,7 @@ __device__ inline void clear_buckets(uint64_t* buckets) {
 
 /// Finds the draws and counts them by bucket. Stores each draw's bucket in ClusterList::draw_bucket. Without `sorts`
 /// all draws share one bucket.
+template <bool kClips>
 __global__ void __launch_bounds__(kCullThreads)
     cull_clustered_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                           const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters,
@@ -55,7 +56,8 @@ __global__ void __launch_bounds__(kCullThreads)
     if (at.index < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
       const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
       const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
-      if (mesh.chunk_count == 1 || may_be_seen(transform, view, box)) {
+      if (mesh.chunk_count == 1 ||
+          (may_be_seen(transform, view, box) && (!kClips || may_be_in_clip_box(transform, view, box)))) {
         bucket = sorts ? near_bucket(nearness(transform.w, view, box), view.orthographic, clusters.farthest) : 0;
         triangles = chunk.triangle_count;
         atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), packed_count(chunk));
@@ -202,13 +204,13 @@ static_assert(kWorkBits + 3 * std::bit_width(kMostRounds) <= 64);
 enum class ClusterPass : uint32_t { kPreviouslyVisible, kNewlyVisible, kOnly };
 
 /// The coverage of a box in the picture. A hidden box counts as outside.
-template <bool kOrthographic, bool kOcclusion>
+template <bool kOrthographic, bool kOcclusion, bool kClips>
 __device__ inline BoxCoverage may_show(const ClusterCull& cull, const CoverageFilter& filter,
                                        const format::ClusterBounds& bounds) {
   if (!cull.tests.bounds) return BoxCoverage::kCenters;
   ScreenBounds on_screen;
   const BoxCoverage shows =
-      bound_on_screen<kOrthographic>(filter, cull.view, cull.centers, centered_box(bounds), on_screen);
+      bound_on_screen<kOrthographic, kClips>(filter, cull.view, cull.centers, centered_box(bounds), on_screen);
   if constexpr (kOcclusion) {
     if (shows != BoxCoverage::kNone && cull.tests.occlusion &&
         is_occluded(cull.list.pyramid, cull.samples, on_screen.pixels, on_screen.nearest_code))
@@ -218,7 +220,7 @@ __device__ inline BoxCoverage may_show(const ClusterCull& cull, const CoverageFi
 }
 
 /// A lane per group of clusters; then, for each group that may be visible, a lane per cluster.
-template <bool kOrthographic, ClusterPass kPass>
+template <bool kOrthographic, ClusterPass kPass, bool kClips>
 __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_constant__ ClusterCull cull) {
   constexpr bool kOcclusion = kPass == ClusterPass::kNewlyVisible;
   const uint32_t lane = threadIdx.x % kWarpLanes;
@@ -261,7 +263,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
       if constexpr (kPass == ClusterPass::kPreviouslyVisible) {
         shows = old_hints != 0;
         if (shows) {
-          shows = may_show<kOrthographic, false>(cull, draw.filter, load_bounds(draw.group_bounds() + group)) ==
+          shows = may_show<kOrthographic, false, kClips>(cull, draw.filter, load_bounds(draw.group_bounds() + group)) ==
                   BoxCoverage::kCenters;
           ++groups_tested;
         }
@@ -274,7 +276,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
           shows = false;
         } else {
           const BoxCoverage in_group =
-              may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.group_bounds() + group));
+              may_show<kOrthographic, kOcclusion, kClips>(cull, draw.filter, load_bounds(draw.group_bounds() + group));
           if (in_group == BoxCoverage::kBetween) hints = whole_group;
           shows = in_group == BoxCoverage::kCenters;
           ++groups_tested;
@@ -297,8 +299,8 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
         keep = keep && !hint;
       }
       if (keep) {
-        const BoxCoverage in_cluster =
-            may_show<kOrthographic, kOcclusion>(cull, draw.filter, load_bounds(draw.cluster_bounds() + cluster));
+        const BoxCoverage in_cluster = may_show<kOrthographic, kOcclusion, kClips>(
+            cull, draw.filter, load_bounds(draw.cluster_bounds() + cluster));
         keep = in_cluster == BoxCoverage::kCenters;
         hint = in_cluster != BoxCoverage::kNone;
         ++tested;

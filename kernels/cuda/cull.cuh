@@ -55,7 +55,8 @@ __device__ inline void clear_samples(const SamplesToClear& clear, uint32_t block
 }
 
 /// One thread per instance, in the order of meshes. Stores the transforms and the list of visible instances. The last
-/// blocks clear the picture.
+/// blocks clear the picture. Here and below, kClips: the view has a clipping box.
+template <bool kClips>
 __global__ void __launch_bounds__(kCullThreads)
     cull_instances(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                    const __grid_constant__ DrawList list, const __grid_constant__ SamplesToClear clear) {
@@ -78,6 +79,7 @@ __global__ void __launch_bounds__(kCullThreads)
     const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
                                                mesh.position_encoding == format::PositionEncoding::kFloat32);
     seen = may_be_seen(transform, view, mesh_box(mesh, transform));
+    if constexpr (kClips) seen = seen && may_be_in_clip_box(transform, view, mesh_box(mesh, transform));
     if (seen) staged[threadIdx.x] = transform;
     seen = seen && !is_omitted(view, number);  // last: before may_be_seen() it would take more registers
   }
@@ -107,6 +109,7 @@ __global__ void __launch_bounds__(kCullThreads)
 }
 
 /// Bit k is set if the chunk may be seen for the k-th of `count` visible instances from `visible` on.
+template <bool kClips>
 __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameView& view, const DrawList& list,
                                           const format::ChunkRecord& chunk, uint32_t chunk_number,
                                           const uint32_t* visible, uint32_t count) {
@@ -116,12 +119,14 @@ __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameVie
   uint32_t seen = 0;
   for (uint32_t k = 0; k < count; ++k) {
     const Transform& transform = list.transforms[visible[k]];
-    if (may_be_seen(transform, view, drawn_box(list, mesh, chunk, chunk_number, transform))) seen |= 1u << k;
+    const auto box = drawn_box(list, mesh, chunk, chunk_number, transform);
+    if (may_be_seen(transform, view, box) && (!kClips || may_be_in_clip_box(transform, view, box))) seen |= 1u << k;
   }
   return seen;
 }
 
 /// One thread per candidate: appends the InstancedDraws and their prefix sum.
+template <bool kClips>
 __global__ void __launch_bounds__(128)
     cull_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                 const __grid_constant__ DrawList list) {
@@ -136,8 +141,9 @@ __global__ void __launch_bounds__(128)
     if (candidate.first < visible_count && scene.pages[chunk.page] != nullptr) {
       draw.chunk = candidate.chunk;
       draw.first_visible = list.mesh_first[chunk.mesh] + candidate.first;
-      draw.instances = seen_instances(scene, view, list, chunk, candidate.chunk, list.visible + draw.first_visible,
-                                      min_of(visible_count - candidate.first, kDrawInstances));
+      draw.instances =
+          seen_instances<kClips>(scene, view, list, chunk, candidate.chunk, list.visible + draw.first_visible,
+                                 min_of(visible_count - candidate.first, kDrawInstances));
       triangles = chunk.triangle_count;
     }
   }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <new>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -124,10 +125,21 @@ struct StageEvents {
 constexpr StageEvents kFirstStages{kSmallDone, kMediumDone, kLargeBegun, kLargeDone};
 constexpr StageEvents kSecondStages{kSecondSmallDone, kSecondMediumDone, kSecondLargeBegun, kSecondLargeDone};
 
+bool same_clip_box(const ClipBox& a, const ClipBox& b) {
+  if (a.is_set != b.is_set) return false;
+  for (int k = 0; k < 3; ++k) {
+    const ClipBox::Axis& x = a.axis[k];
+    const ClipBox::Axis& y = b.axis[k];
+    if (x.low_m != y.low_m || x.low_one != y.low_one || x.high_m != y.high_m || x.high_one != y.high_one) return false;
+  }
+  return true;
+}
+
 bool same_view(const FrameView& a, const FrameView& b) {
   const auto same = [](const double(&x)[3], const double(&y)[3]) { return std::equal(x, x + 3, y); };
   return same(a.eye, b.eye) && same(a.row_x, b.row_x) && same(a.row_y, b.row_y) && same(a.row_w, b.row_w) &&
-         a.offset_w == b.offset_w && a.width == b.width && a.height == b.height && a.orthographic == b.orthographic;
+         a.offset_w == b.offset_w && a.width == b.width && a.height == b.height && a.orthographic == b.orthographic &&
+         same_clip_box(a.clip_box, b.clip_box);
 }
 
 /// Medium triangles up to which stages 2 and 3 may wait for the last pass (defers_stages).
@@ -156,19 +168,25 @@ struct CudaFrames::Impl {
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
   Result<void> open_clusters(const SceneView& host, const CudaQueueSizes& sizes);
   // These launch kernels on the given streams: the frame's, or those that a graph is captured from.
+  template <bool kClips>
   void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters,
                       const FrameStreams& streams);
-  template <bool kOrthographic>
+  template <bool kOrthographic, bool kClips>
   void submit_small_scene_culling(const DrawList& list, const SamplesToClear& clear, const FrameStreams& streams);
   Result<void> find_all_bounds(const FrameStreams& streams);
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
   Result<void> submit();
   Result<void> capture_graph();
+  /// Of the frame. A clipping box tests all samples, as masks do.
   Alpha alpha() const {
-    return scene.draws_blended ? Alpha::kBlended : scene.masks != nullptr ? Alpha::kMasked : Alpha::kOpaque;
+    return scene.draws_blended                               ? Alpha::kBlended
+           : scene.masks != nullptr || frame.clip_box.is_set ? Alpha::kMasked
+                                                             : Alpha::kOpaque;
   }
-  /// Calls run<kAlpha>() with the builds that the scene takes.
+  /// Readies the builds that the frame takes, unless they were the last ones too.
+  Result<void> prepare_alpha();
+  /// Calls run<kAlpha>() with the builds that the frame takes.
   template <class Run>
   Result<void> with_alpha(const Run& run) const {
     switch (alpha()) {
@@ -250,6 +268,7 @@ struct CudaFrames::Impl {
   DrawTables tables;  // only the flags; the vectors are freed once they are on the device
   ResidentBlocks resident;
   SmallVariant variants[2] = {};  // perspective, orthographic
+  std::optional<Alpha> prepared;  // of the variants
   // The frame is submitted to blocking streams, so that work on the default stream (the resolver's) is ordered with it.
   FrameStreams frame_streams;
   // A graph is captured from non-blocking streams. With blocking ones, work on the default stream during a capture
@@ -304,10 +323,6 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (!made) return made.error();
   tables = std::move(*made);
   Result<void> done = resident.open();
-  for (const bool orthographic : {false, true}) {
-    variants[orthographic] = choose_small(tables, orthographic, alpha());
-    if (done) done = prepare(variants[orthographic]);
-  }
   for (cudaStream_t* stream : {&frame_streams.main, &frame_streams.side, &frame_streams.clip})
     if (done) done = cuda_check(cudaStreamCreate(stream), "making a stream");
   for (cudaStream_t* stream : {&capture_streams.main, &capture_streams.side, &capture_streams.clip})
@@ -333,6 +348,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = queues.triangles.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done) done = queues.grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0, 0});
   if (done && !tables.cluster_candidates.empty()) done = open_clusters(host, sizes);
+  if (done) done = prepare_alpha();
   if (done) done = cuda_check(cudaStreamSynchronize(frame_streams.main), "preparing to draw");
   tables.order = {};
   tables.mesh_first = {};
@@ -366,7 +382,6 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
   if (done) done = queues.clipped.tiles.allocate(sizes.tiles, "allocating the queues");
   if (done)
     done = queues.grow({0, 0, 0, first_items(tables.cluster_groups, sizes), sizes.to_clip, sizes.clipped, 0, 0});
-  if (done) done = with_alpha([&]<Alpha kAlpha>() { return prepare_clusters<kAlpha>(); });
   return done;
 }
 
@@ -398,6 +413,18 @@ Result<void> CudaFrames::Impl::prepare(SmallVariant& variant) const {
                     "asking for shared memory");
 }
 
+Result<void> CudaFrames::Impl::prepare_alpha() {
+  if (prepared == alpha()) return {};
+  Result<void> done;
+  for (const bool orthographic : {false, true}) {
+    variants[orthographic] = choose_small(tables, orthographic, alpha());
+    if (done) done = prepare(variants[orthographic]);
+  }
+  if (done && has_clusters()) done = with_alpha([&]<Alpha kAlpha>() { return prepare_clusters<kAlpha>(); });
+  if (done) prepared = alpha();
+  return done;
+}
+
 ClusterList CudaFrames::Impl::cluster_list() const {
   return {cluster_candidates.data(),
           chunk_hint_offset.data(),
@@ -421,29 +448,33 @@ ClusterCull CudaFrames::Impl::cluster_cull(const DrawList& list, const ClusterTe
 }
 
 /// Finds the chunks that are drawn, and clears the picture.
+template <bool kClips>
 void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed,
                                       bool draws_clusters, const FrameStreams& streams) {
-  cull_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0, streams.main>>>(
+  const auto of_instances = cull_instances<kClips>;
+  const auto of_chunks = cull_chunks<kClips>;
+  const auto of_clustered_chunks = cull_clustered_chunks<kClips>;
+  of_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0, streams.main>>>(
       scene, frame, list, clear);
   if (draws_indexed) {
-    cull_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, streams.main>>>(scene, frame, list);
+    of_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, streams.main>>>(scene, frame, list);
   }
   if (draws_clusters) {
     const uint64_t threads = cluster_candidates.count() * kDrawInstances;
     const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
     const ClusterList clusters = cluster_list();
-    cull_clustered_chunks<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters, in_two_passes());
+    of_clustered_chunks<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters, in_two_passes());
     place_cluster_draws<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters);
   }
 }
 
 /// Finds the clusters that are drawn, and clears the picture.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kClips>
 void CudaFrames::Impl::submit_small_scene_culling(const DrawList& list, const SamplesToClear& clear,
                                                   const FrameStreams& streams) {
   const auto group_count = static_cast<uint32_t>(small_scene_groups.count());
   const uint32_t blocks = (group_count - 1) / kCullWarps + 1 + clear.blocks;
-  cull_small_scene<kOrthographic><<<blocks, kCullThreads, 0, streams.main>>>(
+  cull_small_scene<kOrthographic, kClips><<<blocks, kCullThreads, 0, streams.main>>>(
       {scene, list.transforms, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1), small_scene_groups.data(),
        group_count, clear});
 }
@@ -456,7 +487,9 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
   const uint32_t pass = kPass == ClusterPass::kNewlyVisible ? 1 + round : 0;
   if (!culls_as_small_scene()) {
     // More blocks than the registers allow at once: culling waits for memory, and late blocks balance the load.
-    cull_clusters<kOrthographic, kPass><<<resident.fill(kCullThreads), kCullThreads, 0, streams.main>>>(
+    const auto cull =
+        frame.clip_box.is_set ? cull_clusters<kOrthographic, kPass, true> : cull_clusters<kOrthographic, kPass, false>;
+    cull<<<resident.fill(kCullThreads), kCullThreads, 0, streams.main>>>(
         cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
@@ -576,10 +609,17 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   if (done) done = record_event(kCleared, streams);
   if (done && culls) {
     const SamplesToClear clear{samples, sample_count, clears ? resident.fill(kCullThreads) : 0};
-    if (culls_as_small_scene()) {
-      submit_small_scene_culling<kOrthographic>(list, clear, streams);
+    const auto submit = [&]<bool kClips>() {
+      if (culls_as_small_scene()) {
+        submit_small_scene_culling<kOrthographic, kClips>(list, clear, streams);
+      } else {
+        submit_culling<kClips>(list, clear, draws_indexed, draws_clusters, streams);
+      }
+    };
+    if (frame.clip_box.is_set) {
+      submit.template operator()<true>();
     } else {
-      submit_culling(list, clear, draws_indexed, draws_clusters, streams);
+      submit.template operator()<false>();
     }
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
@@ -735,6 +775,7 @@ Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOp
   impl_->frame = make_frame_view(view);
   impl_->samples = samples;
   impl_->options = options;
+  if (Result<void> done = impl_->prepare_alpha(); !done) return done;
   if (Result<void> done = impl_->fit_pyramid(impl_->frame); !done) return done;
   return impl_->submit();
 }

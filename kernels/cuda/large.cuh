@@ -57,7 +57,7 @@ struct WarpPlanes {
   template <class Draw>
   __device__ void with_mask(const Triangle& triangle, [[maybe_unused]] uint32_t maker, const Draw& draw) const {
     if constexpr (kAlpha != Alpha::kOpaque) {
-      if (triangle.is_masked != 0) return draw(WarpPlane<kAlpha == Alpha::kBlended>{planes() + maker});
+      if (triangle.is_masked != 0) return draw(WarpPlane<kAlpha == Alpha::kBlended>{planes() + maker, &frame.view});
     }
     draw(NoMask{});
   }

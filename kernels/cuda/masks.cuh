@@ -22,18 +22,22 @@ struct WarpMasks {
 };
 
 /// A call, so that loops over samples keep their values in registers. Few samples get here.
-static __device__ __noinline__ uint32_t shown_by_plane(const MaskPlane* plane, int32_t x, int32_t y) {
-  return plane->shown(x, y);
+static __device__ __noinline__ uint32_t shown_by_plane(const MaskPlane* plane, const FrameView* view, int32_t x,
+                                                       int32_t y, uint64_t value) {
+  return TestedTriangle{*plane, *view}.shown(x, y, value);
 }
 
-/// The mask test of the samples of a warp's triangle. `kOfLayers`: the triangle is blended.
+/// The tests of the samples of a warp's triangle. `kOfLayers`: the triangle is blended.
 template <bool kOfLayers>
 struct WarpPlane {
   static constexpr bool kTests = true;
   static constexpr bool kBlends = kOfLayers;
   const MaskPlane* plane;  // in shared memory
+  const FrameView* view;
 
-  __device__ uint32_t shown(int32_t x, int32_t y) const { return shown_by_plane(plane, x, y); }
+  __device__ uint32_t shown(int32_t x, int32_t y, uint64_t value) const {
+    return shown_by_plane(plane, view, x, y, value);
+  }
 };
 
 /// For kernels that draw only opaque triangles.
@@ -56,10 +60,10 @@ struct TestedSamples {
   }
 };
 
-/// The mask of a lane's triangle, and the warp's shared memory.
+/// The mask of a lane's triangle, and the warp's shared memory. All lanes have `shared` and `view`.
 template <bool kOfLayers>
 struct LaneMask : TestedSamples<kOfLayers> {
-  const MaskView* mask = nullptr;  // null: the lane's triangle is opaque
+  const MaskView* mask = nullptr;  // null: the lane's triangle has none
   WarpMasks* shared;
   const SceneView* scene;
   const FrameView* view;
@@ -68,16 +72,19 @@ struct LaneMask : TestedSamples<kOfLayers> {
   uint32_t number;
 
   /// Returns Triangle::is_masked.
-  __device__ uint32_t find(const SceneView& of, const FrameView& seen, const Transform* transforms, uint32_t instance,
-                           uint32_t of_chunk, uint32_t of_number) {
+  __device__ uint32_t find(const SceneView& of, const Transform* transforms, uint32_t instance, uint32_t of_chunk,
+                           uint32_t of_number) {
     scene = &of;
-    view = &seen;
     transform = transforms + instance;
     chunk = of_chunk;
     number = of_number;
     mask = mask_of(of, of.meshes[of.chunks[of_chunk].mesh]);
-    return is_tested(of, mask);
+    return is_tested(of, *view, mask);
   }
+
+  __device__ const FrameView& frame_view() const { return *view; }
+  /// Whether the samples of the lane's triangle wait for a test. Those of layers without a mask do not.
+  __device__ bool waits() const { return mask != nullptr || view->clip_box.is_set; }
 
   template <bool kOrthographic>
   __device__ void make_plane(MaskPlane& out) const {

@@ -171,7 +171,7 @@ __device__ inline bool sample_at(const SetUpTriangle& its, uint32_t inside, int3
   return true;
 }
 
-/// Draws those of the `count` samples that wait which pass their masks, a lane each. `slot`: of the lane's triangle,
+/// Draws those of the `count` samples that wait which pass their tests, a lane each. `slot`: of the lane's triangle,
 /// kWarpLanes if it has none. `missing`: the triangles whose planes have to be made first, a bit each.
 template <bool kOrthographic, class Masks>
 __device__ inline void draw_masked_samples(const Target& target, const SetUpTriangles& triangles, const Masks& mask,
@@ -186,8 +186,8 @@ __device__ inline void draw_masked_samples(const Target& target, const SetUpTria
     uint64_t drawn;
     uint32_t sample;
     sample_at<kOrthographic>(triangles.items[waiting >> 7], waiting & 127, target.width, drawn, sample);
-    const uint32_t shown =
-        shared.planes[waiting >> 7].shown(static_cast<int32_t>(sample % row), static_cast<int32_t>(sample / row));
+    const TestedTriangle tested{shared.planes[waiting >> 7], mask.frame_view()};
+    const uint32_t shown = tested.shown(static_cast<int32_t>(sample % row), static_cast<int32_t>(sample / row), drawn);
     if (shown != 0) mask.draw(target, target.samples + sample, drawn, shown);
   }
   __syncwarp();
@@ -217,7 +217,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   [[maybe_unused]] uint32_t made = 0;    // lane has found a sample of
   [[maybe_unused]] uint32_t needed = 0;
   [[maybe_unused]] uint32_t waiting = 0;  // samples
-  if constexpr (Masks::kTests) masked = bits_of_lanes(pixels != 0 && masks.mask != nullptr ? 1u << slot : 0u);
+  if constexpr (Masks::kTests) masked = bits_of_lanes(pixels != 0 && masks.waits() ? 1u << slot : 0u);
   if (pixels != 0) {
     const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
     const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
@@ -353,7 +353,10 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
   int64_t pixels = 0;  // 0: there is nothing to draw
   uint32_t drawn = 0;
   LaneMaskOf<kAlpha> mask;
-  if constexpr (kAlpha != Alpha::kOpaque) mask.shared = &small_masks<kInstanced>();
+  if constexpr (kAlpha != Alpha::kOpaque) {
+    mask.shared = &small_masks<kInstanced>();
+    mask.view = &frame.view;
+  }
   if (lane < count) {
     const uint32_t number = shared.survivors[first + lane];
     const InstanceTransform& exact = shared.exact[kInstanced ? shared.survivor_instance[first + lane] : 0];
@@ -364,7 +367,7 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
     if (choose_fetch<kLattice, kFloat32>(shared.stored, project)) pixels = box.pixels();
     if constexpr (kAlpha != Alpha::kOpaque) {
       if (pixels != 0)
-        triangle.is_masked = mask.find(frame.scene, frame.view, frame.list.transforms, exact.instance, chunk, number);
+        triangle.is_masked = mask.find(frame.scene, frame.list.transforms, exact.instance, chunk, number);
     }
   }
   return drawn +

@@ -19,7 +19,7 @@ struct SmallSceneCull {
 
 /// One warp per group of clusters: makes its instance's transform, tests the instance, the chunk, the group and the
 /// clusters, and makes a draw for the group. The last blocks clear the picture.
-template <bool kOrthographic>
+template <bool kOrthographic, bool kClips>
 __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_constant__ SmallSceneCull in) {
   const uint32_t culling_blocks = gridDim.x - in.clear.blocks;
   if (blockIdx.x >= culling_blocks) {
@@ -39,27 +39,32 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   constexpr bool kFloat32 = false;  // clusters lie on a lattice
   const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, kFloat32);
-  if (!may_be_seen(transform, view, mesh_box(mesh, transform))) return;
+  const RelativeBox whole = mesh_box(mesh, transform);
+  if (!may_be_seen(transform, view, whole)) return;
+  if (kClips && !may_be_in_clip_box(transform, view, whole)) return;
   if (lane == 0 && at.group == 0 && at.chunk == mesh.first_chunk) {
     in.transforms[at.instance] = transform;
     WarpTeam::add(&counters.queues.instances_drawn, 1);
   }
   if (scene.pages[chunk.page] == nullptr) return;
-  if (mesh.chunk_count != 1 && !may_be_seen(transform, view, rounded_chunk_box(mesh, chunk, transform))) return;
+  if (mesh.chunk_count != 1) {
+    const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
+    if (!may_be_seen(transform, view, box) || (kClips && !may_be_in_clip_box(transform, view, box))) return;
+  }
   if (lane == 0 && at.group == 0) {
     WarpTeam::add(&counters.queues.draws, 1);
     WarpTeam::add(&counters.queues.triangles, uint64_t{chunk.triangle_count});
   }
   const ClusterDraw draw = make_cluster_draw(scene, view, in.cull.list, transform, at.chunk, at.instance, 0);
   if (lane == 0) WarpTeam::add(&counters.groups_tested, 1);
-  if (may_show<kOrthographic, false>(in.cull, draw.filter, load_bounds(draw.group_bounds() + at.group)) !=
+  if (may_show<kOrthographic, false, kClips>(in.cull, draw.filter, load_bounds(draw.group_bounds() + at.group)) !=
       BoxCoverage::kCenters)
     return;
   const uint32_t cluster = at.group * format::kGroupClusters + lane;
   const bool is_there = cluster < draw.cluster_count;
   const bool kept =
-      is_there && may_show<kOrthographic, false>(in.cull, draw.filter, load_bounds(draw.cluster_bounds() + cluster)) ==
-                      BoxCoverage::kCenters;
+      is_there && may_show<kOrthographic, false, kClips>(
+                      in.cull, draw.filter, load_bounds(draw.cluster_bounds() + cluster)) == BoxCoverage::kCenters;
   const uint32_t lanes = __ballot_sync(~0u, kept);
   const auto tested = static_cast<uint64_t>(__popc(__ballot_sync(~0u, is_there)));
   uint64_t first = 0;

@@ -125,7 +125,7 @@ bool CudaViewBatch::takes(const SceneView& host) {
 bool CudaViewBatch::pays(std::span<const View> views) {
   return views.size() >= kFewestViews && samples_of(views[0]) <= kMostViewSamples &&
          std::all_of(views.begin(), views.end(),
-                     [&](const View& view) { return view.orthographic == views[0].orthographic; });
+                     [&](const View& view) { return !view.clips && view.orthographic == views[0].orthographic; });
 }
 
 CudaViewBatch::CudaViewBatch(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

@@ -302,7 +302,7 @@ __device__ __noinline__ void draw_queued(const BatchFrame& in, uint64_t* samples
           make_mask_plane<kOrthographic>(in.scene, in.size, shared.group.transform, chunk, number_in_chunk(triangle.id),
                                          plane);
         __syncwarp();
-        draw_boxes<kOrthographic>(in.size, target, triangle, WarpPlane<false>{&plane});
+        draw_boxes<kOrthographic>(in.size, target, triangle, WarpPlane<false>{&plane, &in.size});
         __syncwarp();
         continue;
       }
@@ -330,15 +330,17 @@ __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samp
   int64_t area = 0;
   int64_t pixels = 0;
   LaneMaskOf<kMasked ? Alpha::kMasked : Alpha::kOpaque> mask;
-  if constexpr (kMasked) mask.shared = &batch_masks();
+  if constexpr (kMasked) {
+    mask.shared = &batch_masks();
+    mask.view = &in.size;
+  }
   if (lane < count) {
     triangle = shared.survivors[first + lane];
     box = pixel_box(triangle.x, triangle.y, in.size);
     area = doubled_area(triangle.x, triangle.y);
     pixels = box.pixels();
     if constexpr (kMasked) {
-      triangle.is_masked =
-          mask.find(in.scene, in.size, &shared.group.transform, 0, chunk, number_in_chunk(triangle.id));
+      triangle.is_masked = mask.find(in.scene, &shared.group.transform, 0, chunk, number_in_chunk(triangle.id));
     }
   }
   const bool drawn = draw_set_up<kOrthographic>({samples, in.size.width}, batch_queues(in), shared.set_up, triangle,

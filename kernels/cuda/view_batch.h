@@ -19,7 +19,7 @@ class CudaViewBatch {
   static bool takes(const SceneView& host);
 
   /// Whether these views, all of one size in samples, can be drawn in a batch, and faster than by one frame each: 4
-  /// views or more, of kMostViewSamples or fewer, all perspective or all orthographic.
+  /// views or more, of kMostViewSamples or fewer, all perspective or all orthographic, without clipping boxes.
   static bool pays(std::span<const View> views);
   static constexpr uint64_t kFewestViews = 4;
   /// One warp draws a large triangle, 32 samples at a time. With larger views it would take longer than a frame.

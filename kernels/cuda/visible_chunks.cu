@@ -53,7 +53,7 @@ __device__ void look_at_chunks(const SceneView& scene, const FrameView& view, co
   if (mesh.triangle_count == 0 || first >= mesh.chunk_count || !draws_mesh(scene, mesh)) return;
   const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
                                              mesh.position_encoding == format::PositionEncoding::kFloat32);
-  if (!may_be_seen(transform, view, mesh_box(mesh, transform))) return;
+  if (!may_be_drawn(transform, view, mesh_box(mesh, transform))) return;
   for (uint64_t i = first; i < mesh.chunk_count; i += uint64_t{gridDim.y} * kLanes) {
     const uint64_t chunk = mesh.first_chunk + i;
     use(chunk,

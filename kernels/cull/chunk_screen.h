@@ -78,7 +78,7 @@ SCREE_HD inline bool find_screen_bounds(const Transform& transform, const FrameV
 SCREE_HD inline bool find_chunk_bounds(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                                        const Transform& transform, const FrameView& view, ScreenBounds& bounds) {
   const RelativeBox box = vertex_box(mesh, chunk, transform);
-  return may_be_seen(transform, view, box) && find_screen_bounds(transform, view, box, bounds);
+  return may_be_drawn(transform, view, box) && find_screen_bounds(transform, view, box, bounds);
 }
 
 }  // namespace SCREE_ISA

@@ -55,8 +55,8 @@ SCREE_HD inline CenterRange center_range(const FrameView& view) {
 
 /// Returns kCenters if a triangle whose vertices lie in the box may cover a pixel centre. Fills `out` unless it returns
 /// kNone: with the pixel centres that such triangles may cover, or for kBetween with those around the box. `filter`: of
-/// the box's whole chunk.
-template <bool kOrthographic>
+/// the box's whole chunk. `kClips`: returns kNone also for a box outside the view's clipping box.
+template <bool kOrthographic, bool kClips = false>
 SCREE_HD inline BoxCoverage bound_on_screen(const CoverageFilter& filter, const FrameView& view,
                                             const CenterRange& centers, const CenteredBox& box, ScreenBounds& out) {
   // A filter without an error bound keeps the whole image.
@@ -133,6 +133,15 @@ SCREE_HD inline BoxCoverage bound_on_screen(const CoverageFilter& filter, const 
   out.pixels = {first[0], first[1], last[0], last[1]};
   const float nearest = kOrthographic ? w_high : scale_low * kMore;
   out.nearest_code = depth_code<kOrthographic>(fast_min(nearest, 1.0f));
+  if constexpr (kClips) {
+    // The middle of a code is at most 2^-23 of a value (orthographic: 2^-28) away from it. Farther than 2^60, all
+    // values share a code.
+    const float lowest = kOrthographic ? w_low - 1e-6f : w_high < 1e18f ? 1.0f / (w_high * kMore) : 0.0f;
+    const float highest = kOrthographic ? w_high + 1e-6f : fast_max(nearest, 1e-18f);
+    if (!samples_may_be_in_clip_box(view.clip_box, view.width, view.height, first[0], first[1], last[0], last[1],
+                                    lowest, highest))
+      return BoxCoverage::kNone;
+  }
   return shows;
 }
 

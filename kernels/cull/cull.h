@@ -60,6 +60,81 @@ SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& vi
   return box_may_be_seen(rows, view, box, 1.0f / (1 << 18));
 }
 
+/// may_be_in_clip_box() of `rows` x, y and w. `slack`: as a share of the sum of all terms.
+template <class Real, class Box>
+SCREE_HD inline bool box_may_be_in_clip_box(const Real* const rows[3], const FrameView& view, const Box& box,
+                                            Real slack) {
+  constexpr Real kMore = static_cast<Real>(1.00001);
+  constexpr Real kDepthError = Real{1} / (1 << 19);
+  constexpr Real kToHalfSamples = Real{2} / kSubpixels;
+  Real at_w = rows[2][3];
+  Real extent_w = abs_of(rows[2][3]) * slack;
+  for (int i = 0; i < 3; ++i) {
+    at_w += rows[2][i] * box.center[i];
+    extent_w += abs_of(rows[2][i]) * (box.extent[i] + slack * (abs_of(box.center[i]) + box.extent[i]));
+  }
+  const Real farthest = max_of(at_w + extent_w, Real{1}) * kMore;
+  const Real nearest = max_of(at_w - extent_w, Real{1});
+  for (int k = 0; k < 3; ++k) {
+    const ClipBox::Axis& axis = view.clip_box.axis[k];
+    const auto x = static_cast<Real>(axis.x);
+    const auto y = static_cast<Real>(axis.y);
+    // Of w; orthographic: of t.
+    const auto of_depth = static_cast<Real>(view.orthographic ? axis.low_m : axis.low_one);
+    Real value[4];
+    Real terms = 0;
+    for (int j = 0; j < 4; ++j) {
+      const Real by_x = x * kToHalfSamples * rows[0][j];
+      const Real by_y = y * kToHalfSamples * rows[1][j];
+      const Real by_depth = of_depth * rows[2][j];
+      value[j] = by_x + by_y + by_depth;
+      terms +=
+          (abs_of(by_x) + abs_of(by_y) + abs_of(by_depth)) * (j < 3 ? abs_of(box.center[j]) + box.extent[j] : Real{1});
+    }
+    Real at_center = value[3];
+    Real half_extent = 0;
+    for (int i = 0; i < 3; ++i) {
+      at_center += value[i] * box.center[i];
+      half_extent += abs_of(value[i]) * box.extent[i];
+    }
+    // Snapping moves a corner by 1/256 of half a sample. A sample's depth is that of a point of the moved triangle but
+    // for 2^-20 of the nearest depth value; in perspective this moves the sample by (w w 2^-20 / w_nearest) along its
+    // ray.
+    Real off = (abs_of(x) + abs_of(y)) / 64;
+    if (view.orthographic) {
+      off += abs_of(of_depth) * kDepthError;
+    } else {
+      const Real ray =
+          abs_of(x) * static_cast<Real>(view.width) + abs_of(y) * static_cast<Real>(view.height) + abs_of(of_depth);
+      off = off * farthest + ray * farthest * (farthest / nearest) * kDepthError;
+    }
+    const auto low = static_cast<Real>(view.orthographic ? axis.low_one : axis.low_m);
+    const auto high = static_cast<Real>(view.orthographic ? axis.high_one : axis.high_m);
+    if (at_center + low + half_extent < -(slack * (terms + abs_of(low)) + off)) return false;
+    if (at_center + high - half_extent > slack * (terms + abs_of(high)) + off) return false;
+  }
+  return true;
+}
+
+/// False only if no sample of a triangle of vertices in the box can lie in the view's clipping box, which is set. Boxes
+/// with NaN or infinity are kept.
+SCREE_HD inline bool may_be_in_clip_box(const Transform& transform, const FrameView& view, const RelativeBox& box) {
+  const double* const rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
+  return box_may_be_in_clip_box(rows, view, box, 1.0 / (1 << 20));
+}
+
+/// The same in single precision, with the slack of may_be_seen().
+SCREE_HD inline bool may_be_in_clip_box(const Transform& transform, const FrameView& view, const RoundedBox& box) {
+  const float* const rows[3] = {transform.x, transform.y, transform.w};
+  return box_may_be_in_clip_box(rows, view, box, 1.0f / (1 << 18));
+}
+
+/// Whether the box may be seen, in the view's clipping box if it has one.
+template <class Box>
+SCREE_HD inline bool may_be_drawn(const Transform& transform, const FrameView& view, const Box& box) {
+  return may_be_seen(transform, view, box) && (!view.clip_box.is_set || may_be_in_clip_box(transform, view, box));
+}
+
 /// The distance of the box's nearest point in w, which is 1 on the near plane. An orthographic camera's value is 0 on
 /// its near plane and 1 on its far one. Only for sorting. `row_w`: of a Transform, in the box's precision.
 template <class Real, class Box>
@@ -91,14 +166,14 @@ struct Cull {
     if (mesh.triangle_count == 0 || !draws_mesh(scene, mesh)) return;
     const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
     const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, float32);
-    if (!may_be_seen(transform, view, mesh_box(mesh, transform))) return;
+    if (!may_be_drawn(transform, view, mesh_box(mesh, transform))) return;
     uint64_t draws = 0;
     for (uint64_t i = team.rank(); i < mesh.chunk_count; i += team.size()) {
       const format::ChunkRecord& chunk = scene.chunks[mesh.first_chunk + i];
       if (chunk.triangle_count == 0 || scene.pages[chunk.page] == nullptr) continue;
       const RelativeBox box = vertex_box(mesh, chunk, transform);
       // A mesh of one chunk has been tested already.
-      if (!float32 && mesh.chunk_count > 1 && !may_be_seen(transform, view, box)) continue;
+      if (!float32 && mesh.chunk_count > 1 && !may_be_drawn(transform, view, box)) continue;
       const double near = nearness(transform.exact_w, view, box);
       const float nearest = near > 0 ? static_cast<float>(min_of(near, 1e38)) : 0.0f;  // NaN cannot be sorted
       ++draws;

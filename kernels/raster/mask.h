@@ -104,9 +104,6 @@ SCREE_HD inline uint32_t corner_alpha(uint32_t codes, double moved) {
 /// A triangle on its mask: what each sample is tested by. `weight`, `moved[c]` and `moved_alpha` are linear in the
 /// sample (x, y, 1); moved[c] / weight is how far coordinate c is from corner 0's, `first[c]`.
 struct MaskPlane {
-  static constexpr bool kTests = true;
-  static constexpr bool kBlends = true;  // or not: Target says so
-
   const MaskView* mask;  // null: every sample passes
   double weight[3];
   double moved[2][3];
@@ -158,16 +155,30 @@ struct MaskPlane {
   }
 };
 
+/// What the samples of a triangle are tested by: its mask and the view's clipping box.
+struct TestedTriangle {
+  static constexpr bool kTests = true;
+  static constexpr bool kBlends = true;  // or not: Target says so
+
+  const MaskPlane& plane;
+  const FrameView& view;
+
+  /// As MaskPlane::shown(). `value`: of the visibility buffer.
+  SCREE_HD uint32_t shown(int32_t x, int32_t y, uint64_t value) const {
+    return is_cut_away(view, x, y, value) ? 0 : plane.shown(x, y);
+  }
+};
+
 /// Draws `value`, which lies in front of `sample` of the target, if that is not peeled and `mask` shows (x, y).
 template <class Team, class Mask>
 SCREE_HD inline void draw_tested(Team team, const Target& target, uint64_t* sample, uint64_t value, const Mask& mask,
                                  int32_t x, int32_t y) {
   if constexpr (Mask::kBlends) {
     if (!target.is_behind_peeled(sample, value)) return;
-    const uint32_t shown = mask.shown(x, y);
+    const uint32_t shown = mask.shown(x, y, value);
     if (shown != 0) team.draw_blended(target, sample, value, shown);
   } else {
-    if (mask.shown(x, y) != 0) team.atomic_min(sample, value);
+    if (mask.shown(x, y, value) != 0) team.atomic_min(sample, value);
   }
 }
 
@@ -180,9 +191,9 @@ SCREE_HD inline const MaskView* mask_of(const SceneView& scene, const format::Me
 }
 
 /// Triangle::is_masked of a mesh's triangles: 1 where samples are tested before they are drawn. Those of layers all
-/// are, with a mask or without.
-SCREE_HD inline uint32_t is_tested(const SceneView& scene, const MaskView* mask) {
-  return scene.draws_blended || mask != nullptr ? 1 : 0;
+/// are, with a mask or without, and so are all triangles of a view with a clipping box.
+SCREE_HD inline uint32_t is_tested(const SceneView& scene, const FrameView& view, const MaskView* mask) {
+  return scene.draws_blended || mask != nullptr || view.clip_box.is_set ? 1 : 0;
 }
 
 /// Whether the alpha of a masked mesh's vertex colours is multiplied in. That of blended surfaces is not: it is their
@@ -339,10 +350,13 @@ struct MaskSource<true> {
   /// Of a triangle whose place in the scene is known by its id alone.
   template <bool kOrthographic, class Team>
   SCREE_HD void make_plane(Team, const FrameView& view, uint64_t id, MaskPlane& out) const {
+    out.mask = nullptr;
+    if (scene.masks == nullptr) return;
     const Hit hit = locate_triangle(scene, id);
     if constexpr (Team::kMakesTransforms) {
       const format::InstanceRecord& instance = scene.instances[hit.instance];
       const format::MeshRecord& mesh = scene.meshes[instance.mesh];
+      if (mask_of(scene, mesh) == nullptr) return;
       const Transform own = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
                                            mesh.position_encoding == format::PositionEncoding::kFloat32);
       make_mask_plane<kOrthographic>(scene, view, own, hit.chunk, hit.triangle, out);

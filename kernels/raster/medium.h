@@ -11,7 +11,7 @@ inline namespace SCREE_ISA {
 
 /// Draws the covered pixels of `box`, at most 2^31 of them, with the lanes of a team. `Int`: as for make_edges(). A
 /// lane starts loading several samples before it needs the first, so that the loads overlap. `mask`: NoMask, or the
-/// triangle's MaskPlane, which is tested only where the triangle would be visible.
+/// triangle's tests, which are made only where the triangle would be visible.
 template <bool kOrthographic, class Int, class Team, class Mask = NoMask>
 SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const Triangle& triangle, const PixelBox& box,
                                         int64_t area, const Mask& mask = {}) {
@@ -76,7 +76,7 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
   }
 }
 
-/// Calls draw(mask) with the mask of a queued triangle: its MaskPlane or NoMask.
+/// Calls draw(mask) with what a queued triangle's samples are tested by: TestedTriangle or NoMask.
 template <bool kOrthographic, class Team, bool kMasked, class Draw>
 SCREE_HD inline void with_mask(Team team, const MaskSource<kMasked>& masks, const FrameView& view,
                                const Triangle& triangle, const Draw& draw) {
@@ -84,7 +84,7 @@ SCREE_HD inline void with_mask(Team team, const MaskSource<kMasked>& masks, cons
     if (triangle.is_masked != 0) {
       MaskPlane plane;
       masks.template make_plane<kOrthographic>(team, view, triangle.id, plane);
-      return draw(plane);
+      return draw(TestedTriangle{plane, view});
     }
   }
   draw(NoMask{});

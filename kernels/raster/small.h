@@ -125,7 +125,7 @@ struct RasterSmall {
                 box, area)) {
       return;
     }
-    if constexpr (kMasked) triangle.is_masked = is_tested(scene, context.masked.mask);
+    if constexpr (kMasked) triangle.is_masked = is_tested(scene, view, context.masked.mask);
     const int64_t pixels = box.pixels();
     if (pixels <= context.small_box) {
       ++context.small;
@@ -151,10 +151,11 @@ struct RasterSmall {
     MaskPlane plane;
     make_mask_plane<kOrthographic>(scene, view, *context.transform, *masked.mesh, *masked.chunk, masked.page,
                                    *context.reader, number, plane);
+    const TestedTriangle tested{plane, view};
     if (fits_narrow_edges(triangle.x, triangle.y)) {
-      draw_box<kOrthographic, int32_t>(team, target, triangle, box, area, plane);
+      draw_box<kOrthographic, int32_t>(team, target, triangle, box, area, tested);
     } else {
-      draw_box<kOrthographic, int64_t>(team, target, triangle, box, area, plane);
+      draw_box<kOrthographic, int64_t>(team, target, triangle, box, area, tested);
     }
   }
 

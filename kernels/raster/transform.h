@@ -8,6 +8,7 @@
 #include "format/layout.h"
 #include "kernels/frame.h"
 #include "kernels/math.h"
+#include "kernels/raster/clip_box.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
@@ -31,6 +32,7 @@ struct FrameView {
   int32_t width;  // samples
   int32_t height;
   bool orthographic;
+  ClipBox clip_box;
 };
 
 SCREE_HD inline FrameView make_frame_view(const View& view) {
@@ -52,7 +54,14 @@ SCREE_HD inline FrameView make_frame_view(const View& view) {
     frame.row_w[i] = view.forward[i] * depth_scale;
   }
   frame.offset_w = view.orthographic ? view.z_far / (view.z_far - view.z_near) : 0.0;
+  frame.clip_box = make_clip_box(view);
   return frame;
+}
+
+/// Whether the view cuts away what it draws at a sample. `value`: of the visibility buffer.
+SCREE_HD inline bool is_cut_away(const FrameView& view, int32_t x, int32_t y, uint64_t value) {
+  return view.clip_box.is_set &&
+         !is_in_clip_box(view.clip_box, view.width, view.height, view.orthographic, x, y, sample_depth_code(value));
 }
 
 /// Whether the view leaves out an instance.

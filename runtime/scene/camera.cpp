@@ -358,6 +358,11 @@ Result<View> view_with(const format::Container& container, uint32_t scene, const
   View view{};
   view.width = options.width;
   view.height = options.height;
+  if (options.clip_box) {
+    view.clips = true;
+    std::copy(options.clip_box->min.begin(), options.clip_box->min.end(), view.clip_min);
+    std::copy(options.clip_box->max.begin(), options.clip_box->max.end(), view.clip_max);
+  }
   if (!options.camera.empty()) {
     if (options.eye || options.target || options.up)
       return Error{ErrorCode::kUsage, "a camera of the scene excludes an eye, a target and an up"};

@@ -60,6 +60,7 @@ struct CameraOptions {
   double turn_degrees = 30;
   double rise_degrees = 20;
   std::optional<double> fov_degrees = {};  // vertical, above 0 and below 180; replaces a document camera's own
+  std::optional<WorldBox> clip_box = {};   // the view's clipping box; it does not change the camera
   uint32_t width = 1920;                   // of the picture, in samples; width / height is the aspect ratio
   uint32_t height = 1080;
 };

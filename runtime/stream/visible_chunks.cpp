@@ -31,7 +31,7 @@ VisibleChunks::VisibleChunks(const kernels::SceneView& scene, const kernels::Vie
       const bool float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
       const Transform transform =
           kernels::make_transform(frame, scene.matrices[instance.matrix], mesh.lattice_exponent, float32);
-      if (!kernels::may_be_seen(transform, frame, kernels::mesh_box(mesh, transform))) continue;
+      if (!kernels::may_be_drawn(transform, frame, kernels::mesh_box(mesh, transform))) continue;
       for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
         ScreenBounds bounds;
         if (kernels::find_chunk_bounds(mesh, scene.chunks[c], transform, frame, bounds))

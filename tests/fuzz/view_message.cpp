@@ -22,6 +22,10 @@ void view_message(Bytes bytes) {
           for (const runtime::Vec3* vector : {&body.camera.eye, &body.camera.target, &body.camera.up})
             for (const double value : *vector)
               must(std::abs(value) <= view::kMaxCoordinate, "a camera's coordinates are bounded");
+          for (size_t k = 0; k < 3 && body.clip_box; ++k)
+            must(-view::kMaxCoordinate <= body.clip_box->min[k] && body.clip_box->min[k] <= body.clip_box->max[k] &&
+                     body.clip_box->max[k] <= view::kMaxCoordinate,
+                 "a clipping box is bounded and in order");
           must(body.camera.fov_degrees > 0 && body.camera.fov_degrees < 180, "a field of view is an angle");
           must(body.width >= 1 && body.height >= 1 && body.width <= view::kMaxPictureSide &&
                    body.height <= view::kMaxPictureSide &&

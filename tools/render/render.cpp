@@ -491,6 +491,10 @@ Command add_render(CLI::App& parent) {
   app->add_flag("--float", words->float_color, "Colours of an .exr with 32 bits, not 16");
   add_picture_options(*app, *words);
   add_camera_options(*app, *words);
+  app->add_option("--clip-box", words->clip_box,
+                  "Draw only what lies in a box, X0,Y0,Z0,X1,Y1,Z1: its smaller corner and its larger, in the scene's "
+                  "units")
+      ->type_name("X0,Y0,Z0,X1,Y1,Z1");
   app->add_flag("--list-cameras", words->list_cameras, "List the scene's cameras and draw nothing");
   app->add_option("--show", words->show,
                   "texture (default), color: without textures, uv, normal, triangle, cluster, mesh, stage: of the "

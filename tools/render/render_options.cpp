@@ -336,6 +336,21 @@ Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what)
   return out;
 }
 
+Result<runtime::WorldBox> parse_clip_box(std::string_view text) {
+  const std::string expected = "six numbers X0,Y0,Z0,X1,Y1,Z1, the smaller corner of a box and then the larger";
+  const std::vector<std::string_view> parts = split(text, ',');
+  if (parts.size() != 6) return usage("--clip-box", text, expected);
+  runtime::WorldBox box;
+  for (size_t i = 0; i < 6; ++i) {
+    const std::optional<double> value = number(parts[i]);
+    if (!value) return usage("--clip-box", text, expected);
+    (i < 3 ? box.min[i] : box.max[i - 3]) = *value;
+  }
+  for (size_t i = 0; i < 3; ++i)
+    if (box.min[i] > box.max[i]) return usage("--clip-box", text, expected);
+  return box;
+}
+
 Result<RenderOptions> parse_render_options(const RenderWords& words) {
   const Result<DrawOptions> drawing = parse_draw_options(words);
   if (!drawing) return drawing.error();
@@ -363,6 +378,11 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   options.quiet = words.quiet;
 
   if (const Result<void> camera = parse_camera(words, options.camera); !camera) return camera.error();
+  if (!words.clip_box.empty()) {
+    const Result<runtime::WorldBox> box = parse_clip_box(words.clip_box);
+    if (!box) return box.error();
+    options.camera.clip_box = *box;
+  }
 
   const Result<kernels::Show> show = parse_show(words.show);
   if (!show) return show.error();

@@ -34,6 +34,7 @@ struct RenderWords : DrawWords {
   std::string target;
   std::string up;
   std::string fov;
+  std::string clip_box;
   std::string show = "texture";
   std::string background = "#9aa4b0";
   std::string path;
@@ -139,6 +140,9 @@ Result<ExrLayers> parse_layers(std::string_view text);
 
 /// Whether `path` names a picture of 8 bits that can be written, a .png. Errors kUsage; `option` is named.
 Result<void> check_picture_path(std::string_view option, const std::string& path);
+
+/// "0,0,0,1,2.5,3": a box of the world, the smallest X, Y and Z and then the largest. Errors kUsage.
+Result<runtime::WorldBox> parse_clip_box(std::string_view text);
 
 /// "1,-2.5,3e4": three finite numbers. Errors kUsage; `what` names the option.
 Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what);

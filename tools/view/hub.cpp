@@ -47,7 +47,8 @@ uint32_t possible_samples(uint32_t wanted, uint32_t width, uint32_t height) {
 /// Whether the same pixels answer both requests: a movement ends with a request that differs only in `is_moving`.
 bool is_same_picture(const PictureRequest& a, const PictureRequest& b) {
   const kernels::ShadeOptions &s = a.shade, &t = b.shade;
-  return a.camera == b.camera && a.width == b.width && a.height == b.height && s.show == t.show && s.light == t.light &&
+  return a.camera == b.camera && a.clip_box == b.clip_box && a.width == b.width && a.height == b.height &&
+         s.show == t.show && s.light == t.light &&
          std::equal(std::begin(s.background), std::end(s.background), std::begin(t.background)) && s.ssao == t.ssao &&
          s.edl == t.edl && s.edl_strength == t.edl_strength && s.edl_radius == t.edl_radius;
 }

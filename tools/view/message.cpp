@@ -49,6 +49,19 @@ class Members {
     return out;
   }
 
+  /// Six numbers; nothing if the member is absent.
+  std::optional<ClipBox> box(const char* name) {
+    const Json* const value = optional(name);
+    if (value == nullptr) return std::nullopt;
+    ClipBox out;
+    if (!value->is_array() || value->size() != 6) return fail(ErrorCode::kFormat, name, "is not six numbers"), out;
+    for (size_t i = 0; i < 6; ++i)
+      (i < 3 ? out.min[i] : out.max[i - 3]) = as_number(name, &(*value)[i], -kMaxCoordinate, kMaxCoordinate);
+    for (size_t i = 0; i < 3; ++i)
+      if (out.min[i] > out.max[i]) fail(ErrorCode::kRange, name, "has its corners in the wrong order");
+    return out;
+  }
+
   std::vector<uint32_t> nodes(const char* name) {
     std::vector<uint32_t> out;
     const Json* const value = find(name);
@@ -153,6 +166,7 @@ PictureRequest read_picture(Members& in) {
   out.camera.fov_degrees = in.number("fov", 0.001, 179.9);
   read_size(in, out.width, out.height);
   out.shade = read_shade(in);
+  out.clip_box = in.box("clip");
   out.most_samples = read_samples(in);
   out.is_moving = in.flag("moving");
   out.is_full_quality = in.flag("full");

@@ -59,6 +59,7 @@ struct BufferKey {
   uint32_t height = 0;
   uint32_t samples = 0;
   Visibility visibility;
+  std::optional<ClipBox> clip_box;
   bool operator==(const BufferKey&) const = default;
 };
 
@@ -168,6 +169,7 @@ struct ViewSession::Impl {
     camera.target = wanted.camera.target;
     camera.up = wanted.camera.up;
     camera.fov_degrees = wanted.camera.fov_degrees;
+    if (wanted.clip_box) camera.clip_box = runtime::WorldBox{wanted.clip_box->min, wanted.clip_box->max};
     camera.width = wanted.width;
     camera.height = wanted.height;
     const Result<kernels::View> made = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
@@ -306,7 +308,7 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
 Result<Drawn> ViewSession::draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
                                 const Visibility& visibility, const JpegKind* jpeg,
                                 const runtime::IsOver& is_over) try {
-  BufferKey wanted{request.camera, width, height, samples, visibility};
+  BufferKey wanted{request.camera, width, height, samples, visibility, request.clip_box};
   kernels::ShadeOptions shade = request.shade;
   shade.lighting = impl_->options.light.lighting;
   shade.exposure = impl_->options.light.exposure;

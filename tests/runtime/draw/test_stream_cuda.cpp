@@ -110,6 +110,7 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
 
   size_t hidden = 0;
   size_t outside = 0;
+  size_t cut = 0;
   for (int i = 0; i < 40; ++i) {
     View view = must_view(scene, {.eye = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), 1.6 + unit(random)},
                                   .target = runtime::Vec3{0.4 * unit(random), 0.4 * unit(random), -1},
@@ -120,6 +121,12 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
       view.half_width = 1.6;
       view.half_height = 1;
       view.z_far = view.z_near + 20;
+    }
+    if (i % 5 == 2) {  // chunks outside a clipping box are not loaded
+      const size_t whole = runtime::VisibleChunks(scene.view(), view, 2).near_to_far().size();
+      view.clips = true;
+      for (int k = 0; k < 3; ++k) view.clip_min[k] = -5, view.clip_max[k] = k == 0 ? 0.1 * unit(random) : 5;
+      cut += whole - runtime::VisibleChunks(scene.view(), view, 2).near_to_far().size();
     }
     const runtime::VisibleChunks on_host(scene.view(), view, 2);
     std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
@@ -152,6 +159,7 @@ TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
   }
   CHECK(hidden > 40);
   CHECK(outside > 40);
+  CHECK(cut > 10);
 }
 
 TEST_CASE("pieces of any size are copied within a GPU's memory", "[cuda]") {

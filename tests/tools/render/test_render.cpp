@@ -101,6 +101,11 @@ TEST_CASE("a bad value is named with what is allowed", "[render]") {
   CHECK(usage_message(words_with(&RenderWords::eye, "1,2")) == "--eye: '1,2' is not three numbers X,Y,Z");
   CHECK(usage_message(words_with(&RenderWords::eye, "1,nan,2")) != "");
   CHECK(usage_message(words_with(&RenderWords::target, "1,2,3")) == "--target needs --eye");
+  for (const char* box : {"1,2,3,4,5", "1,2,3,4,5,6,7", "1,2,3,4,inf,6", "1,2,3,4,,6", "1,2,7,4,5,6"})
+    CHECK(usage_message(words_with(&RenderWords::clip_box, box)) ==
+          "--clip-box: '" + std::string(box) +
+              "' is not six numbers X0,Y0,Z0,X1,Y1,Z1, the smaller corner of a box and then the larger");
+  CHECK(usage_message(words_with(&RenderWords::clip_box, "1,2,3,1,5.5,6e3")) == "");
   CHECK(usage_message(words_with(&RenderWords::fov, "180")) != "");
   CHECK(usage_message(words_with(&RenderWords::background, "#12345")) != "");
   CHECK(usage_message(words_with(&RenderWords::background, "#12345g")) != "");

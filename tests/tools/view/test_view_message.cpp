@@ -41,6 +41,9 @@ TEST_CASE("a view message is read whole", "[view][view-message]") {
   const PictureRequest with_cursor = must_be_view(replaced(view_text(1, 64, 64), "{", "{\"x\":63,\"y\":0,"));
   CHECK(with_cursor.cursor == Pixel{63, 0});
   CHECK_FALSE(must_be_view(replaced(view_text(1, 64, 64), "{", "{\"x\":64,\"y\":0,")).cursor);
+  CHECK_FALSE(view.clip_box);
+  const PictureRequest cut = must_be_view(replaced(view_text(1, 64, 64), "{", "{\"clip\":[-1,0,0.5,2,0,1e3],"));
+  CHECK(cut.clip_box == ClipBox{{-1, 0, 0.5}, {2, 0, 1e3}});
 }
 
 TEST_CASE("messages outside their limits are refused with the member's name", "[view][view-message]") {
@@ -61,6 +64,9 @@ TEST_CASE("messages outside their limits are refused with the member's name", "[
   CHECK(error_of(replaced(view, "#20252d", "#20252")).find("background") != std::string::npos);
   CHECK(error_of(replaced(view, "\"light\":true", "\"light\":1")).find("light") != std::string::npos);
   CHECK(error_of(replaced(view, "\"seq\":1,", "")).find("seq") != std::string::npos);
+  for (const char* box :
+       {"[-1,0,0,2,1]", "[-1,0,0,2,1,1,1]", "[-1,0,0,2,1,1e16]", "[-1,0,0,2,1,null]", "[-1,2,0,2,1,1]", "{}", "null"})
+    CHECK(error_of(replaced(view, "{", "{\"clip\":" + std::string(box) + ",")).find("clip") != std::string::npos);
   CHECK(error_of("{\"type\":\"quit\"}").find("type") != std::string::npos);
   CHECK(error_of("{}").find("type") != std::string::npos);
   CHECK(error_of("[]") != "");

@@ -32,6 +32,7 @@ let animation = null;    // {from, to, start, ms} or {keys, start}
 let picks = [];          // the last two
 let pickId = 0, shotId = 0, you = 0, following = 0;
 let playing = false;
+let clip = {on: false, box: [-1, -1, -1, 1, 1, 1]};  // the clipping box: its smaller corner and its larger
 
 const settings = {show: 'texture', light: true, ssao: false, edl: false, edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d', full: false};
 const shows = [...$('show').options].map((option) => option.value);
@@ -41,7 +42,7 @@ const shows = [...$('show').options].map((option) => option.value);
 const send = (message) => worker.postMessage({type: 'send', message});
 
 function viewMessage() {
-  return {type: 'view', seq: sequence, ...camera.pose(), width: size.width, height: size.height, ...settings, moving: isMoving, ...cursorPixel()};
+  return {type: 'view', seq: sequence, ...camera.pose(), width: size.width, height: size.height, ...settings, ...(clip.on ? {clip: clip.box} : {}), moving: isMoving, ...cursorPixel()};
 }
 function cursorPixel(at = cursor) {
   if (!at) return {};
@@ -210,6 +211,7 @@ function opened(message) {
   document.title = `${scene.name} – scree view`;
   camera.size = scene.boxMin ? Math.max(distance(scene.boxMin, scene.boxMax), 1e-9) : 1;
   if (isFirst) {
+    clip = {on: false, box: wholeBox()};
     if (!readAddress()) camera.set(homePose());
     fillCameras();
     readBookmarks();
@@ -218,6 +220,7 @@ function opened(message) {
   if ($('tree-part').open) needTree(true);
   depth = distance(camera.eye, camera.target);
   showSettings();
+  showClip();
   drawOverlay();
   refresh();
 }
@@ -436,6 +439,82 @@ function follow(viewer) {
   if (lastViewers) setViewers(lastViewers);
 }
 
+// --- The clipping box ---
+
+/// The scene's box and a thousandth more, so that surfaces in its faces are inside.
+function wholeBox() {
+  const {boxMin: low = [-1, -1, -1], boxMax: high = [1, 1, 1]} = scene, more = 1e-3 * camera.size;
+  return [...low.map((value) => value - more), ...high.map((value) => value + more)];
+}
+const clipInputs = [0, 1, 2, 3, 4, 5].map((side) => {
+  const row = element('label', ''), name = element('span', `${'XYZ'[side % 3]} ${side < 3 ? 'from' : 'to'}`);
+  const slider = element('input', ''), number = element('input', '');
+  row.className = 'row';
+  Object.assign(slider, {type: 'range', min: 0, max: 1000, step: 1});
+  Object.assign(number, {type: 'number', step: 'any'});
+  slider.setAttribute('aria-label', name.textContent);
+  number.setAttribute('aria-label', `${name.textContent}, number`);
+  slider.addEventListener('input', () => {
+    const whole = wholeBox(), axis = side % 3;
+    moveSide(side, whole[axis] + slider.value / 1000 * (whole[axis + 3] - whole[axis]));
+  });
+  number.addEventListener('change', () => moveSide(side, number.valueAsNumber));
+  row.append(name, slider, number);
+  $('clip-sides').append(row);
+  return {slider, number};
+});
+function showClip() {
+  overlay.clip = clip.on ? clip.box : null;
+  $('clip').checked = clip.on;
+  const whole = wholeBox();
+  clipInputs.forEach(({slider, number}, side) => {
+    const axis = side % 3;
+    slider.value = 1000 * (clip.box[side] - whole[axis]) / (whole[axis + 3] - whole[axis]);
+    number.value = Number(clip.box[side].toPrecision(6));
+  });
+}
+/// Moves a side, 0 to 5; the one opposite stays, and stops it. `time`: as for changed().
+function moveSide(side, value, time) {
+  if (Number.isFinite(value)) {
+    const opposite = clip.box[(side + 3) % 6];
+    clip.box[side] = side < 3 ? Math.min(value, opposite) : Math.max(value, opposite);
+    clip.on = true;
+  }
+  showClip();
+  changed(time);
+}
+function setClip(on, box = clip.box) {
+  clip = {on, box: [...box]};
+  showClip();
+  drawOverlay();
+  refresh();
+}
+$('clip').addEventListener('change', (event) => { if (scene) setClip(event.target.checked); });
+overlay.grab = (side, down) => {
+  down.stopPropagation();
+  down.preventDefault();
+  const at = overlay.sideAt(side), start = clip.box[side], axis = side % 3;
+  const screen = (point) => {
+    const {x, y} = camera.project(point, aspect());
+    return [x * stage.clientWidth, y * stage.clientHeight];
+  };
+  const step = 0.01 * Math.max(depth, 1e-3 * camera.size);
+  const [x, y] = screen(at), [stepX, stepY] = screen(at.map((value, k) => value + (k === axis ? step : 0)));
+  const along = [(stepX - x) / step, (stepY - y) / step], squared = along[0] ** 2 + along[1] ** 2;
+  const move = (event) => {
+    const moved = (event.clientX - down.clientX) * along[0] + (event.clientY - down.clientY) * along[1];
+    if (squared > 1e-12) moveSide(side, start + moved / squared, event.timeStamp);
+  };
+  const end = () => {
+    removeEventListener('pointermove', move);
+    removeEventListener('pointerup', end);
+    removeEventListener('pointercancel', end);
+  };
+  addEventListener('pointermove', move);
+  addEventListener('pointerup', end);
+  addEventListener('pointercancel', end);
+};
+
 // --- Settings ---
 
 function showSettings() {
@@ -478,6 +557,7 @@ function writeAddress() {
   const parts = [`v=1`, `e=${short(pose.eye)}`, `t=${short(pose.target)}`, `u=${pose.up.join(',')}`, `f=${Number(pose.fov.toPrecision(6))}`, `m=${settings.show}`];
   const flags = ['ssao', 'edl'].filter((name) => settings[name]).concat(settings.light ? [] : ['unlit']);
   if (flags.length) parts.push(`o=${flags.join(',')}`);
+  if (clip.on) parts.push(`c=${short(clip.box)}`);
   history.replaceState(null, '', `#${parts.join('&')}`);
 }
 /// Whether the address had a view.
@@ -492,6 +572,8 @@ function readAddress() {
   settings.ssao = flags.includes('ssao');
   settings.edl = flags.includes('edl');
   settings.light = !flags.includes('unlit');
+  const box = (hash.get('c') ?? '').split(',').map(Number);
+  if (box.length === 6 && box.every(Number.isFinite) && [0, 1, 2].every((axis) => box[axis] <= box[axis + 3])) clip = {on: true, box};
   const eye = vector('e'), target = vector('t'), up = vector('u'), fov = Number(hash.get('f'));
   if (!eye || !target || distance(eye, target) === 0) return false;
   camera.set({eye, target, up: up ?? [0, 1, 0], fov: fov > 0.1 && fov < 179 ? fov : 45});
@@ -507,6 +589,7 @@ function command() {
   if (!settings.light) words.push('--no-light');
   if (settings.ssao) words.push('--ssao');
   if (settings.edl) words.push('--edl', '--edl-strength', String(settings.edlStrength), '--edl-radius', String(settings.edlRadius));
+  if (clip.on) words.push(`--clip-box=${vector(clip.box)}`);
   words.push('-o', `${baseName()}.png`);
   return words.map(quoted).join(' ');
 }
@@ -614,6 +697,7 @@ const actions = {
   help: () => $('help').open ? $('help').close() : $('help').showModal(),
   axis: (button) => ease(axisPose(button.dataset.axis)),
   unpick,
+  'clip-reset': () => setClip(clip.on, wholeBox()),
   hide: () => { if (picks.length) tree.toggle(picks.at(-1).node); },
   isolate: () => { if (picks.length) tree.isolate(picks.at(-1).node); },
   'show-all': () => tree.showAll(),
@@ -714,7 +798,7 @@ function toast(text, isBad = false) {
 /// For tests, and for scripts in a browser's console.
 const pixelReaders = [];
 window.scree = {
-  camera, settings, set, command, send: (message) => send(message), drop: () => worker.postMessage({type: 'drop'}),
+  camera, settings, set, setClip, clip: () => clip, command, send: (message) => send(message), drop: () => worker.postMessage({type: 'drop'}),
   go(pose) { stopAnimation(); camera.set(pose); showFov(); changed(); },
   latencies: stats.latencies,
   rows: stats.rows,

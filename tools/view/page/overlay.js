@@ -14,6 +14,15 @@ export class Overlay {
     this.pivot = null;
     this.picks = [];  // {point, box}: at most two; the box of the last is drawn
     this.isMeasured = false;
+    this.clip = null;  // the clipping box: its smaller corner and its larger, six numbers
+    this.grab = null;  // called with the number of a side of it, 0 to 5, and the event that takes it
+  }
+
+  /// Where side 0 to 5 of the clipping box is held: the middle of its face.
+  sideAt(side) {
+    const middle = [0, 1, 2].map((axis) => (this.clip[axis] + this.clip[axis + 3]) / 2);
+    middle[side % 3] = this.clip[side];
+    return middle;
   }
 
   draw(camera, width, height) {
@@ -25,14 +34,24 @@ export class Overlay {
       const {x, y, depth} = camera.project(point, aspect);
       return {x: x * width, y: y * height, depth};
     };
-    const last = this.picks[this.picks.length - 1];
-    if (last?.box) {
-      const corners = last.box.map(place);
+    const drawBox = (box, name) => {
+      const corners = box.map(place);
       let path = '';
       for (const [a, b] of kEdges)
         if (corners[a].depth > near && corners[b].depth > near)
           path += `M${clip(corners[a].x)} ${clip(corners[a].y)}L${clip(corners[b].x)} ${clip(corners[b].y)}`;
-      if (path) this.add('path', {class: 'box', d: path});
+      if (path) this.add('path', {class: name, d: path});
+    };
+    const last = this.picks[this.picks.length - 1];
+    if (last?.box) drawBox(last.box, 'box');
+    if (this.clip) {
+      drawBox([...Array(8).keys()].map((k) => [0, 1, 2].map((axis) => this.clip[axis + (k >> axis & 1 ? 3 : 0)])), 'clip');
+      for (let side = 0; side < 6; ++side) {
+        const at = place(this.sideAt(side));
+        if (at.depth <= near) continue;
+        const dot = this.add('circle', {class: `handle axis${side % 3}`, 'data-side': side, cx: at.x, cy: at.y, r: 6});
+        dot.addEventListener('pointerdown', (event) => this.grab?.(side, event));
+      }
     }
     const dots = this.picks.map((pick) => place(pick.point));
     if (this.isMeasured && dots.length === 2 && dots.every((dot) => dot.depth > near)) {

@@ -1,0 +1,110 @@
+// The clipping box on the GPU: its visibility buffer equals the CPU's bit for bit, for every encoding, camera and
+// stage, in frames with and without a box after one another, with queues that are large enough and queues that have to
+// grow.
+#include <vector>
+
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/kernels/cuda/device_copy.h"
+#include "tests/kernels/raster/clip_cases.h"
+#include "tests/kernels/raster/mask_cases.h"
+
+using namespace scree;
+using namespace scree::tests;
+using kernels::View;
+
+namespace {
+
+/// Spheres, fields and large triangles without any mask.
+void add_opaque_meshes(SceneBuilder& builder, bool clustered_alone) {
+  const auto [clustered, second, third] = encodings_of_scene(clustered_alone);
+  const uint32_t both_sides = builder.material(format::kMaterialDoubleSided);
+  const uint32_t meshes[] = {builder.mesh(sphere(14, 0.1), clustered), builder.mesh(grid(31, 0.3), second),
+                             builder.mesh(grid(1, 0), with(third, both_sides)),
+                             builder.mesh(grid(3, 0.2), with(clustered, both_sides)),
+                             builder.mesh(sphere(6, 0), with(third, both_sides))};
+  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
+                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),
+                               builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -0.7, 0, 0, 1, 0.3})};
+  for (const uint32_t mesh : meshes)
+    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+}
+
+}  // namespace
+
+TEST_CASE("clipping boxes cut alike on the GPU", "[cuda][clip]") {
+  const bool is_masked = GENERATE(false, true);
+  const bool is_clustered = GENERATE(false, true);
+  SceneBuilder builder;
+  if (is_masked) {
+    add_masked_meshes(builder, is_clustered);
+  } else {
+    add_opaque_meshes(builder, is_clustered);
+  }
+  const kernels::SceneView scene = builder.view();
+  std::vector<View> whole;
+  for (View view : masked_views()) {
+    if (kEmulatesGpu) view.width /= 2, view.height /= 2;
+    whole.push_back(view);
+  }
+  // The emulator is slow, so its walk is short.
+  for (int step = 0; step < (kEmulatesGpu ? 2 : 60); ++step) {
+    const double turn = 0.11 * step;
+    whole.push_back(look_at({2 * std::cos(turn), 0.3 + 0.01 * step, 2 * std::sin(turn)}, {0, 0, 0}, 160, 120, 0.2));
+  }
+  std::vector<View> views = clipped_views(whole);
+  // A camera that stands still while a face of the box moves, and the box is switched off and on.
+  for (int step = 0; step < (kEmulatesGpu ? 3 : 20); ++step) {
+    views.push_back(clipping(whole[0], {{-9, -9, -9}, {9, 0.6 - 0.05 * step, 9}}));
+    if (step % 2 == 1) views.push_back(whole[0]);
+  }
+  std::vector<std::vector<uint64_t>> expected;
+  for (const View& view : views) expected.push_back(draw(scene, view, 2));
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  kernels::CudaQueueSizes two_passes;
+  two_passes.two_pass_groups = two_passes.round_groups = 1;
+  kernels::CudaQueueSizes by_warps;
+  by_warps.few_groups = 0;
+  const kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1, 1};
+  CHECK((device.draw_in_turn(views) == expected));
+  CHECK((device.draw_in_turn(views, by_warps) == expected));
+  CHECK((device.draw_in_turn(views, two_passes) == expected));
+  CHECK((device.draw_in_turn(views, no_room) == expected));
+  kernels::DrawOptions by_kernel;
+  by_kernel.stage_times = true;
+  by_kernel.sampleless_test = false;
+  CHECK((device.draw_in_turn(views, {}, by_kernel) == expected));
+}
+
+TEST_CASE("what lies outside a clipping box is culled on the GPU", "[cuda][clip]") {
+  SceneBuilder builder;
+  Encoding clustered;
+  clustered.clusters = Clusters::kClustered;
+  const bool has_others = GENERATE(false, true);
+  const uint32_t mesh = builder.mesh(sphere(40, 0.05), clustered);
+  const uint32_t other = has_others ? builder.mesh(grid(30, 0.1), {}) : mesh;
+  for (int i = 0; i < 4; ++i) builder.instance(mesh, builder.matrix({1, 0, 0, 3.0 * i, 0, 1, 0, 0, 0, 0, 1, 0}));
+  for (int i = 0; i < 4; ++i) builder.instance(other, builder.matrix({1, 0, 0, 3.0 * i, 0, 1, 0, -3, 0, 0, 1, 0}));
+  const kernels::SceneView scene = builder.view();
+  if (!has_gpu()) return;
+  const DeviceCopy device(scene, builder.pages);
+  kernels::CudaQueueSizes two_passes;
+  two_passes.two_pass_groups = two_passes.round_groups = 1;
+  for (const bool is_orthographic : {false, true}) {
+    View whole = look_at({4.5, 8, 20}, {4.5, 0, 0}, 160, 100, 0.1);
+    if (is_orthographic) whole = orthographic(whole, 6, 0.1, 60);
+    for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), two_passes}) {
+      const auto stats = [&](const View& view) { return device.stats(view, sizes, {}); };
+      const kernels::FrameStats all = stats(whole);
+      CHECK(all.instances_drawn == 8);
+      const kernels::FrameStats one = stats(clipping(whole, {{1.9, -1.1, -1.1}, {4.1, 1.1, 1.1}}));
+      CHECK(one.instances_drawn == 1);
+      const kernels::FrameStats slab = stats(clipping(whole, {{-9, 0.2, -9}, {99, 0.25, 9}}));
+      CHECK(slab.instances_drawn == 4);
+      CHECK(slab.clusters_drawn > 0);
+      CHECK(slab.clusters_drawn < all.clusters_drawn / 2);
+      CHECK(stats(clipping(whole, {{-9, 50, -9}, {99, 51, 9}})).instances_drawn == 0);
+    }
+  }
+}
