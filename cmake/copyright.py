@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 """Writes the licences of a built scree: its own, and those of the libraries in it, out of the distribution's packages.
 
-copyright.py --debian FILE [--cuda] [--with LIBRARY]...       the copyright file of a .deb, in the machine-readable form (DEP-5)
-copyright.py --third-party FILE [--cuda] [--with LIBRARY]...  the same of the libraries alone, with the shared ones, for the tarball
+copyright.py --debian FILE --package NAME [--cuda] [--with LIBRARY]...
+    the copyright file of a Debian package, in the machine-readable form (DEP-5)
+copyright.py --third-party FILE [--cuda] [--with LIBRARY]...
+    the same of the libraries alone, with the shared ones, for the tarball
 
 A package's own /usr/share/doc/PACKAGE/copyright gives holders and licence texts. A package that is not installed, or whose
 copyright file cannot be read, is an error: a licence is never left out.
@@ -18,12 +20,16 @@ LIBRARIES = [("zstd", ["libzstd-dev"]), ("xxhash", ["libxxhash-dev"]), ("zlib", 
              ("libjpeg-turbo", ["libjpeg62-turbo-dev", "libjpeg-turbo8-dev"]), ("tinygltf", ["libtinygltf-dev"]),
              ("nlohmann-json", ["nlohmann-json3-dev"]), ("cli11", ["libcli11-dev"])]
 OPTIONAL = {"webp": ("libwebp", ["libwebp-dev"]), "draco": ("draco", ["libdraco-dev"])}
+PYBIND11 = ("pybind11", ["pybind11-dev"])
+PACKAGES = ["scree", "libscree0", "libscree-dev", "python3-scree"]
+# libscree links shared libraries, but has code that these have in their headers.
+HEADER_CODE = {"xxhash", "tinygltf", "nlohmann-json", "draco"}
 # Packages whose copyright file is of the old form, "Copyright:" and "License:" with a text each, and that licence's name.
 OLD_FORM = {"libwebp": "BSD-3-clause"}
 # Shared libraries that lie beside the program in the tarball.
 BESIDE = [("meshoptimizer", ["libmeshoptimizer-dev"]), ("openexr", ["libopenexr-dev"]), ("imath", ["libimath-dev"])]
 FORMAT = "https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/"
-CUDA = """The CUDA runtime (cudart), linked statically: object code of the CUDA Toolkit, which may be distributed as part
+CUDA = """The CUDA runtime (cudart), in this package: object code of the CUDA Toolkit, which may be distributed as part
 of a program under "Attachment A" of the CUDA Toolkit End User License Agreement,
 https://docs.nvidia.com/cuda/eula/. All rights in it remain with NVIDIA."""
 # Files of a library's sources of which nothing is in the program: packaging, tests, examples, programs, documentation.
@@ -75,7 +81,7 @@ def old_stanzas(library, package, path, text):
         fail(f"{path}: expected Copyright: and License: with a text each")
     name = f"{OLD_FORM[library]}~{library}"
     body = "\n".join(f" {line.strip()}" if line.strip() else " ." for line in found[2].strip("\n").splitlines())
-    return [f"Files: {library}/*\nCopyright:\n{folded(found[1])}\nLicense: {name}\nComment: In the program, from {package}.",
+    return [f"Files: {library}/*\nCopyright:\n{folded(found[1])}\nLicense: {name}\nComment: In this package, from {package}.",
             f"License: {name}\n{body}"]
 
 
@@ -109,7 +115,7 @@ def library_stanzas(library, names):
                    f"Copyright:\n{folded(fields['Copyright'])}\nLicense: {named}")
     if not out:
         fail(f"{path}: no paragraph is about the library's own files")
-    out[0] += f"\nComment: In the program, from {package}."
+    out[0] += f"\nComment: In this package, from {package}."
     for name in sorted(used):
         if name not in bodies:
             fail(f"{path}: no text of the licence {name}")
@@ -122,9 +128,10 @@ def library_stanzas(library, names):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--debian", metavar="FILE")
+    parser.add_argument("--package", metavar="NAME", choices=PACKAGES, default="scree")
     parser.add_argument("--third-party", metavar="FILE")
     parser.add_argument("--cuda", action="store_true")
-    parser.add_argument("--with", dest="optional", metavar="LIBRARY", action="append", choices=sorted(OPTIONAL), default=[])
+    parser.add_argument("--with", dest="optional", metavar="LIBRARY", action="append", choices=[*sorted(OPTIONAL), "pybind11"], default=[])
     asked = parser.parse_args()
     with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "LICENSE"), encoding="utf-8") as file:
         own = file.read()
@@ -134,19 +141,28 @@ def main():
     body = own[found.end():].strip()
     parts = [f"Format: {FORMAT}\nUpstream-Name: scree"]
     if asked.debian:
-        if asked.cuda:
+        if asked.cuda and asked.package != "python3-scree":
             parts[0] += "\nComment:\n" + "\n".join(f" {line}" for line in CUDA.splitlines())
         parts.append(f"Files: *\nCopyright: {found[1]}\nLicense: Expat")
         parts.append("License: Expat\n" + "\n".join(f" {line}" if line.strip() else " ." for line in body.splitlines()))
-    libraries = LIBRARIES + [OPTIONAL[name] for name in asked.optional] + (BESIDE if asked.third_party else [])
+    linked = LIBRARIES + [OPTIONAL[name] for name in asked.optional if name in OPTIONAL]
+    if asked.third_party:
+        libraries = linked + BESIDE + ([PYBIND11] if "pybind11" in asked.optional else [])
+    elif asked.package == "python3-scree":
+        libraries = [PYBIND11]
+    elif asked.package == "scree":
+        libraries = linked
+    else:
+        libraries = [library for library in linked if library[0] in HEADER_CODE]
     for library, names in libraries:
         parts += library_stanzas(library, names)
     if asked.debian:
         with open(asked.debian, "w", encoding="utf-8") as file:
             file.write("\n\n".join(parts) + "\n")
     if asked.third_party:
-        parts[0] = ("Third-party software in this program. scree itself is under the MIT licence (LICENSE). meshoptimizer, OpenEXR\n"
-                    "and Imath lie beside the program as shared libraries; the others are part of it.")
+        parts[0] = ("Third-party software in this folder. scree itself is under the MIT licence (LICENSE). meshoptimizer, OpenEXR\n"
+                    "and Imath lie beside the program as shared libraries. The others are part of the program, but for pybind11, which\n"
+                    "is part of the Python module. lib/ also has the shared libraries that libscree uses.")
         if asked.cuda:
             parts.insert(1, CUDA)
         with open(asked.third_party, "w", encoding="utf-8") as file:

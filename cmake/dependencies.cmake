@@ -10,6 +10,15 @@ if(NOT SCREE_FUZZ)
   find_package(Python3 REQUIRED COMPONENTS Interpreter)  # makes man pages and completion
 endif()
 
+# An installed target finds the shared libraries that travel with it in `folder`, and these find each other there: a RUNPATH,
+# the linker's default, would not hold for what OpenEXR needs.
+function(scree_find_bundled target folder)
+  if(SCREE_BUNDLE_LIBRARIES)
+    set_target_properties(${target} PROPERTIES INSTALL_RPATH "${folder}")
+    target_link_options(${target} PRIVATE LINKER:--disable-new-dtags)
+  endif()
+endfunction()
+
 function(scree_static_library target archive header)
   find_library(${target}_archive NAMES ${archive} REQUIRED)
   find_path(${target}_include NAMES ${header} REQUIRED)

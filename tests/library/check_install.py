@@ -27,8 +27,8 @@ def flags(environment, *words):
 with tempfile.TemporaryDirectory() as temporary:
     folder = pathlib.Path(temporary)
     prefix, consumer = folder / "prefix", folder / "consumer"
-    run("cmake", "--install", build, "--component", "library", "--prefix", prefix)
-    run("cmake", "--install", build, "--component", "bundled", "--prefix", prefix)
+    for component in ("library", "development", "bundled"):
+        run("cmake", "--install", build, "--component", component, "--prefix", prefix)
     lib = next(prefix.glob("**/scree.pc")).parent.parent
     environment = {**os.environ, "PKG_CONFIG_PATH": str(lib / "pkgconfig"), "LD_LIBRARY_PATH": str(lib)}
 
