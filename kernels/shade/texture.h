@@ -83,21 +83,27 @@ SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t numbe
 SCREE_HD inline bool paged_texels(const TexelPages& pages, const TextureView& texture, uint32_t level,
                                   const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
-  const format::BlockRows rows = format::block_rows(texture.block_format, width, max_of(texture.height >> level, 1u));
-  const uint32_t page_height = rows.rows_per_page * format::block_side(texture.block_format);
+  const uint32_t side = format::block_side(texture.block_format);
+  // As format::block_rows(), without its division of 64 bits.
+  const uint32_t row_bytes = (width + side - 1) / side * format::block_bytes(texture.block_format);
+  const uint32_t page_height = static_cast<uint32_t>(format::kBlockPageBytes) / row_bytes * side;
+  const uint8_t* blocks = nullptr;
+  uint32_t top = 0;  // of the page
   bool are_there = true;
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
   for (uint32_t i = 0; i < 4; ++i) {
     const uint32_t y = i < 2 ? row.first : row.second;
-    const uint32_t page = y / page_height;
-    const uint8_t* const blocks = want_page(pages, texture.level_offset[level] + page);
-    are_there = are_there && blocks != nullptr;
-    texels[i] = blocks == nullptr
-                    ? 0
-                    : format::block_image_pixel(texture.block_format, texture.swizzle, blocks, width,
-                                                i % 2 == 0 ? column.first : column.second, y - page * page_height);
+    if (i == 0 || y - top >= page_height) {
+      const uint32_t page = y / page_height;
+      top = page * page_height;
+      blocks = want_page(pages, texture.level_offset[level] + page);
+      are_there = are_there && blocks != nullptr;
+    }
+    texels[i] = blocks == nullptr ? 0
+                                  : format::block_image_pixel(texture.block_format, texture.swizzle, blocks, width,
+                                                              i % 2 == 0 ? column.first : column.second, y - top);
   }
   return are_there;
 }
