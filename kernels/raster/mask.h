@@ -155,7 +155,7 @@ struct MaskPlane {
   }
 };
 
-/// What the samples of a triangle are tested by: its mask and the view's clipping box.
+/// The tests of a triangle's samples: its mask and the view's clipping box.
 struct TestedTriangle {
   static constexpr bool kTests = true;
   static constexpr bool kBlends = true;  // or not: Target says so

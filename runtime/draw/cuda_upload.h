@@ -55,7 +55,7 @@ class CudaScene {
 
   /// As `scene`'s, every pointer one of the device.
   const kernels::SceneView& view() const { return view_; }
-  /// Of the textures' JPEG and paged levels; null where there are none.
+  /// The cache of the textures' JPEG and paged levels; null where there are none.
   kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
   /// The pages of block images that come when they are shown; null where there are none.
   const BlockPager* block_pager() const { return pager_.get(); }

@@ -14,8 +14,8 @@
 
 namespace scree::runtime {
 
-/// Of the device that was current when it was made. Pages go through pinned memory: some are read while others are
-/// copied.
+/// Belongs to the device that was current when it was made. Pages go through pinned memory: some are read while others
+/// are copied.
 class DeviceBlockPager final : public BlockPager {
  public:
   /// For the pages of scene.block_pager(), which is not null, on `threads` threads. They take up to
@@ -24,7 +24,7 @@ class DeviceBlockPager final : public BlockPager {
   static Result<std::unique_ptr<DeviceBlockPager>> create(const Scene& scene, uint32_t threads, uint64_t host_memory);
   ~DeviceBlockPager();
 
-  /// What create() takes.
+  /// The device memory that create() takes.
   static uint64_t device_bytes(const Scene& scene);
   /// The pinned memory that it takes if an upload may take `host_memory` (0: as much as it wants): an eighth, 32 MiB at
   /// most, two pages at least.

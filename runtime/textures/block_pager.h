@@ -53,7 +53,7 @@ class BlockPager : public kernels::TexelPager {
   Result<void> read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
                         const std::function<void(uint64_t i)>& was_read) const;
 
-  /// What a page of so many bytes takes of the room.
+  /// The bytes of the room that a page of so many bytes takes.
   virtual uint64_t rounded(uint64_t bytes) const { return bytes; }
   /// By number: TexelPages::wanted, in host memory.
   virtual Result<std::span<const uint64_t>> wanted() = 0;
