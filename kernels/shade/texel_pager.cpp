@@ -46,7 +46,7 @@ Result<void> shade_in_rounds(
       waiting.insert(waiting.end(), left.begin(), left.end());
     }
     if (waiting.empty()) return {};
-    count = std::min(count, waiting.size());
+    count = std::min({count, waiting.size(), size_t{tile_count}});  // halves of a tile are listed one by one
     tiles.assign(waiting.rbegin(), waiting.rbegin() + static_cast<ptrdiff_t>(count));
     waiting.resize(waiting.size() - count);
   }

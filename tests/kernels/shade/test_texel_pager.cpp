@@ -67,6 +67,7 @@ class TestPicture {
     return kernels::shade_in_rounds(
         pager, count, [&](std::span<const UnfinishedTile> tiles, UnfinishedTile* left) -> Result<uint32_t> {
           ++rounds;
+          REQUIRE(tiles.size() <= count);
           uint32_t unfinished = 0;
           for (const UnfinishedTile& tile : tiles.empty() ? std::span<const UnfinishedTile>(all) : tiles) {
             uint32_t missed = 0;
