@@ -78,10 +78,9 @@ __global__ void __launch_bounds__(kCullThreads)
     const format::MeshRecord& mesh = scene.meshes[mesh_number];
     const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
                                                mesh.position_encoding == format::PositionEncoding::kFloat32);
-    seen = may_be_seen(transform, view, mesh_box(mesh, transform));
-    if constexpr (kClips) seen = seen && may_be_in_clip_box(transform, view, mesh_box(mesh, transform));
+    seen = may_be_drawn<kClips>(transform, view, mesh_box(mesh, transform));
     if (seen) staged[threadIdx.x] = transform;
-    seen = seen && !is_omitted(view, number);  // last: before may_be_seen() it would take more registers
+    seen = seen && !is_omitted(view, number);  // last: before may_be_drawn() it would take more registers
   }
   __syncwarp();
   // The warp writes one transform after the other. If each thread wrote its own, the stores would touch 32 times the
@@ -119,8 +118,7 @@ __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameVie
   uint32_t seen = 0;
   for (uint32_t k = 0; k < count; ++k) {
     const Transform& transform = list.transforms[visible[k]];
-    const auto box = drawn_box(list, mesh, chunk, chunk_number, transform);
-    if (may_be_seen(transform, view, box) && (!kClips || may_be_in_clip_box(transform, view, box))) seen |= 1u << k;
+    if (may_be_drawn<kClips>(transform, view, drawn_box(list, mesh, chunk, chunk_number, transform))) seen |= 1u << k;
   }
   return seen;
 }

@@ -178,7 +178,7 @@ struct CudaFrames::Impl {
   Result<void> fit_pyramid(const FrameView& frame);
   Result<void> submit();
   Result<void> capture_graph();
-  /// Of the frame. A clipping box tests all samples, as masks do.
+  /// The builds that the frame takes. A clipping box tests all samples, as masks do.
   Alpha alpha() const {
     return scene.draws_blended                               ? Alpha::kBlended
            : scene.masks != nullptr || frame.clip_box.is_set ? Alpha::kMasked

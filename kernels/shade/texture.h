@@ -83,10 +83,8 @@ SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t numbe
 SCREE_HD inline bool paged_texels(const TexelPages& pages, const TextureView& texture, uint32_t level,
                                   const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
-  const uint32_t side = format::block_side(texture.block_format);
-  // As format::block_rows(), without its division of 64 bits.
-  const uint32_t row_bytes = (width + side - 1) / side * format::block_bytes(texture.block_format);
-  const uint32_t page_height = static_cast<uint32_t>(format::kBlockPageBytes) / row_bytes * side;
+  const format::BlockRows rows = format::block_rows(texture.block_format, width, max_of(texture.height >> level, 1u));
+  const uint32_t page_height = rows.rows_per_page * format::block_side(texture.block_format);
   const uint8_t* blocks = nullptr;
   uint32_t top = 0;  // of the page
   bool are_there = true;

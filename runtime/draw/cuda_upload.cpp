@@ -93,6 +93,11 @@ uint64_t texel_bytes(const kernels::TextureView& texture) {
               uint64_t{std::max(texture.width >> last, 1u)} * std::max(texture.height >> last, 1u));
 }
 
+/// Whether textures go to the device. `share`: as CudaScene::upload has it.
+bool is_shaded(const PageShare* share) {
+  return share == nullptr || share->is_shaded();
+}
+
 /// The scene's JPEG levels by number, on their way to the device.
 class JpegLevels {
  public:
@@ -147,9 +152,8 @@ struct ArenaLayout {
   /// `streamed`, `share`: as CudaScene::upload has them.
   ArenaLayout(const Scene& scene, const kernels::SceneView* streamed, const PageShare* share) {
     const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
-    const bool is_shaded = share == nullptr || share->is_shaded();
     pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
-    if (is_shaded) textures.assign(host.textures, host.textures + host.texture_count);
+    if (is_shaded(share)) textures.assign(host.textures, host.textures + host.texture_count);
     for (const kernels::MaskView* const of : {host.masks, host.blend_masks})
       if (of != nullptr) masks.insert(masks.end(), of, of + host.material_count);
     meshes = plan.add_array(host.meshes, host.mesh_count);
@@ -169,13 +173,13 @@ struct ArenaLayout {
       texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
     }
     for (const BlockTexture& image : scene.block_textures())
-      if (is_shaded && !image.empty())
+      if (is_shaded(share) && !image.empty())
         block_offset[reinterpret_cast<const uint8_t*>(image.blocks().data())] =
             plan.add(image.blocks().data(), image.blocks().size());
     for (const std::span<const std::byte> page : scene.mask_pages())
       mask_offset[reinterpret_cast<const uint8_t*>(page.data())] = plan.add(page.data(), page.size());
     mask_views = plan.add_array(masks.data(), masks.size());
-    if (is_shaded) levels.add_to(plan, scene);
+    if (is_shaded(share)) levels.add_to(plan, scene);
     if (streamed != nullptr) return;
     if (share != nullptr)
       own_pages = scene.drawn_pages().subset([&](uint64_t i) { return share->owners[i] == share->owner; });
@@ -228,11 +232,11 @@ StagingSizes staging_within(uint64_t host_memory) {
 }
 
 uint32_t slot_bytes_of(const Scene& scene, const PageShare* share) {
-  return share == nullptr || share->is_shaded() ? scene.jpeg_slot_bytes() : 0;
+  return is_shaded(share) ? scene.jpeg_slot_bytes() : 0;
 }
 
 bool has_texel_pages(const Scene& scene, const PageShare* share) {
-  return scene.block_pager() != nullptr && (share == nullptr || share->is_shaded());
+  return is_shaded(share) && scene.block_pager() != nullptr;
 }
 
 uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache, const PageShare* share) {

@@ -11,7 +11,7 @@ uint64_t DeviceBlockPager::room_bytes(const Scene& scene) {
   const HostBlockPager& host = *scene.block_pager();
   uint64_t all = 0;
   for (const uint32_t page : host.file_pages())
-    all += (scene.container().pages()[page].raw_bytes + kUnit - 1) / kUnit * kUnit;
+    all += format::align_up(scene.container().pages()[page].raw_bytes, kUnit);
   return std::min(all, scene.device_texture_memory() / kUnit * kUnit);
 }
 

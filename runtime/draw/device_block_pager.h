@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "format/bytes.h"
 #include "kernels/cuda/check.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/block_pool.h"
@@ -36,7 +37,7 @@ class DeviceBlockPager final : public BlockPager {
   static constexpr uint64_t kUnit = 4096;  // of the room
   static uint64_t room_bytes(const Scene& scene);
 
-  uint64_t rounded(uint64_t bytes) const override { return (bytes + kUnit - 1) / kUnit * kUnit; }
+  uint64_t rounded(uint64_t bytes) const override { return format::align_up(bytes, kUnit); }
   Result<std::span<const uint64_t>> wanted() override;
   bool take(uint64_t number) override;
   void give_back(uint64_t number) override { pool_.give_back(taken_[number]); }

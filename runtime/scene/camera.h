@@ -22,6 +22,7 @@ struct WorldBox {
   static constexpr double kFar = std::numeric_limits<double>::infinity();
   Vec3 min{kFar, kFar, kFar};
   Vec3 max{-kFar, -kFar, -kFar};
+  bool operator==(const WorldBox&) const = default;
   bool is_empty() const { return !(min[0] <= max[0]); }
   /// Extends the box to the point.
   void add(const Vec3& point) {

@@ -1,6 +1,7 @@
 #include "tools/render/render_options.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
@@ -324,30 +325,41 @@ Result<void> check_picture_path(std::string_view option, const std::string& path
   return usage(option, path, "a .png file, the one kind of picture that is written");
 }
 
-Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what) {
+namespace {
+
+/// Numbers with commas between them.
+template <size_t kCount>
+std::optional<std::array<double, kCount>> numbers(std::string_view text) {
   const std::vector<std::string_view> parts = split(text, ',');
-  if (parts.size() != 3) return usage(what, text, "three numbers X,Y,Z");
-  runtime::Vec3 out{};
-  for (size_t i = 0; i < 3; ++i) {
+  if (parts.size() != kCount) return std::nullopt;
+  std::array<double, kCount> out{};
+  for (size_t i = 0; i < kCount; ++i) {
     const std::optional<double> value = number(parts[i]);
-    if (!value) return usage(what, text, "three numbers X,Y,Z");
+    if (!value) return std::nullopt;
     out[i] = *value;
   }
   return out;
 }
 
+}  // namespace
+
+Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what) {
+  const std::optional<runtime::Vec3> out = numbers<3>(text);
+  if (!out) return usage(what, text, "three numbers X,Y,Z");
+  return *out;
+}
+
 Result<runtime::WorldBox> parse_clip_box(std::string_view text) {
-  const std::string expected = "six numbers X0,Y0,Z0,X1,Y1,Z1, the smaller corner of a box and then the larger";
-  const std::vector<std::string_view> parts = split(text, ',');
-  if (parts.size() != 6) return usage("--clip-box", text, expected);
+  const std::optional<std::array<double, 6>> corners = numbers<6>(text);
+  bool is_box = corners.has_value();
   runtime::WorldBox box;
-  for (size_t i = 0; i < 6; ++i) {
-    const std::optional<double> value = number(parts[i]);
-    if (!value) return usage("--clip-box", text, expected);
-    (i < 3 ? box.min[i] : box.max[i - 3]) = *value;
+  for (size_t i = 0; i < 3 && is_box; ++i) {
+    box.min[i] = (*corners)[i];
+    box.max[i] = (*corners)[i + 3];
+    is_box = box.min[i] <= box.max[i];
   }
-  for (size_t i = 0; i < 3; ++i)
-    if (box.min[i] > box.max[i]) return usage("--clip-box", text, expected);
+  if (!is_box)
+    return usage("--clip-box", text, "six numbers X0,Y0,Z0,X1,Y1,Z1, the smaller corner of a box and then the larger");
   return box;
 }
 

@@ -50,10 +50,10 @@ class Members {
   }
 
   /// Six numbers; nothing if the member is absent.
-  std::optional<ClipBox> box(const char* name) {
+  std::optional<runtime::WorldBox> box(const char* name) {
     const Json* const value = optional(name);
     if (value == nullptr) return std::nullopt;
-    ClipBox out;
+    runtime::WorldBox out;
     if (!value->is_array() || value->size() != 6) return fail(ErrorCode::kFormat, name, "is not six numbers"), out;
     for (size_t i = 0; i < 6; ++i)
       (i < 3 ? out.min[i] : out.max[i - 3]) = as_number(name, &(*value)[i], -kMaxCoordinate, kMaxCoordinate);

@@ -42,13 +42,6 @@ struct Hello {
   std::string token;
 };
 
-/// A clipping box in world space: its smaller corner and its larger.
-struct ClipBox {
-  runtime::Vec3 min{};
-  runtime::Vec3 max{};
-  bool operator==(const ClipBox&) const = default;
-};
-
 /// "view": everything that determines a picture, so the newest request replaces all older ones.
 struct PictureRequest {
   uint64_t sequence = 0;  // the page's number of the request, returned with the picture
@@ -56,7 +49,7 @@ struct PictureRequest {
   uint32_t width = 0;  // pixels, at rest
   uint32_t height = 0;
   kernels::ShadeOptions shade;  // with an opaque background
-  std::optional<ClipBox> clip_box;
+  std::optional<runtime::WorldBox> clip_box;
   uint32_t most_samples = 1;     // per side of a pixel, at rest: 1, 2 or 4
   bool is_moving = false;        // the next request will follow immediately
   bool is_full_quality = false;  // full size and the best JPEG quality even while moving, however slow

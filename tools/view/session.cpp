@@ -59,7 +59,7 @@ struct BufferKey {
   uint32_t height = 0;
   uint32_t samples = 0;
   Visibility visibility;
-  std::optional<ClipBox> clip_box;
+  std::optional<runtime::WorldBox> clip_box;
   bool operator==(const BufferKey&) const = default;
 };
 
@@ -169,7 +169,7 @@ struct ViewSession::Impl {
     camera.target = wanted.camera.target;
     camera.up = wanted.camera.up;
     camera.fov_degrees = wanted.camera.fov_degrees;
-    if (wanted.clip_box) camera.clip_box = runtime::WorldBox{wanted.clip_box->min, wanted.clip_box->max};
+    camera.clip_box = wanted.clip_box;
     camera.width = wanted.width;
     camera.height = wanted.height;
     const Result<kernels::View> made = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);

@@ -172,4 +172,33 @@ class DeviceCopy {
   std::vector<kernels::DeviceBuffer> buffers_;
 };
 
+/// Even a small scene, the second pass in rounds.
+inline kernels::CudaQueueSizes in_two_passes() {
+  kernels::CudaQueueSizes sizes;
+  sizes.two_pass_groups = sizes.round_groups = 1;
+  return sizes;
+}
+
+/// In one pass, with a warp per cluster as in larger scenes.
+inline kernels::CudaQueueSizes by_warps() {
+  kernels::CudaQueueSizes sizes;
+  sizes.few_groups = 0;
+  return sizes;
+}
+
+/// Queues that have to grow.
+inline constexpr kernels::CudaQueueSizes kNoRoom{1, 1, 1, 1, 1, 1, 1, 1};
+
+/// Checks that frames of `views` are `expected`, one after the other, with all queues and options that change no
+/// picture.
+inline void check_drawn_alike(const DeviceCopy& device, const std::vector<kernels::View>& views,
+                              const std::vector<std::vector<uint64_t>>& expected) {
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), by_warps(), in_two_passes(), kNoRoom})
+    CHECK((device.draw_in_turn(views, sizes) == expected));
+  kernels::DrawOptions by_kernel;
+  by_kernel.stage_times = true;
+  by_kernel.sampleless_test = false;
+  CHECK((device.draw_in_turn(views, {}, by_kernel) == expected));
+}
+
 }  // namespace scree::tests

@@ -112,18 +112,12 @@ TEST_CASE("layers of blended surfaces are drawn alike on the GPU", "[cuda][blend
     views.push_back(view);
   }
   // The emulator is slow.
-  for (int step = 0; step < (kEmulatesGpu ? 1 : 40); ++step) {
-    const double turn = 0.16 * step;
-    views.push_back(look_at({2 * std::cos(turn), 0.3 + 0.01 * step, 2 * std::sin(turn)}, {0, 0, 0}, 96, 64, 0.2));
-  }
+  for (const View& view : walk(kEmulatesGpu ? 1 : 40, 0.16, 96, 64)) views.push_back(view);
   std::vector<DrawnLayers> expected;
   for (const View& view : views) expected.push_back(draw_layers(scene, view));
   if (!has_gpu()) return;
   const DeviceCopy device(scene, builder.pages);
-  kernels::CudaQueueSizes two_passes;
-  two_passes.two_pass_groups = two_passes.round_groups = 1;
-  const kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1, 1};
-  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), two_passes, no_room}) {
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), in_two_passes(), kNoRoom}) {
     GpuLayers gpu(scene, device, sizes);
     for (size_t i = 0; i < views.size(); ++i) CHECK((gpu.draw(views[i]) == expected[i]));
   }
@@ -136,11 +130,8 @@ TEST_CASE("fragments that are drawn at once give the layers that are drawn one b
   const kernels::SceneView scene = builder.view();
   if (!has_gpu()) return;
   const DeviceCopy device(scene, builder.pages);
-  kernels::CudaQueueSizes two_passes;
-  two_passes.two_pass_groups = two_passes.round_groups = 1;
-  const kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1, 1};
   uint32_t deepest = 0;
-  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), two_passes, no_room}) {
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), in_two_passes(), kNoRoom}) {
     GpuLayers gpu(scene, device, sizes);
     for (View view : masked_views()) {
       if (kEmulatesGpu) view.width /= 2, view.height /= 2;

@@ -48,10 +48,7 @@ TEST_CASE("clipping boxes cut alike on the GPU", "[cuda][clip]") {
     whole.push_back(view);
   }
   // The emulator is slow, so its walk is short.
-  for (int step = 0; step < (kEmulatesGpu ? 2 : 60); ++step) {
-    const double turn = 0.11 * step;
-    whole.push_back(look_at({2 * std::cos(turn), 0.3 + 0.01 * step, 2 * std::sin(turn)}, {0, 0, 0}, 160, 120, 0.2));
-  }
+  for (const View& view : walk(kEmulatesGpu ? 2 : 60, 0.11, 160, 120)) whole.push_back(view);
   std::vector<View> views = clipped_views(whole);
   // A camera that stands still while a face of the box moves, and the box is switched off and on.
   for (int step = 0; step < (kEmulatesGpu ? 3 : 20); ++step) {
@@ -62,19 +59,7 @@ TEST_CASE("clipping boxes cut alike on the GPU", "[cuda][clip]") {
   for (const View& view : views) expected.push_back(draw(scene, view, 2));
   if (!has_gpu()) return;
   const DeviceCopy device(scene, builder.pages);
-  kernels::CudaQueueSizes two_passes;
-  two_passes.two_pass_groups = two_passes.round_groups = 1;
-  kernels::CudaQueueSizes by_warps;
-  by_warps.few_groups = 0;
-  const kernels::CudaQueueSizes no_room{1, 1, 1, 1, 1, 1, 1, 1};
-  CHECK((device.draw_in_turn(views) == expected));
-  CHECK((device.draw_in_turn(views, by_warps) == expected));
-  CHECK((device.draw_in_turn(views, two_passes) == expected));
-  CHECK((device.draw_in_turn(views, no_room) == expected));
-  kernels::DrawOptions by_kernel;
-  by_kernel.stage_times = true;
-  by_kernel.sampleless_test = false;
-  CHECK((device.draw_in_turn(views, {}, by_kernel) == expected));
+  check_drawn_alike(device, views, expected);
 }
 
 TEST_CASE("what lies outside a clipping box is culled on the GPU", "[cuda][clip]") {
@@ -89,12 +74,10 @@ TEST_CASE("what lies outside a clipping box is culled on the GPU", "[cuda][clip]
   const kernels::SceneView scene = builder.view();
   if (!has_gpu()) return;
   const DeviceCopy device(scene, builder.pages);
-  kernels::CudaQueueSizes two_passes;
-  two_passes.two_pass_groups = two_passes.round_groups = 1;
   for (const bool is_orthographic : {false, true}) {
     View whole = look_at({4.5, 8, 20}, {4.5, 0, 0}, 160, 100, 0.1);
     if (is_orthographic) whole = orthographic(whole, 6, 0.1, 60);
-    for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), two_passes}) {
+    for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), in_two_passes()}) {
       const auto stats = [&](const View& view) { return device.stats(view, sizes, {}); };
       const kernels::FrameStats all = stats(whole);
       CHECK(all.instances_drawn == 8);

@@ -129,9 +129,7 @@ TEST_CASE("omitted instances are left out alike on the GPU, and come back", "[cu
   const DeviceBits others_there(others);
   for (size_t i = 0; i < views.size(); ++i)
     if (omitted[i] != nullptr) views[i].omitted = omitted[i] == &some ? some_there.data() : others_there.data();
-  kernels::CudaQueueSizes two_passes;
-  two_passes.two_pass_groups = two_passes.round_groups = 1;
-  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), two_passes})
+  for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), in_two_passes()})
     CHECK((device.draw_in_turn(views, sizes) == expected));
 }
 
@@ -223,21 +221,6 @@ struct MixedScene {
   std::vector<View> views;
   std::vector<std::vector<uint64_t>> expected;
 };
-
-kernels::CudaQueueSizes in_two_passes() {
-  kernels::CudaQueueSizes sizes;
-  sizes.two_pass_groups = sizes.round_groups = 1;
-  return sizes;
-}
-
-/// In one pass, with a warp per cluster as in larger scenes.
-kernels::CudaQueueSizes by_warps() {
-  kernels::CudaQueueSizes sizes;
-  sizes.few_groups = 0;
-  return sizes;
-}
-
-constexpr kernels::CudaQueueSizes kNoRoom{1, 1, 1, 1, 1, 1, 1, 1};
 
 }  // namespace
 

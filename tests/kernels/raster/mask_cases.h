@@ -1,7 +1,9 @@
 // Scenes with alpha masks, for the tests of the CPU and the GPU.
 #pragma once
 
+#include <cmath>
 #include <random>
+#include <vector>
 
 #include "format/container/mip_levels.h"
 #include "kernels/raster/mask.h"
@@ -112,6 +114,17 @@ inline std::vector<kernels::View> masked_views() {
           above,
           orthographic(far, 1.6, 0.1, 20),
           orthographic(near, 0.3, 0.01, 9)};
+}
+
+/// A walk around the scene, because a frame reuses the visibility of the previous one. `turn`: per step, in radians.
+inline std::vector<kernels::View> walk(int steps, double turn, uint32_t width, uint32_t height) {
+  std::vector<kernels::View> views;
+  for (int step = 0; step < steps; ++step) {
+    const double angle = turn * step;
+    views.push_back(
+        look_at({2 * std::cos(angle), 0.3 + 0.01 * step, 2 * std::sin(angle)}, {0, 0, 0}, width, height, 0.2));
+  }
+  return views;
 }
 
 }  // namespace scree::tests

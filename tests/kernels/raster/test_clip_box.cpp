@@ -217,7 +217,7 @@ TEST_CASE("a clipping box leaves what lies in it, and nothing else", "[raster][c
       size_t wrong = 0;
       for (size_t i = 0; i < found.size(); ++i) {
         const bool is_inside = uncut[i] != kernels::kBackground && shows_inside(view, uncut, i);
-        // What was seen inside is seen still. Elsewhere something behind it is, and lies inside.
+        // A sample inside stays. Any other shows the background, or something behind it that lies inside.
         const bool is_right =
             is_inside ? found[i] == uncut[i]
                       : found[i] == kernels::kBackground || (found[i] > uncut[i] && shows_inside(view, found, i));

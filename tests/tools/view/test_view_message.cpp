@@ -43,7 +43,7 @@ TEST_CASE("a view message is read whole", "[view][view-message]") {
   CHECK_FALSE(must_be_view(replaced(view_text(1, 64, 64), "{", "{\"x\":64,\"y\":0,")).cursor);
   CHECK_FALSE(view.clip_box);
   const PictureRequest cut = must_be_view(replaced(view_text(1, 64, 64), "{", "{\"clip\":[-1,0,0.5,2,0,1e3],"));
-  CHECK(cut.clip_box == ClipBox{{-1, 0, 0.5}, {2, 0, 1e3}});
+  CHECK(cut.clip_box == scree::runtime::WorldBox{{-1, 0, 0.5}, {2, 0, 1e3}});
 }
 
 TEST_CASE("messages outside their limits are refused with the member's name", "[view][view-message]") {
