@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <cstring>
 
-#include "format/hd.h"
+#include "format/bits.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
@@ -56,23 +56,8 @@ SCREE_HD inline float abs_of(float value) {
   return bits_float(float_bits(value) & 0x7fffffffu);
 }
 
-/// The number of bits that are set.
-SCREE_HD inline uint32_t count_bits(uint32_t value) {
-#if defined(__CUDA_ARCH__)
-  return static_cast<uint32_t>(__popc(static_cast<int>(value)));
-#else
-  return static_cast<uint32_t>(__builtin_popcount(value));
-#endif
-}
-
-/// The index of the lowest bit that is set; `value` is not 0.
-SCREE_HD inline uint32_t lowest_bit(uint32_t value) {
-#if defined(__CUDA_ARCH__)
-  return static_cast<uint32_t>(__ffs(static_cast<int>(value)) - 1);
-#else
-  return static_cast<uint32_t>(__builtin_ctz(value));
-#endif
-}
+using format::count_bits;
+using format::lowest_bit;
 
 /// Nearest integer, halves to even, of |value| <= 2^51. Adding 1.5 * 2^52 leaves no fraction bits.
 SCREE_HD inline double round_even(double value) {

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 
+#include "format/bits.h"
 #include "format/blocks/block_bits.h"
 #include "format/hd.h"
 
@@ -44,21 +45,21 @@ SCREE_HD inline uint32_t bc7_subset(uint32_t subsets, uint32_t partition, uint32
   return subsets == 3 ? kThree[partition] >> 2 * pixel & 3 : 0;
 }
 
-/// The anchor pixels, whose index has one bit less, as a mask: the first pixel of each subset in the order of the
-/// table.
+/// The anchor pixels, whose index has one bit less: the first pixel of each subset in the order of the table. Subset
+/// 0's is pixel 0; the byte has those of subsets 1 and 2, in its low and its high half, and 0 where there is no such
+/// subset.
 SCREE_HD inline uint32_t bc7_anchors(uint32_t subsets, uint32_t partition) {
   static constexpr uint8_t kTwo[64] = {15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15,
                                        15, 2,  8,  2,  2,  8,  8,  15, 2,  8,  2,  2,  8,  8,  2,  2,
                                        15, 15, 6,  8,  2,  8,  15, 15, 2,  8,  2,  2,  2,  15, 15, 6,
                                        6,  2,  6,  8,  15, 15, 2,  2,  15, 15, 15, 15, 15, 2,  2,  15};
-  static constexpr uint8_t kThree[64] = {// subset 1 in the low half, subset 2 in the high half
-                                         0xf3, 0x83, 0x8f, 0x3f, 0xf8, 0xf3, 0x3f, 0x8f, 0xf8, 0xf8, 0xf6, 0xf6, 0xf6,
+  static constexpr uint8_t kThree[64] = {0xf3, 0x83, 0x8f, 0x3f, 0xf8, 0xf3, 0x3f, 0x8f, 0xf8, 0xf8, 0xf6, 0xf6, 0xf6,
                                          0xf5, 0xf3, 0x83, 0xf3, 0x83, 0xf8, 0x3f, 0xf3, 0x83, 0xf6, 0x8a, 0x35, 0xf8,
                                          0x68, 0xa6, 0xf8, 0xf5, 0xaf, 0x8f, 0xf8, 0x3f, 0xf3, 0xa5, 0xa6, 0x8a, 0x98,
                                          0xaf, 0x6f, 0xf3, 0x8f, 0xf5, 0x3f, 0x6f, 0x6f, 0x8f, 0xf3, 0x3f, 0xf5, 0xf5,
                                          0xf5, 0xf8, 0xf5, 0xfa, 0xf5, 0xfa, 0xf8, 0xfd, 0x3f, 0xfc, 0xf3, 0x83};
-  if (subsets == 2) return 1u | 1u << kTwo[partition];
-  return subsets == 3 ? 1u | 1u << (kThree[partition] & 15) | 1u << (kThree[partition] >> 4) : 1u;
+  if (subsets == 2) return kTwo[partition];
+  return subsets == 3 ? kThree[partition] : 0;
 }
 
 /// The weight of the second end for an index of 2, 3 or 4 bits, in 64ths: 64 * index / largest, rounded.
@@ -77,8 +78,7 @@ SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
                                         {1, 0, 2, 1, 5, 6, 0, 0, 2, 3}, {1, 0, 2, 0, 7, 8, 0, 0, 2, 2},
                                         {1, 0, 0, 0, 7, 7, 1, 0, 4, 0}, {2, 6, 0, 0, 5, 5, 1, 0, 2, 0}};
   if ((block.low & 255) == 0) return 0;
-  uint32_t number = 0;
-  while ((block.low >> number & 1) == 0) ++number;
+  const uint32_t number = lowest_bit(static_cast<uint32_t>(block.low));
   const Bc7Mode mode = kModes[number];
   uint32_t at = number + 1;
   const auto take = [&](uint32_t bits) {
@@ -95,16 +95,18 @@ SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
   const uint32_t low_bits_at = alpha_at + ends * mode.alpha_bits;
   const uint32_t index_at = low_bits_at + ends * mode.endpoint_bits + mode.subsets * mode.shared_bits;
   const uint32_t anchors = bc7_anchors(mode.subsets, partition);
-  const auto index = [&](uint32_t first, uint32_t bits, uint32_t shorter) {
-    uint32_t missing = 0;  // index bits that earlier anchors do not have
-    for (uint32_t before = shorter & ((1u << pixel) - 1); before != 0; before &= before - 1) ++missing;
-    return block.bits(first + pixel * bits - missing, bits - (shorter >> pixel & 1));
+  const auto index = [&](uint32_t first, uint32_t bits, uint32_t others) {
+    const uint32_t second = others & 15, third = others >> 4;  // 0: none
+    // Index bits that earlier anchors do not have, and whether the pixel is an anchor.
+    const uint32_t missing = (pixel > 0) + (second != 0 && pixel > second) + (third != 0 && pixel > third);
+    const bool is_anchor = pixel == 0 || pixel == second || pixel == third;
+    return block.bits(first + pixel * bits - missing, bits - is_anchor);
   };
   uint32_t color_weight = bc7_weight(index(index_at, mode.index_bits, anchors), mode.index_bits);
   uint32_t alpha_weight = color_weight;
   if (mode.second_index_bits != 0) {  // these modes have one subset
     alpha_weight =
-        bc7_weight(index(index_at + 16u * mode.index_bits - 1, mode.second_index_bits, 1), mode.second_index_bits);
+        bc7_weight(index(index_at + 16u * mode.index_bits - 1, mode.second_index_bits, 0), mode.second_index_bits);
     if (is_swapped) {
       const uint32_t other = color_weight;
       color_weight = alpha_weight;
@@ -113,16 +115,20 @@ SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
   }
 
   const uint32_t subset = bc7_subset(mode.subsets, partition, pixel);
-  const auto end_value = [&](uint32_t first, uint32_t bits, uint32_t end) {
-    uint32_t value = block.bits(first + (2 * subset + end) * bits, bits);
-    if (mode.endpoint_bits != 0) value = value << 1 | block.bits(low_bits_at + 2 * subset + end, 1);
-    if (mode.shared_bits != 0) value = value << 1 | block.bits(low_bits_at + subset, 1);
-    const uint32_t all = bits + mode.endpoint_bits + mode.shared_bits;
-    value <<= 8 - all;
-    return value | value >> all;
+  const uint32_t low_bits = block.bits(low_bits_at, 6);
+  const uint32_t low_count = mode.endpoint_bits + mode.shared_bits;  // 0 or 1
+  // `value`: the bits of an end of the pixel's subset.
+  const auto in_eight_bits = [&](uint32_t value, uint32_t bits, uint32_t end) {
+    const uint32_t low = low_bits >> (mode.endpoint_bits != 0 ? 2 * subset + end : subset) & low_count;
+    const uint32_t all = bits + low_count;
+    const uint32_t high = (value << low_count | low) << (8 - all);
+    return high | high >> all;
   };
   const auto between = [&](uint32_t first, uint32_t bits, uint32_t weight) {
-    return ((64 - weight) * end_value(first, bits, 0) + weight * end_value(first, bits, 1) + 32) >> 6;
+    const uint32_t pair = block.bits(first + 2 * subset * bits, 2 * bits);
+    return ((64 - weight) * in_eight_bits(pair & ((1u << bits) - 1), bits, 0) +
+            weight * in_eight_bits(pair >> bits, bits, 1) + 32) >>
+           6;
   };
   uint32_t rgba = mode.alpha_bits == 0 ? 0xff000000u : between(alpha_at, mode.alpha_bits, alpha_weight) << 24;
   for (uint32_t channel = 0; channel < 3; ++channel)

@@ -19,9 +19,14 @@ SCREE_HD constexpr bool is_block_format(BlockFormat format) {
   return number >= 1 && number <= 10 && number != 6;
 }
 
+/// Base-2 logarithm of block_side().
+SCREE_HD constexpr uint32_t block_side_log(BlockFormat format) {
+  return format < BlockFormat::kR8 ? 2 : 0;
+}
+
 /// Side of a block in pixels: 4 for the compressed formats, 1 where a block is a single pixel.
 SCREE_HD constexpr uint32_t block_side(BlockFormat format) {
-  return format < BlockFormat::kR8 ? 4 : 1;
+  return 1u << block_side_log(format);
 }
 
 /// Bytes of a block; of a pixel for the uncompressed formats.
@@ -80,7 +85,8 @@ struct BlockRows {
 SCREE_HD constexpr BlockRows block_rows(BlockFormat format, uint32_t width, uint32_t height) {
   const uint32_t side = block_side(format);
   const uint64_t row_bytes = uint64_t{(width + side - 1) / side} * block_bytes(format);
-  return {row_bytes, (height + side - 1) / side, static_cast<uint32_t>(kBlockPageBytes / row_bytes)};
+  return {row_bytes, (height + side - 1) / side,
+          static_cast<uint32_t>(kBlockPageBytes) / static_cast<uint32_t>(row_bytes)};
 }
 
 /// Levels of a picture of this size from level 1 down to 1 x 1. A block image has at most this many.

@@ -24,14 +24,11 @@ SCREE_HD inline uint32_t bc1_pixel(uint64_t block, uint32_t pixel, bool may_be_t
   const uint32_t code = static_cast<uint32_t>(block >> (32 + 2 * pixel)) & 3;
   const bool has_thirds = first > second || !may_be_transparent;
   if (code == 3 && !has_thirds) return 0;
-  // The colour is (a * first + b * second) / (a + b).
-  uint32_t a = code == 0 ? 1 : 0, b = code == 1 ? 1 : 0;
-  if (code >= 2) {
-    a = !has_thirds || code == 3 ? 1 : 2;
-    b = !has_thirds || code == 2 ? 1 : 2;
-  }
+  // The colour is (weight * first + (6 - weight) * second) / 6.
+  const uint32_t weight = code < 2 ? 6 - 6 * code : !has_thirds ? 3 : code == 2 ? 4 : 2;
   const auto channel = [&](uint32_t shift, uint32_t largest) {
-    return rounded_ratio(255 * (a * (first >> shift & largest) + b * (second >> shift & largest)), (a + b) * largest);
+    const uint32_t sum = weight * (first >> shift & largest) + (6 - weight) * (second >> shift & largest);
+    return rounded_ratio(255 * sum, 6 * largest);
   };
   return channel(11, 31) | channel(5, 63) << 8 | channel(0, 31) << 16 | 0xff000000u;
 }
@@ -94,9 +91,10 @@ SCREE_HD inline uint32_t swizzled(uint32_t rgba, uint16_t swizzle) {
 /// Pixel (x, y) of a level that is `width` pixels wide. `blocks`: the level's blocks, at a multiple of 16.
 SCREE_HD inline uint32_t block_image_pixel(BlockFormat format, uint16_t swizzle, const uint8_t* blocks, uint32_t width,
                                            uint32_t x, uint32_t y) {
-  const uint32_t side = block_side(format);
-  const uint64_t number = uint64_t{y / side} * ((width + side - 1) / side) + x / side;
-  return swizzled(block_pixel(format, blocks + number * block_bytes(format), y % side * 4 + x % side), swizzle);
+  const uint32_t shift = block_side_log(format);
+  const uint32_t inside = (1u << shift) - 1;
+  const uint64_t number = uint64_t{y >> shift} * ((width + inside) >> shift) + (x >> shift);
+  return swizzled(block_pixel(format, blocks + number * block_bytes(format), (y & inside) * 4 + (x & inside)), swizzle);
 }
 
 }  // namespace SCREE_ISA

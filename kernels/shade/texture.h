@@ -49,61 +49,53 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
   return pair;
 }
 
-/// The four texels of two columns and two rows, row by row, as coded: red in the low byte, alpha in the high one. For
-/// levels that are not JPEGs.
-SCREE_HD inline void decoded_texels(const TextureView& texture, uint32_t level, const TexelPair& column,
-                                    const TexelPair& row, uint32_t texels[4]) {
-  const uint32_t width = max_of(texture.width >> level, 1u);
-  if (level < texture.block_level_count) {
-    const uint8_t* blocks = texture.blocks + texture.level_offset[level];
-#if defined(__CUDA_ARCH__)
-#pragma unroll 1
-#endif
-    for (uint32_t i = 0; i < 4; ++i)
-      texels[i] = format::block_image_pixel(texture.block_format, texture.swizzle, blocks, width,
-                                            i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
-    return;
-  }
-  const uint8_t* first = texture.texels + 4 * texture.level_offset[level];
-  for (uint32_t i = 0; i < 4; ++i) {
-    const uint64_t x = i % 2 == 0 ? column.first : column.second;
-    const uint64_t y = i < 2 ? row.first : row.second;
-    const uint8_t* texel = first + 4 * (y * width + x);
-    texels[i] = texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16 | uint32_t{texel[3]} << 24;
-  }
-}
-
 /// A page's raw bytes, null where it is not there. Either way the current round wants it.
 SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t number) {
   if (load_cached(pages.wanted + number) != pages.round) store_relaxed(pages.wanted + number, pages.round);
   return pages.blocks[number];
 }
 
-/// As decoded_texels(), for paged levels. Returns whether all four are there.
-SCREE_HD inline bool paged_texels(const TexelPages& pages, const TextureView& texture, uint32_t level,
-                                  const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
+/// The four texels of two columns and two rows, row by row, as coded: red in the low byte, alpha in the high one. For
+/// levels that are not JPEGs. Returns whether they are there; texels of whole levels always are. `kMayBePaged`: whether
+/// the level may lie in pages.
+template <bool kMayBePaged>
+SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& texture, uint32_t level,
+                                   const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
-  const format::BlockRows rows = format::block_rows(texture.block_format, width, max_of(texture.height >> level, 1u));
-  const uint32_t page_height = rows.rows_per_page * format::block_side(texture.block_format);
-  const uint8_t* blocks = nullptr;
-  uint32_t top = 0;  // of the page
-  bool are_there = true;
+  if (level >= texture.block_level_count) {
+    const uint8_t* first = texture.texels + 4 * texture.level_offset[level];
+    for (uint32_t i = 0; i < 4; ++i) {
+      const uint64_t x = i % 2 == 0 ? column.first : column.second;
+      const uint64_t y = i < 2 ? row.first : row.second;
+      const uint8_t* texel = first + 4 * (y * width + x);
+      texels[i] = texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16 | uint32_t{texel[3]} << 24;
+    }
+    return true;
+  }
+  // Where each row's blocks are, and the row's number below their top.
+  const uint8_t* blocks[2] = {texture.blocks + texture.level_offset[level],
+                              texture.blocks + texture.level_offset[level]};
+  uint32_t y[2] = {row.first, row.second};
+  if (kMayBePaged && level < texture.paged_level_count) {
+    const format::BlockRows rows = format::block_rows(texture.block_format, width, max_of(texture.height >> level, 1u));
+    const uint32_t page_height = rows.rows_per_page * format::block_side(texture.block_format);
+    const uint32_t page[2] = {y[0] / page_height, y[1] / page_height};
+    for (uint32_t i = 0; i < 2; ++i) {
+      y[i] -= page[i] * page_height;
+      blocks[i] = i == 1 && page[1] == page[0] ? blocks[0] : want_page(pages, texture.level_offset[level] + page[i]);
+    }
+    if (blocks[0] == nullptr || blocks[1] == nullptr) {
+      for (uint32_t i = 0; i < 4; ++i) texels[i] = 0;
+      return false;
+    }
+  }
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
-  for (uint32_t i = 0; i < 4; ++i) {
-    const uint32_t y = i < 2 ? row.first : row.second;
-    if (i == 0 || y - top >= page_height) {
-      const uint32_t page = y / page_height;
-      top = page * page_height;
-      blocks = want_page(pages, texture.level_offset[level] + page);
-      are_there = are_there && blocks != nullptr;
-    }
-    texels[i] = blocks == nullptr ? 0
-                                  : format::block_image_pixel(texture.block_format, texture.swizzle, blocks, width,
-                                                              i % 2 == 0 ? column.first : column.second, y - top);
-  }
-  return are_there;
+  for (uint32_t i = 0; i < 4; ++i)
+    texels[i] = format::block_image_pixel(texture.block_format, texture.swizzle, i < 2 ? blocks[0] : blocks[1], width,
+                                          i % 2 == 0 ? column.first : column.second, i < 2 ? y[0] : y[1]);
+  return true;
 }
 
 /// The source of a sample's texels: the decoded levels, and on a CPU the scene's block cache and pages. Only texels of
@@ -124,10 +116,6 @@ struct SceneTexels {
   SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
                       const TexelPair& row, uint32_t texels[4]) const {
 #if !defined(__CUDA_ARCH__)
-    if (level < texture.paged_level_count) {
-      if (!paged_texels(pages, texture, level, column, row, texels)) lane.missed = true;
-      return;
-    }
     if (level < texture.jpeg_level_count) {
       const uint32_t x[2] = {column.first, column.second};
       const uint32_t y[2] = {row.first, row.second};
@@ -135,7 +123,7 @@ struct SceneTexels {
       return;
     }
 #endif
-    decoded_texels(texture, level, column, row, texels);
+    if (!stored_texels<kMayMiss>(pages, texture, level, column, row, texels)) lane.missed = true;
   }
 };
 
@@ -181,13 +169,16 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
   const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
   const uint32_t fine = static_cast<uint32_t>(level);
-  sample_level<kCount>(source, lane, texture, table, fine, wrapped_u, wrapped_v, texture.nearest && footprint <= 1.0f,
-                       out);
   const float between = level - static_cast<float>(fine);
-  if (between > 0) {
-    float coarse[kCount];
-    sample_level<kCount>(source, lane, texture, table, fine + 1, wrapped_u, wrapped_v, false, coarse);
-    for (uint32_t c = 0; c < kCount; ++c) out[c] = out[c] + (coarse[c] - out[c]) * between;
+  // A loop, so that a kernel contains one sampler: with two it was larger than the GPU's cache of instructions.
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+  for (uint32_t i = 0; i == 0 || (i == 1 && between > 0); ++i) {
+    float some[kCount];
+    sample_level<kCount>(source, lane, texture, table, fine + i, wrapped_u, wrapped_v,
+                         i == 0 && texture.nearest && footprint <= 1.0f, some);
+    for (uint32_t c = 0; c < kCount; ++c) out[c] = i == 0 ? some[c] : out[c] + (some[c] - out[c]) * between;
   }
 }
 

@@ -156,11 +156,10 @@ struct CachedTexels {
 
   SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
                       const TexelPair& row, uint32_t texels[4]) const {
-    if (level < texture.paged_level_count) {
-      if (!paged_texels(pages, texture, level, column, row, texels)) lane.missed = true;
+    if (level >= texture.jpeg_level_count) {
+      if (!stored_texels<true>(pages, texture, level, column, row, texels)) lane.missed = true;
       return;
     }
-    if (level >= texture.jpeg_level_count) return decoded_texels(texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
     const uint8_t* samples = nullptr;
     uint32_t group = 0;
@@ -196,11 +195,10 @@ struct FallbackTexels {
   /// A call, so that the decoder is compiled once and not in every kernel.
   [[gnu::noinline]] SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
                                         const TexelPair& row, uint32_t texels[4]) const {
-    if (level < texture.paged_level_count) {
-      if (!paged_texels(pages, texture, level, column, row, texels)) lane.missed = true;
+    if (level >= texture.jpeg_level_count) {
+      if (!stored_texels<true>(pages, texture, level, column, row, texels)) lane.missed = true;
       return;
     }
-    if (level >= texture.jpeg_level_count) return decoded_texels(texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
     format::JpegPlace places[4];
     for (uint32_t i = 0; i < 4; ++i)

@@ -99,15 +99,20 @@ TEST_CASE("Draco geometry equals the twin that was encoded", "[draco]") {
             continue;
           }
           constexpr float kHalfStep = 0.51f / 2047;  // of 11 bits
-          // Quantised corners may change a triangle's place: each is near one, and as many as there were.
+          // Quantised corners may change a triangle's place: each is near one, and as many as there were. The smallest
+          // x of a triangle is its first corner's, so only expected ones with nearly the same x there can be near.
           float off = 0;
           for (const Triangle& one : found) {
             float least = 9;
-            for (const Triangle& other : expected) {
+            const float x = one[0][0];
+            auto other = std::lower_bound(expected.begin(), expected.end(), x - kHalfStep,
+                                          [](const Triangle& is, float than) { return is[0][0] < than; });
+            for (; other != expected.end() && (*other)[0][0] <= x + kHalfStep; ++other) {
               for (size_t turn = 0; turn < 3; ++turn) {
                 float most = 0;
                 for (size_t c = 0; c < 3; ++c)
-                  for (size_t k = 0; k < 3; ++k) most = std::max(most, std::abs(one[c][k] - other[(c + turn) % 3][k]));
+                  for (size_t k = 0; k < 3; ++k)
+                    most = std::max(most, std::abs(one[c][k] - (*other)[(c + turn) % 3][k]));
                 least = std::min(least, most);
               }
               if (least < kHalfStep) break;
