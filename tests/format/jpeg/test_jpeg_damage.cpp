@@ -9,6 +9,7 @@
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/sanitized.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -168,7 +169,7 @@ TEST_CASE("a flipped bit of an indexed JPEG is refused or harmless", "[jpeg_inde
   const auto blocks_at = static_cast<size_t>(original->blocks.data() - bytes->data());
   uint32_t accepted_header = 0;
   GuardedBytes guarded(*bytes);
-  for (size_t bit = 0; bit < 8 * bytes->size(); ++bit) {
+  for (size_t bit = 0; bit < 8 * bytes->size(); bit += tests::kIsSanitized ? 3 : 1) {
     const size_t at = bit / 8;
     const std::byte mask = std::byte{1} << (bit % 8);
     guarded.bytes()[at] ^= mask;

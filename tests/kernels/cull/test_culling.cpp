@@ -64,7 +64,7 @@ TEST_CASE("culling: random cameras see what all triangles give, with all of it o
     std::uniform_real_distribution<double> place(-1, 1);
     uint64_t drawn = 0;
     uint64_t within = 0;  // in the picture, hidden or not
-    for (int i = 0; i < (kIsSanitized ? 60 : 200); ++i) {
+    for (int i = 0; i < (kIsSanitized ? 25 : 200); ++i) {
       // Around the scene and inside it, with near planes that cut through spheres, in tall and wide pictures.
       const double far = i % 4 == 0 ? 0.6 : 5;
       View view =

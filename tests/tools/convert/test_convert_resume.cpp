@@ -152,7 +152,7 @@ TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][
   const std::string encoding = GENERATE("indexed", "clustered");
   Conversion conversion(encoding);
   int resumed = 0;
-  constexpr int kKills = tests::kIsSanitized ? 6 : 13;
+  constexpr int kKills = tests::kIsSanitized ? 4 : 13;
   // Continued with another number of threads than the killed run. The reference uses two.
   uint32_t threads = 0;
   const uint64_t size = conversion.reference().size();
