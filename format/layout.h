@@ -352,9 +352,10 @@ struct MipLevelRecord {
 };
 static_assert(sizeof(MipLevelRecord) == 24);
 
-enum MaskFlags : uint32_t { kMaskNearest = 1 };
+enum MaskFlags : uint32_t { kMaskNearest = 1, kMaskOfColors = 2 };
 
-/// How the triangles of a masked material with texture coordinates are drawn (spec/rasterization.md, alpha masks).
+/// How the triangles of a masked material are drawn that have texture coordinates, or with kMaskOfColors vertex colours
+/// (spec/rasterization.md, alpha masks).
 /// Level l of the alpha is max(1, width >> l) by max(1, height >> l) bytes. The levels fill the page one after the
 /// other.
 struct MaskRecord {

@@ -31,7 +31,8 @@ struct MaskView {
   double place[2][3];  // of texture coordinates (u, v, 1)
   format::Wrap wrap_s;
   format::Wrap wrap_t;
-  bool nearest;  // sampling where a sample covers less than a texel
+  bool nearest;    // sampling where a sample covers less than a texel
+  uint32_t needs;  // an attribute of meshes: kHasUv, or kHasColor if the alpha of vertex colours alone is the mask
 };
 
 class BlockCache;

@@ -416,7 +416,8 @@ Result<void> Checker::masks() const {
       return fail(kRange, "mask ", i, ": wrap ", static_cast<uint32_t>(mask.wrap_s), " and ",
                   static_cast<uint32_t>(mask.wrap_t));
     }
-    if ((mask.flags & ~uint32_t{kMaskNearest}) != 0) return fail(kReserved, "mask ", i, ": flags ", mask.flags);
+    if ((mask.flags & ~uint32_t{kMaskNearest | kMaskOfColors}) != 0)
+      return fail(kReserved, "mask ", i, ": flags ", mask.flags);
     if (!all_finite(&mask.place[0][0], 6)) return fail(kRange, "mask ", i, ": a transform that is not finite");
   }
   return {};

@@ -184,10 +184,9 @@ SCREE_HD inline void draw_tested(Team team, const Target& target, uint64_t* samp
 
 /// The mask of a mesh's triangles; null where there is none.
 SCREE_HD inline const MaskView* mask_of(const SceneView& scene, const format::MeshRecord& mesh) {
-  if (scene.masks == nullptr || mesh.material == format::kNone || (mesh.attributes & format::kHasUv) == 0)
-    return nullptr;
+  if (scene.masks == nullptr || mesh.material == format::kNone) return nullptr;
   const MaskView* const mask = scene.masks + mesh.material;
-  return mask->alpha != nullptr ? mask : nullptr;
+  return mask->alpha != nullptr && (mesh.attributes & mask->needs) != 0 ? mask : nullptr;
 }
 
 /// Triangle::is_masked of a mesh's triangles: 1 where samples are tested before they are drawn. Those of layers all

@@ -212,16 +212,16 @@ Result<std::span<const std::byte>> Scene::page(uint32_t page, std::vector<std::b
 /// Loads the masks of all drawn meshes' materials, and the alpha of blended ones. Masks decide which samples are
 /// covered, so no option leaves them out.
 Result<void> Scene::load_masks() {
-  std::vector<bool> material_drawn(view_.material_count, false);
+  std::vector<uint32_t> drawn_attributes(view_.material_count, 0);  // of the meshes of each material
   for (uint64_t m = 0; m < view_.mesh_count; ++m)
-    if (mesh_drawn_[m] && view_.meshes[m].material != format::kNone &&
-        (view_.meshes[m].attributes & format::kHasUv) != 0)
-      material_drawn[view_.meshes[m].material] = true;
+    if (mesh_drawn_[m] && view_.meshes[m].material != format::kNone)
+      drawn_attributes[view_.meshes[m].material] |= view_.meshes[m].attributes;
   const auto records = container().masks();
   std::map<uint32_t, std::span<const std::byte>> pages;
   for (uint64_t i = 0; i < records.size(); ++i) {
     const format::MaskRecord& record = records[i];
-    if (!material_drawn[record.material]) continue;
+    const uint32_t needs = (record.flags & format::kMaskOfColors) != 0 ? format::kHasColor : format::kHasUv;
+    if ((drawn_attributes[record.material] & needs) == 0) continue;
     auto [entry, is_new] = pages.try_emplace(record.page);
     if (is_new) {
       std::vector<std::byte> unpacked;
@@ -246,6 +246,7 @@ Result<void> Scene::load_masks() {
     mask.wrap_s = record.wrap_s;
     mask.wrap_t = record.wrap_t;
     mask.nearest = (record.flags & format::kMaskNearest) != 0;
+    mask.needs = needs;
     ++stats_.masks;
     if (!blends || material.base_color[3] < 1.0f) continue;
     // Where its alpha is 1, it is in the opaque picture.

@@ -27,6 +27,7 @@ struct GridSpec {
   bool uv = false;
   bool color = false;
   bool white = false;
+  bool fading = false;  // with `color`: the alpha goes from 0 to 1 along x
   bool normal = false;
   bool indexed = true;
 };
@@ -81,7 +82,7 @@ class ModelMaker {
                     {spec.origin[0] + u * spec.size, spec.origin[1] + height, spec.origin[2] + v * spec.size});
       uvs.insert(uvs.end(), {3 * u, 1 - v});
       const float c = spec.white ? 1.0f : u;
-      colors.insert(colors.end(), {c, spec.white ? 1.0f : v, 1.0f, 1.0f});
+      colors.insert(colors.end(), {c, spec.white ? 1.0f : v, 1.0f, spec.fading ? u : 1.0f});
       const float length = std::sqrt(1 + u * u);
       normals.insert(normals.end(), {u / length, 1 / length, 0.0f});
     };

@@ -111,7 +111,9 @@ Result<void> read_colors(const convert::Accessor& accessor, size_t first, size_t
 ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::PlannedMask& planned, uint32_t material,
                              std::span<const std::byte> levels) {
   const format::MaterialRecord& record = scene.materials[material].record;
-  const format::TextureRecord& texture = scene.textures[record.texture].record;
+  // Of a mask of colours, which is one texel, any texture will do.
+  const format::TextureRecord texture =
+      planned.of_colors ? format::TextureRecord{} : scene.textures[record.texture].record;
   constexpr uint16_t kGlNearest = 9728;
   ReferenceMask mask;
   double place[2][3];
@@ -138,8 +140,9 @@ Result<void> add_mask(const convert::SourceScene& scene, const convert::MaskPlan
   const convert::Primitive& primitive = scene.primitives[mesh.primitive];
   if (plan.kind(primitive) != convert::MaskKind::kMixed) return {};
   mesh.uvs.resize(2 * primitive.vertex_count());
-  if (Result<void> read = convert::read_floats(*primitive.uv, 0, primitive.vertex_count(), mesh.uvs); !read)
-    return read;
+  if (primitive.uv)
+    if (Result<void> read = convert::read_floats(*primitive.uv, 0, primitive.vertex_count(), mesh.uvs); !read)
+      return read;
   for (float& value : mesh.uvs)
     if (!std::isfinite(value)) value = 0;  // as convert has it
   if (primitive.color && primitive.color->components == 4)

@@ -121,6 +121,7 @@ Result<std::vector<std::byte>> make_png(const format::Container& file, uint32_t 
 std::vector<uint32_t> lost_alphas(const format::Container& file) {
   std::vector<uint32_t> masks(file.images().size(), kNone);
   for (uint32_t i = 0; i < file.masks().size(); ++i) {
+    if ((file.masks()[i].flags & format::kMaskOfColors) != 0) continue;
     const uint32_t texture = file.materials()[file.masks()[i].material].texture;
     if (texture == kNone) continue;
     const uint32_t image = file.textures()[texture].image;

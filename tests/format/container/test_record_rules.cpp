@@ -708,7 +708,7 @@ TEST_CASE("container rules: masks", "[container][mask]") {
   b.record<M>(
       m, 0, [](M& r) { r.wrap_t = Wrap{3}; }, "mask 0: wrap 2 and 3");
   b.record<M>(
-      m, 0, [](M& r) { r.flags = 2; }, "mask 0: flags 2", ErrorCode::kReserved);
+      m, 0, [](M& r) { r.flags = 4; }, "mask 0: flags 4", ErrorCode::kReserved);
   b.record<M>(
       m, 1, [](M& r) { r.place[1][2] = kInfinity; }, "mask 1: a transform that is not finite");
 }

@@ -8,6 +8,7 @@
 #include "format/container/mip_levels.h"
 #include "kernels/raster/mask.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/sanitized.h"
 
 namespace scree::tests {
 
@@ -26,6 +27,7 @@ inline kernels::MaskView mask_view(uint32_t width, uint32_t height, uint32_t lev
   mask.height = height;
   mask.level_count = levels;
   mask.threshold = threshold;
+  mask.needs = format::kHasUv;
   mask.place[0][0] = mask.place[1][1] = 1;
   return mask;
 }
@@ -105,12 +107,13 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
 
 /// Views from far, near (the near plane cuts triangles), inside and above, and two orthographic ones.
 inline std::vector<kernels::View> masked_views() {
-  const kernels::View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321, 203);
-  const kernels::View near = look_at({0.4, 0.25, 0.5}, {0, 0.1, 0}, 200, 333, 0.3);
-  const kernels::View above = look_at({0, 3, 0}, {0, 0, 0}, 256, 256);
+  constexpr uint32_t kShare = kIsSanitized ? 2 : 1;  // of a picture's sides
+  const kernels::View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321 / kShare, 203 / kShare);
+  const kernels::View near = look_at({0.4, 0.25, 0.5}, {0, 0.1, 0}, 200 / kShare, 333 / kShare, 0.3);
+  const kernels::View above = look_at({0, 3, 0}, {0, 0, 0}, 256 / kShare, 256 / kShare);
   return {far,
           near,
-          look_at({0.1, 0.35, 0.9}, {0, 0.2, -1}, 150, 90, 0.001),
+          look_at({0.1, 0.35, 0.9}, {0, 0.2, -1}, 150 / kShare, 90 / kShare, 0.001),
           above,
           orthographic(far, 1.6, 0.1, 20),
           orthographic(near, 0.3, 0.01, 9)};

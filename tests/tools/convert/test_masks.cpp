@@ -236,3 +236,43 @@ TEST_CASE("a masked picture shows a mask's share, whatever holds its colours", "
   for (size_t i = 0; i < masked.size(); ++i) foreign += masked[i] != whole[i] && masked[i] != kernels::kBackground;
   CHECK(foreign == 0);
 }
+
+TEST_CASE("where a mask's texture cuts nothing, the alpha of vertex colours does", "[convert][mask]") {
+  const TempFolder folder;
+  const auto encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
+  const bool has_texture = GENERATE(false, true);
+  const auto picture = [&](double cutoff, bool has_alpha) {
+    ModelMaker maker(folder.file("in.glb"));
+    tools::GltfMaterial material;
+    material.name = "fading";
+    if (has_texture)
+      material.texture =
+          maker.writer().add_texture(maker.texture("opaque", format::ImageCodec::kPng, disc_png(255, 255)));
+    material.alpha = tools::GltfAlpha::kMask;
+    material.alpha_cutoff = cutoff;
+    material.double_sided = true;
+    tests::GridSpec spec;
+    spec.uv = has_texture;
+    spec.flat = spec.color = true;
+    spec.fading = has_alpha;
+    maker.node("grid", maker.mesh("grid", {maker.grid(spec, maker.writer().add_material(material))}));
+    maker.finish();
+    convert::ConvertOptions options = options_of(folder);
+    options.encoding = encoding;
+    CHECK(tests::must_match(options).masks == (cutoff > 0 ? 1 : 0));
+    const tests::OpenFile opened = must_open(options.output);
+    for (const format::MaskRecord& mask : opened.file.masks()) {
+      CHECK(mask.flags == (format::kMaskNearest | format::kMaskOfColors));
+      CHECK(mask.width * mask.height == 1);
+    }
+    return picture_of(options.output);
+  };
+  const std::vector<uint64_t> whole = picture(0, true);
+  CHECK(covered(whole) > 2000);
+  CHECK((picture(0.5, false) == whole));  // colours of four components, all of them opaque
+  const std::vector<uint64_t> cut = picture(0.75, true);
+  size_t foreign = 0;
+  for (size_t i = 0; i < cut.size(); ++i) foreign += cut[i] != whole[i] && cut[i] != kernels::kBackground;
+  CHECK(foreign == 0);
+  CHECK(static_cast<double>(covered(cut)) / static_cast<double>(covered(whole)) == Approx(0.25).margin(0.05));
+}

@@ -60,6 +60,24 @@ MaskKind kind_of(uint32_t least, uint32_t most, const PlannedMask& mask) {
   return uint64_t{most} * 65536 < threshold ? MaskKind::kClear : MaskKind::kMixed;
 }
 
+bool has_alpha(const Primitive& primitive) {
+  return primitive.color && primitive.color->components == 4;
+}
+
+/// Whether the file has a mask for the material.
+bool is_stored(const PlannedMask& mask) {
+  return mask.of_colors || mask.textured == MaskKind::kMixed;
+}
+
+/// The texture that a mask's levels come from; none of a mask of colours, whose defaults do.
+format::TextureRecord texture_of(const SourceScene& scene, const PlannedMask& mask, size_t material) {
+  if (!mask.of_colors) return scene.textures[scene.materials[material].record.texture].record;
+  format::TextureRecord none{};
+  none.image = kNone;
+  none.mag_filter = kGlNearest;
+  return none;
+}
+
 /// Writes a level's codes to `out`: `level` scaled so that `passing` of its texels reach `threshold`.
 void keep_share(const std::vector<float>& level, uint64_t passing, uint32_t threshold, std::byte* out) {
   const auto least = static_cast<float>((threshold + 65535) / 65536);  // the smallest code that passes
@@ -80,13 +98,14 @@ void keep_share(const std::vector<float>& level, uint64_t passing, uint32_t thre
 MaskKind MaskPlan::kind(const Primitive& primitive) const {
   if (primitive.material == kNone) return MaskKind::kOpaque;
   const PlannedMask& mask = materials[primitive.material];
+  if (mask.of_colors) return has_alpha(primitive) ? MaskKind::kMixed : MaskKind::kOpaque;
   return primitive.uv ? mask.textured : mask.plain;
 }
 
 uint64_t MaskPlan::bytes() const {
   uint64_t bytes = 0;
   for (const PlannedMask& mask : materials)
-    if (mask.textured == MaskKind::kMixed)
+    if (is_stored(mask))
       bytes += format::mask_bytes(mask.width, mask.height, mask_level_count(mask.width, mask.height));
   return bytes;
 }
@@ -145,12 +164,14 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
                             WorkerPool& pool, const std::function<void(uint64_t images)>& progress) {
   MaskPlan plan;
   plan.materials.resize(scene.materials.size());
-  std::vector<bool> used(scene.materials.size()), has_places(scene.materials.size());
+  std::vector<bool> used(scene.materials.size()), has_places(scene.materials.size()),
+      has_alphas(scene.materials.size());
   for (size_t i = 0; i < wanted.size(); ++i) {
     const Primitive& primitive = scene.primitives[i];
     if (!wanted[i] || primitive.material == kNone) continue;
     used[primitive.material] = true;
     if (primitive.uv) has_places[primitive.material] = true;
+    if (has_alpha(primitive)) has_alphas[primitive.material] = true;
   }
   std::map<uint32_t, std::vector<size_t>> materials_of;  // by image
   for (size_t i = 0; i < scene.materials.size(); ++i) {
@@ -195,7 +216,13 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
   const Result<void> run =
       run_ordered<Seen>(pool, images.size(), {2 * uint64_t{pool.threads()}, options.memory}, work, cost, take);
   if (!run) return run.error();
-  for (PlannedMask& mask : plan.materials) {
+  for (size_t i = 0; i < plan.materials.size(); ++i) {
+    PlannedMask& mask = plan.materials[i];
+    if (has_alphas[i] && !mask.blends && mask.threshold > 0 && mask.textured == MaskKind::kOpaque &&
+        mask.plain == MaskKind::kOpaque) {
+      mask.of_colors = true;
+      mask.width = mask.height = 1;
+    }
     if (mask.textured == MaskKind::kMixed && std::max(mask.width, mask.height) > format::kMaxMaskSide)
       return Error{ErrorCode::kUnsupported, scene.file_name + ": an alpha mask of " + std::to_string(mask.width) +
                                                 " x " + std::to_string(mask.height) + " texels, expected at most " +
@@ -207,8 +234,8 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
 Result<std::vector<std::byte>> load_mask_levels(const SourceScene& scene, const MaskPlan& plan, size_t material,
                                                 bool keep_going) {
   const PlannedMask& planned = plan.materials[material];
-  const uint32_t image = scene.textures[scene.materials[material].record.texture].record.image;
-  const Result<Alpha> alpha = decode_alpha(scene, image, keep_going);
+  const uint32_t image = texture_of(scene, planned, material).image;
+  const Result<Alpha> alpha = planned.of_colors ? Alpha{} : decode_alpha(scene, image, keep_going);
   if (!alpha) return alpha.error();
   if (alpha->width != planned.width || alpha->height != planned.height)
     return at(image_place(scene, image), Error{ErrorCode::kFile, "was changed while it was read"});
@@ -231,8 +258,8 @@ Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const s
   // blended materials, which have none, are shared as threshold 0.
   std::map<std::pair<uint32_t, uint32_t>, std::vector<size_t>> materials_of;  // by image and threshold
   for (size_t i = 0; i < materials.size(); ++i) {
-    if (materials[i] == kNone || plan.materials[i].textured != MaskKind::kMixed) continue;
-    const uint32_t image = scene.textures[scene.materials[i].record.texture].record.image;
+    if (materials[i] == kNone || !is_stored(plan.materials[i])) continue;
+    const uint32_t image = texture_of(scene, plan.materials[i], i).image;
     materials_of[{image, plan.materials[i].blends ? 0 : plan.materials[i].threshold}].push_back(i);
   }
   std::vector<std::pair<uint32_t, uint32_t>> keys;
@@ -243,14 +270,15 @@ Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const s
     if (!levels) return levels.error();
     return format::seal_page(format::PageKind::kMask, std::move(*levels), zstd_level);
   };
-  const auto cost = [&](uint64_t i) { return mask_cost(scene.images[keys[i].first]); };
+  const auto cost = [&](uint64_t i) {
+    return keys[i].first != kNone ? mask_cost(scene.images[keys[i].first]) : uint64_t{1};
+  };
   const auto take = [&](uint64_t i, format::SealedPage sealed) -> Result<void> {
     const Result<uint32_t> page = writer.append(sealed);
     if (!page) return page.error();
     for (const size_t material : materials_of.at(keys[i])) {
-      const format::MaterialRecord& source = scene.materials[material].record;
-      const format::TextureRecord& texture = scene.textures[source.texture].record;
       const PlannedMask& planned = plan.materials[material];
+      const format::TextureRecord texture = texture_of(scene, planned, material);
       format::MaskRecord mask{};
       mask.material = materials[material];
       mask.page = *page;
@@ -260,8 +288,9 @@ Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const s
       mask.threshold = planned.threshold;
       mask.wrap_s = texture.wrap_s;
       mask.wrap_t = texture.wrap_t;
-      mask.flags = texture.mag_filter == kGlNearest ? uint32_t{format::kMaskNearest} : 0;
-      uv_transform(source, mask.place);
+      mask.flags = (texture.mag_filter == kGlNearest ? uint32_t{format::kMaskNearest} : 0) |
+                   (planned.of_colors ? uint32_t{format::kMaskOfColors} : 0);
+      uv_transform(scene.materials[material].record, mask.place);
       tables.masks.push_back(mask);
     }
     return {};

@@ -26,6 +26,7 @@ struct PlannedMask {
   MaskKind plain = MaskKind::kOpaque;     // triangles without texture coordinates
   MaskKind textured = MaskKind::kOpaque;  // triangles with texture coordinates
   bool blends = false;                    // the mask is the alpha of blended surfaces: all of it counts
+  bool of_colors = false;                 // no texture: triangles with vertex colours of four components are kMixed
   uint32_t threshold = 0;                 // MaskRecord::threshold, where `textured` is kMixed
   uint32_t width = 0;                     // texels of level 0, where `textured` is kMixed
   uint32_t height = 0;
