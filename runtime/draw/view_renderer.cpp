@@ -266,7 +266,7 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
     });
     if (failure.any()) return failure.error();
   } catch (const std::bad_alloc&) {
-    return out_of_memory(views.size() * count * sizeof(uint64_t));
+    return out_of_memory(shared * count * sizeof(uint64_t));
   }
   return {};
 }
