@@ -26,7 +26,7 @@ LAYERS = ("color", "depth", "triangle", "instance", "samples", "normal", "uv", "
 def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
     """A camera at `eye`, x, y, z in world units, that looks at `target`, else at the middle of the scene's box.
 
-    `fov`: the vertical field of view in degrees, above 0 and below 180.
+    `up`: the direction that is up in the picture. `fov`: the vertical field of view in degrees, above 0 and below 180.
     """
     return _scree.look_at(tuple(eye), None if target is None else tuple(target), tuple(up), fov)
 
@@ -34,7 +34,7 @@ def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
 def around(turn, rise, up=(0, 1, 0), fov=45.0) -> Camera:
     """A camera that shows all of the scene, from `turn` degrees to the right of its front and `rise` degrees above.
 
-    The front is (0, 0), the right (90, 0), the back (180, 0), the top (0, 90).
+    The front is (0, 0), the right (90, 0), the back (180, 0), the top (0, 90). `up` and `fov` as look_at().
     """
     return _scree.around(turn, rise, tuple(up), fov)
 
@@ -88,7 +88,7 @@ class File:
 
     @property
     def bytes(self) -> int:
-        """The file's size."""
+        """The file's size in bytes."""
         return self._file.bytes
 
     @property
@@ -131,8 +131,9 @@ class File:
         """Loads a scene, by name or number, and checks every byte of it.
 
         `backend`: "cpu", "cuda", or "auto": a GPU where one can be used and takes the scene. `gpu`: its index or UUID.
-        `threads`: 0 is one per processor. `device_memory`: bytes of the GPU that scene and pictures may take; chunks
-        that it does not hold are streamed while frames are drawn. `host_memory`: bytes of pinned memory that feed it.
+        `threads`: 0 is one per processor. `textures`: False leaves materials their colour alone. `device_memory`: bytes of
+        the GPU that scene and pictures may take; chunks that it does not hold are streamed while frames are drawn.
+        `host_memory`: bytes of pinned memory that feed it.
         `texture_cache`: bytes of decoded blocks of JPEG textures. `largest`: width, height and samples of the largest
         frames, which `device_memory` then counts. `progress(stage, done, total)` is called now and then; it returns
         False to stop. `gpus`: how many draw the scene together, from `gpu` on, each with a part of it; None: all.
@@ -156,7 +157,7 @@ class File:
     def render(self, width=1920, height=1080, **options) -> dict:
         """load().render(): for one picture. Whoever draws more keeps the scene.
 
-        Returns numpy arrays of height x width by layer, as Scene.render(). Raises as File.load() and View.draw().
+        `options` and arrays, of height x width by layer, as Scene.render(). Raises as File.load() and View.draw().
         """
         return self.load().render(width, height, **options)
 
@@ -210,7 +211,7 @@ class View:
         self._gpu = stats["gpu"] if stats["on_gpu"] else -1
 
     def draw(self, width=1920, height=1080, *, camera=None, samples=1, **shading) -> View:
-        """Draws a frame of width x height pixels with samples x samples each (1, 2 or 4).
+        """Draws a frame of width x height pixels with `samples` x `samples` each (1, 2 or 4).
 
         `camera`: look_at(), around(), matrices(), clipped(), one of cameras_of_path(), or the name or number of one of the
         file's; None shows all of the scene.
@@ -312,10 +313,16 @@ def convert(input, output=None, *, position_bits=16, float32=False, max_error=0.
     """Packs a .gltf or .glb into a .scree file, in bounded memory; `output` None is `input` with the extension .scree.
 
     `position_bits`: an axis of a mesh, 8 to 24; `float32` keeps positions as they are; `max_error`, above 0, picks the
-    step of each mesh instead, in its own units. `encoding`: "clustered" or "indexed". `zstd`: 1 to 22; 0:
-    only pages of blocks of textures, at level 3; -1: no page. `textures`: "keep", "raw" or "jpeg". `replace`: an output that is there. `memory`: bytes that the process may take. `progress` as
-    File.load(). Returns input_bytes, output_bytes, triangles, meshes, position_error (the largest found, an axis in a
-    mesh's own units), seconds and warnings. Raises scree.Error; nothing is left of the output then.
+    step of each mesh instead, in its own units. `encoding`: "clustered" or "indexed". `zstd`: 1 to 22; 0: only pages of
+    blocks of textures, at level 3; -1: no page. `textures`: "keep", "raw", or "jpeg", which has the `jpeg_quality` 1 to 100.
+    True for these: `normals` stores all of them, else those that are not the faces'. `source_ids` stores each triangle's
+    number in the source. `replace`: an output that is there. `keep_going`: a damaged image becomes grey.
+    `drop_nonfinite` leaves out triangles with a position that is not finite. `allow_outside` reads files outside the
+    source's folder. `exclude`: a regular expression; nodes with such names are left out, and those below them.
+    `threads`: 0 is one per processor. `memory`: bytes that the process may take. `progress` as File.load().
+
+    Returns input_bytes, output_bytes, triangles, meshes, position_error (the largest found, an axis in a mesh's own
+    units), seconds and warnings. Raises scree.Error; nothing is left of the output then.
     """
     return _scree.convert(
         os.fspath(input), None if output is None else os.fspath(output), position_bits=position_bits, float32=float32,
