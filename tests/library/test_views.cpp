@@ -212,6 +212,10 @@ TEST_CASE("a box cuts the scene, camera by camera", "[library]") {
       }
     }
   CHECK(left > 20);
+  camera.size = offsetof(scree_camera, clips);  // a program of before has none
+  CHECK((drawn() == whole));
+  camera.size = sizeof camera;
+  CHECK((drawn() == half));
   camera.clips = 0;
   CHECK((drawn() == whole));
   scree_view* single = nullptr;
