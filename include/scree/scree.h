@@ -8,7 +8,9 @@
  *
  * Errors. Every function that can fail returns a scree_status; scree_error() then gives one line of text. A failed
  * call leaves its outputs as they were, unless it says otherwise. Nothing exits, prints, or throws through this border.
- * A file that another program cuts short while it is open raises SIGBUS where it is read, as with any mapped file.
+ * A file that another program cuts short while it is open raises SIGBUS where it is read, as with any mapped file. What
+ * another program writes into it after it was loaded is not checked, and may crash the process: copy a file first that
+ * others may write to.
  *
  * Threads. All functions may be called from any thread. Calls with the same view wait for each other; calls with
  * different views run at the same time on the CPU, and one after the other on a GPU. A handle may be ended while
