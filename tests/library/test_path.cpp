@@ -64,11 +64,12 @@ TEST_CASE("a film of the library is what scree render --path writes", "[library]
     std::vector<scree_camera> cameras = cameras_of(film, way.fps, 0, info.frames);
     std::string last;
     for (uint64_t frame = 0; frame < info.frames; ++frame) {
-      INFO("frame " << frame);
+      INFO("frame " << frame << ", clips " << way.clips);
       if (way.clips) {
         cameras[frame].clips = 1;
         const double box[6] = {-1, -1, -1, 1, 0.25, 3};
-        for (int i = 0; i < 6; ++i) (i < 3 ? cameras[frame].clip_min : cameras[frame].clip_max)[i % 3] = box[i];
+        std::copy_n(box, 3, cameras[frame].clip_min);
+        std::copy_n(box + 3, 3, cameras[frame].clip_max);
       }
       must(scree_draw(opened.view, &cameras[frame], &options));
       const std::string samples = layer_of(opened.view, SCREE_SAMPLES), depth = layer_of(opened.view, SCREE_DEPTH);
@@ -78,7 +79,7 @@ TEST_CASE("a film of the library is what scree render --path writes", "[library]
       constexpr size_t kRow = 45 * 4;
       REQUIRE(pfm.size() > depth.size());
       for (size_t row = 0; row < 31; ++row)
-        CHECK(depth.substr(row * kRow, kRow) == pfm.substr(pfm.size() - (row + 1) * kRow, kRow));
+        CHECK((depth.substr(row * kRow, kRow) == pfm.substr(pfm.size() - (row + 1) * kRow, kRow)));
       if (!way.clips) CHECK((samples != last));  // some frames see nothing of the box
       last = samples;
     }

@@ -115,9 +115,11 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
       way.camera.clips = 1;
       for (size_t i = 0; i < 6; ++i) {
         const size_t axis = i % 3;
-        const double share = i < 3 ? -0.25 : 0.625, side = stats.box_max[axis] - stats.box_min[axis];
-        const double place = stats.box_min[axis] + share * (side > 0 ? side : 1);
-        (i < 3 ? way.camera.clip_min : way.camera.clip_max)[axis] = place;
+        const bool is_empty = !(stats.box_min[axis] <= stats.box_max[axis]);
+        const double low = is_empty ? 0 : stats.box_min[axis], side = is_empty ? 1 : stats.box_max[axis] - low;
+        const double place = low + (i < 3 ? -0.25 : 0.625) * (side > 0 ? side : 1);
+        double* const corner = i < 3 ? way.camera.clip_min : way.camera.clip_max;
+        corner[axis] = place;
         char text[32];
         std::snprintf(text, sizeof text, "%.17g", place);
         box += (i == 0 ? "" : ",") + std::string(text);
