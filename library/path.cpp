@@ -46,7 +46,8 @@ using namespace scree::library;
 extern "C" scree_status scree_cameras_of_path(const char* file, double frames_per_second, uint64_t first,
                                               uint64_t count, scree_camera* cameras, scree_path_info* info) {
   return guarded([&] {
-    if (file == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_cameras_of_path: file is null");
+    if (const scree_status checked = check_path(file, "scree_cameras_of_path: file"); checked != SCREE_OK)
+      return checked;
     if (!(frames_per_second == 0 || (frames_per_second >= 1e-9 && frames_per_second < 1e6)))
       return fail(SCREE_ERROR_ARGUMENT, "scree_cameras_of_path: frames_per_second is " +
                                             std::to_string(frames_per_second) + ", expected above 0 and below 1e6");

@@ -88,7 +88,7 @@ void add_files(std::vector<Misuse>& rows, Subjects& s) {
     rows.push_back({"scree_open", what, [&out, path] { return scree_open(path.c_str(), &out.file); }, status, part});
   };
   const std::string whole = read_whole(s.path);
-  opens("an empty path", "", SCREE_ERROR_FILE, "");
+  opens("an empty path", "", SCREE_ERROR_ARGUMENT, "scree_open: path is empty");
   opens("missing", folder.file("missing.scree"), SCREE_ERROR_FILE, "missing.scree");
   opens("a name of two lines", folder.file("two\nlines\x1b.scree"), SCREE_ERROR_FILE, "two lines .scree");
   opens("a folder", folder.file(""), SCREE_ERROR_FILE, "is a folder");
@@ -106,6 +106,7 @@ void add_files(std::vector<Misuse>& rows, Subjects& s) {
   const auto keys = [&](const char* name, const char* text) {
     return folder.write(name, R"({"format": "scree camera path", "version": 1, "keys": [)" + std::string(text) + "]}");
   };
+  reads("an empty path", "", SCREE_ERROR_ARGUMENT, "scree_cameras_of_path: file is empty");
   reads("missing", folder.file("missing.json"), SCREE_ERROR_FILE, "missing.json");
   reads("a folder", folder.file(""), SCREE_ERROR_FILE, "cannot be");
   reads("of another kind", s.path, SCREE_ERROR_DATA, "not JSON");
@@ -137,10 +138,10 @@ void add_files(std::vector<Misuse>& rows, Subjects& s) {
                     },
                     status, part});
   };
-  converts("an empty path", "", "", SCREE_ERROR_FILE, "");
+  converts("an empty path", "", "", SCREE_ERROR_ARGUMENT, "scree_convert: input is empty");
   converts("missing", folder.file("none.glb"), "", SCREE_ERROR_FILE, "none.glb");
-  converts("a folder", folder.file(""), s.made, SCREE_ERROR_FILE, "");
-  converts("no model", s.path, s.made, SCREE_ERROR_DATA, "");
+  converts("a folder", folder.file(""), s.made, SCREE_ERROR_FILE, "not a regular file");
+  converts("no model", s.path, s.made, SCREE_ERROR_DATA, "is packed already");
   converts("an output that exists", s.source, s.path, SCREE_ERROR_FILE, ".scree");
   converts("an output in no folder", s.source, folder.file("nowhere/a.scree"), SCREE_ERROR_FILE, "nowhere");
 }
@@ -263,23 +264,19 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
                     return scree_load(s.opened.file, &options, &s.out.scene);
                   },
                   SCREE_ERROR_DEVICE, "scree"});
-  for (const std::string& name : {s.folder.file("missing.hdr"), s.folder.file("")})
-    rows.push_back({"scree_load", "surroundings that are no file",
-                    [&, name] {
+  const auto surroundings = [&](const char* what, std::string name, scree_status status, const char* part) {
+    rows.push_back({"scree_load", what,
+                    [&s, name] {
                       auto options = sized<Load>();
                       options.backend = SCREE_BACKEND_CPU;
                       options.environment = name.c_str();
                       return scree_load(s.opened.file, &options, &s.out.scene);
                     },
-                    SCREE_ERROR_FILE, ""});
-  rows.push_back({"scree_load", "surroundings of another kind",
-                  [&] {
-                    auto options = sized<Load>();
-                    options.backend = SCREE_BACKEND_CPU;
-                    options.environment = s.path.c_str();
-                    return scree_load(s.opened.file, &options, &s.out.scene);
-                  },
-                  SCREE_ERROR_DATA, ""});
+                    status, part});
+  };
+  surroundings("missing surroundings", s.folder.file("missing.hdr"), SCREE_ERROR_FILE, "missing.hdr");
+  surroundings("surroundings that are a folder", s.folder.file(""), SCREE_ERROR_FILE, "is a folder");
+  surroundings("surroundings of another kind", s.path, SCREE_ERROR_DATA, "is no Radiance picture");
 
   using Draw = scree_draw_options;
   const std::vector<Change<Draw>> sizes{{"samples", [](Draw& d) { d.samples = 3; }, "samples is 3"},
@@ -390,7 +387,7 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
   if (on_gpu)
     rows.push_back({"scree_device_layer", "a layer of the host",
                     [&] { return scree_device_layer(s.opened.view, SCREE_LINEAR, nullptr, &s.out.array); },
-                    SCREE_ERROR_ARGUMENT, ""});
+                    SCREE_ERROR_ARGUMENT, "linear"});
 
   using Convert = scree_convert_options;
   add<Convert>(
@@ -500,7 +497,10 @@ void check_table(scree_backend backend) {
   for (const Misuse& row : rows) {
     INFO(row.function << ": " << row.what);
     const std::string before = s.out.bytes();
+    (void)scree_close(reinterpret_cast<scree_file*>(&s));  // whose text is that of no row
+    const std::string old_text = scree_error();
     failed(row.call(), row.status, row.part);
+    CHECK(scree_error() != old_text);
     CHECK((s.out.bytes() == before));
     CHECK_FALSE(std::filesystem::exists(s.made));
     functions.insert(row.function);
