@@ -57,7 +57,7 @@ namespace convert = scree::convert;
 extern "C" scree_status scree_convert(const char* input, const char* output, const scree_convert_options* options,
                                       scree_convert_report* report) {
   return guarded([&] {
-    if (input == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_convert: input is null");
+    if (const scree_status checked = check_path(input, "scree_convert: input"); checked != SCREE_OK) return checked;
     scree_convert_options taken;
     if (const scree_status checked = take(options, taken, "scree_convert_options"); checked != SCREE_OK) return checked;
     if (report != nullptr)

@@ -69,7 +69,8 @@ extern "C" {
 
 scree_status scree_open(const char* path, scree_file** file) {
   return guarded([&] {
-    if (path == nullptr || file == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_open: path or file is null");
+    if (const scree_status checked = check_path(path, "scree_open: path"); checked != SCREE_OK) return checked;
+    if (file == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_open: file is null");
     scree::Result<scree::runtime::SceneFile> opened = scree::runtime::SceneFile::open(path);
     if (!opened) return fail(opened.error(), Subject::kData);
     *file = Files::all().add(std::make_shared<File>(File{std::move(*opened)}));

@@ -14,6 +14,12 @@ namespace scree::library {
 /// Keeps `text` for scree_error() and returns `status`. Never throws; a long text is cut.
 scree_status fail(scree_status status, std::string_view text) noexcept;
 
+/// Whether a path is given. `name`: of the function and its argument.
+inline scree_status check_path(const char* path, const char* name) {
+  if (path != nullptr && *path != 0) return SCREE_OK;
+  return fail(SCREE_ERROR_ARGUMENT, std::string(name) + (path == nullptr ? " is null" : " is empty"));
+}
+
 /// What was asked about when an Error came: a number out of range is the caller's, or the file's.
 enum class Subject { kData, kArguments };
 

@@ -10,15 +10,24 @@
 
 namespace scree::library {
 
+constexpr size_t kMostStructBytes = 4096;  // of any version; more was never set, and nothing of it may be read
+
+/// Whether a T of some version of scree may have this size. `name`: of the type.
+template <class T>
+scree_status check_size(size_t size, const char* name) {
+  static_assert(sizeof(T) >= 2 * sizeof(size_t) && sizeof(T) <= kMostStructBytes && alignof(T) == alignof(size_t));
+  if (size >= 2 * sizeof(size_t) && size <= kMostStructBytes && size % alignof(T) == 0) return SCREE_OK;
+  return fail(SCREE_ERROR_ARGUMENT, std::string(name) + "::size is " + std::to_string(size) + ", expected sizeof(" +
+                                        name + "), " + std::to_string(sizeof(T)));
+}
+
 /// What `in` has of a T; fields that its caller does not know are 0. Null is all zeros. `name`: of the type.
 template <class T>
 scree_status take(const T* in, T& out, const char* name) {
   std::memset(&out, 0, sizeof out);
   out.size = sizeof out;
   if (in == nullptr) return SCREE_OK;
-  if (in->size < 2 * sizeof(size_t))
-    return fail(SCREE_ERROR_ARGUMENT, std::string(name) + "::size is " + std::to_string(in->size) +
-                                          ", expected sizeof(" + name + "), " + std::to_string(sizeof(T)));
+  if (const scree_status checked = check_size<T>(in->size, name); checked != SCREE_OK) return checked;
   const auto* const bytes = reinterpret_cast<const std::byte*>(in);
   if (in->size > sizeof(T)) {
     const bool is_known =
@@ -34,9 +43,7 @@ scree_status take(const T* in, T& out, const char* name) {
 template <class T>
 scree_status check_output(const T* out, const char* name) {
   if (out == nullptr) return fail(SCREE_ERROR_ARGUMENT, std::string("the ") + name + " to fill in is null");
-  if (out->size >= 2 * sizeof(size_t)) return SCREE_OK;
-  return fail(SCREE_ERROR_ARGUMENT, std::string(name) + "::size is " + std::to_string(out->size) +
-                                        ", expected sizeof(" + name + "), " + std::to_string(sizeof(T)));
+  return check_size<T>(out->size, name);
 }
 
 /// Fills in what `out` has room for; its size stays.

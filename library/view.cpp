@@ -25,9 +25,9 @@ runtime::Vec3 vector_of(const double (&v)[3]) {
   return {v[0], v[1], v[2]};
 }
 
-/// The camera as the engine takes it, `width` x `height` pixels.
-scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width, uint32_t height,
-                       View& out) {
+/// The camera as the engine takes it, without its clipping box.
+scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width,
+                             uint32_t height, View& out) {
   runtime::CameraOptions options;
   options.width = width;
   options.height = height;
@@ -77,6 +77,21 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
   view = scene.view(options);
   if (!view) return fail(view.error(), Subject::kArguments);
   out = *view;
+  return SCREE_OK;
+}
+
+/// The camera as the engine takes it, `width` x `height` pixels.
+scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width, uint32_t height,
+                       View& out) {
+  if (const scree_status made = make_whole_view(scene, camera, width, height, out); made != SCREE_OK) return made;
+  if (camera.clips == 0) return SCREE_OK;
+  bool is_box = are_finite({camera.clip_min, camera.clip_max});
+  for (size_t i = 0; i < 3; ++i) is_box = is_box && camera.clip_min[i] <= camera.clip_max[i];
+  if (!is_box)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_camera: clip_min and clip_max are not the smaller and the larger corner");
+  out.clips = true;
+  std::copy_n(camera.clip_min, 3, out.clip_min);
+  std::copy_n(camera.clip_max, 3, out.clip_max);
   return SCREE_OK;
 }
 

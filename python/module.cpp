@@ -7,6 +7,7 @@
 
 #include <scree/scree.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstring>
@@ -186,6 +187,7 @@ Camera matrices(const Matrix& view, const Matrix& projection, double z_near) {
   return out;
 }
 
+/// None, a Camera, or the name or number of a camera of the file.
 Camera camera_of(const py::object& given) {
   Camera camera;
   if (given.is_none()) return camera;
@@ -193,6 +195,26 @@ Camera camera_of(const py::object& given) {
   camera.name = py::str(given).cast<std::string>();
   camera.camera.kind = SCREE_CAMERA_NAMED;
   return camera;
+}
+
+Camera clipped(const py::object& camera, const scree::Vec3& box_min, const scree::Vec3& box_max) {
+  Camera out = camera_of(camera);
+  out.camera = scree::clipped(out.camera, box_min, box_max);
+  return out;
+}
+
+std::vector<Camera> cameras_of_path(const std::string& file, double fps, uint64_t first,
+                                    std::optional<uint64_t> count) {
+  const std::vector<scree_camera> cameras =
+      without_gil([&] { return scree::cameras_of_path(file, fps, first, count.value_or(UINT64_MAX)); });
+  std::vector<Camera> out(cameras.size());
+  for (size_t i = 0; i < cameras.size(); ++i) out[i].camera = cameras[i];
+  return out;
+}
+
+py::dict path_info(const std::string& file, double fps) {
+  const scree_path_info info = without_gil([&] { return scree::path_info(file, fps); });
+  return py::dict("frames"_a = info.frames, "fps"_a = info.frames_per_second);
 }
 
 /// The cameras of a batch, one after the other in memory.
@@ -221,40 +243,67 @@ constexpr std::array<const char*, 4> kReadings{"auto", "mapped", "buffered", "di
 constexpr std::array<const char*, 3> kBackends{"auto", "cpu", "cuda"};
 constexpr std::array<const char*, 3> kTextures{"keep", "raw", "jpeg"};
 
-/// `shading`: all options but sizes, by name (View.draw() in __init__.py has them).
+/// An option of shading, by the name that it has in Python.
+struct Shading {
+  const char* name;
+  void (*set)(scree_draw_options&, const py::handle&);
+};
+
+void set_flag(scree_draw_options& options, bool is_set, uint32_t bit) {
+  options.flags |= is_set ? bit : 0u;
+}
+
+constexpr std::array<Shading, 9> kShading{{
+    {"show",
+     [](scree_draw_options& options, const py::handle& value) {
+       options.show = static_cast<scree_show>(number_of(kShows, value.cast<std::string>(), "show"));
+     }},
+    {"light",
+     [](scree_draw_options& options, const py::handle& value) {
+       if (py::isinstance<py::bool_>(value)) return set_flag(options, !value.cast<bool>(), SCREE_NO_LIGHT);
+       options.light = static_cast<scree_light>(number_of(kLights, value.cast<std::string>(), "light"));
+     }},
+    {"exposure", [](scree_draw_options& options, const py::handle& value) { options.exposure = value.cast<double>(); }},
+    {"blend_layers",
+     [](scree_draw_options& options, const py::handle& value) {
+       options.blend_layers = value.cast<uint32_t>();
+       set_flag(options, options.blend_layers == 0, SCREE_NO_BLEND);
+     }},
+    {"ssao",
+     [](scree_draw_options& options, const py::handle& value) { set_flag(options, value.cast<bool>(), SCREE_SSAO); }},
+    {"edl",
+     [](scree_draw_options& options, const py::handle& value) { set_flag(options, value.cast<bool>(), SCREE_EDL); }},
+    {"edl_strength",
+     [](scree_draw_options& options, const py::handle& value) { options.edl_strength = value.cast<float>(); }},
+    {"edl_radius",
+     [](scree_draw_options& options, const py::handle& value) { options.edl_radius = value.cast<uint32_t>(); }},
+    {"background",
+     [](scree_draw_options& options, const py::handle& value) {
+       const auto background = value.cast<std::array<float, 4>>();
+       std::copy(background.begin(), background.end(), options.background);
+     }},
+}};
+
+/// `shading`: all options but sizes, by name. Throws TypeError: another name, a value of another type.
 scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t samples, const py::dict& shading) {
   auto options = scree::make<scree_draw_options>();
   options.width = width;
   options.height = height;
   options.samples = samples;
   if (width == 0 || height == 0 || samples == 0) throw py::value_error("width, height and samples are 1 at least");
-  const auto flag = [&](bool is_set, uint32_t bit) { options.flags |= is_set ? bit : 0u; };
   for (const auto& [key, value] : shading) {
     const auto name = key.cast<std::string>();
-    if (name == "show") {
-      options.show = static_cast<scree_show>(number_of(kShows, value.cast<std::string>(), "show"));
-    } else if (name == "light" && py::isinstance<py::bool_>(value)) {
-      flag(!value.cast<bool>(), SCREE_NO_LIGHT);
-    } else if (name == "light") {
-      options.light = static_cast<scree_light>(number_of(kLights, value.cast<std::string>(), "light"));
-    } else if (name == "exposure") {
-      options.exposure = value.cast<double>();
-    } else if (name == "blend_layers") {
-      options.blend_layers = value.cast<uint32_t>();
-      flag(options.blend_layers == 0, SCREE_NO_BLEND);
-    } else if (name == "ssao") {
-      flag(value.cast<bool>(), SCREE_SSAO);
-    } else if (name == "edl") {
-      flag(value.cast<bool>(), SCREE_EDL);
-    } else if (name == "edl_strength") {
-      options.edl_strength = value.cast<float>();
-    } else if (name == "edl_radius") {
-      options.edl_radius = value.cast<uint32_t>();
-    } else if (name == "background") {
-      const auto background = value.cast<std::array<float, 4>>();
-      std::copy(background.begin(), background.end(), options.background);
-    } else {
-      throw py::type_error("unexpected option '" + name + "'");
+    const auto* const found =
+        std::find_if(kShading.begin(), kShading.end(), [&](const Shading& option) { return name == option.name; });
+    if (found == kShading.end()) {
+      std::string all;
+      for (const Shading& option : kShading) all += (all.empty() ? "" : ", ") + std::string(option.name);
+      throw py::type_error("'" + name + "' is not one of " + all);
+    }
+    try {
+      found->set(options, value);
+    } catch (const py::cast_error&) {
+      throw py::type_error(name + ": " + py::repr(value).cast<std::string>() + " is of another type, or out of range");
     }
   }
   return options;
@@ -499,20 +548,31 @@ PYBIND11_MODULE(_scree, module) {
   });
   module.attr("__version__") = scree_version();
 
-  py::class_<Camera>(module, "Camera");
+  py::class_<Camera>(
+      module, "Camera",
+      "Where a picture is taken from, made by look_at(), around(), matrices(), clipped() or cameras_of_path().");
   module.def("look_at", &look_at, "eye"_a, "target"_a = py::none(), "up"_a = scree::Vec3{0, 1, 0}, "fov"_a = 45.0);
   module.def("around", &around, "turn"_a, "rise"_a, "up"_a, "fov"_a);
   module.def("matrices", &matrices, "view"_a, "projection"_a, "z_near"_a = 0.0);
+  module.def("clipped", &clipped, "camera"_a, "box_min"_a, "box_max"_a);
+  module.def("cameras_of_path", &cameras_of_path, "path"_a, "fps"_a, "first"_a, "count"_a);
+  module.def("path_info", &path_info, "path"_a, "fps"_a);
 
-  py::class_<SharedLayer>(module, "SharedLayer")
+  py::class_<SharedLayer>(module, "SharedLayer",
+                          "A layer of View.share(), for from_dlpack() of numpy, torch, cupy or jax: height x width x "
+                          "channels, of the types and units of View.read(), on the device that drew it.")
       .def("__dlpack__", &SharedLayer::dlpack, py::kw_only(), "stream"_a = py::none(), "max_version"_a = py::none(),
-           "dl_device"_a = py::none(), "copy"_a = py::none())
-      .def("__dlpack_device__", &SharedLayer::device)
+           "dl_device"_a = py::none(), "copy"_a = py::none(),
+           "DLPack's capsule of the layer. `stream`: the CUDA stream that waits until the layer is there, as the array "
+           "API counts them. Raises BufferError for a copy or another device.")
+      .def("__dlpack_device__", &SharedLayer::device, "DLPack's kind of device, 1 the host or 2 a GPU, and its number.")
       .def_property_readonly(
           "shape",
-          [](const SharedLayer& layer) { return py::tuple(py::cast(shape_of(describe(*layer.view, layer.layer)))); })
+          [](const SharedLayer& layer) { return py::tuple(py::cast(shape_of(describe(*layer.view, layer.layer)))); },
+          "Of the array: cameras where it is a batch, height, width, and channels where a pixel has several.")
       .def_property_readonly(
-          "dtype", [](const SharedLayer& layer) { return numpy_type(describe(*layer.view, layer.layer).type); });
+          "dtype", [](const SharedLayer& layer) { return numpy_type(describe(*layer.view, layer.layer).type); },
+          "numpy's type of its elements.");
 
   py::class_<scree::View, std::shared_ptr<scree::View>>(module, "View")
       .def(

@@ -8,7 +8,9 @@
  *
  * Errors. Every function that can fail returns a scree_status; scree_error() then gives one line of text. A failed
  * call leaves its outputs as they were, unless it says otherwise. Nothing exits, prints, or throws through this border.
- * A file that another program cuts short while it is open raises SIGBUS where it is read, as with any mapped file.
+ * A file that another program cuts short while it is open raises SIGBUS where it is read, as with any mapped file. What
+ * another program writes into it after it was loaded is not checked, and may crash the process: copy a file first that
+ * others may write to.
  *
  * Threads. All functions may be called from any thread. Calls with the same view wait for each other; calls with
  * different views run at the same time on the CPU, and one after the other on a GPU. A handle may be ended while
@@ -16,7 +18,8 @@
  * was.
  *
  * Structures begin with `size`, which the caller sets to sizeof: a later version of the library may know more fields,
- * and takes those that are missing to be 0. In options 0 always means the default. So begin with
+ * and takes those that are missing to be 0. A size below 16, above 4096 or no multiple of 8 is of no version, and is
+ * refused (SCREE_ERROR_ARGUMENT). In options 0 always means the default. So begin with
  *     scree_load_options options = {.size = sizeof options};
  *
  * Pixels go row by row from the top left. World space is glTF's: right-handed, units as in the scene. */
@@ -26,7 +29,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define SCREE_API_VERSION 4 /* grows by 1 with every addition; what is here stays as it is */
+#define SCREE_API_VERSION 5 /* grows by 1 with every addition; what is here stays as it is */
 
 #if defined(__GNUC__)
 #define SCREE_API __attribute__((visibility("default")))
@@ -272,7 +275,29 @@ typedef struct scree_camera {
   double z_near;         /* above 0: in place of the projection's near plane, for other ranges of depth */
   double turn_degrees;   /* to the right of the scene's front: 90 is its right, 180 its back. Since version 4 */
   double rise_degrees;   /* above it, -90 to 90. Since version 4 */
+  /* Since version 5: */
+  uint32_t clips;     /* 1: only what lies in a box is drawn, to look inside a building; for every kind of camera. Depths,
+                         ids, picks and layers are those of a scene that ends there (spec/rasterization.md 14). The box
+                         moves no camera: SCREE_CAMERA_DEFAULT and SCREE_CAMERA_AROUND are fitted to all of the scene */
+  double clip_min[3]; /* the box's smallest corner, world space; at most clip_max on each axis */
+  double clip_max[3]; /* its largest */
 } scree_camera;
+
+typedef struct scree_path_info {
+  size_t size;
+  uint64_t frames; /* 1 or more */
+  double frames_per_second;
+} scree_path_info;
+
+/* Reads the cameras of a film, a path that `scree view` saved or a person wrote (docs/scale.md): those of the `count`
+ * frames from `first` on, into `cameras`, as SCREE_CAMERA_LOOK_AT. `scree render --path` draws the same frames with the
+ * same cameras. `frames_per_second`: in place of the file's, below 1e6; 0: the file's, else 30. `info`: of the whole
+ * path, may be null. With a `count` of 0 `cameras` is not read, so that a first call gives the number of frames.
+ * cameras[0].size, which the caller sets, is the size of each camera; all else is written. Errors: SCREE_ERROR_FILE,
+ * SCREE_ERROR_DATA (no path), SCREE_ERROR_ARGUMENT (frames that the path does not have). Cameras may then be changed,
+ * to draw a film in a box (`clips`). Since version 5. */
+SCREE_API scree_status scree_cameras_of_path(const char* file, double frames_per_second, uint64_t first, uint64_t count,
+                                             scree_camera* cameras, scree_path_info* info);
 
 typedef enum scree_show {
   SCREE_SHOW_TEXTURE = 0,
@@ -318,7 +343,8 @@ SCREE_API scree_status scree_draw(scree_view* view, const scree_camera* camera, 
 /* Draws a frame for each of `count` cameras, all of one size, in one call. `layers`: which of them are made, a bit
  * 1 << SCREE_COLOR and so on each; SCREE_SAMPLES and SCREE_LINEAR are none of them. Until the next draw these layers
  * have one more, first dimension, of cameras: one block of memory, on the GPU where a GPU draws. There is nothing to
- * pick then. On the CPU the cameras are shared out among the scene's threads. */
+ * pick then. Each camera may have a box of its own (`clips`); a GPU then draws the batch frame by frame. On the CPU the
+ * cameras are shared out among the scene's threads. */
 SCREE_API scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
                                         const scree_draw_options* options, uint32_t layers);
 

@@ -9,6 +9,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace scree {
 inline namespace api {
@@ -82,6 +83,33 @@ inline scree_camera matrix_camera(const Mat4& view, const Mat4& projection, doub
   }
   camera.z_near = z_near;
   return camera;
+}
+
+/// `camera`, drawing only what lies in the box: scree_camera::clips.
+inline scree_camera clipped(scree_camera camera, const Vec3& box_min, const Vec3& box_max) {
+  camera.clips = 1;
+  for (int i = 0; i < 3; ++i) {
+    camera.clip_min[i] = box_min[i];
+    camera.clip_max[i] = box_max[i];
+  }
+  return camera;
+}
+
+/// Of a camera's path; `frames_per_second` 0: as the file has it.
+inline scree_path_info path_info(const std::string& file, double frames_per_second = 0) {
+  auto info = make<scree_path_info>();
+  check(scree_cameras_of_path(file.c_str(), frames_per_second, 0, 0, nullptr, &info));
+  return info;
+}
+
+/// scree_cameras_of_path(): of `count` frames from `first` on, or of all that follow where there are fewer.
+inline std::vector<scree_camera> cameras_of_path(const std::string& file, double frames_per_second = 0,
+                                                 std::uint64_t first = 0, std::uint64_t count = UINT64_MAX) {
+  const std::uint64_t frames = path_info(file, frames_per_second).frames;
+  const std::uint64_t rest = first < frames ? frames - first : 0;
+  std::vector<scree_camera> cameras(count < rest ? count : rest, make<scree_camera>());
+  check(scree_cameras_of_path(file.c_str(), frames_per_second, first, cameras.size(), cameras.data(), nullptr));
+  return cameras;
 }
 
 class View {

@@ -189,6 +189,13 @@ Result<void> ViewRenderer::draw_batch_to(std::span<const kernels::View> views, u
                                          void* stream) {
   uint32_t layers = 0;
   for (size_t i = 0; i < targets.size(); ++i) layers |= targets[i] != nullptr ? 1u << i : 0u;
+  if (device_) {  // before the view gives up its frame
+    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+    Result<void> done = device_->make_current();
+    for (const std::byte* const target : targets)
+      if (done && target != nullptr) done = device_->check_memory(target);
+    if (!done) return done;
+  }
   if (Result<void> begun = begin_batch(views, samples_per_side, shade, layers); !begun) return begun;
   const Stopwatch watch;
   if (!device_) {
@@ -196,8 +203,6 @@ Result<void> ViewRenderer::draw_batch_to(std::span<const kernels::View> views, u
   } else {
     const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
     Result<void> done = device_->make_current();
-    for (const std::byte* const target : targets)
-      if (done && target != nullptr) done = device_->check_memory(target);
     if (done) done = device_->order_after(stream);
     if (done) done = draw_batch_on_gpu(views, layers, targets);
     if (done) done = device_->order_before(stream);
@@ -266,7 +271,7 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
     });
     if (failure.any()) return failure.error();
   } catch (const std::bad_alloc&) {
-    return out_of_memory(views.size() * count * sizeof(uint64_t));
+    return out_of_memory(shared * count * sizeof(uint64_t));
   }
   return {};
 }

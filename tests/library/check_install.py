@@ -2,6 +2,7 @@
 """check_install.py BUILD SOURCE MODEL: installs the library's files into a fresh folder, and builds and runs there what
 their users would: the programs of consumer/ through CMake and pkg-config, and the examples of docs/library.md."""
 
+import json
 import os
 import pathlib
 import re
@@ -53,10 +54,13 @@ with tempfile.TemporaryDirectory() as temporary:
         sys.exit(f"the programs differ: {lines}")
     print(f"{len(programs)} programs: {lines.pop().strip()}")
 
-    # docs/library.md: each block of code is a whole program, run where city.glb and, from the first on, city.scree are.
+    # docs/library.md: each block of code is a whole program, run where city.glb, flight.json and, from the first on,
+    # city.scree are.
     work = folder / "docs"
     work.mkdir()
     shutil.copy(model, work / "city.glb")
+    keys = [{"t": 0, "eye": [3, 2, 4], "target": [0, 0, 0]}, {"t": 1, "eye": [4, 2, -3], "target": [0, 0, 0]}]
+    (work / "flight.json").write_text(json.dumps({"format": "scree camera path", "version": 1, "keys": keys}))
     text = (source / "docs/library.md").read_text()
     python = build / "python"
     counts = {}

@@ -21,6 +21,7 @@ TEST_CASE("structures have the sizes that library/abi.txt lists", "[library][abi
   ADD(scree_camera);
   ADD(scree_draw_options);
   ADD(scree_array);
+  ADD(scree_path_info);
   ADD(scree_pick_info);
   ADD(scree_frame_stats);
   ADD(scree_target);
@@ -61,4 +62,5 @@ TEST_CASE("numbers of the interface stay", "[library][abi]") {
   CHECK(offsetof(scree_scene_stats, lights) == 120);
   CHECK(offsetof(scree_camera, turn_degrees) == 376);
   CHECK(offsetof(scree_draw_options, exposure) == 56);
+  CHECK(offsetof(scree_camera, clips) == 392);
 }

@@ -1,6 +1,7 @@
 // A frame of the library equals the output of `scree render` bit for bit.
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <span>
 #include <string>
@@ -46,11 +47,13 @@ std::string surroundings(const TempFolder& folder) {
   return folder.write("surroundings.hdr", text);
 }
 
+constexpr size_t kWays = 6;
+
 /// Together they have every option of `scree render` that changes a picture. `file`: whose lights `--light scene`
 /// needs.
 Way way_of(const TempFolder& folder, const std::string& file, size_t number, std::string& environment) {
   Way way;
-  switch (number % 5) {
+  switch (number % kWays) {
     case 1:
       environment = surroundings(folder);
       way.words = {"--environment", environment, "--exposure", "1.25", "--ssao", "--blend-layers", "1"};
@@ -103,6 +106,28 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
       way.camera.turn_degrees = 45;
       way.camera.rise_degrees = 35.26438968275465;
       break;
+    case 5: {  // the lower left part of the scene, seen from the right: into it
+      auto stats = sized<scree_scene_stats>();
+      must(scree_get_scene_stats(Opened(file).scene, &stats));
+      std::string box;
+      way.camera.kind = SCREE_CAMERA_AROUND;
+      way.camera.turn_degrees = 90;
+      way.camera.clips = 1;
+      for (size_t i = 0; i < 6; ++i) {
+        const size_t axis = i % 3;
+        const bool is_empty = !(stats.box_min[axis] <= stats.box_max[axis]);
+        const double low = is_empty ? 0 : stats.box_min[axis], side = is_empty ? 1 : stats.box_max[axis] - low;
+        const double place = low + (i < 3 ? -0.25 : 0.625) * (side > 0 ? side : 1);
+        double* const corner = i < 3 ? way.camera.clip_min : way.camera.clip_max;
+        corner[axis] = place;
+        char text[32];
+        std::snprintf(text, sizeof text, "%.17g", place);
+        box += (i == 0 ? "" : ",") + std::string(text);
+      }
+      way.words = {"--clip-box=" + box, "--view", "right", "--ssao"};
+      way.draw.flags = SCREE_SSAO;
+      break;
+    }
     default:
       break;
   }
@@ -111,7 +136,7 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
   return way;
 }
 
-/// Compares the output of `render` for `file` with the library's frame, drawn in one of five ways.
+/// Compares the output of `render` for `file` with the library's frame, drawn in one of kWays ways.
 void compare(const TempFolder& folder, const std::string& file, uint32_t samples, size_t number) {
   const uint32_t width = 97, height = 61;
   const std::string picture = folder.file("a.png"), depth = folder.file("a.pfm"), visibility = folder.file("a.vis");
@@ -124,7 +149,7 @@ void compare(const TempFolder& folder, const std::string& file, uint32_t samples
                                  "--normals",    normals,    "--uvs",     uvs,     "--force",   "--quiet"};
   words.insert(words.end(), way.words.begin(), way.words.end());
   const ProgramRun run = run_program(words, folder.file("log"));
-  INFO("way " << number % 5 << ": " << run.output);
+  INFO("way " << number % kWays << ": " << run.output);
   REQUIRE(run.exit_code == 0);
 
   const Opened opened(file, way.load);
@@ -233,7 +258,7 @@ TEST_CASE("a frame of every small real model is what scree render writes", "[lib
 TEST_CASE("a frame of one model is what scree render writes, in every way", "[library]") {
   const TempFolder folder;
   const std::string glass = packed(folder, "glass.glb"), materials = packed(folder, "materials.gltf");
-  for (size_t way = 0; way < 5; ++way) {
+  for (size_t way = 0; way < kWays; ++way) {
     compare(folder, glass, 2, way);
     compare(folder, materials, 1, way);
   }

@@ -140,6 +140,107 @@ TEST_CASE("a batch into the caller's memory is the batch", "[library]") {
   must(scree_view_destroy(other));
 }
 
+namespace {
+
+/// Cameras around the two instances, with a box of their own each, but for the last.
+std::vector<scree_camera> clipped_cameras() {
+  std::vector<scree_camera> cameras;
+  for (const Shot& shot : random_shots(7, 8)) cameras.push_back(shot.camera);
+  for (size_t c = 0; c + 1 < cameras.size(); ++c) {
+    cameras[c].clips = 1;
+    for (int i = 0; i < 3; ++i) {
+      cameras[c].clip_min[i] = -1 + 0.1 * static_cast<double>(c);
+      cameras[c].clip_max[i] = 0.2 + 0.3 * static_cast<double>(c);
+    }
+  }
+  return cameras;
+}
+
+constexpr uint32_t kIdLayers = 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE;
+
+/// Checks that a batch of cameras with boxes has the bits that `single` draws one by one.
+void check_clipped_batch(scree_view* batch, scree_view* single, uint32_t layers) {
+  const std::vector<scree_camera> cameras = clipped_cameras();
+  const scree_draw_options options = draw_options(31, 17, 2);
+  must(scree_draw_batch(batch, cameras.data(), static_cast<uint32_t>(cameras.size()), &options, layers));
+  for (const scree_layer layer : kAllLayers) {
+    if ((layers >> layer & 1) == 0) continue;
+    INFO("layer " << layer);
+    std::string expected;
+    for (const scree_camera& camera : cameras) {
+      must(scree_draw(single, &camera, &options));
+      expected += layer_of(single, layer);
+    }
+    CHECK(layer_of(batch, layer) == expected);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("a box cuts the scene, camera by camera", "[library]") {
+  const TempFolder folder;
+  const Opened opened(packed(folder, "two_instances.gltf"));
+  auto stats = sized<scree_scene_stats>();
+  must(scree_get_scene_stats(opened.scene, &stats));
+  const scree_draw_options options = draw_options(60, 40);
+  scree_camera camera = look_at(4, 3, 5);
+  const auto drawn = [&] {
+    must(scree_draw(opened.view, &camera, &options));
+    return frame_of(opened.view);
+  };
+  const std::string whole = drawn();
+  camera.clips = 1;
+  for (int i = 0; i < 3; ++i) {
+    camera.clip_min[i] = stats.box_min[i] - 1;
+    camera.clip_max[i] = stats.box_max[i] + 1;
+  }
+  CHECK((drawn() == whole));
+  camera.clip_max[0] = (stats.box_min[0] + stats.box_max[0]) / 2;
+  const std::string half = drawn();
+  CHECK((half != whole));
+  // Each pixel that is left lies in the box, as far as its depth is exact.
+  size_t left = 0;
+  for (uint32_t y = 0; y < 40; ++y)
+    for (uint32_t x = 0; x < 60; ++x) {
+      auto pick = sized<scree_pick_info>();
+      must(scree_pick(opened.view, x, y, &pick));
+      if (pick.hit == 0) continue;
+      ++left;
+      for (int i = 0; i < 3; ++i) {
+        CHECK(pick.position[i] >= camera.clip_min[i] - 1e-5);
+        CHECK(pick.position[i] <= camera.clip_max[i] + 1e-5);
+      }
+    }
+  CHECK(left > 20);
+  camera.size = offsetof(scree_camera, clips);  // a program of before has none
+  CHECK((drawn() == whole));
+  camera.size = sizeof camera;
+  CHECK((drawn() == half));
+  camera.clips = 0;
+  CHECK((drawn() == whole));
+  scree_view* single = nullptr;
+  must(scree_view_create(opened.scene, &single));
+  check_clipped_batch(opened.view, single, 0x7f & ~(1u << SCREE_SAMPLES));
+  must(scree_view_destroy(single));
+}
+
+TEST_CASE("a box cuts the scene on a GPU as on the CPU, in frames and in batches", "[library][cuda]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  for (const uint32_t flags : {0u, uint32_t{SCREE_CONVERT_INDEXED}}) {
+    const std::string path = packed(folder, "two_instances.gltf", flags);
+    const Opened cpu(path), gpu(path, SCREE_BACKEND_CUDA);
+    for (const scree_camera& camera : clipped_cameras()) {
+      const scree_draw_options options = draw_options(40, 30, 2);
+      must(scree_draw(cpu.view, &camera, &options));
+      must(scree_draw(gpu.view, &camera, &options));
+      for (const scree_layer layer : {SCREE_SAMPLES, SCREE_DEPTH, SCREE_TRIANGLE, SCREE_INSTANCE, SCREE_NORMAL})
+        CHECK(layer_of(gpu.view, layer) == layer_of(cpu.view, layer));
+    }
+    check_clipped_batch(gpu.view, cpu.view, kIdLayers);
+  }
+}
+
 TEST_CASE("buffers of a view stay where they are for frames that are no larger", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));

@@ -1,8 +1,11 @@
 """The Python package: test_scree.py DATA_FOLDER EXAMPLES_FOLDER"""
 
+import ast
 import ctypes
 import gc
+import inspect
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -65,6 +68,53 @@ class VersionedArray:
 
     def __dlpack_device__(self):
         return (1, 0)
+
+
+def is_public(name, member):
+    """Whether a class's member is of its own interface: not what every Python class or pybind11's has."""
+    dunders = ("__init__", "__dlpack__", "__dlpack_device__")
+    if name.startswith("_"):
+        return name in dunders and (inspect.isfunction(member) or name != "__init__")
+    return True
+
+
+def public_names(body):
+    """Of a stub: its functions, classes and annotated names that do not begin with _, but for special methods."""
+    names = {node.name for node in body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    names |= {node.target.id for node in body if isinstance(node, ast.AnnAssign)}
+    return {name for name in names if not name.startswith("_") or name.startswith("__")}
+
+
+def arguments_of_stub(node):
+    """(positional, keyword-only) names, with = behind those that may be left out."""
+    given = node.args
+    positional = [argument.arg for argument in given.args]
+    optional = len(positional) - len(given.defaults)
+    positional = [name + ("=" if i >= optional else "") for i, name in enumerate(positional)]
+    named = [argument.arg + ("=" if default is not None else "") for argument, default in zip(given.kwonlyargs, given.kw_defaults)]
+    if given.kwarg is not None:
+        named.append("**" + given.kwarg.arg)
+    return positional, named
+
+
+def arguments_of(function, shading):
+    """The same of what is there; **shading are the options of shading."""
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # pybind11's, whose first line of documentation is one
+        line = re.sub(r": [\w.\[\], ]+?(?= = |, \*|, \w+:|\))", "", function.__doc__.splitlines()[0].partition(" ->")[0])
+        return arguments_of_stub(ast.parse(f"def {line}: ...").body[0])
+    positional, named = [], []
+    for name, parameter in signature.parameters.items():
+        text = name + ("=" if parameter.default is not parameter.empty else "")
+        if parameter.kind == parameter.POSITIONAL_OR_KEYWORD:
+            positional.append(text)
+        elif parameter.kind == parameter.KEYWORD_ONLY:
+            named.append(text)
+        else:
+            assert parameter.kind == parameter.VAR_KEYWORD, name
+            named += [option + "=" for option in shading] if name == "shading" else ["**" + name]
+    return positional, named
 
 
 class Package(unittest.TestCase):
@@ -490,22 +540,131 @@ class Package(unittest.TestCase):
         self.assertIsNone(gone())
         self.assertEqual(scene.render(8, 8)["color"].shape, (8, 8, 4))
 
-    def test_documentation(self):
-        for name in ("open", "convert", "look_at", "around", "matrices"):
-            self.assertTrue(getattr(scree, name).__doc__)
-        for item in (scree.File, scree.Scene, scree.View):
-            for name, member in vars(item).items():
-                if not name.startswith("_") and callable(member):
-                    self.assertTrue(member.__doc__, f"{item.__name__}.{name}")
+    def test_clipped(self):
+        view, single = self.scene.view(), self.scene.view()
+        low, high = np.array(self.scene.stats["box_min"]), np.array(self.scene.stats["box_max"])
+        camera = scree.around(40, 25)
+        whole = view.draw(60, 40, camera=camera).read("triangle")
+        self.assertTrue((view.draw(60, 40, camera=scree.clipped(camera, low - 1, high + 1)).read("triangle") == whole).all())
+        boxes = [(low, (low + high) / 2), ((low + high) / 2, high), (high + 1, high + 2)]
+        cameras = [scree.clipped(camera, *box) for box in boxes] + [scree.clipped(None, *boxes[0]), camera]
+        pictures = [view.draw(60, 40, camera=camera).read("triangle") for camera in cameras]
+        self.assertTrue((pictures[0] != whole).any() and (pictures[0] >= 0).any())
+        self.assertTrue((pictures[2] == -1).all())
+        self.assertTrue((single.draw_batch(cameras, 60, 40, layers=["triangle"]).read("triangle") == np.array(pictures)).all())
+        for box in (((0, 0, np.nan), (1, 1, 1)), ((0, 2, 0), (1, 1, 1))):
+            with self.assertRaises(scree.Error) as caught:
+                view.draw(8, 8, camera=scree.clipped(camera, *box))
+            self.assertEqual(caught.exception.status, "SCREE_ERROR_ARGUMENT")
+        with self.assertRaises(TypeError):
+            scree.clipped(camera, (0, 0), (1, 1, 1))
 
-    def test_stubs_name_what_is_there(self):
-        stubs = pathlib.Path(scree.__file__).with_name("__init__.pyi").read_text()
-        for name in scree.__all__:
-            self.assertRegex(stubs, rf"(class|def) {name}\b")
-        for item in (scree.File, scree.Scene, scree.View):
-            for name in vars(item):
-                if not name.startswith("_"):
-                    self.assertIn(f"def {name}(", stubs)
+    def test_path(self):
+        film = self.folder / "film.json"
+        film.write_text('{"format": "scree camera path", "version": 1, "fps": 4, "keys": ['
+                        '{"t": 0, "eye": [4, 2, 6], "target": [0, 0, 0]}, {"t": 2, "eye": [6, 3, 0], "target": [0, 0, 0]}]}')
+        self.assertEqual(scree.path_info(film), {"frames": 9, "fps": 4.0})
+        self.assertEqual(scree.path_info(film, fps=30), {"frames": 61, "fps": 30.0})
+        cameras = scree.cameras_of_path(film)
+        self.assertEqual(len(cameras), 9)
+        view = self.scene.view()
+        drawn = view.draw_batch(cameras, 40, 30, layers=["depth"]).read("depth")
+        self.assertTrue((view.draw(40, 30, camera=scree.look_at((4, 2, 6), (0, 0, 0))).read("depth") == drawn[0]).all())
+        part = scree.cameras_of_path(film, first=7, count=100)
+        self.assertEqual(len(part), 2)
+        self.assertTrue((view.draw(40, 30, camera=part[1]).read("depth") == drawn[8]).all())
+        self.assertEqual(len(scree.cameras_of_path(film, fps=1, first=1, count=1)), 1)
+        self.assertEqual(scree.cameras_of_path(film, first=9), [])
+        for words, status in (({"first": 10}, "SCREE_ERROR_ARGUMENT"), ({"fps": -1}, "SCREE_ERROR_ARGUMENT")):
+            with self.assertRaises(scree.Error) as caught:
+                scree.cameras_of_path(film, **words)
+            self.assertEqual(caught.exception.status, status)
+        with self.assertRaises(scree.Error) as caught:
+            scree.cameras_of_path(self.path)
+        self.assertEqual(caught.exception.status, "SCREE_ERROR_DATA")
+        with self.assertRaises(TypeError):
+            scree.cameras_of_path(film, first=-1)
+
+    def test_shading_of_another_type(self):
+        view = self.scene.view().draw(8, 8)
+        for words, text in (({"exposure": "a"}, "exposure: 'a' is of another type"), ({"edl_radius": -1}, "edl_radius: -1"),
+                            ({"background": (0, 0, 0)}, r"background: \(0, 0, 0\)"), ({"show": 3}, "show: 3")):
+            with self.assertRaisesRegex(TypeError, text):
+                view.shade(**words)
+
+    def test_stubs_are_the_module(self):
+        """The stubs list the public names, arguments and properties that the built module has, and no other."""
+        stubs = ast.parse(pathlib.Path(scree.__file__).with_name("__init__.pyi").read_text())
+        self.assertEqual(public_names(stubs.body), set(scree.__all__))
+        visible = {name for name, value in vars(scree).items()
+                   if not name.startswith("_") and not inspect.ismodule(value) and name != "annotations"}
+        self.assertEqual(visible | {"__version__"}, set(scree.__all__))
+        with self.assertRaises(TypeError) as caught:
+            self.scene.view().draw(8, 8).shade(glow=1)
+        shading = str(caught.exception).partition(" is not one of ")[2].split(", ")
+        self.assertIn("show", shading)
+        objects = {"File": self.file, "Scene": self.scene, "View": self.scene.view(), "Error": scree.Error("text")}
+        objects["Error"].status = "SCREE_ERROR_FILE"  # as the module sets it
+        for node in stubs.body:
+            with self.subTest(getattr(node, "name", "")):
+                if isinstance(node, ast.FunctionDef):
+                    self.assertEqual(arguments_of_stub(node), arguments_of(getattr(scree, node.name), shading))
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    self.check_class(node, getattr(scree, node.name), objects.get(node.name), shading)
+
+    def check_class(self, node, found, value, shading):
+        members = {name for name, member in vars(found).items() if is_public(name, member)}
+        if value is not None:
+            members |= {name for name in vars(value) if not name.startswith("_")}
+        if found is scree.Scene or found is scree.View:
+            members.discard("__init__")  # made by File.load() and Scene.view()
+        self.assertEqual(public_names(node.body), members)
+        for member in node.body:
+            if not isinstance(member, ast.FunctionDef):
+                continue
+            there = inspect.getattr_static(found, member.name)
+            if [decorator.id for decorator in member.decorator_list] == ["property"]:
+                self.assertIsInstance(there, property, member.name)
+            else:
+                self.assertEqual(arguments_of_stub(member), arguments_of(getattr(found, member.name), shading), member.name)
+
+    def test_documentation(self):
+        """Every public name has a docstring, with each argument, and with shapes and errors where arrays pass."""
+        stubs = ast.parse(pathlib.Path(scree.__file__).with_name("__init__.pyi").read_text())
+        documented = 0
+        view = next(node for node in stubs.body if isinstance(node, ast.ClassDef) and node.name == "View")
+        self.stub_of_draw = next(node for node in view.body if node.name == "draw")
+        for node in stubs.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                self.assertTrue(getattr(scree, node.name).__doc__, node.name)
+                documented += sum(self.check_docstring(member, inspect.getattr_static(getattr(scree, node.name), member.name))
+                                  for member in node.body if isinstance(member, ast.FunctionDef) and member.name != "__init__")
+            elif isinstance(node, ast.FunctionDef):
+                documented += self.check_docstring(node, getattr(scree, node.name))
+        self.assertGreater(documented, 30)
+        self.assertTrue(scree.__doc__)
+
+    def check_docstring(self, node, found):
+        with self.subTest(node.name):
+            self.check_text(node, found.__doc__ or "")
+        return 1
+
+    def check_text(self, node, text):
+        text = text.partition("\n\n")[2] if text.startswith(f"{node.name}(") else text  # pybind11's first line is the types
+        self.assertGreater(len(text), 20, node.name)
+        names = {name.strip("*=") for some in arguments_of_stub(node) for name in some}
+        names -= {"self", "width", "height", "layer", "scene", "path", "x", "y"}  # which need no word
+        if re.search("(`shading`|Otherwise) as draw", text):
+            names -= {name.strip("*=") for some in arguments_of_stub(self.stub_of_draw) for name in some}
+        told = set(re.findall(r"`(\w+)`", text))
+        if not node.name.startswith("__"):
+            self.assertEqual(names - told, set())
+        arrays = ("NDArray", "ArrayLike", "_Array", "SharedLayer")
+        if any(word in ast.unparse(node) for word in arrays):
+            self.assertRegex(text, r"\b\w+ x \w+", node.name)  # a shape
+            self.assertRegex(text, r"float32|float64|int32|of the types and units of read|of the types and units of View.read|"
+                             r"Types and\s+units are those of read|by layer, as Scene.render", node.name)
+            self.assertIn("Raises", text, node.name)
 
     def test_examples(self):
         expected = {
