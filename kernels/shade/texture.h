@@ -73,8 +73,7 @@ SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& t
     return true;
   }
   // Where each row's blocks are, and the row's number below their top.
-  const uint8_t* blocks[2] = {texture.blocks + texture.level_offset[level],
-                              texture.blocks + texture.level_offset[level]};
+  const uint8_t* blocks[2];
   uint32_t y[2] = {row.first, row.second};
   if (kMayBePaged && level < texture.paged_level_count) {
     const format::BlockRows rows = format::block_rows(texture.block_format, width, max_of(texture.height >> level, 1u));
@@ -88,6 +87,8 @@ SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& t
       for (uint32_t i = 0; i < 4; ++i) texels[i] = 0;
       return false;
     }
+  } else {
+    blocks[0] = blocks[1] = texture.blocks + texture.level_offset[level];
   }
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
