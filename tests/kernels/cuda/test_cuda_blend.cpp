@@ -106,7 +106,7 @@ TEST_CASE("layers of blended surfaces are drawn alike on the GPU", "[cuda][blend
   SceneBuilder builder;
   add_blended_meshes(builder, is_clustered);
   const kernels::SceneView scene = builder.view();
-  std::vector<View> views = masked_views();
+  std::vector<View> views = masked_views(kEmulatesGpu ? 2 : 1);
   // The emulator is slow.
   for (const View& view : walk(kEmulatesGpu ? 1 : 40, 0.16, 96, 64)) views.push_back(view);
   std::vector<DrawnLayers> expected;
@@ -129,7 +129,7 @@ TEST_CASE("fragments that are drawn at once give the layers that are drawn one b
   uint32_t deepest = 0;
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), in_two_passes(), kNoRoom}) {
     GpuLayers gpu(scene, device, sizes);
-    for (const View& view : masked_views()) {
+    for (const View& view : masked_views(kEmulatesGpu ? 2 : 1)) {
       for (const uint32_t most : {64u, 2u}) {
         kernels::BlendCounts expected_counts;
         const std::vector<float> expected = gpu.over(view, most, 0, expected_counts);
@@ -153,7 +153,7 @@ TEST_CASE("layers of omitted instances are left out alike on the GPU, and come b
   SceneBuilder builder;
   add_blended_meshes(builder, is_clustered);
   const kernels::SceneView scene = builder.view();
-  const View view = masked_views()[0];
+  const View view = masked_views(kEmulatesGpu ? 2 : 1)[0];
   const std::vector<uint32_t> bits = random_omitted(scene.instance_count, 3);
   const DrawnLayers all = draw_layers(scene, view);
   const DrawnLayers expected = draw_layers(scene, omitting(view, bits.data()));

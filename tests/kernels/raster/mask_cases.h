@@ -8,7 +8,6 @@
 #include "format/container/mip_levels.h"
 #include "kernels/raster/mask.h"
 #include "tests/kernels/scene_builder.h"
-#include "tests/sanitized.h"
 
 namespace scree::tests {
 
@@ -105,15 +104,15 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
     for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
 }
 
-/// Views from far, near (the near plane cuts triangles), inside and above, and two orthographic ones.
-inline std::vector<kernels::View> masked_views() {
-  constexpr uint32_t kShare = kIsSanitized ? 2 : 1;  // of a picture's sides
-  const kernels::View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321 / kShare, 203 / kShare);
-  const kernels::View near = look_at({0.4, 0.25, 0.5}, {0, 0.1, 0}, 200 / kShare, 333 / kShare, 0.3);
-  const kernels::View above = look_at({0, 3, 0}, {0, 0, 0}, 256 / kShare, 256 / kShare);
+/// Views from far, near (the near plane cuts triangles), inside and above, and two orthographic ones; 1 / `share` as
+/// wide and high.
+inline std::vector<kernels::View> masked_views(uint32_t share = 1) {
+  const kernels::View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321 / share, 203 / share);
+  const kernels::View near = look_at({0.4, 0.25, 0.5}, {0, 0.1, 0}, 200 / share, 333 / share, 0.3);
+  const kernels::View above = look_at({0, 3, 0}, {0, 0, 0}, 256 / share, 256 / share);
   return {far,
           near,
-          look_at({0.1, 0.35, 0.9}, {0, 0.2, -1}, 150 / kShare, 90 / kShare, 0.001),
+          look_at({0.1, 0.35, 0.9}, {0, 0.2, -1}, 150 / share, 90 / share, 0.001),
           above,
           orthographic(far, 1.6, 0.1, 20),
           orthographic(near, 0.3, 0.01, 9)};
