@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Loads `scree view` with clients that move: pictures per second of each, times, and the server's memory.
 
-    lab/viewers.py PROGRAM FILE.scree [--clients 8] [--seconds 10] [--size 1280x720] [--join SECONDS] [words of scree view ...]
+    lab/viewers.py PROGRAM FILE.scree [--clients 8] [--seconds 10] [--size 1280x720] [--join SECONDS]
+                   [--link MBIT] [--delay MS] [words of scree view ...]
 
 A client sends a camera every 16 ms and acknowledges a picture as soon as it has come: what the server and the loopback
 take, without a browser. --join: every so many seconds a client leaves and another joins, and now and then picks, hides
-nodes, asks for a screenshot or rests. Exit code 1 if the server reports an error, closes a connection or ends, or if its
+nodes, asks for a screenshot or rests. --link: every client has a link of so many Mbit/s, which takes --delay ms (20) each
+way and holds 64 KiB. At the end all clients rest, and the time to their lossless picture is measured. Exit code 1 if the server reports an error, closes a connection or ends, or if its
 memory grows from the second to the last quarter of the time by more than 5% and 16 MiB.
 """
 import argparse
@@ -13,6 +15,7 @@ import base64
 import json
 import math
 import os
+import queue
 import random
 import re
 import signal
@@ -24,17 +27,67 @@ import threading
 import time
 
 
+class Link(threading.Thread):
+    """A slow link to a server: its port takes one connection."""
+
+    HELD = 64 * 1024  # bytes that the slowest part of the way holds
+
+    def __init__(self, host, port, mbit, delay_ms):
+        super().__init__(daemon=True)
+        self.bytes_per_s, self.delay = mbit * 1e6 / 8, delay_ms / 1e3
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.server = socket.socket()
+        self.server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self.HELD // 2)  # the kernel doubles it
+        self.server.connect((host, port))
+        self.start()
+
+    def run(self):
+        page, _ = self.listener.accept()
+        for socket_ in (page, self.server):
+            socket_.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for source, target in ((page, self.server), (self.server, page)):
+            on_way = queue.Queue()
+            threading.Thread(target=self.take, args=(source, on_way), daemon=True).start()
+            threading.Thread(target=self.give, args=(on_way, target), daemon=True).start()
+
+    def take(self, source, on_way):
+        free_at = 0
+        try:
+            while data := source.recv(1400):
+                free_at = max(free_at, time.perf_counter()) + len(data) / self.bytes_per_s
+                on_way.put((free_at + self.delay, data))
+                time.sleep(max(0, free_at - time.perf_counter()))
+        except OSError:
+            pass
+        on_way.put((0, b""))
+
+    def give(self, on_way, target):
+        try:
+            while True:
+                due, data = on_way.get()
+                time.sleep(max(0, due - time.perf_counter()))
+                if not data:
+                    target.shutdown(socket.SHUT_WR)
+                    return
+                target.sendall(data)
+        except OSError:
+            pass
+
+
 class Client:
     """One viewer: `pictures` are the (time, bytes) of those that came while it moved."""
 
-    def __init__(self, host, port, token, size, seed):
+    def __init__(self, host, port, token, size, seed, link=None):
         self.random = random.Random(seed)
         self.size = size
         self.pictures, self.waits, self.problems = [], [], []
         self.scene, self.is_over = None, False
         self.sent = {}
         self.lock = threading.Lock()
-        self.socket = socket.create_connection((host, port), timeout=60)
+        self.exact = None  # (time, bytes, milliseconds after its camera) of the newest lossless picture
+        to = Link(host, port, *link).port if link else port
+        self.socket = socket.create_connection((host, to), timeout=60)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         key = base64.b64encode(os.urandom(16)).decode()
         self.socket.sendall((f"GET /ws HTTP/1.1\r\nHost: {host}:{port}\r\nOrigin: http://{host}:{port}\r\nUpgrade: websocket\r\n"
@@ -103,8 +156,11 @@ class Client:
         now = time.perf_counter()
         if not head.get("exact"):
             self.pictures.append((now, len(message)))
-        if head.get("seq") in self.sent:
-            self.waits.append(1e3 * (now - self.sent[head["seq"]]))
+        wait = 1e3 * (now - self.sent[head["seq"]]) if head.get("seq") in self.sent else float("nan")
+        if head.get("exact"):
+            self.exact = (now, len(message), wait)
+        elif head.get("seq") in self.sent:
+            self.waits.append(wait)
 
     def view(self, number, moving=True):
         """The camera number `number` of a way around the scene."""
@@ -158,6 +214,8 @@ def main():
     parser.add_argument("--seconds", type=float, default=10)
     parser.add_argument("--size", default="1280x720")
     parser.add_argument("--join", type=float, default=0)
+    parser.add_argument("--link", type=float, default=0)
+    parser.add_argument("--delay", type=float, default=20)
     options, words = parser.parse_known_args()
     size = tuple(map(int, options.size.split("x")))
     server = subprocess.Popen([options.program, "view", options.file, "--port", "0", *words], stdout=subprocess.PIPE, text=True)
@@ -166,7 +224,8 @@ def main():
         raise SystemExit("viewers.py: scree view printed no address")
     host, port, token = url.group(1), int(url.group(2)), url.group(3)
     seeds = iter(range(10**9))
-    clients = [Client(host, port, token, size, next(seeds)) for _ in range(options.clients)]
+    link = (options.link, options.delay) if options.link else None
+    clients = [Client(host, port, token, size, next(seeds), link) for _ in range(options.clients)]
     gone, memory = [], []
     is_over = threading.Event()
 
@@ -203,12 +262,18 @@ def main():
             place = random.randrange(options.clients)
             gone.append(clients[place])
             clients[place].is_over = True
-            clients[place] = Client(host, port, token, size, next(seeds))
+            clients[place] = Client(host, port, token, size, next(seeds), link)
             gone[-1].close()
     end = time.perf_counter()
     is_over.set()
     for mover in movers:
         mover.join(2)
+    for client in clients:
+        client.exact = None
+        client.view(10**6, moving=False)
+    deadline = time.perf_counter() + 10
+    while any(client.exact is None for client in clients) and time.perf_counter() < deadline:
+        time.sleep(0.01)
     problems = [problem for client in clients + gone for problem in client.problems]
     if server.poll() is not None:
         problems.append(f"the server ended with {server.returncode}")
@@ -216,7 +281,8 @@ def main():
         since = max(start, client.pictures[0][0] if client.pictures else end)
         shown = [size for when, size in client.pictures if since <= when < end]
         print(f"client {place}: {len(shown) / max(0.001, end - since):.1f} pictures/s, {sum(shown) / 1024 / max(1, len(shown)):.0f} KiB each; "
-              f"camera to picture {at(client.waits, 0.5):.1f} (95%: {at(client.waits, 0.95):.1f}) ms")
+              f"camera to picture {at(client.waits, 0.5):.1f} (95%: {at(client.waits, 0.95):.1f}) ms"
+              + (f"; lossless after {client.exact[2]:.0f} ms, {client.exact[1] / 1024:.0f} KiB" if client.exact else ""))
         client.close()
     quarter = len(memory) // 4
     grown = at(memory[-quarter:], 0.5) - at(memory[quarter:2 * quarter], 0.5) if quarter else 0

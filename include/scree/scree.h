@@ -111,7 +111,7 @@ typedef struct scree_mesh_info {
   uint64_t vertices; /* stored */
   float box_min[3];  /* in the mesh's own units */
   float box_max[3];
-  double max_position_error; /* an axis, in the mesh's own units */
+  double max_position_error; /* per axis, in the mesh's own units */
   int32_t material;          /* -1: the default material */
   uint32_t attributes;       /* 1: texture coordinates, 2: colours, 4: normals, 8: triangle numbers of the source,
                                 16: second texture coordinates, 32: tangents */
@@ -456,7 +456,9 @@ typedef struct scree_frame_stats {
 
 SCREE_API scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats);
 
-/* ---- Converting -------------------------------------------------------------------------------------------------- */
+/* ---- Converting ----------------------------------------------------------------------------------------------------
+ * Errors and warnings of a conversion name options as the program `scree convert` spells them. The spelling stands in
+ * brackets at each flag and field. */
 
 typedef enum scree_textures {
   SCREE_TEXTURES_KEEP = 0, /* JPEGs are indexed without loss, other images stay as they are */
@@ -466,31 +468,31 @@ typedef enum scree_textures {
 } scree_textures;
 
 enum {
-  SCREE_CONVERT_INDEXED = 1,         /* chunks of vertices and indices instead of clusters */
-  SCREE_CONVERT_FLOAT32 = 2,         /* positions as they are */
-  SCREE_CONVERT_NORMALS = 4,         /* stores all normals; else those that are not the faces' */
-  SCREE_CONVERT_SOURCE_IDS = 8,      /* stores every triangle's number in the source */
-  SCREE_CONVERT_REPLACE = 16,        /* replaces an output that is there */
-  SCREE_CONVERT_KEEP_GOING = 32,     /* a damaged image becomes grey */
-  SCREE_CONVERT_DROP_NONFINITE = 64, /* leaves out triangles with a position that is not finite */
-  SCREE_CONVERT_ALLOW_OUTSIDE = 128, /* reads files outside the folder of the source */
-  SCREE_CONVERT_NO_WELD = 256,
-  SCREE_CONVERT_NO_SHARE = 512,
-  SCREE_CONVERT_GRID_SCENE = 1024, /* meshes under one world matrix share the finest step */
-  SCREE_CONVERT_BEST = 2048        /* smaller clusters, many times slower */
+  SCREE_CONVERT_INDEXED = 1,         /* [--encoding indexed] chunks of vertices and indices instead of clusters */
+  SCREE_CONVERT_FLOAT32 = 2,         /* [--positions float32] positions as they are */
+  SCREE_CONVERT_NORMALS = 4,         /* [--normals always] stores all normals; else those that are not the faces' */
+  SCREE_CONVERT_SOURCE_IDS = 8,      /* [--source-ids] stores every triangle's number in the source */
+  SCREE_CONVERT_REPLACE = 16,        /* [--force] replaces an output that is there */
+  SCREE_CONVERT_KEEP_GOING = 32,     /* [--keep-going] a damaged image becomes grey */
+  SCREE_CONVERT_DROP_NONFINITE = 64, /* [--drop-nonfinite] leaves out triangles with a position that is not finite */
+  SCREE_CONVERT_ALLOW_OUTSIDE = 128, /* [--allow-outside] reads files outside the folder of the source */
+  SCREE_CONVERT_NO_WELD = 256,       /* [--no-weld] keeps vertices whose stored data are equal */
+  SCREE_CONVERT_NO_SHARE = 512,      /* [--no-share] stores equal meshes, textures and materials several times */
+  SCREE_CONVERT_GRID_SCENE = 1024,   /* [--grid scene] meshes under one world matrix share the finest step */
+  SCREE_CONVERT_BEST = 2048          /* [--clusters best] smaller clusters, many times slower */
 };
 
 typedef struct scree_convert_options {
   size_t size;
   uint32_t flags;
-  uint32_t position_bits; /* an axis, 8 to 24. 0: 16 */
-  double max_error;       /* above 0: an axis in a mesh's own units, in place of position_bits */
-  int32_t zstd_level;     /* 1 to 22. 0: 3 for pages of blocks of textures, others are not compressed. -1: none is */
-  scree_textures textures;
-  int32_t jpeg_quality; /* 1 to 100. 0: 90 */
-  uint32_t threads;     /* 0: one per processor */
-  uint64_t memory;      /* bytes that the process may take. 0: 2 GiB */
-  const char* exclude;  /* a regular expression: nodes with such names are left out, and those below them */
+  uint32_t position_bits;  /* [--positions] per axis, 8 to 24. 0: 16 */
+  double max_error;        /* [--max-error] above 0: per axis, in a mesh's own units, in place of position_bits */
+  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: 3 for pages of blocks of textures, no others. -1: none */
+  scree_textures textures; /* [--textures] */
+  int32_t jpeg_quality;    /* [--textures jpeg:Q] 1 to 100. 0: 90 */
+  uint32_t threads;        /* [--threads] 0: one per processor */
+  uint64_t memory;         /* [--memory] bytes that the process may take. 0: 2 GiB */
+  const char* exclude;     /* [--exclude] a regular expression: nodes with such names and all below them are left out */
   scree_progress progress;
   void (*warning)(void* user, const char* line); /* called for each by the caller's thread, at the end */
   void* user;                                    /* for both */
@@ -502,7 +504,7 @@ typedef struct scree_convert_report {
   uint64_t output_bytes;
   uint64_t triangles; /* stored */
   uint64_t meshes;
-  double position_error; /* the largest found, an axis in a mesh's own units */
+  double position_error; /* the largest found, per axis in a mesh's own units */
   double seconds;
   uint64_t warnings;
 } scree_convert_report;

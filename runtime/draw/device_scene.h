@@ -173,6 +173,9 @@ class DeviceScene {
   /// Errors kDevice, kMemory.
   Result<DeviceView> add_view(const Scene& scene);
 
+  /// Device memory of another view, with queues of their first sizes and all of `pictures`.
+  static uint64_t view_bytes(const Scene& scene, const PictureNeeds& pictures);
+
   /// Brings the bits of View::omitted to the device, in place of those of the call before, which no picture may need
   /// any more. Returns where they lie while this lives; null for none. Errors kRange (not a bit for each instance),
   /// kDevice.

@@ -347,6 +347,10 @@ Result<DeviceView> DeviceScene::add_view(const Scene& scene) {
   }
 }
 
+uint64_t DeviceScene::view_bytes(const Scene& scene, const PictureNeeds& pictures) {
+  return frames_bytes(scene.view()) + picture_bytes(pictures, scene, false);
+}
+
 Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t> bits) {
   if (bits.empty()) return static_cast<const uint32_t*>(nullptr);
   if (const uint64_t words = omitted_words(impl_->scene.view()); bits.size() != words)

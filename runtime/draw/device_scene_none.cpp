@@ -91,6 +91,10 @@ Result<DeviceView> DeviceScene::add_view(const Scene&) {
   return current_gpu().error();
 }
 
+uint64_t DeviceScene::view_bytes(const Scene&, const PictureNeeds&) {
+  return 0;
+}
+
 const kernels::BlendCounts& DeviceScene::blended() const {
   static const kernels::BlendCounts none;
   return none;

@@ -91,7 +91,7 @@ uint32_t Hub::join(std::shared_ptr<ViewerLink> link) {
 
 void Hub::leave(uint32_t number) {
   const std::lock_guard lock(mutex_);
-  viewers_.erase(number);
+  if (viewers_.erase(number) != 0) left_.push_back(number);
   for (auto& [other, viewer] : viewers_)
     if (viewer->follows == number) viewer->follows = 0;
   tell_viewers();
@@ -244,6 +244,11 @@ void Hub::run() {
     for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
     uint64_t left_bytes = UINT64_MAX;  // of the scene's chunks
     while (!is_stopping_) {
+      if (const std::vector<uint32_t> left = std::exchange(left_, {}); !left.empty()) {
+        lock.unlock();
+        for (const uint32_t number : left) session_->forget(number);
+        lock.lock();
+      }
       const Clock::time_point now = Clock::now();
       Clock::time_point wake = now + 10s;
       std::optional<Work> work = next_work(now, wake);
@@ -256,12 +261,12 @@ void Hub::run() {
       if (work) {
         done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
       } else {
-        const Result<uint64_t> left = session_->load_rest(after(kIdleLoading));
-        if (!left) {
-          on_end_(left.error());
+        const Result<uint64_t> to_come = session_->load_rest(after(kIdleLoading));
+        if (!to_come) {
+          on_end_(to_come.error());
           return end();
         }
-        left_bytes = *left < left_bytes ? *left : 0;  // a GPU that is full takes no more
+        left_bytes = *to_come < left_bytes ? *to_come : 0;  // a GPU that is full takes no more
       }
       const bool fell_back = session_->drawn_on() != drawn_on;  // from a GPU that failed to the CPU
       if (fell_back) text = scene_text(*session_, options_);
@@ -297,8 +302,8 @@ Result<void> Hub::draw_moving(const Work& work) {
   const Quality& quality = kQualities[work.level];
   const JpegKind jpeg{quality.jpeg, has_sharp_colours(request.shade.show)};
   const Result<Drawn> drawn =
-      session_->draw(request, scaled(request.width, quality.scale), scaled(request.height, quality.scale), 1,
-                     work.visibility, &jpeg, after(kChunkPatience));
+      session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
+                     scaled(request.height, quality.scale), 1, work.visibility, &jpeg, after(kChunkPatience));
   if (!drawn) return drawn.error();
 
   std::optional<runtime::Vec3> point;
@@ -321,8 +326,8 @@ Result<void> Hub::draw_moving(const Work& work) {
 
 Result<void> Hub::draw_exact(const Work& work) {
   const PictureRequest& request = work.request;
-  const Result<Drawn> drawn = session_->draw(request, request.width, request.height, work.samples, work.visibility,
-                                             nullptr, [&] { return is_outdated(work); });
+  const Result<Drawn> drawn = session_->draw(work.viewer->number, request, request.width, request.height, work.samples,
+                                             work.visibility, nullptr, [&] { return is_outdated(work); });
   if (!drawn) return drawn.error();
   if (is_outdated(work)) return {};
   const runtime::Stopwatch watch;
@@ -373,7 +378,7 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
     return is_stopping_;
   };
   const Result<Drawn> drawn =
-      session_->draw(work.request, shot.width, shot.height, samples, work.visibility, nullptr, is_stopping);
+      session_->draw(0, work.request, shot.width, shot.height, samples, work.visibility, nullptr, is_stopping);
   if (!drawn) return drawn.error();
   if (drawn->left_bytes != 0) return {};
   const runtime::Stopwatch watch;
@@ -385,7 +390,8 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
 }
 
 Result<void> Hub::pick(const Work& work, const PickRequest& request) {
-  const Result<Drawn> drawn = session_->draw(work.request, work.request.width, work.request.height, 1, work.visibility);
+  const Result<Drawn> drawn =
+      session_->draw(work.viewer->number, work.request, work.request.width, work.request.height, 1, work.visibility);
   if (!drawn) return drawn.error();
   const Result<std::optional<Picked>> picked = session_->pick(request.at);
   if (!picked) return picked.error();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <new>
 #include <utility>
 
@@ -63,6 +64,18 @@ struct BufferKey {
   bool operator==(const BufferKey&) const = default;
 };
 
+/// A picture and what it was drawn into.
+struct Picture {
+  std::optional<runtime::DeviceView> device;  // none: the CPU drew it
+  std::optional<BufferKey> key;               // none: there is no picture
+  kernels::View view{};                       // in samples
+  uint32_t samples_per_side = 1;
+  kernels::FrameStats stats{};
+  kernels::BlendCounts blended;
+  uint64_t left_bytes = 0;  // of chunks that it lacks
+  double buffer_ms = 0;     // the time of drawing it
+};
+
 std::string string_of(const format::Container& container, uint32_t offset) {
   return std::string(container.string(offset));
 }
@@ -97,16 +110,15 @@ struct ViewSession::Impl {
   std::vector<uint32_t> omitted;
   const uint32_t* omitted_on_device = nullptr;  // null: not brought there yet
 
-  // The last picture:
-  std::optional<BufferKey> key;
-  kernels::View view{};  // in samples
-  uint32_t samples_per_side = 1;
-  kernels::FrameStats stats{};
-  kernels::BlendCounts blended;
-  std::vector<uint64_t> samples;  // the CPU's, or read back from the GPU
-  bool has_samples = false;
-  uint64_t left_bytes = 0;  // of chunks that it lacks
-  double buffer_ms = 0;     // the time of drawing it
+  // Pictures that viewers have of their own. A GPU knows for each which clusters were seen, so that the camera of one
+  // viewer is no jump for the others.
+  std::map<uint32_t, Picture> own;
+  uint64_t most_own = 0;
+  Picture shared;
+  Picture* last = &shared;
+  // Samples of a picture, the CPU's or read back from the GPU:
+  std::vector<uint64_t> samples;
+  const Picture* sampled = nullptr;  // null: of none
   std::vector<uint8_t> pixels;
   std::vector<uint32_t> device_pixels;
 
@@ -124,13 +136,55 @@ struct ViewSession::Impl {
                                      pictures, nullptr, options.backend.gpus, true);
     if (!uploaded) return uploaded.error();
     device = std::move(*uploaded);
+    Result<runtime::DeviceView> view = device->add_view(scene);
+    if (!view) return view.error();
+    shared.device = std::move(*view);
+    // The device's free memory is the limit where no other is set.
+    const uint64_t each = runtime::DeviceScene::view_bytes(scene, pictures);
+    const uint64_t taken = std::min(device->stats().device_bytes, options.device_memory);
+    most_own = options.device_memory == 0 ? UINT64_MAX : (options.device_memory - taken) / each;
     return {};
+  }
+
+  void forget_pictures() {
+    own.clear();
+    shared = {};
+    last = &shared;
+    sampled = nullptr;
+  }
+
+  void forget(uint32_t viewer) {
+    const auto found = own.find(viewer);
+    if (found == own.end()) return;
+    if (last == &found->second) last = &shared;
+    if (sampled == &found->second) sampled = nullptr;
+    own.erase(found);
+  }
+
+  /// Makes the picture that is drawn next the last one: the viewer's own where it can have one, else the shared one.
+  /// Throws std::bad_alloc.
+  void choose_picture(uint32_t viewer, uint32_t wanted_samples) {
+    last = &shared;
+    // Pictures of many samples per pixel would take too much memory for each viewer.
+    if (!device || viewer == 0 || wanted_samples != 1) return;
+    auto found = own.find(viewer);
+    if (found == own.end()) {
+      if (own.size() >= most_own) return;
+      Result<runtime::DeviceView> view = device->add_view(scene);
+      if (!view) {
+        most_own = own.size();
+        return;
+      }
+      found = own.try_emplace(viewer).first;
+      found->second.device = std::move(*view);
+    }
+    last = &found->second;
   }
 
   /// From now on the CPU draws.
   Result<void> use_cpu() {
+    forget_pictures();
     device.reset();
-    key.reset();
     drawn_on = name_of_cpu(options.threads);
     return scene.load_pages(options.threads);
   }
@@ -161,9 +215,11 @@ struct ViewSession::Impl {
 
   Result<void> draw_buffer(const BufferKey& wanted, const kernels::ShadeOptions& shade,
                            const runtime::IsOver& is_over) {
-    key.reset();
-    has_samples = false;
-    left_bytes = 0;
+    Picture& picture = *last;
+    kernels::View& view = picture.view;
+    picture.key.reset();
+    picture.left_bytes = 0;
+    if (sampled == last) sampled = nullptr;
     runtime::CameraOptions camera;
     camera.eye = wanted.camera.eye;
     camera.target = wanted.camera.target;
@@ -177,43 +233,45 @@ struct ViewSession::Impl {
     view = *made;
     view.width *= wanted.samples;
     view.height *= wanted.samples;
-    samples_per_side = wanted.samples;
+    picture.samples_per_side = wanted.samples;
     const Result<const uint32_t*> left_out = omit(wanted.visibility);
     if (!left_out) return left_out.error();
     view.omitted = *left_out;
     Result<kernels::FrameStats> drawn = kernels::FrameStats{};
-    if (device) {
-      drawn = device->draw(view, nullptr, &shade, is_over);
-      if (const std::optional<runtime::StreamStats>& stream = device->stream_stats(); drawn && stream)
-        left_bytes = stream->left_bytes;
+    if (picture.device) {
+      drawn = picture.device->draw(view, nullptr, &shade, is_over);
+      if (const std::optional<runtime::StreamStats>& stream = picture.device->stream_stats(); drawn && stream)
+        picture.left_bytes = stream->left_bytes;
     } else {
       samples.resize(uint64_t{view.width} * view.height);
       drawn = kernels::draw_cpu(scene.view(), view, samples, options.threads);
-      has_samples = bool(drawn);
+      if (drawn) sampled = last;
     }
     if (!drawn) return drawn.error();
-    stats = *drawn;
-    if (left_bytes == 0) key = wanted;
+    picture.stats = *drawn;
+    if (picture.left_bytes == 0) picture.key = wanted;
     return {};
   }
 
   Result<PixelView> shade_buffer(const kernels::ShadeOptions& shade, bool reads_pixels) {
+    Picture& picture = *last;
+    const uint32_t side = picture.samples_per_side;
     PixelView out;
-    out.width = view.width / samples_per_side;
-    out.height = view.height / samples_per_side;
+    out.width = picture.view.width / side;
+    out.height = picture.view.height / side;
     const size_t count = size_t{out.width} * out.height;
-    if (device) {
+    if (picture.device) {
       out.channels = 4;
       device_pixels.resize(reads_pixels ? count : 0);
-      if (const Result<void> done = device->resolve(view, samples_per_side, shade, device_pixels); !done)
+      if (const Result<void> done = picture.device->resolve(picture.view, side, shade, device_pixels); !done)
         return done.error();
-      blended = device->blended();
+      picture.blended = picture.device->blended();
       out.bytes = {reinterpret_cast<const uint8_t*>(device_pixels.data()), 4 * device_pixels.size()};
     } else {
       out.channels = 3;
       pixels.resize(3 * count);
-      if (const Result<void> done = kernels::resolve_cpu(scene.view(), view, samples_per_side, samples, shade, 3,
-                                                         pixels, options.threads, &blended);
+      if (const Result<void> done = kernels::resolve_cpu(scene.view(), picture.view, side, samples, shade, 3, pixels,
+                                                         options.threads, &picture.blended);
           !done)
         return done.error();
       out.bytes = pixels;
@@ -227,25 +285,30 @@ struct ViewSession::Impl {
     out.samples = wanted.samples;
     // A streamed frame keeps only the colours of a part, so other shading needs another frame.
     const bool is_streamed = device && device->is_streamed();
-    if (key != wanted || is_streamed) {
+    Picture& picture = *last;
+    if (picture.key != wanted || is_streamed) {
       const Stopwatch draw_watch;
       if (const Result<void> drawn = draw_buffer(wanted, shade, is_over); !drawn) return drawn.error();
-      out.draw_ms = buffer_ms = draw_watch.elapsed().wall_ms;
+      out.draw_ms = picture.buffer_ms = draw_watch.elapsed().wall_ms;
+    } else {  // other pictures may have left out other nodes meanwhile
+      const Result<const uint32_t*> left_out = omit(wanted.visibility);
+      if (!left_out) return left_out.error();
+      picture.view.omitted = *left_out;
     }
-    out.left_bytes = left_bytes;
-    out.buffer_ms = buffer_ms;
+    out.left_bytes = picture.left_bytes;
+    out.buffer_ms = picture.buffer_ms;
     const Stopwatch shade_watch;
     const Result<PixelView> shaded = shade_buffer(shade, jpeg == nullptr);
     if (!shaded) return shaded.error();
     out.shade_ms = shade_watch.elapsed().wall_ms;
     out.pixels = *shaded;
-    out.stats = stats;
-    out.blended = blended;
+    out.stats = picture.stats;
+    out.blended = picture.blended;
     if (jpeg == nullptr) return out;
     const Stopwatch encode_watch;
     Result<std::vector<std::byte>> file =
-        device ? device->encode_jpeg(out.pixels.width, out.pixels.height, jpeg->quality, jpeg->is_sharp)
-               : encode_jpeg(out.pixels, jpeg->quality, jpeg->is_sharp, workers);
+        picture.device ? picture.device->encode_jpeg(out.pixels.width, out.pixels.height, jpeg->quality, jpeg->is_sharp)
+                       : encode_jpeg(out.pixels, jpeg->quality, jpeg->is_sharp, workers);
     if (!file) return file.error();
     out.jpeg = std::move(*file);
     out.encode_ms = encode_watch.elapsed().wall_ms;
@@ -253,11 +316,12 @@ struct ViewSession::Impl {
   }
 
   Result<void> need_samples() {
-    if (!key) return Error{ErrorCode::kUsage, "no picture was drawn"};
-    if (has_samples) return {};
-    samples.resize(uint64_t{view.width} * view.height);
-    if (const Result<void> read = device->read_samples(samples); !read) return read;
-    has_samples = true;
+    if (!last->key) return Error{ErrorCode::kUsage, "no picture was drawn"};
+    if (sampled == last) return {};
+    sampled = nullptr;
+    samples.resize(uint64_t{last->view.width} * last->view.height);
+    if (const Result<void> read = last->device->read_samples(samples); !read) return read;
+    sampled = last;
     return {};
   }
 };
@@ -305,28 +369,42 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   return Result<ViewSession>(std::move(session));
 }
 
-Result<Drawn> ViewSession::draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
-                                const Visibility& visibility, const JpegKind* jpeg,
+Result<Drawn> ViewSession::draw(uint32_t viewer, const PictureRequest& request, uint32_t width, uint32_t height,
+                                uint32_t samples, const Visibility& visibility, const JpegKind* jpeg,
                                 const runtime::IsOver& is_over) try {
   BufferKey wanted{request.camera, width, height, samples, visibility, request.clip_box};
   kernels::ShadeOptions shade = request.shade;
   shade.lighting = impl_->options.light.lighting;
   shade.exposure = impl_->options.light.exposure;
   shade.blend_layers = impl_->options.light.blend_layers;
+  impl_->choose_picture(viewer, samples);
   Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg, is_over);
+  if (!drawn && drawn.error().code == ErrorCode::kDevice && impl_->last != &impl_->shared) {
+    // There may be no memory for a picture of its own.
+    impl_->most_own = impl_->own.size() - 1;
+    impl_->forget(viewer);
+    drawn = impl_->draw(wanted, shade, jpeg, is_over);
+  }
   if (drawn || !impl_->may_fall_back(drawn.error())) return drawn;
   if (const Result<void> ready = impl_->fall_back(drawn.error()); !ready) return ready.error();
   return impl_->draw(wanted, shade, jpeg, is_over);
 } catch (const std::bad_alloc&) {
-  impl_->key.reset();
+  impl_->last->key.reset();
   return Error{ErrorCode::kMemory,
                "no memory left for a picture of " + std::to_string(width) + " x " + std::to_string(height) + " pixels"};
+}
+
+void ViewSession::forget(uint32_t viewer) {
+  impl_->forget(viewer);
 }
 
 Result<uint64_t> ViewSession::load_rest(const runtime::IsOver& is_over) {
   if (!impl_->device) return uint64_t{0};
   const Result<uint64_t> left = impl_->device->load_rest(is_over);
-  if (left && *left == 0) impl_->key.reset();
+  if (left && *left == 0) {
+    impl_->shared.key.reset();
+    for (auto& [viewer, picture] : impl_->own) picture.key.reset();
+  }
   if (left || !impl_->may_fall_back(left.error())) return left;
   if (const Result<void> ready = impl_->fall_back(left.error()); !ready) return ready.error();
   return uint64_t{0};
@@ -334,10 +412,10 @@ Result<uint64_t> ViewSession::load_rest(const runtime::IsOver& is_over) {
 
 Result<DepthMap> ViewSession::depths() try {
   if (const Result<void> read = impl_->need_samples(); !read) return read.error();
-  const kernels::View& view = impl_->view;
+  const kernels::View& view = impl_->last->view;
   DepthMap map;
   map.view_ = view;
-  map.samples_ = impl_->samples_per_side;
+  map.samples_ = impl_->last->samples_per_side;
   const uint32_t width = view.width / map.samples_, height = view.height / map.samples_;
   while (uint64_t{width / map.step_} * (height / map.step_) > kMostDepths) ++map.step_;
   map.across_ = (width + map.step_ - 1) / map.step_;
@@ -352,10 +430,10 @@ Result<DepthMap> ViewSession::depths() try {
 }
 
 std::optional<Vec3> ViewSession::point(Pixel at) const {
-  const uint32_t side = impl_->samples_per_side;
-  const kernels::View& view = impl_->view;
+  const uint32_t side = impl_->last->samples_per_side;
+  const kernels::View& view = impl_->last->view;
   const uint64_t column = uint64_t{at.x} * side + side / 2, row = uint64_t{at.y} * side + side / 2;
-  if (!impl_->has_samples || column >= view.width || row >= view.height) return std::nullopt;
+  if (impl_->sampled != impl_->last || column >= view.width || row >= view.height) return std::nullopt;
   const uint64_t sample = impl_->samples[row * view.width + column];
   if (sample == kernels::kBackground) return std::nullopt;
   return place_of(view, static_cast<double>(column) + 0.5, static_cast<double>(row) + 0.5,
@@ -364,8 +442,8 @@ std::optional<Vec3> ViewSession::point(Pixel at) const {
 
 Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
   if (const Result<void> read = impl_->need_samples(); !read) return read.error();
-  const uint32_t side = impl_->samples_per_side;
-  const kernels::View& view = impl_->view;
+  const uint32_t side = impl_->last->samples_per_side;
+  const kernels::View& view = impl_->last->view;
   const uint64_t column = uint64_t{at.x} * side + side / 2, row = uint64_t{at.y} * side + side / 2;
   if (column >= view.width || row >= view.height) return std::optional<Picked>();
   const uint64_t sample = impl_->samples[row * view.width + column];

@@ -105,13 +105,18 @@ class ViewSession {
   ViewSession& operator=(ViewSession&&) noexcept;
   ~ViewSession();
 
-  /// Draws and shades a picture of `width` x `height` pixels. `visibility`: may name missing nodes. `jpeg`: how to
-  /// encode it, if at all; a GPU encodes by itself, so that a file comes to the host instead of all pixels. `is_over`:
-  /// as runtime::Streamer::draw(), where chunks come with the picture. Without Drawn::left_bytes the pixels equal those
-  /// of `scree render` with the same camera, size, samples and shading, bit for bit. Errors kUsage (a camera without a
-  /// direction), kRange (more than kernels::kMaxImageSide samples per side), kMemory, kDevice.
-  Result<Drawn> draw(const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
+  /// Draws and shades a picture of `width` x `height` pixels. `viewer`: a number of the caller's for the one who gets
+  /// it; on a GPU it has its own memory of the last picture's clusters, until forget(); 0: none. `visibility`: may name
+  /// missing nodes. `jpeg`: how to encode it, if at all; a GPU encodes by itself, so that a file comes to the host
+  /// instead of all pixels. `is_over`: as runtime::Streamer::draw(), where chunks come with the picture. Without
+  /// Drawn::left_bytes the pixels equal those of `scree render` with the same camera, size, samples and shading, bit
+  /// for bit. Errors kUsage (a camera without a direction), kRange (more than kernels::kMaxImageSide samples per side),
+  /// kMemory, kDevice.
+  Result<Drawn> draw(uint32_t viewer, const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
                      const Visibility& visibility, const JpegKind* jpeg = nullptr, const runtime::IsOver& is_over = {});
+
+  /// Frees the memory of a viewer that is gone.
+  void forget(uint32_t viewer);
 
   /// Brings chunks to the GPU that no picture needed yet, until `is_over`. Returns the bytes that are left: 0 in the
   /// end, unless the GPU's memory does not hold the scene. The last picture must be drawn again before it is read.

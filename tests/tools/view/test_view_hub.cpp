@@ -177,12 +177,12 @@ TEST_CASE("a GPU's JPEG of a view shows its pixels", "[view][view-hub][cuda]") {
   REQUIRE(session);
   const PictureRequest wanted = request(1, 0);
   for (const bool is_sharp : {false, true}) {
-    const auto with_pixels = session->draw(wanted, wanted.width, wanted.height, 1, {});
+    const auto with_pixels = session->draw(1, wanted, wanted.width, wanted.height, 1, {});
     REQUIRE(with_pixels);
     const std::vector<uint8_t> pixels(with_pixels->pixels.bytes.begin(), with_pixels->pixels.bytes.end());
     REQUIRE(pixels.size() == size_t{4} * wanted.width * wanted.height);
     const JpegKind kind{100, is_sharp};
-    const auto coded = session->draw(wanted, wanted.width, wanted.height, 1, {}, &kind);
+    const auto coded = session->draw(1, wanted, wanted.width, wanted.height, 1, {}, &kind);
     REQUIRE(coded);
     const auto image = scree::runtime::decode_image(coded->jpeg);
     REQUIRE(image);

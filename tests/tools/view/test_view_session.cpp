@@ -31,12 +31,12 @@ ViewSession open(const std::string& path, tools::BackendChoice choice) {
 using Rgb = std::vector<uint8_t>;
 
 /// Eight quads in two rows; node 5 is blended.
-Rgb draw(ViewSession& session, const Visibility& visibility) {
+Rgb draw(ViewSession& session, const Visibility& visibility, uint32_t viewer = 0) {
   PictureRequest request;
   request.camera.eye = {3.75, 1.25, 9};
   request.camera.target = {3.75, 1.25, 0};
   request.shade.background[3] = 1;
-  const Result<Drawn> drawn = session.draw(request, 120, 60, 1, visibility);
+  const Result<Drawn> drawn = session.draw(viewer, request, 120, 60, 1, visibility);
   if (!drawn) FAIL(drawn.error().message);
   const PixelView& pixels = drawn->pixels;
   Rgb out;
@@ -88,4 +88,21 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
     CHECK(differing(found[i], expected[i]) == 0);
   }
   CHECK(found.back() == found.front());
+  // Viewers take turns. Each shows what it showed, also without drawing again, and picks in its own picture.
+  for (const uint32_t round : {0, 1, 2}) {
+    INFO("round " << round);
+    if (round == 2) gpu.forget(1);
+    CHECK(draw(gpu, all_kinds[1], 1) == found[1]);
+    CHECK(draw(gpu, all_kinds[2], 2) == found[2]);
+    CHECK(draw(gpu, {}, 0) == found[0]);
+    CHECK(draw(gpu, all_kinds[2], 2) == found[2]);
+    const auto at_hidden = gpu.pick({75, 20});
+    draw(gpu, {{0, 1}, {}}, 1);
+    const auto at_shown = gpu.pick({75, 20});
+    REQUIRE(at_hidden);
+    REQUIRE(at_shown);
+    CHECK(!at_hidden->has_value());
+    REQUIRE(at_shown->has_value());
+    CHECK((*at_shown)->node == 6);
+  }
 }
