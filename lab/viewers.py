@@ -81,7 +81,9 @@ class Client:
     def __init__(self, host, port, token, size, seed, link=None):
         self.random = random.Random(seed)
         self.size = size
+        self.turn = 2.4 * seed  # every client looks from elsewhere
         self.pictures, self.waits, self.problems = [], [], []
+        self.times = {"drawMs": [], "shadeMs": [], "encodeMs": [], "waitMs": []}
         self.scene, self.is_over = None, False
         self.sent = {}
         self.lock = threading.Lock()
@@ -156,6 +158,8 @@ class Client:
         now = time.perf_counter()
         if not head.get("exact"):
             self.pictures.append((now, len(message)))
+            for name in self.times:
+                self.times[name].append(head[name])
         wait = 1e3 * (now - self.sent[head["seq"]]) if head.get("seq") in self.sent else float("nan")
         if head.get("exact"):
             self.exact = (now, len(message), wait)
@@ -167,7 +171,7 @@ class Client:
         low, high = self.scene["boxMin"], self.scene["boxMax"]
         middle = [(a + b) / 2 for a, b in zip(low, high)]
         reach = 0.8 * math.dist(low, high)
-        turn = number / 60 + self.random.random() * 0.01
+        turn = self.turn + number / 60 + self.random.random() * 0.01
         eye = [middle[0] + reach * math.cos(turn), middle[1] + 0.4 * reach, middle[2] + reach * math.sin(turn)]
         self.sent[number] = time.perf_counter()
         self.sent.pop(number - 200, None)
@@ -281,7 +285,8 @@ def main():
         since = max(start, client.pictures[0][0] if client.pictures else end)
         shown = [size for when, size in client.pictures if since <= when < end]
         print(f"client {place}: {len(shown) / max(0.001, end - since):.1f} pictures/s, {sum(shown) / 1024 / max(1, len(shown)):.0f} KiB each; "
-              f"camera to picture {at(client.waits, 0.5):.1f} (95%: {at(client.waits, 0.95):.1f}) ms"
+              f"camera to picture {at(client.waits, 0.5):.1f} (95%: {at(client.waits, 0.95):.1f}) ms, on the server "
+              + ", ".join(f"{name[:-2]} {at(times, 0.5):.2f}" for name, times in client.times.items())
               + (f"; lossless after {client.exact[2]:.0f} ms, {client.exact[1] / 1024:.0f} KiB" if client.exact else ""))
         client.close()
     quarter = len(memory) // 4

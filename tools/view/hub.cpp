@@ -128,6 +128,7 @@ void Hub::receive(uint32_t number, Message message) {
           viewer.wanted = std::move(body);
           viewer.wanted_at = Clock::now();
           ++viewer.version;
+          if (is_drawn && viewer.sharp_version == viewer.drawn_version) viewer.sharp_version = viewer.version;
           if (is_drawn) viewer.drawn_version = viewer.version;
           viewer.exact_samples = 0;
         } else if constexpr (std::is_same_v<Body, Ack>) {
@@ -171,7 +172,7 @@ bool Hub::is_outdated(const Work& work) const {
 /// What this viewer needs now; where that is later, `wake` is brought forward to then.
 std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point now, Clock::time_point& wake) const {
   if (!viewer->wanted) return std::nullopt;
-  Work work{viewer, *viewer->wanted, viewer->visibility, viewer->version, viewer->wanted_at, now, {}, 0, 0};
+  Work work{viewer, *viewer->wanted, viewer->visibility, viewer->version, viewer->wanted_at, now, {}, 0, 0, false};
   if (!viewer->jobs.empty()) {
     work.job = viewer->jobs.front();
     return work;
@@ -181,7 +182,9 @@ std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point
     work.level = viewer->wanted->is_full_quality ? 0 : viewer->adaptation.level();
     return work;
   }
-  // At rest: a picture more at a time.
+  // At rest: a picture more at a time. On a slow link, whose pictures are small, a JPEG of full size comes first: it is
+  // there in a third of the time of a lossless picture.
+  work.is_at_rest = true;
   if (!viewer->in_flight.empty() && viewer->exact_samples != 0) return std::nullopt;
   if (viewer->in_flight.size() >= kMaxInFlight) return std::nullopt;
   const uint32_t most = possible_samples(viewer->wanted->most_samples, viewer->wanted->width, viewer->wanted->height);
@@ -193,6 +196,7 @@ std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point
     if (guess_ms > kPatientMs) return std::nullopt;
     if (guess_ms > kQuickMs) due = viewer->wanted_at + kPatientDelay;
   }
+  if (viewer->sharp_version != viewer->version) work.samples = 0;
   if (due <= now) return work;
   wake = std::min(wake, due);
   return std::nullopt;
@@ -206,7 +210,7 @@ std::optional<Hub::Work> Hub::next_work(Clock::time_point now, Clock::time_point
     if (next == viewers_.end()) next = viewers_.begin();
     std::optional<Work> work = work_of(next->second, now, wake);
     if (!work) continue;
-    const bool can_wait = work->samples != 0 || (work->job && std::holds_alternative<Screenshot>(*work->job));
+    const bool can_wait = work->is_at_rest || (work->job && std::holds_alternative<Screenshot>(*work->job));
     const bool is_urgent = !can_wait || now - work->wanted_at > kLongestWait;
     if (!is_urgent) {
       if (!at_rest) at_rest = std::move(work);
@@ -294,7 +298,10 @@ void Hub::sent(const Work& work, uint64_t frame, bool is_moving, bool is_whole) 
   const std::lock_guard lock(mutex_);
   Viewer& viewer = *work.viewer;
   viewer.in_flight.push_back({frame, work.begun, work.level, is_moving && is_whole});
-  if (is_whole) viewer.drawn_version = std::max(viewer.drawn_version, work.version);
+  if (!is_whole) return;
+  viewer.drawn_version = std::max(viewer.drawn_version, work.version);
+  if (work.samples != 0 || kQualities[work.level].scale == 1)
+    viewer.sharp_version = std::max(viewer.sharp_version, work.version);
 }
 
 Result<void> Hub::draw_moving(const Work& work) {
@@ -319,7 +326,7 @@ Result<void> Hub::draw_moving(const Work& work) {
   }
   std::vector<std::byte> message =
       moving_picture(frame, request, quality, *drawn, ms_between(work.wanted_at, work.begun), point);
-  sent(work, frame, true, drawn->left_bytes == 0);
+  sent(work, frame, !work.is_at_rest, drawn->left_bytes == 0);
   work.viewer->link->send_picture(std::move(message));
   return {};
 }

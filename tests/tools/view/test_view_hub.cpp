@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <mutex>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "runtime/images/image.h"
@@ -111,6 +112,41 @@ TEST_CASE("a hub draws the newest camera, then the picture at rest, then more sa
   CHECK(finer.find("\"samples\":2,") != std::string::npos);
   hub.leave(number);
   hub.receive(number, request(99, 0));  // the request of no page
+  CHECK(hub.stop(5s));
+}
+
+TEST_CASE("a viewer with a slow link gets a JPEG of full size at rest, then a lossless picture", "[view][view-hub]") {
+  const ScratchPath path("hub.scree");
+  SmallScene{}.write(path.string());
+  Hub hub(options_of(path.string()), [](scree::Error error) { FAIL(error.message); });
+  const auto page = std::make_shared<Page>();
+  const uint32_t number = hub.join(page);
+  REQUIRE(page->hears("\"type\":\"scene\""));
+  size_t count = 0;
+  const auto next = [&] {
+    const std::string head = page->picture(count++);
+    REQUIRE(!head.empty());
+    return head;
+  };
+  bool is_small = false;
+  for (uint64_t i = 1; !is_small; ++i) {
+    REQUIRE(i < 30);
+    PictureRequest moving = request(i, 0.01 * static_cast<double>(i));
+    moving.is_moving = true;
+    hub.receive(number, moving);
+    std::string head;
+    while (head.find("\"seq\":" + std::to_string(i) + ",") == std::string::npos) {
+      if (!head.empty()) hub.receive(number, Ack{frame_of(head)});  // one at rest, of the camera before
+      head = next();
+    }
+    is_small = head.find("\"scale\":0.75") != std::string::npos;
+    std::this_thread::sleep_for(130ms);  // pictures take that long to the page
+    hub.receive(number, Ack{frame_of(head)});
+  }
+  const std::string sharp = next(), exact = next();
+  CHECK(sharp.find("\"exact\":false") != std::string::npos);
+  CHECK(sharp.find("\"quality\":88,") != std::string::npos);
+  CHECK(exact.find("\"exact\":true") != std::string::npos);
   CHECK(hub.stop(5s));
 }
 
