@@ -21,10 +21,12 @@ constexpr auto kMovingRestDelay = 160ms;  // if it said that it moves, but has s
 constexpr double kQuickMs = 150;
 constexpr double kPatientMs = 900;
 constexpr auto kPatientDelay = 1200ms;
-// How long a picture waits for chunks that are still on their way to a GPU before it goes without them, and how long
-// chunks are loaded that no picture needs while there is nothing to draw.
+// How long a picture waits for chunks that are still on their way to a GPU before it goes without them.
 constexpr auto kChunkPatience = 150ms;
-constexpr auto kIdleLoading = 30ms;
+// How long chunks that no picture needs are loaded at a time, and how long at most pictures are drawn in between: they
+// take two to three times as long while chunks are missing.
+constexpr auto kLoading = 30ms;
+constexpr auto kBetweenLoading = 60ms;
 // A viewer at rest waits no longer for those who move.
 constexpr auto kLongestWait = 3s;
 
@@ -247,6 +249,7 @@ void Hub::run() {
     is_ready_ = true;
     for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
     uint64_t left_bytes = UINT64_MAX;  // of the scene's chunks
+    Clock::time_point loaded_at = Clock::now();
     while (!is_stopping_) {
       if (const std::vector<uint32_t> left = std::exchange(left_, {}); !left.empty()) {
         lock.unlock();
@@ -262,15 +265,15 @@ void Hub::run() {
       }
       lock.unlock();
       Result<void> done;
-      if (work) {
-        done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
-      } else {
-        const Result<uint64_t> to_come = session_->load_rest(after(kIdleLoading));
+      if (work) done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
+      if (left_bytes != 0 && (!work || Clock::now() - loaded_at >= kBetweenLoading)) {
+        const Result<uint64_t> to_come = session_->load_rest(after(kLoading));
         if (!to_come) {
           on_end_(to_come.error());
           return end();
         }
         left_bytes = *to_come < left_bytes ? *to_come : 0;  // a GPU that is full takes no more
+        loaded_at = Clock::now();
       }
       const bool fell_back = session_->drawn_on() != drawn_on;  // from a GPU that failed to the CPU
       if (fell_back) text = scene_text(*session_, options_);

@@ -102,7 +102,9 @@ TEST_CASE("a hub draws the newest camera, then the picture at rest, then more sa
     if (!page->picture(count, 600ms).empty()) ++count;  // longer than the delay of a picture at rest
   }
   REQUIRE(count >= 4);
-  CHECK(count <= 5);  // at most one was drawn between the first and the last camera
+  // At most one was drawn between the first and the last camera. The late acknowledgements may have led to a smaller
+  // picture, after which one of full size comes first.
+  CHECK(count <= 6);
   const std::string exact = page->picture(count - 2), finer = page->picture(count - 1);
   for (const std::string& head : {exact, finer}) {
     CHECK(head.find("\"seq\":30,") != std::string::npos);
