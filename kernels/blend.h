@@ -1,5 +1,5 @@
-// Layers of blended surfaces over an opaque picture: each is drawn into samples of its own, shaded, and laid under
-// those before it. Source: spec/rasterization.md, blending.
+// Layers of blended surfaces over an opaque picture. A layer is drawn into samples of its own, shaded, and laid under
+// the layers before it. Source: spec/rasterization.md, blending.
 #pragma once
 
 #include <cstdint>
@@ -11,13 +11,13 @@
 
 namespace scree::kernels {
 
-/// A picture's layers while they are drawn: a value per sample, or as many as are given.
+/// The buffers of a picture's layers while they are drawn: one value per sample unless another number is given.
 struct BlendTargets {
   uint32_t sample_count;
   const uint64_t* opaque;
   uint64_t* drawn;  // where a layer is drawn
-  uint64_t* layer;  // the last one: kBackground where it shows nothing
-  float* colors;    // 3: its light
+  uint64_t* layer;  // the last layer; kBackground where it shows nothing
+  float* colors;    // 3: the layer's light
   float* alphas;
   float* over;  // 4: light of the layers so far, and the share of the light behind them that they let through
 };
@@ -30,8 +30,9 @@ struct LayerSource {
   std::function<Result<void>(const BlendTargets& at)> shade;
 };
 
-/// Draws up to `most` layers, from the nearest on, until none is left. `begin(is_first)` and `end()`, the number of
-/// samples that show the layer, stand before and after it is drawn; `lay_under()` lays it under those before.
+/// Draws up to `most` layers, from the nearest on, until none is left. Calls `begin(is_first)` before a layer is drawn
+/// and `end()` after it, which returns the number of samples that show the layer. `lay_under()` lays the layer under
+/// the layers before.
 template <class Begin, class End, class LayUnder>
 Result<void> draw_layers(const BlendTargets& at, uint32_t most, const LayerSource& source, BlendCounts& counts,
                          const Begin& begin, const End& end, const LayUnder& lay_under) {
@@ -48,19 +49,19 @@ Result<void> draw_layers(const BlendTargets& at, uint32_t most, const LayerSourc
   }
 }
 
-/// The layers over the opaque picture `samples`, up to `most`: BlendTargets::over. Takes 32 bytes per sample meanwhile.
-/// Errors kMemory, those of `source`.
+/// Draws up to `most` layers over the opaque picture `samples`. Returns BlendTargets::over. Takes 32 bytes per sample
+/// meanwhile. Errors kMemory, and the errors of `source`.
 Result<std::vector<float>> blend_cpu(const View& view, std::span<const uint64_t> samples, uint32_t most,
                                      const LayerSource& source, uint32_t threads, BlendCounts& counts);
 
-/// The same of a scene that shows_layers(), whose pages are there.
+/// The same for a scene that shows_layers() and whose pages are present.
 Result<std::vector<float>> blend_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
                                      const ShadeOptions& options, uint32_t threads, BlendCounts& counts);
 
-/// LayerSource::draw, of the chunks whose pages are there. `scene`: blended_view().
+/// LayerSource::draw for the chunks whose pages are present. `scene`: blended_view().
 Result<void> draw_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* peeled,
                             uint32_t threads);
-/// Light and alpha of `samples`, at.drawn or at.layer, where the chunk's page is there. `scene`: blended_view().
+/// Computes light and alpha of `samples` (at.drawn or at.layer) whose chunk's page is present. `scene`: blended_view().
 Result<void> shade_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* samples,
                              const ShadeOptions& options, uint32_t threads);
 

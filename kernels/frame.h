@@ -92,7 +92,8 @@ inline bool shades_surfaces(const SceneView& scene, const ShadeOptions& options)
   return scene.surface_count != 0 || lighting_of(scene, options) != Lighting::kCamera;
 }
 
-/// Whether a picture has layers of blended surfaces (kernels/blend.h). What else is shown is the opaque picture.
+/// Whether a picture has layers of blended surfaces (kernels/blend.h). All other kinds of pictures show the opaque
+/// picture.
 inline bool shows_layers(const SceneView& scene, const ShadeOptions& options) {
   return scene.blend_masks != nullptr && (options.show == Show::kTexture || options.show == Show::kColor);
 }
@@ -102,7 +103,7 @@ inline bool shows_layers(const SceneView& scene, const ShadeOptions& options) {
 /// The layers of blended surfaces in a picture.
 struct BlendCounts {
   uint32_t layers = 0;
-  uint64_t samples_left_out = 0;  // that have more layers than were drawn
+  uint64_t samples_left_out = 0;  // samples with more layers than were drawn
 };
 
 /// Times of one resolve by the GPU's clock.
@@ -113,7 +114,7 @@ struct ResolveTimes {
 
 /// How the last picture used a GPU's cache of JPEG textures.
 struct TextureCacheCounts {
-  uint64_t asked = 0;    // groups that pixels did not find, counted once per round
+  uint64_t asked = 0;    // groups that pixels requested because they were absent, counted once per round
   uint64_t decoded = 0;  // of these, decoded into the cache
   uint64_t rounds = 0;   // rounds that left pixels unfinished
   uint64_t tiles = 0;    // tiles of 8 x 4 pixels with pixels that decoded groups by themselves in the end
@@ -126,7 +127,7 @@ struct Hit {
   uint32_t triangle;  // number in the chunk
 };
 
-/// Counters of one frame. `triangles` includes those that occlusion culling removed. How many those are depends on the
+/// Counters of one frame. `triangles` includes the ones that occlusion culling removed. Their number depends on the
 /// order of drawing: on threads, and on queues that were too small at first.
 struct FrameStats {
   uint64_t instances_drawn;

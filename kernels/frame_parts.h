@@ -1,7 +1,7 @@
 // A frame drawn in parts, for scenes whose chunks do not all fit into memory. A part is the chunks whose pages are
-// present (SceneView::pages). Each chunk is in one part; on a GPU it is in one part that draws all that is left of it
-// (FramePart). The picture equals that of draw_cpu() and resolve_cpu() byte for byte, however chunks are divided and
-// ordered.
+// present (SceneView::pages). Each chunk is in one part; on a GPU a kPreviouslyVisible part may draw some of its
+// clusters before (FramePart). The picture equals that of draw_cpu() and resolve_cpu() byte for byte, whatever the
+// division and the order of chunks.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ constexpr bool shades_from_chunks(Show show) {
   return show != Show::kDepth && show != Show::kTriangle && show != Show::kMesh;
 }
 
-/// As draw_cpu(), but adds to samples that hold the parts before. All are kBackground before the first part.
+/// As draw_cpu(), but adds to samples that hold the parts before. All samples are kBackground before the first part.
 Result<FrameStats> draw_part_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                                  uint32_t threads);
 

@@ -116,10 +116,10 @@ struct SceneView {
   uint32_t light_count;
   ChunkKinds chunk_kinds;  // kMixed is correct for every scene
   BlockCache* blocks;      // cache of the textures' JPEG levels; null if there are none, and on a GPU
-  TexelPager* pager;       // of the textures' paged levels; likewise (a GPU has it beside its texture cache)
+  TexelPager* pager;       // of the textures' paged levels; null likewise (on a GPU CudaTextureCache has it)
   const MaskView* masks;   // by material; null: nothing is masked
-  // By material: the alpha of blended surfaces (spec/rasterization.md, blending), with the threshold that leaves out
-  // what is clear; null: nothing blends.
+  // By material: the alpha of blended surfaces (spec/rasterization.md, blending). The threshold leaves out samples of
+  // alpha 0. Null: nothing blends.
   const MaskView* blend_masks;
   bool draws_blended;  // frames draw layers of blended surfaces, not the opaque picture
 };
@@ -135,8 +135,8 @@ SCREE_HD inline bool may_blend(const SceneView& scene, const format::MeshRecord&
          ((mesh.attributes & format::kHasUv) != 0 && scene.blend_masks[mesh.material].alpha != nullptr);
 }
 
-/// Whether frames of the view draw the mesh. Blended surfaces are in the opaque picture where their alpha is 1, which a
-/// mask finds if it comes from a texture alone.
+/// Whether frames of the view draw the mesh. The opaque picture has the samples of blended surfaces whose alpha is 1. A
+/// mask finds them if the alpha comes from a texture alone.
 SCREE_HD inline bool draws_mesh(const SceneView& scene, const format::MeshRecord& mesh) {
   if (scene.blend_masks == nullptr) return true;
   if (!may_blend(scene, mesh)) return !scene.draws_blended;
@@ -144,7 +144,7 @@ SCREE_HD inline bool draws_mesh(const SceneView& scene, const format::MeshRecord
          (scene.materials[mesh.material].base_color[3] >= 1.0f && (mesh.attributes & format::kHasColor) == 0);
 }
 
-/// The view whose frames draw the layers of blended surfaces. `scene`: its blend_masks is not null.
+/// The view whose frames draw the layers of blended surfaces. Requires that scene.blend_masks is not null.
 inline SceneView blended_view(SceneView scene) {
   scene.masks = scene.blend_masks;
   scene.draws_blended = true;

@@ -3,23 +3,23 @@
  *
  * Handles. scree_file, scree_scene and scree_view are made by scree_open(), scree_load() and scree_view_create() and
  * ended by scree_close(), scree_unload() and scree_view_destroy(). A handle is a number in the form of a pointer, never
- * used twice: a call with a handle that was ended fails with SCREE_ERROR_HANDLE. What a handle needs stays as long as
- * the handle: a file may be closed while its scenes are drawn, a scene unloaded while it has views.
+ * used twice: a call with a handle that was ended fails with SCREE_ERROR_HANDLE. A handle keeps the data that it needs.
+ * So a file may be closed while its scenes are drawn, and a scene unloaded while it has views.
  *
  * Errors. Every function that can fail returns a scree_status; scree_error() then gives one line of text. A failed
  * call leaves its outputs as they were, unless it says otherwise. Nothing exits, prints, or throws through this border.
- * A file that another program cuts short while it is open raises SIGBUS where it is read, as with any mapped file. What
- * another program writes into it after it was loaded is not checked, and may crash the process: copy a file first that
- * others may write to.
+ * If another program cuts an open file short, reading it raises SIGBUS, as with any mapped file. Bytes that another
+ * program writes into a loaded file are not checked, and may crash the process: copy a file that others may write to
+ * before you open it.
  *
  * Threads. All functions may be called from any thread. Calls with the same view wait for each other; calls with
  * different views run at the same time on the CPU, and one after the other on a GPU. A handle may be ended while
  * another thread uses it: that call still ends well. Every call leaves the calling thread's current CUDA device as it
  * was.
  *
- * Structures begin with `size`, which the caller sets to sizeof: a later version of the library may know more fields,
- * and takes those that are missing to be 0. A size below 16, above 4096 or no multiple of 8 is of no version, and is
- * refused (SCREE_ERROR_ARGUMENT). In options 0 always means the default. So begin with
+ * Structures begin with `size`, which the caller sets to sizeof. A later version of the library may have more fields,
+ * and takes missing fields as 0. A size below 16, above 4096 or no multiple of 8 belongs to no version, and is refused
+ * (SCREE_ERROR_ARGUMENT). In options 0 always means the default. So begin with
  *     scree_load_options options = {.size = sizeof options};
  *
  * Pixels go row by row from the top left. World space is glTF's: right-handed, units as in the scene. */
@@ -29,7 +29,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define SCREE_API_VERSION 5 /* grows by 1 with every addition; what is here stays as it is */
+#define SCREE_API_VERSION 5 /* grows by 1 with every addition; existing declarations stay as they are */
 
 #if defined(__GNUC__)
 #define SCREE_API __attribute__((visibility("default")))
@@ -43,7 +43,7 @@ extern "C" {
 
 typedef struct scree_file scree_file;     /* an open .scree file */
 typedef struct scree_scene scree_scene;   /* one scene of it, loaded to be drawn */
-typedef struct scree_view scree_view;     /* what draws a scene, frame after frame */
+typedef struct scree_view scree_view;     /* draws a scene, frame after frame */
 typedef struct scree_memory scree_memory; /* a layer's memory, held beyond the next draw */
 
 typedef enum scree_status {
@@ -65,23 +65,23 @@ typedef enum scree_status {
 SCREE_API const char* scree_version(void);
 SCREE_API uint32_t scree_api_version(void);
 
-/* One line about the calling thread's last call that failed; "" where none has. Valid until its next failing call. */
+/* One line about the calling thread's last call that failed; "" if none has. Valid until its next failing call. */
 SCREE_API const char* scree_error(void);
 
-/* "SCREE_ERROR_FILE" and the like; "SCREE_ERROR_INTERNAL" for a number that is none. */
+/* "SCREE_ERROR_FILE" and the like; "SCREE_ERROR_INTERNAL" for a number that is no status. */
 SCREE_API const char* scree_status_name(scree_status status);
 
-/* How far a call is: `done` of `total` bytes or things of `stage`, such as "geometry" or "encode". Returns 0 to go on;
- * anything else ends the call with SCREE_ERROR_CANCELLED. Called by one thread at a time, not always the caller's, some
- * twenty times a second; it may not call the function that it reports about. */
+/* Reports the progress of a call: `done` of `total` bytes or objects of `stage`, such as "geometry" or "encode".
+ * Returns 0 to go on; any other number ends the call with SCREE_ERROR_CANCELLED. Called by one thread at a time, not
+ * always the caller's, some twenty times per second. It may not call the function that it reports about. */
 typedef int (*scree_progress)(void* user, const char* stage, uint64_t done, uint64_t total);
 
 /* ---- Files ------------------------------------------------------------------------------------------------------- */
 
-/* Opens a .scree file and checks its records; no geometry is read. 15 ns a record. */
+/* Opens a .scree file and checks its records; no geometry is read. 15 ns per record. */
 SCREE_API scree_status scree_open(const char* path, scree_file** file);
 
-/* Ends a handle. Null is nothing to do. */
+/* Ends a handle. Does nothing for null. */
 SCREE_API scree_status scree_close(scree_file* file);
 
 typedef struct scree_file_info {
@@ -90,7 +90,7 @@ typedef struct scree_file_info {
   uint64_t triangles; /* stored, in all meshes */
   uint32_t scenes;
   uint32_t default_scene;
-  uint32_t meshes; /* a glTF primitive each */
+  uint32_t meshes; /* one per glTF primitive */
   uint32_t materials;
   uint32_t textures;
   uint32_t nodes;
@@ -98,8 +98,8 @@ typedef struct scree_file_info {
 
 typedef struct scree_scene_info {
   size_t size;
-  const char* name;   /* UTF-8, "" where there is none; stays until the file is closed and its scenes are unloaded */
-  uint64_t triangles; /* drawn: each instance's */
+  const char* name;   /* UTF-8, "" if there is none; stays until the file is closed and its scenes are unloaded */
+  uint64_t triangles; /* drawn: of all instances */
   uint64_t instances;
   uint32_t cameras;
 } scree_scene_info;
@@ -131,15 +131,15 @@ typedef struct scree_camera_info {
   const char* node_name; /* of the node that it hangs on */
   uint32_t camera;       /* number in the file, which scree_camera::name takes too */
   uint32_t orthographic; /* 1: yes */
-  double fov_degrees;    /* vertical; 0 where orthographic */
-  double half_height;    /* in units, where orthographic */
+  double fov_degrees;    /* vertical; 0 if orthographic */
+  double half_height;    /* in units, if orthographic */
   double z_near;
   double z_far;     /* 0: none */
   double world[12]; /* of the node: three rows of x, y, z, translation */
 } scree_camera_info;
 
 SCREE_API scree_status scree_get_file_info(scree_file* file, scree_file_info* info);
-/* `index` is below the count that scree_file_info has, and for a camera below that of its scene. */
+/* `index` is below the count in scree_file_info, and for a camera below the count in scree_scene_info. */
 SCREE_API scree_status scree_get_scene_info(scree_file* file, uint32_t index, scree_scene_info* info);
 SCREE_API scree_status scree_get_mesh_info(scree_file* file, uint32_t index, scree_mesh_info* info);
 SCREE_API scree_status scree_get_material_info(scree_file* file, uint32_t index, scree_material_info* info);
@@ -148,7 +148,7 @@ SCREE_API scree_status scree_get_camera_info(scree_file* file, uint32_t scene, u
 /* ---- Scenes ------------------------------------------------------------------------------------------------------ */
 
 typedef enum scree_backend {
-  SCREE_BACKEND_AUTO = 0, /* a GPU where one can be used and takes the scene, else the CPU */
+  SCREE_BACKEND_AUTO = 0, /* a GPU if one can be used and takes the scene, else the CPU */
   SCREE_BACKEND_CPU = 1,
   SCREE_BACKEND_CUDA = 2,
   SCREE_BACKEND_32_BITS = 0x7fffffff
@@ -156,13 +156,14 @@ typedef enum scree_backend {
 
 #define SCREE_ALL_GPUS 0xffffffffu
 
-/* Where the light of textured pictures comes from. Since version 4. */
+/* The source of the light of textured pictures. Since version 4. */
 typedef enum scree_light {
   SCREE_LIGHT_AUTO = 0,        /* in options of a load: the environment if a material has more than a base colour, or if
-                                  scree_load_options::environment names one; else the camera. Of a draw: as it was loaded */
+                                  scree_load_options::environment names one; else the camera. In options of a draw: as
+                                  the scene was loaded */
   SCREE_LIGHT_CAMERA = 1,      /* from the eye, on matt surfaces */
   SCREE_LIGHT_ENVIRONMENT = 2, /* from all around */
-  SCREE_LIGHT_SCENE = 3,       /* the file's own lights; SCREE_ERROR_ARGUMENT where it has none */
+  SCREE_LIGHT_SCENE = 3,       /* the file's own lights; SCREE_ERROR_ARGUMENT if it has none */
   SCREE_LIGHT_32_BITS = 0x7fffffff
 } scree_light;
 
@@ -183,24 +184,24 @@ typedef struct scree_load_options {
   uint32_t threads;       /* at most 4096; 0: one per processor */
   uint32_t no_textures;   /* 1: materials have their colour alone */
   uint64_t device_memory; /* bytes of the GPU that scene and pictures may take; chunks that it does not hold are
-                             streamed while frames are drawn. 0: what is free */
-  uint64_t host_memory;   /* pinned bytes that feed the GPU; what is left keeps chunks. 0: no limit, none are kept */
+                             streamed while frames are drawn. 0: the free memory */
+  uint64_t host_memory;   /* pinned bytes that feed the GPU; the rest of them keeps chunks. 0: no limit, no chunks */
   uint64_t texture_cache; /* bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB */
-  uint32_t max_width;     /* the largest frames, whose memory device_memory then counts; 0: not counted */
+  uint32_t max_width;     /* the largest frames, whose memory device_memory then includes; 0: not included */
   uint32_t max_height;
-  uint32_t max_samples; /* a pixel's side: 1, 2 or 4 */
+  uint32_t max_samples; /* per pixel and axis: 1, 2 or 4 */
   scree_progress progress;
   void* user;
-  uint64_t gpus; /* how many draw the scene together, from `gpu` on, each with a part of its pages (docs/scale.md), at
-                    most 16; SCREE_ALL_GPUS: every one. 0 and 1: one. Since version 3 */
+  uint64_t gpus; /* the number of GPUs that draw the scene together, from `gpu` on, each with a part of its pages
+                    (docs/scale.md), at most 16; SCREE_ALL_GPUS: all. 0 and 1: one. Since version 3 */
   /* Since version 4: */
   uint64_t texture_memory; /* bytes for pages of KTX2 and DDS textures, which come from the file when pixels show them;
-                              the picture does not depend on it. 0: 2 GiB where the CPU draws. On a GPU textures that
-                              fit are loaded whole; 0: if the whole file fits, else a quarter of the memory for pages */
+                              the picture does not depend on it. 0: 2 GiB if the CPU draws. On a GPU textures that fit
+                              are loaded whole; 0: if the whole file fits, else a quarter of the memory is for pages */
   const char* environment; /* a Radiance picture (.hdr) of all directions, the light of SCREE_LIGHT_ENVIRONMENT, which
                               it implies. Null: a clear sky */
-  scree_light light;       /* of its pictures, unless a draw names another. The surroundings are only loaded where they
-                              are the light: a draw by SCREE_LIGHT_ENVIRONMENT fails otherwise */
+  scree_light light;       /* of its pictures, unless a draw names another. The environment is only loaded if it is the
+                              light; otherwise a draw by SCREE_LIGHT_ENVIRONMENT fails */
   scree_reading reading;
   void (*warning)(void* user, const char* line); /* about the scene, such as a damaged texture; by the caller's thread,
                                                     at the end */
@@ -212,9 +213,9 @@ SCREE_API scree_status scree_unload(scree_scene* scene);
 
 typedef struct scree_scene_stats {
   size_t size;
-  uint64_t triangles; /* drawn: each instance's */
+  uint64_t triangles; /* drawn: of all instances */
   uint64_t instances;
-  double box_min[3]; /* of all instances, world space; min > max where nothing is drawn */
+  double box_min[3]; /* of all instances, world space; min > max if nothing is drawn */
   double box_max[3];
   uint32_t on_gpu; /* 1: a GPU draws it */
   int32_t gpu;     /* its index, -1: the CPU */
@@ -223,15 +224,15 @@ typedef struct scree_scene_stats {
   uint64_t device_bytes;
   double load_ms;       /* geometry, textures, upload */
   const char* gpu_name; /* stays as long as the handle */
-  const char* why_cpu;  /* why SCREE_BACKEND_AUTO took no GPU, one line; "" where one draws or none was looked for */
+  const char* why_cpu;  /* one line: why SCREE_BACKEND_AUTO took no GPU; "" if one draws or none was looked for */
   /* Since version 4: */
-  uint32_t lights;   /* of the file, that are drawn */
-  scree_light light; /* what SCREE_LIGHT_AUTO of a draw is; never SCREE_LIGHT_AUTO */
+  uint32_t lights;   /* the number of the file's lights that are drawn */
+  scree_light light; /* the light of a draw by SCREE_LIGHT_AUTO; never SCREE_LIGHT_AUTO */
 } scree_scene_stats;
 
 SCREE_API scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats);
 
-/* What an id of the instance layer stands for. */
+/* An instance, which an id of the instance layer names. */
 typedef struct scree_instance_info {
   size_t size;
   uint32_t mesh;
@@ -246,7 +247,8 @@ SCREE_API scree_status scree_get_instance_info(scree_scene* scene, uint64_t inde
 
 /* ---- Views and frames -------------------------------------------------------------------------------------------- */
 
-/* What draws a scene: a camera, buffers and, on a GPU, what it knows of the last frame. A scene may have any number. */
+/* A view draws a scene. It has buffers and, on a GPU, the set of clusters that the last frame showed. A scene may have
+ * any number of views. */
 SCREE_API scree_status scree_view_create(scree_scene* scene, scree_view** view);
 SCREE_API scree_status scree_view_destroy(scree_view* view);
 
@@ -269,16 +271,17 @@ typedef struct scree_camera {
   double up[3];          /* 0,0,0: y */
   double fov_degrees;    /* vertical, below 180; 0: 45, or the camera's own */
   uint32_t look_at_box;  /* 1: LOOK_AT looks at the middle of the scene's box, not at `target` */
-  double view[16];       /* rows first: from world to camera, which looks along -z with y up; no scale */
-  double projection[16]; /* rows first: from camera to clip space as OpenGL has it (w = -z, depths -1 to 1), perspective
-                            or orthographic, around the middle of the picture. A perspective has no far plane here */
-  double z_near;         /* above 0: in place of the projection's near plane, for other ranges of depth */
+  double view[16];       /* row-major: from world to camera, which looks along -z with y up; no scale */
+  double projection[16]; /* row-major: from camera to clip space as in OpenGL (w = -z, depths -1 to 1), perspective or
+                            orthographic, around the middle of the picture. A perspective has no far plane here */
+  double z_near;         /* above 0: instead of the projection's near plane, for other ranges of depth */
   double turn_degrees;   /* to the right of the scene's front: 90 is its right, 180 its back. Since version 4 */
   double rise_degrees;   /* above it, -90 to 90. Since version 4 */
   /* Since version 5: */
-  uint32_t clips;     /* 1: only what lies in a box is drawn, to look inside a building; for every kind of camera. Depths,
-                         ids, picks and layers are those of a scene that ends there (spec/rasterization.md 14). The box
-                         moves no camera: SCREE_CAMERA_DEFAULT and SCREE_CAMERA_AROUND are fitted to all of the scene */
+  uint32_t clips;     /* 1: only the part of the scene that lies in a box is drawn, to look inside a building; for every
+                         kind of camera. Depths, ids, picks and layers are those of a scene that ends there
+                         (spec/rasterization.md 14). The box moves no camera: SCREE_CAMERA_DEFAULT and
+                         SCREE_CAMERA_AROUND are fitted to all of the scene */
   double clip_min[3]; /* the box's smallest corner, world space; at most clip_max on each axis */
   double clip_max[3]; /* its largest */
 } scree_camera;
@@ -289,10 +292,11 @@ typedef struct scree_path_info {
   double frames_per_second;
 } scree_path_info;
 
-/* Reads the cameras of a film, a path that `scree view` saved or a person wrote (docs/scale.md): those of the `count`
- * frames from `first` on, into `cameras`, as SCREE_CAMERA_LOOK_AT. `scree render --path` draws the same frames with the
- * same cameras. `frames_per_second`: in place of the file's, below 1e6; 0: the file's, else 30. `info`: of the whole
- * path, may be null. With a `count` of 0 `cameras` is not read, so that a first call gives the number of frames.
+/* Reads the cameras of a film from a path that `scree view` saved or a person wrote (docs/scale.md). Writes the cameras
+ * of the `count` frames from `first` on into `cameras`, as SCREE_CAMERA_LOOK_AT. `scree render --path` draws the same
+ * frames with the same cameras. `frames_per_second`: instead of the file's, below 1e6; 0: the file's, else 30. `info`:
+ * of the whole path, may be null. With a `count` of 0 `cameras` is not read, so that a first call gives the number of
+ * frames.
  * cameras[0].size, which the caller sets, is the size of each camera; all else is written. Errors: SCREE_ERROR_FILE,
  * SCREE_ERROR_DATA (no path), SCREE_ERROR_ARGUMENT (frames that the path does not have). Cameras may then be changed,
  * to draw a film in a box (`clips`). Since version 5. */
@@ -323,7 +327,7 @@ typedef struct scree_draw_options {
   size_t size;
   uint32_t width;   /* pixels; width and height times samples at most 16384. 0: 1920 */
   uint32_t height;  /* 0: 1080 */
-  uint32_t samples; /* a pixel's side: 1, 2 or 4. 0: 1 */
+  uint32_t samples; /* per pixel and axis: 1, 2 or 4. 0: 1 */
   scree_show show;
   uint32_t flags;      /* SCREE_NO_LIGHT, which excludes `light`, and the others */
   float background[4]; /* linear RGBA */
@@ -336,35 +340,35 @@ typedef struct scree_draw_options {
   uint32_t blend_layers; /* the most layers of blended surfaces behind one another, at most 65535. 0: 16 */
 } scree_draw_options;
 
-/* Draws a frame and returns when its samples are there. `camera` and `options` may be null. Nothing is allocated for a
- * frame no larger than one before. */
+/* Draws a frame and returns when its samples are drawn. `camera` and `options` may be null. A frame no larger than an
+ * earlier one allocates nothing. */
 SCREE_API scree_status scree_draw(scree_view* view, const scree_camera* camera, const scree_draw_options* options);
 
-/* Draws a frame for each of `count` cameras, all of one size, in one call. `layers`: which of them are made, a bit
- * 1 << SCREE_COLOR and so on each; SCREE_SAMPLES and SCREE_LINEAR are none of them. Until the next draw these layers
- * have one more, first dimension, of cameras: one block of memory, on the GPU where a GPU draws. There is nothing to
- * pick then. Each camera may have a box of its own (`clips`); a GPU then draws the batch frame by frame. On the CPU the
- * cameras are shared out among the scene's threads. */
+/* Draws a frame for each of `count` cameras, all of one size, in one call. `layers`: the layers that are made, one bit
+ * each: 1 << SCREE_COLOR and so on, without SCREE_SAMPLES and SCREE_LINEAR. Until the next draw these layers have one
+ * more dimension, the first, for the cameras. Such a layer is one block of memory, on the GPU if a GPU draws. There is
+ * nothing to pick then. Each camera may have a box of its own (`clips`); a GPU then draws the batch frame by frame. On
+ * the CPU the cameras are shared out among the scene's threads. */
 SCREE_API scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
                                         const scree_draw_options* options, uint32_t layers);
 
-/* Shows the frame otherwise, without drawing it again: all of `options` but sizes and samples. Not where chunks are
- * streamed. */
+/* Changes the shading of the frame, without drawing it again, by all of `options` except sizes and samples. Fails if
+ * chunks are streamed. */
 SCREE_API scree_status scree_shade(scree_view* view, const scree_draw_options* options);
 
-/* A pixel shows its nearest sample, but for colours. */
+/* A pixel shows its nearest sample, except in colours. */
 typedef enum scree_layer {
   SCREE_COLOR = 0,    /* height x width x 4 uint8: 8-bit sRGB, alpha linear and not premultiplied */
   SCREE_DEPTH = 1,    /* height x width float32: from the eye's plane, in units; infinity on the background */
   SCREE_TRIANGLE = 2, /* height x width int64: id, -1 on the background */
   SCREE_INSTANCE = 3, /* height x width int32: index for scree_get_instance_info(), -1 on the background */
   SCREE_SAMPLES = 4,  /* height * samples x width * samples uint64: 28 bits of depth code over 36 of triangle id */
-  SCREE_NORMAL = 5,   /* height x width x 3 float32: unit length, world space, of the front also where the back is seen;
-                         0 on the background. As SCREE_UV not where chunks are streamed: SCREE_ERROR_ARGUMENT */
-  SCREE_UV = 6,       /* height x width x 2 float32: texture coordinates as the mesh has them, no material's transform
-                         applied; 0 on the background and where the mesh has none */
-  SCREE_LINEAR = 7,   /* height x width x 4 float32: the colours in linear light, premultiplied by alpha, as an .exr
-                         has them; in host memory alone, and not where chunks are streamed. Since version 4 */
+  SCREE_NORMAL = 5,   /* height x width x 3 float32: unit length, world space, of the front even if the back is seen; 0
+                         on the background. Like SCREE_UV it fails if chunks are streamed: SCREE_ERROR_ARGUMENT */
+  SCREE_UV = 6,       /* height x width x 2 float32: texture coordinates of the mesh, without the material's transform;
+                         0 on the background and if the mesh has none */
+  SCREE_LINEAR = 7,   /* height x width x 4 float32: the colours in linear light, premultiplied by alpha, as in an .exr;
+                         in host memory alone, and not if chunks are streamed. Since version 4 */
   SCREE_LAYER_32_BITS = 0x7fffffff
 } scree_layer;
 
@@ -384,38 +388,38 @@ typedef struct scree_array {
   scree_type type;
   uint32_t dimensions;
   int64_t shape[4];
-  int32_t gpu; /* whose memory `data` is in; -1: the host's */
+  int32_t gpu; /* the GPU whose memory holds `data`; -1: host memory */
 } scree_array;
 
-/* A layer of the last frame, made when it is first asked for, in memory of the view's: it stays until the next
- * scree_draw(), scree_shade() (colours alone) or the end of the view. scree_hold() keeps the memory. */
+/* A layer of the last frame, made on first request, in memory of the view. It stays until the next scree_draw() or
+ * scree_shade() (colours alone) or the end of the view. scree_hold() keeps the memory. */
 SCREE_API scree_status scree_host_layer(scree_view* view, scree_layer layer, scree_array* array);
 
-/* The same in the GPU's memory, where it was written, without a copy. `stream`: a cudaStream_t of that GPU, which waits
- * until the layer is there; null: the default stream. SCREE_ERROR_DEVICE where the CPU draws. */
+/* The same in the GPU's memory, without a copy. `stream`: a cudaStream_t of that GPU, which waits until the layer is
+ * written; null: the default stream. SCREE_ERROR_DEVICE if the CPU draws. */
 SCREE_API scree_status scree_device_layer(scree_view* view, scree_layer layer, void* stream, scree_array* array);
 
-/* Holds the memory of a layer, `array` as scree_host_layer() or scree_device_layer() gave it, until scree_release(),
- * also beyond the end of the view: later draws write over it while their frames fit, and larger ones take other memory.
- * SCREE_ERROR_ARGUMENT where the view has drawn to other memory since. */
+/* Holds the memory of a layer until scree_release(), also beyond the end of the view. `array`: from scree_host_layer()
+ * or scree_device_layer(). Later draws write over the memory if their frames fit; larger frames take other memory.
+ * SCREE_ERROR_ARGUMENT if the view has drawn to other memory since. */
 SCREE_API scree_status scree_hold(scree_view* view, const scree_array* array, scree_memory** memory);
 SCREE_API scree_status scree_release(scree_memory* memory);
 
-/* Copies a layer to host memory of the caller's; `bytes`: of `buffer`, as many as the layer has. */
+/* Copies a layer to host memory of the caller. `bytes`: the size of `buffer`, which must be the layer's. */
 SCREE_API scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes);
 
 /* A block of the caller's memory for a layer of a batch. Since version 4. */
 typedef struct scree_target {
   size_t size;
-  void* data;     /* in the memory of the GPU that draws, else the host's; begins at a multiple of 16 bytes */
-  uint64_t bytes; /* as many as the layer of all cameras has, or SCREE_ERROR_BUFFER */
+  void* data;     /* in the memory of the GPU that draws, else of the host; begins at a multiple of 16 bytes */
+  uint64_t bytes; /* the size of the layer for all cameras; otherwise SCREE_ERROR_BUFFER */
   scree_layer layer;
   uint32_t reserved; /* not read */
 } scree_target;
 
-/* As scree_draw_batch(), but the layers are drawn into `targets`, `target_count` of them, one per layer; the view keeps
- * none. `stream`: a cudaStream_t of the GPU, whose earlier work ends before the drawing begins, and whose later work
- * begins after it; null: the default stream. Not read where the CPU draws. After an error the targets hold anything.
+/* As scree_draw_batch(), but the layers are drawn into `target_count` `targets`, one per layer. The view keeps none.
+ * `stream`: a cudaStream_t of the GPU, whose earlier work ends before the drawing begins, and whose later work begins
+ * after it; null: the default stream. Not read if the CPU draws. After an error the targets may have any contents.
  * Since version 4. */
 SCREE_API scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, uint32_t count,
                                            const scree_draw_options* options, const scree_target* targets,
@@ -430,12 +434,12 @@ typedef struct scree_pick_info {
   uint64_t instance;
   uint64_t triangle;       /* global id */
   uint64_t mesh_triangle;  /* in the mesh as stored */
-  int64_t source_triangle; /* in the source's primitive; -1 where the file has none */
+  int64_t source_triangle; /* in the source's primitive; -1 if the file has no source ids */
   double depth;            /* from the eye's plane, in units */
   double position[3];      /* world space, at the pixel's middle */
 } scree_pick_info;
 
-/* What lies at the middle of a pixel of the last frame. Reads one sample. */
+/* Finds the triangle at the middle of a pixel of the last frame. Reads one sample. */
 SCREE_API scree_status scree_pick(scree_view* view, uint32_t x, uint32_t y, scree_pick_info* info);
 
 typedef struct scree_frame_stats {
@@ -448,10 +452,10 @@ typedef struct scree_frame_stats {
   uint64_t clusters;
   double draw_ms;          /* the host's clock */
   double gpu_ms;           /* the GPU's clock, for the samples alone; 0: the CPU drew, or chunks were streamed */
-  uint64_t streamed_bytes; /* of a batch 0 */
-  uint32_t cameras;        /* of the batch, whose counts are sums; 0: no batch */
-  uint32_t blended_layers; /* of blended surfaces, in the colours once they are made; of a batch the most of a frame */
-  uint64_t samples_with_more_layers; /* than options::blend_layers; 0 until the colours are made */
+  uint64_t streamed_bytes; /* 0 for a batch */
+  uint32_t cameras;        /* of a batch, whose counts are sums; 0: no batch */
+  uint32_t blended_layers; /* layers of blended surfaces, once the colours are made; for a batch the most of a frame */
+  uint64_t samples_with_more_layers; /* than scree_draw_options::blend_layers; 0 until the colours are made */
 } scree_frame_stats;
 
 SCREE_API scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats);
@@ -470,9 +474,9 @@ typedef enum scree_textures {
 enum {
   SCREE_CONVERT_INDEXED = 1,         /* [--encoding indexed] chunks of vertices and indices instead of clusters */
   SCREE_CONVERT_FLOAT32 = 2,         /* [--positions float32] positions as they are */
-  SCREE_CONVERT_NORMALS = 4,         /* [--normals always] stores all normals; else those that are not the faces' */
+  SCREE_CONVERT_NORMALS = 4,         /* [--normals always] stores all normals; otherwise only if not the faces' */
   SCREE_CONVERT_SOURCE_IDS = 8,      /* [--source-ids] stores every triangle's number in the source */
-  SCREE_CONVERT_REPLACE = 16,        /* [--force] replaces an output that is there */
+  SCREE_CONVERT_REPLACE = 16,        /* [--force] replaces an existing output */
   SCREE_CONVERT_KEEP_GOING = 32,     /* [--keep-going] a damaged image becomes grey */
   SCREE_CONVERT_DROP_NONFINITE = 64, /* [--drop-nonfinite] leaves out triangles with a position that is not finite */
   SCREE_CONVERT_ALLOW_OUTSIDE = 128, /* [--allow-outside] reads files outside the folder of the source */
@@ -486,16 +490,16 @@ typedef struct scree_convert_options {
   size_t size;
   uint32_t flags;
   uint32_t position_bits;  /* [--positions] per axis, 8 to 24. 0: 16 */
-  double max_error;        /* [--max-error] above 0: per axis, in a mesh's own units, in place of position_bits */
-  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: 3 for pages of blocks of textures, no others. -1: none */
+  double max_error;        /* [--max-error] above 0: per axis, in a mesh's own units, instead of position_bits */
+  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: 3 for pages of textures' blocks alone. -1: no page */
   scree_textures textures; /* [--textures] */
   int32_t jpeg_quality;    /* [--textures jpeg:Q] 1 to 100. 0: 90 */
   uint32_t threads;        /* [--threads] 0: one per processor */
   uint64_t memory;         /* [--memory] bytes that the process may take. 0: 2 GiB */
   const char* exclude;     /* [--exclude] a regular expression: nodes with such names and all below them are left out */
   scree_progress progress;
-  void (*warning)(void* user, const char* line); /* called for each by the caller's thread, at the end */
-  void* user;                                    /* for both */
+  void (*warning)(void* user, const char* line); /* called for each warning by the caller's thread, at the end */
+  void* user;                                    /* passed to both functions */
 } scree_convert_options;
 
 typedef struct scree_convert_report {
@@ -509,8 +513,8 @@ typedef struct scree_convert_report {
   uint64_t warnings;
 } scree_convert_report;
 
-/* Packs a .gltf or .glb into a .scree file, in bounded memory. `output` null: `input` with the extension .scree. On an
- * error nothing is left of it that was not there before. `options` and `report` may be null. */
+/* Packs a .gltf or .glb into a .scree file, in bounded memory. `output` null: `input` with the extension .scree. An
+ * error leaves nothing new on the disk. `options` and `report` may be null. */
 SCREE_API scree_status scree_convert(const char* input, const char* output, const scree_convert_options* options,
                                      scree_convert_report* report);
 

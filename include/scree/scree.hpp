@@ -14,7 +14,7 @@
 namespace scree {
 inline namespace api {
 
-/// What a call failed with; what() is its line of text.
+/// The error of a call that failed; what() is its line of text.
 class Error : public std::runtime_error {
  public:
   explicit Error(scree_status status) : std::runtime_error(scree_error()), status_(status) {}
@@ -73,7 +73,7 @@ inline scree_camera around(double turn_degrees, double rise_degrees, const Vec3&
   return camera;
 }
 
-/// Both matrices rows first.
+/// Both matrices are row-major.
 inline scree_camera matrix_camera(const Mat4& view, const Mat4& projection, double z_near = 0) {
   auto camera = make<scree_camera>();
   camera.kind = SCREE_CAMERA_MATRICES;
@@ -85,7 +85,7 @@ inline scree_camera matrix_camera(const Mat4& view, const Mat4& projection, doub
   return camera;
 }
 
-/// `camera`, drawing only what lies in the box: scree_camera::clips.
+/// `camera` with a clipping box: scree_camera::clips.
 inline scree_camera clipped(scree_camera camera, const Vec3& box_min, const Vec3& box_max) {
   camera.clips = 1;
   for (int i = 0; i < 3; ++i) {
@@ -95,14 +95,14 @@ inline scree_camera clipped(scree_camera camera, const Vec3& box_min, const Vec3
   return camera;
 }
 
-/// Of a camera's path; `frames_per_second` 0: as the file has it.
+/// The info of a camera's path. `frames_per_second` 0: the file's.
 inline scree_path_info path_info(const std::string& file, double frames_per_second = 0) {
   auto info = make<scree_path_info>();
   check(scree_cameras_of_path(file.c_str(), frames_per_second, 0, 0, nullptr, &info));
   return info;
 }
 
-/// scree_cameras_of_path(): of `count` frames from `first` on, or of all that follow where there are fewer.
+/// scree_cameras_of_path(): the cameras of `count` frames from `first` on, or of all that follow if there are fewer.
 inline std::vector<scree_camera> cameras_of_path(const std::string& file, double frames_per_second = 0,
                                                  std::uint64_t first = 0, std::uint64_t count = UINT64_MAX) {
   const std::uint64_t frames = path_info(file, frames_per_second).frames;

@@ -57,12 +57,13 @@ Result<FrameStats> draw_cpu_with(const SceneView& scene, const View& view, std::
 struct TileRound {
   const UnfinishedTile* tiles;  // null: all pixels of all tiles
   uint32_t count;
-  UnfinishedTile* left;  // those with pixels that lacked texels; room for all; null if none can be missing
+  UnfinishedTile* left;  // the tiles with pixels that lacked texels; room for all; null if none can be missing
 };
 
-/// The functions that passes.cpp defines for each instruction set. draw: returns false if memory ran out; `peeled`: of
-/// Target; `clear`: clear the samples first. resolve, shade_part: return the number of tiles in round.left. end_layer:
-/// returns the number of samples that show something.
+/// The functions that passes.cpp defines for each instruction set.
+/// - draw returns false if memory ran out. `peeled`: Target::peeled. `clear`: clears the samples first.
+/// - resolve and shade_part return the number of tiles in round.left.
+/// - end_layer returns the number of samples that show something.
 struct CpuPasses {
   bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
                bool clear, const QueueSizes& sizes, FrameStats& stats);

@@ -19,7 +19,7 @@
 
 namespace scree::kernels {
 
-/// First capacities of the queues, and how much is drawn before their counters are read again.
+/// First capacities of the queues, and the amounts that are drawn before their counters are read again.
 struct QueueSizes {
   uint64_t blocks = 1u << 14;
   uint64_t medium = 1u << 15;
@@ -186,7 +186,7 @@ class FrameDrawer {
   }
 
   /// Draws the blocks from near to far, in rounds. Each round has up to as many triangles as all rounds before it, so
-  /// that it is culled against what they drew.
+  /// that it is culled against the triangles of all of them.
   bool draw_blocks(uint64_t total, FrameStats& stats) {
     if (culling_.occlusion) {
       std::sort(queues_.blocks, queues_.blocks + total,

@@ -1,6 +1,6 @@
-// Stage 1 of a CPU frame, whose draw blocks lie in a queue: draws the visible part of a block triangle by triangle. It
-// culls clusters that lie outside the picture, between its pixel centres or behind triangles already drawn, and groups
-// of 32 clusters in the same way. Source: spec/rasterization.md, culling of clusters.
+// Stage 1 of a CPU frame: draws the visible part of a draw block from the queue, triangle by triangle. It culls groups
+// of 32 clusters, and clusters, that lie outside the picture, between its pixel centres or behind triangles already
+// drawn. Source: spec/rasterization.md, culling of clusters.
 #pragma once
 
 #include <algorithm>
@@ -73,7 +73,7 @@ struct RasterBlocks {
   }
 
  private:
-  /// Drawing so many triangles takes longer than testing the block.
+  /// Drawing this many triangles takes longer than testing the block.
   static constexpr uint32_t kMinTestedTriangles = 64;
 
   template <class Team>

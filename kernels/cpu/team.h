@@ -150,7 +150,7 @@ class CpuTeam {
     }
   }
 
-  /// `shown`: MaskPlane::shown() of a sample that is there.
+  /// Draws a fragment of a blended surface. `shown`: MaskPlane::shown(), not 0.
   void draw_blended(const Target&, uint64_t* sample, uint64_t value, uint32_t) const { update_min(sample, value); }
 
   /// One bit per lane.

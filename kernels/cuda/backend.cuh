@@ -35,12 +35,13 @@ struct WarpTeam {
     if (value < load_relaxed(sample)) atomic_min(sample, value);
   }
 
-  /// `sample`: of the target. `shown`: MaskPlane::shown() of a sample that is there.
+  /// Draws a fragment of a blended surface: into the target's slots, or without slots into `sample`. `shown`:
+  /// MaskPlane::shown(), not 0.
   __device__ static void draw_blended(const Target& target, uint64_t* sample, uint64_t value, uint32_t shown) {
     const FragmentSlots& to = target.fragments;
     if (to.counts == nullptr) return atomic_min(sample, value);
     const auto place = static_cast<uint64_t>(sample - target.samples);
-    // So the count cannot pass 2^32, however many fragments there are.
+    // Stops counting, so that the count cannot pass 2^32 whatever the number of fragments.
     if (*static_cast<const volatile uint32_t*>(to.counts + place) > to.slot_count) return;
     const uint32_t slot = atomicAdd(to.counts + place, 1u);
     if (slot >= to.slot_count) return;

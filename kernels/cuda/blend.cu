@@ -31,8 +31,8 @@ Result<void> start(const Pass& pass, uint32_t count, cudaStream_t stream) {
   return cuda_check(cudaGetLastError(), "starting a pass of blending");
 }
 
-/// Sorts the fragments of every sample by their words, once each, with kBackground behind them. A sample that has more
-/// than there is room for has none, and is counted. Begins `over`.
+/// Sorts the fragments of every sample by their words, removes repeated ones, and puts kBackground behind the last if a
+/// slot is left. A sample with more fragments than slots gets none, and sets counts->overfull. Initialises `over`.
 struct SortFragments {
   static constexpr uint32_t kMost = SlotCounts::kMostSlots;
 
@@ -88,7 +88,7 @@ struct SortFragments {
     if (deepest > counts->deepest) team.atomic_max(&counts->deepest, deepest);
   }
 
-  /// Returns how many the sample has.
+  /// Sorts the `found` fragments of a sample. Returns their number without repeats.
   __device__ uint32_t sort_sample(uint32_t sample, uint32_t found) const {
     uint64_t words[kMost];
     uint32_t alphas[kMost];
@@ -137,7 +137,7 @@ struct CudaBlend::Impl {
     return done;
   }
 
-  /// Without room, the layers are drawn one by one.
+  /// The slots that fit fragment_room, or none; then the layers are drawn one by one.
   FragmentSlots fit_slots() {
     const uint64_t count = at.sample_count;
     const char* const what = "allocating the fragments of blended surfaces";
@@ -161,7 +161,7 @@ struct CudaBlend::Impl {
     return shown;
   }
 
-  /// Draws the layers of samples whose fragments have room. Returns whether there are others.
+  /// Draws the layers of all samples whose fragments fit their slots. Returns whether there are other samples.
   Result<bool> draw_slots(const View& view, const FragmentSlots& slots, uint32_t most, const FragmentSource& source,
                           BlendCounts& counts) {
     auto* const device_counts = reinterpret_cast<SlotCounts*>(words.data());

@@ -14,14 +14,14 @@
 
 namespace scree::kernels {
 
-/// How the fragments of a scene whose pages are all there are drawn and shaded, in device memory.
+/// How fragments are drawn and shaded, in device memory, for a scene whose pages are all present.
 struct FragmentSource {
   SceneView scene;  // blended_view()
   /// Draws all fragments in front of the opaque picture (DrawOptions::fragments).
   std::function<Result<void>(const FragmentSlots& to)> draw;
   /// Fills in the colours of samples that show something, 3 floats each.
   std::function<Result<void>(const uint64_t* samples, float* colors)> shade;
-  std::function<const Transform*()> transforms;  // by instance, after it was drawn
+  std::function<const Transform*()> transforms;  // by instance, valid after draw()
 };
 
 /// Keeps its memory from one picture to the next.
@@ -37,13 +37,14 @@ class CudaBlend {
   /// Device memory of a picture, beside its fragments.
   static uint64_t device_bytes(uint64_t sample_count) { return 48 * sample_count + sizeof(uint64_t); }
 
-  /// As blend_cpu(): BlendTargets::over, in device memory until the next call. Work goes to the default stream, with
-  /// which the work of `source` is ordered; the host waits for each layer. `fragments`: null, or the same layers drawn
-  /// at once, for which the host waits twice. Errors kDevice, those of the sources.
+  /// As blend_cpu(): returns BlendTargets::over, in device memory, valid until the next call. Work goes to the default
+  /// stream, and the work of `source` has to be ordered with it. The host waits for each layer. `fragments`: null, or
+  /// the source that draws the same layers at once; the host then waits twice. Errors kDevice, and the errors of the
+  /// sources.
   Result<const float*> blend(const View& view, const uint64_t* samples, uint32_t most, const LayerSource& source,
                              BlendCounts& counts, const FragmentSource* fragments = nullptr);
 
-  /// 3 floats per sample that blend() used, free after it.
+  /// Memory of 3 floats per sample that blend() used; the caller may use it afterwards.
   float* colors() const;
 
  private:

@@ -1,10 +1,12 @@
-// Stage 1 of clusters on a GPU: a warp a cluster. The cluster's affine projection (affine_projection.h) takes each
-// vertex once and says where on the screen it lies, or, where there is none, the filter (coverage_filter.h) which pixel
-// centres may lie to its left and right; a triangle then looks at three of those. The few that may cover a centre wait
-// until 32 are there, from whatever clusters, and are projected and drawn exactly, as those of other chunks are.
+// Stage 1 of clusters on a GPU: one warp per cluster. The cluster's affine projection (affine_projection.h) gives the
+// place of each vertex on the screen. If the cluster has none, the filter (coverage_filter.h) gives the pixel centres
+// before and after each vertex. A triangle is tested by the results of its three corners. The few triangles that may
+// cover a centre wait, whatever their cluster, until there are 32. They are then projected and drawn exactly, like the
+// triangles of indexed chunks.
 //
-// Up to 16 clusters are prepared at once, and the next one's data are copied to shared memory while one is looked at.
-// What needs clipping goes to a queue of its own: with a call in it, the loop would keep its values in memory.
+// Up to 16 clusters are prepared at once. The next cluster's data are copied to shared memory while one is filtered.
+// Triangles that need clipping go to a queue of their own: with a call for them in it, the loop would keep its values
+// in memory.
 #pragma once
 
 #include <cuda_pipeline_primitives.h>
@@ -15,45 +17,45 @@
 
 namespace scree::kernels {
 
-/// Two whole numbers within +-2^15 as floats, as two 16-bit ones.
+/// Packs two integers within +-2^15, given as floats, into two 16-bit numbers.
 __device__ inline uint32_t pack_centers(float x, float y) {
   constexpr float kMagic = 12582912.0f;  // 1.5 * 2^23: a float of this size has the number in its lowest bits
   return __byte_perm(__float_as_uint(x + kMagic), __float_as_uint(y + kMagic), 0x5410);
 }
 
-/// Pixel centres of the image, packed: all there are.
+/// The first and the last pixel centre of the image, packed.
 struct PackedRange {
   uint32_t first;
   uint32_t last;
 };
 
-/// The filter's answer for a vertex, as ClusterShared::centers has it.
+/// The filter's result for a vertex, in the form of ClusterShared::centers.
 template <bool kOrthographic>
 __device__ inline uint2 vertex_centers(const CoverageFilter& filter, const PackedRange& all, float x, float y,
                                        float z) {
   const FilteredVertex vertex = filter_vertex<kOrthographic>(filter, x, y, z);
   float slack = filter.slack;
   if (kOrthographic || filter.growth != 0.0f) {
-    // As may_cover_sample() has it; and what a place may be off has to fit 16 bits with it.
+    // The same conditions as in may_cover_sample(). In addition the coordinate, with its error, has to fit 16 bits.
     const float farthest = fast_max(fast_abs(vertex.u), fast_abs(vertex.v));
     slack = fused(farthest, filter.growth, slack);
     bool held = !(farthest < 32700.0f) | !(slack < 16.0f) | !(vertex.w >= filter.w_lowest);
     if constexpr (kOrthographic) held = held | !(vertex.w <= filter.w_end);
     if (held) return {all.first, all.last};
   }
-  // Adding 1.5 * 2^23 rounds to nearest: half less, and half more, round down and up. A hundredth is given away, so
-  // that ties do not matter.
+  // Adding 1.5 * 2^23 rounds to nearest. Subtracting or adding a half first makes it round down or up. It is 0.49 here,
+  // on the safe side by a hundredth, so that ties do not matter.
   const float half_width = slack - 0.49f;
   return {__vmaxs2(pack_centers(vertex.u - half_width, vertex.v - half_width), all.first),
           __vmins2(pack_centers(vertex.u + half_width, vertex.v + half_width), all.last)};
 }
 
-/// Two 16-bit numbers: the high halves of two others.
+/// Packs the high halves of two words into one word.
 __device__ inline uint32_t pack_high(uint32_t a, uint32_t b) {
   return __byte_perm(a, b, 0x7632);
 }
 
-/// Finds shared.screen_places. `kLong`: a vertex takes more than 32 bits.
+/// Computes shared.screen_places by the cluster's affine projection. `kLong`: a vertex takes more than 32 bits.
 template <bool kLong>
 __device__ inline void project_vertices(const PreparedCluster& cluster, const ClusterStage& stage) {
   ClusterShared& shared = cluster_shared();
@@ -62,7 +64,7 @@ __device__ inline void project_vertices(const PreparedCluster& cluster, const Cl
   const uint32_t bits_x = byte_of(cluster.codes, PreparedCluster::kBitsX);
   const uint32_t bits_xy = byte_of(cluster.codes, PreparedCluster::kBitsXy);
   const uint32_t stride = byte_of(cluster.codes, PreparedCluster::kBitsXyz);
-  const uint32_t mask = (2u << ((stride - 1) & 31)) - 1;  // of the highest of the words that a vertex takes
+  const uint32_t mask = (2u << ((stride - 1) & 31)) - 1;  // of the highest word that a vertex takes
   const AffineProjection projection = cluster.projection;
   // 32 vertices take as many words as a vertex takes bits, so each lane's vertices begin at the same bit of a word.
   const uint32_t bit = lane * stride;
@@ -89,7 +91,7 @@ __device__ inline void project_vertices(const PreparedCluster& cluster, const Cl
   }
 }
 
-/// Finds shared.centers by the chunk's filter.
+/// Computes shared.centers by the chunk's filter.
 template <bool kOrthographic>
 __device__ inline void filter_vertices(const ClusterFrame& frame, const PreparedCluster& cluster,
                                        const ClusterStage& stage) {
@@ -99,7 +101,7 @@ __device__ inline void filter_vertices(const ClusterFrame& frame, const Prepared
   const CenterRange centers = center_range(frame.small.view);
   const PackedRange all{pack_centers(centers.first[0], centers.first[1]),
                         pack_centers(centers.last[0], centers.last[1])};
-  // Every triangle is looked at exactly; so are those of a length that hardly any cluster has.
+  // Keeps every triangle if the filter is off, and for the few clusters that are longer than a stage.
   if (!frame.small.filters || (cluster.offsets & PreparedCluster::kTruncated) != 0) {
     for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
       shared.centers[vertex] = {all.first, all.last};
@@ -134,10 +136,11 @@ __device__ inline void filter_vertices(const ClusterFrame& frame, const Prepared
   }
 }
 
-/// Appends the triangles of a staged cluster that may cover a pixel centre to those that wait; returns how many do.
-/// `kAffine`: by shared.screen_places. Else, of `parts` parts, it takes those of one: every parts-th 32. `kBytes`: the
-/// cluster's steps have one bit and its distances 4, so that a triangle's two take a byte. Not unrolled: a
-/// multiprocessor's cache of instructions holds little more of the kernel than what is run.
+/// Appends to the survivors the triangles of a staged cluster that may cover a pixel centre. Returns the number of
+/// survivors. `kAffine`: tests by shared.screen_places, otherwise by shared.centers. Without kAffine it takes only part
+/// `part` of `parts`: every parts-th row of 32 triangles. `kBytes`: the cluster's steps have one bit and its distances
+/// 4 bits, so the two distances of a triangle are one byte. The loop is not unrolled, because a multiprocessor's
+/// instruction cache holds little more than the code that runs.
 template <bool kAffine, bool kBytes>
 __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, const ClusterStage& stage,
                                             uint32_t survivor_count, uint32_t part, uint32_t parts) {
@@ -172,7 +175,7 @@ __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, cons
       largest += 2 * static_cast<uint32_t>(__popc(high));
     }
     if (!kAffine && parts != 1 && triangle / kWarpLanes % parts != part) continue;
-    // Lanes past the last triangle read what follows it, and then look at the last.
+    // Lanes past the last triangle read the words that follow it. With code 0 all their corners are the last vertex.
     uint32_t code = kBytes ? bytes[triangle] : __funnelshift_r(distances[0], distances[1], bit);
     bool survives = triangle <= last_triangle;
     if (!survives) code = 0;
@@ -203,7 +206,7 @@ __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, cons
   return survivor_count;
 }
 
-/// A triangle that waits, on its way to be drawn: its cluster, and what its corners are read by.
+/// A survivor that is about to be drawn: its cluster, and the data by which its corners are read.
 struct SurvivorReader {
   const ClusterDraw& draw;
   uint32_t number;        // of the triangle in its chunk
@@ -217,10 +220,11 @@ struct SurvivorReader {
   __device__ SurvivorReader(const ClusterFrame& frame, const SurvivorTriangle& survivor)
       : SurvivorReader(frame, survivor, frame.list.items[survivor.item]) {}
 
-  /// The vertex in the cluster of corner 0 to 2.
+  /// The vertex number, in the cluster, of corner 0 to 2.
   __device__ uint32_t corner(uint32_t number_of_corner) const { return corners >> (7 * (number_of_corner + 1)) & 127; }
 
-  /// Of corner 0 to 2: lattice coordinates less the transform's reference. Not where the draw is far away.
+  /// Lattice coordinates of corner 0 to 2 minus the transform's reference. Requires a draw without
+  /// ClusterDraw::kFarAway.
   __device__ void relative(uint32_t number_of_corner, int32_t out[3]) const {
     const uint32_t stride = at.position_bits[0] + at.position_bits[1] + at.position_bits[2];
     uint64_t bit = uint64_t{corner(number_of_corner)} * stride;
@@ -239,7 +243,7 @@ struct SurvivorReader {
                                         static_cast<float>(position[1]), static_cast<float>(position[2]));
   }
 
-  /// Of these corners.
+  /// kernels::set_up() of the triangle with these corners.
   __device__ bool set_up(const FrameView& view, const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c,
                          Triangle& triangle, PixelBox& box, int64_t& area) const {
     return kernels::set_up(view, a, b, c, draw.first_id + number, (draw.flags & ClusterDraw::kMirrored) != 0,
@@ -262,14 +266,14 @@ struct SurvivorReader {
         prediction(at.predicted_axis, data + at.prediction) {}
 };
 
-/// This warp's, behind the ClusterShared of all, where a kernel draws masked triangles.
+/// This warp's memory for masks, in kernels that draw masked triangles. It lies behind the ClusterShared of all warps.
 __device__ inline WarpMasks& cluster_masks() {
   extern __shared__ uint4 shared_memory[];
   return reinterpret_cast<WarpMasks*>(reinterpret_cast<ClusterShared*>(shared_memory) +
                                       kClusterWarps)[threadIdx.x / kWarpLanes];
 }
 
-/// This warp's in kernels whose shared memory is static.
+/// This warp's memory for masks in kernels whose shared memory is static; null if they draw only opaque triangles.
 template <Alpha kAlpha>
 __device__ inline WarpMasks* block_masks() {
   if constexpr (kAlpha != Alpha::kOpaque) {
@@ -280,14 +284,14 @@ __device__ inline WarpMasks* block_masks() {
   }
 }
 
-/// The plane of a triangle that waits. Out of line, for it takes many registers.
+/// Makes the plane of a survivor on its `mask`. Out of line, because it takes many registers.
 template <bool kOrthographic>
 __device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const SurvivorTriangle& survivor,
                                                 const MaskView* mask, MaskPlane& out) {
   const SurvivorReader reader(frame, survivor);
   const SceneView& scene = frame.small.scene;
   const format::ChunkRecord& chunk = scene.chunks[reader.draw.chunk];
-  // As format::chunk_streams() has them.
+  // The streams follow each other as in format::chunk_streams().
   const std::byte* const uvs =
       reinterpret_cast<const std::byte*>(reader.data) + format::packed_bytes(chunk.cluster_words, 32);
   const std::byte* colors = nullptr;
@@ -304,7 +308,7 @@ __device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const
                                  corner, out);
 }
 
-/// As LaneMask, of a cluster's triangle: its corners are read as they were to draw it.
+/// Like LaneMask, for a cluster's triangle, whose corners a SurvivorReader reads.
 template <bool kOfLayers>
 struct ClusterMask : TestedSamples<kOfLayers> {
   const MaskView* mask = nullptr;  // null: the lane's triangle has none
@@ -323,7 +327,7 @@ struct ClusterMask : TestedSamples<kOfLayers> {
     return is_tested(scene, frame->small.view, mask);
   }
 
-  /// As LaneMask has them.
+  /// As in LaneMask.
   __device__ const FrameView& frame_view() const { return frame->small.view; }
   __device__ bool waits() const { return mask != nullptr || frame->small.view.clip_box.is_set; }
 
@@ -335,7 +339,8 @@ struct ClusterMask : TestedSamples<kOfLayers> {
   }
 };
 
-/// `masks()`: the shared memory of the warp; not called where nothing is masked.
+/// The tests of the lane's triangle. `masks()`: returns the warp's shared memory for masks; called only if kAlpha is
+/// not kOpaque.
 template <Alpha kAlpha, class Masks>
 __device__ inline auto lane_mask(const ClusterFrame& frame, const Masks& masks) {
   if constexpr (kAlpha != Alpha::kOpaque) {
@@ -345,7 +350,7 @@ __device__ inline auto lane_mask(const ClusterFrame& frame, const Masks& masks) 
   }
 }
 
-/// Projects a triangle that waits. False where there is nothing to draw, or it was queued to be clipped.
+/// Projects a survivor. Returns false if there is nothing to draw, or if it was queued to be clipped.
 template <bool kOrthographic>
 __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const SurvivorTriangle& survivor,
                                                 Triangle& triangle, PixelBox& box, int64_t& area) {
@@ -374,10 +379,10 @@ __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const
                        snap_point(points[2], view, 0), triangle, box, area);
 }
 
-/// One warp's way through the clusters to be drawn. `kParts`: warps that may share a cluster where clusters are few; 1
-/// is 2% faster where they are many, since the code for parts is gone. `kLateCull`: where a pass has many clusters
-/// beside the first one, as after a jump of the camera, each run of clusters is tested against the current picture just
-/// before it is drawn. That requires kParts == 1.
+/// One warp's work on the clusters to be drawn. `kParts`: the most warps that share a cluster if clusters are few. 1 is
+/// 2% faster if they are many, because there is no code for parts. `kLateCull`: if a pass has many clusters in
+/// comparison with pass 1, as after a jump of the camera, each run of clusters is tested against the current picture
+/// just before it is drawn. It requires kParts == 1.
 template <bool kOrthographic, uint32_t kParts, bool kLateCull, Alpha kAlpha>
 class ClusterWarp {
   static_assert(!kLateCull || kParts == 1);
@@ -392,7 +397,7 @@ class ClusterWarp {
     const uint64_t total = min_of(first + counters.clusters[frame_.pass], capacity) - min_of(first, capacity);
     if (total == 0) return;
     const uint64_t warps = uint64_t{gridDim.x} * kClusterWarps;
-    // Where there are fewer clusters than warps, or hardly more parts than they draw in two turns, several share one.
+    // Several warps share a cluster if a warp then draws at most 2.5 parts on average.
     if constexpr (kParts != 1) parts_ = 2 * total * kParts <= 5 * warps ? kParts : 1;
     ClusterShared& shared = cluster_shared();
     if (lane_ == 0) shared.end = total * parts();
@@ -401,7 +406,7 @@ class ClusterWarp {
       shared.culled_late = 0;
     }
     __syncwarp();
-    // The next run is asked for before this one is drawn: so nobody waits for the answer.
+    // The next run is requested before this one is drawn, so that the warp does not wait for the atomic's result.
     Run next = take_run(0, warps);
     for (;;) {
       const uint64_t start = __shfl_sync(~0u, next.start, 0);
@@ -420,16 +425,17 @@ class ClusterWarp {
   }
 
  private:
-  static constexpr uint64_t kLateCullShare = 4;  // a quarter of the first pass's clusters: fewer are hardly ever hidden
+  // Tests passes of more than a quarter of pass 1's clusters. In smaller passes hardly any cluster is hidden.
+  static constexpr uint64_t kLateCullShare = 4;
 
-  /// Clusters, or where they are shared parts of them.
+  /// Consecutive clusters, or parts of clusters if warps share them.
   struct Run {
     uint64_t start;
     uint32_t share;
   };
 
   /// Takes 1/6 of this warp's share of the remaining clusters, at least one, so that runs shrink towards the end. Valid
-  /// in lane 0 only. `taken_so_far`: how many clusters had been taken when this warp last looked.
+  /// in lane 0 only. `taken_so_far`: the number of clusters that were taken before this warp's last run.
   __device__ Run take_run(uint64_t taken_so_far, uint64_t warps) const {
     Run run{0, 0};
     if (lane_ == 0) {
@@ -440,7 +446,8 @@ class ClusterWarp {
     return run;
   }
 
-  /// Clusters `first` and on; where they are shared, one of them, and only a `part` of its triangles.
+  /// Draws `count` clusters from `first` on. If warps share clusters, it is one cluster, and only `part` of its
+  /// triangles is drawn.
   __device__ void draw_run(uint32_t first, uint32_t count, uint32_t part) {
     ClusterShared& shared = cluster_shared();
     if constexpr (kLateCull) count = cull_late(first, count);
@@ -475,15 +482,15 @@ class ClusterWarp {
         survivor_count_ = filter_triangles<false, false>(cluster, stage, survivor_count_, part, parts());
       }
       __syncwarp();  // before set_up overwrites centers or screen_places
-      // A part of a cluster is drawn at once: triangles left at a warp's end would otherwise be drawn by a second copy
-      // of the code, which is not in the cache when its turn comes.
+      // The survivors of a part of a cluster are drawn at once. Otherwise a second copy of the code would draw the
+      // triangles left at a warp's end, and that copy would not be in the instruction cache then.
       while (survivor_count_ >= (parts() == 1 ? kWarpLanes : 1)) flush_survivors();
       if ((cluster.offsets & PreparedCluster::kLast) != 0) break;
     }
     __syncwarp();
   }
 
-  /// Names in the run which of the items `first` and on are drawn; returns how many.
+  /// Lists in the run the items from `first` on that are drawn. Returns their number.
   __device__ uint32_t cull_late(uint32_t first, uint32_t count) {
     ClusterShared& shared = cluster_shared();
     uint32_t shown = count;
@@ -497,7 +504,7 @@ class ClusterWarp {
     return shown;
   }
 
-  /// Draws the last up to 32 that wait, a lane each.
+  /// Draws the last survivors, up to 32, one per lane.
   __device__ void flush_survivors() {
     ClusterShared& shared = cluster_shared();
     const uint32_t count = min_of(survivor_count_, kWarpLanes);
@@ -536,7 +543,7 @@ __global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kM
 
 inline constexpr uint32_t kNearClippedBlocks = 4;  // of a multiprocessor
 
-/// Cuts a triangle of a cluster at the near plane; false where that is not all that it needs, or its reference is too
+/// Cuts a triangle of a cluster at the near plane. Returns false if it needs more than that, or if its reference is too
 /// far away for int32.
 __device__ inline bool clip_survivor_near(const ClusterFrame& frame, const SurvivorReader& reader, NearPolygon& out) {
   if ((reader.draw.flags & ClusterDraw::kFarAway) != 0) return false;
@@ -552,8 +559,8 @@ __device__ inline bool clip_survivor_near(const ClusterFrame& frame, const Survi
   return clip_near(corners, frame.small.view, out);
 }
 
-/// Draws what is left of up to 32 triangles of clusters that need clipping, a lane each. Returns as
-/// clip_and_draw() does. `masks`: null where all triangles are opaque.
+/// Clips up to 32 triangles of clusters, one per lane, and draws their remaining pieces. Returns counts in the form of
+/// clip_and_draw(). `masks`: null if all triangles are opaque.
 template <Alpha kAlpha>
 __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const ClipItem& item, bool has_one,
                                              SetUpTriangles& set_up, [[maybe_unused]] WarpMasks* masks) {
@@ -571,7 +578,7 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
   auto mask = lane_mask<kAlpha>(frame, [&]() -> WarpMasks& { return *masks; });
   [[maybe_unused]] uint32_t is_masked = 0;
   if constexpr (kAlpha != Alpha::kOpaque) is_masked = mask.find(item.survivor);
-    // Of 4 corners two triangles are left.
+    // A polygon of 4 corners is drawn as two triangles.
 #pragma unroll 1
   for (int i = 2; i < 4; ++i) {
     Triangle triangle{};
@@ -589,8 +596,8 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
   return drawn;
 }
 
-/// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32, a thread each.
-/// Neighbours in the queue go to different warps, since hardly two take the same branches.
+/// Draws the triangles of clusters that need clipping, or whose reference is too far away for int32, one per thread.
+/// Neighbours in the queue go to different warps, because hardly any two take the same branches.
 template <bool kOrthographic, Alpha kAlpha>
 __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_constant__ ClusterFrame frame) {
   FrameCounters& counters = *frame.small.list.counters;
@@ -606,8 +613,8 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
   }
 }
 
-/// The same for a perspective camera where they are many: neighbours in the queue go to one warp, and triangles that
-/// the near plane alone cuts are clipped in registers (clip_near).
+/// The same for a perspective camera and many triangles. Neighbours in the queue go to one warp. Triangles that only
+/// the near plane cuts are clipped in registers (clip_near).
 template <Alpha kAlpha>
 __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
     raster_near_clipped(const __grid_constant__ ClusterFrame frame) {

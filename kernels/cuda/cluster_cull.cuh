@@ -24,7 +24,7 @@ struct CandidateInstance {
   }
 };
 
-/// One draw of a clustered chunk above its work: its groups of clusters.
+/// Counts one draw of a clustered chunk, above its work: its number of groups of clusters.
 __device__ inline uint64_t packed_count(const format::ChunkRecord& chunk) {
   return (uint64_t{1} << kWorkBits) + (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
 }
@@ -218,7 +218,7 @@ __device__ inline BoxCoverage may_show(const ClusterCull& cull, const CoverageFi
   return shows;
 }
 
-/// A lane per group of clusters; then, for each group that may be visible, a lane per cluster.
+/// One lane per group of clusters; then, for each group that may be visible, one lane per cluster.
 template <bool kOrthographic, ClusterPass kPass, bool kClips>
 __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_constant__ ClusterCull cull) {
   constexpr bool kOcclusion = kPass == ClusterPass::kNewlyVisible;

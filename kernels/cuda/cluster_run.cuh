@@ -85,11 +85,11 @@ struct ClusterShared {
   // up its triangle over vertices that another lane still reads. draw_pixels() ends with one, so that the next
   // cluster's vertices do not overwrite a triangle that is still being drawn.
   union {
-    // Of each vertex the first pixel centre at or after it and the last one at or before it, with the filter's slack;
+    // For each vertex the first pixel centre at or after it and the last one at or before it, with the filter's slack:
     // two 16-bit numbers each. The smallest `first` and the largest `last` of three corners hold the triangle's
     // pixel_box().
     uint2 centers[format::kMaxClusterVertices];
-    uint32_t screen_places[format::kMaxClusterVertices];  // instead, where the cluster has an AffineProjection
+    uint32_t screen_places[format::kMaxClusterVertices];  // instead of centers, if the cluster has an AffineProjection
     SetUpTriangles set_up;
   };
 

@@ -145,7 +145,7 @@ bool same_view(const FrameView& a, const FrameView& b) {
 /// Medium triangles up to which stages 2 and 3 may wait for the last pass (defers_stages).
 constexpr uint64_t kMostDeferred = 4096;
 
-/// Every hint is tested anew once in so many frames.
+/// Every hint is tested anew once in this many frames.
 constexpr uint32_t kHintPeriod = 4;
 
 }  // namespace
@@ -232,7 +232,7 @@ struct CudaFrames::Impl {
     return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / round_groups)), 1u), kMostRounds);
   }
   bool in_two_passes() const { return tables.cluster_groups >= two_pass_groups; }
-  /// So few that a block draws each.
+  /// Whether clusters are so few that a block draws each (raster_few_clusters).
   bool has_few_clusters() const { return tables.cluster_groups < min_of(few_groups, two_pass_groups); }
   /// Whether one kernel does all culling, because there are few groups and no other chunks.
   bool culls_as_small_scene() const { return small_scene_groups.count() != 0; }
@@ -241,9 +241,9 @@ struct CudaFrames::Impl {
   bool clips_many() const { return clipped_before > uint64_t{resident.multiprocessors()} * kClusterWarps; }
   bool clips_on_own_stream() const { return has_clusters() && !in_two_passes(); }
   /// Whether clipping and stages 2 and 3 run only after the last pass. A guess from the previous frame, like
-  /// clips_many(): it queued so little that nothing would have been hidden behind it.
+  /// clips_many(): that frame queued so little for them that hardly anything would have been hidden behind it.
   bool defers_stages() const { return two_passes && options.part == FramePart::kWhole && queued_little; }
-  /// For the next frame, while nobody waits.
+  /// Clears the counters for the next frame, while the host does not wait.
   Result<void> clear_counters() {
     Result<void> done =
         cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), frame_streams.main), "clearing the counters");
@@ -479,8 +479,8 @@ void CudaFrames::Impl::submit_small_scene_culling(const DrawList& list, const Sa
        group_count, clear});
 }
 
-/// Finds the clusters that a pass draws, unless they are few and found, and draws them. `clips`: and what has to be
-/// clipped of them.
+/// Culls the clusters of a pass, unless cull_small_scene() has done that, and draws them. `clips`: also draws their
+/// triangles that need clipping, unless these have a stream of their own.
 template <bool kOrthographic, ClusterPass kPass, Alpha kAlpha>
 void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips,
                                        const FrameStreams& streams) {
@@ -568,7 +568,7 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
   return done;
 }
 
-/// The events of stages that are left to the last pass, which the stages' times are read from.
+/// Records the events of stages that run only after the last pass. The stages' times are read from them.
 Result<void> CudaFrames::Impl::record_stages(const StageEvents& at, const FrameStreams& streams) {
   Result<void> done;
   for (const FrameEvent event : {at.small_done, at.large_begun, at.large_done, at.medium_done})
@@ -653,7 +653,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   if (done && two_passes && !draws_only_previously_visible) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
-    // Where the camera stood still little is new, and one round is the least work.
+    // If the camera stood still, few clusters are newly visible, and one round is the least work.
     const uint32_t rounds = same_view(frame, last_view) ? 1 : rounds_when_moving();
     for (uint32_t round = 0; round < rounds && done; ++round) {
       build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
@@ -796,15 +796,16 @@ Result<void> CudaFrames::Impl::grow_queues() {
 }
 
 /// Chooses how the next frame is drawn, from this one's view and counters: in how many rounds, by which kernel its
-/// triangles are clipped (clips_many), and how often the hints are tested anew.
+/// triangles are clipped (clips_many), whether clipping and stages 2 and 3 wait for the last pass (defers_stages), and
+/// how often the hints are tested anew.
 void CudaFrames::Impl::adapt_next_frame() {
   // kRest ends the frame that kPreviouslyVisible begins: it has as many rounds as a whole frame.
   if (options.part != FramePart::kPreviouslyVisible) last_view = frame;
   clipped_before = host_counters->to_clip;
   queued_little =
       host_counters->to_clip == 0 && host_counters->queues.large == 0 && host_counters->queues.medium <= kMostDeferred;
-  // After a jump of the camera most clusters that the second pass found turn out to be hidden: all are tested anew. So
-  // are they in each part of a frame: few of the chunks that may hide a part's first clusters were there.
+  // After a jump of the camera most clusters that the second pass found turn out to be hidden, so all hints are tested
+  // anew. The same holds for each part of a frame: few of the chunks that may hide a part's first clusters were there.
   const uint64_t previously_visible = host_counters->clusters[0];
   const uint64_t newly_visible = clusters_before(*host_counters, kClusterPasses) - previously_visible;
   const bool is_whole = options.part == FramePart::kWhole;

@@ -18,19 +18,19 @@ namespace scree::kernels {
 enum class FramePart : uint8_t {
   kWhole,  // the whole frame; clears the samples first
   kPart,   // the chunks whose pages are present, completely
-  // Of these, the clusters that were visible last time, so that they hide others. Each chunk must then be in one kRest
-  // with the same view and options, and in no part between.
+  // Only the clusters of these chunks that were visible last time, so that they hide others. Each chunk must then be in
+  // one kRest with the same view and options, and in no part between.
   kPreviouslyVisible,
   kRest,  // the clusters that kPreviouslyVisible left
 };
 
 struct DrawOptions {
-  // None of them changes the picture.
+  // The first three do not change the picture.
   bool sampleless_test = true;  // culls triangles that cover no pixel centre
   bool cluster_bounds = true;   // culls such clusters, and clusters outside the picture
   bool occlusion = true;        // culls clusters behind the depth pyramid; requires cluster_bounds
   FramePart part = FramePart::kWhole;
-  // In frames that draw blended surfaces, and in device memory: Target::peeled and Target::fragments.
+  // Target::peeled and Target::fragments of frames that draw blended surfaces; in device memory.
   const uint64_t* peeled = nullptr;
   FragmentSlots fragments = {};
   // A small scene's frame is one submission, so its stages have no times. With this flag its kernels are launched one
@@ -104,8 +104,7 @@ class CudaFrames {
   Result<void> start(const View& view, uint64_t* samples, const DrawOptions& options = {});
   Result<Finished> finish(FrameTimes* times = nullptr);
 
-  /// To be called before a whole frame where pages of the scene's table are there that create() did not see. Error
-  /// kDevice.
+  /// To be called before a whole frame if pages have come to the scene's table since create(). Error kDevice.
   Result<void> pages_came();
 
   /// Device memory, by instance number: valid for the instances that the last frame drew.

@@ -42,7 +42,7 @@ template <bool kOrthographic, Alpha kAlpha>
 struct WarpPlanes {
   const LargeFrame<kAlpha>& frame;
 
-  /// By all lanes. `triangle`: the lane's, null if it has none.
+  /// Makes the planes of the lanes' triangles; all lanes call it. `triangle`: the lane's, null if it has none.
   __device__ void make(const Triangle* triangle) const {
     if constexpr (kAlpha != Alpha::kOpaque) {
       __syncwarp();  // the planes before are done with
@@ -53,7 +53,7 @@ struct WarpPlanes {
     }
   }
 
-  /// Calls draw(mask) with what the samples of `triangle` are tested by, whose plane lane `maker` has made.
+  /// Calls draw(mask) with the tests of the samples of `triangle`, whose plane lane `maker` has made.
   template <class Draw>
   __device__ void with_mask(const Triangle& triangle, [[maybe_unused]] uint32_t maker, const Draw& draw) const {
     if constexpr (kAlpha != Alpha::kOpaque) {

@@ -21,7 +21,8 @@ struct WarpMasks {
   uint16_t samples[kMostSamples];  // bits 0 to 6: pixel in the triangle's box; from bit 7 on: the triangle
 };
 
-/// A call, so that loops over samples keep their values in registers. Few samples get here.
+/// Calls TestedTriangle::shown(). Out of line, so that loops over samples keep their values in registers. Few samples
+/// need it.
 static __device__ __noinline__ uint32_t shown_by_plane(const MaskPlane* plane, const FrameView* view, int32_t x,
                                                        int32_t y, uint64_t value) {
   return TestedTriangle{*plane, *view}.shown(x, y, value);
@@ -45,7 +46,7 @@ struct NoLaneMask {
   static constexpr bool kTests = false;
 };
 
-/// How the samples of lanes' triangles that are there are drawn.
+/// Draws the samples that pass their tests. `kOfLayers`: the lanes' triangles are blended.
 template <bool kOfLayers>
 struct TestedSamples {
   static constexpr bool kTests = true;
@@ -83,7 +84,8 @@ struct LaneMask : TestedSamples<kOfLayers> {
   }
 
   __device__ const FrameView& frame_view() const { return *view; }
-  /// Whether the samples of the lane's triangle wait for a test. Those of layers without a mask do not.
+  /// Whether the samples of the lane's triangle wait for a test: if it has a mask, or the view a clipping box. Samples
+  /// of other blended surfaces do not wait.
   __device__ bool waits() const { return mask != nullptr || view->clip_box.is_set; }
 
   template <bool kOrthographic>

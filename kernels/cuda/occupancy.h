@@ -39,8 +39,7 @@ class ResidentBlocks {
   /// Blocks of `threads` threads that fill the device if neither registers nor shared memory are short.
   uint32_t fill(uint32_t threads) const { return static_cast<uint32_t>(multiprocessors_ * threads_) / threads; }
 
-  /// Blocks of `kernel`. At least one per multiprocessor, even if CUDA fails to answer; the launch then reports the
-  /// error.
+  /// Blocks of `kernel`. At least one per multiprocessor, even if CUDA returns an error; the launch then reports it.
   template <class... Arguments>
   uint32_t of(void (*kernel)(Arguments...), uint32_t threads, size_t shared_bytes = 0) {
     const auto key = reinterpret_cast<const void*>(kernel);

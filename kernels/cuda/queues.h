@@ -21,7 +21,7 @@ struct TriangleQueues {
 
 struct FrameQueues {
   TriangleQueues triangles;
-  // Of clustered chunks:
+  // For clustered chunks:
   DeviceArray<ClusterItem> items;
   DeviceArray<ClipItem> to_clip;
   TriangleQueues clipped;  // pieces of clipped triangles, if clipping has its own stream

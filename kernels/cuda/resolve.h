@@ -29,7 +29,7 @@ class CudaResolver {
   /// - `pixels`: one RGBA8 word per pixel, red in the low byte.
   /// - `cache`: the cache made for the scene's JPEG levels, if its textures have any. The picture does not depend on
   ///   its size.
-  /// - Everything is queued on `stream`. The call waits only if the picture is larger than those before (for scratch
+  /// - Everything is queued on `stream`. The call waits only if the picture is larger than all before (for scratch
   ///   memory), and if `times` is given.
   /// Errors kRange (as resolve_cpu), kDevice (a CUDA call failed; which and for what).
   Result<void> resolve(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,

@@ -116,7 +116,7 @@ struct alignas(16) SetUpTriangle {
 };
 static_assert(sizeof(SetUpTriangle) == 80);
 
-/// Those of up to 32 triangles that have pixels.
+/// The triangles with pixels among a warp's up to 32.
 struct SetUpTriangles {
   SetUpTriangle items[kWarpLanes];
 };
@@ -171,8 +171,9 @@ __device__ inline bool sample_at(const SetUpTriangle& its, uint32_t inside, int3
   return true;
 }
 
-/// Draws those of the `count` samples that wait which pass their tests, a lane each. `slot`: of the lane's triangle,
-/// kWarpLanes if it has none. `missing`: the triangles whose planes have to be made first, a bit each.
+/// Tests the `count` samples that wait, one per lane, and draws the ones that pass. `slot`: the place of the lane's
+/// triangle in `triangles`, or kWarpLanes if it has none. `missing`: one bit per triangle whose plane has to be made
+/// first.
 template <bool kOrthographic, class Masks>
 __device__ inline void draw_masked_samples(const Target& target, const SetUpTriangles& triangles, const Masks& mask,
                                            uint32_t slot, uint32_t count, uint32_t missing) {
@@ -213,10 +214,11 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   const uint32_t lanes = __ballot_sync(~0u, pixels != 0);
   const uint32_t start = pixels != 0 ? end - pixels : ~0u;
   const auto slot = static_cast<uint32_t>(__popc(lanes & before_lane));
-  [[maybe_unused]] uint32_t masked = 0;  // triangles, a bit each; those whose planes are made; and those that this
-  [[maybe_unused]] uint32_t made = 0;    // lane has found a sample of
-  [[maybe_unused]] uint32_t needed = 0;
-  [[maybe_unused]] uint32_t waiting = 0;  // samples
+  // `masked`, `made` and `needed` have one bit per triangle.
+  [[maybe_unused]] uint32_t masked = 0;
+  [[maybe_unused]] uint32_t made = 0;     // its plane is made
+  [[maybe_unused]] uint32_t needed = 0;   // this lane has found a sample of it that waits
+  [[maybe_unused]] uint32_t waiting = 0;  // number of samples
   if constexpr (Masks::kTests) masked = bits_of_lanes(pixels != 0 && masks.waits() ? 1u << slot : 0u);
   if (pixels != 0) {
     const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
@@ -238,7 +240,7 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   }
   __syncwarp();
   constexpr uint32_t kBatch = 4;  // samples whose loads a lane starts before it uses the first
-  uint32_t begun = ~0u;           // boxes that begin before this row of 32 pixels, minus one
+  uint32_t begun = ~0u;           // number of boxes that begin before this row of 32 pixels, minus one
   for (uint32_t base = 0; base < total; base += kBatch * kWarpLanes) {
     uint32_t sample[kBatch];
     uint64_t drawn[kBatch];
@@ -375,8 +377,8 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
                                                                                                                    : 0);
 }
 
-/// Fills shared memory with the data that a draw needs of its chunk and instances, with a whole warp. Out of line as
-/// well.
+/// Fills shared memory with the data that a draw needs of its chunk and instances, with a whole warp. Out of line, like
+/// clip_and_draw().
 template <bool kInstanced>
 __device__ __noinline__ void prepare_draw(const SmallFrame& frame, const InstancedDraw& draw, bool filters) {
   SmallShared<kInstanced>& shared = small_shared<kInstanced>();

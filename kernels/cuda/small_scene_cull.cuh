@@ -18,7 +18,7 @@ struct SmallSceneCull {
 };
 
 /// One warp per group of clusters: makes its instance's transform, tests the instance, the chunk, the group and the
-/// clusters, and makes a draw for the group. The last blocks clear the picture.
+/// clusters, and makes a draw for the group if a cluster is left. The last blocks clear the picture.
 template <bool kOrthographic, bool kClips>
 __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_constant__ SmallSceneCull in) {
   const uint32_t culling_blocks = gridDim.x - in.clear.blocks;

@@ -1,5 +1,5 @@
-// CudaTextureCache: rounds of shading and decoding. They are queued without reading the counters of earlier rounds,
-// except those that wait for pages.
+// CudaTextureCache: rounds of shading and decoding. They are queued without reading the counters of earlier rounds;
+// only rounds that wait for pages read them.
 #include <cuda_runtime.h>
 
 #include <algorithm>
@@ -23,7 +23,7 @@ namespace {
 constexpr uint32_t kResidentBlocks = 4;  // per multiprocessor: 128 registers per thread
 constexpr uint32_t kDecodeThreads = 64;
 constexpr uint32_t kDecodeBlocks = 16;           // per multiprocessor
-constexpr uint32_t kRounds = kDecodeRounds + 1;  // with the one whose pixels decode for themselves
+constexpr uint32_t kRounds = kDecodeRounds + 1;  // the last one's pixels decode groups by themselves
 
 /// `before`: the counters of the round that left the tiles, or null to shade all `tile_count` tiles.
 template <class Pixels>
@@ -199,7 +199,7 @@ bool CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const PixelsOf& 
     from = list(round % 2);
     before = counters + round;
     if (!started || !has_jpegs()) continue;
-    // The last round decodes too: for the pixels that are left, and for the next picture.
+    // The last of these rounds decodes too, for the pixels that are left and for the next picture.
     decode_round<<<multiprocessors * kDecodeBlocks, kDecodeThreads, 0, stream>>>(
         DecodeGroups{cache, counters + round, now});
     started = check(cudaGetLastError(), "starting a round of decoding");

@@ -40,8 +40,8 @@ class CudaTextureCache {
   uint64_t bytes() const;  // of samples
 
   /// As CudaResolver::resolve, which calls it for pictures of Show::kTexture. Everything is queued on `stream`. Waits
-  /// if the picture is larger than those before, to grow the lists, and with a pager for each of its rounds. Errors
-  /// kDevice, kMemory, those of TexelPager::bring.
+  /// if the picture is larger than all before, to grow the lists, and with a pager for each of its rounds. Errors
+  /// kDevice, kMemory, and the errors of TexelPager::bring.
   Result<void> resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
                        uint32_t samples_per_side, const float* visibility, uint32_t* pixels, cudaStream_t stream);
 

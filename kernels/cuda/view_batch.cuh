@@ -1,11 +1,11 @@
 // Many small pictures of one scene in one kernel. A frame's kernels take 0.1 ms however small its picture is, since
-// each begins when the last warp of the one before has ended. Here a warp takes one group of 32 clusters as one view
-// sees it, all the way from the instance's matrix to the samples: it culls the group and its clusters, projects each
-// vertex once, sets up the triangles, and draws them, 32 at a time where they are small and one after the other where
-// they are not. No warp waits for another, nothing is queued for a later kernel, and no queue can be too small.
+// each begins when the last warp of the one before has ended. Here a warp takes one group of 32 clusters for one view,
+// and does all the work from the instance's matrix to the samples. It culls the group and its clusters, projects each
+// vertex once and sets up the triangles. It draws small triangles 32 at a time, and larger ones one after the other. No
+// warp waits for another, nothing is queued for a later kernel, and no queue can be too small.
 //
-// Everything that decides a pixel is the source that frames have (kernels/raster, kernels/cull), and a sample is the
-// minimum of all that is drawn there: so the pictures are those of single frames, bit for bit.
+// Frames and batches share the source that decides a pixel (kernels/raster, kernels/cull), and a sample is the minimum
+// of all that is drawn there. So the pictures are those of single frames, bit for bit.
 #pragma once
 
 #include "kernels/cuda/cluster_list.h"
@@ -46,7 +46,7 @@ inline constexpr uint32_t kBatchThreads = 128;
 inline constexpr uint32_t kBatchWarps = kBatchThreads / kWarpLanes;
 inline constexpr uint32_t kBatchLayerThreads = 256;
 
-/// Triangles of one kind that a warp draws after the small ones: one per lane, or what clipping leaves of a few.
+/// Triangles of one kind that a warp draws after the small ones: one per lane, or the pieces of a few clipped ones.
 inline constexpr uint32_t kWarpQueue = kWarpLanes;
 inline constexpr uint32_t kClippedAtOnce = kWarpQueue / (kMaxPolygon - 2);
 
@@ -54,7 +54,7 @@ inline constexpr uint32_t kClippedAtOnce = kWarpQueue / (kMaxPolygon - 2);
 struct BatchGroup {
   Transform transform;  // of the instance
   uint64_t first_id;    // of the chunk's triangle 0
-  int64_t origin[3];    // lattice coordinates of the chunk's position_min less the transform's reference
+  int64_t origin[3];    // lattice coordinates of the chunk's position_min minus the transform's reference
   const format::ClusterBounds* bounds;  // of the chunk's clusters, whose records and data follow
   uint32_t cluster_count;               // of the chunk
   bool is_double_sided;
@@ -73,7 +73,7 @@ struct BatchShared {
     CoverageFilter filter;  // of the group's chunk, while its clusters are tested
     ScreenVertex vertices[format::kMaxClusterVertices];
   };
-  Triangle survivors[2 * kWarpLanes - 1];  // wait until they are 32
+  Triangle survivors[2 * kWarpLanes - 1];  // wait until there are 32
   SetUpTriangles set_up;
 };
 
@@ -81,7 +81,7 @@ inline constexpr uint32_t kBatchBlocks = blocks_in_shared(kBatchWarps * sizeof(B
 inline constexpr uint32_t kMaskedBatchBlocks =
     blocks_in_shared(kBatchWarps * (sizeof(BatchShared) + sizeof(WarpMasks)), 4);
 
-/// This warp's.
+/// This warp's shared memory.
 __device__ inline BatchShared& batch_shared() {
   __shared__ BatchShared all[kBatchWarps];
   return all[threadIdx.x / kWarpLanes];
@@ -91,11 +91,11 @@ __device__ inline WarpMasks& batch_masks() {
   return reinterpret_cast<WarpMasks*>(shared_memory)[threadIdx.x / kWarpLanes];
 }
 
-/// Dynamic shared memory of a block that draws masked surfaces. With all the rest it would exceed the 48 KiB that a
-/// block may have without asking.
+/// Dynamic shared memory of a block that draws masked surfaces. Together with the static shared memory it would exceed
+/// the 48 KiB that a block may have statically.
 inline constexpr size_t kBatchMaskBytes = kBatchWarps * sizeof(WarpMasks);
 
-/// This warp's.
+/// This warp's queues.
 __device__ inline Queues batch_queues(const BatchFrame& in) {
   const uint64_t warp = uint64_t{blockIdx.x} * kBatchWarps + threadIdx.x / kWarpLanes;
   Triangle* const medium = in.queued + 2 * kWarpQueue * warp;
@@ -116,8 +116,8 @@ struct BatchCluster {
   format::ClusterLayout at;
   format::ClusterPredictor predictor;
   uint32_t first_triangle;  // in the chunk
-  int32_t base[3];          // lattice coordinates of code 0 less the transform's reference, modulo 2^32
-  bool is_narrow;           // they and the vertices' fit int32
+  int32_t base[3];          // lattice coordinates of code 0 minus the transform's reference, modulo 2^32
+  bool is_narrow;           // these and the vertices' relative coordinates fit int32
 
   __device__ BatchCluster(const BatchGroup& group, uint32_t number) : data(group.data()) {
     const uint4 record = __ldg(reinterpret_cast<const uint4*>(group.records() + number));
@@ -131,7 +131,7 @@ struct BatchCluster {
       predictor.slope_v = static_cast<int16_t>(slopes >> 16);
       predictor.bias = data[at.prediction + 1];
     }
-    constexpr int64_t kNarrow = int64_t{1} << 30;  // as ChunkReader has it
+    constexpr int64_t kNarrow = int64_t{1} << 30;  // as in make_reader_of()
     is_narrow = true;
     for (int i = 0; i < 3; ++i) {
       const int64_t from = wrapping_add(group.origin[i], int64_t{format::bounds_min(bounds, i)});
@@ -164,7 +164,7 @@ struct BatchCluster {
   }
 };
 
-/// The corners of a cluster's triangles, a lane every 32nd.
+/// The corners of a cluster's triangles. A lane has every 32nd triangle.
 class BatchCorners {
  public:
   __device__ explicit BatchCorners(const BatchCluster& cluster)
@@ -203,8 +203,9 @@ class BatchCorners {
   uint32_t largest_ = 2;  // vertex of the triangles before
 };
 
-/// Tests a group of clusters for a view, from its instance's box to its own; where it may show, leaves its transform
-/// and filter in shared memory. Out of line: what it takes of registers the loops over clusters do without.
+/// Tests a group of clusters for a view: the boxes of its instance, of its chunk and its own. If it may be visible,
+/// stores its transform and filter in shared memory and returns true. Out of line, so that the loops over clusters do
+/// not keep its registers.
 template <bool kOrthographic>
 __device__ __noinline__ bool prepare_group(const BatchFrame& in, const FrameView& view, const ClusterGroup& at) {
   if (is_omitted(view, at.instance)) return false;
@@ -251,12 +252,13 @@ __device__ __noinline__ bool prepare_group(const BatchFrame& in, const FrameView
   return true;
 }
 
-/// Of a triangle of the warp's group.
+/// The number in its chunk of a triangle of the warp's group.
 __device__ inline uint32_t number_in_chunk(uint64_t id) {
   return static_cast<uint32_t>(id - batch_shared().group.first_id);
 }
 
-/// Draws a triangle's whole box, or of a large triangle the tiles that it may cover, by a warp.
+/// Draws a triangle with a whole warp: its box at once if its edge values fit 32 bits, otherwise the tiles that it may
+/// cover.
 template <bool kOrthographic, class Mask>
 __device__ inline void draw_boxes(const FrameView& size, const Target& target, const Triangle& triangle,
                                   const Mask& mask) {
@@ -279,8 +281,8 @@ __device__ inline void draw_boxes(const FrameView& size, const Target& target, c
   }
 }
 
-/// Draws the medium and large triangles that are queued, each by the whole warp. Out of line, as the next two: they are
-/// called once for many triangles, and would keep their registers from the loops over clusters.
+/// Draws the queued medium and large triangles, each with the whole warp. Out of line, like the next two functions:
+/// they are called once for many triangles, and would take registers from the loops over clusters.
 template <bool kOrthographic, bool kMasked>
 __device__ __noinline__ void draw_queued(const BatchFrame& in, uint64_t* samples, uint32_t chunk) {
   BatchShared& shared = batch_shared();
@@ -288,7 +290,7 @@ __device__ __noinline__ void draw_queued(const BatchFrame& in, uint64_t* samples
   __syncwarp();
   const auto medium = static_cast<uint32_t>(shared.queued.medium);
   const auto large = static_cast<uint32_t>(shared.queued.large);
-  __syncwarp();  // or a lane ahead would queue more before all have read
+  __syncwarp();  // otherwise a lane could queue more before all lanes have read the counts
   if ((medium | large) == 0) return;
   const Target target{samples, in.size.width};
   const Queues queues = batch_queues(in);
@@ -318,7 +320,7 @@ __device__ __noinline__ void draw_queued(const BatchFrame& in, uint64_t* samples
   __syncwarp();
 }
 
-/// Draws `count` triangles that wait, from `first` on, at most 32. Returns whether stage 1 drew the lane's.
+/// Draws `count` survivors from `first` on, at most 32. Returns whether stage 1 drew the lane's triangle.
 template <bool kOrthographic, bool kMasked>
 __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samples, uint32_t chunk, uint32_t first,
                                             uint32_t count) {
@@ -349,8 +351,8 @@ __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samp
   return drawn;
 }
 
-/// Draws a triangle that needs clipping, by one lane; larger pieces are queued. Out of line: rare and long. Returns how
-/// many pieces it drew.
+/// Draws a triangle that needs clipping, with one lane; larger pieces are queued. Returns how many pieces it drew. Out
+/// of line, because it is rare and long.
 template <bool kOrthographic, bool kMasked>
 __device__ __noinline__ uint32_t clip_for_view(const BatchFrame& in, uint64_t* samples, const ClusterGroup& at,
                                                uint32_t number) {
@@ -370,7 +372,7 @@ __device__ __noinline__ uint32_t clip_for_view(const BatchFrame& in, uint64_t* s
   return static_cast<uint32_t>(context.small);
 }
 
-/// One warp's way through the work.
+/// One warp's work on a batch.
 template <bool kOrthographic, bool kMasked>
 class BatchWarp {
  public:
@@ -382,7 +384,8 @@ class BatchWarp {
     __syncwarp();
     const uint64_t warps = uint64_t{gridDim.x} * kBatchWarps;
     for (uint64_t start = 0;;) {
-      // A quarter of this warp's share of the rest: neighbouring groups of one view, and short runs at the end.
+      // Takes a quarter of this warp's share of the remaining work: neighbouring groups of one view, and short runs at
+      // the end.
       uint64_t share = 0;
       if (lane_ == 0) {
         share = max_of<uint64_t>((in_.work - min_of(start, in_.work)) / (4 * warps), 1);
@@ -408,7 +411,7 @@ class BatchWarp {
     const bool is_there = first + lane_ < shared.group.cluster_count;
     const uint32_t kept = __ballot_sync(
         ~0u, is_there && may_show<kOrthographic>(in_.size, shared.filter, shared.group.bounds + first + lane_));
-    __syncwarp();  // the filter makes room
+    __syncwarp();  // vertices take the filter's place
     tested_ += static_cast<uint32_t>(__popc(__ballot_sync(~0u, is_there)));
     drawn_ += static_cast<uint32_t>(__popc(kept));
     for (uint32_t left = kept; left != 0; left &= left - 1) {
@@ -419,7 +422,7 @@ class BatchWarp {
     while (survivor_count_ != 0) flush(at.chunk);
   }
 
-  /// Each vertex of a cluster, exactly.
+  /// Projects each vertex of a cluster exactly.
   __device__ void project(const BatchCluster& cluster) {
     BatchShared& shared = batch_shared();
 #pragma unroll 1
@@ -431,7 +434,7 @@ class BatchWarp {
     __syncwarp();
   }
 
-  /// Sets up the triangles of a cluster; those that have a pixel wait until they are 32.
+  /// Sets up the triangles of a cluster. Triangles with pixels wait until there are 32.
   __device__ void draw_triangles(const ClusterGroup& at, const BatchCluster& cluster) {
     BatchShared& shared = batch_shared();
     const uint64_t first_id = shared.group.first_id + cluster.first_triangle;
@@ -468,7 +471,7 @@ class BatchWarp {
     __syncwarp();  // the next cluster's vertices take the place of these
   }
 
-  /// Draws the last up to 32 that wait.
+  /// Draws the last survivors, up to 32.
   __device__ void flush(uint32_t chunk) {
     const uint32_t count = min_of(survivor_count_, kWarpLanes);
     survivor_count_ -= count;
@@ -516,8 +519,8 @@ __global__ void __launch_bounds__(kBatchThreads, kMasked ? kMaskedBatchBlocks : 
   BatchWarp<kOrthographic, kMasked>(in).run();
 }
 
-/// Depths and ids of `count` pixels, which begin with a picture's first; a thread a pixel. `pixels`: all pictures as
-/// one.
+/// Makes depths and ids of `count` pixels from the first pixel of a picture on, one per thread. `layers`: over all
+/// pictures as one.
 __global__ void __launch_bounds__(kBatchLayerThreads)
     make_batch_layers(const __grid_constant__ MakeLayers layers, const BatchView* views, uint32_t view_pixels,
                       uint32_t count) {

@@ -70,7 +70,7 @@ __global__ void __launch_bounds__(kLanes* kWarps)
   });
 }
 
-/// Keeps, of the codes from find_nearest_codes(), those of instances that the pyramid does not hide.
+/// As find_nearest_codes(), but only with the instances that the pyramid does not hide.
 __global__ void __launch_bounds__(kLanes* kWarps)
     find_shown_codes(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
                      const __grid_constant__ DepthPyramid pyramid, const uint32_t* nearest, uint32_t* shown) {
@@ -92,8 +92,8 @@ Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& dev
   scene_ = device;
   uint64_t pairs = 0;  // of an instance and one of its chunks
   for (uint64_t i = 0; i < host.instance_count; ++i) pairs += host.meshes[host.instances[i].mesh].chunk_count;
-  // As many rows as the mean instance can use: so few instances of many chunks keep the GPU busy, and many instances of
-  // few chunks start few idle warps.
+  // As many rows as the mean instance can use. So a few instances of many chunks keep the GPU busy, and many instances
+  // of few chunks start few idle warps.
   constexpr uint64_t kMostRows = 1024;
   const uint64_t instances = std::max<uint64_t>(host.instance_count, 1);
   blocks_ = dim3(static_cast<uint32_t>((instances - 1) / kWarps + 1),

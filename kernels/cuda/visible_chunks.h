@@ -30,7 +30,7 @@ class CudaVisibleChunks {
   static uint64_t device_bytes(const SceneView& scene);
 
   /// By chunk, the nearest depth code that it may have in `view`; ~0 if it draws no sample. Waits for the result, which
-  /// is valid until the next call. `draws_blended`: as SceneView has it. Errors kDevice.
+  /// is valid until the next call. `draws_blended`: as in SceneView. Errors kDevice.
   Result<std::span<const uint32_t>> find_nearest(const View& view, bool draws_blended = false);
 
   /// Queues the same search on the default stream, for the view of the last find_nearest(). Skips instances of a chunk

@@ -1,4 +1,4 @@
-// The coverage filter (coverage_filter.h) of one cluster in which perspective hardly bends. A vertex's screen
+// The coverage filter (coverage_filter.h) of one cluster that perspective hardly distorts. A vertex's screen
 // coordinate is then a fixed-point sum over its packed codes: no division, and no unpacking. Conservative as the filter
 // is: its error is added to the slack. Source: spec/rasterization.md, early culling.
 #pragma once

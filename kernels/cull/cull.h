@@ -79,7 +79,7 @@ SCREE_HD inline bool box_may_be_in_clip_box(const Real* const rows[3], const Fra
     const ClipBox::Axis& axis = view.clip_box.axis[k];
     const auto x = static_cast<Real>(axis.x);
     const auto y = static_cast<Real>(axis.y);
-    // What a unit of w adds to the sums; orthographic: of t.
+    // The change of the sums per unit of w; orthographic: per unit of t.
     const auto of_depth = static_cast<Real>(view.orthographic ? axis.low_m : axis.low_one);
     Real value[4];
     Real terms = 0;
@@ -129,13 +129,13 @@ SCREE_HD inline bool may_be_in_clip_box(const Transform& transform, const FrameV
   return box_may_be_in_clip_box(rows, view, box, 1.0f / (1 << 18));
 }
 
-/// Whether the box may be seen, in the view's clipping box if it has one, which kClips says.
+/// Whether the box may be seen. `kClips`: the view has a clipping box, and the box is tested against it too.
 template <bool kClips, class Box>
 SCREE_HD inline bool may_be_drawn(const Transform& transform, const FrameView& view, const Box& box) {
   return may_be_seen(transform, view, box) && (!kClips || may_be_in_clip_box(transform, view, box));
 }
 
-/// The same where only the view says.
+/// The same, with a test at run time whether the view has a clipping box.
 template <class Box>
 SCREE_HD inline bool may_be_drawn(const Transform& transform, const FrameView& view, const Box& box) {
   return may_be_seen(transform, view, box) && (!view.clip_box.is_set || may_be_in_clip_box(transform, view, box));

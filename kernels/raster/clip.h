@@ -118,7 +118,7 @@ struct NearPolygon {
   ScreenVertex corner[4] = {};
   int count = 0;  // 0: nothing is left
 
-  /// Has no index that is unknown at compile time, so that a GPU keeps all corners in registers.
+  /// Appends a corner. All indices are known at compile time, so a GPU keeps the corners in registers.
   SCREE_HD void add(const ScreenVertex& vertex) {
     for (int i = 0; i < 4; ++i) {
       if (i == count) corner[i] = vertex;

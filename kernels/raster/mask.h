@@ -1,5 +1,5 @@
-// Alpha masks: which samples of a masked triangle are there. A function of triangle and sample alone, the same for
-// every stage and every piece that clipping leaves. Source: spec/rasterization.md, alpha masks.
+// Alpha masks: which covered samples of a masked triangle are drawn. This depends on triangle and sample alone, so it
+// is the same in every stage and for every piece that clipping leaves. Source: spec/rasterization.md, alpha masks.
 #pragma once
 
 #include <cmath>
@@ -10,21 +10,22 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// The triangles that a build of kernels draws. Layers of blended surfaces are drawn by builds of their own, so
-/// that masks do not pay for them.
+/// The triangles that a build (a template instance) of the kernels draws. Layers of blended surfaces have builds of
+/// their own, so that masks do not pay for them.
 enum class Alpha : uint8_t { kOpaque, kMasked, kBlended };
 
-/// Tests nothing: of opaque triangles.
+/// For opaque triangles: tests nothing.
 struct NoMask {
   static constexpr bool kTests = false;
 };
 
-/// For a sample that is there: this bit, and the alpha of its texture in the bits below, in 1 / kMaxMaskThreshold.
+/// A test that passes returns this bit, and below it the alpha of the mask's texels, in 1 / kMaxMaskThreshold. A test
+/// that fails returns 0.
 inline constexpr uint32_t kShown = 1u << 31;
 inline constexpr uint32_t kShownOpaque = kShown | format::kMaxMaskThreshold;
 
-/// Where a sample lies on a texture along one axis: of a level of `size` texels the two around it, and the weight of
-/// the second, of 256. `value`: finite.
+/// The place of a sample on a mask along one axis, in a level of `size` texels: the two texels around it, and the
+/// weight of the second, in 1 / 256. `value`: the texture coordinate, finite.
 struct MaskTexels {
   uint32_t first;
   uint32_t second;
@@ -54,14 +55,15 @@ SCREE_HD inline MaskTexels mask_texels(double value, uint32_t size, format::Wrap
           static_cast<uint32_t>(place - 128) & 255u};
 }
 
-/// The level of a squared footprint, in texels of level 0: the one whose texels are nearest to it in size, by the
-/// exponent alone. NaN and infinity take the last.
+/// The level whose texels are nearest in size to a footprint, found by the exponent alone. `footprint`: squared, in
+/// texels of level 0. NaN and infinity take the last level.
 SCREE_HD inline uint32_t mask_level(float footprint, uint32_t level_count) {
   const int32_t exponent = static_cast<int32_t>(float_bits(footprint) >> 23 & 255u) - 127;
   return min_of(exponent <= 0 ? 0u : static_cast<uint32_t>(exponent + 1) >> 1, level_count - 1);
 }
 
-/// The alpha at texture coordinates (u, v), finite ones, in 1 / kMaxMaskThreshold.
+/// The alpha at texture coordinates (u, v), which are finite, in 1 / kMaxMaskThreshold. `footprint`: as for
+/// mask_level().
 SCREE_HD inline uint32_t mask_alpha(const MaskView& mask, double u, double v, float footprint) {
   const uint32_t level = mask_level(footprint, mask.level_count);
   const uint8_t* alpha = mask.alpha;
@@ -88,10 +90,11 @@ SCREE_HD inline bool mask_passes(const MaskView& mask, double u, double v, float
 
 /// The alpha codes of three corners, 8 bits each from corner 0 on.
 inline constexpr uint32_t kOpaqueCorners = 0xffffff;
-/// An alpha between those of corners: 1 is this.
+/// An alpha interpolated between corners is in units of 1 / kOpaqueVertices.
 inline constexpr uint32_t kOpaqueVertices = 255 * 256;
 
-/// The alpha of vertex colours `moved` codes from that of corner 0; in 1 / kOpaqueVertices.
+/// The alpha of vertex colours at a sample, in 1 / kOpaqueVertices: `moved` codes from corner 0's, brought into the
+/// range of the corners. `codes`: the corners', as in MaskPlane::corners.
 SCREE_HD inline uint32_t corner_alpha(uint32_t codes, double moved) {
   const auto first = static_cast<double>(codes & 255);
   const double to1 = static_cast<double>(codes >> 8 & 255) - first;
@@ -101,19 +104,20 @@ SCREE_HD inline uint32_t corner_alpha(uint32_t codes, double moved) {
   return static_cast<uint32_t>(std::floor(256.0 * (first + min_of(max_of(moved, least), most))));
 }
 
-/// A triangle on its mask: what each sample is tested by. `weight`, `moved[c]` and `moved_alpha` are linear in the
-/// sample (x, y, 1); moved[c] / weight is how far coordinate c is from corner 0's, `first[c]`.
+/// A triangle on its mask: the data by which its samples are tested. `weight`, `moved[c]` and `moved_alpha` are linear
+/// functions of the sample (x, y, 1). moved[c] / weight is the distance of texture coordinate c from corner 0's,
+/// `first[c]`.
 struct MaskPlane {
   const MaskView* mask;  // null: every sample passes
   double weight[3];
   double moved[2][3];
   double first[2];
-  float least[2];  // of moved / weight at the corners
+  float least[2];  // the range of moved / weight at the corners
   float most[2];
-  float moved_alpha[3];  // of the vertex colours' alpha, in codes; set where a corner has less than 255
-  uint32_t corners;      // their codes
+  float moved_alpha[3];  // the same for the vertex colours' alpha, in codes; set if a corner has less than 255
+  uint32_t corners;      // the corners' alpha codes, 8 bits each from corner 0 on
 
-  /// 0 where the mask hides the sample; otherwise kShown and the texture's alpha.
+  /// Returns 0 if the mask hides the sample; otherwise kShown and the alpha of the mask's texels.
   SCREE_HD uint32_t shown(int32_t sample_x, int32_t sample_y) const {
     if (mask == nullptr) return kShownOpaque;
     const uint32_t texels = alpha(sample_x, sample_y);
@@ -123,7 +127,7 @@ struct MaskPlane {
     return is_there ? kShown | texels : 0;
   }
 
-  /// As corner_alpha(); not kOpaqueCorners.
+  /// corner_alpha() at a sample. Requires that `corners` is not kOpaqueCorners.
   SCREE_HD uint32_t vertex_alpha(int32_t sample_x, int32_t sample_y) const {
     const auto x = static_cast<double>(sample_x);
     const auto y = static_cast<double>(sample_y);
@@ -133,14 +137,14 @@ struct MaskPlane {
     return corner_alpha(corners, sum * inverse);
   }
 
-  /// As mask_alpha(), without the vertex colours'; there is a mask.
+  /// mask_alpha() at a sample, without the vertex colours' alpha. Requires a mask.
   SCREE_HD uint32_t alpha(int32_t sample_x, int32_t sample_y) const {
     const auto x = static_cast<double>(sample_x);
     const auto y = static_cast<double>(sample_y);
     const double inverse = 1.0 / (weight[0] * x + weight[1] * y + weight[2]);
     const double size[2] = {static_cast<double>(mask->width), static_cast<double>(mask->height)};
     double place[2];
-    double right = 0;  // squares of how far a step of one sample goes, in texels of level 0
+    double right = 0;  // squared lengths of a step of one sample, in texels of level 0
     double down = 0;
     for (int c = 0; c < 2; ++c) {
       const double at = (moved[c][0] * x + moved[c][1] * y + moved[c][2]) * inverse;
@@ -148,7 +152,7 @@ struct MaskPlane {
       const double to_down = (moved[c][1] - at * weight[1]) * inverse * size[c];
       right = right + to_right * to_right;
       down = down + to_down * to_down;
-      // Snapping lets a sample lie outside, of triangles seen edge-on far outside; NaN becomes the least.
+      // After snapping a sample may lie outside its triangle, and far outside an edge-on one. NaN becomes the least.
       place[c] = first[c] + min_of(max_of(at, static_cast<double>(least[c])), static_cast<double>(most[c]));
     }
     return mask_alpha(*mask, place[0], place[1], static_cast<float>(max_of(right, down)));
@@ -158,18 +162,19 @@ struct MaskPlane {
 /// The tests of a triangle's samples: its mask and the view's clipping box.
 struct TestedTriangle {
   static constexpr bool kTests = true;
-  static constexpr bool kBlends = true;  // or not: Target says so
+  static constexpr bool kBlends = true;  // the triangle may be blended: the Target decides
 
   const MaskPlane& plane;
   const FrameView& view;
 
-  /// As MaskPlane::shown(). `value`: of the visibility buffer.
+  /// As MaskPlane::shown(), and 0 outside the clipping box. `value`: the word that would be stored.
   SCREE_HD uint32_t shown(int32_t x, int32_t y, uint64_t value) const {
     return is_cut_away(view, x, y, value) ? 0 : plane.shown(x, y);
   }
 };
 
-/// Draws `value`, which lies in front of `sample` of the target, if that is not peeled and `mask` shows (x, y).
+/// Draws `value` into the target if it lies behind the layer before (Target::peeled) and `mask` shows sample (x, y).
+/// Requires that `value` is in front of `sample`.
 template <class Team, class Mask>
 SCREE_HD inline void draw_tested(Team team, const Target& target, uint64_t* sample, uint64_t value, const Mask& mask,
                                  int32_t x, int32_t y) {
@@ -182,21 +187,21 @@ SCREE_HD inline void draw_tested(Team team, const Target& target, uint64_t* samp
   }
 }
 
-/// The mask of a mesh's triangles; null where there is none.
+/// The mask of a mesh's triangles; null if they have none.
 SCREE_HD inline const MaskView* mask_of(const SceneView& scene, const format::MeshRecord& mesh) {
   if (scene.masks == nullptr || mesh.material == format::kNone) return nullptr;
   const MaskView* const mask = scene.masks + mesh.material;
   return mask->alpha != nullptr && (mesh.attributes & mask->needs) != 0 ? mask : nullptr;
 }
 
-/// Triangle::is_masked of a mesh's triangles: 1 where samples are tested before they are drawn. Those of layers all
-/// are, with a mask or without, and so are all triangles of a view with a clipping box.
+/// Triangle::is_masked of a mesh's triangles: 1 if their samples are tested before they are drawn. That is so if the
+/// mesh has a mask, for all triangles of layers, and for all triangles of a view with a clipping box.
 SCREE_HD inline uint32_t is_tested(const SceneView& scene, const FrameView& view, const MaskView* mask) {
   return scene.draws_blended || mask != nullptr || view.clip_box.is_set ? 1 : 0;
 }
 
-/// Whether the alpha of a masked mesh's vertex colours is multiplied in. That of blended surfaces is not: it is their
-/// layers' own.
+/// Whether the alpha of a masked mesh's vertex colours is multiplied in. Blended surfaces leave it to their layers
+/// (blended_alpha()).
 SCREE_HD inline bool masks_by_colors(const SceneView& scene, const format::MeshRecord& mesh) {
   return (mesh.attributes & format::kHasColor) != 0 && !scene.draws_blended;
 }
@@ -230,8 +235,8 @@ struct MaskVertices {
   }
 };
 
-/// The plane of a triangle, in double: corners and texture coordinates are exact in it. `corner(n, d)`: the vertex of
-/// corner n; writes its position less the transform's reference to d, 3 doubles.
+/// Makes the plane of a triangle, in double, in which corners and texture coordinates are exact. `corner(n, d)`:
+/// returns the vertex number of corner n and writes its position minus the transform's reference to d, 3 doubles.
 template <bool kOrthographic, class Corner>
 SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view, const Transform& transform,
                                      const MaskVertices& vertices, const Corner& corner, MaskPlane& out) {
@@ -243,7 +248,7 @@ SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view
   double w[3] = {};
   double uv[3][2] = {};
   uint32_t codes = 0;
-  // One after the other on a GPU, by the same instructions: a multiprocessor's cache of them is small.
+  // Not unrolled on a GPU, because a multiprocessor's instruction cache is small.
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
@@ -304,7 +309,7 @@ SCREE_HD inline void make_mask_plane(const MaskView* mask, const FrameView& view
     out.moved_alpha[i] = static_cast<float>((code(1) - code(0)) * edge1[i] + (code(2) - code(0)) * edge2[i]);
 }
 
-/// The same, of triangle `number` of the chunk that `reader` reads. Out of line, for it takes many registers.
+/// The same for triangle `number` of the chunk that `reader` reads. Out of line, because it takes many registers.
 template <bool kOrthographic>
 [[gnu::noinline]] SCREE_HD void make_mask_plane(const SceneView& scene, const FrameView& view,
                                                 const Transform& transform, const format::MeshRecord& mesh,
@@ -326,7 +331,7 @@ template <bool kOrthographic>
   make_mask_plane<kOrthographic>(mask, view, transform, vertices, corner, out);
 }
 
-/// As above, of triangle `number` of a chunk of the scene.
+/// The same for triangle `number` of a chunk of the scene.
 template <bool kOrthographic>
 [[gnu::noinline]] SCREE_HD void make_mask_plane(const SceneView& scene, const FrameView& view,
                                                 const Transform& transform, uint64_t chunk_number, uint32_t number,
@@ -338,7 +343,7 @@ template <bool kOrthographic>
   make_mask_plane<kOrthographic>(scene, view, transform, mesh, chunk, page, reader, number, out);
 }
 
-/// What stages 2 and 3 find the masks of their triangles by: nothing where none is masked.
+/// The data by which stages 2 and 3 make the planes of their triangles. Empty in builds that test nothing.
 template <bool kMasked>
 struct MaskSource {};
 template <>
@@ -346,7 +351,7 @@ struct MaskSource<true> {
   SceneView scene;
   const Transform* transforms;  // by instance; null where a team makes its own (Team::kMakesTransforms)
 
-  /// Of a triangle whose place in the scene is known by its id alone.
+  /// Makes the plane of a triangle that is known by its id alone.
   template <bool kOrthographic, class Team>
   SCREE_HD void make_plane(Team, const FrameView& view, uint64_t id, MaskPlane& out) const {
     out.mask = nullptr;

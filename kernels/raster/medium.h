@@ -76,7 +76,7 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
   }
 }
 
-/// Calls draw(mask) with what a queued triangle's samples are tested by: TestedTriangle or NoMask.
+/// Calls draw(mask) with the tests of a queued triangle's samples: TestedTriangle or NoMask.
 template <bool kOrthographic, class Team, bool kMasked, class Draw>
 SCREE_HD inline void with_mask(Team team, const MaskSource<kMasked>& masks, const FrameView& view,
                                const Triangle& triangle, const Draw& draw) {

@@ -57,12 +57,12 @@ SCREE_HD inline void push(Team team, uint64_t* counter, T* items, uint64_t capac
   if (slot < capacity) items[slot] = item;
 }
 
-/// Room for the fragments of blended surfaces in front of a picture, in device memory: the first `slot_count` of each
-/// sample, in any order; one may be there twice.
+/// Room for the fragments of blended surfaces in front of a picture, in device memory: up to `slot_count` per sample,
+/// in any order. A fragment may occur twice.
 struct FragmentSlots {
   uint64_t* words;   // slot by slot, sample_count each
-  uint32_t* alphas;  // of the words: MaskPlane::shown()
-  uint32_t* counts;  // per sample, the fragments there were; where there is no room, at least slot_count + 1
+  uint32_t* alphas;  // MaskPlane::shown() of each word
+  uint32_t* counts;  // fragments per sample; if there are too many, any number above slot_count
   uint64_t sample_count;
   uint32_t slot_count;
 };
@@ -71,16 +71,16 @@ struct FragmentSlots {
 struct Target {
   uint64_t* samples;
   int32_t width;
-  // Of a layer of blended surfaces (spec/rasterization.md, blending): the layer before it, or null. What is drawn lies
-  // behind that. Only where masks are tested is it read.
+  // When a layer of blended surfaces is drawn (spec/rasterization.md, blending): the layer before it, or null. Only
+  // fragments behind that layer are drawn. Read only by builds that test masks.
   const uint64_t* peeled = nullptr;
-  // For blended surfaces on a GPU: where all fragments in front of `samples` go, which then stay as they are. Without
-  // `counts`, what is drawn goes to the samples.
+  // For blended surfaces on a GPU: the slots for all fragments in front of `samples`, which then stay as they are. If
+  // `counts` is null, fragments go to the samples.
   FragmentSlots fragments = {};
 
   SCREE_HD uint64_t* row(int32_t y) const { return samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(width); }
 
-  /// Whether `value` lies behind the layer before. `sample`: its place in samples.
+  /// Whether `value` lies behind the layer before, or there is none. `sample`: its place in `samples`.
   SCREE_HD bool is_behind_peeled(const uint64_t* sample, uint64_t value) const {
     return peeled == nullptr || value > peeled[sample - samples];
   }

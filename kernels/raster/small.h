@@ -56,7 +56,7 @@ struct DirectVertices {
   }
 };
 
-/// The masks of the triangles of the chunk that is drawn.
+/// The mask of the chunk that is drawn, and the data by which its planes are made. Empty in builds that test nothing.
 template <bool kMasked>
 struct MaskedChunk {};
 template <>
@@ -159,7 +159,8 @@ struct RasterSmall {
     }
   }
 
-  /// Out of line: it is rare, and would take registers from the common path.
+  /// Draws a triangle that needs clipping. Out of line, because it is rare and would take registers from the common
+  /// path.
   template <class Team>
   SCREE_HD [[gnu::noinline]] void draw_clipped(Team team, Context& context, uint32_t number, const uint32_t v[3],
                                                const ScreenVertex& a, const ScreenVertex& b,

@@ -58,7 +58,7 @@ SCREE_HD inline FrameView make_frame_view(const View& view) {
   return frame;
 }
 
-/// Whether the view cuts away what it draws at a sample. `value`: of the visibility buffer.
+/// Whether the view's clipping box cuts away a fragment at sample (x, y). `value`: its word for the visibility buffer.
 SCREE_HD inline bool is_cut_away(const FrameView& view, int32_t x, int32_t y, uint64_t value) {
   return view.clip_box.is_set &&
          !is_in_clip_box(view.clip_box, view.width, view.height, view.orthographic, x, y, sample_depth_code(value));
@@ -201,8 +201,8 @@ struct RoundedBox {
   float extent[3];
 };
 
-/// The same from single precision. Of the bound's eight units of 2^-24 the five roundings leave three, far more than
-/// the error of the sum of terms here.
+/// The same from single precision. The bound is eight units of 2^-24. The five roundings leave three of them, far more
+/// than the error of the sum of terms here.
 SCREE_HD inline TransformError error_of(const Transform& transform, const RoundedBox& box) {
   const float* rows[3] = {transform.x, transform.y, transform.w};
   float errors[3];

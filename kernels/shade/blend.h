@@ -1,5 +1,5 @@
-// Blended surfaces, layer by layer from the nearest on: a layer has of every sample the nearest fragment behind the
-// layer before and before the opaque picture. Source: spec/rasterization.md, blending.
+// Blended surfaces, layer by layer from the nearest on. In every sample a layer has the nearest fragment that lies
+// behind the layer before and in front of the opaque picture. Source: spec/rasterization.md, blending.
 #pragma once
 
 #include "kernels/blend.h"
@@ -26,11 +26,13 @@ SCREE_HD inline void for_each_sample(uint32_t item, uint32_t sample_count, Team 
   for (uint32_t i = first + team.rank(); i < end; i += team.size()) body(i);
 }
 
-/// Before a layer is drawn. Where the layer before has nothing, no fragment is left: 0 hides all of them.
+/// Prepares `at.drawn` before a layer is drawn. Samples for which the layer before has nothing become 0, which hides
+/// everything, because no fragment is left there.
 struct BeginLayer {
   BlendTargets at;
   bool is_first;
-  FragmentSlots drawn = {};  // with counts: samples whose fragments have room there are done, and have no layers
+  FragmentSlots drawn =
+      {};  // samples whose fragments fit these slots are done, and get no layers; unless counts is null
 
   template <class Team>
   SCREE_HD void operator()(uint32_t item, Team team) const {
@@ -46,7 +48,7 @@ struct BeginLayer {
   }
 };
 
-/// After it is drawn: `layer` is what it shows. Adds the number of samples that show something to `count`.
+/// Stores a layer in `at.layer` after it is drawn. Adds the number of samples that show something to `count`.
 struct EndLayer {
   BlendTargets at;
   uint64_t* count;
@@ -72,7 +74,7 @@ SCREE_HD inline bool lay_under(float over[4], const float color[3], float alpha)
   return over[3] > 0;
 }
 
-/// Lays the layer under those before. What nothing shines through ends there.
+/// Lays the layer under the layers before. Samples that let nothing through have no further layers.
 struct LayUnder {
   BlendTargets at;
 
@@ -85,8 +87,8 @@ struct LayUnder {
   }
 };
 
-/// The alpha of a triangle's sample, in double but for its factors: the same on every machine. `of_texture()`: its
-/// MaskPlane::alpha(); called where the material has a texture.
+/// The alpha of a triangle's sample, the same on every machine. It is computed in double, except for its factors.
+/// `of_texture()`: its MaskPlane::alpha(); called if the material has a texture.
 template <bool kOrthographic, class OfTexture>
 SCREE_HD inline float blended_alpha(const SceneView& scene, const FrameView& view, const Transform& transform,
                                     uint64_t chunk_number, uint32_t triangle, int32_t x, int32_t y,
@@ -116,7 +118,7 @@ SCREE_HD inline float blended_alpha(const SceneView& scene, const FrameView& vie
   return alpha;
 }
 
-/// The alpha of samples whose triangle's chunk has its page, a tile of samples an item.
+/// Computes the alpha of the samples whose triangle's chunk has its page, one tile of samples per item.
 template <bool kOrthographic>
 struct FindAlphas {
   using Texels = SceneTexels;  // which it does not read
@@ -151,18 +153,19 @@ struct FindAlphas {
   }
 };
 
-/// Layers that lie in slots.
+/// Counts of the layers that lie in slots.
 struct SlotCounts {
   static constexpr uint32_t kMostSlots = 8;
 
-  uint64_t shown[kMostSlots + 1];  // samples by layer: of the first that is left out how many, of others whether any
-  uint64_t overfull;               // whether a sample has more fragments than slots
+  uint64_t shown[kMostSlots + 1];  // by layer: not 0 if a sample shows it; for the first layer left out, their number
+  uint64_t overfull;               // not 0 if a sample has more fragments than slots
   uint32_t deepest;                // the most fragments of any other sample
   uint32_t unused;
 };
 
-/// Lays a layer that lies in a slot under those before. The slots hold the fragments of every sample in their order,
-/// and then kBackground, which this passes on to the next slot; that also follows what nothing shines through.
+/// Lays a layer that lies in a slot under the layers before. The slots hold the sorted fragments of every sample and
+/// then one kBackground. This pass copies kBackground to the next slot, and stores it there if the fragment lets
+/// nothing through.
 template <bool kOrthographic>
 struct LaySlotUnder {
   using Texels = SceneTexels;  // which it does not read
@@ -209,7 +212,8 @@ struct LaySlotUnder {
   }
 };
 
-/// In a Shader's place: colours that ShadePart kept, under the layers of BlendTargets::over. Resolve reads `over`.
+/// Takes a Shader's place: returns the colours that ShadePart stored, over which Resolve lays the layers of `over`
+/// (BlendTargets::over).
 struct BlendedColors {
   using Texels = SceneTexels;
 

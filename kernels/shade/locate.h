@@ -71,8 +71,8 @@ SCREE_HD inline Location locate_together(Team team, const SceneView& scene, uint
 }
 
 /// Finds the (instance, chunk) of every lane's id. `wanted`: whether the lane has one. All lanes of the team must call
-/// it. The lanes of a tile share few chunks and search for one after the other together. After four of them, each lane
-/// searches alone.
+/// it. The lanes of a tile share few chunks, and all lanes search for one chunk after the other together. After four
+/// chunks each lane searches alone.
 template <class Team>
 SCREE_HD inline void locate(Team team, const SceneView& scene, uint64_t id, bool wanted, Location& at) {
   constexpr int kRounds = 4;

@@ -7,7 +7,8 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// Shades the samples whose triangle's chunk has its page, a tile of samples per item. Keeps the colours of the others.
+/// Shades the samples whose triangle's chunk has its page, one tile of samples per item. Keeps the colours of all other
+/// samples.
 template <class ShaderOfPart>
 struct ShadePart {
   using Shader = ShaderOfPart;

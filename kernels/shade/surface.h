@@ -61,7 +61,7 @@ struct SurfacePoint {
   Float3 diffuse;  // albedo of the light that enters the surface
   Float3 f0;       // reflectance at normal incidence
   float f90;       // and at grazing incidence
-  float coat_f0;   // the same of the dielectric alone, of the colour that it reflects most
+  float coat_f0;   // f0 of the dielectric alone, in the colour that it reflects most; coat_f90 likewise
   float coat_f90;
   float roughness;   // perceptual
   float occlusion;   // share of the surroundings' light that arrives
@@ -75,8 +75,8 @@ SCREE_HD inline float between(float a, float b, float share) {
 }
 
 /// Appendix B's BRDF times the cosine, for light from the unit direction `to_light`. It is mix(dielectric, metal,
-/// metallic). Both have one roughness, so their reflections are one of mixed reflectances; but light enters the
-/// dielectric alone, less by its own reflection.
+/// metallic). Both have the same roughness, so they share one reflection, of mixed reflectances. Light enters the
+/// dielectric alone, reduced by the dielectric's own reflection.
 SCREE_HD inline Float3 reflected_share(const SurfacePoint& at, const Float3& to_light) {
   const float n_l = dot(at.normal, to_light);
   if (!(n_l > 0)) return grey(0);
@@ -334,7 +334,7 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
   if (material != nullptr && !unlit && in.scene.surface_of != nullptr && in.scene.surface_of[number] != format::kNone)
     surface = in.scene.surfaces + in.scene.surface_of[number];
 
-  // From here on a GPU keeps only this number of the corners.
+  // The only value of the corners that is needed from here on, so that a GPU keeps few registers.
   float depth = at.transform.w[3];
   for (int i = 0; i < 3; ++i)
     depth = multiply_add(at.transform.w[i],

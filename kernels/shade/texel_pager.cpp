@@ -8,7 +8,7 @@
 namespace scree::kernels {
 namespace {
 
-/// Removes the upper half of a tile's pixels and returns them. It has at least two.
+/// Removes the upper half of a tile's pixels and returns them. Requires at least two pixels.
 UnfinishedTile split(UnfinishedTile& tile) {
   UnfinishedTile rest = tile;
   for (int count = std::popcount(tile.pixels) / 2; count > 0; --count) rest.pixels &= rest.pixels - 1;
@@ -26,7 +26,7 @@ Result<void> shade_in_rounds(
   std::vector<UnfinishedTile> tiles;                                                 // of a round; none: all
   const auto listed = std::make_unique_for_overwrite<UnfinishedTile[]>(tile_count);  // seldom written
   std::vector<UnfinishedTile> left;
-  size_t count = tile_count;  // of tiles that are shaded at a time
+  size_t count = tile_count;  // number of tiles that are shaded at a time
   for (;;) {
     pager.begin_round();
     const Result<uint32_t> unfinished = shade(tiles, listed.get());

@@ -1,4 +1,5 @@
-// Samples a texture: wrap modes, bilinear in linear light, and between mip levels, which are decoded or JPEGs.
+// Samples a texture: wrap modes, bilinear filtering in linear light, and interpolation between mip levels. A level is
+// decoded, a JPEG, or blocks.
 #pragma once
 
 #include <cmath>
@@ -14,7 +15,7 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 /// A coordinate brought into [0, 1] by its wrap mode. In double, so that coordinates thousands of repeats away still
-/// find the right texels.
+/// give the right texels.
 SCREE_HD inline double wrap_coordinate(double value, format::Wrap wrap) {
   if (wrap == format::Wrap::kClamp) return min_of(max_of(value, 0.0), 1.0);
   if (wrap == format::Wrap::kMirror) {
@@ -49,15 +50,15 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
   return pair;
 }
 
-/// A page's raw bytes, null where it is not there. Either way the current round wants it.
+/// A page's raw bytes, or null if it is absent. Marks the page as wanted in the current round in any case.
 SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t number) {
   if (load_cached(pages.wanted + number) != pages.round) store_relaxed(pages.wanted + number, pages.round);
   return pages.blocks[number];
 }
 
 /// The four texels of two columns and two rows, row by row, as coded: red in the low byte, alpha in the high one. For
-/// levels that are not JPEGs. Returns whether they are there; texels of whole levels always are. `kMayBePaged`: whether
-/// the level may lie in pages.
+/// levels that are not JPEGs. Returns whether they are present; texels of levels that are not paged always are.
+/// `kMayBePaged`: whether the level may lie in pages.
 template <bool kMayBePaged>
 SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& texture, uint32_t level,
                                    const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
@@ -72,7 +73,7 @@ SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& t
     }
     return true;
   }
-  // Where each row's blocks are, and the row's number below their top.
+  // The blocks that hold each row, and the row's number counted from their top.
   const uint8_t* blocks[2];
   uint32_t y[2] = {row.first, row.second};
   if (kMayBePaged && level < texture.paged_level_count) {

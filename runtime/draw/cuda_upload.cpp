@@ -17,7 +17,8 @@ using kernels::DeviceBuffer;
 
 namespace {
 
-/// The ring in pinned memory, one event a slot. Copies go out on a few streams: one copies while the next is set up.
+/// The ring in pinned memory, with one event per slot. Copies go out on a few streams, so that one copies while the
+/// next is set up.
 class PinnedRing final : public UploadTarget {
  public:
   PinnedRing() = default;
@@ -93,7 +94,7 @@ uint64_t texel_bytes(const kernels::TextureView& texture) {
               uint64_t{std::max(texture.width >> last, 1u)} * std::max(texture.height >> last, 1u));
 }
 
-/// Whether textures go to the device. `share`: as CudaScene::upload has it.
+/// Whether textures go to the device. `share`: as for CudaScene::upload.
 bool is_shaded(const PageShare* share) {
   return share == nullptr || share->is_shaded();
 }
@@ -114,7 +115,7 @@ class JpegLevels {
     table_ = plan.add_array(levels_.data(), levels_.size());
   }
 
-  /// Makes the levels' pointers, and those of `textures` to levels, ones into the arena at `base`.
+  /// Makes the pointers in the levels, and the pointers of `textures` to levels, point into the arena at `base`.
   void move_to(const std::byte* base, std::span<kernels::TextureView> textures) {
     for (kernels::TextureView& texture : textures)
       if (texture.jpeg_level_count != 0) texture.jpeg = table(base) + texture.jpeg[0].number;
@@ -147,9 +148,9 @@ class JpegLevels {
   uint64_t table_ = 0;
 };
 
-/// Where everything of a scene lies in the arena. The tables of pointers are filled once its address is known.
+/// The layout of a scene in the arena. The tables of pointers are filled once its address is known.
 struct ArenaLayout {
-  /// `streamed`, `share`: as CudaScene::upload has them.
+  /// `streamed`, `share`: as for CudaScene::upload.
   ArenaLayout(const Scene& scene, const kernels::SceneView* streamed, const PageShare* share) {
     const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
     pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
@@ -196,14 +197,14 @@ struct ArenaLayout {
 
   UploadPlan plan;
   DrawnPages own_pages;                     // of a share
-  const DrawnPages* drawn_pages = nullptr;  // those that go to the device; null where pages are streamed
+  const DrawnPages* drawn_pages = nullptr;  // the pages that go to the device; null if pages are streamed
   std::vector<const std::byte*> pages;
   std::vector<kernels::TextureView> textures;
   std::map<const uint8_t*, uint64_t> texel_offset;  // several textures may show one image
   std::map<const uint8_t*, uint64_t> block_offset;  // likewise
   std::vector<kernels::MaskView> masks;             // SceneView::masks, then blend_masks
   std::map<const uint8_t*, uint64_t> mask_offset;   // several masks may have one page
-  std::vector<uint64_t> page_offset;                // empty where pages are streamed
+  std::vector<uint64_t> page_offset;                // empty if pages are streamed
   JpegLevels levels;
   uint64_t meshes;
   uint64_t chunks;
@@ -220,8 +221,7 @@ struct ArenaLayout {
   uint64_t page_table;
 };
 
-/// The most staging memory: all that an upload can use where `host_memory` is 0, else no more than that, and a page at
-/// least.
+/// The sizes of staging memory: at most `host_memory`, and at least one page. 0: all that an upload can use.
 StagingSizes staging_within(uint64_t host_memory) {
   StagingSizes most;
   if (host_memory == 0) return most;

@@ -1,5 +1,5 @@
-// A scene in CUDA device memory: one arena, filled through a ring of pinned memory. Where the program is built with
-// CUDA.
+// A scene in CUDA device memory: one arena, filled through a ring of pinned memory. Only in programs that are built
+// with CUDA.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@
 
 namespace scree::runtime {
 
-/// What a scene may take: `budget_bytes`, 0 for all, and no more than the device has free. Errors kDevice.
+/// The device memory that a scene may take: `budget_bytes` (0: unlimited), but at most the free memory. Errors kDevice.
 Result<uint64_t> device_budget(uint64_t budget_bytes);
 
 /// The part of a scene that one GPU of several gets: its own pages, and textures only if it is the first, which shades.
@@ -33,35 +33,39 @@ class CudaScene {
  public:
   CudaScene() = default;
 
-  /// Brings records, pages and textures of `scene` to the current device; `scene` may go afterwards, unless its
-  /// textures have a pager: their pages come later, to scene.device_texture_memory() bytes. JPEG levels go as they are;
-  /// decoded blocks of them are kept in `texture_cache` bytes. `budget_bytes`: what all that and `reserved_bytes` may
-  /// take together; 0: what the device has free. Errors kDevice (a CUDA call that failed, which and for what; a scene
-  /// that does not fit, both sizes named) and, with the file named, those of run_upload. `host_memory`: the most pinned
-  /// memory that the copies go through; 0: 128 MiB. `streamed`: null, or Streamer::view() of the scene: no page goes,
-  /// and view().pages are chunk_count nulls. `share`: null, or the pages that go; view().pages are null for the others.
+  /// Copies records, pages and textures of `scene` to the current device. `scene` may be destroyed afterwards, unless
+  /// its textures have a pager; their pages are read later, into scene.device_texture_memory() bytes. JPEG levels are
+  /// copied as they are.
+  /// - `budget_bytes`: for all of that and `reserved_bytes` together. 0: the free memory.
+  /// - `texture_cache`: bytes for decoded groups of JPEG levels.
+  /// - `host_memory`: the most pinned memory that the copies go through. 0: 128 MiB.
+  /// - `streamed`: null, or Streamer::view() of the scene. Then no page is copied, and all view().pages are null,
+  ///   chunk_count of them.
+  /// - `share`: null, or the pages that are copied; view().pages are null for the others.
+  /// Errors kDevice (a CUDA call that failed, which and for what; a scene that does not fit, both sizes named) and,
+  /// with the file named, the errors of run_upload.
   static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
                                   Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                   const kernels::SceneView* streamed = nullptr, uint64_t host_memory = 0,
                                   JobProgress* progress = nullptr, const PageShare* share = nullptr);
 
-  /// What upload() takes without `reserved_bytes`.
+  /// The device memory that upload() takes, without `reserved_bytes`.
   static uint64_t device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache,
                                const PageShare* share = nullptr);
 
-  /// Adds to view() the pages of other devices, whose memory the current one, which has this scene, reads. Errors
+  /// Adds the pages of other devices to view(). The current device, which has this scene, reads their memory. Errors
   /// kDevice.
   Result<void> add_pages_of(std::span<const CudaScene> others);
 
-  /// As `scene`'s, every pointer one of the device.
+  /// The view of the uploaded scene; all its pointers are to device memory.
   const kernels::SceneView& view() const { return view_; }
-  /// The cache of the textures' JPEG and paged levels; null where there are none.
+  /// The cache of the textures' JPEG and paged levels; null if there are none.
   kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
-  /// The pages of block images that come when they are shown; null where there are none.
+  /// The pages of block images that are read when pixels show them; null if there are none.
   const BlockPager* block_pager() const { return pager_.get(); }
-  /// Of the device, by number, where there are any.
+  /// A JPEG level by number, in device memory. Requires that the scene has JPEG levels.
   const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
-  /// device_bytes: of the arena, the texture cache, the pages of textures and `reserved_bytes`.
+  /// device_bytes: the arena, the texture cache, the pages of textures and `reserved_bytes`.
   const UploadStats& stats() const { return stats_; }
   uint64_t arena_bytes() const { return arena_.bytes(); }
 

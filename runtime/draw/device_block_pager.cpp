@@ -76,7 +76,7 @@ Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
   for (uint64_t first = 0, half = 0; first < numbers.size() && done; first += half_, half ^= 1)
     done = load_part(numbers.subspan(first, std::min<uint64_t>(half_, numbers.size() - first)),
                      static_cast<uint32_t>(half));
-  // Copies out of blocks_ and into the room end before a page is shown, or its memory is given back.
+  // The copies from blocks_ and to the room end before a page is sampled, or before its memory is given back.
   const Result<void> copied =
       cuda_check(cudaMemcpyAsync(tables_.data(), blocks_.data(), blocks_.size() * sizeof blocks_[0],
                                  cudaMemcpyHostToDevice, stream_),

@@ -1,4 +1,4 @@
-// Pages of block images in a GPU's memory. Where the program is built with CUDA.
+// Pages of block images in a GPU's memory. Only in programs that are built with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -19,16 +19,16 @@ namespace scree::runtime {
 /// are copied.
 class DeviceBlockPager final : public BlockPager {
  public:
-  /// For the pages of scene.block_pager(), which is not null, on `threads` threads. They take up to
-  /// scene.device_texture_memory() bytes. `host_memory`: as for pinned_bytes(). `scene` outlives this. Errors kDevice.
-  /// Throws std::bad_alloc.
+  /// Makes a pager for the pages of scene.block_pager(), which is not null. It reads on `threads` threads. The pages
+  /// take up to scene.device_texture_memory() bytes. `host_memory`: as for pinned_bytes(). `scene` outlives this.
+  /// Errors kDevice. Throws std::bad_alloc.
   static Result<std::unique_ptr<DeviceBlockPager>> create(const Scene& scene, uint32_t threads, uint64_t host_memory);
   ~DeviceBlockPager();
 
   /// The device memory that create() takes.
   static uint64_t device_bytes(const Scene& scene);
-  /// The pinned memory that it takes if an upload may take `host_memory` (0: as much as it wants): an eighth, 32 MiB at
-  /// most, two pages at least.
+  /// The pinned memory that create() takes if an upload may take `host_memory` (0: no limit): an eighth of it, at most
+  /// 32 MiB, at least two pages.
   static uint64_t pinned_bytes(uint64_t host_memory);
 
  private:
@@ -47,9 +47,9 @@ class DeviceBlockPager final : public BlockPager {
   kernels::DeviceBuffer room_;
   kernels::DeviceBuffer tables_;  // TexelPages::blocks, then wanted
   kernels::PinnedBuffer staging_;
-  uint64_t half_ = 0;  // pages of half of it
+  uint64_t half_ = 0;  // pages in half of staging_
   cudaStream_t stream_ = nullptr;
-  cudaEvent_t copied_[2] = {};   // out of each half of staging_
+  cudaEvent_t copied_[2] = {};   // the copies from each half of staging_ are done
   BlockPool pool_;               // of room_, in units of kUnit
   std::vector<uint32_t> taken_;  // by number: the block in pool_
   std::vector<uint64_t> wanted_;

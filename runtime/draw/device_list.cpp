@@ -1,4 +1,4 @@
-// What of the list of GPUs needs no CUDA.
+// The parts of the list of GPUs that need no CUDA.
 #include "runtime/draw/device_list.h"
 
 #include <unistd.h>

@@ -26,8 +26,8 @@ struct Gpu {
 
 struct GpuList {
   std::vector<Gpu> gpus;
-  std::string why_none;  // where there are none: no driver, one too old, no device, a program without CUDA
-  std::string driver;    // "580.159.03"; empty where the kernel's module does not say
+  std::string why_none;  // if there are none: no driver, one too old, no device, a program without CUDA
+  std::string driver;    // "580.159.03"; empty if the kernel's module does not give it
   int driver_cuda = 0;   // the newest CUDA that the driver runs, such as 13000; 0: no driver
   int program_cuda = 0;  // the CUDA that this program was built with; 0: none
   std::string code_for;  // the architectures that it has code for: "8.0, 9.0, PTX 9.0"
@@ -69,7 +69,7 @@ class KeptGpu {
   int index_ = -1;  // -1: none
 };
 
-/// Whether this machine seems to have an NVIDIA GPU, asked without CUDA: by its driver's device node or entry in /proc.
+/// Whether this machine seems to have an NVIDIA GPU, without CUDA: by its driver's device node or entry in /proc.
 bool seems_to_have_gpu();
 
 /// The program's side of the list, which needs no driver: program_cuda and code_for.
@@ -77,10 +77,10 @@ GpuList program_without_gpus();
 
 // Parts of the above that need no GPU.
 
-/// Whether `word` can name a GPU: an index, or "GPU-" with what follows.
+/// Whether `word` can name a GPU: an index, or "GPU-" and more characters.
 bool names_gpu(std::string_view word);
 
-/// The one of `gpus` that `which`, not empty, names. Errors kDevice: none or several, with what there is.
+/// The one of `gpus` that `which`, not empty, names. Errors kDevice: none or several; the message lists the GPUs.
 Result<Gpu> find_gpu(std::span<const Gpu> gpus, std::string_view which);
 
 /// CMAKE_CUDA_ARCHITECTURES, with commas, for people: "80-real,90" is "8.0, 9.0, PTX 9.0".

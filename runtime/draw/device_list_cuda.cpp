@@ -28,7 +28,7 @@ std::string driver_release() {
   return version;
 }
 
-/// 0 where there is no driver.
+/// The newest CUDA that the driver runs, such as 13000; 0 if there is no driver.
 int driver_cuda_version() {
   int version = 0;
   if (cudaDriverGetVersion(&version) != cudaSuccess) return 0;
@@ -50,7 +50,7 @@ std::string capability_name(const Gpu& gpu) {
   return std::to_string(gpu.major) + "." + std::to_string(gpu.minor);
 }
 
-/// Errors kDevice where CUDA does not start or has no device.
+/// The number of GPUs. Errors kDevice: CUDA does not start or has no device.
 Result<int> count_gpus() {
   int count = 0;
   const cudaError_t status = cudaGetDeviceCount(&count);
@@ -74,7 +74,7 @@ Result<int> count_gpus() {
   return count;
 }
 
-/// Makes no context. A GPU that cannot be asked is not usable.
+/// Describes a GPU without making a context. A GPU that CUDA cannot describe is not usable.
 Gpu describe_gpu(int index) {
   Gpu gpu;
   gpu.index = index;
@@ -92,7 +92,7 @@ Gpu describe_gpu(int index) {
   return gpu;
 }
 
-/// Makes `gpu` the current device; fills in why_unusable where nothing can be drawn there.
+/// Makes `gpu` the current device. Fills in why_unusable if nothing can be drawn there.
 void make_current(Gpu& gpu) {
   if (!gpu.is_usable()) return;
   const std::string which = gpu.name + " (GPU " + std::to_string(gpu.index) + ")";
@@ -212,7 +212,7 @@ KeptGpu::KeptGpu() {
 }
 
 KeptGpu::~KeptGpu() {
-  // cudaSetDevice() makes a context, so it is called only where there is something to restore.
+  // cudaSetDevice() makes a context, so it is called only if there is a device to restore.
   int index = -1;
   if (index_ >= 0 && (cudaGetDevice(&index) != cudaSuccess || index != index_)) (void)cudaSetDevice(index_);
 }

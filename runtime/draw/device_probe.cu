@@ -3,7 +3,8 @@
 namespace scree::runtime {
 namespace {
 
-/// Built for the same architectures as all kernels; small, so that a GPU which compiles PTX has it at once.
+/// Built for the same architectures as all kernels. It is small, so that a GPU that has to compile PTX takes no time
+/// for it.
 __global__ void probe(unsigned* out) {
   if (out != nullptr) *out = 1;
 }

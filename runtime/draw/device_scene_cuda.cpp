@@ -36,18 +36,18 @@ using DeviceBuffer = SharedDeviceBuffer;
 
 namespace {
 
-/// Of a streamed scene's budget at most one part in so many is a cache of its textures.
+/// The texture cache takes at most this part of a streamed scene's budget.
 constexpr uint64_t kTextureCacheShare = 8;
 
 /// The part of device memory for pages of textures that do not all fit.
 constexpr uint64_t kTextureShare = 4;
 
-/// Of the free memory what is left to kernels' code, their stacks and queues that grow: a part, and this much at most
-/// where the scene is resident. A streamed scene's pool could use all of it.
+/// The part of the free memory that is left for kernels' code, their stacks and queues that grow. If the scene is
+/// resident, it is at most kMostLeft. A streamed scene leaves the whole part, because its pool would use all the rest.
 constexpr uint64_t kLeftShare = 16;
 constexpr uint64_t kMostLeft = uint64_t{512} << 20;
 
-/// The largest batch where pictures are drawn while a scene comes: two of them may be waited for (Streamer::draw).
+/// The largest batch while a scene is loaded by its pictures. A frame may wait for two batches (Streamer::draw).
 constexpr uint64_t kComingBatchBytes = uint64_t{64} << 20;
 
 /// The tables of the resolver (kernels/cuda/resolve.cu), with room for the range of depths.
@@ -74,7 +74,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   const uint64_t samples = width * height;
   uint64_t bytes = samples * sizeof(uint64_t) + pyramid_bytes(width, height);
   if (streamed) {
-    // A picture of one sample is drawn and shaded before the first (CudaStream::open).
+    // CudaStream::open() draws and shades a picture of one sample.
     bytes += pyramid_bytes(width, height) + kResolverBytes + 256 + tile_list_bytes(1, 1);
     if (needs.shade != nullptr && kernels::shades_from_chunks(needs.shade->show)) {
       bytes += 3 * samples * sizeof(float);
@@ -91,7 +91,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   return bytes;
 }
 
-/// Of DeviceScene::set_omitted().
+/// The number of words of DeviceScene::set_omitted().
 uint64_t omitted_words(const kernels::SceneView& scene) {
   return (scene.instance_count + 31) / 32;
 }
@@ -109,7 +109,7 @@ uint64_t fixed_bytes(const Scene& host, const PictureNeeds& pictures, uint64_t t
          CudaStream::device_bytes(host.view()) + picture_bytes(pictures, host, true);
 }
 
-/// The pool that holds all chunks: an empty one has a room too.
+/// The bytes of a pool that holds all chunks. An empty chunk takes room too.
 uint64_t whole_pool(std::span<const uint64_t> chunk_bytes) {
   return CudaStream::kept_bytes(chunk_bytes) + chunk_bytes.size() * Residency::kAlignment;
 }
@@ -118,7 +118,7 @@ uint64_t largest_of(std::span<const uint64_t> chunk_bytes) {
   return chunk_bytes.empty() ? 0 : *std::max_element(chunk_bytes.begin(), chunk_bytes.end());
 }
 
-/// Whether a streamed scene has all of its chunks in the end.
+/// Whether the pool of a streamed scene would hold all of its chunks.
 bool holds_all(const Scene& host, const PictureNeeds& pictures, uint64_t texture_cache, uint64_t budget) {
   const std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
   const uint64_t pool = whole_pool(bytes);
@@ -132,7 +132,7 @@ bool holds_all(const Scene& host, const PictureNeeds& pictures, uint64_t texture
 struct DeviceView::Impl {
   explicit Impl(DeviceScene::Impl& of) : scene(of) {}
 
-  /// Lets `after` wait for what is queued on `before`.
+  /// Makes `after` wait for the work that is queued on `before`.
   Result<void> order(cudaStream_t before, cudaStream_t after) {
     Result<void> done;
     if (queued == nullptr)
@@ -143,28 +143,28 @@ struct DeviceView::Impl {
   }
 
   DeviceScene::Impl& scene;
-  std::optional<kernels::CudaFrames> frames;        // none where chunks are streamed and another view has them
-  std::optional<kernels::CudaFrames> blend_frames;  // of layers, where the scene has blended surfaces; likewise
+  std::optional<kernels::CudaFrames> frames;        // none if chunks are streamed and another view has them
+  std::optional<kernels::CudaFrames> blend_frames;  // of layers, if the scene has blended surfaces; likewise
   kernels::CudaResolver resolver;
   kernels::CudaBlend blend;
-  kernels::BlendCounts blended;  // of what resolve() made last
+  kernels::BlendCounts blended;  // of the picture that resolve() made last
   DeviceBuffer samples;
   DeviceBuffer pixels;
   DeviceBuffer colors;  // of read_colors()
   DeviceBuffer layers[kPixelLayerCount];
   DeviceBuffer blocks[kBlockCount];
-  // Of the second picture that a batch has on its way; they take turns with `frames` and `samples`.
+  // For the second picture that a batch draws at the same time. They take turns with `frames` and `samples`.
   std::optional<kernels::CudaFrames> second_frames;
   DeviceBuffer second_samples;
-  size_t picture = 0;  // whose turn it is
+  size_t picture = 0;  // 0 or 1: the one that `frames` and `samples` belong to
   bool has_room_for_second = true;
   std::optional<kernels::CudaViewBatch> view_batch;
-  bool takes_view_batches = true;  // until the scene, or the device's memory, turns out to be none for them
+  bool takes_view_batches = true;  // false once the scene turns out not to suit them, or memory is short
   kernels::CudaJpegCoder jpeg;
   cudaEvent_t queued = nullptr;
   std::optional<StreamStats> streamed;
 
-  uint32_t width = 0;  // in samples, of what draw() made last
+  uint32_t width = 0;  // of the picture that draw() made last, in samples
   uint32_t height = 0;
   bool is_drawn_by_team = false;
 
@@ -195,9 +195,9 @@ struct DeviceScene::Impl {
   CudaScene scene;
   int device = 0;
   std::shared_ptr<DeviceView::Impl> own = std::make_shared<DeviceView::Impl>(*this);
-  std::unique_ptr<CudaStream> stream;  // where the scene's pages do not lie on the device
-  std::unique_ptr<GpuTeam> team;       // where several GPUs have them
-  DeviceBuffer omitted;                // of set_omitted()
+  std::unique_ptr<CudaStream> stream;  // if not all of the scene's pages were uploaded
+  std::unique_ptr<GpuTeam> team;       // if several GPUs have the pages
+  DeviceBuffer omitted;                // the bits of set_omitted()
   UploadStats stats;
   uint64_t fragment_room = 0;  // bytes, of the fragments of blended surfaces of a view
 
@@ -213,9 +213,9 @@ struct DeviceScene::Impl {
     view.blend_frames = std::move(*layers);
     return {};
   }
-  /// Null where all chunks are there.
+  /// The stream while it streams; null if all chunks are present.
   CudaStream* streaming() const { return stream != nullptr && !stream->is_complete() ? stream.get() : nullptr; }
-  /// Makes the frames of a view that was added while chunks were streamed and is not any more.
+  /// Makes the frames of a view that was added while chunks were streamed, once the scene is resident.
   Result<void> make_ready(DeviceView::Impl& view) const {
     return view.frames || streaming() != nullptr ? Result<void>() : make_frames(view, stream->view());
   }
@@ -230,7 +230,8 @@ const kernels::Transform* DeviceView::Impl::transforms() const {
   return frames ? frames->transforms() : nullptr;
 }
 
-/// False where the device has no room for it, or the scene is streamed.
+/// Makes the frames for a batch's second picture. Returns false if the device has no room for them, or if the scene is
+/// streamed.
 bool DeviceView::Impl::open_second(const kernels::SceneView& host) {
   if (scene.streaming() != nullptr || !has_room_for_second) return false;
   std::optional<kernels::CudaFrames>& second = picture == 0 ? second_frames : frames;
@@ -241,7 +242,7 @@ bool DeviceView::Impl::open_second(const kernels::SceneView& host) {
   return has_room_for_second;
 }
 
-/// False where the scene is none for batches of views, or the device has no room for them.
+/// Makes the CudaViewBatch. Returns false if it does not take the scene, or if the device has no room.
 bool DeviceView::Impl::open_view_batch(const kernels::SceneView& host) {
   if (view_batch || !takes_view_batches) return takes_view_batches;
   if (scene.streaming() != nullptr) return false;
@@ -253,8 +254,7 @@ bool DeviceView::Impl::open_view_batch(const kernels::SceneView& host) {
   return takes_view_batches;
 }
 
-/// The layers of blended surfaces over the picture that was drawn last: BlendTargets::over. Those of a streamed scene
-/// came with the picture.
+/// BlendTargets::over of the picture that was drawn last. A streamed scene's layers were drawn with the picture.
 Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, const kernels::ShadeOptions& options) {
   if (const CudaStream* const stream = scene.streaming()) {
     blended = stream->blended();
@@ -326,7 +326,8 @@ Result<uint64_t> DeviceScene::load_rest(const IsOver& is_over) {
   if (stream == nullptr) return uint64_t{0};
   const Result<uint64_t> left = stream->load_rest(is_over);
   if (!left || *left != 0) return left;
-  // Views that were added have no frames yet. The last picture's transforms are those of its last part alone.
+  // Views that were added have no frames yet. The last picture must be drawn again before it is shaded, because its
+  // transforms are valid for its last part only.
   DeviceView::Impl& own = *impl_->own;
   own.width = 0;
   Result<void> done = own.frames->pages_came();
@@ -339,7 +340,7 @@ Result<DeviceView> DeviceScene::add_view(const Scene& scene) {
   if (impl_->own.use_count() == 1) return DeviceView(impl_->own);
   try {
     auto view = std::make_shared<DeviceView::Impl>(*impl_);
-    if (impl_->stream == nullptr)  // or make_ready() makes them
+    if (impl_->stream == nullptr)  // otherwise make_ready() makes the frames
       if (const Result<void> made = impl_->make_frames(*view, scene.view()); !made) return made.error();
     return DeviceView(std::move(view));
   } catch (const std::bad_alloc&) {
@@ -455,18 +456,18 @@ Result<void> DeviceScene::Impl::upload_shared(const Scene& host, std::span<const
   return make_frames(*own, host.view());
 }
 
-/// `budget`: of device memory, which the records, textures and frames take their part of. A cache of textures leaves
-/// most of it to chunks.
+/// `budget`: of device memory, for records, textures, frames and the pool. The texture cache leaves most of it to
+/// chunks.
 Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budget, uint32_t threads, Reading reading,
                                                 uint64_t texture_cache, uint64_t host_memory,
                                                 const PictureNeeds& pictures, JobProgress* progress,
                                                 uint64_t most_batch) {
   std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
   const uint64_t largest = largest_of(bytes);
-  const uint64_t room = 2 * (largest + 2 * Residency::kAlignment);  // the least pool, and what moving a chunk takes
+  const uint64_t room = 2 * (largest + 2 * Residency::kAlignment);  // the least pool, and memory to move a chunk
   texture_cache = std::min(texture_cache, budget / kTextureCacheShare);
   if (budget < fixed_bytes(host, pictures, texture_cache) + room)
-    texture_cache = 1;  // one group: slow, and the same picture
+    texture_cache = 1;  // rounded up to one group: slow, but the same picture
   const uint64_t fixed = fixed_bytes(host, pictures, texture_cache);
   const uint64_t least = fixed + room;
   if (budget < least)
@@ -752,7 +753,7 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
     }
     return sum;
   }
-  // Both pictures' frames and samples take turns as the view's own.
+  // The frames and samples of both pictures take turns in `frames` and `samples`.
   const auto end = [&](size_t i) -> Result<void> {
     impl.use_picture(i % 2);
     const Result<kernels::CudaFrames::Finished> finished = impl.frames->finish();
@@ -779,7 +780,7 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
     impl.height = view.height;
     done = make(started++);
   }
-  // Nothing is on its way to memory of the view's any more, even after an error.
+  // Also after an error: afterwards no queued work writes to the view's memory.
   while (ended < started)
     if (const Result<void> last = end(ended++); done) done = last;
   impl.use_picture((views.size() - 1) % 2);

@@ -202,7 +202,7 @@ Result<void> DeviceView::order_before(void*) {
   return current_gpu().error();
 }
 
-// Nobody has a DeviceScene to ask.
+// Never called, because no DeviceScene can be made.
 kernels::CudaFrames& DeviceScene::frames() {
   std::abort();
 }

@@ -122,7 +122,7 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   return Result<CudaScene>(std::move(first));
 }
 
-/// buffers_: with room for the frame and nothing in it.
+/// Makes buffers_ large enough for the frame, and clears them.
 Result<void> GpuTeam::start_frame(const kernels::View& view, uint64_t* samples) {
   const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
   for (uint32_t i = 0; i < size(); ++i) {
@@ -137,7 +137,7 @@ Result<void> GpuTeam::start_frame(const kernels::View& view, uint64_t* samples) 
   return {};
 }
 
-/// Each GPU joins its own part of all buffers. Work that is queued on a default stream afterwards sees the joined
+/// Each GPU joins its own part of all buffers. Work that is queued on a default stream afterwards runs on the joined
 /// words.
 Result<void> GpuTeam::join(uint64_t count) {
   const uint64_t part = (count + size() - 1) / size();
@@ -159,7 +159,7 @@ Result<void> GpuTeam::join(uint64_t count) {
   return {};
 }
 
-/// On all GPUs at the same time. The GPUs are idle when it returns, also after an error.
+/// Draws a part on all GPUs at the same time. The GPUs are idle when it returns, also after an error.
 Result<FrameStats> GpuTeam::draw_part(const kernels::View& view, FramePart part) {
   std::vector<Result<FrameStats>> drawn(size(), FrameStats{});
   workers_->for_each(size(), [&](uint64_t i) {

@@ -1,6 +1,6 @@
-// GPUs of one machine that draw a scene together. Each has a part of the pages and draws it; their samples are joined
-// by the links between them, so the picture is that of one GPU. The first shades, and reads the others' pages for that.
-// Where the program is built with CUDA.
+// GPUs of one machine that draw a scene together. Each has a part of the pages and draws it. Their samples are joined
+// over the links between them, so the picture is that of one GPU. The first GPU shades, and reads the others' pages for
+// that. Only in programs that are built with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -23,8 +23,8 @@ namespace scree::runtime {
 
 class GpuTeam {
  public:
-  /// As the parameters of CudaScene::upload(), for each GPU. `beside`: the first GPU's reserved bytes, `beside_others`:
-  /// those of each other one.
+  /// As the parameters of CudaScene::upload(), for each GPU. `beside`: the reserved bytes of the first GPU;
+  /// `beside_others`: the reserved bytes of each other GPU.
   struct Options {
     uint64_t budget = 0;
     uint64_t beside = 0;
@@ -42,20 +42,20 @@ class GpuTeam {
   GpuTeam& operator=(const GpuTeam&) = delete;
   ~GpuTeam();
 
-  /// Lets every GPU read and write the others' memory and brings its share of `scene` to each, all at the same time.
-  /// `gpus`: 2 to kMostGpus, by CUDA's numbers; the first is the current device, before and after. Returns the
-  /// scene as the first has it: all records and textures, and all pages readable there. Errors kDevice: two GPUs that
-  /// cannot read each other's memory, and those of CudaScene::upload() with the GPU named.
+  /// Lets every GPU read and write the others' memory, and uploads its share of `scene` to each, to all at the same
+  /// time. `gpus`: 2 to kMostGpus, by CUDA's numbers; the first is the current device, before and after. Returns the
+  /// scene of the first GPU: all records and textures, and all pages, which it can read. Errors kDevice: two GPUs that
+  /// cannot read each other's memory; and the errors of CudaScene::upload(), with the GPU named.
   Result<CudaScene> open(const Scene& scene, std::span<const int> gpus, const Options& options);
 
   /// As CudaFrames::draw() of a whole frame, on all GPUs, into `samples` of the first. Each draws the clusters that
-  /// were visible last time; the joined samples then hide what is behind them on every GPU. Errors kRange, kDevice.
+  /// were visible last time. After joining, the samples of all GPUs hide clusters on every GPU. Errors kRange, kDevice.
   Result<kernels::FrameStats> draw(const kernels::View& view, uint64_t* samples);
 
   uint32_t size() const { return static_cast<uint32_t>(members_.size()); }
   /// On the first GPU: CudaFrames::transforms() of the last frame.
   const kernels::Transform* transforms() const { return members_[0].frames->transforms(); }
-  /// All GPUs' counts, and the time until the last upload ended.
+  /// The sums of all GPUs' counts, and the time until the last upload ended.
   const UploadStats& stats() const { return stats_; }
 
  private:

@@ -54,7 +54,7 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
     loaded->scene_ = std::make_unique<Scene>(std::move(*scene));
     if (loaded->gpu_) {
       const auto upload = [&] { return loaded->upload(options); };
-      // The listener may draw another scene, for which it takes the lock that uploading holds.
+      // The progress function may draw another scene, for which it takes the lock that uploading holds.
       const Result<void> uploaded = options.progress != nullptr ? options.progress->relay(upload) : upload();
       if (!uploaded) {
         if (uploaded.error().code != ErrorCode::kDevice) return uploaded.error();

@@ -16,7 +16,7 @@
 
 namespace scree::runtime {
 
-/// Where a scene is drawn; kAuto: on a GPU where one can be used and takes the scene, else on the CPU.
+/// The device that draws a scene. kAuto: a GPU if one is usable and takes the scene, else the CPU.
 enum class DrawOn { kAuto, kCpu, kGpu };
 
 struct LoadOptions {
@@ -27,14 +27,14 @@ struct LoadOptions {
   uint32_t threads = 1;
   bool textures = true;
   uint64_t texture_cache = 0;        // bytes of decoded blocks; 0: kHostTextureCache, kDeviceTextureCache
-  uint64_t texture_memory = 0;       // as set_texture_memory() has it
+  uint64_t texture_memory = 0;       // `wanted` of set_texture_memory()
   uint64_t device_memory = 0;        // as DeviceScene::upload()
   uint64_t host_memory = 0;          // likewise
   PictureNeeds pictures;             // likewise
   Reading reading = Reading::kAuto;  // likewise
-  kernels::Lighting lighting = kernels::Lighting::kAuto;  // as SceneOptions has it
+  kernels::Lighting lighting = kernels::Lighting::kAuto;  // as SceneOptions
   std::string environment;                                // likewise
-  JobProgress* progress = nullptr;                        // hears of loading, and may stop it (kFile)
+  JobProgress* progress = nullptr;                        // gets the progress of loading, and may stop it (kFile)
 };
 
 class LoadedScene {
@@ -49,20 +49,20 @@ class LoadedScene {
   uint32_t threads() const { return threads_; }
   /// LoadOptions::lighting.
   kernels::Lighting lighting() const { return lighting_; }
-  /// Which draws it; nothing: the CPU.
+  /// The GPU that draws the scene; nothing if the CPU does.
   const std::optional<Gpu>& gpu() const { return gpu_; }
-  /// Why no GPU draws it, where DrawOn::kAuto looked for one: one line; else empty.
+  /// One line that tells why no GPU draws the scene; empty if one does, or if DrawOn::kAuto was not given.
   const std::string& why_cpu() const { return why_cpu_; }
-  /// Null where the CPU draws. Used with gpu_lock() held, but for its statistics.
+  /// Null if the CPU draws. To be used with gpu_lock() held, except for its statistics.
   DeviceScene* device() const { return device_.get(); }
   bool is_streamed() const { return device_ != nullptr && device_->is_streamed(); }
 
   /// Thread-safe; errors as make_view().
   Result<kernels::View> view(const CameraOptions& options) const { return make_view(*scene_, options); }
 
-  /// The GPUs' work of all scenes is asked for by one thread at a time: a thread that frees device memory or waits for
-  /// a device would end the recording of another thread's frame (kernels/cuda/graph.h). Whoever holds the lock makes
-  /// the scene's device current first; its end restores the device that the caller had.
+  /// The lock for the GPU work of all scenes. One thread at a time submits it, because freeing device memory or waiting
+  /// for a device would end the recording of another thread's frame (kernels/cuda/graph.h). The holder has to make the
+  /// scene's device current first. The lock's destructor restores the caller's device.
   class GpuLock : public std::unique_lock<std::mutex> {
    public:
     explicit GpuLock(std::mutex& mutex) : std::unique_lock<std::mutex>(mutex) {}

@@ -17,7 +17,7 @@
 namespace scree::runtime {
 namespace {
 
-/// The number in the source primitive, where the file has it.
+/// The triangle's number in the source primitive, if the file has it.
 Result<std::optional<uint64_t>> source_triangle(const Scene& scene, const kernels::Hit& hit) {
   const format::ChunkRecord& chunk = scene.view().chunks[hit.chunk];
   const format::MeshRecord& mesh = scene.view().meshes[chunk.mesh];
@@ -137,7 +137,7 @@ Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View
   }
   std::vector<float> colors(3 * samples.size());
   if (Result<void> done = light.colors(colors); !done) return done;
-  // Of the layers of blended surfaces: their light, and the share of what lies behind them.
+  // BlendTargets::over of the layers of blended surfaces: their light, and the share that they let through.
   std::vector<float> over;
   if (kernels::shows_layers(scene, options))
     if (Result<void> done = light.over(over, blended); !done) return done;

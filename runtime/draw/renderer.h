@@ -1,4 +1,4 @@
-// A frame: from a scene and a view to a picture, a depth image and what lies under a pixel.
+// A frame: from a scene and a view to a picture, its layers and picks.
 #pragma once
 
 #include <cstddef>
@@ -26,12 +26,12 @@ struct Picture {
   kernels::BlendCounts blended;
 };
 
-/// 4 channels only where the background lets something show through.
+/// The channels of a picture: 4 if the background is not opaque, else 3.
 inline uint32_t picture_channels(const kernels::ShadeOptions& options) {
   return options.background[3] >= 1.0f ? 3 : 4;
 }
 
-/// What linear_picture() takes from the CPU or from the GPU that drew.
+/// The functions of the CPU, or of the GPU that drew, that linear_picture() calls.
 struct PictureLight {
   std::function<Result<void>(std::span<uint8_t> rgba)> coded;   // kernels::resolve_cpu() with 4 channels
   std::function<Result<void>(std::span<float> colors)> colors;  // kernels::shade_part_cpu() with all chunks
@@ -40,7 +40,7 @@ struct PictureLight {
 PictureLight light_of_cpu(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
                           std::span<const uint64_t> samples, const kernels::ShadeOptions& options, uint32_t threads);
 
-/// `device`: DeviceScene or DeviceView, which drew `view` last and shows it by `options`.
+/// `device`: the DeviceScene or DeviceView that drew `view` last. `options`: as for its resolve().
 template <class Device>
 PictureLight light_of(Device& device, const kernels::View& view, uint32_t samples_per_side,
                       const kernels::ShadeOptions& options) {
@@ -58,61 +58,59 @@ PictureLight light_of(Device& device, const kernels::View& view, uint32_t sample
           }};
 }
 
-/// A picture in linear light: RGBA, 4 floats a pixel, premultiplied by alpha. Of what shows ids or depths, the 8-bit
-/// colours in linear light. Takes 12 bytes a sample meanwhile, 16 more where blended surfaces are drawn. Errors those
-/// of `light` and kernels::occlusion_cpu. Throws std::bad_alloc.
+/// Makes a picture in linear light: RGBA, 4 floats per pixel, premultiplied by alpha. Pictures of ids or depths become
+/// their 8-bit colours in linear light. Takes 12 bytes per sample meanwhile, and 16 more if blended surfaces are drawn.
+/// Errors of `light` and kernels::occlusion_cpu. Throws std::bad_alloc.
 Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
                             std::span<const uint64_t> samples, const kernels::ShadeOptions& options, uint32_t threads,
                             const PictureLight& light, std::span<float> out, kernels::BlendCounts& blended);
 
-/// What lies under a pixel.
+/// The triangle that a pixel shows.
 struct Pick {
   kernels::Hit hit;
   uint32_t mesh;
   uint32_t node;
   uint32_t node_instance;
   uint64_t mesh_triangle;                   // in the mesh as stored
-  std::optional<uint64_t> source_triangle;  // in the source primitive, where the file has source ids
+  std::optional<uint64_t> source_triangle;  // in the source primitive, if the file has source ids
   uint64_t id;                              // global triangle id
   double depth;                             // from the eye's plane, world units
 };
 
-/// The sample that picking a pixel reads: at its centre, below and to the right of it where the number of samples a
-/// side is even. `view`: in samples.
+/// The index of the sample that picking a pixel reads: the one at its centre, or below and to the right of the centre
+/// if the number of samples per side is even. `view`: in samples.
 uint64_t sample_index(const kernels::View& view, uint32_t samples_per_side, uint32_t x, uint32_t y);
 
-/// What a sample of a frame of `view` shows; nothing on the background. Where the scene has not the triangle's page it
-/// is read from the file: errors as Scene::page.
+/// The triangle that a sample of a frame of `view` shows; nothing on the background. If the scene does not have the
+/// triangle's page, it is read from the file: errors as Scene::page.
 Result<std::optional<Pick>> pick_sample(const Scene& scene, const kernels::View& view, uint64_t sample);
 
 /// The visibility buffer of one view of a scene, which outlives it.
 class Frame {
  public:
-  /// Draws `view` at `samples_per_side` x `samples_per_side` samples a pixel (1, 2 or 4); view.width and view.height
-  /// are in pixels. Errors kRange (a side of more than kernels::kMaxImageSide samples), kMemory, those of
-  /// kernels::draw_cpu.
-  /// Without a device `scene` has its pages. With a `device` (a copy of `scene`, which also outlives the frame) the GPU
-  /// draws and shades; the samples are the same, and stay there until read_samples(). Only the frame that a device drew
-  /// last can be shaded or read.
-  /// `shade`: what shade() will be asked for, as DeviceScene::draw() wants it where the device streams.
+  /// Draws `view` with `samples_per_side` x `samples_per_side` samples per pixel (1, 2 or 4); view.width and
+  /// view.height are in pixels.
+  /// - `device`: null, or a copy of `scene` that outlives the frame. The GPU then draws and shades. The samples are the
+  ///   same, and stay there until read_samples(). Only the frame that a device drew last can be shaded or read. Without
+  ///   a device `scene` must have its pages.
+  /// - `shade`: the options of the later shade(), which DeviceScene::draw() needs if the device streams.
+  /// Errors kRange (a side of more than kernels::kMaxImageSide samples), kMemory, and the errors of kernels::draw_cpu.
   static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
                             DeviceScene* device = nullptr, const kernels::ShadeOptions* shade = nullptr);
 
-  /// Shades every sample and averages a pixel's in linear light, weighted by alpha. RGBA where the background is not
-  /// opaque. Errors kMemory, those of kernels::resolve_cpu and DeviceScene::resolve.
+  /// Shades every sample and averages a pixel's samples in linear light, weighted by alpha. Returns RGBA if the
+  /// background is not opaque. Errors kMemory, and the errors of kernels::resolve_cpu and DeviceScene::resolve.
   Result<Picture> shade(const kernels::ShadeOptions& options, uint32_t threads) const;
 
-  /// The same as linear_picture(). On a GPU after read_samples(). Errors kMemory, those of shade(),
-  /// kernels::shade_part_cpu and DeviceScene::read_colors.
-  /// `blended`: null, or filled in.
+  /// The same as linear_picture(). On a GPU it requires read_samples() before. `blended`: null, or filled in. Errors
+  /// kMemory, and the errors of shade(), kernels::shade_part_cpu and DeviceScene::read_colors.
   Result<std::vector<float>> linear(const kernels::ShadeOptions& options, uint32_t threads,
                                     kernels::BlendCounts* blended = nullptr) const;
 
-  /// Brings the samples of a GPU to where samples() and pick() find them; nothing to do on a CPU. Errors
-  /// kMemory, kDevice.
+  /// Copies the samples from a GPU for samples() and pick(). Does nothing if the CPU drew. Errors kMemory, kDevice.
   Result<void> read_samples();
 
-  /// A layer (kernels::LayerTargets has their values and types), rows top to bottom. Errors kMemory, those of
+  /// A layer (kernels::LayerTargets lists values and types), rows top to bottom. Errors kMemory, and the errors of
   /// kernels::layers_cpu and DeviceScene::read_layer.
   template <class T>
   Result<std::vector<T>> layer(PixelLayer layer, uint32_t threads) const {
@@ -129,7 +127,7 @@ class Frame {
   /// pick_sample() of sample_index(); x < width, y < height in pixels.
   Result<std::optional<Pick>> pick(uint32_t x, uint32_t y) const;
 
-  /// Row by row, (samples per side * width) a row.
+  /// Row by row, samples per side * width values per row.
   std::span<const uint64_t> samples() const { return samples_; }
   uint32_t width() const { return view_.width / samples_per_side_; }
   uint32_t height() const { return view_.height / samples_per_side_; }

@@ -7,7 +7,8 @@
 
 namespace scree::runtime {
 
-/// A vector's elements. Where somebody holds them, resize() takes new memory, and what is held stays where it is.
+/// A vector whose elements others may hold. If they are held, resize() takes new memory, and the held memory stays at
+/// its place.
 template <class T>
 class SharedBuffer {
  public:
@@ -21,7 +22,7 @@ class SharedBuffer {
   T& operator[](size_t index) { return (*values_)[index]; }
   const T& operator[](size_t index) const { return (*values_)[index]; }
 
-  /// New elements are 0; where the memory is held, all are. Throws std::bad_alloc.
+  /// New elements are 0. If the memory is held, all elements are. Throws std::bad_alloc.
   void resize(size_t count) {
     if (values_ && values_.use_count() == 1)
       values_->resize(count);

@@ -8,7 +8,7 @@
 
 namespace scree::runtime {
 
-/// A DeviceBuffer that takes new memory where it is to grow and somebody holds the old one.
+/// A DeviceBuffer that takes new memory if it has to grow while the old memory is held.
 class SharedDeviceBuffer {
  public:
   /// As kernels::DeviceBuffer; errors kMemory too.

@@ -48,7 +48,7 @@ Result<uint64_t> CpuStream::load_rest(const IsOver& is_over) {
   return rest->left_bytes;
 }
 
-/// Each is streamed as the picture was, and shaded part by part.
+/// Draws the layers of blended surfaces. Each layer is streamed like the picture, and shaded part by part.
 Result<void> CpuStream::draw_layers(StreamStats& stats, const IsOver& is_over) {
   const kernels::LayerSource source{[&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
                                       layer_ = Layer{&at, peeled};
@@ -120,10 +120,11 @@ Result<double> CpuStream::finish_loading() {
   return oldest.get();
 }
 
-/// All of it: the loads have their own thread.
+/// Draws the part at once, because loads have a thread of their own.
 Result<void> CpuStream::start_drawing(std::span<const Residency::Place> places, PartOptions options) {
   drawn_ = {};
-  if (options.share == Share::kLikelySeen) return {};  // which it does not know; kRest is all then
+  // The CPU has no hints, so kLikelySeen is empty and kRest has all clusters.
+  if (options.share == Share::kLikelySeen) return {};
   const Stopwatch watch;
   for (const Residency::Place& place : places) pages_[place.chunk] = pool_.data() + place.offset;
   Result<void> done;

@@ -23,26 +23,26 @@ namespace scree::runtime {
 
 class CpuStream final : public StreamTarget {
  public:
-  /// `scene`: outlives this; its pages may be loaded or not (ChunkSource). `pool_bytes`: all the memory for chunks; the
-  /// pictures' own, 8 bytes a sample and 12 where they are shaded from chunks, is beside it. Errors as
+  /// `scene`: outlives this; its pages may be loaded or not (ChunkSource). `pool_bytes`: all the memory for chunks. The
+  /// pictures take 8 bytes per sample in addition, and 12 more if they are shaded from chunks. Errors as
   /// Streamer::create.
   static Result<std::unique_ptr<CpuStream>> create(const Scene& scene, uint64_t pool_bytes, uint32_t threads);
 
-  /// Draws `view` (its sides in samples) as kernels::draw_cpu() does. `shade`: what picture() will be asked for; null
-  /// where only the samples are wanted. `is_over`: as Streamer::draw().
+  /// Draws `view` (its sides in samples) as kernels::draw_cpu() does. `shade`: the options of the later picture(); null
+  /// if only the samples are wanted. `is_over`: as for Streamer::draw().
   Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
                                  const IsOver& is_over = {});
 
   /// As Streamer::load_rest(); returns the bytes that are left.
   Result<uint64_t> load_rest(const IsOver& is_over = {});
 
-  /// The layers of blended surfaces in the last frame, which was drawn to be shaded.
+  /// The layers of blended surfaces in the last frame. Requires that it was drawn with `shade`.
   const kernels::BlendCounts& blended() const { return blended_; }
 
-  /// Of the last frame, row by row.
+  /// The samples of the last frame, row by row.
   std::span<const uint64_t> samples() const { return samples_; }
-  /// The picture of the last frame, as it was to be shaded, of samples_per_side^2 samples a pixel. Errors as
-  /// kernels::resolve_cpu().
+  /// The picture of the last frame with its `shade`, with samples_per_side^2 samples per pixel. Errors kRange (the
+  /// frame was drawn without `shade`), kMemory, and the errors of kernels::resolve_cpu().
   Result<Picture> picture(uint32_t samples_per_side) const;
 
   const Residency& residency() const { return streamer_.residency(); }
@@ -50,7 +50,7 @@ class CpuStream final : public StreamTarget {
   Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
   Result<std::span<const uint32_t>> list() override;
   Result<void> start_loading(const Residency::Batch& batch) override;
-  Result<bool> is_loaded() override { return false; }  // so that frames repeat themselves
+  Result<bool> is_loaded() override { return false; }  // so that a frame's order of work does not depend on timing
   Result<double> finish_loading() override;
   Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) override;
   Result<Drawn> finish_drawing() override;
@@ -64,7 +64,7 @@ class CpuStream final : public StreamTarget {
   void find_depths();
   Result<void> draw_layers(StreamStats& stats, const IsOver& is_over);
 
-  /// A layer that is drawn, in place of the picture.
+  /// The layer that is being drawn instead of the picture.
   struct Layer {
     const kernels::BlendTargets* at;
     const uint64_t* peeled;
@@ -73,15 +73,15 @@ class CpuStream final : public StreamTarget {
   ChunkSource source_;
   Streamer streamer_;
   uint32_t threads_;
-  Workers workers_;  // that read
+  Workers workers_;  // threads that read
   std::vector<std::byte> pool_;
-  std::vector<const std::byte*> pages_;  // of the chunks that are drawn, by chunk
+  std::vector<const std::byte*> pages_;  // by chunk; null unless the chunk is being drawn
   kernels::SceneView scene_;
   kernels::View view_{};
   std::optional<kernels::ShadeOptions> shade_;
   std::vector<uint64_t> samples_;
   std::vector<float> colors_;
-  std::vector<float> over_;  // of the layers; empty without any
+  std::vector<float> over_;  // BlendTargets::over; empty without layers
   kernels::BlendCounts blended_;
   std::optional<Layer> layer_;
   VisibleChunks visible_;

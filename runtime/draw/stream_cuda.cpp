@@ -18,7 +18,7 @@ uint64_t room_of(uint64_t bytes) {
   return format::align_up(bytes, Residency::kAlignment);
 }
 
-/// `use(first, bytes)` for every run that lies side by side both where it comes from and where it goes to.
+/// Calls `use(first, bytes)` for every run of pieces that are neighbours both at their source and at their target.
 template <class Piece, class Use>
 Result<void> each_run(std::span<const Piece> pieces, const Use& use) {
   for (size_t first = 0; first < pieces.size();) {
@@ -85,7 +85,7 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   if (done) done = bounce_.reserve(bounce_bytes_, "allocating room to move chunks");
   if (done) done = visible_.open(streamer_.view(), scene_);
   if (done) done = pages_.open(scene_, scene_.chunk_count);
-  // Not ordered with the streams that draw: the host waits for a load before it has it drawn.
+  // Not ordered with the streams that draw, because the host waits for a load before it submits its drawing.
   for (cudaStream_t* const stream : {&copies_, &moves_})
     if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
   const auto make = [&](cudaEvent_t& event) {
@@ -107,8 +107,8 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   return done;
 }
 
-/// A sample without chunks: what CUDA does when a kernel first runs (it loads its code, and makes room for its stacks)
-/// takes 10 ms for a frame's kernels, and is done here.
+/// Draws a frame of one sample without chunks. When a kernel first runs, CUDA loads its code and makes room for its
+/// stacks. That takes 10 ms for a frame's kernels, and is done here.
 Result<void> CudaStream::draw_nothing() {
   const kernels::View view{.eye = {0, 0, 0},
                            .right = {1, 0, 0},
@@ -174,7 +174,7 @@ Result<uint64_t> CudaStream::load_rest(const IsOver& is_over) {
   return rest->left_bytes;
 }
 
-/// Each is streamed as the picture was, and shaded part by part.
+/// Draws the layers of blended surfaces. Each layer is streamed like the picture, and shaded part by part.
 Result<void> CudaStream::draw_layers(StreamStats& stats, const IsOver& is_over) {
   const kernels::LayerSource source{[&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
                                       layer_ = Layer{&at, peeled};
@@ -204,8 +204,8 @@ Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOp
   return done;
 }
 
-/// Through memory apart, since they may overlap themselves and each other: as much as fits it is copied there, and from
-/// there to its places. What comes later lies behind all of those.
+/// Moves chunks within the pool. Source and target may overlap, and so may different moves. So as many bytes as fit are
+/// copied to the bounce buffer, and from there to their places. Later moves lie behind all of these.
 Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
   std::vector<kernels::DeviceCopy> there;
   std::vector<kernels::DeviceCopy> back;
@@ -233,16 +233,16 @@ Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
   return done ? bounce() : done;
 }
 
-/// None of them writes what another reads or writes.
+/// Queues the copies, in any order: none may write memory that another reads or writes.
 Result<void> CudaStream::copy(Copies& copies) {
   const char* const what = "copying chunks to the device";
   if (copies.bytes.empty()) return {};
 #if CUDART_VERSION >= 13000
-  // One call for all of them, and no order among them to keep.
+  // One call for all copies, without an order among them.
   cudaMemcpyAttributes attributes{};
   attributes.srcAccessOrder = cudaMemcpySrcAccessOrderStream;
   attributes.flags = cudaMemcpyFlagPreferOverlapWithCompute;
-  size_t first = 0;  // that has these
+  size_t first = 0;  // the first copy with these attributes
   return cuda_check(cudaMemcpyBatchAsync(copies.to.data(), copies.from.data(), copies.bytes.data(), copies.to.size(),
                                          &attributes, &first, 1, copies_),
                     what);
@@ -262,18 +262,18 @@ Result<void> CudaStream::start_loading(const Residency::Batch& batch) {
   return {};
 }
 
-/// On a thread of its own.
+/// Queues the moves and copies of a load. Runs on the loader's thread.
 Result<void> CudaStream::load(const Residency::Batch& batch, const Events& events) {
   // The current device is each thread's own.
   if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
-  // While the load before is copied, whose places they do not touch.
+  // Moves run while the previous load is copied. They do not touch its places.
   if (!batch.moves.empty()) {
     Result<void> moved = move(batch.moves);
     if (moved) moved = cuda_check(cudaEventRecord(events.moved, moves_), "recording a load");
     if (moved) moved = cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load");
     if (!moved) return moved;
   }
-  // Neighbours in the pool go as one copy where they lie side by side in host memory too.
+  // Neighbours in the pool become one copy if they are neighbours in host memory too.
   std::vector<Residency::Place> places = batch.loads;
   std::sort(places.begin(), places.end(),
             [](const Residency::Place& a, const Residency::Place& b) { return a.offset < b.offset; });
@@ -364,7 +364,7 @@ Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places,
   return done;
 }
 
-/// Queues what comes after drawing a part, while its pages are there.
+/// Queues the work after drawing a part, while its pages are present: shading it, and finding hidden chunks.
 Result<void> CudaStream::use_drawn() {
   Result<void> done;
   const uint64_t* const drawn = layer_ ? layer_->at->drawn : samples_;
@@ -390,7 +390,7 @@ Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
   if (done) done = cuda_check(cudaEventSynchronize(drawing_ended_), "drawing a batch");
   if (done) done = cuda_check(cudaEventElapsedTime(&ms, drawing_begun_, drawing_ended_), "reading a time");
   if (!done) return done.error();
-  // A copy: the next part's may come while these are asked.
+  // Copied, because the next part's result may arrive while this one is read.
   if (part_.finds_depths) shown_.assign(visible_.shown().begin(), visible_.shown().end());
   return Drawn{drawn->stats, ms};
 }
@@ -398,7 +398,7 @@ Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
 void CudaStream::stop() {
   loading_.clear();
   loader_.wait();
-  // All streams: what drew a part may have nothing behind it that could be waited for.
+  // Waits for all streams, because there may be no event behind the drawing of a part.
   (void)cudaDeviceSynchronize();
 }
 

@@ -1,5 +1,5 @@
 // Streamed frames on a GPU: chunks go through pinned memory, or come from it, into a pool of device memory while others
-// are drawn. Where the program is built with CUDA.
+// are drawn. Only in programs that are built with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -27,24 +27,24 @@
 
 namespace scree::runtime {
 
-/// Called by one thread; of the device that was current when it was made.
+/// Belongs to the device that was current when it was made. One thread at a time calls it.
 class CudaStream final : public StreamTarget {
  public:
-  /// `scene` outlives this; `streamer` is one of it. `bounce_bytes`: bounce_bytes(). Throws std::bad_alloc.
+  /// `scene` outlives this. `streamer`: of this scene. `bounce_bytes`: from bounce_bytes(). Throws std::bad_alloc.
   CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, uint32_t threads);
   CudaStream(const CudaStream&) = delete;
   CudaStream& operator=(const CudaStream&) = delete;
   ~CudaStream();
 
-  /// What moving chunks takes of the device memory, `room`, that the pool and it have together.
+  /// The device memory for moving chunks. `room`: the memory that it and the pool have together.
   static uint64_t bounce_bytes(uint64_t largest_chunk, uint64_t room);
 
-  /// What beside the pool, and that, goes to device memory with open().
+  /// The other device memory of open(), beside the pool and bounce_bytes().
   static uint64_t device_bytes(const kernels::SceneView& scene) {
     return kernels::CudaVisibleChunks::device_bytes(scene);
   }
 
-  /// Pinned memory for a batch: one is read into, and the copies of two are under way.
+  /// Buffers of pinned memory for a batch each. One is read into while the other two are copied.
   static constexpr uint32_t kStagings = 3;
 
   /// Pinned memory that keeps all chunks of these sizes.
@@ -56,31 +56,31 @@ class CudaStream final : public StreamTarget {
     return scene.chunk_count * (sizeof(kernels::CudaPageTable::Entry) + 2 * sizeof(uint32_t)) + kCounters;
   }
 
-  /// As the target has to see it: for CudaScene::upload.
+  /// Streamer::view(), for CudaScene::upload.
   const kernels::SceneView& view() const { return streamer_.view(); }
 
-  /// `device`: that scene on the device; with `frames` of it, `blend_frames` of its layers (null where nothing blends),
-  /// and what resolves its pictures, it outlives this.
-  /// `cache`: of the scene's JPEG levels; null where it has none. `host_bytes`: chunks, in the order of the file, are
-  /// brought to so much pinned host memory once and copied from there; the others come through pinned batches from
-  /// where ChunkSource has them. Errors kDevice (no memory), those of ChunkSource::read.
+  /// `device`: the scene on the device. `frames`: of this scene. `blend_frames`: of its layers; null if nothing blends.
+  /// `resolver`: resolves its pictures. `cache`: of its JPEG and paged levels; null if it has none. All of these
+  /// outlive this. `host_bytes`: pinned host memory that chunks, in the order of the file, are read into once and
+  /// copied from. The other chunks come from the ChunkSource through pinned batches. Errors kDevice (no memory), and
+  /// the errors of ChunkSource::read.
   Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaFrames* blend_frames,
                     kernels::CudaResolver& resolver, kernels::CudaTextureCache* cache, uint64_t host_bytes);
 
-  /// Draws into `samples` (device memory, view.width * view.height); colors() are then those of `shade`. `is_over`: as
-  /// Streamer::draw().
+  /// Draws into `samples` (device memory, view.width * view.height). `shade`: null, or the options of colors().
+  /// `is_over`: as for Streamer::draw().
   Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade, uint64_t* samples,
                                  const IsOver& is_over = {});
 
-  /// As Streamer::load_rest(); returns the bytes that are left. After the last all chunks are in the scene's page
+  /// As Streamer::load_rest(). Returns the bytes that are left. If none are left, all chunks are in the scene's page
   /// table, and nothing is streamed any more.
   Result<uint64_t> load_rest(const IsOver& is_over);
   bool is_complete() const { return is_complete_; }
 
-  /// Of the last frame, 3 floats a sample, in device memory; null where it was not shaded from chunks.
+  /// The colours of the last frame, 3 floats per sample, in device memory; null if it was not shaded from chunks.
   const float* colors() const { return shades_ ? reinterpret_cast<const float*>(colors_.data()) : nullptr; }
 
-  /// BlendTargets::over of the last frame, in device memory; null where it has no layers.
+  /// BlendTargets::over of the last frame, in device memory; null if it has no layers.
   const float* over() const { return over_; }
   const kernels::BlendCounts& blended() const { return blended_; }
 
@@ -98,18 +98,18 @@ class CudaStream final : public StreamTarget {
   static constexpr uint64_t kNotPinned = ~uint64_t{0};
   static constexpr uint64_t kPieceBytes = uint64_t{256} << 20;  // read on all threads before their copies start
 
-  /// Of a load: the copies from the first on.
+  /// The events of a load: moves done, copies begun, copies done.
   struct Events {
     cudaEvent_t moved = nullptr;
     cudaEvent_t begun = nullptr;
     cudaEvent_t loaded = nullptr;
   };
   struct Load {
-    std::future<Result<void>> issued;  // all its copies
-    uint32_t number;                   // of its events
+    std::future<Result<void>> issued;  // all its copies are queued
+    uint32_t number;                   // index of its events
   };
 
-  /// Of a chunk that is loaded.
+  /// A piece of a chunk that is loaded.
   struct Piece {
     const std::byte* from;
     uint64_t to;  // in the pool
@@ -141,7 +141,7 @@ class CudaStream final : public StreamTarget {
   void list_pages(std::span<const Residency::Place> places);
   kernels::CudaFrames& frames() { return layer_ ? *blend_frames_ : *frames_; }
 
-  /// A layer that is drawn, in place of the picture.
+  /// The layer that is being drawn instead of the picture.
   struct Layer {
     const kernels::BlendTargets* at;
     const uint64_t* peeled;
@@ -150,7 +150,7 @@ class CudaStream final : public StreamTarget {
 
   ChunkSource source_;
   Streamer streamer_;
-  Workers workers_;  // that read
+  Workers workers_;  // threads that read
   int device_ = 0;
   kernels::SceneView scene_{};
   kernels::SceneView blended_scene_{};
@@ -162,20 +162,20 @@ class CudaStream final : public StreamTarget {
   bool is_complete_ = false;
   kernels::DeviceBuffer pool_;
   uint64_t bounce_bytes_;
-  kernels::DeviceBuffer bounce_;  // for moves onto themselves
+  kernels::DeviceBuffer bounce_;  // chunks are moved through it
   kernels::CudaPageTable pages_;
   std::vector<kernels::CudaPageTable::Entry> entries_;  // of the part
   kernels::PinnedBuffer kept_;
   std::vector<uint64_t> kept_at_;  // by chunk, in kept_
   kernels::PinnedBuffer staging_[kStagings];
-  cudaEvent_t staged_[kStagings] = {};  // when what was read into one was copied
+  cudaEvent_t staged_[kStagings] = {};  // the copies from a staging buffer are done
   uint32_t stagings_ = 0;
   cudaStream_t copies_ = nullptr;
   cudaStream_t moves_ = nullptr;
   Events events_[kMostLoads];
   uint32_t loads_ = 0;
   std::deque<Load> loading_;
-  // Of the frame:
+  // The current frame:
   kernels::View view_{};
   uint64_t* samples_ = nullptr;
   bool shades_ = false;
@@ -187,7 +187,7 @@ class CudaStream final : public StreamTarget {
   kernels::CudaVisibleChunks visible_;
   std::vector<uint32_t> near_to_far_;
   std::vector<uint32_t> shown_;  // nearest_shown(), by chunk
-  // Of the part that is drawn:
+  // The part that is being drawn:
   PartOptions part_{};
   cudaEvent_t drawing_begun_ = nullptr;
   cudaEvent_t drawing_ended_ = nullptr;

@@ -14,11 +14,11 @@
 namespace scree::runtime {
 namespace {
 
-/// All that a batch makes.
+/// The layers that a batch can make, one bit each.
 constexpr uint32_t kPixelLayers = ((1u << kBlockCount) - 1) & ~(1u << static_cast<uint32_t>(Layer::kSamples));
 static_assert(kBlockCount == static_cast<size_t>(Layer::kLinear));
 
-/// Of all but kColor and kSamples.
+/// The PixelLayer of a layer that is neither kColor nor kSamples nor kLinear.
 PixelLayer pixel_layer(Layer layer) {
   switch (layer) {
     case Layer::kDepth:
@@ -89,7 +89,7 @@ kernels::View ViewRenderer::in_samples(kernels::View view) const {
   return view;
 }
 
-/// What every draw begins with; `view`: the size of its frames, in pixels.
+/// The beginning of every draw. `view`: the size of its frames, in pixels.
 Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per_side,
                                  const kernels::ShadeOptions& shade) {
   has_frame_ = false;
@@ -213,7 +213,7 @@ Result<void> ViewRenderer::draw_batch_to(std::span<const kernels::View> views, u
   return {};
 }
 
-/// Where the layers of frame `v` of a batch go, `all` being those of all frames.
+/// The targets of frame `v` of a batch. `all`: the targets of all frames.
 ViewRenderer::FrameTargets ViewRenderer::targets_of(uint32_t layers, uint64_t v, const BatchTargets& all) const {
   FrameTargets targets;
   for (size_t i = 0; i < kBlockCount; ++i) {
@@ -238,7 +238,7 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
   const auto shared = static_cast<uint32_t>(std::min<uint64_t>(scene_->threads(), views.size()));
   const uint32_t threads_each = std::max(1u, scene_->threads() / shared);
   try {
-    // A worker's samples are those of the frame that it draws.
+    // A worker has samples for one frame.
     if (samples_.size() < shared * count) samples_.resize(shared * count);
     FirstError failure;
     std::mutex mutex;
@@ -276,12 +276,12 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
   return {};
 }
 
-/// With the GPUs' lock held.
+/// Requires that the GPUs' lock is held.
 Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> views, uint32_t layers,
                                              const BatchTargets& blocks) {
   const bool shades = (layers & 1u << static_cast<uint32_t>(Layer::kColor)) != 0;
   std::vector<kernels::View> in;
-  std::vector<kernels::BlendCounts> blended;  // by picture, some of which are made twice
+  std::vector<kernels::BlendCounts> blended;  // by picture, because some are made twice
   try {
     for (const kernels::View& view : views) in.push_back(in_samples(view));
     blended.resize(views.size());
@@ -327,7 +327,7 @@ Result<void> ViewRenderer::draw_on_gpu() {
   gpu_ms_ = times.raster_ms;
   streamed_ = device_->stream_stats();
   if (!is_streamed) return {};
-  // The colours of the parts are the stream's: another view's frame writes over them.
+  // Resolved now, because the colours of the parts belong to the stream, and another view's frame overwrites them.
   if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved) return resolved;
   blended_ = device_->blended();
   on_gpu_[static_cast<size_t>(Layer::kColor)] = reinterpret_cast<const std::byte*>(device_->pixels());
@@ -415,7 +415,7 @@ Result<void> ViewRenderer::make_linear(std::span<std::byte> out) {
   }
 }
 
-/// A layer of one frame from its samples.
+/// Makes a layer of one frame from its samples, on the CPU.
 Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples,
                                    uint32_t threads, std::span<std::byte> out) {
   const kernels::SceneView& scene = scene_->scene().view();
@@ -430,7 +430,7 @@ Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::
                              threads);
 }
 
-/// With the GPUs' lock held.
+/// Requires that the GPUs' lock is held.
 Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
   if (Result<void> done = device_->make_current(); !done) return done.error();
   const std::byte*& made = on_gpu_[static_cast<size_t>(layer)];
@@ -472,7 +472,7 @@ Result<std::shared_ptr<const void>> ViewRenderer::hold(const std::byte* data) co
     const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
     std::shared_ptr<const void> memory = device_->hold(data);
     if (!memory) return gone;
-    // Device memory is freed as all else is done on a GPU: with the lock, and the memory's device current.
+    // Device memory is freed under the same conditions as all GPU work: with the lock held and its device current.
     return std::shared_ptr<const void>(data, [memory, gpu = scene_->gpu()->index](const void*) mutable {
       const LoadedScene::GpuLock freeing = LoadedScene::gpu_lock();
       (void)set_current_gpu(gpu);

@@ -18,30 +18,29 @@
 
 namespace scree::runtime {
 
-/// What can be read of a frame, rows from the top. A pixel shows its nearest sample, but for colours
+/// The layers of a frame, rows from the top. A pixel shows its nearest sample, except in colours
 /// (kernels::LayerTargets).
 enum class Layer {
-  kColor,     // 4 bytes a pixel: red, green, blue as 8-bit sRGB, alpha linear, not premultiplied
+  kColor,     // 4 bytes per pixel: red, green, blue as 8-bit sRGB, alpha linear, not premultiplied
   kDepth,     // float: distance from the eye's plane in world units, infinity on the background
   kTriangle,  // int64_t: global triangle id, -1 on the background
-  kInstance,  // int32_t: place in the scene's instances, -1 on the background
-  kSamples,   // uint64_t a sample: the visibility buffer (kernels/visbuffer.h)
+  kInstance,  // int32_t: index in the scene's instances, -1 on the background
+  kSamples,   // uint64_t per sample: the visibility buffer (kernels/visbuffer.h)
   kNormal,    // 3 floats: unit length, world space, 0 on the background
-  kUv,        // 2 floats: texture coordinates, 0 on the background and where the mesh has none
-  kLinear,    // 4 floats: the colours as linear_picture() makes them, in host memory alone
+  kUv,        // 2 floats: texture coordinates, 0 on the background and if the mesh has none
+  kLinear,    // 4 floats: the colours of linear_picture(), in host memory alone
 };
 inline constexpr size_t kLayerCount = 8;
 
-/// Bytes of a pixel, or of a sample of kSamples.
+/// Bytes per pixel; of kSamples, per sample.
 constexpr uint64_t bytes_of(Layer layer) {
   constexpr uint64_t kBytes[kLayerCount] = {4, 4, 8, 4, 8, 12, 8, 16};
   return kBytes[static_cast<size_t>(layer)];
 }
 
-/// Draws frame after frame of one scene, of any camera, size, samples and shading. Layers are made when they are first
-/// asked for. Buffers grow to the largest frame and stay; of a frame no larger than one before none is allocated. The
-/// bits of the clusters that a GPU saw last are the view's own. One thread at a time; several views of a scene may be
-/// used by several threads.
+/// Draws frame after frame of one scene, with any camera, size, samples and shading. Layers are made on first request.
+/// Buffers grow to the largest frame and stay, so a frame no larger than an earlier one allocates nothing. On a GPU the
+/// view has hints of its own. One thread at a time uses a view; several threads may use several views of a scene.
 class ViewRenderer {
  public:
   /// Errors as DeviceScene::add_view().
@@ -50,44 +49,44 @@ class ViewRenderer {
   ViewRenderer& operator=(const ViewRenderer&) = delete;
   ~ViewRenderer();
 
-  /// Draws; `view` has its sides in pixels, of `samples_per_side` squared samples (1, 2 or 4). Returns when the samples
-  /// are there; after an error there is no frame. Errors kRange (no such size or camera), kMemory, kDevice.
+  /// Draws a frame. `view`: its sides in pixels, of `samples_per_side` squared samples (1, 2 or 4). Returns when the
+  /// samples are drawn; after an error there is no frame. Errors kRange (no such size or camera), kMemory, kDevice.
   Result<void> draw(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
 
-  /// Draws one frame for each of `views`, all of one size, and makes the `layers` of all of them, bit 1 << Layer each
-  /// but kSamples and kLinear: a layer is then one block, frame by frame. On the CPU frames are shared out among the
-  /// threads, each with samples of its own. Until the next draw there is nothing to pick and no other layer. Errors as
-  /// draw(), kUsage: no view, views of several sizes, no such layers.
+  /// Draws one frame for each of `views`, all of one size, and makes their layers. `layers`: a bit 1 << Layer for each
+  /// layer, without kSamples and kLinear. A layer is then one block, frame by frame. On the CPU the frames are shared
+  /// out among the threads, each with samples of its own. Until the next draw there is nothing to pick and no other
+  /// layer. Errors as draw(); kUsage: no view, views of several sizes, no such layers.
   Result<void> draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
                           const kernels::ShadeOptions& shade, uint32_t layers);
 
-  /// Where the layers of a batch go, by Layer; null: not made. In the memory of the GPU that draws, or of the host.
+  /// Memory for the layers of a batch, by Layer: of the GPU that draws, or of the host. Null: the layer is not made.
   using BatchTargets = std::array<std::byte*, kBlockCount>;
 
-  /// The same into the caller's memory, of batch_bytes() each, after what is queued on `stream`, a cudaStream_t, and
-  /// before what is queued there next. This view then has no layer. Errors as draw_batch(); kUsage: no target, or one
-  /// that is not in the GPU's memory.
+  /// The same into the caller's memory, of layer_bytes() each. The GPU draws after the earlier work of `stream`, a
+  /// cudaStream_t, and before its later work. The view then has no layer. Errors as draw_batch(); kUsage: no target, or
+  /// one that is not in the GPU's memory.
   Result<void> draw_batch_to(std::span<const kernels::View> views, uint32_t samples_per_side,
                              const kernels::ShadeOptions& shade, const BatchTargets& targets, void* stream);
 
-  /// The frame shown otherwise, without drawing it again. Errors kRange (no frame), kUnsupported: a streamed frame is
-  /// shaded while it is drawn.
+  /// Changes the shading of the frame without drawing it again. Errors kRange (no frame), kUnsupported: a streamed
+  /// frame is shaded while it is drawn.
   Result<void> set_shade(const kernels::ShadeOptions& shade);
 
-  /// A layer in host memory of this view's, until the next draw(), set_shade() or end. Errors kRange (no frame),
-  /// kUnsupported (DeviceView::make_layer(), and kLinear of a streamed frame), kMemory, kDevice.
+  /// A layer in host memory of this view, valid until the next draw() or set_shade() or the view's end. Errors kRange
+  /// (no frame), kUnsupported (as DeviceView::make_layer(), and kLinear of a streamed frame), kMemory, kDevice.
   Result<std::span<const std::byte>> layer(Layer layer);
 
-  /// The same into `out`, of layer_bytes().
+  /// Copies a layer to `out`, which has layer_bytes().
   Result<void> read(Layer layer, std::span<std::byte> out);
 
-  /// A layer in the GPU's memory, where it was written; `stream`, a cudaStream_t, waits until it is. It stays until the
-  /// next draw(), set_shade() or end. Errors as layer(); kDevice: the CPU draws; kUnsupported: kLinear.
+  /// A layer in the GPU's memory, without a copy. `stream`, a cudaStream_t, waits until it is written. Valid until the
+  /// next draw() or set_shade() or the view's end. Errors as layer(); kDevice: the CPU draws; kUnsupported: kLinear.
   Result<const std::byte*> device_layer(Layer layer, void* stream);
 
-  /// Keeps a layer's memory, `data` of layer() or device_layer(), where it is for as long as the result lives, also
-  /// beyond the view. Later draws write to it while their frames fit; larger frames get other memory. Errors kRange:
-  /// the view has no such memory any more; kMemory, kDevice.
+  /// Keeps a layer's memory, `data` from layer() or device_layer(), at its place as long as the result lives, also
+  /// beyond the view. Later draws write to it if their frames fit; larger frames get other memory. Errors kRange: the
+  /// view has no such memory any more; kMemory, kDevice.
   Result<std::shared_ptr<const void>> hold(const std::byte* data) const;
 
   /// As Frame::pick(); reads one sample. Errors kRange: no frame, no such pixel.
@@ -102,12 +101,14 @@ class ViewRenderer {
   uint64_t layer_bytes(Layer layer) const;
   const kernels::View& view() const { return view_; }  // its sides in samples
   const kernels::FrameStats& stats() const { return stats_; }
-  /// Layers in the colours, once these are made. For a batch: the most layers of a frame, and all samples with more.
+  /// The layers of blended surfaces, once the colours are made. For a batch: the largest number of layers of a frame,
+  /// and the sum of the samples left out.
   const kernels::BlendCounts& blended() const { return blended_; }
   const Duration& draw_time() const { return draw_time_; }
-  /// What the GPU took for the samples of a resident frame, by its own clock; 0 where there was none, and for a batch.
+  /// The GPU's time for the samples of a resident frame, by its own clock. 0 for a batch, and if the CPU drew or the
+  /// scene was streamed.
   float gpu_ms() const { return gpu_ms_; }
-  /// Of the frame, where the scene is streamed and it was no batch.
+  /// Statistics of the frame, if the scene is streamed and the frame was no batch.
   const std::optional<StreamStats>& stream_stats() const { return streamed_; }
 
  private:
@@ -142,7 +143,7 @@ class ViewRenderer {
   kernels::ShadeOptions shade_;
   bool has_frame_ = false;
   uint32_t batch_ = 0;
-  SharedBuffer<uint64_t> samples_;  // where the CPU draws; may be longer than the frame
+  SharedBuffer<uint64_t> samples_;  // if the CPU draws; may be longer than the frame
   struct HostLayer {
     SharedBuffer<std::byte> bytes;  // may be longer than the frame's
     bool is_made = false;

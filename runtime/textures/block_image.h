@@ -17,15 +17,15 @@
 
 namespace scree::runtime {
 
-/// Levels of at most so many bytes are always in memory; a level in a page of its own costs more to look up.
+/// Levels of at most this many bytes are always in memory, because a paged level costs more to look up.
 inline constexpr uint64_t kLeastPagedBytes = uint64_t{1} << 14;
 
 class BlockTexture {
  public:
-  /// Image `image` of `container`, whose codec is kBlocks. Checks its pages' checksums. Levels below the last stored
-  /// one are made from it as make_mips() makes them. `paged`: the first levels stay in the file, as far as they have
-  /// pages of their own and more than kLeastPagedBytes. Errors those of Container::load_page, with the level; kRange
-  /// (the last stored level has more than kMaxImagePixels, and levels below). Throws std::bad_alloc.
+  /// Loads image `image` of `container`, whose codec is kBlocks. Checks its pages' checksums. Levels below the last
+  /// stored one are made from it by make_mips(). `paged`: the first levels stay in the file if they have pages of their
+  /// own and more than kLeastPagedBytes. Errors of Container::load_page, with the level; kRange (the last stored level
+  /// has more than kMaxImagePixels, and levels below). Throws std::bad_alloc.
   static Result<BlockTexture> load(const format::Container& container, uint32_t image, TexelCoding coding, bool paged);
 
   /// Adds the pages of the levels that stay in the file. Throws std::bad_alloc.
@@ -46,8 +46,8 @@ class BlockTexture {
   MipChain made_;  // the levels below; its level 0 is the first of them
 };
 
-/// Where a stored level of a block image lies: in rows.pages() pages from `page` on. If it is one page, that may hold
-/// other levels too, and the level begins at `offset`.
+/// The place of a stored level of a block image: rows.pages() pages from `page` on. If it is one page, the page may
+/// hold other levels too, and the level begins at `offset`.
 struct LevelPlace {
   uint32_t page;
   uint64_t offset;
@@ -55,7 +55,7 @@ struct LevelPlace {
 };
 LevelPlace block_level_place(const format::Container& container, uint32_t image, uint32_t level);
 
-/// Checks a page and unpacks it to `raw`, raw_bytes of room. Errors as Container::load_page.
+/// Checks a page and unpacks it to `raw`, which has raw_bytes. Errors as Container::load_page.
 Result<void> load_page_into(const format::Container& container, uint32_t page, std::span<std::byte> raw);
 
 /// The blocks of a stored level: BlockRows::bytes() of them. Errors as Container::load_page, with the level.

@@ -43,14 +43,14 @@ Result<bool> BlockPager::bring(bool must) {
                                            " are allowed for them"};
     }
     if (!take_all(missing, *last)) {
-      // The room that is left lies in pieces between pages that are shown.
+      // The free room lies in pieces between pages that are wanted.
       for (uint32_t number = 0; number < size(); ++number)
         if (blocks_[number] != nullptr) drop(number);
       missing = shown;
       for (const uint32_t number : missing) (void)take_next(number);
     }
     const Result<void> done = load(missing);
-    // Pages that were read before an error are of use later.
+    // Pages that were read before an error are kept for later.
     for (const uint32_t number : missing) {
       if (blocks_[number] == nullptr) {
         drop(number);
@@ -128,7 +128,7 @@ Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::
   return {};
 }
 
-/// By read() and not from the map: that takes no page faults, and a file that has become shorter is an error.
+/// Reads by read() and not from the map. That causes no page faults, and a file that has become shorter is an error.
 Result<void> BlockPager::read(uint64_t number, std::byte* to) const {
   const uint32_t page = file_pages_[number];
   const format::PageRecord& stored = record(number);

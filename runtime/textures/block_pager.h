@@ -23,17 +23,17 @@ struct PagerStats {
   uint64_t stored_bytes = 0;  // of these pages, in the file
 };
 
-/// Decides which pages are there. A derived class has the memory that they lie in.
+/// Decides which pages are in memory. A derived class owns that memory.
 class BlockPager : public kernels::TexelPager {
  public:
-  /// Drops the pages that were wanted longest ago, if room is needed. Errors kMemory (they exceed the room; no memory
-  /// left), kFile, kDevice, those of Container::load_page.
+  /// As TexelPager::bring(). If room is needed, drops the pages that were wanted longest ago. Errors kMemory (the
+  /// wanted pages exceed the room; no memory left), kFile, kDevice, and the errors of Container::load_page.
   Result<bool> bring(bool must) final;
 
   uint64_t size() const { return file_pages_.size(); }                  // in pages
   std::span<const uint32_t> file_pages() const { return file_pages_; }  // by number: which page of the file
   uint64_t all_bytes() const { return all_bytes_; }                     // of all pages
-  uint64_t resident_bytes() const { return resident_bytes_; }           // with what rounding takes
+  uint64_t resident_bytes() const { return resident_bytes_; }           // rounded up
   const PagerStats& stats() const { return stats_; }
 
  protected:
@@ -47,24 +47,25 @@ class BlockPager : public kernels::TexelPager {
   const format::PageRecord& record(uint64_t number) const { return container_.pages()[file_pages_[number]]; }
   /// Memory that reading a page fills: a raw page comes with its padding. At most format::kBlockPageBytes.
   uint64_t read_bytes(uint64_t number) const;
-  /// Reads pages on all threads, while the system reads others ahead: the i-th to `to(i)`, which throws
-  /// std::bad_alloc where it has no memory. `was_read(i)` follows, on the same thread. Returns the error of the first
-  /// page that failed.
+  /// Reads pages on all threads, while the system reads others ahead. The i-th page goes to `to(i)`, which may throw
+  /// std::bad_alloc. `was_read(i)` is called afterwards on the same thread. Returns the error of the first page that
+  /// failed.
   Result<void> read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
                         const std::function<void(uint64_t i)>& was_read) const;
 
-  /// The bytes of the room that a page of so many bytes takes.
+  /// The bytes of the room that a page of `bytes` takes.
   virtual uint64_t rounded(uint64_t bytes) const { return bytes; }
   /// By number: TexelPages::wanted, in host memory.
   virtual Result<std::span<const uint64_t>> wanted() = 0;
-  /// Takes memory for a page. False if the room that is left lies in pieces; never in an empty room.
+  /// Takes memory for a page. Returns false if the free room lies in pieces that are too small; never if the room is
+  /// empty.
   virtual bool take(uint64_t number) = 0;
   virtual void give_back(uint64_t number) = 0;
-  /// Reads pages, for which memory is taken, and sets blocks_ of those that came. Then brings blocks_ to where shading
-  /// reads them.
+  /// Reads pages for which memory is taken, and sets blocks_ for the ones that were read. Then copies blocks_ to the
+  /// memory from which shading reads it.
   virtual Result<void> load(std::span<const uint32_t> numbers) = 0;
 
-  std::vector<const uint8_t*> blocks_;  // by number, where shading reads it; null where it is not there
+  std::vector<const uint8_t*> blocks_;  // by number, a page's address for shading; null if the page is absent
 
  private:
   uint64_t bytes_of(uint64_t number) const { return rounded(record(number).raw_bytes); }
@@ -83,7 +84,7 @@ class BlockPager : public kernels::TexelPager {
   PagerStats stats_;
 };
 
-/// For pictures that the CPU shades.
+/// The pager for pictures that the CPU shades.
 class HostBlockPager final : public BlockPager {
  public:
   /// As BlockPager.

@@ -28,10 +28,11 @@ class JpegImage {
   /// Level 0 and the stored levels below it.
   const std::vector<format::JpegIndex>& levels() const { return levels_; }
 
-  /// All levels decoded, those below the stored ones made from the last of them. Errors kFormat. Throws std::bad_alloc.
+  /// Decodes all levels. Levels below the last stored one are made from it. Errors kFormat. Throws std::bad_alloc.
   Result<MipChain> decode(TexelCoding coding = TexelCoding::kColor) const;
 
-  /// The levels below the stored ones alone: level 0 of the result is the last stored one. Errors and throws so.
+  /// Decodes the last stored level, which is level 0 of the result, and makes the levels below it. Errors and throws as
+  /// decode().
   Result<MipChain> decode_tail(TexelCoding coding = TexelCoding::kColor) const;
 
  private:
@@ -44,7 +45,7 @@ class JpegImage {
   std::vector<format::JpegIndex> levels_;
 };
 
-/// An image in the form that kernels use: finer levels stay JPEGs, the last stored level and those below are decoded.
+/// An image in the form that kernels use: the last stored level and all below it are decoded; finer levels stay JPEGs.
 class JpegTexture {
  public:
   /// Errors and throws as JpegImage::decode_tail.

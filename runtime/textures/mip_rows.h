@@ -12,8 +12,8 @@ namespace scree::runtime {
 
 using Texel = std::array<float, 4>;  // linear colour, or numbers; alpha / 255
 
-/// What 8-bit codes are: sRGB-coded colour, or numbers from 0 to 1 (normals, roughness...). Levels are the mean of
-/// that.
+/// The meaning of 8-bit codes: sRGB-coded colour, or numbers from 0 to 1 (normals, roughness...). Mip levels are means
+/// of linear light or of these numbers.
 enum class TexelCoding { kColor, kNumbers };
 
 /// Levels of a picture of this size down to 1 x 1, including level 0, the picture itself. Sides of level l are max(1,

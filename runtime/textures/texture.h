@@ -20,10 +20,10 @@ struct MipChain {
   std::vector<uint8_t> texels;                                   // RGBA8
 };
 
-/// Makes the levels of a picture, at most kMaxDecodedSide a side. Each texel is the mean of the area it covers of the
-/// level above: colour in linear light, numbers and alpha as they are. A level is half the size, rounded down, of the
-/// one above; where that was odd, a texel covers two texels and a fraction, weighted, so that no column or row is lost
-/// and the picture's mean stays. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
+/// Makes the levels of a picture of at most kMaxDecodedSide per side. A level is half the size of the level above,
+/// rounded down. Each texel is the mean of the area that it covers in the level above: colour in linear light, numbers
+/// and alpha as they are. For an odd side that area is two texels and a fraction, so that no column or row is lost and
+/// the picture's mean stays the same. Levels are averaged in float, each rounded once. Throws std::bad_alloc.
 MipChain make_mips(Image image, TexelCoding coding = TexelCoding::kColor);
 
 /// The view of a chain for kernels, with a texture record's wrapping and filters.
