@@ -4,11 +4,13 @@
     lab/viewers.py PROGRAM FILE.scree [--clients 8] [--seconds 10] [--size 1280x720] [--join SECONDS]
                    [--link MBIT] [--delay MS] [words of scree view ...]
 
-A client sends a camera every 16 ms and acknowledges a picture as soon as it has come: what the server and the loopback
-take, without a browser. --join: every so many seconds a client leaves and another joins, and now and then picks, hides
-nodes, asks for a screenshot or rests. --link: every client has a link of so many Mbit/s, which takes --delay ms (20) each
-way and holds 64 KiB. At the end all clients rest, and the time to their lossless picture is measured. Exit code 1 if the server reports an error, closes a connection or ends, or if its
-memory grows from the second to the last quarter of the time by more than 5% and 16 MiB.
+A client sends a camera every 16 ms and acknowledges a picture as soon as it has come. So this measures the server and the
+loopback, without a browser. At the end all clients rest, and the time to their lossless picture is measured.
+--join: every so many seconds a client leaves and another joins. Clients then also pick, hide nodes, ask for screenshots and
+rest now and then.
+--link: every client has a link of so many Mbit/s. It takes --delay ms (20) each way and holds 64 KiB.
+The exit code is 1 if the server reports an error, closes a connection or ends, or if its memory grows from the second to the
+last quarter of the time by more than 5% and 16 MiB.
 """
 import argparse
 import base64
@@ -284,7 +286,8 @@ def main():
     for place, client in enumerate(clients):
         since = max(start, client.pictures[0][0] if client.pictures else end)
         shown = [size for when, size in client.pictures if since <= when < end]
-        print(f"client {place}: {len(shown) / max(0.001, end - since):.1f} pictures/s, {sum(shown) / 1024 / max(1, len(shown)):.0f} KiB each; "
+        mean_kib = sum(shown) / 1024 / max(1, len(shown))
+        print(f"client {place}: {len(shown) / max(0.001, end - since):.1f} pictures/s, {mean_kib:.0f} KiB each; "
               f"camera to picture {at(client.waits, 0.5):.1f} (95%: {at(client.waits, 0.95):.1f}) ms, on the server "
               + ", ".join(f"{name[:-2]} {at(times, 0.5):.2f}" for name, times in client.times.items())
               + (f"; lossless after {client.exact[2]:.0f} ms, {client.exact[1] / 1024:.0f} KiB" if client.exact else ""))
