@@ -235,7 +235,11 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   uint32_t groups_tested = 0;
   // With few groups, each warp takes one: its clusters are tested one group after the other.
   const uint32_t most = work.end - work.first <= warps ? 1 : kWarpLanes;
-  for (uint64_t start = work.first + warp * most; start < work.end; start += warps * most) {
+  // Groups take very different times, so warps take their next ones as they come. The counter is read in advance.
+  uint32_t taken = 0;
+  const auto next_start = [&] { return work.first + (warps + __shfl_sync(~0u, taken, 0)) * most; };
+  for (uint64_t start = work.first + warp * most; start < work.end; start = next_start()) {
+    if (lane == 0) taken = static_cast<uint32_t>(WarpTeam::add(&counters.next_run[cull.pass], uint64_t{1}));
     const uint64_t end = min_of(start + most, work.end);
     // 32 consecutive groups belong to at most 32 consecutive draws.
     const uint32_t first_draw = find_draw(draw_count, start, lane, [&](uint32_t i) { return draws[i].work_before; });

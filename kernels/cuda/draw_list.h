@@ -59,6 +59,7 @@ struct FrameCounters {
   uint64_t draws;                         // number of ClusterDraws above their work
   uint64_t in_bucket[kNearBuckets];       // number of draws above their work
   uint64_t placed[kNearBuckets];          // of these, already placed
+  uint64_t next_run[kClusterPasses];      // runs of groups that culling took, beside the first of each warp, by pass
   uint64_t clusters[kClusterPasses];      // in the queue, by pass
   uint64_t next_cluster[kClusterPasses];  // taken by stage 1, by pass
   uint64_t to_clip;                       // in the queue
