@@ -5,7 +5,8 @@
                    [--link MBIT] [--delay MS] [words of scree view ...]
 
 A client sends a camera every 16 ms and acknowledges a picture as soon as it has come. So this measures the server and the
-loopback, without a browser. At the end all clients rest, and the time to their lossless picture is measured.
+loopback, without a browser. At the end all clients rest, and the times to a picture of full size and to a lossless one are
+measured.
 --join: every so many seconds a client leaves and another joins. Clients then also pick, hide nodes, ask for screenshots and
 rest now and then.
 --link: every client has a link of so many Mbit/s. It takes --delay ms (20) each way and holds 64 KiB.
@@ -89,7 +90,8 @@ class Client:
         self.scene, self.is_over = None, False
         self.sent = {}
         self.lock = threading.Lock()
-        self.exact = None  # (time, bytes, milliseconds after its camera) of the newest lossless picture
+        self.sharp = None  # milliseconds from the newest camera to its first picture of full size
+        self.exact = None  # (bytes, milliseconds after its camera) of the newest lossless picture
         to = Link(host, port, *link).port if link else port
         self.socket = socket.create_connection((host, to), timeout=60)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -163,8 +165,10 @@ class Client:
             for name in self.times:
                 self.times[name].append(head[name])
         wait = 1e3 * (now - self.sent[head["seq"]]) if head.get("seq") in self.sent else float("nan")
+        if self.sharp is None and head.get("scale") == 1:
+            self.sharp = wait
         if head.get("exact"):
-            self.exact = (now, len(message), wait)
+            self.exact = (len(message), wait)
         elif head.get("seq") in self.sent:
             self.waits.append(wait)
 
@@ -175,6 +179,7 @@ class Client:
         reach = 0.8 * math.dist(low, high)
         turn = self.turn + number / 60 + self.random.random() * 0.01
         eye = [middle[0] + reach * math.cos(turn), middle[1] + 0.4 * reach, middle[2] + reach * math.sin(turn)]
+        self.sharp = None
         self.sent[number] = time.perf_counter()
         self.sent.pop(number - 200, None)
         self.send({"type": "view", "seq": number, "eye": eye, "target": middle, "up": [0, 1, 0], "fov": 45,
@@ -290,7 +295,8 @@ def main():
         print(f"client {place}: {len(shown) / max(0.001, end - since):.1f} pictures/s, {mean_kib:.0f} KiB each; "
               f"camera to picture {at(client.waits, 0.5):.1f} (95%: {at(client.waits, 0.95):.1f}) ms, on the server "
               + ", ".join(f"{name[:-2]} {at(times, 0.5):.2f}" for name, times in client.times.items())
-              + (f"; lossless after {client.exact[2]:.0f} ms, {client.exact[1] / 1024:.0f} KiB" if client.exact else ""))
+              + (f"; sharp after {client.sharp:.0f} ms, lossless after {client.exact[1]:.0f}, {client.exact[0] / 1024:.0f} KiB"
+                 if client.exact else ""))
         client.close()
     quarter = len(memory) // 4
     grown = at(memory[-quarter:], 0.5) - at(memory[quarter:2 * quarter], 0.5) if quarter else 0

@@ -16,24 +16,43 @@ UnfinishedTile split(UnfinishedTile& tile) {
   return rest;
 }
 
+using ShadeTiles = std::function<Result<uint32_t>(std::span<const UnfinishedTile>, UnfinishedTile*)>;
+
+/// Shades `tiles` with the pages that are present, at most `most` at a time.
+Result<void> shade_coarser(TexelPager& pager, std::span<const UnfinishedTile> tiles, size_t most,
+                           UnfinishedTile* listed, const ShadeTiles& shade) {
+  pager.begin_round();
+  pager.take_coarser(true);
+  Result<void> done;
+  for (; done && !tiles.empty(); tiles = tiles.subspan(std::min(tiles.size(), most))) {
+    const Result<uint32_t> unfinished = shade(tiles.first(std::min(tiles.size(), most)), listed);
+    if (!unfinished) done = unfinished.error();
+  }
+  pager.take_coarser(false);
+  return done;
+}
+
 }  // namespace
 
-Result<void> shade_in_rounds(
-    TexelPager& pager, uint32_t tile_count,
-    const std::function<Result<uint32_t>(std::span<const UnfinishedTile>, UnfinishedTile*)>& shade) {
+Result<void> shade_in_rounds(TexelPager& pager, uint32_t tile_count, const ShadeTiles& shade) {
   const std::lock_guard<std::mutex> lock(pager.mutex());
   std::vector<UnfinishedTile> waiting;                                               // the next one last
   std::vector<UnfinishedTile> tiles;                                                 // of a round; none: all
   const auto listed = std::make_unique_for_overwrite<UnfinishedTile[]>(tile_count);  // seldom written
   std::vector<UnfinishedTile> left;
   size_t count = tile_count;  // number of tiles that are shaded at a time
-  for (;;) {
+  const uint64_t first_round = pager.pages().round + 1;
+  for (bool has_waited = false;; has_waited = true) {
     pager.begin_round();
     const Result<uint32_t> unfinished = shade(tiles, listed.get());
     if (!unfinished) return unfinished.error();
     left.assign(listed.get(), listed.get() + *unfinished);
     if (left.empty()) {
       count *= 2;
+    } else if (has_waited && pager.is_over()) {
+      waiting.insert(waiting.end(), left.begin(), left.end());
+      if (Result<void> done = shade_coarser(pager, waiting, tile_count, listed.get(), shade); !done) return done;
+      return pager.count_missing(first_round);
     } else {
       const bool is_pixel = left.size() == 1 && std::has_single_bit(left.front().pixels);
       const Result<bool> fits = pager.bring(is_pixel);

@@ -50,6 +50,9 @@ SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap
   return pair;
 }
 
+/// Grey, for a picture that does not wait for its pages and has no coarser level.
+inline constexpr uint32_t kAbsentTexel = 0xff808080;
+
 /// A page's raw bytes, or null if it is absent. Marks the page as wanted in the current round in any case.
 SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t number) {
   if (load_cached(pages.wanted + number) != pages.round) store_relaxed(pages.wanted + number, pages.round);
@@ -85,7 +88,7 @@ SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& t
       blocks[i] = i == 1 && page[1] == page[0] ? blocks[0] : want_page(pages, texture.level_offset[level] + page[i]);
     }
     if (blocks[0] == nullptr || blocks[1] == nullptr) {
-      for (uint32_t i = 0; i < 4; ++i) texels[i] = 0;
+      for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;
       return false;
     }
   } else {
@@ -115,24 +118,25 @@ struct SceneTexels {
   BlockCache* blocks;  // SceneView::blocks
   TexelPages pages{};
 
-  SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
-                      const TexelPair& row, uint32_t texels[4]) const {
+  /// Returns whether the texels' pages are present.
+  SCREE_HD bool fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
+                      uint32_t texels[4]) const {
 #if !defined(__CUDA_ARCH__)
     if (level < texture.jpeg_level_count) {
       const uint32_t x[2] = {column.first, column.second};
       const uint32_t y[2] = {row.first, row.second};
       blocks->fetch(texture.jpeg[level], x, y, texels);
-      return;
+      return true;
     }
 #endif
-    if (!stored_texels<kMayMiss>(pages, texture, level, column, row, texels)) lane.missed = true;
+    return stored_texels<kMayMiss>(pages, texture, level, column, row, texels);
   }
 };
 
 /// The first kCount channels of a level. `table`: the values of the 256 codes, such as linear light. The alpha of a
-/// JPEG is 1.
+/// JPEG is 1. Returns whether the texels' pages are present.
 template <uint32_t kCount, class Texels, class Table>
-SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+SCREE_HD inline bool sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                   const Table& table, uint32_t level, double u, double v, bool nearest,
                                   float out[kCount]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
@@ -144,7 +148,7 @@ SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& l
     row.weight = row.weight < 0.5f ? 0.0f : 1.0f;
   }
   uint32_t texels[4];
-  source.fetch(lane, texture, level, column, row, texels);
+  const bool is_present = source.fetch(lane, texture, level, column, row, texels);
   for (uint32_t c = 0; c < kCount; ++c) {
     const float a = table[texels[0] >> (8 * c) & 255u];
     const float b = table[texels[1] >> (8 * c) & 255u];
@@ -156,6 +160,7 @@ SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& l
   }
   if constexpr (kCount == 4)
     if (level < texture.jpeg_level_count) out[3] = 1.0f;
+  return is_present;
 }
 
 /// The first kCount channels at (u, v), any finite numbers; 1 if there is no picture. `footprint`: the square of the
@@ -173,14 +178,25 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
   const uint32_t fine = static_cast<uint32_t>(level);
   const float between = level - static_cast<float>(fine);
   // A loop, so that a kernel contains one sampler: with two it was larger than the GPU's cache of instructions.
+  uint32_t coarser = 0;  // levels that absent pages are away from the wanted one
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
-  for (uint32_t i = 0; i == 0 || (i == 1 && between > 0); ++i) {
+  for (uint32_t i = 0; i == 0 || (i == 1 && between > 0);) {
     float some[kCount];
-    sample_level<kCount>(source, lane, texture, table, fine + i, wrapped_u, wrapped_v,
-                         i == 0 && texture.nearest && footprint <= 1.0f, some);
+    const uint32_t at = fine + i + coarser;
+    if (!sample_level<kCount>(source, lane, texture, table, at, wrapped_u, wrapped_v,
+                              i == 0 && texture.nearest && footprint <= 1.0f, some)) {
+      if (!source.pages.takes_coarser) {
+        lane.missed = true;
+      } else if (at + 1 < texture.level_count) {
+        ++coarser;
+        continue;
+      }
+    }
     for (uint32_t c = 0; c < kCount; ++c) out[c] = i == 0 ? some[c] : out[c] + (some[c] - out[c]) * between;
+    coarser = 0;
+    ++i;
   }
 }
 

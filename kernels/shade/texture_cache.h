@@ -154,12 +154,10 @@ struct CachedTexels {
   uint32_t now;
   TexelPages pages;
 
-  SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
+  /// Returns whether the texels' pages are present.
+  SCREE_HD bool fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
                       const TexelPair& row, uint32_t texels[4]) const {
-    if (level >= texture.jpeg_level_count) {
-      if (!stored_texels<true>(pages, texture, level, column, row, texels)) lane.missed = true;
-      return;
-    }
+    if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
     const uint8_t* samples = nullptr;
     uint32_t group = 0;
@@ -177,6 +175,7 @@ struct CachedTexels {
       }
       texels[i] = samples != nullptr ? format::jpeg_colour(jpeg.picture, place, samples) : 0;
     }
+    return true;
   }
 };
 
@@ -193,12 +192,10 @@ struct FallbackTexels {
   TexelPages pages;
 
   /// A call, so that the decoder is compiled once and not in every kernel.
-  [[gnu::noinline]] SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
+  /// Returns whether the texels' pages are present.
+  [[gnu::noinline]] SCREE_HD bool fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column,
                                         const TexelPair& row, uint32_t texels[4]) const {
-    if (level >= texture.jpeg_level_count) {
-      if (!stored_texels<true>(pages, texture, level, column, row, texels)) lane.missed = true;
-      return;
-    }
+    if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
     format::JpegPlace places[4];
     for (uint32_t i = 0; i < 4; ++i)
@@ -219,6 +216,7 @@ struct FallbackTexels {
       }
       left &= ~mine;
     }
+    return true;
   }
 };
 

@@ -62,7 +62,7 @@ class CudaScene {
   /// The cache of the textures' JPEG and paged levels; null if there are none.
   kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
   /// The pages of block images that are read when pixels show them; null if there are none.
-  const BlockPager* block_pager() const { return pager_.get(); }
+  BlockPager* block_pager() const { return pager_.get(); }
   /// A JPEG level by number, in device memory. Requires that the scene has JPEG levels.
   const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
   /// device_bytes: the arena, the texture cache, the pages of textures and `reserved_bytes`.

@@ -73,7 +73,8 @@ bool DeviceBlockPager::take(uint64_t number) {
 
 Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
   Result<void> done;
-  for (uint64_t first = 0, half = 0; first < numbers.size() && done; first += half_, half ^= 1)
+  for (uint64_t first = 0, half = 0; first < numbers.size() && done && (first == 0 || !is_over());
+       first += half_, half ^= 1)
     done = load_part(numbers.subspan(first, std::min<uint64_t>(half_, numbers.size() - first)),
                      static_cast<uint32_t>(half));
   // The copies from blocks_ and to the room end before a page is sampled, or before its memory is given back.

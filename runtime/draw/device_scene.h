@@ -233,7 +233,7 @@ class DeviceScene {
   const UploadStats& stats() const;
 
   /// The pages of textures that are read when pixels show them; null if there are none.
-  const BlockPager* block_pager() const;
+  BlockPager* block_pager() const;
 
   /// Counts of the picture that resolve() made last. Nothing if no texture has JPEG levels, or if the scene is streamed
   /// and shaded part by part. Errors kDevice.

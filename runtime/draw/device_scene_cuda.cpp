@@ -305,7 +305,7 @@ Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts()
   return std::optional<kernels::TextureCacheCounts>(*counts);
 }
 
-const BlockPager* DeviceScene::block_pager() const {
+BlockPager* DeviceScene::block_pager() const {
   return impl_->scene.block_pager();
 }
 

@@ -65,7 +65,7 @@ Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts()
   return current_gpu().error();
 }
 
-const BlockPager* DeviceScene::block_pager() const {
+BlockPager* DeviceScene::block_pager() const {
   return nullptr;
 }
 

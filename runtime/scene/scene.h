@@ -117,7 +117,7 @@ class Scene {
   /// Cache of the JPEG textures' blocks; null if there are none.
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
   /// The pages of block images that stay in the file; null if there are none.
-  const HostBlockPager* block_pager() const { return pager_.get(); }
+  HostBlockPager* block_pager() const { return pager_.get(); }
   uint64_t device_texture_memory() const { return device_texture_memory_; }  // of SceneOptions
   /// By image: the ones that stay JPEGs. Other entries have no levels.
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }

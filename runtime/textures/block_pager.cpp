@@ -30,19 +30,32 @@ Result<bool> BlockPager::bring(bool must) {
     std::vector<uint32_t> shown;
     std::vector<uint32_t> missing;
     uint64_t shown_bytes = 0;
+    uint64_t present_bytes = 0;
     for (uint32_t number = 0; number < size(); ++number) {
       if ((*last)[number] != pages_.round) continue;
       shown.push_back(number);
       shown_bytes += bytes_of(number);
-      if (blocks_[number] == nullptr) missing.push_back(number);
+      if (blocks_[number] == nullptr) {
+        missing.push_back(number);
+      } else {
+        present_bytes += bytes_of(number);
+      }
     }
-    if (shown_bytes > room_bytes_) {
-      if (!must) return false;
+    const bool fits = shown_bytes <= room_bytes_;
+    if (!fits && must)
       return Error{ErrorCode::kMemory, "a pixel shows pages of textures of " + std::to_string(shown_bytes) +
                                            " bytes together, but " + std::to_string(room_bytes_) +
                                            " are allowed for them"};
+    if (!fits && !has_patience()) return false;
+    if (!fits) {
+      // The picture will not wait for all of them, so as many come as there is room for.
+      size_t count = 0;
+      for (uint64_t left = room_bytes_ - present_bytes; count < missing.size(); left -= bytes_of(missing[count++]))
+        if (bytes_of(missing[count]) > left) break;
+      missing.resize(count);
     }
     if (!take_all(missing, *last)) {
+      if (!fits) return false;
       // The free room lies in pieces between pages that are wanted.
       for (uint32_t number = 0; number < size(); ++number)
         if (blocks_[number] != nullptr) drop(number);
@@ -50,7 +63,7 @@ Result<bool> BlockPager::bring(bool must) {
       for (const uint32_t number : missing) (void)take_next(number);
     }
     const Result<void> done = load(missing);
-    // Pages that were read before an error are kept for later.
+    // Pages that were read before an error, or before the patience ended, are kept for later.
     for (const uint32_t number : missing) {
       if (blocks_[number] == nullptr) {
         drop(number);
@@ -61,10 +74,19 @@ Result<bool> BlockPager::bring(bool must) {
       stats_.stored_bytes += record(number).stored_bytes;
     }
     if (!done) return done.error();
-    return true;
+    return fits;
   } catch (const std::bad_alloc&) {
     return no_memory();
   }
+}
+
+Result<uint64_t> BlockPager::missing_since(uint64_t first) {
+  const Result<std::span<const uint64_t>> last = wanted();
+  if (!last) return last.error();
+  uint64_t bytes = 0;
+  for (uint64_t number = 0; number < size(); ++number)
+    if ((*last)[number] >= first && blocks_[number] == nullptr) bytes += record(number).raw_bytes;
+  return bytes;
 }
 
 bool BlockPager::take_next(uint64_t number) {
@@ -150,6 +172,18 @@ void HostBlockPager::add(uint32_t file_page) {
 }
 
 Result<void> HostBlockPager::load(std::span<const uint32_t> numbers) {
+  // So many pages of 256 KiB take a few milliseconds.
+  const size_t most = has_patience() ? 8 * size_t{threads()} : numbers.size();
+  Result<void> done;
+  while (done && !numbers.empty()) {
+    done = load_part(numbers.first(std::min(numbers.size(), most)));
+    numbers = numbers.subspan(std::min(numbers.size(), most));
+    if (is_over()) break;
+  }
+  return done;
+}
+
+Result<void> HostBlockPager::load_part(std::span<const uint32_t> numbers) {
   std::vector<std::unique_ptr<std::byte[]>> read(numbers.size());
   return read_all(
       numbers,

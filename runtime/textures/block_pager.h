@@ -61,13 +61,16 @@ class BlockPager : public kernels::TexelPager {
   /// empty.
   virtual bool take(uint64_t number) = 0;
   virtual void give_back(uint64_t number) = 0;
-  /// Reads pages for which memory is taken, and sets blocks_ for the ones that were read. Then copies blocks_ to the
-  /// memory from which shading reads it.
+  /// Reads pages for which memory is taken, some at least, the rest unless is_over(). Sets blocks_ for the ones that
+  /// were read. Then copies blocks_ to the memory from which shading reads it.
   virtual Result<void> load(std::span<const uint32_t> numbers) = 0;
+
+  uint32_t threads() const { return threads_; }
 
   std::vector<const uint8_t*> blocks_;  // by number, a page's address for shading; null if the page is absent
 
  private:
+  Result<uint64_t> missing_since(uint64_t first) final;
   uint64_t bytes_of(uint64_t number) const { return rounded(record(number).raw_bytes); }
   bool take_all(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted);
   bool take_next(uint64_t number);
@@ -99,6 +102,7 @@ class HostBlockPager final : public BlockPager {
   bool take(uint64_t) override { return true; }
   void give_back(uint64_t number) override { raw_[number].reset(); }
   Result<void> load(std::span<const uint32_t> numbers) override;
+  Result<void> load_part(std::span<const uint32_t> numbers);
 
   std::vector<uint64_t> wanted_;
   std::vector<std::unique_ptr<std::byte[]>> raw_;

@@ -23,6 +23,8 @@ constexpr double kPatientMs = 900;
 constexpr auto kPatientDelay = 1200ms;
 // How long a picture waits for chunks that are still on their way to a GPU before it goes without them.
 constexpr auto kChunkPatience = 150ms;
+// How long it waits for pages of textures, before it takes coarser levels of them.
+constexpr auto kTexturePatience = 40ms;
 // How long chunks that no picture needs are loaded at a time, and how long at most pictures are drawn in between: they
 // take two to three times as long while chunks are missing.
 constexpr auto kLoading = 30ms;
@@ -174,7 +176,8 @@ bool Hub::is_outdated(const Work& work) const {
 /// What this viewer needs now; where that is later, `wake` is brought forward to then.
 std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point now, Clock::time_point& wake) const {
   if (!viewer->wanted) return std::nullopt;
-  Work work{viewer, *viewer->wanted, viewer->visibility, viewer->version, viewer->wanted_at, now, {}, 0, 0, false};
+  Work work{viewer, *viewer->wanted, viewer->visibility, viewer->version, viewer->wanted_at, now, {}};
+  work.is_again = viewer->tried_version == viewer->version;
   if (!viewer->jobs.empty()) {
     work.job = viewer->jobs.front();
     return work;
@@ -301,6 +304,7 @@ void Hub::sent(const Work& work, uint64_t frame, bool is_moving, bool is_whole) 
   const std::lock_guard lock(mutex_);
   Viewer& viewer = *work.viewer;
   viewer.in_flight.push_back({frame, work.begun, work.level, is_moving && is_whole});
+  viewer.tried_version = work.version;
   if (!is_whole) return;
   viewer.drawn_version = std::max(viewer.drawn_version, work.version);
   if (work.samples != 0 || kQualities[work.level].scale == 1)
@@ -311,9 +315,12 @@ Result<void> Hub::draw_moving(const Work& work) {
   const PictureRequest& request = work.request;
   const Quality& quality = kQualities[work.level];
   const JpegKind jpeg{quality.jpeg, has_sharp_colours(request.shade.show)};
-  const Result<Drawn> drawn =
-      session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
-                     scaled(request.height, quality.scale), 1, work.visibility, &jpeg, after(kChunkPatience));
+  // The next picture of the same camera waits, since pages of more textures than there is room for never all come.
+  const runtime::IsOver textures =
+      work.is_again ? runtime::IsOver([&] { return is_outdated(work); }) : after(kTexturePatience);
+  const Result<Drawn> drawn = session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
+                                             scaled(request.height, quality.scale), 1, work.visibility, &jpeg,
+                                             {after(kChunkPatience), textures});
   if (!drawn) return drawn.error();
 
   std::optional<runtime::Vec3> point;
@@ -336,13 +343,13 @@ Result<void> Hub::draw_moving(const Work& work) {
 
 Result<void> Hub::draw_exact(const Work& work) {
   const PictureRequest& request = work.request;
+  const runtime::IsOver is_over = [&] { return is_outdated(work); };
   const Result<Drawn> drawn = session_->draw(work.viewer->number, request, request.width, request.height, work.samples,
-                                             work.visibility, nullptr, [&] { return is_outdated(work); });
+                                             work.visibility, nullptr, {is_over, is_over});
   if (!drawn) return drawn.error();
   if (is_outdated(work)) return {};
   const runtime::Stopwatch watch;
-  const Result<std::vector<std::byte>> image =
-      encode_png(drawn->pixels, session_->workers(), [&] { return is_outdated(work); });
+  const Result<std::vector<std::byte>> image = encode_png(drawn->pixels, session_->workers(), is_over);
   if (!image) return image.error();
   if (image->empty()) return {};
   const double encode_ms = watch.elapsed().wall_ms;
@@ -387,8 +394,8 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
     const std::lock_guard lock(mutex_);
     return is_stopping_;
   };
-  const Result<Drawn> drawn =
-      session_->draw(0, work.request, shot.width, shot.height, samples, work.visibility, nullptr, is_stopping);
+  const Result<Drawn> drawn = session_->draw(0, work.request, shot.width, shot.height, samples, work.visibility,
+                                             nullptr, {is_stopping, is_stopping});
   if (!drawn) return drawn.error();
   if (drawn->left_bytes != 0) return {};
   const runtime::Stopwatch watch;
@@ -401,7 +408,8 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
 
 Result<void> Hub::pick(const Work& work, const PickRequest& request) {
   const Result<Drawn> drawn =
-      session_->draw(work.viewer->number, work.request, work.request.width, work.request.height, 1, work.visibility);
+      session_->draw(work.viewer->number, work.request, work.request.width, work.request.height, 1, work.visibility,
+                     nullptr, {{}, [] { return true; }});  // nobody sees its colours
   if (!drawn) return drawn.error();
   const Result<std::optional<Picked>> picked = session_->pick(request.at);
   if (!picked) return picked.error();

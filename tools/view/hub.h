@@ -76,6 +76,7 @@ class Hub {
     uint64_t version = 0;        // number of the state of wanted and visibility
     uint64_t drawn_version = 0;  // version of the last picture sent
     uint64_t sharp_version = 0;  // version of the last JPEG of full size sent
+    uint64_t tried_version = 0;  // version of the last picture sent, whole or not
     uint32_t exact_samples = 0;  // per side, of this version's lossless picture; 0: none was sent yet
     double exact_ms = 0;         // time of drawing it
     std::deque<InFlight> in_flight;
@@ -99,6 +100,7 @@ class Hub {
     uint32_t samples = 0;    // lossless with this many samples per side; 0: a JPEG
     size_t level = 0;
     bool is_at_rest = false;
+    bool is_again = false;  // the last picture of this version was not whole
   };
 
   void run();

@@ -280,6 +280,20 @@ struct ViewSession::Impl {
   }
 
   Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, const JpegKind* jpeg,
+                     const Patience& patience) {
+    runtime::BlockPager* const pager = device ? device->block_pager() : scene.block_pager();
+    if (pager == nullptr || !patience.textures) return draw(wanted, shade, jpeg, patience.chunks);
+    struct Reset {
+      runtime::BlockPager& pager;
+      ~Reset() { pager.set_patience({}); }
+    } const reset{*pager};
+    pager->set_patience(patience.textures);
+    Result<Drawn> drawn = draw(wanted, shade, jpeg, patience.chunks);
+    if (drawn) drawn->left_bytes += pager->missing_bytes();
+    return drawn;
+  }
+
+  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, const JpegKind* jpeg,
                      const runtime::IsOver& is_over) {
     Drawn out;
     out.samples = wanted.samples;
@@ -371,23 +385,23 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
 
 Result<Drawn> ViewSession::draw(uint32_t viewer, const PictureRequest& request, uint32_t width, uint32_t height,
                                 uint32_t samples, const Visibility& visibility, const JpegKind* jpeg,
-                                const runtime::IsOver& is_over) try {
+                                const Patience& patience) try {
   BufferKey wanted{request.camera, width, height, samples, visibility, request.clip_box};
   kernels::ShadeOptions shade = request.shade;
   shade.lighting = impl_->options.light.lighting;
   shade.exposure = impl_->options.light.exposure;
   shade.blend_layers = impl_->options.light.blend_layers;
   impl_->choose_picture(viewer, samples);
-  Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg, is_over);
+  Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg, patience);
   if (!drawn && drawn.error().code == ErrorCode::kDevice && impl_->last != &impl_->shared) {
     // There may be no memory for a picture of its own.
     impl_->most_own = impl_->own.size() - 1;
     impl_->forget(viewer);
-    drawn = impl_->draw(wanted, shade, jpeg, is_over);
+    drawn = impl_->draw(wanted, shade, jpeg, patience);
   }
   if (drawn || !impl_->may_fall_back(drawn.error())) return drawn;
   if (const Result<void> ready = impl_->fall_back(drawn.error()); !ready) return ready.error();
-  return impl_->draw(wanted, shade, jpeg, is_over);
+  return impl_->draw(wanted, shade, jpeg, patience);
 } catch (const std::bad_alloc&) {
   impl_->last->key.reset();
   return Error{ErrorCode::kMemory,

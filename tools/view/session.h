@@ -46,6 +46,12 @@ struct JpegKind {
   bool is_sharp;
 };
 
+/// How long a picture waits for data that are on their way, as runtime::IsOver; by default until all are there.
+struct Patience {
+  runtime::IsOver chunks;    // on their way to a GPU: without the others the picture lacks surfaces
+  runtime::IsOver textures;  // pages: without the others textures are coarser
+};
+
 /// A picture with its size and times.
 struct Drawn {
   PixelView pixels;             // valid until the next draw(); a GPU that made the JPEG keeps their bytes
@@ -53,7 +59,7 @@ struct Drawn {
   uint32_t samples = 1;
   kernels::FrameStats stats{};
   kernels::BlendCounts blended;
-  uint64_t left_bytes = 0;  // of chunks that are still on their way to a GPU; 0: the picture is whole
+  uint64_t left_bytes = 0;  // of chunks and pages that are still on their way; 0: the picture is whole
   double draw_ms = 0;       // 0 if the previous picture had the same visibility buffer,
   double buffer_ms = 0;     // which took this long when it was drawn
   double shade_ms = 0;      // includes bringing the pixels to the host
@@ -108,12 +114,11 @@ class ViewSession {
   /// Draws and shades a picture of `width` x `height` pixels. `viewer`: a number of the caller's for the one who gets
   /// it; on a GPU it has its own memory of the last picture's clusters, until forget(); 0: none. `visibility`: may name
   /// missing nodes. `jpeg`: how to encode it, if at all; a GPU encodes by itself, so that a file comes to the host
-  /// instead of all pixels. `is_over`: as runtime::Streamer::draw(), where chunks come with the picture. Without
-  /// Drawn::left_bytes the pixels equal those of `scree render` with the same camera, size, samples and shading, bit
-  /// for bit. Errors kUsage (a camera without a direction), kRange (more than kernels::kMaxImageSide samples per side),
-  /// kMemory, kDevice.
+  /// instead of all pixels. Without Drawn::left_bytes the pixels equal those of `scree render` with the same camera,
+  /// size, samples and shading, bit for bit. Errors kUsage (a camera without a direction), kRange (more than
+  /// kernels::kMaxImageSide samples per side), kMemory, kDevice.
   Result<Drawn> draw(uint32_t viewer, const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
-                     const Visibility& visibility, const JpegKind* jpeg = nullptr, const runtime::IsOver& is_over = {});
+                     const Visibility& visibility, const JpegKind* jpeg = nullptr, const Patience& patience = {});
 
   /// Frees the memory of a viewer that is gone.
   void forget(uint32_t viewer);

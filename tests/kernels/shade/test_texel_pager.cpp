@@ -22,7 +22,7 @@ class TestPager final : public kernels::TexelPager {
     for (size_t i = 0; i < pages; ++i) content_[i] = static_cast<uint8_t>(i);
     blocks_.assign(pages, nullptr);
     wanted_.assign(pages, 0);
-    pages_ = {blocks_.data(), wanted_.data(), 0};
+    pages_ = {blocks_.data(), wanted_.data(), 0, false};
   }
 
   Result<bool> bring(bool must) override {
@@ -31,13 +31,21 @@ class TestPager final : public kernels::TexelPager {
     if (wanted > room_ && must) return Error{ErrorCode::kMemory, "too many"};
     if (wanted > room_) return false;
     for (size_t i = 0; i < blocks_.size(); ++i) {
-      if (wanted_[i] == pages_.round && blocks_[i] == nullptr) ++brought;
+      const bool is_new = wanted_[i] == pages_.round && blocks_[i] == nullptr;
+      if (is_new && has_patience() && brought == most_brought) continue;
+      if (is_new) ++brought;
       blocks_[i] = wanted_[i] == pages_.round ? &content_[i] : nullptr;
     }
     return true;
   }
+  Result<uint64_t> missing_since(uint64_t first) override {
+    uint64_t count = 0;
+    for (size_t i = 0; i < blocks_.size(); ++i) count += wanted_[i] >= first && blocks_[i] == nullptr ? 1 : 0;
+    return count;
+  }
 
   size_t brought = 0;
+  size_t most_brought = 0;  // as long as it has a patience
   bool fails = false;
 
  private:
@@ -79,7 +87,8 @@ class TestPicture {
                 is_there = is_there && content != nullptr;
                 if (content != nullptr) wrong += *content != page;
               }
-              if (is_there)
+              if (!is_there && pager.pages().takes_coarser) ++coarse;
+              if (is_there || pager.pages().takes_coarser)
                 ++finished_[32 * tile.tile + bit];
               else
                 missed |= 1u << bit;
@@ -107,6 +116,7 @@ class TestPicture {
 
   size_t rounds = 0;
   size_t wrong = 0;
+  size_t coarse = 0;  // pixels that were finished without all of their pages
 
  private:
   std::vector<std::vector<uint32_t>> pages_;
@@ -155,4 +165,77 @@ TEST_CASE("a pixel that shows more pages than there is room for is an error, and
   CHECK(failed.error().code == ErrorCode::kChecksum);
   CHECK(bad.mutex().try_lock());
   bad.mutex().unlock();
+}
+
+TEST_CASE("a picture that does not wait is finished with the pages that are there", "[texel_pager]") {
+  TestPicture picture(40, 90, 5);
+  const size_t all = picture.shown_pages();
+  for (const size_t room : {picture.most_pages(), all / 2, all}) {
+    CAPTURE(room);
+    TestPager pager(90, room);
+    int times = 0;
+    for (int i = 0; i < 30; ++i) {
+      pager.most_brought = pager.brought + 20;
+      pager.set_patience([] { return true; });
+      picture.coarse = 0;
+      REQUIRE(picture.shade(pager));
+      CHECK((picture.coarse == 0) == (pager.missing_bytes() == 0));
+      ++times;
+    }
+    // Where there is room for all, some come with every picture.
+    if (room == all) CHECK(pager.missing_bytes() == 0);
+    if (room != all) CHECK(pager.missing_bytes() != 0);
+    pager.set_patience({});
+    picture.coarse = 0;
+    REQUIRE(picture.shade(pager));
+    CHECK(picture.coarse == 0);
+    CHECK(pager.missing_bytes() == 0);
+    CHECK(picture.is_complete(++times));
+    picture = TestPicture(40, 90, 5);
+  }
+}
+
+TEST_CASE("where a page is absent, the next coarser level is sampled", "[texel_pager]") {
+  constexpr uint32_t kSide = 64;
+  std::vector<std::vector<uint8_t>> levels;
+  std::mt19937 random(3);
+  for (uint32_t side = kSide; side >= kSide / 4; side /= 2) {
+    levels.emplace_back(size_t{side} * side);
+    for (uint8_t& texel : levels.back()) texel = static_cast<uint8_t>(random());
+  }
+  float table[256];
+  for (uint32_t i = 0; i < 256; ++i) table[i] = static_cast<float>(i);
+  kernels::TextureView texture{};
+  texture.width = texture.height = kSide;
+  texture.level_count = texture.block_level_count = texture.paged_level_count = 3;
+  texture.block_format = format::BlockFormat::kR8;
+  texture.swizzle = format::kPlainSwizzle;
+  for (uint32_t level = 0; level < 3; ++level) texture.level_offset[level] = level;
+  const auto sample = [&](uint32_t present, bool takes_coarser, float footprint, float& value) {
+    const uint8_t* blocks[3];
+    uint64_t wanted[3] = {};
+    for (uint32_t level = 0; level < 3; ++level)
+      blocks[level] = (present >> level & 1) != 0 ? levels[level].data() : nullptr;
+    const kernels::SceneTexels texels{nullptr, {blocks, wanted, 1, takes_coarser}};
+    kernels::SceneTexels::Lane lane;
+    kernels::sample_channels<1>(texels, lane, texture, table, 0.37, 0.81, footprint, &value);
+    return lane.missed;
+  };
+  float exact[3];
+  for (uint32_t level = 0; level < 3; ++level)
+    CHECK_FALSE(sample(7, false, static_cast<float>(1u << 2 * level), exact[level]));
+  CHECK(exact[0] != exact[1]);
+  float found;
+  CHECK(sample(6, false, 1, found));
+  CHECK_FALSE(sample(6, true, 1, found));
+  CHECK(found == exact[1]);
+  CHECK_FALSE(sample(4, true, 1, found));
+  CHECK(found == exact[2]);
+  CHECK_FALSE(sample(5, true, 4, found));
+  CHECK(found == exact[2]);
+  CHECK_FALSE(sample(0, true, 1, found));
+  CHECK(found == 128);  // grey
+  // Between two levels, each has its own coarser one.
+  CHECK_FALSE(sample(5, true, 2, found));
+  CHECK(found == exact[0] + (exact[2] - exact[0]) * 0.5f);
 }

@@ -4,8 +4,10 @@
 #include <array>
 #include <cstring>
 #include <fstream>
+#include <optional>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "format/blocks/pixels.h"
@@ -353,6 +355,46 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   CHECK(refused.error().code == ErrorCode::kMemory);
   CHECK(refused.error().message.starts_with("a pixel shows pages of textures of "));
   CHECK(refused.error().message.find(" bytes together, but 1 are allowed for them") != std::string::npos);
+}
+
+TEST_CASE("a picture that does not wait for pages of textures takes what fits", "[block_textures][texel_pager][cuda]") {
+  const TempFolder folder;
+  // Side by side, with pages of 256 and 64 KiB each.
+  make_block_model(folder.file("in.glb"), {make_ktx2({.width = 1024, .height = 1024, .levels = 11}),
+                                           make_ktx2({.width = 1024, .height = 1024, .levels = 11, .seed = 5})});
+  const convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const runtime::Scene whole = tests::must_load(options.output, {.threads = 2});
+  for (const bool on_gpu : {false, true}) {
+    if (on_gpu && !tests::has_gpu()) break;
+    uint64_t memory = uint64_t{1} << 40;
+    for (const bool fits : {true, false}) {
+      CAPTURE(on_gpu, memory);
+      const runtime::Scene scene =
+          tests::must_load(options.output, {.threads = 2, .texture_memory = memory, .device_texture_memory = memory});
+      std::optional<runtime::DeviceScene> device;
+      if (on_gpu) {
+        auto uploaded = runtime::DeviceScene::upload(scene, 0, 2);
+        if (!uploaded) FAIL(uploaded.error().message);
+        device = std::move(*uploaded);
+      }
+      runtime::DeviceScene* const gpu = on_gpu ? &*device : nullptr;
+      runtime::BlockPager* const pager = on_gpu ? gpu->block_pager() : scene.block_pager();
+      REQUIRE(pager != nullptr);
+      const std::vector<uint8_t> exact = draw(scene, 700, gpu);
+      pager->set_patience([] { return true; });
+      const std::vector<uint8_t> found = draw(scene, 700, gpu);
+      CHECK((found == exact) == fits);
+      CHECK((pager->missing_bytes() == 0) == fits);
+      CHECK(pager->missing_bytes() <= pager->all_bytes());
+      CHECK(pager->resident_bytes() <= memory);
+      pager->set_patience({});
+      CHECK(draw(scene, 700, gpu) == exact);
+      CHECK(pager->missing_bytes() == 0);
+      if (!on_gpu) CHECK(exact == draw(whole, 700));
+      memory = pager->resident_bytes() - 1;  // a page too few
+    }
+  }
 }
 
 TEST_CASE("pages that were wanted longest ago make room", "[block_textures][texel_pager]") {
