@@ -78,7 +78,7 @@ class Container {
 
   /// Checks a page's checksum and returns its raw bytes: a view of the file where the page is raw, else of `scratch`,
   /// which is resized. Raw bytes of kGeometry start 16-byte aligned. Memory: raw_bytes, which a small file cannot make
-  /// large (kMaxZstdRatio). While a split page is put together, kMaxSplitRatio times as much more, and 1.1 MiB per
+  /// large (kMaxZstdRatio). While a split page is put together, kMaxSplitRatio times as much more, and 2.1 MiB per
   /// thread. Reentrant with different scratch. Errors kChecksum, kReserved (padding after the page that is not zero),
   /// kFormat, kTruncated, kTrailing (not exactly one zstd frame of raw_bytes), kRange (no such page; a split page's
   /// streams), kMemory.

@@ -274,8 +274,8 @@ uint32_t* ClusterPacker::put_triangles(PackedCluster& cluster, uint32_t* words) 
   return writer.end_section();
 }
 
-/// Appends the cluster's vertices and writes all its data to `words`, which has room for kMostClusterWords + 1. Returns
-/// the end of the data.
+/// Appends the cluster's vertices and writes all its data to `words`, which has room for kMostClusterWords +
+/// kWriterSlack. Returns the end of the data.
 uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>& vertices, uint32_t* words) const {
   const uint32_t count = vertex_count_ + best_.padding;
   const size_t first = vertices.size();
@@ -341,7 +341,7 @@ uint32_t ClusterPacker::pack(std::span<const uint32_t> triangles, ClusterSet& ou
   std::fill_n(at_vertex_.begin(), vertex_count_, CornerSets{});
   for (uint32_t i = 0; i < triangle_count_; ++i) out.triangles.push_back(triangles[best_.order[i]]);
   PackedCluster cluster{};
-  std::array<uint32_t, kMostClusterWords + 1> words;
+  std::array<uint32_t, kMostClusterWords + kWriterSlack> words;
   const uint32_t* end = put_data(cluster, out.vertices, words.data());
   cluster.words = static_cast<uint32_t>(end - words.data());
   out.words.insert(out.words.end(), words.begin(), words.begin() + cluster.words);

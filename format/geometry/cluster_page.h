@@ -35,7 +35,7 @@ struct SplitPage {
 SplitPage split_page(std::span<const std::byte> page, std::span<const PageClusters> clusters);
 
 /// Joins a split page: writes all of `page`. Safe on any bytes, but checks only its own needs; the result has to be
-/// checked like any page. Takes 1.1 MiB of memory per thread for any page. Errors kTruncated, kTrailing, kRange,
+/// checked like any page. Takes 2.1 MiB of memory per thread for any page. Errors kTruncated, kTrailing, kRange,
 /// kReserved, kMemory, after which the page is unspecified. Reentrant.
 Result<void> join_page(std::span<const std::byte> split, std::span<std::byte> page);
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <bit>
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 
@@ -16,33 +17,39 @@ static_assert(std::endian::native == std::endian::little);
 inline constexpr uint32_t kMostClusterWords = 2 + 2 * kMaxClusterTriangles / 32 + 14 * kMaxClusterTriangles / 32 +
                                               3 * kMaxPositionBits * kMaxClusterVertices / 32;
 
-/// Appends values of at most 32 bits, the first in the lowest bits. The words need room for one word more than is
-/// written.
+/// Words that a WordWriter may write behind the last one that has a value's bits.
+inline constexpr uint32_t kWriterSlack = 2;
+
+/// Most bits of a value: with 7 pending ones they still fit 64.
+inline constexpr uint32_t kMostPutBits = 56;
+
+/// Appends values of at most kMostPutBits bits, the first in the lowest bits.
 class WordWriter {
  public:
-  explicit WordWriter(uint32_t* words) : at_(words) {}
+  explicit WordWriter(uint32_t* words) : words_(words), at_(reinterpret_cast<std::byte*>(words)) {}
 
-  /// Appends the low `bits` (0 to 32) of `value`, whose other bits must be zero.
-  void put(uint32_t value, uint32_t bits) {
-    pending_ |= uint64_t{value} << fill_;
+  /// Appends the low `bits` of `value`, whose other bits must be zero.
+  void put(uint64_t value, uint32_t bits) {
+    pending_ |= value << fill_;
     std::memcpy(at_, &pending_, sizeof pending_);  // unconditionally: a branch would often be mispredicted
     fill_ += bits;
-    at_ += fill_ / 32;
-    pending_ >>= fill_ / 32 * 32;
-    fill_ %= 32;
+    at_ += fill_ / 8;
+    pending_ >>= fill_ / 8 * 8;
+    fill_ %= 8;
   }
   /// Ends the section, so that the next value begins on a word, and returns that word.
   uint32_t* end_section() {
-    if (fill_ != 0) ++at_;
-    pending_ = 0;
-    fill_ = 0;
-    return at_;
+    std::memcpy(at_, &pending_, sizeof pending_);
+    const ptrdiff_t bytes = at_ - reinterpret_cast<std::byte*>(words_) + (fill_ != 0 ? 1 : 0);
+    *this = WordWriter(words_ + (bytes + 3) / 4);
+    return words_;
   }
 
  private:
-  uint32_t* at_;
+  uint32_t* words_;  // start of the section
+  std::byte* at_;
   uint64_t pending_ = 0;
-  uint32_t fill_ = 0;
+  uint32_t fill_ = 0;  // pending bits, below 8
 };
 
 }  // namespace scree::format

@@ -1,13 +1,18 @@
 #include "format/geometry/cluster_page.h"
 
 #include <algorithm>
+#include <array>
+#include <map>
+#include <optional>
 #include <random>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "format/bytes.h"
+#include "format/geometry/chunk_layout.h"
 #include "format/geometry/cluster_codec.h"
+#include "format/geometry/cluster_read.h"
 #include "tests/catch.h"
 #include "tests/format/geometry/cluster_lists.h"
 #include "tests/format/geometry/guarded_bytes.h"
@@ -54,12 +59,135 @@ SplitPage check_split(const List& list, ClusterEffort effort = ClusterEffort::kF
   return check_split(chunk.payload, {{0, chunk.record.cluster_count}});
 }
 
+using Point = std::array<int64_t, 3>;
+
+/// Reads the values of a stream one after the other.
+struct Values {
+  const Bytes& split;
+  std::vector<size_t> at;  // of each stream
+
+  explicit Values(const Bytes& bytes) : split(bytes) {
+    for (size_t stream = 0; stream < 11; ++stream) at.push_back(stream_begin(bytes, stream));
+  }
+  template <class T = uint8_t>
+  T next(size_t stream) {
+    const T value = load<T>(split.data() + at[stream]);
+    at[stream] += sizeof(T);
+    return value;
+  }
+};
+
+/// The positions of a page that has one part and can be joined: the words of spec/codecs.md one by one.
+std::vector<Point> positions_of(const Bytes& split) {
+  const auto unzigzag = [](int64_t z) { return z % 2 == 0 ? z / 2 : -(z + 1) / 2; };
+  const auto modulo = [](int64_t value) { return value & 0xffffff; };
+  Values in(split);
+  const size_t planes = load<uint32_t>(split.data());
+  const size_t residuals = stream_bytes(split, 9) / (3 * planes);
+  size_t residual = 0;
+  std::vector<Point> all;
+  int64_t named = 0;
+  Point first{};
+  for (auto clusters = in.next<uint32_t>(0); clusters != 0; --clusters) {
+    const int triangles = in.next(1) + 1;
+    const int vertices = in.next(2) + 1;
+    const int form = in.next(3);
+    const size_t steps = in.at[5];
+    const size_t step_bytes = (static_cast<size_t>(triangles) + 7) / 8;
+    in.at[5] += step_bytes * ((form & 8) != 0 ? 2 : 1);
+    const auto step = [&](int i, size_t half) {
+      return std::to_integer<int>(split[steps + half * step_bytes + static_cast<size_t>(i) / 8]) >> i % 8 & 1;
+    };
+    std::map<std::pair<int, int>, int> across;
+    std::vector<Point> at;
+    Point expected = first;
+    int found = 0;
+    const auto place_to = [&](int end) {
+      while (static_cast<int>(at.size()) < end) {
+        const int place = in.next(7);
+        Point q{};
+        if (place == 0) {
+          for (size_t axis = 0; axis < 3; ++axis) {
+            int64_t code = 0;
+            for (size_t plane = 0; plane < planes; ++plane)
+              code += std::to_integer<int64_t>(split[in.at[9] + (3 * plane + axis) * residuals + residual])
+                      << 8 * plane;
+            q[axis] = modulo(expected[axis] + unzigzag(code));
+          }
+          ++residual;
+        } else {
+          named = place == 255 ? static_cast<int64_t>(all.size()) - in.next<uint16_t>(8) : named + unzigzag(place - 1);
+          q = all.at(static_cast<size_t>(named));
+        }
+        all.push_back(q);
+        at.push_back(q);
+        expected = q;
+        found = 0;
+      }
+    };
+    int m = 2;
+    for (int i = 0; i < triangles; ++i) {
+      m += step(i, 0) + ((form & 8) != 0 ? 2 * step(i, 1) : 0);
+      const int pair = in.next(6);
+      const int a = m - ((form & 7) <= 4 ? pair % 16 : pair);
+      const int b = m - ((form & 7) <= 4 ? pair / 16 : in.next(6));
+      place_to(m);
+      if (m == a || m == b || a == b) continue;
+      const auto edge = [](int from, int to) { return std::pair{std::min(from, to), std::max(from, to)}; };
+      const auto other = across.find(edge(a, b));
+      const auto corner = [&](auto&& of) {
+        Point point;
+        for (size_t axis = 0; axis < 3; ++axis) point[axis] = of(axis);
+        return point;
+      };
+      const Point from = at[static_cast<size_t>(a)], to = at[static_cast<size_t>(b)];
+      if (other != across.end() && other->second < m) {
+        const Point over = at[static_cast<size_t>(other->second)];
+        const Point here = corner([&](size_t axis) { return from[axis] + to[axis] - over[axis]; });
+        if (found < 2)
+          expected = found == 0 ? here : corner([&](size_t axis) { return (expected[axis] + here[axis]) >> 1; });
+        ++found;
+      } else if (found == 0) {
+        expected = corner([&](size_t axis) { return (from[axis] + to[axis]) >> 1; });
+      }
+      across[edge(a, b)] = m;
+      across[edge(m, a)] = b;
+      across[edge(m, b)] = a;
+    }
+    place_to(vertices);
+    first = at[0];
+  }
+  return all;
+}
+
 /// The outcome of joining, with the message.
 std::string join(const Bytes& split, size_t page_bytes) {
   GuardedBytes from(split);
   GuardedBytes to(page_bytes);
   const auto joined = join_page(from.bytes(), to.bytes());
   return joined ? "ok" : outcome(joined) + ": " + joined.error().message;
+}
+
+/// The same positions, from the page that the split one makes; none if it makes none.
+std::optional<std::vector<Point>> joined_positions(const Bytes& split, const ClusteredChunk& chunk) {
+  const std::string too_short = "truncated: split page: it makes ";
+  const std::string found = join(split, 4 * chunk.payload.size());
+  if (!found.starts_with(too_short)) return {};
+  Bytes page(std::stoul(found.substr(too_short.size())));
+  if (!join_page(split, page)) return {};  // residuals are left over
+  const ChunkStreams streams = chunk_streams(chunk.mesh, chunk.record);
+  std::vector<Point> points;
+  for (uint32_t c = 0; c < chunk.record.cluster_count; ++c) {
+    const auto record = load<ClusterRecord>(page.data() + streams.clusters.offset + c * sizeof(ClusterRecord));
+    const auto bounds = load<ClusterBounds>(page.data() + streams.cluster_bounds.offset + c * sizeof(ClusterBounds));
+    const ClusterReader reader = make_cluster_reader(record, bounds, page.data() + streams.cluster_data.offset);
+    for (uint32_t v = 0; v < reader.layout.vertex_count; ++v) {
+      uint32_t offset[3];
+      reader.offset(v, offset);
+      points.push_back({offset[0], offset[1], offset[2]});
+    }
+  }
+  return points;
 }
 
 /// `count` triangles without shared vertices, then one with the corners of triangle `again`.
@@ -136,6 +264,38 @@ TEST_CASE("what lies between clusters is kept as it is", "[cluster_page]") {
 TEST_CASE("vertices are named 65535 back and no further", "[cluster_page]") {
   CHECK(stream_bytes(check_split(far_apart(20000, 1000)).bytes, 8) == 2);  // the other two vertices follow the first
   CHECK(stream_bytes(check_split(far_apart(23000, 1000)).bytes, 8) == 0);
+}
+
+TEST_CASE("references reach back over any number of vertices", "[cluster_page]") {
+  // More vertices than are kept at a time, so that the oldest are forgotten on the way.
+  CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21845)).bytes, 8) == 2);
+  CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21846)).bytes, 8) == 0);
+}
+
+TEST_CASE("joined positions are those of the spec", "[cluster_page]") {
+  std::mt19937 random(11);
+  std::vector<List> lists = {grid(12, 3000, 200), grid(40, 11, 3), grid(9, 1800000, 1700000)};
+  for (const uint32_t vertices : {4u, 40u, 900u}) lists.push_back(soup(random, 700, vertices, 13));  // degenerate, too
+  for (const List& list : lists) {
+    const ClusteredChunk chunk = encode(list);
+    SplitPage split = check_split(chunk.payload, {{0, chunk.record.cluster_count}});
+    CHECK(joined_positions(split.bytes, chunk) == positions_of(split.bytes));
+    // Other triangles, places and residuals, as far as they can be joined.
+    size_t joined = 0;
+    for (int i = 0; i < 1000; ++i) {
+      Bytes changed = split.bytes;
+      for (size_t stream : {size_t{5}, size_t{6}, size_t{7}, size_t{9}}) {
+        const size_t bytes = stream_bytes(changed, stream);
+        if (bytes != 0 && random() % 2 == 0)
+          changed[stream_begin(changed, stream) + random() % bytes] = static_cast<std::byte>(random());
+      }
+      const auto points = joined_positions(changed, chunk);
+      if (!points) continue;
+      ++joined;
+      if (*points != positions_of(changed)) FAIL("change " << i << " of " << list.indices.size() / 3 << " triangles");
+    }
+    CHECK(joined > 50);
+  }
 }
 
 TEST_CASE("clusters that would take more than twice their bytes are not split", "[cluster_page]") {
