@@ -60,6 +60,13 @@ enum class Lighting : uint32_t {
 
 inline constexpr uint32_t kBlendLayers = 16;
 
+/// The places that the rays of a directional light reach: the visibility buffer of an orthographic view along them.
+struct SunShadow {
+  const uint64_t* samples;  // view.width * view.height, in memory that the shading device reads
+  View view;                // its samples are squares
+  uint32_t light;           // index in SceneView::lights
+};
+
 struct ShadeOptions {
   Show show = Show::kTexture;
   bool light = true;  // false: base colours without light (kTexture and kColor)
@@ -67,6 +74,7 @@ struct ShadeOptions {
   float exposure = 1;                    // factor of the light of kEnvironment and kScene
   float background[4] = {0, 0, 0, 0};    // linear RGBA
   uint32_t blend_layers = kBlendLayers;  // the most layers of blended surfaces that are drawn
+  const SunShadow* sun = nullptr;        // of kScene; outlives the shading. Null: no light casts shadows
   // One factor per pixel for the light of its surfaces, computed from the picture's depths. Applies to every Show.
   bool ssao = false;              // ambient occlusion
   bool edl = false;               // eye-dome lighting

@@ -71,6 +71,20 @@ struct LightFrame {
   Lighting lighting;
 };
 
+/// A SunShadow as shading reads it.
+struct SunMap {
+  const uint64_t* samples = nullptr;  // null: there is none
+  uint32_t light = ~0u;
+  int32_t width = 0;
+  int32_t height = 0;
+  // From view space to samples from the map's top left corner, and to levels: 2^28 on the map's near plane, 0 on its
+  // far one.
+  float rows[3][4] = {};
+  float half_sample = 0;  // half the side of a sample, in levels
+  // Levels per sample by which a plane rises along a row whose product with its normal equals that of the third row.
+  float steepness = 0;
+};
+
 /// The input of all shading of one picture, for every Show.
 struct ShadeInputs {
   SceneView scene;
@@ -83,12 +97,42 @@ struct ShadeInputs {
   float aspect;
   float focal;
   LightFrame light;  // for Show::kSurface only
+  SunMap sun;        // likewise
 };
+
+/// `unit`: LightFrame::unit of the picture's view.
+inline SunMap make_sun_map(const SunShadow& sun, const View& view, double unit) {
+  const FrameView map = make_frame_view(sun.view);
+  constexpr double kLevels = 1u << kDepthBits;
+  SunMap out;
+  out.samples = sun.samples;
+  out.light = sun.light;
+  out.width = map.width;
+  out.height = map.height;
+  const double* const world[3] = {map.row_x, map.row_y, map.row_w};
+  const double scale[3] = {1.0 / kSubpixels, 1.0 / kSubpixels, kLevels};
+  const double start[3] = {0.5 * map.width, 0.5 * map.height, kLevels * map.offset_w};
+  for (int r = 0; r < 3; ++r) {
+    double eye = start[r];
+    for (int i = 0; i < 3; ++i) eye += scale[r] * world[r][i] * (view.eye[i] - map.eye[i]);
+    const double* const axes[3] = {view.right, view.up, view.forward};
+    for (int a = 0; a < 3; ++a) {
+      const double along = world[r][0] * axes[a][0] + world[r][1] * axes[a][1] + world[r][2] * axes[a][2];
+      out.rows[r][a] = static_cast<float>((a == 1 ? -1.0 : 1.0) * scale[r] * along / unit);  // view space's y is down
+    }
+    out.rows[r][3] = static_cast<float>(eye);
+  }
+  const double sample = 2.0 * sun.view.half_width / sun.view.width;  // world units
+  const double levels = kLevels / (sun.view.z_far - sun.view.z_near) * sample;
+  out.half_sample = static_cast<float>(0.5 * levels);
+  out.steepness = static_cast<float>(levels * levels);
+  return out;
+}
 
 inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, const ShadeOptions& options,
                                      const Transform* transforms, const SrgbTables* srgb,
                                      const DepthRange* depth_range) {
-  ShadeInputs out{scene, make_frame_view(view), options, transforms, srgb, depth_range, 1.0f, 1.0f, {}};
+  ShadeInputs out{scene, make_frame_view(view), options, transforms, srgb, depth_range, 1.0f, 1.0f, {}, {}};
   const double per_x = static_cast<double>(out.view.half_width) / view.half_width;
   const double per_y = static_cast<double>(out.view.half_height) / view.half_height;
   out.aspect = static_cast<float>(per_x / per_y);
@@ -98,9 +142,11 @@ inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, c
     out.light.axes[1][i] = static_cast<float>(-view.up[i]);
     out.light.axes[2][i] = static_cast<float>(view.forward[i]);
   }
-  out.light.unit = static_cast<float>(view.orthographic ? per_x : per_x / view.z_near);
+  const double unit = view.orthographic ? per_x : per_x / view.z_near;
+  out.light.unit = static_cast<float>(unit);
   out.light.far_plane = static_cast<float>(per_x * view.z_far);
   out.light.lighting = lighting_of(scene, options);
+  if (options.sun != nullptr) out.sun = make_sun_map(*options.sun, view, unit);
   return out;
 }
 

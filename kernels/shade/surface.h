@@ -128,8 +128,43 @@ SCREE_HD inline Float3 environment_light(const ShadeInputs& in, const SurfacePoi
   return (diffuse + specular * Float3{light[0], light[1], light[2]}) * at.occlusion;
 }
 
-/// The light from the file's lights (KHR_lights_punctual). `place`: the sample, relative to the eye.
-SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint& at, const Float3& place) {
+/// The share of the sun that reaches a sample: 1 less the dark part of the square of 2 x 2 samples of the map around
+/// it. `face`: the triangle's normal. A call, so that pictures without shadows pay one test.
+[[gnu::noinline]] SCREE_HD inline float sun_share(const SunMap& map, Float3 place, Float3 face) {
+  float at[3];
+  float normal[3];
+  for (int r = 0; r < 3; ++r) {
+    const Float3 row{map.rows[r][0], map.rows[r][1], map.rows[r][2]};
+    at[r] = dot(row, place) + map.rows[r][3];
+    normal[r] = abs_of(dot(row, face));
+  }
+  if (!(at[0] >= 0 && at[0] < static_cast<float>(map.width) && at[1] >= 0 && at[1] < static_cast<float>(map.height)))
+    return 1.0f;
+  // The triangle's plane rises within 1.5 samples along both axes, up to the farthest centre that is read. Levels have
+  // a few roundings of 2^-24 of their range.
+  constexpr float kRounding = static_cast<float>(1u << kDepthBits) / static_cast<float>(1u << 21);
+  const float rise = 1.5f * ((normal[0] + normal[1]) / normal[2]) * map.steepness;
+  const float limit = at[2] + rise + map.half_sample + kRounding;
+  const int32_t x = static_cast<int32_t>(at[0]);
+  const int32_t y = static_cast<int32_t>(at[1]);
+  const float right = at[0] - static_cast<float>(x);
+  const float below = at[1] - static_cast<float>(y);
+  float dark = 0;
+  for (int32_t j = -1; j <= 1; ++j) {
+    for (int32_t i = -1; i <= 1; ++i) {
+      const int32_t column = min_of(max_of(x + i, 0), map.width - 1);
+      const int32_t row = min_of(max_of(y + j, 0), map.height - 1);
+      const uint64_t sample = map.samples[int64_t{row} * map.width + column];
+      if (!(static_cast<float>(kFarthestDepthCode - sample_depth_code(sample)) > limit)) continue;
+      dark += (i < 0 ? 1.0f - right : i > 0 ? right : 1.0f) * (j < 0 ? 1.0f - below : j > 0 ? below : 1.0f);
+    }
+  }
+  return 1.0f - 0.25f * dark;
+}
+
+/// The light from the file's lights (KHR_lights_punctual). `place`: the sample, relative to the eye. `sun`: the share
+/// of the light that ShadeInputs::sun is of.
+SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint& at, const Float3& place, float sun) {
   const float(*axes)[3] = in.light.axes;
   const auto turned = [&](const float v[3]) {
     float out[3];
@@ -141,7 +176,7 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
     const PlacedLight& light = in.scene.lights[i];
     const Float3 along = turned(light.direction);
     Float3 to_light = along * -1.0f;
-    float strength = 1.0f;
+    float strength = i == in.sun.light ? sun : 1.0f;
     if (light.kind != format::LightKind::kDirectional) {
       // Both are large if a scene lies far from the origin, so the difference is taken first.
       const float offset[3] = {static_cast<float>(light.position[0] - in.view.eye[0]),
@@ -394,7 +429,7 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
       light = environment_light(in, point);
     } else {
       const Float3 place = kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * focal} : ray * depth;
-      light = punctual_light(in, point, place);
+      light = punctual_light(in, point, place, in.sun.samples != nullptr ? sun_share(in.sun, place, face) : 1.0f);
     }
     light = (light + values.emission) * in.options.exposure;
   }

@@ -24,6 +24,7 @@ struct PictureNeeds {
   uint32_t samples_per_side = 1;
   const kernels::ShadeOptions* shade = nullptr;  // null: they are not shaded
   bool is_encoded = false;                       // as JPEGs, on the device
+  uint32_t shadow_side = 0;                      // of their ShadowMap; 0: none
 };
 
 /// The layers of a picture's pixels beside its colours (kernels/shade/layers.h).

@@ -65,6 +65,18 @@ uint64_t tile_list_bytes(uint64_t width, uint64_t height) {
   return uint64_t{2} * tiles.count() * sizeof(kernels::UnfinishedTile);
 }
 
+/// The number of words of DeviceScene::set_omitted().
+uint64_t omitted_words(const kernels::SceneView& scene) {
+  return (scene.instance_count + 31) / 32;
+}
+
+/// Device memory of the frames of the picture, and of its layers.
+uint64_t frames_bytes(const kernels::SceneView& host) {
+  uint64_t bytes = kernels::CudaFrames::device_bytes(host) + omitted_words(host) * sizeof(uint32_t);
+  if (host.blend_masks != nullptr) bytes += kernels::CudaFrames::device_bytes(kernels::blended_view(host));
+  return bytes;
+}
+
 /// Device memory of the pictures beside the scene, its frames and the pool of chunks.
 uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool streamed) {
   const bool has_rounds = scene.jpeg_slot_bytes() != 0 || scene.block_pager() != nullptr;
@@ -81,6 +93,11 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
       if (has_rounds) bytes += tile_list_bytes(width, height);
     }
   }
+  if (needs.shadow_side != 0) {  // a view of its own
+    const uint64_t side = needs.shadow_side;
+    bytes += side * side * sizeof(uint64_t) + pyramid_bytes(side, side);
+    if (!streamed) bytes += frames_bytes(scene.view());
+  }
   if (needs.shade == nullptr) return bytes;
   if (kernels::shows_layers(scene.view(), *needs.shade))
     bytes += kernels::CudaBlend::device_bytes(samples) + pyramid_bytes(width, height);
@@ -88,18 +105,6 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
   if (needs.shade->ssao || needs.shade->edl) bytes += 3 * pixels * sizeof(float);
   if (has_rounds && !streamed) bytes += tile_list_bytes(needs.width, needs.height);
-  return bytes;
-}
-
-/// The number of words of DeviceScene::set_omitted().
-uint64_t omitted_words(const kernels::SceneView& scene) {
-  return (scene.instance_count + 31) / 32;
-}
-
-/// Device memory of the frames of the picture, and of its layers.
-uint64_t frames_bytes(const kernels::SceneView& host) {
-  uint64_t bytes = kernels::CudaFrames::device_bytes(host) + omitted_words(host) * sizeof(uint32_t);
-  if (host.blend_masks != nullptr) bytes += kernels::CudaFrames::device_bytes(kernels::blended_view(host));
   return bytes;
 }
 
@@ -408,8 +413,10 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
     if (!team) return team.error();
     if (team->size() > 1) {
       const uint64_t own_frames = kernels::CudaFrames::device_bytes(scene.view());
-      const uint64_t samples = uint64_t{pictures.width} * pictures.height * pictures.samples_per_side *
-                               pictures.samples_per_side * sizeof(uint64_t);
+      const uint64_t samples =
+          std::max(uint64_t{pictures.width} * pictures.height * pictures.samples_per_side * pictures.samples_per_side,
+                   uint64_t{pictures.shadow_side} * pictures.shadow_side) *
+          sizeof(uint64_t);
       auto shared = std::make_unique<Impl>();
       shared->device = gpu->index;
       const Result<void> done = shared->upload_shared(

@@ -65,6 +65,7 @@ ViewRenderer::~ViewRenderer() {
   if (!device_) return;
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   (void)device_->make_current();
+  shadows_.reset();
   device_.reset();
 }
 
@@ -114,6 +115,7 @@ Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per
 Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_side,
                                 const kernels::ShadeOptions& shade) {
   if (Result<void> begun = begin(view, samples_per_side, shade); !begun) return begun;
+  if (Result<void> done = draw_shadows(); !done) return done;
   const Stopwatch watch;
   if (device_) {
     if (Result<void> drawn = draw_on_gpu(); !drawn) return drawn;
@@ -132,6 +134,32 @@ Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_
   draw_time_ = watch.elapsed();
   has_frame_ = true;
   return {};
+}
+
+Result<void> ViewRenderer::cast_shadows(uint32_t side) {
+  const auto create = [&]() -> Result<void> {
+    Result<ShadowMap> made = ShadowMap::create(scene_->scene(), side, scene_->device());
+    if (!made) return made.error();
+    shadows_ = std::move(*made);
+    return {};
+  };
+  if (!device_) return create();
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+  const Result<void> done = device_->make_current();
+  return done ? create() : done;
+}
+
+Result<void> ViewRenderer::draw_shadows() {
+  if (!shadows_) return {};
+  const auto draw = [&]() -> Result<void> {
+    const Result<const kernels::SunShadow*> sun = shadows_->draw(view_, scene_->threads());
+    if (!sun) return sun.error();
+    shade_.sun = *sun;
+    return {};
+  };
+  if (!device_) return draw();
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+  return draw();
 }
 
 Result<void> ViewRenderer::begin_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
@@ -338,7 +366,9 @@ Result<void> ViewRenderer::set_shade(const kernels::ShadeOptions& shade) {
   if (Result<void> checked = check_single(); !checked) return checked;
   if (scene_->is_streamed())
     return Error{ErrorCode::kUnsupported, "a streamed frame is shaded while it is drawn: draw it again"};
+  const kernels::SunShadow* const sun = shade_.sun;
   shade_ = shade;
+  if (shadows_) shade_.sun = sun;
   blended_ = {};
   for (const Layer layer : {Layer::kColor, Layer::kLinear}) host_[static_cast<size_t>(layer)].is_made = false;
   on_gpu_[static_cast<size_t>(Layer::kColor)] = nullptr;

@@ -13,6 +13,7 @@
 #include "kernels/frame.h"
 #include "runtime/draw/loaded_scene.h"
 #include "runtime/draw/renderer.h"
+#include "runtime/draw/shadow_map.h"
 #include "runtime/draw/shared_buffer.h"
 #include "runtime/threads/stopwatch.h"
 
@@ -48,6 +49,10 @@ class ViewRenderer {
   ViewRenderer(const ViewRenderer&) = delete;
   ViewRenderer& operator=(const ViewRenderer&) = delete;
   ~ViewRenderer();
+
+  /// Lets the sun of the frames of draw() cast shadows (ShadowMap::create(), whose errors these are); `side` as there.
+  /// They are seen under Lighting::kScene.
+  Result<void> cast_shadows(uint32_t side);
 
   /// Draws a frame. `view`: its sides in pixels, of `samples_per_side` squared samples (1, 2 or 4). Returns when the
   /// samples are drawn; after an error there is no frame. Errors kRange (no such size or camera), kMemory, kDevice.
@@ -105,6 +110,8 @@ class ViewRenderer {
   /// and the sum of the samples left out.
   const kernels::BlendCounts& blended() const { return blended_; }
   const Duration& draw_time() const { return draw_time_; }
+  /// What the shadows of the frame took before that; 0 without any.
+  Duration shadow_time() const { return shadows_ ? shadows_->draw_time() : Duration(); }
   /// The GPU's time for the samples of a resident frame, by its own clock. 0 for a batch, and if the CPU drew or the
   /// scene was streamed.
   float gpu_ms() const { return gpu_ms_; }
@@ -128,6 +135,7 @@ class ViewRenderer {
   };
   FrameTargets targets_of(uint32_t layers, uint64_t v, const BatchTargets& all) const;
   kernels::View in_samples(kernels::View view) const;
+  Result<void> draw_shadows();
   Result<void> draw_on_gpu();
   Result<void> make(Layer layer, std::span<std::byte> out);
   Result<void> make_on_cpu(Layer layer, std::span<std::byte> out);
@@ -138,6 +146,7 @@ class ViewRenderer {
 
   std::shared_ptr<const LoadedScene> scene_;
   std::optional<DeviceView> device_;
+  std::optional<ShadowMap> shadows_;
   kernels::View view_{};  // of the frame, in samples
   uint32_t samples_per_side_ = 1;
   kernels::ShadeOptions shade_;

@@ -493,6 +493,50 @@ def glass():
     m.save_glb()
 
 
+def sun():
+    """A floor and a box, a ball and a grating on it, an alpha mask, under a sun and a lamp that casts no shadows."""
+    m = Model("sun")
+    m.json["extensionsUsed"] = ["KHR_lights_punctual"]
+    m.json["extensions"] = {"KHR_lights_punctual": {"lights": [
+        {"type": "point", "name": "lamp", "color": [0.5, 0.7, 1], "intensity": 12},
+        {"type": "directional", "name": "sun", "color": [1, 0.95, 0.85], "intensity": 3}]}}
+
+    def matt(name, color, **more):
+        index = m.material(name, color=color, **more)
+        m.json["materials"][index]["pbrMetallicRoughness"].update(metallicFactor=0, roughnessFactor=0.8)
+        return index
+    floor = {"attributes": {"POSITION": m.positions([(x, 0.0, -z) for x, z, _ in QUAD])},
+             "indices": m.accessor(QUAD_INDICES, UBYTE), "material": matt("stone", [0.7, 0.68, 0.62, 1])}
+    m.node(name="floor", mesh=m.mesh(floor, name="floor"), scale=[4, 1, 4])
+    positions, _, _, indices = cube_faces()
+    box = {"attributes": {"POSITION": m.positions(positions)}, "indices": m.accessor(indices, USHORT),
+           "material": matt("clay", [0.75, 0.35, 0.25, 1])}
+    m.node(name="box", mesh=m.mesh(box, name="box"), translation=[-1.5, 0.5, 0.75], scale=[0.5] * 3)
+    across, down = 32, 16
+    ball = [(math.sin(b) * math.cos(a), math.cos(b), -math.sin(b) * math.sin(a))
+            for b in (math.pi * j / down for j in range(down + 1))
+            for a in (2 * math.pi * i / across for i in range(across + 1))]
+    quads = [i for y in range(down) for x in range(across)
+             for a in [y * (across + 1) + x] for i in (a, a + across + 1, a + across + 2, a, a + across + 2, a + 1)]
+    ball = {"attributes": {"POSITION": m.positions(ball), "NORMAL": m.accessor(ball)},
+            "indices": m.accessor(quads, USHORT), "material": matt("jade", [0.3, 0.6, 0.4, 1])}
+    m.node(name="ball", mesh=m.mesh(ball, name="ball"), translation=[0.75, 0.8, 0.5], scale=[0.8] * 3)
+    bars = [value for y in range(64) for x in range(64)
+            for value in (235, 225, 200, 255 if x % 16 < 4 or y % 16 < 4 else 0)]
+    grating = matt("grating", [1, 1, 1, 1], alphaMode="MASK", doubleSided=True)
+    image = {"bufferView": m.view(png(64, 64, bars, 4)), "mimeType": "image/png", "name": "bars"}
+    m.json["materials"][grating]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": m.texture(image)}
+    screen = {"attributes": {"POSITION": m.positions(QUAD), "TEXCOORD_0": m.accessor(QUAD_UV)},
+              "indices": m.accessor(QUAD_INDICES, UBYTE), "material": grating}
+    m.node(name="screen", mesh=m.mesh(screen, name="screen"), translation=[-0.25, 1, -1.5])
+    m.node(name="lamp", translation=[-3, 3, 3], extensions={"KHR_lights_punctual": {"light": 0}})
+    turn, rise = math.radians(65), math.radians(-38)  # -z turned down, and around y
+    m.node(name="sun", rotation=[math.cos(turn / 2) * math.sin(rise / 2), math.sin(turn / 2) * math.cos(rise / 2),
+                                 -math.sin(turn / 2) * math.sin(rise / 2), math.cos(turn / 2) * math.cos(rise / 2)],
+           extensions={"KHR_lights_punctual": {"light": 1}})
+    m.save_glb()
+
+
 def data_uri():
     m = Model("data_uri")
     m.node(name="tetrahedron", mesh=m.mesh({"attributes": {"POSITION": m.positions(TETRAHEDRON)},
@@ -516,7 +560,7 @@ def grid():
 
 
 for make in (textured_cube, masked, two_instances, index_types, modes, interleaved, sparse, quantized, materials,
-             colors, gpu_instancing, nodes, multi_primitive, left_out, glass, data_uri, grid):
+             colors, gpu_instancing, nodes, multi_primitive, left_out, glass, sun, data_uri, grid):
     make()
 
 

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "kernels/visbuffer.h"
+#include "runtime/draw/shadow_map.h"
 
 namespace scree::tools {
 
@@ -108,6 +109,8 @@ Result<void> accept_scene(const char* command, const runtime::Scene& scene, cons
   const std::string& path = scene.file().path();
   if (light.lighting == kernels::Lighting::kScene && scene.view().light_count == 0)
     return at(path, Error{ErrorCode::kUsage, "--light scene: the scene has no lights"});
+  if (light.shadow_side != 0 && !runtime::find_sun(scene.view()))
+    return at(path, Error{ErrorCode::kUsage, "--shadows: the scene has no directional light"});
   if (quiet) return {};
   for (const std::string& warning : scene.warnings())
     std::fprintf(stderr, "scree %s: warning: %s: %s\n", command, path.c_str(), warning.c_str());

@@ -56,6 +56,7 @@ struct LightOptions {
   std::string environment;  // file; empty: a sky of our own
   float exposure = 1;       // factor
   uint32_t blend_layers = kernels::kBlendLayers;
+  uint32_t shadow_side = 0;  // as runtime::ShadowMap has it; 0: no shadows
 };
 
 /// --light, --environment, --exposure, --blend-layers.
@@ -65,7 +66,7 @@ void add_light_options(CLI::App& app, LightWords& words);
 Result<LightOptions> parse_light_options(const LightWords& words);
 
 /// Looks at a scene that was loaded to be drawn: errors kUsage, with the file's name, where --light scene has no
-/// lights; prints the scene's warnings on stderr unless `quiet`.
+/// lights, or no directional one that casts shadows; prints the scene's warnings on stderr unless `quiet`.
 Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet);
 
 /// Prints on stderr that `count` samples or frames (`kind`: "sample", "frame") have more layers of blended surfaces

@@ -11,6 +11,7 @@
 
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/renderer.h"
+#include "runtime/draw/shadow_map.h"
 #include "runtime/images/image.h"
 #include "runtime/scene/scene.h"
 #include "runtime/threads/stopwatch.h"
@@ -94,6 +95,7 @@ struct Times {
   uint64_t texel_page_bytes = 0;                      // of all pages of textures
   runtime::PagerStats texel_pages;                    // of those that were shown
   kernels::BlendCounts blended;
+  std::optional<Duration> shadows;  // of the map of where the sun reaches
   Duration shade;
   Duration write;
   std::string drawn_on;  // "cuda:0 (NVIDIA H200)", "the CPU, 16 threads"
@@ -173,6 +175,7 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   if (scene.view().blend_masks != nullptr)
     std::printf("blended surfaces: %u layers, %llu samples with more\n", times.blended.layers,
                 static_cast<unsigned long long>(times.blended.samples_left_out));
+  if (times.shadows) std::printf("shadows: %s\n", both_times(*times.shadows).c_str());
   std::printf("draw: %s\nshade: %s\nwrite: %s\n", both_times(frame.draw_time()).c_str(),
               both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
@@ -229,6 +232,7 @@ void print_json(const RenderOptions& options, const runtime::Scene& scene, const
   json.member("blended_layers", uint64_t{times.blended.layers});
   json.member("samples_with_more_layers", times.blended.samples_left_out);
   json.member("load_ms", loading_ms(scene, times));
+  if (times.shadows) json.member("shadow_ms", times.shadows->wall_ms);
   json.member("draw_ms", frame.draw_time().wall_ms);
   json.member("shade_ms", times.shade.wall_ms);
   json.member("write_ms", times.write.wall_ms);
@@ -307,6 +311,7 @@ uint64_t host_picture_bytes(const RenderOptions& options, const runtime::Scene& 
   if (!options.output.empty()) bytes += pixels * runtime::picture_channels(options.shade);
   if (!options.output.empty() && on_gpu) bytes += pixels * sizeof(uint32_t);
   bytes += layer_bytes(options);
+  if (!on_gpu) bytes += uint64_t{options.light.shadow_side} * options.light.shadow_side * sizeof(uint64_t);
   if (!options.output.empty() && !on_gpu && (options.shade.ssao || options.shade.edl))
     bytes += 3 * pixels * sizeof(float);
   constexpr uint64_t kLayerBytes = 48;  // kernels::blend_cpu()
@@ -327,9 +332,27 @@ Result<void> check_host_memory(const RenderOptions& options, uint64_t needs) {
 
 /// All that a GPU may fail in: draws the frames of `view`, shades the last one, and brings what is asked for to the
 /// host. `device`: null where the CPU draws. Errors without the file's name.
-Result<Drawn> draw(const RenderOptions& options, const runtime::Scene& scene, const kernels::View& view,
+Result<Drawn> draw(RenderOptions options, const runtime::Scene& scene, const kernels::View& view,
                    runtime::DeviceScene* device, Times& times) {
-  const auto draw_frame = [&] {
+  std::optional<runtime::DeviceView> own;  // of the frames, so that the shadows have another
+  std::optional<runtime::ShadowMap> shadows;
+  if (options.light.shadow_side != 0) {
+    if (device != nullptr) {
+      Result<runtime::DeviceView> first = device->add_view(scene);
+      if (!first) return first.error();
+      own = std::move(*first);
+    }
+    Result<runtime::ShadowMap> made = runtime::ShadowMap::create(scene, options.light.shadow_side, device);
+    if (!made) return made.error();
+    shadows = std::move(*made);
+  }
+  const auto draw_frame = [&]() -> Result<runtime::Frame> {
+    if (shadows) {
+      const Result<const kernels::SunShadow*> sun = shadows->draw(view, options.threads);
+      if (!sun) return sun.error();
+      options.shade.sun = *sun;
+      times.shadows = shadows->draw_time();
+    }
     return runtime::Frame::draw(scene, view, options.samples_per_side, options.threads, device,
                                 options.output.empty() ? nullptr : &options.shade);
   };
@@ -409,8 +432,9 @@ Result<void> render(const RenderOptions& options) {
 
   const uint64_t host_needs = host_picture_bytes(options, *scene, gpu->has_value());
   if (const Result<void> fits = check_host_memory(options, host_needs); !fits) return fits;
-  const runtime::PictureNeeds pictures{options.camera.width, options.camera.height, options.samples_per_side,
-                                       options.output.empty() ? nullptr : &options.shade};
+  runtime::PictureNeeds pictures{options.camera.width, options.camera.height, options.samples_per_side,
+                                 options.output.empty() ? nullptr : &options.shade};
+  pictures.shadow_side = options.light.shadow_side;
   // Whatever the GPU fails in, --backend auto draws the same picture on the CPU.
   std::optional<runtime::DeviceScene> device;
   std::optional<Drawn> drawn;
@@ -502,6 +526,12 @@ Command add_render(CLI::App& parent) {
       ->type_name("NAME");
   app->add_flag("--no-light", words->no_light, "No light: surface colours only");
   add_light_options(*app, words->light);
+  app->add_flag("--shadows", words->shadows,
+                "With --light scene: the first directional light casts shadows, of all but blended surfaces");
+  app->add_option("--shadow-size", words->shadow_size,
+                  "Samples along the longer side of the light's view of what the camera sees, 64 to 16384 (default: "
+                  "4096)")
+      ->type_name("N");
   app->add_flag("--ssao", words->ssao, "Ambient occlusion: darkens corners and surfaces close behind others");
   app->add_flag("--edl", words->edl, "Eye-dome lighting: darkens pixels whose neighbours are nearer");
   app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)")->type_name("N");

@@ -176,6 +176,7 @@ class PathRenderer {
     load.device_memory = options_.device_memory;
     load.reading = options_.reading;
     load.pictures = {width(), height(), options_.samples_per_side, has_color ? &options_.shade : nullptr};
+    load.pictures.shadow_side = options_.light.shadow_side;
     if (const Result<uint64_t> rest = share_host_memory(); rest)
       load.host_memory = *rest;
     else
@@ -193,6 +194,9 @@ class PathRenderer {
     Result<std::unique_ptr<ViewRenderer>> renderer = ViewRenderer::create(scene_);
     if (!renderer) return at(options_.file, with_cpu_advice(renderer.error()));
     renderer_ = std::move(*renderer);
+    if (const uint32_t side = options_.light.shadow_side; side != 0)
+      if (const Result<void> done = renderer_->cast_shadows(side); !done)
+        return at(options_.file, with_cpu_advice(done.error()));
     load_ms_ += watch.elapsed().wall_ms;
     return {};
   }
@@ -211,7 +215,8 @@ class PathRenderer {
     uint64_t bytes = 0;
     for (const Output& output : outputs_)
       bytes += output.layer == Layer::kSamples ? samples() * 8 : pixels() * (output.layer == Layer::kColor ? 8 : 4);
-    const uint64_t own = samples() * sizeof(uint64_t) + pixels() * 3 * sizeof(float);  // the renderer's
+    const uint64_t side = options_.light.shadow_side;
+    const uint64_t own = (samples() + side * side) * sizeof(uint64_t) + pixels() * 3 * sizeof(float);  // the renderer's
     const uint64_t allowed = options_.host_memory;
     if (allowed != 0 && allowed <= own + bytes)
       return at(options_.file, Error{ErrorCode::kMemory, "a frame takes " + std::to_string(own + bytes) +
@@ -282,6 +287,7 @@ class PathRenderer {
     if (const Result<void> done = renderer_->draw(*view, options_.samples_per_side, options_.shade); !done)
       return done.error();
     draw_ms_ += renderer_->draw_time().wall_ms;
+    shadow_ms_ += renderer_->shadow_time().wall_ms;
     const Stopwatch watch;
     DrawnFrame drawn;
     drawn.frame = frame;
@@ -338,8 +344,8 @@ class PathRenderer {
 
   /// Of all ranks, by the first; times are those of one rank on average, but the whole, which is the first's.
   Result<void> report() {
-    double sums[] = {static_cast<double>(frames_.size()),          load_ms_, draw_ms_, shade_ms_, write_ms_,
-                     static_cast<double>(frames_with_more_layers_)};
+    double sums[] = {static_cast<double>(frames_.size()),           load_ms_,  draw_ms_, shade_ms_, write_ms_,
+                     static_cast<double>(frames_with_more_layers_), shadow_ms_};
     if (const Result<void> summed = ranks_.sum(sums); !summed) return summed;
     if (!ranks_.is_first()) return {};
     const double frames = sums[0];
@@ -364,6 +370,7 @@ class PathRenderer {
       json.member("frames_with_more_layers", with_more_layers);
       json.member("load_ms", sums[1] / ranks_.count());
       json.member("wall_ms", watch_.elapsed().wall_ms);
+      if (options_.light.shadow_side != 0) json.member("shadow_ms", sums[6]);
       json.member("draw_ms", sums[2]);
       json.member("shade_ms", sums[3]);
       json.member("write_ms", sums[4]);
@@ -375,9 +382,11 @@ class PathRenderer {
     std::string line = options_.file + ": ";
     if (there > 0) line += std::to_string(there) + " of " + std::to_string(count) + " frames are there";
     if (drawn > 0) {
-      char rates[200];
-      std::snprintf(rates, sizeof rates, " (each: drawing %.1f ms, shading %.1f ms, writing %.1f ms of one thread)",
-                    sums[2] / frames, sums[3] / frames, sums[4] / frames);
+      char rates[200], shadows[40] = "";
+      if (options_.light.shadow_side != 0)
+        std::snprintf(shadows, sizeof shadows, "shadows %.1f ms, ", sums[6] / frames);
+      std::snprintf(rates, sizeof rates, " (each: %sdrawing %.1f ms, shading %.1f ms, writing %.1f ms of one thread)",
+                    shadows, sums[2] / frames, sums[3] / frames, sums[4] / frames);
       line += (there > 0 ? ", " : "") + std::to_string(drawn) + (drawn == 1 ? " frame of " : " frames of ") +
               std::to_string(width()) + " x " + std::to_string(height()) + " in " +
               format_duration(watch_.elapsed().wall_ms / 1000) + " on " + drawn_on() +
@@ -413,7 +422,7 @@ class PathRenderer {
   uint64_t done_ = 0;
   uint64_t frames_with_more_layers_ = 0;  // of blended surfaces than are drawn
   Stopwatch watch_;
-  double load_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, write_ms_ = 0;
+  double load_ms_ = 0, shadow_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, write_ms_ = 0;
 };
 
 }  // namespace

@@ -64,6 +64,7 @@ class RankedPicture {
                                                    {"--frames", options_.frames != 1},
                                                    {"--normals", !options_.normals.empty()},
                                                    {"--uvs", !options_.uvs.empty()},
+                                                   {"--shadows", options_.light.shadow_side != 0},
                                                    {"an .exr picture", options_.writes_exr()},
                                                    {"--backend cuda", options_.backend.choice == BackendChoice::kCuda}};
     for (const auto& [name, is_given] : others)
