@@ -110,7 +110,7 @@ class ViewRenderer {
   /// and the sum of the samples left out.
   const kernels::BlendCounts& blended() const { return blended_; }
   const Duration& draw_time() const { return draw_time_; }
-  /// What the shadows of the frame took before that; 0 without any.
+  /// The time of drawing the frame's shadow map, before draw_time(); 0 without shadows.
   Duration shadow_time() const { return shadows_ ? shadows_->draw_time() : Duration(); }
   /// The GPU's time for the samples of a resident frame, by its own clock. 0 for a batch, and if the CPU drew or the
   /// scene was streamed.

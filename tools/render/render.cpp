@@ -95,7 +95,7 @@ struct Times {
   uint64_t texel_page_bytes = 0;                      // of all pages of textures
   runtime::PagerStats texel_pages;                    // of those that were shown
   kernels::BlendCounts blended;
-  std::optional<Duration> shadows;  // of the map of where the sun reaches
+  std::optional<Duration> shadows;  // of drawing the shadow map
   Duration shade;
   Duration write;
   std::string drawn_on;  // "cuda:0 (NVIDIA H200)", "the CPU, 16 threads"

@@ -91,7 +91,7 @@ bool hits(const Vec3& from, const Vec3& direction, const WorldBox& box, double m
   return first <= last;
 }
 
-/// What a pixel shows, and the share of the sun that it gets.
+/// The surface in a pixel, and the share of the sun that it gets.
 struct LitPoint {
   Vec3 place;
   float share;
