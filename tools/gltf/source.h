@@ -1,6 +1,6 @@
 // A glTF document after import: every index, range, stride and count is checked, and buffers are still on disk. Import
 // never holds a buffer in memory: it reads the JSON whole, parses its "buffers" and "images" separately
-// (docs/design.md, import), and reads accessors in windows.
+// (docs/converting.md, Import), and reads accessors in windows.
 #pragma once
 
 #include <array>

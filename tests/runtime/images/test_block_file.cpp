@@ -228,7 +228,7 @@ TEST_CASE("real KTX2 and DDS files are read or refused by one line", "[block_fil
   }
   CHECK(read == 96);
   CHECK(refused == 102);
-  CHECK(malformed == 151);  // the others, listed in docs/design.md, are unusual in a way that affects no pixel
+  CHECK(malformed == 151);  // the others, listed in docs/converting.md, are unusual in a way that affects no pixel
 }
 
 TEST_CASE("real files of one picture decode to one picture", "[block_file][models]") {
