@@ -81,14 +81,31 @@ SessionOptions options_of(const std::string& path) {
   return options;
 }
 
+SessionOptions small_scene(const ScratchPath& path, scree::tools::BackendChoice backend) {
+  SmallScene{}.write(path.string());
+  SessionOptions options = options_of(path.string());
+  options.backend.choice = backend;
+  return options;
+}
+
+/// A hub of a small scene, and a page that has joined it.
+struct JoinedPage {
+  explicit JoinedPage(scree::tools::BackendChoice backend = scree::tools::BackendChoice::kCpu)
+      : hub(small_scene(path, backend), [](scree::Error error) { FAIL(error.message); }), number(hub.join(page)) {}
+
+  ScratchPath path{"hub.scree"};
+  std::shared_ptr<Page> page = std::make_shared<Page>();
+  Hub hub;
+  uint32_t number;
+};
+
 }  // namespace
 
 TEST_CASE("a hub draws the newest camera, then the picture at rest, then more samples", "[view][view-hub]") {
-  const ScratchPath path("hub.scree");
-  SmallScene{}.write(path.string());
-  Hub hub(options_of(path.string()), [](scree::Error error) { FAIL(error.message); });
-  const auto page = std::make_shared<Page>();
-  const uint32_t number = hub.join(page);
+  JoinedPage joined;
+  Hub& hub = joined.hub;
+  Page* const page = joined.page.get();
+  const uint32_t number = joined.number;
   CHECK(number == 1);
   REQUIRE(page->hears("\"type\":\"scene\""));
   hub.receive(number, request(1, 0));
@@ -118,11 +135,10 @@ TEST_CASE("a hub draws the newest camera, then the picture at rest, then more sa
 }
 
 TEST_CASE("a viewer with a slow link gets a JPEG of full size at rest, then a lossless picture", "[view][view-hub]") {
-  const ScratchPath path("hub.scree");
-  SmallScene{}.write(path.string());
-  Hub hub(options_of(path.string()), [](scree::Error error) { FAIL(error.message); });
-  const auto page = std::make_shared<Page>();
-  const uint32_t number = hub.join(page);
+  JoinedPage joined;
+  Hub& hub = joined.hub;
+  Page* const page = joined.page.get();
+  const uint32_t number = joined.number;
   REQUIRE(page->hears("\"type\":\"scene\""));
   size_t count = 0;
   const auto next = [&] {
@@ -154,13 +170,10 @@ TEST_CASE("a viewer with a slow link gets a JPEG of full size at rest, then a lo
 
 TEST_CASE("a hub draws on a GPU while the scene comes there", "[view][view-hub][cuda]") {
   if (!scree::tests::has_gpu()) return;
-  const ScratchPath path("hub.scree");
-  SmallScene{}.write(path.string());
-  SessionOptions options = options_of(path.string());
-  options.backend.choice = scree::tools::BackendChoice::kCuda;
-  Hub hub(options, [](scree::Error error) { FAIL(error.message); });
-  const auto page = std::make_shared<Page>();
-  const uint32_t number = hub.join(page);
+  JoinedPage joined(scree::tools::BackendChoice::kCuda);
+  Hub& hub = joined.hub;
+  Page* const page = joined.page.get();
+  const uint32_t number = joined.number;
   hub.receive(number, request(1, 0));  // before the scene is open
   for (size_t i = 0;; ++i) {
     REQUIRE(i < 100);
@@ -175,11 +188,10 @@ TEST_CASE("a hub draws on a GPU while the scene comes there", "[view][view-hub][
 }
 
 TEST_CASE("questions to a hub are bounded", "[view][view-hub]") {
-  const ScratchPath path("hub.scree");
-  SmallScene{}.write(path.string());
-  Hub hub(options_of(path.string()), [](scree::Error error) { FAIL(error.message); });
-  const auto page = std::make_shared<Page>();
-  const uint32_t number = hub.join(page);
+  JoinedPage joined;
+  Hub& hub = joined.hub;
+  Page* const page = joined.page.get();
+  const uint32_t number = joined.number;
   REQUIRE(page->hears("\"type\":\"scene\""));
   hub.receive(number, PickRequest{1, {5, 5}});  // no camera yet: no answer
   hub.receive(number, request(1, 0));
@@ -208,10 +220,7 @@ TEST_CASE("a hub whose file cannot be drawn says so once", "[view][view-hub]") {
 TEST_CASE("a GPU's JPEG of a view shows its pixels", "[view][view-hub][cuda]") {
   if (!scree::tests::has_gpu()) return;
   const ScratchPath path("session.scree");
-  SmallScene{}.write(path.string());
-  SessionOptions options = options_of(path.string());
-  options.backend.choice = scree::tools::BackendChoice::kCuda;
-  auto session = ViewSession::open(options);
+  auto session = ViewSession::open(small_scene(path, scree::tools::BackendChoice::kCuda));
   REQUIRE(session);
   const PictureRequest wanted = request(1, 0);
   for (const bool is_sharp : {false, true}) {
