@@ -14,7 +14,7 @@
 #include <memory>
 #include <vector>
 
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(SCREE_LANES_ARE_CHECKED)
 #include <sanitizer/asan_interface.h>
 #include <sanitizer/common_interface_defs.h>
 #endif
@@ -123,12 +123,12 @@ thread_local const void* outer_stack = nullptr;
 thread_local size_t outer_bytes = 0;
 
 void leave_for([[maybe_unused]] void** fake, [[maybe_unused]] const void* stack, [[maybe_unused]] size_t bytes) {
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(SCREE_LANES_ARE_CHECKED)
   __sanitizer_start_switch_fiber(fake, stack, bytes);
 #endif
 }
 void arrive([[maybe_unused]] void* fake, [[maybe_unused]] const void** from, [[maybe_unused]] size_t* bytes) {
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(SCREE_LANES_ARE_CHECKED)
   __sanitizer_finish_switch_fiber(fake, from, bytes);
 #endif
 }
@@ -180,7 +180,7 @@ void end_block_meeting_if_all_came(Block& block) {
 }
 
 void note_end(Lane& lane) {
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(SCREE_LANES_ARE_CHECKED)
   // The fiber's first frames never return and have poisoned their memory.
   __asan_unpoison_memory_region(lane.stack + kStackBytes - kFirstFrameBytes, kFirstFrameBytes);
 #endif
