@@ -63,8 +63,8 @@ constexpr uint64_t block_level_bytes(BlockFormat format, uint32_t width, uint32_
   return uint64_t{(width + side - 1) / side} * ((height + side - 1) / side) * block_bytes(format);
 }
 
-/// The most raw bytes of a page of a level that takes several. Small enough to be read and unpacked for a few pixels,
-/// and large enough that pages' alignment and records take less than 2%.
+/// Most raw bytes of a page, if a level takes several pages. Such a page is small enough to be read for a few pixels,
+/// and large enough that alignment and records take less than 2%.
 inline constexpr uint64_t kBlockPageBytes = uint64_t{1} << 18;
 
 /// How a level's rows of blocks lie in pages: as many whole rows per page as kBlockPageBytes hold.

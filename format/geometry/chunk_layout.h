@@ -37,8 +37,8 @@ struct ChunkStreams {
 };
 
 /// The streams of `chunk`, a chunk of `mesh`. Defined for any records, valid or not: counts are 32-bit and widths
-/// 8-bit, so the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes, so its
-/// size does not tell whether the chunk has it; the mesh's attributes do.
+/// 8-bit, so the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes, so only
+/// the mesh's attributes determine which streams a chunk has.
 SCREE_HD constexpr ChunkStreams chunk_streams(const MeshRecord& mesh, const ChunkRecord& chunk) {
   const uint64_t triangles = chunk.triangle_count;
   const uint64_t vertices = chunk.vertex_count;

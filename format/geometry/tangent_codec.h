@@ -21,7 +21,8 @@ inline constexpr uint32_t kMaxTangentBits = 16;
 uint64_t tangent_stream_bytes(uint64_t vertex_count, uint32_t bits);
 double tangent_error_bound(uint32_t bits);
 /// `tangents`: glTF's x y z and sign per vertex, of any length. `normals`: 3 per vertex, as decode_normals() returns
-/// them for the chunk. A tangent without a direction beside the normal takes direction 0. Returns how many there are.
+/// them for the chunk. A tangent that is zero, not finite or parallel to the normal gets direction 0. Returns how many
+/// there are.
 uint64_t encode_tangents(std::span<std::byte> out, std::span<const float> tangents, std::span<const float> normals,
                          uint32_t bits);
 /// `out`: 4 per vertex, of unit length, at right angles to the normals.
