@@ -247,8 +247,8 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
              {"threads", [](Load& l) { l.threads = 5000; }, "5000"},
              {"threads", [](Load& l) { l.threads = UINT32_MAX; }, "4294967295"},
              {"max_samples", [](Load& l) { l.max_samples = 3; }, "max_samples is 3"},
-             {"max_width", [](Load& l) { l.max_width = UINT32_MAX; }, "4294967295 samples a side, at most 16384"},
-             {"max_height", [](Load& l) { l.max_height = 4097, l.max_samples = 4; }, "16388 samples a side"},
+             {"max_width", [](Load& l) { l.max_width = UINT32_MAX; }, "4294967295 samples per side, at most 16384"},
+             {"max_height", [](Load& l) { l.max_height = 4097, l.max_samples = 4; }, "16388 samples per side"},
              {"gpus", [](Load& l) { l.gpus = 17; }, "gpus is 17, at most 16 or SCREE_ALL_GPUS"},
              {"gpus", [](Load& l) { l.gpus = UINT64_MAX; }, "at most 16"},
              {"gpus of the CPU", [](Load& l) { l.backend = SCREE_BACKEND_CPU, l.gpus = 2; }, "names GPUs"},
@@ -298,7 +298,7 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
       {"exposure", [](Draw& d) { d.exposure = -21; }, "exposure"},
       {"light", [](Draw& d) { d.light = static_cast<scree_light>(4); }, "light is 4"},
       {"light that is off", [](Draw& d) { d.light = SCREE_LIGHT_CAMERA, d.flags = SCREE_NO_LIGHT; }, "exclude"},
-      {"light that was not loaded", [](Draw& d) { d.light = SCREE_LIGHT_ENVIRONMENT; }, "surroundings"},
+      {"light that was not loaded", [](Draw& d) { d.light = SCREE_LIGHT_ENVIRONMENT; }, "without an environment"},
       {"light that the file lacks", [](Draw& d) { d.light = SCREE_LIGHT_SCENE; }, "no lights"},
       {"blend_layers", [](Draw& d) { d.blend_layers = 65536; }, "blend_layers is 65536"}};
   // Of a batch's target: the place of two pictures of 8 x 8 floats.

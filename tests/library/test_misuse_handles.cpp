@@ -160,7 +160,7 @@ TEST_CASE("handles that were ended, that are of another kind, and that are none"
     functions.insert(use.function);
     for (const Kind& kind : kinds) {
       if (use.kind == kind.kind) {
-        const std::string text = std::string("the handle is of no ") + kind.type + ", or of one that was ended";
+        const std::string text = std::string("the handle is not a ") + kind.type + ", or was ended";
         failed(use.call(kind.ended), SCREE_ERROR_HANDLE, text);
         failed(use.call(&local), SCREE_ERROR_HANDLE, text);
         failed(use.call(reinterpret_cast<void*>(UINTPTR_MAX)), SCREE_ERROR_HANDLE, text);
@@ -169,7 +169,7 @@ TEST_CASE("handles that were ended, that are of another kind, and that are none"
         else
           failed(use.call(nullptr), SCREE_ERROR_ARGUMENT, std::string("the ") + kind.type + " is null");
       } else {
-        failed(use.call(kind.lives), SCREE_ERROR_HANDLE, "the handle is of no ");
+        failed(use.call(kind.lives), SCREE_ERROR_HANDLE, "the handle is not a ");
       }
     }
     CHECK((s.out.bytes() == before));
@@ -226,7 +226,7 @@ TEST_CASE("structures without their size, of a size of no version, and newer one
     // A newer structure, whose new field is set.
     give_size(use.bytes + 8, 0);
     bytes[use.bytes] = 1;
-    failed(use.call(bytes.data()), SCREE_ERROR_ARGUMENT, "does not know");
+    failed(use.call(bytes.data()), SCREE_ERROR_ARGUMENT, "version of scree lacks");
   }
   CHECK((s.out.bytes() == before));
   CHECK_FALSE(std::filesystem::exists(s.made));

@@ -305,7 +305,7 @@ class Package(unittest.TestCase):
         odd = bytes_[4 - bytes_.ctypes.data % 16:][:depth.nbytes].view(np.float32).reshape(depth.shape)
         one = np.zeros((1, 20, 36), np.float32)
         for targets, error, text in (
-                ({}, ValueError, "one layer at least"),
+                ({}, ValueError, "at least one layer"),
                 ({"colour": depth}, ValueError, "'colour' is not one of color, "),
                 ({"samples": depth}, ValueError, "no such layer"),
                 ({"linear": depth}, ValueError, "no such layer"),
@@ -654,7 +654,7 @@ class Package(unittest.TestCase):
         self.assertGreater(len(text), 20, node.name)
         names = {name.strip("*=") for some in arguments_of_stub(node) for name in some}
         names -= {"self", "width", "height", "layer", "scene", "path", "x", "y"}  # which need no word
-        if re.search("(`shading`|Otherwise) as draw", text):
+        if re.search(r"(`shading`|[Oo]ther arguments[a-z\s]*): as for\s+draw", text):
             names -= {name.strip("*=") for some in arguments_of_stub(self.stub_of_draw) for name in some}
         told = set(re.findall(r"`(\w+)`", text))
         if not node.name.startswith("__"):
@@ -662,8 +662,8 @@ class Package(unittest.TestCase):
         arrays = ("NDArray", "ArrayLike", "_Array", "SharedLayer")
         if any(word in ast.unparse(node) for word in arrays):
             self.assertRegex(text, r"\b\w+ x \w+", node.name)  # a shape
-            self.assertRegex(text, r"float32|float64|int32|of the types and units of read|of the types and units of View.read|"
-                             r"Types and\s+units are those of read|by layer, as Scene.render", node.name)
+            self.assertRegex(text, r"float32|float64|int32|of the types and units of read|of the types and units of\s+View.read|"
+                             r"Types and\s+units are as for read|by layer\): as for Scene.render", node.name)
             self.assertIn("Raises", text, node.name)
 
     def test_examples(self):
