@@ -124,7 +124,7 @@ TEST_CASE("malformed KTX2 and DDS files are refused by name", "[block_file][bad]
       {with(ktx2, 12, 143u), ErrorCode::kUnsupported, "KTX2: of Vulkan format 143, which scree does not read"},
       {with(ktx2, 16, 2u), ErrorCode::kFormat, "KTX2: typeSize is 2, expected 1"},
       {with(ktx2, 20, 0u), ErrorCode::kFormat, "KTX2: 0 pixels wide"},
-      {with(ktx2, 20, 70000u), ErrorCode::kRange, "KTX2: 70000 x 8 pixels, but at most 65536 a side"},
+      {with(ktx2, 20, 70000u), ErrorCode::kRange, "KTX2: 70000 x 8 pixels, but at most 65536 per side"},
       {with(ktx2, 24, 0u), ErrorCode::kUnsupported, "KTX2: a picture of one dimension"},
       {with(ktx2, 28, 3u), ErrorCode::kUnsupported, "KTX2: a picture of three dimensions"},
       {with(ktx2, 32, 7u), ErrorCode::kUnsupported, "KTX2: an array of 7 pictures"},

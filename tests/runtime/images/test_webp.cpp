@@ -87,7 +87,7 @@ TEST_CASE("an animated WebP is refused", "[webp][bad]") {
   const auto info = probe_image(file);
   REQUIRE_FALSE(info);
   CHECK(info.error().code == ErrorCode::kUnsupported);
-  CHECK(info.error().message == "WebP: an animation, but glTF has pictures that stand still");
+  CHECK(info.error().message == "WebP: an animation, but glTF has still pictures");
 }
 
 TEST_CASE("a large WebP of one colour is read", "[webp]") {
