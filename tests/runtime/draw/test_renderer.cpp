@@ -231,7 +231,7 @@ TEST_CASE("an image that is not what its record says is named", "[renderer]") {
   const Result<Scene> scene = load_file(path.string());
   REQUIRE_FALSE(scene);
   CHECK(scene.error().code == ErrorCode::kFormat);
-  CHECK(scene.error().message == path.string() + ": image 0 (wall): the image is 2 x 2, but its record says 4 x 2");
+  CHECK(scene.error().message == path.string() + ": image 0 (wall): the image is 2 x 2, but its record gives 4 x 2");
 }
 
 TEST_CASE("scenes are found by name and number", "[renderer]") {
