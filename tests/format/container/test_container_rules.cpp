@@ -262,7 +262,7 @@ TEST_CASE("container rules: a zstd page is one frame of its size", "[container]"
   Breaker::expect(with_frame(unsized, raw_bytes), "page 1: the zstd frame does not give its size", ErrorCode::kFormat);
 }
 
-TEST_CASE("container rules: a split page holds at most twice its bytes, and makes them all", "[container]") {
+TEST_CASE("container rules: a split page has at most twice its bytes, and yields all of them", "[container]") {
   const uint64_t raw_bytes = full_parts().pages[1].record.raw_bytes;
   const auto zeros = [&](uint64_t bytes) {
     const Bytes content(bytes);
@@ -279,8 +279,8 @@ TEST_CASE("container rules: a split page holds at most twice its bytes, and make
   Breaker::expect(zeros(1), "page 1: split page: no header", ErrorCode::kTruncated);
 }
 
-TEST_CASE("container rules: what a compressed page may grow to", "[container]") {
-  // Zeros compress to almost nothing, so they stay raw where a reader would refuse the ratio.
+TEST_CASE("container rules: the limit of a compressed page's raw bytes", "[container]") {
+  // Zeros compress to almost nothing, so they stay raw if a reader would refuse the ratio.
   for (const auto& [bytes, codec] : {std::pair{size_t{kPageTargetBytes}, PageCodec::kZstd},
                                      std::pair{size_t{kPageTargetBytes} + 1, PageCodec::kRaw}}) {
     const SealedPage page = seal_page(PageKind::kImage, Bytes(bytes), 3);

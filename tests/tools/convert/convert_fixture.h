@@ -22,7 +22,7 @@ inline convert::ConvertOptions options_of(const TempFolder& folder, const std::s
   options.input = folder.file(input);
   options.output = folder.file("out.scree");
   options.source_ids = true;
-  options.normals = convert::Normals::kNever;  // but where a test is of them
+  options.normals = convert::Normals::kNever;  // except in tests of normals
   options.threads = 2;
   return options;
 }

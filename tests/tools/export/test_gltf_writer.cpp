@@ -176,7 +176,7 @@ TEST_CASE("a .glb", "[gltf_writer]") {
   CHECK(file.substr(28 + json_bytes + view["byteOffset"].get<size_t>(), view["byteLength"]) == "PNG2");
 }
 
-TEST_CASE("nothing is left of a glTF that was not finished", "[gltf_writer]") {
+TEST_CASE("an unfinished glTF leaves nothing behind", "[gltf_writer]") {
   const TempFolder folder;
   for (const char* name : {"x.gltf", "x.glb"}) {
     Result<GltfWriter> writer = GltfWriter::create(folder.file(name));
@@ -186,7 +186,7 @@ TEST_CASE("nothing is left of a glTF that was not finished", "[gltf_writer]") {
   CHECK(folder.names().empty());
 }
 
-TEST_CASE("what the writer refuses", "[gltf_writer]") {
+TEST_CASE("the writer refuses invalid input", "[gltf_writer]") {
   const TempFolder folder;
   CHECK(GltfWriter::create(folder.file("x.obj")).error().code == ErrorCode::kUsage);
   CHECK(GltfWriter::create(folder.file("missing/x.glb")).error().code == ErrorCode::kFile);
