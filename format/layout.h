@@ -11,7 +11,7 @@ inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'}
 inline constexpr uint16_t kVersionMajor = 1;
 inline constexpr uint16_t kVersionMinor =
     1;  // a reader skips additions of a newer one; TableKind lists the additions of 1
-// A file has this major version where a mesh or a surface uses second texture coordinates, or a mesh has tangents. A
+// A file has this major version if a mesh or a surface uses second texture coordinates, or a mesh has tangents. A
 // reader of version 1 refuses it.
 inline constexpr uint16_t kSecondMajor = 2;
 inline constexpr uint16_t kSecondMinor = 0;
@@ -295,7 +295,7 @@ struct LightRecord {
   float intensity;   // candela; directional: lux
   float range;       // in units; 0: unlimited
   float inner_cone;  // spot: radians from the axis, where the light begins to fall off
-  float outer_cone;  // spot: where it ends, above inner_cone, at most pi / 2
+  float outer_cone;  // spot: radians at which the light ends, above inner_cone, at most pi / 2
   uint32_t reserved2;
 };
 static_assert(sizeof(LightRecord) == 48);

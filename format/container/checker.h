@@ -127,7 +127,7 @@ class Checker {
   // State of meshes().
   uint64_t next_chunk_ = 0;
   uint64_t source_vertices_ = 0;
-  uint64_t group_ = 0;              // of the next mesh, if groups tile the meshes as they should
+  uint64_t group_ = 0;              // groups begun so far; meshes must be in the order of their groups
   uint64_t group_end_ = 0;          // the first mesh after it
   bool groups_may_differ_ = false;  // groups() has to check every mesh
 

@@ -76,7 +76,7 @@ class Container {
   /// The stored bytes of a page, unchecked.
   std::span<const std::byte> stored_page(uint32_t page) const;
 
-  /// Checks a page's checksum and returns its raw bytes: a view of the file where the page is raw, else of `scratch`,
+  /// Checks a page's checksum and returns its raw bytes: a view of the file if the page is raw, else of `scratch`,
   /// which is resized. Raw bytes of kGeometry start 16-byte aligned. Memory: raw_bytes, which a small file cannot make
   /// large (kMaxZstdRatio). While a split page is put together, kMaxSplitRatio times as much more, and 2.1 MiB per
   /// thread. Reentrant with different scratch. Errors kChecksum, kReserved (padding after the page that is not zero),
@@ -107,9 +107,9 @@ struct SealedPage {
 };
 
 /// Compresses (zstd_level 1 to 22; 0 keeps the bytes raw) and checksums a page. `clusters`: the page's clusters in the
-/// order in which they lie; a page with clusters is split if that is possible. The page stays raw where zstd does not
-/// make it smaller (a page of images: by more than a twentieth), where a reader would refuse its size (kMaxZstdRatio),
-/// and where memory is short. Equal arguments give equal bytes, except where memory is short.
+/// order in which they lie; a page with clusters is split if that is possible. The page stays raw if zstd does not make
+/// it smaller (a page of images: by more than a twentieth), if a reader would refuse its size (kMaxZstdRatio), or if
+/// memory is short. Equal arguments give equal bytes, except if memory is short.
 SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
                      std::span<const PageClusters> clusters = {});
 

@@ -1,4 +1,4 @@
-// Computes where the streams of a chunk lie in its payload, from the records alone. Runs in kernels too. Source:
+// Computes the places of a chunk's streams in its payload, from the records only. Runs in kernels too. Source:
 // spec/container.md, chunks.
 #pragma once
 
@@ -12,7 +12,7 @@
 namespace scree::format {
 
 /// One stream of a chunk. `offset`: bytes from the payload's first byte (ChunkRecord::offset), a multiple of
-/// kChunkAlignment. `bytes`: also a multiple of kChunkAlignment; 0 where the chunk has no such stream or all its values
+/// kChunkAlignment. `bytes`: also a multiple of kChunkAlignment; 0 if the chunk has no such stream or all its values
 /// are equal (0 bits).
 struct ChunkStream {
   uint64_t offset;

@@ -15,7 +15,7 @@ namespace scree::format {
 inline constexpr uint32_t kMinTangentBits = 3;
 inline constexpr uint32_t kMaxTangentBits = 16;
 
-/// `bits` (3 to 16) per vertex: the lowest is 1 where the bitangent is -cross(normal, tangent), the others are the
+/// `bits` (3 to 16) per vertex: the lowest is 1 if the bitangent is -cross(normal, tangent), the others are the
 /// direction. A direction differs from the encoded one by at most tangent_error_bound(bits) radians. Every code is
 /// valid, so check_tangents() checks sizes only. Errors kRange, kTruncated, kTrailing.
 uint64_t tangent_stream_bytes(uint64_t vertex_count, uint32_t bits);

@@ -44,7 +44,7 @@ class MappedFile {
   int descriptor() const { return descriptor_; }
 
   /// The share of the file's pages that are in the page cache, 0 to 1, estimated from a few hundred of them. 1 for an
-  /// empty file, and where the system does not report it.
+  /// empty file, and if the system does not report it.
   double cached_share() const;
 
   /// Whether mincore() is right about the file. Since Linux 5.2 it reports every page as cached to a caller that

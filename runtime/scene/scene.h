@@ -84,9 +84,9 @@ struct LoadStats {
 class Scene {
  public:
   /// Loads scene number `scene` (below the container's count): assigns triangle ids to its instances, loads its pages
-  /// unless the options say otherwise, and loads each image of its materials once. Errors, with file and place: errors
-  /// of load_pages(); for an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn triangles);
-  /// kMemory.
+  /// unless SceneOptions::pages is false, and loads each image of its materials once. Errors, with file and place:
+  /// errors of load_pages(); for an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn
+  /// triangles); kMemory.
   static Result<Scene> load(SceneFile file, uint32_t scene, const SceneOptions& options);
 
   /// Opens `path` and loads its default scene. Errors as SceneFile::open, find_scene and load.
