@@ -62,7 +62,7 @@ def clipped(camera, box_min, box_max) -> Camera:
 
 
 def cameras_of_path(path, *, fps=None, first=0, count=None) -> list[Camera]:
-    """The cameras of `count` frames from frame `first` on, of a camera path that `scree view` saved. None: all frames.
+    """The cameras of `count` frames (None: all) from frame `first` on, of a camera path that `scree view` saved.
 
     `scree render --path` draws the same frames with the same cameras. `fps`: frames per second, instead of the file's.
     Raises scree.Error for a file that is no camera path, and for a `first` behind its end.
@@ -129,7 +129,7 @@ class File:
     def load(self, scene=None, *, backend="auto", gpu=None, threads=0, textures=True, device_memory=0, host_memory=0,
              texture_cache=0, largest=(0, 0, 1), progress=None, gpus=1, texture_memory=0, environment=None,
              light="auto", read="auto") -> Scene:
-        """Loads a scene, by name or number, and checks every byte of it.
+        """Loads a scene, by name or number (None: the default scene), and checks every byte of it.
 
         - `backend`: "cpu", "cuda", or "auto": a GPU if one can draw the scene, else the CPU.
         - `gpu`: the GPU's index or UUID. `gpus`: the number of GPUs that draw the scene together, from `gpu` on, each with
@@ -137,7 +137,8 @@ class File:
         - `threads`: 0 is one per processor.
         - `textures`: False loads none; materials then have only their base colour.
         - `device_memory`: bytes of GPU memory for scene and pictures. Chunks that do not fit are streamed while frames are
-          drawn. 0: the free memory. `host_memory`: bytes of pinned memory for streaming; 0: no limit.
+          drawn. 0: the free memory.
+        - `host_memory`: bytes of pinned memory that feed the GPU; the rest of them keeps chunks. 0: no limit, no chunks.
         - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
         - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.
         - `texture_memory`: bytes for pages of KTX2 and DDS textures, which are read from the file when pixels show them.
