@@ -279,7 +279,7 @@ class Package(unittest.TestCase):
             del given
             self.assertEqual(sys.getrefcount(depth), before)
         for made, error, text in ((lambda array: VersionedArray(array, flags=1), ValueError, "read-only"),
-                                  (lambda array: VersionedArray(array, major=2), BufferError, "DLPack 2"),
+                                  (lambda array: VersionedArray(array, major=2), BufferError, "DLPack version 2"),
                                   (lambda array: DlpackArray(array, (2, 0)), ValueError, "GPU 0, but the CPU draws"),
                                   (lambda array: DlpackArray(array, (7, 0)), ValueError, "DLPack device 7"),
                                   (lambda array: DlpackArray(array[:, ::2]), ValueError, "not contiguous"),
