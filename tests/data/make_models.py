@@ -2,7 +2,7 @@
 """Writes the small glTF models of this folder. Needs only Python 3; always writes the same files.
 
     python3 tests/data/make_models.py            writes beside itself
-    python3 tests/data/make_models.py --check    fails where a file differs from what it would write
+    python3 tests/data/make_models.py --check    fails if a file differs from its output
 """
 
 import base64

@@ -80,7 +80,7 @@ TEST_CASE("a film of the library equals the output of scree render --path", "[li
       REQUIRE(pfm.size() > depth.size());
       for (size_t row = 0; row < 31; ++row)
         CHECK((depth.substr(row * kRow, kRow) == pfm.substr(pfm.size() - (row + 1) * kRow, kRow)));
-      if (!way.clips) CHECK((samples != last));  // some frames see nothing of the box
+      if (!way.clips) CHECK((samples != last));  // in some frames nothing of the box is visible
       last = samples;
     }
     CHECK_FALSE(std::filesystem::exists(folder.file("samples_" + std::to_string(info.frames) + ".bin")));

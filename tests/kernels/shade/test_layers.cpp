@@ -61,7 +61,7 @@ Soup ball(bool with_normals) {
   return soup;
 }
 
-/// Where the ray of a sample meets the triangle's plane, as weights of its corners.
+/// The intersection of a sample's ray with the triangle's plane, as weights of its corners.
 Vector weights_of(const View& view, uint32_t x, uint32_t y, const std::array<Vector, 3>& corner) {
   const double across = (2 * (x + 0.5) / view.width - 1) * view.half_width;
   const double up = (1 - 2 * (y + 0.5) / view.height) * view.half_height;

@@ -331,7 +331,7 @@ TEST_CASE("give_way_next() sets the order of eviction, and evicted stretches lea
   residency.begin_frame(first);
   residency.batch_drawn(residency.next_batch(kChunks * kUnit).loads);
 
-  // The same chunks and as many more; four and then two of the new ones are wanted.
+  // The same chunks and as many new ones, of which batches of four and then two are loaded.
   std::vector<uint32_t> second(2 * kChunks);
   std::iota(second.begin(), second.end(), 0u);
   const std::vector<Residency::Place> there = residency.begin_frame(second);

@@ -424,7 +424,7 @@ TEST_CASE("chunks that are already loaded are not streamed again along a path", 
   const Compared scene(folder.file("out.scree"));
   const Pool pool = scene.pool();
   const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 2 + pool.least);
-  // A camera that goes around once sees about half of the scene at a time.
+  // About half of the scene is visible at a time on one turn around it.
   uint64_t streamed = 0;
   uint64_t seen = 0;
   runtime::CameraOptions camera;

@@ -469,7 +469,7 @@ TEST_CASE("large files that are not cached are read past the page cache", "[uplo
   const Scene scene = open_scene(path);
   UploadPlan plan;
   plan.add_pages(scene.drawn_pages());
-  // A small file is not read directly, whatever the cache holds; an explicit choice is followed.
+  // A small file is not read directly, cached or not; an explicit choice is followed.
   CHECK(choose_reading(plan, scene.file().map(), Reading::kAuto) == Reading::kBuffered);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kDirect) == Reading::kDirect);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kMapped) == Reading::kMapped);

@@ -87,7 +87,7 @@ TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
   CHECK_FALSE(left[16 * 5 + 7].is_background());
   CHECK(left[16 * 5 + 8].is_background());
   mesh.alphas = {};
-  // What is hidden hides nothing.
+  // A masked part hides nothing.
   mask.cutoff = 256;
   CHECK(covered(draw(mesh, view)) == 0);
 }

@@ -1,5 +1,5 @@
 // A primitive of many windows is encoded while it is measured, trusting its document. The bytes and errors equal those
-// of measuring everything first, whatever the document states.
+// of measuring everything first, for any statements of the document.
 #include <fcntl.h>
 #include <unistd.h>
 

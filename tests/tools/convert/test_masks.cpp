@@ -268,7 +268,7 @@ TEST_CASE("the alpha of vertex colours cuts if the mask's texture cuts nothing",
       CHECK(mask.flags == (format::kMaskNearest | format::kMaskOfColors));
       CHECK(mask.width * mask.height == 1);
     }
-    return picture_of(options.output, 90);  // from above, so that shares are those of areas
+    return picture_of(options.output, 90);  // from above, so that shares of pixels are shares of areas
   };
   const std::vector<uint64_t> whole = picture(0, true);
   CHECK(covered(whole) > 2000);

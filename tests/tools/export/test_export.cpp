@@ -79,7 +79,7 @@ bool round_trip(const fs::path& source_path, size_t number, const std::string& e
     FAIL_CHECK(back.error().message);
     return true;
   }
-  for (uint64_t i = 0; i < packed->file.left_out().size(); ++i)  // what is not there cannot come back
+  for (uint64_t i = 0; i < packed->file.left_out().size(); ++i)  // data that are not stored cannot be exported
     if (packed->file.string(packed->file.left_out()[i].what) == "primitives their alpha masks hide") return true;
   for (const std::string& line : tests::compare_scenes(*source, packed->file, *back)) FAIL_CHECK(line);
   return true;

@@ -137,7 +137,7 @@ TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_wri
     const float x = format::load<float>(bytes + chunk + 16 + 12);
     CHECK(x == 0.1f);
   }
-  // And convert's reader finds what was written.
+  // convert's reader returns the written data.
   tests::ModelMaker maker(folder.file("y.glb"));
   maker.writer().set_most_version_2_bytes(1);
   maker.node("node", maker.mesh("mesh", {maker.primitive({0, 0, 0, 0.1f, 0, 0, 0, 1, 0}, {0, 1, 2})}));

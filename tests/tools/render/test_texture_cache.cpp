@@ -265,7 +265,7 @@ TEST_CASE("a texture cache keeps recent groups, and evicts the least recent", "[
   std::set<uint64_t> kept;
   for (uint32_t i = 0; i < kSlots; i += 2)
     if (cache.lookup(key_of(i), 2) != nullptr) kept.insert(key_of(i));
-  // Round 2 requests twice as much as there is room for; what the round used stays.
+  // Round 2 requests twice as many groups as fit; the groups that the round used stay.
   for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)allocate_slot(key_of(i), 2);
   for (const uint64_t key : kept) CHECK(cache.find(key) != TextureCache::kNoSlot);
   CHECK(allocate_slot(key_of(5000), 2) == TextureCache::kNoSlot);
