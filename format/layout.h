@@ -150,7 +150,7 @@ struct ChunkRecord {
   uint64_t first_triangle;  // in the mesh; the sum of the triangle counts of the chunks before
   uint32_t page;
   uint32_t mesh;
-  uint32_t triangle_count;  // at least 1; at most kMaxChunkTriangles where index_bits is 0 (such indices take no bytes)
+  uint32_t triangle_count;  // at least 1; at most kMaxChunkTriangles if index_bits is 0 (such indices take no bytes)
   uint32_t vertex_count;    // at least 1, at most 3 * triangle_count
   uint32_t index_min;
   uint32_t position_min[3];  // lattice offset of code 0, relative to MeshRecord::lattice_min

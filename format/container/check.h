@@ -1,4 +1,4 @@
-// Used by Container::open: the places of a file's tables, and the check of every field of every record.
+// Used by Container::open: the addresses of a file's tables, and the check of every field of every record.
 #pragma once
 
 #include <array>

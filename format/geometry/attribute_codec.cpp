@@ -99,7 +99,7 @@ uint32_t quantize_color(float value) {
 }
 
 /// Octahedral codes (u in the low 16 bits, v above) of the direction `normal`: the nearest in angle of the four lattice
-/// points around its place in the square.
+/// points around its point in the square.
 uint32_t encode_octahedral(const float* normal, uint32_t bits) {
   const int32_t half = (1 << (bits - 1)) - 1;
   const double x = normal[0];

@@ -1,4 +1,4 @@
-// Computes the places of a chunk's streams in its payload, from the records only. Runs in kernels too. Source:
+// Computes the offsets of a chunk's streams in its payload, from the records only. Runs in kernels too. Source:
 // spec/container.md, chunks.
 #pragma once
 

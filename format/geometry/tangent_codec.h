@@ -47,7 +47,7 @@ SCREE_HD inline void tangent_axes(const float normal[3], float first[3], float s
 }
 
 /// The unit tangent of a code at the unit vector `normal`, and 1 or -1, the sign of its bitangent. A direction is a
-/// place on the square |x| + |y| = quarter. All operations are correctly rounded, so that CPU and CUDA agree bit for
+/// point of the square |x| + |y| = quarter. All operations are correctly rounded, so that CPU and CUDA agree bit for
 /// bit.
 SCREE_HD inline float decode_tangent(uint32_t code, uint32_t bits, const float normal[3], float out[3]) {
   const int32_t quarter = 1 << (bits - 3u);

@@ -165,8 +165,8 @@ class JpegReader {
     jpeg_decompress_struct* const jpeg = &jpeg_;
     return errors_.guarded([&] {
       jpeg_start_decompress(jpeg);
-      // All scans are decoded by now. The remaining steps cannot fail, and the coefficients that they need are not
-      // there.
+      // All scans are decoded by now. The remaining steps cannot fail, and they would need the coefficients, which are
+      // not stored.
       if (masks_only_ && jpeg_has_multiple_scans(jpeg)) return;
       while (jpeg->output_scanline < jpeg->output_height) {
         JSAMPROW row = first + stride * jpeg->output_scanline;

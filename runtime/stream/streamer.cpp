@@ -146,7 +146,7 @@ class Streamer::Frame {
   const IsOver& is_over_;
   bool ends_ = false;
   StreamStats stats_{};
-  std::vector<uint32_t> listed_;  // near ones first; chunks that were hidden last time come last
+  std::vector<uint32_t> listed_;  // near ones first; then the chunks that were hidden last time
   // Missing chunks that the residency does not have yet:
   std::vector<Unsure> unsure_;  // a heap
   std::vector<uint32_t> hidden_;
