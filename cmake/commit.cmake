@@ -1,5 +1,5 @@
-# Writes OUTPUT: the commit of SOURCE, with a + where files differ from it, "unknown" outside git. Untouched where it says
-# so already, so that nothing is built again.
+# Writes the commit of SOURCE to OUTPUT: with a + if files differ from it, "unknown" outside git. An OUTPUT that is up
+# to date is not touched, so that nothing is built again.
 set(commit unknown)
 find_program(GIT git)
 if(GIT)

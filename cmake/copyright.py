@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Writes the licences of a built scree: its own, and those of the libraries in it, out of the distribution's packages.
+"""Writes the licences of a built scree: its own, and the licences of the libraries in it, from the distribution's packages.
 
 copyright.py --debian FILE --package NAME [--cuda] [--with LIBRARY]...
     the copyright file of a Debian package, in the machine-readable form (DEP-5)
 copyright.py --third-party FILE [--cuda] [--with LIBRARY]...
-    the same of the libraries alone, with the shared ones, for the tarball
+    the same for the libraries alone, including the shared ones, for the tarball
 
 A package's own /usr/share/doc/PACKAGE/copyright gives holders and licence texts. A package that is not installed, or whose
 copyright file cannot be read, is an error: a licence is never left out.
@@ -14,17 +14,19 @@ import os
 import re
 import sys
 
-# What is linked statically or compiled in (cmake/dependencies.cmake). Packages of a name that differs are tried in turn.
-# Boost is not among them: its licence (BSL-1.0) wants no notice beside object code.
+# Libraries that are linked statically or compiled in (cmake/dependencies.cmake). If distributions
+# name a package differently, the names are tried in turn. Boost is missing because its licence
+# (BSL-1.0) requires no notice with object code.
 LIBRARIES = [("zstd", ["libzstd-dev"]), ("xxhash", ["libxxhash-dev"]), ("zlib", ["zlib1g-dev"]), ("libpng", ["libpng-dev"]),
              ("libjpeg-turbo", ["libjpeg62-turbo-dev", "libjpeg-turbo8-dev"]), ("tinygltf", ["libtinygltf-dev"]),
              ("nlohmann-json", ["nlohmann-json3-dev"]), ("cli11", ["libcli11-dev"])]
 OPTIONAL = {"webp": ("libwebp", ["libwebp-dev"]), "draco": ("draco", ["libdraco-dev"])}
 PYBIND11 = ("pybind11", ["pybind11-dev"])
 PACKAGES = ["scree", "libscree0", "libscree-dev", "python3-scree"]
-# libscree links shared libraries, but has code that these have in their headers.
+# libscree links shared libraries, but contains code of these libraries' headers.
 HEADER_CODE = {"xxhash", "tinygltf", "nlohmann-json", "draco"}
-# Packages whose copyright file is of the old form, "Copyright:" and "License:" with a text each, and that licence's name.
+# Packages whose copyright file has the old form, "Copyright:" and "License:" with a text each; and
+# the licence's name.
 OLD_FORM = {"libwebp": "BSD-3-clause"}
 # Shared libraries that lie beside the program in the tarball.
 BESIDE = [("meshoptimizer", ["libmeshoptimizer-dev"]), ("openexr", ["libopenexr-dev"]), ("imath", ["libimath-dev"])]
@@ -32,7 +34,8 @@ FORMAT = "https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/"
 CUDA = """The CUDA runtime (cudart), in this package: object code of the CUDA Toolkit, which may be distributed as part
 of a program under "Attachment A" of the CUDA Toolkit End User License Agreement,
 https://docs.nvidia.com/cuda/eula/. All rights in it remain with NVIDIA."""
-# Files of a library's sources of which nothing is in the program: packaging, tests, examples, programs, documentation.
+# Source files of libraries that are not part of the program: packaging, tests, examples, programs,
+# documentation.
 NOT_LINKED = re.compile(r"^(debian|tests?|testdata|examples?|tools|fuzz|contrib|doc|docs|cmake|amiga|java|build|release|programs)/|"
                         r"^(xxhsum\.c|zlibWrapper/examples)|/fuzz/|\.(md|txt|yml|cmake|in)$")
 
@@ -109,7 +112,8 @@ def library_stanzas(library, names):
         if not title or not fields.get("Copyright", "").strip():
             fail(f"{path}: Files: {files[0]} without Copyright or License")
         used.update(word.strip().lower() for word in re.split(r",?\s+(?:and/or|and|or)\s+", title, flags=re.IGNORECASE))
-        # A licence of one name has another text in another library: its name gets the library's behind it.
+        # Licences of the same name have different texts in different libraries, so the library's
+        # name is appended.
         named = re.sub(r"(?i)(,?\s+(?:and/or|and|or)\s+)|([^\s,]+)", lambda m: m[1] or f"{m[2]}~{library}", title)
         out.append(f"Files: {' '.join(f'{library}/{word}' for word in files)}\n"
                    f"Copyright:\n{folded(fields['Copyright'])}\nLicense: {named}")

@@ -1,10 +1,10 @@
-# How CUDA sources are built. scree_cuda is nvcc, emulated (tests/emulator: kernels as C++ on the CPU, for their tests) or
-# none.
+# Sets up the build of CUDA sources. scree_cuda is nvcc, emulated (tests/emulator: kernels as C++ on the CPU, for their
+# tests) or none.
 set(scree_cuda none)
 set(SCREE_CUDA_PATH "" CACHE STRING "Compute capability whose code path every GPU takes, to test it: 75 or 80")
 
-# The GPUs of this machine where there are any; else every compute capability from 7.5 on, which is the least that CUDA 13
-# builds for. Code for x.y runs on later minor versions too; PTX of the last stands in for what comes after it.
+# The compute capabilities of this machine's GPUs, else all from 7.5 on, the least that CUDA 13 supports. Code for x.y
+# runs on later minor versions too. The last has PTX, for all GPUs after it.
 function(scree_default_architectures out)
   find_program(SCREE_NVIDIA_SMI nvidia-smi)
   set(found "")
@@ -42,7 +42,7 @@ elseif(SCREE_CUDA)
     endif()
     message(STATUS "CUDA code is built for ${CMAKE_CUDA_ARCHITECTURES}")
     enable_language(CUDA)
-    # CMake 3.25 does not know how CUDA 13 is asked for C++20, and finding the language clears what was set before.
+    # CMake 3.25 lacks the C++20 option of CUDA 13. It is set here because enable_language() clears it.
     if(NOT CMAKE_CUDA20_STANDARD_COMPILE_OPTION)
       set(CMAKE_CUDA20_STANDARD_COMPILE_OPTION "-std=c++20")
     endif()
@@ -53,7 +53,8 @@ elseif(SCREE_CUDA)
   endif()
 endif()
 
-# An object library of .cu files: without contraction, so that the bits are the CPU's (spec/rasterization.md).
+# Adds an object library of .cu files, built without contraction, so that results equal the CPU's
+# (spec/rasterization.md).
 function(scree_add_cuda_objects target)
   if(scree_cuda STREQUAL emulated)
     scree_emulate_cuda(sources ${ARGN})

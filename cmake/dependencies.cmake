@@ -1,17 +1,17 @@
-# The libraries scree uses, from the distribution's packages (scripts/setup installs them). zstd, turbojpeg, jpeg, png,
-# z and xxhash are linked statically; meshoptimizer is packaged as a shared library only and is installed beside the
-# program, so that an installed folder runs on a machine that has none of them.
+# The libraries that scree uses, from the distribution's packages (scripts/setup installs them). zstd, turbojpeg, jpeg,
+# png, z and xxhash are linked statically; meshoptimizer is packaged as a shared library only and is installed beside
+# the program, so that an installed folder runs on a machine without these packages.
 find_package(Threads REQUIRED)
 if(NOT SCREE_FUZZ)
-  # The distribution's Python, for which packages are made, before another one that comes first on PATH.
+  # Prefers the distribution's Python, for which packages are made, to another one on PATH.
   if(EXISTS /usr/bin/python3)
     set(Python3_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "The Python that the package scree is built for")
   endif()
   find_package(Python3 REQUIRED COMPONENTS Interpreter)  # makes man pages and completion
 endif()
 
-# An installed target finds the shared libraries that travel with it in `folder`, and these find each other there: a RUNPATH,
-# the linker's default, would not hold for what OpenEXR needs.
+# Makes an installed target find its shared libraries in `folder`. Uses RPATH, because the linker's default, RUNPATH,
+# does not apply to the libraries that OpenEXR needs.
 function(scree_find_bundled target folder)
   if(SCREE_BUNDLE_LIBRARIES)
     set_target_properties(${target} PROPERTIES INSTALL_RPATH "${folder}")
@@ -54,13 +54,13 @@ scree_header_library(tinygltf tiny_gltf.h)
 scree_header_library(nlohmann_json nlohmann/json.hpp)
 scree_header_library(cli11 CLI/CLI.hpp)
 
-# Pictures in OpenEXR; without it the command says what is missing.
+# OpenEXR pictures. Without the library, writing one is an error that names it.
 find_package(OpenEXR CONFIG QUIET)
 if(NOT TARGET OpenEXR::OpenEXR)
   message(STATUS "OpenEXR (libopenexr-dev) is not found: scree render writes no .exr")
 endif()
 
-# Codecs of some files only: without one, such a file is refused by a line that names it.
+# Codecs of some files. Without the library, such a file is refused with an error that names it.
 function(scree_optional_library target archive header what)
   string(TOUPPER "SCREE_${target}" option)
   option(${option} "Read ${what}, where the library is found" ON)
@@ -75,7 +75,7 @@ endfunction()
 
 scree_optional_library(webp libwebp.a webp/decode.h "WebP textures (EXT_texture_webp)")
 if(TARGET scree::webp)
-  find_library(sharpyuv_archive NAMES libsharpyuv.a)  # of its own from libwebp 1.3 on, for the encoder in the tests
+  find_library(sharpyuv_archive NAMES libsharpyuv.a)  # a separate archive from libwebp 1.3 on, for the encoder in the tests
   set_property(TARGET scree::webp PROPERTY INTERFACE_LINK_LIBRARIES
     $<$<BOOL:${sharpyuv_archive}>:${sharpyuv_archive}> Threads::Threads m)
 endif()
@@ -83,7 +83,7 @@ endif()
 scree_optional_library(draco libdraco.a draco/compression/mesh/mesh_edgebreaker_decoder.h
   "Draco geometry (KHR_draco_mesh_compression)")
 
-# scree view alone needs it, headers and nothing to link; without it the command says what is missing.
+# Only scree view needs Boost.Beast (headers only). Without it the command is an error that names it.
 find_path(beast_include NAMES boost/beast.hpp)
 if(beast_include)
   add_library(scree::beast INTERFACE IMPORTED)
@@ -94,10 +94,10 @@ else()
   message(STATUS "Boost.Beast (libboost-dev) is not found: scree view is built without its server")
 endif()
 
-# Ranks of mpirun and srun share a film's frames; without it the program says what is missing.
+# With MPI, ranks of mpirun and srun share a film's frames. Without it such a run is an error that names it.
 option(SCREE_MPI "Let ranks that mpirun or srun start share the work, where MPI is found" ON)
 if(SCREE_MPI AND NOT SCREE_FUZZ)
-  set(MPI_CXX_SKIP_MPICXX ON)  # C alone is used
+  set(MPI_CXX_SKIP_MPICXX ON)  # only the C API is used
   find_package(MPI QUIET COMPONENTS CXX)
   if(NOT MPI_CXX_FOUND)
     message(STATUS "MPI (libopenmpi-dev) is not found: scree is built without it")

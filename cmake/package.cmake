@@ -1,11 +1,11 @@
-# CPack makes the tarball, a folder that can lie anywhere, of all that is installed; scripts/package calls it. The packages
-# for Debian are made by debhelper (cmake/debian), from the components program, library, development and python.
+# scripts/package calls CPack to make the tarball, a relocatable folder of all installed files. debhelper (cmake/debian)
+# makes the packages for Debian from the components program, library, development and python.
 if(NOT SCREE_BUNDLE_LIBRARIES)
   return()
 endif()
 set(CPACK_GENERATOR TGZ)
 set(CPACK_STRIP_FILES ON)
-# CMake takes its umask for folders that it makes; packages have the same everywhere.
+# By default, CMake's folders have permissions by umask; packages should not depend on it.
 set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
   OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 string(TOLOWER "${CMAKE_SYSTEM_NAME}-${CMAKE_SYSTEM_PROCESSOR}" system)

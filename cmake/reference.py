@@ -3,9 +3,9 @@
 
 reference.py PROGRAM --install FOLDER    man1/*.1.gz, bash/scree, zsh/_scree and fish/scree.fish in FOLDER
 reference.py PROGRAM --markdown FILE     docs/options.md
-reference.py PROGRAM --check FILE        exit code 1 where FILE differs from what --markdown would write
+reference.py PROGRAM --check FILE        exit code 1 if FILE differs from the output of --markdown
 
-The bytes depend on the help texts alone: there is no date in them, and options stand in the order of --help.
+The output depends on the help texts only: it has no date, and options are in the order of --help.
 """
 import argparse
 import dataclasses
@@ -19,7 +19,7 @@ import sys
 EXITS = [("0", "Done."), ("1", "A wrong command line."), ("2", "A file that cannot be read or written."), ("3", "Bad data."),
          ("4", "A missing or failing GPU.")]
 ERRORS = "An error is one line on standard error that names the file and the place."
-FILES = ("FILE", "FILES", "TEXT")  # the values that are names of files; TEXT is a positional's
+FILES = ("FILE", "FILES", "TEXT")  # values that are file names; TEXT is the value of positionals
 
 
 @dataclasses.dataclass
@@ -62,7 +62,7 @@ def help_of(program, *words):
 
 
 def rows_of(lines):
-    """(head, text) per entry. CLI11 writes the text from column 30 on; a head that is longer has a line of its own."""
+    """(head, text) for each entry. CLI11 writes the text from column 30 on; a longer head has a line of its own."""
     rows = []
     for line in lines:
         if line.startswith(" " * 30):
@@ -124,7 +124,7 @@ def parse_help(name, text):
     options = [entry_of(*row) for row in rows_of(sections.get("options", []))]
     if not options:
         fail(f"{name} --help names no options")
-    # CLI11 keeps what an option excludes in the order of addresses, which changes from run to run.
+    # CLI11 sorts the options that an option excludes by address, which changes from run to run.
     order = {option.names[-1]: index for index, option in enumerate(options)}
     for option in options:
         option.excludes.sort(key=lambda other: order.get(other, len(order)))
@@ -146,7 +146,7 @@ def first_clause(text):
 
 
 def notes(entry):
-    """What stands behind an option's text: sentences."""
+    """The sentences behind an option's text: choices, default, required, needs and excludes."""
     out = []
     if entry.choices:
         out.append("One of " + ", ".join(entry.choices) + ".")
@@ -307,7 +307,7 @@ def fish_quoted(text):
 
 
 def markdown_text(text):
-    """Keeps signs that Markdown would read; the texts hold formulas, patterns and names with underscores."""
+    """Escapes Markdown's special characters, which occur in formulas, patterns and names."""
     return re.sub(r"([\\`*_<>|#\[\]])", r"\\\1", text)
 
 

@@ -10,7 +10,7 @@
 
 namespace scree::format {
 
-/// Zero bytes after the byte of the last value, so that a reader may load 8 bytes from the first byte of any value.
+/// Zero bytes behind the data. They let a reader load 8 bytes from the first byte of any value.
 inline constexpr uint64_t kPackedSlackBytes = 8;
 
 /// Bytes of a packed stream of `count` values: ceil(count * bits / 8) + slack, rounded up to 16. 0 where count or bits

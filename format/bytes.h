@@ -28,14 +28,14 @@ inline void store(std::byte* at, T value) {
   std::memcpy(at, &value, sizeof(T));
 }
 
-/// a + b, or nullopt where the sum passes 2^64 - 1.
+/// a + b, or nullopt if the sum exceeds 2^64 - 1.
 inline std::optional<uint64_t> checked_add(uint64_t a, uint64_t b) {
   uint64_t sum;
   if (__builtin_add_overflow(a, b, &sum)) return std::nullopt;
   return sum;
 }
 
-/// a * b, or nullopt where the product passes 2^64 - 1.
+/// a * b, or nullopt if the product exceeds 2^64 - 1.
 inline std::optional<uint64_t> checked_mul(uint64_t a, uint64_t b) {
   uint64_t product;
   if (__builtin_mul_overflow(a, b, &product)) return std::nullopt;

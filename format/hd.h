@@ -7,8 +7,8 @@
 #define SCREE_HD
 #endif
 
-// kernels/cpu/passes.cpp is compiled once per instruction set. All its definitions lie in a namespace of that set, so
-// that the linker cannot merge an inline function built for AVX2 into the baseline code.
+// kernels/cpu/passes.cpp is compiled once per instruction set. Its definitions lie in a namespace of that set, so that
+// the linker never uses an inline function built for AVX2 in the baseline code.
 #ifndef SCREE_ISA
 #define SCREE_ISA isa_baseline
 #endif

@@ -9,8 +9,9 @@ namespace scree::format {
 
 inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'};
 inline constexpr uint16_t kVersionMajor = 1;
-inline constexpr uint16_t kVersionMinor = 1;  // a reader skips additions of a newer one; see TableKind for those of 1
-// A file has this major version where a mesh or a surface uses second texture coordinates, or a mesh has tangents. A
+inline constexpr uint16_t kVersionMinor =
+    1;  // a reader skips additions of a newer one; TableKind lists the additions of 1
+// A file has this major version if a mesh or a surface uses second texture coordinates, or a mesh has tangents. A
 // reader of version 1 refuses it.
 inline constexpr uint16_t kSecondMajor = 2;
 inline constexpr uint16_t kSecondMinor = 0;
@@ -23,9 +24,9 @@ inline constexpr uint32_t kNone = 0xffffffffu;         // no mesh, parent, textu
 inline constexpr uint32_t kMaxChunkTriangles = 65536;  // the default limit; --chunk-triangles 0 lifts it
 inline constexpr uint32_t kMaxPositionBits = 24;       // a lattice offset is exact in a float
 inline constexpr uint32_t kMaxUvBits = 24;
-// Limits of a zstd page's raw bytes, so that a small hostile file cannot claim much memory: kPageTargetBytes, or more
-// if the file has at least one stored byte per kMaxZstdRatio raw bytes, up to kMaxZstdPageBytes. Larger pages are kept
-// raw.
+// Limits of a zstd page's raw bytes, so that a small hostile file cannot make a reader allocate much memory:
+// kPageTargetBytes, or more if the file has at least one stored byte per kMaxZstdRatio raw bytes, up to
+// kMaxZstdPageBytes. Larger pages are kept raw.
 inline constexpr uint64_t kMaxZstdRatio = 16;
 inline constexpr uint64_t kMaxZstdPageBytes = 1u << 30;
 // Pixels. The product of two sides and a pixel's bytes fits 64 bits.
@@ -90,9 +91,9 @@ enum class PageCodec : uint32_t {
   kSplit = 2,  // zstd of clusters split into streams (spec/codecs.md, split pages)
 };
 
-/// A range of the file that is read, checked, compressed and kept resident as one. Geometry pages hold chunks and are
-/// at most kPageTargetBytes, but a chunk larger than that has a page of its own. An image page holds one image file, a
-/// mask page the levels of one mask.
+/// A range of the file that is read, checked, compressed and kept resident as a whole. Geometry pages hold chunks and
+/// have at most kPageTargetBytes; a larger chunk has a page of its own. An image page holds one image file, a mask page
+/// the levels of one mask.
 struct PageRecord {
   uint64_t offset;        // kPageAlignment
   uint64_t stored_bytes;  // in the file
@@ -149,7 +150,7 @@ struct ChunkRecord {
   uint64_t first_triangle;  // in the mesh; the sum of the triangle counts of the chunks before
   uint32_t page;
   uint32_t mesh;
-  uint32_t triangle_count;  // at least 1; at most kMaxChunkTriangles where index_bits is 0 (such indices take no bytes)
+  uint32_t triangle_count;  // at least 1; at most kMaxChunkTriangles if index_bits is 0 (such indices take no bytes)
   uint32_t vertex_count;    // at least 1, at most 3 * triangle_count
   uint32_t index_min;
   uint32_t position_min[3];  // lattice offset of code 0, relative to MeshRecord::lattice_min
@@ -228,7 +229,7 @@ static_assert(sizeof(NodeInstanceRecord) == 40);
 enum MaterialFlags : uint32_t {
   kMaterialDoubleSided = 1,
   kMaterialUnlit = 2,
-  kMaterialAlphaMask = 4,   // kept for export; a MaskRecord says what is drawn
+  kMaterialAlphaMask = 4,   // kept for export; a MaskRecord decides what is drawn
   kMaterialAlphaBlend = 8,  // blends; a MaskRecord has the alpha of its texture
 };
 inline constexpr uint32_t kMaterialCutOut = kMaterialAlphaMask | kMaterialAlphaBlend;  // may have a MaskRecord
@@ -247,8 +248,8 @@ struct MaterialRecord {
 static_assert(sizeof(MaterialRecord) == 56);
 
 /// The uses of a surface's textures, in the order of SurfaceRecord::textures. Emission and the specular colour are
-/// sRGB-coded. The others hold numbers: roughness in green and metalness in blue, the normal map's x, y and z in red,
-/// green and blue, occlusion in red, specular in alpha.
+/// sRGB-coded. The other textures hold numbers: roughness in green and metalness in blue, the normal map's x, y and z
+/// in red, green and blue, occlusion in red, specular in alpha.
 enum class SurfaceUse : uint32_t { kMetallicRoughness, kNormalMap, kOcclusion, kEmission, kSpecular, kSpecularColor };
 inline constexpr uint32_t kSurfaceUses = 6;
 
@@ -274,7 +275,7 @@ struct SurfaceRecord {
   float normal_scale;
   float occlusion_strength;  // 0 to 1
   float emission[3];         // linear, KHR_materials_emissive_strength multiplied in
-  float ior;                 // KHR_materials_ior: 1 or more, or 0: reflects all
+  float ior;                 // KHR_materials_ior: 1 or more; 0 reflects all light
   float specular;            // KHR_materials_specular, 0 to 1
   float specular_color[3];
   uint32_t second_uv;  // bits by SurfaceUse: the textures that use the mesh's second texture coordinates
@@ -292,9 +293,9 @@ struct LightRecord {
   uint32_t reserved;
   float color[3];    // linear
   float intensity;   // candela; directional: lux
-  float range;       // units, or 0: no end
-  float inner_cone;  // spot: radians from the axis, where it begins to fall off
-  float outer_cone;  // spot: where it ends, above inner_cone, at most pi / 2
+  float range;       // in units; 0: unlimited
+  float inner_cone;  // spot: radians from the axis, where the light begins to fall off
+  float outer_cone;  // spot: radians at which the light ends, above inner_cone, at most pi / 2
   uint32_t reserved2;
 };
 static_assert(sizeof(LightRecord) == 48);
@@ -354,7 +355,7 @@ static_assert(sizeof(MipLevelRecord) == 24);
 
 enum MaskFlags : uint32_t { kMaskNearest = 1, kMaskOfColors = 2 };
 
-/// How the triangles of a masked material are drawn that have texture coordinates, or with kMaskOfColors vertex colours
+/// How a masked material cuts triangles that have texture coordinates, or vertex colours if kMaskOfColors is set
 /// (spec/rasterization.md, alpha masks).
 /// Level l of the alpha is max(1, width >> l) by max(1, height >> l) bytes. The levels fill the page one after the
 /// other.
@@ -368,7 +369,7 @@ struct MaskRecord {
   Wrap wrap_s;
   Wrap wrap_t;
   uint32_t flags;      // MaskFlags
-  double place[2][3];  // takes texture coordinates (u, v, 1) to the mask: KHR_texture_transform
+  double place[2][3];  // maps texture coordinates (u, v, 1) to the mask: KHR_texture_transform
 };
 static_assert(sizeof(MaskRecord) == 80);
 
@@ -423,7 +424,7 @@ struct LeftOutRecord {
 };
 static_assert(sizeof(LeftOutRecord) == 24);
 
-// kLeftOutCosts has a u64 per LeftOutRecord: the bytes it would have taken in the file, approximately; 0 where unknown.
-// Files may lack the table.
+// kLeftOutCosts has a u64 per LeftOutRecord: about the bytes that the data would have taken in the file; 0 where
+// unknown. A file need not have the table.
 
 }  // namespace scree::format

@@ -1,4 +1,4 @@
-// Converting.
+// scree_convert().
 #include "tools/convert/convert.h"
 
 #include <atomic>
@@ -22,7 +22,7 @@ scree_status translate(const scree_convert_options& in, convert::ConvertOptions&
                 "scree_convert_options::textures is " + std::to_string(in.textures) + ", at most 2");
   if (in.jpeg_quality < 0 || in.jpeg_quality > 100)
     return fail(SCREE_ERROR_ARGUMENT, "scree_convert_options::jpeg_quality is " + std::to_string(in.jpeg_quality) +
-                                          ", expected 1 to 100, or 0: 90");
+                                          ", expected 1 to 100, or 0 for 90");
   out.existing = has(SCREE_CONVERT_REPLACE) ? format::Existing::kReplace : format::Existing::kRefuse;
   out.float32 = has(SCREE_CONVERT_FLOAT32);
   if (in.position_bits != 0) out.position_bits = in.position_bits;

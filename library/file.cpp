@@ -1,4 +1,4 @@
-// Files, and what their records say.
+// Opens files and returns the contents of their records.
 #include <algorithm>
 #include <string>
 #include <utility>
@@ -26,7 +26,8 @@ scree_status check_index(uint64_t index, uint64_t count, const char* what) {
               std::string("no ") + what + " " + std::to_string(index) + ", there are " + std::to_string(count));
 }
 
-/// The functions that fill in an Info of the record of some index: fill(container, index).
+/// The functions that fill in an Info for a record by index. `count`: count(container), the number of records. `fill`:
+/// fill(container, info).
 template <class Info, class Count, class Fill>
 scree_status get(scree_file* file, uint64_t index, Info* info, const char* type, const char* what, const Count& count,
                  const Fill& fill) {

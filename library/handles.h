@@ -1,4 +1,4 @@
-// Handles: numbers in the form of pointers, never used twice, and what they stand for.
+// Handles: numbers in the form of pointers, never used twice, and their objects.
 #pragma once
 
 #include <cstdint>
@@ -49,14 +49,14 @@ class Handles {
     return reinterpret_cast<Handle*>(number);
   }
 
-  /// Null where it was ended or is none.
+  /// Null if the handle was ended or is none.
   std::shared_ptr<Object> find(const Handle* handle) const {
     const std::shared_lock<std::shared_mutex> lock(mutex_);
     const auto found = objects_.find(reinterpret_cast<uint64_t>(handle));
     return found == objects_.end() ? nullptr : found->second;
   }
 
-  /// What it stood for, so that it ends without the lock.
+  /// Removes a handle. Returns its object, so that the object is destroyed without the lock.
   std::shared_ptr<Object> remove(const Handle* handle) {
     const std::unique_lock<std::shared_mutex> lock(mutex_);
     const auto found = objects_.find(reinterpret_cast<uint64_t>(handle));
@@ -79,24 +79,25 @@ using Scenes = Handles<scree_scene, LoadedFile, 2>;
 using Views = Handles<scree_view, DrawnView, 3>;
 using Memories = Handles<scree_memory, HeldMemory, 4>;
 
-/// Calls body(object) with what `handle` stands for; nothing is thrown past it. `name`: "scree_view" and the like.
+/// Calls body(object) with the object of `handle`. Turns exceptions into a status. `name`: the handle's type, such as
+/// "scree_view".
 template <class Kind, class Handle, class Body>
 scree_status with(const Handle* handle, const char* name, const Body& body) noexcept {
   return guarded([&] {
     if (handle == nullptr) return fail(SCREE_ERROR_ARGUMENT, std::string("the ") + name + " is null");
     const auto object = Kind::all().find(handle);
     if (object == nullptr)
-      return fail(SCREE_ERROR_HANDLE, std::string("the handle is of no ") + name + ", or of one that was ended");
+      return fail(SCREE_ERROR_HANDLE, std::string("the handle is not a ") + name + ", or was ended");
     return body(*object);
   });
 }
 
-/// Ends a handle; null is nothing to do.
+/// Ends a handle. Does nothing for null.
 template <class Kind, class Handle>
 scree_status end(const Handle* handle, const char* name) noexcept {
   return guarded([&] {
     if (handle == nullptr || Kind::all().remove(handle) != nullptr) return SCREE_OK;
-    return fail(SCREE_ERROR_HANDLE, std::string("the handle is of no ") + name + ", or of one that was ended");
+    return fail(SCREE_ERROR_HANDLE, std::string("the handle is not a ") + name + ", or was ended");
   });
 }
 

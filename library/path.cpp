@@ -1,4 +1,4 @@
-// Films: the cameras of a path.
+// scree_cameras_of_path().
 #include <algorithm>
 #include <cstring>
 #include <optional>
@@ -21,11 +21,11 @@ scree_camera camera_of(const tools::PathKey& key) {
   return camera;
 }
 
-/// Writes the cameras one after the other, cameras->size bytes each. None is written where one has no up.
+/// Writes the cameras one after the other, cameras->size bytes each. Writes none if a camera's up is zero.
 scree_status give_cameras(const std::string& file, const tools::CameraPath& path, uint64_t first, uint64_t count,
                           scree_camera* cameras) {
   for (uint64_t i = 0; i < count; ++i)
-    if (path.at(first + i).up == runtime::Vec3{})  // which a scree_camera takes as y
+    if (path.at(first + i).up == runtime::Vec3{})  // in a scree_camera, 0 means y
       return fail(SCREE_ERROR_DATA, file + ": frame " + std::to_string(first + i) + ": up has no direction");
   const size_t size = cameras->size;
   auto* next = reinterpret_cast<std::byte*>(cameras);

@@ -1,4 +1,4 @@
-// Loading scenes.
+// Loads scenes.
 #include <algorithm>
 #include <string>
 #include <thread>
@@ -15,7 +15,7 @@ static_assert(SCREE_LIGHT_AUTO == static_cast<int>(kernels::Lighting::kAuto) &&
               SCREE_LIGHT_ENVIRONMENT == static_cast<int>(kernels::Lighting::kEnvironment) &&
               SCREE_LIGHT_SCENE == static_cast<int>(kernels::Lighting::kScene));
 
-/// `options` as the engine takes them, but for the progress.
+/// Translates `options` for the engine, except for the progress.
 scree_status translate(const scree_load_options& options, runtime::LoadOptions& out) {
   constexpr uint32_t kMostThreads = 4096;
   if (options.threads > kMostThreads)
@@ -76,8 +76,8 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   out.pictures.samples_per_side = std::max(options.max_samples, 1u);
   const uint64_t side = uint64_t{std::max(options.max_width, options.max_height)} * out.pictures.samples_per_side;
   if (side > kernels::kMaxImageSide)
-    return fail(SCREE_ERROR_ARGUMENT, "the largest frames have " + std::to_string(side) + " samples a side, at most " +
-                                          std::to_string(kernels::kMaxImageSide));
+    return fail(SCREE_ERROR_ARGUMENT, "the largest frames have " + std::to_string(side) +
+                                          " samples per side, at most " + std::to_string(kernels::kMaxImageSide));
   return SCREE_OK;
 }
 

@@ -1,4 +1,4 @@
-// How the library's functions end: a status, and one line of text for the calling thread.
+// The results of the library's functions: a status, and one line of text for the calling thread.
 #pragma once
 
 #include <exception>
@@ -14,13 +14,13 @@ namespace scree::library {
 /// Keeps `text` for scree_error() and returns `status`. Never throws; a long text is cut.
 scree_status fail(scree_status status, std::string_view text) noexcept;
 
-/// Whether a path is given. `name`: of the function and its argument.
+/// Checks that a path is not null and not empty. `name`: the function and its argument, for the message.
 inline scree_status check_path(const char* path, const char* name) {
   if (path != nullptr && *path != 0) return SCREE_OK;
   return fail(SCREE_ERROR_ARGUMENT, std::string(name) + (path == nullptr ? " is null" : " is empty"));
 }
 
-/// What was asked about when an Error came: a number out of range is the caller's, or the file's.
+/// The cause of an Error: the file's data or the caller's arguments. It decides the status of a number out of range.
 enum class Subject { kData, kArguments };
 
 scree_status status_of(ErrorCode code, Subject subject);
@@ -29,7 +29,7 @@ inline scree_status fail(const Error& error, Subject subject) {
   return fail(status_of(error.code, subject), error.message);
 }
 
-/// The body of a function of the library: nothing is thrown past it.
+/// Runs the body of a function of the library. Turns exceptions into a status.
 template <class Body>
 scree_status guarded(const Body& body) noexcept {
   try {

@@ -1,4 +1,4 @@
-// Structures that cross the border: each begins with its caller's idea of its size.
+// Structures of the C API. Each begins with its size as the caller was compiled.
 #pragma once
 
 #include <algorithm>
@@ -10,9 +10,9 @@
 
 namespace scree::library {
 
-constexpr size_t kMostStructBytes = 4096;  // of any version; more was never set, and nothing of it may be read
+constexpr size_t kMostStructBytes = 4096;  // of any version; a larger size is an uninitialised field
 
-/// Whether a T of some version of scree may have this size. `name`: of the type.
+/// Checks that a T of some version of scree may have this size. `name`: the type, for the message.
 template <class T>
 scree_status check_size(size_t size, const char* name) {
   static_assert(sizeof(T) >= 2 * sizeof(size_t) && sizeof(T) <= kMostStructBytes && alignof(T) == alignof(size_t));
@@ -21,7 +21,7 @@ scree_status check_size(size_t size, const char* name) {
                                         name + "), " + std::to_string(sizeof(T)));
 }
 
-/// What `in` has of a T; fields that its caller does not know are 0. Null is all zeros. `name`: of the type.
+/// Copies `in` to `out`. Fields that the caller's version lacks are 0. If `in` is null, all fields are 0.
 template <class T>
 scree_status take(const T* in, T& out, const char* name) {
   std::memset(&out, 0, sizeof out);
@@ -33,20 +33,20 @@ scree_status take(const T* in, T& out, const char* name) {
     const bool is_known =
         std::all_of(bytes + sizeof(T), bytes + in->size, [](std::byte byte) { return byte == std::byte{0}; });
     if (!is_known)
-      return fail(SCREE_ERROR_ARGUMENT, std::string(name) + " has fields that this version of scree does not know");
+      return fail(SCREE_ERROR_ARGUMENT, std::string(name) + " has fields set that this version of scree lacks");
   }
   std::memcpy(&out, in, std::min(in->size, sizeof(T)));
   return SCREE_OK;
 }
 
-/// Whether `out` can be given a T.
+/// Checks that `out` can receive a T.
 template <class T>
 scree_status check_output(const T* out, const char* name) {
   if (out == nullptr) return fail(SCREE_ERROR_ARGUMENT, std::string("the ") + name + " to fill in is null");
   return check_size<T>(out->size, name);
 }
 
-/// Fills in what `out` has room for; its size stays.
+/// Copies `value` to `out`, up to the size of `out`, which stays.
 template <class T>
 void give(T* out, T value) {
   value.size = out->size;

@@ -1,4 +1,4 @@
-// Views: cameras, frames and what is read of them.
+// Views: cameras, frames and their layers.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -25,7 +25,7 @@ runtime::Vec3 vector_of(const double (&v)[3]) {
   return {v[0], v[1], v[2]};
 }
 
-/// The camera as the engine takes it, without its clipping box.
+/// Translates the camera for the engine, without its clipping box.
 scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width,
                              uint32_t height, View& out) {
   runtime::CameraOptions options;
@@ -80,7 +80,7 @@ scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_came
   return SCREE_OK;
 }
 
-/// The camera as the engine takes it, `width` x `height` pixels.
+/// Translates the camera for the engine, for a picture of `width` x `height` pixels.
 scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width, uint32_t height,
                        View& out) {
   if (const scree_status made = make_whole_view(scene, camera, width, height, out); made != SCREE_OK) return made;
@@ -88,14 +88,15 @@ scree_status make_view(const runtime::LoadedScene& scene, const scree_camera& ca
   bool is_box = are_finite({camera.clip_min, camera.clip_max});
   for (size_t i = 0; i < 3; ++i) is_box = is_box && camera.clip_min[i] <= camera.clip_max[i];
   if (!is_box)
-    return fail(SCREE_ERROR_ARGUMENT, "scree_camera: clip_min and clip_max are not the smaller and the larger corner");
+    return fail(SCREE_ERROR_ARGUMENT,
+                "scree_camera: clip_min and clip_max are not the smallest and the largest corner");
   out.clips = true;
   std::copy_n(camera.clip_min, 3, out.clip_min);
   std::copy_n(camera.clip_max, 3, out.clip_max);
   return SCREE_OK;
 }
 
-/// The light of a picture, and what it shines through.
+/// Checks and translates the light of a picture and its blended layers.
 scree_status take_light(const runtime::LoadedScene& scene, const scree_draw_options& options,
                         kernels::ShadeOptions& shade) {
   if (options.light > SCREE_LIGHT_SCENE)
@@ -104,7 +105,7 @@ scree_status take_light(const runtime::LoadedScene& scene, const scree_draw_opti
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options: light and SCREE_NO_LIGHT exclude each other");
   if (options.light == SCREE_LIGHT_ENVIRONMENT && scene.scene().view().environment == nullptr)
     return fail(SCREE_ERROR_ARGUMENT,
-                "scree_draw_options::light: the scene was loaded without surroundings (scree_load_options::light)");
+                "scree_draw_options::light: the scene was loaded without an environment (scree_load_options::light)");
   if (options.light == SCREE_LIGHT_SCENE && scene.scene().view().light_count == 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::light: the scene has no lights");
   if (!(std::abs(options.exposure) <= 20))
@@ -142,7 +143,7 @@ scree_status take_shade(const runtime::LoadedScene& scene, const scree_draw_opti
   return take_light(scene, options, shade);
 }
 
-/// The size, the samples and the shading of a frame.
+/// Checks and translates the size, the samples and the shading of a frame.
 scree_status take_frame(const runtime::LoadedScene& scene, const scree_draw_options* options, scree_draw_options& taken,
                         kernels::ShadeOptions& shade) {
   if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
@@ -154,29 +155,29 @@ scree_status take_frame(const runtime::LoadedScene& scene, const scree_draw_opti
                 "scree_draw_options::samples is " + std::to_string(taken.samples) + ", expected 1, 2 or 4");
   const uint64_t side = uint64_t{std::max(taken.width, taken.height)} * taken.samples;
   if (side > kernels::kMaxImageSide)
-    return fail(SCREE_ERROR_ARGUMENT, "the frame has " + std::to_string(side) + " samples a side, at most " +
+    return fail(SCREE_ERROR_ARGUMENT, "the frame has " + std::to_string(side) + " samples per side, at most " +
                                           std::to_string(kernels::kMaxImageSide));
   return take_shade(scene, taken, shade);
 }
 
-/// For the instance layer.
+/// The instance layer has 32-bit ids.
 bool has_too_many_instances(const runtime::LoadedScene& scene) {
   return scene.scene().view().instance_count > uint64_t{1} << 31;
 }
 
 scree_status fail_of_instances() {
-  return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids tell apart");
+  return fail(SCREE_ERROR_DATA, "the scene has more instances than 32-bit ids can number");
 }
 
-/// What a batch draws.
+/// The translated arguments of a batch.
 struct Batch {
   std::vector<View> views;
-  uint32_t samples;  // a pixel's side
+  uint32_t samples;  // per side of a pixel
   uint64_t pixels;   // of one picture
   kernels::ShadeOptions shade;
 };
 
-/// Calls body(renderer, batch) with what the arguments of a batch say.
+/// Checks and translates the arguments of a batch, and calls body(renderer, batch).
 template <class Body>
 scree_status with_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
                         const scree_draw_options* options, const Body& body) {
@@ -205,11 +206,11 @@ scree_status with_batch(scree_view* view, const scree_camera* cameras, uint32_t 
   });
 }
 
-/// Layers by number.
+/// A layer of the API. Its number is the index in kLayers.
 struct LayerKind {
   Layer layer;
   scree_type type;
-  uint32_t channels;  // 0: no dimension of their own
+  uint32_t channels;  // 0: the array has no dimension for channels
 };
 constexpr std::array<LayerKind, runtime::kLayerCount> kLayers{{{Layer::kColor, SCREE_UINT8, 4},
                                                                {Layer::kDepth, SCREE_FLOAT32, 0},
@@ -220,7 +221,7 @@ constexpr std::array<LayerKind, runtime::kLayerCount> kLayers{{{Layer::kColor, S
                                                                {Layer::kUv, SCREE_FLOAT32, 2},
                                                                {Layer::kLinear, SCREE_FLOAT32, 4}}};
 
-/// Calls body(renderer, kind) with the view's frame, for functions that read a layer.
+/// Calls body(renderer, kind) if the view has a frame, for functions that read a layer.
 template <class Body>
 scree_status with_layer(scree_view* view, scree_layer layer, const Body& body) {
   return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
@@ -330,9 +331,9 @@ scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, 
       if (static_cast<uint32_t>(target.layer) >= taken.size() || target.layer == SCREE_SAMPLES)
         return fail(SCREE_ERROR_ARGUMENT, name + ": a batch has no layer " + std::to_string(target.layer));
       std::byte*& place = taken[target.layer];
-      if (place != nullptr) return fail(SCREE_ERROR_ARGUMENT, name + " is of the layer of another");
+      if (place != nullptr) return fail(SCREE_ERROR_ARGUMENT, name + " has the layer of another target");
       if (target.data == nullptr || reinterpret_cast<uintptr_t>(target.data) % 16 != 0)
-        return fail(SCREE_ERROR_ARGUMENT, name + ": data is null, or begins at no multiple of 16 bytes");
+        return fail(SCREE_ERROR_ARGUMENT, name + ": data is null, or does not begin at a multiple of 16 bytes");
       if (target.layer == SCREE_INSTANCE && has_too_many_instances(renderer.scene())) return fail_of_instances();
       const uint64_t bytes = scree::runtime::bytes_of(static_cast<Layer>(target.layer)) * count * batch.pixels;
       if (target.bytes != bytes)

@@ -1,4 +1,4 @@
-// DLPack's structures (its versions 0.8 and 1.0, dlpack.h), as far as they cross the border.
+// The structures of DLPack that capsules hold (versions 0.8 and 1.0, dlpack.h).
 #ifndef SCREE_PYTHON_DLPACK_H
 #define SCREE_PYTHON_DLPACK_H
 

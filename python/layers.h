@@ -1,4 +1,4 @@
-// The layers of a view as Python has them: their names, types and shapes.
+// The layers of a view in Python: names, types and shapes.
 #ifndef SCREE_PYTHON_LAYERS_H
 #define SCREE_PYTHON_LAYERS_H
 
@@ -18,7 +18,7 @@ namespace py = pybind11;
 
 struct LayerKind {
   scree_type type;
-  int64_t channels;  // 0: no dimension of their own
+  int64_t channels;  // 0: the array has no dimension for channels
 };
 
 constexpr std::array<const char*, 8> kLayers{"color",   "depth",  "triangle", "instance",
@@ -32,7 +32,7 @@ constexpr std::array<LayerKind, 8> kLayerKinds{{{SCREE_UINT8, 4},
                                                 {SCREE_FLOAT32, 2},
                                                 {SCREE_FLOAT32, 4}}};
 
-/// The number of a word; the words are listed in an error.
+/// The index of a word. Throws ValueError, with a list of the words, for another word. `what`: the argument's name.
 template <size_t kCount>
 int number_of(const std::array<const char*, kCount>& words, const std::string& word, const char* what) {
   std::string all;

@@ -1,5 +1,5 @@
-// The Python package's module: scree.hpp with numpy arrays on the CPU and DLPack on the GPU. python/scree/__init__.py
-// has what people see of it, python/scree/__init__.pyi its types.
+// The C++ module of the Python package: scree.hpp with numpy arrays on the CPU and DLPack on the GPU.
+// python/scree/__init__.py is the public interface, python/scree/__init__.pyi has its types.
 #include <pybind11/functional.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -27,14 +27,14 @@ using namespace py::literals;
 
 namespace {
 
-/// Calls what may wait for a view or a GPU that another thread uses, which may want the GIL meanwhile.
+/// Calls `call` without the GIL. It may wait for a view or a GPU in use by another thread, which may need the GIL.
 template <class Call>
 auto without_gil(const Call& call) {
   const py::gil_scoped_release release;
   return call();
 }
 
-/// Ends likewise, on whichever thread has the last reference.
+/// Deletes an object without the GIL, on the thread that has the last reference.
 template <class T>
 void end(T* object) {
   std::optional<py::gil_scoped_release> release;
@@ -61,7 +61,7 @@ std::vector<py::ssize_t> shape_of(const scree_array& array) {
   return {array.shape, array.shape + array.dimensions};
 }
 
-/// What a layer of a view has, without making it: the frame's sizes say it.
+/// The type and shape of a layer, computed from the frame's size without making the layer.
 scree_array describe(const scree::View& view, scree_layer layer) {
   const scree_frame_stats stats = without_gil([&] { return view.stats(); });
   const uint32_t side = layer == SCREE_SAMPLES ? stats.samples : 1;
@@ -87,7 +87,7 @@ py::array read(const scree::View& view, scree_layer layer) {
   return out;
 }
 
-/// A layer where it was made: what DLPack's consumers take without a copy.
+/// A layer in the memory where it was made, for consumers of DLPack. No copy is made.
 struct SharedLayer {
   std::shared_ptr<scree::View> view;
   scree_layer layer;
@@ -97,13 +97,13 @@ struct SharedLayer {
     return gpu < 0 ? std::pair<int, int>{kDlCpu, 0} : std::pair<int, int>{kDlCuda, gpu};
   }
 
-  /// `stream`: as the array API has it: none and 1 are the default stream, 2 each thread's own, -1 no stream at all,
-  /// and others a cudaStream_t.
+  /// `stream`: numbered as in the array API: None and 1 are the default stream, 2 the calling thread's own, -1 no
+  /// stream, other numbers are a cudaStream_t.
   py::capsule dlpack(const py::object& stream, const py::object& version, const py::object& wanted,
                      const py::object& copy) const {
-    (void)version;  // of the newest capsules that the consumer takes; it takes these as well
+    (void)version;  // newest version that the consumer supports; unversioned capsules work for all
     if (!copy.is_none() && copy.cast<bool>())
-      throw py::buffer_error("a shared layer is no copy: View.read() makes one");
+      throw py::buffer_error("a shared layer cannot be a copy: use View.read()");
     if (!wanted.is_none() && wanted.cast<std::pair<int, int>>() != device())
       throw py::buffer_error("the layer lies on another device than dl_device");
     scree_array array;
@@ -149,7 +149,7 @@ struct SharedLayer {
   }
 };
 
-/// A camera as Python has it; its name stays with it.
+/// A camera and the memory of its name.
 struct Camera {
   scree_camera camera = scree::make<scree_camera>();
   std::string name;
@@ -221,7 +221,7 @@ py::dict path_info(const std::string& file, double fps) {
 class Cameras {
  public:
   explicit Cameras(const std::vector<py::object>& given) {
-    if (given.empty()) throw py::value_error("a batch has one camera at least");
+    if (given.empty()) throw py::value_error("a batch needs at least one camera");
     for (const py::object& camera : given) named_.push_back(camera_of(camera));
     for (Camera& camera : named_) cameras_.push_back(camera.get());
   }
@@ -232,7 +232,7 @@ class Cameras {
   uint32_t count() const { return static_cast<uint32_t>(cameras_.size()); }
 
  private:
-  std::vector<Camera> named_;  // whose names `cameras_` points to
+  std::vector<Camera> named_;  // own the names that `cameras_` points to
   std::vector<scree_camera> cameras_;
 };
 
@@ -243,7 +243,7 @@ constexpr std::array<const char*, 4> kReadings{"auto", "mapped", "buffered", "di
 constexpr std::array<const char*, 3> kBackends{"auto", "cpu", "cuda"};
 constexpr std::array<const char*, 3> kTextures{"keep", "raw", "jpeg"};
 
-/// An option of shading, by the name that it has in Python.
+/// An option of shading and its name in Python.
 struct Shading {
   const char* name;
   void (*set)(scree_draw_options&, const py::handle&);
@@ -284,13 +284,14 @@ constexpr std::array<Shading, 9> kShading{{
      }},
 }};
 
-/// `shading`: all options but sizes, by name. Throws TypeError: another name, a value of another type.
+/// `shading`: all options except sizes, by name. Throws TypeError for an unknown name or a value of another type,
+/// ValueError for a size of 0.
 scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t samples, const py::dict& shading) {
   auto options = scree::make<scree_draw_options>();
   options.width = width;
   options.height = height;
   options.samples = samples;
-  if (width == 0 || height == 0 || samples == 0) throw py::value_error("width, height and samples are 1 at least");
+  if (width == 0 || height == 0 || samples == 0) throw py::value_error("width, height and samples must be at least 1");
   for (const auto& [key, value] : shading) {
     const auto name = key.cast<std::string>();
     const auto* const found =
@@ -309,7 +310,7 @@ scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t sample
   return options;
 }
 
-/// A Python function as a scree_progress; what it raises is raised by the call.
+/// A Python function as a scree_progress. The call raises its exception again.
 struct Progress {
   py::object function;
   std::exception_ptr raised;
@@ -330,7 +331,7 @@ struct Progress {
   }
 };
 
-/// What loading and converting tell.
+/// Progress and warnings of loading and converting.
 struct Heard {
   Progress progress;
   std::vector<std::string> warnings;
@@ -352,7 +353,7 @@ py::dict stats_of(const scree::Scene& scene) {
                   "light"_a = kLights[stats.light]);
 }
 
-/// The columns of all instances.
+/// All instances as columns.
 py::dict instances_of(const scree::Scene& scene) {
   const auto count = static_cast<py::ssize_t>(scene.stats().instances);
   py::array_t<int32_t> mesh(count), node(count), material(count);
@@ -533,8 +534,9 @@ PyObject* error_class = nullptr;  // lives as long as the interpreter
 }  // namespace
 
 PYBIND11_MODULE(_scree, module) {
-  error_class = PyErr_NewExceptionWithDoc(
-      "scree.Error", "What a call failed with, in one line; `status` names its kind.", PyExc_RuntimeError, nullptr);
+  error_class = PyErr_NewExceptionWithDoc("scree.Error",
+                                          "The reason why a call failed, in one line. `status`: the name of its kind.",
+                                          PyExc_RuntimeError, nullptr);
   module.add_object("Error", py::reinterpret_borrow<py::object>(error_class));
   py::register_exception_translator([](std::exception_ptr thrown) {
     try {
@@ -548,9 +550,7 @@ PYBIND11_MODULE(_scree, module) {
   });
   module.attr("__version__") = scree_version();
 
-  py::class_<Camera>(
-      module, "Camera",
-      "Where a picture is taken from, made by look_at(), around(), matrices(), clipped() or cameras_of_path().");
+  py::class_<Camera>(module, "Camera", "A camera of look_at(), around(), matrices(), clipped() or cameras_of_path().");
   module.def("look_at", &look_at, "eye"_a, "target"_a = py::none(), "up"_a = scree::Vec3{0, 1, 0}, "fov"_a = 45.0);
   module.def("around", &around, "turn"_a, "rise"_a, "up"_a, "fov"_a);
   module.def("matrices", &matrices, "view"_a, "projection"_a, "z_near"_a = 0.0);
@@ -563,16 +563,18 @@ PYBIND11_MODULE(_scree, module) {
                           "channels, of the types and units of View.read(), on the device that drew it.")
       .def("__dlpack__", &SharedLayer::dlpack, py::kw_only(), "stream"_a = py::none(), "max_version"_a = py::none(),
            "dl_device"_a = py::none(), "copy"_a = py::none(),
-           "DLPack's capsule of the layer. `stream`: the CUDA stream that waits until the layer is there, as the array "
-           "API counts them. Raises BufferError for a copy or another device.")
-      .def("__dlpack_device__", &SharedLayer::device, "DLPack's kind of device, 1 the host or 2 a GPU, and its number.")
+           "The layer as a DLPack capsule. `stream`: the CUDA stream that waits until the layer is ready, numbered as "
+           "in "
+           "the array API. Raises BufferError for a copy or another device.")
+      .def("__dlpack_device__", &SharedLayer::device,
+           "The DLPack device type (1: the host, 2: a GPU) and the device's index.")
       .def_property_readonly(
           "shape",
           [](const SharedLayer& layer) { return py::tuple(py::cast(shape_of(describe(*layer.view, layer.layer)))); },
-          "Of the array: cameras where it is a batch, height, width, and channels where a pixel has several.")
+          "The array's shape: cameras (for a batch), height, width, channels (if a pixel has several).")
       .def_property_readonly(
           "dtype", [](const SharedLayer& layer) { return numpy_type(describe(*layer.view, layer.layer).type); },
-          "numpy's type of its elements.");
+          "The numpy dtype of the elements.");
 
   py::class_<scree::View, std::shared_ptr<scree::View>>(module, "View")
       .def(
@@ -623,7 +625,7 @@ PYBIND11_MODULE(_scree, module) {
       .def(
           "share",
           [](const std::shared_ptr<scree::View>& view, const std::string& layer, int gpu) {
-            (void)without_gil([&] { return view->stats(); });  // or there is no frame
+            (void)without_gil([&] { return view->stats(); });  // throws if there is no frame
             return SharedLayer{view, layer_of(layer), gpu};
           },
           "layer"_a, "gpu"_a)

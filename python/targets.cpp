@@ -19,17 +19,17 @@ namespace {
 using namespace py::literals;
 
 constexpr int kHost = -1;
-constexpr int kSomeGpu = -2;  // the protocol does not name it; the library compares it with its own
+constexpr int kSomeGpu = -2;  // the protocol has no index; the library checks the device
 
-/// An array, whatever protocol describes it.
+/// An array of any protocol.
 struct Given {
   void* data = nullptr;
-  std::string type;  // as numpy names it
+  std::string type;  // numpy's name
   std::vector<int64_t> shape;
   std::vector<int64_t> strides;  // in elements; empty: no gaps
   bool read_only = false;
   int device = kHost;               // or a GPU's index, or kSomeGpu
-  std::optional<uintptr_t> stream;  // that the array's own work is queued on
+  std::optional<uintptr_t> stream;  // the stream of the work that fills the array
   py::object owner;
 };
 
@@ -50,7 +50,8 @@ std::string words(const std::vector<int64_t>& shape) {
   return py::str(py::tuple(py::cast(shape)));
 }
 
-/// Strides in elements from bytes; those that no number of elements makes become 0, which is a gap.
+/// Strides in elements from strides in bytes. A stride that is no multiple of an element becomes 0, which counts as a
+/// gap.
 std::vector<int64_t> in_elements(const std::vector<int64_t>& bytes, int64_t item) {
   std::vector<int64_t> out;
   for (const int64_t stride : bytes) out.push_back(item > 0 && stride % item == 0 ? stride / item : 0);
@@ -94,7 +95,7 @@ std::string type_name(const DlDataType& type) {
          (type.lanes == 1 ? "" : "x" + std::to_string(type.lanes));
 }
 
-/// The capsule stays its producer's: it is not renamed, and releases the tensor when it is dropped.
+/// The capsule is not renamed, so it still owns the tensor and releases it when it is destroyed.
 Given of_dlpack(const py::object& object, const py::object& method, int device, const py::object& stream) {
   py::dict arguments;
   if (device != kHost) arguments["stream"] = stream;
@@ -103,20 +104,21 @@ Given of_dlpack(const py::object& object, const py::object& method, int device, 
     capsule = method(**arguments, "max_version"_a = py::make_tuple(1, 0));
   } catch (py::error_already_set& error) {
     if (!error.matches(PyExc_TypeError)) throw;
-    capsule = method(**arguments);  // from before DLPack 1.0
+    capsule = method(**arguments);  // producer older than DLPack 1.0
   }
   Given given;
   const DlTensor* tensor = nullptr;
   if (PyCapsule_IsValid(capsule.ptr(), "dltensor_versioned") != 0) {
     const auto* const managed =
         static_cast<const DlVersionedTensor*>(PyCapsule_GetPointer(capsule.ptr(), "dltensor_versioned"));
-    if (managed->major != 1) throw py::buffer_error("DLPack " + std::to_string(managed->major) + " is not known");
+    if (managed->major != 1)
+      throw py::buffer_error("DLPack version " + std::to_string(managed->major) + " is not supported");
     given.read_only = (managed->flags & kDlReadOnly) != 0;
     tensor = &managed->tensor;
   } else if (PyCapsule_IsValid(capsule.ptr(), "dltensor") != 0) {
     tensor = &static_cast<const DlManagedTensor*>(PyCapsule_GetPointer(capsule.ptr(), "dltensor"))->tensor;
   } else {
-    throw py::type_error("__dlpack__() gave no capsule of DLPack");
+    throw py::type_error("__dlpack__() returned no DLPack capsule");
   }
   given.data = static_cast<std::byte*>(tensor->data) + tensor->byte_offset;
   given.type = type_name(tensor->type);
@@ -127,7 +129,7 @@ Given of_dlpack(const py::object& object, const py::object& method, int device, 
   return given;
 }
 
-/// `stream`: what the producers of DLPack order their work before.
+/// `stream`: passed to producers of DLPack, which finish their work before later work on it.
 Given describe(const std::string& place, const py::object& object, const py::object& stream) {
   if (py::isinstance<py::array>(object)) return of_numpy(py::reinterpret_borrow<py::array>(object));
   if (const std::optional<py::object> interface = attribute(object, "__cuda_array_interface__"))
@@ -163,13 +165,13 @@ void check_memory(const std::string& place, const Given& given, int gpu) {
   if (has_gaps(given)) throw py::value_error(place + ": not contiguous: rows follow each other without gaps (C order)");
   if (given.read_only) throw py::value_error(place + ": read-only");
   if (reinterpret_cast<uintptr_t>(given.data) % 16 != 0)
-    throw py::value_error(place + ": its memory begins at no multiple of 16 bytes");
+    throw py::value_error(place + ": its memory does not begin at a multiple of 16 bytes");
   if (given.device != gpu && (given.device != kSomeGpu || gpu < 0))
     throw py::value_error(place + ": it lies in " + memory_name(given.device) + ", but " +
                           (gpu < 0 ? "the CPU draws" : "GPU " + std::to_string(gpu) + " draws"));
 }
 
-/// `stream` as the array API has it: 1 is the default stream, 2 each thread's own.
+/// Checks `stream`: None, or a number as in the array API (1: the default stream, 2: the calling thread's own).
 py::object checked_stream(const py::object& stream) {
   if (stream.is_none()) return stream;
   if (!PyLong_Check(stream.ptr()))
@@ -184,9 +186,9 @@ py::object checked_stream(const py::object& stream) {
 
 Targets take_targets(const py::dict& arrays, size_t cameras, int gpu, const py::object& stream) {
   Targets out{};
-  if (arrays.empty()) throw py::value_error("targets: a batch has one layer at least");
+  if (arrays.empty()) throw py::value_error("targets: a batch needs at least one layer");
   const py::object number = checked_stream(stream);
-  // DLPack has no 0 here: on CUDA it does not say which of the default streams is meant.
+  // DLPack forbids 0 on CUDA, because it does not tell the two default streams apart.
   const py::object ordered = number.is_none() || number.equal(py::int_(0)) ? py::int_(1) : number;
   std::optional<uintptr_t> named;
   std::string first;
@@ -205,7 +207,7 @@ Targets take_targets(const py::dict& arrays, size_t cameras, int gpu, const py::
       throw py::value_error(place + ": shape " + words(shape) + ", expected (" + std::to_string(cameras) +
                             ", height, width" + (kind.channels == 0 ? "" : ", " + std::to_string(kind.channels)) +
                             ") for " + std::to_string(cameras) + " cameras");
-    // What is too much for the library is too much for 32 bits as well.
+    // The library refuses UINT32_MAX too, so clamping changes no result.
     const auto height = static_cast<uint32_t>(std::clamp<int64_t>(shape[1], 0, UINT32_MAX));
     const auto width = static_cast<uint32_t>(std::clamp<int64_t>(shape[2], 0, UINT32_MAX));
     if (width == 0 || height == 0) throw py::value_error(place + ": shape " + words(shape) + " has no pixels");
@@ -215,8 +217,8 @@ Targets take_targets(const py::dict& arrays, size_t cameras, int gpu, const py::
     check_memory(place, given, gpu);
     if (number.is_none() && given.stream) {
       if (named && *named != *given.stream)
-        throw py::value_error(place +
-                              ": its work is on another CUDA stream than that of the others: `stream` chooses one");
+        throw py::value_error(
+            place + ": its work is on another CUDA stream than the other arrays' work: choose one with `stream`");
       named = given.stream;
     }
     if (first.empty()) first = place;

@@ -45,9 +45,8 @@ SCREE_HD inline uint32_t bc7_subset(uint32_t subsets, uint32_t partition, uint32
   return subsets == 3 ? kThree[partition] >> 2 * pixel & 3 : 0;
 }
 
-/// The anchor pixels, whose index has one bit less: the first pixel of each subset in the order of the table. Subset
-/// 0's is pixel 0; the byte has those of subsets 1 and 2, in its low and its high half, and 0 where there is no such
-/// subset.
+/// The anchor pixels: the first pixel of each subset, whose index has one bit less. The anchor of subset 0 is pixel 0.
+/// The byte has the anchor of subset 1 in its low half and of subset 2 in its high half; 0 means no such subset.
 SCREE_HD inline uint32_t bc7_anchors(uint32_t subsets, uint32_t partition) {
   static constexpr uint8_t kTwo[64] = {15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15,
                                        15, 2,  8,  2,  2,  8,  8,  15, 2,  8,  2,  2,  8,  8,  2,  2,

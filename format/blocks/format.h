@@ -24,7 +24,7 @@ SCREE_HD constexpr uint32_t block_side_log(BlockFormat format) {
   return format < BlockFormat::kR8 ? 2 : 0;
 }
 
-/// Side of a block in pixels: 4 for the compressed formats, 1 where a block is a single pixel.
+/// Side of a block in pixels: 4 for the compressed formats, 1 for the others.
 SCREE_HD constexpr uint32_t block_side(BlockFormat format) {
   return 1u << block_side_log(format);
 }
@@ -63,8 +63,8 @@ constexpr uint64_t block_level_bytes(BlockFormat format, uint32_t width, uint32_
   return uint64_t{(width + side - 1) / side} * ((height + side - 1) / side) * block_bytes(format);
 }
 
-/// The most raw bytes of a page of a level that takes several. Small enough to be read and unpacked for a few pixels,
-/// and large enough that pages' alignment and records take less than 2%.
+/// Most raw bytes of a page, if a level takes several pages. Such a page is small enough to be read for a few pixels,
+/// and large enough that alignment and records take less than 2%.
 inline constexpr uint64_t kBlockPageBytes = uint64_t{1} << 18;
 
 /// How a level's rows of blocks lie in pages: as many whole rows per page as kBlockPageBytes hold.
@@ -94,7 +94,7 @@ constexpr uint32_t most_block_levels(uint32_t width, uint32_t height) {
   return static_cast<uint32_t>(std::bit_width(std::max(width, height))) - 1;
 }
 
-/// Where a channel of the picture comes from.
+/// The source of a channel of the picture.
 enum class ChannelSource : uint32_t { kRed, kGreen, kBlue, kAlpha, kZero, kOne };
 
 /// ImageRecord::swizzle: three bits per channel, red lowest.

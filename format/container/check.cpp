@@ -7,8 +7,8 @@
 namespace scree::format {
 namespace {
 
-// Bytes of all tables' records that are checked together, so that meshes and nodes are still in the second-level cache
-// when the instances that refer to them are checked. In files of convert they lie about equally far into their tables.
+// Record bytes that are checked together. Meshes and nodes are then still in the second-level cache when the instances
+// that refer to them are checked. In files that convert writes, they lie about equally far into their tables.
 constexpr uint64_t kPartBytes = 256 << 10;
 
 Result<void> check_in_parts(const TableViews& tables, TableReader& reader, uint64_t parts) {
@@ -58,7 +58,7 @@ Result<void> check_records(const TableViews& tables, TableReader& reader) {
   }
   const uint64_t parts = bytes / kPartBytes + 1;
   if (auto checked = check_in_parts(tables, reader, parts); checked || parts == 1) return checked;
-  // The error reported for a bad file is the first one when tables are checked one after the other.
+  // The reported error is the first one in the order of the tables.
   return check_in_parts(tables, reader, 1);
 }
 

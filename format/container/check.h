@@ -1,4 +1,4 @@
-// Used by Container::open: where the tables of a file lie, and the check of every field of every record.
+// Used by Container::open: the addresses of a file's tables, and the check of every field of every record.
 #pragma once
 
 #include <array>
@@ -38,11 +38,11 @@ struct TableViews {
   }
 };
 
-/// Interface for check_records to announce which records it reads next, one block of records ahead.
+/// check_records() announces here the records that it reads next, one block ahead.
 class TableReader {
  public:
-  /// At least the records up to `record` of the table are read next. Returns the record (exclusive, more than `record`)
-  /// up to which no further call is needed.
+  /// Announces that the records up to `record` are read next. Returns the record, above `record`, for which the next
+  /// call is due.
   virtual uint64_t announce(TableKind kind, uint64_t record) = 0;
 
  protected:
@@ -55,7 +55,7 @@ class TableReader {
 /// kReserved, kFormat.
 Result<void> check_records(const TableViews& tables, TableReader& reader);
 
-// Builds error messages. A template, so that the hot loops keep their values in registers until one fails.
+// Builds error messages. A template, so that hot loops need no memory for the arguments before a check fails.
 inline void append_part(std::string& text, const char* part) {
   text += part;
 }

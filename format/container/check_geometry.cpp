@@ -19,8 +19,8 @@ uint64_t known_code(uint32_t bits) {
   return bits == 0 ? 0 : uint64_t{1} << (bits - 1);
 }
 
-/// Whether the coordinates min .. min + 2^bits - 1 are exact in a double, and the two that a chunk must have (the first
-/// and known_code's) are finite floats when scaled. The largest code itself is checked by the codecs when a page is
+/// Whether the coordinates min .. min + 2^bits - 1 are exact in a double, and the first and known_code()'s are finite
+/// floats when scaled: a chunk must have these two. The largest code itself is checked by the codecs when a page is
 /// loaded: a lattice that continues past the largest float is no error, because coordinates near that float need it.
 bool lattice_is_sane(int64_t min, uint32_t bits, int32_t exponent) {
   if (exponent < kMinLatticeExponent || exponent > kMaxLatticeExponent) return false;
@@ -179,9 +179,8 @@ std::optional<Error> Checker::index_fields(uint64_t index) const {
     return fail(kRange, "chunk ", index, ": ", chunk.triangle_count, " triangles of 0 index bits, expected at most ",
                 kMaxChunkTriangles);
   }
-  // Indices that the width allows, but that pass the vertex count, are found when the page is loaded. Here only the
-  // index that must exist is checked. A width of 1 bit does not imply one: it is also used for chunks that may not have
-  // 0 bits.
+  // Loading the page finds indices at or above the vertex count. This checks only the least index that a width of 2
+  // bits or more implies. A width of 1 bit implies none, because chunks that may not have 0 bits have it too.
   const uint64_t known_index = chunk.index_min + (chunk.index_bits > 1 ? known_code(chunk.index_bits) : 0);
   if (known_index >= chunk.vertex_count) {
     return fail(kRange, "chunk ", index, ": indices from ", chunk.index_min, " of ", chunk.index_bits,

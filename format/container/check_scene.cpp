@@ -73,7 +73,7 @@ Result<void> Checker::instances_to(uint64_t end) {
   for (; next_instance_ < end; ++next_instance_) {
     const uint64_t i = next_instance_;
     announce(TableKind::kInstances, i);
-    if (i + kNodesAhead < end) {  // nodes come in any order, so that each would be a cache miss
+    if (i + kNodesAhead < end) {  // nodes come in any order: without this each is a cache miss
       const uint32_t node = instances_[i + kNodesAhead].node;
       if (node < nodes_.size()) __builtin_prefetch(&nodes_[node].group);
     }
@@ -126,7 +126,7 @@ std::optional<Error> Checker::scene_fields(uint64_t index) const {
   return std::nullopt;
 }
 
-/// Checks the scenes that the part's instances reach.
+/// Checks the scenes of the part's instances.
 Result<void> Checker::scenes(Part part) {
   const uint64_t end = part.end(instances_.size());
   for (;;) {
@@ -185,7 +185,7 @@ Result<void> Checker::materials() const {
 }
 
 Result<void> Checker::surfaces() const {
-  uint64_t next = 0;  // the least material that the next surface may be of
+  uint64_t next = 0;  // least material that the next surface may have
   for (uint64_t i = 0; i < surfaces_.size(); ++i) {
     const SurfaceRecord& surface = surfaces_[i];
     if (surface.material >= materials_.size()) {

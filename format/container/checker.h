@@ -13,8 +13,8 @@
 
 namespace scree::format {
 
-/// Branch-free, so that it is vectorised. A number is NaN or infinite where its exponent is all ones; adding one to the
-/// exponent then carries into the sign bit.
+/// Branch-free, so that the compiler vectorises it. A number is NaN or infinite if its exponent is all ones; adding one
+/// to the exponent then carries into the sign bit.
 template <class Float>
 bool all_finite(const Float* values, uint32_t count) {
   using Bits = std::conditional_t<sizeof(Float) == 4, uint32_t, uint64_t>;
@@ -31,7 +31,7 @@ inline Error fail_index(const char* kind, uint64_t index, const char* field, uin
   return fail(ErrorCode::kRange, kind, " ", index, ": ", field, " ", value, ", but the file has ", count, " ", things);
 }
 
-/// Part `index` of a table that is checked in `count` parts, one call per part, in order.
+/// Part `index` of `count` parts of a table. The parts are checked in order.
 struct Part {
   uint64_t index = 0;
   uint64_t count = 1;
@@ -67,8 +67,8 @@ class Checker {
         scenes_(tables.table<SceneRecord>(TableKind::kScenes)),
         scene_roots_(tables.table<uint32_t>(TableKind::kSceneRoots)) {}
 
-  // One function per table, and for parts of a table that is checked in parts. Errors kRange, kReserved, kFormat;
-  // each gives the record and the field.
+  // One function per table or per part of a table. Errors kRange, kReserved, kFormat; each gives the record and the
+  // field.
   Result<void> strings();
   Result<void> pages() const;
   Result<void> meshes(Part part);
@@ -127,9 +127,9 @@ class Checker {
   // State of meshes().
   uint64_t next_chunk_ = 0;
   uint64_t source_vertices_ = 0;
-  uint64_t group_ = 0;              // of the next mesh, if groups tile the meshes as they should
+  uint64_t group_ = 0;              // groups begun so far; meshes must be in the order of their groups
   uint64_t group_end_ = 0;          // the first mesh after it
-  bool groups_may_differ_ = false;  // groups() has to look at every mesh
+  bool groups_may_differ_ = false;  // groups() has to check every mesh
 
   // State of scenes().
   uint64_t scene_ = 0;

@@ -98,7 +98,7 @@ Result<FileHeader> check_header(std::span<const std::byte> file) {
   }
   const FileHeader header = load<FileHeader>(file.data());
   if (std::memcmp(header.magic, kMagic, sizeof kMagic) != 0) return not_scree(file);
-  // The version lies before everything that another major version may change, the checksum included.
+  // The version comes first: another major version may change everything behind it, even the checksum.
   if (header.version_major != kVersionMajor && header.version_major != kSecondMajor) {
     return fail(ErrorCode::kVersion, "the file has version ", header.version_major, ".", header.version_minor,
                 ", but this program reads versions ", kVersionMajor, " and ", kSecondMajor);
@@ -111,10 +111,11 @@ Result<FileHeader> check_header(std::span<const std::byte> file) {
   if (header.reserved != 0 || header.reserved2 != 0)
     return fail(ErrorCode::kReserved, "header: a reserved field is set");
   if (header.file_bytes > file.size()) {
-    return fail(ErrorCode::kTruncated, "the file has ", file.size(), " bytes, but its header says ", header.file_bytes);
+    return fail(ErrorCode::kTruncated, "the file has ", file.size(), " bytes, but its header gives ",
+                header.file_bytes);
   }
   if (header.file_bytes < file.size()) {
-    return fail(ErrorCode::kTrailing, "the file has ", file.size(), " bytes, but its header says ", header.file_bytes);
+    return fail(ErrorCode::kTrailing, "the file has ", file.size(), " bytes, but its header gives ", header.file_bytes);
   }
   return header;
 }
@@ -300,8 +301,9 @@ Result<void> decompress(uint32_t page, std::span<std::byte> out, std::span<const
   return {};
 }
 
-/// Checks a compressed page before any memory is taken: one frame of exactly the stored bytes, whose header gives
-/// raw_bytes as its content size, or for a split page no more than is allowed. Returns the content size.
+/// Checks a compressed page before any memory is taken. It must be one frame of exactly the stored bytes, with
+/// raw_bytes as its content size; the content of a split page may be kMaxSplitRatio times as large. Returns the content
+/// size.
 Result<uint64_t> check_frame(uint32_t page, const PageRecord& record, std::span<const std::byte> stored) {
   const uint64_t raw_bytes = record.raw_bytes;
   if (stored.size() < sizeof kZstdMagic || load<uint32_t>(stored.data()) != kZstdMagic) {
@@ -310,7 +312,7 @@ Result<uint64_t> check_frame(uint32_t page, const PageRecord& record, std::span<
   const unsigned long long content = ZSTD_getFrameContentSize(stored.data(), stored.size());
   if (content == ZSTD_CONTENTSIZE_ERROR) return fail(ErrorCode::kFormat, "page ", page, ": a bad zstd frame header");
   if (content == ZSTD_CONTENTSIZE_UNKNOWN) {
-    return fail(ErrorCode::kFormat, "page ", page, ": the zstd frame does not say its size");
+    return fail(ErrorCode::kFormat, "page ", page, ": the zstd frame does not give its size");
   }
   if (record.codec == PageCodec::kSplit ? content > kMaxSplitRatio * raw_bytes : content != raw_bytes) {
     return fail(ErrorCode::kFormat, "page ", page, ": the zstd frame holds ", content, " bytes, expected ",

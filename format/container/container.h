@@ -76,7 +76,7 @@ class Container {
   /// The stored bytes of a page, unchecked.
   std::span<const std::byte> stored_page(uint32_t page) const;
 
-  /// Checks a page's checksum and returns its raw bytes: a view of the file where the page is raw, else of `scratch`,
+  /// Checks a page's checksum and returns its raw bytes: a view of the file if the page is raw, else of `scratch`,
   /// which is resized. Raw bytes of kGeometry start 16-byte aligned. Memory: raw_bytes, which a small file cannot make
   /// large (kMaxZstdRatio). While a split page is put together, kMaxSplitRatio times as much more, and 2.1 MiB per
   /// thread. Reentrant with different scratch. Errors kChecksum, kReserved (padding after the page that is not zero),
@@ -90,8 +90,8 @@ class Container {
   std::span<const std::byte> padded_page(uint32_t page) const;
   /// Checks `padded`, which is padded_page() or a copy of it. Errors kChecksum, kReserved as load_page.
   Result<void> check_page(uint32_t page, std::span<const std::byte> padded) const;
-  /// Unpacks a compressed page. `stored`: its stored bytes. `raw`: raw_bytes of room. Safe on any bytes; reentrant.
-  /// Errors kFormat, kTruncated, kTrailing, kRange, kReserved, kMemory as load_page.
+  /// Unpacks a compressed page. `stored`: its stored bytes. `raw`: raw_bytes bytes for the result. Safe on any bytes;
+  /// reentrant. Errors kFormat, kTruncated, kTrailing, kRange, kReserved, kMemory as load_page.
   Result<void> unpack_page(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> raw) const;
 
  private:
@@ -107,9 +107,9 @@ struct SealedPage {
 };
 
 /// Compresses (zstd_level 1 to 22; 0 keeps the bytes raw) and checksums a page. `clusters`: the page's clusters in the
-/// order in which they lie; a page with clusters is split if that is possible. The page stays raw where zstd does not
-/// make it smaller (a page of images: by more than a twentieth), where a reader would refuse its size (kMaxZstdRatio),
-/// and where memory for compressing is short. Equal arguments give equal bytes, except where memory is short.
+/// order in which they lie; a page with clusters is split if that is possible. The page stays raw if zstd does not make
+/// it smaller (a page of images: by more than a twentieth), if a reader would refuse its size (kMaxZstdRatio), or if
+/// memory is short. Equal arguments give equal bytes, except if memory is short.
 SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
                      std::span<const PageClusters> clusters = {});
 
@@ -125,7 +125,7 @@ class StringTable {
   std::shared_ptr<Impl> impl_;
 };
 
-/// All tables of a file; the pages are written apart.
+/// All tables of a file. Pages are not part of it.
 struct TableSet {
   std::vector<MeshRecord> meshes;
   std::vector<ChunkRecord> chunks;
@@ -159,20 +159,20 @@ class ContainerWriter {
   /// Errors kFile.
   static Result<ContainerWriter> create(const std::string& path, Existing existing = Existing::kReplace);
 
-  /// Continues a .part that was left behind by a writer that had called keep_log() with this id. The new writer has the
-  /// pages that lie in the .part whole and intact, counted from the first one. `take` is called for each entry that
-  /// log() wrote, in the same order. Errors kFile; kFormat: nothing can be continued, with the reason.
+  /// Continues a .part that a writer left behind after keep_log() with this id. The new writer keeps the pages of the
+  /// .part up to the first damaged one. `take` is called for each entry that log() wrote, in the same order. Errors
+  /// kFile; kFormat: nothing can be continued, with the reason.
   static Result<ContainerWriter> resume(const std::string& path, const PartId& id, const PartLog::Take& take,
                                         Existing existing = Existing::kReplace);
 
-  /// From now on keeps a log for resume() in the .part, behind the first `most_bytes` bytes. Called before the first
-  /// page. If the log cannot be written, or the file grows past `most_bytes`, the writer continues without a log.
+  /// Starts a log for resume(), at byte `most_bytes` of the .part. Called before the first page. If the log cannot be
+  /// written, or the file grows past `most_bytes`, the writer continues without a log.
   void keep_log(const PartId& id, uint64_t most_bytes);
 
   /// Appends an entry of the caller's to the log, if there is one; `kind`: 16 and up.
   void log(uint32_t kind, std::span<const std::byte> entry);
 
-  /// The .part stays when the writer is destroyed before finish(), for any reason.
+  /// Keeps the .part if the writer is destroyed before finish().
   void keep_part();
 
   uint32_t page_count() const;
@@ -203,8 +203,9 @@ class ContainerWriter {
   /// Stored bytes of all pages of a kind.
   uint64_t page_bytes(PageKind kind) const;
 
-  /// Writes the tables and the header, syncs and renames. Returns the file's size in bytes. Errors kFile. If the name
-  /// was taken meanwhile (Existing::kRefuse), the .part stays, since it is the whole file and took long to make.
+  /// Writes the tables and the header, syncs and renames. Returns the file's size in bytes. Errors kFile. If another
+  /// file has the name by then (Existing::kRefuse), the .part stays, because it is the whole file and took long to
+  /// make.
   Result<uint64_t> finish(const TableSet& tables);
 
  private:

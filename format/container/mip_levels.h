@@ -1,5 +1,5 @@
-// Which mip levels of an indexed JPEG a file stores, how many pages a level takes, and how many bytes the levels of a
-// mask. Source: spec/container.md, mip levels and masks.
+// The number of stored mip levels of an indexed JPEG, the pages of a level, and the bytes of a mask's levels. Source:
+// spec/container.md, mip levels and masks.
 #pragma once
 
 #include <algorithm>
@@ -28,7 +28,7 @@ inline BlockRows block_rows(const ImageRecord& image, uint32_t level) {
   return block_rows(image.block_format, std::max(1u, image.width >> level), std::max(1u, image.height >> level));
 }
 
-/// Pages that level `level` of an image takes, from the one on that its record names. If there are several, they hold
+/// Number of pages that level `level` of an image takes, beginning with the page of its record. Several pages hold
 /// nothing else.
 inline uint32_t level_page_count(const ImageRecord& image, uint32_t level) {
   return image.codec == ImageCodec::kBlocks ? block_rows(image, level).pages() : 1;

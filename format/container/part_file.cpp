@@ -34,7 +34,7 @@ bool lock(int file) {
   return locked == 0 || errno != EWOULDBLOCK;
 }
 
-/// An open .part, in static memory: whoever removes it may neither allocate nor wait for a lock.
+/// An open .part. The list is in static memory, because remove_open_parts() may neither allocate nor lock.
 struct OpenPart {
   static constexpr int kFree = -1;
   static constexpr int kTaken = -2;  // its name is being written
@@ -45,7 +45,8 @@ static_assert(std::atomic<int>::is_always_lock_free, "a signal handler may only 
 
 std::array<OpenPart, 64> open_parts;
 
-/// Where all places are taken or the name is too long, the .part stays if the program ends at once.
+/// Enters a .part for remove_open_parts(). Does nothing if the list is full or the name too long; the .part then stays
+/// behind if the program ends at once.
 void note_part(const std::string& name, int file) noexcept {
   if (name.size() >= sizeof(OpenPart::name)) return;
   for (OpenPart& part : open_parts) {
@@ -57,7 +58,7 @@ void note_part(const std::string& name, int file) noexcept {
   }
 }
 
-/// Before the file is closed, for then its number may be another's.
+/// Called before the file is closed: afterwards another file may have its descriptor.
 void forget_part(int file) noexcept {
   for (OpenPart& part : open_parts)
     if (file >= 0 && part.file == file) part.file = OpenPart::kFree;
@@ -68,7 +69,7 @@ void forget_part(int file) noexcept {
 void remove_open_parts() noexcept {
   for (const OpenPart& part : open_parts) {
     const int file = part.file;
-    // Another thread may have given the file its name meanwhile, and another program may have taken the .part.
+    // Another thread may have renamed the file meanwhile, and another program may have taken over the .part.
     struct stat of_file;
     struct stat of_name;
     if (file >= 0 && ::fstat(file, &of_file) == 0 && ::lstat(part.name, &of_name) == 0 &&
@@ -88,8 +89,8 @@ std::string PartFile::target_of(const std::string& path) {
   return target ? std::string(target.get()) : path;
 }
 
-/// Opens and locks the .part, and empties it for Content::kEmpty. A stale .part (of a killed run) is taken over; one
-/// that a running writer holds is not.
+/// Opens and locks the .part, and empties it for Content::kEmpty. A stale .part (of a killed run) is taken over; a
+/// .part that a running writer has locked is not.
 Result<PartFile> PartFile::create(const std::string& path, Content content, Existing existing) {
   if (path.empty()) return Error{ErrorCode::kFile, "a file without a name cannot be written"};
   PartFile part;
@@ -258,7 +259,7 @@ Result<void> PartFile::hide() {
   return {};
 }
 
-/// Renames the .part to a name that no file may have yet.
+/// Renames the .part; fails if a file has the name already.
 Result<void> PartFile::take_free_name() {
   const auto refused = [&] {
     is_refused_ = true;
@@ -267,14 +268,14 @@ Result<void> PartFile::take_free_name() {
   if (::renameat2(AT_FDCWD, part_path_.c_str(), AT_FDCWD, path_.c_str(), RENAME_NOREPLACE) == 0) return {};
   if (errno == EEXIST) return refused();
   if (errno != EINVAL && errno != ENOSYS) return error_of("rename", errno);
-  // The file system or the kernel lacks this kind of rename. A link also refuses a name that is taken.
+  // The file system or the kernel lacks this kind of rename. A hard link also fails if the name exists.
   if (::link(part_path_.c_str(), path_.c_str()) == 0) {
     has_name_ = true;
     if (::unlink(part_path_.c_str()) != 0) return error_of("remove", errno);
     return {};
   }
   if (errno == EEXIST) return refused();
-  // It has no links either (FAT). For a moment between the two calls, another program's file could be replaced.
+  // The file system has no hard links either (FAT). A file that appears between the next two calls is replaced.
   struct stat status;
   if (::lstat(path_.c_str(), &status) == 0) return refused();
   if (std::rename(part_path_.c_str(), path_.c_str()) != 0) return error_of("rename", errno);

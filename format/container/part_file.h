@@ -13,14 +13,13 @@ namespace scree::format {
 /// How to treat an existing file that has the name of the one to be written.
 enum class Existing { kReplace, kRefuse };
 
-/// Removes the .part files of this process that are open, but for those that are kept: for a program that is about to
-/// end without its destructors (std::terminate, a second signal). Only makes calls that POSIX allows in signal
-/// handlers.
+/// Removes the open .part files of this process, except kept ones. For a program that is about to end without its
+/// destructors (std::terminate, a second signal). Makes only calls that POSIX allows in signal handlers.
 void remove_open_parts() noexcept;
 
 /// Writes to "NAME.part". commit() renames it to NAME; destruction without commit() removes it. An earlier NAME is
 /// untouched until then. The .part is locked (flock) from create() until it has its name or is removed. A .part that
-/// another program holds is an error; one that was left behind is overwritten. If NAME is a symbolic link to a file,
+/// another program has locked is an error; a .part left behind is overwritten. If NAME is a symbolic link to a file,
 /// that file is replaced and the link stays. A replaced file passes on its permissions. Every error is kFile and gives
 /// the file and the system's message.
 class PartFile {
@@ -46,15 +45,15 @@ class PartFile {
   Result<void> resize(uint64_t bytes) const;
   /// Makes sure that all written bytes are on the disk.
   Result<void> sync() const;
-  /// Syncs and closes, so that many files can wait for their commit() without holding a descriptor each. The lock is
-  /// given up until then. If another program takes the .part meanwhile, commit() fails and discard() leaves it alone.
+  /// Syncs and closes the file, so that many files can await their commit() without an open descriptor each. It is not
+  /// locked until then. If another program takes the .part meanwhile, commit() fails and discard() leaves it alone.
   Result<void> park();
   /// Syncs, renames, then closes. The lock is held until the name is taken, so that the name never refers to another
   /// program's half-written file, nor to data that a power cut would lose.
   Result<void> commit();
   /// Unlinks the .part at once: its bytes live as long as this object, however the program ends.
   Result<void> hide();
-  /// From now on discard() leaves the .part where it is, for another create() to take over.
+  /// From now on discard() keeps the .part, which a later create() can take over.
   void keep();
   /// Closes the .part, and removes it unless it has its name or is to be kept. Allocates no memory, because it may run
   /// when memory is exhausted.
@@ -70,7 +69,7 @@ class PartFile {
   const std::string& part_path() const { return part_path_; }
 
  private:
-  /// Identifies a parked .part, so that a change by another program shows.
+  /// Identifies a parked .part, to detect changes by another program.
   struct Parked {
     uint64_t device;
     uint64_t inode;

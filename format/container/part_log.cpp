@@ -89,7 +89,7 @@ Result<void> PartLog::add(const PartFile& file, uint32_t kind, std::span<const s
   if (entry.size() > kMaxEntryBytes) return Error{ErrorCode::kRange, file.path() + ": an entry too long for its log"};
   EntryHead head{kind, static_cast<uint32_t>(entry.size()), 0};
   head.checksum = checksum_of(head, entry);
-  // One call, since two would take twice the time. A half-written entry fails its checksum and is ignored.
+  // One write takes half the time of two. A half-written entry fails its checksum and is ignored.
   std::vector<std::byte> all(sizeof head + entry.size());
   std::memcpy(all.data(), &head, sizeof head);
   if (!entry.empty()) std::memcpy(all.data() + sizeof head, entry.data(), entry.size());

@@ -1,6 +1,6 @@
-// The data that a writer needs to continue a .part after its process was killed. The .part itself carries them, so that
-// a crash leaves no other file behind: a mark where the finished file has its header, and a log of entries behind all
-// content of the finished file. The finished file has neither.
+// The data that a writer needs to continue a .part after its process was killed: a mark where the finished file has its
+// header, and a log of entries behind all content of the finished file. They lie in the .part itself, so that a crash
+// leaves no other file behind. The finished file has neither.
 #pragma once
 
 #include <array>

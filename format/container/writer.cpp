@@ -27,13 +27,11 @@ namespace {
 constexpr uint32_t kPageEntry = 1;  // a PageRecord
 constexpr uint32_t kDropEntry = 2;  // the number of pages that remain (u32)
 
-/// A page of images is compressed where that saves at least one byte in so many. Blocks that hardly shrink stay a plain
-/// read.
+/// A page of images is compressed only if that saves a 20th of its bytes. A raw page is read faster.
 constexpr uint64_t kLeastImageSaving = 20;
 
-/// One zstd frame that states its content size. Empty where it would take `limit` bytes or more, or memory is short.
-/// `ends`: offsets in `content` where bytes of another kind begin; each kind gets its own blocks, with codes that fit
-/// it.
+/// One zstd frame with its content size in the header. Empty if it would take `limit` bytes or more, or memory is
+/// short. `ends`: offsets in `content` where bytes of another kind begin; each kind gets blocks and codes of its own.
 std::vector<std::byte> compress(std::span<const std::byte> content, std::span<const uint64_t> ends, uint64_t limit,
                                 int level) try {
   struct Free {
@@ -81,7 +79,8 @@ SealedPage seal_page(PageKind kind, std::vector<std::byte> raw, int zstd_level,
     const uint64_t least_saving = kind == PageKind::kImage ? page.stored.size() / kLeastImageSaving : 0;
     std::vector<std::byte> compressed = compress(is_split ? split.bytes : page.stored, split.stream_ends,
                                                  page.stored.size() - least_saving, zstd_level);
-    // The last rule is the reader's (spec/container.md, pages): a page that unpacks to much must itself be large.
+    // The last condition is the reader's limit (spec/container.md, pages): a page with many raw bytes must have many
+    // stored bytes.
     if (!compressed.empty() &&
         (page.stored.size() <= kPageTargetBytes || page.stored.size() / kMaxZstdRatio < compressed.size())) {
       page.stored = std::move(compressed);
@@ -139,7 +138,7 @@ struct ContainerWriter::Impl {
   Result<void> rename_into_place(const FileHeader& header);
 };
 
-/// A .part that cannot be written completely is given up at once, so that it takes no more disk space.
+/// Gives up the .part at once if a write fails, to free its disk space.
 Result<void> ContainerWriter::Impl::write(uint64_t offset, std::span<const std::byte> bytes) {
   if (log && offset + bytes.size() > log->offset()) log.reset();
   Result<void> written = file.write_at(offset, bytes);
@@ -211,8 +210,8 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
   return {};
 }
 
-/// The data must be on the disk before the name is, and the name before the caller continues. That can take long, and a
-/// killed process must be able to resume. So the header, which replaces the log's mark, is written last.
+/// The data must reach the disk before the name, and the name before the caller continues. This can take long, and a
+/// killed process must be able to resume, so the header, which replaces the log's mark, is written last.
 Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) {
   Result<void> done = file.sync();
   if (done) done = file.write_at(0, std::as_bytes(std::span<const FileHeader>(&header, 1)));
@@ -262,7 +261,7 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
   impl->overwrites = impl->is_longer = true;
   bool fits = true;  // so far
   const auto take_page = [&](const PageRecord& record) {
-    // The log may name a page twice: resume() found it damaged, and it was written and noted again.
+    // The log has a page twice if resume() found it damaged and it was written again.
     while (!impl->pages.empty() && impl->pages.back().offset >= record.offset) impl->pages.pop_back();
     fits = record.offset == align_up(impl->end_of_pages(), kPageAlignment);
     if (fits) impl->pages.push_back(record);
@@ -320,7 +319,7 @@ uint32_t ContainerWriter::page_count() const {
 void ContainerWriter::drop_pages(uint32_t page_count) {
   assert(page_count <= impl_->pages.size() && impl_->toc.empty());
   if (page_count == impl_->pages.size()) return;
-  // The dropped pages may lie in the .part intact, so the log has to say that they are gone.
+  // The dropped pages may still be intact in the .part, so the log has to note that they are dropped.
   impl_->note(kDropEntry, std::as_bytes(std::span(&page_count, 1)));
   impl_->overwrites = impl_->is_longer = true;
   impl_->pages.resize(page_count);
@@ -419,7 +418,7 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
                   [](const SurfaceRecord& surface) { return surface.second_uv != 0; });
   const bool is_older = tables.surfaces.empty() && tables.lights.empty() && tables.masks.empty();
   header.version_major = is_second ? kSecondMajor : kVersionMajor;
-  // Surfaces, lights and masks are what version 1.1 added.
+  // Version 1.1 added surfaces, lights and masks.
   header.version_minor = is_second ? kSecondMinor : is_older ? 0 : kVersionMinor;
   header.header_bytes = sizeof header;
   header.toc_offset = align_up(impl_->end, kTableAlignment);

@@ -20,7 +20,7 @@ constexpr uint32_t kMaxNormalBits = 16;
 constexpr uint64_t kColorVertexBytes = 4;
 
 /// The lattice coordinate of a texture coordinate. Within half a step of 2^128 the nearest lattice point is not a
-/// float; then the one before it is returned.
+/// float; the result is then the lattice point before it.
 int64_t quantize_uv(float value, int32_t exponent) {
   const int64_t coordinate = quantize(value, exponent);
   if (exponent <= 104) return coordinate;  // floats near 2^128 are multiples of 2^104, so they lie on the lattice
@@ -60,7 +60,8 @@ Result<void> check_packed(const char* what, uint64_t count, uint32_t bits, std::
   return check_stream(what, count * bits, *size, bytes);
 }
 
-/// Calls sink(vertex, first, second) per pair of codes, each at most 24 bits, so that a pair lies in one 8-byte window.
+/// Calls sink(vertex, first, second) for each pair of codes. A code has at most 24 bits, so that a pair lies in one
+/// 8-byte window.
 template <class Sink>
 void unpack_pairs(const std::byte* stream, uint64_t count, uint32_t bits0, uint32_t bits1, Sink&& sink) {
   const uint32_t stride = bits0 + bits1;
@@ -84,7 +85,7 @@ void pack_pairs(std::span<std::byte> out, uint64_t count, uint32_t stride, Pair&
   for (uint64_t i = 0; i < count; ++i) {
     word |= pair(i) << fill;
     fill += stride;
-    store(at, word);  // writes up to 7 bytes too many; the next pair or the slack covers them
+    store(at, word);  // up to 7 bytes too many, which the next pair overwrites or the slack holds
     at += fill / 8;
     word >>= fill & ~7u;
     fill &= 7u;
@@ -97,8 +98,8 @@ uint32_t quantize_color(float value) {
   return static_cast<uint32_t>(clamped * 255.0 + 0.5);
 }
 
-/// Octahedral codes (u in the low 16 bits, v above) of the direction `normal`: the best of the four lattice points
-/// around its point in the square.
+/// Octahedral codes (u in the low 16 bits, v above) of the direction `normal`: the nearest in angle of the four lattice
+/// points around its point in the square.
 uint32_t encode_octahedral(const float* normal, uint32_t bits) {
   const int32_t half = (1 << (bits - 1)) - 1;
   const double x = normal[0];

@@ -1,7 +1,7 @@
 // Texture coordinates, colours, normals and source triangle numbers of a chunk. Source: spec/codecs.md, attributes.
-// Each kind has the same functions: range, bytes, encode, decode, and check, which validates a page by the checks of
-// decode, without output. Decoders are safe on any bytes and any range and report kTruncated, kTrailing or kRange. All
-// are reentrant and allocate only an error's message. Encoders write exactly the stream's bytes; `out` has that size.
+// Each kind has the same functions: range, bytes, encode, decode, and check, which makes the checks of decode without
+// its output. Decoders are safe on any bytes and any range and report kTruncated, kTrailing or kRange. All are
+// reentrant and allocate only an error's message. Encoders write exactly the stream's bytes; `out` has that size.
 #pragma once
 
 #include <array>
@@ -26,9 +26,9 @@ struct UvRange {
   uint32_t stride_bits() const { return uint32_t{bits[0]} + bits[1]; }
 };
 
-/// The lattice of a chunk's texture coordinates (2 per vertex, finite): `bits` (1 to 24) over the wider axis. Where the
-/// step would pass 2^-15 it has more bits (up to 24), so that texels stay apart in a chunk that spans many repeats. It
-/// is never finer than floats of that size.
+/// The lattice of a chunk's texture coordinates (2 per vertex, finite): `bits` (1 to 24) over the wider axis. If the
+/// step would be above 2^-15, the lattice has more bits (up to 24), because a chunk may span many repeats of its
+/// texture. No step is below the spacing of floats of that size.
 UvRange choose_uv_range(std::span<const float> uvs, uint32_t bits = 16);
 /// Bound of the error per axis: half a step plus half an ulp of the range's largest coordinate.
 double uv_error_bound(const UvRange& range);
@@ -39,7 +39,7 @@ Result<void> decode_uvs(std::span<float> out, const UvRange& range, std::span<co
 Result<void> check_uvs(uint64_t vertex_count, const UvRange& range, std::span<const std::byte> bytes);
 
 /// A chunk's second texture coordinates: `bits` of its record and a header in the stream make the range, and the codes
-/// follow as above. open_second_uvs() takes the header off `bytes`. Errors kTruncated, kReserved.
+/// follow as above. open_second_uvs() reads the header and removes it from `bytes`. Errors kTruncated, kReserved.
 uint64_t second_uv_stream_bytes(uint64_t vertex_count, const UvRange& range);
 void encode_second_uvs(std::span<std::byte> out, std::span<const float> uvs, const UvRange& range);
 Result<UvRange> open_second_uvs(const uint8_t bits[2], std::span<const std::byte>& bytes);
@@ -61,7 +61,7 @@ Result<void> check_normals(uint64_t vertex_count, uint32_t bits, std::span<const
 
 inline namespace SCREE_ISA {
 
-/// The point of the octahedron |x| + |y| + |z| = half with the coordinates (u, v), each in -half .. half.
+/// The point of the octahedron |x| + |y| + |z| = half for the square coordinates (u, v), each in -half .. half.
 SCREE_HD inline void octahedral_point(int32_t u, int32_t v, int32_t half, int32_t out[3]) {
   const int32_t abs_u = u < 0 ? -u : u;
   const int32_t abs_v = v < 0 ? -v : v;

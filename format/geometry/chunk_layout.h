@@ -1,4 +1,4 @@
-// Computes where the streams of a chunk lie in its payload, from the records alone. Runs in kernels too. Source:
+// Computes the offsets of a chunk's streams in its payload, from the records only. Runs in kernels too. Source:
 // spec/container.md, chunks.
 #pragma once
 
@@ -12,7 +12,7 @@
 namespace scree::format {
 
 /// One stream of a chunk. `offset`: bytes from the payload's first byte (ChunkRecord::offset), a multiple of
-/// kChunkAlignment. `bytes`: also a multiple of kChunkAlignment; 0 where the chunk has no such stream or all its values
+/// kChunkAlignment. `bytes`: also a multiple of kChunkAlignment; 0 if the chunk has no such stream or all its values
 /// are equal (0 bits).
 struct ChunkStream {
   uint64_t offset;
@@ -37,8 +37,8 @@ struct ChunkStreams {
 };
 
 /// The streams of `chunk`, a chunk of `mesh`. Defined for any records, valid or not: counts are 32-bit and widths
-/// 8-bit, so the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes, so its
-/// size does not tell whether the chunk has it; the mesh's attributes do.
+/// 8-bit, so the sum of all streams stays below 2^41 bytes. A stream whose values are all equal takes 0 bytes, so only
+/// the mesh's attributes determine which streams a chunk has.
 SCREE_HD constexpr ChunkStreams chunk_streams(const MeshRecord& mesh, const ChunkRecord& chunk) {
   const uint64_t triangles = chunk.triangle_count;
   const uint64_t vertices = chunk.vertex_count;

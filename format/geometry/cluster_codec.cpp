@@ -65,7 +65,7 @@ class Decoder {
                out.positions.empty()) {}
 
   Result<void> run() {
-    // The offsets are checked before anything is scaled by the lattice's step.
+    // Refuses exponents outside the range of exp2i().
     if (const Result<void> sane = check_offsets(s_.lattice, s_.range, {}); !sane) return sane;
     step_ = exp2i(s_.lattice.exponent);
     if (const Result<void> sized = sizes(); !sized) return sized;
@@ -157,7 +157,8 @@ class Decoder {
         !ends_clean(s_.data.data(), layout.distances, layout.triangle_count * 2 * layout.distance_bits)) {
       return error(kTrailing, "a bit is set after its triangles");
     }
-    // Codes are at least 0, so the smallest codes need no check where the cluster's bounds begin within its group's.
+    // Codes are at least 0, so the smallest codes need no check if the cluster's bounds begin within the group's
+    // bounds.
     ClusterScan scan;
     const bool scanned = scans_ && begins_in_group(reader) && isa_avx2::scan_cluster(reader, s_.data.size(), scan);
     CodeRange codes{};
@@ -195,7 +196,7 @@ class Decoder {
     const uint32_t count = layout.triangle_count;
     const uint32_t step_words = (count + 31) / 32;
     uint32_t* out = out_.indices.empty() ? nullptr : out_.indices.data() + uint64_t{3} * triangles_;
-    // As reader.triangle(), but without repeating its look-ups for each triangle.
+    // As reader.triangle(), without its look-ups per triangle.
     const uint32_t bits = layout.distance_bits;
     const uint32_t mask = (1u << bits) - 1;
     uint64_t bit = uint64_t{layout.distances} * 32;
@@ -241,7 +242,7 @@ class Decoder {
     const ClusterLayout& layout = reader.layout;
     uint32_t* offsets = out_.offsets.empty() ? nullptr : out_.offsets.data() + uint64_t{3} * vertices_;
     float* positions = out_.positions.empty() ? nullptr : out_.positions.data() + uint64_t{3} * vertices_;
-    // May wrap only where boxes() then refuses the cluster.
+    // If this wraps, boxes() refuses the cluster.
     uint32_t base[3];
     for (size_t axis = 0; axis < 3; ++axis) base[axis] = s_.range.min[axis] + reader.min[axis];
     const uint32_t stride = reader.stride();

@@ -62,7 +62,7 @@ ClusterBounds bounds_of(const OffsetBox& box, const uint32_t origin[3]);
 
 /// A packed cluster of a ClusterSet.
 struct PackedCluster {
-  ClusterRecord record;  // place without the data's start; first_triangle and first_vertex unset
+  ClusterRecord record;  // without the data's start in `place`; first_triangle and first_vertex are unset
   uint32_t words;        // of data
   uint32_t min[3];       // box of its vertices, lattice offsets
   uint32_t max[3];
@@ -81,7 +81,7 @@ struct ClusterSet {
   void clear();
 };
 
-/// Consecutive clusters of a set, and the start of their words.
+/// Consecutive clusters of a set, and the index of their first word.
 struct ClusterRun {
   size_t first_cluster = 0;
   size_t cluster_count = 0;

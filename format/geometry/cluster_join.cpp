@@ -1,5 +1,5 @@
-// Joins split pages. Each step goes over a whole cluster, mostly without branches, because what the streams hold is
-// hard to predict: the processor then works on many triangles at once.
+// Joins split pages. Each step handles a whole cluster, mostly without branches: the streams' values are hard to
+// predict, and without branches the processor works on many triangles at once.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -31,7 +31,7 @@ Offsets modulo_sum(const Offsets& a, const Offsets& b) {
   return __builtin_convertvector(sum & Unsigned{kMask, kMask, kMask, 0}, Offsets);
 }
 
-/// Per byte of steps: eight bytes, each the number of ones up to that bit.
+/// For each byte of steps, eight bytes: the number of ones up to each bit.
 constexpr auto kOnesUpTo = [] {
   std::array<uint64_t, 256> ones{};
   for (uint32_t byte = 0; byte < 256; ++byte)
@@ -218,7 +218,7 @@ class Joiner {
     return written;
   }
 
-  /// Takes the triangles, and the places of the vertices.
+  /// Reads the triangles, and the places of the vertices.
   Result<void> take_triangles() {
     const uint32_t count = form_.triangle_count;
     steps_ = in_[kSteps].take((form_.wide_steps ? 2 : 1) * step_bytes());
@@ -233,7 +233,7 @@ class Joiner {
 
   uint32_t step_bytes() const { return (form_.triangle_count + 7) / 8; }
 
-  /// Finds the largest vertex of each triangle. Returns whether all are in the cluster.
+  /// Computes the largest vertex of each triangle. Returns whether all are below vertex_count.
   bool sum_steps() {
     std::byte* const largest = reinterpret_cast<std::byte*>(triangles_.largest.data());
     uint32_t sum = 2;
@@ -275,7 +275,7 @@ class Joiner {
     return past == 0 && all >> form_.distance_bits == 0;
   }
 
-  /// Places the vertices. Returns whether all references and residuals are there.
+  /// Computes the vertices' offsets. Returns false if a reference or a residual is missing or out of range.
   bool place_vertices(OffsetBox& box) {
     const uint32_t count = form_.vertex_count;
     const Places places = read_places();
@@ -296,7 +296,7 @@ class Joiner {
     uint32_t named = named_;
     uint32_t residual = 0;
     uint32_t next_far = 0;
-    std::array<uint32_t, kMaxClusterVertices> backs;  // vertices back to the one that is referred to
+    std::array<uint32_t, kMaxClusterVertices> backs;  // distance back to the vertex that is referred to, in vertices
     const auto place = [&](uint32_t v, const Offsets& expected) {
       const auto is_new = static_cast<uint32_t>(places.is_new[v]);
       const auto is_far = static_cast<uint32_t>(places.is_far[v]);
@@ -307,13 +307,13 @@ class Joiner {
       const uint32_t earlier = first_index + named;
       const uint32_t index = earlier ^ ((earlier ^ residual) & is_new);
       residual -= is_new;
-      const Offsets value = values[index % kMostValues];  // of any bits, if the number is wrong: it is checked later
+      const Offsets value = values[index % kMostValues];  // garbage if the number is wrong, which the last loop checks
       const Offsets adds = __builtin_shufflevector(value, value, 3, 3, 3, 3);
       return modulo_sum(expected & adds, value);
     };
     first_ = place(0, first_);
     at_[0] = first_;
-    // Offsets are exact as floats, which have a minimum and a maximum on every processor.
+    // Offsets are exact as floats. Every processor has instructions for the minimum and maximum of floats.
     Floats smallest = __builtin_convertvector(first_, Floats);
     Floats largest = smallest;
     for (uint32_t v = 1; v < count; ++v) {
@@ -369,7 +369,7 @@ class Joiner {
     return out;
   }
 
-  /// Takes the residuals of a cluster. Returns whether they are there.
+  /// Reads the residuals of a cluster. Returns false if too few are left.
   bool take_residuals(uint32_t count) {
     if (count > residual_count_ - residual_) return false;
     if (planes_ == 1) unpack_residuals<1>(count);
@@ -379,7 +379,7 @@ class Joiner {
     return true;
   }
 
-  /// Writes residuals before the recent vertices. The fourth number is -1, and 0 of vertices: this tells them apart.
+  /// Writes residuals before the recent vertices. The fourth number is -1 for a residual and 0 for a vertex.
   template <uint32_t kPlanes>
   void unpack_residuals(uint32_t count) {
     int32_t values[3][kMaxClusterVertices];
@@ -430,7 +430,7 @@ class Joiner {
     return writer.end_section();
   }
 
-  /// Writes the positions from `words` on, and the prediction to `prediction`. Returns their end.
+  /// Writes the positions to `words` and the prediction to `prediction`. Returns the end of the positions.
   Result<uint32_t*> put_positions(const OffsetBox& box, uint32_t* prediction, uint32_t* words, ClusterRecord& record) {
     const uint32_t count = form_.vertex_count;
     int32_t codes[3][kMaxClusterVertices];
@@ -470,7 +470,7 @@ class Joiner {
     }
     record.counts |= bits[0] << 17 | bits[1] << 22 | bits[2] << 27;
     const uint32_t xy_bits = bits[0] + bits[1];
-    const bool fits = xy_bits + bits[2] <= kMostPutBits;  // else z is written apart
+    const bool fits = xy_bits + bits[2] <= kMostPutBits;  // else z is put separately
     const auto code = [&codes](size_t axis, uint32_t i) { return uint64_t{static_cast<uint32_t>(codes[axis][i])}; };
     uint64_t packed[kMaxClusterVertices];
     for (uint32_t i = 0; i < count; ++i) packed[i] = code(0, i) | code(1, i) << bits[0];

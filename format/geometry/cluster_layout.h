@@ -12,7 +12,7 @@ inline constexpr uint32_t kMaxClusterTriangles = 128;
 inline constexpr uint32_t kMaxClusterVertices = 128;
 inline constexpr uint32_t kGroupClusters = 32;          // clusters per group of bounds; the last may have fewer
 inline constexpr uint32_t kMaxClusterWords = 1u << 29;  // of a chunk's cluster data
-inline constexpr uint32_t kMaxPredictorBits = 15;       // of the axes from which the third is predicted
+inline constexpr uint32_t kMaxPredictorBits = 15;       // of a code on the two axes from which the third is predicted
 inline constexpr uint32_t kPredictorShift = 14;         // slopes are multiples of 2^-14
 inline constexpr uint32_t kNotPredicted = 3;            // instead of an axis
 
@@ -29,7 +29,7 @@ static_assert(sizeof(ClusterBounds) == 16);
 SCREE_HD constexpr uint32_t bounds_min(const ClusterBounds& bounds, int axis) {
   return bounds.axis[axis] & 0xffffffu;
 }
-/// Upper bound of the largest offset less the smallest.
+/// Upper bound of (largest offset - smallest offset).
 SCREE_HD constexpr uint32_t bounds_extent(const ClusterBounds& bounds, int axis) {
   return (((bounds.axis[axis] >> 24) + 1) << (bounds.shift & 31)) - 1;
 }
@@ -66,7 +66,7 @@ struct ClusterLayout {
   uint32_t end;
 };
 
-/// Decodes a record. Defined for any record; whether the data fit the chunk is for the caller to check.
+/// Decodes a record. Defined for any record. The caller checks whether the data fit the chunk.
 SCREE_HD constexpr ClusterLayout cluster_layout(const ClusterRecord& record) {
   ClusterLayout out{};
   out.triangle_count = (record.counts & 127) + 1;

@@ -14,7 +14,7 @@ namespace {
 
 constexpr uint8_t kFree = 0xff;
 
-// The best case of a compact cluster of 128 triangles, which is about 10 vertices across.
+// A compact cluster of 128 triangles is about 10 vertices across, and needs no more in the best case.
 constexpr uint32_t kGoodDistanceBits = 4;
 
 constexpr uint32_t kMostDistanceBits = 7;
@@ -79,7 +79,7 @@ Prediction fit_plane(const Codes& codes) {
     const double steepest = std::max(std::fabs(slope_u), std::fabs(slope_v));
     if (!(steepest < 2) || codes.bits(u) > kMaxPredictorBits || codes.bits(v) > kMaxPredictorBits) continue;
     const double left = covariance[p][p] - slope_u * covariance[p][u] - slope_v * covariance[p][v];
-    // Compared with the bits that the axis takes unpredicted: the best ratio saves the most bits.
+    // The remaining variance over the axis's own: the axis with the smallest ratio saves the most bits.
     const double ratio = left / std::max(covariance[p][p], 1e-30);
     if (ratio >= least) continue;
     least = ratio;
@@ -136,7 +136,7 @@ void ClusterPacker::gather(std::span<const uint32_t> triangles) {
     auto& corner = corners_[triangle_count_];
     uint32_t count = vertex_count_;
     for (size_t i = 0; i < 3; ++i) {
-      // A vertex that is already there is overwritten by the next. A branch here would often be mispredicted.
+      // The next vertex overwrites a vertex that the cluster already has. A branch here would often be mispredicted.
       const uint8_t slot = slots_[vertex[i]];
       vertices_[count] = vertex[i];
       __builtin_prefetch(&offsets_[3 * size_t{vertex[i]}]);
@@ -155,9 +155,10 @@ void ClusterPacker::gather(std::span<const uint32_t> triangles) {
   for (uint32_t v = 0; v < vertex_count_; ++v) slots_[vertices_[v]] = kFree;
 }
 
-/// Numbers outwards from `start` as Cuthill and McKee do. But where triangles share edges, a vertex gets its number
-/// because it completes a triangle whose other two vertices have theirs. Then it is the largest of that triangle, and
-/// steps are 0 or 1. Returns the vertex that comes last, or kGaveUp as soon as a distance takes more than `most_bits`.
+/// Numbers the vertices outwards from `start`, in the manner of Cuthill and McKee. Where triangles share edges, the
+/// next vertex is one that completes a triangle: the triangle's other two vertices already have numbers. It is then the
+/// largest of the triangle, so steps are 0 or 1. Returns the last vertex, or kGaveUp as soon as a distance takes more
+/// than `most_bits`.
 uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numbering& out) {
   std::array<uint8_t, kMaxClusterVertices> queue;  // vertices by number
   CornerSets numbered{};                           // triangles whose corner has a number
@@ -192,7 +193,7 @@ uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numberin
       push_corners(first_of({~all_corners(numbered, 0), ~all_corners(numbered, 1)}));
     const uint32_t vertex = queue[at];
     const TriangleSet here{around(vertex, 0), around(vertex, 1)};
-    // All its neighbours, in order around it, one triangle after the other.
+    // Numbers all neighbours of the vertex, triangle by triangle around it.
     for (bool again = true; again;) {
       again = false;
       for (size_t word = 0; word < 2; ++word) {
@@ -236,7 +237,7 @@ uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numberin
 void ClusterPacker::choose_numbering() {
   const uint32_t end = number_from(0, kMostDistanceBits, best_);
   const auto try_from = [&](uint32_t start) {
-    // The same number of bits as the best one's is no improvement where its steps are narrow.
+    // If the best numbering has narrow steps, only fewer distance bits are an improvement.
     const uint32_t most_bits = best_.wide_steps ? kMostDistanceBits : std::max(1u, best_.distance_bits) - 1;
     if (number_from(start, most_bits, trial_) != kGaveUp && trial_.words < best_.words) best_ = trial_;
   };

@@ -10,7 +10,7 @@
 
 namespace scree::format {
 
-/// Vertices of a cluster with a degenerate triangle (two equal vertices), which may need two more for itself.
+/// Most vertices of a cluster with a degenerate triangle (two equal vertices), which may need two more.
 inline constexpr uint32_t kMaxDegenerateVertices = kMaxClusterVertices - 2;
 
 enum class PackEffort {
@@ -26,8 +26,8 @@ class ClusterPacker {
   void begin(std::span<const uint32_t> indices, std::span<const uint32_t> offsets, uint32_t vertex_count,
              PackEffort effort);
 
-  /// Packs the first of `triangles` into one cluster, as many as it may have, and appends it to `out`. `triangles`: at
-  /// least one, triangle numbers in `indices`. Returns how many were packed. A cluster has at most 128 vertices, or
+  /// Packs as many of the first `triangles` as fit one cluster, and appends it to `out`. `triangles`: numbers of
+  /// triangles in `indices`, at least one. Returns how many it packed. A cluster has at most 128 vertices, or
   /// kMaxDegenerateVertices if a triangle in it has two equal corners.
   uint32_t pack(std::span<const uint32_t> triangles, ClusterSet& out);
 

@@ -171,7 +171,7 @@ SplitPage split_page(std::span<const std::byte> page, std::span<const PageCluste
   if (page.size() > UINT32_MAX / kMaxSplitRatio) return {};
   const auto splitter = std::make_unique_for_overwrite<Splitter>();
   uint64_t done = 0;
-  uint32_t before = 0;  // the plain bytes behind this many clusters end where the next chunk begins
+  uint32_t before = 0;  // clusters of the part whose plain bytes come next
   for (const PageClusters& part : clusters) {
     assert(part.cluster_count != 0 && part.offset >= done);
     if (part.offset != done || before != 0) splitter->put_part(before, page.subspan(done, part.offset - done));

@@ -1,5 +1,5 @@
-// Geometry pages on disk: clusters as the values they were packed from, in streams of similar bytes. zstd finds no
-// redundancy in packed bits, but it does in these streams. Source: spec/codecs.md, split pages.
+// The form of geometry pages on disk: the values of clusters before packing, in streams of similar bytes. zstd
+// compresses these streams, but not packed bits. Source: spec/codecs.md, split pages.
 #pragma once
 
 #include <cstddef>
@@ -18,10 +18,10 @@ struct PageClusters {
   uint32_t cluster_count;
 };
 
-/// A split page takes at most this many times the bytes of the page.
+/// Most bytes of a split page per byte of the page.
 inline constexpr uint64_t kMaxSplitRatio = 2;
 
-/// A page in the form that is given to zstd.
+/// A page before it is compressed with zstd.
 struct SplitPage {
   std::vector<std::byte> bytes;       // empty where the page cannot be split
   std::vector<uint64_t> stream_ends;  // offsets in `bytes` where each stream ends; a stream has bytes of one kind
@@ -34,8 +34,8 @@ struct SplitPage {
 /// - memory is short.
 SplitPage split_page(std::span<const std::byte> page, std::span<const PageClusters> clusters);
 
-/// Joins a split page: writes all of `page`. Safe on any bytes, but checks only its own needs; the result has to be
-/// checked like any page. Takes 2.1 MiB of memory per thread for any page. Errors kTruncated, kTrailing, kRange,
+/// Joins a split page: writes all of `page`. Safe on any bytes. The result has to be checked like any page, since only
+/// the streams are checked here. Takes 2.1 MiB of memory per thread for any page. Errors kTruncated, kTrailing, kRange,
 /// kReserved, kMemory, after which the page is unspecified. Reentrant.
 Result<void> join_page(std::span<const std::byte> split, std::span<std::byte> page);
 

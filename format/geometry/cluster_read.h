@@ -20,7 +20,8 @@ SCREE_HD inline uint32_t count_ones(uint32_t word) {
 #endif
 }
 
-/// Predicts one axis from the two axes after it. Sums wrap; in a valid cluster they are codes below 2^24.
+/// Predicts one axis from the two axes after it, in cyclic order. Sums wrap; in a valid cluster they are codes below
+/// 2^24.
 struct ClusterPredictor {
   uint32_t axis;  // or kNotPredicted
   int32_t slope_u;
@@ -56,7 +57,8 @@ struct ClusterReader {
   /// Word `place` of the chunk's cluster data.
   SCREE_HD uint32_t word(uint32_t place) const { return unpack(data, uint64_t{place} * 32, 32); }
 
-  /// The largest vertex of a triangle less that of the triangle before. For the first triangle: less 2.
+  /// The largest vertex of a triangle minus the largest vertex of the triangle before; 2 replaces the latter for the
+  /// first triangle.
   SCREE_HD uint32_t step(uint32_t triangle) const {
     const uint32_t words = (layout.triangle_count + 31) / 32;
     const uint32_t low = word(layout.steps + triangle / 32) >> (triangle % 32) & 1;
@@ -76,7 +78,7 @@ struct ClusterReader {
     return sum;
   }
 
-  /// The largest vertex of a triangle less its second and less its third vertex.
+  /// The distances from the largest vertex of a triangle back to its second and its third vertex.
   SCREE_HD void distances(uint32_t triangle, uint32_t out[2]) const {
     const uint32_t bits = layout.distance_bits;
     const uint32_t both = unpack(data, uint64_t{layout.distances} * 32 + uint64_t{triangle} * (2 * bits), 2 * bits);

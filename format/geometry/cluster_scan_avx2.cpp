@@ -4,7 +4,7 @@
 #include "format/geometry/field_pick_avx2.h"
 #include "format/geometry/word_writer.h"
 
-// No inline function of the other headers may be called here: the linker could then use this copy, which needs AVX2,
+// Do not call inline functions of other headers here: the linker could use their copy of this file, which needs AVX2,
 // for all callers (tests/CMakeLists.txt checks this).
 namespace scree::format::isa_avx2 {
 namespace {
@@ -12,8 +12,8 @@ namespace {
 struct Tables {
   /// Per byte value: the number of ones among its lowest 1, 2, ... 8 bits, one byte each.
   uint64_t prefix_counts[256];
-  /// Spreads the distances of eight triangles, 2 * d bits each with d the index, to lanes of 32 bits: the source bytes
-  /// of each lane, and the shift within them.
+  /// Spreads the distances of eight triangles to lanes of 32 bits: the source bytes of each lane, and the shift within
+  /// them. The index of a Spread is the distance's bits d; a triangle takes 2 * d bits.
   struct Spread {
     alignas(32) uint8_t bytes[32];
     alignas(32) uint32_t shift[8];
@@ -69,7 +69,7 @@ bool good_triangles(const ClusterLayout& layout, const std::byte* data) {
   const __m128i width = _mm_cvtsi32_si128(static_cast<int>(bits));
   __m256i bad = _mm256_setzero_si256();
   uint32_t largest = 2;
-  // Once the largest vertex is at least the longest possible distance, all further triangles are good.
+  // Once the largest vertex has reached the longest possible distance, no later triangle can fail.
   for (uint32_t i = 0; i < count && largest < longest; i += 8) {
     uint64_t sums = kTables.prefix_counts[static_cast<uint8_t>(steps[i / 8])];
     if (wide != nullptr) sums += 2 * kTables.prefix_counts[static_cast<uint8_t>(wide[i / 8])];  // at most 24 per byte
@@ -140,7 +140,7 @@ bool scan_cluster(const ClusterReader& reader, size_t bytes, ClusterScan& scan) 
   if (layout.position_bits[0] + layout.position_bits[1] + layout.position_bits[2] > kMostPickedStride) return false;
   const std::byte* data = reader.data + size_t{4} * layout.prediction;
   alignas(32) std::byte copy[4 * kMostClusterWords + kPickReach];
-  // Loads reach past the bytes they use. Clusters at the end of the data are copied into a buffer with room for that.
+  // Loads read past the bytes that they use, so clusters at the end of the data are copied into a longer buffer.
   if (size_t{4} * layout.end + kPickReach > bytes) {
     __builtin_memcpy(copy, data, size_t{4} * (layout.end - layout.prediction));
     data = copy;

@@ -2,7 +2,7 @@
 
 #include "format/geometry/field_pick_avx2.h"
 
-// As in cluster_scan_avx2.cpp, no inline function of the other headers may be called here.
+// As in cluster_scan_avx2.cpp, do not call inline functions of other headers here.
 namespace scree::format::isa_avx2 {
 
 uint64_t scan_codes(const std::byte* stream, size_t bytes, uint64_t count, uint32_t bits, uint32_t& largest) {

@@ -10,15 +10,15 @@
 namespace scree::format::isa_avx2 {
 namespace {
 
-/// Widest record and widest field: two records that begin within a byte must lie in 16 bytes, a field in 4.
+/// Widest record and widest field, in bits: two records that begin inside a byte must lie in 16 bytes, a field in 4.
 inline constexpr uint32_t kMostPickedStride = 60;
 inline constexpr uint32_t kMostPickedBits = 25;
 
-/// Bytes that load() may read from the first of eight records on.
+/// Bytes that load() may read, counted from the first of the eight records.
 inline constexpr size_t kPickReach = 64;
 
-/// Eight records of `stride` bits (0 to kMostPickedStride). The first begins on a byte, and so do the next eight,
-/// `stride` bytes on. The lanes hold records 0, 1, 4, 5, 2, 3, 6, 7, because each 16 loaded bytes hold two.
+/// Eight records of `stride` bits (0 to kMostPickedStride). They take `stride` bytes and begin on a byte, and so do the
+/// next eight. The lanes hold records 0, 1, 4, 5, 2, 3, 6, 7, because each 16 loaded bytes hold two.
 class EightRecords {
  public:
   explicit EightRecords(uint32_t stride)
@@ -36,7 +36,7 @@ class EightRecords {
 
   /// A field of `bits` bits (0 to kMostPickedBits) that begins `offset` bits into a record.
   struct Field {
-    __m256i bytes;  // the bytes of 16 that each lane takes
+    __m256i bytes;  // for each lane, the indices of its bytes among the 16 loaded ones
     __m256i right;  // right shift that moves the field to the low end of its lane
     __m256i left;   // left shift that moves it to the high end
     __m256i mask;
@@ -48,8 +48,8 @@ class EightRecords {
     const __m256i bit = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(offset)),
                                          _mm256_setr_epi32(0, next, residue(4), residue(4) + next, residue(2),
                                                            residue(2) + next, residue(6), residue(6) + next));
-    // Each byte of a lane gets the index of the field's first byte, plus 0 to 3. Where that passes 15, the byte holds
-    // no bit of the field.
+    // Byte i of a lane gets the index of the field's first byte plus i. If that is above 15, the byte holds no bit of
+    // the field.
     const __m256i spread = _mm256_setr_epi8(0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12,  //
                                             0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12);
     Field field;
@@ -66,7 +66,7 @@ class EightRecords {
   __m256i low(const Field& field) const {
     return _mm256_and_si256(_mm256_srlv_epi32(lanes(field), field.right), field.mask);
   }
-  /// The field in the highest bits, with the bits before it below. Lanes compare in the order of the field.
+  /// The field in the highest bits, with the record's earlier bits below. Lanes compare as their fields do.
   __m256i high(const Field& field) const { return _mm256_sllv_epi32(lanes(field), field.left); }
 
  private:

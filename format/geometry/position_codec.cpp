@@ -137,7 +137,7 @@ void unpack_positions(const std::byte* stream, uint64_t vertex_count, const std:
     return;
   }
   for (uint64_t vertex = 0; vertex < vertex_count; ++vertex) {
-    // A stride over 57 bits leaves at least 10 bits to z, so its window starts inside the data and ends inside the
+    // With a stride over 57 bits z has at least 10 bits, so its window begins inside the data and ends inside the
     // slack.
     const uint64_t codes = window(vertex * stride);
     const uint64_t code_z = window(vertex * stride + shift_z) & mask_z;
@@ -164,7 +164,7 @@ Result<void> check_codes(const LatticeDecoder& decoder, const std::array<uint32_
 }
 
 Result<void> check_floats(uint64_t vertex_count, std::span<const std::byte> bytes) {
-  // Tests a block at a time without a branch. Only a block with a value that is not finite is searched value by value.
+  // Tests a block at a time without branches. Searches a block value by value only if one is not finite.
   constexpr uint64_t kBlock = 1024;
   constexpr uint32_t kExponent = 0x7f800000u;
   const uint64_t count = 3 * vertex_count;
@@ -232,7 +232,7 @@ Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_
   const double half_ulp = 0.5 * float_ulp(largest);
   const int32_t coarsest = coarsest_exponent(max_error, half_ulp);
   auto lattice = lattice_of_exponent(lo, hi, std::max(coarsest, exact_exponent(axes)));
-  // If half an ulp takes all of max_error, a lattice that holds every float of the box exactly would still satisfy it.
+  // If half an ulp alone uses up max_error, only a lattice that holds every float of the box exactly keeps it.
   if (!lattice && coarsest < kMinLatticeExponent) {
     return bad_lattice("a maximum error of " + format_double(max_error) + " is not above " + format_double(half_ulp) +
                        ", half the spacing of float32 at " + format_double(largest) +
@@ -359,8 +359,8 @@ Result<void> decode_positions(std::span<float> out, const MeshLattice& lattice, 
                    [&, values](uint64_t vertex, uint32_t x, uint32_t y, uint32_t z) {
                      largest = {std::max(largest[0], x), std::max(largest[1], y), std::max(largest[2], z)};
                      float* const at = values + 3 * vertex;
-                     // Codes have at most 24 bits, so the conversion from signed 32-bit integers is exact. It is also
-                     // the cheap one.
+                     // Codes have at most 24 bits, so the conversion is exact. It is cheapest from signed 32-bit
+                     // integers.
                      at[0] = static_cast<float>((x0 + static_cast<int32_t>(x)) * step);
                      at[1] = static_cast<float>((y0 + static_cast<int32_t>(y)) * step);
                      at[2] = static_cast<float>((z0 + static_cast<int32_t>(z)) * step);

@@ -21,9 +21,9 @@ struct MeshLattice {
   double max_error = 0;  // half a step and half an ulp of the largest coordinate, model units
 };
 
-/// The coarsest lattice over the box that keeps max_error (model units; half a step). If max_error is 0: the finest
-/// lattice with `bits` per axis. Errors kRange: more than kMaxPositionBits per axis would be needed (the message gives
-/// the number).
+/// The coarsest lattice over the box whose MeshLattice::max_error is at most `max_error` (model units). If `max_error`
+/// is 0: the finest lattice with `bits` per axis. Errors kRange: an axis would need more than kMaxPositionBits (the
+/// message gives the number).
 Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_t bits, double max_error);
 
 /// The lattice of a given exponent over the box. Errors kRange as above.

@@ -54,7 +54,7 @@ int32_t exact_exponent(std::span<const Interval> axes) {
 
 int32_t finest_exponent(std::span<const Interval> axes, uint32_t bits) {
   assert(bits >= 1 && bits <= 24);
-  // Start at or below the first exponent that can fit: if the rounded ends are 2^bits - 1 steps apart, the interval is
+  // Starts at or below the first exponent that can fit: rounded ends that are 2^bits - 1 steps apart leave the interval
   // at most 2^bits steps long.
   int32_t exponent = exact_exponent(axes);
   for (const Interval& axis : axes) {

@@ -3,8 +3,8 @@
 
 namespace scree::format {
 
-/// The rotation matrix of a quaternion (xyzw), row by row. The quaternion is normalised here, since a file holds it
-/// rounded and another program may write one that is far from unit length. Length 0 gives no rotation.
+/// The rotation matrix of a quaternion (xyzw), row by row. Normalises the quaternion: its numbers are rounded in a
+/// file, and another program may have written any length. Length 0 gives no rotation.
 inline void rotation_matrix(const double q[4], double (&out)[3][3]) {
   const double norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
   const double k = norm > 0 ? 2 / norm : 0;

@@ -1,4 +1,4 @@
-// The streams of a split page, and the vertices that it refers back to. Source: spec/codecs.md, split pages.
+// The streams of a split page, and the earlier vertices to which it can refer. Source: spec/codecs.md, split pages.
 #pragma once
 
 #include <cstdint>
@@ -10,13 +10,13 @@
 namespace scree::format::split_streams {
 
 enum Stream : uint32_t {
-  kParts,      // numbers of clusters and of plain bytes, alternating, u32 each
+  kParts,      // number of clusters, number of plain bytes, and so on alternating, u32 each
   kTriangles,  // a byte per cluster: triangles less one
   kVertices,   // a byte per cluster: vertices less one
   kForms,      // a byte per cluster: distance bits 0 to 2, wide steps 3, predicted axis 4 and 5
   kSlopes,     // of clusters with a prediction: i16 each
   kSteps,      // low bits of a cluster's steps, then high bits if wide: whole bytes
-  kDistances,  // per triangle both distances: one byte, the first in its low half, or a byte each if over 4 bits
+  kDistances,  // both distances of each triangle: one byte, the first in its low half; a byte each if over 4 bits
   kPlaces,     // per vertex: 0 it has a residual, 1 to 254 the step to an equal earlier vertex, 255 it is in kFar
   kFar,        // u16: how many vertices back the equal vertex is
   kResiduals,  // of vertices with place 0: low bytes of x, of y, of z, then the next byte of each, and so on
@@ -33,11 +33,11 @@ inline constexpr uint32_t kShortDistance = 4;  // distances of at most this many
 inline constexpr uint32_t kFarPlace = 255;
 inline constexpr uint32_t kMostBack = 65535;  // vertices
 
-/// Values in RecentVertices; a power of two, so that an index is brought within bounds without a branch.
+/// Values in RecentVertices: a power of two, so that a modulo without a branch keeps any index within bounds.
 inline constexpr uint32_t kMostValues = 1u << 17;
 
-/// The vertices of a part, numbered through it, back to the oldest that can be referred to. They lie one after the
-/// other, behind room for the residuals of a cluster, so that one index leads to either.
+/// The vertices of a part, numbered from 0 in the part; the oldest that nothing can refer to any more are forgotten.
+/// They lie in one array behind the residuals of a cluster, so that one index selects a vertex or a residual.
 class RecentVertices {
  public:
   void clear() {
@@ -46,7 +46,7 @@ class RecentVertices {
   }
   /// Number of vertices.
   uint32_t count() const { return forgotten_ + used_; }
-  /// Where the vertices of the next cluster go, before they are added.
+  /// Returns where the caller writes the vertices of the next cluster before it calls add().
   Offsets* make_room() {
     if (used_ + kMaxClusterVertices > kRoom) {
       forgotten_ += used_ - kMostBack;
@@ -59,7 +59,7 @@ class RecentVertices {
 
   /// Room for kMaxClusterVertices residuals, then the vertices.
   Offsets* values() { return values_; }
-  /// The index in values() of vertex 0 modulo 2^32; that of a vertex is as much more as its number.
+  /// Vertex n has index (first_index() + n) modulo 2^32 in values().
   uint32_t first_index() const { return kMaxClusterVertices - forgotten_; }
   Offsets at(uint32_t number) const { return values_[first_index() + number]; }
 

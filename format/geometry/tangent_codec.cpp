@@ -10,7 +10,7 @@
 namespace scree::format {
 namespace {
 
-/// The code of a tangent's direction, or -1 if it has none beside the normal.
+/// The code of a tangent's direction, or -1 if the tangent is zero, not finite or parallel to the normal.
 int32_t direction_of(const float* tangent, const float* normal, uint32_t bits) {
   float axes[2][3];
   tangent_axes(normal, axes[0], axes[1]);
@@ -44,7 +44,8 @@ uint64_t tangent_stream_bytes(uint64_t vertex_count, uint32_t bits) {
 }
 
 double tangent_error_bound(uint32_t bits) {
-  // Half a step along a side of the square; in the middle of a side it is seen from the centre at twice that angle.
+  // The largest error is half a step along a side of the square. In the middle of a side this is an angle of twice as
+  // much.
   return 2 * 0.5 / (1 << (bits - 3));
 }
 

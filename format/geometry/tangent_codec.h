@@ -15,13 +15,14 @@ namespace scree::format {
 inline constexpr uint32_t kMinTangentBits = 3;
 inline constexpr uint32_t kMaxTangentBits = 16;
 
-/// `bits` (3 to 16) per vertex: the lowest is 1 where the bitangent is -cross(normal, tangent), the others are the
+/// `bits` (3 to 16) per vertex: the lowest is 1 if the bitangent is -cross(normal, tangent), the others are the
 /// direction. A direction differs from the encoded one by at most tangent_error_bound(bits) radians. Every code is
 /// valid, so check_tangents() checks sizes only. Errors kRange, kTruncated, kTrailing.
 uint64_t tangent_stream_bytes(uint64_t vertex_count, uint32_t bits);
 double tangent_error_bound(uint32_t bits);
 /// `tangents`: glTF's x y z and sign per vertex, of any length. `normals`: 3 per vertex, as decode_normals() returns
-/// them for the chunk. A tangent without a direction beside the normal takes direction 0. Returns how many there are.
+/// them for the chunk. A tangent that is zero, not finite or parallel to the normal gets direction 0. Returns how many
+/// there are.
 uint64_t encode_tangents(std::span<std::byte> out, std::span<const float> tangents, std::span<const float> normals,
                          uint32_t bits);
 /// `out`: 4 per vertex, of unit length, at right angles to the normals.
@@ -46,7 +47,7 @@ SCREE_HD inline void tangent_axes(const float normal[3], float first[3], float s
 }
 
 /// The unit tangent of a code at the unit vector `normal`, and 1 or -1, the sign of its bitangent. A direction is a
-/// place on the square |x| + |y| = quarter. All operations are correctly rounded, so that CPU and CUDA agree bit for
+/// point of the square |x| + |y| = quarter. All operations are correctly rounded, so that CPU and CUDA agree bit for
 /// bit.
 SCREE_HD inline float decode_tangent(uint32_t code, uint32_t bits, const float normal[3], float out[3]) {
   const int32_t quarter = 1 << (bits - 3u);

@@ -1,4 +1,5 @@
-// Predicts the positions of a cluster's vertices from its triangles. Source: spec/codecs.md, split pages.
+// Predicts the position of each vertex of a cluster from earlier vertices, by the triangles. Source: spec/codecs.md,
+// split pages.
 #pragma once
 
 #include <algorithm>
@@ -22,11 +23,11 @@ struct ClusterTriangles {
   std::array<uint8_t, kMaxClusterTriangles> back[2];
 };
 
-/// Finds from which vertices the position of each vertex of a cluster is expected. This needs no positions, so that no
-/// step of it waits for another; branches would often be mispredicted and are avoided.
+/// Finds the vertices from which each vertex of a cluster is predicted. No step depends on a position, so that steps
+/// can overlap. There are few branches, which would often be mispredicted.
 class VertexPredictor {
  public:
-  /// Takes a cluster. The caller ensures that vertices are below `vertex_count`, and that distances are below
+  /// Begins a cluster. The caller ensures that vertices are below `vertex_count`, and that distances are below
   /// 2^distance_bits and at most their triangle's largest vertex.
   void begin(const ClusterTriangles& triangles, uint32_t vertex_count) {
     if (has_degenerate(triangles))
@@ -39,17 +40,18 @@ class VertexPredictor {
   Offsets expected(uint32_t vertex, const Offsets* at) const {
     const Corner& p = corners_[0][vertex];
     const Corner& q = corners_[1][vertex];
-    // The vertex placed last is often p[1] or q[1], which therefore come last.
+    // The vertex decoded just before is often p[1] or q[1]. Adding these two last shortens the wait for it.
     return (at[p[0]] + at[q[0]] - at[p[2]] - at[q[2]] + at[q[1]] + at[p[1]]) >> 1;
   }
 
  private:
-  /// Vertices 0 and 1 are an edge, and the point across it from vertex 2 is 0 + 1 - 2. The fourth number is 0.
+  /// Vertices 0 and 1 are an edge of the vertex's triangle, and vertex 2 lies on the other side of the edge. The
+  /// prediction is 0 + 1 - 2. The fourth number is 0.
   using Corner = std::array<uint8_t, 4>;
   static_assert(sizeof(Corner) == sizeof(uint32_t));
   static constexpr uint32_t kNoVertex = 0xff;
 
-  /// Triangles as their edges, numbered: the larger vertex << kBits | the distance to the other.
+  /// The triangles' edges as numbers: the larger vertex << kBits | the distance to the other.
   struct Edges {
     std::array<uint8_t, kMaxClusterTriangles> largest, a, b;
     std::array<uint8_t, kMaxClusterTriangles> again;  // all ones: the triangle before has the same largest vertex
@@ -116,7 +118,7 @@ class VertexPredictor {
     find_edges<kBits>(triangles, edges);
     std::fill_n(opposite_.begin(), size_t{vertex_count} << kBits, static_cast<uint8_t>(kNoVertex));
     for (uint32_t v = 0; v < vertex_count; ++v) {
-      found_[0][v] = kNoVertex << 16 | ((v - 1) & 0xff) * 0x0101;  // for a vertex that completes no triangle
+      found_[0][v] = kNoVertex << 16 | ((v - 1) & 0xff) * 0x0101;  // default: the vertex completes no triangle
       found_[1][v] = kNoVertex << 16;
     }
     uint32_t corners = 0;  // found for `largest`
@@ -135,7 +137,7 @@ class VertexPredictor {
       const uint32_t second = found_[1][v];
       const bool has_first = first >> 16 < v;
       const bool has_second = second >> 16 < v;
-      // Without any corner, the middle of the edge found last, whose ends are corners on their own.
+      // Without any corner, predicts the middle of the edge found last: each end serves as a corner.
       const uint32_t p = has_first ? first : (first & 0xff) * 0x010101;
       const uint32_t q = has_second ? second : has_first ? first : (first >> 8 & 0xff) * 0x010101;
       std::memcpy(&corners_[0][v], &p, sizeof p);
@@ -145,8 +147,8 @@ class VertexPredictor {
 
   // The expected position is the mean of two corners.
   std::array<Corner, kMaxClusterVertices> corners_[2];
-  // Per vertex, the corners found in order, as numbers. The first two count, since more gain nothing. One whose third
-  // vertex is not below the vertex itself is only an edge.
+  // The corners found for each vertex, as numbers. Only the first two count, since more gain nothing. A corner whose
+  // third vertex is not below the vertex itself is only an edge.
   std::array<uint32_t, kMaxClusterVertices> found_[kMaxClusterTriangles + 1];
   // Per edge, the vertex opposite to it in the last triangle that has the edge.
   std::array<uint8_t, kMaxClusterVertices * kMaxClusterVertices> opposite_;

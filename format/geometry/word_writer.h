@@ -17,10 +17,10 @@ static_assert(std::endian::native == std::endian::little);
 inline constexpr uint32_t kMostClusterWords = 2 + 2 * kMaxClusterTriangles / 32 + 14 * kMaxClusterTriangles / 32 +
                                               3 * kMaxPositionBits * kMaxClusterVertices / 32;
 
-/// Words that a WordWriter may write behind the last one that has a value's bits.
+/// Words that a WordWriter may write behind its last word with data.
 inline constexpr uint32_t kWriterSlack = 2;
 
-/// Most bits of a value: with 7 pending ones they still fit 64.
+/// Most bits of a value. With 7 pending bits they fit 64.
 inline constexpr uint32_t kMostPutBits = 56;
 
 /// Appends values of at most kMostPutBits bits, the first in the lowest bits.

@@ -33,7 +33,7 @@ Result<JpegHuffmanTable> make_jpeg_table(const JpegHuffmanSpec& spec, bool is_dc
   uint32_t index = 0;
   for (uint32_t length = 1; length <= 16; ++length, code <<= 1) {
     const uint32_t count = spec.counts[length - 1];
-    // No code may consist of ones only, so one stays free in every length that is used.
+    // A code of ones only is not allowed, so one code stays free in every length that is used.
     if (count != 0 && code + count >= 1u << length)
       return Error{ErrorCode::kFormat, "more Huffman codes of " + std::to_string(length) + " bits than there can be"};
     if (length <= kJpegFastBits) {

@@ -1,5 +1,5 @@
-// JPEG Huffman tables for decoding: one look-up for codes of up to 9 bits, six compares without a branch for longer
-// ones. A table takes 1.6 KiB, so that the four tables of a picture fit the shared memory of a thread block.
+// JPEG Huffman tables for decoding. Codes of up to 9 bits take one look-up, longer codes six comparisons without
+// branches. A table takes 1.6 KiB, so that the four tables of a picture fit the shared memory of a thread block.
 #pragma once
 
 #include <cstdint>
@@ -21,14 +21,14 @@ struct JpegCode {
 /// The decoding table of one Huffman code.
 struct JpegHuffmanTable {
   uint16_t fast[1u << kJpegFastBits];  // by the next 9 bits: length << 8 | symbol; 0 where the code is longer
-  // The codes of length 10 + i are below limit[i], as 16 bits with the code's first bit on top. The limits never
-  // decrease.
+  // Codes of length 10 + i, left-aligned in 16 bits, are below limit[i]. The limits never decrease.
   uint32_t limit[7];
   // symbols[first + code] is the symbol of a code of length 10 + i, modulo 2^32.
   uint32_t first[7];
   uint8_t symbols[256];
 
-  /// The code at the top of `window`, whose low half holds the next 16 bits of the stream. Safe for any window.
+  /// Decodes the code at the start of `window`, whose low 16 bits are the next 16 bits of the stream. Safe for any
+  /// window.
   SCREE_HD JpegCode find(uint32_t window) const {
     const uint32_t entry = fast[window >> (16 - kJpegFastBits)];
     if (entry != 0) return {entry >> 8, entry & 255u};

@@ -1,5 +1,5 @@
 // The indexed JPEG: a sequential Huffman JPEG rearranged so that any MCU decodes independently, and the way back to a
-// JPEG file. Lossless: coefficients and tables are the file's. Source: spec/codecs.md, indexed JPEG.
+// JPEG file. Lossless: coefficients and tables stay as they are in the file. Source: spec/codecs.md, indexed JPEG.
 #pragma once
 
 #include <array>
@@ -34,8 +34,8 @@ struct JpegLayout {
 Result<JpegLayout> jpeg_layout(uint32_t width, uint32_t height, std::span<const JpegComponent> components);
 
 /// Upper bound of the bytes that encode_jpeg_index needs for a file of `file_bytes` bytes. It depends on the file's
-/// size, not on the claims of its header. Errors: those of judge_jpeg as kUnsupported, kUnsupported (more than 10
-/// blocks per MCU), kFormat (a missing table), kTruncated (fewer than 2 bits per block).
+/// size only, because a header may be false. Errors: kUnsupported (judge_jpeg() does not return kAsItIs, or more than
+/// 10 blocks per MCU), kFormat (a missing table), kTruncated (fewer than 2 bits per block).
 Result<uint64_t> jpeg_index_bound(const JpegHeader& header, uint64_t file_bytes);
 
 /// Result of encode_jpeg_index().
@@ -47,7 +47,8 @@ struct JpegEncoded {
 /// Writes the indexed JPEG of `file` into `out`. `header`: as parse_jpeg read it. `out`: at least jpeg_index_bound()
 /// bytes, all of which may be written. A file that only lacks its end marker is accepted. Takes 16 bytes of memory per
 /// group. Errors, each with the byte in the file and the MCU: kTruncated (the data end early), kFormat (no such code, a
-/// coefficient past the 63rd, an unexpected marker), kUnsupported (a second scan); and jpeg_index_bound's. Reentrant.
+/// coefficient past the 63rd, an unexpected marker), kUnsupported (a second scan); and the errors of
+/// jpeg_index_bound(). Reentrant.
 Result<JpegEncoded> encode_jpeg_index(std::span<std::byte> out, const JpegHeader& header,
                                       std::span<const std::byte> file);
 
@@ -58,7 +59,7 @@ struct JpegIndex {
   JpegColour colour = JpegColour::kGrey;  // kGrey, kYcbcr or kRgb
   uint16_t restart_interval = 0;
   uint32_t component_count = 0;             // 1 or 3
-  std::array<JpegComponent, 3> components;  // ids unset; table numbers from 0, below the sizes of the vectors here
+  std::array<JpegComponent, 3> components;  // ids are unset; table numbers index quant, dc and ac below
   JpegLayout layout;
   std::vector<std::array<uint16_t, 64>> quant;  // zigzag order
   std::vector<JpegHuffmanSpec> dc;
@@ -74,9 +75,9 @@ struct JpegIndex {
   uint64_t index_bytes() const { return blocks.size() + anchors.size(); }
 };
 
-/// Opens and checks all but the anchors themselves and the entropy-coded data, in time proportional to the number of
-/// anchor blocks. Safe on any bytes; decode_jpeg_mcu is then safe on the result. Errors kFormat (no indexed JPEG, an
-/// invalid table), kVersion, kReserved, kRange, kUnsupported, kTruncated, kTrailing, kMemory.
+/// Opens an indexed JPEG and checks all of it except the anchors and the entropy-coded data, in time proportional to
+/// the number of anchor blocks. Safe on any bytes; decode_jpeg_mcu is then safe on the result. Errors kFormat (no
+/// indexed JPEG, an invalid table), kVersion, kReserved, kRange, kUnsupported, kTruncated, kTrailing, kMemory.
 Result<JpegIndex> open_jpeg_index(std::span<const std::byte> bytes);
 
 /// Upper bound of the bytes that decode_jpeg_index writes.

@@ -24,7 +24,7 @@ uint8_t renumber(std::vector<uint32_t>& used, uint32_t number) {
   return place;
 }
 
-/// All but the data, decided from the header.
+/// The parts of the indexed JPEG that follow from the header: all but the data.
 struct Plan {
   UsedTables tables;
   JpegLayout layout;
@@ -71,8 +71,8 @@ struct Stretch {
   uint64_t next = 0;  // offset behind the marker
 };
 
-/// Walks the data from `at` to the next marker, at most `limit` unstuffed bytes, and writes them if `out` is not null.
-/// Any number of FF before a stuffed zero make one FF, and FF before a marker are fill bytes, as in libjpeg.
+/// Reads the data from `at` to the next marker, at most `limit` unstuffed bytes, and writes them if `out` is not null.
+/// As in libjpeg, several FF before a stuffed zero count as one FF, and all FF before a marker are fill bytes.
 Stretch unstuff(std::span<const std::byte> file, uint64_t at, std::byte* out, uint64_t limit = UINT64_MAX) {
   Stretch stretch;
   while (at < file.size() && stretch.bytes < limit) {
@@ -151,7 +151,7 @@ class ScanReader {
       begin_jpeg_mcu(view_, cursor_);
       if (cursor_.mcu % view_.group_mcus == 0) add_anchor();
       if (decode_jpeg_mcu_at(view_, cursor_, [](uint32_t, uint32_t, int32_t) {})) continue;
-      // Near the end of the data, an invalid code is a code that was cut off.
+      // An invalid code near the end of the data is a cut-off code.
       if (cursor_.bit + 32 > view_.data_bits)
         return fail(ErrorCode::kTruncated, stretch.marker_at, "the data end, expected more");
       const uint64_t at = unstuff(file_, first, nullptr, cursor_.bit / 8 - before).marker_at;
@@ -171,7 +171,7 @@ class ScanReader {
     anchors_.push_back(anchor);
   }
 
-  /// Checks the file behind the scan up to the end marker. Only another scan is an error.
+  /// Checks the file from the scan's end to the end marker. Only another scan is an error.
   Result<void> check_rest() const {
     for (uint64_t at = marker_at_; at < file_.size();) {
       uint32_t marker;

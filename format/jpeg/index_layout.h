@@ -11,7 +11,7 @@ namespace scree::format {
 
 inline constexpr char kJpegIndexMagic[4] = {'S', 'J', 'P', 'G'};
 inline constexpr uint64_t kJpegIndexAlignment = 16;
-inline constexpr uint32_t kMaxAnchorBits = 32 + 16 * kJpegMaxComponents;  // of a group, and of its block's 32-bit words
+inline constexpr uint32_t kMaxAnchorBits = 32 + 16 * kJpegMaxComponents;  // of a group: its start and its DC predictors
 
 struct JpegIndexHeader {
   char magic[4];

@@ -1,5 +1,5 @@
-// Decodes one MCU of an indexed JPEG from its group's anchor; runs in kernels too. Allocates nothing, and reads only
-// the tables and streams of the view, whatever their bytes are. Source: spec/codecs.md, indexed JPEG.
+// Decodes one MCU of an indexed JPEG from its group's anchor; runs in kernels too. Allocates nothing, and is safe on
+// any bytes: it reads nothing outside the view's tables and streams. Source: spec/codecs.md, indexed JPEG.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ inline constexpr uint32_t kJpegMaxMcuBlocks = 10;  // T.81, B.2.3
 inline constexpr uint32_t kJpegBlockGroups = 32;   // groups per anchor block, one per lane of a warp
 inline constexpr uint32_t kJpegGroupPixels = 256;  // a group covers at least this many pixels
 
-/// Values that the groups of an anchor block share, as it lies in the file.
+/// The shared values of the groups of an anchor block, as they lie in the file.
 struct JpegAnchorBlock {
   uint64_t bit;                         // start of the first group's data
   uint32_t word;                        // start of the block's anchors, in 32-bit words
@@ -58,7 +58,7 @@ struct JpegCursor {
   int32_t dc[kJpegMaxComponents];  // predictors, within int16
 };
 
-/// The 32 bits from `bit` on, the first on top. Reads at most 8 bytes from the byte that holds `bit`.
+/// The 32 bits from `bit` on, the first in the highest bit. Reads at most 8 bytes from the byte that holds `bit`.
 SCREE_HD inline uint32_t peek_jpeg_bits(const void* data, uint64_t bit) {
 #if defined(__CUDA_ARCH__)
   const uint32_t* word = static_cast<const uint32_t*>(data) + (bit >> 5);
@@ -72,7 +72,7 @@ SCREE_HD inline uint32_t peek_jpeg_bits(const void* data, uint64_t bit) {
 #endif
 }
 
-/// The signed number of `size` bits (0 to 15) at the top of `window` (T.81, F.2.2.1).
+/// The signed number in the highest `size` bits (0 to 15) of `window` (T.81, F.2.2.1).
 SCREE_HD inline int32_t extend_jpeg_bits(uint32_t window, uint32_t size) {
   if (size == 0) return 0;
   const int32_t value = static_cast<int32_t>(window >> (32 - size));
@@ -143,7 +143,8 @@ SCREE_HD bool decode_jpeg_block(const JpegView& view, JpegCursor& cursor, uint32
 }
 
 /// Decodes the MCU at the cursor and advances it. Calls sink(block, k, value); blocks 0 to 9 count in stream order:
-/// component by component, rows of v times h blocks. Returns false as above, and if no MCU is left.
+/// component by component, rows of v times h blocks. Returns false for invalid or truncated data, and if no MCU is
+/// left.
 template <class Sink>
 SCREE_HD bool decode_jpeg_mcu_at(const JpegView& view, JpegCursor& cursor, Sink&& sink) {
   if (cursor.mcu >= view.mcu_count) return false;
@@ -159,8 +160,8 @@ SCREE_HD bool decode_jpeg_mcu_at(const JpegView& view, JpegCursor& cursor, Sink&
   return true;
 }
 
-/// Decodes MCU `mcu` from its group's anchor; values of the group's earlier MCUs are discarded. Sink and result as
-/// above. Reentrant.
+/// Decodes MCU `mcu` from its group's anchor and discards the values of the group's earlier MCUs. Sink and result as
+/// for decode_jpeg_mcu_at(). Reentrant.
 template <class Sink>
 SCREE_HD bool decode_jpeg_mcu(const JpegView& view, uint32_t mcu, Sink&& sink) {
   if (mcu >= view.mcu_count) return false;

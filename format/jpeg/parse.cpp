@@ -120,7 +120,7 @@ Result<void> read_frame(JpegHeader& header, const Segment& segment, uint32_t mar
       return bad(ErrorCode::kRange, segment.offset + 8 + 3 * i,
                  "quantisation table " + std::to_string(component.quant));
   }
-  // A scan of one component is not interleaved: its MCU is one block, whatever its factors are.
+  // A scan of one component is not interleaved: its MCU is one block, regardless of its factors.
   if (header.component_count == 1) header.components[0].h = header.components[0].v = 1;
   return {};
 }

@@ -72,19 +72,20 @@ enum class JpegTreatment {
 };
 
 /// Reads the segments of `file` up to its first scan. Garbage between segments and fill bytes are skipped, as in
-/// libjpeg. Huffman tables that no segment defines are those of T.81, K.3 (motion JPEG leaves them out). The colour
-/// follows from libjpeg's rules: JFIF, the Adobe marker, the component ids. Errors, each with its byte in the file:
-/// kFormat (malformed), kTruncated, kRange (a factor or a table number), kUnsupported (height given after the data).
+/// libjpeg. Huffman tables that no segment defines (motion JPEG leaves them out) get the values of T.81, K.3. The
+/// colour follows from libjpeg's rules: JFIF, the Adobe marker, the component ids. Errors, each with its byte in the
+/// file: kFormat (malformed), kTruncated, kRange (a factor or a table number), kUnsupported (height given after the
+/// data).
 Result<JpegHeader> parse_jpeg(std::span<const std::byte> file);
 
-/// The treatment, and its reason in one line for a note or an error: "progressive", "4 components (CMYK)", "12 bits a
+/// The treatment, and its reason in one line for a note or an error: "progressive", "4 components (CMYK)", "12 bits per
 /// sample".
 struct JpegVerdict {
   JpegTreatment treatment;
   std::string reason;  // empty with kAsItIs
 };
 
-/// Judges by the headers alone. A sequential file whose later scans repeat a component is found by encode_jpeg_index.
+/// Judges by the headers alone. Only encode_jpeg_index() finds a sequential file whose later scans repeat a component.
 JpegVerdict judge_jpeg(const JpegHeader& header);
 
 /// Finds the next marker from `at` on, past garbage, fill bytes and stuffed zeros. Returns the offset behind it and

@@ -1,5 +1,6 @@
-// From the coefficients of an indexed JPEG to its samples and colours; runs in kernels too. Integer arithmetic only, so
-// every machine computes the same bits, equal to libjpeg-turbo's exact transform. Source: spec/codecs.md, indexed JPEG.
+// Computes samples and colours from the coefficients of an indexed JPEG; runs in kernels too. Integer arithmetic only,
+// so every machine computes the same bits, equal to libjpeg-turbo's exact transform. Source: spec/codecs.md, indexed
+// JPEG.
 #pragma once
 
 #include <cstdint>
@@ -28,7 +29,7 @@ struct JpegPicture {
   uint32_t mcu_height_inverse;
   uint32_t group_inverse;  // for view.group_mcus
   struct Scale {
-    uint32_t x;  // 2^16 times the component's samples per MCU row over the MCU's width, rounded up
+    uint32_t x;  // 2^16 times the component's samples per pixel, rounded up
     uint32_t y;
   } scales[kJpegMaxComponents];
 };
@@ -38,8 +39,8 @@ constexpr uint32_t jpeg_inverse(uint32_t divisor) {
   return ((1u << 31) + divisor - 1) / divisor;
 }
 
-/// value / divisor for value < 2^26. `inverse` is off by less than 1, so the product is off by less than 2^26. The
-/// distance to the next whole number is at least 2^31 / 32.
+/// value / divisor for value < 2^26. `inverse` is too large by less than 1, so the product is too large by less than
+/// 2^26. It could be off by 2^31 / 32 before the quotient changed.
 SCREE_HD inline uint32_t divide_jpeg(uint32_t value, uint32_t inverse) {
   return static_cast<uint32_t>(uint64_t{value} * inverse >> 31);
 }
@@ -129,8 +130,8 @@ SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor&
 }
 
 /// The samples of a whole group, which is below ceil(mcu_count / group_mcus): 64 * mcu_blocks * group_mcus bytes. Bytes
-/// of MCUs past the last one are left alone. Samples are grey from the first invalid or truncated block on. Any bytes
-/// are safe.
+/// for MCUs past the last one stay unchanged. Samples are grey from the first invalid or truncated block on. Safe on
+/// any data.
 SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
   JpegCursor cursor = jpeg_anchor(picture.view, group);
   const uint32_t left = picture.view.mcu_count - cursor.mcu;
@@ -161,7 +162,7 @@ SCREE_HD inline JpegPlace jpeg_place(const JpegPicture& picture, uint32_t x, uin
 }
 
 /// Index of the pixel's sample among the samples of component `c` in its MCU. Subsampled components are repeated, not
-/// interpolated: pixel x of the MCU has sample floor(x * h / h of the largest).
+/// interpolated: pixel x of the MCU has sample floor(x * h / largest h).
 SCREE_HD inline uint32_t jpeg_sample(const JpegPicture& picture, const JpegPlace& place, uint32_t c) {
   const uint32_t x = place.x * picture.scales[c].x >> 16;
   const uint32_t y = place.y * picture.scales[c].y >> 16;
@@ -194,9 +195,9 @@ SCREE_HD inline uint32_t jpeg_colour(const JpegPicture& picture, const JpegPlace
   return jpeg_code(picture, value);
 }
 
-/// The colours, as from jpeg_colour(), of up to four pixels, for callers without room for a group's samples. `places`:
-/// all of one group. `wanted`: a bit per pixel; the others are left alone. Decodes the group up to the last wanted
-/// pixel.
+/// The colours of up to four pixels, as from jpeg_colour(), for callers without memory for a group's samples. `places`:
+/// all in one group. `wanted`: one bit per pixel; colours of other pixels stay unchanged. Decodes the group up to the
+/// last wanted pixel.
 SCREE_HD inline void decode_jpeg_colours(const JpegPicture& picture, const JpegPlace places[4], uint32_t wanted,
                                          uint32_t colours[4]) {
   int32_t values[4][kJpegMaxComponents];

@@ -1,5 +1,5 @@
-"""Cameras for training: camera_batch.py FILE.scree FOLDER takes poses (camera to world) and intrinsics as data sets have
-them, and writes colour, depth and triangle ids as blocks of N x H x W."""
+"""Cameras for training: camera_batch.py FILE.scree FOLDER makes cameras of poses (camera to world) and intrinsics, the
+form of data sets, and writes colour, depth and triangle ids as blocks of N x H x W."""
 
 import math
 import pathlib
@@ -12,7 +12,7 @@ WIDTH, HEIGHT, FOCAL, NEAR = 96, 64, 90.0, 0.01  # pixels, pixels, pixels, units
 
 
 def projection():
-    """As OpenGL has it; the far plane is at infinity."""
+    """An OpenGL projection with the far plane at infinity."""
     out = np.zeros((4, 4))
     out[0, 0] = 2 * FOCAL / WIDTH
     out[1, 1] = 2 * FOCAL / HEIGHT

@@ -15,7 +15,7 @@ seen = np.isfinite(depth)
 nearest, farthest = depth[seen].min(), depth[seen].max()
 print(f"{seen.mean():.0%} of the pixels show something, from {nearest:.3g} to {farthest:.3g} units away")
 
-# Near is white, the background black; 16 bits, big-endian, as PGM has them.
+# Near is white, the background black. PGM files have 16 bits, big-endian.
 grey = np.zeros(depth.shape)
 grey[seen] = 1 - 0.9 * (depth[seen] - nearest) / max(farthest - nearest, 1e-12)
 pixels = (grey * 65535).astype(">u2")

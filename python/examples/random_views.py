@@ -1,4 +1,4 @@
-"""Random views: random_views.py FILE.scree FOLDER [COUNT] draws views from around the scene (1000) into one array."""
+"""Random views: random_views.py FILE.scree FOLDER [COUNT] draws COUNT views (1000) from around the scene into one array."""
 
 import pathlib
 import sys
@@ -24,4 +24,4 @@ for picture in views:
     picture[:] = view.read("color")
 seconds = time.perf_counter() - start
 np.save(folder / "views.npy", views)
-print(f"{count} views in {seconds:.2f} s, {count / seconds:.0f} a second")
+print(f"{count} views in {seconds:.2f} s, {count / seconds:.0f} per second")

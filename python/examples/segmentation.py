@@ -1,4 +1,4 @@
-"""A segmentation map: segmentation.py FILE.scree FOLDER writes the mesh of every pixel, -1 where there is none."""
+"""A segmentation map: segmentation.py FILE.scree FOLDER writes the mesh index of every pixel, -1 for the background."""
 
 import pathlib
 import sys

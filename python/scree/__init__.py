@@ -24,7 +24,7 @@ LAYERS = ("color", "depth", "triangle", "instance", "samples", "normal", "uv", "
 
 
 def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
-    """A camera at `eye`, x, y, z in world units, that looks at `target`, else at the middle of the scene's box.
+    """A camera at `eye` (x, y, z in world units) that looks at `target`. None: the middle of the scene's box.
 
     `up`: the direction that is up in the picture. `fov`: the vertical field of view in degrees, above 0 and below 180.
     """
@@ -32,50 +32,51 @@ def look_at(eye, target=None, up=(0, 1, 0), fov=45.0) -> Camera:
 
 
 def around(turn, rise, up=(0, 1, 0), fov=45.0) -> Camera:
-    """A camera that shows all of the scene, from `turn` degrees to the right of its front and `rise` degrees above.
+    """A camera that shows the whole scene, from `turn` degrees to the right of its front and `rise` degrees above it.
 
-    The front is (0, 0), the right (90, 0), the back (180, 0), the top (0, 90). `up` and `fov` as look_at().
+    The front is (0, 0), the right (90, 0), the back (180, 0), the top (0, 90). `up` and `fov`: as for look_at().
     """
     return _scree.around(turn, rise, tuple(up), fov)
 
 
 def matrices(view, projection, z_near=0.0) -> Camera:
-    """A camera as two 4 x 4 matrices, rows first: arrays of float64, or what numpy makes them of.
+    """A camera of two 4 x 4 matrices, rows first: arrays of float64, or values that numpy converts to such arrays.
 
-    `view`: from world to camera, which looks along -z with y up; a rotation and a translation, no scale.
-    `projection`: from camera to clip space as OpenGL has it (w = -z, depths from -1 to 1), perspective or orthographic,
-    around the middle of the picture. `z_near`, above 0 and in world units, replaces its near plane: for other ranges of
-    depth. Raises ValueError for arrays of another shape; draws raise scree.Error for matrices that are no such camera.
+    `view`: from world to camera space, where the camera looks along -z with y up. A rotation and a translation, no scale.
+    `projection`: from camera space to OpenGL's clip space (w = -z, depths from -1 to 1), perspective or orthographic,
+    around the middle of the picture. `z_near`, if above 0: the near plane in world units, instead of the projection's;
+    for projections with another range of depths. Raises ValueError for arrays of another shape. Draws raise scree.Error
+    for matrices that are not such a camera.
     """
     return _scree.matrices(view, projection, z_near)
 
 
 def clipped(camera, box_min, box_max) -> Camera:
-    """The same camera, which draws only what lies in a box, to look inside a building.
+    """The same camera, limited to the part of the scene in a box, for example to look inside a building.
 
-    `camera`: as View.draw() takes it. `box_min`, `box_max`: the box's smallest and largest corner, x, y, z in world
-    units. Depths, ids, picks and layers are those of a scene that ends there; the camera does not move. In a batch each
-    camera may have a box of its own. Draws raise scree.Error for corners that are not finite or in the wrong order.
+    `camera`: as for View.draw(). `box_min`, `box_max`: the box's smallest and largest corner (x, y, z in world units).
+    All layers and picks are as if the scene ended at the box; the camera does not move. In a batch each camera may have
+    a box of its own. Draws raise scree.Error for corners that are not finite or in the wrong order.
     """
     return _scree.clipped(camera, tuple(box_min), tuple(box_max))
 
 
 def cameras_of_path(path, *, fps=None, first=0, count=None) -> list[Camera]:
-    """The cameras of a film: of `count` frames from `first` on, None for all that follow, of a path that `scree view` saved.
+    """The cameras of `count` frames (None: all) from frame `first` on, of a camera path that `scree view` saved.
 
-    `scree render --path` draws the same frames with the same cameras. `fps`: frames per second, in place of the file's.
-    Raises scree.Error for a file that is no path, and for a `first` behind its end.
+    `scree render --path` draws the same frames with the same cameras. `fps`: frames per second, instead of the file's.
+    Raises scree.Error for a file that is no camera path, and for a `first` behind its end.
     """
     return _scree.cameras_of_path(os.fspath(path), 0 if fps is None else fps, first, count)
 
 
 def path_info(path, *, fps=None) -> dict:
-    """Of a camera's path: frames, and fps (per second). `fps` and errors as cameras_of_path()."""
+    """A dict with a camera path's frames and fps (frames per second). `fps` and errors: as for cameras_of_path()."""
     return _scree.path_info(os.fspath(path), 0 if fps is None else fps)
 
 
 def open(path) -> File:
-    """Opens a .scree file and checks its records; no geometry is read. Raises scree.Error for a file that is none."""
+    """Opens a .scree file and checks its records; reads no geometry. Raises scree.Error if it is no .scree file."""
     return File(path)
 
 
@@ -98,7 +99,7 @@ class File:
 
     @property
     def default_scene(self) -> int:
-        """The number of the scene that load() takes where none is named."""
+        """The number of the scene that load() takes by default."""
         return self._file.default_scene
 
     @property
@@ -117,34 +118,39 @@ class File:
         return self._file.materials
 
     def cameras(self, scene: int | None = None) -> list[dict]:
-        """The cameras of a scene, None for the default one, a dict each.
+        """The cameras of a scene, a dict each. None: the default scene.
 
-        name, node_name, camera (its number), orthographic, fov (degrees, vertical; 0 where orthographic), half_height
-        (units, where orthographic), z_near and z_far (units; 0: none), and world: float64, 3 x 4, the node's matrix, rows
-        first. Raises scree.Error for a scene that is not there.
+        name, node_name, camera (its number), orthographic, fov (degrees, vertical; 0 if orthographic), half_height
+        (units; 0 if perspective), z_near and z_far (units; 0: none), and world: float64, 3 x 4, the node's matrix, rows
+        first. Raises scree.Error for a scene that the file lacks.
         """
         return self._file.cameras(self.default_scene if scene is None else scene)
 
     def load(self, scene=None, *, backend="auto", gpu=None, threads=0, textures=True, device_memory=0, host_memory=0,
              texture_cache=0, largest=(0, 0, 1), progress=None, gpus=1, texture_memory=0, environment=None,
              light="auto", read="auto") -> Scene:
-        """Loads a scene, by name or number, and checks every byte of it.
+        """Loads a scene, by name or number (None: the default scene), and checks every byte of it.
 
-        `backend`: "cpu", "cuda", or "auto": a GPU where one can be used and takes the scene. `gpu`: its index or UUID.
-        `threads`: 0 is one per processor. `textures`: False leaves materials their colour alone. `device_memory`: bytes of
-        the GPU that scene and pictures may take; chunks that it does not hold are streamed while frames are drawn.
-        `host_memory`: bytes of pinned memory that feed it.
-        `texture_cache`: bytes of decoded blocks of JPEG textures. `largest`: width, height and samples of the largest
-        frames, which `device_memory` then counts. `progress(stage, done, total)` is called now and then; it returns
-        False to stop. `gpus`: how many draw the scene together, from `gpu` on, each with a part of it; None: all.
-        `texture_memory`: bytes for pages of KTX2 and DDS textures, which come from the file when pixels show them; 0: 2
-        GiB where the CPU draws. On a GPU textures that fit are loaded whole; 0: if the whole file fits, else a quarter
-        of its memory for pages. `light`: of its pictures, unless a draw names another: "camera", "environment",
-        "scene" for the file's own lights, or "auto": the environment if materials have more than a base colour.
-        `environment`: a Radiance picture (.hdr) of all directions, which implies that light; None: a clear sky. `read`:
-        how pages are read for a GPU, "mapped", "buffered", "direct" or "auto".
+        - `backend`: "cpu", "cuda", or "auto": a GPU if one can draw the scene, else the CPU.
+        - `gpu`: the GPU's index or UUID. `gpus`: the number of GPUs that draw the scene together, from `gpu` on, each with
+          a part of it; None: all.
+        - `threads`: 0 is one per processor.
+        - `textures`: False loads none; materials then have only their base colour.
+        - `device_memory`: bytes of GPU memory for scene and pictures. Chunks that do not fit are streamed while frames are
+          drawn. 0: the free memory.
+        - `host_memory`: bytes of pinned memory that feed the GPU; the rest of them keeps chunks. 0: no limit, no chunks.
+        - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
+        - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.
+        - `texture_memory`: bytes for pages of KTX2 and DDS textures, which are read from the file when pixels show them.
+          On a GPU, textures that fit are loaded whole. 0: on the CPU 2 GiB; on a GPU all textures are loaded if the whole
+          file fits, else pages get a quarter of the memory.
+        - `light`: the light of draws that name no other: "camera", "environment", "scene" (the file's own lights), or
+          "auto": the environment if materials have more than a base colour, else the camera.
+        - `environment`: a Radiance picture (.hdr) of all directions, which implies `light="environment"`; None: a clear sky.
+        - `read`: how pages are read for a GPU: "mapped", "buffered", "direct" or "auto".
+        - `progress(stage, done, total)` is called now and then; loading stops if it returns False.
 
-        Raises scree.Error: no such scene or GPU, damaged data, no memory, or a `progress` that returned False.
+        Raises scree.Error: no such scene or GPU, damaged data, no memory, or `progress` returned False.
         """
         warnings = []
         return Scene(self._file.load(
@@ -155,9 +161,10 @@ class File:
             light=light, read=read, warnings=warnings), warnings)
 
     def render(self, width=1920, height=1080, **options) -> dict:
-        """load().render(): for one picture. Whoever draws more keeps the scene.
+        """load().render(), for a single picture. For several pictures, load the scene once.
 
-        `options` and arrays, of height x width by layer, as Scene.render(). Raises as File.load() and View.draw().
+        `options` and the returned arrays (height x width by layer): as for Scene.render(). Raises the errors of load() and
+        Scene.render().
         """
         return self.load().render(width, height, **options)
 
@@ -165,7 +172,7 @@ class File:
 class Scene:
     """A loaded scene. `stats`: triangles, instances, box_min, box_max, on_gpu, why_cpu, streamed, load_ms, lights...
 
-    `warnings`: one line about each thing that cannot be drawn as it is meant.
+    `warnings`: lines about the scene, such as a damaged texture.
     """
 
     def __init__(self, scene, warnings):
@@ -175,27 +182,27 @@ class Scene:
 
     @property
     def stats(self) -> dict:
-        """triangles and instances that are drawn, box_min and box_max (world units), on_gpu, gpu, gpu_name, why_cpu, streamed,
-        scene (its number), device_bytes, load_ms, lights (of the file), light (which draws take)."""
+        """triangles and instances of the scene, box_min and box_max (world units), on_gpu, gpu, gpu_name, why_cpu, streamed,
+        scene (its number), device_bytes, load_ms, lights (of the file), light (the light of draws that name no other)."""
         return self._scene.stats
 
     def instances(self) -> dict:
         """Columns of n instances, by instance id, in new numpy arrays.
 
-        mesh, node and material: n int32, numbers in the file (material -1: the default one). first_triangle: n int64, the
-        id of its first triangle. world: n x 3 x 4 float64, from the mesh to the world, rows first. Raises MemoryError.
+        mesh, node and material: n int32, indices in the file (material -1: the default material). first_triangle: n int64,
+        the id of the first triangle. world: n x 3 x 4 float64, from mesh to world, rows first. Raises MemoryError.
         """
         return self._scene.instances()
 
     def view(self) -> View:
-        """A view of its own: what a thread or a camera that moves should have. Raises scree.Error where memory is missing."""
+        """A new view. Each thread should have its own, and so should each moving camera. Raises scree.Error without memory."""
         return View(self._scene.view(), self._scene.stats)
 
     def render(self, width=1920, height=1080, *, layers=("color",), **options) -> dict:
-        """Draws one frame with a view that the scene keeps. `options`: as View.draw().
+        """Draws one frame with a view that the scene keeps. `options`: as for View.draw().
 
-        Returns a numpy array of height x width pixels for each of `layers`, of the types and units of View.read(). Raises
-        as View.draw() and View.read().
+        Returns a dict with a numpy array of height x width pixels for each of `layers`, of the types and units of
+        View.read(). Raises the errors of View.draw() and View.read().
         """
         if self._view is None:
             self._view = self.view()
@@ -204,26 +211,27 @@ class Scene:
 
 
 class View:
-    """Draws a scene, frame after frame; its buffers grow to the largest frame and stay."""
+    """Draws frames of a scene. Its buffers grow to the largest frame and never shrink."""
 
     def __init__(self, view, stats):
         self._view = view
         self._gpu = stats["gpu"] if stats["on_gpu"] else -1
 
     def draw(self, width=1920, height=1080, *, camera=None, samples=1, **shading) -> View:
-        """Draws a frame of width x height pixels with `samples` x `samples` each (1, 2 or 4).
+        """Draws a frame of width x height pixels with `samples` x `samples` samples each (1, 2 or 4).
 
-        `camera`: look_at(), around(), matrices(), clipped(), one of cameras_of_path(), or the name or number of one of the
-        file's; None shows all of the scene.
-        `shading`, by default as the scene was loaded, without what is off:
-        `show`: texture, color, uv, normal, triangle, cluster, mesh, stage or depth. `light`: "camera", "environment",
-        "scene", or False: surface colours alone. `exposure`: in stops, -20 to 20; the camera's light ignores it.
-        `blend_layers`: the most layers of blended surfaces, such as glass, behind one another (16); 0: none is drawn.
-        `ssao`, `edl`: True for ambient occlusion and eye-dome lighting, the latter with `edl_strength` (1) and
-        `edl_radius` in pixels (1). `background`: linear RGBA (0, 0, 0, 0).
+        `camera`: look_at(), around(), matrices(), clipped(), a camera of cameras_of_path(), or the name or number of a
+        camera of the file; None shows the whole scene. Options of `shading` and their defaults:
+        - `show` ("texture"): texture, color, uv, normal, triangle, cluster, mesh, stage or depth.
+        - `light` ("auto": as the scene was loaded): "camera", "environment", "scene", or False: surface colours alone.
+        - `exposure` (0): stops, -20 to 20; the camera's light ignores it.
+        - `blend_layers` (16): most layers of blended surfaces, such as glass, behind one another; 0: none is drawn.
+        - `ssao` (False): ambient occlusion.
+        - `edl` (False): eye-dome lighting, with `edl_strength` (1, at most 100) and `edl_radius` (1, at most 64 pixels).
+        - `background` (0, 0, 0, 0): linear RGBA.
 
-        Raises TypeError for another option or a value of another type, ValueError for another word, scree.Error for
-        numbers out of range, a camera that is none, or a failing GPU.
+        Raises TypeError for an unknown option or a value of another type, ValueError for an unknown word or a size of 0,
+        scree.Error for numbers out of range, an invalid or missing camera, or a failing GPU.
         """
         self._view.draw(width, height, camera, samples, shading)
         return self
@@ -231,9 +239,9 @@ class View:
     def draw_batch(self, cameras, width, height, *, layers=("color",), samples=1, **shading) -> View:
         """Draws a frame for each of `cameras`, all of width x height pixels, in one call.
 
-        `layers`: which are made, of all but samples and linear. read() and share() then give them with one more,
-        first dimension, of cameras; on a GPU they are one block of its memory. Otherwise as draw(). Raises ValueError
-        for no camera, and as draw().
+        `layers`: the layers to make; all except samples and linear can be made. The arrays of read() and share() then
+        have the cameras as an additional first dimension; on a GPU each is one block of its memory. Other arguments and
+        errors: as for draw(). Raises ValueError for no cameras, too.
         """
         self._view.draw_batch(list(cameras), width, height, list(layers), samples, shading)
         return self
@@ -241,28 +249,29 @@ class View:
     def draw_batch_to(self, cameras, targets, *, samples=1, stream=None, **shading) -> View:
         """Draws a frame for each of `cameras` into the caller's arrays, without a copy; the view keeps no layer.
 
-        `targets`: an array per layer, of the layers of draw_batch(), which is overwritten: {"depth": array}. Types and
-        units are those of read(), shapes have the cameras first: cameras x height x width for depth, triangle and
-        instance, with a last dimension of 4 for color, 3 for normal, 2 for uv. The frames have the arrays' width and
-        height in pixels, the same in all of them. Rows follow each other without gaps, and the memory begins at a
-        multiple of 16 bytes, as new arrays do.
-        Where the CPU draws, an array is numpy's or has __dlpack__ (torch's on the CPU). Where a GPU draws, it has
+        `targets`: an array for each layer, which is overwritten, such as {"depth": array}; layers as for draw_batch().
+        Types and units are as for read(). Shapes begin with the cameras: cameras x height x width for depth, triangle and
+        instance, with a last dimension of 4 for color, 3 for normal, 2 for uv. All arrays have the same width and height,
+        which are the size of the frames in pixels. Rows follow each other without gaps, and the memory begins at a
+        multiple of 16 bytes, as in new arrays.
+        If the CPU draws, an array is a numpy array or has __dlpack__ (a CPU tensor of torch). If a GPU draws, it has
         __cuda_array_interface__ or __dlpack__ (torch, cupy, numba) and lies in the memory of that GPU.
-        `stream`: a CUDA stream of that GPU as an int, such as torch.cuda.current_stream().cuda_stream. The drawing begins
-        after its earlier work, and its later work begins after the drawing. None: the stream that the arrays name in
-        __cuda_array_interface__, else the default stream. Not read where the CPU draws. Otherwise as draw().
+        `stream`: a CUDA stream of that GPU as an int, such as torch.cuda.current_stream().cuda_stream. Drawing begins
+        after the earlier work of the stream, and later work of the stream begins after drawing. None: the stream that the
+        arrays name in __cuda_array_interface__, else the default stream. Ignored if the CPU draws. Other arguments: as for
+        draw().
 
         Raises TypeError for an object that is no array, and for another dtype; ValueError for another shape, gaps between
-        rows, read-only memory, or memory of another device: each names the array, and nothing is drawn. After a
-        scree.Error the arrays hold anything.
+        rows, read-only memory, or memory of another device. Both name the array, and nothing is drawn. Other errors: as
+        for draw(). After a scree.Error the arrays' contents are unspecified.
         """
         self._view.draw_batch_to(list(cameras), dict(targets), self._gpu, samples, stream, shading)
         return self
 
     def shade(self, **shading) -> View:
-        """Shows the last frame otherwise, without drawing it again; not where chunks are streamed. `shading` as draw().
+        """Shades the last frame again, without drawing it. Not possible if chunks are streamed. `shading`: as for draw().
 
-        Raises as draw(), and scree.Error where there is no frame, or a batch.
+        Raises the errors of draw(), and scree.Error without a frame or after a batch.
         """
         self._view.shade(shading)
         return self
@@ -274,34 +283,34 @@ class View:
         plane in world units, inf on the background. triangle: int64 ids, -1 on the background. instance: int32, indices
         into Scene.instances(), -1 on the background. samples: uint64, the visibility buffer. normal: height x width x 3
         float32, unit length in world space, of the front even if the back is seen, 0 on the background. uv: height x
-        width x 2 float32, texture coordinates as the mesh has them, 0 if it has none. linear: height x width x 4
-        float32, the colours in linear light, premultiplied by alpha. If chunks are streamed, normal, uv and linear are missing.
+        width x 2 float32, the mesh's texture coordinates, 0 if it has none. linear: height x width x 4 float32, the
+        colours in linear light, premultiplied by alpha. If chunks are streamed, normal, uv and linear are missing.
 
-        Raises ValueError for another word, scree.Error where there is no frame or the batch was drawn without the layer.
+        Raises ValueError for an unknown layer, scree.Error without a frame or if the batch was drawn without the layer.
         """
         return self._view.read(layer)
 
     def share(self, layer="color") -> SharedLayer:
-        """A layer where it was made, without a copy, for from_dlpack() of numpy, torch, cupy or jax.
+        """A layer in the memory where it was made, for from_dlpack() of numpy, torch, cupy or jax. No copy is made.
 
-        height x width x channels, of the types and units of read(), cameras first where it is a batch. On a GPU it lies in
-        its memory, but for linear, which is made on the host. What it shows changes with the next draw(); its memory
-        stays, and a draw() that needs more takes other memory. Raises as read().
+        height x width x channels, of the types and units of read(); a batch has the cameras first. If a GPU draws, the
+        layer lies in its memory, except linear, which is made on the host. The next draw() overwrites the layer. The
+        memory stays valid: a draw() that needs more memory allocates anew. Raises the errors of read().
         """
         return self._view.share(layer, -1 if layer == "linear" else self._gpu)
 
     def pick(self, x: int, y: int) -> dict | None:
-        """What lies at a pixel's middle, a dict; None on the background.
+        """A dict about the surface at the middle of a pixel; None on the background.
 
         mesh, node, node_instance, instance, triangle (its id), mesh_triangle (in the mesh as stored), source_triangle (in
         the source; -1: not stored), depth (from the eye's plane) and position (x, y, z), both in world units. Raises
-        scree.Error for a pixel outside, and where there is no frame, or a batch.
+        scree.Error for a pixel outside of the frame, without a frame, and after a batch.
         """
         return self._view.pick(x, y)
 
     @property
     def stats(self) -> dict:
-        """Of the last frame or batch: width, height, samples, instances, triangles and clusters (drawn), draw_ms, gpu_ms,
+        """The last frame or batch: width, height, samples, instances, triangles and clusters (drawn), draw_ms, gpu_ms,
         streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers. Raises scree.Error without a frame.
         """
         return self._view.stats
@@ -310,19 +319,23 @@ class View:
 def convert(input, output=None, *, position_bits=16, float32=False, max_error=0.0, encoding="clustered", zstd=0,
             textures="keep", jpeg_quality=90, normals=False, source_ids=False, replace=False, keep_going=False,
             drop_nonfinite=False, allow_outside=False, exclude=None, threads=0, memory=2 << 30, progress=None) -> dict:
-    """Packs a .gltf or .glb into a .scree file, in bounded memory; `output` None is `input` with the extension .scree.
+    """Packs a .gltf or .glb into a .scree file, in bounded memory. `output` None: `input` with the extension .scree.
 
-    `position_bits`: an axis of a mesh, 8 to 24; `float32` keeps positions as they are; `max_error`, above 0, picks the
-    step of each mesh instead, in its own units. `encoding`: "clustered" or "indexed". `zstd`: 1 to 22; 0: only pages of
-    blocks of textures, at level 3; -1: no page. `textures`: "keep", "raw", or "jpeg", which has the `jpeg_quality` 1 to 100.
-    True for these: `normals` stores all of them, else those that are not the faces'. `source_ids` stores each triangle's
-    number in the source. `replace`: an output that is there. `keep_going`: a damaged image becomes grey.
-    `drop_nonfinite` leaves out triangles with a position that is not finite. `allow_outside` reads files outside the
-    source's folder. `exclude`: a regular expression; nodes with such names are left out, and those below them.
-    `threads`: 0 is one per processor. `memory`: bytes that the process may take. `progress` as File.load().
+    - `position_bits`: bits per axis, 8 to 24. `max_error`, if above 0: the largest error per axis in a mesh's own units,
+      instead of `position_bits`. `float32`: True keeps positions as they are.
+    - `encoding`: "clustered" or "indexed".
+    - `zstd`: level 1 to 22; 0: level 3 for pages of textures' blocks only; -1: no page is compressed.
+    - `textures`: "keep", "raw" or "jpeg". `jpeg_quality`: 1 to 100, for "jpeg".
+    - `normals`: True stores all normals, False leaves out normals that equal the faces'.
+    - `source_ids`: True stores each triangle's number in the source.
+    - `replace`: True replaces an existing output. `keep_going`: True makes a damaged image grey.
+    - `drop_nonfinite`: True leaves out triangles with a position that is not finite.
+    - `allow_outside`: True reads files outside the source's folder.
+    - `exclude`: a regular expression; nodes with such names and all nodes below them are left out.
+    - `threads`: 0 is one per processor. `memory`: bytes that the process may take. `progress`: as for File.load().
 
-    Returns input_bytes, output_bytes, triangles, meshes, position_error (the largest found, an axis in a mesh's own
-    units), seconds and warnings. Raises scree.Error; nothing is left of the output then.
+    Returns a dict with input_bytes, output_bytes, triangles, meshes, position_error (the largest found, per axis in a
+    mesh's own units), seconds and warnings. Raises scree.Error, and then leaves no output.
     """
     return _scree.convert(
         os.fspath(input), None if output is None else os.fspath(output), position_bits=position_bits, float32=float32,

@@ -13,8 +13,8 @@
 namespace scree::runtime {
 namespace {
 
-/// EINVAL and EFAULT mean that the file system or the memory does not support direct reads; the requests are well
-/// formed.
+/// The requests are well formed, so EINVAL and EFAULT mean that the file system or the memory does not support direct
+/// reads.
 bool is_unsupported(int number) {
   return number == EINVAL || number == EFAULT || number == EOPNOTSUPP;
 }
@@ -27,7 +27,7 @@ Error read_error(int number) {
 }  // namespace
 
 Result<DirectFile> DirectFile::open(const MappedFile& map) {
-  // Not opened by name, since the name may refer to another file by now.
+  // By now the name may refer to another file, so this opens the descriptor's file.
   const std::string link = "/proc/self/fd/" + std::to_string(map.descriptor());
   DirectFile file;
   file.size_ = map.size();

@@ -1,4 +1,4 @@
-// Reads that bypass the page cache, for files too big to pass through it once.
+// Reads that bypass the page cache, for large files that are read only once.
 #pragma once
 
 #include <cstddef>

@@ -126,8 +126,8 @@ bool MappedFile::mincore_is_true() const {
 
 double MappedFile::cached_share() const {
   constexpr uint64_t kSamples = 256;
-  // A read that may not wait takes the place of mincore(). It triggers read-ahead of an uncached page, so it uses its
-  // own descriptor with FADV_RANDOM, which limits the request to that page.
+  // Where mincore() is not reliable, a read with RWF_NOWAIT tests a page. It starts read-ahead if the page is not
+  // cached, so it uses its own descriptor with FADV_RANDOM, which limits read-ahead to that page.
   const bool is_probed = descriptor_ >= 0 && !mincore_is_true();
   const Descriptor probe(is_probed ? ::open(own_path(descriptor_).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK) : -1);
   if (is_probed && (probe.get() < 0 || ::posix_fadvise(probe.get(), 0, 0, POSIX_FADV_RANDOM) != 0)) return 1;
@@ -140,7 +140,7 @@ double MappedFile::cached_share() const {
     if (is_probed) {
       const iovec one{&state, 1};
       const ssize_t got = ::preadv2(probe.get(), &one, 1, static_cast<off_t>(page * page_bytes()), RWF_NOWAIT);
-      if (got < 0 && errno != EAGAIN) return 1;  // this file system has no non-waiting reads
+      if (got < 0 && errno != EAGAIN) return 1;  // this file system does not support RWF_NOWAIT
       cached += got == 1;
       continue;
     }

@@ -44,28 +44,27 @@ class MappedFile {
   int descriptor() const { return descriptor_; }
 
   /// The share of the file's pages that are in the page cache, 0 to 1, estimated from a few hundred of them. 1 for an
-  /// empty file, and where the system does not report it.
+  /// empty file, and if the system does not report it.
   double cached_share() const;
 
   /// Whether mincore() is right about the file. Since Linux 5.2 it reports every page as cached to a caller that
   /// neither owns the file nor may write it.
   bool mincore_is_true() const;
 
-  /// Fills `out` from `offset`, all of it within the file, by read(). This uses the page cache but not the map, so no
-  /// page is faulted in, and a file that has become shorter gives an error and no signal. Errors kFile, without the
+  /// Fills `out` from `offset`, all of it within the file, by read(). This uses the page cache but not the map. So
+  /// there are no page faults, and a file that has become shorter is an error, not a signal. Errors kFile, without the
   /// file's name.
   Result<void> read(uint64_t offset, std::span<std::byte> out) const;
 
-  /// Checks that the file still has at least the mapped bytes. Call it after reading them, to make sure that none was a
-  /// zero in place of a lost byte. Errors kFile, without the file's name: the file is shorter, or the system cannot
-  /// tell.
+  /// Checks that the file still has at least the mapped bytes. Call it after reading them: a byte that was cut off
+  /// reads as zero. Errors kFile, without the file's name: the file is shorter, or fstat() fails.
   Result<void> check_size() const;
 
   /// Asks the system to read [offset, offset + size) ahead; clipped to the file. A hint: failures are not reported.
   void will_need(uint64_t offset, uint64_t size) const;
 
-  /// Drops [offset, offset + size) from resident memory, since it will not be read again soon. Only whole pages inside
-  /// the range are dropped.
+  /// Drops [offset, offset + size) from resident memory; call it for bytes that will not be read again soon. Only whole
+  /// pages inside the range are dropped.
   void release(uint64_t offset, uint64_t size) const;
 
  private:

@@ -14,7 +14,7 @@
 namespace scree::runtime {
 namespace {
 
-/// Unpacks `packed` to `out`. Returns whether it gave exactly as many bytes as `out` has.
+/// Unpacks `packed` to `out`. Returns whether the result has exactly the size of `out`.
 bool unpack(BlockFile::Packing packing, std::span<const std::byte> packed, std::span<std::byte> out) {
   if (packing == BlockFile::Packing::kZstd)
     return ZSTD_decompress(out.data(), out.size(), packed.data(), packed.size()) == out.size();

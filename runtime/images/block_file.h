@@ -12,7 +12,7 @@
 
 namespace scree::runtime {
 
-/// The content of such a file: one two-dimensional picture and its first levels.
+/// A KTX2 or DDS file: one two-dimensional picture and its first levels.
 struct BlockFile {
   enum class Packing : uint8_t { kNone, kZstd, kZlib };
   struct Level {
@@ -31,17 +31,17 @@ struct BlockFile {
 };
 
 /// Reads the header of a file that has the signature of KTX2 or DDS. Errors kFormat (malformed), kTruncated, kRange
-/// (too many pixels), kUnsupported (other formats, dimensions, arrays, cubes; with advice where there is a way to
-/// convert the file), and errors of reading the file.
+/// (too many pixels), kUnsupported (other formats, dimensions, arrays, cubes; the message has advice if the file can be
+/// converted), and errors of reading the file.
 Result<BlockFile> open_ktx2(ImageFile& file);
 Result<BlockFile> open_dds(ImageFile& file);
 
 /// Whether a file has one of the two signatures.
 bool is_block_file(ImageFile& file);
-/// As open_ktx2() or open_dds(), by the signature.
+/// Calls open_ktx2() or open_dds(), by the signature.
 Result<BlockFile> open_block_file(ImageFile& file);
 
-/// The blocks of a level, format::block_level_bytes() of them. Holds the blocks and the packed bytes in memory. Errors
+/// The blocks of a level, format::block_level_bytes() bytes. Holds the blocks and the packed bytes in memory. Errors
 /// kFormat (they do not unpack to that many bytes), and errors of reading the file. Throws std::bad_alloc.
 Result<std::vector<std::byte>> read_block_level(ImageFile& file, const BlockFile& head, uint32_t level);
 

@@ -1,4 +1,4 @@
-// What the readers of the heads of KTX2 and DDS files share.
+// Shared by the readers of the headers of KTX2 and DDS files.
 #pragma once
 
 #include <cstdint>
@@ -10,15 +10,15 @@
 
 namespace scree::runtime {
 
-/// Of pixels that lie as blue, green, red and alpha.
+/// The swizzle of pixels stored as blue, green, red, alpha.
 inline constexpr uint16_t kReversedSwizzle =
     format::make_swizzle(format::ChannelSource::kBlue, format::ChannelSource::kGreen, format::ChannelSource::kRed,
                          format::ChannelSource::kAlpha);
 
-/// Errors of one of the two, named before what is wrong.
+/// Makes the errors of one of the two readers. Messages begin with the format's name.
 struct BlockHeadErrors {
   const char* kind;     // "KTX2"
-  const char* way_out;  // of what is not read: how to have it read
+  const char* way_out;  // advice for unsupported files
 
   Error fail(ErrorCode code, const std::string& what) const { return {code, std::string(kind) + ": " + what}; }
   Error not_read(const std::string& what) const { return fail(ErrorCode::kUnsupported, what + ", " + way_out); }

@@ -85,7 +85,7 @@ std::optional<Format> by_dxgi(uint32_t number) {
   }
 }
 
-/// Formats with whole bytes per channel. `masks`: of red, green, blue and alpha.
+/// Formats with whole bytes per channel. `masks`: the bit masks of red, green, blue and alpha.
 std::optional<Format> by_masks(uint32_t flags, uint32_t bits, const std::array<uint32_t, 4>& masks) {
   const bool has_alpha = (flags & kHasAlpha) != 0;
   const auto is = [&](uint32_t red, uint32_t green, uint32_t blue) {
@@ -108,7 +108,7 @@ std::optional<Format> by_masks(uint32_t flags, uint32_t bits, const std::array<u
   return std::nullopt;
 }
 
-constexpr BlockHeadErrors kErrors{"DDS", "expected BC1 to BC5, BC7 or 8 bits a channel: convert it first"};
+constexpr BlockHeadErrors kErrors{"DDS", "expected BC1 to BC5, BC7 or 8 bits per channel: convert it first"};
 
 }  // namespace
 }  // namespace dds
@@ -162,7 +162,7 @@ Result<BlockFile> open_dds(ImageFile& file) {
   if (head.width == 0 || head.height == 0) return fail(ErrorCode::kFormat, "a side of 0 pixels");
   const std::string size = std::to_string(head.width) + " x " + std::to_string(head.height) + " pixels";
   if (head.width > format::kMaxBlockImageSide || head.height > format::kMaxBlockImageSide)
-    return fail(ErrorCode::kRange, size + ", but at most " + std::to_string(format::kMaxBlockImageSide) + " a side");
+    return fail(ErrorCode::kRange, size + ", but at most " + std::to_string(format::kMaxBlockImageSide) + " per side");
   const uint32_t stated = (word(8) & kHasLevels) != 0 ? word(28) : 0;
   const uint32_t most = format::most_block_levels(head.width, head.height) + 1;
   if (stated > most)

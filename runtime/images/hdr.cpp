@@ -24,7 +24,7 @@ class Reader {
   Result<HdrSize> header() {
     std::string_view text(reinterpret_cast<const char*>(file_.data()), std::min(file_.size(), kMostHeaderBytes));
     if (!text.starts_with("#?")) return error(ErrorCode::kFormat, "is no Radiance picture, which begins with #?");
-    // Lines up to an empty one, then that of the size.
+    // The header's lines end with an empty line. The line after it has the size.
     bool is_size = false;
     size_t at = 0;
     while (true) {
@@ -43,7 +43,7 @@ class Reader {
     }
   }
 
-  /// The next row as bytes red, green, blue, exponent, 4 a pixel.
+  /// Reads the next row: 4 bytes per pixel, red, green, blue and exponent.
   Result<void> row(std::span<uint8_t> rgbe) {
     const size_t width = rgbe.size() / 4;
     if (left() >= 4 && width >= 8 && width < 32768 && byte(0) == 2 && byte(1) == 2 && byte(2) == width >> 8 &&
@@ -75,7 +75,8 @@ class Reader {
   size_t left() const { return file_.size() - at_; }
   uint8_t byte(size_t offset) const { return static_cast<uint8_t>(file_[at_ + offset]); }
 
-  /// Channel by channel: a count above 128 says how often the next byte comes, others how many bytes come.
+  /// Reads a row that is run-length coded channel by channel. A count above 128 repeats the next byte count - 128
+  /// times; another count is the number of bytes that follow.
   Result<void> runs(std::span<uint8_t> rgbe, size_t width) {
     for (size_t channel = 0; channel < 4; ++channel) {
       for (size_t x = 0; x < width;) {
@@ -94,7 +95,8 @@ class Reader {
     return {};
   }
 
-  /// Pixels one by one; 1 1 1 n repeats the one before n times, and n * 256 times more where another follows.
+  /// Reads a row of pixels. The pixel (1, 1, 1, n) is a repeat: it repeats the pixel before n times. The next repeat in
+  /// a row of repeats counts 256 times as much.
   Result<void> pixels(std::span<uint8_t> rgbe, size_t width) {
     uint32_t shift = 0;
     for (size_t x = 0; x < width;) {
@@ -130,7 +132,7 @@ Result<void> read_hdr(std::span<const std::byte> file,
   Reader reader(file);
   const Result<HdrSize> size = reader.header();
   if (!size) return size.error();
-  std::array<float, 256> scale{};  // of an exponent; 0 is black
+  std::array<float, 256> scale{};  // by exponent; exponent 0 is black
   for (int i = 1; i < 256; ++i) scale[static_cast<size_t>(i)] = std::ldexp(1.0f, i - 136);
   std::vector<uint8_t> rgbe(size_t{4} * size->width);
   std::vector<float> row(size_t{3} * size->width);

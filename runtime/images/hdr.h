@@ -16,16 +16,16 @@ struct HdrSize {
   uint32_t height = 0;
 };
 
-/// Most pixels of a picture that is read.
+/// Pictures with more pixels are refused.
 inline constexpr uint64_t kMaxHdrPixels = uint64_t{1} << 27;
 
 /// The size of a picture. Errors kFormat (no Radiance picture), kUnsupported (XYZE colour; rows that do not go from the
 /// top down, left to right), kTruncated, kRange (no pixel, or more than kMaxHdrPixels).
 Result<HdrSize> read_hdr_size(std::span<const std::byte> file);
 
-/// Reads all rows, from the top: `take(y, row)` has 3 * width floats, linear and finite, 0 or more. Holds one row.
-/// Errors as read_hdr_size(); kTruncated, kFormat (runs past a row's end) with the row; bytes after the last row are
-/// ignored. Reentrant.
+/// Reads all rows, from the top: calls `take(y, row)` with 3 * width floats, linear and finite, 0 or more. Holds one
+/// row. Errors as read_hdr_size(); kTruncated, kFormat (runs past a row's end) with the row; bytes after the last row
+/// are ignored. Reentrant.
 Result<void> read_hdr(std::span<const std::byte> file,
                       const std::function<void(uint32_t y, std::span<const float> row)>& take);
 

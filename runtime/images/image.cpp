@@ -86,7 +86,8 @@ Result<ImageInfo> probe_within_limits(ImageFile& file) {
   Result<ImageInfo> info = probe(file);
   if (!info) return info;
   if (info->width > kMaxDecodedSide || info->height > kMaxDecodedSide)
-    return Error{ErrorCode::kRange, size_text(*info) + ", but at most " + std::to_string(kMaxDecodedSide) + " a side"};
+    return Error{ErrorCode::kRange,
+                 size_text(*info) + ", but at most " + std::to_string(kMaxDecodedSide) + " per side"};
   if (uint64_t{info->width} * info->height > kMaxImagePixels)
     return Error{ErrorCode::kRange, size_text(*info) + ", but at most " + std::to_string(kMaxImagePixels) + " in all"};
   if (!may_hold_pixels(uint64_t{info->width} * info->height, file.size()))

@@ -20,13 +20,13 @@ namespace scree::runtime {
 
 /// Facts from the header of an image file.
 struct ImageInfo {
-  format::ImageCodec codec;  // in a .scree file; there a WebP becomes a PNG
+  format::ImageCodec codec;  // the codec in a .scree file, where a WebP becomes a PNG
   bool is_webp;
   uint32_t width;  // pixels, at least 1
   uint32_t height;
   uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG, WebP) or CMYK (JPEG); for
                          // blocks: their channels
-  bool needs_transcode;  // JPEG: progressive or arithmetic; making it sequential holds 2 bytes per sample
+  bool needs_transcode;  // JPEG: progressive or arithmetic; transcoding takes 2 bytes of memory per sample
   uint64_t block_bytes;  // KTX2 and DDS: of level 0, unpacked; else 0
 };
 
@@ -52,7 +52,7 @@ class ImageFile {
   /// The available bytes from `offset` on: none at the end of the file or after an error. Valid until the next call.
   std::span<const std::byte> from(uint64_t offset);
 
-  /// Fills `out` with the bytes at `offset`. Errors kTruncated, those of reading.
+  /// Fills `out` with the bytes at `offset`. Errors kTruncated, and errors of reading the file.
   Result<void> copy(uint64_t offset, std::span<std::byte> out);
 
   /// Byte `offset`, 0 past the end of the file or after an error.
@@ -61,7 +61,7 @@ class ImageFile {
     return bytes.empty() ? 0 : static_cast<uint32_t>(bytes[0]);
   }
 
-  /// The error of the first failed read. After it the file appears to have ended.
+  /// The error of the first failed read. All later reads return no bytes.
   const std::optional<Error>& error() const { return error_; }
 
  private:
@@ -93,9 +93,9 @@ inline constexpr uint64_t kMaxImagePixels = uint64_t{1} << 28;  // 16384 x 16384
 inline constexpr uint32_t kMaxDecodedSide = 65536;              // the largest side for which kernels::TextureView has
                                                                 // levels
 
-/// Whether a file of `bytes` bytes can be a picture of that many pixels: at most 2^15 per byte, so that a file of 200
-/// bytes takes at most 26 MB. A PNG holds at most 8,256 pixels per byte, a JPEG 256, a progressive JPEG 512 (a bit per
-/// block). Only arithmetic coding, which browsers do not read, could need less for a single colour.
+/// Whether a file of `bytes` bytes may be a picture of `pixels` pixels: at most 2^15 per byte, so that decoding a file
+/// of 200 bytes takes at most 26 MB. A PNG holds at most 8,256 pixels per byte, a JPEG 256, a progressive JPEG 512 (a
+/// bit per block). Only arithmetic coding, which browsers do not read, could need less for a single colour.
 constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
   return pixels >> 15 <= bytes;
 }
@@ -108,8 +108,8 @@ constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
 /// kMaxDecodedSide), kUnsupported, kMemory, and errors of reading the file. Reentrant.
 Result<Image> decode_image(ImageFile file);
 
-/// The error of decode_image, if it would have one, else its warning, which is empty for a good file. Decodes the whole
-/// file without holding the picture, except that of a WebP; see image_check_bytes.
+/// Makes the checks of decode_image(). Returns its error or its warning, which is empty for a good file. Decodes the
+/// whole file without holding the picture, except that of a WebP; see image_check_bytes.
 Result<std::string> check_image(ImageFile file);
 
 /// Upper bound of the memory of check_image for a picture of this size in a file of this size, bytes. A WebP takes the

@@ -17,14 +17,14 @@ namespace {
 struct JpegSource {
   jpeg_source_mgr manager;  // first: libjpeg passes on a pointer to it
   ImageFile* file;
-  uint64_t next;  // offset behind the window that libjpeg has
+  uint64_t next;  // offset behind libjpeg's current window
 };
 
 JpegSource& source_of(j_decompress_ptr info) {
   return *reinterpret_cast<JpegSource*>(info->src);
 }
 
-/// Moves to the next window; no jump leaves its frame. Returns false at the end of the file.
+/// Moves to the next window. Never calls longjmp. Returns false at the end of the file.
 bool next_window(JpegSource& source) {
   const std::span<const std::byte> bytes = source.file->from(source.next);
   source.manager.next_input_byte = reinterpret_cast<const JOCTET*>(bytes.data());
@@ -59,9 +59,9 @@ void skip_jpeg_input(j_decompress_ptr info, long bytes) {
 
 void ignore_jpeg_call(j_decompress_ptr) {}
 
-/// Replaces libjpeg's array of a whole picture's coefficients when a file is only checked. The entropy decoders use
-/// earlier scans only to tell which coefficients are not zero, and these never become zero again. So a bit per
-/// coefficient suffices, where libjpeg keeps 16. The rows that libjpeg works on are held in its own form.
+/// Replaces libjpeg's array of a picture's coefficients when a file is only checked. From earlier scans the entropy
+/// decoders need only which coefficients are not zero, and these never become zero again. So one bit per coefficient is
+/// enough, instead of 16. The rows in use have libjpeg's own form.
 struct CoefficientMasks {
   JDIMENSION blocks_a_row;
   JDIMENSION rows;
@@ -72,7 +72,7 @@ struct CoefficientMasks {
   uint64_t* masks;  // a word per block
 };
 
-/// Writes the window back when libjpeg leaves it, changed or not.
+/// Stores the masks of the window's rows before libjpeg moves to other rows.
 void store_window(const CoefficientMasks& array) {
   for (JDIMENSION row = 0; row < array.window_rows && array.first + row < array.rows; ++row) {
     uint64_t* const masks = array.masks + size_t{array.first + row} * array.blocks_a_row;
@@ -133,9 +133,9 @@ class JpegReader {
   }
   JpegReader(const JpegReader&) = delete;
   JpegReader& operator=(const JpegReader&) = delete;
-  ~JpegReader() { jpeg_destroy_decompress(&jpeg_); }  // does nothing if nothing was created
+  ~JpegReader() { jpeg_destroy_decompress(&jpeg_); }  // does nothing before creation
 
-  /// Called before open(): for a file of several scans, only checks whether its scans decode, without pixels.
+  /// Call before open(). Files of several scans are then decoded into masks only, to check them.
   void keep_masks_only() { masks_only_ = true; }
 
   /// Reads the header and compares it with the probe's result.
@@ -159,13 +159,14 @@ class JpegReader {
     return {};
   }
 
-  /// Decodes all rows: the first to `first`, each `stride` bytes behind the one before; 0 puts them all in one place.
-  /// Returns whether libjpeg reached the end.
+  /// Decodes all rows: the first to `first`, each `stride` bytes behind the row before. With 0, each row overwrites the
+  /// row before. Returns whether libjpeg reached the end.
   bool read_rows(uint8_t* first, size_t stride) {
     jpeg_decompress_struct* const jpeg = &jpeg_;
     return errors_.guarded([&] {
       jpeg_start_decompress(jpeg);
-      // All scans are decoded by now. The remaining steps cannot fail, and have no coefficients to work on.
+      // All scans are decoded by now. The remaining steps cannot fail, and they would need the coefficients, which are
+      // not stored.
       if (masks_only_ && jpeg_has_multiple_scans(jpeg)) return;
       while (jpeg->output_scanline < jpeg->output_height) {
         JSAMPROW row = first + stride * jpeg->output_scanline;

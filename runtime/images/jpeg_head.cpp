@@ -32,7 +32,7 @@ Result<JpegHead> make_jpeg_head(uint32_t width, uint32_t height, int quality, bo
   if (width == 0 || height == 0 || width > kMostSide || height > kMostSide)
     return Error{ErrorCode::kRange, "JPEG: " + std::to_string(width) + " x " + std::to_string(height) +
                                         " pixels, expected sides of 1 to 65535"};
-  // libjpeg writes a picture of one MCU, whose header is then adapted.
+  // libjpeg writes a picture of one MCU. Its header is then changed to the wanted size.
   JpegCoding coding;
   coding.width = coding.height = is_sharp ? 8 : 16;
   coding.components[0].h = coding.components[0].v = is_sharp ? 1 : 2;

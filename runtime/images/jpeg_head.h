@@ -1,4 +1,4 @@
-// The header of a JPEG whose entropy-coded bytes are made elsewhere.
+// Makes the header of a JPEG. The caller makes the entropy-coded bytes.
 #pragma once
 
 #include <cstddef>

@@ -24,12 +24,12 @@ struct JpegCoding {
   bool has_own_tables = true;                              // optimised Huffman tables, unless the picture is too large
 };
 
-/// Pictures of at most this many pixels get optimised Huffman tables, for which their coefficients are held, 2 bytes
-/// each (25 MB at most). Larger ones use the tables of T.81, K.3, which takes a few per cent more bytes, and hold one
-/// row of MCUs.
+/// Pictures of at most this many pixels get optimised Huffman tables; memory for that: 2 bytes per coefficient, at most
+/// 25 MB. Larger pictures use the tables of T.81, K.3, which make the file a few per cent larger, and hold one row of
+/// MCUs.
 inline constexpr uint64_t kOptimisedJpegPixels = uint64_t{1} << 22;
 
-/// Writes a JPEG row by row. Errors of all methods: kMemory, kUnsupported (a size or factors that libjpeg does not
+/// Writes a JPEG row by row. Errors of all methods: kMemory, kUnsupported (a size or factors that libjpeg cannot
 /// write). After an error only the destructor may be called.
 class JpegWriter {
  public:

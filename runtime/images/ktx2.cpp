@@ -113,7 +113,7 @@ class Reader {
     if (head_.width > format::kMaxBlockImageSide || head_.height > format::kMaxBlockImageSide)
       return fail(ErrorCode::kRange, std::to_string(head_.width) + " x " + std::to_string(head_.height) +
                                          " pixels, but at most " + std::to_string(format::kMaxBlockImageSide) +
-                                         " a side");
+                                         " per side");
     const uint32_t most = format::most_block_levels(head_.width, head_.height) + 1;
     if (level_count > most)
       return fail(ErrorCode::kRange, std::to_string(level_count) + " levels, but a picture of " +
@@ -202,7 +202,7 @@ class Reader {
     return model == kRgb ? samples(offset + 28, (block_bytes - 24) / 16) : Result<void>();
   }
 
-  /// That pixels without compression are what the format says: its channels in its order, a byte each, no sign.
+  /// Checks that uncompressed pixels match the format: the same channels in the same order, one unsigned byte each.
   Result<void> samples(uint64_t begin, uint32_t count) {
     const uint32_t channels = head_.is_widened ? 3 : format::block_channels(head_.format);
     bool fits = count == channels;
@@ -287,7 +287,7 @@ class Reader {
         return fail(ErrorCode::kFormat, name + std::to_string(stated != expected ? stated : level.bytes) +
                                             " bytes, but " + std::to_string(width) + " x " + std::to_string(height) +
                                             " pixels take " + std::to_string(expected));
-      // zstd and zlib never need more. Skippable frames would take memory without giving pixels.
+      // zstd and zlib never need more. A level with more has skippable frames, which take memory and hold no pixels.
       if (const uint64_t most = expected + expected / 8 + 1024; level.bytes > most)
         return fail(ErrorCode::kFormat, name + std::to_string(level.bytes) + " packed bytes of " +
                                             std::to_string(expected) + ", expected at most " + std::to_string(most));

@@ -79,7 +79,7 @@ struct Source {
   bool ended;
 };
 
-/// Fills `out`; no jump leaves its frame. Returns whether `out` was filled.
+/// Fills `out`. Never calls longjmp. Returns whether `out` was filled.
 bool read_png_source(Source& source, png_bytep out, size_t size) {
   while (size > 0) {
     const std::span<const std::byte> bytes = source.file.from(source.at);
@@ -103,7 +103,7 @@ void read_png_bytes(png_structp png, png_bytep out, size_t size) {
 
 constexpr size_t kWriteBytes = 64 << 10;
 
-/// Passes libpng's output on to `take`, in larger pieces.
+/// Collects libpng's output and passes it to `take` in larger pieces.
 struct PngSink {
   std::function<Result<void>(std::span<const std::byte>)> take;
   std::vector<std::byte> waiting{};  // libpng writes in pieces as small as 4 bytes
@@ -155,13 +155,13 @@ bool has_transparency(ImageFile& file) {
   return false;
 }
 
-/// Decodes a picture. `place` gets the bytes of a row of RGBA and returns the first row's address and the step from row
-/// to row. With a step of 0 every row, of every pass of an interlaced file, is decoded into the same place, and the
-/// picture is not held.
+/// Decodes a picture. `place(row_bytes)` returns the address of the first row and the step in bytes from row to row.
+/// With a step of 0, all rows (of all passes of an interlaced file) overwrite each other, so that the picture takes no
+/// memory.
 template <class Place>
 Result<void> read_png(ImageFile& file, const ImageInfo& info, const Place& place) {
-  // Deflate expands at most 1032 times, and a sample takes at least one bit. So a small file that claims a huge picture
-  // is refused before memory is allocated for it.
+  // Deflate expands at most 1032 times, and a sample takes at least one bit. So a small file with a huge size in its
+  // header is refused before memory is allocated.
   if (uint64_t{info.width} * info.height / 8 / 1032 > file.size())
     return Error{ErrorCode::kTruncated, "PNG: " + std::to_string(info.width) + " x " + std::to_string(info.height) +
                                             " pixels in " + std::to_string(file.size()) + " bytes"};
@@ -181,7 +181,7 @@ Result<void> read_png(ImageFile& file, const ImageInfo& info, const Place& place
   if (!guarded(png, [&] {
         png_set_read_fn(png, &source, read_png_bytes);
         png_set_user_limits(png, kMaxDecodedSide, kMaxDecodedSide);
-        // Text, profiles and the like would otherwise be kept, up to 8 MB each.
+        // Otherwise libpng keeps text, profiles and other chunks, up to 8 MB each.
         png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, nullptr, -1);
         png_read_info(png, png_info);
         png_set_expand(png);  // palettes, grey below 8 bits and tRNS
@@ -224,7 +224,7 @@ Result<ImageInfo> probe_png(ImageFile& file) {
   info.height = big_endian(file, 20);
   if (info.width == 0 || info.height == 0 || info.width > 0x7fffffff || info.height > 0x7fffffff)
     return Error{ErrorCode::kFormat, "PNG: " + std::to_string(info.width) + " x " + std::to_string(info.height) +
-                                         " pixels, expected 1 to 2^31 - 1 a side"};
+                                         " pixels, expected 1 to 2^31 - 1 per side"};
   const auto type = file.byte(25);
   switch (type) {
     case PNG_COLOR_TYPE_GRAY:
@@ -320,7 +320,8 @@ Result<void> write_png(const std::string& path, uint32_t width, uint32_t height,
   }};
   const Result<void> put = put_png(out, width, height, channels, pixels, true);
   if (put) return file->commit();
-  return put.error().code == ErrorCode::kFile ? put.error() : at(path, put.error());  // which names the file itself
+  return put.error().code == ErrorCode::kFile ? put.error()
+                                              : at(path, put.error());  // kFile errors already name the file
 }
 
 Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,

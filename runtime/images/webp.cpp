@@ -11,7 +11,8 @@
 namespace scree::runtime {
 namespace {
 
-/// The head of a WebP file and of its first chunk; sizes, alpha and animation lie within, whatever stands behind.
+/// Bytes of the file's header and of the first chunk's header. They include size, alpha and animation for every kind of
+/// file.
 constexpr size_t kHeadBytes = 64;
 
 Error fail(VP8StatusCode status) {
@@ -46,7 +47,7 @@ Result<ImageInfo> probe_webp(ImageFile& file) {
   if (const VP8StatusCode status = WebPGetFeatures(bytes_of(head), head.size(), &features); status != VP8_STATUS_OK)
     return fail(status);
   if (features.has_animation != 0)
-    return Error{ErrorCode::kUnsupported, "WebP: an animation, but glTF has pictures that stand still"};
+    return Error{ErrorCode::kUnsupported, "WebP: an animation, but glTF has still pictures"};
   if (features.width <= 0 || features.height <= 0) return fail(VP8_STATUS_BITSTREAM_ERROR);
   ImageInfo info{};
   info.codec = format::ImageCodec::kPng;
@@ -70,7 +71,7 @@ Result<Image> decode_webp(ImageFile& file, const ImageInfo& info) {
   if (const VP8StatusCode status = WebPGetFeatures(bytes_of(bytes), bytes.size(), &config.input);
       status != VP8_STATUS_OK)
     return fail(status);
-  // The head was read alone before; libwebp looks further where the whole file is there.
+  // The probe read only the header. libwebp checks more when it has the whole file.
   if (config.input.width != static_cast<int>(info.width) || config.input.height != static_cast<int>(info.height))
     return fail(VP8_STATUS_BITSTREAM_ERROR);
   Image image;

@@ -19,7 +19,7 @@ using kernels::kEnvironmentLevels;
 using kernels::kFinestEnvironment;
 
 constexpr uint32_t kMostWidth = 1024;
-constexpr float kBrightest = 1e6f;  // of a texel: sums stay finite, also in a picture's pixels
+constexpr float kBrightest = 1e6f;  // largest value of a texel, so that all sums stay finite, in pictures too
 
 using Color = std::array<float, 3>;
 
@@ -55,7 +55,7 @@ struct Panorama {
     return out;
   }
 
-  /// Of the middle of a texel, unit length.
+  /// The direction of the middle of a texel, unit length.
   void direction(uint32_t x, uint32_t y, double d[3]) const {
     const double longitude = ((x + 0.5) / width - 0.5) * 2 * std::numbers::pi;
     const double latitude = (y + 0.5) / height * std::numbers::pi;
@@ -65,7 +65,7 @@ struct Panorama {
   }
 };
 
-/// Octahedral maps of 3 floats and a 0 a texel, from the finest to one of a texel.
+/// Octahedral maps with 4 floats per texel, the last 0. The first map is the finest, the last is a single texel.
 struct Octahedra {
   std::vector<std::vector<float>> levels;
 
@@ -107,7 +107,7 @@ Octahedra make_octahedra(const Panorama& panorama, uint32_t threads) {
 struct LobeSample {
   float direction[3];
   float weight;    // cosine
-  uint32_t level;  // of the maps whose texels are about as large as what the sample stands for
+  uint32_t level;  // map whose texels are about as large as the solid angle of the sample
 };
 
 std::vector<LobeSample> sample_lobe(float roughness, uint32_t count) {
@@ -190,7 +190,7 @@ void find_irradiance(const Panorama& panorama, float* out) {
         for (size_t c = 0; c < 3; ++c) sums[3 * i + c] += angle * double{terms[i]} * double{light[c]};
     }
   }
-  // The cosine's own harmonics, over pi.
+  // The harmonics of the cosine, divided by pi.
   for (size_t i = 0; i < sums.size(); ++i)
     out[i] = static_cast<float>(sums[i] * (i < 3 ? 1.0 : i < 12 ? 2.0 / 3 : 0.25));
 }
@@ -252,7 +252,7 @@ Result<std::vector<float>> load_environment(const std::string& path, uint32_t th
   Panorama panorama;
   panorama.width = std::min(size->width, kMostWidth);
   panorama.height = std::min(size->height, kMostWidth / 2);
-  // Larger pictures are averaged as they come.
+  // Rows of larger pictures are averaged as they are read.
   std::vector<double> sums(size_t{4} * panorama.width * panorama.height);
   const Result<void> read = read_hdr(map->bytes(), [&](uint32_t y, std::span<const float> row) {
     const uint64_t line = uint64_t{y} * panorama.height / size->height * panorama.width;

@@ -9,16 +9,16 @@
 
 namespace scree::runtime {
 
-/// The light of a clear day, of scree's own: a blue-grey sky with a broad bright patch at the front's upper right over
-/// grey ground. World space, y up. kernels::kEnvironmentFloats floats (kernels/shade/environment.h); the same for any
+/// scree's built-in light of a clear day: a blue-grey sky over grey ground, with a broad bright patch in front at the
+/// upper right. World space, y up. kernels::kEnvironmentFloats floats (kernels/shade/environment.h); the same for any
 /// number of threads. Throws std::bad_alloc.
 std::vector<float> make_sky(uint32_t threads);
 
-/// make_sky(), made when it is first asked for and kept as long as the process.
+/// The result of make_sky(), made by the first call and kept until the process ends.
 const std::vector<float>& sky(uint32_t threads);
 
-/// The same from a Radiance picture of all directions: longitude across, latitude down, -z in the middle, y up. Holds
-/// the file and 8 MiB. Errors as MappedFile::open and read_hdr, the file named.
+/// Makes the same from a Radiance picture of all directions: longitude across, latitude down, -z in the middle, y up.
+/// Takes the file's size and 8 MiB of memory. Errors as MappedFile::open and read_hdr, with the file's name.
 Result<std::vector<float>> load_environment(const std::string& path, uint32_t threads);
 
 }  // namespace scree::runtime

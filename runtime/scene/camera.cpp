@@ -95,8 +95,8 @@ bool has_few_vertices(const kernels::SceneView& scene) {
   return count <= kMostVertices;
 }
 
-/// The points that the default view is fitted to. If few vertices are drawn: all of them, so that the empty corners of
-/// boxes do not push the scene out of the middle. Otherwise the corners of the instances' boxes.
+/// The points that the default view must show: all drawn vertices if there are few, otherwise the corners of the
+/// instances' boxes. Vertices are better, because empty corners push the scene out of the middle.
 class Outline {
  public:
   explicit Outline(const kernels::SceneView& scene) : scene_(scene) {
@@ -179,7 +179,7 @@ void set_field_of_view(View& view, double radians) {
   view.half_width = view.half_height * static_cast<double>(view.width) / view.height;
 }
 
-/// Distance from the eye at which something of the box may first be visible. Depth keeps its precision for 64 octaves
+/// The least distance from the eye at which a part of the box may be visible. Depth keeps its precision for 64 octaves
 /// from the near plane (spec/rasterization.md), so a very near plane costs nothing.
 double near_of_box(const WorldBox& box, const Vec3& eye) {
   if (box.is_empty()) return 0.01;
@@ -212,9 +212,9 @@ struct Extremes {
   double shift() const { return (high_offset * low_depth + low_offset * high_depth) / (high_depth + low_depth); }
 };
 
-/// Puts the eye as near to the scene as possible with every point in the picture, a margin around them, and the scene
-/// in the middle. Along the view direction a point (x, y, z) is inside when |x - ex| <= hw (z - ez), and y likewise. So
-/// the four extremes of x - hw z, -x - hw z, y - hh z and -y - hh z bound the eye's position.
+/// Puts the eye as near to the scene as possible, with every point in the picture, a margin around the points, and the
+/// scene in the middle. In the view's axes a point (x, y, z) is inside if |x - ex| <= hw (z - ez), and likewise for y.
+/// So the four extremes of x - hw z, -x - hw z, y - hh z and -y - hh z bound the eye's position.
 void frame(View& view, const kernels::SceneView& scene, const WorldBox& box) {
   const Outline outline(scene);
   constexpr double kMargin = 0.94;  // of the picture's half sides
@@ -238,8 +238,8 @@ void frame(View& view, const kernels::SceneView& scene, const WorldBox& box) {
   double ez = std::min(-0.5 * (x_high + x_low) / hw, -0.5 * (y_high + y_low) / hh);
   ez = std::min(ez, nearest - (size > 0 ? 1e-3 * size : 1e-3));
 
-  // The direction that does not determine the distance has room to spare; moving the eye along it makes both margins
-  // equal. The outermost points may change with it, but converge in a few rounds.
+  // Only one of the two directions determines the distance. Along the other, moving the eye makes both margins equal.
+  // The outermost points may then change, but converge in a few rounds.
   for (int round = 0; round < 8; ++round) {
     Extremes across, along;
     outline.for_each([&](const Vec3& p) {
@@ -313,7 +313,7 @@ Result<View> eye_view(const WorldBox& box, View view, const CameraOptions& optio
   const Vec3 eye = *options.eye;
   const auto forward = normalized(options.target.value_or(middle) - eye);
   if (!forward) return Error{ErrorCode::kUsage, "the eye and the target are the same point"};
-  // Straight up or down, where y gives no direction, -z is the top of the picture.
+  // If the view goes straight up or down, -z is the top of the picture, since y lies along the view.
   const bool is_oriented =
       orient(view, *forward, options.up.value_or(Vec3{0, 1, 0})) || (!options.up && orient(view, *forward, {0, 0, -1}));
   if (!is_oriented) return Error{ErrorCode::kUsage, "up lies along the direction of view"};

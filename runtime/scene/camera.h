@@ -1,4 +1,4 @@
-// The viewpoint of a scene: its own cameras, a given eye, or a view that shows all of it.
+// The viewpoint of a scene: a camera of the file, the caller's eye, or a view that shows the whole scene.
 #pragma once
 
 #include <array>
@@ -81,21 +81,21 @@ struct CameraMatrices {
 /// middle of the picture, no near plane.
 Result<kernels::View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint32_t height);
 
-/// What the roots of a scene show: the world matrix of each of the file's nodes, rows first, where the scene has it.
+/// The world matrix, rows first, of each node of the file; nullopt for nodes that are not in the scene.
 using Rows = std::array<std::array<double, 4>, 3>;
 std::vector<std::optional<Rows>> world_matrices(const format::Container& container, uint32_t scene);
 
 class Scene;
 
-/// Whether make_view() reads vertices, so that `drawn` must have its pages: for the default view of at most 2^20
-/// vertices.
+/// Whether make_view() reads vertices, so that `drawn` must have its pages. True for the default view if at most 2^20
+/// vertices are drawn.
 bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& options);
 
-/// The view of `options`. The vertical field of view stays the same for any aspect ratio. The default view fits the
-/// scene into both directions: its vertices, or the corners of the instances' boxes for millions of vertices. The near
-/// plane is the camera's own, else a small fraction of the distance to the scene's box (of the box's size if the eye is
-/// inside). `drawn` must have its pages loaded if view_reads_vertices(). Errors kUsage (no such camera, with a list of
-/// the existing ones; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
+/// The view of `options`. The vertical field of view stays the same for any aspect ratio. The default view shows all
+/// vertices, or the corners of the instances' boxes if there are more than 2^20 vertices. The near plane is the
+/// camera's own, else a small fraction of the distance to the scene's box (of the box's size if the eye is inside).
+/// `drawn` must have its pages loaded if view_reads_vertices(). Errors kUsage (no such camera, with a list of the
+/// existing ones; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
 Result<kernels::View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
                                 const CameraOptions& options);
 

@@ -143,7 +143,7 @@ Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint3
       map.will_need(record.offset, record.stored_bytes);
       const Result<std::span<const std::byte>> raw = container.load_page(page, set.decoded[page]);
       if (!raw) return failure.report(i, raw.error());
-      // A page that was decompressed is not read again, so its stored bytes need not stay resident.
+      // The stored bytes of a decompressed page are not read again, so they need not stay resident.
       if (record.codec != format::PageCodec::kRaw) map.release(record.offset, record.stored_bytes);
       if (const Result<void> checked = pages.check(i, *raw); !checked) return failure.report(i, checked.error());
       set.raw[page] = raw->data();

@@ -30,7 +30,7 @@ class DrawnPages {
   /// `container`: copied; its bytes must outlive this. drawn[mesh]: whether a mesh is drawn. Throws std::bad_alloc.
   DrawnPages(const format::Container& container, const std::vector<bool>& drawn);
 
-  /// Those of them that `is_kept(index)` picks.
+  /// A copy with only the pages for which `is_kept(index)` returns true.
   template <class IsKept>
   DrawnPages subset(const IsKept& is_kept) const {
     DrawnPages kept;
@@ -65,8 +65,9 @@ class DrawnPages {
   std::vector<uint64_t> first_chunk_;  // by page: index of its first entry in chunks_; one more entry ends the last
 };
 
-/// Shares pages among `owners` processes or GPUs: by index in `pages`, the owner's number. In file order each page goes
-/// to the owner with the fewest bytes so far, so the file's tables alone decide. Throws std::bad_alloc.
+/// Shares pages among `owners` processes or GPUs. Returns the owner's number for each index in `pages`. In file order
+/// each page goes to the owner with the fewest bytes so far, so the result depends only on the file's tables. Throws
+/// std::bad_alloc.
 std::vector<uint32_t> owners_of_pages(const DrawnPages& pages, uint32_t owners);
 
 /// Raw bytes by page number; null where a page was not loaded.

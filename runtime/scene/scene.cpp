@@ -44,12 +44,12 @@ Result<MipChain> load_image(const format::Container& container, uint32_t index, 
   const Result<ImageInfo> info = probe_image(*file);
   if (!info) return info.error();
   if (info->codec != record.codec || info->is_webp)
-    return Error{ErrorCode::kFormat, "the image is of another kind than its record says"};
+    return Error{ErrorCode::kFormat, "the image's codec differs from its record's codec"};
   Result<Image> image = decode_image(*file);
   if (!image) return image.error();
   if (image->width != record.width || image->height != record.height)
     return Error{ErrorCode::kFormat, "the image is " + std::to_string(image->width) + " x " +
-                                         std::to_string(image->height) + ", but its record says " +
+                                         std::to_string(image->height) + ", but its record gives " +
                                          std::to_string(record.width) + " x " + std::to_string(record.height)};
   warning = std::move(image->warning);
   return make_mips(std::move(*image), coding);
@@ -241,7 +241,7 @@ Result<void> Scene::load_masks() {
     mask.width = record.width;
     mask.height = record.height;
     mask.level_count = record.level_count;
-    mask.threshold = blends ? 1 : record.threshold;  // what is clear is no layer
+    mask.threshold = blends ? 1 : record.threshold;  // fully transparent samples make no layer
     std::copy(&record.place[0][0], &record.place[0][0] + 6, &mask.place[0][0]);
     mask.wrap_s = record.wrap_s;
     mask.wrap_t = record.wrap_t;
@@ -249,7 +249,7 @@ Result<void> Scene::load_masks() {
     mask.needs = needs;
     ++stats_.masks;
     if (!blends || material.base_color[3] < 1.0f) continue;
-    // Where its alpha is 1, it is in the opaque picture.
+    // Where its alpha is 1, the surface belongs to the opaque picture.
     masks_.resize(view_.material_count);
     masks_[record.material] = mask;
     masks_[record.material].threshold = format::kMaxMaskThreshold;
@@ -273,7 +273,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
 
   std::vector<bool> texture_drawn(textures.size(), false);
   std::vector<bool> image_drawn(images.size(), false);
-  std::vector<bool> is_color(images.size(), false);  // else numbers: normals, roughness...
+  std::vector<bool> is_color(images.size(), false);  // false for numbers: normals, roughness...
   visit_drawn_textures([&](uint32_t texture, bool shows_color) {
     texture_drawn[texture] = true;
     image_drawn[textures[texture].image] = true;
@@ -339,7 +339,7 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
   return {};
 }
 
-/// Calls visit(texture, whether it shows colour) for every texture of the materials that drawn meshes have.
+/// Calls visit(texture, is_color) for every texture of the materials of drawn meshes.
 template <class Visit>
 void Scene::visit_drawn_textures(const Visit& visit) const {
   for (uint64_t m = 0; m < view_.mesh_count; ++m) {
@@ -354,7 +354,8 @@ void Scene::visit_drawn_textures(const Visit& visit) const {
   }
 }
 
-/// Those of drawn meshes: where there are none the scene is shaded as one of base colours.
+/// Finds the surface of each material. If no drawn mesh has one, the view gets none, and is shaded with base colours
+/// only.
 void Scene::find_surfaces() {
   const auto surfaces = container().surfaces();
   std::vector<uint32_t> of(surfaces.empty() ? 0 : view_.material_count, format::kNone);

@@ -48,7 +48,7 @@ class SceneFile {
 /// Default cache sizes for decoded blocks of JPEG textures on a CPU and a GPU, bytes.
 inline constexpr uint64_t kHostTextureCache = uint64_t{64} << 20;
 inline constexpr uint64_t kDeviceTextureCache = uint64_t{256} << 20;
-/// Of SceneOptions::texture_memory where nothing else is asked for.
+/// Default of SceneOptions::texture_memory.
 inline constexpr uint64_t kHostTextureMemory = uint64_t{2} << 30;
 
 struct SceneOptions {
@@ -57,13 +57,13 @@ struct SceneOptions {
   // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
-  // Upper limit of the host memory for pages of block images, bytes. They come from the file when pixels sample them.
-  // 0: all are read when the scene is loaded.
+  // Upper limit of the host memory for pages of block images, bytes. They are read from the file when pixels sample
+  // them. 0: all are read when the scene is loaded.
   uint64_t texture_memory = 0;
-  uint64_t device_texture_memory = 0;  // the same of a GPU's memory, where one draws the scene (set_texture_memory())
-  kernels::Lighting lighting = kernels::Lighting::kAuto;  // what pictures will ask for: what that takes is made
+  uint64_t device_texture_memory = 0;  // the same for GPU memory if a GPU draws the scene (set_texture_memory())
+  kernels::Lighting lighting = kernels::Lighting::kAuto;  // light of the pictures; its data are made at loading
   std::string environment{};                              // a Radiance picture for kEnvironment; empty: make_sky()
-  bool pages = true;                // false: view().pages are null until load_pages(), for scenes that a GPU draws
+  bool pages = true;                // false: view().pages are null until load_pages(); for scenes that a GPU draws
   JobProgress* progress = nullptr;  // reports every page and image, and may stop the loading
 };
 
@@ -80,13 +80,13 @@ struct LoadStats {
   Duration textures;
 };
 
-/// Owns the data behind view(). Raw pages are used in place in the map; only compressed ones have a copy.
+/// Owns the data behind view(). Raw pages are used in the map; only compressed pages have a copy.
 class Scene {
  public:
   /// Loads scene number `scene` (below the container's count): assigns triangle ids to its instances, loads its pages
-  /// unless the options say otherwise, and loads each image of its materials once. Errors, with file and place: errors
-  /// of load_pages(); for an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn triangles);
-  /// kMemory.
+  /// unless SceneOptions::pages is false, and loads each image of its materials once. Errors, with file and place:
+  /// errors of load_pages(); for an image kRange, kFormat, kTrailing, kTruncated; kRange (more than 2^36 - 1 drawn
+  /// triangles); kMemory.
   static Result<Scene> load(SceneFile file, uint32_t scene, const SceneOptions& options);
 
   /// Opens `path` and loads its default scene. Errors as SceneFile::open, find_scene and load.
@@ -103,7 +103,7 @@ class Scene {
   /// The pages that the scene draws.
   const DrawnPages& drawn_pages() const { return drawn_pages_; }
 
-  /// The raw bytes of a geometry page: the loaded ones, else read from the file into `scratch`. Errors as
+  /// The raw bytes of a geometry page: of the loaded page, else read from the file into `scratch`. Errors as
   /// Container::load_page, with the file.
   Result<std::span<const std::byte>> page(uint32_t page, std::vector<std::byte>& scratch) const;
 
@@ -119,9 +119,9 @@ class Scene {
   /// The pages of block images that stay in the file; null if there are none.
   HostBlockPager* block_pager() const { return pager_.get(); }
   uint64_t device_texture_memory() const { return device_texture_memory_; }  // of SceneOptions
-  /// By image: the ones that stay JPEGs. Other entries have no levels.
+  /// The images that stay JPEGs, by image. Other entries have no levels.
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
-  /// By image: the ones that stay blocks. Other entries are empty.
+  /// The images that stay blocks, by image. Other entries are empty.
   std::span<const BlockTexture> block_textures() const { return block_images_; }
   /// The pages of the masks in view(), each once; none if nothing is masked.
   std::span<const std::span<const std::byte>> mask_pages() const { return mask_pages_; }
@@ -181,7 +181,7 @@ class Scene {
   uint64_t device_texture_memory_ = 0;
   std::vector<kernels::TextureView> textures_;
   std::vector<kernels::MaskView> masks_;                // one per material; empty if nothing is masked
-  std::vector<kernels::MaskView> blend_masks_;          // likewise, of blended materials
+  std::vector<kernels::MaskView> blend_masks_;          // the same for blended materials
   std::vector<std::span<const std::byte>> mask_pages_;  // in the mapped file or in
   std::vector<std::vector<std::byte>> unpacked_masks_;  // pages that had to be unpacked
   std::vector<std::string> warnings_;

@@ -24,8 +24,8 @@ uint32_t BlockPool::class_of(uint64_t units) {
   return ((above + 1) << kSubclassBits) + static_cast<uint32_t>((units >> above) & (kSmall - 1));
 }
 
-/// A free block of at least this size: one of the first few of the size's own class, else one of the next non-empty
-/// class, where every block is large enough, else any other of its own class.
+/// A free block of at least this size. Searches the first few blocks of the size's own class, then the next non-empty
+/// class, where every block is large enough, then the rest of its own class.
 uint32_t BlockPool::find(uint64_t units) const {
   constexpr int kTries = 8;
   const uint32_t own = class_of(units);
@@ -45,7 +45,7 @@ uint32_t BlockPool::take(uint64_t units, uint32_t owner) {
   assert(units != 0);
   const uint32_t block = find(units);
   if (block == kNone) return kNone;
-  // Steps that may throw come first.
+  // The steps that may throw come before any change.
   const uint64_t left = blocks_[block].units - units;
   if (left != 0) {
     const uint32_t rest = new_block(blocks_[block].offset + units, left, block, blocks_[block].next);
@@ -83,7 +83,7 @@ void BlockPool::give_back(uint32_t block) {
 uint32_t BlockPool::new_block(uint64_t offset, uint64_t units, uint32_t before, uint32_t next) {
   uint32_t block = 0;
   if (unused_.empty()) {
-    if (unused_.capacity() <= blocks_.size()) unused_.reserve(2 * blocks_.size() + 16);  // drop_block() never throws
+    if (unused_.capacity() <= blocks_.size()) unused_.reserve(2 * blocks_.size() + 16);  // drop_block() must not throw
     block = static_cast<uint32_t>(blocks_.size());
     assert(block != kNone);
     blocks_.push_back({});

@@ -1,5 +1,5 @@
-// Allocates contiguous ranges of a memory pool by two-level segregated fit (Masmano, Ripoll, Crespo and Real 2004):
-// taking and giving back cost the same for any number of ranges.
+// Allocates contiguous ranges of a memory pool by two-level segregated fit (Masmano, Ripoll, Crespo and Real 2004): the
+// cost of allocating and freeing does not depend on the number of ranges.
 #pragma once
 
 #include <array>
@@ -8,8 +8,8 @@
 
 namespace scree::runtime {
 
-/// Blocks lie side by side and cover the pool; no two neighbours are both free. Sizes and offsets are in units of the
-/// caller's choice. Methods that take or give back may throw std::bad_alloc. Not thread-safe.
+/// Blocks are adjacent and cover the pool; no two neighbours are both free. The caller chooses the unit of sizes and
+/// offsets. take(), give_back() and move_together() may throw std::bad_alloc. Not thread-safe.
 class BlockPool {
  public:
   static constexpr uint32_t kNone = 0xffffffff;

@@ -77,7 +77,7 @@ Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place>
   } else {
     const format::Container& container = scene_.container();
     const format::PageRecord& record = container.pages()[job.page];
-    // load_page() computes the checksum, which takes as long as the copy. A raw page of the map needs that only once.
+    // load_page() computes the checksum, which takes as long as the copy. For a raw page of the map once is enough.
     if (checked != 0 && record.codec == format::PageCodec::kRaw) {
       raw = container.stored_page(job.page);
     } else {

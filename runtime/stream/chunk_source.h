@@ -22,13 +22,13 @@ class ChunkSource {
   /// Payload bytes of every chunk that the scene draws, by chunk; 0 for the others.
   std::vector<uint64_t> chunk_bytes() const;
 
-  /// The reader of the copies.
+  /// The processor that reads the copies next.
   enum class Reader : uint8_t { kProcessor, kDevice };
 
-  /// Copies the payload of each place's chunk to place.offset of `memory`, on `workers`. Before anything is copied from
-  /// a page for the first time, the whole page is checked, with the streams of its drawn chunks. A compressed page is
-  /// unpacked once for all its chunks in `places`. Errors, with file and place: errors of load_pages(), for the bad
-  /// page with the lowest number; kMemory. Thread-safe for different places and workers.
+  /// Copies the payload of each place's chunk to place.offset of `memory`, on `workers`. Before the first copy out of a
+  /// page, the whole page and the streams of its drawn chunks are checked. A compressed page is unpacked once for all
+  /// its chunks in `places`. Errors, with file and place: errors of load_pages(), for the bad page with the lowest
+  /// number; kMemory. Thread-safe for different places and workers.
   Result<void> read(std::span<const Residency::Place> places, std::byte* memory, Reader reader, Workers& workers);
 
  private:

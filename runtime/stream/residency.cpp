@@ -9,7 +9,7 @@
 namespace scree::runtime {
 
 uint64_t Residency::room(uint32_t chunk) const {
-  return format::align_up(std::max<uint64_t>(chunk_bytes_[chunk], 1), kAlignment);  // no two chunks in one place
+  return format::align_up(std::max<uint64_t>(chunk_bytes_[chunk], 1), kAlignment);  // no two chunks at one offset
 }
 
 Result<Residency> Residency::create(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes) {
@@ -84,13 +84,14 @@ std::vector<Residency::Place> Residency::begin_frame(std::span<const uint32_t> v
   return there;
 }
 
-/// Places as many of the chosen chunks as possible, from the first one on; the others become missing again. Together
-/// they take `bytes`, and at least that much of the pool is not pinned.
+/// Places the chosen chunks up to the first one that does not fit; the rest become missing again. Together they take
+/// `bytes`, and at least `bytes` of the pool are not pinned.
 Residency::Batch Residency::load(std::span<const uint32_t> chosen, uint64_t bytes) {
   Batch batch;
   if (chosen.empty()) return batch;
   make_free(bytes);
-  // Neighbours in the file become neighbours in the pool if possible, which gives fewer and longer copies.
+  // Chunks that are adjacent in the file become adjacent in the pool if possible, so that there are fewer and longer
+  // copies.
   std::vector<uint32_t> by_number(chosen.begin(), chosen.end());
   std::sort(by_number.begin(), by_number.end());
   size_t placed = place_all(by_number);

@@ -1,4 +1,4 @@
-// Decides which chunks lie in a memory pool that is too small for all of them, and where: the chunks to load next and
+// Manages the chunks in a memory pool that is too small for all: chooses the chunks to load next, their offsets, and
 // the chunks to evict. Independent of devices and files; runtime/stream/streamer.h transfers the bytes.
 #pragma once
 
@@ -17,8 +17,9 @@ namespace scree::runtime {
 /// that some can be drawn while others are loaded. A chunk is loaded at most once per frame, and is not evicted before
 /// the frame has drawn it.
 ///
-/// Order of eviction: first the chunks that this frame does not see, those seen longest ago first; then the chunks that
-/// it has drawn, the farthest first, so that near chunks are resident when the next frame begins.
+/// Order of eviction: first the chunks that are not visible in this frame, beginning with the chunks that were visible
+/// longest ago; then the chunks that it has drawn, the farthest first, so that near chunks are resident when the next
+/// frame begins.
 ///
 /// A chunk lies in one range, at a multiple of kAlignment. If enough bytes are free, but not in one range, movable
 /// chunks are moved together. Therefore visible chunks stay resident from frame to frame if their bytes, rounded up to
@@ -49,29 +50,29 @@ class Residency {
   /// that does not fit `pool_bytes`, with the smallest pool that is large enough; 2^32 chunks or more.
   static Result<Residency> create(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes);
 
-  /// Begins a frame that sees these chunks, each listed once, near ones first. Returns the resident ones, in this
-  /// order.
+  /// Begins a frame in which these chunks are visible, each listed once, near ones first. Returns the resident ones, in
+  /// this order.
   std::vector<Place> begin_frame(std::span<const uint32_t> visible);
 
   /// The next batch: missing chunks of at most `most_bytes` together, but at least one chunk; fewer if chunks that are
-  /// not drawn yet leave less room. Chunks for which `is_dropped(chunk)` returns true are removed from the missing
-  /// ones, and the frame does without them. It is called for chunks in their order up to the batch's end, and may be
-  /// called again for a chunk that did not fit. Returns no loads if none is missing, or if nothing fits until
-  /// batch_drawn() is called; once all chunks are drawn there is always room.
+  /// not drawn yet leave less room. Chunks for which `is_dropped(chunk)` returns true are removed from the missing ones
+  /// and not drawn in this frame. It is called for chunks in their order up to the batch's end, and may be called again
+  /// for a chunk that did not fit. Returns no loads if none is missing, or if nothing fits before the next
+  /// batch_drawn(); once all chunks are drawn, a chunk always fits.
   template <class IsDropped>
   Batch next_batch(uint64_t most_bytes, const IsDropped& is_dropped);
   Batch next_batch(uint64_t most_bytes) {
     return next_batch(most_bytes, [](uint32_t) { return false; });
   }
 
-  /// Makes chunks from begin_frame() the first ones to be evicted once drawn, after the chunks of earlier calls.
+  /// Puts chunks from begin_frame() first in the order of eviction of drawn chunks, behind the chunks of earlier calls.
   void give_way_next(std::span<const Place> places);
 
   /// Marks chunks from begin_frame() and next_batch() as drawn. Call it once per chunk.
   void batch_drawn(std::span<const Place> places);
 
-  /// Removes the missing chunks for which `is_dropped(chunk)` returns true; it is called once per chunk. The frame does
-  /// without them.
+  /// Removes the missing chunks for which `is_dropped(chunk)` returns true; it is called once per chunk. They are not
+  /// drawn in this frame.
   template <class IsDropped>
   void drop_missing(const IsDropped& is_dropped) {
     missing_.erase(missing_.begin(), missing_.begin() + static_cast<ptrdiff_t>(first_missing_));
@@ -82,27 +83,27 @@ class Residency {
   /// Puts some of the removed chunks back, behind the others.
   void add_missing(std::span<const uint32_t> chunks) { missing_.insert(missing_.end(), chunks.begin(), chunks.end()); }
 
-  /// Forgets all chunks: after an error the content of the pool is unknown.
+  /// Removes all chunks. After an error the content of the pool is unknown.
   void forget();
 
   /// The missing chunks, near ones first.
   std::span<const uint32_t> missing() const { return std::span<const uint32_t>(missing_).subspan(first_missing_); }
   bool is_resident(uint32_t chunk) const { return slots_[chunk].block != BlockPool::kNone; }
   uint64_t chunk_bytes(uint32_t chunk) const { return chunk_bytes_[chunk]; }
-  /// For a chunk that this frame sees: its index in begin_frame()'s `visible`, until give_way_next() changes it.
+  /// The index of a visible chunk in begin_frame()'s `visible`, until give_way_next() changes it.
   uint32_t rank(uint32_t chunk) const { return slots_[chunk].rank; }
   uint64_t pool_bytes() const { return pool_bytes_; }
-  /// Bytes that next_batch() may fill: the pool without the chunks that are not drawn yet.
+  /// Bytes that next_batch() may use: the pool without the chunks that are not drawn yet.
   uint64_t room_left() const { return pool_bytes_ - pinned_bytes_; }
   uint64_t free_bytes() const { return blocks_.free_units() * kAlignment; }
-  /// The most bytes that any one chunk takes in the pool.
+  /// Bytes of the largest chunk in the pool.
   uint64_t largest_room() const { return largest_room_; }
 
  private:
   struct Slot {
     uint32_t block = BlockPool::kNone;
     uint32_t rank = 0;   // 0 is the nearest; the largest is evicted next
-    uint64_t frame = 0;  // the last frame that saw it
+    uint64_t frame = 0;  // the last frame in which it was visible
     bool pinned = false;
   };
 
@@ -128,8 +129,8 @@ class Residency {
   uint64_t pinned_bytes_ = 0;
   uint64_t frame_ = 0;
   uint32_t next_to_give_way_ = 0;  // rank for the next give_way_next()
-  // The resident chunks that this frame does not see, the first to be evicted last. Then the ones that it has drawn, as
-  // a heap with the farthest on top.
+  // unseen_: resident chunks that are not visible in this frame; the end is evicted first. drawn_: chunks that it has
+  // drawn, a heap with the farthest on top.
   std::vector<uint32_t> unseen_;
   std::vector<uint32_t> drawn_;
   std::vector<uint32_t> missing_;

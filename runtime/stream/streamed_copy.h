@@ -9,8 +9,8 @@
 
 namespace scree::runtime {
 
-/// memcpy() past the cache, for data that only a device reads next. The old bytes of `to` are not read first, as they
-/// would be for ordinary stores to uncached memory. Synchronises with other threads like any copy.
+/// memcpy() past the cache, for data that only a device reads next. Ordinary stores would first read the old bytes of
+/// `to` into the cache. Synchronises with other threads like any copy.
 inline void copy_past_cache(std::byte* to, const std::byte* from, size_t bytes) {
   constexpr size_t kVector = sizeof(__m128i);
   constexpr size_t kLine = 4 * kVector;

@@ -146,14 +146,14 @@ class Streamer::Frame {
   const IsOver& is_over_;
   bool ends_ = false;
   StreamStats stats_{};
-  std::vector<uint32_t> listed_;  // near ones first; chunks that were hidden last time come last
+  std::vector<uint32_t> listed_;  // near ones first; then the chunks that were hidden last time
   // Missing chunks that the residency does not have yet:
   std::vector<Unsure> unsure_;  // a heap
   std::vector<uint32_t> hidden_;
   bool is_sure_ = true;        // the residency's missing chunks are needed, as they were last time
   uint64_t unsure_bytes_ = 0;  // bytes of a batch of unsure chunks
   std::deque<Part> parts_;     // not drawn yet
-  size_t loads_ = 0;           // how many of them are being loaded
+  size_t loads_ = 0;           // number of parts that are being loaded
   bool had_missing_ = false;
   bool has_begun_ = false;       // drawing has begun
   bool has_depths_ = false;      // the depths of some part are known
@@ -175,7 +175,7 @@ Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kerne
       leave_missing();
       break;
     }
-    // Chunks hidden last time are most likely hidden again, by something that is drawn by now.
+    // Chunks that were hidden last time are tested last: by now the chunks that hide them are probably drawn.
     if (!has_unsure() && residency_.missing().empty()) {
       if (hidden_.empty()) break;
       ask_for(hidden_);
@@ -191,7 +191,7 @@ Result<void> Streamer::Frame::list() {
   const Timed timed(stats_.list_ms);
   const Result<std::span<const uint32_t>> listed = target_.list();
   if (!listed) return listed.error();
-  // The order of eviction, from the end: a chunk that was hidden before goes before all needed ones.
+  // The end of the list is evicted first. So chunks that were hidden in the last picture come behind all others.
   listed_.assign(listed->begin(), listed->end());
   std::stable_partition(listed_.begin(), listed_.end(),
                         [&](uint32_t chunk) { return last_seen_[chunk] != LastSeen::kHidden; });
@@ -213,10 +213,10 @@ Result<void> Streamer::Frame::list() {
   return {};
 }
 
-/// If no load is certain, all resident chunks are one part. Otherwise the pool is probably full, and nothing can be
-/// loaded before something is drawn and evicted. So stretches of the pool of one, two, four ... batches are parts, each
-/// drawn while the next loads into the room of the one before. Whole stretches are taken, so that loads find contiguous
-/// room, and the stretches with the farthest chunks: near chunks stay and hide later ones.
+/// If no load is certain, all resident chunks are one part. Otherwise the pool is probably full, and a load needs
+/// chunks that were drawn and evicted. So the first parts are contiguous stretches of the pool, of one, two, four ...
+/// batches: while one is drawn, chunks are loaded in place of the one before. Stretches give loads contiguous room. The
+/// stretches with the farthest chunks are taken, because near chunks hide later ones and should stay.
 void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted) {
   struct Stretch {
     std::vector<Residency::Place> places;
@@ -240,7 +240,7 @@ void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted
     uint64_t most_in_part = 1;
     there.clear();
     for (Stretch& stretch : stretches) {
-      // Leaves room for one chunk more, so that the last one may find a contiguous range.
+      // Frees room for one more chunk, so that the last chunk too finds a contiguous range.
       if (freed >= wanted + residency_.largest_room()) {
         there.insert(there.end(), stretch.places.begin(), stretch.places.end());
         continue;
@@ -256,8 +256,8 @@ void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted
   }
   if (!there.empty()) parts_.push_back({std::move(there), false});
   if (parts_.size() < 3) return;
-  // The farthest chunks are hidden only by visible clusters of the others, which are therefore drawn first. The first
-  // part is an exception, since loads wait for it.
+  // The parts go from far to near, but near clusters hide far ones. So the likely visible clusters of all parts are
+  // drawn before the rest. The first part comes even before them, because loads wait for it.
   Part likely{{}, false, StreamTarget::Share::kLikelySeen};
   for (auto part = parts_.begin() + 1; part != parts_.end(); ++part) {
     part->share = StreamTarget::Share::kRest;
@@ -278,9 +278,9 @@ void Streamer::Frame::ask_for(std::span<const uint32_t> chunks) {
   std::make_heap(unsure_.begin(), unsure_.end(), is_farther);
 }
 
-/// Passes as many unsure chunks of up to that many bytes to the residency. A chunk may be drawn in many places. If its
-/// nearest place is found to be hidden, the chunk waits with the depth of its nearest visible place; until then more is
-/// drawn that may hide its other places.
+/// Passes unsure chunks of up to `most_bytes` to the residency. A chunk may have several instances. If its nearest one
+/// is found to be hidden, the chunk goes back to the heap with the depth of its nearest visible instance. Chunks drawn
+/// meanwhile may hide the others.
 void Streamer::Frame::take_unsure(uint64_t most_bytes) {
   std::vector<uint32_t> taken;
   uint64_t bytes = 0;
@@ -306,8 +306,8 @@ void Streamer::Frame::take_unsure(uint64_t most_bytes) {
 /// Starts loads: as many certain chunks as fit, and up to `most_unsure` loads of others.
 Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
   const Timed timed(stats_.choose_ms);
-  // Load as little as possible before there is anything to hide chunks. This does not apply while the first part is
-  // drawn: that takes as long as two batches if near chunks are drawn in many places with nothing in front.
+  // Before any depths are known, no chunk can be found to be hidden, so this loads as little as possible. While the
+  // first part is drawn it loads more: that part may take as long as two batches.
   if (!has_depths_ && !has_begun_) most_unsure = 1;
   for (;;) {
     if (ends()) return {};
@@ -318,13 +318,13 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
     }
     if (loads_ >= (!is_sure_ ? most_unsure : is_over_ ? kLoadsAhead : kMostLoads)) return {};
     const uint64_t most_bytes = is_sure_ ? batch_bytes_ : unsure_bytes_;
-    // While other loads run, small remainders can wait until more is evicted.
+    // While other loads run, this waits for more room rather than load a small batch.
     if (loads_ != 0 && has_parts() && residency_.room_left() < most_bytes / 2) return {};
     if (!is_sure_) take_unsure(most_bytes);
     Residency::Batch batch = residency_.next_batch(most_bytes, [&](uint32_t chunk) { return is_hidden(chunk); });
     if (batch.loads.empty() && batch.moves.empty()) {
       if (residency_.missing().empty() && !unsure_.empty()) continue;  // all chunks of this batch are hidden
-      return {};  // until chunks drawn now may be evicted, or nothing is left
+      return {};  // nothing is left, or chunks must be drawn first to make room
     }
     if (Result<void> started = target_.start_loading(batch); !started) return started;
     ++loads_;
@@ -342,8 +342,8 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
 }
 
 Result<void> Streamer::Frame::draw_part(Part part) {
-  // While a load is awaited there is time to choose the next one, with all depths so far. If the load has already
-  // arrived, drawing is the bottleneck and must not wait for that, unless nothing is loaded meanwhile.
+  // While this part's load is under way, there is time to choose the next load by all depths so far. If it has arrived,
+  // drawing is the bottleneck and comes first, unless no other load is under way.
   bool waits = false;
   if (part.is_load) {
     const Result<bool> is_loaded = target_.is_loaded();
@@ -354,7 +354,7 @@ Result<void> Streamer::Frame::draw_part(Part part) {
     if (Result<void> started = load_ahead(kLoadsAhead); !started) return started;
   if (part.is_load)
     if (Result<void> loaded = finish_loading(); !loaded) return loaded;
-  // Other loads that have arrived by now are drawn in the same part, which pays the fixed cost of a part once.
+  // Other loads that have arrived by now are drawn in the same part, to save the fixed cost of a part.
   for (size_t loads = 1; part.is_load && loads < kLoadsInPart && !parts_.empty() && parts_.front().is_load; ++loads) {
     const Result<bool> is_loaded = target_.is_loaded();
     if (!is_loaded) return is_loaded.error();
@@ -393,7 +393,7 @@ Result<void> Streamer::Frame::finish_loading() {
   return {};
 }
 
-/// Goes without the chunks that are missing.
+/// Ends the frame without the missing chunks.
 void Streamer::Frame::leave_missing() {
   const auto leave = [&](uint32_t chunk) {
     if (!is_hidden(chunk)) stats_.left_bytes += residency_.chunk_bytes(chunk);
@@ -404,8 +404,8 @@ void Streamer::Frame::leave_missing() {
   for (const uint32_t chunk : hidden_) leave(chunk);
 }
 
-/// Records the visibility of chunks for the next frame. Chunks that show in an incomplete picture may be hidden in a
-/// whole one.
+/// Records the visibility of chunks for the next frame, if the picture is complete: chunks that are visible in an
+/// incomplete picture may be hidden in the whole one.
 void Streamer::Frame::look_at_picture() {
   if (!has_all_depths_ || stats_.left_bytes != 0) return;
   for (const uint32_t chunk : listed_)
@@ -414,7 +414,7 @@ void Streamer::Frame::look_at_picture() {
     if (last_seen_[chunk] == LastSeen::kVisible) stats_.needed_bytes += residency_.chunk_bytes(chunk);
 }
 
-/// After an error nothing is known of the pool.
+/// Runs `work`. After an error the pool's content is unknown, so all chunks are removed.
 template <class Work>
 auto Streamer::guarded(StreamTarget& target, const Work& work) -> decltype(work()) {
   auto done = [&]() -> decltype(work()) {

@@ -1,6 +1,6 @@
-// Draws a scene whose chunks do not all fit into the memory that they are drawn from. Chunks are loaded batch by batch,
-// near ones first, into a pool of fixed size, and each is drawn and shaded while it is there. The picture equals that
-// of the whole scene in memory, bit for bit.
+// Draws a scene whose chunks do not all fit into memory. Chunks are loaded batch by batch, near ones first, into a pool
+// of fixed size, and each is drawn and shaded while it is there. The picture equals the picture of the whole scene in
+// memory, bit for bit.
 #pragma once
 
 #include <cstddef>
@@ -27,35 +27,36 @@ class StreamTarget {
     double ms;
   };
 
-  /// Begins a frame: no sample has a triangle. `shade`: how parts are shaded; null if only samples are wanted.
+  /// Begins a frame with all samples cleared. `shade`: options for shading parts; null makes samples only.
   virtual Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) = 0;
   /// Chunks that the frame's view may show, near ones first (order_by_depth()). Valid until the next call.
   virtual Result<std::span<const uint32_t>> list() = 0;
   /// Starts the moves of a batch and then the loads of its chunks' payloads to their places, while parts are drawn.
-  /// Starts are executed in order, up to kMostLoads at a time.
+  /// Started batches are executed in order, up to kMostLoads at a time.
   virtual Result<void> start_loading(const Residency::Batch& batch) = 0;
-  /// Whether the oldest start is known to be done, so that finish_loading() does not wait.
+  /// Whether the oldest started batch is loaded, so that finish_loading() does not wait.
   virtual Result<bool> is_loaded() = 0;
-  /// Waits until the oldest start is done. Returns the ms that its copies took.
+  /// Waits until the oldest started batch is loaded. Returns the ms that its copies took.
   virtual Result<double> finish_loading() = 0;
   /// The share of its chunks that a part draws.
   enum class Share : uint8_t {
     kAll,         // all visible clusters
-    kLikelySeen,  // the clusters that the target expects to be visible in the end, which hide others; not shaded
-    kRest,        // the remaining clusters, in the same frame and for each of those chunks, which keep their places
+    kLikelySeen,  // the clusters that are probably visible in the finished picture, to hide others; not shaded
+    kRest,        // the remaining clusters; must follow kLikelySeen in the same frame, for the same chunks at the same
+                  // offsets
   };
   struct PartOptions {
     Share share;
     bool finds_depths;  // then finds the depths of all samples, for nearest_shown()
   };
-  /// Starts drawing these chunks into the samples of the frame, and shading the samples that they win. One part at a
-  /// time.
+  /// Starts drawing these chunks into the frame's samples, and shading the samples in which they are nearest. One part
+  /// at a time.
   virtual Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) = 0;
   /// Waits until the part is drawn. Its chunks are no longer needed, unless their kRest follows.
   virtual Result<Drawn> finish_drawing() = 0;
-  /// For a chunk of the list: the nearest depth code at which it may still change a sample. kNotInView if it cannot,
-  /// because all samples that it may cover were nearer when depths were last found, in a finished part of this frame.
-  /// Before depths are found: the nearest code by its bounds, as in the list's order.
+  /// The nearest depth code at which a chunk of the list may still change a sample, by the depths of the last finished
+  /// part of this frame that found depths. kNotInView if it cannot, because all samples that it may cover are nearer.
+  /// Before any depths are found: the nearest code by its bounds, as in the list's order.
   virtual uint32_t nearest_shown(uint32_t chunk) const = 0;
   /// After an error: waits until nothing is drawn or written to the pool any more.
   virtual void stop() = 0;
@@ -64,16 +65,16 @@ class StreamTarget {
   ~StreamTarget() = default;
 };
 
-/// Statistics of one frame. Bytes are the chunks' own. The first times are the host's, one after the other; their sum
-/// is the frame's time without its beginning and end. The last two are the target's, which run concurrently.
+/// Statistics of one frame. Bytes are sums of payloads. The first four times are the host's; their sum is the frame's
+/// time without its beginning and end. The last two are the target's, and overlap.
 struct StreamStats {
   kernels::FrameStats drawn;    // an instance counts once per part that it is in
   uint64_t seen_chunks = 0;     // in the view according to their bounds
   uint64_t seen_bytes = 0;      // of these chunks
   uint64_t missing_bytes = 0;   // of the seen chunks that were not in the pool when the frame began
-  uint64_t hidden_bytes = 0;    // missing, but hidden by what was drawn before, and not loaded
+  uint64_t hidden_bytes = 0;    // missing, hidden by chunks drawn before, and not loaded
   uint64_t streamed_bytes = 0;  // missing and loaded
-  uint64_t left_bytes = 0;      // missing, not hidden by what was drawn, and not loaded: the frame was ended before
+  uint64_t left_bytes = 0;      // missing, not hidden by drawn chunks, and not loaded because the frame was ended
   uint64_t needed_bytes = 0;    // streamed and not hidden in the finished picture, according to bounds
   uint64_t moved_bytes = 0;     // within the pool
   uint64_t batches = 0;         // loaded batches
@@ -85,30 +86,29 @@ struct StreamStats {
   double drawing_ms = 0;        // from each part's start to its end, including its depths
   double copying_ms = 0;        // from each load's first copy to its end
 
-  /// Adds what a layer of blended surfaces streamed over the same picture; `drawn` and the seen chunks stay the
-  /// picture's.
+  /// Adds the streaming of a layer of blended surfaces over the same picture. `drawn` and the seen chunks stay as they
+  /// are.
   void add_layer(const StreamStats& layer);
 };
 
-/// Whether a frame should end without the chunks whose loads have not started yet. Empty: never. Stays true.
+/// Returns whether the frame should end without the chunks whose loads have not started. Once true, it stays true.
+/// Empty: never.
 using IsOver = std::function<bool()>;
 
 // How far loading runs ahead. Any values give the same picture.
 
-/// A batch is this share of the pool, up to kMostBatchBytes. It should be large, so that its fixed cost stays small (a
-/// part passes over all records and samples). It should be small, so that little is loaded before it is found to be
-/// hidden, and the last batch is drawn soon.
+/// A batch is this share of the pool, up to kMostBatchBytes. Large batches have less fixed cost (a part passes over all
+/// records and samples). With small batches, fewer hidden chunks are loaded, and the last batch is drawn soon.
 inline constexpr uint64_t kBatchShare = 8;
 inline constexpr uint64_t kMostBatchBytes = uint64_t{256} << 20;
-/// If nothing is known from an earlier frame, the first batch is smaller by this factor, and each one is double the one
-/// before.
+/// Without the visibility of an earlier frame, the first batch is smaller by this factor, and each further batch is
+/// twice as large as the batch before.
 inline constexpr uint64_t kFirstBatchShare = 4;
-/// Loads in flight of chunks that may be hidden. The second is requested before the first has arrived, so that the link
-/// is not idle in between.
+/// Most loads in flight of chunks that may be hidden. With two, the link is not idle between loads.
 inline constexpr size_t kLoadsAhead = 2;
-/// Loads in flight of chunks that are certainly needed.
+/// Most loads in flight of chunks that are certainly needed.
 inline constexpr size_t kMostLoads = 16;
-/// Batches that are drawn as one part if they have arrived before they can be drawn.
+/// Most batches that are drawn as one part, if several have arrived.
 inline constexpr size_t kLoadsInPart = 4;
 
 /// Draws the frames of one scene from one pool. Not thread-safe.
@@ -126,13 +126,13 @@ class Streamer {
   const kernels::SceneView& view() const { return view_; }
 
   /// Draws one frame through `target`, which must use this streamer's pool exclusively. After an error the next frame
-  /// begins with an empty pool. With `is_over` at most kLoadsAhead loads are in flight. If it ends the frame, this
-  /// shows the chunks that were there or had begun to load: StreamStats::left_bytes are missing. Errors kRange
-  /// (kernels::check_frame), kMemory, errors of `target`.
+  /// begins with an empty pool. With `is_over` at most kLoadsAhead loads are in flight. If it ends the frame, the
+  /// picture has the chunks that were present or whose loads had started; StreamStats::left_bytes are missing. Errors
+  /// kRange (kernels::check_frame), kMemory, errors of `target`.
   Result<StreamStats> draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
                            const IsOver& is_over = {});
 
-  /// Loads chunks that no frame needed yet into free room, in the order of the file, until `is_over`. Errors as draw().
+  /// Loads missing chunks into free room, in the order of the file, until `is_over`. Errors as draw().
   struct Rest {
     uint64_t left_bytes = 0;                // of chunks that are still missing
     std::vector<Residency::Place> present;  // the chunks that are there

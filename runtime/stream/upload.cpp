@@ -75,8 +75,8 @@ std::vector<Job> jobs_of(const UploadPlan& plan, uint64_t slot_bytes) {
   return jobs;
 }
 
-/// Free slots, and slots with copies under way, in the order in which the copies began. A thread holds at most one
-/// slot, so with as many slots as threads there is always one to be had.
+/// Free slots, then slots with copies under way in the order of their start. A thread holds at most one slot, so as
+/// many slots as threads are always enough.
 class SlotRing {
  public:
   SlotRing(UploadTarget& target, uint32_t slots) : target_(target) {
@@ -149,7 +149,7 @@ class Uploader {
         progress_(progress),
         jobs_(jobs_of(plan, sizes.slot_bytes)),
         ring_(target, sizes.slots) {
-    bounce_.reserve(sizes.slots);  // room for all of them, so that giving one back needs no memory
+    bounce_.reserve(sizes.slots);  // room for all buffers, so that giving one back allocates nothing
   }
 
   /// Opens the file for reads past the page cache, if that is supported.
@@ -255,7 +255,7 @@ class Uploader {
     std::byte* const memory = target_.slot(*slot);
     Result<void> done;
     if (is_direct_) done = read_pages(job, memory);
-    // The memory or the file system may turn out not to support it; then it is not tried again.
+    // If the memory or the file system does not support direct reads, they are not tried again.
     if (!done && done.error().code == ErrorCode::kUnsupported) is_direct_ = false;
     if (!is_direct_) done = take_pages(job, memory);
     if (!done) {
@@ -285,7 +285,8 @@ class Uploader {
     return {};
   }
 
-  /// The same past the page cache. Raw pages that are adjacent in the file are adjacent in the slot.
+  /// Reads the pages of a job into a slot, past the page cache. Raw pages that are adjacent in the file are adjacent in
+  /// the slot.
   Result<void> read_pages(const Job& job, std::byte* slot) {
     const DrawnPages& pages = *plan_.pages();
     for (uint64_t i = job.first; i < job.last;) {
@@ -311,7 +312,7 @@ class Uploader {
     return {};
   }
 
-  /// Checks a page, and unpacks it to `raw` if it is compressed. A raw page is already there.
+  /// Checks a page, and unpacks it to `raw` if it is compressed. A raw page already lies in `raw`.
   Result<void> finish_page(uint64_t index, std::span<const std::byte> padded, std::byte* raw) {
     const DrawnPages& pages = *plan_.pages();
     const format::PageRecord& record = pages.record(index);
@@ -373,7 +374,7 @@ class Uploader {
   const MappedFile& map_;
   UploadTarget& target_;
   StagingSizes sizes_;
-  bool is_mapped_;  // raw pages are copied straight from the map
+  bool is_mapped_;  // raw pages are copied directly from the map
   JobProgress* progress_;
   std::vector<Job> jobs_;
   SlotRing ring_;

@@ -13,9 +13,9 @@
 
 namespace scree::runtime {
 
-/// The ring of staging memory: `slots` times `slot_bytes` (a multiple of format::kPageAlignment). Other host memory
-/// that an upload takes: one unpacked page larger than a slot, zstd's contexts, per thread the memory for a split page
-/// (Container::load_page), and per thread a slot's bytes if compressed pages are read past the page cache.
+/// The ring of staging memory: `slots` times `slot_bytes` (a multiple of format::kPageAlignment). An upload also takes
+/// host memory for one unpacked page larger than a slot, for zstd's contexts, for a split page per thread
+/// (Container::load_page), and for a slot's bytes per thread if compressed pages are read past the page cache.
 struct StagingSizes {
   uint64_t slot_bytes = uint64_t{4} << 20;
   uint32_t slots = 32;
@@ -74,12 +74,12 @@ class UploadPlan {
 
 /// How pages are read from the file.
 enum class Reading {
-  kAuto,      // kDirect for kDirectBytes of pages or more that are mostly not in the page cache; else kBuffered
+  kAuto,      // kDirect for kDirectBytes of pages or more if most are not in the page cache; else kBuffered
   kMapped,    // copied from the map, through the page cache
-  kBuffered,  // by read() through the page cache, straight into the slots; compressed pages, and a page larger than a
-              // slot, as kMapped
-  kDirect,    // past the page cache, straight into the slots; a page larger than a slot as kMapped; everything as
-              // kBuffered if the file system has no direct reads
+  kBuffered,  // by read() through the page cache, directly into the slots; as kMapped for compressed pages and for
+              // pages larger than a slot
+  kDirect,    // past the page cache, directly into the slots; as kMapped for pages larger than a slot; as kBuffered if
+              // the file system has no direct reads
 };
 inline constexpr uint64_t kDirectBytes = uint64_t{256} << 20;
 
@@ -87,9 +87,9 @@ inline constexpr uint64_t kDirectBytes = uint64_t{256} << 20;
 Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted,
                        uint64_t least_bytes = kDirectBytes);
 
-/// Bytes of a slot that pages through the page cache fill. A page is then still in a core's cache when it is checked,
-/// and all slots are in the shared cache when they are copied. Larger for a larger page, which then has a chunk of more
-/// than 1 MiB.
+/// Bytes of a slot for pages that are read through the page cache. A page is then still in a core's cache when it is
+/// checked, and all slots are in the shared cache when they are copied. If a page is larger (because of a chunk of more
+/// than 1 MiB), so are the slots.
 inline constexpr uint64_t kCachedSlotBytes = uint64_t{1} << 20;
 
 /// Staging memory that `plan` can use, at most `most`. `reading`: not kAuto.
@@ -118,7 +118,7 @@ struct UploadStats {
 /// for the disk, so at least kDirectThreads are used. `reading`: not kAuto. A page is checked in its slot before it is
 /// copied (checksum, padding, frame, the streams of its drawn chunks). Only a raw page larger than a slot is checked in
 /// the map. Used pages are dropped from the map's resident memory. `map`: the file that the pages' container was opened
-/// on. Errors: as load_pages and kFile, for the bad page that comes first, for any number of threads; kDevice.
+/// on. Errors: as load_pages, and kFile; the error of the first bad page, for any number of threads; kDevice.
 /// `progress`: receives the bytes of the arena, and may stop the upload (kFile).
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
                                 const StagingSizes& sizes, Reading reading, uint32_t threads,

@@ -1,5 +1,5 @@
-// Which chunks a view may show, how near they come, and which are hidden by what is already drawn. Uses records only;
-// no page is read.
+// Finds the chunks that may be visible in a view, their nearest depths, and the chunks that drawn samples hide. Uses
+// records only; reads no page.
 #pragma once
 
 #include <cstdint>
@@ -35,13 +35,13 @@ class VisibleChunks {
   /// The nearest depth code that a chunk may have anywhere; kNotInView for chunks that are not listed.
   uint32_t nearest(uint32_t chunk) const { return nearest_[chunk]; }
 
-  /// The nearest depth code at which a chunk can change a sample of the picture that `depths` was made from, or of a
-  /// nearer one. kNotInView if it cannot: all samples that its instances may cover have smaller depth codes. `chunk`:
-  /// one of near_to_far(). Uses the pyramid's levels from `first_level` on.
+  /// The nearest depth code at which a chunk can change a sample of the picture from which `depths` was made, or of a
+  /// picture with nearer samples. kNotInView if it cannot: all samples that its instances may cover have smaller depth
+  /// codes. `chunk`: one of near_to_far(). Uses the pyramid's levels from `first_level` on.
   uint32_t nearest_shown(uint32_t chunk, const kernels::DepthPyramid& depths, uint32_t first_level = 1) const;
 
  private:
-  /// Bounds of what one instance of a chunk may cover.
+  /// Bounds of the samples that one instance of a chunk may cover.
   struct Place {
     uint32_t chunk;
     kernels::ScreenBounds bounds;

@@ -14,14 +14,14 @@ namespace scree::runtime {
 /// error().
 class FirstError {
  public:
-  /// Records an error unless one of an earlier or the same place was recorded.
+  /// Records an error, unless an error of an earlier or the same place is recorded.
   void report(uint64_t place, Error error) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (place >= place_.load()) return;
     place_ = place;
     error_ = std::move(error);
   }
-  /// Whether an earlier place has failed, so that a failure of this one would not be reported.
+  /// Whether an earlier place has failed, so that an error of this place would be ignored.
   bool is_superseded(uint64_t place) const { return place > place_.load(); }
   bool any() const { return place_.load() != kNoPlace; }
   const Error& error() const { return error_; }

@@ -1,4 +1,4 @@
-// Loops over items of uneven cost, shared by threads.
+// Loops that share items of uneven cost among threads.
 #pragma once
 
 #include <algorithm>
@@ -41,9 +41,8 @@ class SharedLoop {
   std::mutex failure_mutex_;
 };
 
-/// Calls `work` on up to `threads` threads at once, as work(true) on the caller's and work(false) on the others, and
-/// returns when all have returned. If the system starts fewer threads, these must do the same work. Only work(true) may
-/// throw.
+/// Calls work(true) on the caller's thread and work(false) on up to `threads` - 1 others, and returns when all have
+/// returned. The system may start fewer threads, so any number of them must do all the work. Only work(true) may throw.
 template <class Work>
 void on_threads(uint64_t threads, const Work& work) {
   struct Helpers {

@@ -19,7 +19,7 @@ void Workers::start() {
   try {
     for (uint32_t i = 1; i < threads_; ++i) helpers_.emplace_back([this] { help(); });
   } catch (const std::exception&) {
-    // If the system starts fewer threads, these do the same work.
+    // The system starts no more threads; the others do all the work.
   }
 }
 

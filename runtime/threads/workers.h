@@ -1,4 +1,4 @@
-// Threads that share one loop after another, for loops too short to start threads for each.
+// Threads for many short loops, for which starting threads would take too long.
 #pragma once
 
 #include <condition_variable>
@@ -39,8 +39,8 @@ class Workers {
  private:
   void start();
   void help();
-  /// Calls `work` on this thread and on up to `helpers` others, as many as wake up before it is done here. Returns when
-  /// all have returned from it.
+  /// Calls `work` on this thread, and on up to `helpers` others that wake up before this thread is done. Returns when
+  /// all calls have returned.
   void share(uint64_t helpers, const std::function<void()>& work);
 
   const uint32_t threads_;

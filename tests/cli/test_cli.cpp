@@ -90,7 +90,7 @@ void run_step(const Step& step, const fs::path& folder) {
 
 }  // namespace
 
-TEST_CASE("the command line does what tests/cli says", "[cli]") {
+TEST_CASE("the command line passes the scripts of tests/cli", "[cli]") {
   std::vector<fs::path> files;
   for (const auto& entry : fs::directory_iterator(scree::tests::kCliFolder))
     if (entry.path().extension() == ".cli") files.push_back(entry.path());

@@ -2,7 +2,7 @@
 """Writes the small glTF models of this folder. Needs only Python 3; always writes the same files.
 
     python3 tests/data/make_models.py            writes beside itself
-    python3 tests/data/make_models.py --check    fails where a file differs from what it would write
+    python3 tests/data/make_models.py --check    fails if a file differs from its output
 """
 
 import base64
@@ -206,7 +206,7 @@ def textured_cube():
 
 
 def masked():
-    """A square whose alpha is a disc, one that an alpha mask hides nowhere, and a disc that vertex colours cut off."""
+    """A square with an opaque disc by its alpha, a square with a mask that hides nothing, and a disc that vertex colours cut."""
     m = Model("masked")
     corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
     places = [(0, 2), (1.5, 2), (1.5, 0), (0, 0)]

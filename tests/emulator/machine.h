@@ -1,6 +1,6 @@
 // A GPU emulated on one CPU thread: blocks, warps and lanes of a kernel are fibers, and the collectives switch between
 // them. Its purpose is to test kernels without a GPU, under the address and undefined behaviour sanitizers. It exists
-// only if SCREE_EMULATED_GPU is set, and it says nothing about speed.
+// only if SCREE_EMULATED_GPU is set, and its speed means nothing.
 //
 // SCREE_EMULATED_GPU=1 is one GPU of compute capability 9.0 with 16 GiB. A list such as 6.1,7.5,9.0:512 is several
 // GPUs, the last with 512 MiB. Kernels have code for 8.0 and newer. SCREE_EMULATED_DRIVER=12020 is a driver for CUDA up

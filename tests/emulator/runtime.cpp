@@ -1,6 +1,6 @@
 // The calls of the CUDA runtime that scree makes, for the emulated GPU. Work submitted to a stream is queued. It is
-// done when somebody waits for it, or at random earlier. So a result that is used without waiting is missing, and
-// pinned memory that a copy reads must stay valid until the copy was waited for.
+// done when the program waits for it, or at random earlier. So a result that is used without a wait is missing, and the
+// pinned memory of a copy must stay valid until the program has waited for the copy.
 #include <cuda_runtime.h>
 
 #include <algorithm>
@@ -52,11 +52,11 @@ struct CUgraphExec_st {
 
 struct CUstream_st {
   int gpu = 0;
-  bool waits_for_null = false;  // ordered with the null stream of its GPU, in both directions
+  bool waits_for_null = false;  // ordered with the null stream of its GPU, before and after
   bool is_destroyed = false;
   bool is_running = false;
   std::shared_ptr<CUgraph_st> capture;  // the graph that its work goes to
-  uint64_t captured = 0;                // amount of work since the capture began
+  uint64_t captured = 0;                // number of works since the capture began
   uint64_t joined = 0;                  // the part of it that lies before an event that another captured stream waited
                                         // for
   uint64_t done = 0;

@@ -48,7 +48,7 @@ TEST_CASE("the emulated GPU has a warp's collectives and atomics and shared memo
   CHECK(emulator::check_streams() == "");
 }
 
-TEST_CASE("the emulated GPU says where a kernel does what it should not", "[cuda][emulator]") {
+TEST_CASE("the emulated GPU reports where a kernel breaks a rule", "[cuda][emulator]") {
   if (!scree::tests::has_gpu()) return;
   const std::pair<Mistake, const char*> mistakes[] = {{Mistake::kEndedLane, "lanes 0x00000008 that have ended"},
                                                       {Mistake::kOtherCollective, "of one warp, lane"},

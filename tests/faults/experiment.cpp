@@ -21,7 +21,7 @@ int scree_main(int argc, char** argv);  // tools/main.cpp
 // Present in ASan's build: whether any memory is leaked so far.
 extern "C" __attribute__((weak)) int __lsan_do_recoverable_leak_check();
 
-// OpenEXR 3.1 leaks where memory runs out while it makes an OutputFile. LeakSanitizer calls these by their names.
+// OpenEXR 3.1 leaks if memory runs out while it makes an OutputFile. LeakSanitizer calls these functions by name.
 extern "C" const char* __lsan_default_suppressions();
 extern "C" const char* __lsan_default_suppressions() {
   return "leak:libOpenEXR\n";

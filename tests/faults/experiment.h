@@ -30,7 +30,7 @@ class Experiment {
   /// Runs once more without a failure, on the files that the last run left.
   Run run_again() const;
 
-  /// From now on each run finds `bytes` as the .part of its first output, as left by a killed run.
+  /// From now on each run begins with `bytes` as the .part of its first output, as if a killed run had left it.
   void find_part(std::string bytes) { part_ = std::move(bytes); }
   /// The .part that the last run left; empty if there is none.
   std::string left_part() const;

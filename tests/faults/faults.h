@@ -1,7 +1,7 @@
 // Calls that fail on purpose, or transfer less than requested. The program under test is linked with --wrap for every
 // call below, so that calls of its own objects and of the static libraries come here first. One counter covers files,
-// memory and the GPU. LD_PRELOAD was rejected: it would not see the CUDA runtime, which is linked statically, and
-// ASan's runtime has to be the first library and to own malloc.
+// memory and the GPU. LD_PRELOAD was rejected: it does not cover the CUDA runtime, which is linked statically, and
+// ASan's runtime has to be the first library and provide malloc.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@ struct Plan {
   uint64_t site = 0;    // the site's first call fails, an entry of `sites`; 0: none
   uint64_t number = 0;  // the call with that number fails, from 1; 0: none
   bool every = false;   // all calls fail
-  char from[32] = {};   // calls are counted from the first of this name on, of any kind; empty: from the start
+  char from[32] = {};   // counting begins with the first call of this name, of any kind; empty: at the start
 };
 
 /// While one exists, calls of its thread belong to a library that is not under test. They are not counted.
@@ -48,8 +48,8 @@ void disarm();
 uint64_t call_count();
 const char* failed_call();
 uint64_t run_number();          // number of that run, from 1
-void add_live(int by);          // counts resources that calls take and give back, if nothing else checks them
-int64_t live_count();           // taken in that run and not given back; 0 if it never reached disarm()
+void add_live(int by);          // counts resources that calls allocate and free, if nothing else checks them
+int64_t live_count();           // allocated in that run and not freed; 0 if it never reached disarm()
 std::vector<uint64_t> sites();  // every site of a call (for memory: and size), in the order of first calls
 
 }  // namespace scree::faults

@@ -9,7 +9,7 @@
 // - -j N: number of parallel runs, each in a copy of FOLDER.
 // - -p: many runs in one process, for programs with a slow start, as on a GPU.
 // - -s N: number of runs without a failure that find the call sites.
-// - -r: each run finds the .part of an interrupted run, with all that can be resumed, and may leave a .part when it
+// - -r: each run begins with the .part of an interrupted run with the most content, and may leave a .part when it
 //   fails. Then the command is run again, and has to write the output of a run without a failure.
 // Prints the errors and a line of counts. Exits with 0 if there are no errors.
 //
@@ -22,7 +22,7 @@
 //
 // With several threads the order of calls varies, so the n-th call differs from run to run, and a run may have fewer
 // calls. A run in which no call failed must be a good one, and its number of calls counts like that of the first runs:
-// every number that any run without a failure reached is tried. The sites are the union over the first runs.
+// all numbers up to the most calls of any run without a failure are tried. The sites are the union over the first runs.
 #include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -154,7 +154,7 @@ class Worker {
     }
   }
 
-  /// Judges the run during which the process ended.
+  /// Checks the run during which the process ended.
   void judge_end(int status) { judge(experiment_.end_of(status)); }
 
  private:
@@ -207,7 +207,7 @@ class Worker {
   std::FILE* out_;
 };
 
-/// Keeps `jobs` processes at work, each in its own folder. If one ends early, another takes over.
+/// Keeps `jobs` processes running, each in its own folder. Replaces a process that ends early.
 void run_all(const Options& options, const std::vector<uint64_t>& sites, const faults::Expected& expected,
              Progress& progress, const std::string& part) {
   std::vector<pid_t> processes(options.jobs, -1);

@@ -1,4 +1,4 @@
-// Commands that scree_faults has beside those of scree, for code that no command reaches, or none that is quick.
+// Commands of scree_faults beside scree's own, for code that no command runs, or only slow ones.
 #pragma once
 
 namespace scree::faults {

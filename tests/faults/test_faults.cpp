@@ -1,5 +1,5 @@
-// Every command with every call failing once: files, memory, and the GPU; and with reads and writes that stop half way.
-// scree_faults does the work.
+// Runs every command with every call failing once (files, memory, and the GPU), and with reads and writes that stop
+// half way, by scree_faults.
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
@@ -18,7 +18,7 @@ namespace {
 struct Job {
   const char* outputs;
   const char* command;
-  bool only_maps = false;  // reads and writes no file but through a map
+  bool only_maps = false;  // reads and writes files only through a map
 };
 
 // Pages stay raw if memory for compressing them is short (format::seal_page).
@@ -73,7 +73,7 @@ constexpr Job kReaders[] = {
      "render blocks.scree --force -o out.png --size 200x120 --texture-memory 30KiB --backend cpu --quiet --threads 2"},
 };
 #if defined(SCREE_HAS_EXR)
-// For calls for files alone: where memory runs out while it writes, OpenEXR 3.1 may wait for ever.
+// Only for calls for files: OpenEXR 3.1 may wait for ever if memory runs out while it writes.
 constexpr Job kExr[] = {
     {"out.exr", "render in.scree --force -o out.exr --size 24x16 --edl --backend cpu --quiet --threads 1"},
 };

@@ -24,7 +24,7 @@ uint32_t bit_by_bit(std::span<const std::byte> bytes, uint64_t bit_offset, uint3
 
 }  // namespace
 
-TEST_CASE("a packed stream has its data, 8 bytes of slack, and a multiple of 16 bytes", "[bitpack]") {
+TEST_CASE("a packed stream has its data and 8 bytes of slack, rounded up to 16 bytes", "[bitpack]") {
   CHECK(packed_bytes(0, 17) == 0);
   CHECK(packed_bytes(1000, 0) == 0);
   CHECK(packed_bytes(1, 1) == 16);
@@ -35,7 +35,7 @@ TEST_CASE("a packed stream has its data, 8 bytes of slack, and a multiple of 16 
   CHECK(packed_bytes(0xffffffffu, 96) == (uint64_t{0xffffffffu} * 12 + 8 + 15) / 16 * 16);
 }
 
-TEST_CASE("unpack agrees with reading bit by bit at every width and every place in a word", "[bitpack]") {
+TEST_CASE("unpack equals reading bit by bit at every width and bit offset", "[bitpack]") {
   std::mt19937 random(7);
   std::vector<std::byte> bytes(64);
   for (std::byte& byte : bytes) byte = static_cast<std::byte>(random());
@@ -48,7 +48,7 @@ TEST_CASE("unpack agrees with reading bit by bit at every width and every place 
   }
 }
 
-TEST_CASE("unpack reads no further than the slack, and nothing for 0 bits", "[bitpack]") {
+TEST_CASE("unpack reads at most the slack, and nothing for 0 bits", "[bitpack]") {
   CHECK(unpack(nullptr, 0, 0) == 0);
   for (uint32_t bits = 1; bits <= 32; ++bits) {
     for (uint64_t count = 1; count <= 17; ++count) {
@@ -62,7 +62,7 @@ TEST_CASE("unpack reads no further than the slack, and nothing for 0 bits", "[bi
   }
 }
 
-TEST_CASE("unpack reaches bits past 2^32", "[bitpack]") {
+TEST_CASE("unpack reads bits past 2^32", "[bitpack]") {
   SparseBytes sparse(uint64_t{1} << 30);
   if (!sparse) {
     WARN("no room for a sparse 1 GiB: skipped");

@@ -15,7 +15,7 @@ TEST_CASE("a Result holds a value or an error", "[result]") {
   CHECK(at("mesh 2", bad.error()).message == "mesh 2: index 9, but 4 vertices");
 }
 
-TEST_CASE("exit codes tell usage, file, data and device apart", "[result]") {
+TEST_CASE("exit codes distinguish usage, file, data and device", "[result]") {
   CHECK(scree::exit_code(ErrorCode::kUsage) == 1);
   CHECK(scree::exit_code(ErrorCode::kFile) == 2);
   CHECK(scree::exit_code(ErrorCode::kChecksum) == 3);

@@ -14,8 +14,8 @@ void jpeg_file(Bytes bytes) {
   const ExactCopy copy(bytes);
   const auto header = format::parse_jpeg(copy.bytes());
   if (!header) return;
-  // The time is proportional to the pixels, which are cheap to claim. Limiting memory is the tested functions' own
-  // task.
+  // The time is proportional to the pixels, of which a header may state many. Limiting memory is the tested functions'
+  // own task.
   if (uint64_t{header->width} * header->height > 512 * 512 && bytes.size() > 4096) return;
   const auto indexed = runtime::index_jpeg(copy.bytes());
   if (!indexed) return;

@@ -469,7 +469,7 @@ void make_scene_seeds(const TempFolder& folder) {
   Seed::save(std::as_bytes(std::span<const char>(sparse)), "gltf", "sparse");
 }
 
-TEST_CASE("fuzz corpus: the seeds are made anew", "[.][make-corpus]") {
+TEST_CASE("fuzz corpus: the seeds are written again", "[.][make-corpus]") {
   const TempFolder folder;
   make_index_seeds();
   make_position_seeds();

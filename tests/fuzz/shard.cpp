@@ -1,4 +1,4 @@
-// What scree merge reads of a shard: its plan and its share.
+// The parts of a shard that scree merge reads: its plan and its share.
 #include "tools/convert/passes/shard.h"
 
 #include "tests/fuzz/input.h"

@@ -18,7 +18,7 @@ void jpeg_index(Bytes bytes);    // an indexed JPEG, as it lies in a container
 void jpeg_file(Bytes bytes);     // a JPEG file on its way into one, with mip levels
 void block_file(Bytes bytes);    // a KTX2 or DDS file, level by level
 void hdr(Bytes bytes);           // a Radiance picture, row by row
-void image(Bytes bytes);         // a file of any of these as a texture
+void image(Bytes bytes);         // a file of any image format, as a texture
 void container(Bytes bytes);     // inspect --verify, and export
 void scene(Bytes bytes);         // render
 void gltf(Bytes bytes);          // convert

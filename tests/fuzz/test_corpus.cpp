@@ -105,7 +105,7 @@ std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {
 }
 
 // Targets are silent about refused inputs, so this checks that these two inputs reach the code that they are for.
-TEST_CASE("fuzz corpus: a damaged texture is drawn, and found by verifying", "[fuzz]") {
+TEST_CASE("fuzz corpus: a damaged texture is drawn, and --verify finds it", "[fuzz]") {
   const std::filesystem::path folder = std::filesystem::path(tests::kCorpusFolder) / "container";
   CHECK(picture_of(folder / "magnified_damaged") != picture_of(folder / "magnified"));
   const auto map = runtime::MappedFile::open((folder / "magnified_damaged").string());

@@ -122,7 +122,7 @@ class SceneBuilder {
     return static_cast<uint32_t>(materials.size() - 1);
   }
 
-  /// A material whose triangles are masked: `levels` from the finest on, each as MaskView has it.
+  /// A material whose triangles are masked. `levels`: from the finest on, in the form of MaskView.
   uint32_t masked_material(uint32_t flags, kernels::MaskView mask, std::vector<uint8_t> levels) {
     const uint32_t number = material(flags | format::kMaterialAlphaMask);
     masks.resize(materials.size());
@@ -132,7 +132,7 @@ class SceneBuilder {
     return number;
   }
 
-  /// A blended material of alpha `alpha`, times that of `levels` where there are some (as masked_material() has them).
+  /// A blended material with alpha `alpha`, times the alpha of `levels` if not empty (as for masked_material()).
   uint32_t blended_material(float alpha, kernels::MaskView mask = {}, std::vector<uint8_t> levels = {}) {
     const uint32_t number = material(format::kMaterialAlphaBlend | format::kMaterialDoubleSided);
     materials[number].base_color[3] = alpha;

@@ -1,4 +1,4 @@
-// The square that tests of shading and of whole pictures look at.
+// The square that tests of shading and of whole pictures draw.
 #pragma once
 
 #include "tests/kernels/scene_builder.h"

@@ -68,7 +68,7 @@ TEST_CASE("lab: its defaults measure A to D, packed and as floats", "[lab]") {
   CHECK((effects->effects[1].ssao && effects->effects[1].edl));
 }
 
-TEST_CASE("lab: words that cannot be are refused with what can", "[lab]") {
+TEST_CASE("lab: invalid words are refused with the valid ones", "[lab]") {
   const auto with = [](auto member, auto value) {
     LabWords words;
     words.*member = value;
@@ -107,7 +107,7 @@ TEST_CASE("lab: words that cannot be are refused with what can", "[lab]") {
   CHECK(refused(words).find("exclude") != std::string::npos);
 }
 
-TEST_CASE("lab: a sweep goes over the encodings that are asked for", "[lab]") {
+TEST_CASE("lab: a sweep covers the requested encodings", "[lab]") {
   LabWords words;
   words.scenes = "A";
   words.sweep = true;
@@ -170,7 +170,7 @@ TEST_CASE("lab: the extra scenes have the paper's sizes", "[lab]") {
   CHECK(sixty < 61'000'000);
 }
 
-TEST_CASE("lab: a CSV file has one header and a row a case", "[lab]") {
+TEST_CASE("lab: a CSV file has one header and a row per case", "[lab]") {
   const tests::TempFolder folder;
   const std::string path = folder.file("rows.csv");
   const Machine machine{{"0123456789ab", "NVIDIA \"X\", large", "1.2"}, 4000};
@@ -206,7 +206,7 @@ TEST_CASE("lab: rows are not put under other columns", "[lab]") {
   CHECK(done.error().code == ErrorCode::kFormat);
   CHECK(done.error().message.find("other.csv: line 1") != std::string::npos);
   CHECK(tests::read_whole(path) == "a,b\n1,2\n");
-  // A row that the disk has no room for leaves nothing.
+  // A row that does not fit on the disk leaves nothing.
   const std::string full = folder.file("full.csv");
   REQUIRE(bench::append_csv(full, {{"a", "1"}}));
   rlimit limit{};
@@ -226,7 +226,7 @@ TEST_CASE("lab: rows are not put under other columns", "[lab]") {
   CHECK(nowhere.error().code == ErrorCode::kFile);
 }
 
-TEST_CASE("lab: tables leave out what was not timed", "[lab]") {
+TEST_CASE("lab: tables leave out cases that were not timed", "[lab]") {
   CaseResult result = sample_result();
   const std::string whole = times_table({&result, 1});
   CHECK(whole.find(" - ") != std::string::npos);
@@ -262,7 +262,7 @@ TEST_CASE("lab: pictures are compared by triangle, depth and colour", "[lab]") {
   CHECK(error.psnr_db == Approx(10 * std::log10(255.0 * 255.0 / (100.0 / 12))));
 }
 
-TEST_CASE("lab: the near plane may be a share of the scene's size, and the view's name tells it", "[lab]") {
+TEST_CASE("lab: the near plane may be a share of the scene's size, which is in the view's name", "[lab]") {
   const synth::Scene scene = make_scene("D", synth::MeshOrder::kRow, 1);
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
   const Result<SceneTables> tables = make_tables(scene, plans, chunk_boxes(scene, plans), {false, 16, true});

@@ -1,4 +1,4 @@
-// Scenes made on the GPU have the host's bytes, and give the CPU's picture.
+// Scenes generated on the GPU equal the host's bytes, and their pictures equal the CPU's.
 #include <algorithm>
 #include <cstring>
 #include <random>
@@ -117,7 +117,7 @@ void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQu
 
 }  // namespace
 
-TEST_CASE("scenes generated on the GPU have the host's bytes", "[cuda]") {
+TEST_CASE("scenes generated on the GPU and on the host have the same bytes", "[cuda]") {
   if (!tests::has_gpu()) return;
   for (const Encoding& encoding : kEncodings) {
     for (const synth::MeshOrder order : {synth::MeshOrder::kRow, synth::MeshOrder::kBlock}) {
@@ -147,7 +147,7 @@ TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
   }
 }
 
-TEST_CASE("lab: the GPU that is measured has a name and a rate of copies", "[cuda]") {
+TEST_CASE("lab: the measured GPU has a name and a rate of copies", "[cuda]") {
   if (!tests::has_gpu()) return;
   const Result<runtime::Gpu> gpu = runtime::use_gpu();
   REQUIRE(gpu);
@@ -183,7 +183,7 @@ TEST_CASE("culling of clusters changes no picture", "[cuda]") {
 
 // In one round nothing is drawn yet when clusters are tested, so only clusters outside the view are culled. All others
 // are hidden by something drawn before their round, or not at all.
-TEST_CASE("a first frame leaves out clusters that it has hidden by their turn", "[cuda]") {
+TEST_CASE("a first frame culls clusters that earlier clusters hide", "[cuda]") {
   if (!tests::has_gpu()) return;
   const double scale = tests::kEmulatesGpu ? 0.001 : 0.2;  // more clusters than are drawn at a time
   const synth::Scene scene = synth::lantern_scene(synth::MeshOrder::kRow, scale);

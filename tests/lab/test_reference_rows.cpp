@@ -108,7 +108,7 @@ TEST_CASE("lab --curves: snapping, depth codes and samples of a model", "[lab]")
   CHECK(number(studies["depth"][1], "depth_error_max") <= 0x1p-24 * 1.001);
 }
 
-TEST_CASE("lab --reference: what it does not take", "[lab]") {
+TEST_CASE("lab --reference: invalid options are refused", "[lab]") {
   LabWords words = reference_words();
   words.sweep = true;
   CHECK(refused(words).find("--sweep") != std::string::npos);
@@ -142,7 +142,7 @@ TEST_CASE("lab --reference: what it does not take", "[lab]") {
   CHECK(curves->encodings.size() == 18);
 }
 
-TEST_CASE("lab --reference: a source that is not there ends with its name", "[lab]") {
+TEST_CASE("lab --reference: a missing source is an error with its name", "[lab]") {
   const tests::TempFolder folder;
   const auto run = tests::run_program({"--reference", folder.file("none.glb")}, folder.file("log"), tests::kLabProgram);
   CHECK(run.exit_code == 2);

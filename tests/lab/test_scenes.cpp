@@ -257,13 +257,13 @@ TEST_CASE("chunks stay below their limit at full scale and cover every quad", "[
   }
 }
 
-TEST_CASE("generated scenes draw what the converted ones draw", "[bench_scenes]") {
+TEST_CASE("generated and converted scenes draw the same", "[bench_scenes]") {
   check_picture("A", synth::terrain_scene(synth::MeshOrder::kRow, 0.0005), 0.0005, false);
   check_picture("B", synth::lantern_scene(synth::MeshOrder::kRow, 0.001), 0.001, true);
   check_picture("D", synth::sponzalike_scene(0.1), 0.1, false);
 }
 
-TEST_CASE("generated scenes have the definition's sums", "[bench_scenes]") {
+TEST_CASE("generated scenes have the sums of their definition", "[bench_scenes]") {
   for (const synth::MeshOrder order : {synth::MeshOrder::kRow, synth::MeshOrder::kBlock}) {
     check_sums("A", synth::terrain_scene(order, 0.0025), 0.0025);  // faces take two chunks
     check_sums("B", synth::lantern_scene(order, 0.1), 0.1);

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""check_install.py BUILD SOURCE MODEL: installs the library's files into a fresh folder, and builds and runs there what
-their users would: the programs of consumer/ through CMake and pkg-config, and the examples of docs/library.md."""
+"""check_install.py BUILD SOURCE MODEL: installs the library's files into a fresh folder, and builds and runs programs
+with them there: the programs of consumer/ through CMake and pkg-config, and the examples of docs/library.md."""
 
 import json
 import os
@@ -54,8 +54,8 @@ with tempfile.TemporaryDirectory() as temporary:
         sys.exit(f"the programs differ: {lines}")
     print(f"{len(programs)} programs: {lines.pop().strip()}")
 
-    # docs/library.md: each block of code is a whole program, run where city.glb, flight.json and, from the first on,
-    # city.scree are.
+    # docs/library.md: each block of code is a whole program. It runs in a folder with city.glb,
+    # flight.json and, after the first program, city.scree.
     work = folder / "docs"
     work.mkdir()
     shutil.copy(model, work / "city.glb")

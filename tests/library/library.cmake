@@ -1,4 +1,4 @@
-# The library as users have it: everything here goes through include/scree/.
+# Tests of the library's public interface: everything here uses only include/scree/.
 add_executable(scree_library_tests gpu.cpp main.cpp paths.cpp library/test_abi.cpp library/test_extremes.cpp
   library/test_misuse.cpp library/test_misuse_handles.cpp library/test_path.cpp
   library/test_render_equal.cpp library/test_views.cpp)
@@ -12,7 +12,7 @@ if(TARGET OpenEXR::OpenEXR)
 endif()
 catch_discover_tests(scree_library_tests TEST_SPEC "~[cuda]~[.]" PROPERTIES LABELS cpu)
 
-# Of the library alone, so that building them under ThreadSanitizer builds nothing else.
+# These tests need only the library, so that building them with ThreadSanitizer builds nothing else.
 add_executable(scree_thread_tests main.cpp paths.cpp library/test_threads.cpp)
 set_property(TARGET scree_thread_tests PROPERTY UNITY_BUILD OFF)
 target_link_libraries(scree_thread_tests PRIVATE scree::scree scree_options

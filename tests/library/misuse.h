@@ -1,4 +1,4 @@
-// What the tests of misuse share: all that calls write to, what they are made with, and what each must end in.
+// Shared by the tests of misuse: the outputs of calls, their valid arguments, and the check of their error.
 #pragma once
 
 #include <algorithm>
@@ -29,7 +29,7 @@ inline void failed(scree_status status, scree_status expected, const std::string
   CHECK(std::none_of(text.begin(), text.end(), [](char c) { return c >= 0 && c < ' '; }));
 }
 
-/// All that calls write to.
+/// The outputs of calls.
 struct Outputs {
   scree_file* file;
   scree_scene* scene;
@@ -59,8 +59,7 @@ struct Outputs {
   std::string bytes() const { return {reinterpret_cast<const char*>(this), sizeof *this}; }
 };
 
-/// What calls are made with: a scene of one cube, a view that has a frame of 10 x 7 pixels, and one that
-/// has none.
+/// Valid arguments: a scene of one cube, a view with a frame of 10 x 7 pixels, and a view without a frame.
 struct Subjects {
   TempFolder folder;
   std::string path = packed(folder);

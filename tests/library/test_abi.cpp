@@ -44,7 +44,7 @@ TEST_CASE("structures have the sizes that library/abi.txt lists", "[library][abi
   CHECK(found == sizes.size());
 }
 
-TEST_CASE("numbers of the interface stay", "[library][abi]") {
+TEST_CASE("numbers of the interface do not change", "[library][abi]") {
   CHECK(scree_api_version() == SCREE_API_VERSION);
   CHECK(std::string(scree_version()).find('.') != std::string::npos);
   CHECK(SCREE_ERROR_INTERNAL == 10);

@@ -21,7 +21,7 @@ namespace {
 constexpr uint32_t kWidth = 61;
 constexpr uint32_t kHeight = 47;
 
-/// The channels of a file, row by row; their types as the file has them.
+/// The channels of a file, row by row, with the types of the file.
 struct ExrFile {
   explicit ExrFile(const std::string& path) : file(path.c_str()) {
     const auto box = file.header().dataWindow();
@@ -60,7 +60,7 @@ std::string render(const TempFolder& folder, const std::string& file, std::vecto
   return run.output;
 }
 
-/// Every third value from `first` on, as the layers have them.
+/// Every third value from `first` on, in the form of a layer.
 std::vector<float> channel_of(const std::vector<float>& values, size_t first, size_t stride) {
   std::vector<float> out;
   for (size_t i = first; i < values.size(); i += stride) out.push_back(values[i]);
@@ -69,7 +69,7 @@ std::vector<float> channel_of(const std::vector<float>& values, size_t first, si
 
 }  // namespace
 
-TEST_CASE("an .exr holds the picture in linear light and the library's layers", "[render][exr]") {
+TEST_CASE("an .exr has the picture in linear light and the library's layers", "[render][exr]") {
   const TempFolder folder;
   for (const char* const model : {"textured_cube.glb", "two_instances.gltf"}) {
     const std::string file = packed(folder, model, SCREE_CONVERT_NORMALS);
@@ -117,7 +117,7 @@ TEST_CASE("an .exr holds the picture in linear light and the library's layers", 
     }
     CHECK(covered > 100);
 
-    // Coded as 8 bits it is the .png, but for the last bit of alpha's rounding.
+    // Coded in 8 bits it equals the .png, except for the last bit of alpha.
     const std::string bytes = read_whole(png);
     const scree::Result<scree::runtime::Image> image = scree::runtime::decode_image(std::as_bytes(std::span(bytes)));
     REQUIRE(image);
@@ -135,7 +135,7 @@ TEST_CASE("an .exr holds the picture in linear light and the library's layers", 
   }
 }
 
-TEST_CASE("an .exr holds the layers that are asked for", "[render][exr]") {
+TEST_CASE("an .exr has the requested layers", "[render][exr]") {
   const TempFolder folder;
   const std::string file = packed(folder);
   const std::string some = folder.file("some.exr"), again = folder.file("again.exr"),

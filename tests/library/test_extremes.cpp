@@ -1,4 +1,4 @@
-// Cameras and options whose numbers are at the ends of their ranges: they work, or are refused.
+// Cameras and options with numbers at the limits of their ranges either work or are refused.
 #include <algorithm>
 #include <functional>
 #include <limits>
@@ -13,7 +13,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// Cameras with numbers at the ends of their ranges draw, or are refused.
+/// Checks that cameras with numbers at the limits of their ranges draw or are refused.
 void check_far_cameras(scree_backend backend) {
   const TempFolder folder;
   const Opened opened(packed(folder), backend);
@@ -77,7 +77,7 @@ void check_far_cameras(scree_backend backend) {
   CHECK(drawn > cameras.size() / 2);
 }
 
-/// Whether the call did what it was called for; otherwise it says why not.
+/// Whether the call succeeded. Otherwise checks that it has an error text.
 bool works(scree_status status) {
   if (status == SCREE_OK) return true;
   INFO(scree_status_name(status) << ": " << scree_error());
@@ -121,25 +121,25 @@ void check_extreme_loads(scree_backend backend) {
 
 }  // namespace
 
-TEST_CASE("cameras at the ends of their numbers draw, or are refused", "[library][misuse]") {
+TEST_CASE("cameras with extreme numbers draw, or are refused", "[library][misuse]") {
   check_far_cameras(SCREE_BACKEND_CPU);
 }
 
-TEST_CASE("cameras at the ends of their numbers draw on a GPU, or are refused", "[library][misuse][cuda]") {
+TEST_CASE("cameras with extreme numbers draw on a GPU, or are refused", "[library][misuse][cuda]") {
   if (!has_gpu()) return;
   check_far_cameras(SCREE_BACKEND_CUDA);
 }
 
-TEST_CASE("memory at the ends of its numbers loads, or is refused", "[library][misuse]") {
+TEST_CASE("loading with extreme limits of memory works, or is refused", "[library][misuse]") {
   check_extreme_loads(SCREE_BACKEND_CPU);
 }
 
-TEST_CASE("memory at the ends of its numbers loads on a GPU, or is refused", "[library][misuse][cuda]") {
+TEST_CASE("loading on a GPU with extreme limits of memory works, or is refused", "[library][misuse][cuda]") {
   if (!has_gpu()) return;
   check_extreme_loads(SCREE_BACKEND_CUDA);
 }
 
-TEST_CASE("pictures at the ends of their numbers draw", "[library][misuse]") {
+TEST_CASE("pictures with extreme numbers draw", "[library][misuse]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "glass.glb"));
   using Draw = scree_draw_options;
@@ -165,7 +165,7 @@ TEST_CASE("pictures at the ends of their numbers draw", "[library][misuse]") {
   }
 }
 
-TEST_CASE("conversions at the ends of their numbers are done, or refused", "[library][misuse]") {
+TEST_CASE("conversions with extreme numbers work, or are refused", "[library][misuse]") {
   const TempFolder folder;
   using Convert = scree_convert_options;
   const std::string output = folder.file("out.scree");

@@ -24,7 +24,7 @@ struct Misuse {
   const char* part;  // of the text
 };
 
-/// A table row for each change of a structure of options: what it is called, how it is made, the text of the error.
+/// A table row for each change of a structure of options: its name, the change, and a part of the error's text.
 template <class T>
 struct Change {
   const char* what;
@@ -247,8 +247,8 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
              {"threads", [](Load& l) { l.threads = 5000; }, "5000"},
              {"threads", [](Load& l) { l.threads = UINT32_MAX; }, "4294967295"},
              {"max_samples", [](Load& l) { l.max_samples = 3; }, "max_samples is 3"},
-             {"max_width", [](Load& l) { l.max_width = UINT32_MAX; }, "4294967295 samples a side, at most 16384"},
-             {"max_height", [](Load& l) { l.max_height = 4097, l.max_samples = 4; }, "16388 samples a side"},
+             {"max_width", [](Load& l) { l.max_width = UINT32_MAX; }, "4294967295 samples per side, at most 16384"},
+             {"max_height", [](Load& l) { l.max_height = 4097, l.max_samples = 4; }, "16388 samples per side"},
              {"gpus", [](Load& l) { l.gpus = 17; }, "gpus is 17, at most 16 or SCREE_ALL_GPUS"},
              {"gpus", [](Load& l) { l.gpus = UINT64_MAX; }, "at most 16"},
              {"gpus of the CPU", [](Load& l) { l.backend = SCREE_BACKEND_CPU, l.gpus = 2; }, "names GPUs"},
@@ -298,10 +298,10 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
       {"exposure", [](Draw& d) { d.exposure = -21; }, "exposure"},
       {"light", [](Draw& d) { d.light = static_cast<scree_light>(4); }, "light is 4"},
       {"light that is off", [](Draw& d) { d.light = SCREE_LIGHT_CAMERA, d.flags = SCREE_NO_LIGHT; }, "exclude"},
-      {"light that was not loaded", [](Draw& d) { d.light = SCREE_LIGHT_ENVIRONMENT; }, "surroundings"},
+      {"light that was not loaded", [](Draw& d) { d.light = SCREE_LIGHT_ENVIRONMENT; }, "without an environment"},
       {"light that the file lacks", [](Draw& d) { d.light = SCREE_LIGHT_SCENE; }, "no lights"},
       {"blend_layers", [](Draw& d) { d.blend_layers = 65536; }, "blend_layers is 65536"}};
-  // Of a batch's target: the place of two pictures of 8 x 8 floats.
+  // A batch's target: memory for two pictures of 8 x 8 floats.
   const auto target = [&] {
     auto block = sized<scree_target>();
     block.data = s.out.buffer.data();
@@ -423,7 +423,7 @@ void add_cameras(std::vector<Misuse>& rows, Subjects& s) {
       c.eye[2] = z;
     };
   };
-  /// A camera of matrices that is one, changed.
+  /// A valid camera of matrices, changed.
   const auto matrices = [](std::function<void(Camera&)> change) {
     return [change](Camera& c) {
       c.kind = SCREE_CAMERA_MATRICES;
@@ -491,13 +491,13 @@ void check_table(scree_backend backend) {
   add_numbers(rows, s);
   add_options(rows, s, backend == SCREE_BACKEND_CUDA);
   add_cameras(rows, s);
-  // These cannot fail, or only by their handle.
+  // These calls can only fail because of their handle, or not at all.
   std::set<std::string> functions{"scree_version", "scree_api_version", "scree_error",        "scree_status_name",
                                   "scree_close",   "scree_unload",      "scree_view_destroy", "scree_release"};
   for (const Misuse& row : rows) {
     INFO(row.function << ": " << row.what);
     const std::string before = s.out.bytes();
-    (void)scree_close(reinterpret_cast<scree_file*>(&s));  // whose text is that of no row
+    (void)scree_close(reinterpret_cast<scree_file*>(&s));  // sets a text that no row expects
     const std::string old_text = scree_error();
     failed(row.call(), row.status, row.part);
     CHECK(scree_error() != old_text);
@@ -505,18 +505,18 @@ void check_table(scree_backend backend) {
     CHECK_FALSE(std::filesystem::exists(s.made));
     functions.insert(row.function);
   }
-  // The frame of before is still there.
+  // The earlier frame is still there.
   must(scree_read(s.opened.view, SCREE_COLOR, s.out.buffer.data(), 280));
   CHECK(functions == listed("function"));
 }
 
 }  // namespace
 
-TEST_CASE("every misuse is an error and a line of text", "[library][misuse]") {
+TEST_CASE("every misuse returns an error with a line of text", "[library][misuse]") {
   check_table(SCREE_BACKEND_CPU);
 }
 
-TEST_CASE("every misuse is an error and a line of text, where a GPU draws", "[library][misuse][cuda]") {
+TEST_CASE("every misuse returns an error with a line of text when a GPU draws", "[library][misuse][cuda]") {
   if (!has_gpu()) return;
   check_table(SCREE_BACKEND_CUDA);
 }

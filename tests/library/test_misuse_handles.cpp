@@ -1,4 +1,4 @@
-// Handles and structures that no function takes, and what a call that fails leaves.
+// Invalid handles and structures, and the state after a failed call.
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -16,7 +16,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// The functions that take a handle of `Handle`, given one, and otherwise what they may be given.
+/// The functions that take a `Handle`, called with a handle and otherwise valid arguments.
 struct HandleUse {
   const char* function;
   char kind;  // 'f'ile, 's'cene, 'v'iew, 'm'emory
@@ -74,7 +74,7 @@ std::vector<HandleUse> handle_uses(Subjects& s) {
   };
 }
 
-/// A structure that a function is given, by the size that it begins with. The first of `bytes` are that size.
+/// A structure argument of a function. `bytes` begins with the structure's size.
 struct StructUse {
   const char* type;
   size_t bytes;
@@ -127,7 +127,7 @@ std::vector<StructUse> struct_uses(Subjects& s) {
 
 }  // namespace
 
-TEST_CASE("handles that were ended, that are of another kind, and that are none", "[library][misuse]") {
+TEST_CASE("handles that were ended, handles of another kind, and other numbers", "[library][misuse]") {
   Subjects s(SCREE_BACKEND_CPU);
   scree_memory* memory = nullptr;
   auto array = sized<scree_array>();
@@ -160,7 +160,7 @@ TEST_CASE("handles that were ended, that are of another kind, and that are none"
     functions.insert(use.function);
     for (const Kind& kind : kinds) {
       if (use.kind == kind.kind) {
-        const std::string text = std::string("the handle is of no ") + kind.type + ", or of one that was ended";
+        const std::string text = std::string("the handle is not a ") + kind.type + ", or was ended";
         failed(use.call(kind.ended), SCREE_ERROR_HANDLE, text);
         failed(use.call(&local), SCREE_ERROR_HANDLE, text);
         failed(use.call(reinterpret_cast<void*>(UINTPTR_MAX)), SCREE_ERROR_HANDLE, text);
@@ -169,7 +169,7 @@ TEST_CASE("handles that were ended, that are of another kind, and that are none"
         else
           failed(use.call(nullptr), SCREE_ERROR_ARGUMENT, std::string("the ") + kind.type + " is null");
       } else {
-        failed(use.call(kind.lives), SCREE_ERROR_HANDLE, "the handle is of no ");
+        failed(use.call(kind.lives), SCREE_ERROR_HANDLE, "the handle is not a ");
       }
     }
     CHECK((s.out.bytes() == before));
@@ -177,11 +177,11 @@ TEST_CASE("handles that were ended, that are of another kind, and that are none"
   CHECK(tried.size() == kinds.size());
   for (const char* const name : {"scree_version", "scree_api_version", "scree_error", "scree_status_name", "scree_open",
                                  "scree_convert", "scree_cameras_of_path"})
-    functions.insert(name);  // which take none
+    functions.insert(name);  // they take no handle
   CHECK(functions == listed("function"));
   must(scree_release(memory));
 
-  // What a handle needs stays; handles are never reused.
+  // Data stay as long as a handle needs them. Handles are never reused.
   scree_file* file = nullptr;
   scree_scene* scene = nullptr;
   scree_view* view = nullptr;
@@ -201,7 +201,7 @@ TEST_CASE("handles that were ended, that are of another kind, and that are none"
   must(scree_close(again));
 }
 
-TEST_CASE("structures without their size, of a size of no version, and newer ones", "[library][misuse]") {
+TEST_CASE("structures without a size, of an unknown size, and of newer versions", "[library][misuse]") {
   Subjects s(SCREE_BACKEND_CPU);
   const std::string before = s.out.bytes();
   std::set<std::string> types;
@@ -226,7 +226,7 @@ TEST_CASE("structures without their size, of a size of no version, and newer one
     // A newer structure, whose new field is set.
     give_size(use.bytes + 8, 0);
     bytes[use.bytes] = 1;
-    failed(use.call(bytes.data()), SCREE_ERROR_ARGUMENT, "does not know");
+    failed(use.call(bytes.data()), SCREE_ERROR_ARGUMENT, "version of scree lacks");
   }
   CHECK((s.out.bytes() == before));
   CHECK_FALSE(std::filesystem::exists(s.made));
@@ -250,7 +250,7 @@ TEST_CASE("structures without their size, of a size of no version, and newer one
   CHECK(older.known.triangles == 77);
 }
 
-TEST_CASE("a draw that fails leaves no frame, a call that is refused leaves the frame", "[library][misuse]") {
+TEST_CASE("a failed draw leaves no frame, a refused call keeps the frame", "[library][misuse]") {
   Subjects s(SCREE_BACKEND_CPU);
   scree_view* const view = s.opened.view;
   scree_draw_options options = draw_options(10, 7);

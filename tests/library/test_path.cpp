@@ -33,7 +33,7 @@ scree_path_info info_of(const std::string& path, double fps = 0) {
 
 }  // namespace
 
-TEST_CASE("a film of the library is what scree render --path writes", "[library][path]") {
+TEST_CASE("a film of the library equals the output of scree render --path", "[library][path]") {
   const TempFolder folder;
   const std::string file = packed(folder, "two_instances.gltf"), film = folder.write("film.json", kFilm);
   const Opened opened(file);
@@ -80,7 +80,7 @@ TEST_CASE("a film of the library is what scree render --path writes", "[library]
       REQUIRE(pfm.size() > depth.size());
       for (size_t row = 0; row < 31; ++row)
         CHECK((depth.substr(row * kRow, kRow) == pfm.substr(pfm.size() - (row + 1) * kRow, kRow)));
-      if (!way.clips) CHECK((samples != last));  // some frames see nothing of the box
+      if (!way.clips) CHECK((samples != last));  // in some frames nothing of the box is visible
       last = samples;
     }
     CHECK_FALSE(std::filesystem::exists(folder.file("samples_" + std::to_string(info.frames) + ".bin")));
@@ -91,7 +91,7 @@ TEST_CASE("a film of the library is what scree render --path writes", "[library]
   }
 }
 
-TEST_CASE("cameras of a path have the size that their first one is given", "[library][path]") {
+TEST_CASE("cameras of a path have the size of the first one", "[library][path]") {
   const TempFolder folder;
   const std::string film = folder.write("film.json", kFilm);
   const std::vector<scree_camera> expected = cameras_of(film, 0, 0, 3);

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// The values of a PFM, rows from the top. `channels`: 1 or 3 a pixel.
+/// The values of a PFM, rows from the top. `channels`: 1 or 3 per pixel.
 std::string pfm_values(const std::string& bytes, uint32_t width, uint32_t height, uint32_t channels = 1) {
   const std::string head_text =
       (channels == 1 ? "Pf\n" : "PF\n") + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
@@ -49,8 +49,8 @@ std::string surroundings(const TempFolder& folder) {
 
 constexpr size_t kWays = 6;
 
-/// Together they have every option of `scree render` that changes a picture. `file`: whose lights `--light scene`
-/// needs.
+/// All ways to draw: together they have every option of `scree render` that changes a picture. `file`: the scene;
+/// `--light scene` requires that it has lights.
 Way way_of(const TempFolder& folder, const std::string& file, size_t number, std::string& environment) {
   Way way;
   switch (number % kWays) {
@@ -106,7 +106,7 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
       way.camera.turn_degrees = 45;
       way.camera.rise_degrees = 35.26438968275465;
       break;
-    case 5: {  // the lower left part of the scene, seen from the right: into it
+    case 5: {  // the lower left part of the scene, seen from the right, so that its inside is visible
       auto stats = sized<scree_scene_stats>();
       must(scree_get_scene_stats(Opened(file).scene, &stats));
       std::string box;
@@ -241,11 +241,11 @@ size_t compare_all(const fs::path& root, uint64_t most_bytes) {
 
 }  // namespace
 
-TEST_CASE("a frame of the library is what scree render writes", "[library]") {
+TEST_CASE("a frame of the library equals the output of scree render", "[library]") {
   CHECK(compare_all(kDataFolder, ~uint64_t{0}) >= 12);
 }
 
-TEST_CASE("a frame of every small real model is what scree render writes", "[library][models]") {
+TEST_CASE("a frame of every small real model equals the output of scree render", "[library][models]") {
   const fs::path models = models_path();
   if (models.empty()) {
     WARN("the models are not there: skipped");
@@ -255,7 +255,7 @@ TEST_CASE("a frame of every small real model is what scree render writes", "[lib
   CHECK(compare_all(models / "scenes-material", kIsSanitized ? 30000 : 200000) >= 3);
 }
 
-TEST_CASE("a frame of one model is what scree render writes, in every way", "[library]") {
+TEST_CASE("a frame of one model equals the output of scree render, with all options", "[library]") {
   const TempFolder folder;
   const std::string glass = packed(folder, "glass.glb"), materials = packed(folder, "materials.gltf");
   for (size_t way = 0; way < kWays; ++way) {
@@ -265,7 +265,7 @@ TEST_CASE("a frame of one model is what scree render writes, in every way", "[li
 }
 
 // Takes minutes; run by name.
-TEST_CASE("a frame of every real model is what scree render writes", "[.][library-models]") {
+TEST_CASE("a frame of every real model equals the output of scree render", "[.][library-models]") {
   const fs::path models = models_path();
   REQUIRE(!models.empty());
   const size_t compared =
@@ -274,7 +274,7 @@ TEST_CASE("a frame of every real model is what scree render writes", "[.][librar
   CHECK(compared >= 100);
 }
 
-TEST_CASE("layers show the nearest sample of a pixel", "[library]") {
+TEST_CASE("layers have the nearest sample of a pixel", "[library]") {
   const TempFolder folder;
   check_layers(packed(folder, "two_instances.gltf"));
   check_layers(packed(folder, "gpu_instancing.glb", SCREE_CONVERT_INDEXED));

@@ -99,7 +99,8 @@ class SharedScenes {
   std::vector<scree_scene*> scenes_;
 };
 
-/// One of the threads. Every function returns whether all was as it should be; Catch's macros are for one thread.
+/// One of the threads. Every function returns whether the result is right, because Catch's macros are for one thread
+/// only.
 class Drawer {
  public:
   Drawer(const std::vector<Known>& known, const std::vector<Shot>& shots, SharedScenes& shared, uint32_t seed)
@@ -124,7 +125,7 @@ class Drawer {
  private:
   size_t below(size_t end) { return random_() % end; }
 
-  /// Takes another view: of a scene that all share, or of one that this thread opens and closes at once.
+  /// Switches to another view: of a shared scene, or of a scene that this thread opens and closes at once.
   bool renew() {
     if (scree_view_destroy(view_) != SCREE_OK) return false;
     view_ = nullptr;
@@ -184,7 +185,7 @@ class Drawer {
   SharedScenes& shared_;
   std::mt19937 random_;
   scree_view* view_ = nullptr;
-  size_t scene_ = 0;  // which it shows
+  size_t scene_ = 0;  // the scene of the view
 };
 
 }  // namespace
@@ -232,8 +233,8 @@ TEST_CASE("eight threads draw random frames of scenes that they open and close",
   CHECK(open_files() == files_before);
   const uint64_t last = resident_bytes();
   if (asked != nullptr) WARN(count << " frames: " << settled << " bytes after a quarter, " << last << " at the end");
-  // Sanitizers keep memory that was freed. The allocator's pools differ by some MiB from run to run; what a frame leaks
-  // counts hundreds of times.
+  // Sanitizers keep freed memory. The allocator's pools differ by some MiB from run to run; a leak per frame would
+  // count hundreds of times.
   if (!kIsSanitized) CHECK(last < settled + (uint64_t{6} << 20));
   CHECK(mapped_scenes() == 0);
 }
@@ -270,7 +271,7 @@ TEST_CASE("two views of one scene are drawn by two threads at once", "[library][
   for (scree_view* const view : views) must(scree_view_destroy(view));
 }
 
-TEST_CASE("a file is closed while other threads read what it has", "[library][threads]") {
+TEST_CASE("a file is closed while other threads read its records", "[library][threads]") {
   const TempFolder folder;
   const std::string path = packed(folder);
   std::atomic<scree_file*> current{nullptr};

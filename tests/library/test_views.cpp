@@ -24,7 +24,7 @@ std::string draw(scree_view* view, const Shot& shot) {
 
 }  // namespace
 
-TEST_CASE("a view draws what a fresh one draws, whatever it drew before", "[library]") {
+TEST_CASE("a view draws the same as a new view, regardless of earlier frames", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));
   for (const Shot& shot : random_shots(20, 1)) {
@@ -35,7 +35,7 @@ TEST_CASE("a view draws what a fresh one draws, whatever it drew before", "[libr
   }
 }
 
-TEST_CASE("statistics say how many layers the colours have", "[library]") {
+TEST_CASE("statistics give the number of layers of the colours", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "glass.glb"));
   const auto stats = [&] {
@@ -65,7 +65,7 @@ TEST_CASE("statistics say how many layers the colours have", "[library]") {
   CHECK(stats().blended_layers == 0);
 }
 
-TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
+TEST_CASE("a batch of cameras equals their single frames", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));
   std::vector<scree_camera> cameras;
@@ -101,14 +101,14 @@ TEST_CASE("a batch of cameras is their frames, one by one", "[library]") {
   CHECK(layer_of(opened.view, SCREE_SAMPLES).size() == 25 * 8);
 }
 
-TEST_CASE("a batch into the caller's memory is the batch", "[library]") {
+TEST_CASE("a batch in the caller's memory equals the same batch in the view's", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));
   std::vector<scree_camera> cameras;
   for (const Shot& shot : random_shots(5, 6)) cameras.push_back(shot.camera);
   const scree_draw_options options = draw_options(31, 17, 2);
   must(scree_draw_batch(opened.view, cameras.data(), 5, &options, 0x7f & ~(1u << SCREE_SAMPLES)));
-  std::vector<std::vector<uint64_t>> blocks;  // one word more than the layer has
+  std::vector<std::vector<uint64_t>> blocks;  // one word longer than the layer
   std::vector<scree_target> targets;
   std::vector<std::string> expected;
   for (const scree_layer layer : kAllLayers) {
@@ -132,7 +132,7 @@ TEST_CASE("a batch into the caller's memory is the batch", "[library]") {
       std::fill(blocks[i].begin(), blocks[i].end(), 0x5555555555555555u);
     }
   }
-  // The view keeps none of them, and its own layers stay its own.
+  // The view uses none of this memory later, and its own layers are unchanged.
   auto array = sized<scree_array>();
   CHECK(scree_host_layer(other, SCREE_DEPTH, &array) == SCREE_ERROR_ARGUMENT);
   must(scree_draw_batch(other, cameras.data(), 5, &options, 1u << SCREE_DEPTH));
@@ -142,7 +142,7 @@ TEST_CASE("a batch into the caller's memory is the batch", "[library]") {
 
 namespace {
 
-/// Cameras around the two instances, with a box of their own each, but for the last.
+/// Cameras around the two instances. Each except the last has a box of its own.
 std::vector<scree_camera> clipped_cameras() {
   std::vector<scree_camera> cameras;
   for (const Shot& shot : random_shots(7, 8)) cameras.push_back(shot.camera);
@@ -177,7 +177,7 @@ void check_clipped_batch(scree_view* batch, scree_view* single, uint32_t layers)
 
 }  // namespace
 
-TEST_CASE("a box cuts the scene, camera by camera", "[library]") {
+TEST_CASE("a clipping box cuts the scene, for each camera of a batch", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "two_instances.gltf"));
   auto stats = sized<scree_scene_stats>();
@@ -198,7 +198,7 @@ TEST_CASE("a box cuts the scene, camera by camera", "[library]") {
   camera.clip_max[0] = (stats.box_min[0] + stats.box_max[0]) / 2;
   const std::string half = drawn();
   CHECK((half != whole));
-  // Each pixel that is left lies in the box, as far as its depth is exact.
+  // Each remaining pixel lies in the box, within the precision of its depth.
   size_t left = 0;
   for (uint32_t y = 0; y < 40; ++y)
     for (uint32_t x = 0; x < 60; ++x) {
@@ -212,7 +212,7 @@ TEST_CASE("a box cuts the scene, camera by camera", "[library]") {
       }
     }
   CHECK(left > 20);
-  camera.size = offsetof(scree_camera, clips);  // a program of before has none
+  camera.size = offsetof(scree_camera, clips);  // an older program has no such field
   CHECK((drawn() == whole));
   camera.size = sizeof camera;
   CHECK((drawn() == half));
@@ -224,7 +224,7 @@ TEST_CASE("a box cuts the scene, camera by camera", "[library]") {
   must(scree_view_destroy(single));
 }
 
-TEST_CASE("a box cuts the scene on a GPU as on the CPU, in frames and in batches", "[library][cuda]") {
+TEST_CASE("a clipping box cuts the scene on a GPU as on the CPU, in frames and in batches", "[library][cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   for (const uint32_t flags : {0u, uint32_t{SCREE_CONVERT_INDEXED}}) {
@@ -241,7 +241,7 @@ TEST_CASE("a box cuts the scene on a GPU as on the CPU, in frames and in batches
   }
 }
 
-TEST_CASE("buffers of a view stay where they are for frames that are no larger", "[library]") {
+TEST_CASE("a view's buffers keep their addresses for frames that are no larger", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));
   std::array<const void*, std::size(kAllLayers)> first{};
@@ -260,7 +260,7 @@ TEST_CASE("buffers of a view stay where they are for frames that are no larger",
   }
 }
 
-TEST_CASE("shading a frame again is drawing it so", "[library]") {
+TEST_CASE("shading a frame again gives the picture of drawing it with these options", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));
   scree_draw_options options = draw_options(40, 30, 2);
@@ -299,7 +299,7 @@ TEST_CASE("a layer that is held stays when the view draws larger frames", "[libr
     must(scree_hold(view, &arrays[i], &held[i]));
     expected.push_back(bytes_of(i));
   }
-  must(scree_draw(view, nullptr, &options));  // fits: the memory is the view's still
+  must(scree_draw(view, nullptr, &options));  // fits into the memory that the view still has
   auto same = sized<scree_array>();
   must(scree_host_layer(view, SCREE_DEPTH, &same));
   CHECK(same.data == arrays[1].data);
@@ -323,7 +323,7 @@ TEST_CASE("a layer that is held stays when the view draws larger frames", "[libr
   must(scree_release(nullptr));
 }
 
-TEST_CASE("a camera of matrices sees what the same camera by eye and target sees", "[library]") {
+TEST_CASE("a camera of matrices and the same camera by eye and target draw one picture", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));
   auto eye = sized<scree_camera>();
@@ -364,7 +364,7 @@ TEST_CASE("a camera of matrices sees what the same camera by eye and target sees
   CHECK(pick.position[2] == Approx(4 - pick.depth).margin(1e-4));
 }
 
-TEST_CASE("progress is told, and a call that is stopped leaves nothing", "[library]") {
+TEST_CASE("progress is reported, and a stopped call leaves nothing behind", "[library]") {
   struct Heard {
     uint64_t calls = 0;
     uint64_t stop_at = ~uint64_t{0};
@@ -415,7 +415,7 @@ TEST_CASE("progress is told, and a call that is stopped leaves nothing", "[libra
   must(scree_close(file));
 }
 
-TEST_CASE("records of a file", "[library]") {
+TEST_CASE("records of a file are returned", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "nodes.gltf"));
   auto file = sized<scree_file_info>();
@@ -457,7 +457,7 @@ TEST_CASE("records of a file", "[library]") {
   }
 }
 
-TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[library][cuda]") {
+TEST_CASE("a GPU's layers equal the CPU's, on the host and on the device", "[library][cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   for (const char* const model : {"textured_cube.glb", "two_instances.gltf"}) {
@@ -505,13 +505,13 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
         CHECK(on_cpu.depth == on_gpu.depth);
       }
     }
-    // A batch, whose pictures take turns with two draw lists, is the frames one by one: layers as the CPU has them,
-    // colours as the GPU.
+    // A batch, whose pictures alternate between two draw lists, equals the single frames: layers of the CPU, colours of
+    // the GPU.
     std::vector<scree_camera> cameras;
     for (const Shot& shot : random_shots(5, 5)) cameras.push_back(shot.camera);
     const scree_draw_options options = draw_options(20, 10, 2);
     constexpr uint32_t kMade = 0x7f & ~(1u << SCREE_SAMPLES);
-    // Of these four pictures or more are drawn at once.
+    // Batches of four or more of these pictures are drawn together.
     constexpr uint32_t kIds = 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE;
     must(scree_draw_batch(cpu.view, cameras.data(), 5, &options, kMade));
     for (const auto& [count, made] :
@@ -536,7 +536,7 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
         CHECK(array.bytes == expected.size());
         CHECK(layer_of(second, layer) == expected);
         if (layer != SCREE_COLOR && count == 5) CHECK(layer_of(cpu.view, layer) == expected);
-        // Into the memory of a layer of another view, which stands for the caller's.
+        // The memory of another view's layer serves as the caller's memory.
         must(scree_draw_batch(gpu.view, cameras.data(), count, &options, made));
         auto place = sized<scree_array>();
         must(scree_device_layer(gpu.view, layer, nullptr, &place));
@@ -565,7 +565,7 @@ TEST_CASE("a GPU's layers are the CPU's, on the host and on the device", "[libra
   }
 }
 
-TEST_CASE("views of a scene that the GPU's memory does not hold", "[library][cuda]") {
+TEST_CASE("views of a scene larger than the GPU's memory", "[library][cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   const std::string path = folder.file("clouds.scree");

@@ -21,7 +21,7 @@ DATA = EXAMPLES = None
 
 
 class CudaArray:
-    """An array as the CUDA Array Interface describes it; `words` replace what is so of `array`."""
+    """An object with the CUDA Array Interface of `array`; `words` replace entries of it."""
 
     def __init__(self, array, **words):
         self.array = array
@@ -30,7 +30,7 @@ class CudaArray:
 
 
 class DlpackArray:
-    """A numpy array of which only DLPack's methods show, as they are before its version 1.0."""
+    """A numpy array with only the DLPack methods, as before DLPack 1.0."""
 
     def __init__(self, array, device=(1, 0)):
         self.array = array
@@ -45,7 +45,7 @@ class DlpackArray:
 
 
 class VersionedArray:
-    """A small float32 array in a capsule of DLPack 1.0, or of the version and with the flags named."""
+    """A small float32 array in a capsule of DLPack 1.0, or of another version and with flags."""
 
     class Tensor(ctypes.Structure):
         _fields_ = [("major", ctypes.c_uint32), ("minor", ctypes.c_uint32), ("context", ctypes.c_void_p),
@@ -71,7 +71,7 @@ class VersionedArray:
 
 
 def is_public(name, member):
-    """Whether a class's member is of its own interface: not what every Python class or pybind11's has."""
+    """Whether a class's member belongs to its interface, unlike members of every Python or pybind11 class."""
     dunders = ("__init__", "__dlpack__", "__dlpack_device__")
     if name.startswith("_"):
         return name in dunders and (inspect.isfunction(member) or name != "__init__")
@@ -79,14 +79,14 @@ def is_public(name, member):
 
 
 def public_names(body):
-    """Of a stub: its functions, classes and annotated names that do not begin with _, but for special methods."""
+    """The public names of a stub: functions, classes and annotated names; with _ only special methods."""
     names = {node.name for node in body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
     names |= {node.target.id for node in body if isinstance(node, ast.AnnAssign)}
     return {name for name in names if not name.startswith("_") or name.startswith("__")}
 
 
 def arguments_of_stub(node):
-    """(positional, keyword-only) names, with = behind those that may be left out."""
+    """(positional, keyword-only) names; optional ones end with =."""
     given = node.args
     positional = [argument.arg for argument in given.args]
     optional = len(positional) - len(given.defaults)
@@ -98,10 +98,10 @@ def arguments_of_stub(node):
 
 
 def arguments_of(function, shading):
-    """The same of what is there; **shading are the options of shading."""
+    """The same for an existing function. **shading stands for the options of shading."""
     try:
         signature = inspect.signature(function)
-    except ValueError:  # pybind11's, whose first line of documentation is one
+    except ValueError:  # a pybind11 function: its docstring begins with the signature
         line = re.sub(r": [\w.\[\], ]+?(?= = |, \*|, \w+:|\))", "", function.__doc__.splitlines()[0].partition(" ->")[0])
         return arguments_of_stub(ast.parse(f"def {line}: ...").body[0])
     positional, named = [], []
@@ -191,7 +191,7 @@ class Package(unittest.TestCase):
         view = self.scene.view().draw(8, 8)
         small = [np.from_dlpack(view.share(layer)) for layer in scree.LAYERS]
         before = [array.copy() for array in small]
-        view.draw(900, 700, samples=2)  # which needs more memory than they have
+        view.draw(900, 700, samples=2)  # needs more memory than the arrays' blocks
         for layer, array, expected in zip(scree.LAYERS, small, before):
             np.from_dlpack(view.share(layer))
             self.assertTrue((array == expected).all(), layer)
@@ -250,7 +250,7 @@ class Package(unittest.TestCase):
         expected = self.scene.view().draw_batch(cameras, 36, 20, layers=layers, samples=2, show="normal")
         expected = {layer: expected.read(layer) for layer in layers}
         view = self.scene.view()
-        # Parts of larger arrays, of which nothing else is written.
+        # Parts of larger arrays; the other parts stay unchanged.
         blocks = {layer: np.full((10, *array.shape[1:]), 77, array.dtype) for layer, array in expected.items()}
         drawn = view.draw_batch_to(cameras, {layer: block[1:9] for layer, block in blocks.items()}, samples=2, stream=5,
                                    show="normal")
@@ -261,7 +261,7 @@ class Package(unittest.TestCase):
         self.assertEqual((view.stats["width"], view.stats["height"], view.stats["cameras"]), (36, 20, 8))
         with self.assertRaises(scree.Error):  # the view keeps no layer
             view.read("depth")
-        # A dimension of one element has a stride of no meaning.
+        # The stride of a dimension with one element is ignored.
         one = np.lib.stride_tricks.as_strided(np.zeros((20, 36), np.float32), (1, 20, 36), (4, 144, 4))
         view.draw_batch_to(cameras[:1], {"depth": one}, samples=2)
         self.assertTrue((one[0] == expected["depth"][0]).all())
@@ -279,7 +279,7 @@ class Package(unittest.TestCase):
             del given
             self.assertEqual(sys.getrefcount(depth), before)
         for made, error, text in ((lambda array: VersionedArray(array, flags=1), ValueError, "read-only"),
-                                  (lambda array: VersionedArray(array, major=2), BufferError, "DLPack 2"),
+                                  (lambda array: VersionedArray(array, major=2), BufferError, "DLPack version 2"),
                                   (lambda array: DlpackArray(array, (2, 0)), ValueError, "GPU 0, but the CPU draws"),
                                   (lambda array: DlpackArray(array, (7, 0)), ValueError, "DLPack device 7"),
                                   (lambda array: DlpackArray(array[:, ::2]), ValueError, "not contiguous"),
@@ -305,7 +305,7 @@ class Package(unittest.TestCase):
         odd = bytes_[4 - bytes_.ctypes.data % 16:][:depth.nbytes].view(np.float32).reshape(depth.shape)
         one = np.zeros((1, 20, 36), np.float32)
         for targets, error, text in (
-                ({}, ValueError, "one layer at least"),
+                ({}, ValueError, "at least one layer"),
                 ({"colour": depth}, ValueError, "'colour' is not one of color, "),
                 ({"samples": depth}, ValueError, "no such layer"),
                 ({"linear": depth}, ValueError, "no such layer"),
@@ -364,7 +364,7 @@ class Package(unittest.TestCase):
             if layer in ("samples", "linear"):
                 continue
             expected = owner.draw_batch(cameras, 36, 20, layers=[layer]).read(layer)
-            # Memory of another view, which stands for the caller's.
+            # Memory of another view serves as the caller's memory.
             shared = owner.draw_batch([None] * 5, 36, 20, layers=[layer]).share(layer)
             view.draw_batch_to(cameras, {layer: shared}, stream=0)
             self.assertTrue((owner.read(layer) == expected).all(), layer)
@@ -604,7 +604,7 @@ class Package(unittest.TestCase):
         shading = str(caught.exception).partition(" is not one of ")[2].split(", ")
         self.assertIn("show", shading)
         objects = {"File": self.file, "Scene": self.scene, "View": self.scene.view(), "Error": scree.Error("text")}
-        objects["Error"].status = "SCREE_ERROR_FILE"  # as the module sets it
+        objects["Error"].status = "SCREE_ERROR_FILE"  # the module sets it
         for node in stubs.body:
             with self.subTest(getattr(node, "name", "")):
                 if isinstance(node, ast.FunctionDef):
@@ -653,8 +653,8 @@ class Package(unittest.TestCase):
         text = text.partition("\n\n")[2] if text.startswith(f"{node.name}(") else text  # pybind11's first line is the types
         self.assertGreater(len(text), 20, node.name)
         names = {name.strip("*=") for some in arguments_of_stub(node) for name in some}
-        names -= {"self", "width", "height", "layer", "scene", "path", "x", "y"}  # which need no word
-        if re.search("(`shading`|Otherwise) as draw", text):
+        names -= {"self", "width", "height", "layer", "scene", "path", "x", "y"}  # self-explanatory names
+        if re.search(r"(`shading`|[Oo]ther arguments[a-z\s]*): as for\s+draw", text):
             names -= {name.strip("*=") for some in arguments_of_stub(self.stub_of_draw) for name in some}
         told = set(re.findall(r"`(\w+)`", text))
         if not node.name.startswith("__"):
@@ -662,8 +662,8 @@ class Package(unittest.TestCase):
         arrays = ("NDArray", "ArrayLike", "_Array", "SharedLayer")
         if any(word in ast.unparse(node) for word in arrays):
             self.assertRegex(text, r"\b\w+ x \w+", node.name)  # a shape
-            self.assertRegex(text, r"float32|float64|int32|of the types and units of read|of the types and units of View.read|"
-                             r"Types and\s+units are those of read|by layer, as Scene.render", node.name)
+            self.assertRegex(text, r"float32|float64|int32|of the types and units of read|of the types and units of\s+View.read|"
+                             r"Types and\s+units are as for read|by layer\): as for Scene.render", node.name)
             self.assertIn("Raises", text, node.name)
 
     def test_examples(self):

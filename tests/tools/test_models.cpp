@@ -15,7 +15,7 @@
 using namespace scree;
 namespace fs = std::filesystem;
 
-TEST_CASE("the small models convert to what they were within the stated error", "[models]") {
+TEST_CASE("the small models are converted within the stated error", "[models]") {
   const tests::TempFolder folder;
   const std::string output = folder.file("model.scree");
   uint64_t converted = 0;
@@ -50,7 +50,7 @@ TEST_CASE("the small models convert to what they were within the stated error", 
   CHECK(converted >= 6);
 }
 
-TEST_CASE("every model converts to what it was within the stated error", "[models]") {
+TEST_CASE("every model is converted within the stated error", "[models]") {
   const std::vector<fs::path> files = tests::model_files(tests::models_path() / "scenes");
   if (files.empty()) {
     WARN("the models are not there: skipped");

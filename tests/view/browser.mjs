@@ -7,7 +7,7 @@ export const browserPath = [process.env.SCREE_BROWSER, '/usr/bin/chromium-headle
   '/usr/bin/google-chrome'].find((path) => path && existsSync(path));
 
 export async function launch() {
-  // Root in a container has no sandbox; only our own page is opened.
+  // Root in a container cannot use the sandbox; the browser opens only scree's own page.
   return chromium.launch({executablePath: browserPath, args: ['--no-sandbox', '--force-color-profile=srgb', '--disable-gpu']});
 }
 
@@ -39,7 +39,7 @@ export async function open(browser, url, options = {viewport: {width: 800, heigh
   return page;
 }
 
-/// The picture at rest is on the screen, with so many samples a side at least.
+/// Waits until the picture at rest is on the screen, with at least `samples` samples per side.
 export const rests = (page, samples = 1) =>
   page.waitForFunction((least) => Number(document.documentElement.dataset.exact) >= least, samples, {timeout: 30000});
 

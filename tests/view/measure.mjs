@@ -12,7 +12,7 @@ await rests(page);
 console.log(`first exact picture after ${Date.now() - started} ms (with the page's loading)`);
 await page.mouse.move(width / 2, height / 2);
 await page.mouse.down();
-// A hand does not wait until the page has taken its last movement, so neither does this.
+// A user's hand does not wait for the page, so this does not wait either.
 const input = await page.context().newCDPSession(page);
 const move = (x, y) => input.send('Input.dispatchMouseEvent', {type: 'mouseMoved', x, y, button: 'left', buttons: 1}).catch(() => {});
 const drag = async (duration) => {

@@ -31,7 +31,7 @@ const differs = (a, b) => {
   for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) ++count;
   return count;
 };
-/// What the page shows at rest is what its own command renders.
+/// Checks that the picture at rest equals the picture of the command that the page copies.
 async function isExact(page, samples) {
   await page.evaluate((samples) => scree.set({samples}), samples);
   await rests(page, samples);

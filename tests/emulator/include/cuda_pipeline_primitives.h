@@ -1,5 +1,5 @@
-// Asynchronous copies to shared memory: made only when a lane waits for them, so that an earlier read does not see the
-// data.
+// Asynchronous copies to shared memory. They are made only when a lane waits for them, so that an earlier read gets
+// other data.
 #pragma once
 
 #include <cstddef>

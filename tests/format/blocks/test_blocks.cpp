@@ -42,7 +42,7 @@ TEST_CASE("blocks of the spec", "[blocks][spec]") {
   CHECK(modes.size() == 9);  // including the reserved one
 }
 
-TEST_CASE("a channel comes from where the swizzle says", "[blocks]") {
+TEST_CASE("a channel has the source of its swizzle", "[blocks]") {
   const uint32_t rgba = 0x40302010;
   CHECK(swizzled(rgba, kPlainSwizzle) == rgba);
   CHECK(swizzled(rgba, kOpaqueSwizzle) == 0xff302010);
@@ -65,7 +65,7 @@ TEST_CASE("a channel comes from where the swizzle says", "[blocks]") {
   CHECK_FALSE(is_swizzle(0x1000 | kPlainSwizzle));
 }
 
-TEST_CASE("levels take as many bytes as their blocks", "[blocks]") {
+TEST_CASE("levels have the bytes of their blocks", "[blocks]") {
   CHECK(block_level_bytes(BlockFormat::kBc1, 1, 1) == 8);
   CHECK(block_level_bytes(BlockFormat::kBc7, 4, 4) == 16);
   CHECK(block_level_bytes(BlockFormat::kBc7, 5, 4) == 32);

@@ -97,7 +97,7 @@ TEST_CASE("container: the same pages and tables give the same bytes", "[containe
   CHECK(file_of(full_parts()) == file_of(full_parts()));
 }
 
-TEST_CASE("container: a file of nothing", "[container]") {
+TEST_CASE("container: a file with empty tables", "[container]") {
   const Bytes file = file_of({});
   const ExactCopy copy(file);
   const auto container = Container::open(copy.bytes());
@@ -140,7 +140,7 @@ TEST_CASE("container: a flipped bit anywhere is found", "[container]") {
   }
 }
 
-TEST_CASE("container: nothing past the end is read", "[container]") {
+TEST_CASE("container: no byte behind the end is read", "[container]") {
   Bytes file = file_of(tiny_parts());
   REQUIRE(file.size() % kTableAlignment == 0);  // else it could not both be aligned and end at the guard page
   const size_t page = static_cast<size_t>(::sysconf(_SC_PAGESIZE));
@@ -265,7 +265,7 @@ TEST_CASE("container: versions", "[container]") {
   }
 }
 
-TEST_CASE("container: where the streams of a chunk lie", "[container]") {
+TEST_CASE("container: offsets of the streams of a chunk", "[container]") {
   const Parts parts = full_parts();
   const ChunkStreams all = chunk_streams(parts.tables.meshes[0], parts.tables.chunks[0]);
   CHECK(all.indices.offset == 0);
@@ -318,7 +318,7 @@ Bytes large_file(uint32_t count, bool is_shuffled) {
   return file_of(parts);
 }
 
-TEST_CASE("container: large tables, checked in parts, say what small ones say", "[container]") {
+TEST_CASE("container: large tables, checked in parts, give the same errors as small ones", "[container]") {
   constexpr uint32_t kCount = 3000;  // 1.5 MB of records, several parts
   const Bytes good = large_file(kCount, true);
   CHECK(!verify_copy(good));
@@ -375,7 +375,7 @@ TEST_CASE("container: speed of opening large tables", "[.][container-speed]") {
 }
 
 #ifdef NDEBUG
-TEST_CASE("speed: a file opens in 20 ns a record", "[speed]") {
+TEST_CASE("speed: a file opens in 20 ns per record", "[speed]") {
   constexpr uint32_t kCount = 300000;
   const ExactCopy file(large_file(kCount, false));
   check_speed(30, 20, [&] { return opening_nanoseconds(file, kCount); });

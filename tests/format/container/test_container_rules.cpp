@@ -28,10 +28,10 @@ TEST_CASE("container rules: header", "[container]") {
   b.header([](H& h) { h.toc_checksum ^= 1; }, "table of contents: the checksum differs", ErrorCode::kChecksum);
   const std::string size = std::to_string(b.file().size());
   b.header([](H& h) { h.file_bytes = UINT64_MAX; },
-           ("the file has " + size + " bytes, but its header says 18446744073709551615").c_str(),
+           ("the file has " + size + " bytes, but its header gives 18446744073709551615").c_str(),
            ErrorCode::kTruncated);
   b.header([](H& h) { h.file_bytes -= 1; },
-           ("the file has " + size + " bytes, but its header says " + std::to_string(b.file().size() - 1)).c_str(),
+           ("the file has " + size + " bytes, but its header gives " + std::to_string(b.file().size() - 1)).c_str(),
            ErrorCode::kTrailing);
   for (const uint64_t offset :
        {uint64_t{0}, uint64_t{64}, uint64_t{4097}, uint64_t{b.file().size()}, UINT64_MAX - 63}) {
@@ -259,10 +259,10 @@ TEST_CASE("container rules: a zstd page is one frame of its size", "[container]"
   const Bytes raw(raw_bytes);
   unsized.resize(ZSTD_compress2(context, unsized.data(), unsized.size(), raw.data(), raw.size()));
   ZSTD_freeCCtx(context);
-  Breaker::expect(with_frame(unsized, raw_bytes), "page 1: the zstd frame does not say its size", ErrorCode::kFormat);
+  Breaker::expect(with_frame(unsized, raw_bytes), "page 1: the zstd frame does not give its size", ErrorCode::kFormat);
 }
 
-TEST_CASE("container rules: a split page holds at most twice its bytes, and makes them all", "[container]") {
+TEST_CASE("container rules: a split page has at most twice its bytes, and yields all of them", "[container]") {
   const uint64_t raw_bytes = full_parts().pages[1].record.raw_bytes;
   const auto zeros = [&](uint64_t bytes) {
     const Bytes content(bytes);
@@ -279,8 +279,8 @@ TEST_CASE("container rules: a split page holds at most twice its bytes, and make
   Breaker::expect(zeros(1), "page 1: split page: no header", ErrorCode::kTruncated);
 }
 
-TEST_CASE("container rules: what a compressed page may grow to", "[container]") {
-  // Zeros compress to almost nothing, so they stay raw where a reader would refuse the ratio.
+TEST_CASE("container rules: the limit of a compressed page's raw bytes", "[container]") {
+  // Zeros compress to almost nothing, so they stay raw if a reader would refuse the ratio.
   for (const auto& [bytes, codec] : {std::pair{size_t{kPageTargetBytes}, PageCodec::kZstd},
                                      std::pair{size_t{kPageTargetBytes} + 1, PageCodec::kRaw}}) {
     const SealedPage page = seal_page(PageKind::kImage, Bytes(bytes), 3);

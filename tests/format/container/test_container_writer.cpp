@@ -61,7 +61,7 @@ class FileSizeLimit {
   void (*handler_)(int);
 };
 
-TEST_CASE("container writer: a page that nobody holds is the page that was held", "[container]") {
+TEST_CASE("container writer: a page written piece by piece equals the page in memory", "[container]") {
   const TempFolder folder;
   for (const size_t bytes : {size_t{1}, size_t{1} << 20, (size_t{1} << 20) + 1, size_t{3000000}}) {
     const SealedPage page = noise_page(bytes);
@@ -92,7 +92,7 @@ TEST_CASE("container writer: a page that nobody holds is the page that was held"
   CHECK(failed.error().message == "gone");
 }
 
-TEST_CASE("container writer: the name appears at the end, the .part goes", "[container]") {
+TEST_CASE("container writer: the name appears at the end, and the .part disappears", "[container]") {
   const TempFolder folder;
   const std::string path = folder.file("a.scree");
   write_text(path, "the earlier file");
@@ -137,7 +137,7 @@ TEST_CASE("container writer: pages that are dropped leave nothing", "[container]
   CHECK((bytes_of(true) == bytes_of(false)));
 }
 
-TEST_CASE("container writer: destroyed before its end, it leaves nothing", "[container]") {
+TEST_CASE("container writer: destroyed before finish(), it leaves nothing", "[container]") {
   const TempFolder folder;
   const std::string path = folder.file("a.scree");
   write_text(path, "the earlier file");
@@ -153,7 +153,7 @@ TEST_CASE("container writer: destroyed before its end, it leaves nothing", "[con
   CHECK(read_bytes(path).size() == 16);
 }
 
-TEST_CASE("container writer: a stale .part is taken over, a busy one is not", "[container]") {
+TEST_CASE("container writer: a stale .part is taken over, a locked one is not", "[container]") {
   const TempFolder folder;
   const std::string path = folder.file("a.scree");
   // Longer than the written file, so that leftovers would show.
@@ -171,7 +171,7 @@ TEST_CASE("container writer: a stale .part is taken over, a busy one is not", "[
   CHECK(third);
 }
 
-TEST_CASE("container writer: places that cannot be written", "[container]") {
+TEST_CASE("container writer: paths that cannot be written", "[container]") {
   const TempFolder folder;
   const auto error = [](const std::string& path) {
     const auto writer = ContainerWriter::create(path);
@@ -221,7 +221,7 @@ TEST_CASE("container writer: a full disk", "[container]") {
       if (message.empty()) message = finished.error().message;
     }
     CHECK(message == path + ".part: write: File too large");
-    CHECK(file_count(folder) == 1);  // given up at once, not only when the writer is destroyed
+    CHECK(file_count(folder) == 1);  // removed at once, not only by the writer's destructor
     CHECK(read_bytes(path).size() == 16);
   }
 }
@@ -244,7 +244,7 @@ TEST_CASE("container writer: seal_page", "[container]") {
   CHECK(kept.stored == raw);
   const SealedPage noise = seal_page(PageKind::kImage, noise_page(5000).stored, 22);
   CHECK(noise.record.codec == PageCodec::kRaw);
-  // Nine parts of noise and one of zeros are worth it, 29 and one are so for geometry alone.
+  // Nine parts of noise and one of zeros are compressed; 29 and one only in geometry pages.
   for (const size_t parts : {10, 30}) {
     Bytes mixed = noise_page(3000 * (parts - 1)).stored;
     mixed.resize(3000 * parts);

@@ -1,4 +1,4 @@
-// A file that takes its name only once it is complete, while other writers want the same name.
+// A file that takes its name only once it is complete, with other writers of the same name.
 #include "format/container/part_file.h"
 
 #include <sys/file.h>
@@ -37,7 +37,7 @@ mode_t mode_of(const std::string& path) {
   return status.st_mode & 07777;
 }
 
-TEST_CASE("part file: writers of one name get in nobody's way", "[part]") {
+TEST_CASE("part file: several writers of one name do not disturb each other", "[part]") {
   const TempFolder folder;
   const std::string path = folder.file("out.bin");
   std::atomic<int> written{0};
@@ -73,7 +73,7 @@ TEST_CASE("part file: writers of one name get in nobody's way", "[part]") {
   CHECK(folder.names() == std::vector<std::string>{"out.bin"});
 }
 
-TEST_CASE("part file: a parked one that another writer has taken is neither published nor removed", "[part]") {
+TEST_CASE("part file: a parked .part that another writer has taken is neither renamed nor removed", "[part]") {
   const TempFolder folder;
   const std::string path = folder.file("out.jpg");
   for (const bool commits : {true, false}) {
@@ -150,8 +150,7 @@ TEST_CASE("part file: a container whose name is taken meanwhile stays as a .part
   CHECK(folder.names() == std::vector<std::string>{"out.scree"});
 }
 
-TEST_CASE("part file: a program that ends at once removes those that are open, but for kept and parked ones",
-          "[part]") {
+TEST_CASE("part file: a program that ends at once removes open .part files, except kept and parked ones", "[part]") {
   const TempFolder folder;
   std::vector<PartFile> open;
   for (const std::string name : {"a", "b", "kept", "parked", "done"}) open.push_back(must_create(folder.file(name)));

@@ -1,4 +1,4 @@
-// Continuing a .part: every cut and every damaged byte of a small one, and a log without room.
+// Continuing a .part: with every cut and every damaged byte of a small .part, and without room for the log.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -85,7 +85,7 @@ class Unfinished {
 
 }  // namespace
 
-TEST_CASE("part log: whatever is cut off or damaged, the same bytes", "[container][resume]") {
+TEST_CASE("part log: a cut or damaged .part is continued to the same bytes", "[container][resume]") {
   Unfinished unfinished;
   const Bytes part = read_bytes(unfinished.path + ".part");
   REQUIRE(part.size() > kMostBytes);
@@ -113,7 +113,7 @@ TEST_CASE("part log: whatever is cut off or damaged, the same bytes", "[containe
   CHECK(unfinished.finish(read_bytes(unfinished.path + ".part")) == 3);
 }
 
-TEST_CASE("part log: another id, no .part, and pages that are given up", "[container][resume]") {
+TEST_CASE("part log: another id, no .part, and dropped pages", "[container][resume]") {
   Unfinished unfinished;
   const auto ignore = [](uint32_t, std::span<const std::byte>) {};
   const auto other = ContainerWriter::resume(unfinished.path, {1, 2}, ignore);
@@ -132,7 +132,7 @@ TEST_CASE("part log: another id, no .part, and pages that are given up", "[conta
   CHECK((read_bytes(unfinished.path) == unfinished.expected));
 }
 
-TEST_CASE("part log: pages that were dropped are not gone on with, whole as they lie there", "[container][resume]") {
+TEST_CASE("part log: dropped pages are not continued, even if they are intact", "[container][resume]") {
   Unfinished unfinished;
   const auto ignore = [](uint32_t, std::span<const std::byte>) {};
   const auto resumed = [&] {
@@ -161,7 +161,7 @@ TEST_CASE("part log: pages that were dropped are not gone on with, whole as they
   CHECK((read_bytes(unfinished.path) == unfinished.expected));
 }
 
-TEST_CASE("part log: a file that grows past its log is right, and ends where it should", "[container][resume]") {
+TEST_CASE("part log: a file that grows past its log is correct and has the right size", "[container][resume]") {
   Unfinished unfinished;
   auto writer = ContainerWriter::create(unfinished.path);  // the leftover .part is overwritten
   REQUIRE(writer);

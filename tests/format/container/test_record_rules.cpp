@@ -500,7 +500,7 @@ TEST_CASE("container rules: materials, textures, images, cameras, source", "[con
       ErrorCode::kReserved);
 }
 
-TEST_CASE("container rules: costs of what is left out, one each or none", "[container]") {
+TEST_CASE("container rules: costs of left-out data, one each or none", "[container]") {
   Parts parts = full_parts();
   REQUIRE(parts.tables.left_out.size() == 2);
   for (const size_t count : {0, 1, 2, 3}) {

@@ -331,7 +331,8 @@ TEST_CASE("every normal code decodes to a unit vector and encodes to itself or i
   }
 }
 
-TEST_CASE("normals: the axes are exact, any length will do, none becomes +z", "[attribute_codec][normal]") {
+TEST_CASE("normals: the axes are exact, any length is allowed, and no direction becomes +z",
+          "[attribute_codec][normal]") {
   for (uint32_t bits = 2; bits <= 16; ++bits) {
     const std::vector<float> axes{1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1};
     std::vector<float> decoded(axes.size());

@@ -174,7 +174,7 @@ TEST_CASE("degenerate triangles keep their place and their vertices", "[cluster_
   check_round_trip(mixed);
 }
 
-TEST_CASE("clusters end where vertices run out", "[cluster_codec]") {
+TEST_CASE("a cluster ends at its limit of vertices", "[cluster_codec]") {
   List apart;  // no vertex is shared, so 128 of them hold 42 triangles
   for (uint32_t t = 0; t < 128; ++t) {
     for (uint32_t i = 0; i < 3; ++i) apart.add(t * 50 + i, t * i, 4000 - t);
@@ -207,7 +207,7 @@ TEST_CASE("clusters keep positions of every width", "[cluster_codec]") {
   }
 }
 
-TEST_CASE("an axis that follows from the others takes few bits", "[cluster_codec]") {
+TEST_CASE("a predicted axis takes few bits", "[cluster_codec]") {
   for (uint32_t axis = 0; axis < 3; ++axis) {
     List slope = grid(8, 200, 0);
     for (size_t v = 0; v < slope.offsets.size(); v += 3) {
@@ -218,7 +218,7 @@ TEST_CASE("an axis that follows from the others takes few bits", "[cluster_codec
     }
     const ClusteredChunk chunk = encode(slope);
     const ClusterLayout layout = cluster_layout(chunk.set.clusters[0].record);
-    // Slopes of -2 are past the steepest that a prediction takes along this axis; another is taken then.
+    // Slopes of -2 are too steep to predict along this axis, so another axis is predicted.
     CHECK(layout.predicted_axis != kNotPredicted);
     CHECK(layout.position_bits[layout.predicted_axis] <= 3);
     check_round_trip(slope);
@@ -261,7 +261,7 @@ TEST_CASE("damaged clusters are refused or decode within their limits", "[cluste
   CHECK(accepted > 1000);
 }
 
-TEST_CASE("checking clusters of any width says what decoding them says", "[cluster_codec]") {
+TEST_CASE("checking and decoding clusters give the same result, at every width", "[cluster_codec]") {
   std::mt19937 random(29);
   std::vector<List> lists;
   for (uint32_t bits = 0; bits <= 24; ++bits) lists.push_back(soup(random, 200, 150, bits));
@@ -317,7 +317,7 @@ TEST_CASE("each stream of a clustered chunk has one size and clean slack", "[clu
   check_stream_limits(streams.data, uint64_t{32} * streams.cluster_words, with(&ClusterStreams::data));
 }
 
-TEST_CASE("what is wrong with a cluster is said", "[cluster_codec]") {
+TEST_CASE("errors of clusters name the defect", "[cluster_codec]") {
   const ClusteredChunk chunk = encode(grid(20, 300, 200), ClusterEffort::kFast, 20);
   const ChunkStreams streams = chunk_streams(chunk.mesh, chunk.record);
   const auto message = [&](const auto& change) {
@@ -371,7 +371,7 @@ TEST_CASE("what is wrong with a cluster is said", "[cluster_codec]") {
   CHECK(message([](ClusteredChunk& c) { c.mesh.lattice_bits[0] = 10; }).starts_with("range: positions: code"));
 }
 
-TEST_CASE("bounds hold exactly what they say", "[cluster_codec]") {
+TEST_CASE("bounds contain exactly their documented range", "[cluster_codec]") {
   // Extents around every power of two give the finest shift with which all three fit.
   for (uint32_t bits = 1; bits <= 24; ++bits) {
     for (int away = -1; away <= 1; ++away) {

@@ -168,7 +168,7 @@ std::string join(const Bytes& split, size_t page_bytes) {
   return joined ? "ok" : outcome(joined) + ": " + joined.error().message;
 }
 
-/// The same positions, from the page that the split one makes; none if it makes none.
+/// The positions of the joined page; empty if joining fails.
 std::optional<std::vector<Point>> joined_positions(const Bytes& split, const ClusteredChunk& chunk) {
   const std::string too_short = "truncated: split page: it makes ";
   const std::string found = join(split, 4 * chunk.payload.size());
@@ -205,7 +205,7 @@ List far_apart(uint32_t count, uint32_t again) {
   return list;
 }
 
-TEST_CASE("split pages come back byte for byte", "[cluster_page]") {
+TEST_CASE("split pages are joined byte for byte", "[cluster_page]") {
   check_split(grid(1, 1, 0));
   check_split(grid(8, 100, 3));
   check_split(grid(200, 83800, 80000));  // 24 bits
@@ -236,7 +236,7 @@ TEST_CASE("split pages of the spec", "[cluster_page][spec]") {
   }
 }
 
-TEST_CASE("what lies between clusters is kept as it is", "[cluster_page]") {
+TEST_CASE("bytes between clusters stay unchanged", "[cluster_page]") {
   std::mt19937 random(3);
   const ClusteredChunk first = encode(grid(30, 377, 50));
   const ClusteredChunk second = encode(soup(random, 300, 200, 12));
@@ -261,18 +261,18 @@ TEST_CASE("what lies between clusters is kept as it is", "[cluster_page]") {
   CHECK(stream_bytes(check_split(page, clusters).bytes, 10) == 64 + 160 + 48);
 }
 
-TEST_CASE("vertices are named 65535 back and no further", "[cluster_page]") {
+TEST_CASE("references go back 65535 vertices and no further", "[cluster_page]") {
   CHECK(stream_bytes(check_split(far_apart(20000, 1000)).bytes, 8) == 2);  // the other two vertices follow the first
   CHECK(stream_bytes(check_split(far_apart(23000, 1000)).bytes, 8) == 0);
 }
 
-TEST_CASE("references reach back over any number of vertices", "[cluster_page]") {
+TEST_CASE("references work behind any number of vertices", "[cluster_page]") {
   // More vertices than are kept at a time, so that the oldest are forgotten on the way.
   CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21845)).bytes, 8) == 2);
   CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21846)).bytes, 8) == 0);
 }
 
-TEST_CASE("joined positions are those of the spec", "[cluster_page]") {
+TEST_CASE("joined positions equal the spec's", "[cluster_page]") {
   std::mt19937 random(11);
   std::vector<List> lists = {grid(12, 3000, 200), grid(40, 11, 3), grid(9, 1800000, 1700000)};
   for (const uint32_t vertices : {4u, 40u, 900u}) lists.push_back(soup(random, 700, vertices, 13));  // degenerate, too
@@ -280,7 +280,7 @@ TEST_CASE("joined positions are those of the spec", "[cluster_page]") {
     const ClusteredChunk chunk = encode(list);
     SplitPage split = check_split(chunk.payload, {{0, chunk.record.cluster_count}});
     CHECK(joined_positions(split.bytes, chunk) == positions_of(split.bytes));
-    // Other triangles, places and residuals, as far as they can be joined.
+    // Changes triangles, places and residuals, and checks the pages that can still be joined.
     size_t joined = 0;
     for (int i = 0; i < 1000; ++i) {
       Bytes changed = split.bytes;
@@ -349,7 +349,7 @@ TEST_CASE("a split page that is cut off, too long or changed is refused or makes
   CHECK(accepted < 4 * split.size());
 }
 
-TEST_CASE("what is wrong with a split page is said", "[cluster_page]") {
+TEST_CASE("errors of split pages name the defect", "[cluster_page]") {
   const ClusteredChunk chunk = encode(grid(12, 3000, 200));
   const Bytes page = chunk.payload;
   const Bytes split = check_split(page, {{0, chunk.record.cluster_count}}).bytes;

@@ -97,7 +97,7 @@ TEST_CASE("the width of a span of indices is exact around powers of two", "[inde
   CHECK(index_range({}).bits == 0);
 }
 
-TEST_CASE("an index decoder stays inside its bytes and takes no others", "[index_codec]") {
+TEST_CASE("an index decoder stays inside its bytes and refuses other sizes", "[index_codec]") {
   std::mt19937 random(3);
   for (const uint32_t bits : {1u, 5u, 8u, 13u, 31u, 32u}) {
     for (const size_t count : {1, 8, 21}) {
@@ -117,7 +117,7 @@ TEST_CASE("an index decoder stays inside its bytes and takes no others", "[index
   }
 }
 
-TEST_CASE("an index too large is found wherever it stands", "[index_codec]") {
+TEST_CASE("an index that is too large is found at every position", "[index_codec]") {
   for (uint32_t bits = 1; bits <= 32; ++bits) {
     const auto limit = static_cast<uint32_t>((uint64_t{1} << bits) - 1);
     for (const size_t count : {1, 8, 70, 200}) {
@@ -137,7 +137,7 @@ TEST_CASE("an index too large is found wherever it stands", "[index_codec]") {
   }
 }
 
-TEST_CASE("index ranges from outside are checked", "[index_codec]") {
+TEST_CASE("hostile index ranges are refused", "[index_codec]") {
   const std::vector<uint32_t> indices{10, 12, 14};
   const IndexRange range = index_range(indices);
   const auto bytes = encode(indices, range);

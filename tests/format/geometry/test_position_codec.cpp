@@ -149,7 +149,7 @@ TEST_CASE("positions survive every width and length", "[position_codec]") {
   }
 }
 
-TEST_CASE("a position decoder stays inside its bytes and takes no others", "[position_codec]") {
+TEST_CASE("a position decoder stays inside its bytes and refuses other sizes", "[position_codec]") {
   std::mt19937 random(2);
   const MeshLattice lattice = lattice_with_bits(24, 24, 24);
   for (const std::array<uint8_t, 3> bits : {std::array<uint8_t, 3>{16, 16, 16},
@@ -205,7 +205,7 @@ TEST_CASE("float32 positions are kept to the bit and checked", "[position_codec]
   }
 }
 
-TEST_CASE("a code too large is found wherever it stands", "[position_codec]") {
+TEST_CASE("a code that is too large is found at every position", "[position_codec]") {
   std::mt19937 random(41);
   constexpr uint64_t kCount = 43;
   for (int round = 0; round < 60; ++round) {
@@ -233,7 +233,7 @@ TEST_CASE("a code too large is found wherever it stands", "[position_codec]") {
   }
 }
 
-TEST_CASE("position ranges and lattices from outside are checked", "[position_codec]") {
+TEST_CASE("hostile position ranges and lattices are refused", "[position_codec]") {
   const std::vector<uint32_t> offsets{5, 6, 7, 8, 9, 10};
   const PositionRange range = position_range(offsets);  // min 5 6 7, bits 2 2 2
   const auto bytes = encode(offsets, range);
@@ -370,7 +370,7 @@ TEST_CASE("quantised positions keep the stated error at every scale", "[position
   CHECK(refused < 3000);
 }
 
-TEST_CASE("an error asked for picks the coarsest step that keeps it", "[position_codec]") {
+TEST_CASE("a requested error gets the coarsest step that keeps it", "[position_codec]") {
   std::mt19937 random(5);
   for (int round = 0; round < 20000; ++round) {
     const float size =
@@ -389,7 +389,7 @@ TEST_CASE("an error asked for picks the coarsest step that keeps it", "[position
   }
 }
 
-TEST_CASE("any error above the size of a mesh is kept by one point", "[position_codec]") {
+TEST_CASE("with an error above the size of a mesh, the lattice is one point", "[position_codec]") {
   const float lo[3] = {-1, 0, 2};
   const float hi[3] = {1, 0.5f, 3};
   for (const double asked : {1e9, 1e38, 1e300, std::numeric_limits<double>::infinity()}) {
@@ -435,7 +435,7 @@ TEST_CASE("random bytes and ranges never take a position decoder past its limits
   CHECK(accepted > 1000);
 }
 
-TEST_CASE("a lattice that cannot be is refused with the reason", "[position_codec]") {
+TEST_CASE("an impossible lattice is refused with the reason", "[position_codec]") {
   const float lo[3] = {-1000, 0, 0};
   const float hi[3] = {1000, 1, 1};
   const auto fine = choose_lattice(lo, hi, 16, 1e-4);  // step 2^-13: 24 bits
@@ -465,7 +465,7 @@ TEST_CASE("a lattice that cannot be is refused with the reason", "[position_code
   CHECK(choose_lattice(low, huge, 24, 0));
 }
 
-TEST_CASE("the maximum of a box takes the last code and not the one after", "[position_codec]") {
+TEST_CASE("the maximum of a box has the last code", "[position_codec]") {
   std::mt19937 random(6);
   for (int round = 0; round < 20000; ++round) {
     const float a = std::bit_cast<float>(0x3f000000u + static_cast<uint32_t>(random() % 0x2000000u));
@@ -484,7 +484,7 @@ TEST_CASE("the maximum of a box takes the last code and not the one after", "[po
   }
 }
 
-TEST_CASE("neighbouring meshes of like size share their border points", "[position_codec]") {
+TEST_CASE("neighbouring meshes of similar size share their border points", "[position_codec]") {
   std::mt19937 random(7);
   for (int round = 0; round < 2000; ++round) {
     const float width = 1.5f + static_cast<float>(random() % 100) / 1000;

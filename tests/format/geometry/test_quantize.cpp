@@ -21,7 +21,7 @@ float any_float(std::mt19937& random) {
   return std::bit_cast<float>(static_cast<uint32_t>(random() % 2) << 31 | exponent << 23 | fraction);
 }
 
-/// The nearest multiple of 2^exponent, computed in the x87's 64-bit significand, which the codec does not use.
+/// The nearest multiple of 2^exponent, computed with the x87's 64-bit significand, independently of the codec.
 long double nearest_step(float value, int32_t exponent) {
   return rintl(ldexpl(static_cast<long double>(value), -exponent));
 }
@@ -117,7 +117,7 @@ TEST_CASE("lattice_axis takes the bits of the true integers", "[quantize]") {
   CHECK(lattice_axis(-16777216, 16777216, 0).bits == 26);
 }
 
-TEST_CASE("finest_exponent is the smallest that fits, and no finer than the floats", "[quantize]") {
+TEST_CASE("finest_exponent is the smallest that fits, and not below the floats' own", "[quantize]") {
   std::mt19937 random(5);
   int at_floats = 0;
   int at_limit = 0;
@@ -160,7 +160,7 @@ TEST_CASE("finest_exponent is the smallest that fits, and no finer than the floa
   CHECK(at_bits > 1000);
 }
 
-TEST_CASE("exact_exponent is the coarsest lattice that has every float", "[quantize]") {
+TEST_CASE("exact_exponent is the coarsest lattice that contains every float", "[quantize]") {
   CHECK(exact_exponent(std::vector<Interval>{{0, 0}}) == 0);
   CHECK(exact_exponent(std::vector<Interval>{{3, 3}}) == 0);
   CHECK(exact_exponent(std::vector<Interval>{{96, 96}}) == 5);

@@ -116,7 +116,7 @@ TEST_CASE("a tangent decoder stays inside its bytes and checks its width", "[tan
   CHECK(outcome(check_tangents(uint64_t{1} << 61, 11, bytes)) == "range");
 }
 
-TEST_CASE("second texture coordinates bring the rest of their range", "[attribute_codec][uv]") {
+TEST_CASE("second texture coordinates have the rest of their range in a header", "[attribute_codec][uv]") {
   const std::vector<float> uvs{0.1f, 0.9f, 0.5f, -0.25f, 0.75f, 0.125f};
   const UvRange range = choose_uv_range(uvs);
   std::vector<std::byte> bytes(second_uv_stream_bytes(3, range));

@@ -58,7 +58,7 @@ void decode_all(std::span<const std::byte> bytes) {
 }
 
 }  // namespace
-TEST_CASE("a JPEG cut anywhere is refused, with the byte", "[jpeg_index]") {
+TEST_CASE("a JPEG that is cut anywhere is refused with the byte", "[jpeg_index]") {
   for (const int restart : {0, 2}) {
     const Bytes file = make_jpeg(recipe_of(50, 40, {{2, 2}, {1, 1}, {1, 1}}, restart));
     for (size_t size = 0; size < file.size(); ++size) {
@@ -75,7 +75,7 @@ TEST_CASE("a JPEG cut anywhere is refused, with the byte", "[jpeg_index]") {
   }
 }
 
-TEST_CASE("damage in the data is named", "[jpeg_index]") {
+TEST_CASE("errors of damaged data name the defect", "[jpeg_index]") {
   const Bytes file = make_jpeg(recipe_of(64, 64, {{2, 2}, {1, 1}, {1, 1}}, 4));
   const size_t first = find_marker(file, 0xd0);
   Bytes swapped = file;
@@ -104,7 +104,7 @@ TEST_CASE("damage in the data is named", "[jpeg_index]") {
   REQUIRE_FALSE(encoded);
   CHECK(encoded.error().code == ErrorCode::kFormat);
   CHECK(encoded.error().message.find("no Huffman code") != std::string::npos);
-  // A header that claims more data than the file has takes no memory.
+  // A header with a larger size than the file takes no memory.
   Bytes huge = plain;
   for (size_t i = 5; i < 9; ++i) huge[find_marker(huge, 0xc0) + i] = std::byte{0xff};
   CHECK(outcome(encode(huge)) == "truncated");
@@ -133,7 +133,7 @@ TEST_CASE("damaged JPEG files are refused or indexed, and every MCU ends", "[jpe
   CHECK(refused > 50);
 }
 
-TEST_CASE("an indexed JPEG keeps to its bytes", "[jpeg_index]") {
+TEST_CASE("an indexed JPEG stays inside its bytes", "[jpeg_index]") {
   const auto bytes = encode(make_jpeg(recipe_of(150, 70, {{2, 1}, {1, 1}, {1, 1}}, 7)));
   REQUIRE(bytes);
   {
@@ -247,7 +247,7 @@ TEST_CASE("mutated JPEG files and indexed JPEGs never take a decoder past its li
   CHECK(opened > 300);
 }
 
-TEST_CASE("a group decoder handed any bytes stays inside its buffers and ends", "[jpeg_index]") {
+TEST_CASE("a group decoder stays inside its buffers and ends, on any bytes", "[jpeg_index]") {
   std::mt19937 random(20261122);
   for (const auto& factors :
        {std::vector<std::pair<int, int>>{{2, 2}, {1, 1}, {1, 1}}, {{1, 1}}, {{4, 1}, {1, 1}, {2, 1}}}) {

@@ -134,7 +134,7 @@ TEST_CASE("groups and anchor blocks of every fill", "[jpeg_index]") {
   }
 }
 
-TEST_CASE("the index takes at most a quarter of a bit a pixel", "[jpeg_index]") {
+TEST_CASE("the index takes at most a quarter of a bit per pixel", "[jpeg_index]") {
   for (const auto& factors : std::vector<std::vector<std::pair<int, int>>>{{{1, 1}},
                                                                            {{1, 1}, {1, 1}, {1, 1}},
                                                                            {{2, 1}, {1, 1}, {1, 1}},
@@ -181,7 +181,7 @@ TEST_CASE("real JPEG files are indexed without loss", "[jpeg_index]") {
   CHECK(indexed >= 60);
 }
 
-TEST_CASE("what cannot be indexed says why", "[jpeg_index]") {
+TEST_CASE("JPEGs that cannot be indexed give the reason", "[jpeg_index]") {
   const auto reason = [](JpegRecipe recipe) {
     const Bytes file = make_jpeg(recipe);
     const auto header = parse_jpeg(file);
@@ -229,7 +229,7 @@ TEST_CASE("what cannot be indexed says why", "[jpeg_index]") {
   CHECK(outcome(encode(wide)) == "unsupported");
 }
 
-TEST_CASE("a file without Huffman tables takes the standard ones", "[jpeg_index]") {
+TEST_CASE("a file without Huffman tables gets the standard ones", "[jpeg_index]") {
   const Bytes file = make_jpeg(recipe_of(100, 70, {{2, 2}, {1, 1}, {1, 1}}));
   Bytes bare = file;
   for (int i = 0; i < 4; ++i) {
@@ -244,7 +244,7 @@ TEST_CASE("a file without Huffman tables takes the standard ones", "[jpeg_index]
   CHECK(*without == *with);
 }
 
-TEST_CASE("Huffman tables that cannot be are refused", "[jpeg_index]") {
+TEST_CASE("impossible Huffman tables are refused", "[jpeg_index]") {
   JpegHuffmanSpec spec;
   CHECK(make_jpeg_table(spec, true));  // a table without codes decodes nothing
   CHECK(make_jpeg_table(spec, true)->find(0).length == 0);
@@ -260,7 +260,7 @@ TEST_CASE("Huffman tables that cannot be are refused", "[jpeg_index]") {
   CHECK(outcome(make_jpeg_table(spec, true)) == "format");
 }
 
-TEST_CASE("Huffman tables find every code at every window", "[jpeg_index]") {
+TEST_CASE("Huffman tables decode every code in every window", "[jpeg_index]") {
   std::mt19937 random(3);
   std::vector<JpegHuffmanSpec> specs = {standard_jpeg_table(false, 0), standard_jpeg_table(false, 1),
                                         standard_jpeg_table(true, 0), standard_jpeg_table(true, 1)};

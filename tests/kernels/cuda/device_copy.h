@@ -63,7 +63,7 @@ class DeviceCopy {
     pages_ = std::move(table);
   }
 
-  /// The scene as kernels see it: every pointer is of the device.
+  /// The scene for kernels: all pointers are device pointers.
   const kernels::SceneView& view() const { return view_; }
 
   /// The GPU's samples of the scene, with queues that start at `sizes`.
@@ -172,7 +172,7 @@ class DeviceCopy {
   std::vector<kernels::DeviceBuffer> buffers_;
 };
 
-/// Even a small scene, the second pass in rounds.
+/// Two passes even for a small scene, the second pass in rounds.
 inline kernels::CudaQueueSizes in_two_passes() {
   kernels::CudaQueueSizes sizes;
   sizes.two_pass_groups = sizes.round_groups = 1;

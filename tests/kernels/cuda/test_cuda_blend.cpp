@@ -52,7 +52,7 @@ class GpuLayers {
   }
 
  private:
-  /// `blend`: null, or what draws all fragments at once. `out`: null, or gets the layers.
+  /// `blend`: draws all fragments at once, or null. `out`: receives the layers, or null.
   std::vector<float> blend(const View& view, uint32_t most, kernels::CudaBlend* at_once, DrawnLayers* out,
                            kernels::BlendCounts& counts) {
     const size_t count = size_t{view.width} * view.height;
@@ -101,7 +101,7 @@ class GpuLayers {
 
 }  // namespace
 
-TEST_CASE("layers of blended surfaces are drawn alike on the GPU", "[cuda][blend]") {
+TEST_CASE("layers of blended surfaces are equal on the GPU", "[cuda][blend]") {
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
   add_blended_meshes(builder, is_clustered);
@@ -119,7 +119,7 @@ TEST_CASE("layers of blended surfaces are drawn alike on the GPU", "[cuda][blend
   }
 }
 
-TEST_CASE("fragments that are drawn at once give the layers that are drawn one by one", "[cuda][blend]") {
+TEST_CASE("fragments drawn at once give the same layers as layers drawn one by one", "[cuda][blend]") {
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
   add_blended_meshes(builder, is_clustered);
@@ -145,10 +145,11 @@ TEST_CASE("fragments that are drawn at once give the layers that are drawn one b
       }
     }
   }
-  CHECK(deepest > 3);  // so that some samples have more than 2 slots hold
+  CHECK(deepest > 3);  // so that some samples have more fragments than 2 slots
 }
 
-TEST_CASE("layers of omitted instances are left out alike on the GPU, and come back", "[cuda][blend][omitted]") {
+TEST_CASE("layers of omitted instances are left out on the GPU as on the CPU, and come back",
+          "[cuda][blend][omitted]") {
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
   add_blended_meshes(builder, is_clustered);

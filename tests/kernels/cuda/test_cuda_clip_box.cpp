@@ -1,6 +1,5 @@
 // The clipping box on the GPU: its visibility buffer equals the CPU's bit for bit, for every encoding, camera and
-// stage, in frames with and without a box after one another, with queues that are large enough and queues that have to
-// grow.
+// stage, in alternating frames with and without a box, with queues that are large enough and queues that have to grow.
 #include <vector>
 
 #include "tests/catch.h"
@@ -32,7 +31,7 @@ void add_opaque_meshes(SceneBuilder& builder, bool clustered_alone) {
 
 }  // namespace
 
-TEST_CASE("clipping boxes cut alike on the GPU", "[cuda][clip]") {
+TEST_CASE("clipping boxes cut on the GPU as on the CPU", "[cuda][clip]") {
   const bool is_masked = GENERATE(false, true);
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
@@ -58,7 +57,7 @@ TEST_CASE("clipping boxes cut alike on the GPU", "[cuda][clip]") {
   check_drawn_alike(device, views, expected);
 }
 
-TEST_CASE("what lies outside a clipping box is culled on the GPU", "[cuda][clip]") {
+TEST_CASE("triangles outside a clipping box are culled on the GPU", "[cuda][clip]") {
   SceneBuilder builder;
   Encoding clustered;
   clustered.clusters = Clusters::kClustered;

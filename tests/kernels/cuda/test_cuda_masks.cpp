@@ -11,7 +11,7 @@ using namespace scree;
 using namespace scree::tests;
 using kernels::View;
 
-TEST_CASE("masked scenes are drawn alike on the GPU", "[cuda][mask]") {
+TEST_CASE("masked scenes are equal on the GPU", "[cuda][mask]") {
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
   add_masked_meshes(builder, is_clustered);

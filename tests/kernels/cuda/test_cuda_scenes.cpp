@@ -74,7 +74,7 @@ Soup flat_soup(int flat) {
 
 }  // namespace
 
-TEST_CASE("scenes that mix lattice and float32 meshes are drawn alike on the GPU", "[cuda]") {
+TEST_CASE("scenes that mix lattice and float32 meshes are equal on the GPU", "[cuda]") {
   SceneBuilder builder;
   const uint32_t both_sides = builder.material(format::kMaterialDoubleSided);
   Encoding lattice;
@@ -98,7 +98,7 @@ TEST_CASE("scenes that mix lattice and float32 meshes are drawn alike on the GPU
 }
 
 // One frame after the other, so that hints of clusters outlive frames that omit them.
-TEST_CASE("omitted instances are left out alike on the GPU, and come back", "[cuda][omitted]") {
+TEST_CASE("omitted instances are left out on the GPU as on the CPU, and come back", "[cuda][omitted]") {
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
   add_masked_meshes(builder, is_clustered);
@@ -131,7 +131,7 @@ TEST_CASE("omitted instances are left out alike on the GPU, and come back", "[cu
     CHECK((device.draw_in_turn(views, sizes) == expected));
 }
 
-TEST_CASE("an orthographic camera sees float32 positions alike on the GPU", "[cuda]") {
+TEST_CASE("float32 positions with an orthographic camera are equal on the GPU", "[cuda]") {
   SceneBuilder builder;
   Encoding floats = float32();
   floats.chunk_triangles = 256;
@@ -151,7 +151,7 @@ TEST_CASE("an orthographic camera sees float32 positions alike on the GPU", "[cu
   compare(builder, {orthographic(distant, 1.6, 0.1, 20), orthographic(distant, 0.01, 2, 5)}, 5000);
 }
 
-TEST_CASE("chunks with widths of no bits are drawn alike on the GPU", "[cuda]") {
+TEST_CASE("chunks with widths of 0 bits are equal on the GPU", "[cuda]") {
   SceneBuilder builder;
   Encoding encoding;
   encoding.material = builder.material(format::kMaterialDoubleSided);
@@ -222,7 +222,7 @@ struct MixedScene {
 
 }  // namespace
 
-TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, frame after frame", "[cuda][clusters]") {
+TEST_CASE("scenes of clustered and other chunks are equal on the GPU, frame after frame", "[cuda][clusters]") {
   const bool is_clustered = GENERATE(false, true);
   const MixedScene mixed(is_clustered);
   if (!has_gpu()) return;
@@ -241,7 +241,7 @@ TEST_CASE("scenes of clustered and other chunks are drawn alike on the GPU, fram
   }
 }
 
-TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before first", "[cuda][clusters]") {
+TEST_CASE("frames in parts are equal on the GPU, previously visible clusters first", "[cuda][clusters]") {
   const bool is_clustered = GENERATE(false, true);
   if (scree::tests::kEmulatesGpu && is_clustered) return;  // the other scene has clusters too
   const MixedScene mixed(is_clustered);
@@ -274,7 +274,7 @@ TEST_CASE("frames in parts are drawn alike on the GPU, what was seen before firs
   }
 }
 
-TEST_CASE("one kernel finds the clusters that the kernels of larger scenes find", "[cuda][clusters]") {
+TEST_CASE("the small scene's kernel finds the same clusters as the kernels of larger scenes", "[cuda][clusters]") {
   const MixedScene mixed(true);
   if (!has_gpu()) return;
   const DeviceCopy device(mixed.scene, mixed.builder.pages);
@@ -293,7 +293,7 @@ TEST_CASE("one kernel finds the clusters that the kernels of larger scenes find"
   }
 }
 
-TEST_CASE("clusters that the near plane cuts everywhere are drawn alike on the GPU", "[cuda][clusters]") {
+TEST_CASE("clusters that the near plane cuts everywhere are equal on the GPU", "[cuda][clusters]") {
   const Clusters clusters = GENERATE(Clusters::kClustered, Clusters::kNone);
   SceneBuilder builder;
   Encoding encoding;
@@ -315,8 +315,7 @@ TEST_CASE("clusters that the near plane cuts everywhere are drawn alike on the G
   CHECK(device.stats(views[0], {}, {}).triangles_clipped > (scree::tests::kEmulatesGpu ? 1000 : 50000));
 }
 
-TEST_CASE("a hundred thousand instances of clusters are drawn alike on the GPU, frame after frame",
-          "[cuda][clusters]") {
+TEST_CASE("a hundred thousand instances of clusters are equal on the GPU, frame after frame", "[cuda][clusters]") {
   SceneBuilder builder;
   build_crowd(builder);
   const kernels::SceneView scene = builder.view();
@@ -340,7 +339,7 @@ TEST_CASE("a hundred thousand instances of clusters are drawn alike on the GPU, 
   }
 }
 
-TEST_CASE("hard cases are drawn alike on the GPU", "[cuda][hard]") {
+TEST_CASE("hard cases are equal on the GPU", "[cuda][hard]") {
   for (const NamedCase& named : hard_cases()) {
     INFO(named.name);
     HardCase hard = named.make();
@@ -429,7 +428,7 @@ TEST_CASE("hard: index spans of 0, 1, 2^k - 1, 2^k and 2^k + 1 on the GPU", "[cu
   compare_spans(spans);
 }
 
-TEST_CASE("hard: index spans about 2^17 to 2^22 on the GPU", "[cuda][.hard-long]") {
+TEST_CASE("hard: index spans around 2^17 to 2^22 on the GPU", "[cuda][.hard-long]") {
   compare_spans(spans_about(17, 22));
 }
 

@@ -93,7 +93,7 @@ double difference(const runtime::Image& image, const Pixels& picture) {
 
 }  // namespace
 
-TEST_CASE("a GPU's JPEG is as true and as large as libjpeg's", "[cuda][jpeg]") {
+TEST_CASE("a GPU's JPEG is as accurate and as large as libjpeg's", "[cuda][jpeg]") {
   if (!scree::tests::has_gpu()) return;
   kernels::CudaJpegCoder coder;
   struct Case {

@@ -77,7 +77,7 @@ class DeviceBatch {
   CudaViewBatch batch_;
 };
 
-/// Views from far and near and from within, of one size: the near plane cuts triangles of many.
+/// Views of one size from far away, near and inside. In many of them the near plane cuts triangles.
 std::vector<View> random_views(size_t count, uint32_t width, uint32_t height, uint32_t seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> unit(-1, 1);
@@ -91,8 +91,8 @@ std::vector<View> random_views(size_t count, uint32_t width, uint32_t height, ui
   return views;
 }
 
-/// Small and large triangles, several instances of each mesh, one of them mirrored. The last is so small that the eye
-/// lies further from its lattice than 32 bits reach.
+/// Small and large triangles, several instances of each mesh, one of them mirrored. The last is so small that its
+/// lattice is farther from the eye than 2^31 steps.
 void add_meshes(SceneBuilder& builder) {
   Encoding encoding;
   encoding.clusters = Clusters::kClustered;
@@ -135,7 +135,7 @@ void compare_batch(SceneBuilder& builder, const std::vector<View>& views, uint32
   CHECK(stats.groups_tested == sum.groups_tested);
   CHECK(stats.clusters_tested == sum.clusters_tested);
   CHECK(stats.clusters_drawn == sum.clusters_drawn);
-  // Where they are counted as small, medium or large depends on their neighbours.
+  // Whether a triangle counts as small, medium or large depends on its neighbours.
   const auto drawn = [](const kernels::FrameStats& of) {
     return of.triangles_small + of.triangles_medium + of.triangles_large;
   };
@@ -146,7 +146,7 @@ constexpr size_t kViews = kEmulatesGpu ? 7 : 200;
 
 }  // namespace
 
-TEST_CASE("a batch of views is drawn as each of them alone", "[cuda][batch]") {
+TEST_CASE("a batch of views equals each view alone", "[cuda][batch]") {
   SceneBuilder builder;
   add_meshes(builder);
   compare_batch(builder, random_views(kViews, 40, 27, 1));
@@ -154,20 +154,20 @@ TEST_CASE("a batch of views is drawn as each of them alone", "[cuda][batch]") {
   compare_batch(builder, random_views(4, 1, 1, 3));
 }
 
-TEST_CASE("a batch of views with several samples per pixel is drawn as each of them alone", "[cuda][batch]") {
+TEST_CASE("a batch of views with several samples per pixel equals each view alone", "[cuda][batch]") {
   SceneBuilder builder;
   add_meshes(builder);
   compare_batch(builder, random_views(5, 32, 24, 4), 2);
   compare_batch(builder, random_views(4, 32, 24, 5), 4);
 }
 
-TEST_CASE("a batch of views of masked surfaces is drawn as each of them alone", "[cuda][batch][mask]") {
+TEST_CASE("a batch of views of masked surfaces equals each view alone", "[cuda][batch][mask]") {
   SceneBuilder builder;
   add_masked_meshes(builder, true);
   compare_batch(builder, random_views(kViews, 45, 31, 6));
 }
 
-TEST_CASE("a batch of orthographic views is drawn as each of them alone", "[cuda][batch]") {
+TEST_CASE("a batch of orthographic views equals each view alone", "[cuda][batch]") {
   const bool is_masked = GENERATE(false, true);
   SceneBuilder builder;
   if (is_masked) {
@@ -204,7 +204,7 @@ TEST_CASE("each view of a batch leaves out its own omitted instances", "[cuda][b
   CHECK((batch.draw(shown, 1) == all));
 }
 
-TEST_CASE("which scenes and views are drawn in a batch", "[batch]") {
+TEST_CASE("the scenes and views that are drawn in a batch", "[batch]") {
   SceneBuilder clustered;
   add_meshes(clustered);
   CHECK(CudaViewBatch::takes(clustered.view()));

@@ -4,12 +4,12 @@
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/warp_cases.h"
 
-TEST_CASE("a warp joins its lanes' values by one instruction as by shuffles", "[cuda]") {
+TEST_CASE("a warp's reduction by one instruction equals the one by shuffles", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   CHECK(scree::tests::check_lane_sums() == "");
 }
 
-TEST_CASE("a warp stages runs of pieces past its registers as through them", "[cuda]") {
+TEST_CASE("a warp stages runs of pieces past its registers and through them alike", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   CHECK(scree::tests::check_stage_copies() == "");
 }

@@ -117,7 +117,7 @@ void tally_scene(const SceneView& scene, const View& camera, Tally& tally) {
 
 }  // namespace
 
-TEST_CASE("a cluster's linear filter holds every pixel centre that its triangles cover", "[sample_filter]") {
+TEST_CASE("a cluster's affine filter keeps every triangle that covers a pixel centre", "[sample_filter]") {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> unit(-1, 1);
   Tally sum;

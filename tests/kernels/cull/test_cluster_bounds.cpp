@@ -147,7 +147,7 @@ void tally_scene(const SceneView& scene, const View& camera, std::mt19937& rando
 
 }  // namespace
 
-TEST_CASE("bounds of clusters hold every pixel and depth code of their triangles", "[cluster_bounds]") {
+TEST_CASE("bounds of clusters contain every pixel and depth code of their triangles", "[cluster_bounds]") {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> unit(-1, 1);
   BoxTally sum;
@@ -186,7 +186,7 @@ TEST_CASE("bounds of clusters hold every pixel and depth code of their triangles
   CHECK(sum.area < 4 * sum.least_area);
 }
 
-TEST_CASE("a box is hidden only behind every sample it touches", "[cluster_bounds]") {
+TEST_CASE("a box is hidden only if it is behind every sample that it touches", "[cluster_bounds]") {
   std::mt19937 random(2);
   uint64_t hidden = 0;
   uint64_t behind = 0;

@@ -57,7 +57,7 @@ std::vector<View> cameras() {
 
 }  // namespace
 
-TEST_CASE("clusters: the picture is that of indexed chunks in the same order, bit for bit", "[raster][clusters]") {
+TEST_CASE("clusters: the picture equals that of indexed chunks in the same order, bit for bit", "[raster][clusters]") {
   const Soup soup = mixed();
   for (const int32_t exponent : {-6, -12, -18}) {
     for (const uint32_t chunk_triangles : {65536u, 1000u, 77u}) {

@@ -164,7 +164,7 @@ TEST_CASE("most triangles that are smaller than a pixel are filtered out at the 
   }
 }
 
-TEST_CASE("matrices that say nothing keep every triangle", "[sample_filter]") {
+TEST_CASE("degenerate matrices keep every triangle", "[sample_filter]") {
   SceneBuilder scene;
   scene.instance(scene.mesh(grid(4, 0.1), {}), scene.matrix({1e200, 0, 0, 0, 0, 1e200, 0, 0, 0, 0, 1e200, 0}));
   scene.instance(0, scene.matrix({NAN, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));

@@ -55,7 +55,8 @@ void build_rows(SceneBuilder& builder, Clusters clusters) {
 
 }  // namespace
 
-TEST_CASE("culling: random cameras see what all triangles give, with all of it on and off", "[raster][clusters]") {
+TEST_CASE("culling: pictures of random cameras equal pictures of all triangles, with every kind of culling on and off",
+          "[raster][clusters]") {
   for (const Clusters clusters : {Clusters::kClustered, Clusters::kNone}) {
     SceneBuilder builder;
     build_rows(builder, clusters);
@@ -87,7 +88,7 @@ TEST_CASE("culling: random cameras see what all triangles give, with all of it o
   }
 }
 
-TEST_CASE("culling: the bands of the depth pyramid are those made the plain way", "[raster][clusters]") {
+TEST_CASE("culling: the bands of the depth pyramid equal a simple implementation's", "[raster][clusters]") {
   std::mt19937_64 random(3);
   for (const auto& [width, height] : {std::pair{1, 1},
                                       {3, 5},
@@ -120,7 +121,7 @@ TEST_CASE("culling: the bands of the depth pyramid are those made the plain way"
   }
 }
 
-TEST_CASE("culling: a picture of many tiles is that of all triangles", "[raster][clusters]") {
+TEST_CASE("culling: a picture of many tiles equals that of all triangles", "[raster][clusters]") {
   SceneBuilder builder;
   build_rows(builder, Clusters::kClustered);
   const SceneView scene = builder.view();
@@ -133,7 +134,7 @@ TEST_CASE("culling: a picture of many tiles is that of all triangles", "[raster]
   CHECK(found.stats.clusters_drawn < all.stats.clusters_drawn);
 }
 
-TEST_CASE("culling: what a wall hides is not drawn", "[raster][clusters]") {
+TEST_CASE("culling: triangles behind a wall are not drawn", "[raster][clusters]") {
   for (const Clusters clusters : {Clusters::kClustered, Clusters::kNone}) {
     SceneBuilder builder;
     build_rows(builder, clusters);
@@ -156,7 +157,7 @@ TEST_CASE("culling: what a wall hides is not drawn", "[raster][clusters]") {
   }
 }
 
-TEST_CASE("culling: clusters of one object hide those behind them without a pyramid", "[raster][clusters]") {
+TEST_CASE("culling: clusters of one object hide clusters behind them without a pyramid", "[raster][clusters]") {
   SceneBuilder builder;
   Encoding encoding;
   encoding.clusters = Clusters::kClustered;
@@ -170,7 +171,7 @@ TEST_CASE("culling: clusters of one object hide those behind them without a pyra
   CHECK(found.stats.clusters_drawn < all.stats.clusters_drawn);
 }
 
-TEST_CASE("culling: of a hundred thousand instances those that show are drawn", "[raster][clusters]") {
+TEST_CASE("culling: the visible ones of a hundred thousand instances are drawn", "[raster][clusters]") {
   SceneBuilder builder;
   build_crowd(builder);
   const SceneView scene = builder.view();
@@ -187,7 +188,7 @@ TEST_CASE("culling: of a hundred thousand instances those that show are drawn", 
   }
 }
 
-TEST_CASE("culling: parts of a picture hide what comes in later ones", "[raster][clusters]") {
+TEST_CASE("culling: parts of a picture hide triangles of later parts", "[raster][clusters]") {
   SceneBuilder builder;
   build_rows(builder, Clusters::kClustered);
   SceneView scene = builder.view();
@@ -206,7 +207,7 @@ TEST_CASE("culling: parts of a picture hide what comes in later ones", "[raster]
   CHECK(samples == expected);
 }
 
-TEST_CASE("culling: chunks have an order from near to far, however near the near plane is", "[raster]") {
+TEST_CASE("culling: chunks are ordered from near to far for any near plane", "[raster]") {
   for (const float near : {1e-1f, 1e-3f, 1e-6f, 1e-12f}) {  // the near plane, as a share of the scene's size
     const float farthest = 1 / near;                        // depths count from the near plane
     CHECK(near_bucket(farthest, false, farthest) == kNearBuckets - 1);
@@ -221,7 +222,7 @@ TEST_CASE("culling: chunks have an order from near to far, however near the near
   CHECK(near_bucket(1.1f, true, 1) == kNearBuckets - 1);
 }
 
-TEST_CASE("culling: single precision keeps every box that double precision keeps, and hardly another", "[raster]") {
+TEST_CASE("culling: single precision keeps every box that double precision keeps, and few more", "[raster]") {
   std::mt19937_64 random(17);
   std::uniform_real_distribution<double> unit(-1, 1);
   uint64_t kept = 0;

@@ -10,7 +10,7 @@ using namespace scree;
 using namespace scree::tests;
 using kernels::View;
 
-TEST_CASE("a view without some instances is one of a scene without them", "[raster][omitted]") {
+TEST_CASE("a view that omits instances equals a view of a scene without them", "[raster][omitted]") {
   const bool is_blended = GENERATE(false, true);
   SceneBuilder builder;
   if (is_blended) {

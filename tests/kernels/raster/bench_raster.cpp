@@ -88,7 +88,7 @@ TEST_CASE("bench: small triangles", "[.bench]") {
 }
 
 #ifdef NDEBUG
-TEST_CASE("speed: 15 M small triangles a second and core at 1920 x 1080", "[speed]") {
+TEST_CASE("speed: 15 M small triangles per second and core at 1920 x 1080", "[speed]") {
   SceneBuilder builder;
   Encoding encoding;
   encoding.exponent = -10;

@@ -14,7 +14,7 @@ inline void add_blended_meshes(SceneBuilder& builder, bool clustered_alone) {
   const kernels::MaskView texture = mask_view(61, 37, 4, 0);
   std::vector<uint8_t> levels = noisy_levels(61, 37, 4, 5);
   for (size_t i = 0; i < levels.size(); ++i)
-    if (i % 5 != 0) levels[i] = i % 3 == 0 ? 0 : 255;  // much is clear, and much opaque
+    if (i % 5 != 0) levels[i] = i % 3 == 0 ? 0 : 255;  // many texels are transparent, and many opaque
   const uint32_t glass = builder.blended_material(0.4f);
   const uint32_t leaf = builder.blended_material(1, texture, levels);
   const uint32_t film = builder.blended_material(0.8f, texture, levels);
@@ -40,10 +40,10 @@ inline void add_blended_meshes(SceneBuilder& builder, bool clustered_alone) {
   builder.instance(meshes[2], builder.matrix({1, 0, 0, 0, 0, 1, 0, 0.5, 0, 0, 1, 0}));
 }
 
-/// What a picture's layers are: samples and alphas of each.
+/// The layers of a picture: samples and alphas of each.
 struct DrawnLayers {
   std::vector<std::vector<uint64_t>> samples;
-  std::vector<std::vector<float>> alphas;  // where a sample shows something, else 0
+  std::vector<std::vector<float>> alphas;  // 0 for samples without a surface
   kernels::BlendCounts counts;
 
   bool operator==(const DrawnLayers& other) const {

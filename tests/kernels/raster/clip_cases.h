@@ -35,8 +35,8 @@ inline CutBox random_box(std::mt19937& random, double reach) {
   return box;
 }
 
-/// Half the views with the boxes that a hand would choose: halves, slabs, a corner, a small box, everything, nothing;
-/// then the same without a box, so that frames with and without follow each other.
+/// Views with typical boxes (halves, slabs, a corner, a small box, everything, nothing), alternating with views without
+/// a box.
 inline std::vector<kernels::View> clipped_views(const std::vector<kernels::View>& views) {
   const CutBox boxes[] = {{{-9, -9, -9}, {9, 9, 0.05}},    {{-9, -0.1, -9}, {9, 0.13, 9}},
                           {{-0.3, -9, -0.4}, {9, 9, 0.6}}, {{-0.25, -0.2, -0.3}, {0.3, 0.35, 0.2}},
@@ -50,7 +50,7 @@ inline std::vector<kernels::View> clipped_views(const std::vector<kernels::View>
   return out;
 }
 
-/// Whether what a picture shows at sample `i` lies in the view's box.
+/// Whether the surface at sample `i` lies in the view's box.
 inline bool shows_inside(const kernels::View& view, const std::vector<uint64_t>& samples, size_t i) {
   const kernels::FrameView frame = kernels::make_frame_view(view);
   return !kernels::is_cut_away(frame, static_cast<int32_t>(i % view.width), static_cast<int32_t>(i / view.width),

@@ -30,7 +30,7 @@ struct HardCase {
 /// Comparison of a case's pictures with the reference, summed over all views.
 struct Figures {
   uint64_t pixels = 0;
-  uint64_t covered = 0;         // by us
+  uint64_t covered = 0;         // by scree
   uint64_t reference = 0;       // by the reference
   uint64_t background = 0;      // covered by one and not by the other
   uint64_t other_triangle = 0;  // covered by both, by triangles that do not coincide there

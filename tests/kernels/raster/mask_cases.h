@@ -118,7 +118,7 @@ inline std::vector<kernels::View> masked_views(uint32_t share = 1) {
           orthographic(near, 0.3, 0.01, 9)};
 }
 
-/// A walk around the scene, because a frame reuses the visibility of the previous one. `turn`: per step, in radians.
+/// A walk around the scene, because a frame reuses the visibility of the previous frame. `turn`: radians per step.
 inline std::vector<kernels::View> walk(int steps, double turn, uint32_t width, uint32_t height) {
   std::vector<kernels::View> views;
   for (int step = 0; step < steps; ++step) {

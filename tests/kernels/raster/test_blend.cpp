@@ -1,5 +1,5 @@
-// Blended surfaces: layers compared with all fragments sorted one by one, pictures with numbers, and the same picture
-// for every order of triangles.
+// Blended surfaces: layers equal all fragments sorted one by one, colours equal numbers worked out by hand, and the
+// order of triangles changes nothing.
 #include <algorithm>
 #include <random>
 #include <vector>
@@ -74,7 +74,7 @@ TEST_CASE("layers are all fragments of blended surfaces in order", "[blend]") {
     const DrawnLayers layers = draw_layers(scene, view);
     CHECK(layers.counts.samples_left_out == 0);
     CHECK(layers.samples.size() == layers.counts.layers);
-    // The nearest fragment of each instance has to be in some layer, unless what lies before it lets nothing through.
+    // The nearest fragment of each instance has to be in some layer, unless opaque fragments lie before it.
     for (uint64_t i = 0; i < scene.instance_count; ++i) {
       const std::vector<uint64_t> own = draw_instance(blended, view, i);
       for (size_t s = 0; s < own.size(); ++s) {
@@ -106,7 +106,7 @@ TEST_CASE("layers are all fragments of blended surfaces in order", "[blend]") {
   CHECK(compared > 100000);
 }
 
-TEST_CASE("blended layers do not depend on threads or on how many are drawn", "[blend]") {
+TEST_CASE("blended layers do not depend on threads or on the number of drawn layers", "[blend]") {
   SceneBuilder builder;
   add_blended_meshes(builder, false);
   const SceneView scene = builder.view();
@@ -146,7 +146,7 @@ TEST_CASE("blended colours are laid over what lies behind them", "[blend]") {
         (std::vector<uint8_t>{code(0.875), code(0.5), code(0.375), 255}));
   CHECK(counts.layers == 2);
   CHECK(counts.samples_left_out == 0);
-  // Over nothing: what is there has an alpha of 0.625.
+  // Over an empty background the result has an alpha of 0.625.
   std::fill_n(options.background, 4, 0.0f);
   CHECK(first(picture(stack.builder.view(), kAbove, options, nullptr, side)) ==
         (std::vector<uint8_t>{code(0.8), code(0.2), 0, 159}));
@@ -159,7 +159,7 @@ TEST_CASE("blended colours are laid over what lies behind them", "[blend]") {
   CHECK(counts.samples_left_out == uint64_t{64} * side * side);
   options.blend_layers = 0;
   CHECK(first(picture(stack.builder.view(), kAbove, options, &counts, side)) == std::vector<uint8_t>(4, 255));
-  // An opaque surface hides a layer behind it, and is seen through those before.
+  // An opaque surface hides a layer behind it, and is visible through the layers before it.
   options.blend_layers = 16;
   stack.add(blue, 1.5);
   CHECK(first(picture(stack.builder.view(), kAbove, options, &counts, side)) ==
@@ -167,7 +167,7 @@ TEST_CASE("blended colours are laid over what lies behind them", "[blend]") {
   CHECK(counts.layers == 1);
 }
 
-TEST_CASE("the order of blended triangles does not show", "[blend]") {
+TEST_CASE("the picture does not depend on the order of blended triangles", "[blend]") {
   // Squares at different heights, drawn in any order.
   std::vector<size_t> order{0, 1, 2, 3, 4, 5, 6, 7, 8, 9};
   ShadeOptions options;
@@ -187,7 +187,7 @@ TEST_CASE("the order of blended triangles does not show", "[blend]") {
   }
 }
 
-TEST_CASE("blended surfaces of alpha 1 are in the opaque picture, clear ones in none", "[blend]") {
+TEST_CASE("blended surfaces of alpha 1 are in the opaque picture, transparent ones in no layer", "[blend]") {
   Stack stack;
   const kernels::MaskView texture = mask_view(16, 16, 1, 0);
   const uint32_t code = GENERATE(0u, 254u, 255u);

@@ -83,7 +83,7 @@ TEST_CASE("clip: triangles cut at the near plane alone have the corners that cut
   CHECK(sums.by_count[1] + sums.by_count[2] == 0);
 }
 
-TEST_CASE("clip: coordinates that are no sane numbers are left to the long way", "[raster]") {
+TEST_CASE("clip: clip_near() refuses coordinates that are not finite or too large", "[raster]") {
   const FrameView view = small_view();
   for (const double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), -1e300}) {
     for (int axis = 0; axis < 3; ++axis) {

@@ -1,5 +1,5 @@
-// The clipping box: pictures against a plain ray caster in double precision; the rule's worked example; culling by the
-// box leaves out nothing that is seen.
+// The clipping box: pictures compared with a simple ray caster in double precision; the specification's worked example;
+// culling by the box removes nothing visible.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -52,8 +52,8 @@ Soup on_lattice(Soup soup) {
 
 enum class Cast { kSure, kUnsure };
 
-/// The triangle that a sample shows, kBackground if none; or that rounding may decide otherwise: near an edge, a plane
-/// of the box, or another triangle.
+/// The triangle at a sample, or kBackground. Also finds samples where rounding decides: near an edge, a plane of the
+/// box, or another triangle.
 Cast cast(const CastScene& scene, const View& view, uint32_t x, uint32_t y, uint64_t& id) {
   const double across = (2 * (x + 0.5) / view.width - 1) * view.half_width;
   const double down = (2 * (y + 0.5) / view.height - 1) * view.half_height;
@@ -63,7 +63,7 @@ Cast cast(const CastScene& scene, const View& view, uint32_t x, uint32_t y, uint
     origin[k] = view.eye[k] + (view.orthographic ? off : 0);
     ray[k] = view.forward[k] + (view.orthographic ? 0 : off);
   }
-  constexpr double kNear = 1e-3;  // what counts as near: a share of a triangle or of the distance
+  constexpr double kNear = 1e-3;  // limit of "near": a share of a triangle or of the distance
   double nearest = INFINITY, second = INFINITY;
   id = kernels::kBackground;
   for (size_t t = 0; t < scene.triangles.size(); ++t) {
@@ -89,7 +89,7 @@ Cast cast(const CastScene& scene, const View& view, uint32_t x, uint32_t y, uint
       in_box = std::min({in_box, at - view.clip_min[k], view.clip_max[k] - at});
     }
     if (in_box < -kNear * distance) continue;
-    // A triangle that is there perhaps matters only if it would be seen.
+    // An undecided triangle matters only if it would be visible.
     const bool perhaps = inside < 10 * kNear || in_box < kNear * distance || distance < first * (1 + kNear) ||
                          distance > last * (1 - kNear);
     if (perhaps) {
@@ -108,7 +108,7 @@ Cast cast(const CastScene& scene, const View& view, uint32_t x, uint32_t y, uint
 
 }  // namespace
 
-TEST_CASE("pictures with a clipping box are those of a ray caster", "[raster][clip]") {
+TEST_CASE("pictures with a clipping box equal a ray caster's", "[raster][clip]") {
   CastScene scene;
   Encoding lattice;
   lattice.chunk_triangles = 100;
@@ -148,7 +148,7 @@ TEST_CASE("pictures with a clipping box are those of a ray caster", "[raster][cl
   CHECK(changed > all / 5);
 }
 
-TEST_CASE("a clipping box cuts where the rule says", "[raster][clip]") {
+TEST_CASE("a clipping box cuts by the rule of the specification", "[raster][clip]") {
   // The example of spec/rasterization.md 14.
   View view = look_at({1, 2, 5}, {1, 2, 0}, 4, 2, 0.5);
   view.half_width = 2;
@@ -195,7 +195,7 @@ TEST_CASE("a clipping box cuts where the rule says", "[raster][clip]") {
   CHECK_FALSE(shows(-1, at - 1e-12));
 }
 
-TEST_CASE("a clipping box leaves what lies in it, and nothing else", "[raster][clip]") {
+TEST_CASE("a clipping box keeps exactly the samples inside", "[raster][clip]") {
   const bool is_blended = GENERATE(false, true);
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
@@ -218,7 +218,7 @@ TEST_CASE("a clipping box leaves what lies in it, and nothing else", "[raster][c
       size_t wrong = 0;
       for (size_t i = 0; i < found.size(); ++i) {
         const bool is_inside = uncut[i] != kernels::kBackground && shows_inside(view, uncut, i);
-        // A sample inside stays. Any other shows the background, or something behind it that lies inside.
+        // A sample inside the box stays. Any other sample has the background, or a surface behind it that is inside.
         const bool is_right =
             is_inside ? found[i] == uncut[i]
                       : found[i] == kernels::kBackground || (found[i] > uncut[i] && shows_inside(view, found, i));
@@ -232,7 +232,7 @@ TEST_CASE("a clipping box leaves what lies in it, and nothing else", "[raster][c
   }
 }
 
-TEST_CASE("nested clipping boxes cut away more and more", "[raster][clip]") {
+TEST_CASE("smaller nested clipping boxes keep fewer samples", "[raster][clip]") {
   SceneBuilder builder;
   add_masked_meshes(builder, false);
   const kernels::SceneView scene = builder.view();
@@ -277,7 +277,7 @@ TEST_CASE("layers of blended surfaces end at a clipping box", "[raster][clip][bl
   CHECK((draw_layers(scene, clipping(whole, {{-99, -99, -99}, {99, 99, 99}})) == draw_layers(scene, whole)));
 }
 
-TEST_CASE("what lies outside a clipping box is culled", "[raster][clip]") {
+TEST_CASE("triangles outside a clipping box are culled", "[raster][clip]") {
   SceneBuilder builder;
   Encoding clustered;
   clustered.clusters = Clusters::kClustered;
@@ -293,11 +293,11 @@ TEST_CASE("what lies outside a clipping box is culled", "[raster][clip]") {
     const kernels::FrameStats all = draw_counted(scene, whole, {}).stats;
     CHECK(all.instances_drawn == 16);
     CHECK(stats({{-9, -9, -9}, {99, 9, 9}}).instances_drawn == 16);
-    // The box of the second sphere alone.
+    // A box around the second sphere only.
     const kernels::FrameStats one = stats({{1.9, -1.1, -1.1}, {4.1, 1.1, 1.1}});
     CHECK(one.instances_drawn == 1);
     CHECK(one.draws == 1);
-    // A slab through all spheres: they stay, most of their clusters go.
+    // A slab through all spheres: each stays in part, most of their clusters are culled.
     const kernels::FrameStats slab = stats({{-9, 0.2, -9}, {99, 0.25, 9}});
     CHECK(slab.instances_drawn == 8);
     CHECK(slab.clusters_drawn > 0);
@@ -306,7 +306,7 @@ TEST_CASE("what lies outside a clipping box is culled", "[raster][clip]") {
   }
 }
 
-TEST_CASE("clipping boxes that are none are refused", "[raster][clip]") {
+TEST_CASE("invalid clipping boxes are refused", "[raster][clip]") {
   SceneBuilder builder;
   builder.instance(builder.mesh(grid(2, 0), {}), builder.identity());
   const kernels::SceneView scene = builder.view();

@@ -50,7 +50,7 @@ TEST_CASE("hard: slivers of aspect 1e6 side by side cover each pixel once", "[ha
   }
 }
 
-TEST_CASE("hard: triangles without area and triangles that come twice", "[hard]") {
+TEST_CASE("hard: triangles without area and duplicate triangles", "[hard]") {
   judged("degenerate and duplicate triangles", 10, 40, 2e-3);
   HardCase hard = make_hard_case("degenerate and duplicate triangles");
   const std::vector<uint64_t> samples = draw(hard.builder.view(), hard.views[0]);
@@ -66,7 +66,7 @@ TEST_CASE("hard: triangles without area and triangles that come twice", "[hard]"
   note("duplicate triangles", "none of the copies shows, " + number(turned) + " pixels of copies turned");
 }
 
-TEST_CASE("hard: of coincident surfaces the smaller id shows", "[hard]") {
+TEST_CASE("hard: the smaller id of coincident surfaces is visible", "[hard]") {
   judged("coincident surfaces", 10, 130, 5e-3);
   HardCase hard = make_hard_case("coincident surfaces");
   const uint64_t first = grid(20, 0.2).indices.size() / 3;
@@ -187,7 +187,7 @@ TEST_CASE("hard: pictures of 1 x 1, 1 x 8192, 8192 x 1 and odd sizes", "[hard]")
   CHECK(figures.pixels == 1 + 8192 + 8192 + 6 + 129 * 127);
 }
 
-TEST_CASE("hard: every case is drawn in clusters as from indexed chunks in their order", "[hard][clusters]") {
+TEST_CASE("hard: every case is equal in clusters and in indexed chunks of the same order", "[hard][clusters]") {
   for (const NamedCase& named : hard_cases()) {
     INFO(named.name);
     const HardCase hard = named.make();

@@ -44,7 +44,7 @@ void build(SceneBuilder& builder, const Encoding& encoding) {
 }
 
 std::vector<Encoding> encodings() {
-  Encoding fine;  // more than 64 bits a vertex
+  Encoding fine;  // more than 64 bits per vertex
   fine.exponent = -20;
   return {Encoding{}, fine, float32()};
 }
@@ -58,7 +58,7 @@ std::vector<uint32_t> indices_of(SceneBuilder& builder) {
   return indices;
 }
 
-/// Everything that is drawn of a scene: samples, by each path of the CPU, and shaded pictures.
+/// All results for a scene: samples by each path of the CPU, and shaded pictures.
 struct Pictures {
   std::vector<uint64_t> samples;
   std::vector<float> shaded;
@@ -134,7 +134,7 @@ std::unique_ptr<SparseBytes> spread(SceneBuilder& builder, std::vector<uint32_t>
 
 }  // namespace
 
-TEST_CASE("hard: indices of more bits than they need are drawn alike, to 32", "[raster][hard]") {
+TEST_CASE("hard: indices with more bits than needed, up to 32, draw the same", "[raster][hard]") {
   for (const Encoding& encoding : encodings()) {
     SceneBuilder builder;
     build(builder, encoding);
@@ -156,7 +156,7 @@ TEST_CASE("hard: indices of more bits than they need are drawn alike, to 32", "[
   }
 }
 
-TEST_CASE("hard: index spans about 2^7 to 2^32, drawn", "[raster][hard]") {
+TEST_CASE("hard: index spans around 2^7 to 2^32 are drawn", "[raster][hard]") {
   std::vector<uint32_t> spans{kLastVertex};
   // The CPU's reader changes at 20 bits.
   for (uint32_t k = 7; k < 32; k = k == 8 ? 16 : k + (kIsSanitized && k >= 16 ? 4 : 1))

@@ -102,7 +102,7 @@ TEST_CASE("lanes: a team finds the last value not above a key", "[lanes]") {
     }
 }
 
-TEST_CASE("lanes: a team's pixels are a thread's", "[lanes]") {
+TEST_CASE("lanes: a team draws the same pixels as a thread", "[lanes]") {
   // Many small instances in chunks of few triangles: tiles with one chunk, with some, and with more than are searched
   // together.
   SceneBuilder builder;

@@ -1,5 +1,5 @@
-// Alpha masks: the rule's parts with numbers, pictures compared with an independent ray cast, and the same picture for
-// every way to draw it.
+// Alpha masks: the rule's parts with numbers worked out by hand, pictures compared with an independent ray caster, and
+// the same picture for every way of drawing.
 #include <cmath>
 
 #include "tests/catch.h"
@@ -11,7 +11,7 @@ using namespace scree::kernels;
 using namespace scree::tests;
 using format::Wrap;
 
-TEST_CASE("texels, levels and alpha of masks are those of the vectors", "[mask]") {
+TEST_CASE("texels, levels and alpha of masks equal the test vectors", "[mask]") {
   for (const SpecVector& vector : spec_vectors("masks.txt")) {
     if (vector.has("texels")) {
       const std::vector<std::string> words = vector.words("texels");
@@ -116,7 +116,7 @@ double alpha_above(const View& view, const MaskView& mask, double repeats, doubl
 
 }  // namespace
 
-TEST_CASE("a masked quad has the holes that a ray cast sees", "[mask]") {
+TEST_CASE("a masked quad has the holes that ray casting finds", "[mask]") {
   const double repeats = GENERATE(0.7, 9.0);
   const double slope = GENERATE(0.0, 0.6);  // of vertex colours; 0: none
   SceneBuilder masked;
@@ -183,7 +183,7 @@ TEST_CASE("the alpha of vertex colours scales that of a mask", "[mask]") {
   }
 }
 
-TEST_CASE("masked scenes are one picture whatever way they are drawn", "[mask]") {
+TEST_CASE("masked scenes are one picture in every way of drawing", "[mask]") {
   SceneBuilder builder;
   add_masked_meshes(builder, GENERATE(false, true));
   const SceneView scene = builder.view();

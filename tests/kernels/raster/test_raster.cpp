@@ -119,7 +119,7 @@ Soup random_soup(std::mt19937& random, uint32_t count) {
 
 }  // namespace
 
-TEST_CASE("raster: every pixel as a loop over all triangles and pixels has it", "[raster]") {
+TEST_CASE("raster: every pixel equals a loop over all triangles and pixels", "[raster]") {
   std::mt19937 random(7);
   for (int round = 0; round < 24; ++round) {
     SceneBuilder builder;
@@ -174,7 +174,7 @@ TEST_CASE("raster: a picture does not depend on threads, instruction set or size
   }
 }
 
-TEST_CASE("raster: meshes of all three sizes of triangles give the statistics of their stages", "[raster]") {
+TEST_CASE("raster: triangles of all three sizes are counted in their stages", "[raster]") {
   SceneBuilder builder;
   Soup soup;
   const auto add = [&](double x, double y, double size) {
@@ -208,7 +208,7 @@ TEST_CASE("raster: meshes of all three sizes of triangles give the statistics of
   }
 }
 
-TEST_CASE("raster: centres on an edge belong to the triangle below or right of it", "[raster]") {
+TEST_CASE("raster: centres on an edge belong to the triangle below or to the right", "[raster]") {
   // 64 samples per unit, with the image's centre on a corner of samples: centres lie at odd multiples of 1 / 128.
   const View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 64, 64), 0.5, 0, 2);
   Encoding encoding;
@@ -251,7 +251,7 @@ TEST_CASE("raster: centres on an edge belong to the triangle below or right of i
   CHECK(left_below.size() + right_above.size() == 100);
 }
 
-TEST_CASE("raster: the depth of a pixel lies within the corners' range, in both arithmetics", "[raster]") {
+TEST_CASE("raster: the depth of a pixel is within the corners' range, in both arithmetics", "[raster]") {
   std::mt19937 random(37);
   std::uniform_int_distribution<int32_t> place(0, 3000);
   std::uniform_real_distribution<float> depth(0.0f, 1.0f);

@@ -8,7 +8,7 @@ using namespace scree;
 using namespace scree::kernels;
 using namespace scree::tests;
 
-TEST_CASE("raster: far from the world's origin the picture is the one at the origin", "[raster]") {
+TEST_CASE("raster: a scene far from the world's origin gives the same picture as at the origin", "[raster]") {
   for (bool float32 : {false, true}) {
     Encoding encoding;
     encoding.float32 = float32;
@@ -131,7 +131,7 @@ TEST_CASE("raster: projection is within a few ulps of double precision, snapped 
   }
 }
 
-TEST_CASE("raster: a vertex counts as outside a plane of the view only where double precision agrees", "[raster]") {
+TEST_CASE("raster: a vertex counts as outside a plane of the view only if double precision agrees", "[raster]") {
   std::mt19937 random(41);
   std::uniform_real_distribution<double> unit(-1, 1);
   uint64_t unsure = 0;
@@ -296,7 +296,7 @@ TEST_CASE("raster: slivers and points", "[raster]") {
   CHECK(covered(draw(points.view(), look_at({0, 0, 1}, {0, 0, 0}, 64, 64))) == 0);
 }
 
-TEST_CASE("raster: images of 16384 samples a side", "[raster]") {
+TEST_CASE("raster: images of 16384 samples per side", "[raster]") {
   SceneBuilder builder;
   builder.instance(builder.mesh(square(), Encoding{}), builder.identity());
   for (const auto& [width, height] : {std::array<uint32_t, 2>{16384, 3}, std::array<uint32_t, 2>{2, 16384}}) {
@@ -334,7 +334,7 @@ TEST_CASE("raster: ids past 2^32", "[raster]") {
   CHECK(refused.error().code == ErrorCode::kRange);
 }
 
-TEST_CASE("raster: a triangle of an id, with empty meshes and chunks between", "[raster]") {
+TEST_CASE("raster: the triangle of an id, with empty meshes and chunks in between", "[raster]") {
   SceneBuilder builder;
   Encoding encoding;
   encoding.chunk_triangles = 7;
@@ -391,7 +391,7 @@ TEST_CASE("raster: depth codes", "[raster]") {
   }
 }
 
-TEST_CASE("raster: pages that are not there are left out, wrong sizes refused", "[raster]") {
+TEST_CASE("raster: absent pages are left out, wrong sizes are refused", "[raster]") {
   SceneBuilder builder;
   Encoding encoding;
   encoding.chunk_triangles = 16;

@@ -69,7 +69,7 @@ TEST_CASE("occlusion: a plane that faces the camera keeps all its light, and so 
   }
 }
 
-TEST_CASE("occlusion: a tilted plane is not open to itself", "[occlusion]") {
+TEST_CASE("occlusion: a tilted plane does not occlude itself", "[occlusion]") {
   for (const bool flat : {false, true}) {
     for (const double tilt : {0.3, 1.0, 3.0}) {
       Soup soup;
@@ -175,7 +175,7 @@ TEST_CASE("occlusion: a corner is darkest in its crease, at any scale", "[occlus
   }
 }
 
-TEST_CASE("occlusion: the same for any number of threads; sizes that do not fit are refused", "[occlusion]") {
+TEST_CASE("occlusion: equal for any number of threads; wrong sizes are refused", "[occlusion]") {
   SceneBuilder builder;
   builder.instance(builder.mesh(grid(30, 0.3), Encoding{}), builder.identity());
   const View view = look_at({0.3, 1, 2}, {0, 0, 0}, 202, 102);

@@ -1,4 +1,4 @@
-// Layers of floats, held against rays and planes in world space.
+// Layers of floats, compared with rays and planes in world space.
 #include <array>
 #include <cmath>
 #include <random>
@@ -46,7 +46,7 @@ Layers layers_of(const SceneView& scene, const View& view, uint32_t side, const 
   return out;
 }
 
-/// A bumpy sphere whose vertices have texture coordinates and, where asked for, normals that are not the faces'.
+/// A bumpy sphere whose vertices have texture coordinates and, on request, normals that differ from the faces'.
 Soup ball(bool with_normals) {
   Soup soup = sphere(12, 0.1);
   for (size_t i = 0; i < soup.positions.size(); i += 3) {
@@ -61,7 +61,7 @@ Soup ball(bool with_normals) {
   return soup;
 }
 
-/// Where the ray of a sample meets the triangle's plane, as weights of its corners.
+/// The intersection of a sample's ray with the triangle's plane, as weights of its corners.
 Vector weights_of(const View& view, uint32_t x, uint32_t y, const std::array<Vector, 3>& corner) {
   const double across = (2 * (x + 0.5) / view.width - 1) * view.half_width;
   const double up = (1 - 2 * (y + 0.5) / view.height) * view.half_height;
@@ -81,7 +81,7 @@ Vector weights_of(const View& view, uint32_t x, uint32_t y, const std::array<Vec
   return weights;
 }
 
-/// Holds every pixel of a scene of one mesh and several instances against the reference.
+/// Compares every pixel of a scene of one mesh and several instances with the reference.
 void check(SceneBuilder& builder, const Soup& soup, const View& view) {
   const SceneView scene = builder.view();
   const std::vector<uint64_t> samples = draw(scene, view);
@@ -130,7 +130,7 @@ void check(SceneBuilder& builder, const Soup& soup, const View& view) {
           expected[r] = turned * dot(cross(a, b), object);
         }
         expected = unit(expected);
-        tolerance = 3e-3;  // of 12 bits a code, under matrices that stretch
+        tolerance = 3e-3;  // for codes of 12 bits, under matrices that stretch
       }
       for (size_t i = 0; i < 3; ++i) CHECK(static_cast<double>(normal[i]) == Approx(expected[i]).margin(tolerance));
       if (!soup.uvs.empty()) {
@@ -150,7 +150,7 @@ void check(SceneBuilder& builder, const Soup& soup, const View& view) {
 
 }  // namespace
 
-TEST_CASE("normals and texture coordinates are those where a pixel's ray meets the triangle", "[shade][layers]") {
+TEST_CASE("normals and texture coordinates are interpolated where a pixel's ray hits the triangle", "[shade][layers]") {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> any(-1, 1);
   for (const bool with_normals : {false, true}) {
@@ -165,7 +165,7 @@ TEST_CASE("normals and texture coordinates are those where a pixel's ray meets t
     const View view = look_at({2, 1.5, 4}, {0, 0, 0}, 71, 53);
     check(builder, soup, view);
     check(builder, soup, orthographic(view, 1.5, 0.1, 20));
-    check(builder, soup, look_at({0.2, 0.1, 0.3}, {1, 0, 0}, 60, 40, 0.01));  // from within: the backs
+    check(builder, soup, look_at({0.2, 0.1, 0.3}, {1, 0, 0}, 60, 40, 0.01));  // from inside: back faces
   }
 }
 
@@ -176,7 +176,7 @@ TEST_CASE("a mesh without texture coordinates has zeros, and normals of its face
   check(builder, soup, look_at({0, 1, 3}, {0, 0, 0}, 40, 40));
 }
 
-TEST_CASE("layers of packed chunks are those of floats but for the lattice", "[shade][layers]") {
+TEST_CASE("layers of packed chunks equal those of floats within the lattice's error", "[shade][layers]") {
   const Soup soup = ball(true);
   const View view = look_at({2, 1.5, 4}, {0, 0, 0}, 60, 60);
   SceneBuilder exact;
@@ -202,7 +202,7 @@ TEST_CASE("layers of packed chunks are those of floats but for the lattice", "[s
   }
 }
 
-TEST_CASE("a pixel of every layer shows its nearest sample", "[shade][layers]") {
+TEST_CASE("a pixel of every layer has its nearest sample", "[shade][layers]") {
   const Soup soup = ball(true);
   SceneBuilder builder;
   builder.instance(builder.mesh(soup, float32()), builder.identity());

@@ -100,7 +100,7 @@ void add_uvs(Soup& soup, float repeats) {
 
 }  // namespace
 
-TEST_CASE("resolve: a pixel is the mean of its samples' light, whatever is shown", "[resolve]") {
+TEST_CASE("resolve: a pixel is the mean of its samples' light, for every kind of picture", "[resolve]") {
   SceneBuilder builder;
   const NoiseTexture texture(64);
   Soup soup = sphere(20, 0.2);
@@ -152,7 +152,7 @@ TEST_CASE("resolve: a pixel is the mean of its samples' light, whatever is shown
   }
 }
 
-TEST_CASE("resolve: occlusion takes from the light of surfaces, not from the background", "[resolve]") {
+TEST_CASE("resolve: occlusion darkens surfaces, not the background", "[resolve]") {
   SceneBuilder builder;
   builder.instance(builder.mesh(grid(12, 0.4), Encoding{}), builder.identity());
   const SceneView scene = builder.view();
@@ -185,7 +185,7 @@ TEST_CASE("resolve: occlusion takes from the light of surfaces, not from the bac
   CHECK(darkened > 100);
 }
 
-TEST_CASE("resolve: sizes that do not fit each other are refused", "[resolve]") {
+TEST_CASE("resolve: buffers of different sizes are refused", "[resolve]") {
   SceneBuilder builder;
   builder.instance(builder.mesh(grid(2, 0), Encoding{}), builder.identity());
   const View view = look_at({0, 1, 2}, {0, 0, 0}, 12, 8);
@@ -205,7 +205,7 @@ TEST_CASE("resolve: sizes that do not fit each other are refused", "[resolve]") 
   CHECK_FALSE(resolve_cpu(builder.view(), view, 1, std::span(samples).first(95), ShadeOptions{}, 3, pixels, 1));
 }
 
-TEST_CASE("resolve: sRGB codes are those of the formula, at every border", "[resolve]") {
+TEST_CASE("resolve: sRGB codes equal the formula's, at every border", "[resolve]") {
   const SrgbTables tables = make_srgb_tables();
   for (uint32_t code = 0; code < 256; ++code) {
     CHECK(srgb_code(tables, tables.linear[code]) == code);
@@ -255,7 +255,7 @@ TEST_CASE("resolve: single precision is within a level of double", "[resolve]") 
   check_total(total);
 }
 
-TEST_CASE("resolve: two triangles of a wide ground are as sharp as in double", "[resolve]") {
+TEST_CASE("resolve: a wide ground of two triangles is as sharp as in double precision", "[resolve]") {
   const NoiseTexture texture(1024);
   Difference total;
   for (const double reach : {1.0, 100.0, 10000.0}) {

@@ -76,7 +76,7 @@ void check_close(const std::vector<float>& a, const std::vector<float>& b, doubl
 
 }  // namespace
 
-TEST_CASE("shade: a texture shown texel for pixel comes back exactly", "[shade]") {
+TEST_CASE("shade: a texture with one texel per pixel is shown exactly", "[shade]") {
   const uint32_t side = 16;
   const Texture texture(side, noise(side, 1));
   TexturedSquare square_scene(square(0, 0, 1, 1), texture);
@@ -118,7 +118,7 @@ TEST_CASE("shade: magnified textures are bilinear in linear light, or nearest", 
   }
 }
 
-TEST_CASE("shade: minified textures take the mip level of their footprint", "[shade]") {
+TEST_CASE("shade: minified textures use the mip level of their footprint", "[shade]") {
   const Texture texture(64, noise(64, 3));
   TexturedSquare square_scene(square(0, 0, 1, 1), texture);
   for (uint32_t level = 1; level <= 6; ++level) {
@@ -165,7 +165,7 @@ TEST_CASE("shade: wrap modes", "[shade]") {
   }
 }
 
-TEST_CASE("shade: thousands of repeats away a texture is as sharp", "[shade]") {
+TEST_CASE("shade: a texture is as sharp thousands of repeats away", "[shade]") {
   const Texture texture(64, noise(64, 5));
   TexturedSquare near(square(0, 0, 1, 1), texture);
   const std::vector<float> expected = shaded(near.builder.view(), front(100), ShadeOptions{});
@@ -202,7 +202,8 @@ TEST_CASE("shade: KHR_texture_transform scales, rotates counter-clockwise, then 
               shaded(expected.builder.view(), front(32), ShadeOptions{}), 1e-4);
 }
 
-TEST_CASE("shade: perspective, clipped and edge-on: texture coordinates where the ray meets the plane", "[shade]") {
+TEST_CASE("shade: perspective, clipped and edge-on: texture coordinates at the intersection of ray and plane",
+          "[shade]") {
   Soup floor = square(0, 0, 1, 1);  // rotated down: y = 0, from z = -20 to 20
   for (size_t v = 0; v < 4; ++v) {
     floor.positions[3 * v + 2] = -20 * floor.positions[3 * v + 1];

@@ -1,4 +1,4 @@
-// Surfaces under light, against glTF 2.0's appendix B in double and cases that are known without it.
+// Lit surfaces, compared with glTF 2.0's appendix B in double precision, and with cases that are known without it.
 #include "kernels/shade/surface.h"
 
 #include <algorithm>
@@ -149,7 +149,7 @@ ShadeOptions lit_by(Lighting lighting) {
 
 }  // namespace
 
-TEST_CASE("surface: the BRDF is appendix B's", "[surface]") {
+TEST_CASE("surface: the BRDF equals glTF's appendix B", "[surface]") {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(0, 1);
   const auto direction = [&] {
@@ -192,7 +192,7 @@ TEST_CASE("surface: examples of the specification", "[surface]") {
   CHECK(mixed > 5);
 }
 
-TEST_CASE("surface: light from all around is mixed of dielectric and metal as well", "[surface]") {
+TEST_CASE("surface: light from all around is mixed for dielectric and metal too", "[surface]") {
   const View view = cameras()[0];
   LitSquare scene;
   scene.environment = even_light(1);
@@ -215,7 +215,7 @@ TEST_CASE("surface: light from all around is mixed of dielectric and metal as we
   }
 }
 
-TEST_CASE("surface: under even light white stays white, and metal takes no more than comes", "[surface]") {
+TEST_CASE("surface: white stays white under uniform light, and metal reflects no more than it receives", "[surface]") {
   for (const View& view : cameras()) {
     LitSquare scene;
     scene.environment = even_light(1);
@@ -238,7 +238,7 @@ TEST_CASE("surface: under even light white stays white, and metal takes no more 
     CHECK(scene.middle(view, lit_by(Lighting::kAuto))[0] == Approx(0.6).margin(1e-3));
     scene.surface.emission[2] = 3;
     CHECK(scene.middle(view, lit_by(Lighting::kAuto))[2] == Approx(3.6).margin(1e-3));
-    // Without an environment, or asked for, the camera's light; unlit as it is.
+    // The camera's light, without an environment or on request; unlit materials have their own colour.
     CHECK(scene.middle(view, lit_by(Lighting::kCamera))[0] == Approx(0.2 * 0.6 + 0.8).margin(1e-3));
     scene.environment.clear();
     CHECK(scene.middle(view, lit_by(Lighting::kAuto))[0] == Approx(0.2 * 0.6 + 0.8).margin(1e-3));
@@ -262,7 +262,7 @@ TEST_CASE("surface: textures of roughness, metalness and specular multiply their
   using Use = format::SurfaceUse;
   CHECK(lit(1, 1, &half, Use::kMetallicRoughness) == Approx(lit(0.2f, 1, nullptr, Use::kMetallicRoughness)));
   CHECK(lit(0, 1, &alpha, Use::kSpecular) == Approx(lit(0, 0.2f, nullptr, Use::kSpecular)));
-  CHECK(lit(0, 0, nullptr, Use::kSpecular) == Approx(0.25f));  // nothing but what is matt
+  CHECK(lit(0, 0, nullptr, Use::kSpecular) == Approx(0.25f));  // only diffuse light
 }
 
 TEST_CASE("surface: a normal map's red points along u, its green against v", "[surface]") {
@@ -286,7 +286,7 @@ TEST_CASE("surface: a normal map's red points along u, its green against v", "[s
   }
 }
 
-TEST_CASE("surface: a texture of the second coordinates is read at them", "[surface]") {
+TEST_CASE("surface: a texture with second coordinates is sampled at them", "[surface]") {
   // Black on the left and white on the right; the first coordinates lie all on the left, the second on the right.
   const std::array<uint8_t, 8> texels{0, 0, 0, 255, 255, 255, 255, 255};
   for (const View& view : cameras()) {
@@ -353,7 +353,7 @@ TEST_CASE("surface: a mesh's own tangents turn its normal map", "[surface]") {
   }
 }
 
-TEST_CASE("surface: lights of a scene fall off as KHR_lights_punctual says", "[surface]") {
+TEST_CASE("surface: lights of a scene fall off by the formulas of KHR_lights_punctual", "[surface]") {
   for (const View& view : cameras()) {
     LitSquare scene;
     scene.surface.specular = 0;
@@ -369,7 +369,7 @@ TEST_CASE("surface: lights of a scene fall off as KHR_lights_punctual says", "[s
     scene.lights[0].range = 1.5f;
     CHECK(scene.middle(view, lit_by(Lighting::kScene))[0] == 0.0f);
     scene.lights[0].range = 0;
-    // A spot that looks past the middle by 30 degrees, between cones of 0 and 60.
+    // A spot light that points 30 degrees beside the middle, between cones of 0 and 60.
     scene.lights[0].kind = format::LightKind::kSpot;
     scene.lights[0].direction[0] = 0.5f;
     scene.lights[0].direction[2] = -std::sqrt(0.75f);
@@ -382,7 +382,7 @@ TEST_CASE("surface: lights of a scene fall off as KHR_lights_punctual says", "[s
   }
 }
 
-TEST_CASE("surface: scenes of base colours are shaded as ever unless light is asked for", "[surface]") {
+TEST_CASE("surface: scenes of base colours are lit by the camera unless another light is requested", "[surface]") {
   LitSquare scene;
   const SceneView view = scene.builder.view();
   CHECK(!shades_surfaces(view, {}));

@@ -1,4 +1,4 @@
-// Rounds of shading with pages that are brought between them, in any amount of room.
+// Rounds of shading with pages that are loaded between them, with any amount of memory.
 #include "kernels/shade/texel_pager.h"
 
 #include <algorithm>
@@ -45,7 +45,7 @@ class TestPager final : public kernels::TexelPager {
   }
 
   size_t brought = 0;
-  size_t most_brought = 0;  // as long as it has a patience
+  size_t most_brought = 0;  // while it waits for pages
   bool fails = false;
 
  private:
@@ -55,7 +55,7 @@ class TestPager final : public kernels::TexelPager {
   std::vector<uint64_t> wanted_;
 };
 
-/// Pixels that show up to `most` of the pages each, neighbours similar ones.
+/// Pixels that need up to `most` of the pages each; neighbours need similar ones.
 class TestPicture {
  public:
   TestPicture(uint32_t tiles, uint32_t pages, uint32_t most) : finished_(32 * size_t{tiles}, 0) {
@@ -125,7 +125,7 @@ class TestPicture {
 
 }  // namespace
 
-TEST_CASE("every pixel is finished once, whatever the room for pages", "[texel_pager]") {
+TEST_CASE("every pixel is finished once, with any memory for pages", "[texel_pager]") {
   for (const uint32_t tiles : {1u, 7u, 200u}) {
     for (const uint32_t pages : {1u, 5u, 250u}) {
       TestPicture picture(tiles, pages, 5);
@@ -139,7 +139,7 @@ TEST_CASE("every pixel is finished once, whatever the room for pages", "[texel_p
         CHECK(picture.is_complete(++times));
         CHECK(picture.wrong == 0);
       }
-      // With room for all, every page is brought once, and then none.
+      // With room for all pages, every page is loaded once.
       TestPager pager(pages, all);
       for (const size_t rounds : {2, 1}) {
         picture.rounds = 0;
@@ -152,7 +152,7 @@ TEST_CASE("every pixel is finished once, whatever the room for pages", "[texel_p
   }
 }
 
-TEST_CASE("a pixel that shows more pages than there is room for is an error, and so is a bad page", "[texel_pager]") {
+TEST_CASE("a pixel with more pages than memory is an error, and so is a bad page", "[texel_pager]") {
   TestPicture picture(20, 50, 6);
   TestPager small(50, picture.most_pages() - 1);
   const auto refused = picture.shade(small);
@@ -167,7 +167,7 @@ TEST_CASE("a pixel that shows more pages than there is room for is an error, and
   bad.mutex().unlock();
 }
 
-TEST_CASE("a picture that does not wait is finished with the pages that are there", "[texel_pager]") {
+TEST_CASE("a picture that does not wait is finished with the present pages", "[texel_pager]") {
   TestPicture picture(40, 90, 5);
   const size_t all = picture.shown_pages();
   for (const size_t room : {picture.most_pages(), all / 2, all}) {
@@ -182,7 +182,7 @@ TEST_CASE("a picture that does not wait is finished with the pages that are ther
       CHECK((picture.coarse == 0) == (pager.missing_bytes() == 0));
       ++times;
     }
-    // Where there is room for all, some come with every picture.
+    // With room for all pages, each picture loads some.
     if (room == all) CHECK(pager.missing_bytes() == 0);
     if (room != all) CHECK(pager.missing_bytes() != 0);
     pager.set_patience({});
@@ -195,7 +195,7 @@ TEST_CASE("a picture that does not wait is finished with the pages that are ther
   }
 }
 
-TEST_CASE("where a page is absent, the next coarser level is sampled", "[texel_pager]") {
+TEST_CASE("the next coarser level is sampled if a page is absent", "[texel_pager]") {
   constexpr uint32_t kSide = 64;
   std::vector<std::vector<uint8_t>> levels;
   std::mt19937 random(3);

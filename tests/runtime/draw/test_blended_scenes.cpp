@@ -1,5 +1,5 @@
-// Converted scenes with blended surfaces, on the CPU and the GPU: as many layers, which let the same light through to
-// the bit, and colours within the tolerance of shading.
+// Converted scenes with blended surfaces, on the CPU and the GPU: equally many layers with bit-equal transmittance, and
+// colours within the tolerance of shading.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -49,7 +49,7 @@ View camera(const Scene& scene, int number, uint32_t width, uint32_t height) {
   return view;
 }
 
-/// Returns the number of layers that any of the cameras sees; 0 where nothing blends.
+/// Returns the largest number of layers of the cameras; 0 if nothing blends.
 uint32_t compare(const Scene& scene, int cameras, uint32_t width, uint32_t height, const ShadeOptions& options = {}) {
   if (scene.view().blend_masks == nullptr || !tests::has_gpu()) return 0;
   Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
@@ -93,7 +93,7 @@ Scene converted(const TempFolder& folder, const std::string& input) {
 
 }  // namespace
 
-TEST_CASE("blended scenes are alike on the CPU and the GPU", "[cuda][blend]") {
+TEST_CASE("blended scenes are equal on the CPU and the GPU", "[cuda][blend]") {
   const TempFolder folder;
   for (const char* name : {"glass.glb", "materials.gltf"})
     compare(converted(folder, tests::data_path(name).string()), kCameras, kWidth, kHeight);
@@ -103,7 +103,7 @@ TEST_CASE("blended scenes are alike on the CPU and the GPU", "[cuda][blend]") {
   if (tests::has_gpu()) CHECK(compare(jpegs, kCameras, kWidth, kHeight) >= 2);
 }
 
-TEST_CASE("panes of glass are alike on the CPU and the GPU", "[cuda][blend]") {
+TEST_CASE("panes of glass are equal on the CPU and the GPU", "[cuda][blend]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
   synth::SynthOptions panes;
@@ -120,7 +120,7 @@ TEST_CASE("panes of glass are alike on the CPU and the GPU", "[cuda][blend]") {
   CHECK(compare(scene, 1, kWidth, kHeight, options) == 4);
 }
 
-TEST_CASE("blended models are alike on the CPU and the GPU from 200 cameras", "[cuda][blend][hard]") {
+TEST_CASE("blended models are equal on the CPU and the GPU from 200 cameras", "[cuda][blend][hard]") {
   std::vector<std::filesystem::path> files = tests::model_files(tests::models_path() / "scenes");
   const std::vector<std::filesystem::path> more = tests::model_files(tests::models_path() / "scenes-material");
   files.insert(files.end(), more.begin(), more.end());
@@ -136,7 +136,7 @@ TEST_CASE("blended models are alike on the CPU and the GPU from 200 cameras", "[
     convert::ConvertOptions options = tests::options_of(folder);
     options.input = path.string();
     options.source_ids = false;
-    if (!convert::convert(options)) continue;  // test_models.cpp says which may fail
+    if (!convert::convert(options)) continue;  // test_models.cpp lists the models that may fail
     const Scene scene = must_load(options.output);
     if (compare(scene, 200, 320, 200) != 0) ++blended;
   }

@@ -93,7 +93,7 @@ void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t
 
 }  // namespace
 
-TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
+TEST_CASE("the GPU draws the same as the CPU", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   using Encoding = scree::convert::Encoding;
   for (const Encoding encoding : {Encoding::kIndexed, Encoding::kClustered})
@@ -129,7 +129,7 @@ TEST_CASE("the GPU draws what the CPU draws", "[cuda]") {
     }
 }
 
-TEST_CASE("pages that only the GPU has are drawn and picked alike", "[cuda]") {
+TEST_CASE("pages that only the GPU has are drawn and picked as on the CPU", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   const scree::tests::TempFolder folder;
   for (const int level : {0, 3}) {
@@ -254,7 +254,7 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
   CHECK(ids == expected);
 }
 
-TEST_CASE("a scene over the device's budget is refused with both sizes", "[cuda]") {
+TEST_CASE("a scene larger than its limit of device memory is refused with both sizes", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   const scree::tests::TempFolder folder;
   const Scene scene = load_cube(folder);

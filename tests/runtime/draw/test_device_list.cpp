@@ -51,7 +51,7 @@ class Variable {
 
 }  // namespace
 
-TEST_CASE("a GPU is named by its index, its UUID or the beginning of that", "[device]") {
+TEST_CASE("a GPU is named by its index, its UUID or a prefix of its UUID", "[device]") {
   const std::vector<Gpu> gpus = two_gpus();
   CHECK(runtime::find_gpu(gpus, "1")->name == "second");
   CHECK(runtime::find_gpu(gpus, "0001")->name == "second");
@@ -71,7 +71,7 @@ TEST_CASE("a GPU is named by its index, its UUID or the beginning of that", "[de
   for (const char* bad : {"", "-1", "1.5", "cuda:0", "GPU-", "GPU-xyz", "0 "}) CHECK_FALSE(runtime::names_gpu(bad));
 }
 
-TEST_CASE("a GPU that --device names is taken, and has to draw", "[device]") {
+TEST_CASE("the GPU of --device is used, and it is an error if it cannot draw", "[device]") {
   using tools::BackendChoice;
   using tools::parse_backend;
   CHECK(parse_backend("auto", "")->choice == BackendChoice::kAuto);
@@ -91,7 +91,7 @@ TEST_CASE("a GPU that --device names is taken, and has to draw", "[device]") {
   }
 }
 
-TEST_CASE("architectures and versions are named for people", "[device]") {
+TEST_CASE("architectures and versions are printed readably", "[device]") {
   CHECK(runtime::architecture_names("90") == "9.0, PTX 9.0");
   CHECK(runtime::architecture_names("75-real,80-real,90,120-real,120-virtual") ==
         "7.5, 8.0, 9.0, 12.0, PTX 9.0, PTX 12.0");
@@ -101,7 +101,7 @@ TEST_CASE("architectures and versions are named for people", "[device]") {
   CHECK(runtime::cuda_version_name(12040) == "12.4");
 }
 
-TEST_CASE("a machine's list of GPUs agrees with what is chosen of it", "[device]") {
+TEST_CASE("the chosen GPU agrees with the machine's list of GPUs", "[device]") {
   const runtime::GpuList list = runtime::list_gpus();
   const Result<Gpu> used = runtime::use_gpu();
   if (list.gpus.empty()) {
@@ -124,7 +124,7 @@ TEST_CASE("a machine's list of GPUs agrees with what is chosen of it", "[device]
 }
 
 #if defined(SCREE_EMULATED_CUDA)
-TEST_CASE("of several GPUs the first is taken that can be used, and the others say why not", "[device]") {
+TEST_CASE("the first usable GPU is taken, and the others are listed with a reason", "[device]") {
   const Variable gpus("SCREE_EMULATED_GPU", "6.1,7.5,9.0:512,8.0");
   const runtime::GpuList list = runtime::list_gpus();
   REQUIRE(list.gpus.size() == 4);
@@ -147,7 +147,7 @@ TEST_CASE("of several GPUs the first is taken that can be used, and the others s
   CHECK(runtime::use_gpu("2"));
 }
 
-TEST_CASE("a driver that is missing or too old is told apart from a missing GPU", "[device]") {
+TEST_CASE("a missing or old driver and a missing GPU are different errors", "[device]") {
   {
     const Variable gpus("SCREE_EMULATED_GPU", "1");
     const Variable driver("SCREE_EMULATED_DRIVER", "11080");
@@ -163,7 +163,7 @@ TEST_CASE("a driver that is missing or too old is told apart from a missing GPU"
   CHECK(runtime::use_gpu().error().message.starts_with("no NVIDIA GPU found"));
 }
 
-TEST_CASE("a fallback to the CPU says why in one line, and the GPU that drew is named", "[device]") {
+TEST_CASE("a fallback to the CPU prints its reason in one line, and the GPU that drew is named", "[device]") {
   const TempFolder folder;
   const std::string log = folder.file("log.txt");
   const std::string packed = folder.file("a.scree");
@@ -185,7 +185,7 @@ TEST_CASE("a fallback to the CPU says why in one line, and the GPU that drew is 
       {"", "99000", {}, 0, "warning: the CPU draws: no NVIDIA GPU found"},
       {"6.1", "99000", {}, 0, "has compute capability 6.1, this program needs 7.5\n"},
       {"7.5", "99000", {}, 0, "; this GPU is 7.5\n"},
-      // Less than the scene needs at least.
+      // Less memory than the scene's minimum.
       {"9.0:1", "99000", {}, 0, "warning: the CPU draws: cuda:0 (emulated GPU): "},
       {"9.0", "99000", {"--device-memory", "1"}, 0, "warning: the CPU draws: cuda:0 (emulated GPU): "},
       {"6.1", "99000", {"--backend", "cuda"}, 4, "has compute capability 6.1, this program needs 7.5; --backend cpu"},
@@ -216,7 +216,7 @@ TEST_CASE("a fallback to the CPU says why in one line, and the GPU that drew is 
   }
 }
 
-TEST_CASE("scree devices lists every GPU with what it can be used for", "[device]") {
+TEST_CASE("scree devices lists every GPU with its uses", "[device]") {
   const TempFolder folder;
   const std::string log = folder.file("log.txt");
   const Variable gpus("SCREE_EMULATED_GPU", "7.5,9.0:512");

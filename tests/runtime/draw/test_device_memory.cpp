@@ -51,7 +51,7 @@ void write_spheres(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("a picture of another shape than the one that was drawn is not resolved", "[cuda]") {
+TEST_CASE("a picture of another size than the drawn frame is not resolved", "[cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
@@ -68,7 +68,7 @@ TEST_CASE("a picture of another shape than the one that was drawn is not resolve
 }
 
 #if defined(SCREE_EMULATED_CUDA)
-TEST_CASE("a scene and its pictures take no more device memory than they may", "[cuda]") {
+TEST_CASE("a scene and its pictures stay within their limit of device memory", "[cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   std::vector<std::string> files;
@@ -141,7 +141,7 @@ TEST_CASE("a scene and its pictures take no more device memory than they may", "
   CHECK(streamed >= 4);
 }
 
-TEST_CASE("a streamed scene takes no more pinned memory than it may", "[cuda]") {
+TEST_CASE("a streamed scene stays within its limit of pinned memory", "[cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   write_spheres(folder.file("a.scree"));
@@ -168,7 +168,7 @@ TEST_CASE("a streamed scene takes no more pinned memory than it may", "[cuda]") 
   }
 }
 
-TEST_CASE("a scene lies on the GPU that was chosen", "[cuda]") {
+TEST_CASE("a scene is loaded on the chosen GPU", "[cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
@@ -188,7 +188,7 @@ TEST_CASE("a scene lies on the GPU that was chosen", "[cuda]") {
   setenv("SCREE_EMULATED_GPU", "1", 1);
 }
 
-TEST_CASE("views draw on their scene's GPU, and their caller's stays current", "[cuda]") {
+TEST_CASE("views draw on their scene's GPU, and the caller's GPU stays current", "[cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
@@ -223,7 +223,7 @@ TEST_CASE("views draw on their scene's GPU, and their caller's stays current", "
   setenv("SCREE_EMULATED_GPU", "1", 1);
 }
 
-TEST_CASE("a listener to one scene's loading draws another", "[cuda]") {
+TEST_CASE("the progress function of one scene's loading draws another scene", "[cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});

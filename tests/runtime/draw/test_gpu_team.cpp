@@ -34,7 +34,7 @@ using runtime::GpuTeam;
 using runtime::Reading;
 using runtime::Scene;
 
-/// As many emulated GPUs; one again in the end. Real ones stay as they are.
+/// Sets the number of emulated GPUs, and in the end 1 again. Real GPUs are not affected.
 class Gpus {
  public:
   explicit Gpus(const char* list) { set(list); }
@@ -98,7 +98,7 @@ std::vector<uint8_t> picture(const Scene& scene, DeviceScene& device, const View
 
 }  // namespace
 
-TEST_CASE("GPUs that share a scene's pages draw what one draws", "[cuda][gpus]") {
+TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gpus]") {
   if (!has_gpu()) return;
   const Gpus emulated("9.0,9.0,9.0");
   const TempFolder folder;
@@ -115,7 +115,7 @@ TEST_CASE("GPUs that share a scene's pages draw what one draws", "[cuda][gpus]")
     CHECK(team->stats().counts.pages == alone->stats().counts.pages);
     for (int i = 0; i < 4; ++i) {
       CAPTURE(count, i);
-      // The last leaves out some instances: the bits lie on the first GPU.
+      // The last frame leaves out some instances; their bits lie on the first GPU.
       const std::vector<uint32_t> omitted =
           i == 3 ? random_omitted(scene.view().instance_count, 5) : std::vector<uint32_t>();
       const View view = view_of(scene, i);
@@ -169,7 +169,7 @@ TEST_CASE("GPUs that share a scene's pages draw what one draws", "[cuda][gpus]")
   }
 }
 
-TEST_CASE("clusters that one GPU drew hide those of others", "[cuda][gpus]") {
+TEST_CASE("clusters drawn by one GPU hide clusters of other GPUs", "[cuda][gpus]") {
   if (!has_gpu()) return;
   const Gpus emulated("9.0,9.0");
   if (!Gpus::are_there(2)) return;

@@ -69,7 +69,7 @@ using Rgba = std::array<uint8_t, 4>;
 
 }  // namespace
 
-TEST_CASE("a textured quad stands upright and unmirrored", "[renderer]") {
+TEST_CASE("a textured quad is upright and not mirrored", "[renderer]") {
   const Scene scene = must_load(SmallScene{});
   CHECK(scene.stats().images == 1);
   CHECK(scene.stats().pages == 1);
@@ -98,7 +98,7 @@ TEST_CASE("an opaque background makes a picture without alpha", "[renderer]") {
   CHECK(pixel(picture, 5, 5) == Rgba{255, 0, 0, 255});
 }
 
-TEST_CASE("picking names node, mesh, triangle, source triangle and depth", "[renderer]") {
+TEST_CASE("picking returns node, mesh, triangle, source triangle and depth", "[renderer]") {
   const Scene scene = must_load(SmallScene{});
   for (const uint32_t samples : {1u, 2u, 4u}) {
     const Frame frame = draw(scene, front_view(scene, 80, 40), samples);
@@ -123,7 +123,7 @@ TEST_CASE("picking names node, mesh, triangle, source triangle and depth", "[ren
   }
 }
 
-TEST_CASE("more samples come nearer to the area a shape covers", "[renderer]") {
+TEST_CASE("more samples give a better estimate of a shape's area", "[renderer]") {
   SmallScene small;
   small.change = [](format::TableSet& tables) {  // rotated by 20 degrees about z
     const double turn = 20 * 3.14159265358979 / 180;
@@ -155,7 +155,7 @@ TEST_CASE("more samples come nearer to the area a shape covers", "[renderer]") {
   CHECK(worst_error[2] < 1.5);
 }
 
-TEST_CASE("bands of rows shade as the whole picture does", "[renderer]") {
+TEST_CASE("bands of rows have the same colours as the whole picture", "[renderer]") {
   const Scene scene = must_load(SmallScene{});
   const View view = front_view(scene, 53, 31);
   const Frame frame = draw(scene, view);
@@ -177,7 +177,7 @@ TEST_CASE("bands of rows shade as the whole picture does", "[renderer]") {
   }
 }
 
-TEST_CASE("a picture past the largest side is refused", "[renderer]") {
+TEST_CASE("a picture above the largest side is refused", "[renderer]") {
   const Scene scene = must_load(SmallScene{});
   View view = front_view(scene, 80, 40);
   view.width = 8193;
@@ -187,7 +187,7 @@ TEST_CASE("a picture past the largest side is refused", "[renderer]") {
   CHECK(frame.error().message.find("16386 x 80 samples") != std::string::npos);
 }
 
-TEST_CASE("compressed pages draw as raw ones do", "[renderer]") {
+TEST_CASE("compressed pages draw the same picture as raw pages", "[renderer]") {
   SmallScene packed;
   packed.zstd_level = 19;
   const Scene raw = must_load(SmallScene{});
@@ -199,7 +199,7 @@ TEST_CASE("compressed pages draw as raw ones do", "[renderer]") {
   CHECK(raw.stats().decoded_bytes == 0);
 }
 
-TEST_CASE("a flipped bit in any page is found when it is loaded", "[renderer]") {
+TEST_CASE("loading finds a flipped bit in any page", "[renderer]") {
   const ScratchPath path("flipped.scree");
   SmallScene{}.write(path.string());
   const std::vector<std::byte> whole = scree::tests::read_bytes(path.path());
@@ -220,7 +220,7 @@ TEST_CASE("a flipped bit in any page is found when it is loaded", "[renderer]") 
   CHECK(refused > 20);
 }
 
-TEST_CASE("an image that is not what its record says is named", "[renderer]") {
+TEST_CASE("an image that differs from its record is named", "[renderer]") {
   SmallScene small;
   small.change = [](format::TableSet& tables) {
     tables.images[0].width = 4;
@@ -231,10 +231,10 @@ TEST_CASE("an image that is not what its record says is named", "[renderer]") {
   const Result<Scene> scene = load_file(path.string());
   REQUIRE_FALSE(scene);
   CHECK(scene.error().code == ErrorCode::kFormat);
-  CHECK(scene.error().message == path.string() + ": image 0 (wall): the image is 2 x 2, but its record says 4 x 2");
+  CHECK(scene.error().message == path.string() + ": image 0 (wall): the image is 2 x 2, but its record gives 4 x 2");
 }
 
-TEST_CASE("scenes are found by name and number", "[renderer]") {
+TEST_CASE("scenes are found by name and by number", "[renderer]") {
   const ScratchPath path("scenes.scree");
   SmallScene small;
   small.change = [](format::TableSet& tables) {
@@ -258,7 +258,7 @@ TEST_CASE("scenes are found by name and number", "[renderer]") {
   CHECK_FALSE(*frame.pick(4, 4));
 }
 
-TEST_CASE("a scene with more triangles than ids is refused", "[renderer]") {
+TEST_CASE("a scene with more triangles than there are ids is refused", "[renderer]") {
   SmallScene small;
   small.change = [](format::TableSet& tables) {
     // Triangles of a single point take no bits: 1024 chunks of 65536 of them, drawn 1025 times.
@@ -287,7 +287,7 @@ TEST_CASE("a scene with more triangles than ids is refused", "[renderer]") {
   CHECK(scene.error().message.find("2^36 - 1") != std::string::npos);
 }
 
-TEST_CASE("real models are drawn alike by one thread and many, and fill what they should", "[renderer][models]") {
+TEST_CASE("real models are equal with one thread and many, and fill their part of the picture", "[renderer][models]") {
   const auto models = scree::tests::models_path();
   if (models.empty()) {
     WARN("no models beside the checkout");

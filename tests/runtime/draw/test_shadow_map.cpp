@@ -1,5 +1,5 @@
-// The sun's shadows: its view against the camera's in double, shadows of boxes against rays, and the same picture on
-// every device.
+// The sun's shadows: its view compared with the camera's in double precision, shadows of boxes compared with rays, and
+// the same picture on every device.
 #include "runtime/draw/shadow_map.h"
 
 #include <algorithm>
@@ -46,7 +46,7 @@ Vec3 ahead(const Vec3& from, const Vec3& direction, double distance) {
   return {from[0] + distance * direction[0], from[1] + distance * direction[1], from[2] + distance * direction[2]};
 }
 
-/// Along a view's axes: to the right, up and forward.
+/// A point in a view's axes: right, up and forward.
 Vec3 in_view(const View& view, const Vec3& point) {
   Vec3 out{};
   for (size_t i = 0; i < 3; ++i) {
@@ -76,7 +76,7 @@ Soup box(const Vec3& low, const Vec3& high) {
   return soup;
 }
 
-/// Whether a ray hits a box that is `more` larger on all sides.
+/// Whether a ray hits a box that is enlarged by `more` on all sides.
 bool hits(const Vec3& from, const Vec3& direction, const WorldBox& box, double more) {
   double first = 0, last = 1e30;
   for (size_t i = 0; i < 3; ++i) {
@@ -104,7 +104,7 @@ struct Sunny {
     for (size_t i = 0; i < 3; ++i) light.direction[i] = static_cast<float>(direction[i]);
     light.kind = format::LightKind::kDirectional;
     std::fill_n(light.color, 3, 2.0f);
-    kernels::PlacedLight lamp{};  // of no light, so that the sun is not the first
+    kernels::PlacedLight lamp{};  // dark; so that the sun is not the first light
     lamp.kind = format::LightKind::kPoint;
     lights = {lamp, light};
     matt.material = builder.material(format::kMaterialDoubleSided);
@@ -117,7 +117,7 @@ struct Sunny {
     builder.instance(builder.mesh(soup, encoding), builder.identity());
   }
 
-  /// The pixels that the sun shines on where nothing is in its way.
+  /// The pixels that the sun lights if nothing casts a shadow on them.
   std::vector<LitPoint> look(const View& view) {
     kernels::SceneView scene = builder.view();
     scene.lights = lights.data();
@@ -159,7 +159,7 @@ struct Sunny {
 
 }  // namespace
 
-TEST_CASE("the sun's view holds all that a camera sees, and all that could shade it", "[shadow]") {
+TEST_CASE("the sun's view contains all visible points and everything that may shade them", "[shadow]") {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> any(-1, 1);
   const auto direction = [&](int i) -> Vec3 {
@@ -224,7 +224,7 @@ TEST_CASE("the sun's view holds all that a camera sees, and all that could shade
   CHECK(unseen > 100);
 }
 
-TEST_CASE("the sun's view is no larger than what the camera sees", "[shadow]") {
+TEST_CASE("the sun's view is no larger than the visible part of the scene", "[shadow]") {
   WorldBox box;
   box.add({-100, 0, -100});
   box.add({100, 10, 100});
@@ -238,7 +238,7 @@ TEST_CASE("the sun's view is no larger than what the camera sees", "[shadow]") {
   CHECK(!sun_view({0, -1, 0}, WorldBox{}, camera, 1024));
   CHECK(!sun_view({0, -1, 0}, box, look_at({0, 20, 0}, {0, 30, 0}, 100, 100), 1024));
 
-  // A clipping box is the end of the scene: the map has it too.
+  // The scene ends at a clipping box, in the map too.
   View clipped = camera;
   clipped.clips = true;
   for (int i = 0; i < 3; ++i) clipped.clip_min[i] = -(clipped.clip_max[i] = 1 + i);
@@ -251,7 +251,7 @@ TEST_CASE("the sun's view is no larger than what the camera sees", "[shadow]") {
   CHECK(cut->clip_max[1] == 2);
   CHECK(cut->z_far == Approx(2).epsilon(0.01));
 
-  // A point, from which nothing follows for the size of a sample.
+  // A single point: it gives no size of a sample.
   WorldBox point;
   point.add({3, 1, 4});
   const std::optional<View> least = sun_view({0, -1, 0}, point, camera, 64);
@@ -259,7 +259,7 @@ TEST_CASE("the sun's view is no larger than what the camera sees", "[shadow]") {
   CHECK(kernels::check_frame(*least, 0));
 }
 
-TEST_CASE("a box throws the shadow that rays find, within two samples of its border", "[shadow]") {
+TEST_CASE("a box casts the shadow that ray casting finds, within two samples of its border", "[shadow]") {
   const std::vector<Vec3> directions{{1, 0, 0},  {-1, 0, 0},     {0, 1, 0},         {0, -1, 0}, {0, 0, 1},
                                      {0, 0, -1}, {0.3, -1, 0.2}, {-0.5, 0.4, -0.7}, {1, 1, -1}, {0.02, 0.01, 1}};
   for (const Vec3& wanted : directions) {
@@ -270,7 +270,7 @@ TEST_CASE("a box throws the shadow that rays find, within two samples of its bor
     caster.add({-0.5, -0.4, -0.3});
     caster.add({0.3, 0.4, 0.5});
     scene.add(box(caster.min, caster.max));
-    // A room around the box, of which the sun's side is missing, so that each other wall is lit.
+    // A room around the box, without the wall on the sun's side, so that each other wall is lit.
     const double half = 3;
     for (size_t axis = 0; axis < 3; ++axis) {
       for (const double side : {-1.0, 1.0}) {
@@ -298,7 +298,7 @@ TEST_CASE("a box throws the shadow that rays find, within two samples of its bor
           REQUIRE(point.share == Approx(is_on_caster ? 1 : 0).margin(1e-6));
           ++(is_on_caster ? lit : dark);
         } else if (!hits(point.place, back, caster, border)) {
-          // Where two walls meet, one lies within the other's reach.
+          // Near a corner, one wall may shade the other.
           const bool is_corner = std::count_if(point.place.begin(), point.place.end(),
                                                [&](double c) { return std::abs(std::abs(c) - half) < 0.3; }) > 1;
           if (!is_corner) REQUIRE(point.share == 1.0f);
@@ -314,7 +314,7 @@ TEST_CASE("a box throws the shadow that rays find, within two samples of its bor
   }
 }
 
-TEST_CASE("what the camera does not see casts shadows into its picture", "[shadow]") {
+TEST_CASE("triangles outside the camera's view cast shadows into its picture", "[shadow]") {
   Sunny scene(unit({0.1, -1, 0.05}));
   scene.add(box({-50, -1, -50}, {50, 0, 50}));
   scene.add(box({-2, 8, -2}, {2, 9, 2}));  // above and behind a camera that looks down
@@ -349,7 +349,7 @@ TEST_CASE("no lit surface shades itself", "[shadow]") {
       scene.add(soup);
     }
     const Vec3 aside = unit({any(random), any(random), any(random)});
-    // From near by, and from so far away that floats are coarser than samples would be.
+    // From near, and from so far away that the spacing of floats exceeds a sample.
     const double far = i % 5 == 0 ? 1e5 : 1;
     const View camera =
         look_at(ahead(ahead({0, 0, 0}, sun, -3 * far), aside, 2 * far), {0, 0, 0}, 150, 150, 0.1 * far, 1 / far);
@@ -432,12 +432,12 @@ TEST_CASE("a scene without a sun has no shadows", "[shadow]") {
   CHECK(map.error().message == "the scene has no directional light");
 }
 
-TEST_CASE("pictures with shadows are alike on the CPU and the GPU", "[shadow][cuda]") {
+TEST_CASE("pictures with shadows are equal on the CPU and the GPU", "[shadow][cuda]") {
   const TempFolder folder;
   const Scene scene = converted(folder, "sun.glb");
   Result<ShadowMap> on_cpu = ShadowMap::create(scene, kSide, nullptr);
   REQUIRE(on_cpu);
-  // A budget of 0 holds the scene; the least one streams its chunks.
+  // With a budget of 0 the scene is resident; with the least budget it is streamed.
   uint64_t budget = 0;
   for (int round = 0; round < (has_gpu() ? 2 : 1); ++round) {
     std::optional<DeviceScene> device;

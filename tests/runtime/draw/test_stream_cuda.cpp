@@ -68,7 +68,7 @@ void write_soup(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("a GPU lists and hides the chunks that the host does", "[cuda]") {
+TEST_CASE("a GPU lists and culls the same chunks as the host", "[cuda]") {
   // A wall, and small clouds of triangles around and behind it.
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(-1, 1);
@@ -201,7 +201,7 @@ TEST_CASE("pieces of any size are copied within a GPU's memory", "[cuda]") {
   REQUIRE(copied == expected);
 }
 
-TEST_CASE("a scene over the device's budget is streamed with the same samples", "[cuda]") {
+TEST_CASE("a scene larger than its limit of device memory is streamed to the same samples", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   const TempFolder folder;
   write_soup(folder.file("soup.scree"));
@@ -220,7 +220,7 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
                           kernels::CudaFrames::device_bytes(scene.view()) +
                           runtime::CudaStream::device_bytes(scene.view());
   for (const uint64_t pool : {3 * largest, all / 4 + largest, all / 2 + largest}) {
-    // No chunks kept, some, all; batches and lists take their part.
+    // Keeps no chunks, some, or all; batches and lists take memory too.
     const uint64_t lists = runtime::CudaStream::pinned_list_bytes(scene.view());
     const uint64_t some = lists + 4 * runtime::CudaStream::kStagings * largest + all / 2;
     for (const uint64_t host_memory : {uint64_t{0}, some, lists + 2 * all}) {
@@ -292,7 +292,7 @@ TEST_CASE("a scene over the device's budget is streamed with the same samples", 
   CHECK(from_resident->pixels == from_streamed->pixels);
 }
 
-TEST_CASE("a scene that comes to the GPU with its pictures is resident in the end", "[cuda][stream]") {
+TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU", "[cuda][stream]") {
   if (!scree::tests::has_gpu()) return;
   const TempFolder folder;
   const bool is_blended = GENERATE(false, true);  // else all encodings, float32 too
@@ -330,14 +330,14 @@ TEST_CASE("a scene that comes to the GPU with its pictures is resident in the en
     return picture->pixels;
   };
   const std::vector<uint8_t> expected = picture_of(*resident);
-  // It does not wait, and shows less.
+  // It does not wait, and draws fewer chunks.
   REQUIRE(coming->draw(view, nullptr, &shade, [] { return true; }));
   REQUIRE(coming->stream_stats());
   CHECK(coming->stream_stats()->left_bytes > 0);
   std::vector<uint32_t> pixels(size_t{view.width} * view.height);
   REQUIRE(coming->resolve(view, 1, shade, pixels));
   CHECK(std::all_of(pixels.begin(), pixels.end(), [](uint32_t pixel) { return pixel == 0; }));
-  // A picture loads what it shows.
+  // A picture loads its visible chunks.
   CHECK(picture_of(*coming) == expected);
   CHECK(coming->stream_stats()->left_bytes == 0);
   uint64_t left = UINT64_MAX;
@@ -367,7 +367,7 @@ TEST_CASE("a scene that comes to the GPU with its pictures is resident in the en
   }
 }
 
-TEST_CASE("a GPU decodes JPEG textures as it looks at them while chunks are streamed", "[cuda][stream]") {
+TEST_CASE("a GPU decodes JPEG textures on demand while chunks are streamed", "[cuda][stream]") {
   if (!scree::tests::has_gpu()) return;
   const TempFolder folder;
   scree::tests::make_jpeg_model(folder.file("in.glb"), 40);
@@ -415,7 +415,7 @@ TEST_CASE("a GPU decodes JPEG textures as it looks at them while chunks are stre
       CHECK(from_streamed->pixels == from_resident->pixels);
     }
   }
-  // The minimum that a refusal states is sufficient, for any requested cache.
+  // The minimum in the error is enough, for any requested cache.
   const Result<DeviceScene> refused = DeviceScene::upload(scene, 1, 2, Reading::kAuto, uint64_t{1} << 20);
   REQUIRE_FALSE(refused);
   const uint64_t least = scree::tests::least_device_memory(refused.error().message);

@@ -46,8 +46,8 @@ class Account final : public StreamTarget {
  public:
   Account(uint64_t pool_bytes, uint32_t seed) : random_(seed), pool_(pool_bytes / kUnit) {}
 
-  /// Depth codes of the next frames, by chunk; chunks with kNotInView are not listed. `in_the_end`: the codes after
-  /// something is drawn, by which chunks are hidden or visible.
+  /// Depth codes of the next frames, by chunk; chunks with kNotInView are not listed. `in_the_end`: the codes after the
+  /// first drawn part, which decide the visible chunks.
   void set_view(std::vector<uint32_t> codes, std::vector<uint32_t> in_the_end) {
     codes_ = std::move(codes);
     in_the_end_ = std::move(in_the_end);
@@ -129,7 +129,7 @@ class Account final : public StreamTarget {
   }
 
  private:
-  /// Carries out the oldest open start, in order.
+  /// Executes the oldest started batch.
   void carry_out() {
     if (carried_out_ == started_.size()) return;
     const Residency::Batch& batch = started_[carried_out_++];
@@ -157,7 +157,7 @@ class Account final : public StreamTarget {
   std::vector<uint32_t> shown_;
   std::vector<uint32_t> listed_;
   std::deque<Residency::Batch> started_;
-  size_t carried_out_ = 0;  // how many of them are carried out
+  size_t carried_out_ = 0;  // number of executed batches
   std::vector<Residency::Place> part_;
   PartOptions options_{};
   std::set<uint32_t> loaded_;
@@ -201,7 +201,7 @@ struct Chunks {
 
 }  // namespace
 
-TEST_CASE("a streamer draws what shows once, from where it lies, whenever loads are done", "[streamer]") {
+TEST_CASE("a streamer draws each visible chunk once, from its place, whenever loads finish", "[streamer]") {
   Chunks chunks;
   const auto count = static_cast<uint32_t>(chunks.bytes.size());
   REQUIRE(count > 200);
@@ -248,7 +248,7 @@ TEST_CASE("a streamer draws what shows once, from where it lies, whenever loads 
   CHECK(merged > 0);
 }
 
-TEST_CASE("a frame that is ended draws what it has begun to load, and the rest comes when nothing is drawn",
+TEST_CASE("an ended frame draws the loads it has started, and the other chunks are loaded between frames",
           "[streamer]") {
   Chunks chunks;
   const auto count = static_cast<uint32_t>(chunks.bytes.size());
@@ -299,7 +299,8 @@ TEST_CASE("a frame that is ended draws what it has begun to load, and the rest c
   CHECK(ended > 20);
 }
 
-TEST_CASE("what the last picture needed is loaded while what is there is drawn, what it hid is not", "[streamer]") {
+TEST_CASE("chunks that were visible last are loaded while resident chunks are drawn, hidden ones are not",
+          "[streamer]") {
   Chunks chunks;
   const auto count = static_cast<uint32_t>(chunks.bytes.size());
   std::vector<uint32_t> codes(count);
@@ -318,7 +319,7 @@ TEST_CASE("what the last picture needed is loaded while what is there is drawn, 
   const Result<StreamStats> first = streamer->draw(chunks.view, nullptr, account);
   REQUIRE(first);
   CHECK(first->streamed_bytes >= needed);
-  // Without earlier knowledge one batch is loaded before there are depths, and two while they are found.
+  // Without an earlier frame, one batch is loaded before depths are known, and two while they are found.
   CHECK(account.drawn_before_first() == 0);
   CHECK(account.drawn_before_fourth() > 0);
   for (int i = 0; i < 4; ++i) {
@@ -335,7 +336,7 @@ TEST_CASE("what the last picture needed is loaded while what is there is drawn, 
   }
 }
 
-TEST_CASE("a job thread does jobs in their order and hands on what they throw", "[streamer]") {
+TEST_CASE("a job thread runs jobs in order and passes on their exceptions", "[streamer]") {
   std::vector<int> done;
   runtime::JobThread<int> thread;
   std::vector<std::future<int>> results;

@@ -31,7 +31,7 @@ std::filesystem::path scratch(const std::string& name) {
 
 }  // namespace
 
-TEST_CASE("the page cache is seen right by a user who may only read the file", "[mapped_file]") {
+TEST_CASE("cached_share() is right for a user who may only read the file", "[mapped_file]") {
   if (::geteuid() != 0) return;  // only root can become another user
   const auto path = scratch("readable");
   {
@@ -63,7 +63,7 @@ TEST_CASE("the page cache is seen right by a user who may only read the file", "
   CAPTURE(share_of_owner, share);
   CHECK(share_of_owner <= 100);
   CHECK(share <= 100);
-  // A file system in memory drops nothing. One without non-waiting reads reports nothing, which counts as 1.
+  // A file system in memory drops nothing. A file system without RWF_NOWAIT gives no information, which counts as 1.
   iovec one{};
   char byte = 0;
   one = {&byte, 1};
@@ -78,7 +78,7 @@ TEST_CASE("the page cache is seen right by a user who may only read the file", "
   std::filesystem::remove(path);
 }
 
-TEST_CASE("a mapped file shows the file's bytes and outlives moves", "[mapped_file]") {
+TEST_CASE("a mapped file has the file's bytes and outlives moves", "[mapped_file]") {
   const auto path = scratch("bytes");
   std::string text(10000, 'a');
   text[9999] = 'z';
@@ -101,7 +101,7 @@ TEST_CASE("a mapped file shows the file's bytes and outlives moves", "[mapped_fi
   std::filesystem::remove(path);
 }
 
-TEST_CASE("a mapped file is read without its map, and says where it ends now", "[mapped_file]") {
+TEST_CASE("a mapped file is read without its map, and errors give its new end", "[mapped_file]") {
   const auto path = scratch("read");
   std::string text(10000, 'a');
   for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 256);
@@ -137,7 +137,7 @@ TEST_CASE("an empty file maps to nothing", "[mapped_file]") {
   std::filesystem::remove(path);
 }
 
-TEST_CASE("a file past 4 GiB maps with 64-bit offsets", "[mapped_file]") {
+TEST_CASE("a file above 4 GiB is mapped with 64-bit offsets", "[mapped_file]") {
   const auto path = scratch("sparse");
   const uint64_t size = (uint64_t{5} << 30) + 3;
   {
@@ -156,7 +156,7 @@ TEST_CASE("a file past 4 GiB maps with 64-bit offsets", "[mapped_file]") {
   std::filesystem::remove(path);
 }
 
-TEST_CASE("what is cut off the last page reads as zeros, which only the file's size tells", "[mapped_file]") {
+TEST_CASE("bytes cut off the last page read as zeros, and check_size() finds this", "[mapped_file]") {
   const auto path = scratch("cut");
   std::ofstream(path, std::ios::binary) << std::string(10'000, 'x');
   const Result<MappedFile> file = MappedFile::open(path.string());
@@ -175,7 +175,7 @@ TEST_CASE("what is cut off the last page reads as zeros, which only the file's s
   CHECK(MappedFile().check_size());
 }
 
-TEST_CASE("what cannot be mapped is named with its reason", "[mapped_file]") {
+TEST_CASE("a file that cannot be mapped is named with the reason", "[mapped_file]") {
   const auto missing = scratch("missing").string();
   const Result<MappedFile> nothing = MappedFile::open(missing);
   REQUIRE_FALSE(nothing);

@@ -50,7 +50,7 @@ FileBytes with(FileBytes bytes, size_t at, T value) {
 
 }  // namespace
 
-TEST_CASE("levels of KTX2 and DDS files are the blocks that were put in", "[block_file]") {
+TEST_CASE("levels of KTX2 and DDS files are the blocks that were written", "[block_file]") {
   for (const uint32_t scheme : {0u, 2u, 3u}) {
     const BlockRecipe recipe{.width = 37, .height = 22, .levels = 6, .scheme = scheme, .seed = scheme};
     const FileBytes ktx2 = make_ktx2(recipe), dds = make_dds(recipe, 98);
@@ -80,7 +80,7 @@ TEST_CASE("levels of KTX2 and DDS files are the blocks that were put in", "[bloc
   }
 }
 
-TEST_CASE("KTXswizzle comes after the order of the format's channels", "[block_file]") {
+TEST_CASE("KTXswizzle is applied after the order of the format's channels", "[block_file]") {
   using enum format::ChannelSource;
   const auto swizzle_of = [](BlockRecipe recipe) {
     const auto head = opened(make_ktx2(recipe));
@@ -103,7 +103,7 @@ TEST_CASE("KTXswizzle comes after the order of the format's channels", "[block_f
   CHECK(swizzle_of(opaque) == format::make_swizzle(kOne, kRed, kGreen, kBlue));
 }
 
-TEST_CASE("malformed KTX2 and DDS files are refused by name", "[block_file][bad]") {
+TEST_CASE("malformed KTX2 and DDS files are refused with the defect", "[block_file][bad]") {
   const FileBytes ktx2 = make_ktx2({.width = 8, .height = 8, .levels = 4, .scheme = 2, .swizzle = "rgb1"});
   const FileBytes dds = make_dds({.width = 8, .height = 8, .levels = 4}, 98);
   struct Bad {
@@ -124,7 +124,7 @@ TEST_CASE("malformed KTX2 and DDS files are refused by name", "[block_file][bad]
       {with(ktx2, 12, 143u), ErrorCode::kUnsupported, "KTX2: of Vulkan format 143, which scree does not read"},
       {with(ktx2, 16, 2u), ErrorCode::kFormat, "KTX2: typeSize is 2, expected 1"},
       {with(ktx2, 20, 0u), ErrorCode::kFormat, "KTX2: 0 pixels wide"},
-      {with(ktx2, 20, 70000u), ErrorCode::kRange, "KTX2: 70000 x 8 pixels, but at most 65536 a side"},
+      {with(ktx2, 20, 70000u), ErrorCode::kRange, "KTX2: 70000 x 8 pixels, but at most 65536 per side"},
       {with(ktx2, 24, 0u), ErrorCode::kUnsupported, "KTX2: a picture of one dimension"},
       {with(ktx2, 28, 3u), ErrorCode::kUnsupported, "KTX2: a picture of three dimensions"},
       {with(ktx2, 32, 7u), ErrorCode::kUnsupported, "KTX2: an array of 7 pictures"},
@@ -195,7 +195,7 @@ TEST_CASE("malformed KTX2 and DDS files are refused by name", "[block_file][bad]
   CHECK(bomb.error().message.find("pixels") != std::string::npos);
 }
 
-TEST_CASE("real KTX2 and DDS files are read or refused by one line", "[block_file][models]") {
+TEST_CASE("real KTX2 and DDS files are read or refused with one line", "[block_file][models]") {
   const std::filesystem::path folder = tests::models_path();
   if (folder.empty() || !std::filesystem::exists(folder / "ktx2")) {
     WARN("no folder of real models");
@@ -231,7 +231,7 @@ TEST_CASE("real KTX2 and DDS files are read or refused by one line", "[block_fil
   CHECK(malformed == 151);  // the others, listed in docs/converting.md, are unusual in a way that affects no pixel
 }
 
-TEST_CASE("real files of one picture decode to one picture", "[block_file][models]") {
+TEST_CASE("real files of the same picture decode to equal pictures", "[block_file][models]") {
   const std::filesystem::path folder = tests::models_path() / "ktx2";
   if (tests::models_path().empty() || !std::filesystem::exists(folder)) {
     WARN("no folder of real models");

@@ -1,4 +1,4 @@
-// Radiance pictures: rows of runs and of pixels, and every way to be none.
+// Radiance pictures: rows of runs and of pixels, and invalid files of every kind.
 #include "runtime/images/hdr.h"
 
 #include <cmath>
@@ -35,33 +35,33 @@ ErrorCode code_of(const std::string& file) {
   return read.error().code;
 }
 
-/// A row of 8 pixels, each channel one run but the first: 3 bytes as they are, a run of 5.
+/// A row of 8 pixels. The first channel has 3 plain bytes and a run of 5; each other channel is one run.
 const std::string kRow = std::string("\2\2\0\x8", 4) + std::string("\3\1\2\3\x85\7", 6) + "\x88\x10" + "\x88\x20" +
                          std::string("\x88\x81", 2);
 
 }  // namespace
 
-TEST_CASE("hdr: rows of runs and of pixels", "[hdr]") {
+TEST_CASE("hdr: rows of runs and rows of pixels are read", "[hdr]") {
   const auto runs = read_all(bytes_of(header("-Y 2 +X 8") + kRow + kRow));
   REQUIRE(runs);
   REQUIRE(runs->size() == 48);
-  // The mantissa and a half over 256, times 2 to the exponent less 128.
+  // (mantissa + 0.5) / 256 * 2^(exponent - 128).
   CHECK((*runs)[0] == 1.5f / 128);
   CHECK((*runs)[3 * 7] == 7.5f / 128);
   CHECK((*runs)[3 * 7 + 1] == 16.5f / 128);
   CHECK((*runs)[24 + 2] == 32.5f / 128);
-  // 2 pixels, the second three times more, by two runs: 1 and 0 * 256.
+  // 2 pixels, then repeats of the second.
   std::string old = header("-Y 1 +X 4");
   old += std::string("\4\5\6\x80\x08\x09\x0a\x80\1\1\1\2", 12);
   const auto pixels = read_all(bytes_of(old));
   REQUIRE(pixels);
   CHECK((*pixels)[0] == 4.5f / 256);
   for (size_t x = 1; x < 4; ++x) CHECK((*pixels)[3 * x] == 8.5f / 256);
-  // Of exponent 0 black, whatever the mantissa.
+  // Exponent 0 is black for any mantissa.
   CHECK(read_all(bytes_of(header("-Y 1 +X 1") + std::string("\7\7\7\0", 4))).value() == std::vector<float>{0, 0, 0});
 }
 
-TEST_CASE("hdr: what is none is refused, and every prefix", "[hdr]") {
+TEST_CASE("hdr: other files and every prefix are refused", "[hdr]") {
   CHECK(code_of("") == ErrorCode::kFormat);
   CHECK(code_of("P6 1 1 255") == ErrorCode::kFormat);
   CHECK(code_of("#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n") == ErrorCode::kUnsupported);

@@ -157,7 +157,7 @@ TEST_CASE("a PNG comes back as it was written", "[image]") {
   std::filesystem::remove(path);
 }
 
-TEST_CASE("a picture that cannot be written leaves nothing behind", "[image]") {
+TEST_CASE("a picture that cannot be written leaves no file", "[image]") {
   const std::vector<uint8_t> pixels(3, 0);
   const auto path = scratch("no_such_folder") / "a.png";
   const Result<void> written = scree::runtime::write_png(path.string(), 1, 1, 3, pixels);
@@ -171,7 +171,7 @@ TEST_CASE("a picture that cannot be written leaves nothing behind", "[image]") {
   CHECK_FALSE(std::filesystem::exists(folder.string() + ".part"));
   std::filesystem::remove_all(folder);
 
-  // Past the limit write() fails as on a full disk, where SIGXFSZ is ignored.
+  // Past the limit, write() fails as on a full disk, because SIGXFSZ is ignored.
   const auto full = scratch("full.pfm");
   const std::vector<float> values(100, 1.0f);
   const auto before = std::signal(SIGXFSZ, SIG_IGN);
@@ -212,7 +212,7 @@ TEST_CASE("a PFM has its rows bottom to top, little-endian", "[image]") {
   std::filesystem::remove(path);
 }
 
-TEST_CASE("a visibility buffer is its words and nothing else", "[image]") {
+TEST_CASE("a visibility buffer file has its words and nothing else", "[image]") {
   const auto path = scratch("visibility.bin");
   const std::vector<uint64_t> samples{0x0123456789abcdefu, ~uint64_t{0}};
   REQUIRE(scree::runtime::write_visibility(path.string(), samples));
@@ -222,7 +222,7 @@ TEST_CASE("a visibility buffer is its words and nothing else", "[image]") {
   std::filesystem::remove(path);
 }
 
-TEST_CASE("what is no image is named", "[image]") {
+TEST_CASE("a file that is no image is named", "[image]") {
   const std::vector<std::byte> empty;
   REQUIRE_FALSE(probe_image(empty));
   CHECK(probe_image(empty).error().code == ErrorCode::kTruncated);
@@ -233,7 +233,7 @@ TEST_CASE("what is no image is named", "[image]") {
   CHECK(probe_image(wave).error().message == "no PNG, JPEG, WebP, KTX2 or DDS: begins with 52 49 46 46");
 }
 
-TEST_CASE("a huge picture in a few bytes is refused before its memory is taken", "[image]") {
+TEST_CASE("a huge picture in a few bytes is refused before memory is allocated", "[image]") {
   const auto path = scratch("bomb.png");
   REQUIRE(scree::runtime::write_png(path.string(), 2, 2, 3, noise(12)));
   std::vector<std::byte> file = read_bytes(path);
@@ -267,7 +267,7 @@ TEST_CASE("a huge picture in a few bytes is refused before its memory is taken",
   CHECK(checked.error().message == image.error().message);
 }
 
-TEST_CASE("an image is accepted by its check just where it is decoded", "[image]") {
+TEST_CASE("the check accepts exactly the images that decode", "[image]") {
   for (const int components : {1, 3, 4})
     for (const bool is_progressive : {false, true})
       check_agrees_when_damaged(make_jpeg(173, 91, components, is_progressive), 40);
@@ -290,7 +290,7 @@ TEST_CASE("an image is accepted by its check just where it is decoded", "[image]
   }
 }
 
-TEST_CASE("an image file that cannot be read is an error of reading", "[image]") {
+TEST_CASE("an image file that cannot be read is a read error", "[image]") {
   const std::vector<std::byte> file = make_jpeg(700, 400, 3, false);
   REQUIRE(file.size() > 2 * 65536);
   for (const uint64_t limit : {uint64_t{0}, uint64_t{65536}}) {
@@ -306,7 +306,7 @@ TEST_CASE("an image file that cannot be read is an error of reading", "[image]")
   }
 }
 
-TEST_CASE("real JPEGs decode, or say why not", "[image][models]") {
+TEST_CASE("real JPEGs decode, or give the reason", "[image][models]") {
   const auto models = scree::tests::models_path();
   if (models.empty()) {
     WARN("no models beside the checkout");
@@ -336,7 +336,7 @@ TEST_CASE("real JPEGs decode, or say why not", "[image][models]") {
   CHECK(refused < 30);
 }
 
-TEST_CASE("one picture coded in many ways looks the same", "[image][models]") {
+TEST_CASE("one picture in many codings decodes to the same pixels", "[image][models]") {
   const auto models = scree::tests::models_path();
   if (models.empty()) {
     WARN("no models beside the checkout");
@@ -359,7 +359,7 @@ TEST_CASE("one picture coded in many ways looks the same", "[image][models]") {
   }
 }
 
-TEST_CASE("malformed JPEGs never crash, nor do cut and bit-flipped ones", "[image][models]") {
+TEST_CASE("malformed, cut and bit-flipped JPEGs never crash", "[image][models]") {
   const auto models = scree::tests::models_path();
   if (models.empty()) {
     WARN("no models beside the checkout");

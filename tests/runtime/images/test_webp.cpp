@@ -1,4 +1,4 @@
-// WebP files: lossless ones decode to the pixels that were put in, lossy ones near them; malformed ones are refused.
+// WebP files: lossless files decode to the encoded pixels, lossy files to similar ones; malformed files are refused.
 #include <array>
 #include <cstdlib>
 #include <cstring>
@@ -14,7 +14,7 @@ namespace {
 using tests::make_webp;
 using tests::smooth_pixels;
 
-/// As a file that is read as it is needed.
+/// A file that is read on demand.
 ImageFile read_from(const std::vector<std::byte>& file) {
   return {file.size(), [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
             std::memcpy(out.data(), file.data() + offset, out.size());
@@ -28,7 +28,7 @@ std::vector<std::byte> cut(std::vector<std::byte> file, size_t size) {
   return file;
 }
 
-TEST_CASE("a WebP decodes to what was put in", "[webp]") {
+TEST_CASE("a WebP decodes to the encoded picture", "[webp]") {
   for (const bool has_alpha : {false, true})
     for (const auto& [width, height] : {std::pair{1u, 1u}, {37u, 19u}, {300u, 200u}}) {
       const std::vector<uint8_t> pixels = smooth_pixels(width, height, has_alpha);
@@ -55,7 +55,7 @@ TEST_CASE("a WebP decodes to what was put in", "[webp]") {
     }
 }
 
-TEST_CASE("malformed WebP files are refused by one line", "[webp][bad]") {
+TEST_CASE("malformed WebP files are refused with one line", "[webp][bad]") {
   const std::vector<uint8_t> pixels = smooth_pixels(24, 16, true);
   for (const float quality : {0.0f, 80.0f}) {
     const std::vector<std::byte> whole = make_webp(pixels, 24, 16, quality);
@@ -87,7 +87,7 @@ TEST_CASE("an animated WebP is refused", "[webp][bad]") {
   const auto info = probe_image(file);
   REQUIRE_FALSE(info);
   CHECK(info.error().code == ErrorCode::kUnsupported);
-  CHECK(info.error().message == "WebP: an animation, but glTF has pictures that stand still");
+  CHECK(info.error().message == "WebP: an animation, but glTF has still pictures");
 }
 
 TEST_CASE("a large WebP of one colour is read", "[webp]") {

@@ -1,4 +1,4 @@
-// WebP files as the tests make them, where scree is built with libwebp.
+// Makes WebP files for the tests, if scree is built with libwebp.
 #pragma once
 
 #include <webp/encode.h>
@@ -12,7 +12,7 @@
 
 namespace scree::tests {
 
-/// RGBA whose neighbours are alike, so that lossy coding is near.
+/// RGBA with similar neighbours, so that lossy coding is accurate.
 inline std::vector<uint8_t> smooth_pixels(uint32_t width, uint32_t height, bool has_alpha) {
   std::vector<uint8_t> pixels;
   for (uint32_t y = 0; y < height; ++y)
@@ -23,7 +23,7 @@ inline std::vector<uint8_t> smooth_pixels(uint32_t width, uint32_t height, bool 
   return pixels;
 }
 
-/// Without loss where `quality` is 0, else lossy.
+/// `quality`: 0 is lossless, else lossy.
 inline std::vector<std::byte> make_webp(const std::vector<uint8_t>& rgba, uint32_t width, uint32_t height,
                                         float quality = 0) {
   WebPConfig config;

@@ -1,4 +1,4 @@
-// Environments: what is even stays even, directions stay where they are, and threads do not show.
+// Environments: uniform light stays uniform, directions are right, and the number of threads changes nothing.
 #include "runtime/light/environment.h"
 
 #include <cmath>
@@ -15,7 +15,7 @@ using tests::TempFolder;
 
 namespace {
 
-/// A picture of 64 x 32 pixels: `bright(x, y)` ones of light 2, others of nearly none.
+/// A picture of 64 x 32 pixels. Pixels for which `bright(x, y)` is true have light 2, the others nearly 0.
 std::string write_panorama(const TempFolder& folder, const std::function<bool(int, int)>& bright) {
   std::string text = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n";
   for (int y = 0; y < 32; ++y) {
@@ -34,7 +34,7 @@ constexpr float kBright = 127.5f / 64;
 
 }  // namespace
 
-TEST_CASE("environment: light that is even stays even at every roughness", "[environment]") {
+TEST_CASE("environment: uniform light stays uniform at every roughness", "[environment]") {
   const TempFolder folder;
   const auto made = load_environment(write_panorama(folder, [](int, int) { return true; }), 2);
   REQUIRE(made);
@@ -52,7 +52,7 @@ TEST_CASE("environment: light that is even stays even at every roughness", "[env
   }
 }
 
-TEST_CASE("environment: -z lies in the middle of the picture, +x to its right, y up", "[environment]") {
+TEST_CASE("environment: -z is in the middle of the picture, +x on the right, y up", "[environment]") {
   const TempFolder folder;
   const auto light = [&](const std::vector<float>& made, float x, float y, float z, float roughness) {
     const float direction[3] = {x, y, z};
@@ -72,7 +72,7 @@ TEST_CASE("environment: -z lies in the middle of the picture, +x to its right, y
     CHECK(light(*above, 0, 1, 0, roughness) > 10 * light(*above, 0, -1, 0, roughness));
   }
   CHECK(light(*front, 0, 0, -1, 0) == Approx(kBright).epsilon(1e-3));
-  // Rougher is blurred, but no light is lost: a half is lit.
+  // Higher roughness blurs but loses no light: half of the directions are lit.
   CHECK(light(*above, 1, 0, 0, 1) == Approx(kBright / 2).epsilon(0.1));
   float rgb[3];
   const float up[3] = {0, 1, 0};
@@ -80,7 +80,7 @@ TEST_CASE("environment: -z lies in the middle of the picture, +x to its right, y
   CHECK(rgb[0] == Approx(kBright).epsilon(0.05));
 }
 
-TEST_CASE("environment: places on the octahedron and directions are each other's inverse", "[environment]") {
+TEST_CASE("environment: octahedral coordinates and directions are inverse maps", "[environment]") {
   for (int y = 0; y < 64; ++y) {
     for (int x = 0; x < 64; ++x) {
       const float u = (static_cast<float>(x) + 0.5f) / 64, v = (static_cast<float>(y) + 0.5f) / 64;

@@ -74,7 +74,7 @@ SmallScene with_cameras() {
 
 }  // namespace
 
-TEST_CASE("a camera node is seen from, whatever its scale", "[camera]") {
+TEST_CASE("a camera node gives the view, regardless of its scale", "[camera]") {
   const Scene scene = must_load(with_cameras());
   CameraOptions options;
   options.width = 200;
@@ -103,7 +103,7 @@ TEST_CASE("a camera node is seen from, whatever its scale", "[camera]") {
   CHECK(wide->half_height == Approx(1));
 }
 
-TEST_CASE("a camera's rotation is divided by its length, as that of instances is", "[camera]") {
+TEST_CASE("a camera's rotation is normalised, as for instances", "[camera]") {
   // A file of another writer: the node's quaternion has length 3.
   SmallScene small = with_cameras();
   const auto with_units = small.change;
@@ -147,7 +147,7 @@ TEST_CASE("an orthographic camera keeps its height", "[camera]") {
   CHECK_FALSE(view_of(scene, options));
 }
 
-TEST_CASE("a camera that is not there is named beside those that are", "[camera]") {
+TEST_CASE("a missing camera is an error that lists the existing ones", "[camera]") {
   const Scene scene = must_load(with_cameras());
   CameraOptions options;
   options.camera = "7";
@@ -161,7 +161,7 @@ TEST_CASE("a camera that is not there is named beside those that are", "[camera]
   CHECK(none.error().message == "no camera 'x', but the scene has no cameras");
 }
 
-TEST_CASE("an eye looks at its target with up upwards", "[camera]") {
+TEST_CASE("a view from an eye to a target has its up direction at the top", "[camera]") {
   const Scene scene = must_load(SmallScene{});
   CameraOptions options;
   options.eye = Vec3{0, 0, 4};
@@ -201,7 +201,7 @@ TEST_CASE("an eye looks at its target with up upwards", "[camera]") {
   CHECK_FALSE(view_of(scene, options));
 }
 
-TEST_CASE("inside the scene's box the near plane is tiny, far from it it is not", "[camera]") {
+TEST_CASE("the near plane is tiny inside the scene's box, and larger far away", "[camera]") {
   const Scene scene = must_load(SmallScene{});
   CameraOptions options;
   options.target = Vec3{0, 0, -1};
@@ -216,7 +216,7 @@ TEST_CASE("inside the scene's box the near plane is tiny, far from it it is not"
   CHECK(far->z_near == Approx(10));
 }
 
-TEST_CASE("the default view holds all of the scene, tightly and in the middle", "[camera]") {
+TEST_CASE("the default view shows the whole scene, tightly and in the middle", "[camera]") {
   for (const double stretch : {1.0, 40.0, 0.01}) {
     SmallScene small;
     small.change = [&](format::TableSet& tables) {

@@ -49,7 +49,7 @@ uint64_t largest_gap(const std::vector<uint32_t>& owners) {
 
 }  // namespace
 
-TEST_CASE("blocks are taken wherever there is room, given back and moved together", "[residency]") {
+TEST_CASE("blocks are allocated, freed and moved together", "[residency]") {
   std::mt19937 random(11);
   uint32_t refused = 0;
   uint32_t moves = 0;

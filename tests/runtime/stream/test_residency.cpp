@@ -223,7 +223,7 @@ std::vector<uint32_t> some_of(uint32_t count, uint32_t most, std::mt19937& rando
 
 }  // namespace
 
-TEST_CASE("random frames in random pools keep what a residency promises", "[residency]") {
+TEST_CASE("random frames in random pools keep the promises of Residency", "[residency]") {
   std::mt19937 random(7);
   uint64_t moved = 0;
   uint32_t reused = 0;
@@ -261,7 +261,7 @@ TEST_CASE("random frames in random pools keep what a residency promises", "[resi
   CHECK(reused > 20);
 }
 
-TEST_CASE("near chunks stay in a pool that is too small, far ones stream", "[residency]") {
+TEST_CASE("near chunks stay in a pool that is too small, far chunks are streamed", "[residency]") {
   std::mt19937 random(1);
   const uint32_t count = 40;
   Checked checked(10 * 1024, std::vector<uint64_t>(count, 1024));
@@ -277,7 +277,7 @@ TEST_CASE("near chunks stay in a pool that is too small, far ones stream", "[res
   CHECK(checked.frame(others, 2048, true, random).loaded_bytes == 0);
 }
 
-TEST_CASE("a residency forgets everything after an error", "[residency]") {
+TEST_CASE("a Residency is empty after forget()", "[residency]") {
   Result<Residency> made = Residency::create(4096, {1000, 1000, 3000});
   REQUIRE(made);
   const std::vector<uint32_t> visible{0, 1, 2};
@@ -290,7 +290,7 @@ TEST_CASE("a residency forgets everything after an error", "[residency]") {
   CHECK(made->missing().size() == 3);
 }
 
-TEST_CASE("a chunk larger than the pool is told with the least pool", "[residency]") {
+TEST_CASE("a chunk larger than the pool is refused with the least pool size", "[residency]") {
   const Result<Residency> small = Residency::create(1023, {10, 1025, 7});
   REQUIRE_FALSE(small);
   CHECK(small.error().code == ErrorCode::kRange);
@@ -304,7 +304,7 @@ TEST_CASE("a chunk larger than the pool is told with the least pool", "[residenc
   CHECK_FALSE(Residency::create(0, {0}));
 }
 
-TEST_CASE("sizes beyond 32 bits are kept", "[residency]") {
+TEST_CASE("sizes above 32 bits are kept", "[residency]") {
   const uint64_t gib = uint64_t{1} << 30;
   Result<Residency> made = Residency::create(100 * gib, {60 * gib, 50 * gib, 30 * gib});
   REQUIRE(made);
@@ -320,7 +320,7 @@ TEST_CASE("sizes beyond 32 bits are kept", "[residency]") {
   CHECK(second.loads[1].offset + second.loads[1].bytes <= 100 * gib);
 }
 
-TEST_CASE("what is to give way next does, stretch by stretch, and leaves its room in one piece", "[residency]") {
+TEST_CASE("give_way_next() sets the order of eviction, and evicted stretches leave contiguous room", "[residency]") {
   constexpr uint64_t kUnit = Residency::kAlignment;
   constexpr uint32_t kChunks = 12;
   Result<Residency> made = Residency::create(kChunks * kUnit, std::vector<uint64_t>(2 * kChunks, kUnit));
@@ -331,7 +331,7 @@ TEST_CASE("what is to give way next does, stretch by stretch, and leaves its roo
   residency.begin_frame(first);
   residency.batch_drawn(residency.next_batch(kChunks * kUnit).loads);
 
-  // The same chunks and as many more; four and then two of the new ones are wanted.
+  // The same chunks and as many new ones, of which batches of four and then two are loaded.
   std::vector<uint32_t> second(2 * kChunks);
   std::iota(second.begin(), second.end(), 0u);
   const std::vector<Residency::Place> there = residency.begin_frame(second);
@@ -354,7 +354,7 @@ TEST_CASE("what is to give way next does, stretch by stretch, and leaves its roo
   for (uint32_t i = 8; i < kChunks; ++i) CHECK(residency.is_resident(all[i].chunk));
 }
 
-TEST_CASE("what choosing chunks costs", "[.bench][residency]") {
+TEST_CASE("cost of choosing chunks", "[.bench][residency]") {
   // As many chunks as scene C has at a quarter of its size, with a pool for a quarter of them.
   constexpr uint32_t kCount = 36000;
   std::mt19937 random(3);

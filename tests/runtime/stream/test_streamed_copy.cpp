@@ -6,7 +6,7 @@
 
 #include "tests/catch.h"
 
-TEST_CASE("copies past the cache of any size, from and to anywhere") {
+TEST_CASE("copies past the cache of any size and alignment") {
   constexpr size_t kRoom = 512;
   std::vector<std::byte> source(kRoom);
   for (size_t i = 0; i < kRoom; ++i) source[i] = static_cast<std::byte>(i * 37 + i / 256 + 1);

@@ -68,7 +68,8 @@ Pool pool_of(const Scene& scene) {
   return pool;
 }
 
-/// From somewhere around or inside the scene to somewhere in it; every fourth is orthographic.
+/// A camera at a random point around or inside the scene, looking at a random point in it. Every fourth is
+/// orthographic.
 View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint32_t height) {
   const runtime::WorldBox box = runtime::scene_box(scene.view());
   std::uniform_real_distribution<double> unit(0, 1);
@@ -148,7 +149,7 @@ class Compared {
     REQUIRE(picture->channels == whole->channels);
     REQUIRE(picture->pixels == whole->pixels);
     REQUIRE(stats->streamed_bytes + stats->hidden_bytes == stats->missing_bytes);
-    // Layers of blended surfaces add what they miss.
+    // Layers of blended surfaces add the chunks that they miss.
     if (whole_.view().blend_masks == nullptr) REQUIRE(stats->missing_bytes <= stats->seen_bytes);
     return *stats;
   }
@@ -248,7 +249,7 @@ Soup random_soup(uint32_t triangles, std::mt19937& random) {
 
 }  // namespace
 
-TEST_CASE("streamed pictures are those of the whole scene: indexed, clustered, float32, compressed", "[streamer]") {
+TEST_CASE("streamed pictures equal the whole scene's: indexed, clustered, float32, compressed", "[streamer]") {
   convert::ConvertOptions options;
   options.chunk_triangles = 150;
   options.normals = convert::Normals::kAlways;
@@ -276,7 +277,7 @@ TEST_CASE("streamed pictures are those of the whole scene: indexed, clustered, f
   CHECK(totals.streamed > 0);
 }
 
-TEST_CASE("streamed pictures are those of the whole scene: mixed encodings in pages of several chunks", "[streamer]") {
+TEST_CASE("streamed pictures equal the whole scene's: mixed encodings in pages of several chunks", "[streamer]") {
   std::mt19937 random(5);
   std::vector<std::pair<Soup, Encoding>> meshes;
   for (int i = 0; i < 6; ++i) {
@@ -293,7 +294,7 @@ TEST_CASE("streamed pictures are those of the whole scene: mixed encodings in pa
   CHECK(compare_paths(Compared(folder.file("mixed.scree")), 5).streamed > 0);
 }
 
-TEST_CASE("streamed pictures are those of the whole scene: JPEG textures decoded as they are looked at", "[streamer]") {
+TEST_CASE("streamed pictures equal the whole scene's: JPEG textures decoded on demand", "[streamer]") {
   const TempFolder folder;
   scree::tests::make_jpeg_model(folder.file("in.glb"));
   convert::ConvertOptions options = scree::tests::options_of(folder);
@@ -311,7 +312,7 @@ static void convert_by_triangles(const char* name, const TempFolder& folder) {
   scree::tests::must_convert(options);
 }
 
-TEST_CASE("streamed pictures are those of the whole scene: files of tests/data", "[streamer]") {
+TEST_CASE("streamed pictures equal the whole scene's: files of tests/data", "[streamer]") {
   for (const char* name : {"gpu_instancing.glb", "two_instances.gltf", "textured_cube.glb", "materials.gltf"}) {
     INFO(name);
     const TempFolder folder;
@@ -320,7 +321,7 @@ TEST_CASE("streamed pictures are those of the whole scene: files of tests/data",
   }
 }
 
-TEST_CASE("pictures that do not wait for all chunks come to the whole picture", "[streamer]") {
+TEST_CASE("pictures that do not wait for all chunks become the whole picture", "[streamer]") {
   const TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 60;
@@ -340,7 +341,7 @@ TEST_CASE("pictures that do not wait for all chunks come to the whole picture", 
     REQUIRE(stats);
     REQUIRE(stats->left_bytes < left);
     left = stats->left_bytes;
-    // Every sample shows what the whole picture has there, or something behind it.
+    // Every sample equals the whole picture's, or lies behind it.
     REQUIRE(stream->samples().size() == whole->samples().size());
     bool is_behind = false;
     for (size_t i = 0; i < whole->samples().size(); ++i) {
@@ -364,7 +365,7 @@ TEST_CASE("pictures that do not wait for all chunks come to the whole picture", 
   }
   CHECK(calls > 0);
   CHECK(scene.draw(*stream, view, 1, shade).missing_bytes == 0);
-  // A pool that does not hold all keeps some for good.
+  // A pool that is too small for all chunks keeps some permanently.
   const std::unique_ptr<CpuStream> small = scene.stream(scene.pool().all / 2);
   const Result<uint64_t> kept_out = small->load_rest();
   REQUIRE(kept_out);
@@ -394,7 +395,7 @@ TEST_CASE("streamed pictures leave out omitted instances, whose chunks are not l
   }
 }
 
-TEST_CASE("streamed pictures are those of the whole scene: real models", "[streamer][models]") {
+TEST_CASE("streamed pictures equal the whole scene's: real models", "[streamer][models]") {
   const auto root = scree::tests::models_path();
   if (root.empty()) {
     WARN("the models are not there: skipped");
@@ -415,7 +416,7 @@ TEST_CASE("streamed pictures are those of the whole scene: real models", "[strea
   }
 }
 
-TEST_CASE("what the view holds already is not streamed again along a path", "[streamer]") {
+TEST_CASE("chunks that are already loaded are not streamed again along a path", "[streamer]") {
   const TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 60;
@@ -423,7 +424,7 @@ TEST_CASE("what the view holds already is not streamed again along a path", "[st
   const Compared scene(folder.file("out.scree"));
   const Pool pool = scene.pool();
   const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 2 + pool.least);
-  // A camera that goes around once sees about half of the scene at a time.
+  // About half of the scene is visible at a time on one turn around it.
   uint64_t streamed = 0;
   uint64_t seen = 0;
   runtime::CameraOptions camera;
@@ -447,7 +448,7 @@ TEST_CASE("what the view holds already is not streamed again along a path", "[st
   CHECK(streamed < seen / 3);
 }
 
-TEST_CASE("chunks behind what is drawn are not loaded, nor asked for again", "[streamer]") {
+TEST_CASE("hidden chunks are not loaded, in later frames either", "[streamer]") {
   const TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 60;
@@ -479,7 +480,7 @@ TEST_CASE("chunks behind what is drawn are not loaded, nor asked for again", "[s
   CHECK(scene.draw(*stream, under, 1, shade_options(0)).streamed_bytes > 0);
 }
 
-TEST_CASE("a still camera over a pool that is too small streams what is missing, near chunks stay", "[streamer]") {
+TEST_CASE("a still camera with a small pool streams the missing chunks, and near chunks stay", "[streamer]") {
   const TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 60;
@@ -497,7 +498,7 @@ TEST_CASE("a still camera over a pool that is too small streams what is missing,
   }
 }
 
-TEST_CASE("pages that are not good end a streamed frame as they end loading", "[streamer]") {
+TEST_CASE("bad pages end a streamed frame with the same error as loading", "[streamer]") {
   std::mt19937 random(9);
   const TempFolder folder;
   PagedScene paged;
@@ -522,7 +523,7 @@ TEST_CASE("pages that are not good end a streamed frame as they end loading", "[
   }
 }
 
-TEST_CASE("a pool smaller than a chunk is told with the least that does", "[streamer]") {
+TEST_CASE("a pool smaller than a chunk is refused with the least size", "[streamer]") {
   std::mt19937 random(10);
   const TempFolder folder;
   PagedScene().write(folder.file("a.scree"), {{random_soup(200, random), Encoding{}}});

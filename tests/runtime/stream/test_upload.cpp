@@ -243,7 +243,7 @@ void flip_byte(SealedPage& page, size_t at) {
 
 }  // namespace
 
-TEST_CASE("an upload brings every page and table to its place", "[upload]") {
+TEST_CASE("an upload copies every page and table to its place", "[upload]") {
   const TempFolder folder;
   const std::string path = folder.file("paged.scree");
   PagedScene{}.write(path, some_meshes());
@@ -313,7 +313,7 @@ TEST_CASE("a chunk larger than a megabyte is uploaded in parts", "[upload]") {
   }
 }
 
-TEST_CASE("an upload tells the first bad page, as loading it for the CPU does", "[upload]") {
+TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "[upload]") {
   const TempFolder folder;
   const std::string path = folder.file("bad.scree");
   PagedScene scene;
@@ -391,7 +391,7 @@ TEST_CASE("an upload tells the first bad page, as loading it for the CPU does", 
   }
 }
 
-TEST_CASE("a device that fails ends an upload with its error and nothing under way", "[upload]") {
+TEST_CASE("a failing device ends an upload with its error and no copy under way", "[upload]") {
   const TempFolder folder;
   const std::string path = folder.file("paged.scree");
   PagedScene{}.write(path, some_meshes());
@@ -407,7 +407,7 @@ TEST_CASE("a device that fails ends an upload with its error and nothing under w
   }
 }
 
-TEST_CASE("staging memory is as large as the work, within its bound", "[upload]") {
+TEST_CASE("staging memory is as large as the work needs, within its limit", "[upload]") {
   std::vector<std::byte> table(10 << 20);
   UploadPlan plan;
   plan.add(table.data(), table.size());
@@ -421,7 +421,7 @@ TEST_CASE("staging memory is as large as the work, within its bound", "[upload]"
   CHECK(StagingSizes{}.bytes() == 128u << 20);
 }
 
-TEST_CASE("direct reads give the file's bytes, also past a rename", "[upload]") {
+TEST_CASE("direct reads return the file's bytes, even after a rename", "[upload]") {
   const TempFolder folder;
   std::string text(3 * 4096 + 100, 'a');
   for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 4096);
@@ -462,21 +462,21 @@ TEST_CASE("direct reads give the file's bytes, also past a rename", "[upload]") 
   }
 }
 
-TEST_CASE("large files out of the page cache are read past it", "[upload]") {
+TEST_CASE("large files that are not cached are read past the page cache", "[upload]") {
   const TempFolder folder;
   const std::string path = folder.file("paged.scree");
   PagedScene{}.write(path, some_meshes());
   const Scene scene = open_scene(path);
   UploadPlan plan;
   plan.add_pages(scene.drawn_pages());
-  // A small file is not read directly, whatever the cache holds; an explicit choice is followed.
+  // A small file is not read directly, cached or not; an explicit choice is followed.
   CHECK(choose_reading(plan, scene.file().map(), Reading::kAuto) == Reading::kBuffered);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kDirect) == Reading::kDirect);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kMapped) == Reading::kMapped);
   CHECK(choose_reading(UploadPlan{}, scene.file().map(), Reading::kAuto) == Reading::kBuffered);
 }
 
-TEST_CASE("what is in the page cache decides how a file is read", "[upload]") {
+TEST_CASE("the cached share of a file decides how it is read", "[upload]") {
   // Some megabytes. A small file would be cached completely with its tables, because the system reads ahead.
   Soup soup;
   std::mt19937 random(7);
@@ -516,7 +516,7 @@ TEST_CASE("what is in the page cache decides how a file is read", "[upload]") {
   CHECK(choose_reading(plan, map, Reading::kDirect, stored) == Reading::kDirect);
 }
 
-TEST_CASE("a scene opened without its pages gets them when asked", "[upload]") {
+TEST_CASE("a scene opened without its pages loads them on request", "[upload]") {
   const TempFolder folder;
   const std::string path = folder.file("paged.scree");
   PagedScene{}.write(path, some_meshes());

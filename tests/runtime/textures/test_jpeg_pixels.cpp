@@ -125,7 +125,7 @@ struct Difference {
 
 }  // namespace
 
-TEST_CASE("samples and colours are libjpeg's, for every kind of file", "[jpeg_pixels]") {
+TEST_CASE("samples and colours equal libjpeg's, for every kind of file", "[jpeg_pixels]") {
   for (const auto& recipe : scree::tests::indexable_recipes()) {
     INFO(recipe.name << ", " << recipe.width << " x " << recipe.height);
     const Bytes file = make_jpeg(recipe);
@@ -146,7 +146,7 @@ TEST_CASE("samples and colours are libjpeg's, for every kind of file", "[jpeg_pi
   }
 }
 
-TEST_CASE("damaged groups decode to something, within their bytes", "[jpeg_pixels]") {
+TEST_CASE("damaged groups decode within their bytes", "[jpeg_pixels]") {
   std::mt19937 random(7);
   uint32_t opened = 0;
   for (const auto& recipe : scree::tests::indexable_recipes()) {
@@ -171,7 +171,7 @@ TEST_CASE("damaged groups decode to something, within their bytes", "[jpeg_pixel
   CHECK(opened > 50);
 }
 
-TEST_CASE("samples and colours of real files are libjpeg's", "[jpeg_pixels]") {
+TEST_CASE("samples and colours of real files equal libjpeg's", "[jpeg_pixels]") {
   if (scree::tests::models_path().empty()) {
     WARN("no models: skipped");
     return;

@@ -44,7 +44,7 @@ std::array<double, 4> mean_of_level(const MipChain& chain, uint32_t level) {
 
 }  // namespace
 
-TEST_CASE("sRGB codes go to light and back, and light takes the nearest code", "[texture]") {
+TEST_CASE("sRGB codes survive linear light, and light gets the nearest code", "[texture]") {
   for (unsigned code = 0; code < 256; ++code) CHECK(srgb_of_linear(linear_of_srgb(static_cast<uint8_t>(code))) == code);
   size_t wrong = 0;
   for (int i = 0; i <= 200000; ++i) {
@@ -74,7 +74,7 @@ TEST_CASE("a picture of one colour has levels of that colour", "[texture]") {
   }
 }
 
-TEST_CASE("the mean of a picture stays through its levels, odd sizes too", "[texture]") {
+TEST_CASE("all levels of a picture have the same mean, even of odd sizes", "[texture]") {
   std::mt19937 random(5);
   for (const auto& [width, height] :
        {std::array{64u, 64u}, std::array{63u, 65u}, std::array{5u, 3u}, std::array{255u, 31u}}) {
@@ -87,7 +87,7 @@ TEST_CASE("the mean of a picture stays through its levels, odd sizes too", "[tex
   }
 }
 
-TEST_CASE("black and white average to half the light, not half the code", "[texture]") {
+TEST_CASE("black and white average to half the light, not to half the code", "[texture]") {
   Image image = picture(2, 1);
   for (size_t c = 0; c < 4; ++c) image.rgba[4 + c] = 255;
   const MipChain chain = make_mips(std::move(image));
@@ -96,7 +96,7 @@ TEST_CASE("black and white average to half the light, not half the code", "[text
   CHECK(chain.texels[11] == 128);
 }
 
-TEST_CASE("the last column and row of an odd picture count by their share", "[texture]") {
+TEST_CASE("the last column and row of an odd picture have their share of the weight", "[texture]") {
   Image image = picture(3, 1);
   for (size_t c = 0; c < 4; ++c) image.rgba[8 + c] = 255;  // only the last texel is white
   const MipChain chain = make_mips(std::move(image));

@@ -10,7 +10,7 @@
 
 using scree::runtime::Workers;
 
-TEST_CASE("workers do each item of each loop once") {
+TEST_CASE("workers run each item of each loop once") {
   const uint32_t threads = GENERATE(1u, 2u, 5u);
   Workers workers(threads);
   CHECK(workers.count() == threads);
@@ -25,7 +25,7 @@ TEST_CASE("workers do each item of each loop once") {
   }
 }
 
-TEST_CASE("workers share a loop, also after one of a single item") {
+TEST_CASE("workers share a loop, even after a loop of one item") {
   Workers workers(3);
   std::mutex mutex;
   std::set<std::thread::id> ids;
@@ -42,7 +42,7 @@ TEST_CASE("workers share a loop, also after one of a single item") {
   CHECK(ids.size() == 3);
 }
 
-TEST_CASE("what a loop throws ends it early and leaves the workers whole") {
+TEST_CASE("an exception ends a loop early, and the workers stay usable") {
   Workers workers(4);
   for (int round = 0; round < 50; ++round) {
     std::atomic<uint64_t> done{0};
@@ -58,6 +58,6 @@ TEST_CASE("what a loop throws ends it early and leaves the workers whole") {
   }
 }
 
-TEST_CASE("workers without a loop start nothing and end") {
+TEST_CASE("workers without a loop start no thread") {
   for (int i = 0; i < 1000; ++i) const Workers workers(1000);
 }

@@ -41,7 +41,7 @@ BenchOptions small_options() {
 
 }  // namespace
 
-TEST_CASE("bench: how much of a file the page cache has", "[bench_tool]") {
+TEST_CASE("bench: the cached share of a file is measured", "[bench_tool]") {
   const TempFolder folder;
   const std::string path = folder.write("bytes", std::string(300'000, 'x'));
   const Result<double> brought = bring_to_cache(path);
@@ -66,7 +66,7 @@ TEST_CASE("bench: how much of a file the page cache has", "[bench_tool]") {
   }
 }
 
-TEST_CASE("bench: the median, the ends and the mean of times", "[bench_tool]") {
+TEST_CASE("bench: median, minimum, maximum and mean of times", "[bench_tool]") {
   const std::vector<float> odd{3, 1, 2};
   CHECK(summarize(odd).median == 2);
   CHECK(summarize(odd).minimum == 1);
@@ -131,7 +131,7 @@ TEST_CASE("bench: a file's loads and frames on the CPU", "[bench_tool]") {
   CHECK(no_view.error().message.find("nowhere") != std::string::npos);
 }
 
-TEST_CASE("bench: what is said of loads and frames", "[bench_tool]") {
+TEST_CASE("bench: the report of loads and frames", "[bench_tool]") {
   BenchReport report{small_options(), {"0123456789ab", "NVIDIA \"X\"", "580"}, {FileResult{}}};
   FileResult& file = report.files[0];
   file.file = "a.scree";

@@ -57,7 +57,7 @@ TEST_CASE("whole numbers", "[options]") {
   }
 }
 
-TEST_CASE("amounts in words", "[options]") {
+TEST_CASE("amounts are printed readably", "[options]") {
   CHECK(format_bytes(1023) == "1023 bytes");
   CHECK(format_bytes(1536) == "1.50 KiB");
   CHECK(format_bytes(uint64_t{38800} << 20) == "37.9 GiB");

@@ -64,7 +64,7 @@ TEST_CASE("the first error in order wins, whichever thread was faster", "[ordere
   }
 }
 
-TEST_CASE("an error of the taker ends the run", "[ordered_pool]") {
+TEST_CASE("an error of the consumer ends the run", "[ordered_pool]") {
   WorkerPool pool(3, nullptr);
   const auto work = [](uint64_t i, uint32_t) -> Result<uint64_t> { return i; };
   const auto take = [](uint64_t i, uint64_t) -> Result<void> {
@@ -76,7 +76,7 @@ TEST_CASE("an error of the taker ends the run", "[ordered_pool]") {
   CHECK(run.error().message == "disk full");
 }
 
-TEST_CASE("no more is in flight than allowed, but one always is", "[ordered_pool]") {
+TEST_CASE("jobs in flight stay within the limit, which is at least one", "[ordered_pool]") {
   WorkerPool pool(4, nullptr);
   std::atomic<int> started{0};
   uint64_t taken = 0;
@@ -99,7 +99,7 @@ TEST_CASE("no more is in flight than allowed, but one always is", "[ordered_pool
   CHECK(taken == 100);
 }
 
-TEST_CASE("what a job throws is an error", "[ordered_pool]") {
+TEST_CASE("an exception of a job is an error", "[ordered_pool]") {
   WorkerPool pool(2, nullptr);
   const auto work = [](uint64_t i, uint32_t) -> Result<int> {
     if (i == 3) throw std::bad_alloc();

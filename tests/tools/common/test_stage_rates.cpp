@@ -29,7 +29,7 @@ std::string limit(const StageRates& rates) {
 
 }  // namespace
 
-TEST_CASE("rates are of the time that a stage works, on all threads", "[stage_rates]") {
+TEST_CASE("rates count the time in which a stage works, on all threads", "[stage_rates]") {
   StageRates rates = even_rates();
   CHECK(describe(rates) ==
         "read 2.00 GiB/s, measure 150 M triangles/s, encode 10.0 M triangles/s, write 1.50 MiB/s: encoding limits");
@@ -40,7 +40,7 @@ TEST_CASE("rates are of the time that a stage works, on all threads", "[stage_ra
         "read 0 bytes/s, measure 0 triangles/s, encode 0 triangles/s, write 0 bytes/s: encoding limits");
 }
 
-TEST_CASE("the stage that takes longest limits, by the threads' share of it", "[stage_rates]") {
+TEST_CASE("the slowest stage limits, by its share of the threads' time", "[stage_rates]") {
   StageRates rates = even_rates();
   rates.read_seconds = 4.5;
   CHECK(limit(rates) == "reading limits");
@@ -61,7 +61,7 @@ TEST_CASE("the stage that takes longest limits, by the threads' share of it", "[
   CHECK(limit(rates) == "encoding limits");
 }
 
-TEST_CASE("time that a thread reads is not what it works", "[stage_rates]") {
+TEST_CASE("a thread's reading time is not working time", "[stage_rates]") {
   std::atomic<uint64_t> working{0}, reading{0}, all{0};
   const auto spin = [](double seconds) {
     std::atomic<uint64_t> taken{0};

@@ -83,7 +83,7 @@ TEST_CASE("a signal stops render and compare while they draw", "[stop]") {
   CHECK(folder.names().empty());
 }
 
-TEST_CASE("a signal that comes to scree-lab removes its folder", "[stop]") {
+TEST_CASE("a signal to scree-lab removes its folder", "[stop]") {
   const TempFolder folder;
   const TempFolder outside;
   REQUIRE(setenv("TMPDIR", folder.path().c_str(), 1) == 0);
@@ -99,7 +99,7 @@ TEST_CASE("a signal that comes to scree-lab removes its folder", "[stop]") {
   CHECK(folder.names().empty());
 }
 
-TEST_CASE("a signal that comes before convert is done says how to go on", "[stop]") {
+TEST_CASE("a signal before convert is done prints how to resume", "[stop]") {
   const TempFolder folder;
   const TempFolder outside;
   const std::string log = outside.file("log");
@@ -127,7 +127,7 @@ TEST_CASE("a second signal ends a command at once, and its unfinished file is re
     const tools::StopOnSignal handlers;
     Result<format::PartFile> part = format::PartFile::create(folder.file("out.bin"));
     if (!part || !part->write_at(0, std::as_bytes(std::span("new")))) _exit(2);
-    std::raise(SIGINT);  // which nobody looks at
+    std::raise(SIGINT);  // ignored
     if (!tools::StopOnSignal::flag()->load()) _exit(3);
     std::raise(SIGINT);
     _exit(4);

@@ -23,7 +23,7 @@ std::string complaint(const char* word) {
 
 }  // namespace
 
-TEST_CASE("a mistyped option is answered with the nearest one", "[suggest]") {
+TEST_CASE("an error for a mistyped option suggests the nearest option", "[suggest]") {
   CHECK(complaint("--sise") == "unknown option --sise; did you mean --size?");
   CHECK(complaint("--camra=3") == "unknown option --camra; did you mean --camera?");
   CHECK(complaint("--background") == "unknown option --background");

@@ -139,7 +139,7 @@ TEST_CASE("a square shifted by two pixels: its rims against the background, its 
   CHECK(report->wrong() == 32 + 12);
 }
 
-TEST_CASE("a square nearer by a unit: right pixels, wrong depth", "[compare]") {
+TEST_CASE("a square that is a unit nearer: right pixels, wrong depth", "[compare]") {
   Case test;
   const auto report = test.pixels({{square_at(-4, -4, 0), kOneSquare, {}}}, {{square_at(-4, -4, 2), kOneSquare, {}}});
   REQUIRE(report);
@@ -182,7 +182,7 @@ TEST_CASE("a missing triangle is background, and another number of triangles ano
   CHECK(meshes.error().code == ErrorCode::kFormat);
 }
 
-TEST_CASE("of triangles in one place either is right", "[compare]") {
+TEST_CASE("either of two coincident triangles is right", "[compare]") {
   Case test;
   // In the source two squares coincide, and the reference shows the first; in the file that one lies behind the other.
   const auto report = test.pixels({{joined(square_at(-4, -4, -2), square_at(-4, -4)), kTwoSquares, {}}},
@@ -295,7 +295,7 @@ TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[comp
   CHECK(refused.error().message.find("--source-ids") != std::string::npos);
 }
 
-TEST_CASE("the small models are drawn as the reference draws them", "[compare]") {
+TEST_CASE("the small models are drawn as by the reference", "[compare]") {
   const tests::TempFolder folder;
   const std::string file = folder.file("model.scree");
   uint64_t compared = 0;
@@ -331,7 +331,7 @@ TEST_CASE("the small models are drawn as the reference draws them", "[compare]")
   CHECK(compared >= 6);
 }
 
-TEST_CASE("lit pictures against the source: identical ones say so", "[compare]") {
+TEST_CASE("lit pictures against the source: identical pictures are reported as identical", "[compare]") {
   Case test;
   const std::vector<Part> parts{{square_at(-4, -4), kOneSquare, {}}}, shifted{{square_at(-2, -4), kOneSquare, {}}};
   make(test.folder.file("parts.gltf"), parts);
@@ -366,7 +366,7 @@ TEST_CASE("lit pictures against the source: identical ones say so", "[compare]")
   CHECK(moved->pictures.flip_max > 0.9);
 }
 
-TEST_CASE("fewer bits of positions show in the lit picture", "[compare][cli]") {
+TEST_CASE("fewer position bits change the lit picture", "[compare][cli]") {
   const tests::TempFolder folder;
   const auto run = [&](std::vector<std::string> words) { return tests::run_program(words, folder.file("log")); };
   REQUIRE(run({"synth", "A", "--scale", "0.0001", "-o", folder.file("a.gltf")}).exit_code == 0);
@@ -397,7 +397,7 @@ TEST_CASE("fewer bits of positions show in the lit picture", "[compare][cli]") {
   }
 }
 
-TEST_CASE("compare prints what it found as JSON", "[compare][cli]") {
+TEST_CASE("compare prints its results as JSON", "[compare][cli]") {
   const tests::TempFolder folder;
   tests::make_model(folder.file("grid.gltf"), {});
   const auto run = [&](std::vector<std::string> words) { return tests::run_program(words, folder.file("log")); };

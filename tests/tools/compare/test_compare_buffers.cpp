@@ -162,7 +162,7 @@ void clustered(Options& options) {
 
 }  // namespace
 
-TEST_CASE("source numbers match triangles whose ids an encoding changes", "[compare]") {
+TEST_CASE("source numbers match triangles whose ids differ by encoding", "[compare]") {
   const Source source(fill_with_grids);
   const runtime::Scene indexed = source.scene("indexed");
   const struct {
@@ -203,7 +203,7 @@ TEST_CASE("source numbers match triangles whose ids an encoding changes", "[comp
   }
 }
 
-TEST_CASE("a width leaves ids as they are, and that is seen without source numbers", "[compare]") {
+TEST_CASE("position bits do not change ids, with and without source numbers", "[compare]") {
   const Source source(fill_with_grids);
   const auto bare = [](Options& o) { o.source_ids = false; };
   const runtime::Scene wide = source.scene("wide", bare), numbered = source.scene("numbered");
@@ -239,7 +239,7 @@ TEST_CASE("a width leaves ids as they are, and that is seen without source numbe
   }
 }
 
-TEST_CASE("buffers of two encodings: each kind of pixel", "[compare]") {
+TEST_CASE("buffers of two encodings: every kind of pixel is counted", "[compare]") {
   // Node 0: triangles 0 and 1 of one square, 2 and 3 of another. Node 1: the same positions again; node 2: other
   // positions.
   const Source source([](tests::ModelMaker& maker) {

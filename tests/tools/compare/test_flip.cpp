@@ -40,7 +40,7 @@ constexpr Colour kBlack{0, 0, 0}, kWhite{255, 255, 255}, kGreen{0, 255, 0}, kBlu
 
 }  // namespace
 
-TEST_CASE("flip of plain colours is what the paper's colour formulas give", "[flip]") {
+TEST_CASE("flip of plain colours equals the paper's colour formulas", "[flip]") {
   const auto one = [](const Colour& a, const Colour& b) {
     const auto map = flip({9, 5, a}, {9, 5, b});
     REQUIRE(map.size() == 45);
@@ -55,7 +55,7 @@ TEST_CASE("flip of plain colours is what the paper's colour formulas give", "[fl
   CHECK(one(kBlack, kWhite) == Approx(0.9674).margin(2e-4));
 }
 
-TEST_CASE("flip sees a line where it is, the same both ways and for any number of threads", "[flip]") {
+TEST_CASE("flip finds a line, symmetrically and for any number of threads", "[flip]") {
   Picture plain(64, 40, kGrey), line = plain;
   for (uint32_t y = 0; y < 40; ++y) line.set(20, y, kWhite);
   const auto there = flip(plain, line), back = flip(line, plain);
@@ -97,7 +97,7 @@ TEST_CASE("psnr and flip of picture files", "[flip]") {
   CHECK(same->flip_max == 0);
 }
 
-TEST_CASE("flip has the values of the authors' program", "[flip]") {
+TEST_CASE("flip equals the values of the authors' program", "[flip]") {
   const std::filesystem::path folder = std::filesystem::path(tests::kModelsFolder) / "flip";
   if (!std::filesystem::exists(folder)) {
     WARN("skipped: no pictures that the authors' program has judged");

@@ -87,12 +87,12 @@ TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
   CHECK_FALSE(left[16 * 5 + 7].is_background());
   CHECK(left[16 * 5 + 8].is_background());
   mesh.alphas = {};
-  // What is hidden hides nothing.
+  // A masked part hides nothing.
   mask.cutoff = 256;
   CHECK(covered(draw(mesh, view)) == 0);
 }
 
-TEST_CASE("edges through pixel centres take the top and left ones and leave the others", "[reference]") {
+TEST_CASE("edges through pixel centres follow the top-left rule", "[reference]") {
   // All four sides go through centres: 8 + 1 in each direction. One row and one column of them are outside the square.
   Points points = kSquare;
   for (size_t i = 0; i < points.size(); i += 3) {
@@ -107,7 +107,7 @@ TEST_CASE("edges through pixel centres take the top and left ones and leave the 
   CHECK_FALSE(pixels[10 * 16 + 11].is_background());
 }
 
-TEST_CASE("back faces are left out unless the mesh is double-sided, mirrors turn them", "[reference]") {
+TEST_CASE("back faces are left out unless the mesh is double-sided, and mirroring turns faces", "[reference]") {
   const kernels::View view = deep_view(16, 16);
   Corners back = kSquareCorners;
   for (size_t t = 0; t < back.size(); t += 3) std::swap(back[t + 1], back[t + 2]);
@@ -120,7 +120,7 @@ TEST_CASE("back faces are left out unless the mesh is double-sided, mirrors turn
   CHECK(covered(draw({kSquare, back, nullptr, false}, view, {mirrored})) == 0);
 }
 
-TEST_CASE("a floor that runs from behind the eye to far away fills what lies below the horizon", "[reference]") {
+TEST_CASE("a floor from behind the eye to far away fills the picture below the horizon", "[reference]") {
   // A floor 5 below the eye, from 1000 behind to 10^6 in front: the horizon is the top of the middle row.
   const Points floor{-1e7f, -5, 1e3f, 1e7f, -5, 1e3f, 1e7f, -5, -1e6f, -1e7f, -5, -1e6f};
   const kernels::View view = deep_view(16, 16);
@@ -139,7 +139,7 @@ TEST_CASE("a floor that runs from behind the eye to far away fills what lies bel
   CHECK(covered(draw({floor, kSquareCorners, nullptr, false}, late)) == 16 * 3);
 }
 
-TEST_CASE("the nearest wins, of equal depths the first, for any number of threads", "[reference]") {
+TEST_CASE("the nearest triangle wins, the first at equal depths, for any number of threads", "[reference]") {
   std::vector<ReferenceInstance> instances{identity(), identity(), identity()};
   instances[1].world[2][3] = 2;  // nearer
   instances[2].world[2][3] = 2;
@@ -186,7 +186,7 @@ TEST_CASE("a fan of thin triangles covers every pixel of its square once", "[ref
   }
 }
 
-TEST_CASE("what is 10^7 units from the origin is drawn as at the origin", "[reference]") {
+TEST_CASE("a scene 10^7 units from the origin is drawn as at the origin", "[reference]") {
   kernels::View view = deep_view(16, 16);
   ReferenceInstance instance = identity();
   const ReferenceMesh mesh{kSquare, kSquareCorners, nullptr, false};
@@ -202,7 +202,7 @@ TEST_CASE("what is 10^7 units from the origin is drawn as at the origin", "[refe
   }
 }
 
-TEST_CASE("triangles that are not kept, not there or have no area draw nothing", "[reference]") {
+TEST_CASE("triangles that are dropped, missing or without area draw nothing", "[reference]") {
   const kernels::View view = pixel_view(16, 16);
   const std::vector<bool> second{false, true};
   CHECK(covered(draw({kSquare, kSquareCorners, &second, false}, view)) == 28);

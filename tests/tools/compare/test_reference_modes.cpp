@@ -45,7 +45,7 @@ std::vector<float> square(float x, float y) {
 
 }  // namespace
 
-TEST_CASE("snapping: corners go to the nearest step, and coverage is exact there", "[reference]") {
+TEST_CASE("snapping: corners move to the nearest step, and coverage is exact", "[reference]") {
   const kernels::View view = deep_view(32, 32);
   // Its left and right edges are 0.04 pixel left of centres. With 1/8 pixel they go through the centres; the left ones
   // stay covered (a left edge owns them) and the right ones stay free.
@@ -66,7 +66,7 @@ TEST_CASE("snapping: corners go to the nearest step, and coverage is exact there
   CHECK(covered(fine) == 64);
 }
 
-TEST_CASE("snapping: a fine step draws what none draws, also across the near plane", "[reference]") {
+TEST_CASE("snapping: a fine step draws the same as none, even across the near plane", "[reference]") {
   // A floor from behind the eye to far away, cut into a fan of strips whose borders lie on pixels.
   std::vector<float> points;
   std::vector<uint32_t> corners;
@@ -119,7 +119,7 @@ TEST_CASE("snapping: every pixel of a closed fan has one owner at any step", "[r
   }
 }
 
-TEST_CASE("depth codes of the reference are those of spec/rasterization.md", "[reference]") {
+TEST_CASE("depth codes of the reference equal spec/rasterization.md", "[reference]") {
   const kernels::View view = deep_view(8, 8);
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> octaves(0, 40);
@@ -141,7 +141,7 @@ TEST_CASE("depth codes of the reference are those of spec/rasterization.md", "[r
   }
 }
 
-TEST_CASE("of two depths that share a code the first triangle is drawn", "[reference]") {
+TEST_CASE("the first of two triangles with the same depth code is drawn", "[reference]") {
   // The second square is nearer by slightly less than a step of 28 bits, and by more than a step of 32 bits.
   const auto nearer = static_cast<float>(8 * 0x1p-23);
   std::vector<float> points = square(-4, -4), second = square(-4, -4);
@@ -160,7 +160,7 @@ TEST_CASE("of two depths that share a code the first triangle is drawn", "[refer
   CHECK(second_drawn({.snap = 0, .depth_bits = 28}) == 0);
 }
 
-TEST_CASE("the reference's colours are those that kernels/ draws", "[reference]") {
+TEST_CASE("the reference's colours equal those of kernels/", "[reference]") {
   for (const char* name : {"colors.glb", "multi_primitive.glb", "two_instances.gltf", "nodes.gltf", "modes.glb"}) {
     INFO(name);
     const std::string source = tests::data_path(name).string();
@@ -225,7 +225,7 @@ TEST_CASE("averages of 8 x 8 samples are in linear light", "[reference]") {
   CHECK((*rgb)[3 * (8 * 16 + 9)] == 0);
 }
 
-TEST_CASE("the judge takes a type and a limit from kernels/, and no code", "[reference]") {
+TEST_CASE("the reference uses only a type and a limit of kernels/, no code", "[reference]") {
   const std::filesystem::path folder = std::filesystem::path(tests::kDataFolder) / "../../tools/compare";
   const std::regex name("kernels::([A-Za-z_]+)"), include("#include \"kernels/([a-z_.]+)\"");
   uint64_t files = 0;

@@ -22,7 +22,7 @@ inline convert::ConvertOptions options_of(const TempFolder& folder, const std::s
   options.input = folder.file(input);
   options.output = folder.file("out.scree");
   options.source_ids = true;
-  options.normals = convert::Normals::kNever;  // but where a test is of them
+  options.normals = convert::Normals::kNever;  // except in tests of normals
   options.threads = 2;
   return options;
 }
@@ -34,8 +34,8 @@ inline convert::ConvertReport must_convert(const convert::ConvertOptions& option
 }
 
 /// Converts with options.memory = `memory`, or with the minimum from the error message if that is refused. The test
-/// program's own memory counts too, including what sanitizers keep (256 MiB of freed memory of earlier tests), and may
-/// grow between the attempts.
+/// program's own memory counts too, including up to 256 MiB of freed memory that sanitizers keep, and may grow between
+/// the attempts.
 inline convert::ConvertReport must_convert_within(convert::ConvertOptions& options, uint64_t memory) {
   for (int attempt = 0;; ++attempt) {
     options.memory = memory;

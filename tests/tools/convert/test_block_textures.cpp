@@ -85,7 +85,7 @@ uint64_t verify_failures(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("blocks and levels are in the file as they came", "[block_textures]") {
+TEST_CASE("blocks and levels are stored unchanged", "[block_textures]") {
   const TempFolder folder;
   const BlockRecipe recipes[] = {
       {.width = 45, .height = 30, .levels = 6, .scheme = 2, .swizzle = "1rg1"},
@@ -157,7 +157,7 @@ TEST_CASE("a large level lies in several pages, small ones share one", "[block_t
   }
 }
 
-TEST_CASE("pages of blocks are compressed where that pays, unless --zstd says otherwise", "[block_textures]") {
+TEST_CASE("pages of blocks are compressed if that saves bytes, unless --zstd decides", "[block_textures]") {
   const TempFolder folder;
   const BlockRecipe recipe{.width = 256, .height = 256};
   FileBytes noise = make_ktx2(recipe);
@@ -187,7 +187,7 @@ TEST_CASE("pages of blocks are compressed where that pays, unless --zstd says ot
   CHECK(convert({"--zstd", "0"}) == format::PageCodec::kRaw);
 }
 
-TEST_CASE("stored levels are looked at as blocks, the others are made from the last", "[block_textures]") {
+TEST_CASE("stored levels are sampled as blocks, the others are made from the last stored level", "[block_textures]") {
   const TempFolder folder;
   make_block_model(folder.file("in.glb"), all_files());
   const convert::ConvertOptions options = tests::options_of(folder);
@@ -229,7 +229,7 @@ TEST_CASE("stored levels are looked at as blocks, the others are made from the l
   }
 }
 
-TEST_CASE("a block-compressed texture is drawn as its pixels are, and exported as them", "[block_textures]") {
+TEST_CASE("a block-compressed texture is drawn and exported as its pixels", "[block_textures]") {
   const TempFolder folder;
   // Without their own levels, so that they have the same levels as the PNGs.
   const std::vector<FileBytes> files = {
@@ -261,7 +261,7 @@ TEST_CASE("a block-compressed texture is drawn as its pixels are, and exported a
   CHECK(verify_failures(options.output) == 0);
 }
 
-TEST_CASE("a KTX2 that is not read is one line, or grey with --keep-going", "[block_textures][bad]") {
+TEST_CASE("an unsupported KTX2 is an error of one line, or grey with --keep-going", "[block_textures][bad]") {
   const TempFolder folder;
   FileBytes basis = make_ktx2({});
   basis[44] = std::byte{1};
@@ -345,7 +345,7 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
       CHECK(again->linear({}, 2).value() == *light);
     }
   }
-  // Less than one pixel shows.
+  // Less than a single pixel needs.
   const runtime::Scene small = tests::must_load(options.output, {.texture_memory = 1});
   const kernels::View view = tests::must_view(small, {.width = 1500, .height = 1000});
   const auto frame = runtime::Frame::draw(small, view, 1, 2);
@@ -357,7 +357,8 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   CHECK(refused.error().message.find(" bytes together, but 1 are allowed for them") != std::string::npos);
 }
 
-TEST_CASE("a picture that does not wait for pages of textures takes what fits", "[block_textures][texel_pager][cuda]") {
+TEST_CASE("a picture that does not wait for pages of textures uses pages that fit",
+          "[block_textures][texel_pager][cuda]") {
   const TempFolder folder;
   // Side by side, with pages of 256 and 64 KiB each.
   make_block_model(folder.file("in.glb"), {make_ktx2({.width = 1024, .height = 1024, .levels = 11}),
@@ -397,7 +398,7 @@ TEST_CASE("a picture that does not wait for pages of textures takes what fits", 
   }
 }
 
-TEST_CASE("pages that were wanted longest ago make room", "[block_textures][texel_pager]") {
+TEST_CASE("pages that were needed longest ago are evicted first", "[block_textures][texel_pager]") {
   const TempFolder folder;
   make_block_model(folder.file("in.glb"), {make_ktx2({.width = 1024, .height = 1024})});
   const convert::ConvertOptions options = tests::options_of(folder);
@@ -421,7 +422,7 @@ TEST_CASE("pages that were wanted longest ago make room", "[block_textures][texe
   CHECK(bring({0, 1}));
   CHECK(round({0}));
   CHECK(bring({2}));
-  CHECK(round({0, 2}));  // 1 was wanted before 0
+  CHECK(round({0, 2}));  // 1 was needed before 0
   CHECK(bring({3, 2}));
   CHECK(round({2, 3}));
   CHECK_FALSE(bring({1, 2, 3}));  // one too many
@@ -459,7 +460,7 @@ TEST_CASE("a page of a texture is checked when it is read", "[block_textures][te
   }
 }
 
-TEST_CASE("the GPU draws block-compressed textures as the CPU does", "[cuda]") {
+TEST_CASE("block-compressed textures are equal on the GPU", "[cuda]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
   make_block_model(folder.file("in.glb"), all_files());
@@ -514,8 +515,7 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of textures",
   }
 }
 
-TEST_CASE("pages of textures that a GPU lacks room for, or that are damaged, are one line",
-          "[cuda][texel_pager][bad]") {
+TEST_CASE("pages of textures that do not fit a GPU or are damaged are errors of one line", "[cuda][texel_pager][bad]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
   make_block_model(folder.file("in.glb"), {large_files()[0]});

@@ -132,7 +132,7 @@ TEST_CASE("source ids change nothing but themselves", "[convert]") {
   }
 }
 
-TEST_CASE("neither the number of threads nor the memory shows in the bytes", "[convert]") {
+TEST_CASE("the bytes depend neither on threads nor on memory", "[convert]") {
   const TempFolder folder;
   {
     ModelMaker maker(folder.file("in.glb"));
@@ -170,7 +170,7 @@ TEST_CASE("neither the number of threads nor the memory shows in the bytes", "[c
   }
 }
 
-TEST_CASE("pages and chunks keep to their limits", "[convert]") {
+TEST_CASE("pages and chunks stay within their limits", "[convert]") {
   const TempFolder folder;
   GridSpec spec;
   spec.columns = 300;
@@ -263,7 +263,7 @@ TEST_CASE("positions that are not finite", "[convert]") {
   CHECK(report.warnings.back().find("2 triangles") != std::string::npos);
 }
 
-TEST_CASE("strips lose the triangles that join them and nothing else", "[convert]") {
+TEST_CASE("strips lose only their degenerate joining triangles", "[convert]") {
   const TempFolder folder;
   // The writer writes only triangle lists, so a strip is written by hand.
   const float points[] = {0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 1, 0, 5, 0, 0, 5, 1, 0, 6, 0, 0, 6, 1, 0};
@@ -285,7 +285,7 @@ TEST_CASE("strips lose the triangles that join them and nothing else", "[convert
   CHECK(report.dropped_degenerate == 4);
 }
 
-TEST_CASE("a list keeps its degenerate and its double triangles", "[convert]") {
+TEST_CASE("a list keeps its degenerate and duplicate triangles", "[convert]") {
   const TempFolder folder;
   {
     ModelMaker maker(folder.file("in.glb"));
@@ -324,7 +324,7 @@ TEST_CASE("scattered vertices and wide index ranges", "[convert]") {
   CHECK(must_open(options.output).file.meshes()[0].vertex_count == 300);
 }
 
-TEST_CASE("extents at the ends of float", "[convert]") {
+TEST_CASE("extents at the limits of float32", "[convert]") {
   const TempFolder folder;
   const float size = GENERATE(1e-42f, 1e-30f, 1e30f, 3e38f);
   {
@@ -335,7 +335,7 @@ TEST_CASE("extents at the ends of float", "[convert]") {
   must_match(options_of(folder));
 }
 
-TEST_CASE("attributes are kept only where they are needed", "[convert]") {
+TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   const TempFolder folder;
   const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
   REQUIRE(runtime::write_png(folder.file("a.png"), 4, 4, 3, pixels));
@@ -496,7 +496,7 @@ TEST_CASE("a document without scenes draws all its roots", "[convert]") {
   CHECK(opened.file.scenes()[0].instance_count == 2);
 }
 
-TEST_CASE("the option --exclude leaves out nodes and what only they need", "[convert]") {
+TEST_CASE("the option --exclude leaves out nodes and data that only they use", "[convert]") {
   const TempFolder folder;
   {
     ModelMaker maker(folder.file("in.glb"));
@@ -512,7 +512,7 @@ TEST_CASE("the option --exclude leaves out nodes and what only they need", "[con
   must_fail(options, ErrorCode::kUsage, "");
 }
 
-TEST_CASE("the report says what was made", "[convert]") {
+TEST_CASE("the report describes the result", "[convert]") {
   const TempFolder folder;
   GridSpec spec;
   spec.columns = spec.rows = 50;

@@ -145,7 +145,7 @@ constexpr uint64_t kPlentyMiB = 2048;  // the default
 
 }  // namespace
 
-TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead]") {
+TEST_CASE("convert: encoding while measuring gives the same bytes", "[convert][ahead]") {
   const TempFolder folder;
   const Kind kind = GENERATE(kPlain, kImages);
   make_ahead_scene(folder.file("in.glb"), kind);
@@ -163,7 +163,7 @@ TEST_CASE("convert: encodes while it measures, the same bytes", "[convert][ahead
   tests::must_match(options);
 }
 
-TEST_CASE("convert: windows that are measured are not read again", "[convert][ahead]") {
+TEST_CASE("convert: measured windows are not read again", "[convert][ahead]") {
   const TempFolder folder;
   make_ahead_scene(folder.file("in.glb"), kPlain);
   ConvertOptions options = options_of(folder);
@@ -176,7 +176,7 @@ TEST_CASE("convert: windows that are measured are not read again", "[convert][ah
 }
 
 // From the minimum memory on, in steps, up to the first value that allows encoding ahead.
-TEST_CASE("convert: under a tight --memory nothing is encoded ahead, and the bytes are the same",
+TEST_CASE("convert: with little --memory nothing is encoded ahead, and the bytes are the same",
           "[convert][ahead][memory]") {
   const TightMemory tight(kPlain);
   CHECK(windows_ahead(tight.convert_within(kPlentyMiB)) > 4);
@@ -192,7 +192,7 @@ TEST_CASE("convert: under a tight --memory nothing is encoded ahead, and the byt
   CHECK(enough < least + 256);
 }
 
-TEST_CASE("convert: under a tight --memory a window with more vertices than most ends encoding ahead",
+TEST_CASE("convert: with little --memory a window with unusually many vertices ends encoding ahead",
           "[convert][ahead][memory]") {
   const TightMemory tight(kApart);
   const uint64_t plenty = windows_ahead(tight.convert_within(kPlentyMiB));
@@ -207,7 +207,7 @@ TEST_CASE("convert: under a tight --memory a window with more vertices than most
   if (!tests::kIsSanitized) CHECK(tests::stated_peak(run.output) <= (least + 8) << 20);
 }
 
-TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[convert][ahead][sort]") {
+TEST_CASE("convert: options that need all meshes measured end encoding ahead", "[convert][ahead][sort]") {
   const TempFolder folder;
   make_ahead_scene(folder.file("in.glb"), kShuffled);
   ConvertOptions options = options_of(folder);
@@ -219,7 +219,7 @@ TEST_CASE("convert: what needs all meshes measured ends encoding ahead", "[conve
   CHECK(must_be_same(options).windows_ahead == 0);
 }
 
-TEST_CASE("convert: a mesh that no lattice serves ends encoding ahead, a bad one at the end all", "[convert][ahead]") {
+TEST_CASE("convert: a mesh without a lattice ends encoding ahead, a bad mesh at the end fails", "[convert][ahead]") {
   const TempFolder folder;
   make_ahead_scene(folder.file("in.glb"), kWide);
   ConvertOptions options = options_of(folder);
@@ -234,7 +234,7 @@ TEST_CASE("convert: a mesh that no lattice serves ends encoding ahead, a bad one
   CHECK((folder.names() == std::vector<std::string>{"in.glb"}));
 }
 
-TEST_CASE("convert: the .part of an earlier run outlives a run whose source is bad", "[convert][ahead]") {
+TEST_CASE("convert: the .part of an earlier run survives a run with a bad source", "[convert][ahead]") {
   const TempFolder folder;
   ConvertOptions options = options_of(folder);
   options.threads = 1;

@@ -124,7 +124,7 @@ TEST_CASE("float32 positions have no clusters", "[convert][clusters]") {
     CHECK(opened.file.chunks()[i].encoding == format::ChunkEncoding::kIndexed);
 }
 
-TEST_CASE("clustered pages keep to their limit, whatever the number of threads", "[convert][clusters]") {
+TEST_CASE("clustered pages stay within their limit, for any number of threads", "[convert][clusters]") {
   const TempFolder folder;
   GridSpec spec;
   spec.columns = 400;
@@ -149,7 +149,7 @@ TEST_CASE("clustered pages keep to their limit, whatever the number of threads",
   CHECK((tests::read_whole(options.output) == one));
 }
 
-TEST_CASE("split pages unpack to the bytes of raw ones, whatever the number of threads", "[convert][clusters]") {
+TEST_CASE("split pages unpack to the bytes of raw pages, for any number of threads", "[convert][clusters]") {
   const TempFolder folder;
   make_grids(folder.file("in.glb"));
   convert::ConvertOptions options = clustered(folder);
@@ -180,7 +180,7 @@ TEST_CASE("split pages unpack to the bytes of raw ones, whatever the number of t
   CHECK((tests::read_whole(options.output) == one));
 }
 
-TEST_CASE("inspect shares out the bytes of clusters", "[convert][inspect][clusters]") {
+TEST_CASE("inspect itemises the bytes of clusters", "[convert][inspect][clusters]") {
   const TempFolder folder;
   make_grids(folder.file("in.glb"));
   convert::ConvertOptions options = clustered(folder);

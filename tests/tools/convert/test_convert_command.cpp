@@ -22,7 +22,7 @@ using tests::start_program;
 using tests::TempFolder;
 using tests::wait_for;
 
-TEST_CASE("the convert command: exit codes, one line for an error and two for the result", "[convert]") {
+TEST_CASE("the convert command: exit codes, one line for an error, two for the result", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), {});
   std::ofstream(folder.file("bad.glb")) << "no glTF at all";
@@ -78,7 +78,7 @@ TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
   CHECK(folder.names() == std::vector<std::string>{"in.glb", "log"});
 }
 
-TEST_CASE("convert: an input that gets shorter or goes away meanwhile", "[convert]") {
+TEST_CASE("convert: an input that is cut or deleted meanwhile", "[convert]") {
   const TempFolder folder;
   const bool shrinks = GENERATE(true, false);
   GridSpec spec;
@@ -115,7 +115,7 @@ TEST_CASE("convert: an input that gets shorter or goes away meanwhile", "[conver
   }
 }
 
-TEST_CASE("convert: a buffer file that is opened anew goes away or is replaced meanwhile", "[convert]") {
+TEST_CASE("convert: a reopened buffer file that was deleted or replaced meanwhile", "[convert]") {
   const TempFolder folder;
   const bool is_replaced = GENERATE(true, false);
   // Windows of the first file come before the others and take a second. The file is changed meanwhile, once the .part
@@ -156,7 +156,7 @@ TEST_CASE("convert: a buffer file that is opened anew goes away or is replaced m
   CHECK_FALSE(std::filesystem::exists(folder.file("out.scree.part")));
 }
 
-TEST_CASE("convert: progress on a terminal, with what limits", "[convert]") {
+TEST_CASE("convert: progress on a terminal names the limiting stage", "[convert]") {
   const TempFolder folder;
   GridSpec spec;
   spec.columns = 700;

@@ -49,7 +49,7 @@ TEST_CASE("a broken image is named and nothing is written", "[convert]") {
   CHECK(folder.names() == std::vector<std::string>{"a.png", "in.glb"});
 }
 
-TEST_CASE("options that make no sense", "[convert]") {
+TEST_CASE("invalid options are refused", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), {});
   convert::ConvertOptions options = options_of(folder);
@@ -109,7 +109,7 @@ TEST_CASE("options that make no sense", "[convert]") {
   }
 }
 
-TEST_CASE("an earlier output survives an error and is replaced by a success", "[convert]") {
+TEST_CASE("an earlier output survives an error and is replaced after success", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), {});
   const convert::ConvertOptions options = options_of(folder);

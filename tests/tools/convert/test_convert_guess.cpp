@@ -1,5 +1,5 @@
 // A primitive of many windows is encoded while it is measured, trusting its document. The bytes and errors equal those
-// of measuring everything first, whatever the document states.
+// of measuring everything first, for any statements of the document.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -146,7 +146,7 @@ void overwrite(const std::string& path, uint64_t offset, uint32_t value) {
   ::close(file);
 }
 
-/// A source that cannot be read from some byte on, which shows only when that is tried.
+/// A source that cannot be read from some byte on; the error comes only when that byte is read.
 class ShortSource : public ByteSource {
  public:
   ShortSource(std::shared_ptr<const ByteSource> source, uint64_t end) : source_(std::move(source)), end_(end) {}
@@ -182,7 +182,8 @@ struct Start {
 
 }  // namespace
 
-TEST_CASE("convert: a giant primitive is encoded as its document states it, or as it is", "[convert][ahead][guess]") {
+TEST_CASE("convert: a giant primitive is encoded by its document's bounds, or by its own if these are wrong",
+          "[convert][ahead][guess]") {
   const TempFolder folder;
   Model model(folder);
   model.add("giant", model.maker().grid(kGiant));
@@ -248,7 +249,7 @@ TEST_CASE("convert: guesses of floats, and of lattices by their error", "[conver
   }
 }
 
-TEST_CASE("guessed mesh: boxes that are none, or have no lattice, are not guessed", "[convert][guess]") {
+TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guessed", "[convert][guess]") {
   const TempFolder folder;
   Model model(folder);
   model.add("large", model.maker().grid(kLarge));
@@ -297,7 +298,7 @@ TEST_CASE("guessed mesh: boxes that are none, or have no lattice, are not guesse
   CHECK(float_of(accessor, 51) == 51.0f / 255.0f);
 }
 
-TEST_CASE("convert: what is wrong late in a giant primitive is said as ever", "[convert][ahead][guess]") {
+TEST_CASE("convert: errors late in a giant primitive are the same as without guessing", "[convert][ahead][guess]") {
   const TempFolder folder;
   Model model(folder);
   model.add("large", model.maker().grid(kLarge));
@@ -325,7 +326,7 @@ TEST_CASE("convert: what is wrong late in a giant primitive is said as ever", "[
   }
 }
 
-TEST_CASE("convert: colours that are white at first, and meshes that repeat", "[convert][ahead][guess]") {
+TEST_CASE("convert: colours that begin white, and repeated meshes", "[convert][ahead][guess]") {
   const TempFolder folder;
   Model model(folder);
   const uint64_t vertices = uint64_t{kLarge.columns + 1} * (kLarge.rows + 1);
@@ -354,7 +355,7 @@ TEST_CASE("convert: colours that are white at first, and meshes that repeat", "[
   CHECK(report.windows_discarded == 1);
 }
 
-TEST_CASE("convert: primitives that are sorted end what was guessed of them", "[convert][ahead][guess][sort]") {
+TEST_CASE("convert: sorting a primitive discards its guesses", "[convert][ahead][guess][sort]") {
   const TempFolder folder;
   Model model(folder);
   model.add("large", model.maker().grid(kLarge));
@@ -424,7 +425,7 @@ TEST_CASE("encode ahead: no window of a giant primitive is encoded for which the
   CHECK(written->discarded == 0);
 }
 
-TEST_CASE("convert --resume: goes on with what a guess left, right or wrong", "[convert][resume][guess]") {
+TEST_CASE("convert --resume: continues after a right or a wrong guess", "[convert][resume][guess]") {
   const TempFolder folder;
   Model model(folder);
   model.add("giant", model.maker().grid(kGiant));

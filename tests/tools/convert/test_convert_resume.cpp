@@ -148,7 +148,7 @@ void damage(const std::string& path, uint64_t offset, bool cut) {
 
 }  // namespace
 
-TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][resume]") {
+TEST_CASE("convert --resume: a run killed at any point resumes to the same bytes", "[convert][resume]") {
   const std::string encoding = GENERATE("indexed", "clustered");
   Conversion conversion(encoding);
   int resumed = 0;
@@ -177,7 +177,7 @@ TEST_CASE("convert --resume: killed at many points, the same bytes", "[convert][
   CHECK(conversion.folder().names() == std::vector<std::string>{"in.glb", "log"});
 }
 
-TEST_CASE("convert --resume: a signal leaves the .part, and without the option it does not", "[convert][resume]") {
+TEST_CASE("convert --resume: a signal leaves the .part only with the option", "[convert][resume]") {
   Conversion conversion;
   conversion.stop_at(2000000, SIGTERM, "");
   CHECK_FALSE(std::filesystem::exists(conversion.part()));
@@ -235,7 +235,7 @@ TEST_CASE("convert --resume: another input or other options start afresh", "[con
   CHECK(says(conversion.resume(), "starts afresh"));
 }
 
-TEST_CASE("resume: an entry whose lists differ in length is not taken", "[convert][resume]") {
+TEST_CASE("resume: an entry whose lists differ in length is ignored", "[convert][resume]") {
   // A made-up log with fewer saved amounts than chunks, which are read in parallel.
   const TempFolder folder;
   const std::string path = folder.file("out.scree");

@@ -70,7 +70,7 @@ void check_verified(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("JPEGs are indexed and come back with their coefficients", "[convert][jpeg]") {
+TEST_CASE("JPEGs are indexed and keep their coefficients", "[convert][jpeg]") {
   const TempFolder folder;
   JpegRecipe progressive = recipe({{2, 2}, {1, 1}, {1, 1}});
   progressive.is_progressive = true;
@@ -126,7 +126,7 @@ TEST_CASE("JPEGs are indexed and come back with their coefficients", "[convert][
   for (const std::string& difference : tests::compare_scenes(*source, packed->file, *back)) FAIL_CHECK(difference);
 }
 
-TEST_CASE("other images become JPEGs only where that is asked for", "[convert][jpeg]") {
+TEST_CASE("other images become JPEGs only on request", "[convert][jpeg]") {
   const TempFolder folder;
   const Bytes jpeg = tests::make_jpeg(recipe({{2, 1}, {1, 1}, {1, 1}}));
   make_model(folder.file("in.glb"), {{format::ImageCodec::kPng, png_of(folder, 4)},
@@ -170,7 +170,7 @@ TEST_CASE("other images become JPEGs only where that is asked for", "[convert][j
   }
 }
 
-TEST_CASE("a damaged JPEG is named, and grey where the rest is wanted", "[convert][jpeg]") {
+TEST_CASE("a damaged JPEG is an error, or grey with --keep-going", "[convert][jpeg]") {
   const TempFolder folder;
   Bytes cut = tests::make_jpeg(recipe({{2, 2}, {1, 1}, {1, 1}}));
   cut.resize(cut.size() / 2);

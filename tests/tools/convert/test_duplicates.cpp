@@ -100,7 +100,7 @@ TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates
   for (const std::string& line : tests::compare_scenes(*source, packed.file, *back)) FAIL_CHECK(line);
 }
 
-TEST_CASE("duplicates: the judge does not believe that meshes are equal", "[duplicates][compare]") {
+TEST_CASE("duplicates: compare finds meshes that were wrongly taken as equal", "[duplicates][compare]") {
   const TempFolder folder;
   const auto make = [&](const std::string& name, float last) {
     std::vector<float> points = kQuad;
@@ -127,7 +127,7 @@ TEST_CASE("duplicates: the judge does not believe that meshes are equal", "[dupl
   CHECK(changed.error().message.find("glTF mesh 1 of changed.glb is drawn as 0, but they differ") != std::string::npos);
 }
 
-TEST_CASE("duplicates: equal is equal wherever the vertices lie in the source", "[duplicates]") {
+TEST_CASE("duplicates: equality does not depend on the place of the vertices in the source", "[duplicates]") {
   CHECK(stored_meshes([](tests::ModelMaker& maker) {
           std::vector<float> twice = kQuad;
           twice.insert(twice.end(), kQuad.begin(), kQuad.end());
@@ -139,7 +139,7 @@ TEST_CASE("duplicates: equal is equal wherever the vertices lie in the source", 
         }) == 1);
 }
 
-TEST_CASE("duplicates: what differs in anything that is stored stays apart", "[duplicates]") {
+TEST_CASE("duplicates: meshes that differ in stored data stay apart", "[duplicates]") {
   const auto quad = [](tests::ModelMaker& maker) { return maker.primitive(kQuad, kQuadCorners); };
   SECTION("a coordinate, by one bit") {
     CHECK(stored_meshes([&](tests::ModelMaker& maker) {

@@ -150,7 +150,7 @@ void make_error_scene(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("with an error bound no chunk takes more than as floats, whatever the options", "[convert][error_bytes]") {
+TEST_CASE("with an error bound no chunk is larger than as floats, with any options", "[convert][error_bytes]") {
   const tests::TempFolder folder;
   make_error_scene(folder.file("in.glb"));
   const auto encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
@@ -173,7 +173,7 @@ TEST_CASE("with an error bound no chunk takes more than as floats, whatever the 
   CHECK((counts.clustered > 0) == (encoding == Encoding::kClustered));
 }
 
-TEST_CASE("what is not clustered for its bytes is what it was, on any threads and memory", "[convert][error_bytes]") {
+TEST_CASE("chunks that stay indexed to save bytes are correct, for any threads and memory", "[convert][error_bytes]") {
   const tests::TempFolder folder;
   make_error_scene(folder.file("in.glb"));
   for (const Bound& bound : {kBounds[1], kBounds[3], kBounds[6]}) {
@@ -198,7 +198,7 @@ TEST_CASE("what is not clustered for its bytes is what it was, on any threads an
   }
 }
 
-TEST_CASE("with an error bound the small models take no more than as floats", "[models][error_bytes]") {
+TEST_CASE("with an error bound the small models are no larger than as floats", "[models][error_bytes]") {
   const tests::TempFolder folder;
   Counts counts;
   for (const fs::path& path : tests::model_files(tests::kDataFolder)) {
@@ -252,10 +252,10 @@ static void check_models(size_t every) {
   CHECK(counts.saved > 0);
 }
 
-TEST_CASE("with an error bound every model takes no more than as floats", "[models][error_bytes]") {
+TEST_CASE("with an error bound every model is no larger than as floats", "[models][error_bytes]") {
   check_models(tests::kIsSanitized ? 33 : 11);
 }
 
-TEST_CASE("with every error bound every model takes no more than as floats", "[.][models-all]") {
+TEST_CASE("with every error bound every model is no larger than as floats", "[.][models-all]") {
   check_models(1);
 }

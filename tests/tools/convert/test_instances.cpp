@@ -88,14 +88,14 @@ void check_instances(const format::Container& file, uint64_t count, uint64_t equ
 
 }  // namespace
 
-TEST_CASE("few instances have each world matrix once", "[convert]") {
+TEST_CASE("with few instances each world matrix is stored once", "[convert]") {
   const TempFolder folder;
   const tests::OpenFile opened = converted(folder, 500, 100);
   check_instances(opened.file, 500, 100);
   CHECK(opened.file.matrices().size() == 401 + 401 + 3);
 }
 
-TEST_CASE("more instances than are held are written as they come", "[convert]") {
+TEST_CASE("more instances than fit in memory are written in order", "[convert]") {
   const TempFolder folder;
   const uint64_t count = convert::kMaxHeldInstances + 1;
   const tests::OpenFile opened = converted(folder, count, 100);

@@ -67,7 +67,7 @@ std::vector<double> level_quality(const Levels& levels) {
 
 }  // namespace
 
-TEST_CASE("levels are stored while their longer side is 64 or more", "[jpeg_levels]") {
+TEST_CASE("levels with a longer side of at least 64 are stored", "[jpeg_levels]") {
   CHECK(stored_level_count(1, 1) == 0);
   CHECK(stored_level_count(127, 127) == 0);
   CHECK(stored_level_count(128, 1) == 1);

@@ -67,7 +67,7 @@ TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_t
   }
 }
 
-TEST_CASE("real models look the same with any texture cache", "[jpeg_textures]") {
+TEST_CASE("real models are equal with any texture cache", "[jpeg_textures]") {
   if (tests::models_path().empty()) {
     WARN("no models: skipped");
     return;

@@ -102,7 +102,7 @@ TEST_CASE("a progressive JPEG cut anywhere is an error and never a picture", "[j
   }
 }
 
-TEST_CASE("what cannot be transcoded is refused before memory is taken", "[jpeg_transcode]") {
+TEST_CASE("JPEGs that cannot be transcoded are refused before memory is allocated", "[jpeg_transcode]") {
   const auto message = [](const Bytes& file) {
     const auto transcoded = runtime::transcode_jpeg(file);
     REQUIRE_FALSE(transcoded);

@@ -196,15 +196,15 @@ void check_overheads(convert::Encoding encoding) {
 
 }  // namespace
 
-TEST_CASE("lean: a scene of positions pays for nothing else", "[lean]") {
+TEST_CASE("lean: a scene of positions stores nothing else", "[lean]") {
   check_overheads(convert::Encoding::kIndexed);
 }
 
-TEST_CASE("lean: a scene of positions pays for nothing else, in clusters", "[lean][clusters]") {
+TEST_CASE("lean: a scene of positions stores nothing else, in clusters", "[lean][clusters]") {
   check_overheads(convert::Encoding::kClustered);
 }
 
-TEST_CASE("lean: what is left out is named with what it takes there and would take here", "[lean][inspect]") {
+TEST_CASE("lean: left-out data are listed with their bytes in the source and in the file", "[lean][inspect]") {
   const TempFolder folder;
   make_lean_scene(folder.file("in.glb"), true);
   convert::ConvertOptions options = options_of(folder);
@@ -261,7 +261,7 @@ TEST_CASE("lean: what is left out is named with what it takes there and would ta
   check("COLOR_0 (all white)", 301, 16 * vertices, colors);
 }
 
-TEST_CASE("lean: duplicates are named with what storing them would take", "[lean][inspect]") {
+TEST_CASE("lean: duplicates are listed with the bytes that storing them would take", "[lean][inspect]") {
   const TempFolder folder;
   const std::string png = tests::read_whole(tests::data_path("checker.png").string());
   {

@@ -147,12 +147,13 @@ TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[
   const tests::OpenFile opened = must_open(options_of(folder).output);
   REQUIRE(opened.file.masks().size() == 3);
   CHECK(opened.file.masks()[0].threshold == convert::mask_threshold(1, 0.5f));
-  CHECK(opened.file.masks()[1].threshold == format::kMaxMaskThreshold);  // which a factor of 0.25 never reaches
+  CHECK(opened.file.masks()[1].threshold ==
+        format::kMaxMaskThreshold);  // above the largest alpha with a factor of 0.25
   CHECK(opened.file.masks()[0].page == opened.file.masks()[1].page);
   CHECK(opened.file.masks()[2].page != opened.file.masks()[1].page);
   CHECK(opened.file.materials()[opened.file.masks()[0].material].flags ==
         (format::kMaterialAlphaBlend | format::kMaterialDoubleSided));
-  // Glass has no mask, but blends; wood and what has no alpha below 1 does not.
+  // Glass has no mask, but blends. Wood and images without an alpha below 1 do not blend.
   const auto scene = runtime::Scene::open(options_of(folder).output, {});
   REQUIRE(scene);
   uint64_t blended = 0;
@@ -161,7 +162,7 @@ TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[
   CHECK(blended == 3);
 }
 
-TEST_CASE("masks are stored where they hide something, and drawn", "[convert][mask]") {
+TEST_CASE("masks are stored if they hide something, and drawn", "[convert][mask]") {
   const TempFolder folder;
   {
     ModelMaker maker(folder.file("in.glb"));
@@ -202,7 +203,7 @@ TEST_CASE("masks are stored where they hide something, and drawn", "[convert][ma
   }
 }
 
-TEST_CASE("a masked picture shows a mask's share, whatever holds its colours", "[convert][mask]") {
+TEST_CASE("a masked picture covers the mask's share, for every coding of its colours", "[convert][mask]") {
   const TempFolder folder;
   const auto picture = [&](double cutoff, convert::Textures textures, const char* name) {
     ModelMaker maker(folder.file("in.glb"));
@@ -217,7 +218,7 @@ TEST_CASE("a masked picture shows a mask's share, whatever holds its colours", "
   const std::vector<uint64_t> whole = picture(0.01, convert::Textures::kKeep, "whole.scree");
   const std::vector<uint64_t> masked = picture(0.5, convert::Textures::kKeep, "masked.scree");
   CHECK((masked == picture(0.5, convert::Textures::kJpeg, "jpeg.scree")));
-  // An export restores the alpha, though the JPEG has none.
+  // An export restores the alpha, although the JPEG has none.
   {
     const tests::OpenFile opened = must_open(folder.file("jpeg.scree"));
     REQUIRE(tools::export_gltf(opened.file, folder.file("back.glb"), {}));
@@ -238,7 +239,7 @@ TEST_CASE("a masked picture shows a mask's share, whatever holds its colours", "
   CHECK(foreign == 0);
 }
 
-TEST_CASE("where a mask's texture cuts nothing, the alpha of vertex colours does", "[convert][mask]") {
+TEST_CASE("the alpha of vertex colours cuts if the mask's texture cuts nothing", "[convert][mask]") {
   const TempFolder folder;
   const auto encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   const bool has_texture = GENERATE(false, true);
@@ -267,7 +268,7 @@ TEST_CASE("where a mask's texture cuts nothing, the alpha of vertex colours does
       CHECK(mask.flags == (format::kMaskNearest | format::kMaskOfColors));
       CHECK(mask.width * mask.height == 1);
     }
-    return picture_of(options.output, 90);  // from above, so that shares are those of areas
+    return picture_of(options.output, 90);  // from above, so that shares of pixels are shares of areas
   };
   const std::vector<uint64_t> whole = picture(0, true);
   CHECK(covered(whole) > 2000);

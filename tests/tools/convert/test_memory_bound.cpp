@@ -162,7 +162,7 @@ std::string check_kept_within(const TempFolder& folder, const std::string& input
 
 }  // namespace
 
-TEST_CASE("convert keeps its memory where pictures are of 16384 x 16384", "[convert][memory]") {
+TEST_CASE("convert keeps within its memory with pictures of 16384 x 16384", "[convert][memory]") {
   const TempFolder folder;
   const uint32_t side = 16384;
   folder.write("a.jpg", tests::flat_jpeg(side, tests::JpegKind::kBaseline));
@@ -183,7 +183,7 @@ TEST_CASE("convert keeps its memory where pictures are of 16384 x 16384", "[conv
   check_bound(convert(input, "keep"), 1, json.size(), uint64_t{6} * side * side);
 }
 
-TEST_CASE("convert keeps its memory where a node has three million instances", "[convert][memory]") {
+TEST_CASE("convert keeps within its memory with three million instances of a node", "[convert][memory]") {
   const TempFolder folder;
   constexpr uint64_t kCount = 3'000'000;
   constexpr uint64_t kBlock = 1000;
@@ -215,7 +215,7 @@ TEST_CASE("convert keeps its memory where a node has three million instances", "
   check_bound(run, 1, json.size());
 }
 
-TEST_CASE("convert refuses a document that takes more than --memory while it reads it", "[convert][memory]") {
+TEST_CASE("convert refuses a document that exceeds --memory while reading it", "[convert][memory]") {
   const TempFolder folder;
   {
     std::ofstream out(folder.file("scene.gltf"), std::ios::binary);
@@ -259,7 +259,7 @@ TEST_CASE("convert refuses a document that takes more than --memory while it rea
   CHECK(needed >= peak - peak / 4);
 }
 
-TEST_CASE("convert keeps within --memory, however many threads it may have", "[convert][memory]") {
+TEST_CASE("convert keeps within --memory with any number of threads", "[convert][memory]") {
   const TempFolder folder;
   write_soup(folder, 10 * 262144);
   check_kept_within(folder, "soup.gltf", uint64_t{280} << 20, uint64_t{350} << 20);
@@ -273,7 +273,7 @@ TEST_CASE("convert keeps within --memory while it sorts", "[convert][memory][sor
   CHECK(said.find("sorted 2.10 M triangles that lay in no order") != std::string::npos);
 }
 
-TEST_CASE("convert keeps within --memory that is less than a compressed view", "[convert][memory][meshopt]") {
+TEST_CASE("convert keeps within a --memory below the size of a compressed view", "[convert][memory][meshopt]") {
   const TempFolder folder;
   write_packed_sheet(folder, 1500);  // 568 MB of vertices
   check_kept_within(folder, "sheet.gltf", uint64_t{320} << 20, uint64_t{368} << 20);

@@ -52,7 +52,7 @@ TEST_CASE("memory plan: windows of one glTF mesh wait for each other", "[convert
   CHECK(together - apart < windows * 1024);
 }
 
-TEST_CASE("memory plan: windows of indexed triangles count with a vertex a triangle where no more has room",
+TEST_CASE("memory plan: windows of indexed triangles count one vertex per triangle if memory is short",
           "[convert][memory]") {
   SourceScene scene = make_planned_scene(false);
   for (Primitive& primitive : scene.primitives) primitive.positions.count = uint64_t{1} << 30;
@@ -77,7 +77,7 @@ TEST_CASE("memory plan: windows of indexed triangles count with a vertex a trian
   CHECK(largest(least_ahead(scene) + kSlack).vertices == 3 * kWindowTriangles);
 }
 
-TEST_CASE("memory plan: compressed views take what their places, their readers and what is kept of them do",
+TEST_CASE("memory plan: compressed views take the memory of their index, readers and kept windows",
           "[convert][memory][meshopt]") {
   SourceScene scene = make_planned_scene(false);
   const uint64_t plain = least_ahead(scene);

@@ -1,4 +1,4 @@
-// Which normals are stored: those that show.
+// Normals are stored if they change the picture.
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -44,7 +44,7 @@ tools::GltfPrimitive ground(tests::ModelMaker& maker, uint32_t n, const Degrees&
           face[c] = e[0][(c + 1) % 3] * e[1][(c + 2) % 3] - e[0][(c + 2) % 3] * e[1][(c + 1) % 3];
         const double length = std::hypot(face[0], face[1], face[2]);
         for (double& f : face) f /= length;
-        // The part of x that is at right angles with the face.
+        // The component of x at right angles to the face.
         double side[3] = {1 - face[0] * face[0], -face[0] * face[1], -face[0] * face[2]};
         const double side_length = std::hypot(side[0], side[1], side[2]);
         const double angle = degrees(triangle) * 3.14159265358979323846 / 180;
@@ -82,7 +82,7 @@ bool has_normals(const format::Container& file, uint64_t mesh) {
 
 }  // namespace
 
-TEST_CASE("normals: those of a mesh are stored where they are not its faces'", "[convert][normals]") {
+TEST_CASE("normals: a mesh's normals are stored unless they equal its faces'", "[convert][normals]") {
   const TempFolder folder;
   {
     tests::ModelMaker maker(folder.file("in.glb"));
@@ -94,7 +94,7 @@ TEST_CASE("normals: those of a mesh are stored where they are not its faces'", "
     add("not quite", ground(maker, 6, [](uint32_t) { return 0.11; }));
     add("one", ground(maker, 6, [](uint32_t triangle) { return triangle == 71 ? 5.0 : 0.0; }));
     add("inwards", ground(maker, 6, [](uint32_t) { return 180.0; }));
-    // Floats of 2^21 and more have steps of a quarter: faces are as uncertain.
+    // Floats from 2^21 on have steps of a quarter, so that face normals are inexact.
     add("far away", ground(
                         maker, 6, [](uint32_t) { return 10.0; }, 4e6f));
     tools::GltfPrimitive unlit = ground(maker, 6, [](uint32_t) { return 30.0; });
@@ -129,7 +129,7 @@ TEST_CASE("normals: those of a mesh are stored where they are not its faces'", "
   for (size_t i = 0; i < expected.size(); ++i) CHECK(!has_normals(never.file, i));
 }
 
-TEST_CASE("normals of bytes are the faces' within a degree", "[convert][normals]") {
+TEST_CASE("normals of 8-bit components equal the faces' within a degree", "[convert][normals]") {
   const TempFolder folder;
   for (const double degrees : {0.0, 0.9, 1.1}) {
     {
@@ -148,14 +148,15 @@ TEST_CASE("normals of bytes are the faces' within a degree", "[convert][normals]
     bytes.type = ComponentType::kInt8;
     CHECK(are_face_normals(window, normals, *primitive.normal) == (degrees == 0));
     CHECK(are_face_normals(window, normals, bytes) == (degrees < 1));
-    // Without a direction they show nothing.
+    // Normals without a direction are ignored.
     normals[0] = normals[1] = normals[2] = 0;
     normals[3] = NAN;
     CHECK(are_face_normals(window, normals, bytes) == (degrees < 1));
   }
 }
 
-TEST_CASE("normals: what is stored depends neither on threads nor on the place of what shows", "[convert][normals]") {
+TEST_CASE("normals: the result depends neither on threads nor on the place of the triangle that needs them",
+          "[convert][normals]") {
   const TempFolder folder;
   constexpr uint32_t kSide = 400;  // 320,000 triangles: two windows
   for (const uint32_t odd : {0u, 2 * kSide * kSide - 1, UINT32_MAX}) {
@@ -180,7 +181,7 @@ TEST_CASE("normals: what is stored depends neither on threads nor on the place o
   }
 }
 
-TEST_CASE("normals: meshes that differ in them are one where they do not show", "[convert][normals][duplicates]") {
+TEST_CASE("normals: meshes that differ only in dropped normals are duplicates", "[convert][normals][duplicates]") {
   const TempFolder folder;
   const auto stored = [&](double a, double b) {
     {

@@ -77,7 +77,8 @@ void check_bounds_and_table(const convert::ConvertOptions& options, const conver
 
 }  // namespace
 
-TEST_CASE("pixel bound: no move within the world error passes the pixels, and little more does", "[pixel_bound]") {
+TEST_CASE("pixel bound: moves within the world error stay within the pixels, and little more passes them",
+          "[pixel_bound]") {
   std::mt19937_64 random(11);
   std::uniform_real_distribution<double> unit(-1, 1);
   for (const PixelBound& bound : {PixelBound{0.5, 10, 1920, 1080, 45}, PixelBound{2, 0.5, 640, 480, 90},
@@ -103,7 +104,7 @@ TEST_CASE("pixel bound: no move within the world error passes the pixels, and li
   }
 }
 
-TEST_CASE("pixel bound: the gain of a matrix is that of its worst corner", "[pixel_bound]") {
+TEST_CASE("pixel bound: the gain of a matrix is the worst corner's", "[pixel_bound]") {
   std::mt19937_64 random(12);
   std::uniform_real_distribution<double> unit(-1, 1);
   for (int i = 0; i < 200; ++i) {
@@ -190,7 +191,7 @@ TEST_CASE("an error too small for one mesh's lattice keeps that mesh's floats, a
   }
 }
 
-TEST_CASE("pixel bound: what is drawn keeps it, measured from the vertices' own places", "[pixel_bound]") {
+TEST_CASE("pixel bound: drawn vertices keep it, measured from their exact positions", "[pixel_bound]") {
   const tests::TempFolder folder;
   make_textured_scene(folder.file("in.glb"));
   convert::ConvertOptions options = options_of(folder);
@@ -209,7 +210,7 @@ TEST_CASE("pixel bound: what is drawn keeps it, measured from the vertices' own 
   CHECK(moved(options.pixel_bound, at, to) <= 1);
 }
 
-TEST_CASE("pixel bound: its words", "[pixel_bound]") {
+TEST_CASE("pixel bound: its syntax", "[pixel_bound]") {
   const tests::TempFolder folder;
   make_textured_scene(folder.file("in.glb"));
   const auto run = [&](std::vector<std::string> words) {

@@ -1,5 +1,5 @@
 // convert --shard and merge: the bytes of one run, from shards that were made in any order by any number of threads;
-// and shards that do not belong together are named.
+// and shards that do not belong together are refused.
 #include <algorithm>
 #include <filesystem>
 #include <functional>
@@ -170,7 +170,7 @@ TEST_CASE("shards merge to the bytes of one run", "[convert][shards]") {
   }
 }
 
-TEST_CASE("a mesh of several windows and pages is cut anywhere", "[convert][shards]") {
+TEST_CASE("a mesh of several windows and pages can be cut anywhere", "[convert][shards]") {
   const Sharded scene(true);
   for (const int level : {0, 1}) {
     ConvertOptions options = scene.options();
@@ -198,7 +198,7 @@ TEST_CASE("shards of real models merge to the bytes of one run", "[convert][shar
   }
 }
 
-TEST_CASE("shards that do not belong together are refused by name", "[convert][shards]") {
+TEST_CASE("shards that do not belong together are refused with their names", "[convert][shards]") {
   const Sharded scene;
   const std::vector<std::string> shards = scene.make_shards(scene.options(), 3);
   has(scene.refusal({shards[0], shards[2]}, ErrorCode::kUsage),
@@ -228,7 +228,7 @@ TEST_CASE("shards that do not belong together are refused by name", "[convert][s
   has(scene.refusal({scene.folder().file("nothing.part")}, ErrorCode::kFile), "nothing.part");
   has(scene.refusal({scene.input()}, ErrorCode::kFormat), "scene.gltf");
 
-  // A source that has changed since, or a shard that was made of the changed one.
+  // A source that has changed since, or a shard of the changed source.
   const std::string bin = scene.folder().file("in/scene.bin");
   fs::last_write_time(bin, fs::last_write_time(bin) + std::chrono::seconds(5));
   has(scene.refusal(shards, ErrorCode::kFile), "x.1.part: scene.bin has changed since the shards were made");
@@ -265,14 +265,14 @@ TEST_CASE("a damaged shard is refused and nothing is left", "[convert][shards]")
   CHECK(scene.merge(shards));
 }
 
-TEST_CASE("whatever a shard claims is held against the source", "[convert][shards]") {
+TEST_CASE("all data of a shard are checked against the source", "[convert][shards]") {
   const Sharded scene;
   (void)scene.make_shards(scene.options(), 1);
   const auto opened = convert::open_shards({scene.shard(1)});
   REQUIRE(opened);
   const std::vector<std::byte> plan = convert::pack_plan(opened->plan);
   const std::vector<std::byte> share = convert::pack_share(opened->files[0].share);
-  // Unpacking gives what was packed, and every shorter text of it is refused.
+  // Unpacking returns the packed plan; every shorter text is refused.
   const auto again = convert::unpack_plan(plan);
   REQUIRE(again);
   CHECK(convert::pack_plan(*again) == plan);
@@ -287,7 +287,7 @@ TEST_CASE("whatever a shard claims is held against the source", "[convert][shard
         convert::unpack_share(std::vector<std::byte>(share.begin(), share.begin() + static_cast<ptrdiff_t>(size))));
 }
 
-TEST_CASE("parts of a list follow each other and weigh alike", "[convert][shards]") {
+TEST_CASE("parts of a list are consecutive and of equal weight", "[convert][shards]") {
   const std::vector<uint64_t> costs{5, 1, 1, 1, 20, 1, 1, 5, 5, 0, 9};
   for (const uint32_t count : {1u, 2u, 3u, 4u, 11u, 50u}) {
     uint64_t end = 0;

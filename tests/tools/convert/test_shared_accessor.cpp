@@ -1,4 +1,4 @@
-// Primitives that share one accessor far larger than what each of them uses, as building models have them.
+// Primitives that share one accessor and use only small parts of it, as in models of buildings.
 #include <filesystem>
 #include <fstream>
 #include <string>

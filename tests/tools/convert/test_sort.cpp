@@ -234,7 +234,7 @@ std::vector<std::string> names_in(const TempFolder& folder) {
 
 }  // namespace
 
-TEST_CASE("sort: what has locality and what has none", "[sort]") {
+TEST_CASE("sort: primitives with and without locality are told apart", "[sort]") {
   CHECK(vertices_read({}) == 0);
   CHECK(vertices_read(std::vector<uint32_t>{7}) == 1);
   CHECK(vertices_read(std::vector<uint32_t>{7, 8, 10}) == 4);
@@ -252,7 +252,7 @@ TEST_CASE("sort: what has locality and what has none", "[sort]") {
   CHECK_FALSE(used(1000, 1000, 3000, 4000).has_no_locality());  // most vertices belong to another primitive
 }
 
-TEST_CASE("sort: the copy is the primitive, in order, for any memory and threads", "[sort]") {
+TEST_CASE("sort: the copy is the primitive in sorted order, for any memory and threads", "[sort]") {
   const TempFolder folder;
   const auto check = [&](const Primitive& primitive, uint32_t first, bool degenerate) {
     const Primitive copy = must_sort(folder, primitive, first, {1, UINT64_MAX});
@@ -291,7 +291,7 @@ TEST_CASE("sort: the copy is the primitive, in order, for any memory and threads
   }
 }
 
-TEST_CASE("sort: points that are not finite, or all one, do no harm", "[sort]") {
+TEST_CASE("sort: points that are not finite or all equal are sorted", "[sort]") {
   const TempFolder folder;
   Primitive primitive = shuffled(30, 0, PrimitiveMode::kTriangles);
   std::vector<float> positions = all_values(primitive.positions);
@@ -312,7 +312,7 @@ TEST_CASE("sort: points that are not finite, or all one, do no harm", "[sort]") 
   check_copy(primitive, must_sort(folder, primitive, 0, {2, UINT64_MAX}), true);
 }
 
-TEST_CASE("sort: samples that say nothing of the vertices do no harm", "[sort]") {
+TEST_CASE("sort: samples that do not represent the vertices do no harm", "[sort]") {
   const TempFolder folder;
   Primitive primitive = shuffled(400, 0, PrimitiveMode::kTriangles);
   std::vector<float> positions = all_values(primitive.positions);
@@ -335,7 +335,7 @@ TEST_CASE("sort: a source that changed is noticed", "[sort]") {
   }
 }
 
-TEST_CASE("sort: a mesh in no order becomes as small as one in order", "[sort][convert]") {
+TEST_CASE("sort: a shuffled mesh becomes as small as an ordered one", "[sort][convert]") {
   const TempFolder folder;
   make_grid_file(folder.file("ordered.glb"), true);
   make_grid_file(folder.file("in.glb"), false);
@@ -381,7 +381,7 @@ TEST_CASE("sort: the error of a position names the source's vertex", "[sort][con
   CHECK(report.sorted_triangles == 532480);
 }
 
-TEST_CASE("sort: whatever ends the program, nothing is left of the temporary file", "[sort][convert]") {
+TEST_CASE("sort: the temporary file disappears, however the program ends", "[sort][convert]") {
   const TempFolder folder;
   make_grid_file(folder.file("in.glb"), false);
   const std::string program = "cd \"" + folder.path().string() + "\" && ";
@@ -415,7 +415,7 @@ TEST_CASE("sort: whatever ends the program, nothing is left of the temporary fil
   }
 }
 
-TEST_CASE("sort: a conversion that sorts is gone on with", "[sort][convert]") {
+TEST_CASE("sort: a conversion that sorts is resumed", "[sort][convert]") {
   const TempFolder folder;
   make_grid_file(folder.file("in.glb"), false);
   const auto words = [&](const std::string& output) {

@@ -11,7 +11,7 @@
 
 using namespace scree;
 
-TEST_CASE("speed: convert takes 8 M triangles a second and core, in bounded memory", "[speed]") {
+TEST_CASE("speed: convert packs 8 M triangles per second and core, in bounded memory", "[speed]") {
   // The program as users call it, including start and end, on the measured terrain at a hundredth of its triangles. The
   // input was just written, so it is read from the page cache.
   const tests::TempFolder folder;

@@ -1,4 +1,4 @@
-// Second texture coordinates and tangents: which are stored, how exactly, and that export gives them back.
+// Second texture coordinates and tangents: the rule for storing them, their precision, and their export.
 #include <array>
 #include <cmath>
 #include <filesystem>
@@ -45,7 +45,8 @@ uint32_t white_texture(tests::ModelMaker& maker) {
   return maker.writer().add_texture(maker.texture("white", format::ImageCodec::kPng, *png));
 }
 
-/// A strip of `n` squares along x, bent around x by `bend` radians a square; normals and tangents of the corners.
+/// A strip of `n` squares along x, bent around x by `bend` radians per square, with normals and tangents of the
+/// corners.
 struct Strip {
   std::vector<float> points, normals, uvs, seconds, tangents;
   std::vector<uint32_t> corners;
@@ -59,7 +60,7 @@ Strip strip(uint32_t n, double bend, double turn, float u_sign, float handedness
     const double angle = bend * i;
     for (const float z : {0.0f, -1.0f}) {
       out.points.insert(out.points.end(), {static_cast<float>(x), static_cast<float>(y), z});
-      // Of the squares' own where they are not bent, else between those of two neighbours.
+      // The squares' own normals if the strip is flat, else the mean of two neighbours.
       const double up = angle - bend / 2;
       out.normals.insert(out.normals.end(), {static_cast<float>(-std::sin(up)), static_cast<float>(std::cos(up)), 0});
       const double along[3] = {u_sign * std::cos(up), u_sign * std::sin(up), 0};
@@ -105,7 +106,7 @@ std::map<std::string, uint64_t> left_out(const format::Container& file) {
   return out;
 }
 
-/// For each stored vertex of a mesh, the nearest of the source's, by position.
+/// For each stored vertex of a mesh, the nearest source vertex by position.
 template <class Take>
 void for_each_vertex(const tests::OpenFile& file, uint64_t mesh, const Strip& strip, const Take& take) {
   tools::ChunkReader reader(file.file);
@@ -133,7 +134,7 @@ void for_each_vertex(const tests::OpenFile& file, uint64_t mesh, const Strip& st
 
 }  // namespace
 
-TEST_CASE("second texture coordinates are stored where a material uses both sets", "[convert][surfaces]") {
+TEST_CASE("second texture coordinates are stored if a material uses both sets", "[convert][surfaces]") {
   const TempFolder folder;
   const Strip made = strip(20, 0.1, 0, 1, 1);
   constexpr uint32_t kOcclusion = static_cast<uint32_t>(format::SurfaceUse::kOcclusion);
@@ -209,7 +210,7 @@ TEST_CASE("second texture coordinates are stored where a material uses both sets
   }
 }
 
-TEST_CASE("tangents are stored where they are not what texture coordinates give", "[convert][surfaces]") {
+TEST_CASE("tangents are stored unless texture coordinates give the same ones", "[convert][surfaces]") {
   const TempFolder folder;
   struct Case {
     const char* name;
@@ -247,14 +248,14 @@ TEST_CASE("tangents are stored where they are not what texture coordinates give"
     const uint32_t attributes = file.file.meshes()[mesh].attributes;
     CHECK(((attributes & format::kHasTangent) != 0) == cases[mesh].expected);
     if (!cases[mesh].expected) continue;
-    CHECK((attributes & format::kHasNormal) != 0);  // also those that are the faces'
+    CHECK((attributes & format::kHasNormal) != 0);  // even if they equal the faces'
     const Strip& made = cases[mesh].strip;
     for_each_vertex(file, mesh, made, [&](const tools::DecodedChunk& chunk, size_t v, size_t source) {
       REQUIRE(chunk.tangents[4 * v + 3] == made.tangents[4 * source + 3]);
       double product = 0;
       for (size_t c = 0; c < 3; ++c)
         product += double{chunk.tangents[4 * v + c]} * double{made.tangents[4 * source + c]};
-      // Beside the tangent's own angle the normal's, below 0.05 degrees.
+      // The error of the normal adds up to 0.05 degrees to the tangent's own.
       REQUIRE(std::acos(std::min(product, 1.0)) <= std::hypot(bound, 0.05 * kDegree) + 1e-4);
     });
   }
@@ -279,7 +280,7 @@ TEST_CASE("tangents are stored where they are not what texture coordinates give"
       REQUIRE(chunk.tangents[4 * v + 3] == cases[mesh].strip.tangents[4 * source + 3]);
     });
 
-  // Without normals there are no tangents, and the file is one for readers of version 1.
+  // Without normals there are no tangents, and readers of version 1 can read the file.
   options.normals = Normals::kNever;
   std::filesystem::remove(options.output);
   must_convert(options);

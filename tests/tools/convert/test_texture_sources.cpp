@@ -1,4 +1,4 @@
-// Images that stand for each other, and WebP: which one is taken, and what becomes of it.
+// Textures with alternative images, and WebP: the chosen image, and its stored form.
 #include <string>
 #include <vector>
 
@@ -64,7 +64,7 @@ format::ImageRecord stored_image(const TempFolder& folder) {
 
 }  // namespace
 
-TEST_CASE("the best image that can be read is taken", "[texture_sources]") {
+TEST_CASE("the best readable image is used", "[texture_sources]") {
   const TempFolder folder;
   write_file(folder, "8.ktx2", tests::make_ktx2({}));
   write_file(folder, "basis.ktx2", basis());
@@ -86,11 +86,11 @@ TEST_CASE("the best image that can be read is taken", "[texture_sources]") {
   CHECK(taken(all("3", dds)).block_format == format::BlockFormat::kBc1);
   CHECK(taken(all("3", basisu(0) + "," + dds)).block_format == format::BlockFormat::kBc7);
   CHECK(taken(all("3", basisu(1) + "," + dds)).block_format == format::BlockFormat::kBc1);
-  // The kind is told by the bytes, not by the extension; an image that is not there is no better than another.
+  // The bytes decide the format, not the extension. A missing image is not preferred.
   CHECK(taken(all("0", basisu(3))).block_format == format::BlockFormat::kBc7);
   CHECK(taken(all("3", basisu(4))).codec == ImageCodec::kPng);
   CHECK(taken(all("4", basisu(0))).block_format == format::BlockFormat::kBc7);
-  // None can be read: the first one's error.
+  // If no image can be read, the error is the first one's.
   textured_triangle(folder, images, all("4", basisu(1)));
   tests::must_fail(
       [&] {
@@ -101,7 +101,7 @@ TEST_CASE("the best image that can be read is taken", "[texture_sources]") {
       ErrorCode::kUnsupported, "image 0 (basis.ktx2): KTX2: supercompressed by BasisLZ");
 }
 
-TEST_CASE("a WebP becomes a PNG of its pixels, or a JPEG", "[texture_sources][webp]") {
+TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_sources][webp]") {
   const TempFolder folder;
   if (runtime::webp_version().empty()) {
     write_file(folder, "a.webp", FileBytes(64));

@@ -46,7 +46,7 @@ std::vector<float> quad() {
 
 }  // namespace
 
-TEST_CASE("weld: classes are those of brute force, whatever is parted by", "[weld]") {
+TEST_CASE("weld: classes equal brute force, for every set of attributes", "[weld]") {
   std::mt19937 random(11);
   const float choices[] = {0.0f, -0.0f, 1.0f, 1e-30f, std::numeric_limits<float>::quiet_NaN()};
   for (const size_t count : {size_t{0}, size_t{1}, size_t{2}, size_t{63}, size_t{64}, size_t{65}, size_t{700}}) {
@@ -104,7 +104,7 @@ TEST_CASE("weld: classes are those of brute force, whatever is parted by", "[wel
   }
 }
 
-TEST_CASE("weld: a mesh without indices takes the bytes of the same mesh with them", "[weld]") {
+TEST_CASE("weld: a mesh without indices takes as many bytes as with indices", "[weld]") {
   const TempFolder folder;
   tests::GridSpec spec;
   spec.columns = 512;
@@ -162,7 +162,7 @@ TEST_CASE("weld: --no-weld keeps every vertex of the source, and any number of t
   CHECK(packed.file.string(packed.file.source().options).find("--no-weld") != std::string_view::npos);
 }
 
-TEST_CASE("weld: vertices part where an attribute that is stored does", "[weld]") {
+TEST_CASE("weld: vertices with different stored attributes stay apart", "[weld]") {
   const TempFolder folder;
   tests::ModelMaker maker(folder.file("in.glb"));
   const float nan = std::numeric_limits<float>::quiet_NaN();
@@ -201,7 +201,7 @@ TEST_CASE("weld: vertices part where an attribute that is stored does", "[weld]"
   CHECK(counts().back() == 6);
 }
 
-TEST_CASE("weld: minus zero is zero on a lattice and itself as a float", "[weld]") {
+TEST_CASE("weld: minus zero equals zero on a lattice, but not as a float", "[weld]") {
   const TempFolder folder;
   tests::ModelMaker maker(folder.file("in.glb"));
   std::vector<float> points = quad();

@@ -79,7 +79,7 @@ bool round_trip(const fs::path& source_path, size_t number, const std::string& e
     FAIL_CHECK(back.error().message);
     return true;
   }
-  for (uint64_t i = 0; i < packed->file.left_out().size(); ++i)  // what is not there cannot come back
+  for (uint64_t i = 0; i < packed->file.left_out().size(); ++i)  // data that are not stored cannot be exported
     if (packed->file.string(packed->file.left_out()[i].what) == "primitives their alpha masks hide") return true;
   for (const std::string& line : tests::compare_scenes(*source, packed->file, *back)) FAIL_CHECK(line);
   return true;
@@ -110,13 +110,13 @@ fs::path small_model() {
 
 }  // namespace
 
-TEST_CASE("export: the models of tests/data come back as they were", "[export][roundtrip]") {
+TEST_CASE("export: the models of tests/data are exported unchanged", "[export][roundtrip]") {
   const auto sources = tests::gltf_files(tests::kDataFolder);
   REQUIRE(sources.size() >= 2);
   round_trip_all(sources, 0.5);
 }
 
-TEST_CASE("export: real models come back as they were and the validator accepts them", "[export][roundtrip][models]") {
+TEST_CASE("export: real models are exported unchanged and the validator accepts them", "[export][roundtrip][models]") {
   if (tests::models_path().empty()) {
     WARN("the real models are not there");
     return;
@@ -188,7 +188,7 @@ TEST_CASE("export: the same bytes for any number of threads", "[export]") {
   CHECK(one == tests::read_whole(folder.file("many.glb")));
 }
 
-TEST_CASE("export: a mesh with more vertices than an index can name is cut between chunks", "[export]") {
+TEST_CASE("export: a mesh with more vertices than an index can address is cut between chunks", "[export]") {
   const tests::TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 2;
@@ -218,7 +218,8 @@ TEST_CASE("export: a mesh with more vertices than an index can name is cut betwe
   CHECK(vertices == all_vertices);
 }
 
-TEST_CASE("export: progress is reported, the file let go, and a stop leaves nothing behind", "[export]") {
+TEST_CASE("export: progress is reported, the input's pages are released, and a stop leaves nothing behind",
+          "[export]") {
   const tests::TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 2;
@@ -255,7 +256,7 @@ TEST_CASE("export: progress is reported, the file let go, and a stop leaves noth
   CHECK(files == 2);
 }
 
-TEST_CASE("export: what cannot be written is an error and leaves nothing behind", "[export]") {
+TEST_CASE("export: a failed write is an error and leaves nothing behind", "[export]") {
   const tests::TempFolder folder;
   const std::string scree = folder.file("a.scree");
   {

@@ -137,7 +137,7 @@ TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_wri
     const float x = format::load<float>(bytes + chunk + 16 + 12);
     CHECK(x == 0.1f);
   }
-  // And convert's reader finds what was written.
+  // convert's reader returns the written data.
   tests::ModelMaker maker(folder.file("y.glb"));
   maker.writer().set_most_version_2_bytes(1);
   maker.node("node", maker.mesh("mesh", {maker.primitive({0, 0, 0, 0.1f, 0, 0, 0, 1, 0}, {0, 1, 2})}));
@@ -176,7 +176,7 @@ TEST_CASE("a .glb", "[gltf_writer]") {
   CHECK(file.substr(28 + json_bytes + view["byteOffset"].get<size_t>(), view["byteLength"]) == "PNG2");
 }
 
-TEST_CASE("nothing is left of a glTF that was not finished", "[gltf_writer]") {
+TEST_CASE("an unfinished glTF leaves nothing behind", "[gltf_writer]") {
   const TempFolder folder;
   for (const char* name : {"x.gltf", "x.glb"}) {
     Result<GltfWriter> writer = GltfWriter::create(folder.file(name));
@@ -186,7 +186,7 @@ TEST_CASE("nothing is left of a glTF that was not finished", "[gltf_writer]") {
   CHECK(folder.names().empty());
 }
 
-TEST_CASE("what the writer refuses", "[gltf_writer]") {
+TEST_CASE("the writer refuses invalid input", "[gltf_writer]") {
   const TempFolder folder;
   CHECK(GltfWriter::create(folder.file("x.obj")).error().code == ErrorCode::kUsage);
   CHECK(GltfWriter::create(folder.file("missing/x.glb")).error().code == ErrorCode::kFile);

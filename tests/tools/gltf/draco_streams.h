@@ -1,4 +1,4 @@
-// Draco streams and glTF of them as the tests make them, where scree is built with libdraco.
+// Makes Draco streams and glTF files of them for the tests, if scree is built with libdraco.
 #pragma once
 
 #include <draco/compression/encode.h>

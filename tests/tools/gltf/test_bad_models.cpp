@@ -310,7 +310,7 @@ TEST_CASE("textures with broken images are refused or left out", "[import][bad]"
   CHECK(fallback.images[0].codec == format::ImageCodec::kPng);
   for (const std::string& line : fallback.warnings) CHECK(line.find("WebP") == std::string::npos);
   const SourceScene alone = import_image(with_image(both, R"("extensions":{"EXT_texture_webp":{"source":0}})"));
-  CHECK(alone.images.at(0).is_webp);  // convert says what is wrong with it
+  CHECK(alone.images.at(0).is_webp);  // convert reports its defect
 }
 
 TEST_CASE("Draco geometry is read where there is a plain copy and refused where not", "[import][bad]") {
@@ -332,7 +332,7 @@ TEST_CASE("Draco geometry is read where there is a plain copy and refused where 
   }
 }
 
-TEST_CASE("deep nesting is refused before any parser sees it", "[import][bad]") {
+TEST_CASE("deep nesting is refused before parsing", "[import][bad]") {
   const tests::TempFolder folder;
   for (const auto& [open, close] : {std::pair{"[", "]"}, std::pair{"{\"a\":", "}"}}) {
     std::string deep;
@@ -351,7 +351,7 @@ TEST_CASE("deep nesting is refused before any parser sees it", "[import][bad]") 
   CHECK(import_gltf(folder.write("nested.gltf", R"({"asset":{"version":"2.0","extras":)" + nested + "}}"), {}));
 }
 
-TEST_CASE("long documents keep their numbers over batches", "[import]") {
+TEST_CASE("long documents keep their indices over batches", "[import]") {
   // Batches are cut at 256 KiB: about 20,000 nodes and meshes fill a dozen.
   constexpr uint32_t kCount = 20000;
   std::string meshes;
@@ -390,7 +390,7 @@ TEST_CASE("long documents keep their numbers over batches", "[import]") {
   CHECK(error.message.find("node " + last + ": skin is -2") != std::string::npos);
 }
 
-TEST_CASE("a long chain of nodes and many scenes take time in proportion", "[import][bad]") {
+TEST_CASE("long chains of nodes and many scenes take time in proportion", "[import][bad]") {
   constexpr uint32_t kCount = 100000;
   std::string nodes;
   for (uint32_t i = 0; i + 1 < kCount; ++i) nodes += R"({"children":[)" + std::to_string(i + 1) + "]},";
@@ -477,7 +477,7 @@ const std::map<std::string, std::string> kRefusedScenes = {
     {"habitat-batch-multiple-meshes/batch-multiple-meshes.gltf", "KHR_texture_ktx"},
 };
 
-TEST_CASE("real scenes import, but for those that need what scree does not do", "[import][models]") {
+TEST_CASE("real scenes import, except for unsupported features", "[import][models]") {
   const fs::path folder = tests::models_path() / "scenes";
   if (tests::models_path().empty() || !fs::exists(folder)) {
     WARN("no folder of real models");

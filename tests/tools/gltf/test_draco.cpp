@@ -1,4 +1,4 @@
-// KHR_draco_mesh_compression: what is read is the twin that was encoded, and damaged streams are one line.
+// KHR_draco_mesh_compression: decoded meshes equal the encoded twins, and damaged streams are errors of one line.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -77,7 +77,7 @@ Result<SourceScene> import_document(const TempFolder& folder, const std::string&
   return import_gltf(folder.write("draco.gltf", text), options);
 }
 
-TEST_CASE("Draco geometry equals the twin that was encoded", "[draco]") {
+TEST_CASE("Draco geometry equals the encoded twin", "[draco]") {
   const TempFolder folder;
   const DracoGrid grid(GENERATE(1u, 9u, 60u));
   for (const bool is_sequential : {true, false})
@@ -99,8 +99,9 @@ TEST_CASE("Draco geometry equals the twin that was encoded", "[draco]") {
             continue;
           }
           constexpr float kHalfStep = 0.51f / 2047;  // of 11 bits
-          // Quantised corners may change a triangle's place: each is near one, and as many as there were. The smallest
-          // x of a triangle is its first corner's, so only expected ones with nearly the same x there can be near.
+          // Quantised corners may change the order of triangles: each must be near an expected one, and the numbers
+          // must agree. The smallest x of a triangle is its first corner's, so only expected ones with nearly the same
+          // x there can be near.
           float off = 0;
           for (const Triangle& one : found) {
             float least = 9;
@@ -123,7 +124,7 @@ TEST_CASE("Draco geometry equals the twin that was encoded", "[draco]") {
         }
 }
 
-TEST_CASE("threads read primitives of Draco streams at once, out of little memory", "[draco]") {
+TEST_CASE("threads read primitives of Draco streams at once, in little memory", "[draco]") {
   const TempFolder folder;
   const DracoGrid grid(30);
   const DracoRecipe recipe{.has_uv = false};
@@ -151,7 +152,7 @@ TEST_CASE("threads read primitives of Draco streams at once, out of little memor
   for (const bool is_good : good) CHECK(is_good);
 }
 
-TEST_CASE("a Draco primitive that does not fit into --memory is refused with what it needs", "[draco]") {
+TEST_CASE("a Draco primitive that does not fit into --memory is refused with its need", "[draco]") {
   const TempFolder folder;
   const DracoRecipe recipe{.has_uv = false};
   const std::string text = tests::draco_document({make_draco(DracoGrid(4), recipe)}, 100'000'000, 50'000'000, recipe);
@@ -165,7 +166,7 @@ TEST_CASE("a Draco primitive that does not fit into --memory is refused with wha
       scene.error().message.find(
           "draco.gltf: mesh 0 primitive 0: --memory: 1.00 GiB, but unpacking its 100000000 triangles (Draco) takes ") !=
       std::string::npos);
-  // Without a bound it is opened, and its head is found out before anything of that size is allocated.
+  // Without a limit it is opened, and its header is refused before such a size is allocated.
   const auto unbound = import_document(folder, text);
   REQUIRE(unbound);
 }
@@ -204,7 +205,7 @@ TEST_CASE("Draco streams of other sizes than their accessors state are refused",
   }
 }
 
-TEST_CASE("damaged Draco streams are one line", "[draco][bad]") {
+TEST_CASE("damaged Draco streams are errors of one line", "[draco][bad]") {
   const DracoGrid grid(5);
   for (const bool is_sequential : {true, false})
     for (const int bits : {0, 8}) {
@@ -232,7 +233,7 @@ TEST_CASE("real scenes of Draco convert", "[draco][models]") {
     return;
   }
   const TempFolder out;
-  // With the triangles that the accessors of their indices have.
+  // The number of triangles agrees with the accessors of the indices.
   const std::pair<const char*, uint64_t> scenes[] = {
       {"Box_Draco/Box_Draco.glb", 12},
       {"heart_draco/heart_draco.glb", 0},

@@ -139,7 +139,7 @@ std::string sparse_file(const tests::TempFolder& folder, const std::string& name
   return path;
 }
 
-TEST_CASE("a GLB past 4 GiB has its lengths modulo 2^32", "[import][glb]") {
+TEST_CASE("a GLB above 4 GiB has its lengths modulo 2^32", "[import][glb]") {
   const tests::TempFolder folder;
   const uint64_t bin_bytes = (uint64_t{5} << 30) + 36;
   const uint64_t last = bin_bytes - 36;
@@ -231,7 +231,7 @@ TEST_CASE("a GLB of version 3 has chunks of 64-bit lengths in any order", "[impo
   }
 }
 
-TEST_CASE("a GLB of version 3 past 4 GiB is read where its data are", "[import][glb]") {
+TEST_CASE("a GLB of version 3 above 4 GiB is read at its true offsets", "[import][glb]") {
   const tests::TempFolder folder;
   const uint64_t bin_bytes = (uint64_t{5} << 30) + 36, last = bin_bytes - 36;
   const std::string document =
@@ -273,7 +273,7 @@ TEST_CASE("JSON that is cut off while it is read is an error", "[import]") {
   CHECK(cut.error().code == ErrorCode::kTruncated);
 }
 
-TEST_CASE("a 40 GB buffer is opened and read without being held", "[import]") {
+TEST_CASE("a 40 GB buffer is opened and read without being kept in memory", "[import]") {
   const tests::TempFolder folder;
   constexpr uint64_t kBytes = 40'000'000'000;
   constexpr uint64_t kVertices = 3'000'000'000;
@@ -468,7 +468,7 @@ TEST_CASE("a scene may have more buffer files than a process may open", "[import
   }
 }
 
-TEST_CASE("a buffer file that is opened anew must be the same", "[import]") {
+TEST_CASE("a reopened buffer file must be the same file", "[import]") {
   const tests::TempFolder folder;
   constexpr size_t kFiles = 600, kKept = 512;
   const auto scene = import_gltf(tests::write_many_files(folder, tests::many_triangles(kFiles)), {});
@@ -553,7 +553,7 @@ TEST_CASE("data: URIs are base64 or percent-coded", "[import][uri]") {
   }
 }
 
-TEST_CASE("the scanner cuts a document at its members and elements", "[import][json]") {
+TEST_CASE("the scanner cuts a document at members and elements", "[import][json]") {
   std::string text =
       R"( {"a":[1,"]}",{"b":"\\\"]"}] , "n\u006fdes" : [ {"extras":{"x":[1,2]}} ,2,[3]],"extras":[[5]],"c":"\\" } )";
   const auto members = split_document(text);

@@ -121,7 +121,7 @@ std::vector<double> decoded(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("hard: no crack between meshes on the scene grid, and how many on grids of their own", "[hard]") {
+TEST_CASE("hard: meshes on the scene grid have no cracks between them, on their own grids a known number", "[hard]") {
   const TempFolder folder;
   make_room(folder.file("in.glb"));
   convert::ConvertOptions options = options_of(folder);
@@ -154,7 +154,7 @@ TEST_CASE("hard: no crack between meshes on the scene grid, and how many on grid
   CHECK(floats == 0);
 }
 
-TEST_CASE("hard: a GPU sees no crack between meshes on the scene grid", "[cuda][hard]") {
+TEST_CASE("hard: no cracks between meshes on the scene grid on a GPU", "[cuda][hard]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
   make_room(folder.file("in.glb"));
@@ -233,7 +233,7 @@ std::vector<float> make_far_textured(const std::string& path, double offset) {
 
 }  // namespace
 
-TEST_CASE("hard: texture coordinates in the thousands keep what float32 has of them", "[hard]") {
+TEST_CASE("hard: texture coordinates in the thousands keep the precision of float32", "[hard]") {
   const TempFolder folder;
   for (const double offset : {0.0, 1000.0, 5000.0, -70000.0}) {
     const std::vector<float> uvs = make_far_textured(folder.file("in.glb"), offset);

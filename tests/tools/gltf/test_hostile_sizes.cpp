@@ -1,6 +1,6 @@
-// Small files that claim huge sizes take little memory. Each is read by the program with 512 MiB of address space, and
-// has to give an error that says more than that memory ran out. Sanitizers take terabytes of address space, so this is
-// not built with them; there the fuzz targets limit single allocations.
+// Small files with huge sizes in their headers take little memory. The program reads each with 512 MiB of address
+// space, and has to print a better error than that memory ran out. Sanitizers take terabytes of address space, so this
+// is not built with them; there the fuzz targets limit single allocations.
 #include <sys/wait.h>
 
 #include <cstdlib>
@@ -39,7 +39,7 @@ void must_refuse(const TempFolder& folder, const std::string& words) {
   CHECK(said.find("memory", error) == std::string::npos);
 }
 
-/// A picture whose header claims 16383 x 16383 pixels.
+/// A picture with 16383 x 16383 pixels in its header.
 Bytes huge_jpeg(bool is_progressive, bool is_arithmetic) {
   JpegRecipe recipe;
   recipe.width = recipe.height = 8;
@@ -69,7 +69,7 @@ void make_textured(const TempFolder& folder, ImageCodec codec, const Bytes& imag
   maker.finish();
 }
 
-TEST_CASE("pictures of a few bytes that claim 268 million pixels take little memory", "[hostile]") {
+TEST_CASE("pictures of a few bytes with 268 million pixels in their header take little memory", "[hostile]") {
   const TempFolder folder;
   for (const bool is_progressive : {false, true}) {
     for (const bool is_arithmetic : {false, true}) {
@@ -82,7 +82,7 @@ TEST_CASE("pictures of a few bytes that claim 268 million pixels take little mem
   must_refuse(folder, "convert in.glb -o out.scree --threads 1");
 }
 
-TEST_CASE("documents of a few bytes that claim huge buffers take little memory", "[hostile]") {
+TEST_CASE("documents of a few bytes with huge buffers take little memory", "[hostile]") {
   const TempFolder folder;
   const auto document = [](const std::string& buffer, const std::string& view, const std::string& accessor) {
     return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
@@ -108,7 +108,7 @@ TEST_CASE("documents of a few bytes that claim huge buffers take little memory",
   must_refuse(folder, "convert in.glb -o out.scree --threads 1");
 }
 
-TEST_CASE("containers of a few bytes that claim huge tables take little memory", "[hostile]") {
+TEST_CASE("containers of a few bytes with huge tables take little memory", "[hostile]") {
   const TempFolder folder;
   const Bytes good = file_of(full_parts());
   const auto check = [&](const Bytes& file) {

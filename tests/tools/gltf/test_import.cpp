@@ -140,7 +140,7 @@ TEST_CASE("a data: URI holds a buffer", "[import]") {
   CHECK(all_floats(again.primitives[0].positions) == kTetrahedron);
 }
 
-TEST_CASE("indices of 8, 16 and 32 bits and none give the same triangles", "[import]") {
+TEST_CASE("indices of 8, 16 and 32 bits and no indices give the same triangles", "[import]") {
   const SourceScene scene = import_data("index_types.glb");
   REQUIRE(scene.primitives.size() == 4);
   for (size_t i = 0; i < 3; ++i) {
@@ -196,7 +196,7 @@ TEST_CASE("interleaved attributes are read with their stride", "[import]") {
   CHECK(scene.images[0].codec == format::ImageCodec::kJpeg);
 }
 
-TEST_CASE("sparse accessors lie over a base, over zeros and over indices", "[import]") {
+TEST_CASE("sparse accessors replace values of a base, of zeros and of indices", "[import]") {
   const SourceScene scene = import_data("sparse.gltf");
   REQUIRE(scene.primitives.size() == 3);
   std::vector<float> grid;
@@ -232,7 +232,7 @@ TEST_CASE("sparse accessors lie over a base, over zeros and over indices", "[imp
   }
 }
 
-TEST_CASE("quantised attributes are scaled as glTF says", "[import]") {
+TEST_CASE("quantised attributes are scaled by glTF's rules", "[import]") {
   const SourceScene scene = import_data("quantized.glb");
   REQUIRE(scene.primitives.size() == 8);
   constexpr std::array<float, 4> kTop{127, 255, 32767, 65535};
@@ -253,7 +253,7 @@ TEST_CASE("quantised attributes are scaled as glTF says", "[import]") {
   }
 }
 
-TEST_CASE("materials, textures, images and texture coordinates belong together", "[import]") {
+TEST_CASE("materials, textures, images and texture coordinates are connected", "[import]") {
   const SourceScene scene = import_data("materials.gltf");
   REQUIRE(scene.materials.size() == 7);
   const auto material = [&](size_t i) { return scene.materials[i].record; };
@@ -338,7 +338,7 @@ TEST_CASE("instances of EXT_mesh_gpu_instancing are read", "[import]") {
   CHECK(second[1].scale[0] == 1.0f);
 }
 
-TEST_CASE("nodes come parents first, with cameras and scenes", "[import]") {
+TEST_CASE("nodes are ordered parents first, with cameras and scenes", "[import]") {
   const SourceScene scene = import_data("nodes.gltf");
   std::vector<std::string> names;
   for (const SourceNode& node : scene.nodes) names.push_back(node.name);
@@ -375,7 +375,7 @@ TEST_CASE("nodes come parents first, with cameras and scenes", "[import]") {
   CHECK(find_left_out(scene, "nodes outside every scene")->count == 1);
 }
 
-TEST_CASE("the option --exclude drops the nodes it matches and all below them", "[import]") {
+TEST_CASE("the option --exclude drops matching nodes and all nodes below them", "[import]") {
   ImportOptions options;
   options.exclude = "^FogCard|Plane";
   const SourceScene scene = import_data("nodes.gltf", options);
@@ -407,7 +407,7 @@ TEST_CASE("the option --exclude drops the nodes it matches and all below them", 
   CHECK(bad.error().code == ErrorCode::kUsage);
 }
 
-TEST_CASE("primitives with nothing to draw are left out, their neighbours kept", "[import]") {
+TEST_CASE("primitives with nothing to draw are left out, the others are kept", "[import]") {
   const SourceScene scene = import_data("multi_primitive.glb");
   REQUIRE(scene.groups.size() == 1);
   REQUIRE(scene.primitives.size() == 2);
@@ -423,7 +423,7 @@ TEST_CASE("primitives with nothing to draw are left out, their neighbours kept",
   CHECK(find_left_out(scene, "primitives without POSITION")->count == 1);
 }
 
-TEST_CASE("what is left out is named with its count and bytes", "[import]") {
+TEST_CASE("left-out data are listed with count and bytes", "[import]") {
   const SourceScene scene = import_data("left_out.glb");
   const auto expect = [&](const char* what, uint64_t count, uint64_t bytes) {
     INFO(what);
@@ -451,7 +451,7 @@ TEST_CASE("what is left out is named with its count and bytes", "[import]") {
   CHECK(scene.primitives[0].color);
 }
 
-TEST_CASE("a list of elements is gathered as if they were read one by one", "[import]") {
+TEST_CASE("gathering a list of elements equals reading them one by one", "[import]") {
   const SourceScene scene = import_data("grid.glb");
   REQUIRE(scene.primitives.size() == 1);
   const Primitive& sheet = scene.primitives[0];
@@ -473,7 +473,7 @@ TEST_CASE("a list of elements is gathered as if they were read one by one", "[im
   }
 }
 
-TEST_CASE("accessors longer than a window are read without seams", "[import]") {
+TEST_CASE("accessors longer than a window are read completely", "[import]") {
   // 60,000 vertices 20 bytes apart and as many 16-bit indices; windows hold 64 KiB.
   constexpr uint32_t kCount = 60000;
   std::string bin(kCount * 22, '\0');

@@ -94,7 +94,7 @@ Error error_of(const std::string& path) {
 
 }  // namespace
 
-TEST_CASE("every mode unpacks to what was packed", "[meshopt]") {
+TEST_CASE("every mode unpacks to the packed data", "[meshopt]") {
   for (const Packed& packed : one_of_each()) {
     const auto bytes = unpacked(packed);
     REQUIRE(bytes);
@@ -229,7 +229,7 @@ TEST_CASE("streams that are cut, longer, of another kind or version are errors",
   }
 }
 
-TEST_CASE("views that the cache lets go are unpacked again", "[meshopt]") {
+TEST_CASE("views that the cache has evicted are unpacked again", "[meshopt]") {
   const std::vector<Packed> all = one_of_each();
   for (const uint64_t kept : {uint64_t{0}, uint64_t{30000}, MeshoptCache::kKeptBytes}) {
     MeshoptCache cache(kept);
@@ -246,7 +246,7 @@ TEST_CASE("views that the cache lets go are unpacked again", "[meshopt]") {
   }
 }
 
-TEST_CASE("a compressed document is the plain one", "[meshopt]") {
+TEST_CASE("a compressed document equals the plain one", "[meshopt]") {
   const tests::TempFolder folder;
   const Packed positions = pack_attributes(bytes_of(grid_positions(40)), 12);
   for (const Packed& indices : {pack_triangles(grid_indices(40), 1681), pack_indices(grid_indices(40), 1681)}) {
@@ -267,7 +267,7 @@ TEST_CASE("a compressed document is the plain one", "[meshopt]") {
   }
 }
 
-TEST_CASE("what a document may not say of a compressed view", "[meshopt][bad]") {
+TEST_CASE("invalid properties of a compressed view are refused", "[meshopt][bad]") {
   const tests::TempFolder folder;
   const Packed indices = pack_triangles(grid_indices(40), 1681);
   const Packed positions = pack_attributes(bytes_of(grid_positions(40)), 12);
@@ -320,7 +320,7 @@ TEST_CASE("what a document may not say of a compressed view", "[meshopt][bad]") 
     CHECK(error.code == change.code);
     CHECK(error.message.find(change.message) != std::string::npos);
   }
-  // A small stream that claims much content.
+  // A small stream with a huge stated size.
   const Error bomb = error_of(folder.write(
       "bomb.gltf",
       tests::replaced(tests::replaced(tests::replaced(good, R"("count":1681,"mode")", R"("count":300000000,"mode")"),
@@ -366,7 +366,7 @@ TEST_CASE("real compressed scenes have the triangles of their unpacked twins", "
   }
 }
 
-TEST_CASE("a fallback buffer has what its views unpack to", "[meshopt][models]") {
+TEST_CASE("a fallback buffer has the bytes that its views unpack to", "[meshopt][models]") {
   const std::filesystem::path folder = tests::models_path() / "scenes/meshopt-fallback";
   if (tests::models_path().empty() || !std::filesystem::exists(folder)) {
     WARN("no folder of real models");

@@ -136,7 +136,7 @@ TEST_CASE("meshopt streams of version 1 that are cut, longer or damaged are refu
   }
 }
 
-TEST_CASE("meshopt modes of channels that there are not are refused", "[meshopt]") {
+TEST_CASE("meshopt modes for missing channels are refused", "[meshopt]") {
   for (const auto& [mode, good] : {std::pair{0x00, true},
                                    {0x01, true},
                                    {0xf2, true},

@@ -157,7 +157,7 @@ void check_as_library(const Packed& packed, uint64_t window_bytes) {
 
 }  // namespace
 
-TEST_CASE("windows of any stream are what the library unpacks", "[meshopt]") {
+TEST_CASE("windows of any stream equal the library's output", "[meshopt]") {
   uint32_t seed = 0;
   // Sizes around groups and blocks, and windows from the smallest allowed size on.
   for (const size_t count : {1, 2, 3, 15, 16, 17, 31, 32, 33, 255, 256, 257, 511, 513, 3000})
@@ -194,7 +194,7 @@ TEST_CASE("threads read windows of one view at the same time", "[meshopt]") {
   }
 }
 
-TEST_CASE("damaged streams are refused as the library does, whatever the window", "[meshopt][bad]") {
+TEST_CASE("damaged streams are refused as by the library, for any window", "[meshopt][bad]") {
   std::mt19937 random(11);
   for (const size_t count : {6, 300}) {
     for (const Packed& whole : all_streams(count, 5)) {
@@ -229,7 +229,7 @@ TEST_CASE("damaged streams are refused as the library does, whatever the window"
   }
 }
 
-TEST_CASE("streams of any bytes are what the library makes of them", "[meshopt][bad]") {
+TEST_CASE("streams of random bytes give the library's result", "[meshopt][bad]") {
   std::mt19937 random(17);
   int taken[2] = {};  // triangles, indices
   for (int round = 0; round < 3000; ++round) {
@@ -290,7 +290,7 @@ TEST_CASE("a scene whose views are many windows converts to the same bytes", "[m
   CHECK((tests::read_whole(folder.file("packed.scree")) == tests::read_whole(folder.file("plain.scree"))));
 }
 
-TEST_CASE("windows are kept up to the bytes that they may take", "[meshopt]") {
+TEST_CASE("windows are kept up to their limit of bytes", "[meshopt]") {
   KeptWindows kept(1000 + 3 * KeptWindows::kEntryBytes);
   int owner = 0, other = 0;
   const auto take = [&](const void* whose, uint64_t number, size_t size) {

@@ -1,4 +1,4 @@
-// Materials beyond base colours and KHR_lights_punctual, from a document into a file.
+// Reads materials beyond base colours, and KHR_lights_punctual, from a document into a file.
 #include <filesystem>
 #include <fstream>
 
@@ -53,7 +53,7 @@ std::string write(const TempFolder& folder, const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("surfaces: a material has one where it is more than a base colour", "[gltf][surfaces]") {
+TEST_CASE("surfaces: a material with more than a base colour has a surface", "[gltf][surfaces]") {
   const TempFolder folder;
   const std::string path = write(
       folder,
@@ -94,7 +94,7 @@ TEST_CASE("surfaces: a material has one where it is more than a base colour", "[
   CHECK(all.textures[0].uv_rotation == 5);
   CHECK(all.textures[1].texture != format::kNone);
   CHECK(all.textures[2].texture != format::kNone);
-  CHECK(all.second_uv == 1u << 2);  // occlusion is the only one with the other set of coordinates
+  CHECK(all.second_uv == 1u << 2);  // only occlusion uses the second coordinates
   CHECK(all.textures[3].texture == format::kNone);
   CHECK(all.textures[5].texture == all.textures[0].texture);
   CHECK(scene->warnings.empty());
@@ -115,10 +115,9 @@ TEST_CASE("surfaces: a material has one where it is more than a base colour", "[
   CHECK(loaded->view().surface_of[2] == format::kNone);
   CHECK(loaded->view().environment != nullptr);
 
-  // A file of base colours is of version 1.0, and has no environment made.
-  options.input =
-      write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
-                             R"({"name":"matt","pbrMetallicRoughness":{"metallicFactor":0}})"));
+  // A file with base colours only has version 1.0, and loading it makes no environment.
+  options.input = write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
+                                         R"({"name":"matt","pbrMetallicRoughness":{"metallicFactor":0}})"));
   must_convert(options);
   CHECK(tests::read_whole(options.output)[8] == 1);
   CHECK(tests::read_whole(options.output)[10] == 0);
@@ -128,7 +127,7 @@ TEST_CASE("surfaces: a material has one where it is more than a base colour", "[
   CHECK(plain->view().environment == nullptr);
 }
 
-TEST_CASE("surfaces: lights stand at their nodes", "[gltf][surfaces]") {
+TEST_CASE("surfaces: lights are at their nodes", "[gltf][surfaces]") {
   const TempFolder folder;
   ConvertOptions options;
   options.output = folder.file("out.scree");
@@ -159,7 +158,7 @@ TEST_CASE("surfaces: lights stand at their nodes", "[gltf][surfaces]") {
   CHECK(lights[1].color[1] == 1.5f);
 }
 
-TEST_CASE("surfaces: what glTF does not have is refused, its place named", "[gltf][surfaces]") {
+TEST_CASE("surfaces: values that glTF forbids are refused with their place", "[gltf][surfaces]") {
   const TempFolder folder;
   const auto refused = [&](const std::string& text, const std::string& message) {
     const auto scene = import_gltf(write(folder, text), {});

@@ -219,7 +219,7 @@ TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
   CHECK(packed_count >= 2);
 }
 
-TEST_CASE("inspect: what duplicate vertices would take in clusters is not known", "[inspect][lean]") {
+TEST_CASE("inspect: the bytes of duplicate vertices in clusters are unknown", "[inspect][lean]") {
   const tests::TempFolder folder;
   tests::GridSpec grid;
   grid.indexed = false;
@@ -278,7 +278,7 @@ TEST_CASE("inspect: --verify finds a flipped bit in every byte", "[inspect][veri
   }
 }
 
-TEST_CASE("inspect: --verify finds what checksums cannot", "[inspect][verify]") {
+TEST_CASE("inspect: --verify finds damage that checksums cannot", "[inspect][verify]") {
   const tests::TempFolder folder;
   convert::ConvertOptions options;
   options.encoding = convert::Encoding::kIndexed;
@@ -362,7 +362,7 @@ TEST_CASE("inspect: --verify decodes every level of an indexed JPEG", "[inspect]
   CHECK(mentions(failures_of(path), "image 0, level 2: begins at byte 0"));
 }
 
-TEST_CASE("inspect: a failure is named, printed and ends in an error", "[inspect][verify]") {
+TEST_CASE("inspect: a failure is printed and ends in an error", "[inspect][verify]") {
   const tests::TempFolder folder;
   const std::string path = folder.file("a.scree");
   REQUIRE(tests::pack(small_model().string(), path));

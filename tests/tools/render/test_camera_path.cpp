@@ -31,7 +31,7 @@ const std::string kEye = R"("eye": [4, 2, 6], "target": [0, 1, 0])";
 
 }  // namespace
 
-TEST_CASE("a path goes through its keys, by the curve of scree view", "[path]") {
+TEST_CASE("a path passes through its keys, on the curve of scree view", "[path]") {
   const CameraPath path =
       must_parse(path_of("{\"t\": 0, " + kEye + R"(}, {"t": 1, "eye": [6, 2, 0], "target": [0, 1, 0],
     "fov": 60, "up": [0, 0, 1]}, {"t": 3, "eye": [0, 2, -6], "target": [1, 1, 0], "fov": 50})"));
@@ -65,12 +65,12 @@ TEST_CASE("keys without times are frames, and matrices are cameras", "[path]") {
     CHECK(path.at(1).fov_degrees == 30);
   }
   CHECK(must_parse(path_of(keys, "\"fps\": 24, ")).frames_per_second() == 24);
-  // 2.1 s at 30 a second are 63.000000000000007 or 62.999999999999993 frames, as it is rounded.
+  // 2.1 s at 30 frames per second are 63.000000000000007 or 62.999999999999993 frames, depending on rounding.
   CHECK(must_parse(path_of("{\"t\": 0, " + kEye + "}, {\"t\": 2.1, " + kEye + "}")).frame_count() == 64);
   CHECK(must_parse(path_of("{\"t\": 2, " + kEye + "}")).frame_count() == 61);  // a camera that stands still
 }
 
-TEST_CASE("a mistake in a path is named with its place", "[path]") {
+TEST_CASE("an error in a path is named with its place", "[path]") {
   CHECK(refusal("{\n\"format\": oh") == "line 2: is not JSON (byte 13)");
   CHECK(refusal("") == "line 1: is not JSON (byte 0)");
   CHECK(refusal("[1]") == "is no camera path: its \"format\" is not \"scree camera path\"");
@@ -109,7 +109,7 @@ TEST_CASE("a mistake in a path is named with its place", "[path]") {
   CHECK(refusal(std::string(100000, '[')).find("is not JSON") != std::string::npos);
 }
 
-TEST_CASE("every frame falls to one share", "[path]") {
+TEST_CASE("every frame belongs to one share", "[path]") {
   const Result<FrameRange> all = parse_frame_range("5:17");
   REQUIRE(all);
   CHECK(all->count() == 12);

@@ -264,7 +264,7 @@ TEST_CASE("a file cut short while it is drawn ends in one line and exit code 2",
 
 // Frames continue from memory: unpacked copies of compressed pages and copies of tables, or zeros behind the end within
 // the last page. The check of the file's size before a picture is written ends them.
-TEST_CASE("a file cut short where no frame reads it any more ends in the same line", "[render][cut]") {
+TEST_CASE("a file cut behind the parts that frames read ends in the same line", "[render][cut]") {
   enum class Left { kAllButAByte, kToTheLastPage, kNothing };
   const auto [zstd_level, left] =
       GENERATE(table<int, Left>({{0, Left::kAllButAByte}, {0, Left::kToTheLastPage}, {3, Left::kNothing}}));
@@ -301,7 +301,7 @@ TEST_CASE("a file cut within its last page while it is compared ends in the same
   file.cut_halfway(command, all.seconds, file.bytes_but_the_last());
 }
 
-TEST_CASE("a file cut within its last page while it is exported takes no name", "[export][cut]") {
+TEST_CASE("a file cut within its last page while it is exported leaves no output", "[export][cut]") {
   const CutFile file(0);
   const OpenFile opened = must_open(file.path());
   file.folder().write("out.glb", "earlier");
@@ -373,7 +373,7 @@ TEST_CASE("a file cut short while a GPU is streamed to ends in one line and exit
   file.cut_while_drawn({"--backend", "cuda", "--device-memory", std::to_string(budget), "--host-memory", "0"});
 }
 
-TEST_CASE("threads that meet a file's new end at once say it once", "[render][cut]") {
+TEST_CASE("threads that read past a file's new end at once print one error", "[render][cut]") {
   constexpr uint64_t kThreads = 8;
   const TempFolder folder;
   const std::string path = folder.write("cut.bin", std::string(kThreads << 16, 'x'));

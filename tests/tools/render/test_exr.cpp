@@ -1,4 +1,4 @@
-// .exr files that cannot be written; tests/library/test_exr.cpp reads those that can.
+// .exr files that cannot be written. tests/library/test_exr.cpp tests written files.
 #include "tools/render/exr.h"
 
 #include <sys/resource.h>

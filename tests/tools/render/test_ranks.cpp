@@ -29,7 +29,7 @@ using scree::tests::TempFolder;
 
 namespace {
 
-/// A launched command; ended with its ranks at the latest by the destructor.
+/// A launched command. The destructor ends it with its ranks.
 class Launch {
  public:
   Launch(const std::string& command, const TempFolder& folder) : out_(folder.file("out")), err_(folder.file("err")) {
@@ -51,7 +51,7 @@ class Launch {
     while (pid_ > 0 && !has_ended()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
 
-  /// The exit code, or 128 and the signal; -1 where it has not ended within so many seconds.
+  /// The exit code, or 128 and the signal; -1 if it has not ended within that many seconds.
   int wait(double seconds) {
     const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
     while (std::chrono::steady_clock::now() < end) {
@@ -90,7 +90,7 @@ class Launch {
   std::string out_, err_;
 };
 
-/// Whether a process works still: one that has ended may stay in the list until somebody asks for its end.
+/// Whether a process is still running. An ended process stays in the list until its parent reads its exit status.
 bool runs(pid_t process) {
   std::ifstream stat("/proc/" + std::to_string(process) + "/stat");
   std::string text;
@@ -137,7 +137,7 @@ TEST_CASE("ranks share the frames of a path", "[render][path][ranks]") {
   }
 }
 
-TEST_CASE("what one rank cannot do ends all with one line", "[render][path][ranks]") {
+TEST_CASE("an error of one rank ends all with one line", "[render][path][ranks]") {
   const TempFolder folder;
   make_inputs(folder, "0.3");
   folder.write("f_4.png", "is there");  // a frame of rank 1
@@ -158,7 +158,7 @@ TEST_CASE("what one rank cannot do ends all with one line", "[render][path][rank
     CHECK(launch.errors()[0].find("rank 2 of 3 on ") != std::string::npos);
     CHECK(launch.errors()[0].find("d5/f.png") != std::string::npos);
   }
-  {  // which all of them meet
+  {  // an error in all ranks
     std::string bytes = scree::tests::read_whole(folder.file("quad.scree"));
     bytes[4096] = static_cast<char>(bytes[4096] ^ 1);
     folder.write("quad.scree", bytes);
@@ -190,7 +190,7 @@ TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
         std::this_thread::sleep_for(std::chrono::milliseconds(20));
       CHECK_FALSE(runs(rank));
     }
-    // What has its name is whole: the film can be resumed.
+    // A file with its final name is complete, so the film can be resumed.
     CHECK(fs::file_size(folder.file("f_5.png")) > 45);
   }
 }
@@ -215,7 +215,7 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
   for (int i = 0; i < 6; ++i) {
     grid.columns = static_cast<uint32_t>(150 + 40 * i);
     grid.rows = 120;
-    grid.origin = {0, 0, 0.1f * static_cast<float>(i)};  // which lie in front of each other
+    grid.origin = {0, 0, 0.1f * static_cast<float>(i)};  // one in front of the other
     const std::string name = "grid " + std::to_string(i);
     const uint32_t opaque = i % 2 == 0 ? checker : format::kNone;
     const uint32_t material = !blends || i < 2 ? opaque : i % 2 == 0 ? film : clear;
@@ -240,7 +240,7 @@ std::string files_of(const TempFolder& folder, const std::string& name) {
 
 }  // namespace
 
-TEST_CASE("ranks that share a scene's pages draw the picture of one", "[render][ranks]") {
+TEST_CASE("ranks that share a scene's pages draw the same picture as one rank", "[render][ranks]") {
   const TempFolder folder;
   make_large_scene(folder);
   const char* const cases[] = {"", "--samples 2 --ssao --edl --eye 1,1,3 --background transparent", "--show triangle",
@@ -262,7 +262,7 @@ TEST_CASE("ranks that share a scene's pages draw the picture of one", "[render][
   }
 }
 
-TEST_CASE("ranks that share a scene's pages draw the layers of one", "[render][ranks][blend]") {
+TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "[render][ranks][blend]") {
   const TempFolder folder;
   make_large_scene(folder, true);
   for (const std::string more : {"", "--samples 2 --background transparent --show color", "--blend-layers 1"}) {
@@ -289,13 +289,13 @@ TEST_CASE("ranks that share a scene's pages draw the layers of one", "[render][r
       CHECK(warning == warned);
     }
   }
-  // The opaque picture alone is another one.
+  // The opaque picture alone differs.
   Launch launch(render(2, "--blend-layers 0 --size 160x120 -q -o none.png"), folder);
   REQUIRE(launch.wait(60) == 0);
   CHECK(scree::tests::read_whole(folder.file("none.png")) != scree::tests::read_whole(folder.file("n1.png")));
 }
 
-TEST_CASE("a damaged page ends all ranks, and its owner alone has read it", "[render][ranks]") {
+TEST_CASE("a damaged page ends all ranks, and only its owner has read it", "[render][ranks]") {
   const TempFolder folder;
   make_large_scene(folder);
   const auto file = scree::runtime::SceneFile::open(folder.file("quad.scree"));

@@ -45,7 +45,7 @@ Result<void> run_render(std::vector<std::string> arguments) {
 
 }  // namespace
 
-TEST_CASE("without an output the picture goes beside the file", "[render]") {
+TEST_CASE("without an output the picture is written beside the file", "[render]") {
   RenderWords words;
   words.file = "folder/town.scree";
   Result<RenderOptions> options = parse_render_options(words);
@@ -77,7 +77,7 @@ TEST_CASE("ambient occlusion and eye-dome lighting darken a picture", "[render]"
   CHECK(options->shade.edl_radius == 3);
 }
 
-TEST_CASE("a bad value is named with what is allowed", "[render]") {
+TEST_CASE("an error for a bad value gives the allowed values", "[render]") {
   CHECK(usage_message(words_with(&RenderWords::size, "1920")) == "--size: '1920' is not WxH with each side 1 to 16384");
   CHECK(usage_message(words_with(&RenderWords::size, "0x5")) != "");
   CHECK(usage_message(words_with(&RenderWords::size, "5x16385")) != "");
@@ -125,7 +125,7 @@ TEST_CASE("a bad value is named with what is allowed", "[render]") {
   CHECK(usage_message(same) == "--depth and --visbuffer are both x");
 }
 
-TEST_CASE("colours are read as CSS writes them", "[render]") {
+TEST_CASE("colours are parsed in CSS syntax", "[render]") {
   CHECK(*parse_color("#fff") == std::array<float, 4>{1, 1, 1, 1});
   CHECK(*parse_color("#FF000080") == std::array<float, 4>{1, 0, 0, 128.0f / 255.0f});
   CHECK(*parse_color("none") == std::array<float, 4>{0, 0, 0, 0});
@@ -154,7 +154,7 @@ TEST_CASE("render writes picture, depth and visibility buffer", "[render]") {
   CHECK(scree::tests::read_bytes(visibility.path()).size() == 8 * 64 * 32);
 }
 
-TEST_CASE("render refuses to write over what it reads", "[render]") {
+TEST_CASE("render refuses to overwrite its input", "[render]") {
   const ScratchPath file("self.scree");
   SmallScene{}.write(file.string());
   const Result<void> done = run_render({file.string(), "--depth", file.string()});
@@ -162,7 +162,7 @@ TEST_CASE("render refuses to write over what it reads", "[render]") {
   CHECK(done.error().code == ErrorCode::kUsage);
 }
 
-TEST_CASE("render names a file that is missing or is not ours", "[render]") {
+TEST_CASE("render names a file that is missing or no .scree file", "[render]") {
   const Result<void> missing = run_render({"no_such.scree", "--pick", "1,1"});
   REQUIRE_FALSE(missing);
   CHECK(missing.error().message == "no_such.scree: cannot open: No such file or directory");

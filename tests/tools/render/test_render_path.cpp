@@ -1,4 +1,4 @@
-// scree render --path: each frame is the picture of its camera, and what is there is not drawn again.
+// scree render --path: each frame is the picture of its camera, and existing frames are not drawn again.
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -78,7 +78,7 @@ std::string message(const Result<void>& done, ErrorCode code) {
 
 }  // namespace
 
-TEST_CASE("each frame of a path has the bytes of a picture of its camera", "[render][path]") {
+TEST_CASE("each frame of a path equals a picture by the same camera", "[render][path]") {
   const PathRun path;
   for (const std::string samples : {"1", "2"}) {
     REQUIRE(path.draw({"--samples", samples, "--background", samples == "1" ? "black" : "transparent", "--force"}));
@@ -113,7 +113,7 @@ TEST_CASE("each frame of a path has the bytes of a picture of its camera", "[ren
   }
 }
 
-TEST_CASE("shares of a path make the frames of one run", "[render][path]") {
+TEST_CASE("shares of a path draw the same frames as one run", "[render][path]") {
   const PathRun path;
   REQUIRE(path.draw({}));
   for (const char* share : {"1/3", "2/3", "3/3"}) REQUIRE(path.draw({"--frames", std::string("0:5,") + share}, "g_%d"));
@@ -126,7 +126,7 @@ TEST_CASE("shares of a path make the frames of one run", "[render][path]") {
   CHECK(path.files() == 2 + 2 * 15);
 }
 
-TEST_CASE("a resumed path draws what is not there or not whole", "[render][path]") {
+TEST_CASE("a resumed path draws missing and incomplete frames", "[render][path]") {
   const PathRun path;
   REQUIRE(path.draw({}));
   const auto before = read_bytes(path.name("f_03.png"));
@@ -144,12 +144,12 @@ TEST_CASE("a resumed path draws what is not there or not whole", "[render][path]
   CHECK(read_bytes(path.name("f_03.png")) == before);
   CHECK(fs::file_size(path.name("f_02.pfm")) == 40 * 30 * 4 + std::string("Pf\n40 30\n-1.0\n").size());
   CHECK(fs::exists(path.name("f_01.bin")));
-  // Frames of another size are not those that are asked for.
+  // Frames of another size are drawn again.
   REQUIRE(path.draw({"--resume"}, "f_%02d", "20x10"));
   CHECK(read_bytes(path.name("f_00.bin")).size() == 20 * 10 * 8);
 }
 
-TEST_CASE("mistakes with a path are told before anything is drawn", "[render][path]") {
+TEST_CASE("errors of a path are reported before anything is drawn", "[render][path]") {
   const PathRun path;
   CHECK(
       message(path.draw({"--frames", "0:6"}), ErrorCode::kUsage).find("path.json has 5 frames, from 0 on, at 4 per") !=
@@ -162,7 +162,7 @@ TEST_CASE("mistakes with a path are told before anything is drawn", "[render][pa
         std::string::npos);
   CHECK(message(PathRun::run({path.name("quad.scree"), "--path", path.name("path.json")}), ErrorCode::kUsage) ==
         "--path needs the names of the frames' files, such as -o frame_%05d.png");
-  // Frame 0 looks from where it looks to.
+  // Frame 0 has its target at the eye.
   path.write_path("0, 0, 0");
   CHECK(message(path.draw({}), ErrorCode::kUsage).find("path.json: frame 0, at 0 s: the eye and the target are the") !=
         std::string::npos);
@@ -171,7 +171,7 @@ TEST_CASE("mistakes with a path are told before anything is drawn", "[render][pa
   fs::remove(path.name("path.json"));
   CHECK(message(path.draw({}), ErrorCode::kFile).find("path.json: cannot be opened") != std::string::npos);
   CHECK(path.files() == 1);
-  // A pattern that comes to the scene itself.
+  // A pattern that gives the name of the scene itself.
   fs::rename(path.name("quad.scree"), path.name("f_02.scree"));
   path.write_path("0, 0, 3");
   CHECK(message(PathRun::run({path.name("f_02.scree"), "--path", path.name("path.json"), "--visbuffer",

@@ -26,7 +26,7 @@ struct Share {
 
 }  // namespace
 
-TEST_CASE("culling: cameras in scenes A to D see what all triangles give", "[raster][clusters]") {
+TEST_CASE("culling: pictures of scenes A to D equal pictures of all triangles", "[raster][clusters]") {
   const synth::MeshOrder order = synth::MeshOrder::kRow;
   const Share shares[] = {{"A", 0.0005, synth::terrain_scene(order, 0.0005)},
                           {"B", 0.0002, synth::lantern_scene(order, 0.0002)},

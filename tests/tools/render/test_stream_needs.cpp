@@ -16,7 +16,7 @@
 
 using namespace scree;
 
-TEST_CASE("a streamed frame loads little beside what its picture needs, a still one nothing", "[streamer]") {
+TEST_CASE("a streamed frame loads few chunks that its picture does not need, a still frame none", "[streamer]") {
   constexpr double kScale = 0.001;
   const tests::TempFolder folder;
   synth::SynthOptions written;

@@ -186,7 +186,7 @@ std::vector<uint8_t> resolve_whole(const kernels::ShadeInputs& in, uint32_t side
 
 }  // namespace
 
-TEST_CASE("rounds of decoding give the picture of whole textures, in caches of any size", "[texture_cache]") {
+TEST_CASE("rounds of decoding give the same picture as whole textures, with caches of any size", "[texture_cache]") {
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
   convert::ConvertOptions options = tests::options_of(folder);
@@ -234,7 +234,7 @@ TEST_CASE("rounds of decoding give the picture of whole textures, in caches of a
   }
 }
 
-TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longest ago", "[texture_cache]") {
+TEST_CASE("a texture cache keeps recent groups, and evicts the least recent", "[texture_cache]") {
   constexpr uint32_t kSlots = 64;
   std::vector<uint64_t> keys(kSlots, TextureCache::kNoKey);
   std::vector<uint32_t> stamps(kSlots, 0);
@@ -265,7 +265,7 @@ TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longe
   std::set<uint64_t> kept;
   for (uint32_t i = 0; i < kSlots; i += 2)
     if (cache.lookup(key_of(i), 2) != nullptr) kept.insert(key_of(i));
-  // Round 2 requests twice as much as there is room for; what the round used stays.
+  // Round 2 requests twice as many groups as fit; the groups that the round used stay.
   for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)allocate_slot(key_of(i), 2);
   for (const uint64_t key : kept) CHECK(cache.find(key) != TextureCache::kNoSlot);
   CHECK(allocate_slot(key_of(5000), 2) == TextureCache::kNoSlot);
@@ -279,7 +279,7 @@ TEST_CASE("a texture cache keeps what was seen, and gives up what was seen longe
   CHECK(allocate_slot(key, 9) == oldest);
 }
 
-TEST_CASE("a group is asked for once, and one too many is forgotten", "[texture_cache]") {
+TEST_CASE("a group is requested once, and requests beyond the limit are dropped", "[texture_cache]") {
   for (const uint32_t slots : {1u, 8u, 1024u}) {
     std::vector<uint64_t> keys(std::max(slots, TextureCache::kWays), TextureCache::kNoKey);
     std::vector<uint32_t> stamps(keys.size(), TextureCache::kNever);
@@ -316,7 +316,7 @@ TEST_CASE("a group is asked for once, and one too many is forgotten", "[texture_
   }
 }
 
-TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with caches of any size", "[cuda]") {
+TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of any size", "[cuda]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
@@ -386,7 +386,7 @@ TEST_CASE("the GPU draws JPEG textures as if they were decoded whole, with cache
 }
 
 #ifdef SCREE_HAS_CUDA
-TEST_CASE("the GPU decodes every group of a JPEG to the CPU's samples", "[cuda]") {
+TEST_CASE("the GPU and the CPU decode every group of a JPEG to the same samples", "[cuda]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));

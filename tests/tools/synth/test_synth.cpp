@@ -157,7 +157,7 @@ TEST_CASE("block order is a permutation of row order", "[synth]") {
   }
 }
 
-TEST_CASE("a written scene holds the definition's vertices, indices, instances and cameras", "[synth]") {
+TEST_CASE("a written scene has the definition's vertices, indices, instances and cameras", "[synth]") {
   const TempFolder folder;
   for (const char* name : {"A", "B", "C", "D"}) {
     const bool zorahlike = name[0] == 'C', hall = name[0] == 'D';
@@ -323,7 +323,7 @@ TEST_CASE("normals point outwards and have unit length", "[synth]") {
   CHECK(std::filesystem::exists(folder.file("b_granite.jpg")));
 }
 
-TEST_CASE("instances through EXT_mesh_gpu_instancing stand where the matrices put them", "[synth]") {
+TEST_CASE("instances by EXT_mesh_gpu_instancing are where the matrices put them", "[synth]") {
   const TempFolder folder;
   SynthOptions options = scene_options("C");
   options.scale = 1e-9;
@@ -458,7 +458,7 @@ TEST_CASE("the Khronos validator accepts what synth writes", "[synth]") {
   CHECK(validated.exit_code == 0);
 }
 
-TEST_CASE("textures tile", "[synth]") {
+TEST_CASE("textures are seamless", "[synth]") {
   for (const TextureKind kind :
        {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround}) {
     constexpr uint32_t kSize = 256;
@@ -483,7 +483,7 @@ TEST_CASE("textures tile", "[synth]") {
   }
 }
 
-TEST_CASE("what synth refuses", "[synth]") {
+TEST_CASE("synth refuses invalid options", "[synth]") {
   const TempFolder folder;
   const auto code = [](const SynthOptions& options) {
     const Result<SynthReport> report = synthesize(options);
@@ -523,7 +523,7 @@ TEST_CASE("what synth refuses", "[synth]") {
   CHECK(std::filesystem::is_empty(folder.path()));
 }
 
-TEST_CASE("a full disk ends synth with nothing left behind", "[synth]") {
+TEST_CASE("a full disk ends synth and leaves nothing behind", "[synth]") {
   const TempFolder folder;
   rlimit before{};
   REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);

@@ -1,4 +1,4 @@
-// Scenes of the shape of Zorah: their counts are those of the files, and they convert and are drawn.
+// Scenes like Zorah: they have the counts of NVIDIA's files, are converted and are drawn.
 #include "tools/synth/zorah.h"
 
 #include <algorithm>
@@ -96,7 +96,7 @@ std::vector<uint64_t> draws_of(const json& document) {
   return draws;
 }
 
-/// Converts, checks and draws what the document describes; the file's counts are the document's.
+/// Converts, checks and draws a document's scene. Checks that the file has the document's counts.
 void check_packed(const TempFolder& folder, const std::string& scene, const json& document) {
   convert::ConvertOptions options = tests::options_of(folder, scene + ".gltf");
   options.normals = convert::Normals::kAuto;
@@ -147,7 +147,7 @@ TEST_CASE("zorah's plan has the counts of NVIDIA's file", "[synth][zorah]") {
   CHECK(plan.drawn_meshes() == 16988);
   CHECK(plan.drawn_primitives() == 19144);
   CHECK(plan.materials.size() == 3283);
-  // The decoded address space, all of floats and 32-bit indices.
+  // The decoded bytes, with float attributes and 32-bit indices.
   CHECK(12 * (plan.unique_triangles() + plan.vertices()) == 31690629036);
   uint64_t largest = 0, most = 0, mountains = 0;
   std::set<uint32_t> used;
@@ -252,7 +252,7 @@ TEST_CASE("smaller versions of zorah keep the counts", "[synth][zorah]") {
   }
 }
 
-TEST_CASE("a sheet has exactly the triangles and vertices that it should", "[synth][zorah]") {
+TEST_CASE("a sheet has exactly the stated triangles and vertices", "[synth][zorah]") {
   bool counts_right = true, indices_right = true, all_used = true;
   for (uint64_t triangles = 2; triangles < 160; triangles += triangles < 40 ? 1 : 7)
     for (uint64_t vertices = 4; vertices < 120; ++vertices) {
@@ -275,7 +275,7 @@ TEST_CASE("a sheet has exactly the triangles and vertices that it should", "[syn
   CHECK(largest.spare_vertices() == 0);
 }
 
-TEST_CASE("a sheet is a closed surface whose normals and tangents fit it", "[synth][zorah]") {
+TEST_CASE("a sheet is a closed surface with matching normals and tangents", "[synth][zorah]") {
   const SheetGrid grid(2 * 24 * 24, 25 * 25 + 60);
   const SheetShape shape{.seed = 5, .round8 = 8};
   const std::vector<float> points = make_stream(grid, shape, SheetStream::kPositions);
@@ -306,7 +306,7 @@ TEST_CASE("a sheet is a closed surface whose normals and tangents fit it", "[syn
   }
 }
 
-TEST_CASE("encoded blocks decode to about their texels", "[synth][zorah]") {
+TEST_CASE("encoded blocks decode to nearly the same texels", "[synth][zorah]") {
   BlockTexels ramp{};
   for (uint32_t i = 0; i < 16; ++i)
     ramp[i] = {static_cast<uint8_t>(40 + 9 * i), static_cast<uint8_t>(200 - 7 * i), static_cast<uint8_t>(10 + 3 * i),
@@ -487,7 +487,7 @@ TEST_CASE("zorah-textured has as many files as NVIDIA's", "[zorah][.slow]") {
   check_packed(folder, "t", document);
 }
 
-TEST_CASE("zorah refuses what is not for it", "[synth][zorah]") {
+TEST_CASE("zorah refuses options of other scenes", "[synth][zorah]") {
   const TempFolder folder;
   const auto refused = [&](const SynthOptions& options) {
     const Result<SynthReport> report = synthesize(options);

@@ -1,5 +1,5 @@
-// scree view as a process, and a client that does a page's HTTP and WebSocket by hand, so that a test can also do them
-// wrong.
+// scree view as a process, and a client with its own HTTP and WebSocket code, so that a test can also break the
+// protocol.
 #pragma once
 
 #include <chrono>

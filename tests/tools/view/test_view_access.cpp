@@ -7,7 +7,7 @@
 
 using namespace scree::tools::view;
 
-TEST_CASE("tokens are random and compared whole", "[view][view-access]") {
+TEST_CASE("tokens are random, and all characters are compared", "[view][view-access]") {
   std::set<std::string> tokens;
   for (int i = 0; i < 100; ++i) {
     const auto token = make_token();
@@ -23,7 +23,7 @@ TEST_CASE("tokens are random and compared whole", "[view][view-access]") {
   CHECK_FALSE(is_same_token("abc", ""));
 }
 
-TEST_CASE("a host is what stands before the port", "[view][view-access]") {
+TEST_CASE("a host is the text before the port", "[view][view-access]") {
   CHECK(host_of("127.0.0.1") == "127.0.0.1");
   CHECK(host_of("LocalHost:8080") == "localhost");
   CHECK(host_of("[::1]:80") == "[::1]");
@@ -33,7 +33,7 @@ TEST_CASE("a host is what stands before the port", "[view][view-access]") {
     CHECK(host_of(bad).empty());
 }
 
-TEST_CASE("hosts and origins are let in by name", "[view][view-access]") {
+TEST_CASE("hosts and origins are admitted by name", "[view][view-access]") {
   const AccessList local("127.0.0.1", {});
   CHECK(local.allows_host("127.0.0.1:8080"));
   CHECK(local.allows_host("localhost"));
@@ -57,7 +57,7 @@ TEST_CASE("hosts and origins are let in by name", "[view][view-access]") {
   CHECK(AccessList("::", {}).allows_host("localhost"));
 }
 
-TEST_CASE("a base path is taken off, whole or not at all", "[view][view-access]") {
+TEST_CASE("a base path is removed whole or not at all", "[view][view-access]") {
   CHECK(*parse_base_path("") == "");
   CHECK(*parse_base_path("/") == "");
   CHECK(*parse_base_path("a/b/") == "/a/b");

@@ -41,7 +41,7 @@ Image decoded(const std::vector<std::byte>& file) {
 
 }  // namespace
 
-TEST_CASE("a PNG in strips holds every pixel", "[view][view-encode]") {
+TEST_CASE("a PNG in strips has every pixel", "[view][view-encode]") {
   for (const uint32_t threads : {1u, 3u}) {
     Workers workers(threads);
     for (const uint32_t channels : {3u, 4u}) {
@@ -61,7 +61,7 @@ TEST_CASE("a PNG in strips holds every pixel", "[view][view-encode]") {
   }
 }
 
-TEST_CASE("a JPEG in strips is the JPEG of one strip", "[view][view-encode]") {
+TEST_CASE("a JPEG in strips equals the JPEG of one strip", "[view][view-encode]") {
   Workers one(1), three(3);
   for (const bool is_sharp : {false, true}) {
     for (const auto& [width, height] : {std::pair{1u, 1u}, {17u, 200u}, {331u, 257u}, {8192u, 40u}, {1280u, 720u}}) {
@@ -80,7 +80,7 @@ TEST_CASE("a JPEG in strips is the JPEG of one strip", "[view][view-encode]") {
   }
 }
 
-TEST_CASE("an encoder stops where its picture is no longer wanted", "[view][view-encode]") {
+TEST_CASE("an encoder stops when its picture is no longer needed", "[view][view-encode]") {
   Workers workers(2);
   const TestPicture picture = make_picture(640, 360, 3);
   const auto yes = [] { return true; };
@@ -88,7 +88,7 @@ TEST_CASE("an encoder stops where its picture is no longer wanted", "[view][view
   CHECK(encode_jpeg(picture.view, 80, false, workers, yes)->empty());
 }
 
-TEST_CASE("quality follows what a link and a renderer take", "[view][view-encode]") {
+TEST_CASE("quality follows the rates of the link and the renderer", "[view][view-encode]") {
   // A picture takes fixed_ms, plus time for its pixels and its bytes; the bytes depend on its quality.
   const auto settle = [](double fixed_ms, double pixel_ms, double byte_ms) {
     Adaptation adaptation;
@@ -109,7 +109,7 @@ TEST_CASE("quality follows what a link and a renderer take", "[view][view-encode
   CHECK(settle(200, 1, 1) <= 1);     // neither pixels nor bytes matter: a good picture is as fast
 }
 
-TEST_CASE("quality that was lost for a moment comes back", "[view][view-encode]") {
+TEST_CASE("quality recovers after a short disturbance", "[view][view-encode]") {
   Adaptation adaptation;
   double now = 1000;
   const auto show = [&](double until, double ms) {
@@ -120,7 +120,7 @@ TEST_CASE("quality that was lost for a moment comes back", "[view][view-encode]"
     }
     return worst;
   };
-  CHECK(show(2000, 150) >= 2);  // while the scene comes
+  CHECK(show(2000, 150) >= 2);  // while the scene is loaded
   show(20000, 60);              // a picture that can be steered, but is not fast
   CHECK(adaptation.level() == 0);
   // Where the level above stays too slow, trials of it become rare.

@@ -130,7 +130,7 @@ TEST_CASE("a hub draws the newest camera, then the picture at rest, then more sa
   CHECK(exact.find("\"samples\":1,") != std::string::npos);
   CHECK(finer.find("\"samples\":2,") != std::string::npos);
   hub.leave(number);
-  hub.receive(number, request(99, 0));  // the request of no page
+  hub.receive(number, request(99, 0));  // no page has made this request
   CHECK(hub.stop(5s));
 }
 
@@ -154,11 +154,11 @@ TEST_CASE("a viewer with a slow link gets a JPEG of full size at rest, then a lo
     hub.receive(number, moving);
     std::string head;
     while (head.find("\"seq\":" + std::to_string(i) + ",") == std::string::npos) {
-      if (!head.empty()) hub.receive(number, Ack{frame_of(head)});  // one at rest, of the camera before
+      if (!head.empty()) hub.receive(number, Ack{frame_of(head)});  // picture at rest of the previous camera
       head = next();
     }
     is_small = head.find("\"scale\":0.75") != std::string::npos;
-    std::this_thread::sleep_for(130ms);  // pictures take that long to the page
+    std::this_thread::sleep_for(130ms);  // the time of a picture on its way to the page
     hub.receive(number, Ack{frame_of(head)});
   }
   const std::string sharp = next(), exact = next();
@@ -168,7 +168,7 @@ TEST_CASE("a viewer with a slow link gets a JPEG of full size at rest, then a lo
   CHECK(hub.stop(5s));
 }
 
-TEST_CASE("a hub draws on a GPU while the scene comes there", "[view][view-hub][cuda]") {
+TEST_CASE("a hub draws on a GPU while the scene is loaded", "[view][view-hub][cuda]") {
   if (!scree::tests::has_gpu()) return;
   JoinedPage joined(scree::tools::BackendChoice::kCuda);
   Hub& hub = joined.hub;
@@ -187,7 +187,7 @@ TEST_CASE("a hub draws on a GPU while the scene comes there", "[view][view-hub][
   CHECK(hub.stop(5s));
 }
 
-TEST_CASE("questions to a hub are bounded", "[view][view-hub]") {
+TEST_CASE("requests to a hub are limited", "[view][view-hub]") {
   JoinedPage joined;
   Hub& hub = joined.hub;
   Page* const page = joined.page.get();
@@ -201,7 +201,7 @@ TEST_CASE("questions to a hub are bounded", "[view][view-hub]") {
   CHECK(hub.stop(20s));
 }
 
-TEST_CASE("a hub whose file cannot be drawn says so once", "[view][view-hub]") {
+TEST_CASE("a hub whose file cannot be drawn reports it once", "[view][view-hub]") {
   std::mutex mutex;
   std::condition_variable changed;
   std::string said;

@@ -27,7 +27,7 @@ std::string error_of(const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("a view message is read whole", "[view][view-message]") {
+TEST_CASE("all members of a view message are read", "[view][view-message]") {
   const double eye_x = 0.1 + 0.2;  // a double without a short decimal form
   const PictureRequest view = must_be_view(view_text(77, 1280, 720, eye_x, true, 4));
   CHECK(view.sequence == 77);

@@ -32,7 +32,7 @@ bool holds(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
-/// The code of the close frame that ends a connection; 0 where it just ends.
+/// The code of the close frame that ends a connection; 0 if it ends without one.
 uint16_t close_code(PageClient& client) {
   for (;;) {
     const auto got = client.receive();
@@ -88,7 +88,7 @@ TEST_CASE("scree view serves its page and nothing else", "[view][view-server]") 
   }
 }
 
-TEST_CASE("scree view lets a page in by its token, from where it came", "[view][view-server]") {
+TEST_CASE("scree view admits a page by token and origin", "[view][view-server]") {
   ViewProcess server({"--viewers", "1", "--allow-host", "viewer.example"});
   const std::string own = server.address(), origin = "http://" + own;
   const auto upgrade = [&](const std::string& host, const std::string& from) {
@@ -119,7 +119,7 @@ TEST_CASE("scree view lets a page in by its token, from where it came", "[view][
   CHECK(refused_with("{\"type\":\"hello\",\"token\":\"" + server.token() + "\"}") == 4002);  // --viewers 1
 }
 
-TEST_CASE("scree view draws what render draws", "[view][view-server]") {
+TEST_CASE("scree view draws the same as scree render", "[view][view-server]") {
   ViewProcess server;
   PageClient client(server.port());
   client.join(server);
@@ -172,7 +172,7 @@ TEST_CASE("scree view draws what render draws", "[view][view-server]") {
   CHECK(holds(client.receive_text("pick"), "\"hit\":false"));
 }
 
-TEST_CASE("scree view says how many layers its pictures have", "[view][view-server][blend]") {
+TEST_CASE("scree view reports the number of layers of its pictures", "[view][view-server][blend]") {
   const TempFolder folder;
   scree::convert::ConvertOptions options;
   options.input = data_path("glass.glb").string();
@@ -194,7 +194,7 @@ TEST_CASE("scree view says how many layers its pictures have", "[view][view-serv
   }
 }
 
-TEST_CASE("a page that never acknowledges costs the others nothing", "[view][view-server]") {
+TEST_CASE("a page that never acknowledges does not slow the others", "[view][view-server]") {
   ViewProcess server;
   PageClient dead(server.port(), std::chrono::milliseconds(400)), alive(server.port());
   dead.join(server);
@@ -219,7 +219,7 @@ TEST_CASE("a page that never acknowledges costs the others nothing", "[view][vie
   CHECK(server.resident() < before + (uint64_t{kIsSanitized ? 288 : 32} << 20));
 }
 
-TEST_CASE("scree view ends connections that break its limits, and goes on", "[view][view-server]") {
+TEST_CASE("scree view closes connections that break its limits, and continues", "[view][view-server]") {
   ViewProcess server;
   const auto ended_by = [&](const auto& act) {
     PageClient client(server.port());
@@ -268,7 +268,7 @@ TEST_CASE("acknowledgements of pictures do not count as messages", "[view][view-
   const auto moving = client.receive_picture(), exact = client.receive_picture();
   REQUIRE(moving);
   REQUIRE(exact);
-  std::this_thread::sleep_for(std::chrono::milliseconds(1100));  // the next message begins a second
+  std::this_thread::sleep_for(std::chrono::milliseconds(1100));  // the next message starts a new second
   for (uint32_t i = 1; i < scree::tools::view::kMaxMessagesPerSecond; ++i)
     client.send("{\"type\":\"probe\",\"x\":0,\"y\":0}");
   client.acknowledge(*moving);
@@ -277,7 +277,7 @@ TEST_CASE("acknowledgements of pictures do not count as messages", "[view][view-
   CHECK(client.receive_picture());
 }
 
-TEST_CASE("viewers follow each other and Ctrl-C ends scree view within a second", "[view][view-server]") {
+TEST_CASE("viewers follow each other, and Ctrl-C ends scree view within a second", "[view][view-server]") {
   ViewProcess server({"--base-path", "scree/"});
   CHECK(status_of(get(server, "/scree")) == 308);
   CHECK(status_of(get(server, "/scree/")) == 200);
@@ -296,7 +296,7 @@ TEST_CASE("viewers follow each other and Ctrl-C ends scree view within a second"
   CHECK(close_code(leader) == 4000);
 }
 
-TEST_CASE("eight viewers move at once, each with a camera of its own, one following", "[view][view-server]") {
+TEST_CASE("eight viewers move at once, each with its own camera, one follows another", "[view][view-server]") {
   ViewProcess server;
   constexpr size_t kViewers = 8;
   constexpr uint64_t kMoves = kIsSanitized ? 10 : 40;
@@ -312,7 +312,7 @@ TEST_CASE("eight viewers move at once, each with a camera of its own, one follow
   std::vector<std::thread> threads;
   for (size_t i = 0; i + 1 < kViewers; ++i)
     threads.emplace_back([&, i] {
-      // Without Catch's macros, which are one thread's.
+      // Uses no Catch macros, which are for one thread only.
       for (uint64_t move = 1; move <= kMoves; ++move) {
         const bool is_last = move == kMoves;
         const double eye = is_last ? 0.1 * static_cast<double>(i) : 0.01 * static_cast<double>(move);
@@ -345,7 +345,7 @@ TEST_CASE("eight viewers move at once, each with a camera of its own, one follow
   CHECK(server.resident() < before + (uint64_t{kIsSanitized ? 288 : 48} << 20));
 }
 
-TEST_CASE("scree view says what is wrong with its words", "[view][view-server]") {
+TEST_CASE("scree view names errors in its arguments", "[view][view-server]") {
   TempFolder folder;
   const auto run = [&](std::vector<std::string> words) {
     words.insert(words.begin(), "view");

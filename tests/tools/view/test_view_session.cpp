@@ -1,4 +1,4 @@
-// Sessions: hidden nodes, blended ones too, are left out alike on the CPU and on a GPU, and come back.
+// Sessions: hidden nodes, including blended ones, are left out on the CPU and on a GPU, and come back.
 #include "tools/view/session.h"
 
 #include <cstdlib>
@@ -45,7 +45,7 @@ Rgb draw(ViewSession& session, const Visibility& visibility, uint32_t viewer = 0
   return out;
 }
 
-/// Channels that differ by more than a level, which is what shading with floats may differ by.
+/// The number of channels that differ by more than one level, the tolerance of shading with floats.
 size_t differing(const Rgb& a, const Rgb& b) {
   REQUIRE(a.size() == b.size());
   size_t count = 0;
@@ -88,7 +88,7 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
     CHECK(differing(found[i], expected[i]) == 0);
   }
   CHECK(found.back() == found.front());
-  // Viewers take turns. Each shows what it showed, also without drawing again, and picks in its own picture.
+  // Viewers take turns. Each has its own picture again, even without drawing, and picks in it.
   for (const uint32_t round : {0, 1, 2}) {
     INFO("round " << round);
     if (round == 2) gpu.forget(1);
