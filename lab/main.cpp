@@ -73,6 +73,10 @@ void add_options(CLI::App& app, LabWords& words) {
   app.add_flag("--sweep", words.sweep,
                "Speed beside size beside error against float32 positions, for all --indices and --positions (default:\n"
                "8,10,12,14,16,18,20,24)");
+  app.add_option("--peer", words.peer,
+                 "vulkan: also draw each view by the GPU's own rasteriser, with indexed draws (VK-ID) and with vertex\n"
+                 "shaders that read indices and positions themselves (VK-PIP), and compare the pictures with float32's")
+      ->type_name("NAME");
   app.add_flag("--reference", words.reference,
                "Judge the pictures of --scene (default: D) and of models, as convert packs them with --positions and\n"
                "--indices, by a double-precision reference that draws the source's own vertices: every triangle, by\n"

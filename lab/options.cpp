@@ -125,13 +125,25 @@ Result<void> check_reference(const LabWords& words, const LabOptions& options) {
   return {};
 }
 
+/// Peers draw generated scenes with float32 positions, once per view.
+Result<void> check_peer(const LabWords& words, const LabOptions& options) {
+  if (words.peer != "vulkan") return usage("--peer: '" + words.peer + "' is not vulkan");
+  if (options.scenes.empty()) return usage("--peer draws generated scenes: it takes --scene, not a file");
+  if (words.path || words.sweep || words.near != LabWords().near)
+    return usage("--peer excludes --path, --sweep and --near");
+  if (options.reference) return usage("--peer excludes --reference and --curves");
+  if (std::none_of(options.encodings.begin(), options.encodings.end(), [](const Encoding& one) { return one.float32; }))
+    return usage("--peer is compared with float32: add it to --positions");
+  return {};
+}
+
 /// Options of the scene "textured", which is measured alone.
 Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
   const LabWords defaults;
   if (words.positions != defaults.positions || words.indices != defaults.indices || words.order != defaults.order ||
       words.scale != defaults.scale || words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
       words.culling != defaults.culling || words.effects != defaults.effects || !words.views.empty() || words.path ||
-      words.sweep || words.stages || words.reference || words.curves || !words.csv.empty())
+      words.sweep || words.stages || words.reference || words.curves || !words.peer.empty() || !words.csv.empty())
     return usage("--scene textured takes --textures, --texture-size, --texture-cache, --size, --frames and --warmup");
   options.is_textured = true;
   if (words.textures < 1 || words.textures > 1000) return usage("--textures: 1 to 1000");
@@ -252,6 +264,9 @@ Result<LabOptions> parse_options(const LabWords& words) {
   if (words.sweep && has_file) return usage("--sweep generates its scene: it takes --scene, not a file");
   if (words.path && has_file) return usage("--path is that of a generated scene: it takes --scene, not a file");
   if (words.path && !words.views.empty()) return usage("--path moves between a scene's two views: it takes no --view");
+  options.has_peer = !words.peer.empty();
+  if (options.has_peer)
+    if (const Result<void> checked = check_peer(words, options); !checked) return checked.error();
   options.path = words.path;
   options.sweep = words.sweep;
   options.csv = words.csv;

@@ -42,6 +42,7 @@ struct LabWords {
   bool reference = false;
   bool curves = false;
   bool sizes = false;
+  std::string peer;
   std::string device;
 };
 
@@ -81,6 +82,7 @@ struct LabOptions {
   bool sweep = false;
   bool reference = false;         // compare with an exact picture of the source (judge_run.h)
   bool curves = false;            // the same for every width, and the studies
+  bool has_peer = false;          // measure Vulkan beside scree (peer/peer.h); some encoding is float32 then
   tools::BackendOptions backend;  // --reference and --curves draw on the CPU without a GPU; the others need one
   std::string csv;                // empty: none
   // For the scene "textured", which is measured alone:

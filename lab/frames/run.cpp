@@ -12,6 +12,7 @@
 #include "format/container/checksum.h"
 #include "lab/frames/frames.h"
 #include "lab/frames/textured.h"
+#include "lab/peer/peer_case.h"
 #include "lab/report/case_row.h"
 #include "lab/report/tables.h"
 #include "lab/scenes/visible_cost.h"
@@ -70,7 +71,12 @@ class Runner {
  public:
   Runner(const LabOptions& options, Machine machine) : options_(options), machine_(std::move(machine)) {}
 
-  Result<void> run() {
+  Result<void> run(const runtime::Gpu& gpu) {
+    if (options_.has_peer) {
+      Result<std::unique_ptr<Peer>> peer = open_vulkan_peer(gpu.uuid);
+      if (!peer) return peer.error();
+      peer_ = std::move(*peer);
+    }
     std::printf("%s, driver %s, copies %.2f TB/s; commit %s; median of %u frames after %u, ms\n",
                 machine_.device.c_str(), machine_.driver.c_str(), machine_.copy_gb_per_s * 1e-3,
                 machine_.commit.c_str(), options_.frames, options_.warmup);
@@ -153,19 +159,45 @@ class Runner {
 
   Result<void> measure_scene(const std::string& name) {
     const synth::Scene scene = make_scene(name, options_.order, options_.scale);
+    std::vector<ScreePicture> pictures;  // for the peer
     for (const Encoding& encoding : options_.encodings) {
       const Result<ResidentScene> resident = generate(name, scene, encoding);
       if (!resident) return resident.error();
       Result<Frames> frames = Frames::create(*resident);
       if (!frames) return frames.error();
+      const bool is_compared = peer_ != nullptr && encoding.float32 && pictures.empty();
       for (const uint32_t samples : options_.samples_per_side) {
         for (const NamedView& view : views_of(scene, samples)) {
           CaseResult result = describe(name, scene, encoding, *resident);
           result.samples_per_side = samples;
           if (Result<void> done = measure_view(*resident, *frames, view, std::move(result)); !done) return done;
+          if (!is_compared) continue;
+          Result<std::vector<uint64_t>> picture = frames->samples();
+          if (!picture) return picture.error();
+          pictures.push_back({view.frames[0], std::move(*picture), results_.back()});
         }
       }
     }
+    return peer_ == nullptr ? Result<void>() : measure_peers(name, scene, pictures);
+  }
+
+  /// Measures the peer on the views of `pictures`. scree's scene has left the GPU.
+  Result<void> measure_peers(const std::string& name, const synth::Scene& scene,
+                             const std::vector<ScreePicture>& pictures) {
+    Result<void> done = peer_->load(scene, std::max(1u, std::thread::hardware_concurrency()));
+    for (const ScreePicture& picture : pictures)
+      if (done) done = measure_peer_cases(scene, picture);
+    peer_->unload();
+    if (done || done.error().code != ErrorCode::kMemory) return done;
+    peer_notes_ += "scene " + name + " does not fit: " + done.error().message + "\n";
+    return {};
+  }
+
+  Result<void> measure_peer_cases(const synth::Scene& scene, const ScreePicture& picture) {
+    Result<std::vector<CaseResult>> results = measure_peer(*peer_, scene, picture, options_.frames, options_.warmup);
+    if (!results) return results.error();
+    for (CaseResult& result : *results)
+      if (Result<void> done = keep(std::move(result)); !done) return done;
     return {};
   }
 
@@ -304,11 +336,23 @@ class Runner {
       return;
     }
     std::printf("\n%s\n%s", times_table(results_).c_str(), counts_table(results_, machine_).c_str());
+    if (peer_ != nullptr) print_peer();
+  }
+
+  void print_peer() const {
+    std::printf("\nVulkan on %s, beside scree with float32 positions\n%s%s", peer_->device().c_str(),
+                peer_table(results_).c_str(), peer_notes_.c_str());
+    if (machine_.device.find("H100") != std::string::npos || machine_.device.find("H200") != std::string::npos)
+      std::printf(
+          "H100 and H200 run vertex and fragment shaders on only 4 of their 132 multiprocessors, so the peers' times\n"
+          "say nothing about graphics cards.\n");
   }
 
   const LabOptions& options_;
   Machine machine_;
   std::vector<CaseResult> results_;
+  std::unique_ptr<Peer> peer_;  // null: only scree is measured
+  std::string peer_notes_;      // a line for each scene that does not fit
 };
 
 }  // namespace
@@ -319,7 +363,7 @@ Result<void> run_bench(const LabOptions& options) {
   Result<Machine> machine = find_machine(*gpu);
   if (!machine) return machine.error();
   if (options.is_textured) return run_textured(options, *machine);
-  return Runner(options, std::move(*machine)).run();
+  return Runner(options, std::move(*machine)).run(*gpu);
 }
 
 }  // namespace scree::lab

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "kernels/frame.h"
+#include "lab/peer/coverage.h"
 #include "tools/bench/machine.h"
 #include "tools/bench/times.h"
 
@@ -28,12 +29,18 @@ struct PictureError {
   double position_error = 0;   // largest bound that a mesh states, model units
 };
 
+/// A peer's picture beside scree's of the same float32 vertices.
+struct PeerComparison {
+  Coverage coverage;
+  double scree_ms = 0;  // the median of scree's frame
+};
+
 struct CaseResult {
   std::string scene;
   std::string order;  // "row", "block" or, for a file, "file"
   double scale = 1;
   std::string positions;  // "16" bits, "float32"; for a file "file"
-  std::string indices;    // "packed", "32", "clustered"; for a file "file"
+  std::string indices;    // "packed", "32", "clustered"; for a file "file"; for a peer, whose are 32 bits, its name
   std::string view;       // or "path"
   uint32_t width = 0;     // pixels
   uint32_t height = 0;
@@ -62,6 +69,7 @@ struct CaseResult {
   Times frame;                    // as the host measures it, from the call to a finished picture
 
   std::optional<PictureError> error;
+  std::optional<PeerComparison> peer;  // if a peer drew
 
   /// The time from which speed is computed.
   const Times& drawing() const { return raster ? *raster : frame; }

@@ -77,6 +77,14 @@ bench::CsvCells case_cells(const Machine& machine, const CaseResult& r) {
   error("depth_error_max", &PictureError::depth_error_max);
   error("depth_error_rms", &PictureError::depth_error_rms);
   error("psnr_db", &PictureError::psnr_db);
+  const auto coverage = [&](const char* column, auto member) {
+    cells.emplace_back(column, r.peer ? csv_number(r.peer->coverage.*member) : "");
+  };
+  coverage("same_samples", &Coverage::same);
+  coverage("edge_samples", &Coverage::edge);
+  coverage("depth_samples", &Coverage::depth);
+  coverage("other_samples", &Coverage::other);
+  coverage("depth_gap", &Coverage::depth_gap);
   return cells;
 }
 

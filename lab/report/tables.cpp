@@ -132,4 +132,24 @@ std::string sweep_table(std::span<const CaseResult> cases) {
   return table.text();
 }
 
+std::string peer_table(std::span<const CaseResult> cases) {
+  TextTable table(4);
+  table.row({"scene", "view", "image", "peer", "device bytes", "ms", "min", "spread", "frames", "scree's ms", "covered",
+             "same", "edge", "depth", "other", "depth gap"});
+  table.rule();
+  for (const CaseResult& r : cases) {
+    if (!r.peer) continue;
+    const Coverage& coverage = r.peer->coverage;
+    const auto share = [&](uint64_t samples) {
+      const double all = static_cast<double>(std::max<uint64_t>(coverage.covered(), 1));
+      return fixed(100 * static_cast<double>(samples) / all, 4) + "%";
+    };
+    table.row({scene_name(r), r.view, image_name(r), r.indices, tools::format_bytes(r.device_bytes), ms(r.raster),
+               ms(r.raster->minimum), ms(r.raster->spread), std::to_string(r.frames), ms(r.peer->scree_ms),
+               tools::grouped(r.covered_samples), share(coverage.same), share(coverage.edge), share(coverage.depth),
+               tools::grouped(coverage.other), tools::short_number(coverage.depth_gap)});
+  }
+  return table.text();
+}
+
 }  // namespace scree::lab

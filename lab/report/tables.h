@@ -17,4 +17,7 @@ std::string path_table(std::span<const CaseResult> cases);
 /// Speed, size and error side by side.
 std::string sweep_table(std::span<const CaseResult> cases);
 
+/// The peers among the cases beside scree's float32 frames of the same views.
+std::string peer_table(std::span<const CaseResult> cases);
+
 }  // namespace scree::lab

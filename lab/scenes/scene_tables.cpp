@@ -97,13 +97,9 @@ void place_chunk(SceneTables& tables, uint64_t& page_bytes, format::ChunkRecord&
 void add_instances(const synth::Scene& scene, SceneTables& tables) {
   tables.instance_base.push_back(0);
   for (const synth::SceneInstance& instance : scene.instances) {
-    format::MatrixRecord matrix{};
-    for (size_t row = 0; row < 3; ++row)
-      for (size_t column = 0; column < 4; ++column)
-        matrix.rows[row][column] = static_cast<double>(instance.matrix[4 * column + row]);
     const auto number = static_cast<uint32_t>(tables.instances.size());
     tables.instances.push_back({instance.mesh, number, number, 0});
-    tables.matrices.push_back(matrix);
+    tables.matrices.push_back(matrix_record(instance));
     tables.instance_base.push_back(tables.instance_base.back() + tables.meshes[instance.mesh].triangle_count);
   }
 }
@@ -129,6 +125,14 @@ void place_chunks(SceneTables& tables) {
 
 uint64_t geometry_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk) {
   return format::chunk_streams(mesh, chunk).uvs.offset;
+}
+
+format::MatrixRecord matrix_record(const synth::SceneInstance& instance) {
+  format::MatrixRecord matrix{};
+  for (size_t row = 0; row < 3; ++row)
+    for (size_t column = 0; column < 4; ++column)
+      matrix.rows[row][column] = static_cast<double>(instance.matrix[4 * column + row]);
+  return matrix;
 }
 
 std::vector<const std::byte*> SceneTables::page_pointers(const std::byte* base) const {

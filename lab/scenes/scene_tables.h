@@ -48,6 +48,9 @@ struct SceneTables {
   kernels::SceneView view(const std::byte* const* pages) const;
 };
 
+/// An instance's matrix as a record.
+format::MatrixRecord matrix_record(const synth::SceneInstance& instance);
+
 /// The tables of a scene cut into `plans`. `boxes`: one per chunk. Each mesh gets the finest lattice of the encoding's
 /// bits over its own box, as in `scree convert`. Errors kRange: a mesh's box needs more than 24 bits.
 Result<SceneTables> make_tables(const synth::Scene& scene, std::span<const ChunkPlan> plans,

@@ -3,13 +3,11 @@
 #include <cmath>
 #include <vector>
 
-#include "kernels/cull/cull.h"
 #include "kernels/raster/vertex.h"
 
 namespace scree::lab {
-namespace {
 
-/// As kernels/ computes it on a GPU: a float32 position is rounded once when the transform's center is subtracted.
+// As kernels/ computes it on a GPU: a float32 position is rounded once when the transform's center is subtracted.
 kernels::RelativeBox float_box(const ChunkBox& box, const kernels::Transform& transform) {
   kernels::RelativeBox relative;
   for (int i = 0; i < 3; ++i) {
@@ -20,8 +18,6 @@ kernels::RelativeBox float_box(const ChunkBox& box, const kernels::Transform& tr
   }
   return relative;
 }
-
-}  // namespace
 
 VisibleCost visible_cost(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view) {
   const kernels::FrameView frame = kernels::make_frame_view(view);

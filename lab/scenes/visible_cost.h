@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <span>
 
+#include "kernels/cull/cull.h"
 #include "kernels/frame.h"
 #include "lab/scenes/scene_tables.h"
 
@@ -18,5 +19,8 @@ struct VisibleCost {
 /// by which chunks of float32 positions are culled as well, as in a GPU's frame. If empty, chunks of float32 positions
 /// are culled by their mesh, as on a CPU.
 VisibleCost visible_cost(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view);
+
+/// A box of float32 positions in the coordinates of `transform`, which is one of float32 positions.
+kernels::RelativeBox float_box(const ChunkBox& box, const kernels::Transform& transform);
 
 }  // namespace scree::lab

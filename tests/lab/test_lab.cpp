@@ -193,8 +193,11 @@ TEST_CASE("lab: a CSV file has one header and a row per case", "[lab]") {
   CHECK(first.starts_with("0123456789ab,\"NVIDIA \"\"X\"\", large\",1.2,4000,A,row,1,16,packed,overview,1920,1080,1,"));
   CHECK(commas(first) == commas(header) + 1);  // one inside the quotes
   CHECK(commas(second) == commas(header) + 1);
-  CHECK(second.ends_with(",0.5,5,0.25,0.125,inf"));
-  CHECK(first.ends_with(",,,,,"));
+  CHECK(second.ends_with(",0.5,5,0.25,0.125,inf,,,,,"));
+  CHECK(first.ends_with(",,,,,,,,,,"));
+  result.error = {};
+  result.peer = PeerComparison{{900, 80, 15, 5, 0.25}, 1.5};
+  CHECK(bench::csv_values(case_cells(machine, result)).ends_with(",,900,80,15,5,0.25"));
 }
 
 TEST_CASE("lab: rows are not put under other columns", "[lab]") {
@@ -236,6 +239,17 @@ TEST_CASE("lab: tables leave out cases that were not timed", "[lab]") {
   CHECK(result.culled_triangles() == 500);
   result.touched_bytes = 2'000'000;  // 4 GB/s
   CHECK(counts_table({&result, 1}, Machine{{}, 40}).find("10.0%") != std::string::npos);
+}
+
+TEST_CASE("lab: peers have a table of their own beside scree's frames", "[lab]") {
+  CaseResult results[2] = {sample_result(), sample_result()};
+  results[1].indices = "VK-ID";
+  results[1].raster = Times{3, 2, 1, 3, 3};
+  results[1].peer = PeerComparison{{900, 80, 15, 5, 0.25}, 2};
+  const std::string table = peer_table(results);
+  CHECK(std::count(table.begin(), table.end(), '\n') == 3);  // header, rule, one row
+  for (const char* cell : {"VK-ID", "3.000", "90.0000%", "8.0000%", "1.5000%", " 5 ", "0.25"})
+    CHECK(table.find(cell) != std::string::npos);
 }
 
 TEST_CASE("lab: pictures are compared by triangle, depth and colour", "[lab]") {

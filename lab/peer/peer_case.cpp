@@ -1,0 +1,71 @@
+#include "lab/peer/peer_case.h"
+
+#include <algorithm>
+#include <span>
+#include <utility>
+
+#include "format/container/checksum.h"
+
+namespace scree::lab {
+namespace {
+
+/// The columns that hold for a peer's frame too; the others stay empty.
+CaseResult begin_case(const Peer& peer, PeerDrawing drawing, const CaseResult& scree) {
+  CaseResult result;
+  result.scene = scree.scene;
+  result.order = scree.order;
+  result.scale = scree.scale;
+  result.positions = scree.positions;
+  result.indices = peer_name(drawing);
+  result.view = scree.view;
+  result.width = scree.width;
+  result.height = scree.height;
+  result.samples_per_side = scree.samples_per_side;
+  result.unique_triangles = scree.unique_triangles;
+  result.drawn_triangles = scree.drawn_triangles;
+  result.geometry_bytes = peer.geometry_bytes();
+  result.device_bytes = peer.device_bytes();
+  return result;
+}
+
+Result<void> measure(Peer& peer, PeerDrawing drawing, uint32_t frames, uint32_t warmup, CaseResult& result) {
+  std::vector<float> walls;
+  const auto draw_one = [&]() -> Result<float> {
+    const Result<Peer::Ms> ms = peer.draw(drawing);
+    if (!ms) return ms.error();
+    walls.push_back(ms->wall);
+    return ms->gpu;
+  };
+  const Result<std::vector<float>> times = bench::timed_frames(frames, warmup, draw_one);
+  if (!times) return times.error();
+  result.frames = static_cast<uint32_t>(times->size());
+  result.raster = summarize(*times);
+  result.wall = summarize(std::span(walls).last(times->size()));
+  result.frame = *result.wall;
+  return {};
+}
+
+}  // namespace
+
+Result<std::vector<CaseResult>> measure_peer(Peer& peer, const synth::Scene& scene, const ScreePicture& picture,
+                                             uint32_t frames, uint32_t warmup) {
+  const Result<kernels::FrameStats> stats = peer.look(picture.view);
+  if (!stats) return stats.error();
+  std::vector<CaseResult> results;
+  for (const PeerDrawing drawing : {PeerDrawing::kIndexed, PeerDrawing::kPulled}) {
+    CaseResult result = begin_case(peer, drawing, picture.result);
+    result.stats = *stats;
+    if (Result<void> done = measure(peer, drawing, frames, warmup, result); !done) return done.error();
+    const Result<std::vector<uint64_t>> ids = peer.ids();
+    if (!ids) return ids.error();
+    result.covered_samples = static_cast<uint64_t>(
+        std::count_if(ids->begin(), ids->end(), [](uint64_t id) { return id != kernels::kIdMask; }));
+    result.picture = format::checksum(std::as_bytes(std::span(*ids)));
+    result.peer =
+        PeerComparison{compare_coverage(scene, picture.view, picture.samples, *ids), picture.result.drawing().median};
+    results.push_back(std::move(result));
+  }
+  return results;
+}
+
+}  // namespace scree::lab
