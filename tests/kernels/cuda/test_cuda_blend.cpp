@@ -129,7 +129,7 @@ TEST_CASE("fragments drawn at once give the same layers as layers drawn one by o
   uint32_t deepest = 0;
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), in_two_passes(), kNoRoom}) {
     GpuLayers gpu(scene, device, sizes);
-    for (const View& view : masked_views(kEmulatesGpu ? 2 : 1)) {
+    for (const View& view : masked_views(kEmulatesGpu ? 4 : 1)) {
       for (const uint32_t most : {64u, 2u}) {
         kernels::BlendCounts expected_counts;
         const std::vector<float> expected = gpu.over(view, most, 0, expected_counts);
