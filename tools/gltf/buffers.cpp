@@ -48,6 +48,7 @@ GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder,
     : document_(document),
       folder_(std::move(folder)),
       allow_outside_(allow_outside),
+      kept_bytes_(kept_bytes),
       chunks_(std::move(chunks)),
       buffers_(document.buffers.size()),
       meshopt_(kept_bytes),
@@ -120,6 +121,14 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
   auto source = buffer(stated.buffer);
   if (!source) return source.error();
   return View{*source, stated.offset, stated.bytes};
+}
+
+PackedViewMemory GltfBuffers::settle_memory() {
+  // Threads read a few windows of meshopt views at a time, but whole Draco primitives.
+  if (draco_.empty()) kept_bytes_ /= 2;
+  meshopt_.kept()->limit(kept_bytes_);
+  view_memory_.kept_bytes = std::min(view_memory_.kept_bytes, kept_bytes_);
+  return view_memory_;
 }
 
 void GltfBuffers::count(const PackedViewMemory& memory) {

@@ -21,12 +21,13 @@ class GltfBuffers {
  public:
   /// `folder`: the scene's. `chunks`: of a .glb, by index; null for chunks that are not binary. `document` has passed
   /// check_document() and outlives this. Indices given to the functions below must be in range. `kept_bytes`: memory
-  /// for unpacked buffer views, see MeshoptCache. `allow_outside`: as for resolve_uri().
+  /// for unpacked buffer views, see MeshoptCache; half of it if no primitive is Draco's. `allow_outside`: as for
+  /// resolve_uri().
   GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
               uint64_t kept_bytes, bool allow_outside);
 
-  /// Memory of the compressed buffer views that were used.
-  const PackedViewMemory& view_memory() const { return view_memory_; }
+  /// Memory of the compressed buffer views that were used. Called once, when all are known and none was read.
+  PackedViewMemory settle_memory();
 
   struct View {
     std::shared_ptr<const ByteSource> source;
@@ -64,6 +65,7 @@ class GltfBuffers {
   const GltfDocument& document_;
   std::string folder_;
   bool allow_outside_;
+  uint64_t kept_bytes_;
   std::vector<std::shared_ptr<const ByteSource>> chunks_;
   std::vector<std::shared_ptr<const ByteSource>> buffers_;
   MeshoptCache meshopt_;

@@ -31,6 +31,9 @@ class KeptWindows {
 
   explicit KeptWindows(uint64_t most) : most_(most) {}
 
+  /// Sets `most` anew, before the first take().
+  void limit(uint64_t most) { most_ = most; }
+
   /// Window `number` of an owner, of `size` bytes in memory of `capacity`: the kept one, or an empty one, which is kept
   /// from now on. Throws std::bad_alloc.
   std::shared_ptr<MeshoptWindow> take(const void* owner, uint64_t number, size_t size, size_t capacity);
@@ -53,7 +56,7 @@ class KeptWindows {
   };
 
   std::mutex mutex_;
-  const uint64_t most_;
+  uint64_t most_;
   uint64_t total_ = 0;
   std::list<Entry> entries_;  // most recently used first
   std::unordered_map<Key, std::list<Entry>::iterator, Hash> places_;

@@ -234,7 +234,7 @@ struct LeftOut {
 struct PackedViewMemory {
   uint64_t reader_bytes = 0;  // per thread that reads any of them
   uint64_t place_bytes = 0;   // of all, for the scene's lifetime
-  uint64_t kept_bytes = 0;    // of all, if all of their windows are kept
+  uint64_t kept_bytes = 0;    // of all windows that may be kept
 };
 
 /// Nodes are ordered with parents before children. Every index below is checked.

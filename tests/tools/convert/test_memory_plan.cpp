@@ -68,7 +68,7 @@ TEST_CASE("memory plan: windows of indexed triangles count one vertex per triang
   constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory varies
   const uint64_t least = least_ahead(scene);
   CHECK(largest(least + kSlack).vertices == kWindowTriangles + 2);
-  CHECK(largest(least + kSlack).span == 4 * kWindowTriangles);
+  CHECK(largest(least + kSlack).span == kBitmapSpan);
   CHECK(largest(2 * least).vertices == 3 * kWindowTriangles);
   CHECK(largest(2 * least).span == uint64_t{1} << 30);
 

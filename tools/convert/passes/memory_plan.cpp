@@ -39,9 +39,9 @@ constexpr uint64_t kInstanceBytes = 400;
 constexpr uint64_t kLeastMapBytes = kMiB;
 
 // A typical window of indexed triangles that share vertices: one vertex per triangle, and two at the beginning, as in a
-// strip. A closed surface has half as many. Vertex numbers are some rows of a grid apart.
+// strip. A closed surface has half as many. Its last triangles use its first vertices, so a span may be the whole
+// primitive's.
 constexpr uint64_t kFirstVertices = 2;
-constexpr uint64_t kUsualSpan = 4;  // per triangle
 
 /// The stated minimum is a multiple of this, so that it still suffices when the process takes some pages more.
 constexpr uint64_t kLeastStep = 4 * kMiB;
@@ -88,8 +88,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
     plan.most_.span = std::max(plan.most_.span, primitive.indices ? primitive.vertex_count() : 3 * triangles);
     plan.most_.chunks += chunks_of(all, options.chunk_triangles);
     const uint64_t usual_vertices = primitive.indices ? triangles + kFirstVertices : 3 * triangles;
-    const uint64_t usual_span =
-        primitive.indices ? std::min(kUsualSpan * triangles, primitive.vertex_count()) : 3 * triangles;
+    const uint64_t usual_span = primitive.indices ? std::min(kBitmapSpan, primitive.vertex_count()) : 3 * triangles;
     plan.usual_.vertices = std::max(plan.usual_.vertices, std::min(usual_vertices, primitive.vertex_count()));
     plan.usual_.span = std::max(plan.usual_.span, usual_span);
     plan.id_bits_ = std::max(plan.id_bits_, static_cast<uint32_t>(std::bit_width(all)));
@@ -229,10 +228,10 @@ std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const
 /// The vectors of Window. They keep the size of the largest window, and windows are numbered in three ways
 /// (window.cpp).
 uint64_t MemoryPlan::window_bytes(const WindowNeeds& needs) const {
-  const uint64_t table = std::min(needs.span, 12 * needs.triangles + 1024);
-  uint64_t bytes = 20 * needs.triangles + 8 * table + 12 * needs.vertices;
-  bytes += std::min(needs.span, uint64_t{1} << 26) * 3 / 16;
-  if (needs.span > uint64_t{1} << 26) bytes += 48 * needs.triangles;
+  const uint64_t table = std::min(needs.span, 3 * needs.triangles + 1024);
+  uint64_t bytes = 20 * needs.triangles + 4 * table + 12 * needs.vertices;
+  bytes += std::max(4 * table, std::min(needs.span, kBitmapSpan) * 3 / 16);
+  if (needs.span > kBitmapSpan) bytes += 48 * needs.triangles;
   return bytes;
 }
 

@@ -12,10 +12,9 @@ namespace scree::convert {
 namespace {
 
 /// A table with an entry per vertex number, from the smallest to the largest, is used up to this many numbers per
-/// corner. Windows with more scattered vertices use a bitmap, up to a span of kBitmapSpan (12 MiB with the ranks).
-/// Beyond that vertices are sorted, which is 3 times as slow.
-constexpr uint64_t kTableSpanPerCorner = 4;
-constexpr uint64_t kBitmapSpan = uint64_t{1} << 26;
+/// corner. Windows with more scattered vertices use a bitmap.
+constexpr uint64_t kTableSpanPerCorner = 1;
+constexpr uint64_t kScatteredSpanPerCorner = 4;
 
 /// The number in the source of a primitive's vertex.
 Result<uint32_t> source_vertex(const Primitive& primitive, uint32_t vertex) {
@@ -164,6 +163,7 @@ void Window::find_vertices(bool renumber) {
   }
   const uint64_t span = uint64_t{hi} - lo + 1;
   span_ = std::max(span_, span);
+  is_scattered_ = span > kScatteredSpanPerCorner * indices_.size() + 1024;
   if (span <= kTableSpanPerCorner * indices_.size() + 1024) {
     places_.assign(span, 0);
     for (const uint32_t index : indices_) places_[index - lo] = 1;
@@ -180,7 +180,6 @@ void Window::find_vertices(bool renumber) {
       for (uint32_t& index : indices_) index = places_[index - lo];
     return;
   }
-  is_scattered_ = true;
   if (span <= kBitmapSpan) {
     find_by_bitmap(lo, span, renumber);
     return;

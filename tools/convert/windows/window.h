@@ -19,6 +19,10 @@ namespace scree::convert {
 /// and small enough that a thread's scratch memory stays below 64 MiB if no vertex is shared.
 inline constexpr uint64_t kWindowTriangles = 262144;
 
+/// Up to this many vertex numbers from the smallest to the largest, a window finds its vertices by a bitmap (12 MiB
+/// with the ranks). Beyond that it sorts them, which is 3 times as slow.
+inline constexpr uint64_t kBitmapSpan = uint64_t{1} << 26;
+
 /// The content of a window after load().
 class WindowContent {
  public:
