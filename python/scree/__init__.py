@@ -127,7 +127,7 @@ class File:
 
     def load(self, scene=None, *, backend="auto", gpu=None, threads=0, textures=True, device_memory=0, host_memory=0,
              texture_cache=0, largest=(0, 0, 1), progress=None, gpus=1, texture_memory=0, environment=None,
-             light="auto", read="auto") -> Scene:
+             light="auto", read="auto", largest_shadows=0) -> Scene:
         """Loads a scene, by name or number, and checks every byte of it.
 
         `backend`: "cpu", "cuda", or "auto": a GPU where one can be used and takes the scene. `gpu`: its index or UUID.
@@ -142,7 +142,8 @@ class File:
         of its memory for pages. `light`: of its pictures, unless a draw names another: "camera", "environment",
         "scene" for the file's own lights, or "auto": the environment if materials have more than a base colour.
         `environment`: a Radiance picture (.hdr) of all directions, which implies that light; None: a clear sky. `read`:
-        how pages are read for a GPU, "mapped", "buffered", "direct" or "auto".
+        how pages are read for a GPU, "mapped", "buffered", "direct" or "auto". `largest_shadows`: the largest `shadow_size`
+        of draws, at most 16384, whose map `device_memory` then counts; 0: none.
 
         Raises scree.Error: no such scene or GPU, damaged data, no memory, or a `progress` that returned False.
         """
@@ -152,7 +153,7 @@ class File:
             threads=threads, textures=textures, device_memory=device_memory, host_memory=host_memory,
             texture_cache=texture_cache, largest=tuple(largest), progress=progress, gpus=gpus,
             texture_memory=texture_memory, environment=None if environment is None else os.fspath(environment),
-            light=light, read=read, warnings=warnings), warnings)
+            light=light, read=read, largest_shadows=largest_shadows, warnings=warnings), warnings)
 
     def render(self, width=1920, height=1080, **options) -> dict:
         """load().render(): for one picture. Whoever draws more keeps the scene.
@@ -219,6 +220,8 @@ class View:
         `show`: texture, color, uv, normal, triangle, cluster, mesh, stage or depth. `light`: "camera", "environment",
         "scene", or False: surface colours alone. `exposure`: in stops, -20 to 20; the camera's light ignores it.
         `blend_layers`: the most layers of blended surfaces, such as glass, behind one another (16); 0: none is drawn.
+        `shadows`: True if the file's first directional light casts shadows, under the light "scene" alone, with a map of
+        `shadow_size` samples (4096; 64 to 16384) along its longer side, which the view keeps until it needs another one.
         `ssao`, `edl`: True for ambient occlusion and eye-dome lighting, the latter with `edl_strength` (1) and
         `edl_radius` in pixels (1). `background`: linear RGBA (0, 0, 0, 0).
 
@@ -302,7 +305,8 @@ class View:
     @property
     def stats(self) -> dict:
         """Of the last frame or batch: width, height, samples, instances, triangles and clusters (drawn), draw_ms, gpu_ms,
-        streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers. Raises scree.Error without a frame.
+        streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers, shadow_ms (drawing the map of
+        shadows; 0 if an earlier one was kept). Raises scree.Error without a frame.
         """
         return self._view.stats
 
