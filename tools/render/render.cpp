@@ -523,12 +523,6 @@ Command add_render(CLI::App& parent) {
       ->type_name("NAME");
   app->add_flag("--no-light", words->no_light, "No light: surface colours only");
   add_light_options(*app, words->light);
-  app->add_flag("--shadows", words->shadows,
-                "With --light scene: the first directional light casts shadows, of all but blended surfaces");
-  app->add_option("--shadow-size", words->shadow_size,
-                  "Samples along the longer side of the light's view of what the camera sees, 64 to 16384 (default: "
-                  "4096)")
-      ->type_name("N");
   app->add_flag("--ssao", words->ssao, "Ambient occlusion: darkens corners and surfaces close behind others");
   app->add_flag("--edl", words->edl, "Eye-dome lighting: darkens pixels whose neighbours are nearer");
   app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)")->type_name("N");

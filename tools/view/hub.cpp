@@ -23,6 +23,8 @@ constexpr double kPatientMs = 900;
 constexpr auto kPatientDelay = 1200ms;
 // How long a picture waits for chunks that are still on their way to a GPU before it goes without them.
 constexpr auto kChunkPatience = 150ms;
+// How long its shadow map waits for them, within that time.
+constexpr auto kShadowPatience = 75ms;
 // How long it waits for pages of textures, before it takes coarser levels of them.
 constexpr auto kTexturePatience = 40ms;
 // How long chunks that no picture needs are loaded at a time, and how long at most pictures are drawn in between: they
@@ -52,7 +54,7 @@ uint32_t possible_samples(uint32_t wanted, uint32_t width, uint32_t height) {
 bool is_same_picture(const PictureRequest& a, const PictureRequest& b) {
   const kernels::ShadeOptions &s = a.shade, &t = b.shade;
   return a.camera == b.camera && a.clip_box == b.clip_box && a.width == b.width && a.height == b.height &&
-         s.show == t.show && s.light == t.light &&
+         s.show == t.show && s.light == t.light && a.shadows == b.shadows &&
          std::equal(std::begin(s.background), std::end(s.background), std::begin(t.background)) && s.ssao == t.ssao &&
          s.edl == t.edl && s.edl_strength == t.edl_strength && s.edl_radius == t.edl_radius;
 }
@@ -320,7 +322,7 @@ Result<void> Hub::draw_moving(const Work& work) {
       work.is_again ? runtime::IsOver([&] { return is_outdated(work); }) : after(kTexturePatience);
   const Result<Drawn> drawn = session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
                                              scaled(request.height, quality.scale), 1, work.visibility, &jpeg,
-                                             {after(kChunkPatience), textures});
+                                             {after(kChunkPatience), textures, after(kShadowPatience)});
   if (!drawn) return drawn.error();
 
   std::optional<runtime::Vec3> point;
@@ -336,7 +338,8 @@ Result<void> Hub::draw_moving(const Work& work) {
   }
   std::vector<std::byte> message =
       moving_picture(frame, request, quality, *drawn, ms_between(work.wanted_at, work.begun), point);
-  sent(work, frame, !work.is_at_rest, drawn->left_bytes == 0);
+  // A shadow map is drawn for many pictures, so its time is not the link's or the quality's.
+  sent(work, frame, !work.is_at_rest && drawn->shadow_ms == 0, drawn->left_bytes == 0);
   work.viewer->link->send_picture(std::move(message));
   return {};
 }
@@ -345,7 +348,7 @@ Result<void> Hub::draw_exact(const Work& work) {
   const PictureRequest& request = work.request;
   const runtime::IsOver is_over = [&] { return is_outdated(work); };
   const Result<Drawn> drawn = session_->draw(work.viewer->number, request, request.width, request.height, work.samples,
-                                             work.visibility, nullptr, {is_over, is_over});
+                                             work.visibility, nullptr, {is_over, is_over, is_over});
   if (!drawn) return drawn.error();
   if (is_outdated(work)) return {};
   const runtime::Stopwatch watch;
@@ -395,7 +398,7 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
     return is_stopping_;
   };
   const Result<Drawn> drawn = session_->draw(0, work.request, shot.width, shot.height, samples, work.visibility,
-                                             nullptr, {is_stopping, is_stopping});
+                                             nullptr, {is_stopping, is_stopping, is_stopping});
   if (!drawn) return drawn.error();
   if (drawn->left_bytes != 0) return {};
   const runtime::Stopwatch watch;
@@ -407,9 +410,10 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
 }
 
 Result<void> Hub::pick(const Work& work, const PickRequest& request) {
-  const Result<Drawn> drawn =
-      session_->draw(work.viewer->number, work.request, work.request.width, work.request.height, 1, work.visibility,
-                     nullptr, {{}, [] { return true; }});  // nobody sees its colours
+  PictureRequest shown = work.request;
+  shown.shadows = false;  // nobody sees its colours
+  const Result<Drawn> drawn = session_->draw(work.viewer->number, shown, shown.width, shown.height, 1, work.visibility,
+                                             nullptr, {{}, [] { return true; }, {}});
   if (!drawn) return drawn.error();
   const Result<std::optional<Picked>> picked = session_->pick(request.at);
   if (!picked) return picked.error();
