@@ -253,7 +253,6 @@ void Hub::run() {
     scene_text_ = std::move(text);
     is_ready_ = true;
     for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
-    uint64_t left_bytes = UINT64_MAX;  // of the scene's chunks
     Clock::time_point loaded_at = Clock::now();
     while (!is_stopping_) {
       if (const std::vector<uint32_t> left = std::exchange(left_, {}); !left.empty()) {
@@ -264,20 +263,20 @@ void Hub::run() {
       const Clock::time_point now = Clock::now();
       Clock::time_point wake = now + 10s;
       std::optional<Work> work = next_work(now, wake);
-      if (!work && left_bytes == 0) {
+      if (!work && left_bytes_ == 0) {
         changed_.wait_until(lock, wake);
         continue;
       }
       lock.unlock();
       Result<void> done;
       if (work) done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
-      if (left_bytes != 0 && (!work || Clock::now() - loaded_at >= kBetweenLoading)) {
+      if (left_bytes_ != 0 && (!work || Clock::now() - loaded_at >= kBetweenLoading)) {
         const Result<uint64_t> to_come = session_->load_rest(after(kLoading));
         if (!to_come) {
           on_end_(to_come.error());
           return end();
         }
-        left_bytes = *to_come < left_bytes ? *to_come : 0;  // a GPU that is full takes no more
+        left_bytes_ = *to_come < left_bytes_ ? *to_come : 0;  // a GPU that is full takes no more
         loaded_at = Clock::now();
       }
       const bool fell_back = session_->drawn_on() != drawn_on;  // from a GPU that failed to the CPU
@@ -318,11 +317,13 @@ Result<void> Hub::draw_moving(const Work& work) {
   const Quality& quality = kQualities[work.level];
   const JpegKind jpeg{quality.jpeg, has_sharp_colours(request.shade.show)};
   // The next picture of the same camera waits, since pages of more textures than there is room for never all come.
-  const runtime::IsOver textures =
-      work.is_again ? runtime::IsOver([&] { return is_outdated(work); }) : after(kTexturePatience);
+  const runtime::IsOver is_over = [&] { return is_outdated(work); };
+  const runtime::IsOver textures = work.is_again ? is_over : after(kTexturePatience);
+  // Nor do the chunks of a shadow map, once the GPU is full.
+  const runtime::IsOver shadows = work.is_again && left_bytes_ == 0 ? is_over : after(kShadowPatience);
   const Result<Drawn> drawn = session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
                                              scaled(request.height, quality.scale), 1, work.visibility, &jpeg,
-                                             {after(kChunkPatience), textures, after(kShadowPatience)});
+                                             {after(kChunkPatience), textures, shadows});
   if (!drawn) return drawn.error();
 
   std::optional<runtime::Vec3> point;
