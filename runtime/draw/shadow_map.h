@@ -40,12 +40,11 @@ std::optional<kernels::SunShadow> sun_of(const Scene& scene, const kernels::View
 /// The cameras that a shadow map is for.
 enum class ShadowFit {
   kExact,   // one alone: sun_view() without a margin, as in the pictures of `scree render`
-  kMoving,  // also those near it, so that a camera that moves needs no map per picture
+  kMoving,  // it and the cameras near it, so that a camera that moves needs no map per picture
 };
 
-/// The place where the sun reaches in pictures of a scene: the one owner of the map, which is drawn when a picture
-/// needs another one, and kept. Blended surfaces cast shadows only where they are opaque. One thread at a time, on a
-/// GPU with the scene's device current and free for it.
+/// Draws where the sun reaches, and keeps this map until a picture needs another one. Blended surfaces cast shadows only
+/// where they are opaque. One thread at a time, on a GPU with the scene's device current and free for it.
 class ShadowMap {
  public:
   /// `device`: which draws the scene; null: the CPU. Both outlive this. Takes no memory before the first draw().
