@@ -35,6 +35,8 @@ struct View {
   bool clips = false;
   double clip_min[3] = {};
   double clip_max[3] = {};
+
+  bool operator==(const View&) const = default;
 };
 
 enum class Show : uint32_t {

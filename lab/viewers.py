@@ -86,7 +86,7 @@ class Client:
         self.size = size
         self.turn = 2.4 * seed  # every client looks from elsewhere
         self.pictures, self.waits, self.problems = [], [], []
-        self.times = {"drawMs": [], "shadeMs": [], "encodeMs": [], "waitMs": []}
+        self.times = {"shadowMs": [], "drawMs": [], "shadeMs": [], "encodeMs": [], "waitMs": []}
         self.scene, self.is_over = None, False
         self.sent = {}
         self.lock = threading.Lock()
@@ -183,7 +183,8 @@ class Client:
         self.sent[number] = time.perf_counter()
         self.sent.pop(number - 200, None)
         self.send({"type": "view", "seq": number, "eye": eye, "target": middle, "up": [0, 1, 0], "fov": 45,
-                   "width": self.size[0], "height": self.size[1], "show": "texture", "light": True, "ssao": False, "edl": False,
+                   "width": self.size[0], "height": self.size[1], "show": "texture", "light": True,
+                   "shadows": self.scene["shadows"], "ssao": False, "edl": False,
                    "edlStrength": 1, "edlRadius": 1, "background": "#20252d", "samples": 1, "moving": moving, "full": False})
 
     def close(self):

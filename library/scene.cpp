@@ -78,6 +78,11 @@ scree_status translate(const scree_load_options& options, runtime::LoadOptions& 
   if (side > kernels::kMaxImageSide)
     return fail(SCREE_ERROR_ARGUMENT, "the largest frames have " + std::to_string(side) +
                                           " samples per side, at most " + std::to_string(kernels::kMaxImageSide));
+  if (options.max_shadow_size > kernels::kMaxImageSide)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_load_options::max_shadow_size is " +
+                                          std::to_string(options.max_shadow_size) + ", at most " +
+                                          std::to_string(kernels::kMaxImageSide));
+  out.pictures.shadow_side = static_cast<uint32_t>(options.max_shadow_size);
   return SCREE_OK;
 }
 

@@ -118,14 +118,30 @@ scree_status take_light(const runtime::LoadedScene& scene, const scree_draw_opti
   shade.exposure = static_cast<float>(std::exp2(options.exposure));
   if (options.blend_layers != 0) shade.blend_layers = options.blend_layers;
   if ((options.flags & SCREE_NO_BLEND) != 0) shade.blend_layers = 0;
+  if (options.shadow_size != 0 &&
+      (options.shadow_size < runtime::kLeastShadowSide || options.shadow_size > kernels::kMaxImageSide))
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::shadow_size is " + std::to_string(options.shadow_size) +
+                                          ", expected " + std::to_string(runtime::kLeastShadowSide) + " to " +
+                                          std::to_string(kernels::kMaxImageSide));
+  if ((options.flags & SCREE_SHADOWS) == 0) return SCREE_OK;
+  if (shade.lighting != kernels::Lighting::kScene)
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::flags: SCREE_SHADOWS is for SCREE_LIGHT_SCENE");
+  if (!runtime::find_sun(scene.scene().view()))
+    return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::flags: SCREE_SHADOWS: the scene has no directional light");
   return SCREE_OK;
+}
+
+/// As ViewRenderer::cast_shadows() takes it. `options`: checked by take_light().
+uint32_t shadow_side(const scree_draw_options& options) {
+  if ((options.flags & SCREE_SHADOWS) == 0) return 0;
+  return options.shadow_size != 0 ? static_cast<uint32_t>(options.shadow_size) : runtime::kShadowSide;
 }
 
 scree_status take_shade(const runtime::LoadedScene& scene, const scree_draw_options& options,
                         kernels::ShadeOptions& shade) {
   if (options.show > SCREE_SHOW_DEPTH)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::show is " + std::to_string(options.show) + ", at most 8");
-  if ((options.flags & ~uint32_t{SCREE_NO_LIGHT | SCREE_SSAO | SCREE_EDL | SCREE_NO_BLEND}) != 0)
+  if ((options.flags & ~uint32_t{SCREE_NO_LIGHT | SCREE_SSAO | SCREE_EDL | SCREE_NO_BLEND | SCREE_SHADOWS}) != 0)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options::flags has unknown flags: " + std::to_string(options.flags));
   if (!(options.edl_strength >= 0 && options.edl_strength <= 100) || options.edl_radius > 64)
     return fail(SCREE_ERROR_ARGUMENT, "scree_draw_options: edl_strength is at most 100 and edl_radius at most 64");
@@ -202,6 +218,7 @@ scree_status with_batch(scree_view* view, const scree_camera* cameras, uint32_t 
       if (const scree_status made = make_view(scene, seen, taken.width, taken.height, batch.views[i]); made != SCREE_OK)
         return fail(made, "camera " + std::to_string(i) + ": " + std::string(scree_error()));
     }
+    drawn.renderer->cast_shadows(shadow_side(taken));
     return body(*drawn.renderer, batch);
   });
 }
@@ -300,6 +317,7 @@ scree_status scree_draw(scree_view* view, const scree_camera* camera, const scre
     if (const scree_status made = make_view(drawn.renderer->scene(), seen, taken.width, taken.height, seen_view);
         made != SCREE_OK)
       return made;
+    drawn.renderer->cast_shadows(shadow_side(taken));
     const scree::Result<void> done = drawn.renderer->draw(seen_view, taken.samples, shade);
     return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
   });
@@ -352,6 +370,7 @@ scree_status scree_shade(scree_view* view, const scree_draw_options* options) {
     if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
     scree::kernels::ShadeOptions shade;
     if (const scree_status checked = take_shade(renderer.scene(), taken, shade); checked != SCREE_OK) return checked;
+    renderer.cast_shadows(shadow_side(taken));
     const scree::Result<void> done = renderer.set_shade(shade);
     return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
   });
@@ -441,6 +460,7 @@ scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats) {
     out.triangles = renderer.stats().triangles;
     out.clusters = renderer.stats().clusters_drawn;
     out.draw_ms = renderer.draw_time().wall_ms;
+    out.shadow_ms = renderer.shadow_time().wall_ms;
     out.gpu_ms = static_cast<double>(renderer.gpu_ms());
     out.cameras = renderer.batch();
     out.blended_layers = renderer.blended().layers;

@@ -253,7 +253,7 @@ void set_flag(scree_draw_options& options, bool is_set, uint32_t bit) {
   options.flags |= is_set ? bit : 0u;
 }
 
-constexpr std::array<Shading, 9> kShading{{
+constexpr std::array<Shading, 11> kShading{{
     {"show",
      [](scree_draw_options& options, const py::handle& value) {
        options.show = static_cast<scree_show>(number_of(kShows, value.cast<std::string>(), "show"));
@@ -269,6 +269,10 @@ constexpr std::array<Shading, 9> kShading{{
        options.blend_layers = value.cast<uint32_t>();
        set_flag(options, options.blend_layers == 0, SCREE_NO_BLEND);
      }},
+    {"shadows", [](scree_draw_options& options,
+                   const py::handle& value) { set_flag(options, value.cast<bool>(), SCREE_SHADOWS); }},
+    {"shadow_size",
+     [](scree_draw_options& options, const py::handle& value) { options.shadow_size = value.cast<uint64_t>(); }},
     {"ssao",
      [](scree_draw_options& options, const py::handle& value) { set_flag(options, value.cast<bool>(), SCREE_SSAO); }},
     {"edl",
@@ -386,7 +390,7 @@ py::dict stats_of(const scree::View& view) {
                   "instances"_a = stats.instances, "triangles"_a = stats.triangles, "clusters"_a = stats.clusters,
                   "draw_ms"_a = stats.draw_ms, "gpu_ms"_a = stats.gpu_ms, "streamed_bytes"_a = stats.streamed_bytes,
                   "cameras"_a = stats.cameras, "blended_layers"_a = stats.blended_layers,
-                  "samples_with_more_layers"_a = stats.samples_with_more_layers);
+                  "samples_with_more_layers"_a = stats.samples_with_more_layers, "shadow_ms"_a = stats.shadow_ms);
 }
 
 std::vector<py::dict> scenes_of(const scree::File& file) {
@@ -445,7 +449,7 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
                                    const std::array<uint32_t, 3>& largest, const py::object& progress,
                                    std::optional<uint32_t> gpus, uint64_t texture_memory,
                                    const std::optional<std::string>& environment, const std::string& light,
-                                   const std::string& read, py::list warnings) {
+                                   const std::string& read, uint64_t largest_shadows, py::list warnings) {
   auto options = scree::make<scree_load_options>();
   options.scene = scene ? scene->c_str() : nullptr;
   options.backend = static_cast<scree_backend>(number_of(kBackends, backend, "backend"));
@@ -458,6 +462,7 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
   options.max_width = largest[0];
   options.max_height = largest[1];
   options.max_samples = largest[2];
+  options.max_shadow_size = largest_shadows;
   options.gpus = gpus.value_or(SCREE_ALL_GPUS);
   options.texture_memory = texture_memory;
   options.environment = environment ? environment->c_str() : nullptr;
@@ -645,7 +650,7 @@ PYBIND11_MODULE(_scree, module) {
       .def(py::init<const std::string&>(), "path"_a)
       .def("load", &load, py::kw_only(), "scene"_a, "backend"_a, "gpu"_a, "threads"_a, "textures"_a, "device_memory"_a,
            "host_memory"_a, "texture_cache"_a, "largest"_a, "progress"_a, "gpus"_a, "texture_memory"_a, "environment"_a,
-           "light"_a, "read"_a, "warnings"_a)
+           "light"_a, "read"_a, "largest_shadows"_a, "warnings"_a)
       .def_property_readonly("bytes", [](const scree::File& file) { return file.info().bytes; })
       .def_property_readonly("triangles", [](const scree::File& file) { return file.info().triangles; })
       .def_property_readonly("default_scene", [](const scree::File& file) { return file.info().default_scene; })

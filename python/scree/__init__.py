@@ -128,7 +128,7 @@ class File:
 
     def load(self, scene=None, *, backend="auto", gpu=None, threads=0, textures=True, device_memory=0, host_memory=0,
              texture_cache=0, largest=(0, 0, 1), progress=None, gpus=1, texture_memory=0, environment=None,
-             light="auto", read="auto") -> Scene:
+             light="auto", read="auto", largest_shadows=0) -> Scene:
         """Loads a scene, by name or number (None: the default scene), and checks every byte of it.
 
         - `backend`: "cpu", "cuda", or "auto": a GPU if one can draw the scene, else the CPU.
@@ -140,6 +140,7 @@ class File:
           drawn. 0: the free memory.
         - `host_memory`: bytes of pinned memory that feed the GPU; the rest of them keeps chunks. 0: no limit, no chunks.
         - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
+        - `largest_shadows`: the largest `shadow_size` of draws, at most 16384, whose map `device_memory` then includes; 0: none.
         - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.
         - `texture_memory`: bytes for pages of KTX2 and DDS textures, which are read from the file when pixels show them.
           On a GPU, textures that fit are loaded whole. 0: on the CPU 2 GiB; on a GPU all textures are loaded if the whole
@@ -158,7 +159,7 @@ class File:
             threads=threads, textures=textures, device_memory=device_memory, host_memory=host_memory,
             texture_cache=texture_cache, largest=tuple(largest), progress=progress, gpus=gpus,
             texture_memory=texture_memory, environment=None if environment is None else os.fspath(environment),
-            light=light, read=read, warnings=warnings), warnings)
+            light=light, read=read, largest_shadows=largest_shadows, warnings=warnings), warnings)
 
     def render(self, width=1920, height=1080, **options) -> dict:
         """load().render(), for a single picture. For several pictures, load the scene once.
@@ -226,6 +227,8 @@ class View:
         - `light` ("auto": as the scene was loaded): "camera", "environment", "scene", or False: surface colours alone.
         - `exposure` (0): stops, -20 to 20; the camera's light ignores it.
         - `blend_layers` (16): most layers of blended surfaces, such as glass, behind one another; 0: none is drawn.
+        - `shadows` (False): whether the file's first directional light casts shadows, under the light "scene" alone, with a
+          map of `shadow_size` (4096; 64 to 16384) samples along its longer side, which the view keeps until it needs another.
         - `ssao` (False): ambient occlusion.
         - `edl` (False): eye-dome lighting, with `edl_strength` (1, at most 100) and `edl_radius` (1, at most 64 pixels).
         - `background` (0, 0, 0, 0): linear RGBA.
@@ -311,7 +314,8 @@ class View:
     @property
     def stats(self) -> dict:
         """The last frame or batch: width, height, samples, instances, triangles and clusters (drawn), draw_ms, gpu_ms,
-        streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers. Raises scree.Error without a frame.
+        streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers, shadow_ms (drawing the map of
+        shadows; 0 if an earlier one was kept). Raises scree.Error without a frame.
         """
         return self._view.stats
 

@@ -88,6 +88,7 @@ class File:
         environment: _Path | None = ...,
         light: _Light = ...,
         read: Literal["auto", "mapped", "buffered", "direct"] = ...,
+        largest_shadows: int = ...,
     ) -> Scene: ...
     def render(self, width: int = ..., height: int = ..., **options: Any) -> dict[str, npt.NDArray[Any]]: ...
 
@@ -113,6 +114,8 @@ class View:
         light: bool | _Light = ...,
         exposure: float = ...,
         blend_layers: int = ...,
+        shadows: bool = ...,
+        shadow_size: int = ...,
         ssao: bool = ...,
         edl: bool = ...,
         edl_strength: float = ...,
@@ -131,6 +134,8 @@ class View:
         light: bool | _Light = ...,
         exposure: float = ...,
         blend_layers: int = ...,
+        shadows: bool = ...,
+        shadow_size: int = ...,
         ssao: bool = ...,
         edl: bool = ...,
         edl_strength: float = ...,
@@ -148,6 +153,8 @@ class View:
         light: bool | _Light = ...,
         exposure: float = ...,
         blend_layers: int = ...,
+        shadows: bool = ...,
+        shadow_size: int = ...,
         ssao: bool = ...,
         edl: bool = ...,
         edl_strength: float = ...,
@@ -161,6 +168,8 @@ class View:
         light: bool | _Light = ...,
         exposure: float = ...,
         blend_layers: int = ...,
+        shadows: bool = ...,
+        shadow_size: int = ...,
         ssao: bool = ...,
         edl: bool = ...,
         edl_strength: float = ...,

@@ -176,11 +176,8 @@ struct DeviceView::Impl {
   ~Impl() {
     if (queued != nullptr) (void)cudaEventDestroy(queued);
   }
-  Result<void> check_drawn(const kernels::View& view) const {
-    if (width == view.width && height == view.height) return {};
-    return Error{ErrorCode::kRange, "no picture of " + std::to_string(view.width) + " x " +
-                                        std::to_string(view.height) + " samples was drawn"};
-  }
+  Result<void> check_drawn(const kernels::View& view);
+  Result<kernels::FrameStats> draw_by_team(const kernels::View& view);
   uint64_t* sample_data() const { return reinterpret_cast<uint64_t*>(samples.data()); }
 
   void use_picture(size_t number) {
@@ -200,9 +197,10 @@ struct DeviceScene::Impl {
   CudaScene scene;
   int device = 0;
   std::shared_ptr<DeviceView::Impl> own = std::make_shared<DeviceView::Impl>(*this);
-  std::unique_ptr<CudaStream> stream;  // if not all of the scene's pages were uploaded
-  std::unique_ptr<GpuTeam> team;       // if several GPUs have the pages
-  DeviceBuffer omitted;                // the bits of set_omitted()
+  std::unique_ptr<CudaStream> stream;           // if not all of the scene's pages were uploaded
+  std::unique_ptr<GpuTeam> team;                // if several GPUs have the pages
+  const DeviceView::Impl* team_view = nullptr;  // whose picture the team drew last
+  DeviceBuffer omitted;                         // the bits of set_omitted()
   UploadStats stats;
   uint64_t fragment_room = 0;  // bytes, of the fragments of blended surfaces of a view
 
@@ -229,6 +227,22 @@ struct DeviceScene::Impl {
                                JobProgress* progress, uint64_t most_batch);
   Result<void> upload_shared(const Scene& host, std::span<const int> gpus, const GpuTeam::Options& options);
 };
+
+/// Errors kRange: draw() made no picture of this size. The team's transforms are those of the picture that it drew
+/// last, so that a view whose picture another one followed draws it again.
+Result<void> DeviceView::Impl::check_drawn(const kernels::View& view) {
+  if (width != view.width || height != view.height)
+    return Error{ErrorCode::kRange, "no picture of " + std::to_string(view.width) + " x " +
+                                        std::to_string(view.height) + " samples was drawn"};
+  if (!is_drawn_by_team || scene.team_view == this) return {};
+  const Result<kernels::FrameStats> drawn = draw_by_team(view);
+  return drawn ? Result<void>() : drawn.error();
+}
+
+Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& view) {
+  scene.team_view = this;
+  return scene.team->draw(view, sample_data());
+}
 
 const kernels::Transform* DeviceView::Impl::transforms() const {
   if (is_drawn_by_team) return scene.team->transforms();
@@ -629,7 +643,7 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
     times->raster_ms = std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count();
   };
   if (impl.is_drawn_by_team) {
-    const Result<kernels::FrameStats> drawn = impl.scene.team->draw(view, impl.sample_data());
+    const Result<kernels::FrameStats> drawn = impl.draw_by_team(view);
     if (!drawn) return drawn.error();
     impl.width = view.width;
     impl.height = view.height;

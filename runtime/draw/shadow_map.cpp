@@ -11,6 +11,8 @@ namespace {
 
 using kernels::View;
 
+constexpr double kMarginSamples = 2;  // of a map beside what is seen
+
 double dot(const Vec3& a, const Vec3& b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -117,6 +119,12 @@ struct Span {
       high = std::max(high, dot(axis, point));
     }
   }
+  /// Adds a share of the size on each side, within `most`.
+  void widen(double share, const Span& most) {
+    const double more = share * size();
+    low = std::max(low - more, most.low);
+    high = std::min(high + more, most.high);
+  }
   double size() const { return high - low; }
   double middle() const { return 0.5 * (low + high); }
 };
@@ -129,7 +137,8 @@ std::optional<uint32_t> find_sun(const kernels::SceneView& scene) {
   return std::nullopt;
 }
 
-std::optional<View> sun_view(const Vec3& direction, const WorldBox& box, const View& camera, uint32_t side) {
+std::optional<View> sun_view(const Vec3& direction, const WorldBox& box, const View& camera, uint32_t side,
+                             double margin) {
   WorldBox around;  // relative to the eye
   for (size_t i = 0; i < 3; ++i) {
     around.min[i] = (camera.clips ? std::max(box.min[i], camera.clip_min[i]) : box.min[i]) - camera.eye[i];
@@ -150,16 +159,21 @@ std::optional<View> sun_view(const Vec3& direction, const WorldBox& box, const V
       forward.begin())] = 1;
   const Vec3 right = normalized(cross(forward, across));
   const Vec3 up = normalized(cross(right, forward));
-  const Span x(seen, right), y(seen, up);
-  const double nearest = Span(all, forward).low, farthest = Span(seen, forward).high;
+  Span x(seen, right), y(seen, up);
+  const double nearest = Span(all, forward).low;
+  double farthest = Span(seen, forward).high;
+  if (margin > 0) {
+    x.widen(margin, Span(all, right));
+    y.widen(margin, Span(all, up));
+    farthest = Span(all, forward).high;
+  }
 
-  constexpr double kMargin = 2;  // samples
-  double sample = std::max(x.size(), y.size()) / (side - 2 * kMargin);
+  double sample = std::max(x.size(), y.size()) / (side - 2 * kMarginSamples);
   // Places are floats relative to the eye, as are the weights that they are made of.
   for (const Vec3& point : seen) sample = std::max(sample, std::hypot(point[0], point[1], point[2]) * 0x1p-18);
   if (!(sample > 0)) sample = 1;  // only the eye is seen
   const auto samples = [&](const Span& span) {
-    const double wanted = std::ceil(span.size() / sample) + 2 * kMargin;
+    const double wanted = std::ceil(span.size() / sample) + 2 * kMarginSamples;
     return wanted < side ? static_cast<uint32_t>(wanted) : side;  // also of a box that is not finite
   };
   View view{};
@@ -168,7 +182,7 @@ std::optional<View> sun_view(const Vec3& direction, const WorldBox& box, const V
   view.height = samples(y);
   view.half_width = 0.5 * sample * view.width;
   view.half_height = 0.5 * sample * view.height;
-  const double room = kMargin * sample + (farthest - nearest) * 0x1p-20;
+  const double room = kMarginSamples * sample + (farthest - nearest) * 0x1p-20;
   view.z_far = farthest - nearest + 2 * room;
   for (size_t i = 0; i < 3; ++i) {
     view.eye[i] = camera.eye[i] + x.middle() * right[i] + y.middle() * up[i] + (nearest - room) * forward[i];
@@ -183,42 +197,78 @@ std::optional<View> sun_view(const Vec3& direction, const WorldBox& box, const V
   return view;
 }
 
-Result<ShadowMap> ShadowMap::create(const Scene& scene, uint32_t side, DeviceScene* device) {
-  const std::optional<uint32_t> sun = find_sun(scene.view());
-  if (!sun) return Error{ErrorCode::kUsage, "the scene has no directional light"};
-  ShadowMap map(scene, side, *sun);
-  if (device != nullptr) {
-    Result<DeviceView> own = device->add_view(scene);
-    if (!own) return own.error();
-    map.device_ = std::move(*own);
-  }
-  return map;
+std::optional<kernels::SunShadow> sun_of(const Scene& scene, const View& camera, uint32_t side, double margin) {
+  const uint32_t light = *find_sun(scene.view());
+  const float* const d = scene.view().lights[light].direction;
+  const std::optional<View> view = sun_view({d[0], d[1], d[2]}, scene.box(), camera, side, margin);
+  if (!view) return std::nullopt;
+  return kernels::SunShadow{nullptr, *view, light};
 }
 
-Result<const kernels::SunShadow*> ShadowMap::draw(const View& camera, uint32_t threads) {
+/// Whether the kept map gives the shadows of pictures whose exact map is `exact`.
+bool ShadowMap::serves(const View& exact, uint32_t side, ShadowFit fit) const {
+  const View& map = sun_.view;
+  if (!is_drawn_ || side != side_) return false;
+  if (fit == ShadowFit::kExact || map == exact) return map == exact;
+  if (map.omitted != exact.omitted || map.clips != exact.clips ||
+      !std::equal(std::begin(map.clip_min), std::end(map.clip_min), exact.clip_min) ||
+      !std::equal(std::begin(map.clip_max), std::end(map.clip_max), exact.clip_max))
+    return false;
+  // Both look along the sun's rays with the same axes, and both begin before the whole box. Shading reads 1.5 samples
+  // around what is seen.
+  const double sample = 2 * map.half_width / map.width, own_sample = 2 * exact.half_width / exact.width;
+  if (sample > kMostCoarser * own_sample) return false;
+  const double more = kMarginSamples * own_sample - 1.5 * sample;  // beside what is seen, by which the map may be less
+  const auto reaches = [&](const double(&axis)[3], double own_half, double half) {
+    double offset = 0;
+    for (size_t i = 0; i < 3; ++i) offset += (exact.eye[i] - map.eye[i]) * axis[i];
+    return std::abs(offset) + own_half <= half + more;
+  };
+  return reaches(map.right, exact.half_width, map.half_width) && reaches(map.up, exact.half_height, map.half_height) &&
+         reaches(map.forward, exact.z_far, map.z_far);
+}
+
+Result<const kernels::SunShadow*> ShadowMap::draw(const View& camera, uint32_t side, uint32_t threads, ShadowFit fit,
+                                                  const IsOver& is_over) {
   const Stopwatch watch;
   draw_time_ = {};
-  const float* const d = scene_->view().lights[sun_.light].direction;
-  const std::optional<View> view = sun_view({d[0], d[1], d[2]}, scene_->box(), camera, side_);
-  if (!view) return static_cast<const kernels::SunShadow*>(nullptr);
-  sun_.view = *view;
-  if (device_) {
-    if (const Result<void> done = device_->make_current(); !done) return done.error();
-    if (const auto drawn = device_->draw(*view); !drawn) return drawn.error();
-    sun_.samples = device_->samples();
-  } else {
-    const uint64_t count = uint64_t{view->width} * view->height;
-    try {
-      if (samples_.size() < count) samples_.resize(count);
-    } catch (const std::bad_alloc&) {
-      return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(count) + " samples of shadows"};
-    }
-    const auto drawn = kernels::draw_cpu(scene_->view(), *view, std::span(samples_).first(count), threads);
-    if (!drawn) return drawn.error();
-    sun_.samples = samples_.data();
+  left_bytes_ = 0;
+  if (!find_sun(scene_->view())) return Error{ErrorCode::kUsage, "the scene has no directional light"};
+  const std::optional<kernels::SunShadow> exact = sun_of(*scene_, camera, side);
+  if (!exact) return static_cast<const kernels::SunShadow*>(nullptr);
+  if (!serves(exact->view, side, fit)) {
+    is_drawn_ = false;
+    side_ = side;
+    sun_ = fit == ShadowFit::kExact ? *exact : *sun_of(*scene_, camera, side, kMargin);
+    if (const Result<void> drawn = draw_map(threads, is_over); !drawn) return drawn.error();
+    is_drawn_ = left_bytes_ == 0;
+    draw_time_ = watch.elapsed();
   }
-  draw_time_ = watch.elapsed();
   return static_cast<const kernels::SunShadow*>(&sun_);
+}
+
+Result<void> ShadowMap::draw_map(uint32_t threads, const IsOver& is_over) {
+  if (device_ != nullptr) {
+    if (!on_device_) {
+      Result<DeviceView> own = device_->add_view(*scene_);
+      if (!own) return own.error();
+      on_device_ = std::move(*own);
+    }
+    if (const auto drawn = on_device_->draw(sun_.view, nullptr, nullptr, is_over); !drawn) return drawn.error();
+    if (const std::optional<StreamStats>& stream = on_device_->stream_stats()) left_bytes_ = stream->left_bytes;
+    sun_.samples = on_device_->samples();
+    return {};
+  }
+  const uint64_t count = uint64_t{sun_.view.width} * sun_.view.height;
+  try {
+    if (samples_.size() < count) samples_.resize(count);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(count) + " samples of shadows"};
+  }
+  const auto drawn = kernels::draw_cpu(scene_->view(), sun_.view, std::span(samples_).first(count), threads);
+  if (!drawn) return drawn.error();
+  sun_.samples = samples_.data();
+  return {};
 }
 
 }  // namespace scree::runtime

@@ -20,37 +20,68 @@ inline constexpr uint32_t kShadowSide = 4096;
 /// The scene's first directional light, an index of SceneView::lights in host memory.
 std::optional<uint32_t> find_sun(const kernels::SceneView& scene);
 
+/// Whether a picture shows the sun's light, and so its shadows.
+inline bool shows_sun(const kernels::SceneView& scene, const kernels::ShadeOptions& options) {
+  return kernels::shades_surfaces(scene, options) && kernels::lighting_of(scene, options) == kernels::Lighting::kScene;
+}
+
 /// The view along the unit vector `direction` of the part of `box` that `camera` sees, with two samples around it, and
 /// of all that lies between that part and the light within the box. Its longer side has `side` samples, which are
 /// squares; fewer where they would be finer than 2^-18 of the distance of what is seen. Leaves out and clips away what
-/// `camera` does. Nothing if the camera sees nothing of the box.
+/// `camera` does. `margin`: the share of the seen part's width and height that is added on each side, as far as the box
+/// goes; the depth is the whole box's then. Nothing if the camera sees nothing of the box.
 std::optional<kernels::View> sun_view(const Vec3& direction, const WorldBox& box, const kernels::View& camera,
-                                      uint32_t side);
+                                      uint32_t side, double margin = 0);
 
-/// Draws where the sun reaches, camera by camera. Blended surfaces cast shadows only where they are opaque. One thread
-/// at a time, on a GPU with the scene's device free for it.
+/// The same of a scene's sun, with its light and no samples yet. Requires find_sun().
+std::optional<kernels::SunShadow> sun_of(const Scene& scene, const kernels::View& camera, uint32_t side,
+                                         double margin = 0);
+
+/// The cameras that a shadow map is for.
+enum class ShadowFit {
+  kExact,   // one alone: sun_view() without a margin, as in the pictures of `scree render`
+  kMoving,  // it and the cameras near it, so that a camera that moves needs no map per picture
+};
+
+/// Draws where the sun reaches, and keeps this map until a picture needs another one. Blended surfaces cast shadows only
+/// where they are opaque. One thread at a time, on a GPU with the scene's device current and free for it.
 class ShadowMap {
  public:
-  /// `side`: samples, kLeastShadowSide to kernels::kMaxImageSide. `device`: which draws the scene; null: the CPU. Both
-  /// outlive this. Errors kUsage: the scene has no directional light; those of DeviceScene::add_view().
-  static Result<ShadowMap> create(const Scene& scene, uint32_t side, DeviceScene* device);
+  /// `device`: which draws the scene; null: the CPU. Both outlive this. Takes no memory before the first draw().
+  ShadowMap(const Scene& scene, DeviceScene* device) : scene_(&scene), device_(device) {}
 
   /// The shadows in a picture of `camera`, for ShadeOptions::sun until the next call; null if it shows nothing. The
-  /// picture itself is drawn after this. Errors those of kernels::draw_cpu or DeviceView::draw(), kMemory.
-  Result<const kernels::SunShadow*> draw(const kernels::View& camera, uint32_t threads);
+  /// picture itself is drawn after this. `side`: samples, kLeastShadowSide to kernels::kMaxImageSide. The map of the
+  /// last call is kept if it is the same, or serves a moving camera: it has all that the camera sees, with samples at
+  /// most kMostCoarser times the exact map's. `is_over`: as for DeviceView::draw(); a map that it ends is not kept.
+  /// Errors kUsage: the scene has no directional light; kMemory; those of DeviceScene::add_view(), kernels::draw_cpu
+  /// and DeviceView::draw().
+  Result<const kernels::SunShadow*> draw(const kernels::View& camera, uint32_t side, uint32_t threads,
+                                         ShadowFit fit = ShadowFit::kExact, const IsOver& is_over = {});
 
-  const Duration& draw_time() const { return draw_time_; }  // of the last draw()
+  /// The next draw() keeps no map: the scene has changed, or the bits of View::omitted.
+  void forget() { is_drawn_ = false; }
+
+  // Of the last draw():
+  const Duration& draw_time() const { return draw_time_; }  // 0 if the map was kept
+  uint64_t left_bytes() const { return left_bytes_; }       // of chunks that the map lacks
 
  private:
-  ShadowMap(const Scene& scene, uint32_t side, uint32_t light)
-      : scene_(&scene), side_(side), sun_{nullptr, {}, light} {}
+  static constexpr double kMargin = 0.25;  // of ShadowFit::kMoving
+  static constexpr double kMostCoarser = 3;
+
+  bool serves(const kernels::View& exact, uint32_t side, ShadowFit fit) const;
+  Result<void> draw_map(uint32_t threads, const IsOver& is_over);
 
   const Scene* scene_;
-  uint32_t side_;
-  kernels::SunShadow sun_;
-  std::optional<DeviceView> device_;
+  DeviceScene* device_;
+  bool is_drawn_ = false;
+  uint32_t side_ = 0;  // of the map
+  kernels::SunShadow sun_{};
+  std::optional<DeviceView> on_device_;
   std::vector<uint64_t> samples_;  // where the CPU draws
   Duration draw_time_;
+  uint64_t left_bytes_ = 0;
 };
 
 }  // namespace scree::runtime

@@ -55,6 +55,7 @@ Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const
       if (!view) return view.error();
       renderer->device_ = std::move(*view);
     }
+    renderer->shadows_.emplace(renderer->scene_->scene(), renderer->scene_->device());
     return renderer;
   } catch (const std::bad_alloc&) {
     return out_of_memory(sizeof(ViewRenderer));
@@ -99,6 +100,7 @@ Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per
   std::fill(std::begin(on_gpu_), std::end(on_gpu_), nullptr);
   streamed_.reset();
   gpu_ms_ = 0;
+  shadow_time_ = {};
   blended_ = {};
   shade_ = shade;
   const uint64_t width = uint64_t{view.width} * samples_per_side;
@@ -115,7 +117,7 @@ Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per
 Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_side,
                                 const kernels::ShadeOptions& shade) {
   if (Result<void> begun = begin(view, samples_per_side, shade); !begun) return begun;
-  if (Result<void> done = draw_shadows(); !done) return done;
+  if (Result<void> done = on_device([&] { return cast_shadows_in(view_); }); !done) return done;
   const Stopwatch watch;
   if (device_) {
     if (Result<void> drawn = draw_on_gpu(); !drawn) return drawn;
@@ -136,30 +138,25 @@ Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_
   return {};
 }
 
-Result<void> ViewRenderer::cast_shadows(uint32_t side) {
-  const auto create = [&]() -> Result<void> {
-    Result<ShadowMap> made = ShadowMap::create(scene_->scene(), side, scene_->device());
-    if (!made) return made.error();
-    shadows_ = std::move(*made);
-    return {};
-  };
-  if (!device_) return create();
+/// Calls `body` with the GPUs' lock held and the device current, if a GPU draws.
+template <class Body>
+Result<void> ViewRenderer::on_device(const Body& body) const {
+  if (!device_) return body();
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   const Result<void> done = device_->make_current();
-  return done ? create() : done;
+  return done ? body() : done;
 }
 
-Result<void> ViewRenderer::draw_shadows() {
-  if (!shadows_) return {};
-  const auto draw = [&]() -> Result<void> {
-    const Result<const kernels::SunShadow*> sun = shadows_->draw(view_, scene_->threads());
-    if (!sun) return sun.error();
-    shade_.sun = *sun;
-    return {};
-  };
-  if (!device_) return draw();
-  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-  return draw();
+/// Sets ShadeOptions::sun for a picture of `view`, in samples. Requires the GPUs' lock, and the device current.
+Result<void> ViewRenderer::cast_shadows_in(const kernels::View& view) {
+  shade_.sun = nullptr;
+  if (shadow_side_ == 0 || !shows_sun(scene_->scene().view(), shade_)) return {};
+  const Result<const kernels::SunShadow*> sun = shadows_->draw(view, shadow_side_, scene_->threads());
+  if (!sun) return sun.error();
+  shade_.sun = *sun;
+  shadow_time_.wall_ms += shadows_->draw_time().wall_ms;
+  shadow_time_.cpu_ms += shadows_->draw_time().cpu_ms;
+  return {};
 }
 
 Result<void> ViewRenderer::begin_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
@@ -263,7 +260,10 @@ ViewRenderer::FrameTargets ViewRenderer::targets_of(uint32_t layers, uint64_t v,
 Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> views, uint32_t layers,
                                              const BatchTargets& all) {
   const uint64_t count = uint64_t{view_.width} * view_.height;
-  const auto shared = static_cast<uint32_t>(std::min<uint64_t>(scene_->threads(), views.size()));
+  const bool shades = (layers & 1u << static_cast<uint32_t>(Layer::kColor)) != 0;
+  // All pictures share the shadow map, so that they are drawn one after the other.
+  const bool has_shadows = shades && shadow_side_ != 0;
+  const auto shared = has_shadows ? 1 : static_cast<uint32_t>(std::min<uint64_t>(scene_->threads(), views.size()));
   const uint32_t threads_each = std::max(1u, scene_->threads() / shared);
   try {
     // A worker has samples for one frame.
@@ -282,6 +282,7 @@ Result<void> ViewRenderer::draw_batch_on_cpu(std::span<const kernels::View> view
       const kernels::View view = in_samples(views[v]);
       const Result<kernels::FrameStats> drawn = kernels::draw_cpu(scene_->scene().view(), view, samples, threads_each);
       Result<void> done = drawn ? Result<void>() : drawn.error();
+      if (done && has_shadows) done = cast_shadows_in(view);
       const FrameTargets targets = targets_of(layers, v, all);
       kernels::BlendCounts blended;
       if (done && targets.color != nullptr)
@@ -326,19 +327,26 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
       return {};
     }
   }
-  const Result<kernels::FrameStats> drawn = device_->draw_batch(
-      scene_->scene(), in, scene_->is_streamed() && shades ? &shade_ : nullptr, [&](size_t v) -> Result<void> {
-        const FrameTargets targets = targets_of(layers, v, blocks);
-        Result<void> done;
-        if (targets.color != nullptr)
-          done = device_->resolve(in[v], samples_per_side_, shade_, {}, nullptr,
-                                  reinterpret_cast<uint32_t*>(targets.color));
-        if (targets.color != nullptr) blended[v] = device_->blended();
-        if (done && targets.has_others) done = device_->make_layers(in[v], samples_per_side_, targets.others);
-        return done;
-      });
-  if (!drawn) return drawn.error();
-  stats_ = *drawn;
+  // All pictures share the shadow map, so that one is whole before the next one's map is drawn.
+  const size_t at_once = shades && shadow_side_ != 0 ? 1 : in.size();
+  for (size_t first = 0; first < in.size(); first += at_once) {
+    if (const Result<void> done = shades ? cast_shadows_in(in[first]) : Result<void>(); !done) return done;
+    const auto part = std::span(in).subspan(first, at_once);
+    const Result<kernels::FrameStats> drawn = device_->draw_batch(
+        scene_->scene(), part, scene_->is_streamed() && shades ? &shade_ : nullptr, [&](size_t i) -> Result<void> {
+          const size_t v = first + i;
+          const FrameTargets targets = targets_of(layers, v, blocks);
+          Result<void> done;
+          if (targets.color != nullptr)
+            done = device_->resolve(in[v], samples_per_side_, shade_, {}, nullptr,
+                                    reinterpret_cast<uint32_t*>(targets.color));
+          if (targets.color != nullptr) blended[v] = device_->blended();
+          if (done && targets.has_others) done = device_->make_layers(in[v], samples_per_side_, targets.others);
+          return done;
+        });
+    if (!drawn) return drawn.error();
+    stats_ += *drawn;
+  }
   for (const kernels::BlendCounts& picture : blended) add(blended_, picture);
   return {};
 }
@@ -366,9 +374,12 @@ Result<void> ViewRenderer::set_shade(const kernels::ShadeOptions& shade) {
   if (Result<void> checked = check_single(); !checked) return checked;
   if (scene_->is_streamed())
     return Error{ErrorCode::kUnsupported, "a streamed frame is shaded while it is drawn: draw it again"};
-  const kernels::SunShadow* const sun = shade_.sun;
   shade_ = shade;
-  if (shadows_) shade_.sun = sun;
+  shadow_time_ = {};
+  if (Result<void> done = on_device([&] { return cast_shadows_in(view_); }); !done) {
+    has_frame_ = false;
+    return done;
+  }
   blended_ = {};
   for (const Layer layer : {Layer::kColor, Layer::kLinear}) host_[static_cast<size_t>(layer)].is_made = false;
   on_gpu_[static_cast<size_t>(Layer::kColor)] = nullptr;

@@ -50,9 +50,9 @@ class ViewRenderer {
   ViewRenderer& operator=(const ViewRenderer&) = delete;
   ~ViewRenderer();
 
-  /// Lets the sun of the frames of draw() cast shadows (ShadowMap::create(), whose errors these are); `side` as there.
-  /// They are seen under Lighting::kScene.
-  Result<void> cast_shadows(uint32_t side);
+  /// Lets the sun cast shadows in the frames of later draws and of set_shade(), under Lighting::kScene, by a map of
+  /// `side` samples (ShadowMap::draw(), whose errors these calls then have too); 0: no more.
+  void cast_shadows(uint32_t side) { shadow_side_ = side; }
 
   /// Draws a frame. `view`: its sides in pixels, of `samples_per_side` squared samples (1, 2 or 4). Returns when the
   /// samples are drawn; after an error there is no frame. Errors kRange (no such size or camera), kMemory, kDevice.
@@ -110,8 +110,9 @@ class ViewRenderer {
   /// and the sum of the samples left out.
   const kernels::BlendCounts& blended() const { return blended_; }
   const Duration& draw_time() const { return draw_time_; }
-  /// The time of drawing the frame's shadow map, before draw_time(); 0 without shadows.
-  Duration shadow_time() const { return shadows_ ? shadows_->draw_time() : Duration(); }
+  /// The time of drawing the frame's shadow map, before draw_time(); 0 without one, and if the last frame's was kept.
+  /// For a batch the sum, part of draw_time().
+  const Duration& shadow_time() const { return shadow_time_; }
   /// The GPU's time for the samples of a resident frame, by its own clock. 0 for a batch, and if the CPU drew or the
   /// scene was streamed.
   float gpu_ms() const { return gpu_ms_; }
@@ -135,7 +136,9 @@ class ViewRenderer {
   };
   FrameTargets targets_of(uint32_t layers, uint64_t v, const BatchTargets& all) const;
   kernels::View in_samples(kernels::View view) const;
-  Result<void> draw_shadows();
+  template <class Body>
+  Result<void> on_device(const Body& body) const;
+  Result<void> cast_shadows_in(const kernels::View& view);
   Result<void> draw_on_gpu();
   Result<void> make(Layer layer, std::span<std::byte> out);
   Result<void> make_on_cpu(Layer layer, std::span<std::byte> out);
@@ -146,8 +149,9 @@ class ViewRenderer {
 
   std::shared_ptr<const LoadedScene> scene_;
   std::optional<DeviceView> device_;
-  std::optional<ShadowMap> shadows_;
-  kernels::View view_{};  // of the frame, in samples
+  std::optional<ShadowMap> shadows_;  // always; ends with its GPU current
+  uint32_t shadow_side_ = 0;          // 0: no shadows
+  kernels::View view_{};              // of the frame, in samples
   uint32_t samples_per_side_ = 1;
   kernels::ShadeOptions shade_;
   bool has_frame_ = false;
@@ -162,6 +166,7 @@ class ViewRenderer {
   kernels::FrameStats stats_{};
   kernels::BlendCounts blended_;
   Duration draw_time_;
+  Duration shadow_time_;
   float gpu_ms_ = 0;
   std::optional<StreamStats> streamed_;
 };

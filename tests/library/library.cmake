@@ -1,7 +1,7 @@
 # Tests of the library's public interface: everything here uses only include/scree/.
 add_executable(scree_library_tests gpu.cpp main.cpp paths.cpp library/test_abi.cpp library/test_extremes.cpp
   library/test_misuse.cpp library/test_misuse_handles.cpp library/test_path.cpp
-  library/test_render_equal.cpp library/test_views.cpp)
+  library/test_render_equal.cpp library/test_shadows.cpp library/test_views.cpp)
 set_property(TARGET scree_library_tests PROPERTY UNITY_BUILD OFF)
 target_link_libraries(scree_library_tests PRIVATE scree::scree scree_convert
   $<IF:$<TARGET_EXISTS:Catch2::Catch2WithMain>,Catch2::Catch2WithMain,Catch2::Catch2>)

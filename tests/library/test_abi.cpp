@@ -53,6 +53,7 @@ TEST_CASE("numbers of the interface do not change", "[library][abi]") {
   CHECK(SCREE_CAMERA_MATRICES == 3);
   CHECK(SCREE_LINEAR == 7);
   CHECK(SCREE_LIGHT_SCENE == 3);
+  CHECK(SCREE_SHADOWS == 16);
   CHECK(SCREE_READ_DIRECT == 3);
   CHECK(SCREE_CONVERT_BEST == 2048);
   CHECK(offsetof(scree_camera, projection) == 240);
@@ -63,4 +64,7 @@ TEST_CASE("numbers of the interface do not change", "[library][abi]") {
   CHECK(offsetof(scree_camera, turn_degrees) == 376);
   CHECK(offsetof(scree_draw_options, exposure) == 56);
   CHECK(offsetof(scree_camera, clips) == 392);
+  CHECK(offsetof(scree_draw_options, shadow_size) == 72);
+  CHECK(offsetof(scree_load_options, max_shadow_size) == 136);
+  CHECK(offsetof(scree_frame_stats, shadow_ms) == 88);
 }

@@ -255,6 +255,7 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
              {"light", [](Load& l) { l.light = static_cast<scree_light>(4); }, "light is 4, at most 3"},
              {"light", [](Load& l) { l.backend = SCREE_BACKEND_CPU, l.light = SCREE_LIGHT_SCENE; }, "no lights"},
              {"two lights", [](Load& l) { l.environment = "a.hdr", l.light = SCREE_LIGHT_CAMERA; }, "environment"},
+             {"max_shadow_size", [](Load& l) { l.max_shadow_size = 16385; }, "max_shadow_size is 16385, at most 16384"},
              {"reading", [](Load& l) { l.reading = static_cast<scree_reading>(4); }, "reading is 4"}},
             [&](const Load& options) { return scree_load(s.opened.file, &options, &s.out.scene); });
   rows.push_back({"scree_load", "a GPU that is not there",
@@ -287,7 +288,7 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
   const std::vector<Change<Draw>> shading{
       {"show", [](Draw& d) { d.show = static_cast<scree_show>(9); }, "show is 9"},
       {"show", [](Draw& d) { d.show = SCREE_SHOW_32_BITS; }, "show is"},
-      {"flags", [](Draw& d) { d.flags = 16; }, "flags"},
+      {"flags", [](Draw& d) { d.flags = 32; }, "flags"},
       {"flags", [](Draw& d) { d.flags = UINT32_MAX; }, "flags"},
       {"background", [](Draw& d) { d.background[0] = static_cast<float>(kNan); }, "background"},
       {"background", [](Draw& d) { d.background[3] = -static_cast<float>(kInfinity); }, "background"},
@@ -300,7 +301,12 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
       {"light that is off", [](Draw& d) { d.light = SCREE_LIGHT_CAMERA, d.flags = SCREE_NO_LIGHT; }, "exclude"},
       {"light that was not loaded", [](Draw& d) { d.light = SCREE_LIGHT_ENVIRONMENT; }, "without an environment"},
       {"light that the file lacks", [](Draw& d) { d.light = SCREE_LIGHT_SCENE; }, "no lights"},
-      {"blend_layers", [](Draw& d) { d.blend_layers = 65536; }, "blend_layers is 65536"}};
+      {"blend_layers", [](Draw& d) { d.blend_layers = 65536; }, "blend_layers is 65536"},
+      {"shadow_size", [](Draw& d) { d.shadow_size = 63; }, "shadow_size is 63, expected 64 to 16384"},
+      {"shadow_size", [](Draw& d) { d.shadow_size = 16385; }, "shadow_size is 16385"},
+      {"shadow_size", [](Draw& d) { d.shadow_size = UINT64_MAX; }, "shadow_size is 18446744073709551615"},
+      {"shadows of another light", [](Draw& d) { d.flags = SCREE_SHADOWS; }, "SCREE_SHADOWS is for SCREE_LIGHT_SCENE"},
+      {"shadows without light", [](Draw& d) { d.flags = SCREE_SHADOWS | SCREE_NO_LIGHT; }, "SCREE_LIGHT_SCENE"}};
   // A batch's target: memory for two pictures of 8 x 8 floats.
   const auto target = [&] {
     auto block = sized<scree_target>();

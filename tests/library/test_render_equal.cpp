@@ -47,6 +47,15 @@ std::string surroundings(const TempFolder& folder) {
   return folder.write("surroundings.hdr", text);
 }
 
+/// Whether the file has a directional light.
+bool has_sun(const std::string& file) {
+  const Opened opened(file);
+  scree_draw_options options = draw_options(1, 1);
+  options.light = SCREE_LIGHT_SCENE;
+  options.flags = SCREE_SHADOWS;
+  return scree_draw(opened.view, nullptr, &options) == SCREE_OK;
+}
+
 constexpr size_t kWays = 6;
 
 /// All ways to draw: together they have every option of `scree render` that changes a picture. `file`: the scene;
@@ -88,6 +97,11 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
                    "1MiB",
                    "--texture-cache",
                    "1"};
+      if (has_sun(file)) {
+        way.words.insert(way.words.end(), {"--shadows", "--shadow-size", "333"});
+        way.draw.flags = SCREE_SHADOWS;
+        way.draw.shadow_size = 333;
+      }
       way.load.light = SCREE_LIGHT_ENVIRONMENT;
       way.load.texture_memory = 1 << 20;
       way.load.texture_cache = 1;
@@ -258,9 +272,12 @@ TEST_CASE("a frame of every small real model equals the output of scree render",
 TEST_CASE("a frame of one model equals the output of scree render, with all options", "[library]") {
   const TempFolder folder;
   const std::string glass = packed(folder, "glass.glb"), materials = packed(folder, "materials.gltf");
+  const std::string sun = packed(folder, "sun.glb");
+  REQUIRE(has_sun(sun));
   for (size_t way = 0; way < kWays; ++way) {
     compare(folder, glass, 2, way);
     compare(folder, materials, 1, way);
+    compare(folder, sun, 2, way);
   }
 }
 

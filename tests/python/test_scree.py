@@ -461,6 +461,31 @@ class Package(unittest.TestCase):
         with self.assertRaises(scree.Error):
             file.load(backend="cpu", environment=self.folder / "missing.hdr")
 
+    def test_shadows(self):
+        path = self.folder / "sun.scree"
+        scree.convert(DATA / "sun.glb", path)
+        scene = scree.open(path).load(backend="cpu", light="scene", largest_shadows=300)
+        camera = scree.around(30, 40)
+        view = scene.view().draw(60, 40, camera=camera)
+        lit = view.read()
+        self.assertEqual(view.stats["shadow_ms"], 0)
+        shadowed = view.draw(60, 40, camera=camera, shadows=True, shadow_size=300).read()
+        self.assertGreater(view.stats["shadow_ms"], 0)
+        self.assertTrue((shadowed <= lit).all())
+        self.assertGreater((shadowed < lit).any(axis=2).sum(), 20)
+        self.assertTrue((view.shade().read() == lit).all())
+        self.assertTrue((view.shade(shadows=True, shadow_size=300).read() == shadowed).all())
+        self.assertEqual(view.stats["shadow_ms"], 0)  # the map was kept
+        both = view.draw_batch([camera, camera], 60, 40, shadows=True, shadow_size=300).read()
+        self.assertTrue((both == shadowed).all())
+        for words in ({"shadow_size": 63}, {"shadows": True, "light": "camera"}):
+            with self.assertRaises(scree.Error):
+                view.draw(60, 40, **words)
+        with self.assertRaises(TypeError):
+            view.draw(60, 40, shadows=True, shadow_size=-1)
+        with self.assertRaises(scree.Error):
+            scree.open(path).load(backend="cpu", largest_shadows=16385)
+
     def test_blended_surfaces_are_left_out(self):
         path = self.folder / "clear.scree"
         scree.convert(DATA / "glass.glb", path)

@@ -34,7 +34,7 @@ const rest = Date.now() - restStart;
 const at = (values, share) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(share * values.length))];
 const text = (values) => `${at(values, 0.5).toFixed(1)} / ${at(values, 0.95).toFixed(1)}`;
 console.log(`${latencies.length} pictures; input to picture, median / 95%: ${text(latencies)} ms`);
-for (const part of ['wait', 'draw', 'shade', 'encode', 'send', 'decode']) console.log(`  ${part}: ${text(rows.map((row) => row[part]))} ms`);
+for (const part of ['wait', 'shadow', 'draw', 'shade', 'encode', 'send', 'decode']) console.log(`  ${part}: ${text(rows.map((row) => row[part]))} ms`);
 const span = rows.at(-1).shown - rows[0].shown;
 console.log(`  ${(1000 * (rows.length - 1) / span).toFixed(1)} pictures/s, ${(rows.reduce((sum, row) => sum + row.bytes, 0) / rows.length / 1024).toFixed(0)} KiB each`);
 console.log(`  ${await page.textContent('#exact')} ${rest} ms after the end of the drag`);

@@ -1,10 +1,10 @@
-// Uses the page of scree view as a person would: node page.mjs PROGRAM SCENE FOLDER. Prints a line per check. Exit
-// code 1 if one fails, 77 if there is no browser.
+// Uses the page of scree view as a person would: node page.mjs PROGRAM SCENE FOLDER SUNNY_SCENE. Prints a line per check.
+// Exit code 1 if one fails, 77 if there is no browser.
 import assert from 'node:assert/strict';
 import {readFileSync} from 'node:fs';
 import {join} from 'node:path';
 
-const [program, scene, folder] = process.argv.slice(2);
+const [program, scene, folder, sunny] = process.argv.slice(2);
 const {browserPath, decode, launch, open, pixels, render, rests, serve} = await import('./browser.mjs').catch((error) => {
   console.log(`playwright-core is not installed (npm ci --prefix tests/view): ${error.code}`);
   process.exit(77);
@@ -170,6 +170,35 @@ await check('a clipping box cuts as scree render does, by its switch, sliders, h
   await isExact(page, 1);
   assert.equal(await page.locator('#marks .handle').count(), 0);
   assert.equal(differs(before.bytes, (await pixels(page)).bytes), 0, 'what was cut does not come back');
+});
+await check('the sun casts shadows as scree render has them, by its switch and the address', async () => {
+  assert.ok(await page.isDisabled('#shadows'));
+  assert.match(await page.textContent('#shadows-hint'), /no directional light/);
+  const served = await serve(program, sunny, ['--light', 'scene', '--exposure', '-0.5']);
+  const lit = await open(browser, served.url);
+  await rests(lit);
+  const before = await pixels(lit);
+  assert.ok(!await lit.isVisible('#shadows-hint'));
+  await lit.check('#shadows');
+  await lit.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await isExact(lit, 1);
+  const shadowed = await pixels(lit);
+  assert.ok(differs(before.bytes, shadowed.bytes) > 300, 'no shadows');
+  assert.match(await lit.evaluate(() => scree.command()), /--light scene --exposure -0.5 --shadows/);
+  const address = await lit.evaluate(() => location.hash);
+  assert.match(address, /o=shadows/);
+  const other = await open(browser, served.url + '&' + address.slice(1));
+  await rests(other);
+  assert.ok(await other.isChecked('#shadows'));
+  assert.equal(differs((await pixels(other)).bytes, shadowed.bytes), 0, 'the address has other shadows');
+  await other.context().close();
+  await lit.uncheck('#shadows');
+  await lit.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await isExact(lit, 1);
+  assert.equal(differs(before.bytes, (await pixels(lit)).bytes), 0, 'the shadows stay');
+  assert.deepEqual(lit.problems, []);
+  await lit.context().close();
+  await served.end();
 });
 await check('another size, and a screen with small pixels', async () => {
   await page.setViewportSize({width: 500, height: 400});

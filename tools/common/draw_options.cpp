@@ -66,12 +66,23 @@ void add_light_options(CLI::App& app, LightWords& words) {
                  "The most layers of blended surfaces, such as glass, behind one another, 0 to 65535 (default: 16); a "
                  "warning says where there are more")
       ->type_name("N");
+  app.add_flag("--shadows", words.shadows,
+               "With --light scene: the first directional light casts shadows, of all but blended surfaces");
+  app.add_option("--shadow-size", words.shadow_size,
+                 "Samples along the longer side of the light's view of what the camera sees, 64 to 16384 (default: "
+                 "4096)")
+      ->type_name("N");
 }
 
 Result<LightOptions> parse_light_options(const LightWords& words) {
   const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
   LightOptions options;
   options.environment = words.environment;
+  const LightWords defaults;
+  for (const auto& [name, word] :
+       {std::pair("--light", &LightWords::light), std::pair("--environment", &LightWords::environment),
+        std::pair("--exposure", &LightWords::exposure), std::pair("--blend-layers", &LightWords::blend_layers)})
+    if (words.*word != defaults.*word) options.words.insert(options.words.end(), {name, words.*word});
   if (words.light.empty()) {
     if (!words.environment.empty()) options.lighting = kernels::Lighting::kEnvironment;
   } else if (const Result<void> chosen = parse_choice(words.light, "--light", options.lighting,
@@ -92,6 +103,15 @@ Result<LightOptions> parse_light_options(const LightWords& words) {
   const auto [last, error] = std::from_chars(layers.data(), layers.data() + layers.size(), options.blend_layers);
   if (error != std::errc() || last != layers.data() + layers.size() || options.blend_layers > UINT16_MAX)
     return usage("--blend-layers: '" + layers + "' is not a number from 0 to 65535");
+  if (!words.shadows && !words.shadow_size.empty()) return usage("--shadow-size needs --shadows");
+  if (words.shadows && options.lighting != kernels::Lighting::kScene) return usage("--shadows needs --light scene");
+  if (words.shadows) options.shadow_side = runtime::kShadowSide;
+  if (!words.shadow_size.empty()) {
+    const Result<uint64_t> samples =
+        parse_whole(words.shadow_size, runtime::kLeastShadowSide, kernels::kMaxImageSide, "--shadow-size");
+    if (!samples) return samples.error();
+    options.shadow_side = static_cast<uint32_t>(*samples);
+  }
   return options;
 }
 

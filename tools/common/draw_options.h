@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
@@ -49,6 +50,8 @@ struct LightWords {
   std::string environment;
   std::string exposure = "0";
   std::string blend_layers = "16";
+  std::string shadow_size;
+  bool shadows = false;
 };
 
 struct LightOptions {
@@ -56,10 +59,11 @@ struct LightOptions {
   std::string environment;  // file; empty: a sky of our own
   float exposure = 1;       // factor
   uint32_t blend_layers = kernels::kBlendLayers;
-  uint32_t shadow_side = 0;  // as runtime::ShadowMap has it; 0: no shadows
+  uint32_t shadow_side = 0;        // as runtime::ShadowMap has it; 0: no shadows
+  std::vector<std::string> words;  // as typed, without those of shadows: for the command that makes the same light
 };
 
-/// --light, --environment, --exposure, --blend-layers.
+/// --light, --environment, --exposure, --blend-layers, --shadows, --shadow-size.
 void add_light_options(CLI::App& app, LightWords& words);
 
 /// Errors kUsage: the option, what was typed, what is allowed.

@@ -334,24 +334,21 @@ Result<void> check_host_memory(const RenderOptions& options, uint64_t needs) {
 /// host. `device`: null where the CPU draws. Errors without the file's name.
 Result<Drawn> draw(RenderOptions options, const runtime::Scene& scene, const kernels::View& view,
                    runtime::DeviceScene* device, Times& times) {
+  const uint32_t shadow_side = options.light.shadow_side;
   std::optional<runtime::DeviceView> own;  // of the frames, so that the shadows have another
-  std::optional<runtime::ShadowMap> shadows;
-  if (options.light.shadow_side != 0) {
-    if (device != nullptr) {
-      Result<runtime::DeviceView> first = device->add_view(scene);
-      if (!first) return first.error();
-      own = std::move(*first);
-    }
-    Result<runtime::ShadowMap> made = runtime::ShadowMap::create(scene, options.light.shadow_side, device);
-    if (!made) return made.error();
-    shadows = std::move(*made);
+  if (shadow_side != 0 && device != nullptr) {
+    Result<runtime::DeviceView> first = device->add_view(scene);
+    if (!first) return first.error();
+    own = std::move(*first);
   }
+  runtime::ShadowMap shadows(scene, device);
   const auto draw_frame = [&]() -> Result<runtime::Frame> {
-    if (shadows) {
-      const Result<const kernels::SunShadow*> sun = shadows->draw(view, options.threads);
+    if (shadow_side != 0) {
+      shadows.forget();  // so that each of several frames takes all of its time
+      const Result<const kernels::SunShadow*> sun = shadows.draw(view, shadow_side, options.threads);
       if (!sun) return sun.error();
       options.shade.sun = *sun;
-      times.shadows = shadows->draw_time();
+      times.shadows = shadows.draw_time();
     }
     return runtime::Frame::draw(scene, view, options.samples_per_side, options.threads, device,
                                 options.output.empty() ? nullptr : &options.shade);
@@ -526,12 +523,6 @@ Command add_render(CLI::App& parent) {
       ->type_name("NAME");
   app->add_flag("--no-light", words->no_light, "No light: surface colours only");
   add_light_options(*app, words->light);
-  app->add_flag("--shadows", words->shadows,
-                "With --light scene: the first directional light casts shadows, of all but blended surfaces");
-  app->add_option("--shadow-size", words->shadow_size,
-                  "Samples along the longer side of the light's view of what the camera sees, 64 to 16384 (default: "
-                  "4096)")
-      ->type_name("N");
   app->add_flag("--ssao", words->ssao, "Ambient occlusion: darkens corners and surfaces close behind others");
   app->add_flag("--edl", words->edl, "Eye-dome lighting: darkens pixels whose neighbours are nearer");
   app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)")->type_name("N");

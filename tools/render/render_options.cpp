@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "format/text.h"
-#include "runtime/draw/shadow_map.h"
 #include "runtime/textures/srgb.h"
 #include "tools/common/options.h"
 
@@ -160,20 +159,6 @@ Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& sh
     if (!radius) return radius.error();
     shade.edl_radius = static_cast<uint32_t>(*radius);
   }
-  return {};
-}
-
-/// --shadows; what is shown and its light are set. `side`: 0 where no shadows are shown.
-Result<void> parse_shadows(const RenderWords& words, const RenderOptions& options, uint32_t& side) {
-  if (!words.shadows)
-    return words.shadow_size.empty() ? Result<void>() : Error{ErrorCode::kUsage, "--shadow-size needs --shadows"};
-  if (options.light.lighting != kernels::Lighting::kScene)
-    return Error{ErrorCode::kUsage, "--shadows needs --light scene"};
-  Result<uint64_t> samples = uint64_t{runtime::kShadowSide};
-  if (!words.shadow_size.empty())
-    samples = parse_whole(words.shadow_size, runtime::kLeastShadowSide, kernels::kMaxImageSide, "--shadow-size");
-  if (!samples) return samples.error();
-  if (options.scene_options().lighting == kernels::Lighting::kScene) side = static_cast<uint32_t>(*samples);
   return {};
 }
 
@@ -452,7 +437,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
     options.output = std::filesystem::path(options.file).replace_extension(".png").string();
   }
   if (const Result<void> checked = check_outputs(options); !checked) return checked.error();
-  if (const auto shadows = parse_shadows(words, options, options.light.shadow_side); !shadows) return shadows.error();
+  if (options.scene_options().lighting != kernels::Lighting::kScene) options.light.shadow_side = 0;
   return options;
 }
 

@@ -46,9 +46,7 @@ struct RenderWords : DrawWords {
   std::string edl_strength;
   std::string edl_radius;
   LightWords light;
-  std::string shadow_size;
   bool no_light = false;
-  bool shadows = false;
   bool ssao = false;
   bool edl = false;
   bool list_cameras = false;

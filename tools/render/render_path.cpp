@@ -194,9 +194,7 @@ class PathRenderer {
     Result<std::unique_ptr<ViewRenderer>> renderer = ViewRenderer::create(scene_);
     if (!renderer) return at(options_.file, with_cpu_advice(renderer.error()));
     renderer_ = std::move(*renderer);
-    if (const uint32_t side = options_.light.shadow_side; side != 0)
-      if (const Result<void> done = renderer_->cast_shadows(side); !done)
-        return at(options_.file, with_cpu_advice(done.error()));
+    renderer_->cast_shadows(options_.light.shadow_side);
     load_ms_ += watch.elapsed().wall_ms;
     return {};
   }

@@ -11,6 +11,7 @@
 #include "kernels/blend.h"
 #include "kernels/frame_parts.h"
 #include "runtime/draw/renderer.h"
+#include "runtime/draw/shadow_map.h"
 #include "runtime/images/image.h"
 #include "runtime/scene/scene.h"
 #include "runtime/threads/first_error.h"
@@ -39,6 +40,7 @@ class RankedPicture {
     samples_.assign(uint64_t{view_.width} * view_.height, kernels::kBackground);
     const auto drawn = kernels::draw_part_cpu(scene_view_, view_, samples_, options_.threads);
     if (!drawn) return at(options_.file, drawn.error());
+    if (const Result<void> done = draw_shadows(); !done) return done;
     draw_ms_ = watch.elapsed().wall_ms;
     return check_not_cut(scene_->file().map());
   }
@@ -47,6 +49,7 @@ class RankedPicture {
   Result<void> compose() {
     const Stopwatch watch;
     if (const Result<void> done = ranks_.least(samples_); !done) return done;
+    if (const Result<void> done = ranks_.least(shadows_); !done) return done;
     exchange_ms_ = watch.elapsed().wall_ms;
     const bool is_shaded = !options_.output.empty() && kernels::shades_from_chunks(options_.shade.show);
     if (is_shaded)
@@ -64,7 +67,6 @@ class RankedPicture {
                                                    {"--frames", options_.frames != 1},
                                                    {"--normals", !options_.normals.empty()},
                                                    {"--uvs", !options_.uvs.empty()},
-                                                   {"--shadows", options_.light.shadow_side != 0},
                                                    {"an .exr picture", options_.writes_exr()},
                                                    {"--backend cuda", options_.backend.choice == BackendChoice::kCuda}};
     for (const auto& [name, is_given] : others)
@@ -126,12 +128,25 @@ class RankedPicture {
     return {};
   }
 
+  /// shadows_ and shade_.sun: the own part of the map.
+  Result<void> draw_shadows() {
+    shade_ = options_.shade;
+    if (options_.light.shadow_side == 0) return {};
+    const std::optional<kernels::SunShadow> sun = runtime::sun_of(*scene_, view_, options_.light.shadow_side);
+    if (!sun) return {};
+    sun_ = *sun;
+    shadows_.assign(uint64_t{sun_.view.width} * sun_.view.height, kernels::kBackground);
+    sun_.samples = shadows_.data();
+    shade_.sun = &sun_;
+    const auto drawn = kernels::draw_part_cpu(scene_view_, sun_.view, shadows_, options_.threads);
+    return drawn ? Result<void>() : at(options_.file, drawn.error());
+  }
+
   /// colors_: of all samples, at rank 0. Others' are 0 here, so that the sums are the colours themselves.
   Result<void> shade() {
     const Stopwatch watch;
     colors_.assign(3 * samples_.size(), 0.0f);
-    if (const auto shaded =
-            kernels::shade_part_cpu(scene_view_, view_, samples_, options_.shade, colors_, options_.threads);
+    if (const auto shaded = kernels::shade_part_cpu(scene_view_, view_, samples_, shade_, colors_, options_.threads);
         !shaded)
       return at(options_.file, shaded.error());
     if (const Result<void> whole = check_not_cut(scene_->file().map()); !whole) return whole;
@@ -155,8 +170,7 @@ class RankedPicture {
         [&](const kernels::BlendTargets& at) -> Result<void> {
           std::fill_n(at.colors, 3 * uint64_t{at.sample_count}, 0.0f);
           std::fill_n(at.alphas, at.sample_count, -1.0f);
-          const Result<void> shaded =
-              kernels::shade_layer_cpu(blended, view_, at, at.layer, options_.shade, options_.threads);
+          const Result<void> shaded = kernels::shade_layer_cpu(blended, view_, at, at.layer, shade_, options_.threads);
           // All ranks have to end a sample's layers at the same one.
           std::vector<uint64_t> alphas(at.sample_count);
           for (size_t i = 0; i < alphas.size(); ++i)
@@ -262,6 +276,9 @@ class RankedPicture {
   kernels::SceneView scene_view_{};               // of the own pages
   kernels::View view_{};                          // in samples
   std::vector<uint64_t> samples_;
+  kernels::ShadeOptions shade_;  // of options_, with the sun
+  kernels::SunShadow sun_{};
+  std::vector<uint64_t> shadows_;  // its samples; empty without shadows
   std::vector<float> colors_;
   std::vector<float> over_;  // of the layers of blended surfaces; empty without any
   kernels::BlendCounts blended_;

@@ -23,6 +23,8 @@ constexpr double kPatientMs = 900;
 constexpr auto kPatientDelay = 1200ms;
 // How long a picture waits for chunks that are still on their way to a GPU before it goes without them.
 constexpr auto kChunkPatience = 150ms;
+// How long its shadow map waits for them, within that time.
+constexpr auto kShadowPatience = 75ms;
 // How long it waits for pages of textures, before it takes coarser levels of them.
 constexpr auto kTexturePatience = 40ms;
 // How long chunks that no picture needs are loaded at a time, and how long at most pictures are drawn in between: they
@@ -52,7 +54,7 @@ uint32_t possible_samples(uint32_t wanted, uint32_t width, uint32_t height) {
 bool is_same_picture(const PictureRequest& a, const PictureRequest& b) {
   const kernels::ShadeOptions &s = a.shade, &t = b.shade;
   return a.camera == b.camera && a.clip_box == b.clip_box && a.width == b.width && a.height == b.height &&
-         s.show == t.show && s.light == t.light &&
+         s.show == t.show && s.light == t.light && a.shadows == b.shadows &&
          std::equal(std::begin(s.background), std::end(s.background), std::begin(t.background)) && s.ssao == t.ssao &&
          s.edl == t.edl && s.edl_strength == t.edl_strength && s.edl_radius == t.edl_radius;
 }
@@ -251,7 +253,6 @@ void Hub::run() {
     scene_text_ = std::move(text);
     is_ready_ = true;
     for (const auto& [number, viewer] : viewers_) viewer->link->send_text(scene_text_);
-    uint64_t left_bytes = UINT64_MAX;  // of the scene's chunks
     Clock::time_point loaded_at = Clock::now();
     while (!is_stopping_) {
       if (const std::vector<uint32_t> left = std::exchange(left_, {}); !left.empty()) {
@@ -262,20 +263,20 @@ void Hub::run() {
       const Clock::time_point now = Clock::now();
       Clock::time_point wake = now + 10s;
       std::optional<Work> work = next_work(now, wake);
-      if (!work && left_bytes == 0) {
+      if (!work && left_bytes_ == 0) {
         changed_.wait_until(lock, wake);
         continue;
       }
       lock.unlock();
       Result<void> done;
       if (work) done = work->job ? do_job(*work) : work->samples == 0 ? draw_moving(*work) : draw_exact(*work);
-      if (left_bytes != 0 && (!work || Clock::now() - loaded_at >= kBetweenLoading)) {
+      if (left_bytes_ != 0 && (!work || Clock::now() - loaded_at >= kBetweenLoading)) {
         const Result<uint64_t> to_come = session_->load_rest(after(kLoading));
         if (!to_come) {
           on_end_(to_come.error());
           return end();
         }
-        left_bytes = *to_come < left_bytes ? *to_come : 0;  // a GPU that is full takes no more
+        left_bytes_ = *to_come < left_bytes_ ? *to_come : 0;  // a GPU that is full takes no more
         loaded_at = Clock::now();
       }
       const bool fell_back = session_->drawn_on() != drawn_on;  // from a GPU that failed to the CPU
@@ -316,11 +317,13 @@ Result<void> Hub::draw_moving(const Work& work) {
   const Quality& quality = kQualities[work.level];
   const JpegKind jpeg{quality.jpeg, has_sharp_colours(request.shade.show)};
   // The next picture of the same camera waits, since pages of more textures than there is room for never all come.
-  const runtime::IsOver textures =
-      work.is_again ? runtime::IsOver([&] { return is_outdated(work); }) : after(kTexturePatience);
+  const runtime::IsOver is_over = [&] { return is_outdated(work); };
+  const runtime::IsOver textures = work.is_again ? is_over : after(kTexturePatience);
+  // Nor do the chunks of a shadow map, once the GPU is full.
+  const runtime::IsOver shadows = work.is_again && left_bytes_ == 0 ? is_over : after(kShadowPatience);
   const Result<Drawn> drawn = session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
                                              scaled(request.height, quality.scale), 1, work.visibility, &jpeg,
-                                             {after(kChunkPatience), textures});
+                                             {after(kChunkPatience), textures, shadows});
   if (!drawn) return drawn.error();
 
   std::optional<runtime::Vec3> point;
@@ -336,7 +339,8 @@ Result<void> Hub::draw_moving(const Work& work) {
   }
   std::vector<std::byte> message =
       moving_picture(frame, request, quality, *drawn, ms_between(work.wanted_at, work.begun), point);
-  sent(work, frame, !work.is_at_rest, drawn->left_bytes == 0);
+  // A shadow map is drawn for many pictures, so its time is not the link's or the quality's.
+  sent(work, frame, !work.is_at_rest && drawn->shadow_ms == 0, drawn->left_bytes == 0);
   work.viewer->link->send_picture(std::move(message));
   return {};
 }
@@ -345,7 +349,7 @@ Result<void> Hub::draw_exact(const Work& work) {
   const PictureRequest& request = work.request;
   const runtime::IsOver is_over = [&] { return is_outdated(work); };
   const Result<Drawn> drawn = session_->draw(work.viewer->number, request, request.width, request.height, work.samples,
-                                             work.visibility, nullptr, {is_over, is_over});
+                                             work.visibility, nullptr, {is_over, is_over, is_over});
   if (!drawn) return drawn.error();
   if (is_outdated(work)) return {};
   const runtime::Stopwatch watch;
@@ -395,7 +399,7 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
     return is_stopping_;
   };
   const Result<Drawn> drawn = session_->draw(0, work.request, shot.width, shot.height, samples, work.visibility,
-                                             nullptr, {is_stopping, is_stopping});
+                                             nullptr, {is_stopping, is_stopping, is_stopping});
   if (!drawn) return drawn.error();
   if (drawn->left_bytes != 0) return {};
   const runtime::Stopwatch watch;
@@ -407,9 +411,10 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
 }
 
 Result<void> Hub::pick(const Work& work, const PickRequest& request) {
-  const Result<Drawn> drawn =
-      session_->draw(work.viewer->number, work.request, work.request.width, work.request.height, 1, work.visibility,
-                     nullptr, {{}, [] { return true; }});  // nobody sees its colours
+  PictureRequest shown = work.request;
+  shown.shadows = false;  // nobody sees its colours
+  const Result<Drawn> drawn = session_->draw(work.viewer->number, shown, shown.width, shown.height, 1, work.visibility,
+                                             nullptr, {{}, [] { return true; }, {}});
   if (!drawn) return drawn.error();
   const Result<std::optional<Picked>> picked = session_->pick(request.at);
   if (!picked) return picked.error();

@@ -118,6 +118,7 @@ class Hub {
   const SessionOptions options_;
   const std::function<void(Error)> on_end_;
   std::optional<ViewSession> session_;  // of the thread
+  uint64_t left_bytes_ = UINT64_MAX;    // likewise: of chunks that load_rest() has yet to bring
 
   mutable std::mutex mutex_;  // of all below
   std::condition_variable changed_;

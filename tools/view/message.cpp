@@ -166,6 +166,7 @@ PictureRequest read_picture(Members& in) {
   out.camera.fov_degrees = in.number("fov", 0.001, 179.9);
   read_size(in, out.width, out.height);
   out.shade = read_shade(in);
+  out.shadows = in.flag("shadows");
   out.clip_box = in.box("clip");
   out.most_samples = read_samples(in);
   out.is_moving = in.flag("moving");

@@ -49,6 +49,7 @@ struct PictureRequest {
   uint32_t width = 0;  // pixels, at rest
   uint32_t height = 0;
   kernels::ShadeOptions shade;  // with an opaque background
+  bool shadows = false;         // of the sun, if ViewSession::can_cast_shadows()
   std::optional<runtime::WorldBox> clip_box;
   uint32_t most_samples = 1;     // per side of a pixel, at rest: 1, 2 or 4
   bool is_moving = false;        // the next request will follow immediately

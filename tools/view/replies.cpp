@@ -45,6 +45,7 @@ void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
   json.member("width", drawn.pixels.width);
   json.member("height", drawn.pixels.height);
   json.member("samples", drawn.samples);
+  json.member("shadowMs", drawn.shadow_ms);
   json.member("drawMs", drawn.draw_ms);
   json.member("shadeMs", drawn.shade_ms);
   json.member("encodeMs", encode_ms);
@@ -112,6 +113,12 @@ std::string scene_text(const ViewSession& session, const SessionOptions& options
     json.member("nodes", uint64_t{container.nodes().size()});
     json.member("drawnOn", std::string_view(session.drawn_on()));
     json.member("deviceBytes", session.device_bytes());
+    std::string why;
+    json.member("canCastShadows", session.can_cast_shadows(&why));
+    json.member("whyNoShadows", std::string_view(why));
+    json.member("shadows", options.light.shadow_side != 0);
+    json.member("shadowSize", options.light.shadow_side);
+    json.array("light", options.light.words);
     const runtime::WorldBox box = session.box();
     if (!box.is_empty()) {
       write_numbers(json, "boxMin", box.min);

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "runtime/draw/device_scene.h"
+#include "runtime/draw/shadow_map.h"
 #include "runtime/scene/camera.h"
 #include "runtime/threads/stopwatch.h"
 #include "tools/common/sigbus.h"
@@ -103,6 +104,7 @@ struct ViewSession::Impl {
   SessionOptions options;
   runtime::Scene scene;
   std::optional<runtime::DeviceScene> device;
+  std::optional<runtime::ShadowMap> shadows;  // of all pictures; none where the scene has no sun to show
   std::string drawn_on;
   runtime::Workers workers;
   // For the last picture that did not show all nodes:
@@ -130,6 +132,8 @@ struct ViewSession::Impl {
     shade.ssao = shade.edl = true;
     pictures.shade = &shade;
     pictures.is_encoded = true;
+    const uint64_t each = runtime::DeviceScene::view_bytes(scene, pictures);
+    if (shadows) pictures.shadow_side = shadow_side();
     const uint64_t cache = options.texture_cache != 0 ? options.texture_cache : runtime::kDeviceTextureCache;
     Result<runtime::DeviceScene> uploaded =
         runtime::DeviceScene::upload(scene, options.device_memory, options.threads, runtime::Reading::kAuto, cache, 0,
@@ -139,11 +143,15 @@ struct ViewSession::Impl {
     Result<runtime::DeviceView> view = device->add_view(scene);
     if (!view) return view.error();
     shared.device = std::move(*view);
+    if (shadows) shadows.emplace(scene, &*device);
     // The device's free memory is the limit where no other is set.
-    const uint64_t each = runtime::DeviceScene::view_bytes(scene, pictures);
     const uint64_t taken = std::min(device->stats().device_bytes, options.device_memory);
     most_own = options.device_memory == 0 ? UINT64_MAX : (options.device_memory - taken) / each;
     return {};
+  }
+
+  uint32_t shadow_side() const {
+    return options.light.shadow_side != 0 ? options.light.shadow_side : runtime::kShadowSide;
   }
 
   void forget_pictures() {
@@ -184,6 +192,7 @@ struct ViewSession::Impl {
   /// From now on the CPU draws.
   Result<void> use_cpu() {
     forget_pictures();
+    if (shadows) shadows.emplace(scene, nullptr);
     device.reset();
     drawn_on = name_of_cpu(options.threads);
     return scene.load_pages(options.threads);
@@ -205,6 +214,7 @@ struct ViewSession::Impl {
       omitted = omitted_bits(scene, wanted);
       visibility = std::move(copy);
       omitted_on_device = nullptr;
+      if (shadows) shadows->forget();
     }
     if (!device) return static_cast<const uint32_t*>(omitted.data());
     if (omitted_on_device != nullptr) return omitted_on_device;
@@ -213,13 +223,8 @@ struct ViewSession::Impl {
     return brought;
   }
 
-  Result<void> draw_buffer(const BufferKey& wanted, const kernels::ShadeOptions& shade,
-                           const runtime::IsOver& is_over) {
-    Picture& picture = *last;
-    kernels::View& view = picture.view;
-    picture.key.reset();
-    picture.left_bytes = 0;
-    if (sampled == last) sampled = nullptr;
+  /// The view of the next picture, in samples. Throws std::bad_alloc.
+  Result<kernels::View> view_of(const BufferKey& wanted) {
     runtime::CameraOptions camera;
     camera.eye = wanted.camera.eye;
     camera.target = wanted.camera.target;
@@ -228,15 +233,24 @@ struct ViewSession::Impl {
     camera.clip_box = wanted.clip_box;
     camera.width = wanted.width;
     camera.height = wanted.height;
-    const Result<kernels::View> made = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
-    if (!made) return made.error();
-    view = *made;
-    view.width *= wanted.samples;
-    view.height *= wanted.samples;
-    picture.samples_per_side = wanted.samples;
+    Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
+    if (!view) return view;
+    view->width *= wanted.samples;
+    view->height *= wanted.samples;
     const Result<const uint32_t*> left_out = omit(wanted.visibility);
     if (!left_out) return left_out.error();
-    view.omitted = *left_out;
+    view->omitted = *left_out;
+    return view;
+  }
+
+  /// picture.view and samples_per_side are set.
+  Result<void> draw_buffer(const BufferKey& wanted, const kernels::ShadeOptions& shade,
+                           const runtime::IsOver& is_over) {
+    Picture& picture = *last;
+    const kernels::View& view = picture.view;
+    picture.key.reset();
+    picture.left_bytes = 0;
+    if (sampled == last) sampled = nullptr;
     Result<kernels::FrameStats> drawn = kernels::FrameStats{};
     if (picture.device) {
       drawn = picture.device->draw(view, nullptr, &shade, is_over);
@@ -279,37 +293,46 @@ struct ViewSession::Impl {
     return out;
   }
 
-  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, const JpegKind* jpeg,
-                     const Patience& patience) {
+  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, bool has_shadows,
+                     const JpegKind* jpeg, const Patience& patience) {
     runtime::BlockPager* const pager = device ? device->block_pager() : scene.block_pager();
-    if (pager == nullptr || !patience.textures) return draw(wanted, shade, jpeg, patience.chunks);
+    if (pager == nullptr || !patience.textures) return draw_now(wanted, shade, has_shadows, jpeg, patience);
     struct Reset {
       runtime::BlockPager& pager;
       ~Reset() { pager.set_patience({}); }
     } const reset{*pager};
     pager->set_patience(patience.textures);
-    Result<Drawn> drawn = draw(wanted, shade, jpeg, patience.chunks);
+    Result<Drawn> drawn = draw_now(wanted, shade, has_shadows, jpeg, patience);
     if (drawn) drawn->left_bytes += pager->missing_bytes();
     return drawn;
   }
 
-  Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, const JpegKind* jpeg,
-                     const runtime::IsOver& is_over) {
+  Result<Drawn> draw_now(const BufferKey& wanted, kernels::ShadeOptions shade, bool has_shadows, const JpegKind* jpeg,
+                         const Patience& patience) {
     Drawn out;
     out.samples = wanted.samples;
     // A streamed frame keeps only the colours of a part, so other shading needs another frame.
     const bool is_streamed = device && device->is_streamed();
     Picture& picture = *last;
+    const Result<kernels::View> view = view_of(wanted);
+    if (!view) return view.error();
+    if (has_shadows && shadows && runtime::shows_sun(scene.view(), shade)) {
+      const Result<const kernels::SunShadow*> sun =
+          shadows->draw(*view, shadow_side(), options.threads,
+                        jpeg != nullptr ? runtime::ShadowFit::kMoving : runtime::ShadowFit::kExact, patience.shadows);
+      if (!sun) return sun.error();
+      shade.sun = *sun;
+      out.shadow_ms = shadows->draw_time().wall_ms;
+      out.left_bytes = shadows->left_bytes();
+    }
+    picture.view = *view;
+    picture.samples_per_side = wanted.samples;
     if (picture.key != wanted || is_streamed) {
       const Stopwatch draw_watch;
-      if (const Result<void> drawn = draw_buffer(wanted, shade, is_over); !drawn) return drawn.error();
+      if (const Result<void> drawn = draw_buffer(wanted, shade, patience.chunks); !drawn) return drawn.error();
       out.draw_ms = picture.buffer_ms = draw_watch.elapsed().wall_ms;
-    } else {  // other pictures may have left out other nodes meanwhile
-      const Result<const uint32_t*> left_out = omit(wanted.visibility);
-      if (!left_out) return left_out.error();
-      picture.view.omitted = *left_out;
     }
-    out.left_bytes = picture.left_bytes;
+    out.left_bytes += picture.left_bytes;
     out.buffer_ms = picture.buffer_ms;
     const Stopwatch shade_watch;
     const Result<PixelView> shaded = shade_buffer(shade, jpeg == nullptr);
@@ -371,6 +394,7 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
 
   ViewSession session(std::make_unique<Impl>(options, std::move(*scene)));
   Impl& impl = *session.impl_;
+  if (session.can_cast_shadows()) impl.shadows.emplace(impl.scene, nullptr);
   if (gpu->has_value()) {
     const Result<void> uploaded = impl.upload();
     impl.drawn_on = name_of(**gpu, uploaded ? impl.device->gpu_count() : 1);
@@ -392,16 +416,16 @@ Result<Drawn> ViewSession::draw(uint32_t viewer, const PictureRequest& request, 
   shade.exposure = impl_->options.light.exposure;
   shade.blend_layers = impl_->options.light.blend_layers;
   impl_->choose_picture(viewer, samples);
-  Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg, patience);
+  Result<Drawn> drawn = impl_->draw(wanted, shade, request.shadows, jpeg, patience);
   if (!drawn && drawn.error().code == ErrorCode::kDevice && impl_->last != &impl_->shared) {
     // There may be no memory for a picture of its own.
     impl_->most_own = impl_->own.size() - 1;
     impl_->forget(viewer);
-    drawn = impl_->draw(wanted, shade, jpeg, patience);
+    drawn = impl_->draw(wanted, shade, request.shadows, jpeg, patience);
   }
   if (drawn || !impl_->may_fall_back(drawn.error())) return drawn;
   if (const Result<void> ready = impl_->fall_back(drawn.error()); !ready) return ready.error();
-  return impl_->draw(wanted, shade, jpeg, patience);
+  return impl_->draw(wanted, shade, request.shadows, jpeg, patience);
 } catch (const std::bad_alloc&) {
   impl_->last->key.reset();
   return Error{ErrorCode::kMemory,
@@ -417,11 +441,20 @@ Result<uint64_t> ViewSession::load_rest(const runtime::IsOver& is_over) {
   const Result<uint64_t> left = impl_->device->load_rest(is_over);
   if (left && *left == 0) {
     impl_->shared.key.reset();
+    if (impl_->shadows) impl_->shadows->forget();
     for (auto& [viewer, picture] : impl_->own) picture.key.reset();
   }
   if (left || !impl_->may_fall_back(left.error())) return left;
   if (const Result<void> ready = impl_->fall_back(left.error()); !ready) return ready.error();
   return uint64_t{0};
+}
+
+bool ViewSession::can_cast_shadows(std::string* why) const {
+  const bool has_sun = runtime::find_sun(impl_->scene.view()).has_value();
+  const bool is_shown = impl_->options.light.lighting == kernels::Lighting::kScene;
+  if (why != nullptr)
+    *why = !has_sun ? "The scene has no directional light" : is_shown ? "" : "Needs scree view --light scene";
+  return has_sun && is_shown;
 }
 
 Result<DepthMap> ViewSession::depths() try {

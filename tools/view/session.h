@@ -50,6 +50,7 @@ struct JpegKind {
 struct Patience {
   runtime::IsOver chunks;    // on their way to a GPU: without the others the picture lacks surfaces
   runtime::IsOver textures;  // pages: without the others textures are coarser
+  runtime::IsOver shadows;   // chunks on their way for the shadow map, which is drawn before the picture
 };
 
 /// A picture with its size and times.
@@ -62,6 +63,7 @@ struct Drawn {
   uint64_t left_bytes = 0;  // of chunks and pages that are still on their way; 0: the picture is whole
   double draw_ms = 0;       // 0 if the previous picture had the same visibility buffer,
   double buffer_ms = 0;     // which took this long when it was drawn
+  double shadow_ms = 0;     // of the shadow map; 0 if there is none, or an earlier one was kept
   double shade_ms = 0;      // includes bringing the pixels to the host
   double encode_ms = 0;     // of the JPEG
 };
@@ -114,9 +116,10 @@ class ViewSession {
   /// Draws and shades a picture of `width` x `height` pixels. `viewer`: a number of the caller's for the one who gets
   /// it; on a GPU it has its own memory of the last picture's clusters, until forget(); 0: none. `visibility`: may name
   /// missing nodes. `jpeg`: how to encode it, if at all; a GPU encodes by itself, so that a file comes to the host
-  /// instead of all pixels. Without Drawn::left_bytes the pixels equal those of `scree render` with the same camera,
-  /// size, samples and shading, bit for bit. Errors kUsage (a camera without a direction), kRange (more than
-  /// kernels::kMaxImageSide samples per side), kMemory, kDevice.
+  /// instead of all pixels. It may have the shadows of runtime::ShadowFit::kMoving. Otherwise without Drawn::left_bytes
+  /// the pixels equal those of `scree render` with the same camera, size, samples and shading, bit for bit. Errors
+  /// kUsage (a camera without a direction), kRange (more than kernels::kMaxImageSide samples per side), kMemory,
+  /// kDevice.
   Result<Drawn> draw(uint32_t viewer, const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
                      const Visibility& visibility, const JpegKind* jpeg = nullptr, const Patience& patience = {});
 
@@ -127,6 +130,9 @@ class ViewSession {
   /// end, unless the GPU's memory does not hold the scene. The last picture must be drawn again before it is read.
   /// Errors as draw(), and those of pages that are damaged.
   Result<uint64_t> load_rest(const runtime::IsOver& is_over);
+
+  /// Whether pictures can have shadows: the light is the file's, and it has a sun. Else `why` is one line.
+  bool can_cast_shadows(std::string* why = nullptr) const;
 
   /// The depths of draw()'s last picture. Errors kMemory, kDevice.
   Result<DepthMap> depths();

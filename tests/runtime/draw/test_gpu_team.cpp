@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <cstring>
 #include <random>
 #include <string>
 #include <utility>
@@ -219,7 +220,23 @@ TEST_CASE("scenes of one page, with masks and textures, are drawn by several GPU
     REQUIRE(alone);
     if (!team) FAIL(team.error().message);
     const View view = must_view(must_load(convert.output), {.width = 96, .height = 64});
-    CHECK(picture(scene, *team, view, {}) == picture(scene, *alone, view, {}));
+    const std::vector<uint8_t> expected = picture(scene, *alone, view, {});
+    CHECK(picture(scene, *team, view, {}) == expected);
+    // Views take turns: each is shaded as its own picture.
+    Result<runtime::DeviceView> one = team->add_view(scene), other = team->add_view(scene);
+    REQUIRE(one);
+    REQUIRE(other);
+    View seen = view;
+    seen.width *= 2;
+    seen.height *= 2;
+    View elsewhere = seen;
+    for (size_t i = 0; i < 3; ++i) elsewhere.eye[i] += 0.3 * seen.right[i] - 0.2 * seen.forward[i];
+    REQUIRE(one->draw(seen));
+    REQUIRE(other->draw(elsewhere));
+    std::vector<uint32_t> pixels(uint64_t{view.width} * view.height);
+    REQUIRE(one->resolve(seen, 2, {}, pixels));
+    REQUIRE(expected.size() == 4 * pixels.size());
+    CHECK(std::memcmp(pixels.data(), expected.data(), expected.size()) == 0);
   }
 }
 

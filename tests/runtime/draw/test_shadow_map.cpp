@@ -403,7 +403,7 @@ Picture shadowed(const Scene& scene, ShadowMap& map, const View& camera, DeviceS
   ShadeOptions options;
   options.lighting = kernels::Lighting::kScene;
   if (casts) {
-    const Result<const SunShadow*> sun = map.draw(camera, 2);
+    const Result<const SunShadow*> sun = map.draw(camera, kSide, 2);
     REQUIRE(sun);
     options.sun = *sun;
   }
@@ -426,17 +426,111 @@ TEST_CASE("a scene without a sun has no shadows", "[shadow]") {
   const TempFolder folder;
   const Scene scene = converted(folder, "textured_cube.glb");
   CHECK(!runtime::find_sun(scene.view()));
-  const Result<ShadowMap> map = ShadowMap::create(scene, kSide, nullptr);
+  const auto map = ShadowMap(scene, nullptr).draw(must_view(scene, {}), kSide, 2);
   REQUIRE(!map);
   CHECK(map.error().code == ErrorCode::kUsage);
   CHECK(map.error().message == "the scene has no directional light");
 }
 
+TEST_CASE("a shadow map is drawn anew only where a picture needs another one", "[shadow]") {
+  const TempFolder folder;
+  const Scene scene = converted(folder, "sun.glb");
+  ShadowMap map(scene, nullptr);
+  using runtime::ShadowFit;
+  runtime::CameraOptions options{.turn_degrees = 30, .rise_degrees = 25, .fov_degrees = 20, .width = 96, .height = 64};
+  size_t drawn = 0;
+  const auto draw = [&](const View& camera, ShadowFit fit, uint32_t side = kSide) {
+    const Result<const SunShadow*> sun = map.draw(camera, side, 2, fit);
+    REQUIRE(sun);
+    REQUIRE(*sun != nullptr);
+    drawn += map.draw_time().wall_ms > 0 ? 1 : 0;
+    return (*sun)->view;
+  };
+  View camera = must_view(scene, options);
+  const View exact = draw(camera, ShadowFit::kExact);
+  CHECK(drawn == 1);
+  camera.width *= 4;
+  camera.height *= 4;
+  CHECK(draw(camera, ShadowFit::kExact) == exact);
+  CHECK(draw(camera, ShadowFit::kMoving) == exact);  // finer than a moving camera's own
+  CHECK(drawn == 1);
+  draw(camera, ShadowFit::kExact, kSide / 2);
+  CHECK(drawn == 2);
+  map.forget();
+  draw(camera, ShadowFit::kExact, kSide / 2);
+  CHECK(drawn == 3);
+
+  // A camera that moves sees all in the map that it has, with room for the samples that shading reads.
+  drawn = 0;
+  constexpr int kPictures = 60;
+  for (int i = 0; i < kPictures; ++i) {
+    const double turn = 0.02 * i;
+    options = {.eye = runtime::Vec3{5 * std::cos(turn), 2.5, 5 * std::sin(turn)},
+               .target = runtime::Vec3{0, 0.5, 0},
+               .fov_degrees = 25,
+               .width = 96,
+               .height = 64};
+    camera = must_view(scene, options);
+    const View kept = draw(camera, ShadowFit::kMoving);
+    const Result<Frame> frame = Frame::draw(scene, camera, 1, 2);
+    REQUIRE(frame);
+    const Result<std::vector<float>> depths = frame->layer<float>(runtime::PixelLayer::kDepth, 2);
+    REQUIRE(depths);
+    size_t outside = 0, seen = 0;
+    for (uint32_t pixel = 0; pixel < 96 * 64; ++pixel) {
+      const double depth = static_cast<double>((*depths)[pixel]);
+      if (!std::isfinite(depth)) continue;
+      ++seen;
+      const double x = (2 * (pixel % 96 + 0.5) / 96 - 1) * camera.half_width * depth;
+      const double y = (1 - 2 * (pixel / 96 + 0.5) / 64) * camera.half_height * depth;
+      double across = 0, along = 0, ahead = 0;
+      for (size_t k = 0; k < 3; ++k) {
+        const double place = camera.eye[k] + depth * camera.forward[k] + x * camera.right[k] + y * camera.up[k];
+        across += (place - kept.eye[k]) * kept.right[k];
+        along += (place - kept.eye[k]) * kept.up[k];
+        ahead += (place - kept.eye[k]) * kept.forward[k];
+      }
+      const double room = 1.5 * 2 * kept.half_width / kept.width;
+      outside += std::abs(across) + room > kept.half_width || std::abs(along) + room > kept.half_height || ahead < 0 ||
+                         ahead > kept.z_far
+                     ? 1
+                     : 0;
+    }
+    CAPTURE(i);
+    CHECK(seen > 1000);
+    CHECK(outside == 0);
+  }
+  CAPTURE(drawn);
+  CHECK((drawn >= 1 && drawn <= 3));
+  // At rest it is the exact one again.
+  CHECK(draw(camera, ShadowFit::kExact) == runtime::sun_of(scene, camera, kSide)->view);
+  // Nearer, the kept samples become too coarse; and other parts of the scene need another map.
+  draw(must_view(scene, {.width = 96, .height = 64}), ShadowFit::kMoving);  // all of the scene
+  drawn = 0;
+  camera = must_view(scene, {.eye = runtime::Vec3{1, 8, 1},
+                             .target = runtime::Vec3{1, 0, 1.01},
+                             .fov_degrees = 1,
+                             .width = 96,
+                             .height = 64});
+  draw(camera, ShadowFit::kMoving);
+  CHECK(drawn == 1);
+  camera.clips = true;
+  std::copy_n(scene.box().min.begin(), 3, camera.clip_min);
+  std::copy_n(scene.box().max.begin(), 3, camera.clip_max);
+  draw(camera, ShadowFit::kMoving);
+  CHECK(drawn == 2);
+  const std::vector<uint32_t> none((scene.view().instance_count + 31) / 32, 0);
+  camera.omitted = none.data();
+  draw(camera, ShadowFit::kMoving);
+  CHECK(drawn == 3);
+  draw(camera, ShadowFit::kMoving);
+  CHECK(drawn == 3);
+}
+
 TEST_CASE("pictures with shadows are equal on the CPU and the GPU", "[shadow][cuda]") {
   const TempFolder folder;
   const Scene scene = converted(folder, "sun.glb");
-  Result<ShadowMap> on_cpu = ShadowMap::create(scene, kSide, nullptr);
-  REQUIRE(on_cpu);
+  ShadowMap on_cpu(scene, nullptr);
   // With a budget of 0 the scene is resident; with the least budget it is streamed.
   uint64_t budget = 0;
   for (int round = 0; round < (has_gpu() ? 2 : 1); ++round) {
@@ -454,9 +548,7 @@ TEST_CASE("pictures with shadows are equal on the CPU and the GPU", "[shadow][cu
       Result<runtime::DeviceView> first = device->add_view(scene);
       REQUIRE(first);
       own = std::move(*first);
-      Result<ShadowMap> made = ShadowMap::create(scene, kSide, &*device);
-      REQUIRE(made);
-      on_gpu = std::move(*made);
+      on_gpu.emplace(scene, &*device);
       const Result<DeviceScene> refused =
           DeviceScene::upload(scene, 1, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache, 0, pictures);
       REQUIRE(!refused);
@@ -469,8 +561,8 @@ TEST_CASE("pictures with shadows are equal on the CPU and the GPU", "[shadow][cu
                                             .fov_degrees = i % 2 == 0 ? 45 : 20,
                                             .width = 96,
                                             .height = 64});
-      const Picture cpu = shadowed(scene, *on_cpu, camera, nullptr);
-      CHECK(mean(cpu) < mean(shadowed(scene, *on_cpu, camera, nullptr, false)));
+      const Picture cpu = shadowed(scene, on_cpu, camera, nullptr);
+      CHECK(mean(cpu) < mean(shadowed(scene, on_cpu, camera, nullptr, false)));
       if (!device) continue;
       const Picture gpu = shadowed(scene, *on_gpu, camera, &*device);
       REQUIRE(gpu.pixels.size() == cpu.pixels.size());

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
@@ -197,7 +198,7 @@ TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
 
 namespace {
 
-/// Several pages of geometry, some of them textured. `blends`: four of the six grids are layers.
+/// Several pages of geometry, some of them textured, under a sun. `blends`: four of the six grids are layers.
 void make_large_scene(const TempFolder& folder, bool blends = false) {
   namespace format = scree::format;
   scree::tests::ModelMaker maker(folder.file("grids.gltf"));
@@ -222,6 +223,13 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
     maker.node(name, maker.mesh(name, {maker.grid(grid, material)}), {0.2 * i, 0.1 * i, 0});
   }
   maker.finish();
+  nlohmann::json model = nlohmann::json::parse(scree::tests::read_whole(folder.file("grids.gltf")));
+  model["extensionsUsed"].push_back("KHR_lights_punctual");
+  model["extensions"]["KHR_lights_punctual"]["lights"] = {{{"type", "directional"}, {"intensity", 3}}};
+  model["scenes"][0]["nodes"].push_back(model["nodes"].size());
+  model["nodes"].push_back(
+      {{"rotation", {-0.3, 0.1, 0, std::sqrt(0.9)}}, {"extensions", {{"KHR_lights_punctual", {{"light", 0}}}}}});
+  folder.write("grids.gltf", model.dump());
   scree::convert::ConvertOptions options;
   options.input = folder.file("grids.gltf");
   options.output = folder.file("quad.scree");
@@ -243,8 +251,11 @@ std::string files_of(const TempFolder& folder, const std::string& name) {
 TEST_CASE("ranks that share a scene's pages draw the same picture as one rank", "[render][ranks]") {
   const TempFolder folder;
   make_large_scene(folder);
-  const char* const cases[] = {"", "--samples 2 --ssao --edl --eye 1,1,3 --background transparent", "--show triangle",
+  const char* const cases[] = {"",
+                               "--samples 2 --ssao --edl --eye 1,1,3 --background transparent",
+                               "--show triangle",
                                "--show depth --view iso",
+                               "--light scene --shadows --shadow-size 500",
                                "--show normal --eye 0.5,0.5,0.9 --target 0.5,0.5,0 --no-light"};
   for (const char* more : cases) {
     std::string expected;
@@ -265,7 +276,8 @@ TEST_CASE("ranks that share a scene's pages draw the same picture as one rank", 
 TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "[render][ranks][blend]") {
   const TempFolder folder;
   make_large_scene(folder, true);
-  for (const std::string more : {"", "--samples 2 --background transparent --show color", "--blend-layers 1"}) {
+  for (const std::string more : {"", "--samples 2 --background transparent --show color", "--blend-layers 1",
+                                 "--light scene --shadows --shadow-size 300"}) {
     std::string expected, warned;
     uint64_t layers = 0;
     for (const int ranks : {1, 2, 3}) {
@@ -289,7 +301,10 @@ TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "
       CHECK(warning == warned);
     }
   }
-  // The opaque picture alone differs.
+  // The opaque picture alone differs, and so does one without shadows.
+  Launch lit(render(2, "--light scene --size 160x120 -q -o lit.png"), folder);
+  REQUIRE(lit.wait(60) == 0);
+  CHECK(scree::tests::read_whole(folder.file("lit.png")) != scree::tests::read_whole(folder.file("n1.png")));
   Launch launch(render(2, "--blend-layers 0 --size 160x120 -q -o none.png"), folder);
   REQUIRE(launch.wait(60) == 0);
   CHECK(scree::tests::read_whole(folder.file("none.png")) != scree::tests::read_whole(folder.file("n1.png")));

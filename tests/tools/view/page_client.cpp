@@ -223,7 +223,7 @@ std::string view_text(uint64_t sequence, uint32_t width, uint32_t height, double
   std::snprintf(
       text, sizeof text,
       "{\"type\":\"view\",\"seq\":%llu,\"eye\":[%.17g,0.25,2.5],\"target\":[0,0,0],\"up\":[0,1,0],\"fov\":45,"
-      "\"width\":%u,\"height\":%u,\"show\":\"texture\",\"light\":true,\"ssao\":false,\"edl\":false,"
+      "\"width\":%u,\"height\":%u,\"show\":\"texture\",\"light\":true,\"shadows\":false,\"ssao\":false,\"edl\":false,"
       "\"edlStrength\":1,\"edlRadius\":1,\"samples\":%u,\"background\":\"#20252d\",\"moving\":%s,\"full\":false}",
       static_cast<unsigned long long>(sequence), eye_x, width, height, samples, moving ? "true" : "false");
   return text;

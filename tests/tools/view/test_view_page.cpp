@@ -6,9 +6,10 @@
 #include <sys/wait.h>
 
 #include "tests/catch.h"
+#include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/runtime/small_scene.h"
-#include "tests/tools/temp_folder.h"
+#include "tests/tools/convert/convert_fixture.h"
 
 using namespace scree::tests;
 
@@ -16,10 +17,13 @@ TEST_CASE("the page of scree view in a browser", "[view][view-page]") {
   const TempFolder folder;
   const std::string scene = folder.file("a scene's file.scree");
   SmallScene{}.write(scene);
+  scree::convert::ConvertOptions sunny = options_of(folder);
+  sunny.input = data_path("sun.glb").string();
+  must_convert(sunny);
   const std::string quoted = "'" + replaced(scene, "'", "'\\''") + "'";
   const std::string log = folder.file("log");
   const int status = std::system(("node '" + std::string(kViewPageFolder) + "/page.mjs' '" + kProgram + "' " + quoted +
-                                  " '" + folder.path().string() + "' >'" + log + "' 2>&1")
+                                  " '" + folder.path().string() + "' '" + sunny.output + "' >'" + log + "' 2>&1")
                                      .c_str());
   const std::string text = read_whole(log);
   const int code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;

@@ -1,4 +1,5 @@
-// Sessions: hidden nodes, including blended ones, are left out on the CPU and on a GPU, and come back.
+// Sessions: hidden nodes, including blended ones, are left out on the CPU and on a GPU, and come back. The sun's shadows are
+// those of scree render, and their map is kept.
 #include "tools/view/session.h"
 
 #include <cstdlib>
@@ -6,10 +7,12 @@
 #include <utility>
 #include <vector>
 
+#include "runtime/images/image.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/tools/convert/convert_fixture.h"
+#include "tests/tools/run_program.h"
 
 using namespace scree;
 using namespace scree::tools::view;
@@ -17,8 +20,9 @@ using scree::tests::TempFolder;
 
 namespace {
 
-ViewSession open(const std::string& path, tools::BackendChoice choice) {
+ViewSession open(const std::string& path, tools::BackendChoice choice, const tools::LightOptions& light = {}) {
   SessionOptions options;
+  options.light = light;
   options.file = path;
   options.threads = 2;
   options.backend.choice = choice;
@@ -30,6 +34,13 @@ ViewSession open(const std::string& path, tools::BackendChoice choice) {
 
 using Rgb = std::vector<uint8_t>;
 
+Rgb rgb(const PixelView& pixels) {
+  Rgb out;
+  for (size_t i = 0; i < pixels.bytes.size(); ++i)
+    if (i % pixels.channels < 3) out.push_back(pixels.bytes[i]);
+  return out;
+}
+
 /// Eight quads in two rows; node 5 is blended.
 Rgb draw(ViewSession& session, const Visibility& visibility, uint32_t viewer = 0) {
   PictureRequest request;
@@ -38,11 +49,24 @@ Rgb draw(ViewSession& session, const Visibility& visibility, uint32_t viewer = 0
   request.shade.background[3] = 1;
   const Result<Drawn> drawn = session.draw(viewer, request, 120, 60, 1, visibility);
   if (!drawn) FAIL(drawn.error().message);
-  const PixelView& pixels = drawn->pixels;
-  Rgb out;
-  for (size_t i = 0; i < pixels.bytes.size(); ++i)
-    if (i % pixels.channels < 3) out.push_back(pixels.bytes[i]);
-  return out;
+  return rgb(drawn->pixels);
+}
+
+/// The picture of sun.glb from a camera at `x`, at rest or while it moves.
+Drawn draw_sun(ViewSession& session, double x, bool shadows, bool moves = false, const Visibility& visibility = {},
+               std::optional<runtime::WorldBox> clip_box = {}, kernels::Show show = kernels::Show::kTexture) {
+  PictureRequest request;
+  request.camera.eye = {x, 6, 9};
+  request.camera.fov_degrees = 14;
+  request.shade.background[3] = 1;
+  request.shade.show = show;
+  request.shadows = shadows;
+  request.clip_box = clip_box;
+  const JpegKind jpeg{90, true};
+  Result<Drawn> drawn = session.draw(0, request, 120, 80, 1, visibility, moves ? &jpeg : nullptr);
+  if (!drawn) FAIL(drawn.error().message);
+  CHECK(drawn->left_bytes == 0);
+  return std::move(*drawn);
 }
 
 /// The number of channels that differ by more than one level, the tolerance of shading with floats.
@@ -105,4 +129,123 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
     REQUIRE(at_shown->has_value());
     CHECK((*at_shown)->node == 6);
   }
+}
+
+TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[view][shadow][cuda]") {
+  const TempFolder folder;
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.input = tests::data_path("sun.glb").string();
+  options.normals = convert::Normals::kAuto;
+  tests::must_convert(options);
+  tools::LightOptions light;
+  light.lighting = kernels::Lighting::kScene;
+  light.shadow_side = 300;
+  const bool on_gpu = GENERATE(false, true);
+  if (on_gpu && !tests::has_gpu()) return;
+  CAPTURE(on_gpu);
+  ViewSession session = open(options.output, on_gpu ? tools::BackendChoice::kCuda : tools::BackendChoice::kCpu, light);
+  CHECK(session.can_cast_shadows());
+  const std::string png = folder.file("render.png");
+  const auto rendered = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words{"render",
+                                   options.output,
+                                   "-o",
+                                   png,
+                                   "--size",
+                                   "120x80",
+                                   "--eye=-4,6,9",
+                                   "--fov",
+                                   "14",
+                                   "--target",
+                                   "0,0,0",
+                                   "--light",
+                                   "scene",
+                                   "--background",
+                                   "#000",
+                                   "--backend",
+                                   on_gpu ? "cuda" : "cpu",
+                                   "--threads",
+                                   "2",
+                                   "--force",
+                                   "--quiet"};
+    words.insert(words.end(), more.begin(), more.end());
+    const tests::ProgramRun run = tests::run_program(words, folder.file("log"));
+    INFO(run.output);
+    REQUIRE(run.exit_code == 0);
+    const std::string bytes = tests::read_whole(png);
+    const auto image = runtime::decode_image(std::as_bytes(std::span(bytes)));
+    REQUIRE(image);
+    Rgb out;
+    for (size_t i = 0; i < image->rgba.size(); ++i)
+      if (i % 4 < 3) out.push_back(image->rgba[i]);
+    return out;
+  };
+  const Rgb expected = rendered({"--shadows", "--shadow-size", "300"}), plain = rendered({});
+  REQUIRE(differing(expected, plain) > 300);
+
+  size_t maps = 0;
+  const auto draw_at = [&](double x, bool shadows, bool moves, const Visibility& visibility = {},
+                           std::optional<runtime::WorldBox> clip_box = {},
+                           kernels::Show show = kernels::Show::kTexture) {
+    const Drawn drawn = draw_sun(session, x, shadows, moves, visibility, clip_box, show);
+    maps += drawn.shadow_ms > 0 ? 1 : 0;
+    return moves ? Rgb() : rgb(drawn.pixels);
+  };
+  CHECK(draw_at(-4, false, false) == plain);
+  CHECK(maps == 0);
+  CHECK(draw_at(-4, true, false) == expected);
+  CHECK(maps == 1);
+  CHECK(draw_at(-4, false, false) == plain);  // the switch, to and fro
+  CHECK(draw_at(-4, true, false) == expected);
+  draw_at(-4, true, false, {}, {}, kernels::Show::kDepth);
+  CHECK(maps == 1);
+  if (on_gpu) {  // from now on the scene is resident
+    const Result<uint64_t> left = session.load_rest({});
+    REQUIRE(left);
+    CHECK(*left == 0);
+  }
+  CHECK(draw_at(-4, true, false) == expected);
+
+  // While the camera moves, one map is for many pictures.
+  maps = 0;
+  for (int i = 0; i < 60; ++i) draw_at(-4 + 0.2 * i, true, true);
+  CAPTURE(maps);
+  CHECK((maps >= 1 && maps <= 3));
+  maps = 0;
+  CHECK(draw_at(-4, true, false) == expected);
+  CHECK(maps == 1);
+  draw_at(-4, true, true);
+  CHECK(maps == 1);
+
+  // Hidden nodes and a box cast none, as they are not drawn.
+  const Visibility hidden{{1}, {}};
+  const Rgb without = draw_at(-4, true, false, hidden);
+  CHECK(maps == 2);
+  CHECK(draw_at(-4, true, false, hidden) == without);
+  CHECK(maps == 2);
+  const Rgb without_another = draw_at(-4, true, false, {{2}, {}});
+  CHECK(maps == 3);
+  CHECK(differing(without, without_another) > 100);
+  CHECK(draw_at(-4, true, false) == expected);
+  CHECK(maps == 4);
+  const runtime::WorldBox low{{-9, -9, -9}, {9, 0.75, 9}};
+  CHECK(draw_at(-4, true, false, {}, low) ==
+        rendered({"--shadows", "--shadow-size", "300", "--clip-box=-9,-9,-9,9,0.75,9"}));
+  CHECK(maps == 5);
+}
+
+TEST_CASE("a session without a sun says why it has no shadows", "[view][shadow]") {
+  const TempFolder folder;
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.input = tests::data_path(GENERATE("sun.glb", "materials.gltf")).string();
+  tests::must_convert(options);
+  ViewSession session = open(options.output, tools::BackendChoice::kCpu);
+  std::string why;
+  CHECK_FALSE(session.can_cast_shadows(&why));
+  CHECK(why ==
+        (options.input.ends_with("sun.glb") ? "Needs scree view --light scene" : "The scene has no directional light"));
+  const Drawn drawn = draw_sun(session, -4, true);
+  CHECK(drawn.shadow_ms == 0);
+  const Rgb pixels = rgb(drawn.pixels);
+  CHECK(pixels == rgb(draw_sun(session, -4, false).pixels));
 }

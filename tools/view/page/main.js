@@ -34,7 +34,7 @@ let pickId = 0, shotId = 0, you = 0, following = 0;
 let playing = false;
 let clip = {on: false, box: [-1, -1, -1, 1, 1, 1]};  // the clipping box: its smaller corner and its larger
 
-const settings = {show: 'texture', light: true, ssao: false, edl: false, edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d', full: false};
+const settings = {show: 'texture', light: true, shadows: false, ssao: false, edl: false, edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d', full: false};
 const shows = [...$('show').options].map((option) => option.value);
 
 // --- Talking to the server ---
@@ -212,7 +212,9 @@ function opened(message) {
   camera.size = scene.boxMin ? Math.max(distance(scene.boxMin, scene.boxMax), 1e-9) : 1;
   if (isFirst) {
     clip = {on: false, box: wholeBox()};
+    settings.shadows = scene.shadows;
     if (!readAddress()) camera.set(homePose());
+    settings.shadows &&= scene.canCastShadows;
     fillCameras();
     readBookmarks();
   }
@@ -519,7 +521,10 @@ overlay.grab = (side, down) => {
 
 function showSettings() {
   $('show').value = settings.show;
-  for (const name of ['light', 'ssao', 'edl', 'full']) $(name).checked = settings[name];
+  for (const name of ['light', 'shadows', 'ssao', 'edl', 'full']) $(name).checked = settings[name];
+  $('shadows').disabled = !scene?.canCastShadows;
+  $('shadows-hint').textContent = scene?.whyNoShadows ?? '';
+  $('shadows-hint').hidden = !scene?.whyNoShadows;
   $('edl-strength').value = settings.edlStrength;
   $('edl-radius').value = settings.edlRadius;
   $('background').value = settings.background;
@@ -538,7 +543,7 @@ function set(changes) {
   refresh();
 }
 $('show').addEventListener('change', (event) => set({show: event.target.value}));
-for (const name of ['light', 'ssao', 'edl', 'full']) $(name).addEventListener('change', (event) => set({[name]: event.target.checked}));
+for (const name of ['light', 'shadows', 'ssao', 'edl', 'full']) $(name).addEventListener('change', (event) => set({[name]: event.target.checked}));
 $('edl-strength').addEventListener('input', (event) => set({edlStrength: Number(event.target.value)}));
 $('edl-radius').addEventListener('input', (event) => set({edlRadius: Number(event.target.value)}));
 $('background').addEventListener('input', (event) => set({background: event.target.value}));
@@ -555,7 +560,7 @@ function writeAddress() {
   if (!scene) return;
   const pose = camera.pose(), short = (v) => v.map((value) => Number(value.toPrecision(12))).join(',');
   const parts = [`v=1`, `e=${short(pose.eye)}`, `t=${short(pose.target)}`, `u=${pose.up.join(',')}`, `f=${Number(pose.fov.toPrecision(6))}`, `m=${settings.show}`];
-  const flags = ['ssao', 'edl'].filter((name) => settings[name]).concat(settings.light ? [] : ['unlit']);
+  const flags = ['shadows', 'ssao', 'edl'].filter((name) => settings[name]).concat(settings.light ? [] : ['unlit']);
   if (flags.length) parts.push(`o=${flags.join(',')}`);
   if (clip.on) parts.push(`c=${short(clip.box)}`);
   history.replaceState(null, '', `#${parts.join('&')}`);
@@ -569,6 +574,7 @@ function readAddress() {
   };
   if (shows.includes(hash.get('m'))) settings.show = hash.get('m');
   const flags = (hash.get('o') ?? '').split(',');
+  if (hash.has('v')) settings.shadows = flags.includes('shadows');
   settings.ssao = flags.includes('ssao');
   settings.edl = flags.includes('edl');
   settings.light = !flags.includes('unlit');
@@ -586,7 +592,8 @@ function command() {
   const words = ['scree', 'render', scene.file, '--size', `${size.width}x${size.height}`, `--eye=${vector(pose.eye)}`, `--target=${vector(pose.target)}`,
     `--up=${vector(pose.up)}`, '--fov', String(pose.fov), '--samples', String(exactSamples || settings.samples), '--show', settings.show, '--background', settings.background];
   if (scene.scene) words.push('--scene', scene.scene);
-  if (!settings.light) words.push('--no-light');
+  words.push(...(settings.light ? scene.light : ['--no-light']));
+  if (settings.light && settings.shadows) words.push('--shadows', ...(scene.shadowSize ? ['--shadow-size', String(scene.shadowSize)] : []));
   if (settings.ssao) words.push('--ssao');
   if (settings.edl) words.push('--edl', '--edl-strength', String(settings.edlStrength), '--edl-radius', String(settings.edlRadius));
   if (clip.on) words.push(`--clip-box=${vector(clip.box)}`);

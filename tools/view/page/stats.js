@@ -1,5 +1,5 @@
 // The times of the last pictures as a graph, and as numbers.
-const kParts = [['wait', '#5b6675', 'waits'], ['draw', '#f0a35e', 'draw'], ['shade', '#e3d06a', 'shade'],
+const kParts = [['wait', '#5b6675', 'waits'], ['shadow', '#8f7d6a', 'shadows'], ['draw', '#f0a35e', 'draw'], ['shade', '#e3d06a', 'shade'],
   ['encode', '#63c7a2', 'encode'], ['send', '#6ea8f5', 'send'], ['decode', '#b58cf0', 'show']];
 const kShown = 96;
 
@@ -31,9 +31,9 @@ export class Stats {
   }
 
   note({head, bytes, decodeMs, latency, shown}) {
-    const server = (head.waitMs ?? 0) + head.drawMs + head.shadeMs + head.encodeMs;
+    const server = (head.waitMs ?? 0) + head.shadowMs + head.drawMs + head.shadeMs + head.encodeMs;
     if (!head.exact) {
-      this.rows.push({wait: head.waitMs ?? 0, draw: head.drawMs, shade: head.shadeMs, encode: head.encodeMs, decode: decodeMs, scale: head.scale,
+      this.rows.push({wait: head.waitMs ?? 0, shadow: head.shadowMs, draw: head.drawMs, shade: head.shadeMs, encode: head.encodeMs, decode: decodeMs, scale: head.scale,
         send: latency === undefined ? 0 : Math.max(0, latency - server - decodeMs), bytes, shown});
       if (this.rows.length > kShown) this.rows.shift();
       if (latency !== undefined) this.latencies.push(latency);
