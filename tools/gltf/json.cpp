@@ -33,7 +33,7 @@ uint64_t string_end(std::span<const char> text, uint64_t at) {
   return 0;
 }
 
-// Follows the brackets of a text. It must get every character outside strings.
+// Tracks the open brackets of a text. The caller passes every character outside strings.
 class Nesting {
  public:
   uint32_t depth() const { return depth_; }

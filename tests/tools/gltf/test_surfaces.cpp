@@ -116,9 +116,8 @@ TEST_CASE("surfaces: a material has one where it is more than a base colour", "[
   CHECK(loaded->view().environment != nullptr);
 
   // A file of base colours is of version 1.0, and has no environment made.
-  options.input =
-      write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
-                             R"({"name":"matt","pbrMetallicRoughness":{"metallicFactor":0}})"));
+  options.input = write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
+                                         R"({"name":"matt","pbrMetallicRoughness":{"metallicFactor":0}})"));
   must_convert(options);
   CHECK(tests::read_whole(options.output)[8] == 1);
   CHECK(tests::read_whole(options.output)[10] == 0);
@@ -171,11 +170,11 @@ TEST_CASE("surfaces: what glTF does not have is refused, its place named", "[glt
   refused(document(plain, R"({"type":"point","intensity":-1})", node),
           "light 0: a colour, intensity or range that is not 0 or more");
   refused(document(plain, R"({"type":"spot","spot":{"innerConeAngle":-1}})", node),
-          "light 0: a cone that has no inside");
+          "light 0: innerConeAngle is not between 0 and outerConeAngle");
   refused(document(plain, "", node), "node 1: light 0 is not there, the document has 0");
   refused(document(R"({"name":"a","normalTexture":{"index":9}})"),
           "material 0: texture 9 is not there, the document has 2");
   refused(document(R"({"name":"a","emissiveFactor":[1e30,0,0],"extensions":)"
                    R"({"KHR_materials_emissive_strength":{"emissiveStrength":1e30}}})"),
-          "material 0: a factor that no float holds");
+          "material 0: a factor outside the range of floats");
 }
