@@ -12,7 +12,7 @@
 namespace scree::convert {
 
 /// Chooses the lattice of a mesh that shares its step with no other, and writes it into `plan` and `record`. Errors as
-/// choose_lattices(), and kRange where that function would keep the mesh's floats.
+/// choose_lattices(), and kRange if that function would keep the mesh's floats.
 Result<void> choose_lattice(const ConvertOptions& options, const SourceScene& scene, MeshPlan& plan,
                             format::MeshRecord& record);
 

@@ -1,5 +1,5 @@
-// A run of a primitive's triangles with the vertices they use, read from the source: the unit of work of measure and
-// encode. The window size is a constant, so that the output does not depend on threads or memory.
+// A run of a primitive's triangles with the vertices they use, read from the source. Measuring and encoding work window
+// by window. The window size is a constant, so that the output does not depend on threads or memory.
 #pragma once
 
 #include <array>
@@ -38,7 +38,7 @@ class WindowContent {
   /// Source numbers of the used vertices, ascending; the kept triangles use all of them.
   std::span<const uint32_t> vertices() const { return vertices_; }
 
-  /// Whether the vertices lie far apart in the source, so that their order does not show neighbourhood.
+  /// Whether the vertices lie far apart in the source, so that neighbours in number need not be neighbours in space.
   bool is_scattered() const { return is_scattered_; }
 
   /// 3 per vertex, finite.
@@ -47,7 +47,7 @@ class WindowContent {
   /// Indices of the kept triangles in the window; empty if all are kept.
   std::span<const uint32_t> kept() const { return kept_; }
 
-  /// The number in the source primitive of kept triangle `place`.
+  /// The number of kept triangle `place` in the source primitive.
   uint64_t source_id(uint64_t place) const {
     const uint64_t read = kept_.empty() ? place : kept_[place];
     return numbers_.empty() ? first_ + read : numbers_[read];
@@ -88,8 +88,8 @@ class Window : public WindowContent {
   /// a non-finite position ("mesh 3 primitive 0: vertex 5: position (nan, 0, 1) is not finite").
   Result<void> load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find);
 
-  /// The two halves of load(). Between them vertices(), span() and dropped_degenerate() are known, and no vertex has
-  /// been read.
+  /// The two halves of load(). After the first one vertices(), span() and dropped_degenerate() are set, and no vertex
+  /// has been read.
   Result<void> load_triangles(const Primitive& primitive, uint64_t first, uint64_t count, Find find);
   Result<void> load_positions(const Primitive& primitive, bool drop_nonfinite);
 
@@ -98,7 +98,7 @@ class Window : public WindowContent {
   /// kTriangles.
   void merge(std::span<const uint32_t> firsts);
 
-  /// release() gives the content away, without unneeded memory. restore() takes the content of another window.
+  /// release() moves the content out and frees unneeded memory. restore() takes over the content of another window.
   WindowContent release();
   void restore(WindowContent content) { static_cast<WindowContent&>(*this) = std::move(content); }
 
