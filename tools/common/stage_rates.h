@@ -1,4 +1,4 @@
-// The speed of each stage of a conversion by itself, which shows a user the stage that limits all others.
+// The speed of each stage of a conversion, which shows the stage that limits the whole.
 #pragma once
 
 #include <atomic>

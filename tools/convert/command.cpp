@@ -142,8 +142,8 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   const std::string extension = format::lower_case(std::filesystem::path(words.output).extension().string());
   if ((extension == ".gltf" || extension == ".glb") && !is_same_file(words.output, words.input))
     return Error{ErrorCode::kUsage, "--output: '" + words.output +
-                                        "' has the extension of a glTF, but convert writes a scree file (scree export "
-                                        "scree file (scree export writes a glTF)"};
+                                        "' has the extension of a glTF, but convert writes a scree file (scree "
+                                        "export writes a glTF)"};
   options.existing = existing_of(words.force);
   options.float32 = words.positions == "float32";
   if (!options.float32) {
@@ -277,7 +277,7 @@ Command add_convert(CLI::App& parent) {
          "--textures", words->textures,
          "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels, PNGs stay as "
          "they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): other images become JPEGs too, 4:4:4, without alpha; "
-         "keep, but JPEGs stay as they are too")
+         "raw: as keep, but JPEGs stay as they are too")
       ->type_name("NAME");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
