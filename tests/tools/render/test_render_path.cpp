@@ -161,7 +161,7 @@ TEST_CASE("mistakes with a path are told before anything is drawn", "[render][pa
   CHECK(message(PathRun::run({path.name("quad.scree"), "--frames", "0:5"}), ErrorCode::kUsage).find("--path") !=
         std::string::npos);
   CHECK(message(PathRun::run({path.name("quad.scree"), "--path", path.name("path.json")}), ErrorCode::kUsage) ==
-        "--path needs the names of the frames' files, such as -o frame_%05d.png");
+        "--path needs file names for the frames, such as -o frame_%05d.png");
   // Frame 0 looks from where it looks to.
   path.write_path("0, 0, 0");
   CHECK(message(path.draw({}), ErrorCode::kUsage).find("path.json: frame 0, at 0 s: the eye and the target are the") !=
