@@ -64,15 +64,15 @@ struct BufferKey {
   bool operator==(const BufferKey&) const = default;
 };
 
-/// A picture and what it was drawn into.
+/// A picture and its visibility buffer.
 struct Picture {
-  std::optional<runtime::DeviceView> device;  // none: the CPU drew it
-  std::optional<BufferKey> key;               // none: there is no picture
+  std::optional<runtime::DeviceView> device;  // unset: the CPU drew it
+  std::optional<BufferKey> key;               // unset: there is no picture
   kernels::View view{};                       // in samples
   uint32_t samples_per_side = 1;
   kernels::FrameStats stats{};
   kernels::BlendCounts blended;
-  uint64_t left_bytes = 0;  // of chunks that it lacks
+  uint64_t left_bytes = 0;  // of chunks that are missing in the picture
   double buffer_ms = 0;     // the time of drawing it
 };
 
@@ -108,17 +108,17 @@ struct ViewSession::Impl {
   // For the last picture that did not show all nodes:
   Visibility visibility;
   std::vector<uint32_t> omitted;
-  const uint32_t* omitted_on_device = nullptr;  // null: not brought there yet
+  const uint32_t* omitted_on_device = nullptr;  // null: not uploaded yet
 
-  // Pictures that viewers have of their own. A GPU knows for each which clusters were seen, so that the camera of one
-  // viewer is no jump for the others.
+  // Pictures of single viewers. On a GPU each has its own visibility hints of clusters, so that the cameras of other
+  // viewers do not spoil them.
   std::map<uint32_t, Picture> own;
   uint64_t most_own = 0;
   Picture shared;
   Picture* last = &shared;
   // Samples of a picture, the CPU's or read back from the GPU:
   std::vector<uint64_t> samples;
-  const Picture* sampled = nullptr;  // null: of none
+  const Picture* sampled = nullptr;  // null: there are none
   std::vector<uint8_t> pixels;
   std::vector<uint32_t> device_pixels;
 
@@ -139,7 +139,7 @@ struct ViewSession::Impl {
     Result<runtime::DeviceView> view = device->add_view(scene);
     if (!view) return view.error();
     shared.device = std::move(*view);
-    // The device's free memory is the limit where no other is set.
+    // Without --device-memory, the device's free memory is the limit.
     const uint64_t each = runtime::DeviceScene::view_bytes(scene, pictures);
     const uint64_t taken = std::min(device->stats().device_bytes, options.device_memory);
     most_own = options.device_memory == 0 ? UINT64_MAX : (options.device_memory - taken) / each;
@@ -161,7 +161,7 @@ struct ViewSession::Impl {
     own.erase(found);
   }
 
-  /// Makes the picture that is drawn next the last one: the viewer's own where it can have one, else the shared one.
+  /// Sets `last` to the picture that is drawn next: the viewer's own if there is room for one, else the shared one.
   /// Throws std::bad_alloc.
   void choose_picture(uint32_t viewer, uint32_t wanted_samples) {
     last = &shared;
@@ -181,7 +181,7 @@ struct ViewSession::Impl {
     last = &found->second;
   }
 
-  /// From now on the CPU draws.
+  /// Lets the CPU draw from now on.
   Result<void> use_cpu() {
     forget_pictures();
     device.reset();
@@ -197,7 +197,7 @@ struct ViewSession::Impl {
     return use_cpu();
   }
 
-  /// View::omitted of the next picture. Throws std::bad_alloc.
+  /// Returns View::omitted for the next picture. Throws std::bad_alloc.
   Result<const uint32_t*> omit(const Visibility& wanted) {
     if (wanted.is_all()) return static_cast<const uint32_t*>(nullptr);
     if (wanted != visibility) {
@@ -304,7 +304,7 @@ struct ViewSession::Impl {
       const Stopwatch draw_watch;
       if (const Result<void> drawn = draw_buffer(wanted, shade, is_over); !drawn) return drawn.error();
       out.draw_ms = picture.buffer_ms = draw_watch.elapsed().wall_ms;
-    } else {  // other pictures may have left out other nodes meanwhile
+    } else {  // other pictures may have replaced the omitted nodes meanwhile
       const Result<const uint32_t*> left_out = omit(wanted.visibility);
       if (!left_out) return left_out.error();
       picture.view.omitted = *left_out;
@@ -394,7 +394,7 @@ Result<Drawn> ViewSession::draw(uint32_t viewer, const PictureRequest& request, 
   impl_->choose_picture(viewer, samples);
   Result<Drawn> drawn = impl_->draw(wanted, shade, jpeg, patience);
   if (!drawn && drawn.error().code == ErrorCode::kDevice && impl_->last != &impl_->shared) {
-    // There may be no memory for a picture of its own.
+    // There may be no memory for a picture of this viewer's own.
     impl_->most_own = impl_->own.size() - 1;
     impl_->forget(viewer);
     drawn = impl_->draw(wanted, shade, jpeg, patience);
@@ -530,7 +530,7 @@ std::vector<NamedCamera> ViewSession::cameras() const {
     double forward = 0;
     for (size_t i = 0; i < 3; ++i) forward += placed.world[i][2] * placed.world[i][2];
     if (!(forward > 0) || !std::isfinite(forward)) continue;
-    // Its target is as far away as the middle of the scene.
+    // The target is as far away as the middle of the scene.
     const runtime::WorldBox bounds = box();
     double distance = 0;
     for (size_t i = 0; i < 3 && !bounds.is_empty(); ++i) {
