@@ -117,7 +117,7 @@ Result<void> ResidentScene::copy_records(const std::vector<const std::byte*>& pa
   copy(device_.materials, host_.materials, host_.material_count);
   const std::byte* const* table = pages.data();
   copy(device_.pages, table, pages.size());
-  copy(device_.textures, host_.textures, host_.texture_count);  // without texels, so drawn as white
+  copy(device_.textures, host_.textures, host_.texture_count);  // without texels, so textures are drawn white
   return result;
 }
 
