@@ -23,7 +23,7 @@ class ResidentScene {
   /// Uploads `scene` and keeps it. Errors as runtime::CudaScene::upload.
   static Result<ResidentScene> upload(runtime::Scene scene, uint32_t threads);
 
-  /// Records on the host. Page pointers are null, unless an uploaded scene had its pages in memory.
+  /// Records on the host. Page pointers are null, except for an uploaded scene whose pages are in memory.
   const kernels::SceneView& host() const { return host_; }
   const kernels::SceneView& device() const { return device_; }
   /// The boxes of a generated scene's chunks; empty for a file.

@@ -28,7 +28,7 @@ struct BenchOptions : tools::DrawOptions {
 struct LoadResult {
   bool is_cold = false;
   double cached_share = 0;  // cached share of the file before its loads: the largest for cold loads, else the smallest
-  Times load;               // ms, from opening the file until all of it is checked and ready to be drawn
+  Times load;               // ms, from opening the file until the scene is checked and ready to be drawn
   Times first_picture;      // the same, and the time until the first shaded picture
   uint64_t read_bytes = 0;  // the file, except geometry that the scene does not draw
   uint64_t device_bytes = 0;

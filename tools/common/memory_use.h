@@ -17,7 +17,7 @@ MemoryUse memory_use();
 /// the bytes of the program's own file that became resident since `before` was taken (a few MiB).
 uint64_t peak_anonymous(const MemoryUse& before);
 
-/// Resets the peak to the currently resident memory. No effect where the system does not allow it (no /proc).
+/// Resets the peak to the currently resident memory. Has no effect without /proc.
 void reset_peak();
 
 /// Memory that programs can allocate now without swapping, as the system estimates it; 0 without /proc.

@@ -8,7 +8,7 @@
 namespace scree::inspect {
 namespace {
 
-constexpr size_t kGap = 2;  // columns between columns
+constexpr size_t kGap = 2;  // spaces between two columns
 
 size_t letters(std::string_view text) {
   return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }));

@@ -22,7 +22,7 @@
 namespace scree::convert {
 namespace {
 
-/// Errors kFile: a file of the source is not what the shards were made from.
+/// Error kFile: a file of the source has changed since the shards were made.
 Result<void> check_same_source(const ShardSet& shards, const std::vector<FileStamp>& now) {
   const std::vector<FileStamp>& then = shards.plan.files;
   if (now == then) return {};

@@ -239,8 +239,8 @@ inline constexpr uint64_t kLargeDocument = 1 << 20;
 Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estimate, uint64_t needed_bytes);
 
 /// Reads a document. Memory: the records plus a few MiB, however long the text is. Errors kFormat, kRange, kVersion
-/// (not glTF 2.x), each with its place in the document; kUsage if the process takes more than `memory` bytes, with an
-/// estimate of its need. The memory is checked every kLargeDocument bytes of text.
+/// (not glTF 2.x), each with its position in the document; kUsage if the process takes more than `memory` bytes, with
+/// an estimate of its need. The memory is checked every kLargeDocument bytes of text.
 Result<GltfDocument> read_document(std::vector<char> text, uint64_t memory = UINT64_MAX);
 
 /// The bytes of the data: URI of a buffer or image. `json`: its element. Errors kFormat.

@@ -177,7 +177,7 @@ class WindowedView final : public MeshoptView {
   uint64_t capacity_;  // of a window; the same for all views of several windows, so that windows can reuse each other's
                        // memory
 
-  // Only the holder of reaching_ accesses places and windows from reached_ on. Earlier ones do not change.
+  // Entries of places_ from reached_ on are accessed only by the holder of reaching_. Earlier ones do not change.
   mutable std::mutex reaching_;
   mutable std::unique_ptr<MeshoptPlace[]> places_;  // of each window's first element
   mutable std::atomic<uint64_t> reached_ = 0;       // number of windows that were unpacked

@@ -24,7 +24,7 @@ struct MeshoptPlace {
 
 const char* mode_name(DocMeshopt::Mode mode);
 
-/// A stream of any mode. Threads may unpack from different places of it at the same time.
+/// A stream of any mode. Several threads may unpack different parts of it at the same time.
 class MeshoptStream {
  public:
   /// Memory of one call of unpack(), in addition to its output.

@@ -120,8 +120,8 @@ void visit_attributes(const Primitive& primitive, bool directions, const Take& t
 }
 
 /// Reads the vertex numbers of triangles [first, first + count) of a primitive, 3 per triangle, counter-clockwise
-/// (every other strip triangle is turned). Errors kFile, kRange: an index of vertex_count or more, named with its place
-/// in the index accessor: "mesh 3 primitive 0: index 70211 at element 17, but the mesh has 65536 vertices". These are
+/// (every other strip triangle is turned). Errors kFile, kRange: an index of vertex_count or more, with its position in
+/// the index accessor: "mesh 3 primitive 0: index 70211 at element 17, but the mesh has 65536 vertices". These are
 /// glTF's numbers; the caller prepends the file name.
 Result<void> read_triangles(const Primitive& primitive, uint64_t first, uint64_t count, std::span<uint32_t> out);
 
@@ -268,7 +268,8 @@ struct ImportOptions {
 };
 
 /// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (an unsupported required extension),
-/// kUsage (a bad regular expression, more than `memory`), each with file and place: "city.gltf: mesh 12: ...".
+/// kUsage (a bad regular expression, more than `memory`). Each error names the file and the part of it: "city.gltf:
+/// mesh 12: ...".
 Result<SourceScene> import_gltf(const std::string& path, const ImportOptions& options);
 
 }  // namespace scree::convert

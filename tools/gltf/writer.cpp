@@ -88,7 +88,7 @@ uint32_t wrap_number(format::Wrap wrap) {
   return 10497;
 }
 
-/// A file name as a relative URI (RFC 3986: all but unreserved characters is percent-encoded).
+/// A file name as a relative URI (RFC 3986: percent-encodes all characters except unreserved ones).
 std::string uri_of(const std::string& file_name) {
   constexpr char kHex[] = "0123456789ABCDEF";
   std::string uri;

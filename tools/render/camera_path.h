@@ -45,7 +45,7 @@ class CameraPath {
   /// The number of frames from time 0 to the last key, both included; at least 1.
   uint64_t frame_count() const;
 
-  /// The camera at frame / frames_per_second() seconds: Eyes, targets, up vectors and fields of view are interpolated
+  /// The camera at frame / frames_per_second() seconds: eyes, targets, up vectors and fields of view are interpolated
   /// by Catmull-Rom curves between two keys, with slopes from the keys around them (the first and the last key are
   /// their own neighbours). Before the first key and after the last one the camera stands still. The field of view
   /// stays within the range of all keys. The result is the same on every machine, bit for bit. `frame`: below

@@ -13,11 +13,11 @@ namespace scree::tools {
 
 /// Layers row by row from the top; empty if not requested.
 struct FrameLayers {
-  std::vector<float> color;    // linear RGBA, premultiplied
-  std::vector<float> depth;    // 1 per pixel
-  std::vector<float> normals;  // 3
-  std::vector<float> uvs;      // 2
-  std::vector<uint32_t> ids;   // kIdCount: instance, mesh, material, triangle of the mesh; all ones where there is none
+  std::vector<float> color;      // linear RGBA, premultiplied
+  std::vector<float> depth;      // 1 per pixel
+  std::vector<float> normals;    // 3
+  std::vector<float> uvs;        // 2
+  std::vector<uint32_t> ids;     // kIdCount: instance, mesh, material, triangle of the mesh; all ones if there is none
   kernels::BlendCounts blended;  // in `color`
 };
 inline constexpr uint32_t kIdCount = 4;

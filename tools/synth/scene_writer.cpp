@@ -45,7 +45,7 @@ struct Bounds {
   }
 };
 
-/// A unit of work: vertices or quads [first, first + count) of a mesh.
+/// Vertices or quads [first, first + count) of a mesh, which a thread makes at a time.
 struct Window {
   uint32_t mesh;
   bool quads;

@@ -163,7 +163,7 @@ std::vector<Stone> scatter(uint32_t count, uint32_t seed) {
       const double streak = fbm(21, 3, x / 13.0, s / 70.0, 0.5) + 0.5 * fbm(22, 2, x / 5.0, s / 9.0, 0.5);
       const double density = ramp(-0.42, 0.05, streak) * (0.12 + 0.88 * ramp(-9.0, 6.0, s + 5.0 * streak));
       if (random.next() > density) continue;
-      // The camera stands here.
+      // Keeps the position of the camera free.
       if (std::abs(x) < 2.4 + radius && s < -9.5 + radius) continue;
       bool free = true;
       const double reach = kApart * (radius + largest);

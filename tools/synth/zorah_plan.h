@@ -60,7 +60,7 @@ struct ZorahPlan {
 
 /// The geometry alone ("zorah_main_public.v2.gltf"), and the textured scene ("zorah_textured_public.v1.gltf"). `scale`
 /// (0 < scale <= 1) is the share of the triangles, vertices and texels that is kept; all other counts stay. At scale 1
-/// the counts are those of the files.
+/// the counts equal those of the files.
 ZorahPlan zorah_plan(double scale);
 ZorahPlan zorah_textured_plan(double scale);
 

@@ -500,7 +500,7 @@ Result<Camera> ViewSession::home(uint32_t width, uint32_t height) const {
   const runtime::Scene& scene = impl_->scene;
   const Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
   if (!view) return view.error();
-  // The target is where the line of sight passes the middle of the scene's box.
+  // The target is the point of the line of sight that is nearest to the middle of the scene's box.
   const runtime::WorldBox bounds = box();
   double distance = 1;
   if (!bounds.is_empty()) {

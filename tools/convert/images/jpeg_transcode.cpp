@@ -69,7 +69,7 @@ class Transcoder {
   }
   std::string warning() const { return errors_.manager.num_warnings > 0 ? errors_.warning : ""; }
 
-  /// The error after transcode() returned false, with the byte that libjpeg had reached.
+  /// The error after transcode() returned false, with the number of bytes that libjpeg had read.
   Error failure() const {
     const int message = errors_.manager.msg_code;
     const bool ended = message == JWRN_JPEG_EOF || message == JWRN_HIT_MARKER;

@@ -14,7 +14,7 @@ namespace scree::runtime {
 
 struct TranscodedJpeg {
   std::vector<std::byte> file;  // sequential, Huffman, 8 bits, one scan
-  std::string note;             // the reason and what was done, for a user; then defects that libjpeg tolerated
+  std::string note;             // for users: the reason and the change; then defects that libjpeg tolerated
 };
 
 /// Turns a progressive, arithmetic or several-scan JPEG (format::JpegTreatment::kTranscode; sequential ones are

@@ -181,7 +181,7 @@ Result<void> EncodeAhead::drop_guess() {
   const uint64_t bytes = writer_.bytes();
   writer_.drop_pages(guess.mark->pages);
   times_.discarded_bytes += bytes - writer_.bytes();
-  log_windows(writer_, guess.mark->start.window, {});  // the log entries from there on are void
+  log_windows(writer_, guess.mark->start.window, {});  // makes the log entries from this window on void
   start_pass(std::move(guess.mark->start));
   outcomes_.erase(outcomes_.begin() + static_cast<ptrdiff_t>(guess.outcomes), outcomes_.end());
   done_ = guess.done;

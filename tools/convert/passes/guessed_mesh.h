@@ -15,7 +15,7 @@ namespace scree::convert {
 std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
                                       const Measured& so_far);
 
-/// Whether a window of the primitive can be encoded as a window of `guess`. `so_far`: tells whether all its colours are
+/// Whether a window of the primitive can be encoded as a window of `guess`. `so_far`: shows whether all its colours are
 /// white and all its normals equal the faces'. False means that the guess is wrong.
 bool fits_guess(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
                 const WindowPlan& window, const Measured& so_far);

@@ -216,7 +216,7 @@ class Measurer {
  private:
   Result<void> add_windows(uint32_t primitive) {
     const uint64_t triangles = scene_.primitives[primitive].triangle_count();
-    // meshoptimizer and ChunkRecord count a chunk's corners in 32 bits.
+    // FifoOrder and ChunkRecord count a chunk's corners in 32 bits.
     if (options_.whole_meshes && triangles > UINT32_MAX / 3)
       return Error{ErrorCode::kUnsupported, primitive_place(scene_, primitive) + ": " + std::to_string(triangles) +
                                                 " triangles, but one chunk holds at most " +
@@ -337,7 +337,7 @@ class Measurer {
     if (facts.waits) waiting_.insert(plan.primitive);
   }
 
-  /// Removes primitives without locality. Of the others, the ones with windows that waited are measured again.
+  /// Removes primitives without locality. Other primitives with windows that waited are measured again.
   Result<void> settle_scattered() {
     std::vector<bool> again(scene_.primitives.size());
     for (const auto& [primitive, use] : uses_) {

@@ -59,7 +59,7 @@ struct Measured {
 struct ScatteredPrimitive {
   uint32_t primitive = 0;
   uint32_t first_vertex = 0;  // the first that it uses
-  uint64_t vertex_count = 0;  // from there to the last one
+  uint64_t vertex_count = 0;  // number of vertices from the first to the last
 };
 
 struct MeasureOptions {

@@ -15,8 +15,8 @@
 
 namespace scree::convert {
 
-/// Triangles per window: large enough that meshoptimizer sees whole neighbourhoods and a window fills several pages,
-/// and small enough that a thread's scratch memory stays below 64 MiB if no vertex is shared.
+/// Triangles per window: large enough that the order of triangles covers whole neighbourhoods and a window fills
+/// several pages, and small enough that a thread's scratch memory stays below 64 MiB if no vertex is shared.
 inline constexpr uint64_t kWindowTriangles = 262144;
 
 /// The content of a window after load().

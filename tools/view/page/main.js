@@ -27,7 +27,7 @@ let sentAt = new Map();  // by number of a view: time of its input event
 let viewTimer = 0, restTimer = 0, lastSent = 0, inputTime = null, isMoving = false, isConnected = false;
 let cursor = null;       // {x, y} CSS pixels
 let hover = null;        // {x, y, point}: the newest point under the cursor from the server
-let depth = 1;           // along the view, of the last known point; used where the cursor is on the background
+let depth = 1;           // along the view, of the last known point; used if the cursor is on the background
 let animation = null;    // {from, to, start, ms} or {keys, start}
 let picks = [];          // the last two
 let pickId = 0, shotId = 0, you = 0, following = 0;

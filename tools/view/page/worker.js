@@ -36,7 +36,7 @@ function connect() {
   };
 }
 
-/// JPEG: WebCodecs is twice as fast where it is available (secure contexts only). PNG: the bytes come back unchanged.
+/// JPEG: WebCodecs is twice as fast, but available only in secure contexts. PNG: the bytes come back unchanged.
 async function decode(bytes, type) {
   if (type === 'image/jpeg' && self.ImageDecoder) {
     const decoder = new ImageDecoder({data: bytes, type, colorSpaceConversion: 'none'});
