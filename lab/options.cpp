@@ -133,8 +133,7 @@ Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
       words.culling != defaults.culling || words.effects != defaults.effects || !words.views.empty() || words.path ||
       words.sweep || words.stages || words.reference || words.curves || !words.csv.empty())
     return usage(
-        "--scene textured can be used only with --textures, --texture-size, --texture-cache, --size, --frames and "
-        "--warmup");
+        "--scene textured allows only --textures, --texture-size, --texture-cache, --size, --frames and --warmup");
   options.is_textured = true;
   if (words.textures < 1 || words.textures > 1000) return usage("--textures: 1 to 1000");
   if (words.texture_size == 0 || words.texture_size % 1024 != 0 || words.texture_size > 32768)
