@@ -53,7 +53,7 @@ struct SceneTables {
 Result<SceneTables> make_tables(const synth::Scene& scene, std::span<const ChunkPlan> plans,
                                 std::span<const ChunkBox> boxes, const Encoding& encoding);
 
-/// Places the chunks again after their `bytes` have changed, and counts the meshes' vertices.
+/// Assigns pages and offsets to the chunks again after their `bytes` have changed, and counts the meshes' vertices.
 void place_chunks(SceneTables& tables);
 
 /// A chunk's bytes of indices and positions.

@@ -1,4 +1,4 @@
-// Controls how much of a file lies in the page cache, to measure cold loads.
+// Controls how much of a file is in the page cache, to measure cold loads.
 #pragma once
 
 #include <string>

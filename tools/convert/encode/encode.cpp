@@ -547,7 +547,7 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
              !loaded) {
     return loaded.error();
   }
-  // A file that changes between the passes must not give a coordinate outside its lattice.
+  // If the file has changed between the passes, a coordinate could lie outside its lattice.
   if (window.triangle_count() != plan.kept || window.vertices().size() != plan.vertices ||
       !inside(box_of(window.positions()), mesh.box))
     return Error{ErrorCode::kFormat, "mesh " + std::to_string(primitive.mesh) + " primitive " +

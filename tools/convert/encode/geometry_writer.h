@@ -37,7 +37,7 @@ class GeometryWriter {
         number_(writer.page_count()),
         written_(number_) {}
 
-  /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
+  /// Adds a chunk to a page, and sets page and offset in its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
   /// Whether a chunk of this many bytes fits into the open page behind its other chunks.

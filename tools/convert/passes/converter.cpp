@@ -156,7 +156,7 @@ class Converter {
     return {};
   }
 
-  /// Takes the measurement from the shards.
+  /// Reads the measurement from the shards.
   Result<void> take_measured() {
     if (const Result<void> checked = check_shards(*shards_, scene_); !checked) return checked;
     measurement_ = std::move(shards_->plan.measurement);
@@ -230,7 +230,7 @@ class Converter {
     return {};
   }
 
-  /// Places the encoded windows of the shards.
+  /// Writes the encoded windows of the shards.
   Result<void> place_shards() {
     const std::vector<WindowPlan>& windows = measurement_.windows;
     uint64_t triangles = 0, done = 0, number = 0;

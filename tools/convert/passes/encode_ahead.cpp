@@ -132,7 +132,8 @@ void EncodeAhead::begin_guess(const WindowPlan& window, const Measured& measured
   if (measured.content && (!is_group_alone(window.primitive) || !first_windows_.insert(*measured.content).second))
     return;
   std::optional<PlannedMesh> mesh = guess_mesh(options_, scene_, window.primitive, measured);
-  // The first window is checked before the guess begins, because rolling back takes until everything before is written.
+  // The first window is checked before the guess begins, because rolling back must
+  // wait until everything before is written.
   if (!mesh || !fits_guess(options_, scene_, *mesh, window, measured)) return;
   close_batch();
   submit();

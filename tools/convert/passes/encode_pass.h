@@ -59,15 +59,16 @@ class EncodePass {
   /// The windows of the oldest batch in flight. Errors of encode_window.
   Result<std::vector<EncodedWindow>> next();
 
-  /// Places the windows of the last next(), and returns their additions to the tables. Errors of GeometryWriter::add.
+  /// Adds the chunks of the last next() to pages, and returns the records for the tables. Errors of
+  /// GeometryWriter::add.
   Result<std::vector<WindowOutcome>> place(std::vector<EncodedWindow> windows);
 
-  /// A point from which another pass can continue, once this one is released and the file is cut back to these pages.
+  /// A state from which another pass can continue, once this one is released and the file is cut back to these pages.
   struct Mark {
     uint32_t pages = 0;
     EncodeStart start;
   };
-  /// The point after the last place().
+  /// The state after the last place().
   Mark mark() const;
 
   /// Writes everything that is left.

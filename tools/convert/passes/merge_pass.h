@@ -19,8 +19,8 @@ Result<void> append_images(ShardFile& shard, uint64_t first_image, format::Conta
 
 /// Appends the windows of shards, in order. One run fills pages greedily. So once a page of a shard begins a page of
 /// the file, all later pages of that shard are pages of the file too, except the last one, which the next shard
-/// continues. Such pages are copied whole; the chunks of all others are placed anew. Used by one thread; destroy it
-/// before the pool.
+/// continues. Such pages are copied whole; the chunks of all others are added to new pages. Used by one thread; destroy
+/// it before the pool.
 class MergePass {
  public:
   MergePass(WorkerPool& pool, format::ContainerWriter& writer, int zstd_level, StageTimes& times)
@@ -29,7 +29,7 @@ class MergePass {
   /// Begins a shard, which must outlive this.
   void begin(const ShardFile& shard);
 
-  /// Places the chunks of the shard's next window. Errors name the shard: kRange (a chunk outside the shard's pages),
+  /// Adds the chunks of the shard's next window. Errors name the shard: kRange (a chunk outside the shard's pages),
   /// and those of Container::load_page and GeometryWriter.
   Result<void> add(WindowOutcome& window);
 

@@ -89,7 +89,7 @@ class CurveParts {
 
   uint32_t count() const { return static_cast<uint32_t>(borders_.size() + 1); }
 
-  /// The part that contains a place.
+  /// The part that contains a vertex.
   uint32_t find(const CurvePlace& place) const {
     const uint64_t bits = std::min<uint64_t>(place.key >> shift_, below_.size() - 1);
     uint32_t part = below_[bits];
