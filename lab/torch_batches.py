@@ -3,9 +3,9 @@
 
     lab/torch_batches.py FILE.scree [--cameras 1024] [--size 128x128] [--repeats 50] [--library libscree.so]
 
-Needs torch with CUDA and libscree of API version 4. Prints a line of CSV for a run in which torch reads every tensor (the
-nearest depth of each view, and the number of its pixels that show a surface), and for one in which it does not. After each
-run, pictures of the last batch are compared with views drawn one by one.
+Needs torch with CUDA and libscree of API version 4. Prints a line of CSV for a run in which torch reads every tensor
+(the nearest depth of each view, and the number of its pixels that show a surface), and for one in which it does not.
+After each run, pictures of the last batch are compared with views drawn one by one.
 """
 import argparse
 import ctypes as c

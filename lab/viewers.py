@@ -2,15 +2,16 @@
 """Puts a load of moving clients on `scree view`. Measures pictures per second, times, and the server's memory.
 
     lab/viewers.py PROGRAM FILE.scree [--clients 8] [--seconds 10] [--size 1280x720] [--join SECONDS]
-                   [--link MBIT] [--delay MS] [words of scree view ...]
+                   [--link MBIT] [--delay MS] [options of scree view ...]
 
-A client sends a camera every 16 ms and acknowledges each picture at once. So this measures the server and the loopback,
-without a browser. At the end all clients rest, and the times to a picture of full size and to a lossless one are measured.
---join: every so many seconds a client leaves and another joins. Clients then also pick, hide nodes, ask for screenshots and
-rest now and then.
---link: every client has a link of so many Mbit/s. It takes --delay ms (20) each way and holds 64 KiB.
-The exit code is 1 if the server reports an error, closes a connection or ends, or if its memory grows from the second to the
-last quarter of the time by more than 5% and 16 MiB.
+A client sends a camera every 16 ms and acknowledges each picture immediately. So this measures the server and the
+loopback, without a browser. At the end all clients rest, and the times to a picture of full size and to a lossless one
+are measured.
+--join: after every SECONDS seconds a client leaves and another joins. Clients then also pick, hide nodes, request
+screenshots and rest now and then.
+--link: every client has a link of MBIT Mbit/s, with a buffer of 64 KiB and a delay of --delay ms (20) per direction.
+The exit code is 1 if the server reports an error, closes a connection or ends, or if its memory grows from the second
+to the last quarter of the time by more than 5% and 16 MiB.
 """
 import argparse
 import base64

@@ -4,7 +4,8 @@
 //
 //     npm ci && xvfb-run -a -s '-screen 0 1600x1200x24' node run.mjs SCREE MODELS FOLDER [NAME-PATTERN]
 //
-// SCREE is the program, MODELS a folder with the files of models.json, FOLDER gets all pictures, rows.csv and sheet.png.
+// SCREE is the program. MODELS is a folder with the files of models.json. All pictures, rows.csv and sheet.png are
+// written to FOLDER.
 // A model of models.json has a direction to the eye (`view`), and a `label` if it is on the sheet. Optional: `zoom`,
 // `factors` (replace factors of its materials), `light` (of the sheet's picture).
 // Needs f3d and a Chromium (SCREE_BROWSER, or Debian's); OpenGL and WebGL may run on the CPU.
