@@ -65,10 +65,11 @@ void add_options(CLI::App& app, LabWords& words) {
          "render uses 1e-6 if the eye is inside the scene")
       ->type_name("SHARE");
   app.add_option("--frames", words.frames, "Frames measured")->capture_default_str()->type_name("N");
-  app.add_option("--warmup", words.warmup, "Frames drawn before them")->capture_default_str()->type_name("N");
-  app.add_flag(
-      "--stages", words.stages,
-      "Time the stages of small scenes too, which makes them slower: their frames are one submission otherwise");
+  app.add_option("--warmup", words.warmup, "Frames drawn before the measured ones")
+      ->capture_default_str()
+      ->type_name("N");
+  app.add_flag("--stages", words.stages,
+               "Time the stages of small scenes too. This makes them slower: otherwise a frame is one submission");
   app.add_flag("--path", words.path,
                "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
   app.add_flag("--sweep", words.sweep,

@@ -126,7 +126,7 @@ class MeshoptCodec {
       const int failed = kinds_[i].second == 0
                              ? meshopt_decodeIndexBuffer(out.data(), kinds_[i].first, stride, from, streams[i].size())
                              : meshopt_decodeVertexBuffer(out.data(), kinds_[i].first, stride, from, streams[i].size());
-      if (failed != 0) return Error{ErrorCode::kFormat, "meshoptimizer does not decode what it encoded"};
+      if (failed != 0) return Error{ErrorCode::kFormat, "meshoptimizer cannot decode its own output"};
     }
     return {};
   }

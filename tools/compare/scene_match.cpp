@@ -156,7 +156,7 @@ Result<void> check_chunks(const Scene& a, const Scene& b, std::vector<ChunkPair>
     if (!*same)
       return Error{ErrorCode::kUnsupported,
                    a.file().path() + " and " + b.file().path() +
-                       " do not store their triangles alike; convert both with --source-ids to match them"};
+                       " store their triangles differently; convert both with --source-ids to match them"};
   }
   return {};
 }

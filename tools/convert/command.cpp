@@ -202,7 +202,7 @@ Result<void> run(const ConvertArguments& words, bool positions_given) {
   if (!options) return options.error();
   Result<convert::ConvertReport> report = Error{ErrorCode::kFile, {}};
   {
-    const StopOnSignal handlers(words.resume ? "go on with --resume" : "");
+    const StopOnSignal handlers(words.resume ? "continue with --resume" : "");
     options->stop = StopOnSignal::flag();
     report = convert::convert(*options);
   }

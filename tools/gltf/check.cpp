@@ -15,8 +15,8 @@ using format::range_within;
 
 Result<void> check_present(const char* what, int32_t index, size_t count) {
   if (index == kAbsent || (index >= 0 && static_cast<size_t>(index) < count)) return {};
-  return Error{ErrorCode::kRange, std::string(what) + " " + std::to_string(index) + " is not there, the document has " +
-                                      std::to_string(count)};
+  return Error{ErrorCode::kRange, std::string(what) + " " + std::to_string(index) +
+                                      " does not exist, the document has " + std::to_string(count)};
 }
 
 Result<void> check_in_buffer(const GltfDocument& document, int32_t buffer, uint64_t offset, uint64_t bytes) {

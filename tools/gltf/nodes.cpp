@@ -28,7 +28,7 @@ std::string node_place(uint64_t node) {
 }
 
 Error not_there(const std::string& place, const char* what, int64_t index, size_t count) {
-  return {ErrorCode::kRange, place + ": " + what + " " + std::to_string(index) + " is not there, the document has " +
+  return {ErrorCode::kRange, place + ": " + what + " " + std::to_string(index) + " does not exist, the document has " +
                                  std::to_string(count)};
 }
 
@@ -133,7 +133,7 @@ Result<std::vector<std::vector<uint32_t>>> find_scene_roots(const GltfDocument& 
     for (const uint32_t node : document.scenes[s].roots) {
       if (node >= count) return not_there(place, "node", node, count);
       if (listed_in[node] == s + 1)
-        return Error{ErrorCode::kRange, place + ": node " + std::to_string(node) + " is there twice"};
+        return Error{ErrorCode::kRange, place + ": node " + std::to_string(node) + " appears twice"};
       listed_in[node] = s + 1;
       if (trees.parent[node] == kNone) scenes[s].push_back(node);
     }

@@ -454,7 +454,8 @@ class Importer {
       for (const auto& [name, accessor] : empty) {
         const auto fits =
             from.draco != kAbsent
-                ? Result<void>(Error{ErrorCode::kFormat, "has only Draco-compressed data, but POSITION has others"})
+                ? Result<void>(
+                      Error{ErrorCode::kFormat, "has only Draco-compressed data, but POSITION has uncompressed data"})
                 : check_zeros(accessor->count);
         if (!fits) return at(std::string(name) + ": accessor " + std::to_string(accessor->index), fits.error());
       }
@@ -463,10 +464,11 @@ class Importer {
     if (draco_version().empty())
       return Error{ErrorCode::kUnsupported, std::string("has only Draco-compressed data, and ") + kWithoutDraco};
     if (has_corners || to.mode != PrimitiveMode::kTriangles)
-      return Error{ErrorCode::kFormat, std::string(kDracoName) + ": a primitive without indices of triangles"};
+      return Error{ErrorCode::kFormat, std::string(kDracoName) + ": expected a primitive of indexed triangles"};
     if (to.indices->count % 3 != 0)
       return Error{ErrorCode::kRange, "indices: accessor " + std::to_string(to.indices->index) + " has " +
-                                          std::to_string(to.indices->count) + " elements, no whole triangles (Draco)"};
+                                          std::to_string(to.indices->count) +
+                                          " elements, expected a multiple of 3 (Draco)"};
     const DocDraco& stated = document_.draco[static_cast<size_t>(from.draco)];
     DracoPrimitive packed;
     packed.triangles = to.indices->count / 3;
@@ -474,8 +476,8 @@ class Importer {
     for (const auto& [name, accessor] : empty) {
       const int32_t id = find(stated.attributes, name);
       if (id == kAbsent)
-        return Error{ErrorCode::kFormat,
-                     std::string(kDracoName) + ": " + name + " has neither data of its own nor a number in the stream"};
+        return Error{ErrorCode::kFormat, std::string(kDracoName) + ": " + name +
+                                             " has neither uncompressed data nor an id in the Draco stream"};
       packed.arrays.push_back({name, static_cast<uint32_t>(id), accessor->type, accessor->components});
     }
     for (const auto& [name, ignored] : stated.attributes) {

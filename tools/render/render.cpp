@@ -106,9 +106,9 @@ void print_stream(const runtime::StreamStats& stream, const Duration& draw) {
   constexpr double kLinkGbPerS = 55;
   const double gb_per_s = static_cast<double>(stream.streamed_bytes) * 1e-6 / draw.wall_ms;
   std::printf(
-      "stream: %s: %llu chunks seen, %s of them, %s missing, %s hidden, %s streamed in %llu batches, %s of it needed "
-      "in the end, %s moved, %.2f GB/s, %.0f%% of %.0f; listing took %s, choosing %s, %llu parts were waited for %s, "
-      "loads %s; drawing took %s and copying %s at the same time\n",
+      "stream: %s: %llu chunks of %s in the view, %s missing, %s of it hidden, %s streamed in %llu batches, %s of it "
+      "visible in the end, %s moved in device memory; %.2f GB/s, %.0f%% of %.0f; finding chunks took %s, choosing %s, "
+      "starting and waiting for %llu parts %s, waiting for loads %s; drawing took %s and copying %s at the same time\n",
       milliseconds(draw.wall_ms).c_str(), static_cast<unsigned long long>(stream.seen_chunks),
       format_bytes(stream.seen_bytes).c_str(), format_bytes(stream.missing_bytes).c_str(),
       format_bytes(stream.hidden_bytes).c_str(), format_bytes(stream.streamed_bytes).c_str(),
@@ -143,7 +143,7 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
               format_bytes(load.texture_bytes).c_str(), both_times(load.textures).c_str());
   if (times.looked)
-    std::printf("JPEG levels: %s, %llu groups decoded in %llu rounds, %llu tiles decoded for themselves\n",
+    std::printf("JPEG levels: %s, %llu groups decoded in %llu rounds, %llu tiles decoded individually\n",
                 format_bytes(load.jpeg_bytes).c_str(), static_cast<unsigned long long>(times.looked->decoded),
                 static_cast<unsigned long long>(times.looked->rounds),
                 static_cast<unsigned long long>(times.looked->tiles));
