@@ -80,7 +80,7 @@ void warn_of_layers(const char* command, const std::string& path, uint64_t count
 void add_picture_options(CLI::App& app, DrawWords& words);
 void add_device_options(CLI::App& app, DrawWords& words);
 
-/// Only --gpus of these.
+/// Adds only --gpus.
 void add_gpus_option(CLI::App& app, std::string& word);
 
 /// Errors kUsage name the option, its value and the allowed values.

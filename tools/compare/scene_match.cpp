@@ -168,7 +168,8 @@ struct Wanted {
   uint64_t asked;
 };
 
-/// Finds the chunks of `wanted`, which all belong to one mesh and are sorted by source number. `out`: by Wanted::asked.
+/// Finds the chunks of `wanted`, which all belong to one mesh and are sorted by source number. `out`: indexed by
+/// Wanted::asked.
 Result<void> find_in_mesh(const Scene& scene, tools::ChunkReader& reader, std::span<const Wanted> wanted,
                           std::vector<StoredTriangle>& out) {
   const auto first_from = [&](uint64_t number) {

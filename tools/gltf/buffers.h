@@ -20,7 +20,7 @@ namespace scree::convert {
 class GltfBuffers {
  public:
   /// `folder`: of the scene's file. `chunks`: the chunks of a .glb by index; null for chunks that are not binary.
-  /// `document` has passed check_document() and outlives this. Indices given to the functions below must be in range.
+  /// `document` has passed check_document() and outlives this. Indices passed to the functions below must be in range.
   /// `kept_bytes`: memory for unpacked buffer views, see MeshoptCache. `allow_outside`: as for resolve_uri().
   GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
               uint64_t kept_bytes, bool allow_outside);

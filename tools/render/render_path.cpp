@@ -209,8 +209,8 @@ class PathRenderer {
     return chooses && runtime::use_gpu(number) ? number : options_.backend.device;
   }
 
-  /// Sets most_waiting_, the number of drawn frames that may wait to be written. Returns the rest of --host-memory, or
-  /// 0 without that option. Error kMemory: --host-memory is too small for one frame.
+  /// Sets most_waiting_, the largest number of drawn frames that are not written yet. Returns the rest of
+  /// --host-memory, or 0 without that option. Error kMemory: --host-memory is too small for one frame.
   Result<uint64_t> share_host_memory() {
     uint64_t bytes = 0;
     for (const Output& output : outputs_)

@@ -225,7 +225,7 @@ Result<std::vector<GroupAccessors>> write_groups(GltfWriter& writer, const Zorah
 std::string texture_name(const ZorahPlan& plan, uint32_t number) {
   constexpr const char* kParts[] = {"BaseColor", "BaseColor", "ORM", "Normal", "Specular"};
   const std::string part = kParts[static_cast<size_t>(plan.textures[number].picture)];
-  // Every name stands for one file; the numbers that look like UDIM tiles have no meaning.
+  // Every name stands for one file; numbers in the form of UDIM tiles have no meaning.
   return "T_" + std::to_string(number) + "_" + part + (number < plan.tile_images ? ".1001" : "");
 }
 

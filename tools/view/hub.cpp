@@ -23,9 +23,9 @@ constexpr auto kMovingRestDelay = 160ms;  // if the page has reported a movement
 constexpr double kQuickMs = 150;
 constexpr double kPatientMs = 900;
 constexpr auto kPatientDelay = 1200ms;
-// A picture waits this long for chunks that are still being loaded to a GPU, and is then sent without them.
+// Drawing waits this long for chunks that are still being loaded to a GPU. The picture is then sent without them.
 constexpr auto kChunkPatience = 150ms;
-// It waits this long for pages of textures, and then shows coarser levels.
+// Drawing waits this long for pages of textures. The picture then shows coarser levels.
 constexpr auto kTexturePatience = 40ms;
 // Chunks that no picture needs yet are loaded for kLoading at a time, at the latest after kBetweenLoading of drawing.
 // Pictures take two to three times as long while chunks are missing, so all chunks should be loaded soon.
@@ -318,8 +318,8 @@ Result<void> Hub::draw_moving(const Work& work) {
   const PictureRequest& request = work.request;
   const Quality& quality = kQualities[work.level];
   const JpegKind jpeg{quality.jpeg, has_sharp_colours(request.shade.show)};
-  // A second picture of the same view waits for all pages, until the view changes. If they exceed the texture memory,
-  // they never all arrive.
+  // Drawing the second picture of a view waits until all pages are loaded or the view changes. Pages that exceed the
+  // texture memory are never all loaded.
   const runtime::IsOver textures =
       work.is_again ? runtime::IsOver([&] { return is_outdated(work); }) : after(kTexturePatience);
   const Result<Drawn> drawn = session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),

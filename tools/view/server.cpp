@@ -122,7 +122,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     timer_.async_wait([self](BoostError waited) {
       if (!waited) self->cut();
     });
-    // Waiting messages are dropped; a write that has begun ends first.
+    // Queued messages are dropped; a write that has begun ends first.
     if (queue_.size() > 1) queue_.erase(queue_.begin() + 1, queue_.end());
     if (queue_.empty()) close_now();
   }

@@ -46,7 +46,7 @@ struct JpegKind {
   bool is_sharp;
 };
 
-/// The time that a picture waits for data that are being loaded, as runtime::IsOver. By default it waits for all.
+/// How long drawing waits for data that are being loaded, as runtime::IsOver. By default until all are loaded.
 struct Patience {
   runtime::IsOver chunks;    // for chunks of a GPU; afterwards missing chunks leave holes in the picture
   runtime::IsOver textures;  // for pages of textures; afterwards textures are coarser

@@ -52,7 +52,7 @@ class EncodeAhead final : public MeasureListener {
     uint64_t discarded = 0;  // number of other windows, which were removed again
     GeometryWriter::OpenPage page;
   };
-  /// Encodes the waiting windows. Errors as take_one().
+  /// Encodes the queued windows. Errors as take_one().
   Result<Written> finish();
 
  private:

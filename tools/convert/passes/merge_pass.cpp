@@ -71,7 +71,7 @@ void MergePass::begin(const ShardFile& shard) {
     if (!window.chunks.empty()) last_page_ = window.chunks.back().page;
 }
 
-/// Goes on to the page of `chunk`: copies it as a whole if possible, otherwise loads it.
+/// Continues with the page of `chunk`: copies it as a whole if possible, otherwise loads it.
 Result<void> MergePass::turn_to(const format::ChunkRecord& chunk) {
   if (!has_page(*shard_, chunk.page, format::PageKind::kGeometry) || (page_ != format::kNone && chunk.page < page_))
     return no_page(*shard_, chunk.page);

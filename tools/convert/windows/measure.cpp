@@ -34,7 +34,7 @@ struct WindowFacts {
   ContentHash content{};
   ContentHash normals{};
   ContentHash tangents{};
-  bool waits = false;  // not measured yet, because its vertices lie too far apart
+  bool waits = false;  // postponed, because its vertices lie too far apart
   VertexUse use;
   std::unique_ptr<HeldWindow> held;
 };
@@ -337,7 +337,7 @@ class Measurer {
     if (facts.waits) waiting_.insert(plan.primitive);
   }
 
-  /// Removes primitives without locality. Other primitives with windows that waited are measured again.
+  /// Removes primitives without locality. Other primitives with postponed windows are measured again.
   Result<void> settle_scattered() {
     std::vector<bool> again(scene_.primitives.size());
     for (const auto& [primitive, use] : uses_) {
@@ -374,7 +374,7 @@ class Measurer {
   MeasureListener* listener_;  // null after it was stopped
   Measurement out_;
   std::map<uint32_t, VertexUse> uses_;  // of primitives that may be scattered
-  std::set<uint32_t> waiting_;          // primitives of windows that waited
+  std::set<uint32_t> waiting_;          // primitives with postponed windows
   uint64_t done_ = 0;
   std::vector<std::unique_ptr<HeldWindow>> held_;  // windows that the listener has not taken
   std::vector<Scratch> scratch_;

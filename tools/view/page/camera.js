@@ -95,7 +95,7 @@ export class Camera {
     const {forward, right, up} = view;
     const tan = Math.tan(this.fov * Math.PI / 360), kMargin = 0.92;
     let center = mix(bound(points, Math.min), bound(points, Math.max), 0.5), reach = 0;
-    // Near points look larger, so the middle of the picture is not that of the box.
+    // Near points are drawn larger, so the middle of the picture is not that of the box.
     for (let round = 0; round < 6; ++round) {
       reach = 2 * kClosest * this.size;
       const places = points.map((point) => sub(point, center)).map((d) => [dot(d, right), dot(d, up), dot(d, forward)]);
