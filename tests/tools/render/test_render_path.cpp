@@ -130,7 +130,7 @@ TEST_CASE("a resumed path draws what is not there or not whole", "[render][path]
   const PathRun path;
   REQUIRE(path.draw({}));
   const auto before = read_bytes(path.name("f_03.png"));
-  CHECK(message(path.draw({}), ErrorCode::kFile).find("f_00.png: exists already; --force replaces it, --resume") !=
+  CHECK(message(path.draw({}), ErrorCode::kFile).find("f_00.png: exists already; --force replaces it; --resume") !=
         std::string::npos);
   fs::remove(path.name("f_01.bin"));
   fs::resize_file(path.name("f_02.pfm"), 100);
