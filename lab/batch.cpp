@@ -1,5 +1,5 @@
-// scree-batch times scree_draw_batch(): random cameras inside a scene, whose depths and ids stay on the GPU. It checks
-// that they are the frames of single draws, and prints a line of CSV.
+// scree-batch times scree_draw_batch() with random cameras inside a scene. The depths and ids stay on the GPU. It
+// checks that they equal single frames, and prints a line of CSV.
 #include <scree/scree.hpp>
 
 #include <algorithm>
@@ -63,7 +63,7 @@ Times times_of(std::vector<double> ms) {
   return {ms[ms.size() / 2], ms.front(), ms.back()};
 }
 
-/// Whether pictures of the batch, spread over it, are those of single frames.
+/// Whether pictures from all parts of the batch equal single frames.
 bool equals_singles(const scree::View& batch, scree::View& single, const std::vector<scree_camera>& cameras,
                     const scree_draw_options& draw, uint32_t count) {
   const uint64_t step = std::max<uint64_t>(cameras.size() / std::max(count, 1u), 1);
@@ -95,7 +95,7 @@ int run(const Options& options) {
   for (uint32_t i = 0; i <= options.repeats; ++i) {
     const auto start = std::chrono::steady_clock::now();
     batch.draw_batch(cameras.data(), options.cameras, draw, kMade);
-    if (i != 0) batch_ms.push_back(milliseconds_since(start));  // the first allocates
+    if (i != 0) batch_ms.push_back(milliseconds_since(start));  // the first batch allocates memory
   }
   const scree_frame_stats drawn = batch.stats();
   for (uint32_t i = 0; i <= std::min(options.singles, options.cameras - 1); ++i) {
@@ -128,9 +128,12 @@ int main(int argc, char** argv) {
   app.add_option("--width", options.width, "Pixels")->capture_default_str();
   app.add_option("--height", options.height, "Pixels")->capture_default_str();
   app.add_option("--samples", options.samples, "Per pixel along each side: 1, 2, 4")->capture_default_str();
-  app.add_option("--repeats", options.repeats, "Batches timed")->check(CLI::PositiveNumber)->capture_default_str();
-  app.add_option("--singles", options.singles, "Single frames timed, and compared")->capture_default_str();
-  app.add_option("--seed", options.seed, "Of the cameras")->capture_default_str();
+  app.add_option("--repeats", options.repeats, "Number of timed batches")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--singles", options.singles, "Number of single frames that are timed and compared")
+      ->capture_default_str();
+  app.add_option("--seed", options.seed, "Seed of the cameras")->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {
     return run(options);

@@ -23,7 +23,7 @@ void add_options(CLI::App& app, LabWords& words) {
                  "A .scree file, instead of --scene; with --reference, --curves or --sizes .gltf and .glb models")
       ->type_name("FILES");
   app.add_option("--scene", words.scenes,
-                 "A, B, C, D, lantern (B's mesh once) or A60 (A with 60 M triangles), with commas between\n"
+                 "A, B, C, D, lantern (B's mesh once) or A60 (A with 60 M triangles), separated by commas\n"
                  "(default: A,B,C,D); or textured: JPEG textures, decoded as they are drawn")
       ->type_name("NAMES");
   app.add_option("--view", words.views,
@@ -57,21 +57,23 @@ void add_options(CLI::App& app, LabWords& words) {
   app.add_option("--effects", words.effects, "none, ssao (ambient occlusion), edl (eye-dome lighting), ssao+edl")
       ->capture_default_str()
       ->type_name("LIST");
-  app.add_option("--size", words.size, "Image size in pixels (default: the scene's; of a file 1920x1080)")
+  app.add_option("--size", words.size, "Image size in pixels (default: the scene's; for a file 1920x1080)")
       ->type_name("WxH");
   app.add_option(
          "--near", words.near,
          "The near plane's distance as a share of the scene's diagonal (default: 0.1 units, or a camera's own);\n"
-         "1e-6 is what render takes where the eye is inside the scene")
+         "render uses 1e-6 if the eye is inside the scene")
       ->type_name("SHARE");
   app.add_option("--frames", words.frames, "Frames measured")->capture_default_str()->type_name("N");
-  app.add_option("--warmup", words.warmup, "Frames before them")->capture_default_str()->type_name("N");
+  app.add_option("--warmup", words.warmup, "Frames drawn before the measured ones")
+      ->capture_default_str()
+      ->type_name("N");
   app.add_flag("--stages", words.stages,
-               "Time the stages of small scenes too, whose frames are one submission otherwise and take less");
+               "Time the stages of small scenes too. This makes them slower: otherwise a frame is one submission");
   app.add_flag("--path", words.path,
                "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
   app.add_flag("--sweep", words.sweep,
-               "Speed beside size beside error against float32 positions, for all --indices and --positions (default:\n"
+               "Speed, size and error against float32 positions, for all --indices and --positions (default:\n"
                "8,10,12,14,16,18,20,24)");
   app.add_option("--peer", words.peer,
                  "vulkan: also draw each view by the GPU's own rasteriser, with indexed draws (VK-ID) and with vertex\n"
@@ -79,21 +81,21 @@ void add_options(CLI::App& app, LabWords& words) {
       ->type_name("NAME");
   app.add_flag("--reference", words.reference,
                "Judge the pictures of --scene (default: D) and of models, as convert packs them with --positions and\n"
-               "--indices, by a double-precision reference that draws the source's own vertices: every triangle, by\n"
-               "brute force, so that A, B and C want a small --scale. The CPU draws where there is no GPU");
+               "--indices, by a double-precision reference that draws every triangle of the source by brute force, so\n"
+               "A, B and C need a small --scale. The CPU draws if there is no GPU");
   app.add_flag("--curves", words.curves,
-               "--reference for 8 to 24 bits and float32, and what snapping, depth codes and supersampling cost");
+               "--reference for 8 to 24 bits and float32, and the errors of snapping, depth codes and few samples");
   app.add_flag("--sizes", words.sizes,
-               "What geometry takes, and seconds to encode and decode it: models (.gltf, .glb) as convert packs them,\n"
-               "through meshoptimizer's codecs, and in the glTF");
-  app.add_option("--textures", words.textures, "Textured: how many")->capture_default_str()->type_name("N");
+               "Size of geometry, and seconds to encode and decode it: models (.gltf, .glb) as convert packs them,\n"
+               "in meshoptimizer's codecs, and in the glTF");
+  app.add_option("--textures", words.textures, "Textured: number of textures")->capture_default_str()->type_name("N");
   app.add_option("--texture-size", words.texture_size, "Textured: texels per side")
       ->capture_default_str()
       ->type_name("N");
   app.add_option("--texture-cache", words.texture_cache, "Textured: memory for decoded blocks (default: 256MiB)")
       ->type_name("SIZE");
   app.add_option("--device", words.device,
-                 "The GPU, by its index or UUID, as scree devices lists them (default: the first that can be used)")
+                 "The GPU, by index or UUID as scree devices lists them (default: the first usable one)")
       ->type_name("N|UUID");
   app.add_option("--csv", words.csv, "Append a row per case to this file")->type_name("FILE");
 }
@@ -115,7 +117,7 @@ int run(int argc, char** argv) {
       "scree-lab");
   LabWords words;
   add_options(app, words);
-  for (CLI::Option* option : app.get_options())  // a mode of its own, which only takes files and --csv
+  for (CLI::Option* option : app.get_options())  // a mode of its own, which accepts only files and --csv
     if (option->get_name() != "--sizes" && option->get_name() != "files" && option->get_name() != "--csv" &&
         option->get_name() != "--help")
       app.get_option("--sizes")->excludes(option);

@@ -21,7 +21,7 @@ Error usage(std::string message) {
   return {ErrorCode::kUsage, std::move(message)};
 }
 
-/// The parts of "a,b,c", without surrounding spaces.
+/// Splits "a,b,c". Removes spaces around the parts.
 std::vector<std::string> split(std::string_view text) {
   std::vector<std::string> parts;
   while (true) {
@@ -39,7 +39,7 @@ Result<std::vector<std::string>> parse_scenes(const std::string& text) {
   const std::vector<std::string> names = split(text.empty() ? "A,B,C,D" : text);
   for (const std::string& name : names)
     if (std::find(kScenes.begin(), kScenes.end(), name) == kScenes.end())
-      return usage("--scene: no scene \"" + name + "\": A, B, C, D, lantern or A60, with commas between, or textured");
+      return usage("--scene: no scene \"" + name + "\": A, B, C, D, lantern or A60, separated by commas, or textured");
   return names;
 }
 
@@ -62,7 +62,7 @@ Result<std::vector<Encoding>> parse_encodings(const std::string& positions, cons
       encodings.push_back(encoding);
     }
   }
-  if (encodings.empty()) return usage("--indices: clustered takes --positions in bits, not float32");
+  if (encodings.empty()) return usage("--indices: clustered needs --positions in bits, not float32");
   return encodings;
 }
 
@@ -107,19 +107,19 @@ Result<std::vector<Effects>> parse_effects(const std::string& text) {
   return effects;
 }
 
-/// Refuses options that --reference and --curves cannot use, because they draw convert's file in one way only.
+/// Rejects options that --reference and --curves cannot use, because they draw convert's file in one way only.
 Result<void> check_reference(const LabWords& words, const LabOptions& options) {
   const LabWords defaults;
   if (words.path || words.sweep || words.stages || words.near != defaults.near)
     return usage("--reference and --curves exclude --path, --sweep, --stages and --near");
   if (words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
       words.culling != defaults.culling || words.effects != defaults.effects)
-    return usage("--reference and --curves take no --samples, --sampleless, --culling or --effects");
+    return usage("--reference and --curves exclude --samples, --sampleless, --culling and --effects");
   for (const Encoding& encoding : options.encodings)
     if (!encoding.float32 && !encoding.packed_indices && !encoding.clustered)
-      return usage("--indices: files that convert makes have packed or clustered ones");
+      return usage("--indices: convert writes only packed or clustered");
   if (options.curves && options.size && std::max(options.size->width, options.size->height) > kMaxCurveSide)
-    return usage("--size: --curves takes at most " + std::to_string(kMaxCurveSide) +
+    return usage("--size: --curves allows at most " + std::to_string(kMaxCurveSide) +
                  " pixels per side, because its reference has " + std::to_string(kReferenceSamples) +
                  " samples per side of a pixel");
   return {};
@@ -144,11 +144,12 @@ Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
       words.scale != defaults.scale || words.samples != defaults.samples || words.sampleless != defaults.sampleless ||
       words.culling != defaults.culling || words.effects != defaults.effects || !words.views.empty() || words.path ||
       words.sweep || words.stages || words.reference || words.curves || !words.peer.empty() || !words.csv.empty())
-    return usage("--scene textured takes --textures, --texture-size, --texture-cache, --size, --frames and --warmup");
+    return usage(
+        "--scene textured allows only --textures, --texture-size, --texture-cache, --size, --frames and --warmup");
   options.is_textured = true;
   if (words.textures < 1 || words.textures > 1000) return usage("--textures: 1 to 1000");
   if (words.texture_size == 0 || words.texture_size % 1024 != 0 || words.texture_size > 32768)
-    return usage("--texture-size: 1024, 2048, ... 32768 texels per side");
+    return usage("--texture-size: expected 1024, 2048, ... 32768 texels per side");
   options.textures = words.textures;
   options.texture_size = words.texture_size;
   const Result<uint64_t> cache = tools::parse_size(words.texture_cache, "--texture-cache", options.texture_cache);
@@ -210,7 +211,7 @@ Result<LabOptions> parse_options(const LabWords& words) {
   const LabWords defaults;
   if (has_file && (words.positions != defaults.positions || words.indices != defaults.indices ||
                    words.order != defaults.order || words.scale != defaults.scale))
-    return usage("--positions, --indices, --order and --scale are for generated scenes: a file brings its own");
+    return usage("--positions, --indices, --order and --scale are for generated scenes, not for a file");
   if (words.scenes != "textured" && (words.files.empty() || !words.scenes.empty())) {
     Result<std::vector<std::string>> scenes =
         parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes);
@@ -253,17 +254,17 @@ Result<LabOptions> parse_options(const LabWords& words) {
   if (words.order != "row" && words.order != "block")
     return usage("--order: '" + words.order + "' is not row or block");
   options.order = words.order == "row" ? synth::MeshOrder::kRow : synth::MeshOrder::kBlock;
-  if (!(words.scale > 0 && words.scale <= 1)) return usage("--scale lies above 0 and is at most 1");
+  if (!(words.scale > 0 && words.scale <= 1)) return usage("--scale must be above 0 and at most 1");
   options.scale = words.scale;
-  if (!(words.near >= 0 && words.near <= 1)) return usage("--near is a share of the scene's size, at most 1");
+  if (!(words.near >= 0 && words.near <= 1)) return usage("--near must be a share of the scene's size, from 0 to 1");
   options.near = words.near;
   if (words.frames == 0) return usage("--frames is at least 1");
   options.frames = words.frames;
   options.warmup = words.warmup;
   if (words.path && words.sweep) return usage("--path and --sweep exclude each other");
-  if (words.sweep && has_file) return usage("--sweep generates its scene: it takes --scene, not a file");
-  if (words.path && has_file) return usage("--path is that of a generated scene: it takes --scene, not a file");
-  if (words.path && !words.views.empty()) return usage("--path moves between a scene's two views: it takes no --view");
+  if (words.sweep && has_file) return usage("--sweep generates its scene: it needs --scene, not a file");
+  if (words.path && has_file) return usage("--path is the path of a generated scene: it needs --scene, not a file");
+  if (words.path && !words.views.empty()) return usage("--path moves between a scene's two views: it excludes --view");
   options.has_peer = !words.peer.empty();
   if (options.has_peer)
     if (const Result<void> checked = check_peer(words, options); !checked) return checked.error();

@@ -56,7 +56,7 @@ struct Effects {
   bool edl = false;   // eye-dome lighting
 };
 
-/// Which clusters of clustered chunks are culled. The picture is always the same.
+/// The kinds of clusters that are culled. The picture is always the same.
 struct Culling {
   bool bounds = true;     // clusters outside the picture, and between pixel centres
   bool occlusion = true;  // also hidden clusters
@@ -72,7 +72,7 @@ struct LabOptions {
   std::vector<uint32_t> samples_per_side;  // 1, 2, 4
   std::vector<Culling> culling;
   std::vector<Effects> effects;
-  std::vector<bool> sampleless_tests;  // with the test, without
+  std::vector<bool> sampleless_tests;  // true: with the test
   bool stage_times = false;            // also for small scenes
   std::optional<ImageSize> size;       // replaces the scene's own size
   double near = 0;                     // the near plane as a share of the scene's diagonal; 0: the view's own
@@ -104,7 +104,7 @@ std::string file_name(const std::string& path);
 /// Errors kUsage: an impossible value, with the possible ones.
 Result<LabOptions> parse_options(const LabWords& words);
 
-/// The share of its triangles that a scene is made with: `scale`, except for D and A60, which are always whole.
+/// The share of a scene's triangles that are generated: `scale`, except for D and A60, which are always complete.
 double scene_scale(const std::string& name, double scale);
 
 /// A, B, C or D; "lantern": B's mesh, one instance; "A60": A with 60 M triangles. `name`: accepted by parse_options().

@@ -29,7 +29,7 @@ using tools::fixed;
 
 constexpr int kZstdLevels[] = {0, 3, 9, 19};
 constexpr uint32_t kPositionBits = 16;
-constexpr int kDecodings = 3;  // the fastest counts
+constexpr int kDecodings = 3;  // the fastest one counts
 
 /// Processor time of `work` in seconds: the minimum of `times` runs.
 template <class Work>
@@ -56,7 +56,7 @@ Result<OpenFile> open(const std::string& path) {
   return OpenFile{std::move(*map), std::move(*file)};
 }
 
-/// A mesh as codecs of whole meshes need it: without repeated vertices, on our lattice.
+/// A mesh in the form for codecs of whole meshes: without repeated vertices, with scree's lattice offsets.
 struct PlainMesh {
   std::vector<uint32_t> indices;
   std::vector<uint16_t> positions;  // x, y, z, 0: lattice offsets
@@ -95,7 +95,7 @@ Result<PlainMesh> plain_mesh(const OpenFile& opened, uint64_t number, tools::Chu
   return out;
 }
 
-/// The size of meshes in meshoptimizer's codecs.
+/// Measures the size of meshes in meshoptimizer's codecs.
 class MeshoptCodec {
  public:
   explicit MeshoptCodec(const std::vector<PlainMesh>& meshes) : meshes_(meshes) {}
@@ -126,7 +126,7 @@ class MeshoptCodec {
       const int failed = kinds_[i].second == 0
                              ? meshopt_decodeIndexBuffer(out.data(), kinds_[i].first, stride, from, streams[i].size())
                              : meshopt_decodeVertexBuffer(out.data(), kinds_[i].first, stride, from, streams[i].size());
-      if (failed != 0) return Error{ErrorCode::kFormat, "meshoptimizer does not decode what it encoded"};
+      if (failed != 0) return Error{ErrorCode::kFormat, "meshoptimizer cannot decode its own output"};
     }
     return {};
   }
@@ -152,7 +152,7 @@ class MeshoptCodec {
 
   const std::vector<PlainMesh>& meshes_;
   std::vector<Bytes> streams_;
-  std::vector<std::pair<size_t, size_t>> kinds_;  // elements and their bytes
+  std::vector<std::pair<size_t, size_t>> kinds_;  // number of elements and bytes per element
 };
 
 Bytes zstd_packed(const Bytes& bytes, int level) {
@@ -209,7 +209,7 @@ class ModelSizes {
   Result<void> read_meshes() {
     convert::ConvertOptions whole = options();
     whole.chunk_triangles = 0;
-    whole.encoding = convert::Encoding::kIndexed;  // clusters would store vertices again
+    whole.encoding = convert::Encoding::kIndexed;  // clusters would store border vertices several times
     if (const auto done = convert::convert(whole); !done) return done.error();
     const auto opened = open(whole.output);
     if (!opened) return opened.error();

@@ -18,7 +18,7 @@ struct SizeRow {
   int zstd_level = 0;    // 0: none
   uint64_t triangles = 0;
   uint64_t vertices = 0;      // without repetitions
-  uint64_t device_bytes = 0;  // as a GPU would hold it, or 0 where another row has it
+  uint64_t device_bytes = 0;  // in the form for a GPU, or 0 if another row has it
   uint64_t disk_bytes = 0;    // without tables and headers of the container
   double encode_s = 0;
   double decode_s = 0;  // to plain arrays
@@ -29,9 +29,9 @@ bench::CsvCells size_cells(const SizeRow& row);
 /// The rows as a table of bytes per triangle.
 std::string sizes_table(const std::vector<SizeRow>& rows);
 
-/// Packs every model (.gltf or .glb) separately on the 16-bit grid: indexed and clustered pages, raw and with zstd 3, 9
-/// and 19; the same vertices and triangles with meshoptimizer's index and vertex codecs; and their size in the glTF. If
-/// the model has normals, everything is measured with them as well. Errors of convert; kFile.
+/// Packs every model (.gltf or .glb) separately on the 16-bit grid: as indexed and clustered pages, raw and with zstd
+/// 3, 9 and 19. Also measures the same vertices and triangles in meshoptimizer's index and vertex codecs, and their
+/// size in the glTF. If the model has normals, everything is measured with them as well. Errors of convert; kFile.
 Result<std::vector<SizeRow>> measure_sizes(const std::vector<std::string>& models);
 
 /// Runs measure_sizes(), prints the rows on stdout and appends them to the CSV file, if one is given.

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Times batches of cameras whose depths and ids go into torch's tensors, which torch reads on the same stream.
+"""Times batches of cameras. Depths and ids are written to torch tensors, which torch reads on the same stream.
 
     lab/torch_batches.py FILE.scree [--cameras 1024] [--size 128x128] [--repeats 50] [--library libscree.so]
 
-Needs torch with CUDA and libscree of API version 4. Prints a line of CSV per run: with torch reading every tensor (the
-nearest depth of each view, and how many of its pixels show something), and without. The pictures of the first and the
-last batch are compared with views drawn one by one.
+Needs torch with CUDA and libscree of API version 4. Prints a line of CSV for a run in which torch reads every tensor
+(the nearest depth of each view, and the number of its pixels that show a surface), and for one in which it does not.
+After each run, pictures of the last batch are compared with views drawn one by one.
 """
 import argparse
 import ctypes as c
@@ -20,7 +20,7 @@ LOOK_AT = 2
 
 
 def structure(name, *fields):
-    """A structure of scree.h, as far as this program fills it in; `size` is set."""
+    """A structure of scree.h with the members that this program uses. Sets `size`."""
     kind = type(name, (c.Structure,), {"_fields_": [("size", c.c_size_t), *fields]})
     return lambda **values: kind(size=c.sizeof(kind), **values)
 
@@ -45,7 +45,7 @@ class Library:
 
 
 def random_cameras(stats, count):
-    """Eyes and targets in the middle eight tenths of the scene's box, as lab/batch.cpp has them."""
+    """Eyes and targets in the middle eight tenths of the scene's box, as in lab/batch.cpp."""
     numbers = random.Random(1)
 
     def point():
@@ -101,7 +101,7 @@ def main():
                 one = torch.empty(shape[1:], dtype=tensor.dtype)
                 scree("scree_read", single, layer, c.c_void_p(one.data_ptr()), c.c_uint64(one.nbytes))
                 if not torch.equal(one, tensor[i].cpu()):
-                    raise SystemExit(f"torch_batches.py: layer {layer} of view {i} is not that of a single frame")
+                    raise SystemExit(f"torch_batches.py: layer {layer} of view {i} differs from a single frame")
 
     print("device,cameras,width,height,read_by_torch,batch_ms,least_ms,most_ms,views_per_s")
     for reads in (True, False):
@@ -121,7 +121,7 @@ def main():
         if reads:
             shown = (layers[TRIANGLE] >= 0).flatten(1).sum(1)
             if not torch.equal(found[1].long(), shown) or int(shown.sum()) == 0:
-                raise SystemExit("torch_batches.py: torch did not read what was drawn")
+                raise SystemExit("torch_batches.py: torch did not read the drawn pictures")
         check()
 
 

@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
-"""Loads `scree view` with clients that move: pictures per second of each, times, and the server's memory.
+"""Puts a load of moving clients on `scree view`. Measures pictures per second, times, and the server's memory.
 
     lab/viewers.py PROGRAM FILE.scree [--clients 8] [--seconds 10] [--size 1280x720] [--join SECONDS]
-                   [--link MBIT] [--delay MS] [words of scree view ...]
+                   [--link MBIT] [--delay MS] [options of scree view ...]
 
-A client sends a camera every 16 ms and acknowledges a picture as soon as it has come. So this measures the server and the
-loopback, without a browser. At the end all clients rest, and the times to a picture of full size and to a lossless one are
-measured.
---join: every so many seconds a client leaves and another joins. Clients then also pick, hide nodes, ask for screenshots and
-rest now and then.
---link: every client has a link of so many Mbit/s. It takes --delay ms (20) each way and holds 64 KiB.
-The exit code is 1 if the server reports an error, closes a connection or ends, or if its memory grows from the second to the
-last quarter of the time by more than 5% and 16 MiB.
+A client sends a camera every 16 ms and acknowledges each picture immediately. So this measures the server and the
+loopback, without a browser. At the end all clients rest, and the times to a picture of full size and to a lossless one
+are measured.
+--join: after every SECONDS seconds a client leaves and another joins. Clients then also pick, hide nodes, request
+screenshots and rest now and then.
+--link: every client has a link of MBIT Mbit/s, with a buffer of 64 KiB and a delay of --delay ms (20) per direction.
+The exit code is 1 if the server reports an error, closes a connection or ends, or if its memory grows from the second
+to the last quarter of the time by more than 5% and 16 MiB.
 """
 import argparse
 import base64
@@ -33,7 +33,7 @@ import time
 class Link(threading.Thread):
     """A slow link to a server: its port takes one connection."""
 
-    HELD = 64 * 1024  # bytes that the slowest part of the way holds
+    HELD = 64 * 1024  # size of the buffer, bytes
 
     def __init__(self, host, port, mbit, delay_ms):
         super().__init__(daemon=True)
@@ -79,12 +79,12 @@ class Link(threading.Thread):
 
 
 class Client:
-    """One viewer: `pictures` are the (time, bytes) of those that came while it moved."""
+    """One viewer. `pictures`: (time, bytes) of each picture that arrived while the camera moved."""
 
     def __init__(self, host, port, token, size, seed, link=None):
         self.random = random.Random(seed)
         self.size = size
-        self.turn = 2.4 * seed  # every client looks from elsewhere
+        self.turn = 2.4 * seed  # every client has its own viewpoint
         self.pictures, self.waits, self.problems = [], [], []
         self.times = {"shadowMs": [], "drawMs": [], "shadeMs": [], "encodeMs": [], "waitMs": []}
         self.scene, self.is_over = None, False
@@ -173,7 +173,7 @@ class Client:
             self.waits.append(wait)
 
     def view(self, number, moving=True):
-        """The camera number `number` of a way around the scene."""
+        """Sends camera number `number` of a path around the scene."""
         low, high = self.scene["boxMin"], self.scene["boxMax"]
         middle = [(a + b) / 2 for a, b in zip(low, high)]
         reach = 0.8 * math.dist(low, high)

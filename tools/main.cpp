@@ -18,7 +18,7 @@
 
 namespace {
 
-/// CLI11 reports an unknown word as an extra; the nearest known option or subcommand goes into the message.
+/// Prints an error of parsing. For an unknown word the message names the nearest known option or subcommand.
 int report_parse_error(const CLI::App& app, const CLI::ParseError& error) {
   if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
   const CLI::App* place = &app;
@@ -29,7 +29,7 @@ int report_parse_error(const CLI::App& app, const CLI::ParseError& error) {
   return scree::exit_code(scree::ErrorCode::kUsage);
 }
 
-/// `scree` and `scree help` print the help, `scree help convert` that of convert.
+/// Turns `scree` and `scree help` into `scree --help`, and `scree help convert` into `scree convert --help`.
 void ask_for_help(const CLI::App& app, std::vector<std::string>& words) {
   if (words.empty()) words = {"--help"};
   if (words.front() != "help") return;
@@ -61,7 +61,7 @@ int run(int argc, char** argv) {
   std::vector<std::string> words(argv + 1, argv + argc);
   ask_for_help(app, words);
   give_normals_a_value(words);
-  std::reverse(words.begin(), words.end());  // as CLI11 takes them
+  std::reverse(words.begin(), words.end());  // CLI11 parses words from the last to the first
   try {
     app.parse(std::move(words));
   } catch (const CLI::ParseError& error) {
@@ -70,7 +70,7 @@ int run(int argc, char** argv) {
   for (const scree::tools::Command& command : commands) {
     if (!command.app->parsed()) continue;
     const std::string name = command.app->get_name();
-    if (name != "inspect") scree::tools::end_on_signal(name);  // which writes nothing
+    if (name != "inspect") scree::tools::end_on_signal(name);  // inspect writes nothing
     const scree::Result<void> result = command.run();
     if (result) return 0;
     scree::tools::end_where_signalled();
@@ -81,8 +81,8 @@ int run(int argc, char** argv) {
   return 0;
 }
 
-/// Where memory runs out in a destructor or in a thread's first lines, nobody can catch it. Everything else that ends
-/// here is a bug, and leaves a core. Unfinished files are removed in both cases.
+/// Runs if memory is exhausted in a destructor or at a thread's start, where no code can catch the exception. Any other
+/// cause is a bug, and leaves a core. Unfinished files are removed in both cases.
 [[noreturn]] void on_terminate() {
   scree::format::remove_open_parts();
   try {

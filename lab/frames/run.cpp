@@ -201,7 +201,7 @@ class Runner {
     return {};
   }
 
-  /// Compares every encoding with packed float32 of the same view.
+  /// Compares every encoding with packed float32 in the same view.
   Result<void> sweep_scene(const std::string& name) {
     const synth::Scene scene = make_scene(name, options_.order, options_.scale);
     std::vector<HostPicture> references;
@@ -309,7 +309,7 @@ class Runner {
         samples->begin(), samples->end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
     result.picture = format::checksum(std::as_bytes(std::span(*samples)));
     const VisibleCost cost = visible_cost(resident.host(), resident.boxes(), view.frames.back());
-    // These are the bytes that the frame read only if it drew exactly these chunks.
+    // The frame read these bytes only if it drew exactly these chunks.
     if (view.frames.size() == 1 && result.stats.clusters_drawn == 0 && cost.draws == result.stats.draws)
       result.touched_bytes = cost.bytes;
     return {};

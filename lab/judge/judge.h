@@ -19,7 +19,7 @@
 
 namespace scree::lab {
 
-/// Where and how often frames are drawn and timed.
+/// The device on which frames are drawn, and the numbers of timed frames.
 struct DrawSettings {
   bool gpu = false;
   uint32_t threads = 1;
@@ -42,7 +42,7 @@ class PackedScene {
     runtime::Picture picture;  // RGB on black
     Times times;
     uint32_t frames = 0;
-    std::optional<runtime::Frame> frame;  // the last one, its samples on the host
+    std::optional<runtime::Frame> frame;  // the last frame, with its samples on the host
   };
   /// Draws `view` (of one sample per pixel) with `samples_per_side` squared samples per pixel. Errors of drawing and
   /// shading.
@@ -83,7 +83,7 @@ class SourceJudge {
 
   /// Fills in the errors of `drawn`, a picture of one sample per pixel. Errors as compare_frame.
   Result<void> judge(const PackedScene::Drawn& drawn, const ReferencePicture& reference, JudgedCase& row) const;
-  /// Likewise the errors of the reference in one of its modes.
+  /// Fills in the errors of the reference in one of its modes.
   Result<void> judge_mode(const compare::ReferenceMode& mode, const ReferencePicture& reference, JudgedCase& row) const;
   /// Fills in PSNR and FLIP only, for two pictures of the size of `view`.
   void judge_picture(std::span<const uint8_t> rgb, std::span<const uint8_t> expected, const kernels::View& view,

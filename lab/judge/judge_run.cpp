@@ -45,7 +45,7 @@ class JudgeRun {
  private:
   Result<void> judge_all() {
     for (const std::string& name : options_.scenes) {
-      if (!has_view(name)) continue;  // the named views belong to other scenes
+      if (!has_view(name)) continue;  // the scene has none of the named views
       const Result<Source> source = synthesize(name);
       if (!source) return source.error();
       if (Result<void> done = judge_source(*source); !done) return done;
@@ -123,7 +123,7 @@ class JudgeRun {
       if (!picture) return picture.error();
       supersampled.push_back(std::move(*picture));
     }
-    bool is_exact = true;  // the packed scene is still the one that the views were judged with
+    bool is_exact = true;  // `packed` is the float32 file
     for (const Encoding& encoding : options_.encodings) {
       if (!encoding.float32 || !is_exact) packed = pack(source, encoding);
       if (!packed) return packed.error();

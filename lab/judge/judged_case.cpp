@@ -26,7 +26,7 @@ std::string psnr(const JudgedCase& row) {
   return std::isinf(row.psnr_db) ? "equal" : short_number(row.psnr_db);
 }
 
-/// The part of a row that tells it apart from others of the same scene and view.
+/// The part of a row that distinguishes it from others of the same scene and view.
 std::string drawn_as(const JudgedCase& row) {
   switch (row.study) {
     case Study::kDepth:

@@ -29,7 +29,7 @@ struct JudgedCase {
   std::string view;
   uint32_t width = 0;  // pixels
   uint32_t height = 0;
-  std::string positions;  // bits, "float32"; "source": the reference rasteriser itself, in one of its modes
+  std::string positions;  // bits or "float32"; "source": the reference rasteriser itself, in one of its modes
   std::string indices;    // "packed", "clustered"; empty for "source"
   uint32_t samples_per_side = 1;
   uint32_t depth_bits = 28;  // 0: double precision
@@ -38,15 +38,15 @@ struct JudgedCase {
   uint64_t unique_triangles = 0;
   uint64_t drawn_triangles = 0;
   uint64_t geometry_bytes = 0;  // indices and positions, or clusters; 0 for "source"
-  double position_error = 0;    // largest of a coordinate that convert found, model units
+  double position_error = 0;    // largest error of a coordinate that convert found, model units
   double position_bound = 0;    // largest bound that a mesh states
   std::optional<Times>
-      drawing;          // ms; of a GPU culling and all stages by its clock, of a processor a frame by the wall's
+      drawing;          // ms; on a GPU: culling and all stages by its clock; on a CPU: a frame by the wall clock
   uint32_t frames = 0;  // number of timed frames
 
   /// Missing for more than one sample per pixel.
   struct Pixels {
-    uint64_t covered = 0;  // by the reference
+    uint64_t covered = 0;  // pixels that the reference covers
     uint64_t wrong = 0;
     std::array<uint64_t, compare::kPixelKinds> kinds{};
     compare::DepthError same;     // over pixels with the same triangle in both

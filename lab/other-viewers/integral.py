@@ -3,9 +3,9 @@
 
     integral.py PANORAMA.hdr
 
-Prints sRGB codes for the surfaces that docs/viewers.md names: `once`: appendix B of glTF 2.0 (GGX, Smith, Schlick), light
-reflected once; `often`: with the light that a rough surface reflects more than once, if a white one loses none; `matt`: a matt
-surface of the same colour. The sum goes over all texels of the panorama and has no other approximation.
+Prints sRGB codes for the surfaces in docs/viewers.md. `once`: appendix B of glTF 2.0 (GGX, Smith, Schlick), light that
+is reflected once. `often`: including light that a rough surface reflects several times, such that a white surface loses
+none. `matt`: a matt surface of the same colour. Summing over the texels of the panorama is the only approximation.
 """
 import math
 import sys

@@ -1,11 +1,13 @@
 #!/usr/bin/env node
-// Draws glTF test models with scree, f3d and three.js from the same cameras and measures how their pictures differ.
+// Draws glTF test models with scree, f3d and three.js from the same cameras and measures the differences of their
+// pictures.
 //
 //     npm ci && xvfb-run -a -s '-screen 0 1600x1200x24' node run.mjs SCREE MODELS FOLDER [NAME-PATTERN]
 //
-// SCREE is the program, MODELS a folder with the files of models.json, FOLDER gets all pictures, rows.csv and sheet.png.
-// A model of models.json has a direction to the eye (`view`), a `label` if it is on the sheet, and maybe a `zoom`, factors
-// of its materials that replace the file's (`factors`), or `light` of the sheet's picture.
+// SCREE is the program. MODELS is a folder with the files of models.json. All pictures, rows.csv and sheet.png are
+// written to FOLDER.
+// A model of models.json has a direction to the eye (`view`), and a `label` if it is on the sheet. Optional: `zoom`,
+// `factors` (replace factors of its materials), `light` (of the sheet's picture).
 // Needs f3d and a Chromium (SCREE_BROWSER, or Debian's); OpenGL and WebGL may run on the CPU.
 import {execFileSync} from 'node:child_process';
 import {createServer} from 'node:http';
@@ -43,7 +45,7 @@ function openGltf(file) {
   }};
 }
 
-/// Makes every material unlit: the base colour, its texture and alpha remain.
+/// Makes every material unlit. The base colour, its texture and alpha remain.
 function makeUnlit(file) {
   const {json, save} = openGltf(file);
   json.materials ??= [];
@@ -61,7 +63,8 @@ function makeUnlit(file) {
   save(json);
 }
 
-/// Takes the file's lights away, which f3d and three.js add to the surroundings, and overrides factors of its materials.
+/// Removes the file's lights, which f3d and three.js would add to the surroundings, and overrides factors of its
+/// materials.
 function setFactors(file, factors) {
   const {json, save} = openGltf(file);
   for (const material of json.materials ?? []) Object.assign(material.pbrMetallicRoughness ??= {}, factors);
@@ -74,7 +77,7 @@ function setFactors(file, factors) {
   save(json);
 }
 
-/// A changed copy of the model, with its folder, for one of the two lights.
+/// Makes a changed copy of the model's folder for one of the two lights.
 function copyModel(model, light) {
   const target = inFolder('models', model.name, light);
   rmSync(target, {recursive: true, force: true});
@@ -88,7 +91,7 @@ function copyModel(model, light) {
 
 // ---- The surroundings
 
-/// A Radiance picture turned by a quarter: f3d has +x in the middle of the picture, scree -z.
+/// Rotates a Radiance picture by a quarter turn: its middle is +x in f3d, -z in scree.
 function turnHdr(from, to) {
   const bytes = readFileSync(from);
   let at = bytes.indexOf('\n\n') + 2;
@@ -124,7 +127,7 @@ function turnHdr(from, to) {
 const run = (command, words) => execFileSync(command, words, {stdio: ['ignore', 'pipe', 'pipe']}).toString();
 const commas = (numbers) => numbers.map((number) => Number(number.toFixed(6))).join(',');
 
-/// Eye and target such that the whole scene is in the picture from `view`, the direction to the eye.
+/// Eye and target for a picture of the whole scene; model.view is the direction to the eye.
 function cameraOf(model, packed) {
   const {min, max} = JSON.parse(run(program, ['inspect', packed, '--json'])).scene.scenes.find((scene) => scene.default);
   const target = min.map((low, i) => (low + max[i]) / 2);
@@ -165,7 +168,7 @@ function serve() {
 const compare = (a, b) => JSON.parse(run(program, ['compare', a, b, '--json'])).pictures;
 const saveUrl = (url, file) => writeFileSync(file, Buffer.from(url.slice(url.indexOf(',') + 1), 'base64'));
 
-// ---- All of it
+// ---- Main program
 
 const browserPath = [process.env.SCREE_BROWSER, '/usr/bin/chromium-headless-shell', '/usr/bin/chromium']
   .find((path) => path && existsSync(path));
@@ -209,7 +212,7 @@ for (const model of chosen) {
     const wish = {model: urlOf(file), hdr: light === 'unlit' ? '' : '/out/light.hdr', ...camera, fov, width, height};
     saveUrl(await page.evaluate((wish) => draw(wish), wish), name('three'));
 
-    // f3d draws the surroundings behind the model: the alpha of a picture without them cuts them off.
+    // f3d draws the surroundings behind the model. The alpha of a picture without surroundings masks them.
     drawF3d(file, camera, [], inFolder('mask.png'));
     drawF3d(file, camera, light === 'unlit' ? [] : ['--hdri', inFolder('turned.hdr')], inFolder('uncut.png'));
     const {url, covered} = await page.evaluate(([picture, mask]) => cut(picture, mask),

@@ -17,7 +17,7 @@ using bench::Times;
 
 /// The machine that a case was measured on.
 struct Machine : bench::Machine {
-  double copy_gb_per_s = 0;  // device copy, bytes read plus bytes written, in 1e9 per second
+  double copy_gb_per_s = 0;  // device copy, bytes read plus bytes written, 1e9 per second
 };
 
 /// Errors of one picture against the same scene in float32.
@@ -25,8 +25,8 @@ struct PictureError {
   uint64_t wrong_pixels = 0;   // pixels that show another triangle, or background instead of a triangle
   double depth_error_max = 0;  // relative, over the pixels that show a triangle in both
   double depth_error_rms = 0;  // likewise
-  double psnr_db = 0;          // of the shaded picture, sRGB-coded; infinity for equal pictures
-  double position_error = 0;   // largest bound that a mesh states, model units
+  double psnr_db = 0;          // of the shaded picture in sRGB codes; infinity for equal pictures
+  double position_error = 0;   // largest bound in a mesh record, model units
 };
 
 /// A peer's picture beside scree's of the same float32 vertices.
@@ -66,7 +66,7 @@ struct CaseResult {
   std::optional<Times> wall;      // by the host's clock, from the call to the finished visibility buffer
   std::optional<double> jump_ms;  // for a path: the frame after the jump from its end to its start, measured like
                                   // drawing()
-  Times frame;                    // as the host measures it, from the call to a finished picture
+  Times frame;                    // by the host's clock, from the call to a finished picture
 
   std::optional<PictureError> error;
   std::optional<PeerComparison> peer;  // if a peer drew

@@ -45,7 +45,8 @@ class WordPacker {
   uint32_t fill_ = 0;  // below 32 between calls
 };
 
-/// Writes the indices of the group's quads, from quad kQuadsPerGroup * group on. `payload`: the chunk's, zeroed before.
+/// Writes the indices of the group's quads, from quad kQuadsPerGroup * group on. `payload`: of the chunk; must be
+/// zeroed before.
 SCREE_HD inline void fill_indices(const synth::MeshRecipe& recipe, const ChunkPlan& plan,
                                   const format::ChunkRecord& chunk, uint32_t group, std::byte* payload) {
   if (chunk.index_bits == 0) return;

@@ -12,8 +12,8 @@
 
 namespace scree::lab {
 
-/// Whole faces of a mesh, or some rows of quads of one face. Its triangles are consecutive in the scene's own order,
-/// and its vertices are one grid per face. In block order the number of rows is a multiple of eight.
+/// Whole faces of a mesh, or some rows of quads of one face. Its triangles are consecutive in the scene's order, and
+/// its vertices form one grid per face. In block order the number of rows is a multiple of eight.
 struct ChunkPlan {
   uint32_t mesh;
   uint32_t first_face;
@@ -78,7 +78,7 @@ SCREE_HD inline GridPoint chunk_vertex(const synth::MeshRecipe& mesh, const Chun
   return at;
 }
 
-/// The position of vertex `number` of the chunk, equal to the scene's own bit for bit.
+/// The position of vertex `number` of the chunk, equal bit for bit to that in the scene.
 SCREE_HD inline synth::Float3 chunk_position(const synth::MeshRecipe& mesh, const ChunkPlan& chunk, uint32_t number) {
   const GridPoint at = chunk_vertex(mesh, chunk, number);
   const synth::Double3 p = synth::surface_position(mesh, at.face, static_cast<int>(at.x), static_cast<int>(at.y));

@@ -1,5 +1,5 @@
-// Generated scenes in the clustered encoding, made on the host: equal to those of `scree convert`, but made directly
-// from the scene functions.
+// Makes generated scenes in the clustered encoding on the host, directly from the scene functions. The result equals
+// that of `scree convert`.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// Generated scenes made in device memory: from the scene functions directly to the bytes of chunks.
+// Makes generated scenes in device memory: the scene functions write the bytes of chunks directly.
 #pragma once
 
 #include <span>

@@ -1,4 +1,4 @@
-// The kernels behind generate.h. Every pointer is to device memory. The calls do not wait.
+// The kernels behind generate.h. Every pointer refers to device memory. The calls do not wait for the kernels.
 #pragma once
 
 #include <cuda_runtime_api.h>

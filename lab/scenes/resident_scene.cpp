@@ -69,7 +69,7 @@ Result<ResidentScene> ResidentScene::upload(runtime::Scene scene, uint32_t threa
 Result<void> ResidentScene::allocate_pages(uint64_t bytes) {
   size_t free_bytes = 0;
   size_t total_bytes = 0;
-  if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "asking for free device memory"); !done)
+  if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "querying the free device memory"); !done)
     return done;
   if (bytes > free_bytes)
     return Error{ErrorCode::kDevice, "the scene takes " + tools::format_bytes(bytes) + " of device memory, but " +
@@ -117,7 +117,7 @@ Result<void> ResidentScene::copy_records(const std::vector<const std::byte*>& pa
   copy(device_.materials, host_.materials, host_.material_count);
   const std::byte* const* table = pages.data();
   copy(device_.pages, table, pages.size());
-  copy(device_.textures, host_.textures, host_.texture_count);  // without texels, so drawn as white
+  copy(device_.textures, host_.textures, host_.texture_count);  // without texels, so textures are drawn white
   return result;
 }
 

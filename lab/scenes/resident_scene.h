@@ -1,4 +1,4 @@
-// A scene in device memory whose records are also on the host: generated on the device, or copied from a .scree file.
+// A scene in device memory, generated there or copied from a .scree file. Its records are also on the host.
 #pragma once
 
 #include <cstdint>
@@ -20,10 +20,10 @@ class ResidentScene {
   /// Makes the scene on the current device. Errors kDevice (a CUDA call failed; a scene that does not fit, with both
   /// sizes), kRange (make_tables).
   static Result<ResidentScene> generate(const synth::Scene& scene, const Encoding& encoding);
-  /// Uploads `scene`, which it keeps. Errors as runtime::CudaScene::upload.
+  /// Uploads `scene` and keeps it. Errors as runtime::CudaScene::upload.
   static Result<ResidentScene> upload(runtime::Scene scene, uint32_t threads);
 
-  /// Records on the host. Page pointers are null, unless an uploaded scene had its pages in memory.
+  /// Records on the host. Page pointers are null, except for an uploaded scene whose pages are in memory.
   const kernels::SceneView& host() const { return host_; }
   const kernels::SceneView& device() const { return device_; }
   /// The boxes of a generated scene's chunks; empty for a file.
@@ -50,7 +50,7 @@ class ResidentScene {
  private:
   ResidentScene() = default;
   Result<void> allocate_pages(uint64_t bytes);
-  /// Copies each chunk's payload to its place.
+  /// Copies each chunk's payload to its offset in its page.
   Result<void> copy_payloads(const std::vector<std::vector<std::byte>>& payloads);
   /// Copies the records of host_ and the page pointers to the device, and sets device_ to them.
   Result<void> copy_records(const std::vector<const std::byte*>& pages);

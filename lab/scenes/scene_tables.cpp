@@ -62,7 +62,7 @@ format::ChunkRecord make_chunk(const synth::MeshRecipe& recipe, const ChunkPlan&
   chunk.mesh = plan.mesh;
   chunk.triangle_count = 2 * chunk_quads(recipe, plan);
   chunk.vertex_count = chunk_vertices(recipe, plan);
-  // Every vertex of the chunk's grids is used, also the first.
+  // Every vertex of the chunk's grids is used, including the first.
   chunk.index_min = 0;
   chunk.index_bits =
       encoding.packed_indices ? static_cast<uint8_t>(std::bit_width(chunk.vertex_count - 1)) : uint8_t{32};
@@ -80,7 +80,7 @@ format::ChunkRecord make_chunk(const synth::MeshRecipe& recipe, const ChunkPlan&
   return chunk;
 }
 
-/// Puts a chunk into the last page or, if that would exceed the page size, a new one, like the container's writer.
+/// Puts a chunk into the last page, or into a new one if that would exceed the page size, as convert does.
 void place_chunk(SceneTables& tables, uint64_t& page_bytes, format::ChunkRecord& chunk) {
   if (tables.page_offset.empty() || page_bytes + chunk.bytes > format::kPageTargetBytes) {
     tables.arena_bytes = align_up(tables.arena_bytes, format::kPageAlignment);

@@ -1,4 +1,4 @@
-// The records of a generated scene, as in its .scree file, and where its chunks lie in memory.
+// The records of a generated scene, as in its .scree file, and the offsets of its chunks in memory.
 #pragma once
 
 #include <cstdint>
@@ -30,7 +30,7 @@ struct ChunkBox {
   float hi[3];
 };
 
-/// One scene as tables on the host. Pages lie in one arena, each format::kPageAlignment-aligned.
+/// A scene as tables on the host. All pages are in one arena, each aligned to format::kPageAlignment.
 struct SceneTables {
   std::vector<format::MeshRecord> meshes;
   std::vector<format::ChunkRecord> chunks;
@@ -51,18 +51,18 @@ struct SceneTables {
 /// An instance's matrix as a record.
 format::MatrixRecord matrix_record(const synth::SceneInstance& instance);
 
-/// The tables of a scene cut into `plans`. `boxes`: one per chunk. Each mesh gets the finest lattice of the encoding's
-/// bits over its own box, as in `scree convert`. Errors kRange: a mesh's box needs more than 24 bits.
+/// The tables of a scene cut into `plans`. `boxes`: one per chunk. Each mesh gets the finest lattice for its box with
+/// the encoding's bits, as in `scree convert`. Errors kRange: a mesh's box needs more than 24 bits.
 Result<SceneTables> make_tables(const synth::Scene& scene, std::span<const ChunkPlan> plans,
                                 std::span<const ChunkBox> boxes, const Encoding& encoding);
 
-/// Places the chunks again after their `bytes` have changed, and counts the meshes' vertices.
+/// Assigns pages and offsets to the chunks again after their `bytes` have changed, and counts the meshes' vertices.
 void place_chunks(SceneTables& tables);
 
 /// A chunk's bytes of indices and positions.
 uint64_t geometry_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk);
 
-/// The boxes, and the bytes, of all chunks, made on the host: for small scenes and tests. `arena`: arena_bytes, 16-byte
+/// Make the boxes and the bytes of all chunks on the host, for small scenes and tests. `arena`: arena_bytes, 16-byte
 /// aligned, zeroed before.
 std::vector<ChunkBox> chunk_boxes(const synth::Scene& scene, std::span<const ChunkPlan> plans);
 void fill_chunks(const synth::Scene& scene, std::span<const ChunkPlan> plans, const SceneTables& tables,

@@ -7,7 +7,8 @@
 
 namespace scree::lab {
 
-// As kernels/ computes it on a GPU: a float32 position is rounded once when the transform's center is subtracted.
+// Computes the box like kernels/ on a GPU: a float32 position is rounded once when the transform's centre is
+// subtracted.
 kernels::RelativeBox float_box(const ChunkBox& box, const kernels::Transform& transform) {
   kernels::RelativeBox relative;
   for (int i = 0; i < 3; ++i) {

@@ -1,4 +1,4 @@
-// The bytes of a scene that a frame has to read at least.
+// The least bytes of a scene that a frame must read.
 #pragma once
 
 #include <cstdint>
@@ -15,9 +15,8 @@ struct VisibleCost {
   uint64_t bytes = 0;  // indices and positions of their chunks, each chunk once
 };
 
-/// Culls on the host as a frame does (kernels/cull/cull.h). Reads only the records of `scene`. `boxes`: one per chunk,
-/// by which chunks of float32 positions are culled as well, as in a GPU's frame. If empty, chunks of float32 positions
-/// are culled by their mesh, as on a CPU.
+/// Culls on the host like a frame (kernels/cull/cull.h). Reads only the records of `scene`. `boxes`: one per chunk, for
+/// culling chunks with float32 positions, as on a GPU; if empty, these are culled by their mesh's box, as on a CPU.
 VisibleCost visible_cost(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view);
 
 /// A box of float32 positions in the coordinates of `transform`, which is one of float32 positions.

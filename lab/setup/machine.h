@@ -1,4 +1,4 @@
-// The GPU that the measured frames are drawn on.
+// Describes the GPU on which the measured frames are drawn.
 #pragma once
 
 #include "format/result.h"

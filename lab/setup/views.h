@@ -14,7 +14,7 @@ namespace scree::lab {
 /// A camera with its name, for a picture of one sample per pixel.
 struct NamedView {
   std::string name;
-  std::vector<kernels::View> frames;  // one, or all of a path
+  std::vector<kernels::View> frames;  // one frame, or all frames of a path
 };
 
 inline constexpr uint32_t kPathFrames = 120;
@@ -23,11 +23,11 @@ inline constexpr uint32_t kPathFrames = 120;
 /// writes.
 kernels::View scene_view(const synth::SceneCamera& camera, uint32_t width, uint32_t height);
 
-/// The view with its near plane at `share` of the scene's diagonal, and a name that tells it.
+/// The view with its near plane at `share` of the scene's diagonal, and a name that includes the share.
 NamedView with_near(NamedView view, const kernels::SceneView& scene, double share);
 
-/// The camera path of a scene: eye and target move linearly from its first view to its second, both ends included. If
-/// played in a loop, its first frame is the jump back.
+/// The camera path of a scene: eye and target move linearly from its first view to its second, both ends included.
+/// Played in a loop, the first frame is the jump back.
 std::vector<kernels::View> path_views(std::span<const synth::SceneCamera> cameras, uint32_t width, uint32_t height,
                                       uint32_t frames = kPathFrames);
 

@@ -11,7 +11,7 @@
 namespace scree::lab {
 namespace {
 
-// A signal handler may not allocate, so the name lies in static memory.
+// A signal handler may not allocate, so the name is in static memory.
 std::atomic<bool> is_used;
 char folder[PATH_MAX];
 

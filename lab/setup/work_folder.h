@@ -13,8 +13,8 @@
 
 namespace scree::lab {
 
-/// Makes a signal that ends the program (tools::end_on_signal) first remove the folder with all its content. One folder
-/// at a time; a second one would stay.
+/// Registers a folder that is removed with all its content if a signal ends the program (tools::end_on_signal). Only
+/// one folder at a time: a second one would not be removed.
 void remove_on_signal(const std::string& path);
 void forget_folder();
 

@@ -99,7 +99,7 @@ TEST_CASE("lab: invalid words are refused with the valid ones", "[lab]") {
   CHECK(refused(words).find("exclude") != std::string::npos);
   words.scenes.clear();
   words.order = "block";
-  CHECK(refused(words).find("brings its own") != std::string::npos);
+  CHECK(refused(words).find("not for a file") != std::string::npos);
   words.order = "row";
   words.sweep = true;
   CHECK(refused(words).find("--sweep") != std::string::npos);
@@ -152,7 +152,7 @@ TEST_CASE("lab: the textured scene is measured by itself", "[lab]") {
   }
   LabWords bad = words;
   bad.csv = "rows.csv";
-  CHECK(refused(bad).find("--scene textured takes") != std::string::npos);
+  CHECK(refused(bad).find("--scene textured allows only") != std::string::npos);
   bad = words;
   bad.texture_cache = "much";
   CHECK(refused(bad).find("--texture-cache") != std::string::npos);

@@ -18,7 +18,7 @@
 namespace scree::bench {
 namespace {
 
-/// Bytes of the file without the geometry that the scene does not draw.
+/// Bytes of the file, except geometry that the scene does not draw.
 uint64_t read_bytes(const runtime::Scene& scene) {
   uint64_t bytes = scene.file().map().size();
   for (uint64_t i = 0; i < scene.container().pages().size(); ++i) {
@@ -122,7 +122,7 @@ class LoadedScene {
   std::optional<runtime::Frame> frame_;  // the last frame of the CPU
 };
 
-/// Loads from one state of the page cache, while they are measured.
+/// The measured loads from one state of the page cache.
 struct LoadSeries {
   LoadResult result;
   std::vector<float> load, first_picture;
@@ -168,7 +168,7 @@ class FileBench {
   }
 
  private:
-  /// Loads alternate between the disk and the page cache, so that other users of the machine slow both down alike. If
+  /// Loads alternate between the disk and the page cache, so that other load on the machine slows both down equally. If
   /// the system hides which pages are cached, loads are measured without changing the cache.
   Result<void> measure_loads() {
     std::vector<LoadSeries> all(2);

@@ -27,10 +27,10 @@ struct BenchOptions : tools::DrawOptions {
 /// Loads of one file from one state of the page cache.
 struct LoadResult {
   bool is_cold = false;
-  double cached_share = 0;  // of the file before its loads: the largest for cold loads, else the smallest
-  Times load;               // ms, from opening the file until all of it is checked and ready to be drawn
-  Times first_picture;      // the same, and on to the first shaded picture
-  uint64_t read_bytes = 0;  // the file without the geometry that the scene does not draw
+  double cached_share = 0;  // cached share of the file before its loads: the largest for cold loads, else the smallest
+  Times load;               // ms, from opening the file until the scene is checked and ready to be drawn
+  Times first_picture;      // the same, and the time until the first shaded picture
+  uint64_t read_bytes = 0;  // the file, except geometry that the scene does not draw
   uint64_t device_bytes = 0;
 
   double gb_per_s() const { return static_cast<double>(read_bytes) * 1e-6 / load.median; }
@@ -42,7 +42,7 @@ struct ViewResult {
   double first_ms = 0;  // the first frame of this view, wall clock, without shading
   Times draw;           // ms, by the GPU's clock; wall clock for the CPU and for streamed frames
   Times shade;
-  std::optional<uint64_t> streamed_bytes;  // by the last frame, if the scene is streamed
+  std::optional<uint64_t> streamed_bytes;  // of the last frame, if the scene is streamed
   uint64_t picture = 0;                    // XXH3-64 of the visibility buffer; equal for equal pictures
 };
 
@@ -61,8 +61,8 @@ struct BenchReport {
   std::vector<FileResult> files;
 };
 
-/// Loads `path` several times, dropped from the page cache and cached, and draws frames of its views. `has_gpu`: draw
-/// on the current device. Errors, with the file: errors of Scene::open, DeviceScene::upload, drawing and shading.
+/// Loads `path` several times from the disk and from the page cache, and draws frames of its views. `has_gpu`: draw on
+/// the current device. Errors, with the file: errors of Scene::open, DeviceScene::upload, drawing and shading.
 Result<FileResult> measure_file(const std::string& path, const BenchOptions& options, bool has_gpu);
 
 /// Measures every file, prints the report and appends the CSV rows. Results from before an error are printed too.

@@ -11,7 +11,7 @@ namespace scree::tools {
 namespace {
 
 struct BenchWords : DrawWords {
-  bench::BenchOptions options;  // options that need no parsing
+  bench::BenchOptions options;  // options that are not parsed from text
 };
 
 Result<bench::BenchOptions> parse(const BenchWords& words) {
@@ -19,8 +19,8 @@ Result<bench::BenchOptions> parse(const BenchWords& words) {
   if (!drawing) return drawing.error();
   bench::BenchOptions options = words.options;
   static_cast<DrawOptions&>(options) = *drawing;
-  if (options.frames == 0) return Error{ErrorCode::kUsage, "--frames is at least 1"};
-  if (options.repeats == 0) return Error{ErrorCode::kUsage, "--repeats is at least 1"};
+  if (options.frames == 0) return Error{ErrorCode::kUsage, "--frames must be at least 1"};
+  if (options.repeats == 0) return Error{ErrorCode::kUsage, "--repeats must be at least 1"};
   return options;
 }
 
@@ -32,9 +32,10 @@ Command add_bench(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand(
       "bench", "Times how fast .scree files load, from the disk and from the page cache, and how fast they are drawn");
   app->add_option("files", options.files, "The scenes: .scree files")->required()->type_name("FILES");
-  app->add_option("--camera", options.cameras,
-                  "A camera of the files, by name, node name or number; may be given several times (default: all "
-                  "cameras of a file, or the view that render takes)")
+  app->add_option(
+         "--camera", options.cameras,
+         "A camera of the files, by name, node name or number; repeatable (default: all cameras of a file, or the "
+         "default view of render)")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next argument is a file

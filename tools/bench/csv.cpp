@@ -66,8 +66,8 @@ std::string csv_number(uint64_t value) {
 
 Result<void> append_csv(const std::string& path, const CsvCells& cells) {
   const std::string header = csv_columns(cells);
-  // The lock is held from the check of the first line to the end of the write, so that two programs that start a file
-  // leave one header and complete rows.
+  // The lock is held from the check of the first line to the end of the write, so that two programs that begin a file
+  // write one header and complete rows.
   const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
   if (file < 0) return file_error(path);
   struct Close {
@@ -83,7 +83,7 @@ Result<void> append_csv(const std::string& path, const CsvCells& cells) {
     if (in && std::getline(in, line)) {
       is_new = false;
       if (line != header)
-        return Error{ErrorCode::kFormat, path + ": line 1 is not this version's list of columns; name another file"};
+        return Error{ErrorCode::kFormat, path + ": line 1 is not the header of this version; choose another file"};
     }
   }
   const off_t before = ::lseek(file, 0, SEEK_END);
@@ -94,7 +94,7 @@ Result<void> append_csv(const std::string& path, const CsvCells& cells) {
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) {
       const Error error = file_error(path);
-      [[maybe_unused]] const int cut = ::ftruncate(file, before);  // half a row would spoil the next one
+      [[maybe_unused]] const int cut = ::ftruncate(file, before);  // removes the incomplete row
       return error;
     }
     done += static_cast<size_t>(written);

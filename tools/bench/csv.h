@@ -12,7 +12,7 @@
 
 namespace scree::bench {
 
-/// A row's cells, each with its column. Keeping both side by side where a row is made keeps them in agreement.
+/// A row's cells, each with its column, so that header and values always agree.
 using CsvCells = std::vector<std::pair<std::string, std::string>>;
 
 /// The columns, or the values, of a row, without the line break.

@@ -1,4 +1,4 @@
-// Controls how much of a file lies in the page cache, to measure cold loads.
+// Controls how much of a file is in the page cache, to measure cold loads.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 namespace scree::bench {
 
 /// The share of the file's memory pages in the page cache, 0 to 1; every page is tested (mincore). 0 for an empty file.
-/// Errors kFile, as MappedFile::open; kUnsupported: the system hides it (files of other users).
+/// Errors kFile, as MappedFile::open; kUnsupported: the system does not report it (files of other users).
 Result<double> cached_share(const std::string& path);
 
 /// Writes unwritten pages of the file to the disk and drops its pages from the page cache. Returns the share that

@@ -16,7 +16,7 @@ using tools::format_bytes;
 using tools::format_count;
 using tools::short_number;
 
-constexpr double kNearlyAll = 0.99;  // least share of a cached file; a dropped one has at most 1 less this
+constexpr double kNearlyAll = 0.99;  // least cached share of a cached file; a dropped file has at most 1 - kNearlyAll
 
 std::string hex(uint64_t value) {
   char text[17];
@@ -24,7 +24,7 @@ std::string hex(uint64_t value) {
   return text;
 }
 
-/// "disk", "page cache", or the state that was reached instead.
+/// "disk", "page cache", or the actual state if neither was achieved.
 std::string state_name(const LoadResult& load) {
   const std::string share = fixed(100 * load.cached_share, 0) + "% cached";
   if (load.is_cold) return load.cached_share <= 1 - kNearlyAll ? "disk" : "not dropped, " + share;

@@ -24,9 +24,9 @@ Times summarize(std::span<const float> ms);
 
 inline constexpr double kTimeBudgetMs = 2000;
 
-/// Draws up to `warmup` frames and then up to `frames` (at least 1): fewer if they take longer than a quarter of
-/// kTimeBudgetMs, or all of it. `draw_one`: draws one frame and returns its ms as a Result<float>. Returns the times of
-/// the second part. Errors of `draw_one`.
+/// Draws up to `warmup` frames and then up to `frames` (at least 1): fewer if the warm-up takes longer than a quarter
+/// of kTimeBudgetMs, or the frames longer than all of it. `draw_one`: draws one frame and returns its ms as a
+/// Result<float>. Returns the times of the frames after the warm-up. Errors of `draw_one`.
 template <class DrawOne>
 Result<std::vector<float>> timed_frames(uint32_t frames, uint32_t warmup, const DrawOne& draw_one) {
   std::vector<float> times;

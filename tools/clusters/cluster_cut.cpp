@@ -80,7 +80,7 @@ class Growth {
     out_.triangles.reserve(count);
     while (out_.triangles.size() < count) {
       uint32_t next = next_neighbour();
-      // A region without free neighbours takes in other triangles only if its cluster would be less than half full.
+      // A cluster without free neighbours takes triangles from elsewhere only if it is less than half full.
       if (next == kNone && cluster_.triangles() >= kMaxClusterTriangles / 2) {
         finish();
         continue;
@@ -133,8 +133,8 @@ class Growth {
     return kNone;
   }
 
-  /// A triangle beside the previous cluster, in a corner, where the fewest triangles are left. Otherwise the first of
-  /// all that are left.
+  /// The triangle beside the previous cluster with the fewest free triangles around it, so that no small remainders
+  /// arise. If there is none: the first free triangle.
   uint32_t next_seed() {
     uint32_t best = kNone;
     uint32_t fewest = kNone;
@@ -193,7 +193,7 @@ class Growth {
   std::vector<uint8_t> known_;     // by triangle: its number of corners in the open cluster, or kTaken
   std::vector<uint32_t> touched_;  // triangles with a corner in the open cluster
   std::vector<uint32_t> front_;    // triangles with two such corners, in the order in which they got the second
-  std::vector<uint32_t> ready_;    // triangles with three
+  std::vector<uint32_t> ready_;    // triangles with three such corners
   std::vector<uint32_t> seeds_;    // triangles beside the previous cluster
   size_t front_at_ = 0;
   uint32_t first_left_ = 0;  // all triangles before it are taken

@@ -13,8 +13,8 @@ struct ClusterCut {
   std::vector<uint32_t> ends;       // end of each cluster in `triangles`
 };
 
-/// Grows clusters from triangle to neighbouring triangle, each beside the previous cluster, which gives fewer vertices
-/// per cluster and smaller boxes for any order of the input. Memory: about 50 bytes per triangle.
+/// Grows clusters from triangle to neighbouring triangle; each begins beside the previous one. This gives few vertices
+/// per cluster and small boxes for any order of the input. Memory: about 50 bytes per triangle.
 ClusterCut cut_by_neighbourhood(std::span<const uint32_t> indices, uint32_t vertex_count, uint32_t most_triangles);
 
 }  // namespace scree::tools

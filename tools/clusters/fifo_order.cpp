@@ -50,8 +50,9 @@ void FifoOrder::list_triangles(std::span<const uint32_t> indices, uint32_t verte
 
 /// Takes all remaining triangles of a vertex.
 void FifoOrder::take_around(std::span<const uint32_t> indices, uint32_t center) {
-  // Entries that are not needed are overwritten by the next, since branches would often be mispredicted. Local pointers
-  // are used because the compiler must assume that a store to is_taken may change any member.
+  // Entries that are not needed are written and then overwritten by the next one, because a branch would often be
+  // mispredicted. Local pointers are used because the compiler must assume that a store to is_taken may change any
+  // member.
   const uint32_t* const corners = indices.data();
   const uint32_t* const at_vertex = at_vertex_.get();
   Vertex* const vertices = vertices_.data();
@@ -84,9 +85,9 @@ void FifoOrder::take_around(std::span<const uint32_t> indices, uint32_t center) 
   time_ = time;
 }
 
-/// Among the vertices just seen: the one that has been in the cache for longest and will still be there after its
-/// triangles, else the first of them. If there is none: the last one seen before. If there is none: the first vertex
-/// with triangles left.
+/// Chooses among the vertices just seen: the one that has been in the cache for longest and will still be there after
+/// its triangles, else the first one. If no vertex was just seen, the last one seen before; if there is none, the first
+/// vertex with triangles left.
 uint32_t FifoOrder::next_center(size_t first_seen) {
   uint32_t best = kNoTriangle;
   uint32_t best_age = 0;

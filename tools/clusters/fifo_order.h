@@ -31,13 +31,14 @@ class FifoOrder {
   void take_around(std::span<const uint32_t> indices, uint32_t center);
   uint32_t next_center(size_t first_seen);
 
-  std::vector<Vertex> vertices_;   // one more marks the end of the last one's triangles
+  std::vector<Vertex> vertices_;   // an extra entry marks the end of the last vertex's triangles
   std::vector<uint8_t> is_taken_;  // by triangle
-  // Not vectors, which would initialise all memory first, although only a small part of it is used at a time.
+  // These are not vectors, because vectors would initialise all memory, although only a small part of it is used at a
+  // time.
   size_t room_ = 0;                        // triangles that the memory has room for
   std::unique_ptr<uint32_t[]> at_vertex_;  // triangles, once per corner there
-  std::unique_ptr<uint32_t[]> order_;      // room for one more
-  std::unique_ptr<uint32_t[]> seen_;       // vertices of taken triangles, to continue from; room for one more
+  std::unique_ptr<uint32_t[]> order_;      // with one extra entry
+  std::unique_ptr<uint32_t[]> seen_;       // vertices of taken triangles, to continue from; with one extra entry
   size_t taken_count_ = 0;
   size_t seen_count_ = 0;
   uint32_t time_ = 0;

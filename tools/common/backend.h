@@ -1,4 +1,4 @@
-// The options --backend and --device, and their choice on this machine.
+// The options --backend, --device and --gpus, and the choice of a GPU by them.
 #pragma once
 
 #include <cstdint>
@@ -24,18 +24,18 @@ struct BackendOptions {
 Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device,
                                      const std::string& gpus = "1");
 
-/// Chooses the GPU to draw on and makes it the thread's current device. Returns nullopt if the CPU has to draw. If
-/// kAuto finds no usable GPU, one line on stderr gives the reason, unless `quiet`; a program without CUDA prints it
-/// only if a GPU seems to be present. Errors, only for kCuda, as runtime::use_gpu().
+/// Chooses the GPU to draw on and makes it the thread's current device. Returns nullopt if the CPU draws. If kAuto
+/// finds no usable GPU, one line on stderr gives the reason, unless `quiet`; a program without CUDA prints it only if a
+/// GPU seems to be present. Errors, only for kCuda, as runtime::use_gpu().
 Result<std::optional<runtime::Gpu>> choose_gpu(const char* command, const BackendOptions& options, bool quiet = false);
 
-/// Prints the line of a fallback: "scree render: warning: the CPU draws: no NVIDIA driver found".
+/// Prints the warning of a fallback: "scree render: warning: the CPU draws: no NVIDIA driver found".
 void warn_of_cpu(const char* command, const std::string& reason);
 
-/// An error of the device, with what the user can do; other errors as they are.
+/// Adds a hint at --backend cpu to an error of the device. Other errors stay unchanged.
 Error with_cpu_advice(Error error);
 
-/// "cuda:0 (NVIDIA H200)"; if several draw, "2 GPUs, the first cuda:0 (NVIDIA H200)".
+/// "cuda:0 (NVIDIA H200)"; for several GPUs "2 GPUs, the first cuda:0 (NVIDIA H200)".
 std::string name_of(const runtime::Gpu& gpu, uint32_t count = 1);
 
 /// "the CPU, 16 threads".

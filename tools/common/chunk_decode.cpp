@@ -19,7 +19,7 @@ namespace {
 using format::ChunkRecord;
 using format::MeshRecord;
 
-/// Half of the machine's memory. A stream of 0 bits takes no bytes, so a chunk record of a few bytes can claim 2^32
+/// Half of the machine's memory. A stream of 0 bits takes no bytes, so a chunk record of a few bytes can state 2^32
 /// vertices. Sizes that no machine could hold are refused before anything is allocated.
 uint64_t memory_limit() {
   static const uint64_t limit = [] {

@@ -38,9 +38,9 @@ struct DecodedChunk {
   std::vector<float> tangents;       // x y z, unit length, and the bitangent's sign
 };
 
-/// Decodes the requested streams of a chunk of `file` into `out`, whose memory is reused. Every byte of them is
-/// checked, and with kPartAll every byte of the chunk. `page`: the raw bytes of the chunk's page, from
-/// Container::load_page. Errors kRange, kTruncated, kTrailing, kFormat (with place and stream), kMemory; `out` is then
+/// Decodes the requested streams of a chunk of `file` into `out`, whose memory is reused. Checks every byte of these
+/// streams, and with kPartAll every byte of the chunk. `page`: the raw bytes of the chunk's page, from
+/// Container::load_page. Errors kRange, kTruncated, kTrailing, kFormat (with chunk and stream), kMemory; `out` is then
 /// unspecified. Reentrant.
 Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::span<const std::byte> page,
                           uint32_t parts, DecodedChunk& out);

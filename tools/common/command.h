@@ -9,8 +9,8 @@
 
 namespace scree::tools {
 
-/// A subcommand: its options on `app`, and its function for after parsing. run() returns an Error, which main prints as
-/// "scree NAME: message" and turns into an exit code. run() must not call exit() or throw.
+/// A subcommand: its options are registered on `app`, and run() is called after parsing. main prints the Error that
+/// run() returns as "scree NAME: message", and turns it into an exit code. run() must not call exit() or throw.
 struct Command {
   CLI::App* app = nullptr;
   std::function<Result<void>()> run;

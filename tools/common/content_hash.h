@@ -1,6 +1,6 @@
-// The hash by which convert recognises equal content. It has 128 bits and the bytes are not compared: a collision among
-// a million different contents has a probability of 1.5e-27, and a deliberate one only spoils its author's own file.
-// Comparing bytes would read all sources of equal content once more.
+// The hash by which convert recognises equal content. It has 128 bits, and the bytes are not compared: a collision
+// among a million different contents has a probability of 1.5e-27, and a deliberate collision only damages its author's
+// own file. Comparing bytes would read all sources of equal content once more.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@ namespace scree::convert {
 
 using ContentHash = std::array<uint64_t, 2>;
 
-/// XXH3-128 of bytes that come in pieces.
+/// XXH3-128 of bytes that are added in pieces.
 class ContentHasher {
  public:
   ContentHasher() { XXH3_128bits_reset(&state_); }

@@ -19,19 +19,20 @@ void add_picture_options(CLI::App& app, DrawWords& words) {
 }
 
 void add_gpus_option(CLI::App& app, std::string& word) {
-  app.add_option("--gpus", word,
-                 "How many GPUs draw the scene together, from --device on, each with a part of it in its memory, or "
-                 "all (default: 1)")
+  app.add_option(
+         "--gpus", word,
+         "Number of GPUs that draw the scene together, from --device on, or all; each has a part of the scene in "
+         "its memory (default: 1)")
       ->type_name("N|all");
 }
 
 void add_device_options(CLI::App& app, DrawWords& words) {
   app.add_option("--threads", words.threads, "Threads; 0: one per processor (default)")->type_name("N");
   app.add_option("--backend", words.backend,
-                 "cpu, cuda, or auto: the GPU, or the CPU with one line that says why (default)")
+                 "cpu, cuda, or auto (default): the GPU if one is usable, else the CPU and one line with the reason")
       ->type_name("NAME");
   app.add_option("--device", words.device,
-                 "The GPU, by its index or UUID, as scree devices lists them (default: the first that can be used)")
+                 "The GPU, by index or UUID as scree devices lists them (default: the first usable one)")
       ->type_name("N|UUID");
   add_gpus_option(app, words.gpus);
   app.add_option(
@@ -63,14 +64,13 @@ void add_light_options(CLI::App& app, LightWords& words) {
                  "Exposure in stops, -20 to 20 (default: 0); the camera's light ignores it")
       ->type_name("STOPS");
   app.add_option("--blend-layers", words.blend_layers,
-                 "The most layers of blended surfaces, such as glass, behind one another, 0 to 65535 (default: 16); a "
-                 "warning says where there are more")
+                 "The most layers of blended surfaces, such as glass, that are drawn per sample, 0 to 65535 (default: "
+                 "16); a warning counts samples with more")
       ->type_name("N");
   app.add_flag("--shadows", words.shadows,
-               "With --light scene: the first directional light casts shadows, of all but blended surfaces");
+               "With --light scene: the first directional light casts shadows; blended surfaces cast none");
   app.add_option("--shadow-size", words.shadow_size,
-                 "Samples along the longer side of the light's view of what the camera sees, 64 to 16384 (default: "
-                 "4096)")
+                 "Samples along the longer side of the shadow map, 64 to 16384 (default: 4096)")
       ->type_name("N");
 }
 
@@ -151,7 +151,7 @@ Result<DrawOptions> parse_draw_options(const DrawWords& words) {
   const uint64_t longest = uint64_t{std::max(size->width, size->height)} * options.samples_per_side;
   if (longest > kernels::kMaxImageSide)
     return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
-                                        std::to_string(longest) + " samples a side, at most " +
+                                        std::to_string(longest) + " samples per side, at most " +
                                         std::to_string(kernels::kMaxImageSide)};
   const Result<uint32_t> threads = parse_threads(words.threads);
   if (!threads) return threads.error();

@@ -34,17 +34,18 @@ struct DrawOptions {
   uint32_t samples_per_side = 1;
   uint32_t threads = 1;
   BackendOptions backend;
-  uint64_t device_memory = 0;  // limit for the scene, its frames and the picture on the GPU, bytes; 0: all that is free
+  uint64_t device_memory = 0;  // limit for scene, frames and picture on the GPU, bytes; 0: all free memory
   uint64_t host_memory = 0;    // the same for pictures and pinned memory on the host; 0: no limit, no chunks kept
   runtime::Reading reading = runtime::Reading::kAuto;  // how a GPU's pages are read
 };
 
 inline constexpr const char* kTextureMemoryHelp =
-    "Memory for pages of KTX2 and DDS textures, such as 8GiB, which come from the file when pixels show them; the "
-    "picture does not depend on it (default: 2GiB where the CPU draws; on a GPU textures that fit are loaded whole, "
+    "Memory for pages of KTX2 and DDS textures, such as 8GiB; pages are read from the file when pixels show them, and "
+    "the "
+    "picture does not depend on this limit (default: 2GiB on the CPU; on a GPU textures that fit are loaded whole, "
     "else a quarter of its memory)";
 
-/// Where the light of pictures comes from, and what it shines through, as render and view take it.
+/// Options of light and blended surfaces, for render and view.
 struct LightWords {
   std::string light;
   std::string environment;
@@ -56,37 +57,37 @@ struct LightWords {
 
 struct LightOptions {
   kernels::Lighting lighting = kernels::Lighting::kAuto;
-  std::string environment;  // file; empty: a sky of our own
+  std::string environment;  // file; empty: the built-in clear sky
   float exposure = 1;       // factor
   uint32_t blend_layers = kernels::kBlendLayers;
-  uint32_t shadow_side = 0;        // as runtime::ShadowMap has it; 0: no shadows
+  uint32_t shadow_side = 0;        // as for runtime::ShadowMap; 0: no shadows
   std::vector<std::string> words;  // as typed, without those of shadows: for the command that makes the same light
 };
 
 /// --light, --environment, --exposure, --blend-layers, --shadows, --shadow-size.
 void add_light_options(CLI::App& app, LightWords& words);
 
-/// Errors kUsage: the option, what was typed, what is allowed.
+/// Errors kUsage name the option, its value and the allowed values.
 Result<LightOptions> parse_light_options(const LightWords& words);
 
-/// Looks at a scene that was loaded to be drawn: errors kUsage, with the file's name, where --light scene has no
-/// lights, or no directional one that casts shadows; prints the scene's warnings on stderr unless `quiet`.
+/// Checks a scene that was loaded for drawing, and prints its warnings on stderr unless `quiet`. Errors kUsage name the
+/// file: with --light scene it has no lights, or with --shadows no directional light.
 Result<void> accept_scene(const char* command, const runtime::Scene& scene, const LightOptions& light, bool quiet);
 
 /// Prints on stderr that `count` samples or frames (`kind`: "sample", "frame") have more layers of blended surfaces
-/// than the `most` that were drawn; nothing if it is 0.
+/// than the `most` that were drawn; prints nothing if it is 0.
 void warn_of_layers(const char* command, const std::string& path, uint64_t count, const std::string& kind,
                     uint32_t most);
 
-/// --size and --samples; and those that choose what draws and what it may take: --threads, --backend, --device,
+/// add_picture_options(): --size and --samples. add_device_options(): --threads, --backend, --device, --gpus,
 /// --device-memory, --host-memory, --read.
 void add_picture_options(CLI::App& app, DrawWords& words);
 void add_device_options(CLI::App& app, DrawWords& words);
 
-/// --gpus, one of these.
+/// Adds only --gpus.
 void add_gpus_option(CLI::App& app, std::string& word);
 
-/// Errors kUsage: the option, its value, the allowed values.
+/// Errors kUsage name the option, its value and the allowed values.
 Result<DrawOptions> parse_draw_options(const DrawWords& words);
 
 }  // namespace scree::tools

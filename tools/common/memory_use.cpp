@@ -10,7 +10,7 @@
 
 namespace scree::tools {
 
-// Not getrusage(), whose peak would include the memory of the parent process at the time of the start.
+// getrusage() is not used, because its peak includes the memory of the parent process at the start.
 MemoryUse memory_use() {
   MemoryUse use;
   std::ifstream status("/proc/self/status");

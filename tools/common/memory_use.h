@@ -13,17 +13,17 @@ struct MemoryUse {
 };
 MemoryUse memory_use();
 
-/// A lower bound of the process's peak of anonymous memory. It is too large by the bytes of the program's own file that
-/// became resident since `before` was taken (a few MiB).
+/// An upper bound of the process's peak of anonymous memory since it began, or since reset_peak(). It is too large by
+/// the bytes of the program's own file that became resident since `before` was taken (a few MiB).
 uint64_t peak_anonymous(const MemoryUse& before);
 
-/// Resets the peak to the currently resident memory. No effect where the system does not allow it (no /proc).
+/// Resets the peak to the currently resident memory. Has no effect without /proc.
 void reset_peak();
 
-/// Memory that programs may take now without swapping, according to the system; 0 without /proc.
+/// Memory that programs can allocate now without swapping, as the system estimates it; 0 without /proc.
 uint64_t available_memory();
 
-/// Returns memory that the allocator keeps for later to the system.
+/// Returns free memory of the heap to the system.
 void trim_heap();
 
 }  // namespace scree::tools

@@ -144,7 +144,7 @@ std::string format_bytes(uint64_t bytes) {
 bool is_same_file(const std::string& a, const std::string& b) {
   std::error_code ignored;
   if (a == b || std::filesystem::equivalent(a, b, ignored)) return true;
-  // Files that do not exist yet are the same if they have the same name in the same folder.
+  // Two files that do not exist yet are the same if they have the same name in the same folder.
   const std::filesystem::path path_a = a, path_b = b;
   const auto folder_of = [](const std::filesystem::path& path) {
     return path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");

@@ -1,4 +1,4 @@
-// Parses amounts on the command line: sizes in bytes and lengths in model units.
+// Parses values on the command line: sizes in bytes, lengths in model units, numbers and picture sizes.
 #pragma once
 
 #include <cstdint>
@@ -15,14 +15,14 @@ namespace scree::tools {
 /// Bytes from "1234", "64KiB", "1.5 GiB", "2GB". KiB, MiB, GiB, TiB are powers of 1024; kB, MB, GB, TB powers of 1000.
 /// Case does not matter. Errors kUsage: not a number, an unknown unit, negative, past 2^63.
 Result<uint64_t> parse_size(std::string_view text);
-/// The same for `option`, which the message gives. `otherwise`: the value of an empty text.
+/// The same for `option`, which the message names. `otherwise`: the value of an empty text.
 Result<uint64_t> parse_size(std::string_view text, std::string_view option, uint64_t otherwise);
 
 /// Model units from "1e-3", "0.5mm", "2 cm"; a glTF unit is one metre (um, mm, cm, m, km, in, ft). Positive and finite.
 /// Errors kUsage.
 Result<double> parse_length(std::string_view text);
 
-/// An integer in [lowest, highest]. Errors kUsage; `what`: the option, for the message.
+/// An integer in [lowest, highest]. Errors kUsage; `what`: the option that the message names.
 Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t highest, std::string_view what);
 
 /// Sets `out` to the value that `choices` name `text`. Errors kUsage: "--grid: 'cell' is not one of mesh, scene".
@@ -40,7 +40,7 @@ Result<void> parse_choice(std::string_view text, std::string_view option, Value&
   return Error{ErrorCode::kUsage, std::string(option) + ": '" + std::string(text) + "' is not one of " + names};
 }
 
-/// A number of threads up to 4096. 0 gives as many as the machine runs at once. Errors kUsage.
+/// A number of threads up to 4096. 0 means one per processor. Errors kUsage.
 Result<uint32_t> parse_threads(std::string_view text);
 
 /// "812 bytes", "1.46 MiB": three significant digits from a KiB on.
@@ -55,8 +55,8 @@ struct ImageSize {
   uint32_t height;
 };
 
-/// "1920x1080" or "1920X1080", each side 1 to kernels::kMaxImageSide. Errors kUsage; `what`: the option, for the
-/// message.
+/// "1920x1080" or "1920X1080", each side 1 to kernels::kMaxImageSide. Errors kUsage; `what`: the option that the
+/// message names.
 Result<ImageSize> parse_image_size(std::string_view text, std::string_view what);
 
 /// "950", "12.4 k", "8.31 M", "1.64 G": three significant digits from a thousand on.

@@ -46,7 +46,8 @@ WorkerPool::WorkerPool(uint32_t threads, const std::atomic<bool>* stop) : impl_(
     try {
       impl_->threads.emplace_back([impl = impl_.get(), worker] { impl->run(worker); });
     } catch (const std::system_error& refused) {
-      // Fewer threads give the same result. libstdc++'s own message is about linking, so it is replaced.
+      // Fewer threads give the same result, so only a failure of the first one is an error. The message of libstdc++ is
+      // misleading (it is about linking) and is replaced.
       if (worker == 0) throw std::system_error(refused.code(), "the system has no thread left");
       break;
     } catch (const std::bad_alloc&) {

@@ -1,5 +1,5 @@
-// A thread pool whose results are taken in the order in which jobs were submitted, so that output never depends on the
-// number or the speed of threads.
+// A thread pool. Results are taken in the order in which jobs were submitted, so output never depends on the number or
+// the speed of threads.
 #pragma once
 
 #include <atomic>
@@ -21,7 +21,7 @@ namespace scree::convert {
 /// jobs that have not started and waits for the running ones, so declare the pool after everything that its jobs use.
 class WorkerPool {
  public:
-  /// `threads`: at least 1. `stop`: polled by wait(); may be null, must outlive the pool.
+  /// `threads`: at least 1. `stop`: a flag that wait() polls; may be null, must outlive the pool.
   WorkerPool(uint32_t threads, const std::atomic<bool>* stop);
   ~WorkerPool();
   WorkerPool(const WorkerPool&) = delete;
@@ -49,7 +49,7 @@ class WorkerPool {
 };
 
 /// Results of one kind of job in the order of submission. Used by one thread. The destructor skips jobs that have not
-/// started and waits for the others. So jobs may refer to objects that outlive these results, as the pool does.
+/// started and waits for the others. So jobs may refer to objects that outlive these results.
 template <class T>
 class OrderedResults {
  public:
@@ -70,7 +70,7 @@ class OrderedResults {
     slots_.push_back(slot);
     try {
       submit(slot, std::move(work));
-    } catch (...) {  // wait() must not see a job that never runs
+    } catch (...) {  // take() would wait forever for a job that never runs
       slots_.pop_back();
       throw;
     }
@@ -97,7 +97,8 @@ class OrderedResults {
   Result<T> take() {
     const std::shared_ptr<Slot> slot = slots_.front();
     if (const Result<void> waited = pool_.wait([&] { return slot->done; }); !waited) return waited.error();
-    slots_.pop_front();  // after the wait: an interrupted one is still drained by the destructor
+    slots_
+        .pop_front();  // only after the wait, because after an interruption the destructor must still wait for this job
     cost_ -= slot->cost;
     return std::move(*slot->result);
   }
@@ -125,8 +126,8 @@ class OrderedResults {
           } catch (const std::exception& error) {
             result.emplace(Error{ErrorCode::kMemory, std::string("unexpected: ") + error.what()});
           }
-          // The job and its result may refer to objects that live only as long as these results, so nothing of them may
-          // stay here.
+          // The job and its result may refer to objects that live only as long as these results, so both are destroyed
+          // before the result counts as done.
           work = nullptr;
           pool.notify([&] {
             slot->result = std::move(result);
@@ -151,7 +152,7 @@ struct InFlight {
   uint64_t cost = UINT64_MAX;
 };
 
-/// Other results of the same pool, which are taken while run_ordered() waits for its own.
+/// Other results of the same pool, which run_ordered() takes while it waits for its own.
 class OtherResults {
  public:
   virtual ~OtherResults() = default;

@@ -12,7 +12,7 @@ namespace scree::tools {
 /// standard output is not supported; kFile: with Existing::kRefuse, a file has that name, and --force would replace it.
 Result<void> check_output_file(const std::string& path, format::Existing existing);
 
-/// The meaning of --force, given or not.
+/// The meaning of the flag --force.
 inline format::Existing existing_of(bool force) {
   return force ? format::Existing::kReplace : format::Existing::kRefuse;
 }

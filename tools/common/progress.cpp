@@ -42,7 +42,7 @@ void Progress::update(uint64_t done, uint64_t bytes, const std::function<std::st
   const double share = total_ > 0 ? static_cast<double>(done) / static_cast<double>(total_) : 0;
   const std::string left =
       rate > 0 && done <= total_ ? format_duration(static_cast<double>(total_ - done) / rate) + " left" : "";
-  // The clear code comes last, so that nothing remains of a longer line.
+  // The code that clears the rest of the line comes last, so that nothing of a longer line remains.
   const std::string more = detail ? "; " + detail() : "";
   const std::string size = bytes > 0 ? format_bytes(bytes) + ", " : "";
   std::fprintf(stderr, "\r%s: %3.0f%%, %s%s %s/s, %s%s\x1b[K", name_.c_str(), std::floor(100 * share), size.c_str(),

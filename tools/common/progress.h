@@ -9,7 +9,7 @@
 namespace scree::tools {
 
 /// Rewrites one line at most five times per second and erases it at the end. Silent if stderr is no terminal or
-/// `enabled` is false. A listener gets the same steps in either case. Not thread-safe: one thread owns it.
+/// `enabled` is false. A listener receives the same steps in any case. Not thread-safe: one thread owns it.
 class Progress {
  public:
   using Listener = std::function<void(const std::string& stage, uint64_t done, uint64_t total)>;
@@ -19,7 +19,7 @@ class Progress {
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  /// Starts a stage of `count` items. `things`: their name. `name`: the beginning of the line.
+  /// Starts a stage of `count` items. `things`: the name of the items. `name`: the beginning of the line.
   void stage(std::string name, uint64_t count, std::string things = "triangles");
 
   /// `done` items of the stage are done; `bytes` were read or written so far (0: not shown). `detail`: returns further

@@ -1,4 +1,4 @@
-// The processes that mpirun or srun start of one command line, and that share its work.
+// The processes (ranks) that mpirun or srun start for one command line. They share its work.
 #pragma once
 
 #include <cstdint>
@@ -9,11 +9,11 @@
 
 namespace scree::tools {
 
-/// This process among the others; alone, where no launcher started several. Used by one thread.
+/// This process as one rank of several, or the only one if no launcher started several. Used by one thread.
 class Ranks {
  public:
-  /// Finds the others. Errors kUsage: a launcher has started several, but this program was built without MPI; kFile:
-  /// what MPI says.
+  /// Joins the other ranks. Errors kUsage: a launcher has started several, but this program was built without MPI;
+  /// kFile: MPI's error.
   static Result<Ranks> join();
 
   uint32_t rank() const { return rank_; }
@@ -21,24 +21,25 @@ class Ranks {
   uint32_t rank_on_host() const { return rank_on_host_; }
   bool is_first() const { return rank_ == 0; }
 
-  /// Called by all: whether all go on. The lowest of those that met an error gets it back and is to end the program,
-  /// which ends the others, who wait here for that: so one line says what all of them met.
+  /// Called by all ranks, each with its own result: returns success only if all succeeded. The lowest rank with an
+  /// error gets this error back, and must end the program. All other ranks wait here until that ends them, so that only
+  /// one line is printed for an error of all.
   Result<void> agree(Result<void> own);
 
-  /// Called by all when their work is done: the end of this process's part. One that fails calls end_all_ranks()
-  /// instead.
+  /// Called by all ranks when their work is done. A rank that fails calls end_all_ranks() instead.
   void leave();
 
-  /// Called by all: `values` become their sums over all ranks, at rank 0. Errors kFile.
+  /// Called by all ranks. At rank 0, `values` become the sums over all ranks. Errors kFile.
   Result<void> sum(std::span<double> values);
 
-  /// Called by all, with as many words: each becomes the least of all ranks', at every rank. Errors kFile.
+  /// Called by all ranks with the same number of words. At every rank, each word becomes the minimum over all ranks.
+  /// Errors kFile.
   Result<void> least(std::span<uint64_t> words);
 
-  /// Called by all, with as many values: at rank 0 each becomes the sum of all ranks'. Errors kFile.
+  /// Called by all ranks with the same number of values. At rank 0, each becomes the sum over all ranks. Errors kFile.
   Result<void> sum(std::span<float> values);
 
-  /// `error`, and where there are several ranks which one met it, on which host.
+  /// `error`; if there are several ranks, with the number and host of this one.
   Error named(Error error) const;
 
  private:
@@ -49,8 +50,8 @@ class Ranks {
   uint32_t rank_on_host_ = 0;
 };
 
-/// Ends all ranks with this code, where there are others: a rank that fails may not let them wait. Called by main once
-/// the error is printed.
+/// Ends all ranks with this code, if there are several, so that they do not wait for a rank that failed. Called by main
+/// after the error is printed.
 void end_all_ranks(int exit_code);
 
 }  // namespace scree::tools

@@ -1,4 +1,4 @@
-// Ranks by MPI.
+// Ranks with MPI.
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 namespace scree::tools {
 namespace {
 
-/// Whether mpirun or srun started this process as one of several: MPI is asked only then, as asking takes a second.
+/// Whether mpirun or srun started this process. Only then is MPI initialised, because that takes a second.
 bool is_launched() {
   for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "MPI_LOCALNRANKS"})
     if (std::getenv(name) != nullptr) return true;
@@ -74,7 +74,7 @@ Result<void> Ranks::agree(Result<void> own) {
       !done)
     return done;
   if (lowest == count_ || lowest == rank_) return own;
-  return checked(MPI_Barrier(MPI_COMM_WORLD), "MPI_Barrier");  // which the lowest ends the program in
+  return checked(MPI_Barrier(MPI_COMM_WORLD), "MPI_Barrier");  // the lowest rank ends the program meanwhile
 }
 
 void Ranks::leave() {
@@ -89,7 +89,7 @@ Result<void> Ranks::sum(std::span<double> values) {
       "MPI_Reduce");
 }
 
-/// In bands, whose lengths MPI's counts hold.
+/// Exchanges values in bands, because MPI counts elements with int.
 template <class T, class Exchange>
 Result<void> in_bands(std::span<T> values, const Exchange& exchange) {
   constexpr size_t kBandBytes = size_t{16} << 20;

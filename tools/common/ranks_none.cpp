@@ -1,4 +1,4 @@
-// Ranks where the program is built without MPI: it is alone, or says so.
+// Ranks without MPI: the process must be the only one.
 #include <cstdlib>
 #include <string>
 

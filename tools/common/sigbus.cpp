@@ -13,7 +13,7 @@
 namespace scree::tools {
 namespace {
 
-// A signal handler may not allocate, so the line is made beforehand in static memory. Paths are at most 4 KiB.
+// A signal handler may not allocate, so the line is prepared in static memory. Paths have at most 4 KiB.
 constexpr size_t kLineBytes = 8192;
 char line[kLineBytes];
 constexpr char kCutShort[] = "cannot read: the file was cut short while it was read, or its disk failed (SIGBUS)";
@@ -23,7 +23,7 @@ int exit_status = 2;
 std::atomic_flag is_said = ATOMIC_FLAG_INIT;
 
 extern "C" void on_sigbus(int) {
-  // Threads that read the same file reach its end together. The first one prints the line for all and ends the process.
+  // Several threads may read past the end of the file at once. The first one prints the line and ends the process.
   while (is_said.test_and_set()) ::pause();
   size_t written = 0;
   const auto size = static_cast<size_t>(line_size);

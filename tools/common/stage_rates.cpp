@@ -35,7 +35,7 @@ std::string describe(const StageRates& rates) {
                            tools::format_count(rate(rates.measured_triangles, measure)) + " triangles/s, encode " +
                            tools::format_count(rate(rates.encoded_triangles, encode)) + " triangles/s, write " +
                            bytes_a_second(rates.written_bytes, write);
-  // Stages that share the threads wait for each other; writing runs in parallel.
+  // Reading, measuring and encoding share the threads, so their times add up. Writing runs beside them.
   if (write > read + measure + encode) return text + ": writing limits";
   if (read > std::max(measure, encode)) return text + ": reading limits";
   return text + (measure > encode ? ": measuring limits" : ": encoding limits");

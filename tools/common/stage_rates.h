@@ -1,4 +1,4 @@
-// The speed of each stage of a conversion by itself, which shows a user the stage that limits all others.
+// The speed of each stage of a conversion, which shows the stage that limits the whole.
 #pragma once
 
 #include <atomic>
@@ -32,7 +32,7 @@ struct StageTimes {
 };
 
 /// "read 2.31 GiB/s, measure 310 M triangles/s, encode 14.2 M triangles/s, write 1.2 GiB/s: encoding limits". A stage's
-/// rate counts only the time in which it works: reading, measuring and encoding on all their threads at once.
+/// rate counts only the time in which it works, as if all threads worked on that stage.
 std::string describe(const StageRates& rates);
 
 /// Adds the time from construction to destruction to `nanoseconds`, in any thread.

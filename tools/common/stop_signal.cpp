@@ -20,7 +20,7 @@ std::atomic<bool> stop_requested{false};
 std::atomic<int> stop_signal{0};
 std::atomic<void (*)()> clean_up{nullptr};
 
-// A signal handler may not allocate, so the line is made beforehand in static memory.
+// A signal handler may not allocate, so the line is prepared in static memory.
 constexpr size_t kMessageBytes = 8192;
 char message[kMessageBytes];
 std::atomic<size_t> message_size{0};
@@ -53,13 +53,13 @@ void print_line() {
 }
 
 extern "C" void end_at_once(int signal) {
-  format::remove_open_parts();  // after a second signal; there are none before the first
+  format::remove_open_parts();  // unfinished files exist only at a second signal
   if (void (*const function)() = clean_up) function();
   print_line();
   ::raise(signal);  // its action is the default again, and takes effect when the handler returns
 }
 
-/// What `signal` does from now on, if it is not ignored. The default action is back before the handler runs.
+/// Sets the handler of `signal`, unless it is ignored. The default action is restored before the handler runs.
 void handle(int signal, void (*handler)(int)) {
   struct sigaction action {};
   action.sa_handler = handler;

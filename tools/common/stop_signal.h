@@ -10,13 +10,14 @@ namespace scree::tools {
 
 /// From now on the first SIGINT, SIGTERM or SIGHUP prints "scree COMMAND: stopped; nothing written" (or the files of
 /// note_written()) and ends the program by that signal, after the function of clean_up_with(). That is right as long as
-/// nothing unfinished is on the disk; a StopOnSignal covers the time in which something is. A signal that was ignored
-/// (nohup) stays ignored. Called by main before a command that writes files. A later call replaces an earlier one.
+/// no unfinished file is on the disk; a StopOnSignal covers the time in which there may be one. A signal that was
+/// ignored (nohup) stays ignored. Called by main before a command that writes files. A later call replaces an earlier
+/// one.
 void end_on_signal(std::string_view command);
 
-/// While one exists, the first signal only raises flag(), and the job ends itself and removes its unfinished files; a
-/// second signal ends the program at once, and removes them too but for those that --resume goes on from. Only one may
-/// exist at a time.
+/// While one exists, the first signal only raises flag(): the job then ends itself and removes its unfinished files. A
+/// second signal ends the program at once; it also removes unfinished files, except files that --resume can continue.
+/// Only one may exist at a time.
 class StopOnSignal {
  public:
   /// `advice`: replaces "nothing written" at the end of the line.
@@ -32,18 +33,19 @@ class StopOnSignal {
   struct sigaction before_[3]{};  // of SIGINT, SIGTERM and SIGHUP
 };
 
-/// From now on signals end the program without a line: the launcher of several ranks, which sends them, says why.
+/// From now on signals end the program without a line. With several ranks the launcher sends them and reports the
+/// reason.
 void end_silently_on_signal();
 
-/// Records that a file of the command has its name, or has grown. The line of a later signal lists it once.
+/// Records that a file of the command was written. The line of a later signal lists it once.
 void note_written(const std::string& path);
 
 /// Sets the function that the signal handler calls before it ends the program. It may only make calls that POSIX allows
 /// in signal handlers. Null: none.
 void clean_up_with(void (*clean_up)());
 
-/// If a signal raised flag(), prints the line and ends the program by that signal, so that the parent process sees it.
-/// Called by main when the command has ended without finishing its work.
+/// If a signal raised flag(), prints the line and ends the program by that signal, so that the parent process is
+/// informed. Called by main when the command has ended without finishing its work.
 void end_where_signalled();
 
 }  // namespace scree::tools

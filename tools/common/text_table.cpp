@@ -8,7 +8,7 @@
 namespace scree::inspect {
 namespace {
 
-constexpr size_t kGap = 2;  // columns between columns
+constexpr size_t kGap = 2;  // spaces between two columns
 
 size_t letters(std::string_view text) {
   return static_cast<size_t>(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }));
@@ -44,7 +44,7 @@ std::string printable(std::string_view name, size_t width) {
   size_t count = 0;
   while (!name.empty()) {
     if (count++ == width) {
-      // Three letters are dropped to make room for the dots.
+      // Removes three letters to make room for the dots.
       for (int i = 0; i < 3 && !text.empty(); ++i) {
         while ((text.back() & 0xc0) == 0x80) text.pop_back();
         text.pop_back();

@@ -8,7 +8,7 @@
 namespace scree::inspect {
 
 /// Rows of cells. Every column is as wide as its widest cell; the first `left` columns are flush left, the others flush
-/// right. Cells are UTF-8; a letter counts as one column.
+/// right. Cells are UTF-8; a code point counts as one column.
 class TextTable {
  public:
   explicit TextTable(size_t left = 1, size_t indent = 2) : left_(left), indent_(indent) {}

@@ -16,7 +16,7 @@ std::string compiler() {
 #endif
 }
 
-/// Of a library without which scree can be built.
+/// The version of an optional library, or "none".
 std::string or_none(const std::string& version) {
   return version.empty() ? "none" : version;
 }

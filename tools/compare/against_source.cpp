@@ -52,8 +52,8 @@ class Judge {
   const kernels::View& view_;
 };
 
-/// Judges all pixels, rows on several threads; the sums of errors are made row by row, so that threads do not show.
-/// `found(x, y)`: a Result of what was drawn there, with no instance where that is background.
+/// Classifies all pixels. Threads process rows; the sums of errors are added row by row, so the number of threads does
+/// not change them. `found(x, y)`: a Result of the triangle drawn there; instance kNone for the background.
 template <class Find>
 Result<PixelReport> judge_pixels(const SourceModel& model, std::span<const ReferencePixel> reference,
                                  const kernels::View& view, uint32_t threads, const Find& found) {
@@ -101,13 +101,13 @@ Result<PixelReport> judge_pixels(const SourceModel& model, std::span<const Refer
   }
 }
 
-/// The picture of a frame as the reference has it: by the faces' normals, whatever vertex normals the file has. Throws
+/// Shades a frame like the reference: by the faces' normals, even if the file has vertex normals. Throws
 /// std::bad_alloc.
 Result<std::vector<uint8_t>> shade_faces(const runtime::Scene& scene, const kernels::View& view,
                                          const runtime::Frame& frame, uint32_t threads) {
   kernels::SceneView faces = scene.view();
   std::vector<format::MeshRecord> meshes(faces.meshes, faces.meshes + faces.mesh_count);
-  // Their stream lies behind all that is read otherwise.
+  // Clearing the flag is enough, because the stream of normals comes after all streams that are read here.
   for (format::MeshRecord& mesh : meshes) mesh.attributes &= ~uint32_t{format::kHasNormal};
   faces.meshes = meshes.data();
   std::vector<uint8_t> pixels(uint64_t{3} * view.width * view.height);
@@ -127,7 +127,7 @@ Result<PixelReport> compare_frame(const runtime::Frame& frame, const SourceModel
     if (!picked) return picked.error();
     if (!*picked) return ReferencePixel{};
     const runtime::Pick& pick = **picked;
-    // The files were matched when the model was loaded; the numbers inside a chunk are checked only here.
+    // Scene and source were matched when the model was loaded, but source triangle numbers are checked only here.
     if (!pick.source_triangle || *pick.source_triangle >= model.meshes[pick.mesh].kept.size())
       return Error{ErrorCode::kRange, "mesh " + std::to_string(pick.mesh) + ": triangle " +
                                           std::to_string(pick.mesh_triangle) + " has no triangle in the source"};

@@ -19,7 +19,7 @@ using Corners = std::array<std::array<Number, 3>, 3>;
 
 static_assert(std::endian::native == std::endian::little);
 
-/// The corners of stored triangles, in their order, in model units; each chunk decoded once.
+/// The corners of stored triangles in the order of the list, in model units. Decodes each chunk once.
 Result<std::vector<Corners<float>>> read_corners(const runtime::Scene& scene,
                                                  std::span<const StoredTriangle> triangles) {
   std::vector<Corners<float>> out(triangles.size());
@@ -51,7 +51,7 @@ Corners<double> placed(const runtime::Scene& scene, uint64_t instance, const Cor
   return out;
 }
 
-/// What two triangles of a pixel are to each other, which differ; their corners in the second scene.
+/// The relation of two different triangles at a pixel. Their corners are those of the second scene.
 PixelKind kind_of(const runtime::Scene& scene, const CommonTriangle& a, const Corners<float>& corners_a,
                   const CommonTriangle& b, const Corners<float>& corners_b) {
   const auto coincide = [](const auto& p, const auto& q) { return std::is_permutation(p.begin(), p.end(), q.begin()); };
@@ -82,7 +82,7 @@ Result<std::vector<uint64_t>> ids_of(std::span<const uint64_t> samples, uint32_t
   return ids;
 }
 
-/// Tells which of the pixels of two surfaces show one triangle, and what the others show.
+/// Sets the kinds of all pixels that show a surface in both buffers.
 Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b, const SceneMatch& match,
                         PixelReport& report) {
   const auto ids_a = ids_of(a, report.width, "first", match.first());
@@ -97,7 +97,7 @@ Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b
     return triangles[static_cast<size_t>(found - ids.begin())];
   };
   std::vector<uint64_t> pixels;
-  std::vector<CommonTriangle> differing;  // two a pixel
+  std::vector<CommonTriangle> differing;  // two per pixel
   for (uint64_t i = 0; i < a.size(); ++i) {
     if (report.kinds[i] != PixelKind::kSame && report.kinds[i] != PixelKind::kOtherTriangle) continue;
     const CommonTriangle& in_a = common(*ids_a, resolved->a, a[i]);
@@ -120,7 +120,7 @@ Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b
   return {};
 }
 
-/// In units of the near plane.
+/// The distance of a sample in units of the near plane.
 double distance_of(uint64_t sample) {
   return 1 / kernels::depth_value_of_code(kernels::sample_depth_code(sample), false);
 }

@@ -1,4 +1,4 @@
-// Two visibility buffers of one view, as `scree render --visbuffer` writes them.
+// Reads and compares two visibility buffers of one view, as written by `scree render --visbuffer`.
 #pragma once
 
 #include <cstdint>
@@ -12,16 +12,15 @@
 
 namespace scree::compare {
 
-/// Reads width * height little-endian 64-bit words. Errors kFile, kTruncated or kTrailing (another number of bytes, and
-/// which number is expected).
+/// Reads width * height little-endian 64-bit words. Errors kFile, kTruncated or kTrailing (the wrong number of bytes;
+/// the message gives the right one).
 Result<std::vector<uint64_t>> read_visibility(const std::string& path, uint32_t width, uint32_t height);
 
-/// Compares `a` with `b`, which count as the right ones. `match`: the scenes that their ids are of; it tells other
-/// meshes and neighbours apart by the second scene's vertices, and calls triangles coincident whose corners are the
-/// same three places there. Null: ids count as those of one file (the encoding, welding and attributes change the order
-/// of triangles), and triangles of other ids are all kOtherTriangle. Depths are those of perspective views: their ratio
-/// follows from the codes alone. Errors kRange (an id past its scene's triangles), those of SceneMatch. Throws
-/// std::bad_alloc.
+/// Compares `a` with `b`, which counts as right. `match`: the scenes of both buffers. Other meshes and neighbours are
+/// distinguished by the vertices of the second scene; triangles with the same three corners there coincide. Null: both
+/// buffers count as pictures of one file, and different ids are all kOtherTriangle. (Encoding, welding and attributes
+/// change the order of triangles.) Views must be perspective: the ratio of depths then follows from the codes alone.
+/// Errors kRange (an id past its scene's triangles), those of SceneMatch. Throws std::bad_alloc.
 Result<PixelReport> compare_buffers(std::span<const uint64_t> a, std::span<const uint64_t> b, uint32_t width,
                                     uint32_t height, const SceneMatch* match);
 

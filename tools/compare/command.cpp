@@ -41,16 +41,16 @@ namespace {
 
 using namespace compare;
 
-/// Camera, size and output are render's words, checked as render does.
+/// Camera, size and output are options of render, and are checked in the same way.
 struct CompareArguments {
   RenderWords render;  // `file`: the first one
   std::string other;
-  std::vector<std::string> of;  // none; the file of both buffers; or of the first and of the second
+  std::vector<std::string> of;  // no file, one file for both buffers, or one file each
   std::string exclude;
   bool allow_outside = false;
-  std::string flip;  // where the picture of FLIP's error goes; empty: nowhere
+  std::string flip;  // file for the picture of the FLIP error; empty: none
   double pixels_per_degree = kPixelsPerDegree;
-  std::string memory;  // a size; empty: what is available
+  std::string memory;  // a size; empty: the available memory
   bool json = false;
   bool force = false;
 };
@@ -61,7 +61,8 @@ constexpr const char* kWhatItCompares =
     "two PNG pictures, two visibility buffers (render --visbuffer), or a .scree file and the .gltf or .glb it was made "
     "from";
 
-/// A glTF by its name, the others by their first bytes; a visibility buffer has no mark of its own.
+/// Recognises a glTF by its name, pictures and .scree files by their first bytes. Any other file is a visibility
+/// buffer, which has no signature.
 Result<FileKind> kind_of(const std::string& path) {
   const auto map = runtime::MappedFile::open(path);
   if (!map) return map.error();
@@ -120,7 +121,7 @@ Result<void> print(const CompareArguments& words, const Findings& findings) {
   return finish_output();
 }
 
-/// A scene of a file, without textures. `pages`: whether it is drawn.
+/// Loads a scene without textures. `pages`: whether to load its pages, for drawing.
 Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& options, bool pages) {
   report_sigbus("compare", path);
   Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
@@ -134,7 +135,8 @@ Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& 
   return runtime::Scene::load(std::move(*file), *scene, load);
 }
 
-/// The reference draws the source from memory. Errors kMemory: more than --memory allows, or than is available.
+/// Checks the memory for the source, which the reference holds completely. Errors kMemory: more than --memory allows,
+/// or than is available.
 Result<void> check_memory(const CompareArguments& words, const std::string& source, uint64_t needed) {
   uint64_t allowed = available_memory();
   if (!words.memory.empty()) {
@@ -213,7 +215,7 @@ Result<Findings> find(const CompareArguments& words, const RenderOptions& option
   const bool buffers = *a == FileKind::kBuffer && *b == FileKind::kBuffer;
   if (!words.flip.empty() && buffers)
     return Error{ErrorCode::kUsage, "--flip needs two PNG pictures, or a .scree file and its glTF"};
-  if (words.of.size() > 2) return Error{ErrorCode::kUsage, "--of is given once, or for A and for B"};
+  if (words.of.size() > 2) return Error{ErrorCode::kUsage, "--of may be given once, or twice: for A and for B"};
   if (!words.of.empty() && !buffers) return Error{ErrorCode::kUsage, "--of needs two visibility buffers"};
   if (buffers) return compare_two_buffers(words, options);
   if (*a == FileKind::kPicture && *b == FileKind::kPicture) {
@@ -232,7 +234,8 @@ Result<Findings> find(const CompareArguments& words, const RenderOptions& option
                                       kind_name(*b) + "; expected " + kWhatItCompares};
 }
 
-/// Neither picture is written over what is read, nor over the other. (parse_render_options looks at --output's name.)
+/// Checks that neither output replaces an input or the other output. (parse_render_options() checks the extension of
+/// --output.)
 Result<void> check_outputs(const CompareArguments& words) {
   const std::pair<const char*, const std::string*> outputs[] = {{"--output", &words.render.output},
                                                                 {"--flip", &words.flip}};
@@ -274,10 +277,10 @@ Result<void> write_outputs(const CompareArguments& words, const Findings& findin
 Result<void> run(const CompareArguments& words) {
   RenderWords render = words.render;
   render.file.clear();
-  render.list_cameras = true;  // render makes up an output beside its file where nothing else is asked for
+  render.list_cameras = true;  // without any output, render would choose one beside its file
   const Result<RenderOptions> options = parse_render_options(render);
   if (!options) return options.error();
-  if (std::isnan(words.pixels_per_degree))  // which CLI::Range lets through
+  if (std::isnan(words.pixels_per_degree))  // CLI::Range accepts nan
     return Error{ErrorCode::kUsage, "--ppd: nan, expected 1 to 1000"};
   if (const Result<void> checked = check_outputs(words); !checked) return checked.error();
   report_sigbus("compare", words.render.file);
@@ -321,7 +324,7 @@ Command add_compare(CLI::App& parent) {
       ->type_name("FILE")
       ->type_size(1)
       ->expected(1)
-      ->allow_extra_args(false)  // the next word is a file to read
+      ->allow_extra_args(false)  // the next argument is an input file
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with")
       ->type_name("REGEX");

@@ -20,7 +20,7 @@ struct Size {
   uint64_t pixels() const { return uint64_t{width} * height; }
 };
 
-// sRGB's primaries, exact in fractions; white is what (1, 1, 1) gives.
+// sRGB's primaries as exact fractions. The result for (1, 1, 1) is the white point.
 Triple xyz_of_linear(const Triple& rgb) {
   return {10135552.0 / 24577794 * rgb[0] + 8788810.0 / 24577794 * rgb[1] + 4435075.0 / 24577794 * rgb[2],
           2613072.0 / 12288897 * rgb[0] + 8788810.0 / 12288897 * rgb[1] + 887015.0 / 12288897 * rgb[2],
@@ -80,7 +80,7 @@ double colour_distance(const Triple& a, const Triple& b) {
   return std::pow(std::abs(a[0] - b[0]) + std::hypot(a[1] - b[1], a[2] - b[2]), 0.7);
 }
 
-/// `distance` to 0..1: the first 40% of the largest (green against blue) take 95% of the range.
+/// Maps `distance` to 0..1: the first 40% of the largest distance (green against blue) take 95% of the range.
 double remapped(double distance) {
   static const double kLargest = colour_distance(hunt_lab_of_linear({0, 1, 0}), hunt_lab_of_linear({0, 0, 1}));
   constexpr double kShare = 0.4, kRange = 0.95;
@@ -88,7 +88,7 @@ double remapped(double distance) {
   return distance < knee ? kRange / knee * distance : kRange + (distance - knee) / (kLargest - knee) * (1 - kRange);
 }
 
-/// Weights of the places -radius to radius.
+/// Weights of offsets -radius to radius.
 using Kernel = std::vector<double>;
 
 template <class Weight>
@@ -104,7 +104,7 @@ double sum_of(const Kernel& kernel) {
   return sum;
 }
 
-/// Convolution with `across` along rows and `along` down columns; the picture's rim goes on beyond it.
+/// Convolution with `across` along rows and `along` down columns. The border pixels are repeated outside the picture.
 Plane filtered(const Plane& in, Size size, const Kernel& across, const Kernel& along, uint32_t threads) {
   const auto clamped = [](int64_t place, uint32_t side) {
     return static_cast<uint64_t>(std::clamp<int64_t>(place, 0, int64_t{side} - 1));
@@ -141,7 +141,8 @@ constexpr std::array<Sensitivity, 3> kSensitivities{{
     {34.1, 0.04, 13.5, 0.025},  // blue-yellow
 }};
 
-/// One channel as the eye resolves it. Each Gaussian is filtered by rows and columns; their sum has weight 1.
+/// A channel filtered by its contrast sensitivity function. Each Gaussian is filtered by rows, then columns; the
+/// weights of both together add up to 1.
 Plane seen_channel(const Plane& in, Size size, const Sensitivity& csf, double ppd, uint32_t threads) {
   constexpr double kWidest = 0.04;
   const int radius = static_cast<int>(std::ceil(3 * std::sqrt(kWidest / (2 * kPi * kPi)) * ppd));
@@ -172,7 +173,7 @@ Plane feature(const Plane& lightness, Size size, bool points, double ppd, uint32
     const double g = gauss[static_cast<size_t>(i + radius)];
     return points ? (i * i / (deviation * deviation) - 1) * g : -i * g;
   });
-  // Positive weights add up to 1, negative ones to -1; across the feature to 1.
+  // Across the feature, positive weights add up to 1 and negative ones to -1. Along it, all weights add up to 1.
   double positive = 0, negative = 0;
   for (const double weight : slope) (weight > 0 ? positive : negative) += std::abs(weight);
   for (double& weight : slope) weight /= weight > 0 ? positive : negative;
@@ -184,7 +185,7 @@ Plane feature(const Plane& lightness, Size size, bool points, double ppd, uint32
   return x;
 }
 
-/// What of a picture is compared.
+/// The parts of a picture that are compared.
 struct Seen {
   std::array<Plane, 3> lab;  // filtered, Hunt-adjusted
   Plane edges, points;

@@ -33,7 +33,8 @@ Vector cross(const Vector& a, const Vector& b) {
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
-/// Degrees; nothing where one has no direction. By the arc tangent, exact for small angles, where a cosine is not.
+/// The angle in degrees; nothing if a vector has no direction. The arc tangent is exact for small angles, unlike the
+/// arc cosine.
 std::optional<double> angle(const Vector& a, const Vector& b) {
   const double size_a = length(a), size_b = length(b);
   if (!(size_a > 0 && size_b > 0) || !std::isfinite(size_a) || !std::isfinite(size_b)) return std::nullopt;
@@ -56,7 +57,7 @@ double diagonal_of(const SourceMesh& mesh) {
   return length(minus(hi, lo));
 }
 
-/// One mesh: its triangles one after the other.
+/// Compares the triangles of one mesh, one after another.
 class MeshComparison {
  public:
   MeshComparison(const SourceMesh& source, std::span<const float> normals, GeometryReport& report)
@@ -93,8 +94,8 @@ class MeshComparison {
   }
 
  private:
-  /// Clusters turn triangles: which corner is the source's first. The nearest turn; moving all corners alike changes
-  /// nothing of which that is.
+  /// Clusters may rotate a triangle's corners. Returns the rotation with the nearest corners, which an equal shift of
+  /// all corners does not change.
   size_t turn_of(const tools::DecodedChunk& chunk, size_t triangle, uint64_t id) const {
     size_t best = 0;
     double least = std::numeric_limits<double>::infinity();
@@ -144,7 +145,7 @@ class MeshComparison {
   double axis_error_ = 0;
   std::vector<bool> seen_;        // by source triangle
   std::vector<double> farthest_;  // by source vertex; -1: not used
-  std::vector<double> stored_;    // by vertex of the chunk; likewise
+  std::vector<double> stored_;    // by vertex of the chunk; -1: not used
 };
 
 }  // namespace

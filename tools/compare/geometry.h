@@ -1,4 +1,4 @@
-// How far the vertices and normals of a .scree file lie from those of its source.
+// Measures the distances of the vertices and normals of a .scree file from its source.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace scree::compare {
 
-/// Distances of vertices, model units, and over the diagonal of the mesh's box in the source.
+/// Distances of vertices in model units, and relative to the diagonal of the mesh's box in the source.
 class Distances {
  public:
   void add(double distance, double diagonal);
@@ -37,21 +37,22 @@ struct BrokenBound {
 struct GeometryReport {
   uint64_t meshes = 0;
   uint64_t triangles = 0;
-  uint64_t missing_triangles = 0;   // of the source, that the file should have
-  uint64_t unknown_triangles = 0;   // of the file, that the source has not (or the file twice)
-  Distances stored;                 // every stored vertex from its source vertex
-  Distances source;                 // every used source vertex from the farthest of its stored copies
-  double axis_error = 0;            // largest of one coordinate: what MeshRecord::max_position_error bounds
-  double axis_bound = 0;            // largest stated
-  std::vector<BrokenBound> broken;  // every mesh whose own bound does not hold
-  uint64_t normals = 0;             // stored vertex normals compared; those of the source without a direction are not
+  uint64_t missing_triangles = 0;   // of the source, which the file lacks
+  uint64_t unknown_triangles = 0;   // of the file, which the source lacks (or which the file has twice)
+  Distances stored;                 // of every stored vertex from its source vertex
+  Distances source;                 // of every used source vertex from the farthest of its stored copies
+  double axis_error = 0;            // largest error of a coordinate; MeshRecord::max_position_error is its bound
+  double axis_bound = 0;            // largest stated bound
+  std::vector<BrokenBound> broken;  // meshes that exceed their own bound
+  uint64_t normals = 0;             // compared vertex normals; source normals without a direction are not compared
   double normal_degrees = 0;        // largest angle
   uint64_t faces = 0;               // triangles with an area in both
   double face_degrees = 0;          // largest angle between their normals
 };
 
-/// Matches every stored triangle with its source by number. One source primitive and one chunk in memory at a time.
-/// Errors: those of for_each_mesh (source_model.h; kUnsupported: no source triangle numbers) and ChunkReader::read.
+/// Matches every stored triangle with its source by number. Holds one source primitive and one chunk in memory at a
+/// time. Errors: those of for_each_mesh (source_model.h; kUnsupported: no source triangle numbers) and
+/// ChunkReader::read.
 Result<GeometryReport> compare_geometry(const convert::SourceScene& scene, const format::Container& file);
 
 }  // namespace scree::compare

@@ -47,7 +47,7 @@ PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_
   PictureReport report;
   report.width = a.width;
   report.height = a.height;
-  uint64_t squares = 0;  // at most 2^28 pixels of 3 * 255^2
+  uint64_t squares = 0;  // sum over at most 2^28 pixels of at most 3 * 255^2
   for (size_t i = 0; i < a.rgb.size(); i += 3) {
     uint32_t largest = 0;
     for (size_t c = 0; c < 3; ++c) {

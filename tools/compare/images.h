@@ -1,4 +1,4 @@
-// Two pictures: how far their pixels lie apart, in levels and to the eye.
+// Compares two pictures: differences of bytes, PSNR and FLIP.
 #pragma once
 
 #include <cstdint>
@@ -16,19 +16,19 @@ struct PictureReport {
   uint32_t height = 0;
   uint64_t differing = 0;   // pixels
   uint32_t max_levels = 0;  // largest difference of a byte
-  double psnr = 0;          // decibels over red, green and blue; infinite where no pixel differs
+  double psnr = 0;          // decibels over red, green and blue; infinite if no pixel differs
   std::vector<float> flip;  // flip_map()
   double flip_mean = 0;
   double flip_max = 0;
 };
 
-/// Reads two PNG or JPEG pictures and compares A with B, which counts as the right one. Pixels that are not opaque are
-/// laid over black, in coded values. Errors: those of MappedFile::open and decode_image, the file named; kRange where
-/// the sizes differ.
+/// Reads two PNG or JPEG pictures and compares A with B, which counts as right. Pixels that are not opaque are blended
+/// over black, in sRGB codes. Errors name the file: those of MappedFile::open and decode_image; kRange if the sizes
+/// differ.
 Result<PictureReport> compare_pictures(const std::string& a, const std::string& b, double pixels_per_degree,
                                        uint32_t threads);
 
-/// The same of two pictures of one size in memory. Throws std::bad_alloc.
+/// The same for two pictures of the same size in memory. Throws std::bad_alloc.
 PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_degree, uint32_t threads);
 
 /// Writes the FLIP error of every pixel as a grey: black 0, white 1. Errors kFile.

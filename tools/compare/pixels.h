@@ -1,4 +1,4 @@
-// What two visibility buffers disagree about, pixel by pixel.
+// The differences of two visibility buffers, pixel by pixel.
 #pragma once
 
 #include <array>
@@ -12,16 +12,16 @@
 
 namespace scree::compare {
 
-/// How a pixel's two answers stand to each other; the first three are right.
+/// The relation of the two surfaces at a pixel. The first three kinds count as right.
 enum class PixelKind : uint8_t {
   kBothBackground,
   kSame,           // one triangle of one instance
-  kCoincident,     // two triangles that lie in the same place at this pixel, either of which is right
+  kCoincident,     // two triangles with the same depth at this pixel; either is right
   kBackground,     // background against surface
   kOtherMesh,      // another mesh, or another instance of it
   kApart,          // one instance, two triangles that share no vertex
   kNeighbour,      // one instance, two triangles that share a vertex
-  kOtherTriangle,  // two triangles of which nothing more is known
+  kOtherTriangle,  // two triangles whose relation is not known
 };
 inline constexpr size_t kPixelKinds = 8;
 
@@ -33,7 +33,7 @@ inline bool is_wrong(PixelKind kind) {
 const char* kind_title(PixelKind kind);
 const char* kind_key(PixelKind kind);
 
-/// |a - b| / b of depths: distances from the eye's plane.
+/// Statistics of |a - b| / b over depths (distances from the eye's plane).
 class DepthError {
  public:
   void add(double found, double expected) {
@@ -61,21 +61,21 @@ struct PixelReport {
   uint32_t width = 0;
   uint32_t height = 0;
   std::vector<PixelKind> kinds;  // width * height, rows top to bottom
-  bool triangles_known = true;   // false: wrong triangles are all kOtherTriangle
-  DepthError same_depth;         // of pixels of one triangle
-  DepthError surface_depth;      // of all pixels with a surface in both
+  bool triangles_known = true;   // false: all different triangles are kOtherTriangle
+  DepthError same_depth;         // of pixels that show the same triangle
+  DepthError surface_depth;      // of all pixels that show a surface in both
 
   std::array<uint64_t, kPixelKinds> counts() const;
-  /// Whether this comparison can tell a pixel to be of that kind.
+  /// Whether this comparison can find pixels of that kind.
   bool tells(PixelKind kind) const;
   uint64_t wrong() const;
 };
 
-/// Two triangles by the bits of their nine coordinates each: whether they have a corner in common.
+/// Whether two triangles have a corner in common, equal bit for bit.
 bool share_vertex(const std::array<std::array<float, 3>, 3>& a, const std::array<std::array<float, 3>, 3>& b);
 
-/// A picture of the kinds: right surfaces grey, right background white, wrong pixels a colour each (the legend is in
-/// `scree compare --help`). Errors kFile.
+/// Writes a picture of the kinds: right surfaces grey, right background white, one colour per other kind (`scree
+/// compare --help` has the legend). Errors kFile.
 Result<void> write_difference(const std::string& path, const PixelReport& report,
                               format::Existing existing = format::Existing::kReplace);
 

@@ -15,10 +15,10 @@ namespace {
 
 using kernels::View;
 
-constexpr uint64_t kBlockTriangles = 65536;    // the unit of work of a thread
-constexpr uint64_t kGroupTriangles = 1 << 20;  // in flight: 160 bytes each
+constexpr uint64_t kBlockTriangles = 65536;    // per job of a thread
+constexpr uint64_t kGroupTriangles = 1 << 20;  // per group, 160 bytes each
 
-/// Pixels [x0, x1] x [y0, y1]; empty where x0 > x1 or y0 > y1.
+/// Pixels [x0, x1] x [y0, y1]; empty if x0 > x1 or y0 > y1.
 struct PixelBox {
   uint32_t x0 = 1, y0 = 1, x1 = 0, y1 = 0;
   bool is_empty() const { return x0 > x1 || y0 > y1; }
@@ -43,8 +43,9 @@ bool is_mirrored(const ReferenceInstance& instance) {
          0;
 }
 
-/// Whether the edge from a to b, whose triangle lies on its left (y up), is a left or top edge of it: then a centre on
-/// the edge belongs to the triangle. The edge's line on the picture is A x + B y + C = 0, positive inside.
+/// Whether the edge from a to b is a left or top edge of its triangle, which lies on the left of it (y up). A pixel
+/// centre on such an edge belongs to the triangle. The edge's line on the picture is A x + B y + C = 0, positive
+/// inside.
 bool owns_ties(const View& view, const SeenPoint& a, const SeenPoint& b, double orientation) {
   const double wa = view.orthographic ? 1 : a.z, wb = view.orthographic ? 1 : b.z;
   const double across = orientation * (a.y * wb - wa * b.y);
@@ -52,7 +53,7 @@ bool owns_ties(const View& view, const SeenPoint& a, const SeenPoint& b, double 
   return across > 0 || (across == 0 && upward < 0);
 }
 
-/// The depth at which the ray meets the triangle; nothing where it does not.
+/// The depth at which the ray hits the triangle; nothing if it misses.
 std::optional<double> meet(const View& view, const std::array<SeenPoint, 3>& corners, Ray ray, bool mirrored,
                            bool double_sided) {
   const std::array<double, 3> edge = corner_weights(view, corners, ray);  // opposite corner n
@@ -70,8 +71,8 @@ std::optional<double> meet(const View& view, const std::array<SeenPoint, 3>& cor
   return depth;
 }
 
-/// The pixels whose centres can lie in the triangle: those of the box of its part in front of the near plane, a little
-/// widened. It only saves time.
+/// A box of the pixels whose centres may lie in the triangle: the slightly enlarged box of its part beyond the near
+/// plane. It only saves time.
 PixelBox box_of(const View& view, const std::array<SeenPoint, 3>& corners, const ReferenceMode& mode) {
   double low_x = INFINITY, low_y = INFINITY, high_x = -INFINITY, high_y = -INFINITY;
   double slack = 1e-6 + (mode.snap == 0 ? 0 : 1.0 / mode.snap);
@@ -93,7 +94,7 @@ PixelBox box_of(const View& view, const std::array<SeenPoint, 3>& corners, const
       slack = 1;
     }
   }
-  if (low_x > high_x) return {};  // all of it lies before the near plane
+  if (low_x > high_x) return {};  // all of it is nearer than the near plane
   slack += 1e-9 * std::max({std::abs(low_x), std::abs(high_x), std::abs(low_y), std::abs(high_y)});
   PixelBox box;
   if (std::isnan(slack)) return box;
@@ -109,7 +110,7 @@ PixelBox box_of(const View& view, const std::array<SeenPoint, 3>& corners, const
   return box;
 }
 
-/// Cuts the instances into groups of blocks and calls `take(blocks)` for each.
+/// Cuts the triangles of the instances into groups of blocks and calls `take(blocks)` for each group.
 template <class Take>
 void for_each_group(std::span<const ReferenceMesh> meshes, std::span<const ReferenceInstance> instances,
                     const Take& take) {
@@ -141,7 +142,7 @@ void draw_rows(const View& view, const SeenTriangle& seen, const ReferenceMesh& 
                                         : meet_snapped(view, seen.corners, x, y, mode.snap, mirrored, double_sided);
       if (depth && mode.depth_bits != 0) depth = coded_depth(view, *depth, mode.depth_bits);
       ReferencePixel& pixel = pixels[uint64_t{y} * view.width + x];
-      // Triangles come in order: of equal depths the first stays.
+      // Triangles are drawn in order; at equal depths the first one stays.
       if (!depth || !(*depth < pixel.depth)) continue;
       if (mesh.mask != nullptr && !mask_passes(view, mesh, seen.triangle, seen.corners, x, y)) continue;
       pixel = {seen.instance, seen.triangle, *depth};
@@ -157,14 +158,14 @@ Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh
   if (view.width < 1 || view.height < 1 || std::max(view.width, view.height) > kernels::kMaxImageSide)
     return Error{ErrorCode::kRange, "a picture of " + std::to_string(view.width) + " x " + std::to_string(view.height) +
                                         " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
-                                        " a side"};
+                                        " per side"};
   try {
     std::vector<ReferencePixel> pixels(uint64_t{view.width} * view.height);
     std::vector<bool> mirrored(instances.size());
     for (size_t i = 0; i < instances.size(); ++i) mirrored[i] = is_mirrored(instances[i]);
     const uint32_t bands = std::min(view.height, 4 * std::max(threads, 1u));
     for_each_group(meshes, instances, [&](const std::vector<Block>& blocks) {
-      // First the triangles that can be seen, then the picture, each thread some of its rows.
+      // Finds the triangles that may be visible, then draws them; each thread draws some rows of the picture.
       std::vector<std::vector<SeenTriangle>> seen(blocks.size());
       runtime::parallel_for(blocks.size(), threads, [&](uint64_t b) {
         const Block& block = blocks[b];

@@ -1,4 +1,4 @@
-// Where the reference rasteriser's corners and rays are, as its own parts share it: not for others.
+// The geometry of corners and rays in the reference rasteriser. Used only by reference*.cpp.
 #pragma once
 
 #include <array>
@@ -14,18 +14,19 @@ struct SeenPoint {
   double x, y, z;
 };
 
-/// Where a pixel's ray is at distance 1 (perspective; `scale` is 1 there) or everywhere (orthographic).
+/// The position of a pixel's ray at distance 1 (perspective) or at any distance (orthographic).
 struct Ray {
   double x, y;
 };
 
-/// Through a pixel's centre; exact where a pixel's size is: centres then lie on edges that go through them.
+/// The ray through a pixel's centre. It is exact if the pixel's size is exact, so edges through centres really contain
+/// them.
 inline Ray ray_of(const kernels::View& view, uint32_t x, uint32_t y) {
   return {(2.0 * x + 1.0 - view.width) * (view.half_width / view.width),
           (view.height - (2.0 * y + 1.0)) * (view.half_height / view.height)};
 }
 
-/// The translation meets the eye first, so that a scene far from the origin loses nothing.
+/// The eye is subtracted from the translation first, so that a scene far from the origin loses no precision.
 inline SeenPoint seen_from_eye(const kernels::View& view, const ReferenceInstance& instance, const float* position) {
   double p[3];
   for (size_t i = 0; i < 3; ++i) {
@@ -45,10 +46,11 @@ inline std::array<SeenPoint, 3> seen_corners(const kernels::View& view, const Re
   return out;
 }
 
-/// What the corners count where a ray meets their plane: with q_n the corner's distance from the ray in the plane z =
-/// z_n, the cross product of the two others. All of one sign: the ray meets the triangle, from either side; right in
-/// perspective and with corners behind the eye. Two triangles of an edge get the same product with the opposite sign,
-/// to the bit, so that no centre is in both or in neither.
+/// The weights of the corners at the point where a ray hits the triangle's plane. q_n is corner n's offset from the ray
+/// in the plane z = z_n; the weight of a corner is the cross product of the other two offsets. If all have the same
+/// sign, the ray hits the triangle, from either side. This also holds in perspective and with corners behind the eye.
+/// Two triangles with a common edge get exactly opposite weights for it, so that a centre is never in both or in
+/// neither.
 inline std::array<double, 3> corner_weights(const kernels::View& view, const std::array<SeenPoint, 3>& corners,
                                             Ray ray) {
   Ray q[3];

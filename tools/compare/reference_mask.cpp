@@ -9,8 +9,8 @@ namespace {
 using kernels::View;
 using TexturePoint = std::array<double, 2>;
 
-/// The corners' shares where the ray meets the triangle's plane; their sum is 1. With `inside` they are brought into
-/// the triangle.
+/// The corners' weights at the point where the ray hits the triangle's plane; their sum is 1. With `inside` the point
+/// is moved into the triangle.
 std::array<double, 3> shares_of(const View& view, const std::array<SeenPoint, 3>& corners, Ray ray, bool inside) {
   std::array<double, 3> weights = corner_weights(view, corners, ray);
   const double orientation = weights[0] + weights[1] + weights[2] < 0 ? -1 : 1;
@@ -58,7 +58,7 @@ bool mask_passes(const View& view, const ReferenceMesh& mesh, uint64_t triangle,
       places[n][c] = mask.place[c][0] * static_cast<double>(uv[0]) + mask.place[c][1] * static_cast<double>(uv[1]) +
                      mask.place[c][2];
   }
-  // The footprint of a sample, from rays a thousandth of it to the side.
+  // The footprint of a sample comes from rays that are a thousandth of a pixel aside.
   constexpr double kStep = 1e-3;
   const Ray ray = ray_of(view, x, y);
   const double pixel_x = 2 * view.half_width / view.width, pixel_y = 2 * view.half_height / view.height;

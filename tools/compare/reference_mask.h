@@ -1,4 +1,4 @@
-// Alpha masks of the reference rasteriser: not for others.
+// Alpha masks of the reference rasteriser. Used only by it.
 #pragma once
 
 #include <array>
@@ -8,7 +8,7 @@
 
 namespace scree::compare {
 
-/// Whether a triangle of a mesh with a mask is there at the centre of a pixel that it covers.
+/// Whether the mask of a triangle passes at the centre of a pixel that the triangle covers.
 bool mask_passes(const kernels::View& view, const ReferenceMesh& mesh, uint64_t triangle,
                  const std::array<SeenPoint, 3>& corners, uint32_t x, uint32_t y);
 

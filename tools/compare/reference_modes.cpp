@@ -12,7 +12,8 @@ using kernels::View;
 // Products of coordinates of up to 2^50 do not fit 64 bits.
 __extension__ using Wide = __int128;
 
-/// On the snapping grid, y down; `inverse`: 1 / depth (orthographic: the depth), linear on the picture.
+/// A corner on the snapping grid, y down. `inverse`: 1 / depth (orthographic: the depth), which is linear in the
+/// picture.
 struct SnappedCorner {
   Wide x, y;
   double inverse;
@@ -30,8 +31,8 @@ SnappedCorner snap_corner(const View& view, const SeenPoint& point, uint32_t sna
           view.orthographic ? point.z : 1 / point.z};
 }
 
-/// The triangle without what lies before the near plane: up to four corners. A cut edge is walked from its far end, so
-/// that both of its triangles get the same corner.
+/// The part of a triangle beyond the near plane: up to four corners. A cut edge is followed from its far end, so that
+/// both of its triangles get the same corner.
 struct Polygon {
   std::array<SnappedCorner, 4> corners;
   size_t count = 0;
@@ -59,12 +60,12 @@ Wide cross(const SnappedCorner& a, const SnappedCorner& b, Wide x, Wide y) {
   return (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
 }
 
-/// 1 / depth (orthographic: depth) at the place (x, y) of the grid; nothing where it is not covered.
+/// 1 / depth (orthographic: depth) at point (x, y) of the grid; nothing if it is not covered.
 std::optional<double> meet_piece(SnappedCorner a, SnappedCorner b, SnappedCorner c, Wide x, Wide y, bool mirrored,
                                  bool double_sided) {
   const Wide area = cross(a, b, c.x, c.y);
   if (area == 0) return std::nullopt;
-  // y runs down: counter-clockwise fronts have a negative area.
+  // y points down, so counter-clockwise fronts have a negative area.
   if (!double_sided && (area < 0) == mirrored) return std::nullopt;
   if (area < 0) std::swap(b, c);
   const std::array<const SnappedCorner*, 3> corners{&a, &b, &c};
@@ -105,7 +106,7 @@ double coded_depth(const View& view, double depth, uint32_t bits) {
   }
   const auto inverse = static_cast<float>(view.z_near / depth);  // at most 1: a float of 23 bits below the first
   if (bits == 32) return view.z_near / static_cast<double>(inverse);
-  // 28 bits have no room for the last of them: two neighbours share a code.
+  // 28 bits lack the float's last bit, so two neighbouring values share a code.
   const uint32_t lower = std::bit_cast<uint32_t>(inverse) & ~1u;
   const double middle =
       0.5 * (static_cast<double>(std::bit_cast<float>(lower)) + static_cast<double>(std::bit_cast<float>(lower + 1)));

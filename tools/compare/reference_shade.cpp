@@ -14,7 +14,7 @@ namespace {
 using kernels::View;
 using Vector = std::array<double, 3>;
 
-constexpr double kAmbient = 0.2;  // of the light from the camera, which gives the rest
+constexpr double kAmbient = 0.2;  // ambient share of the light; the camera's light is the rest
 
 double dot(const Vector& a, const Vector& b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -24,7 +24,7 @@ Vector minus(const SeenPoint& a, const SeenPoint& b) {
   return {a.x - b.x, a.y - b.y, a.z - b.z};
 }
 
-/// Of length 1, so that the product of two edges of a tiny triangle is not lost; 0 stays.
+/// `v` with length 1, so that the cross product of two tiny edges does not underflow. 0 stays 0.
 Vector unit(Vector v) {
   const double length = std::hypot(v[0], v[1], v[2]);
   for (double& part : v) part = length > 0 ? part / length : 0;
@@ -38,8 +38,8 @@ double cosine(const View& view, const std::array<SeenPoint, 3>& corners, Ray at)
   return std::min(std::abs(dot(normal, ray)), 1.0);
 }
 
-/// The colours of the corners between them, at the place where the ray meets the triangle or, where snapping or another
-/// mode let it pass by, at the nearest weights.
+/// The vertex colour at the point where the ray hits the triangle. If a rounding mode drew the triangle beside that
+/// point, the weights are moved to the nearest valid ones.
 Vector vertex_color(const SourceMesh& mesh, uint64_t triangle, std::array<double, 3> weights) {
   const double orientation = weights[0] + weights[1] + weights[2] < 0 ? -1 : 1;
   double sum = 0;
@@ -55,7 +55,7 @@ Vector vertex_color(const SourceMesh& mesh, uint64_t triangle, std::array<double
   return color;
 }
 
-/// Linear light.
+/// The colour of a sample in linear light.
 Vector shade(const SourceModel& model, const ReferencePixel& sample, const View& view, uint32_t x, uint32_t y) {
   if (sample.is_background()) return {};
   const ReferenceInstance& instance = model.instances[sample.instance];

@@ -105,7 +105,7 @@ std::string text_geometry(const GeometryReport& report) {
   rest.row({"meshes whose bound does not hold", grouped(report.broken.size())});
   rest.row({"triangles compared", grouped(report.triangles)});
   rest.row({"triangles missing", grouped(report.missing_triangles)});
-  rest.row({"triangles the source has not", grouped(report.unknown_triangles)});
+  rest.row({"triangles not in the source", grouped(report.unknown_triangles)});
   if (report.normals != 0)
     rest.row({"largest angle of vertex normals", short_number(report.normal_degrees) + " degrees"});
   if (report.faces != 0) rest.row({"largest angle of faces", short_number(report.face_degrees) + " degrees"});
@@ -132,7 +132,7 @@ void json_geometry(JsonWriter& json, const GeometryReport& report) {
 std::string text_pictures(const PictureReport& report, bool of_scene) {
   TextTable table;
   if (of_scene) {
-    table.row({"lit pictures, textures left out of both", ""});
+    table.row({"lit pictures, both without textures", ""});
     table.rule();
   }
   table.row({"pixels", grouped(report.flip.size())});

@@ -1,4 +1,4 @@
-// What compare prints: tables for people, or members of a JSON object.
+// The output of compare: tables for people, or members of a JSON object.
 #pragma once
 
 #include <string>
@@ -12,11 +12,11 @@ namespace scree::compare {
 
 std::string text_pixels(const PixelReport& report);
 std::string text_geometry(const GeometryReport& report);
-/// `of_scene`: the pictures are of a scene and its source, textures left out of both; else nothing is known of that.
+/// `of_scene`: the pictures show a scene and its source, both without textures; otherwise they are any two pictures.
 std::string text_pictures(const PictureReport& report, bool of_scene);
 
 /// A member "pixels", "geometry" or "pictures" of the object that is open. Names are stable, lengths are model units,
-/// angles degrees; what has no value is absent: the PSNR of identical pictures.
+/// angles degrees; a member without a value is absent, such as the PSNR of identical pictures.
 void json_pixels(tools::JsonWriter& json, const PixelReport& report);
 void json_geometry(tools::JsonWriter& json, const GeometryReport& report);
 void json_pictures(tools::JsonWriter& json, const PictureReport& report, bool of_scene);

@@ -20,10 +20,11 @@ const MeshRecord& mesh_of(const Scene& scene, uint64_t instance) {
   return scene.view().meshes[scene.view().instances[instance].mesh];
 }
 
-/// What an instance is called in every file of its source; files that share equal meshes sort instances otherwise.
+/// Identifies an instance in every file of its source. The order of instances differs between files that share equal
+/// meshes and files that do not.
 struct InstanceKey {
   uint32_t node, node_instance;
-  uint64_t primitive;  // of the glTF mesh, of those that keep a triangle
+  uint64_t primitive;  // number among the glTF mesh's primitives that keep a triangle
   auto operator<=>(const InstanceKey&) const = default;
 };
 
@@ -40,7 +41,7 @@ std::vector<uint64_t> sorted_instances(const Scene& scene) {
   return order;
 }
 
-/// How far apart the same coordinate of two files may be; with what rounding the sum adds.
+/// The largest allowed distance between the same coordinate in two files, including the rounding of this sum.
 double allowed_distance(const MeshRecord& a, const MeshRecord& b) {
   return (a.max_position_error + b.max_position_error) * (1 + 1e-9);
 }
@@ -54,7 +55,7 @@ bool equal_matrices(const Scene& a, const InstanceRecord& in_a, const Scene& b, 
   return std::equal(&rows_a[0][0], &rows_a[0][0] + 12, &rows_b[0][0]);
 }
 
-/// Why an instance of one file cannot be that of another; empty: it can.
+/// The reason why an instance of one file cannot be that of the other; empty if it can.
 std::string difference(const Scene& a, uint64_t instance_a, const Scene& b, uint64_t instance_b) {
   const InstanceRecord &in_a = a.view().instances[instance_a], &in_b = b.view().instances[instance_b];
   const MeshRecord &mesh_a = a.view().meshes[in_a.mesh], &mesh_b = b.view().meshes[in_b.mesh];
@@ -85,7 +86,7 @@ std::vector<StoredTriangle> stored_triangles(const Scene& scene, std::span<const
   return out;
 }
 
-/// Source numbers, each chunk decoded once.
+/// The source numbers of triangles. Decodes each chunk once.
 Result<std::vector<uint64_t>> source_numbers(const Scene& scene, std::span<const StoredTriangle> triangles) {
   std::vector<uint64_t> out(triangles.size());
   tools::ChunkReader reader(scene.container());
@@ -111,21 +112,21 @@ std::vector<uint64_t> stored_numbers(const Scene& scene, std::span<const StoredT
   return out;
 }
 
-/// A chunk and what would be the same one in the other file.
+/// A chunk and its counterpart in the other file.
 struct ChunkPair {
   uint64_t a, b;
   auto operator<=>(const ChunkPair&) const = default;
 };
 constexpr uint64_t kNoChunk = UINT64_MAX;
 
-/// The chunk of `other_mesh` that is as far into it as `chunk` is into its own.
+/// The chunk of `other_mesh` with the same number in its mesh as `chunk`.
 uint64_t same_place(const Scene& scene, uint64_t chunk, const MeshRecord& other_mesh) {
   const MeshRecord& mesh = scene.view().meshes[scene.view().chunks[chunk].mesh];
   const uint64_t place = chunk - mesh.first_chunk;
   return place < other_mesh.chunk_count ? other_mesh.first_chunk + place : kNoChunk;
 }
 
-/// Whether triangles that are at the same place in both are the same.
+/// Whether two chunks have the same triangles in the same order.
 Result<bool> is_same_chunk(const Scene& a, tools::ChunkReader& reader_a, const Scene& b, tools::ChunkReader& reader_b,
                            const ChunkPair& pair) {
   if (pair.a == kNoChunk || pair.b == kNoChunk) return false;
@@ -143,7 +144,8 @@ Result<bool> is_same_chunk(const Scene& a, tools::ChunkReader& reader_a, const S
                     (*chunk_b)->positions.end(), [&](float p, float q) { return is_near(p, q, allowed); });
 }
 
-/// Errors kUnsupported where a pair is not the same chunk: ids then mean other triangles.
+/// Checks that the chunks of every pair are the same. Error kUnsupported if not, because ids then stand for different
+/// triangles.
 Result<void> check_chunks(const Scene& a, const Scene& b, std::vector<ChunkPair> pairs) {
   std::sort(pairs.begin(), pairs.end());
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
@@ -154,19 +156,20 @@ Result<void> check_chunks(const Scene& a, const Scene& b, std::vector<ChunkPair>
     if (!*same)
       return Error{ErrorCode::kUnsupported,
                    a.file().path() + " and " + b.file().path() +
-                       " do not store their triangles alike; convert both with --source-ids to match them"};
+                       " store their triangles differently; convert both with --source-ids to match them"};
   }
   return {};
 }
 
-/// A triangle of a mesh that is looked for, and which one of those asked for it is.
+/// A triangle of a mesh to be found, and its index in the request.
 struct Wanted {
   uint32_t mesh;
   uint64_t number;
   uint64_t asked;
 };
 
-/// Finds `wanted`, all of one mesh and by number, among its chunks' source numbers; `out` is by Wanted::asked.
+/// Finds the chunks of `wanted`, which all belong to one mesh and are sorted by source number. `out`: indexed by
+/// Wanted::asked.
 Result<void> find_in_mesh(const Scene& scene, tools::ChunkReader& reader, std::span<const Wanted> wanted,
                           std::vector<StoredTriangle>& out) {
   const auto first_from = [&](uint64_t number) {

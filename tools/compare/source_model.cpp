@@ -19,7 +19,7 @@ Rows multiply(const Rows& a, const Rows& b) {
   return out;
 }
 
-/// Translation, rotation (a quaternion xyzw of any length), scale.
+/// The matrix of a translation, a rotation (quaternion xyzw of any length) and a scale.
 Rows from_parts(const std::array<double, 3>& t, const std::array<double, 4>& q, const std::array<double, 3>& s) {
   const double length = std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3]));
   const double k = length > 0 ? 1 / length : 0;
@@ -54,7 +54,7 @@ Error other_source(const convert::SourceScene& scene, const std::string& what, u
                                   " " + what + ", but the source has " + std::to_string(expected)};
 }
 
-/// The instances of each node that has some, read once.
+/// Reads the instances of nodes in blocks.
 class NodeCopies {
  public:
   explicit NodeCopies(const convert::SourceScene& scene) : scene_(scene) {}
@@ -94,7 +94,7 @@ class NodeCopies {
   std::vector<format::NodeInstanceRecord> block_;
 };
 
-/// Components [first, end) of colours, clamped to [0, 1]; what is not a number becomes 0.
+/// Components [first, end) of colours, clamped to [0, 1]; NaN becomes 0.
 Result<void> read_colors(const convert::Accessor& accessor, size_t first, size_t end, std::vector<float>& out) {
   std::vector<float> all(accessor.components * accessor.count);
   if (Result<void> read = convert::read_floats(accessor, 0, accessor.count, all); !read) return read;
@@ -111,7 +111,7 @@ Result<void> read_colors(const convert::Accessor& accessor, size_t first, size_t
 ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::PlannedMask& planned, uint32_t material,
                              std::span<const std::byte> levels) {
   const format::MaterialRecord& record = scene.materials[material].record;
-  // Of a mask of colours, which is one texel, any texture will do.
+  // A mask of vertex colours is a single texel, so its sampler does not matter.
   const format::TextureRecord texture =
       planned.of_colors ? format::TextureRecord{} : scene.textures[record.texture].record;
   constexpr uint16_t kGlNearest = 9728;
@@ -122,7 +122,7 @@ ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::P
   mask.wrap = {texture.wrap_s, texture.wrap_t};
   mask.width = planned.width;
   mask.height = planned.height;
-  // What blends is in the opaque picture where its alpha is 1.
+  // A blended surface is part of the opaque picture where its alpha is 1.
   mask.cutoff = planned.blends ? 255 : static_cast<double>(planned.threshold) / 65536;
   mask.nearest = texture.mag_filter == kGlNearest;
   for (uint32_t l = 0; !levels.empty(); ++l) {
@@ -134,7 +134,7 @@ ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::P
   return mask;
 }
 
-/// Reads what a mesh's alpha mask needs, where it has one.
+/// Reads the mesh's alpha mask and the vertex data for it, if it has one.
 Result<void> add_mask(const convert::SourceScene& scene, const convert::MaskPlan& plan, SourceMesh& mesh,
                       std::map<uint32_t, ReferenceMask>& masks) {
   const convert::Primitive& primitive = scene.primitives[mesh.primitive];
@@ -144,7 +144,7 @@ Result<void> add_mask(const convert::SourceScene& scene, const convert::MaskPlan
     if (Result<void> read = convert::read_floats(*primitive.uv, 0, primitive.vertex_count(), mesh.uvs); !read)
       return read;
   for (float& value : mesh.uvs)
-    if (!std::isfinite(value)) value = 0;  // as convert has it
+    if (!std::isfinite(value)) value = 0;  // as convert does
   if (primitive.color && primitive.color->components == 4)
     if (Result<void> read = read_colors(*primitive.color, 3, 4, mesh.alphas); !read) return read;
   if (masks.contains(primitive.material)) return {};
@@ -197,7 +197,7 @@ Result<void> MeshMatcher::find_stored_groups() {
   for (size_t i = 0; i < scene_.nodes.size(); ++i) {
     const uint32_t group = scene_.nodes[i].group, stored = file_.nodes()[i].group;
     if (group == format::kNone && stored == format::kNone) continue;
-    // A mesh is stored as itself or as one before it, for all its nodes.
+    // All nodes of a glTF mesh must refer to that mesh itself or to one earlier equal mesh.
     if (group == format::kNone || stored > group || (stored_as_[group] != format::kNone && stored_as_[group] != stored))
       return Error{ErrorCode::kFormat, "node " + std::to_string(i) + " draws another mesh in " + scene_.file_name};
     stored_as_[group] = stored;
@@ -221,7 +221,7 @@ Result<void> MeshMatcher::check_repeat(const SourceMesh& mesh) {
   const format::GroupRecord& stored = file_.groups()[stored_as_[group]];
   const uint64_t number = uint64_t{stored.first_mesh} + kept_[group] - 1;
   const Error different{ErrorCode::kFormat, "glTF mesh " + std::to_string(group) + " of " + scene_.file_name +
-                                                " is drawn as " + std::to_string(stored_as_[group]) +
+                                                " is stored as a repeat of " + std::to_string(stored_as_[group]) +
                                                 ", but they differ"};
   if (kept_[group] > stored.mesh_count || number >= primitive_of_mesh_.size()) return different;
   const Result<SourceMesh> other = load_source_mesh(scene_, primitive_of_mesh_[number]);
@@ -315,13 +315,13 @@ Result<SourceModel> load_source_model(const convert::SourceScene& scene, const f
     }
     model.views.push_back(view);
   }
-  // Which mesh stands where is the file's word; where that place is, the source's.
+  // The file determines the mesh and node of each instance, the source determines the world matrix.
   NodeCopies copies(scene);
   const format::SceneRecord& record = file.scenes()[file_scene];
   for (uint64_t i = record.first_instance; i < record.first_instance + record.instance_count; ++i) {
     const format::InstanceRecord& instance = file.instances()[i];
     const uint32_t group = scene.primitives[model.meshes[instance.mesh].primitive].group;
-    if (file.nodes()[instance.node].group != group)  // whose mesh is the source's, as for_each_mesh has checked
+    if (file.nodes()[instance.node].group != group)  // for_each_mesh() has checked the node's mesh against the source
       return Error{ErrorCode::kFormat, "instance " + std::to_string(i) + ": node " + std::to_string(instance.node) +
                                            " draws another mesh than its group's"};
     const Result<Rows> world = copies.world(instance.node, instance.node_instance);

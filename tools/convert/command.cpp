@@ -102,14 +102,14 @@ Result<convert::PixelBound> parse_pixel_bound(const ConvertArguments& words) {
   return bound;
 }
 
-/// "3/8": share 3 of 8, which count from 1.
+/// Parses "3/8": share 3 of 8, counted from 1.
 Result<void> parse_shard(const std::string& text, convert::ConvertOptions& options) {
   const size_t slash = text.find('/');
   const auto whole = [&](const std::string& part) { return parse_whole(part, 1, 4096, "--shard"); };
   const Result<uint64_t> shard = whole(text.substr(0, slash));
   const Result<uint64_t> shards = whole(slash == std::string::npos ? "" : text.substr(slash + 1));
   if (!shard || !shards || *shard > *shards)
-    return Error{ErrorCode::kUsage, "--shard: '" + text + "' is not I/N, share I of N, which count from 1 to 4096"};
+    return Error{ErrorCode::kUsage, "--shard: '" + text + "' is not I/N, share I of N (1 <= I <= N <= 4096)"};
   options.shard = static_cast<uint32_t>(*shard - 1);
   options.shards = static_cast<uint32_t>(*shards);
   return {};
@@ -142,8 +142,8 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   const std::string extension = format::lower_case(std::filesystem::path(words.output).extension().string());
   if ((extension == ".gltf" || extension == ".glb") && !is_same_file(words.output, words.input))
     return Error{ErrorCode::kUsage, "--output: '" + words.output +
-                                        "' has the extension of a glTF; what is written is a "
-                                        "scree file (scree export writes a glTF)"};
+                                        "' has the extension of a glTF, but convert writes a scree file (scree "
+                                        "export writes a glTF)"};
   options.existing = existing_of(words.force);
   options.float32 = words.positions == "float32";
   if (!options.float32) {
@@ -202,7 +202,7 @@ Result<void> run(const ConvertArguments& words, bool positions_given) {
   if (!options) return options.error();
   Result<convert::ConvertReport> report = Error{ErrorCode::kFile, {}};
   {
-    const StopOnSignal handlers(words.resume ? "go on with --resume" : "");
+    const StopOnSignal handlers(words.resume ? "continue with --resume" : "");
     options->stop = StopOnSignal::flag();
     report = convert::convert(*options);
   }
@@ -214,11 +214,10 @@ Result<void> run(const ConvertArguments& words, bool positions_given) {
     std::fputs(convert::json_report(*options, *report).c_str(), stdout);
   } else if (options->shards > 0) {
     if (!words.quiet)
-      std::printf(
-          "%s: shard %u of %u -> %s: %llu windows, %s; %.2f s, peak memory %s (scree merge makes a file of all)\n",
-          options->input.c_str(), options->shard + 1, options->shards, report->output.c_str(),
-          static_cast<unsigned long long>(report->windows), format_bytes(report->output_bytes).c_str(), report->seconds,
-          format_bytes(report->peak_bytes).c_str());
+      std::printf("%s: shard %u of %u -> %s: %llu windows, %s; %.2f s, peak memory %s (scree merge joins all shards)\n",
+                  options->input.c_str(), options->shard + 1, options->shards, report->output.c_str(),
+                  static_cast<unsigned long long>(report->windows), format_bytes(report->output_bytes).c_str(),
+                  report->seconds, format_bytes(report->peak_bytes).c_str());
   } else if (!words.quiet) {
     if (!report->positions.rows().empty()) std::printf("%s", report->positions.text().c_str());
     std::fputs(convert::describe(*options, *report, words.stats).c_str(), stdout);
@@ -248,9 +247,9 @@ Command add_convert(CLI::App& parent) {
   app->add_option("--at-distance", words->at_distance,
                   "D of --max-error-pixels in world units (2m, 1e3; a unit is a metre)")
       ->type_name("D");
-  app->add_option("--at-size", words->at_size, "The picture of --max-error-pixels (default: 1920x1080)")
+  app->add_option("--at-size", words->at_size, "Size of the picture of --max-error-pixels (default: 1920x1080)")
       ->type_name("WxH");
-  app->add_option("--at-fov", words->at_fov, "Its vertical field of view in degrees (default: 45)")
+  app->add_option("--at-fov", words->at_fov, "Vertical field of view of that picture in degrees (default: 45)")
       ->type_name("DEGREES");
   app->add_option("--grid", words->grid,
                   "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest")
@@ -277,8 +276,8 @@ Command add_convert(CLI::App& parent) {
   app->add_option(
          "--textures", words->textures,
          "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels, PNGs stay as "
-         "they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): others become JPEGs, 4:4:4, without alpha; raw: as "
-         "keep, but JPEGs stay as they are too")
+         "they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): other images become JPEGs too, 4:4:4, without alpha; "
+         "raw: as keep, but JPEGs stay as they are too")
       ->type_name("NAME");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
@@ -298,9 +297,8 @@ Command add_convert(CLI::App& parent) {
   app->add_flag("--no-share", words->no_share,
                 "Store equal meshes, textures and materials as often as the source has them");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
-  app->add_option(
-         "--memory", words->memory,
-         "Limit of memory (default: 2GiB); with less, fewer threads work at a time, and the bytes stay the same")
+  app->add_option("--memory", words->memory,
+                  "Limit of memory (default: 2GiB); a lower limit allows fewer threads, but the output stays the same")
       ->type_name("SIZE");
   app->add_option(
          "--shard", words->shard,

@@ -22,7 +22,7 @@
 namespace scree::convert {
 namespace {
 
-/// Errors kFile: a file of the source is not what the shards were made from.
+/// Error kFile: a file of the source has changed since the shards were made.
 Result<void> check_same_source(const ShardSet& shards, const std::vector<FileStamp>& now) {
   const std::vector<FileStamp>& then = shards.plan.files;
   if (now == then) return {};
@@ -33,7 +33,7 @@ Result<void> check_same_source(const ShardSet& shards, const std::vector<FileSta
   return Error{ErrorCode::kFile, place + "the source has fewer files than when the shards were made"};
 }
 
-/// `shards`: what is merged, of the source that the options name; else null.
+/// `shards`: the shards to merge, made from the source that `options` names; null for a conversion.
 Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* shards) {
   const auto start = std::chrono::steady_clock::now();
   const tools::MemoryUse before = tools::memory_use();
@@ -45,7 +45,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
                         .replace_extension(options.shards > 0 ? std::to_string(options.shard + 1) + ".part" : "scree")
                         .string();
   if (const Result<void> checked = check_output(report.output); !checked) return checked.error();
-  if (!tools::is_same_file(report.output, options.input))  // which check_not_source refuses, --force or not
+  if (!tools::is_same_file(report.output, options.input))  // check_not_source() refuses that file, even with --force
     if (const Result<void> checked = tools::check_output_file(report.output, options.existing); !checked)
       return checked.error();
   report.output = format::PartFile::target_of(report.output);
@@ -81,7 +81,7 @@ Result<ConvertReport> without_throwing(const std::string& input, const std::func
     return work();
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, input + ": out of memory"};
-  } catch (const std::exception& error) {  // no thread to be had
+  } catch (const std::exception& error) {  // a thread could not be started
     return Error{ErrorCode::kMemory, input + ": " + error.what()};
   }
 }

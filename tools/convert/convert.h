@@ -15,27 +15,27 @@ namespace scree::convert {
 
 /// Converts a scene. After an error, `output` has no new file; with ConvertOptions::resume an unfinished .part may
 /// remain. A .part of an earlier run stays unchanged if checking or measuring finds errors in the source, and is
-/// replaced once new data are written. Errors kUsage (options that exclude each other or are out of range, output is
-/// the input, ConvertOptions::memory is too small, with the minimum), errors of import_gltf, measure, check_images,
-/// write_images, encode_window and ContainerWriter. The bytes written are the same for any number of threads and any
-/// memory.
+/// replaced once new data are written. Errors: kUsage (options that exclude each other or are out of range; the output
+/// is the input; ConvertOptions::memory is too small, and the message gives the minimum), and those of import_gltf,
+/// measure, check_images, write_images, encode_window and ContainerWriter. The output is the same for any number of
+/// threads and any memory.
 Result<ConvertReport> convert(const ConvertOptions& options);
 
 struct MergeOptions {
   std::vector<std::string> shards;  // all of a conversion, in any order
   std::string output;
   format::Existing existing = format::Existing::kReplace;  // of `output`
-  uint32_t threads = 0;                                    // as in ConvertOptions, and the rest too
+  uint32_t threads = 0;                                    // this and the members below: as in ConvertOptions
   uint64_t memory = uint64_t{2} << 30;
   bool allow_outside = false;
   bool progress = false;
   const std::atomic<bool>* stop = nullptr;
 };
 
-/// Makes of shards (ConvertOptions::shards) the file that one run makes, byte for byte. The source's document is read
-/// again, its geometry and images are not. On an error nothing is left at `output` that was not there before. Errors
-/// those of open_shards, import_gltf and ContainerWriter; kFile: the source has changed; kFormat, kRange: a shard is
-/// not what convert() wrote; kChecksum.
+/// Joins shards (ConvertOptions::shards) into the file that one run would write, byte for byte. Reads the source's
+/// document again, but not its geometry and images. After an error, `output` has no new file. Errors: those of
+/// open_shards, import_gltf and ContainerWriter; kFile: the source has changed; kFormat, kRange: a shard is not as
+/// convert() wrote it; kChecksum.
 Result<ConvertReport> merge(const MergeOptions& options);
 
 }  // namespace scree::convert

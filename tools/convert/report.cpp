@@ -56,7 +56,7 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report,
   }
   char numbers[256];
   std::snprintf(numbers, sizeof numbers, ", ratio %.2f%s\n", out > 0 ? kept / out : 0.0,
-                left_out > 0 ? " over what was kept" : "");
+                left_out > 0 ? " over the kept part" : "");
   text += numbers;
   std::snprintf(numbers, sizeof numbers,
                 "%s triangles, %.2f bits/triangle without textures, position error up to %.3g (%.2g of the diagonal); "
@@ -77,7 +77,7 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report,
   text += describe_work(report);
   if (report.sorted_triangles > 0)
     text += ", sorted " + tools::format_count(static_cast<double>(report.sorted_triangles)) +
-            " triangles that lay in no order (a temporary file of " + tools::format_bytes(report.sort_file_bytes) + ")";
+            " triangles without locality (a temporary file of " + tools::format_bytes(report.sort_file_bytes) + ")";
   return text + "\n";
 }
 

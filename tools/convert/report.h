@@ -27,12 +27,12 @@ struct ConvertReport {
   uint64_t chunks = 0;
   uint64_t triangles = 0;              // stored
   uint64_t triangles_drawn = 0;        // over all instances of all scenes
-  PositionTable positions;             // if an error bound was given
+  PositionTable positions;             // only with an error bound
   double position_error = 0;           // largest found, model units, per axis
   double position_error_bound = 0;     // largest stated in a mesh record
   double relative_position_error = 0;  // largest found / diagonal of the mesh's box
   double seconds = 0;
-  uint64_t peak_bytes = 0;  // resident and not of a file, for the whole process: RssAnon + RssShmem
+  uint64_t peak_bytes = 0;  // of the whole process, resident and not backed by a file: RssAnon + RssShmem
   uint32_t threads = 0;     // number of encoding threads
   uint32_t threads_asked = 0;
   uint32_t resumed_pages = 0;       // reused from an earlier run
@@ -43,7 +43,7 @@ struct ConvertReport {
   uint64_t windows = 0;            // of the stored meshes
   uint64_t windows_ahead = 0;      // encoded before all were measured
   uint64_t windows_guessed = 0;    // encoded before their own mesh was measured completely
-  uint64_t windows_discarded = 0;  // encoded in vain: their mesh differs from the source's statement
+  uint64_t windows_discarded = 0;  // encoded in vain, because their mesh differs from the statements of the source
   StageRates rates;
   std::vector<std::string> warnings;  // one line each
 };

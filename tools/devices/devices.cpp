@@ -1,4 +1,4 @@
-// scree devices: the GPUs of this machine, and which of them this program can draw on.
+// scree devices: lists the GPUs of this machine, and whether this program can draw on them.
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -24,7 +24,7 @@ std::string capability(const runtime::Gpu& gpu) {
 std::string as_text(const runtime::GpuList& list) {
   std::string text = "driver: ";
   if (list.program_cuda == 0) {
-    text += "not looked for\n";
+    text += "not checked\n";
   } else if (list.driver_cuda == 0) {
     text += "none\n";
   } else {
@@ -87,7 +87,7 @@ std::string as_json(const runtime::GpuList& list) {
 Command add_devices(CLI::App& parent) {
   const auto json = std::make_shared<bool>(false);
   CLI::App* app = parent.add_subcommand(
-      "devices", "Lists the GPUs: name, compute capability, memory, UUID, and which of them this program can draw on");
+      "devices", "Lists the GPUs: name, compute capability, memory, UUID, and whether this program can draw on them");
   app->add_flag("--json", *json, "One JSON object");
   return {app, [json]() -> Result<void> {
             const runtime::GpuList list = runtime::list_gpus();

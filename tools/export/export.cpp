@@ -31,11 +31,12 @@ namespace {
 
 using format::kNone;
 
-// glTF keeps index 2^32 - 1 for primitive restart.
+// glTF reserves index 2^32 - 1 for primitive restart.
 constexpr uint64_t kMaxPrimitiveVertices = 0xffffffffu;
 
-/// The document's materials. glTF wants the texture coordinates wherever a material has a texture, while a source may
-/// use one material on primitives with and without them: those without get a copy without the textures.
+/// The document's materials. In glTF a primitive needs the texture coordinates that its material's textures use, while
+/// a source may use one material for primitives with and without them. Primitives without them get a copy of the
+/// material without these textures.
 class Materials {
  public:
   Materials(const format::Container& file, GltfWriter& writer) : file_(file), writer_(writer) {
@@ -43,7 +44,7 @@ class Materials {
     for (uint32_t i = 0; i < file.materials().size(); ++i) writer.add_material(material(i));
   }
 
-  /// The material of a mesh, in the document.
+  /// The document's material for a mesh.
   uint32_t of(uint32_t number, bool has_uv, bool has_second_uv) {
     if (number == kNone || has_second_uv) return number;
     GltfMaterial copy = material(number);
@@ -92,12 +93,12 @@ class Materials {
   }
 
   const format::Container& file_;
-  std::map<uint32_t, uint32_t> surface_of_;  // of materials that have one
+  std::map<uint32_t, uint32_t> surface_of_;  // by material: its surface record
   GltfWriter& writer_;
-  std::map<std::pair<uint32_t, bool>, uint32_t> untextured_;  // by number and whether it keeps the first set
+  std::map<std::pair<uint32_t, bool>, uint32_t> untextured_;  // by number and whether the first set remains
 };
 
-/// An indexed JPEG as a file again, with the same coefficients.
+/// Converts an indexed JPEG to a JPEG file with the same coefficients.
 Result<std::vector<std::byte>> rebuild_jpeg(std::span<const std::byte> bytes) {
   const auto index = format::open_jpeg_index(bytes);
   if (!index) return index.error();
@@ -108,7 +109,7 @@ Result<std::vector<std::byte>> rebuild_jpeg(std::span<const std::byte> bytes) {
   return file;
 }
 
-/// A block image as a PNG: its level 0, decoded and swizzled.
+/// Converts level 0 of a block image to a PNG, decoded and swizzled.
 Result<std::vector<std::byte>> make_png(const format::Container& file, uint32_t image) try {
   const auto picture = runtime::decode_block_image(file, image);
   if (!picture) return picture.error();
@@ -117,7 +118,7 @@ Result<std::vector<std::byte>> make_png(const format::Container& file, uint32_t 
   return Error{ErrorCode::kMemory, "no memory to decode it"};
 }
 
-/// The mask whose alpha an indexed JPEG has lost, by image; or kNone.
+/// By image: the mask with the alpha that an indexed JPEG has lost, or kNone.
 std::vector<uint32_t> lost_alphas(const format::Container& file) {
   std::vector<uint32_t> masks(file.images().size(), kNone);
   for (uint32_t i = 0; i < file.masks().size(); ++i) {
@@ -134,7 +135,7 @@ std::vector<uint32_t> lost_alphas(const format::Container& file) {
   return masks;
 }
 
-/// An indexed JPEG as a PNG with the alpha of a mask of its size.
+/// Converts an indexed JPEG to a PNG with the alpha of a mask of the same size.
 Result<std::vector<std::byte>> add_alpha(const format::Container& file, std::span<const std::byte> jpeg,
                                          const format::MaskRecord& mask) try {
   auto picture = runtime::decode_image(jpeg);
@@ -159,7 +160,7 @@ format::ImageCodec exported_codec(format::ImageCodec codec, bool has_lost_alpha)
   return codec == format::ImageCodec::kBlocks ? format::ImageCodec::kPng : codec;
 }
 
-/// What add_images adds.
+/// The images that add_images() will add.
 std::vector<GltfWriter::PlannedImage> planned_images(const format::Container& file) {
   std::vector<GltfWriter::PlannedImage> planned;
   const auto images = file.images();
@@ -230,8 +231,8 @@ void add_cameras(const format::Container& file, GltfWriter& writer) {
   }
 }
 
-/// One mesh of the document a group; kNone for groups that have no triangles (glTF has no empty meshes). `primitives`
-/// are in the order of the meshes and are moved from.
+/// Adds one mesh per group. Returns its number per group; kNone for groups without triangles (glTF has no empty
+/// meshes). Moves from `primitives`, which are in the order of the meshes.
 std::vector<uint32_t> add_meshes(const format::Container& file, GltfWriter& writer, Materials& materials,
                                  std::vector<ExportedPrimitive>& primitives) {
   const auto groups = file.groups();
@@ -251,14 +252,14 @@ std::vector<uint32_t> add_meshes(const format::Container& file, GltfWriter& writ
   return numbers;
 }
 
-/// A quaternion of unit length to double precision; the identity for one that has no length.
+/// Scales a quaternion to unit length in double precision. A quaternion of length 0 becomes the identity.
 void normalize(double* rotation) {
   double length = 0;
   for (int i = 0; i < 4; ++i) length = std::hypot(length, rotation[i]);
   for (int i = 0; i < 4; ++i) rotation[i] = length > 0 ? rotation[i] / length : (i == 3 ? 1.0 : 0.0);
 }
 
-/// The three accessors of EXT_mesh_gpu_instancing.
+/// Adds the three accessors of EXT_mesh_gpu_instancing.
 Result<void> add_node_instances(const format::Container& file, GltfWriter& writer, const format::NodeRecord& record,
                                 GltfNode& node) {
   const uint64_t count = record.node_instance_count;
@@ -329,7 +330,7 @@ Result<void> add_scenes(const format::Container& file, GltfWriter& writer) {
       if (const uint32_t parent = file.nodes()[root].parent; parent != kNone) {
         return Error{ErrorCode::kUnsupported, "scene " + std::to_string(i) + ": its root, node " +
                                                   std::to_string(root) + ", is a child of node " +
-                                                  std::to_string(parent) + ", which glTF cannot say"};
+                                                  std::to_string(parent) + ", which glTF does not allow"};
       }
       scene.nodes.push_back(root);
     }
@@ -360,7 +361,7 @@ Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::M
   options.existing = existing_of(arguments.force);
   options.stop = StopOnSignal::flag();
   options.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
-  // What is written need not stay resident: the file may be larger than memory.
+  // Exported parts of the file are released, since the file may be larger than memory.
   options.is_done_with = [&](uint64_t offset, uint64_t bytes) { map.release(offset, bytes); };
   options.check_source = [&] { return check_not_cut(map); };
   const StopOnSignal handlers;
@@ -376,7 +377,7 @@ Result<void> run_export(const Arguments& arguments) {
   if (!map) return map.error();
   const auto summary = export_mapped(arguments, *map);
   if (!summary) {
-    // What it is called without its end, such as a page whose checksum is wrong, says less.
+    // If the file was cut short, that is the real cause of errors such as a wrong checksum.
     if (const Result<void> whole = check_not_cut(*map); !whole) return whole;
     const Error& error = summary.error();
     const bool names_output = error.code == ErrorCode::kUsage || error.code == ErrorCode::kFile;

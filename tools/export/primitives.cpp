@@ -18,11 +18,11 @@
 namespace scree::tools {
 namespace {
 
-// Small meshes share buffer views, so that a million of them do not make a million views; large ones keep views of a
-// size that a viewer can upload as one.
+// Small meshes share buffer views, so that a million meshes do not make a million views. The views of large meshes keep
+// a size that a viewer can upload at once.
 constexpr uint64_t kBatchBytes = uint64_t{16} << 20;
 
-// The vertex counts up to which 16-bit indices fit: glTF keeps the largest index for primitive restart.
+// The most vertices for 16-bit indices. glTF reserves the largest index for primitive restart.
 constexpr uint64_t kMaxShortVertices = 65535;
 
 enum Stream : size_t {
@@ -108,11 +108,11 @@ struct Part {
   }
 };
 
-/// Chunks of one part on one page: what a thread takes at a time.
+/// The chunks of one part on one page, which a thread processes at a time.
 struct Job {
   uint64_t first_chunk;
   uint64_t chunk_count;
-  uint64_t first_vertex;  // of the part
+  uint64_t first_vertex;  // within the part
   uint64_t first_triangle;
   uint64_t triangles;
   size_t part;
@@ -158,7 +158,7 @@ Plan make_plan(const format::Container& file, uint64_t max_vertices) {
   return plan;
 }
 
-/// Places the streams of parts [first, last) in views of their own.
+/// Reserves one buffer view per stream, shared by all `parts`.
 Result<void> place_batch(const format::Container& file, GltfWriter& writer, std::span<Part> parts) {
   for (size_t stream = 0; stream < kStreamCount; ++stream) {
     const uint64_t element_bytes = kStreams[stream].element_bytes;
@@ -177,7 +177,7 @@ Result<void> place_batch(const format::Container& file, GltfWriter& writer, std:
     view.offset = *offset;
     view.bytes = bytes;
     view.stride =
-        is_vertex && users > 1 ? kStreams[stream].element_bytes : 0;  // glTF asks for it where a view is shared
+        is_vertex && users > 1 ? kStreams[stream].element_bytes : 0;  // glTF requires it if accessors share a view
     view.target = is_vertex ? GltfTarget::kVertices : GltfTarget::kIndices;
     const uint32_t number = writer.add_buffer_view(view);
     for (Part& part : parts) {
@@ -209,7 +209,7 @@ Result<void> place_parts(const format::Container& file, GltfWriter& writer, std:
   return {};
 }
 
-/// Decodes jobs and writes them where they belong; one a thread.
+/// Decodes jobs and writes their data at the reserved offsets. One per thread.
 class JobWriter {
  public:
   JobWriter(const format::Container& file, const GltfWriter& writer) : file_(file), writer_(writer), reader_(file) {}
@@ -217,7 +217,7 @@ class JobWriter {
   /// Bytes written so far.
   uint64_t written() const { return written_; }
 
-  /// Widens `box` by the positions of the job.
+  /// Extends `box` by the positions of the job.
   Result<void> write(const Job& job, const Part& part, Box& box) {
     uint64_t vertex = job.first_vertex, triangle = job.first_triangle;
     for (uint64_t chunk = job.first_chunk; chunk < job.first_chunk + job.chunk_count; ++chunk) {
@@ -252,7 +252,7 @@ class JobWriter {
 
   Result<void> put_colors(const Part& part, uint64_t vertex, const DecodedChunk& decoded) {
     bytes_.resize(decoded.colors.size());
-    for (size_t i = 0; i < bytes_.size(); ++i)  // exact: they are stored as RGBA8
+    for (size_t i = 0; i < bytes_.size(); ++i)  // exact, because the colours are stored as RGBA8
       bytes_[i] = static_cast<std::byte>(std::lround(std::clamp(decoded.colors[i], 0.0f, 1.0f) * 255.0f));
     return put(part, kColors, vertex, bytes_);
   }
@@ -278,7 +278,7 @@ class JobWriter {
   std::vector<uint32_t> indices_;
 };
 
-/// The threads share what is left to do, the boxes of the parts and the first error.
+/// Runs all jobs. The threads share the number of the next job, the boxes of the parts and the first error.
 class JobRunner {
  public:
   JobRunner(const format::Container& file, const GltfWriter& writer, const ExportOptions& options, Plan& plan)
@@ -306,7 +306,8 @@ class JobRunner {
       {
         const std::lock_guard lock(mutex_);
         if (!done) {
-          // The first in file order: jobs are taken in order, so those before it have been taken and are waited for.
+          // Keeps the error that is first in file order. Jobs are taken in order, so all earlier ones have begun and
+          // will end.
           if (!failed_ || i < failed_->first) failed_.emplace(i, done.error());
           next_.store(plan_.jobs.size());
           return;
@@ -334,7 +335,7 @@ class JobRunner {
   const ExportOptions& options_;
   Plan& plan_;
   std::atomic<size_t> next_{0};
-  std::mutex mutex_;  // of the boxes in plan_ and all below
+  std::mutex mutex_;  // for the boxes in plan_ and all members below
   uint64_t triangles_ = 0;
   uint64_t bytes_ = 0;
   std::optional<std::pair<size_t, Error>> failed_;

@@ -1,4 +1,4 @@
-// The geometry half of export: where each mesh's accessors lie in the buffer, and their bytes.
+// The geometry of an export: reserves the buffer ranges of each mesh's accessors, and writes their data.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace scree::tools {
 
-/// A mesh, or the part of it that glTF's 32-bit indices can hold, as accessors of the document.
+/// A mesh as accessors of the document, or a part of it if glTF's 32-bit indices do not suffice for the whole.
 struct ExportedPrimitive {
   uint32_t mesh = 0;
   bool has_uv = false;
@@ -22,8 +22,8 @@ struct ExportedPrimitive {
 };
 
 /// Decodes every chunk of `file` with options.threads threads into the buffer of `writer` and adds views and accessors.
-/// In the order of the meshes; meshes without triangles have none. A mesh is cut between chunks before its vertices
-/// pass `max_vertices` (at most 2^32 - 1: glTF keeps the largest index for itself). Errors as ChunkReader and
+/// Results are in the order of the meshes; meshes without triangles have none. A mesh is cut between chunks before its
+/// vertices exceed `max_vertices` (at most 2^32 - 1: glTF reserves the largest index). Errors as ChunkReader and
 /// GltfWriter.
 Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container& file, GltfWriter& writer,
                                                         const ExportOptions& options, uint64_t max_vertices);

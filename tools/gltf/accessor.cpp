@@ -30,7 +30,7 @@ namespace {
 
 constexpr uint64_t kStackWindowBytes = 64 << 10;
 constexpr uint64_t kGatherWindowBytes = 1 << 20;
-constexpr uint64_t kGatherGapBytes = 4096;  // reading a page too much costs less than another system call
+constexpr uint64_t kGatherGapBytes = 4096;  // reading an unneeded page costs less than another system call
 
 // The number of elements in a window of `bytes`. The last one needs no full stride.
 uint64_t elements_in(uint64_t bytes, const Accessor& accessor) {
@@ -53,7 +53,7 @@ Result<void> overlay_sparse(const Accessor& accessor, uint64_t first, uint64_t c
   const uint64_t index_bytes = component_bytes(sparse.index_type);
   const uint64_t value_bytes = accessor.element_bytes();
 
-  // Finds the first sparse index that is at least `first`. They ascend.
+  // Finds the first sparse index that is at least `first`. The indices ascend.
   uint64_t low = 0;
   uint64_t high = sparse.count;
   while (low < high) {
@@ -137,7 +137,7 @@ float to_float(T value, bool normalized) {
   }
 }
 
-// Converts `count` elements of a window. Element i lies place(i) elements from its start.
+// Converts `count` elements of a window. Element i of the output is element place(i) of the window.
 template <class T, class Place>
 void convert_elements(const Accessor& accessor, const std::byte* window, uint64_t count, Place place, float* out) {
   const uint32_t components = accessor.components;

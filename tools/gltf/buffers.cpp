@@ -100,8 +100,8 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::buffer(int32_t index) {
 Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
   const DocBufferView& stated = document_.views[static_cast<size_t>(index)];
   if (stated.meshopt != kAbsent) {
-    // This holds even if the view's own buffer has the data unpacked: that buffer is a fallback, and writers often
-    // leave it out.
+    // The compressed stream is read even if the view's own buffer has the unpacked data. That buffer is a fallback,
+    // which many writers leave out.
     auto& unpacked = unpacked_[static_cast<size_t>(stated.meshopt)];
     if (unpacked == nullptr) {
       const DocMeshopt& meshopt = document_.meshopt[static_cast<size_t>(stated.meshopt)];

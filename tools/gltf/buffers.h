@@ -1,4 +1,4 @@
-// From the numbers of a document to bytes: buffers, buffer views and accessors, checked when they are first used. Files
+// Finds the bytes of a document's buffers, buffer views and accessors. Each is checked when it is first used. Files
 // that a scene does not use are never opened.
 #pragma once
 
@@ -19,10 +19,10 @@ namespace scree::convert {
 
 class GltfBuffers {
  public:
-  /// `folder`: the scene's. `chunks`: of a .glb, by index; null for chunks that are not binary. `document` has passed
-  /// check_document() and outlives this. Indices given to the functions below must be in range. `kept_bytes`: memory
-  /// for unpacked buffer views, see MeshoptCache; half of it if no primitive is Draco's. `allow_outside`: as for
-  /// resolve_uri().
+  /// `folder`: of the scene's file. `chunks`: the chunks of a .glb by index; null for chunks that are not binary.
+  /// `document` has passed check_document() and outlives this. Indices passed to the functions below must be in range.
+  /// `kept_bytes`: memory for unpacked buffer views, see MeshoptCache; half of it if no primitive is Draco's.
+  /// `allow_outside`: as for resolve_uri().
   GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
               uint64_t kept_bytes, bool allow_outside);
 
@@ -49,11 +49,11 @@ class GltfBuffers {
   /// The bytes of an image: from its view, file or data: URI. Errors as view().
   Result<View> image(const DocImage& image);
 
-  /// Bytes of an accessor's elements as the document states them (sparse elements are not counted twice); 0 if the
-  /// statement is invalid.
+  /// Bytes of an accessor's elements, by count and type in the document (sparse elements are not counted twice); 0 if
+  /// the index is invalid or the product exceeds 64 bits.
   uint64_t stated_bytes(int32_t accessor) const;
 
-  /// The number of its elements, likewise.
+  /// The number of an accessor's elements; 0 if the index is invalid.
   uint64_t stated_count(int32_t accessor) const;
 
  private:

@@ -77,8 +77,7 @@ class FileSource final : public ByteSource {
   }
 
  private:
-  /// Checks that a descriptor still has the file of the first opening. A kept descriptor does; a path may lead to
-  /// another file now.
+  /// Checks that a descriptor refers to the file that was opened first, unchanged. A path may name another file by now.
   Result<void> check_same(int descriptor) const {
     struct stat now {};
     if (::fstat(descriptor, &now) != 0) return file_error(path_, errno);

@@ -15,8 +15,8 @@
 namespace scree::convert {
 
 /// Opens a regular file for pread(). The first few hundred files keep their descriptor; later ones are opened for each
-/// read, so that a scene of thousands of .bin files works within the usual limit of 1024. Such a read is kFile if the
-/// path leads to another file by then, or if the file's size or time of change differs. Errors kFile.
+/// read, so that a scene of thousands of .bin files works within the usual limit of 1024. Such a read fails with kFile
+/// if the path names another file by then, or if the file's size or time of change differs. Errors kFile.
 Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path);
 
 /// Totals of all reads of files and of part_source() since the program began, in all threads.

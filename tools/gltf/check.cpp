@@ -15,8 +15,8 @@ using format::range_within;
 
 Result<void> check_present(const char* what, int32_t index, size_t count) {
   if (index == kAbsent || (index >= 0 && static_cast<size_t>(index) < count)) return {};
-  return Error{ErrorCode::kRange, std::string(what) + " " + std::to_string(index) + " is not there, the document has " +
-                                      std::to_string(count)};
+  return Error{ErrorCode::kRange, std::string(what) + " " + std::to_string(index) +
+                                      " does not exist, the document has " + std::to_string(count)};
 }
 
 Result<void> check_in_buffer(const GltfDocument& document, int32_t buffer, uint64_t offset, uint64_t bytes) {
@@ -69,7 +69,7 @@ Result<void> check_accessor(const GltfDocument& document, const DocAccessor& acc
                  "componentType is " + std::to_string(accessor.type) + ", expected 5120 to 5123, 5125 or 5126"};
   }
   if (auto present = check_present("buffer view", accessor.view, document.views.size()); !present) return present;
-  // Matrices pad their columns. Nothing that is drawn uses them.
+  // Matrices are not checked: their columns are padded, and nothing that is drawn uses them.
   if (accessor.components == 0 || accessor.components > 4) return {};
   const uint64_t element = uint64_t{component_bytes(accessor.type)} * accessor.components;
   if (accessor.view == kAbsent) {

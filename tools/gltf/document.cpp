@@ -26,8 +26,8 @@
 namespace scree::convert {
 namespace {
 
-// Text per call of tinygltf: large enough to hide a batch's fixed cost, small enough that its DOM (about 12.6 bytes per
-// byte) and model stay within a few MiB.
+// Bytes of text per call of tinygltf: enough to hide the fixed cost of a call, and few enough that its DOM (about 12.6
+// bytes per byte of text) and model stay within a few MiB.
 constexpr uint64_t kBatchBytes = 256 << 10;
 
 // Joins tinygltf's messages, which are lists of lines, into one line.
@@ -52,7 +52,8 @@ Result<tinygltf::Model> parse(const std::string& batch) {
   } catch (const std::exception& exception) {
     error = exception.what();
   }
-  // The parser catches bad_alloc and keeps only its name. It is not an error of the document.
+  // The parser catches bad_alloc and returns only its name as a message. Lack of memory is not an error of the
+  // document.
   if (!loaded && error.find(std::bad_alloc().what()) != std::string::npos) throw std::bad_alloc();
   if (!loaded) return Error{ErrorCode::kFormat, one_line(error.empty() ? "refused by the parser" : error)};
   return model;
@@ -94,7 +95,7 @@ uint32_t component_count(int type) {
     case TINYGLTF_TYPE_MAT4:
       return 16;
     default:
-      return 0;  // MAT2: nothing that is read here may be one
+      return 0;  // MAT2: no accessor that is read here may have this type
   }
 }
 
@@ -165,12 +166,13 @@ DocMaterial read_material(const tinygltf::Material& source) {
   material.base_texture = texture_use(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord,
                                       member(pbr.baseColorTexture.extensions, "KHR_texture_transform"));
   read_surface(source, material);
-  // The older workflow stores its base colour as the diffuse colour.
+  // This older workflow stores the base colour as the diffuse colour.
   if (const tinygltf::Value* older = member(source.extensions, "KHR_materials_pbrSpecularGlossiness")) {
     material.base_color = {1, 1, 1, 1};
     read_numbers(older, "diffuseFactor", material.base_color);
     material.base_texture = texture_use(member(*older, "diffuseTexture"));
-    // Its reflectance at normal incidence is the specular factor. KHR_materials_specular's is 0.04 times the colour.
+    // Here the reflectance at normal incidence is the specular factor; in KHR_materials_specular it is 0.04 times the
+    // specular colour.
     material.metallic = 0;
     material.roughness = 1 - number_member(older, "glossinessFactor", 1);
     std::array<double, 3> reflectance{1, 1, 1};
@@ -180,7 +182,8 @@ DocMaterial read_material(const tinygltf::Material& source) {
   material.alpha_cutoff = source.alphaCutoff;
   material.alpha_mask = source.alphaMode == "MASK";
   material.alpha_blend = source.alphaMode == "BLEND";
-  // What shines through an opaque surface is drawn as if it were blended; a quarter stays, for the surface to be seen.
+  // A transmissive surface is drawn as a blended one. At least a quarter of its opacity stays, so that it remains
+  // visible.
   const double transmission =
       number_member(member(source.extensions, "KHR_materials_transmission"), "transmissionFactor", 0);
   if (transmission > 0 && !material.alpha_mask && !material.alpha_blend) {
@@ -384,8 +387,8 @@ DocMeshopt read_meshopt(const nlohmann::json& source) {
   return meshopt;
 }
 
-// Reads the compression of a batch's views, which the schema has checked. Not through tinygltf, which keeps integers of
-// extensions in 32 bits.
+// Reads the compression of a batch's buffer views, which the schema has checked. tinygltf cannot be used, because it
+// keeps integers of extensions in 32 bits.
 void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& document) {
   if (batch.find("_meshopt_compression") == std::string::npos) return;
   const auto json = nlohmann::json::parse(batch, nullptr, false);
@@ -416,7 +419,8 @@ class MemoryLimit {
         text_bytes_(text_bytes),
         before_(text_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous) {}
 
-  /// `bytes` more of the text were read. The estimate in the error assumes that the rest takes as much per byte.
+  /// To be called after `bytes` more of the text were read. The estimate in the error assumes that the rest takes as
+  /// much per byte.
   Result<void> read(uint64_t bytes) {
     read_ += bytes;
     if (read_ < next_) return {};
@@ -607,7 +611,7 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
   auto members = split_document(text);
   if (!members) return members.error();
 
-  // Asset first: a document of another version need not follow this version's rules.
+  // "asset" is read first, because a document of another version need not follow this version's rules.
   const auto asset = std::find_if(members->begin(), members->end(), [](const auto& m) { return m.key == "asset"; });
   if (asset == members->end()) return Error{ErrorCode::kFormat, "asset is missing: not a glTF 2.0 document"};
   if (text[asset->value.begin] != '{') return Error{ErrorCode::kFormat, "asset is not an object"};

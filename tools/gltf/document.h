@@ -164,7 +164,8 @@ struct DocMaterial {
 struct DocTexture {
   std::string name;
   int32_t sampler = kAbsent;
-  /// Alternative images: of KHR_texture_basisu, of MSFT_texture_dds, the texture's own source, of EXT_texture_webp.
+  /// Alternative images: the source of KHR_texture_basisu, that of MSFT_texture_dds, the texture's own source, and that
+  /// of EXT_texture_webp.
   std::array<int32_t, 4> sources{kAbsent, kAbsent, kAbsent, kAbsent};
 };
 
@@ -233,13 +234,13 @@ struct GltfDocument {
 /// The memory of the process is checked once per this many bytes of text.
 inline constexpr uint64_t kLargeDocument = 1 << 20;
 
-/// kUsage: a document of this much JSON does not fit into `memory`. `estimate`: how `needed_bytes` relates to the need,
-/// such as "about".
+/// The kUsage error for a document of `json_bytes` that does not fit into `memory`. `estimate` precedes `needed_bytes`
+/// in the message, such as "about".
 Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estimate, uint64_t needed_bytes);
 
 /// Reads a document. Memory: the records plus a few MiB, however long the text is. Errors kFormat, kRange, kVersion
-/// (not glTF 2.x), each with its place in the document; kUsage if the process takes more than `memory` bytes, with an
-/// estimate of its need. The memory is checked every kLargeDocument bytes of text.
+/// (not glTF 2.x), each with its position in the document; kUsage if the process takes more than `memory` bytes, with
+/// an estimate of its need. The memory is checked every kLargeDocument bytes of text.
 Result<GltfDocument> read_document(std::vector<char> text, uint64_t memory = UINT64_MAX);
 
 /// The bytes of the data: URI of a buffer or image. `json`: its element. Errors kFormat.

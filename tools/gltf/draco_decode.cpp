@@ -12,8 +12,8 @@
 
 #include "tools/gltf/draco_source.h"
 
-// libdraco throws if memory is short, and trusts the sizes that streams state. So its decoders are entered through
-// classes that check the sizes first, and no exception leaves this file.
+// libdraco throws if memory is short, and trusts the sizes in a stream. So classes derived from its decoders check the
+// sizes first, and no exception leaves this file.
 namespace scree::convert {
 namespace {
 
@@ -28,7 +28,7 @@ std::string message_of(const draco::Status& status) {
   return text.empty() ? "the stream is malformed" : text;
 }
 
-/// Limits on attributes that the primitive does not name: bytes per vertex, and their number in all.
+/// Limits: bytes per vertex of attributes that the primitive does not name, and the number of all attributes.
 constexpr uint64_t kUnnamedBytes = 64;
 constexpr int32_t kMaxAttributes = 64;
 
@@ -50,7 +50,7 @@ draco::DataType data_type_of(ComponentType type) {
   return draco::DT_FLOAT32;
 }
 
-/// One of libdraco's two decoders. It stops if the sizes are not the primitive's.
+/// One of libdraco's two decoders. It stops if the sizes in the stream differ from the primitive's.
 template <class Decoder>
 class CheckedDecoder final : public Decoder {
  public:
@@ -62,9 +62,9 @@ class CheckedDecoder final : public Decoder {
   bool DecodeConnectivity() override {
     constexpr bool kIsSequential = std::is_same_v<Decoder, draco::MeshSequentialDecoder>;
     draco::DecoderBuffer head(*this->buffer());
-    // Edgebreaker: the number of split vertices (until 2.1), of vertices before seams divide them, of triangles.
-    // Sequential: triangles, vertices. The numbers had 32 bits until 1.9 (sequential: until 2.1) and have a variable
-    // length since.
+    // The header of an Edgebreaker stream has the number of split vertices (until version 2.1), of vertices before
+    // seams divide them, and of triangles. A sequential stream has the number of triangles, then of vertices. The
+    // numbers have 32 bits until version 1.9 (sequential: until 2.1) and a variable length in later ones.
     const bool is_old = this->bitstream_version() < DRACO_BITSTREAM_VERSION(2, 2);
     const bool is_fixed = kIsSequential ? is_old : this->bitstream_version() < DRACO_BITSTREAM_VERSION(2, 0);
     const auto number = [&](uint32_t& value) {
@@ -73,7 +73,7 @@ class CheckedDecoder final : public Decoder {
     uint32_t split = 0, vertices = 0, triangles = 0;
     const bool is_read = kIsSequential ? number(triangles) && number(vertices)
                                        : (!is_old || number(split)) && number(vertices) && number(triangles);
-    if (!is_read) return stop({ErrorCode::kTruncated, "the stream ends in its head"});
+    if (!is_read) return stop({ErrorCode::kTruncated, "the stream ends in its header"});
     if (triangles != primitive_.triangles)
       return stop({ErrorCode::kRange, std::to_string(triangles) + " triangles, but the accessor of its indices has " +
                                           std::to_string(primitive_.triangles)});
@@ -96,7 +96,7 @@ class CheckedDecoder final : public Decoder {
     for (const DracoArray& array : primitive_.arrays) most += uint64_t{4} * array.components;
     if (bytes > most || points.num_attributes() > kMaxAttributes)
       return stop({ErrorCode::kUnsupported, std::to_string(points.num_attributes()) + " attributes of " +
-                                                std::to_string(bytes) + " bytes a vertex, but the primitive has " +
+                                                std::to_string(bytes) + " bytes per vertex, but the primitive has " +
                                                 std::to_string(most) + " at most"});
     return Decoder::DecodeAllAttributes();
   }
@@ -205,7 +205,7 @@ Result<void> decode_or_throw(const DracoPrimitive& primitive, std::span<const st
   if (!done) return done;
   if (mesh.num_faces() != primitive.triangles || mesh.num_points() != primitive.vertices)
     return malformed(std::to_string(mesh.num_faces()) + " triangles and " + std::to_string(mesh.num_points()) +
-                     " vertices came out, expected " + std::to_string(primitive.triangles) + " and " +
+                     " vertices were decoded, expected " + std::to_string(primitive.triangles) + " and " +
                      std::to_string(primitive.vertices));
   std::byte* corners = out.data();
   for (uint32_t i = 0; i < mesh.num_faces(); ++i)

@@ -69,8 +69,8 @@ std::optional<uint64_t> DracoPrimitive::offset_of(size_t number) const {
 }
 
 uint64_t draco_scratch_bytes(const DracoPrimitive& primitive, uint64_t stream_bytes) {
-  // Per triangle: its corners, a table of opposite corners and one of vertices, and another table for each kind of
-  // seams. Per vertex: integers, values and indices of every attribute. Measured on grids and scans (docs/converting.md).
+  // Per triangle: its corners, a table of opposite corners, one of vertices, and one for each kind of seam. Per vertex:
+  // integers, values and indices of every attribute. Measured on grids and scans (docs/converting.md).
   constexpr uint64_t kTriangleBytes = 96, kVertexBytes = 96, kComponentBytes = 12, kSmallBytes = 64 << 10;
   uint64_t components = primitive.other_components;
   for (const DracoArray& array : primitive.arrays) components += array.components;

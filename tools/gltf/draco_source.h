@@ -39,12 +39,13 @@ struct DracoPrimitive {
   bool operator==(const DracoPrimitive&) const = default;
 };
 
-/// libdraco's version, such as "1.5.5". Empty if scree is built without it; decode_draco() is then kUnsupported.
+/// libdraco's version, such as "1.5.5". Empty if scree is built without it; decode_draco() then fails with
+/// kUnsupported.
 std::string draco_version();
 
-/// Unpacks a stream into `out`, offset_of(arrays.size()) bytes. Checks the sizes in the stream's head against the
-/// primitive's before allocating memory of these sizes, and its attributes before their values. Safe on any input.
-/// Errors kFormat, kRange, kTruncated, kUnsupported (point clouds, versions), kMemory.
+/// Unpacks a stream into `out`, offset_of(arrays.size()) bytes. Compares the sizes in the stream's header with the
+/// primitive's before it allocates that much memory, and checks the attributes before it decodes their values. Safe on
+/// any input. Errors kFormat, kRange, kTruncated, kUnsupported (point clouds, versions), kMemory.
 Result<void> decode_draco(const DracoPrimitive& primitive, std::span<const std::byte> stream, std::span<std::byte> out);
 
 /// Upper bound of decode_draco()'s memory beside `out` for a stream of this size, including the stream.

@@ -109,7 +109,7 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
   if (version != 2)
     return Error{ErrorCode::kVersion, "GLB header: version is " + std::to_string(version) + ", expected 2 or 3"};
 
-  // Above 4 GiB the length is modulo 2^32. It then either runs to the end of the file or means nothing.
+  // Above 4 GiB the length is modulo 2^32. It is accepted if it then matches the size of the file.
   uint64_t length = format::load<uint32_t>(header.data() + 8);
   const bool wrapped = file.size() >= kWrap && file.size() % kWrap == length;
   if (wrapped) length = file.size();
@@ -139,8 +139,8 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
     if (chunk->bytes > length - at)
       return Error{ErrorCode::kTruncated, place + ": length is " + std::to_string(chunk->bytes) + ", but " +
                                               std::to_string(length - at) + " bytes are left"};
-    // Lengths should be multiples of 4. Some writers forget it (trimesh once did) and put the next chunk immediately
-    // after.
+    // Lengths should be multiples of 4. Some writers omit the padding (trimesh once did) and put the next chunk
+    // immediately after.
     if (number == 0) {
       if (chunk->type != kJsonChunk) return Error{ErrorCode::kFormat, place + ": expected the JSON chunk first"};
       if (chunk->bytes == 0) return Error{ErrorCode::kFormat, place + ": the JSON chunk is empty"};

@@ -33,7 +33,7 @@ uint64_t string_end(std::span<const char> text, uint64_t at) {
   return 0;
 }
 
-// Follows the brackets of a text. It must get every character outside strings.
+// Tracks the open brackets of a text. The caller passes every character outside strings.
 class Nesting {
  public:
   uint32_t depth() const { return depth_; }
@@ -48,7 +48,7 @@ class Nesting {
 
   Result<void> close(char bracket, uint64_t byte) {
     if (depth_ == 0 || objects_[depth_ - 1] != (bracket == '}'))
-      return error_at(byte, std::string("'") + bracket + "' closes nothing");
+      return error_at(byte, std::string("'") + bracket + "' without an opening bracket");
     --depth_;
     return {};
   }
@@ -185,7 +185,7 @@ Result<std::vector<JsonMember>> split_document(std::span<char> text) {
     auto key = decoded_key(text, {at, key_end});
     if (!key) return key.error();
     for (const JsonMember& member : members) {
-      if (member.key == *key) return error_at(at, "member \"" + key->substr(0, 80) + "\" is there twice");
+      if (member.key == *key) return error_at(at, "member \"" + key->substr(0, 80) + "\" appears twice");
     }
     at = skip_space(text, key_end);
     if (at >= last || text[at] != ':') return error_at(at, "expected ':'");

@@ -1,9 +1,9 @@
 // Splits the JSON text of a glTF file into its top-level members and array elements, before any parser reads it.
 //
-// tinygltf gets pieces of the document, never all of it. Its DOM costs about 12.6 bytes per byte of JSON and its model
-// as much again, it would read every buffer and image into memory, and its recursion overflows the stack on deep
-// nesting. The scanner here is iterative, allocates nothing that grows with the text, and knows only strings, brackets
-// and commas. The parsers check the rest (schema.h, tinygltf).
+// tinygltf parses pieces of the document, never all of it. Its DOM takes about 12.6 bytes per byte of JSON, and its
+// model as much again. It would read every buffer and image into memory, and deep nesting would overflow its stack. The
+// scanner here is iterative, allocates nothing that grows with the text, and recognises only strings, brackets and
+// commas. The parsers check the rest (schema.h, tinygltf).
 #pragma once
 
 #include <cstddef>

@@ -68,7 +68,8 @@ class MaterialMaker {
         image_places_(document.images.size(), kUnknown),
         texture_places_(document.textures.size(), kUnknown) {}
 
-  /// The sets of texture coordinates that a material's textures use, or kNone. The first texture decides the first.
+  /// The sets of texture coordinates that a material's textures use, or kNone. The first entry is the set of the first
+  /// texture.
   using UvSets = std::array<uint32_t, 2>;
 
   Result<format::MaterialRecord> record(const DocMaterial& from, UvSets& sets) {
@@ -76,12 +77,12 @@ class MaterialMaker {
     to.texture = kNone;
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
     to.uv_scale[0] = to.uv_scale[1] = 1.0f;
-    // Where a blended surface covers more than half of what lies behind it: programs that blend nothing draw it there.
+    // Programs without blending draw a blended surface where its alpha is at least one half.
     to.alpha_cutoff = from.alpha_blend ? 0.5f : static_cast<float>(from.alpha_cutoff);
     to.flags = (from.double_sided ? format::kMaterialDoubleSided : 0u) | (from.unlit ? format::kMaterialUnlit : 0u) |
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
                (from.alpha_blend ? format::kMaterialAlphaBlend : 0u);
-    bool is_second = false;  // never, for the first texture
+    bool is_second = false;  // stays false: this texture is the first
     auto base = placed(from.base_texture, sets, is_second);
     if (!base) return base.error();
     if (base->texture != kNone) {
@@ -92,9 +93,9 @@ class MaterialMaker {
     }
     for (const float value : {to.base_color[0], to.base_color[1], to.base_color[2], to.base_color[3], to.uv_offset[0],
                               to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation, to.alpha_cutoff}) {
-      if (!std::isfinite(value)) return Error{ErrorCode::kRange, "a factor that no float holds"};
+      if (!std::isfinite(value)) return Error{ErrorCode::kRange, "a factor outside the range of floats"};
     }
-    // glTF's colour factors are 0 to 1. Some writers' arithmetic exceeds 1 by an ulp, and export would write that
+    // glTF's colour factors are 0 to 1. Rounding in some writers exceeds 1 by an ulp, and export would write that
     // again.
     for (float& value : to.base_color) value = std::clamp(value, 0.0f, 1.0f);
     return to;
@@ -130,7 +131,8 @@ class MaterialMaker {
     for (const double value : {from.metallic, from.roughness, from.normal_scale, from.occlusion_strength, from.ior,
                                from.specular, from.emission[0], from.emission[1], from.emission[2],
                                from.specular_color[0], from.specular_color[1], from.specular_color[2]})
-      if (!std::isfinite(static_cast<float>(value))) return Error{ErrorCode::kRange, "a factor that no float holds"};
+      if (!std::isfinite(static_cast<float>(value)))
+        return Error{ErrorCode::kRange, "a factor outside the range of floats"};
     if (is_plain && to.metallic == 0) return std::optional<format::SurfaceRecord>();
     is_default = is_plain;
     return std::optional(to);
@@ -179,7 +181,7 @@ class MaterialMaker {
     }
     to.uv_rotation = static_cast<float>(from.rotation);
     for (const float value : {to.uv_offset[0], to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation})
-      if (!std::isfinite(value)) return Error{ErrorCode::kRange, "a texture transform that no float holds"};
+      if (!std::isfinite(value)) return Error{ErrorCode::kRange, "a texture transform outside the range of floats"};
     return to;
   }
 
@@ -202,7 +204,7 @@ class MaterialMaker {
     const auto wrap_t = wrap_of(sampler.wrap_t);
     if (!wrap_s || !wrap_t || !is_filter(sampler.mag_filter, false) || !is_filter(sampler.min_filter, true)) {
       return Error{ErrorCode::kRange,
-                   "sampler " + std::to_string(from.sampler) + ": a wrap mode or filter glTF does not have"};
+                   "sampler " + std::to_string(from.sampler) + ": a wrap mode or filter that glTF does not define"};
     }
     to.record.wrap_s = *wrap_s;
     to.record.wrap_t = *wrap_t;
@@ -222,9 +224,9 @@ class MaterialMaker {
     return static_cast<uint32_t>(scene_.textures.size() - 1);
   }
 
-  // The best readable one of alternative images: blocks, which are kept and have levels; then a PNG or JPEG; then a
-  // WebP, which must be coded again. Of equal ones, the first of DocTexture::sources. If none is readable, the first,
-  // for its error.
+  // Chooses among alternative images. It prefers block-compressed ones, which are kept and have mip levels, then a PNG
+  // or JPEG, then a WebP, which must be encoded again. The order of DocTexture::sources decides between equals. If none
+  // is readable, the first is chosen, so that its error is reported.
   int32_t best_source(const DocTexture& from) {
     std::array<int32_t, 4> sources = from.sources;
     const auto end = std::remove(sources.begin(), sources.end(), kAbsent);
@@ -365,7 +367,8 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
     plan.place[i] = static_cast<uint32_t>(scene.materials.size());
     scene.materials.push_back({document.materials[i].name, *record, *surface});
   }
-  // Such files are scenes of base colours: their writers mean matt.
+  // If all materials have glTF's default properties (a rough metal), the writer stored base colours only, and the
+  // surfaces are drawn matt.
   if (all_default)
     for (NamedMaterial& material : scene.materials) material.surface.reset();
   for (const NamedMaterial& material : scene.materials) {

@@ -20,9 +20,9 @@ struct MaterialPlan {
 };
 
 /// Adds the materials marked in `used` (by document number), in the document's order, with their textures and images,
-/// to `scene`. Also adds the warnings, and counts what is left out. Opens only images that materials use. The first
-/// bytes of an image tell its format; formats that scree cannot read are left out with a warning. With `keep_going` an
-/// image that cannot be opened is left out likewise. Errors kRange, kFormat and those of GltfBuffers.
+/// to `scene`. Also adds the warnings, and counts the parts that are left out. Opens only images that materials use.
+/// The format of an image is found by its first bytes. Images in formats that scree cannot read are left out with a
+/// warning, as are, with `keep_going`, images that cannot be opened. Errors kRange, kFormat and those of GltfBuffers.
 Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vector<bool>& used, GltfBuffers& buffers,
                                     bool keep_going, SourceScene& scene);
 

@@ -1,9 +1,10 @@
 // Mode ATTRIBUTES, versions 0 and 1.
-// - After a byte of header there are blocks of vertices. For each byte of a vertex in turn, a block holds that byte of
-//   all its vertices as codes, in groups of 16: first two bits per group, its width, then the groups.
-// - Version 1 puts two bits per byte of a vertex before the block, its control. For every four bytes of a vertex it has
-//   a mode by which codes become differences to the previous vertex.
-// - The vertex before the first lies at the end of the stream, followed by these modes.
+// - A byte of header is followed by blocks of vertices. A block stores its vertices byte by byte: byte 0 of all
+//   vertices, then byte 1 of all, and so on. The codes of a byte form groups of 16. Two bits per group, which give the
+//   width of its codes, come before the groups.
+// - In version 1 a block begins with two bits per byte of a vertex, the control of that byte. Every four bytes of a
+//   vertex (a channel) have a mode, which defines how codes become differences to the previous vertex.
+// - The stream ends with the vertex to which the first one is coded as a difference, followed by these modes.
 // Source: KHR_meshopt_compression, appendix A.
 #include <algorithm>
 #include <array>
@@ -25,7 +26,7 @@ constexpr size_t kMostStride = 256;
 
 enum Control : uint32_t { kNarrow, kWide, kZero, kLiteral, kVersion0 };
 
-// Bits of a code, by control and by a group's two bits.
+// Bits of a code, by the control and the two bits of its group.
 constexpr uint8_t kWidths[5][4] = {{0, 1, 2, 4}, {1, 2, 4, 8}, {}, {}, {0, 2, 4, 8}};
 
 enum ChannelMode : uint32_t { kByteDeltas, kShortDeltas, kWordXor, kChannelModes };
@@ -66,7 +67,7 @@ const std::byte* put_escaped(uint32_t escapes, const std::byte* rest, std::byte*
 }
 
 /// Reads a group of 16 codes; kMostGroupBytes must be readable. Returns the address after it. The highest code of 1, 2
-/// and 4 bits means that a whole byte follows the group.
+/// or 4 bits is an escape: the value is a whole byte after the group.
 const std::byte* read_group(uint32_t width, const std::byte* group, std::byte* codes) {
   static constexpr std::array<uint32_t, 256> kTwoBitCodes = two_bit_codes();
   switch (width) {
@@ -149,7 +150,8 @@ Words4 sum(Words4 a, Words4 b) {
 /// Codes of four bytes of a block's vertices.
 using Planes = std::array<std::array<std::byte, kMostBlockVertices>, 4>;
 
-/// Writes these four bytes of every vertex, `stride` apart. `before`: those of the previous vertex.
+/// Decodes these four bytes of every vertex and writes them `stride` apart. `before`: the four bytes of the previous
+/// vertex.
 template <ChannelMode kMode>
 void write_channel(const Planes& codes, size_t vertices, uint32_t turn, const std::byte* before, size_t stride,
                    std::byte* out) {
@@ -273,7 +275,7 @@ class AttributeStream final : public MeshoptStream {
       const uint32_t mode = std::to_integer<uint32_t>(tail[stride_ + channel]);
       if ((mode & 15) >= kChannelModes || ((mode & 15) != kWordXor && mode >> 4 != 0))
         return Error{ErrorCode::kFormat, name() + ": channel " + std::to_string(channel) + " has mode " +
-                                             std::to_string(mode) + ", which there is not"};
+                                             std::to_string(mode) + ", which does not exist"};
     }
     return at;
   }

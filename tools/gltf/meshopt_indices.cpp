@@ -1,5 +1,5 @@
-// Modes TRIANGLES and INDICES, versions 0 and 1. The library unpacks such streams only whole. These decoders can stop
-// after any triangle or index; they accept and refuse the same streams.
+// Modes TRIANGLES and INDICES, versions 0 and 1. meshoptimizer unpacks such streams only whole. These decoders can stop
+// after any triangle or index. They accept the same streams as meshoptimizer.
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -14,7 +14,7 @@ uint32_t take_byte(const std::byte*& data) {
   return std::to_integer<uint32_t>(*data++);
 }
 
-/// Seven bits per byte, the lowest first, in at most five bytes. The eighth bit says that more follow.
+/// Seven bits per byte, the lowest first, in at most five bytes. The eighth bit is set if more bytes follow.
 uint32_t take_varint(const std::byte*& data) {
   const uint32_t lowest = take_byte(data);
   if (lowest < 128) return lowest;
@@ -53,7 +53,7 @@ struct TriangleState {
   std::array<std::byte, kTableBytes> table;
 
   void push_vertex(uint32_t vertex, bool is_new) {
-    vertices[vertex_at] = vertex;  // if it is not new, it goes where the next one is written, which is never read
+    vertices[vertex_at] = vertex;  // if it is not new, the next one overwrites it before any read
     vertex_at = (vertex_at + is_new) & 15;
   }
   void push_edge(uint32_t a, uint32_t b) {

@@ -90,7 +90,7 @@ class WindowedView final : public MeshoptView {
   }
   ~WindowedView() override {
     kept_->forget(this, reached_.load() + 1);
-  }  // one more, because its unpacking may have failed
+  }  // + 1: the window whose unpacking may have failed
 
   uint64_t size() const override { return size_; }
   const std::string& path() const override { return stream_->path(); }
@@ -125,7 +125,7 @@ class WindowedView final : public MeshoptView {
 
   Result<Window> unpacked(uint64_t index) const {
     while (reached_.load(std::memory_order_acquire) <= index) {
-      // Held for one window at a time: another thread's window may be ready before all of them are.
+      // Locked for one window at a time, because another thread's window may be ready before this one.
       const std::lock_guard<std::mutex> lock(reaching_);
       const uint64_t next = reached_.load(std::memory_order_relaxed);
       if (next > index) break;
@@ -140,7 +140,7 @@ class WindowedView final : public MeshoptView {
     return window;
   }
 
-  /// Unpacks the first window that was never unpacked. Only that finds the place of the next window.
+  /// Unpacks the first window that was never unpacked. Only that finds the beginning of the next window.
   Result<Window> reach(uint64_t index) const {
     if (index == 0) {
       places_.reset(new MeshoptPlace[windows_]);  // left uninitialised, so that windows never reached take no memory
@@ -174,9 +174,10 @@ class WindowedView final : public MeshoptView {
   const std::shared_ptr<KeptWindows> kept_;
   uint64_t window_bytes_;
   uint64_t windows_;
-  uint64_t capacity_;  // of a window; the same for all views of several windows, so that one can reuse another's memory
+  uint64_t capacity_;  // of a window; the same for all views of several windows, so that windows can reuse each other's
+                       // memory
 
-  // Only the holder of reaching_ accesses places and windows from reached_ on. Earlier ones do not change.
+  // Entries of places_ from reached_ on are accessed only by the holder of reaching_. Earlier ones do not change.
   mutable std::mutex reaching_;
   mutable std::unique_ptr<MeshoptPlace[]> places_;  // of each window's first element
   mutable std::atomic<uint64_t> reached_ = 0;       // number of windows that were unpacked

@@ -17,14 +17,14 @@ namespace scree::convert {
 Result<void> check_meshopt(const DocMeshopt& stated, uint64_t view_bytes, uint64_t view_stride);
 
 /// The unpacked bytes of a compressed view. A window of them is unpacked when it is read, and again if the cache
-/// dropped it. The windows before it must be unpacked once, because only that finds its beginning. Reads have the
-/// stream's errors, and kFormat (not such a stream), kUnsupported (an unknown version), kTruncated, kTrailing, kMemory.
-/// The first read checks the kind of stream; the read of a window checks that its bytes suffice; the read of the last
-/// window checks that the stream ends after it.
+/// dropped it. The windows before it must be unpacked once, to find its beginning. Reads have the stream's errors, and
+/// kFormat (not such a stream), kUnsupported (an unknown version), kTruncated, kTrailing, kMemory. The first read
+/// checks the kind of stream; the read of a window checks that its bytes suffice; the read of the last window checks
+/// that the stream ends after it.
 class MeshoptView : public ByteSource {
  public:
-  /// A reading thread holds one window, which the cache may drop meanwhile, and the memory of unpacking. The beginnings
-  /// of windows are kept.
+  /// Each reading thread holds one window, which the cache may drop meanwhile, and the scratch memory of unpacking. The
+  /// decoder states at the beginnings of windows are kept.
   virtual PackedViewMemory memory() const = 0;
 };
 
@@ -35,7 +35,7 @@ class KeptWindows;
 class MeshoptCache {
  public:
   static constexpr uint64_t kKeptBytes = uint64_t{1} << 30;
-  /// Unpacked size; less if elements do not fill it.
+  /// Unpacked size of a window, rounded down to whole elements.
   static constexpr uint64_t kWindowBytes = uint64_t{512} << 10;
 
   explicit MeshoptCache(uint64_t kept_bytes = kKeptBytes, uint64_t window_bytes = kWindowBytes);

@@ -28,8 +28,8 @@ const ModeRule& rule_of(Mode mode) {
   return mode == Mode::kAttributes ? kAttributes : mode == Mode::kTriangles ? kTriangles : kIndices;
 }
 
-/// Unit vectors from the two coordinates on an octahedron. The third component holds the code of 1. Debian's library
-/// rounds 8-bit vectors differently from the current one. Source: KHR_meshopt_compression, filter 1.
+/// Unit vectors from the two coordinates on an octahedron. The third component holds the code of 1. The meshoptimizer
+/// of Debian rounds 8-bit vectors differently from the current version. Source: KHR_meshopt_compression, filter 1.
 template <class Int>
 void undo_octahedron(std::span<std::byte> elements) {
   for (size_t at = 0; at + 4 * sizeof(Int) <= elements.size(); at += 4 * sizeof(Int)) {

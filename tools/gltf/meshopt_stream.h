@@ -1,5 +1,5 @@
 // A stream of EXT_meshopt_compression or KHR_meshopt_compression, unpacked some elements at a time. A saved
-// MeshoptPlace is enough to continue, so any part can be unpacked again from the place before it.
+// MeshoptPlace is enough to continue, so any part can be unpacked again.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@
 
 namespace scree::convert {
 
-/// A place between two elements where a stream can be continued.
+/// The state of decoding between two elements, from which it can continue.
 struct MeshoptPlace {
   uint64_t offset;                   // in the stream: of the next block, triangle data or index
   std::array<std::byte, 328> state;  // of the decoder; each mode has its own
@@ -24,7 +24,7 @@ struct MeshoptPlace {
 
 const char* mode_name(DocMeshopt::Mode mode);
 
-/// A stream of any mode. Threads may unpack from different places of it at the same time.
+/// A stream of any mode. Several threads may unpack different parts of it at the same time.
 class MeshoptStream {
  public:
   /// Memory of one call of unpack(), in addition to its output.
@@ -42,14 +42,15 @@ class MeshoptStream {
   /// The number of elements that are coded together.
   virtual uint64_t granularity() const = 0;
 
-  /// The place of the first element. Errors: those of reading; kFormat (not a stream of that mode); kUnsupported (an
-  /// unknown version); kTruncated.
+  /// The state before the first element. Errors: those of reading; kFormat (not a stream of that mode); kUnsupported
+  /// (an unknown version); kTruncated.
   Result<MeshoptPlace> begin() const;
 
-  /// Unpacks the out.size() / stride elements from number `first` on. `at`: their place; on return the place after
-  /// them. Does not undo filters. The number of elements must be a multiple of granularity(), except at the end of the
-  /// stream. Errors, after which `at` and `out` are unspecified: those of reading; kTruncated: the stream ends too
-  /// early; kTrailing: it continues after the last element. A whole stream gives the same error however it is divided.
+  /// Unpacks the out.size() / stride elements from number `first` on. `at`: the state before them; on return the state
+  /// after them. Does not undo filters. The number of elements must be a multiple of granularity(), except at the end
+  /// of the stream. Errors, after which `at` and `out` are unspecified: those of reading; kTruncated: the stream ends
+  /// too early; kTrailing: it continues after the last element. A whole stream gives the same error however it is
+  /// divided.
   virtual Result<void> unpack(MeshoptPlace& at, uint64_t first, std::span<std::byte> out) const = 0;
 
   /// Undoes the filter of any elements.
@@ -58,11 +59,11 @@ class MeshoptStream {
   /// "buffer view 3: EXT_meshopt_compression", for messages.
   std::string name() const;
 
-  /// The file that it lies in.
+  /// The file that contains the stream.
   const std::string& path() const { return source_->path(); }
 
  protected:
-  /// The place of the first element of a stream of that version. Errors: those of reading, kTruncated.
+  /// The state before the first element of a stream of that version. Errors: those of reading, kTruncated.
   virtual Result<MeshoptPlace> start(uint32_t version) const = 0;
 
   const DocMeshopt& stated() const { return stated_; }

@@ -17,7 +17,7 @@ std::shared_ptr<MeshoptWindow> KeptWindows::take(const void* owner, uint64_t num
     entries_.splice(entries_.begin(), entries_, found->second);
     return found->second->window;
   }
-  // Reuses the memory of a window that is dropped: another thread's allocator would not get it.
+  // Reuses the memory of a dropped window: freed memory would stay in the allocator's arena of the thread that made it.
   std::unique_ptr<std::byte[]> bytes;
   while (total_ + capacity + kEntryBytes > most_ && !entries_.empty()) {
     MeshoptWindow& last = *entries_.back().window;

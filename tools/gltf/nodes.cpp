@@ -14,7 +14,8 @@ namespace {
 
 using format::kNone;
 
-// 2.7 GB of records in the file. A few bytes of JSON can demand any number by naming one accessor in many nodes.
+// At most 2.7 GB of records in the file. A short JSON can demand any number of instances by naming one accessor in many
+// nodes.
 constexpr uint64_t kMaxNodeInstances = uint64_t{1} << 26;
 
 constexpr uint64_t kInstanceBlock = 4096;
@@ -27,7 +28,7 @@ std::string node_place(uint64_t node) {
 }
 
 Error not_there(const std::string& place, const char* what, int64_t index, size_t count) {
-  return {ErrorCode::kRange, place + ": " + what + " " + std::to_string(index) + " is not there, the document has " +
+  return {ErrorCode::kRange, place + ": " + what + " " + std::to_string(index) + " does not exist, the document has " +
                                  std::to_string(count)};
 }
 
@@ -132,7 +133,7 @@ Result<std::vector<std::vector<uint32_t>>> find_scene_roots(const GltfDocument& 
     for (const uint32_t node : document.scenes[s].roots) {
       if (node >= count) return not_there(place, "node", node, count);
       if (listed_in[node] == s + 1)
-        return Error{ErrorCode::kRange, place + ": node " + std::to_string(node) + " is there twice"};
+        return Error{ErrorCode::kRange, place + ": node " + std::to_string(node) + " appears twice"};
       listed_in[node] = s + 1;
       if (trees.parent[node] == kNone) scenes[s].push_back(node);
     }
@@ -189,7 +190,7 @@ Result<std::optional<Accessor>> instance_accessor(const DocNode& node, const cha
   return std::optional<Accessor>();
 }
 
-/// Checks the instances of a node, each once.
+/// Checks all instances of a node.
 Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffers, uint64_t most) {
   SourceInstances instances;
   struct Stream {
@@ -213,7 +214,8 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
     count = (*stream.accessor)->count;
   }
   if (!count) {
-    // Other attributes (_ID) give a number of instances, all at the same place.
+    // Without transforms, another attribute (_ID) gives the number of instances, which all have the node's own
+    // transform.
     for (const auto& [attribute, index] : node.instancing) {
       auto accessor = buffers.accessor(index);
       if (!accessor) return at(attribute.substr(0, 40), accessor.error());

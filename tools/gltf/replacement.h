@@ -18,8 +18,8 @@
 namespace scree::tools {
 
 /// Several files that get their names together. Each replaced file keeps a second name, NAME.earlier.part, until all
-/// new files have their names. If one fails, the earlier files are restored; on a file system without hard links they
-/// are lost then. Errors kFile.
+/// new files have their names. If a file cannot get its name, the earlier files are restored; on a file system without
+/// hard links they are lost. Errors kFile.
 class Replacement {
  public:
   explicit Replacement(std::span<format::PartFile* const> files) {
@@ -48,7 +48,7 @@ class Replacement {
       file.has_earlier = ::link(file.name.c_str(), file.earlier.c_str()) == 0;
     }
     Result<void> done = file.part->commit();
-    // A single file needs no restoring: once it has its name it is complete, whatever fails afterwards.
+    // A single file is never restored: once it has its name it is complete, whatever fails afterwards.
     file.is_renamed = files_.size() > 1 && file.part->has_name();
     return done;
   }

@@ -439,15 +439,16 @@ class Checker {
     frame.member = &kAnyMember;
     if (frame.map) {
       if (std::find(frame.names.begin(), frame.names.end(), name) != frame.names.end())
-        return fail(ErrorCode::kFormat, "is there twice");
-      if (frame.names.size() == kMaxNames) return fail(ErrorCode::kRange, "is one of too many");
+        return fail(ErrorCode::kFormat, "appears twice");
+      if (frame.names.size() == kMaxNames)
+        return fail(ErrorCode::kRange, "is past the limit of " + std::to_string(kMaxNames) + " names");
       frame.names.push_back(name);
     }
     if (frame.rule == nullptr) return true;
     for (size_t i = 0; i < frame.rule->members.size(); ++i) {
       const Member& member = frame.rule->members[i];
       if (member.name != name) continue;
-      if ((frame.seen >> i & 1u) != 0) return fail(ErrorCode::kFormat, "is there twice");
+      if ((frame.seen >> i & 1u) != 0) return fail(ErrorCode::kFormat, "appears twice");
       frame.seen |= 1u << i;
       frame.member = &member;
       break;

@@ -31,8 +31,8 @@ std::string counted(uint64_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
-// Extensions that a document may require. The first are read. The others only change how a surface is lit, or describe
-// the file: without them every triangle keeps its position and its base colour.
+// Extensions that a document may require. The first ones are supported. The others only change how a surface is lit, or
+// describe the file: without them every triangle keeps its position and its base colour.
 constexpr std::string_view kDracoName = "KHR_draco_mesh_compression";
 constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",
                                            "KHR_texture_transform",
@@ -256,7 +256,8 @@ class Importer {
         to.outer_cone = std::min(static_cast<float>(from.outer_cone), static_cast<float>(std::numbers::pi / 2));
         to.inner_cone = static_cast<float>(from.inner_cone);
         if (to.inner_cone >= to.outer_cone) to.inner_cone = std::nextafter(to.outer_cone, 0.0f);
-        if (!(to.inner_cone >= 0) || !(to.outer_cone > to.inner_cone)) return fail("a cone that has no inside");
+        if (!(to.inner_cone >= 0) || !(to.outer_cone > to.inner_cone))
+          return fail("innerConeAngle is not between 0 and outerConeAngle");
       }
       scene_.lights.push_back(std::move(light));
     }
@@ -336,7 +337,7 @@ class Importer {
     return {};
   }
 
-  // A box of positions shared by several primitives is not the box of any of them.
+  // If several primitives share positions, the stated box is not the box of any one of them.
   void note_box(Primitive& primitive) {
     const DocBounds* const bounds = document_.bounds_of(primitive.positions.index);
     if (bounds == nullptr) return;
@@ -432,8 +433,8 @@ class Importer {
     }
   }
 
-  // Accessors without data of their own take those of the primitive's Draco stream. An accessor with a plain copy is
-  // read from the copy: it is exact, and the stream has the vertices in another order.
+  // Accessors without data of their own are read from the primitive's Draco stream. An accessor with uncompressed data
+  // is read from these: they are exact, and the stream has the vertices in another order.
   Result<void> take_draco(const DocPrimitive& from, const std::array<std::string, 2>& uv_names, Primitive& to,
                           SurfaceAttributes& surface) {
     std::vector<std::pair<const char*, Accessor*>> empty;
@@ -453,7 +454,8 @@ class Importer {
       for (const auto& [name, accessor] : empty) {
         const auto fits =
             from.draco != kAbsent
-                ? Result<void>(Error{ErrorCode::kFormat, "only Draco-compressed data, but POSITION has others"})
+                ? Result<void>(
+                      Error{ErrorCode::kFormat, "has only Draco-compressed data, but POSITION has uncompressed data"})
                 : check_zeros(accessor->count);
         if (!fits) return at(std::string(name) + ": accessor " + std::to_string(accessor->index), fits.error());
       }
@@ -462,10 +464,11 @@ class Importer {
     if (draco_version().empty())
       return Error{ErrorCode::kUnsupported, std::string("has only Draco-compressed data, and ") + kWithoutDraco};
     if (has_corners || to.mode != PrimitiveMode::kTriangles)
-      return Error{ErrorCode::kFormat, std::string(kDracoName) + ": a primitive without indices of triangles"};
+      return Error{ErrorCode::kFormat, std::string(kDracoName) + ": expected a primitive of indexed triangles"};
     if (to.indices->count % 3 != 0)
       return Error{ErrorCode::kRange, "indices: accessor " + std::to_string(to.indices->index) + " has " +
-                                          std::to_string(to.indices->count) + " elements, no whole triangles (Draco)"};
+                                          std::to_string(to.indices->count) +
+                                          " elements, expected a multiple of 3 (Draco)"};
     const DocDraco& stated = document_.draco[static_cast<size_t>(from.draco)];
     DracoPrimitive packed;
     packed.triangles = to.indices->count / 3;
@@ -473,8 +476,8 @@ class Importer {
     for (const auto& [name, accessor] : empty) {
       const int32_t id = find(stated.attributes, name);
       if (id == kAbsent)
-        return Error{ErrorCode::kFormat,
-                     std::string(kDracoName) + ": " + name + " has neither data of its own nor a number in the stream"};
+        return Error{ErrorCode::kFormat, std::string(kDracoName) + ": " + name +
+                                             " has neither uncompressed data nor an id in the Draco stream"};
       packed.arrays.push_back({name, static_cast<uint32_t>(id), accessor->type, accessor->components});
     }
     for (const auto& [name, ignored] : stated.attributes) {
@@ -595,7 +598,7 @@ class Importer {
     }
     if (unflagged_colors_ > 0)
       warn(counted(unflagged_colors_, "COLOR_0 of integers is", "COLOR_0 of integers are") +
-           " not marked as normalised; taken so");
+           " not marked as normalised; taken as normalised");
   }
 
   const GltfDocument& document_;

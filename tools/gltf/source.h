@@ -1,6 +1,6 @@
 // A glTF document after import: every index, range, stride and count is checked, and buffers are still on disk. Import
-// never holds a buffer in memory: it reads the JSON whole, parses its "buffers" and "images" separately
-// (docs/converting.md, Import), and reads accessors in windows.
+// reads the JSON whole, parses its "buffers" and "images" separately (docs/converting.md, Import), and reads accessors
+// in windows. It never holds a whole buffer in memory.
 #pragma once
 
 #include <array>
@@ -109,7 +109,7 @@ struct Primitive {
   const Accessor* tangent() const { return surface && surface->tangent ? &*surface->tangent : nullptr; }
 };
 
-/// Calls `take(accessor)` for every vertex attribute beside the positions. `directions`: normals and tangents too.
+/// Calls `take(accessor)` for every vertex attribute except the positions. `directions`: includes normals and tangents.
 template <class Take>
 void visit_attributes(const Primitive& primitive, bool directions, const Take& take) {
   if (primitive.uv) take(*primitive.uv);
@@ -120,8 +120,8 @@ void visit_attributes(const Primitive& primitive, bool directions, const Take& t
 }
 
 /// Reads the vertex numbers of triangles [first, first + count) of a primitive, 3 per triangle, counter-clockwise
-/// (every other strip triangle is turned). Errors kFile, kRange: an index of vertex_count or more, named with its place
-/// in the index accessor: "mesh 3 primitive 0: index 70211 at element 17, but the mesh has 65536 vertices". These are
+/// (every other strip triangle is turned). Errors kFile, kRange: an index of vertex_count or more, with its position in
+/// the index accessor: "mesh 3 primitive 0: index 70211 at element 17, but the mesh has 65536 vertices". These are
 /// glTF's numbers; the caller prepends the file name.
 Result<void> read_triangles(const Primitive& primitive, uint64_t first, uint64_t count, std::span<uint32_t> out);
 
@@ -139,8 +139,8 @@ struct SourceInstances {
 Result<void> read_instances(const SourceInstances& instances, uint64_t first,
                             std::span<format::NodeInstanceRecord> out);
 
-/// A node's own transform, as NodeRecord::local. An identity, such as of a node of ten bytes of JSON, allocates no
-/// memory.
+/// A node's own transform, as NodeRecord::local. An identity allocates no memory, because a node without a transform
+/// takes only ten bytes of JSON.
 class LocalTransform {
  public:
   using Values = std::array<double, 16>;
@@ -221,8 +221,8 @@ struct SourceSceneRoots {
 };
 
 /// Something in the document that the import leaves out. Attributes are named as in glTF ("TANGENT", "TEXCOORD_1").
-/// "NORMAL" is among them although Primitive::normal offers it: a caller that stores normals removes that entry. Not
-/// so tangents that a primitive offers. Each accessor's bytes count once.
+/// "NORMAL" is among them although Primitive::normal offers it: a caller that stores normals removes that entry.
+/// Tangents that a primitive offers are not listed. Each accessor's bytes count once.
 struct LeftOut {
   std::string what;
   uint64_t count = 0;
@@ -233,7 +233,7 @@ struct LeftOut {
 /// Memory of compressed buffer views (meshopt_source.h).
 struct PackedViewMemory {
   uint64_t reader_bytes = 0;  // per thread that reads any of them
-  uint64_t place_bytes = 0;   // of all, for the scene's lifetime
+  uint64_t place_bytes = 0;   // of all views, for the scene's lifetime
   uint64_t kept_bytes = 0;    // of all windows that may be kept
 };
 
@@ -268,7 +268,8 @@ struct ImportOptions {
 };
 
 /// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (an unsupported required extension),
-/// kUsage (a bad regular expression, more than `memory`), each with file and place: "city.gltf: mesh 12: ...".
+/// kUsage (a bad regular expression, more than `memory`). Each error names the file and the part of it: "city.gltf:
+/// mesh 12: ...".
 Result<SourceScene> import_gltf(const std::string& path, const ImportOptions& options);
 
 }  // namespace scree::convert

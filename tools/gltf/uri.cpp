@@ -96,7 +96,7 @@ std::string_view scheme_of(std::string_view uri) {
   return is_scheme ? uri.substr(0, i) : std::string_view{};
 }
 
-// Whether steps such as "a/../b" ever climb above their start.
+// Whether a path with steps such as "a/../b" ever climbs above its start.
 bool climbs_out(std::string_view path) {
   int64_t depth = 0;
   while (!path.empty()) {

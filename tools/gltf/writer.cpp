@@ -88,7 +88,7 @@ uint32_t wrap_number(format::Wrap wrap) {
   return 10497;
 }
 
-/// A file name as a relative URI (RFC 3986: all but unreserved characters is percent-encoded).
+/// A file name as a relative URI (RFC 3986: percent-encodes all characters except unreserved ones).
 std::string uri_of(const std::string& file_name) {
   constexpr char kHex[] = "0123456789ABCDEF";
   std::string uri;
@@ -247,7 +247,7 @@ bool has_transform(const GltfMaterial& material) {
       [](const format::SurfaceTexture& use) { return use.texture != format::kNone && is_moved(transform_of(use)); });
 }
 
-/// Writes a texture of a material. Its object also has `value` under `name`, unless `value` is 1.
+/// Writes a texture of a material. Its JSON object also has a member `name` with `value`, unless `value` is 1.
 void write_texture_use(JsonWriter& json, const char* key, uint32_t texture, uint32_t tex_coord,
                        const GltfTextureTransform& transform, const char* name = nullptr, float value = 1) {
   if (texture == format::kNone) return;
@@ -827,7 +827,8 @@ Result<void> GltfWriter::finish() {
   Result<uint64_t> end = state.write_document();
   if (!end) return end.error();
   if (state.glb && !state.is_version_3 && state.file_bytes(*end) > state.most_version_2_bytes) {
-    state.is_version_3 = true;  // caused by the document's size alone; it is written again at the offset of version 3
+    state.is_version_3 =
+        true;  // if the document's size alone is the cause; it is written again at the offset of version 3
     if (end = state.write_document(); !end) return end.error();
   }
   Result<void> written;

@@ -1,6 +1,5 @@
 // Streams a glTF 2.0 asset to disk: a .gltf with a .bin (and image files) beside it, or one .glb. Buffer data are
-// written as they come and the document is written last, so the number of nodes, meshes and accessors bounds the
-// memory.
+// written at once and the document last, so memory grows only with the number of nodes, meshes and accessors.
 #pragma once
 
 #include <array>
@@ -21,8 +20,8 @@
 
 namespace scree::tools {
 
-/// Numbers of glTF 2.0. Indices into the document are uint32_t, format::kNone if there is nothing. Numbers are written
-/// in the shortest form that reads back as the same double; so floats, given unchanged, read back bit for bit.
+/// The codes of glTF 2.0. Below, indices into the document are uint32_t, format::kNone for none. Numbers are written in
+/// the shortest form that reads back as the same double, so floats read back bit for bit.
 enum class GltfComponent : uint16_t { kInt8 = 5120, kUint8, kInt16, kUint16, kUint32 = 5125, kFloat32 = 5126 };
 enum class GltfType : uint8_t { kScalar, kVec2, kVec3, kVec4 };
 enum class GltfTarget : uint16_t { kNone = 0, kVertices = 34962, kIndices = 34963 };
@@ -101,14 +100,14 @@ struct GltfMaterial {
   std::string name;
   double base_color[4] = {1, 1, 1, 1};  // linear
   uint32_t texture = format::kNone;
-  uint32_t tex_coord = 0;  // TEXCOORD_n of its textures; those of SurfaceRecord::second_uv have the next
+  uint32_t tex_coord = 0;  // n of its textures' TEXCOORD_n; textures of SurfaceRecord::second_uv use n + 1
   GltfTextureTransform transform;
   GltfAlpha alpha = GltfAlpha::kOpaque;
   double alpha_cutoff = 0.5;
   bool double_sided = false;
   bool unlit = false;                            // KHR_materials_unlit
   double transmission = 0;                       // KHR_materials_transmission
-  std::optional<format::SurfaceRecord> surface;  // texture numbers are those here; none: not metallic, fully rough
+  std::optional<format::SurfaceRecord> surface;  // textures numbered by add_texture(); none: not metallic, fully rough
 };
 
 struct GltfTexture {
@@ -161,12 +160,12 @@ class GltfWriter {
   /// reserve() and write_at().
   Result<uint64_t> append(std::span<const std::byte> bytes, uint64_t alignment = 4);
   uint64_t buffer_bytes() const;
-  /// Ends the current buffer. What follows goes to a new one, the file "city_NAME.bin" (NAME made safe and unique). Of
-  /// a .gltf only: kUsage.
+  /// Ends the current buffer. Later data go to a new one, the file "city_NAME.bin" (NAME is made safe and unique).
+  /// Error kUsage for a .glb.
   Result<void> next_buffer(std::string_view name);
 
-  /// A view with `meshopt` gets its place in a fallback buffer without a file, the document's last buffer; the
-  /// extension is then required.
+  /// A view with `meshopt` gets a range of a fallback buffer without a file, the document's last buffer; the extension
+  /// is then required.
   uint32_t add_buffer_view(const GltfBufferView& view);
   uint32_t add_accessor(GltfAccessor accessor);
   uint32_t add_mesh(GltfMesh mesh);
@@ -177,10 +176,10 @@ class GltfWriter {
   uint32_t add_material(GltfMaterial material);
   uint32_t add_texture(GltfTexture texture);
   /// Stores an encoded JPEG or PNG, or a KTX2 file (kBlocks): inside a .glb, otherwise as a file "city_NAME.jpg" beside
-  /// the .gltf (NAME is made safe and unique). `mime_type`: what the document says of it; empty: the truth.
+  /// the .gltf (NAME is made safe and unique). `mime_type`: the type in the document; empty: that of `codec`.
   Result<uint32_t> add_image(std::string_view name, format::ImageCodec codec, std::span<const std::byte> bytes,
                              std::string_view mime_type = {});
-  /// The first one added is the default scene unless set_default_scene() names another.
+  /// The first scene added is the default scene unless set_default_scene() names another.
   uint32_t add_scene(GltfScene scene);
   void set_default_scene(uint32_t scene);
   /// Declares extensions that this writer does not declare by itself. It declares EXT_mesh_gpu_instancing as required,

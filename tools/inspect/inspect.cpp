@@ -27,20 +27,20 @@ void print(const std::string& text, std::FILE* out) {
   std::fwrite(text.data(), 1, text.size(), out);
 }
 
-/// The error if the file breaks its stated bounds; nullopt if it keeps them.
+/// The error if the file exceeds its stated bounds or lacks triangles; nullopt if all is well.
 std::optional<Error> bound_error(const compare::GeometryReport& report, const InspectOptions& options) {
   if (!report.broken.empty()) {
     const compare::BrokenBound& first = report.broken.front();
     std::string message = "mesh " + std::to_string(first.mesh) + ": position error " +
                           tools::short_number(first.error) + " against " + options.source + ", but at most " +
-                          tools::short_number(first.bound) + " is stated";
+                          tools::short_number(first.bound) + " is allowed";
     if (report.broken.size() > 1) message += " (and " + tools::grouped(report.broken.size() - 1) + " more)";
     return Error{ErrorCode::kRange, message};
   }
   if (report.missing_triangles != 0 || report.unknown_triangles != 0)
     return Error{ErrorCode::kRange, tools::grouped(report.missing_triangles) + " triangles of " + options.source +
                                         " are missing and " + tools::grouped(report.unknown_triangles) +
-                                        " are none of its"};
+                                        " do not belong to it"};
   return std::nullopt;
 }
 
@@ -73,7 +73,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     progress.stage("verify", triangles);
     VerifyHooks hooks;
     hooks.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
-    // Checked parts need not stay resident, since the file may be larger than memory.
+    // Checked parts of the file are released, since the file may be larger than memory.
     hooks.is_done_with = [&](uint64_t offset, uint64_t bytes) { map->release(offset, bytes); };
     verified = verify(*file, map->bytes(), options.threads, hooks);
   }

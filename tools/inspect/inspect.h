@@ -21,9 +21,9 @@ struct InspectOptions {
   bool allow_outside = false;  // ImportOptions::allow_outside of that import
 };
 
-/// Prints the report to `out`. Errors kFile, and errors found by Container::open and verify(): the first failure, with
-/// the file, after all of them are printed. With a source: errors of import_gltf and compare_geometry; kRange, after
-/// everything is printed, if a mesh is farther from its source than it states, or triangles are missing.
+/// Prints the report to `out`. Errors: kFile; those of Container::open; the first failure of verify(), after all of
+/// them are printed. With a source: errors of import_gltf and compare_geometry, and kRange, after everything is
+/// printed, if the error of a mesh exceeds its stated bound, or triangles are missing.
 Result<void> inspect_file(const std::string& path, const InspectOptions& options, std::FILE* out);
 
 }  // namespace scree::inspect

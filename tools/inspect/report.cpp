@@ -22,10 +22,10 @@ using tools::short_number;
 
 constexpr size_t kBarLetters = 40;
 
-/// The footnotes. note('a') refers to the first.
+/// The footnotes. note('a') returns a reference to the first one.
 constexpr const char* kNotes[] = {
     "8 x bytes / stored triangles; a mesh counts once for any number of instances.",
-    "bytes / bytes of the same content in the source: the accessors used, each once; for the file: document, buffers\n"
+    "bytes / bytes of the same content in the source: the used accessors, each once; for the file: document, buffers\n"
     "      and images.",
     "bytes / bytes of the same content without packing: 12 per triangle (32-bit indices), 12 per position, 12 per\n"
     "      normal, 8 per texture coordinate, 16 per colour (float32); per mesh for the source's or the stored number\n"
@@ -36,11 +36,11 @@ constexpr const char* kNotes[] = {
     "The largest distance between a stored and a source coordinate, per axis: half a step and half an ulp, 0 for\n"
     "      float32. In model units; for a scene in world units.",
     "The stored bytes of a compressed page are divided among its streams in proportion to their raw bytes.",
-    "A chunk's indices are stored as differences from its smallest, all with the bits that the largest needs.",
+    "A chunk's indices are stored as differences from the smallest one, all with the bits of the largest difference.",
     "Estimated without encoding, before compression; -: unknown (as for duplicate vertices in clusters), or nothing."};
 
-/// A reference to a note, lettered by add_footnotes(). It contains a control character, which no printed name has
-/// (printable).
+/// A reference to a note, lettered by add_footnotes(). It is a control character, which printable() removes from all
+/// names.
 constexpr char kFirstNote = 0x0e;
 std::string note(char letter) {
   return {'[', static_cast<char>(kFirstNote + letter - 'a'), ']'};
@@ -247,7 +247,7 @@ void add_indices(const Stats& stats, std::string& text) {
         {std::to_string(bits), grouped(row.chunks), grouped(row.triangles), percent(row.triangles, stats.triangles)});
     tails.push_back(bar(row.triangles, most));
   }
-  // The bars follow the columns, flush left.
+  // The bars are appended after the columns, flush left.
   const std::string columns = table.text();
   size_t line = 0;
   for (size_t begin = 0; begin < columns.size(); ++line) {
@@ -327,7 +327,7 @@ void add_attributes(const Stats& stats, std::string& text) {
     const bool is_uv = stream == kUvs || stream == kSecondUvs;
     const std::string error = is_uv                 ? short_number(stats.max_uv_error)
                               : stream == kColors   ? "1/510"
-                              : stream == kNormals  ? std::to_string(stats.min_normal_bits) + " bits an axis"
+                              : stream == kNormals  ? std::to_string(stats.min_normal_bits) + " bits per axis"
                               : stream == kTangents ? std::to_string(stats.min_tangent_bits) + " bits"
                                                     : "0";
     table.row({stream_title(stream), grouped(stats.stream_meshes[stream]), is_per_vertex ? grouped(elements) : "-",
@@ -367,8 +367,8 @@ void add_textures(const format::Container& file, const Stats& stats, std::string
             times(stats.masks, "alpha mask", "alpha masks") + " (" + human_bytes(stats.mask_pages.raw) +
             " in memory, always)";
     if (stats.opaque_masks != 0)
-      text += "; " +
-              times(stats.opaque_masks, "material has one that hides nothing", "materials have one that hides nothing");
+      text += "; " + times(stats.opaque_masks, "material has a mask that hides nothing",
+                           "materials have masks that hide nothing");
     text += "\n";
   }
   if (stats.blended != 0) text += "  " + times(stats.blended, "material blends", "materials blend") + "\n";
@@ -428,7 +428,7 @@ void add_left_out(const format::Container& file, std::string& text) {
   text += "\nLeft out (in the source, not in this file)\n" + table.text();
 }
 
-/// Appends the notes that `text` refers to, lettered in the order of their first reference.
+/// Replaces the references in `text` by letters in the order of their first use, and appends these notes.
 void add_footnotes(std::string& text) {
   std::array<char, std::size(kNotes)> letters{};
   std::string notes;

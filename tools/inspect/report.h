@@ -11,8 +11,8 @@
 
 namespace scree::inspect {
 
-/// Bytes of each kind of content in the source glTF; 0 if the file does not record it. Images are stored unchanged, so
-/// their bytes in the source are their bytes here before compression.
+/// Bytes of each kind of content in the source glTF; 0 if the file does not record it. Images have no entry:
+/// they are compared with their bytes before compression.
 struct SourceBytes {
   uint64_t indices = 0;
   uint64_t positions = 0;
@@ -21,7 +21,7 @@ struct SourceBytes {
 };
 SourceBytes source_bytes(const format::Container& file);
 
-/// The tables, with footnotes. `path`: the file's, for the first line.
+/// The tables, with footnotes. `path`: printed in the first line.
 std::string text_report(const format::Container& file, const Stats& stats, const std::string& path);
 
 /// The checks and findings of --verify.

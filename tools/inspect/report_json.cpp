@@ -74,7 +74,7 @@ void size_member(JsonWriter& json, const format::Container& file, const Stats& s
     for (size_t i = 0; i < kStreamCount; ++i) {
       const auto stream = static_cast<Stream>(i);
       json.object(stream_key(stream), [&] {
-        // The source's attribute bytes are a single sum, which "attributes" has.
+        // The source's attribute bytes are a single sum, the member "attributes".
         const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
         const uint64_t source_of = is_mixed || stats.stream_meshes[i] == 0 ? 0
                                    : stream == kIndices                    ? source.indices

@@ -72,7 +72,7 @@ class StreamBytes {
  public:
   StreamBytes(const format::Container& file, bool reads_pages) : file_(file), reads_pages_(reads_pages) {}
 
-  /// The bytes of a chunk's streams. `clusters`: a clustered chunk is added to it.
+  /// The bytes of a chunk's streams. Adds a clustered chunk to `clusters`.
   std::array<uint64_t, kStreamCount> of(uint64_t number, ClusterStats& clusters) {
     const ChunkRecord& chunk = file_.chunks()[number];
     const format::ChunkStreams streams = format::chunk_streams(file_.meshes()[chunk.mesh], chunk);
@@ -266,7 +266,7 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
       clustered += record.triangle_count;
       clustered_vertices += record.vertex_count;
     }
-    // kClusterData is compared by its share of triangles, and by the corresponding share of vertices.
+    // kClusterData is compared with the float32 size of its triangles and of the same share of vertices.
     const uint64_t unsplit = stats.has_split ? 0 : clustered;
     const double vertex_share = unsplit == 0 || chunk_vertices == 0
                                     ? 0

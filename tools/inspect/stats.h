@@ -1,4 +1,4 @@
-// Counts the content of a .scree file and the cost of each part, from its tables and, on request, from the records of
+// Counts the content of a .scree file and the bytes of each part, from its tables and, on request, from the records of
 // clusters in its pages.
 #pragma once
 
@@ -16,7 +16,7 @@
 namespace scree::inspect {
 
 /// Streams of chunks. The data of clusters hold indices (steps and distances) and positions together; only the pages
-/// tell how much of it is which. With gather()'s `reads_pages` they count under kIndices and kPositions (all of them as
+/// show the share of each. With gather()'s `reads_pages` they count under kIndices and kPositions (all of them as
 /// positions if the page cannot be read), else under kClusterData.
 enum Stream : size_t {
   kIndices,
@@ -33,7 +33,7 @@ enum Stream : size_t {
   kStreamCount
 };
 
-/// Streams of what vertices have beside positions.
+/// Streams of vertex attributes.
 inline constexpr Stream kAttributes[] = {kUvs, kSecondUvs, kColors, kNormals, kTangents};
 
 /// Stable names, for --json ("indices", "positions", "uvs", ...) and for people ("texture coordinates", ...).
@@ -120,7 +120,7 @@ struct Stats {
   uint64_t toc_bytes = 0;
   std::vector<TableCost> tables;  // in file order of the table of contents
   uint64_t tables_bytes = 0;
-  Cost page_gaps;              // bytes of geometry pages that are in no chunk
+  Cost page_gaps;              // bytes of geometry pages outside all chunks
   uint64_t other_pages = 0;    // bytes of pages that nothing refers to, or of a kind that this version does not have
   uint64_t padding_bytes = 0;  // between and after pages and tables
 
@@ -157,7 +157,7 @@ struct Stats {
 
   uint64_t geometry_bytes() const;   // all streams, stored
   uint64_t attribute_bytes() const;  // kAttributes, stored
-  uint64_t container_bytes() const;  // all but streams and images
+  uint64_t container_bytes() const;  // all except streams and images
 };
 
 /// Counts everything. `bytes`: the whole file that `file` was opened on. `top`: number of meshes and images to list.

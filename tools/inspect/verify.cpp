@@ -118,7 +118,7 @@ class Verifier {
       const uint64_t size = entry.record_count * entry.record_bytes;
       extents.push_back({entry.offset, size, name});
       ++report_.tables;
-      if (!format::range_within(entry.offset, size, bytes_.size())) continue;  // open() refuses it
+      if (!format::range_within(entry.offset, size, bytes_.size())) continue;  // open() rejects it
       const uint64_t found = format::checksum(bytes_.subspan(entry.offset, size));
       if (found != entry.checksum) {
         fail(entry.offset, {ErrorCode::kChecksum, name + " at byte " + std::to_string(entry.offset) + ": checksum " +
@@ -137,7 +137,7 @@ class Verifier {
       if (extent.offset < end) {
         fail(extent.offset,
              {ErrorCode::kRange, extent.name + " at byte " + std::to_string(extent.offset) +
-                                     ": begins inside what lies before it, which ends at byte " + std::to_string(end)});
+                                     ": overlaps the item before it, which ends at byte " + std::to_string(end)});
       } else {
         check_padding(end, extent.offset - end);
       }
@@ -205,7 +205,7 @@ class Verifier {
     }
   }
 
-  /// Gives up on the meshes of an unreadable page: they have no box to compare.
+  /// Excludes the meshes of an unreadable page from the comparison of boxes.
   void give_up(uint32_t page) {
     const std::lock_guard lock(mutex_);
     for (uint64_t i = chunk_starts_[page]; i < chunk_starts_[page + 1]; ++i)
@@ -359,7 +359,7 @@ class Verifier {
       } else if (first_set(raw.subspan(end, begin - end)) != begin - end) {
         fail(file_.pages()[number].offset, {ErrorCode::kReserved, place + ": a byte before it is not 0"});
       }
-      // The bytes of a level in several pages are as many as the records say.
+      // A level in several pages fills them completely.
       end = format::level_page_count(image, number_of_image) > 1 ? raw.size() : record.offset + record.bytes;
       if (image.codec == format::ImageCodec::kBlocks) {
         count_blocks(image, number_of_image);
@@ -408,7 +408,7 @@ class Verifier {
   const VerifyHooks& hooks_;
   std::vector<uint64_t> chunk_starts_, chunk_list_, image_starts_, image_list_, level_starts_, level_list_;
 
-  std::mutex mutex_;  // for everything below
+  std::mutex mutex_;  // for all members below
   VerifyReport report_;
   std::vector<Failure> failures_;
   std::vector<std::pair<uint64_t, std::string>> warnings_;

@@ -15,7 +15,7 @@ namespace scree::inspect {
 
 /// A detected error.
 struct Failure {
-  uint64_t offset = 0;  // bytes from the start of the file: where the page, table or padding lies
+  uint64_t offset = 0;  // bytes from the start of the file: of the page, table or padding
   Error error;          // the message names the page or chunk and the offset
 };
 
@@ -34,24 +34,23 @@ struct VerifyReport {
   uint64_t pixels = 0;
   std::vector<Failure> failures;  // by offset in the file; at most kMaxFailures
   uint64_t failure_count = 0;
-  std::vector<std::string> warnings;  // images that are damaged but tolerated by a decoder
+  std::vector<std::string> warnings;  // images whose damage the decoder tolerates
 };
 
 inline constexpr size_t kMaxFailures = 100;
 
-/// Functions that verify() calls meanwhile. Either may be empty.
+/// Functions that verify() calls while it works. Either may be empty.
 struct VerifyHooks {
-  std::function<void(uint64_t triangles, uint64_t bytes)> progress;   // done so far; called by the caller's own thread
-  std::function<void(uint64_t offset, uint64_t bytes)> is_done_with;  // a part of the file; called by any thread
+  std::function<void(uint64_t triangles, uint64_t bytes)> progress;   // done so far; called on the caller's thread
+  std::function<void(uint64_t offset, uint64_t bytes)> is_done_with;  // a part that was read; called on any thread
 };
 
 /// Checks, beyond Container::open: the checksum of every table and page; that every page decompresses to its size; that
 /// every chunk decodes, with indices below its vertex count, positions inside its lattice and unused bits zero; that
-/// bytes of pages in no chunk, between chunks, and between and after tables and pages are zero; that nothing overlaps;
-/// that the box and the vertex count of every mesh equal those of its decoded chunks; that every image decodes to the
-/// size in its record. `bytes`: the whole file that `file` was opened on. `threads`: 0 means one per core; the report
-/// is the same for any number. Memory: a page, its decoded chunks and a decoded image per thread, 8 bytes per chunk, 25
-/// per mesh.
+/// all bytes between and after chunks, tables and pages are zero; that nothing overlaps; that the box and the vertex
+/// count of every mesh equal those of its decoded chunks; that every image decodes to the size in its record. `bytes`:
+/// the whole file that `file` was opened on. `threads`: 0 means one per core; the report is the same for any number.
+/// Memory: a page, its decoded chunks and a decoded image per thread, 8 bytes per chunk, 25 per mesh.
 VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads,
                     const VerifyHooks& hooks = {});
 

@@ -22,7 +22,7 @@ std::string in_quotes(std::string_view name) {
   return "\"" + inspect::printable(name, 40) + "\"";
 }
 
-/// `count` numbers of [-kMaxCoordinate, kMaxCoordinate] into `out`.
+/// Reads `count` numbers within +-kMaxCoordinate into `out`.
 Result<void> read_numbers(const Json& value, const char* name, size_t count, double* out) {
   const std::string expected = std::to_string(count) + " numbers of at most 1e15";
   const Error wrong{ErrorCode::kFormat, in_quotes(name) + " is not " + expected};
@@ -42,12 +42,13 @@ Result<double> read_number(const Json& value, const char* name, double low, doub
   return number;
 }
 
-/// A rotation and a translation from camera to world, column by column; the camera looks along -z with y up.
+/// Reads a rotation and a translation from camera to world, column by column. The camera looks along -z with y up.
 Result<void> read_matrix(const Json& value, PathKey& key) {
   std::array<double, 16> m{};
   if (const Result<void> done = read_numbers(value, "matrix", m.size(), m.data()); !done) return done;
   if (m[3] != 0 || m[7] != 0 || m[11] != 0 || m[15] != 1)
-    return Error{ErrorCode::kRange, "\"matrix\" has another last row than 0 0 0 1; its numbers go column by column"};
+    return Error{ErrorCode::kRange,
+                 "\"matrix\": the last row is not 0 0 0 1 (the order of its numbers is column by column)"};
   const double reach = std::hypot(m[8], m[9], m[10]);
   if (!(reach > 0)) return Error{ErrorCode::kRange, "\"matrix\" has no direction: its third column is 0"};
   for (size_t i = 0; i < 3; ++i) {
@@ -58,7 +59,7 @@ Result<void> read_matrix(const Json& value, PathKey& key) {
   return {};
 }
 
-/// `has_t`: set where the key has one.
+/// `has_t`: set to true if the key has a "t".
 Result<PathKey> read_key(const Json& object, bool& has_t) {
   if (!object.is_object()) return Error{ErrorCode::kFormat, "is not an object"};
   PathKey key;
@@ -93,13 +94,13 @@ Result<PathKey> read_key(const Json& object, bool& has_t) {
     if (!done) return done.error();
   }
   if (has_matrix && (has_eye || has_target || has_up))
-    return Error{ErrorCode::kFormat, "has a \"matrix\" and another word for the same; one of them is enough"};
+    return Error{ErrorCode::kFormat, "has \"matrix\" together with \"eye\", \"target\" or \"up\", which it replaces"};
   if (!has_matrix && !(has_eye && has_target))
     return Error{ErrorCode::kFormat, "has no " + in_quotes(has_eye ? "target" : "eye")};
   return key;
 }
 
-/// What the parser says, with the line in place of its own words for where.
+/// An error of the parser as one line that names line and byte.
 Error syntax_error(std::string_view text, const Json::parse_error& error) {
   const size_t byte = std::min<size_t>(error.byte, text.size());
   const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<ptrdiff_t>(byte), '\n');
@@ -114,7 +115,7 @@ Result<CameraPath> CameraPath::parse(std::string_view text, std::optional<double
     json = Json::parse(text.begin(), text.end());
   } catch (const Json::parse_error& error) {
     return syntax_error(text, error);
-  } catch (const Json::exception&) {  // a number that no double holds
+  } catch (const Json::exception&) {  // a number outside the range of doubles
     return Error{ErrorCode::kRange, "has a number that is too large"};
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left to read it"};
@@ -185,7 +186,7 @@ Result<CameraPath> CameraPath::read(const std::string& path, std::optional<doubl
 }
 
 uint64_t CameraPath::frame_count() const {
-  // A last key at 2.1 s and 30 frames a second is frame 63, also where the product is 62.999999999999993.
+  // A last key at 2.1 s and 30 frames per second is frame 63, although the product may be 62.999999999999993.
   return static_cast<uint64_t>(keys_.back().t * frames_per_second_ * (1 + 1e-12)) + 1;
 }
 

@@ -16,7 +16,8 @@
 namespace scree::tools {
 namespace {
 
-/// The library's way to a PartFile. It reports errors by throwing, so what went wrong is kept beside.
+/// A stream through which OpenEXR writes to a PartFile. OpenEXR reports errors by exceptions, so the Error itself is
+/// kept in `error`.
 class PartStream : public Imf::OStream {
  public:
   explicit PartStream(format::PartFile& file) : Imf::OStream(file.part_path().c_str()), file_(file) {}
@@ -35,7 +36,7 @@ class PartStream : public Imf::OStream {
   void seekp(uint64_t place) override { place_ = place; }
 
   std::optional<Error> error;
-  uint64_t table = UINT64_MAX;  // where earlier bytes were written over: the table of offsets alone is
+  uint64_t table = UINT64_MAX;  // offset of the table of line offsets, the only bytes that are overwritten
 
  private:
   format::PartFile& file_;
@@ -43,7 +44,7 @@ class PartStream : public Imf::OStream {
   uint64_t end_ = 0;
 };
 
-/// What the library may throw in.
+/// The part of write_exr() that may throw.
 void write_channels(PartStream& stream, uint32_t width, uint32_t height, std::span<const ExrChannel> channels) {
   const uint64_t pixels = uint64_t{width} * height;
   Imf::Header header(static_cast<int>(width), static_cast<int>(height));
@@ -65,14 +66,14 @@ void write_channels(PartStream& stream, uint32_t width, uint32_t height, std::sp
     header.channels().insert(channel.name, Imf::Channel(type));
     buffer.insert(channel.name, Imf::Slice(type, const_cast<char*>(data), step, step * width));
   }
-  // The calling thread alone: the library's threads wait for ever where memory runs out among them.
+  // Uses no threads of the library: they wait forever if memory runs out in one of them.
   Imf::OutputFile file(stream, header, 0);
   file.setFrameBuffer(buffer);
   file.writePixels(static_cast<int>(height));
 }
 
-/// Where memory runs out the library may leave rows out, and its table of offsets, 8 bytes for each 16 rows, which it
-/// writes over zeros when it ends, and say nothing.
+/// Checks the table of line offsets. If memory runs out, OpenEXR may omit rows, or the table, without an error. The
+/// table has 8 bytes per 16 rows; OpenEXR first writes zeros and overwrites them at the end.
 Result<void> check_whole(const format::PartFile& file, uint64_t table, uint32_t height) {
   const Error missing{ErrorCode::kMemory, file.path() + ": no memory left to write all rows"};
   if (table == UINT64_MAX) return missing;

@@ -1,4 +1,4 @@
-// OpenEXR pictures where the program is built without the library.
+// OpenEXR pictures in a program that is built without OpenEXR.
 #include "tools/render/exr.h"
 
 namespace scree::tools {

@@ -39,11 +39,11 @@ Result<std::vector<uint32_t>> make_ids(const RenderOptions& options, const runti
     out[2] = view.meshes[mesh].material;
     out[3] = static_cast<uint32_t>(triangle);
   }
-  static_assert(format::kNone == UINT32_MAX);  // of a mesh without a material
+  static_assert(format::kNone == UINT32_MAX);  // the value for a mesh without a material
   return ids;
 }
 
-/// `out` = `made`, or its error.
+/// Moves `made` to `out`, or returns its error.
 template <class T>
 Result<void> take(Result<std::vector<T>> made, std::vector<T>& out) {
   if (!made) return made.error();
@@ -62,7 +62,8 @@ uint64_t layer_bytes(const RenderOptions& options) {
   const uint64_t samples = pixels * options.samples_per_side * options.samples_per_side;
   const bool exr = options.writes_exr();
   uint64_t bytes = 0;
-  if (exr && options.layers.color) bytes += 12 * samples + (16 + 8 + 4) * pixels;  // with halves and occlusion
+  if (exr && options.layers.color)
+    bytes += 12 * samples + (16 + 8 + 4) * pixels;  // includes the half floats and occlusion
   if (!options.depth.empty() || (exr && options.layers.depth)) bytes += 4 * pixels;
   if (!options.normals.empty() || (exr && options.layers.normal)) bytes += 12 * pixels;
   if (!options.uvs.empty() || (exr && options.layers.uv)) bytes += 8 * pixels;
@@ -76,11 +77,11 @@ Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Sce
   const bool exr = options.writes_exr();
   const bool with_surface = exr && (!is_streamed || options.layers.are_chosen);
   if (exr && !with_surface && (options.layers.normal || options.layers.uv) && !options.quiet)
-    std::fprintf(
-        stderr,
-        "scree render: warning: %s: without the layers normal and uv: a GPU that streams chunks has none; more "
-        "--device-memory or --backend cpu makes them\n",
-        options.output.c_str());
+    std::fprintf(stderr,
+                 "scree render: warning: %s: without the layers normal and uv, which a GPU cannot make while it "
+                 "streams chunks; more "
+                 "--device-memory or --backend cpu avoids that\n",
+                 options.output.c_str());
   FrameLayers out;
   Result<void> done;
   try {

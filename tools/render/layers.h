@@ -1,4 +1,4 @@
-// What is written of a frame beside its 8-bit picture: layers of numbers, as .pfm files and as channels of an .exr.
+// The layers of a frame beside its 8-bit picture: values per pixel, for .pfm files and channels of an .exr.
 #pragma once
 
 #include <cstdint>
@@ -11,33 +11,33 @@
 
 namespace scree::tools {
 
-/// Row by row from the top; empty where they are not asked for.
+/// Layers row by row from the top; empty if not requested.
 struct FrameLayers {
-  std::vector<float> color;    // linear RGBA, premultiplied
-  std::vector<float> depth;    // 1 a pixel
-  std::vector<float> normals;  // 3
-  std::vector<float> uvs;      // 2
-  std::vector<uint32_t> ids;   // kIdCount: instance, mesh, material, triangle of the mesh; all ones where there is none
+  std::vector<float> color;      // linear RGBA, premultiplied
+  std::vector<float> depth;      // 1 per pixel
+  std::vector<float> normals;    // 3
+  std::vector<float> uvs;        // 2
+  std::vector<uint32_t> ids;     // kIdCount: instance, mesh, material, triangle of the mesh; all ones if there is none
   kernels::BlendCounts blended;  // in `color`
 };
 inline constexpr uint32_t kIdCount = 4;
 
-/// Host memory that they take, with what making and writing them takes beside the samples.
+/// Host memory for the layers and for making and writing them, in addition to the samples.
 uint64_t layer_bytes(const RenderOptions& options);
 
-/// Whether `options` want layers that are made of the samples on the host.
+/// Whether `options` request layers that are made from the samples on the host.
 bool layers_need_samples(const RenderOptions& options);
 
-/// What `options` ask for. `is_streamed`: normals and texture coordinates are left out of an .exr then, unless it is
-/// --layers that asks for them. Errors kUnsupported (more triangles in a mesh than 32 bits count), those of
-/// Frame::layer() and Frame::linear().
+/// Makes the layers that `options` request. `is_streamed`: an .exr then has no normals and texture coordinates, unless
+/// --layers names them. Errors kUnsupported (more triangles in a mesh than 32 bits count), those of Frame::layer() and
+/// Frame::linear().
 Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
                                 bool is_streamed);
 
 /// Writes options.output, an .exr. Errors as write_exr().
 Result<void> write_exr_layers(const RenderOptions& options, const runtime::Frame& frame, const FrameLayers& layers);
 
-/// Texture coordinates as a .pfm has them: three a pixel, the last 0. Throws std::bad_alloc.
+/// Texture coordinates in the form for a .pfm: three values per pixel, the last one 0. Throws std::bad_alloc.
 std::vector<float> three_channels(const std::vector<float>& uvs);
 
 }  // namespace scree::tools

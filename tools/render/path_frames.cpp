@@ -9,7 +9,7 @@
 namespace scree::tools {
 namespace {
 
-/// A number of [0, kMaxPathFrames] that is all of `text`.
+/// `text` as a number in [0, kMaxPathFrames].
 std::optional<uint64_t> frame_count(std::string_view text) {
   uint64_t value = 0;
   const auto [rest, status] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -53,14 +53,14 @@ Result<FrameRange> parse_frame_range(std::string_view text) {
   }
   if (is_good) return range;
   return Error{ErrorCode::kUsage, "--frames: '" + std::string(text) +
-                                      "' is not FIRST:END, as 0:600 for the frames 0 to 599, nor I/N, share I of N, "
-                                      "which count from 1, nor both, as 0:600,1/8"};
+                                      "' is not FIRST:END, such as 0:600 for frames 0 to 599, nor I/N, share I of N "
+                                      "counted from 1, nor both, such as 0:600,1/8"};
 }
 
 Result<FramePattern> FramePattern::parse(std::string_view option, const std::string& text) {
   const Error wrong{ErrorCode::kUsage, std::string(option) + ": '" + text +
-                                           "' does not have one number in its name, such as frame_%05d.png (%d, or "
-                                           "%0 with 1 to 19 digits and d; %% is a %)"};
+                                           "' does not have exactly one frame number, such as %d or %05d in "
+                                           "frame_%05d.png (1 to 19 digits; %% is a %)"};
   FramePattern pattern;
   bool has_number = false;
   for (size_t i = 0; i < text.size(); ++i) {

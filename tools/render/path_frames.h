@@ -1,4 +1,4 @@
-// Which frames of a path are drawn, and the names of their files.
+// The frames of a path that are drawn, and the names of their files.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace scree::tools {
 
-/// Every parts-th frame of [first, end), from first + part on: as near to each other in cost as parts of a path can be.
+/// Every parts-th frame of [first, end), from first + part on. Parts chosen in this way have about equal cost.
 struct FrameRange {
   uint64_t first = 0;
   uint64_t end = UINT64_MAX;  // UINT64_MAX: the path's end
@@ -26,15 +26,15 @@ struct FrameRange {
   FrameRange share(uint64_t index, uint64_t count) const { return {first, end, part + parts * index, parts * count}; }
 };
 
-/// "0:600", "3/8" or "0:600,3/8": frames 0 to 599, and the third of eight shares of them, which count from 1. Errors
+/// Parses "0:600" (frames 0 to 599), "3/8" (the third of eight shares, counted from 1), or both, "0:600,3/8". Errors
 /// kUsage.
 Result<FrameRange> parse_frame_range(std::string_view text);
 
-/// A file name with the frame's number in it: %d, or %05d with zeros in front up to so many digits (1 to 19); %% is a
-/// %.
+/// A file name that contains the frame's number: %d, or %05d for leading zeros up to 5 digits (1 to 19 are possible);
+/// %% is a %.
 class FramePattern {
  public:
-  /// Errors kUsage, with the name of the option: not exactly one number, another use of %.
+  /// Errors kUsage name the option: not exactly one number, or another use of %.
   static Result<FramePattern> parse(std::string_view option, const std::string& text);
   std::string name(uint64_t frame) const;
 

@@ -92,8 +92,8 @@ struct Times {
   std::optional<runtime::UploadStats> upload;
   std::optional<runtime::StreamStats> streamed;
   std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
-  uint64_t texel_page_bytes = 0;                      // of all pages of textures
-  runtime::PagerStats texel_pages;                    // of those that were shown
+  uint64_t texel_page_bytes = 0;                      // of all texture pages
+  runtime::PagerStats texel_pages;                    // of the texture pages in the picture
   kernels::BlendCounts blended;
   std::optional<Duration> shadows;  // of drawing the shadow map
   Duration shade;
@@ -102,13 +102,13 @@ struct Times {
 };
 
 void print_stream(const runtime::StreamStats& stream, const Duration& draw) {
-  // What a PCIe 5 x16 link to a GPU gives.
+  // The rate of a PCIe 5 x16 link.
   constexpr double kLinkGbPerS = 55;
   const double gb_per_s = static_cast<double>(stream.streamed_bytes) * 1e-6 / draw.wall_ms;
   std::printf(
-      "stream: %s: %llu chunks seen, %s of them, %s missing, %s hidden, %s streamed in %llu batches, %s of it needed "
-      "in the end, %s moved, %.2f GB/s, %.0f%% of %.0f; listing took %s, choosing %s, %llu parts were waited for %s, "
-      "loads %s; drawing took %s and copying %s at the same time\n",
+      "stream: %s: %llu chunks of %s in the view, %s missing, %s of it hidden, %s streamed in %llu batches, %s of it "
+      "visible in the end, %s moved in device memory; %.2f GB/s, %.0f%% of %.0f; finding chunks took %s, choosing %s, "
+      "starting and waiting for %llu parts %s, waiting for loads %s; drawing took %s and copying %s at the same time\n",
       milliseconds(draw.wall_ms).c_str(), static_cast<unsigned long long>(stream.seen_chunks),
       format_bytes(stream.seen_bytes).c_str(), format_bytes(stream.missing_bytes).c_str(),
       format_bytes(stream.hidden_bytes).c_str(), format_bytes(stream.streamed_bytes).c_str(),
@@ -143,7 +143,7 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
   std::printf("textures: %llu images, %s with levels, %s\n", static_cast<unsigned long long>(load.images),
               format_bytes(load.texture_bytes).c_str(), both_times(load.textures).c_str());
   if (times.looked)
-    std::printf("JPEG levels: %s, %llu groups decoded in %llu rounds, %llu tiles decoded for themselves\n",
+    std::printf("JPEG levels: %s, %llu groups decoded in %llu rounds, %llu tiles decoded individually\n",
                 format_bytes(load.jpeg_bytes).c_str(), static_cast<unsigned long long>(times.looked->decoded),
                 static_cast<unsigned long long>(times.looked->rounds),
                 static_cast<unsigned long long>(times.looked->tiles));
@@ -180,7 +180,7 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
               both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
 
-/// What was drawn: the samples, and what is written of them; empty where it is not.
+/// A drawn frame, and the outputs made from it; outputs that were not requested are empty.
 struct Drawn {
   runtime::Frame frame;
   std::optional<runtime::Picture> picture;
@@ -193,7 +193,7 @@ double loading_ms(const runtime::Scene& scene, const Times& times) {
          (times.upload ? times.upload->upload_ms : 0);
 }
 
-/// One line: what was drawn, how fast, where it is.
+/// Prints one line: the scene, the times and the files.
 void print_summary(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
                    const Times& times) {
   std::string places;
@@ -203,7 +203,7 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
   const uint64_t triangles = scene.view().instance_base[scene.view().instance_count];
   std::string size = std::to_string(frame.width()) + " x " + std::to_string(frame.height());
   if (options.samples_per_side > 1)
-    size += " (" + std::to_string(options.samples_per_side * options.samples_per_side) + " samples a pixel)";
+    size += " (" + std::to_string(options.samples_per_side * options.samples_per_side) + " samples per pixel)";
   std::printf("%s: %s triangles at %s in %s on %s (shading %s, loading %s) -> %s\n", options.file.c_str(),
               format_count(static_cast<double>(triangles)).c_str(), size.c_str(),
               milliseconds(frame.draw_time().wall_ms).c_str(), times.drawn_on.c_str(),
@@ -211,7 +211,7 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
               places.c_str());
 }
 
-/// The same and the counts as one JSON object.
+/// Prints the same and the counts as one JSON object.
 void print_json(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
                 const Times& times) {
   std::string text;
@@ -241,7 +241,7 @@ void print_json(const RenderOptions& options, const runtime::Scene& scene, const
   std::printf("%s\n", text.c_str());
 }
 
-/// After each output the next is begun only where no signal asks to stop.
+/// Records that an output was written. Error kFile "interrupted" if a signal has requested a stop.
 Result<void> is_written(const Result<void>& written, const std::string& path) {
   if (!written) return written;
   note_written(path);
@@ -249,7 +249,7 @@ Result<void> is_written(const Result<void>& written, const std::string& path) {
   return {};
 }
 
-/// `map`: of the file that the frame shows. Nothing is written of one that was cut short.
+/// `map`: the mapped scene. If its file was cut short, nothing is written.
 Result<void> write_outputs(const RenderOptions& options, const runtime::MappedFile& map, const Drawn& drawn,
                            Times& times) {
   const runtime::Frame& frame = drawn.frame;
@@ -294,13 +294,12 @@ Result<void> print_picks(const RenderOptions& options, const runtime::Scene& sce
   return {};
 }
 
-/// Whether a GPU's samples are brought to the host.
+/// Whether a GPU's samples are copied to the host.
 bool reads_samples(const RenderOptions& options) {
   return !options.visbuffer.empty() || !options.picks.empty() || layers_need_samples(options);
 }
 
-/// What the pictures take on the host: samples, depths, and pixels as they are shaded and written. 0 where nothing says
-/// how much that may be.
+/// Host memory for the pictures: samples, depths, and shaded pixels. 0 if there is no limit.
 uint64_t host_picture_bytes(const RenderOptions& options, const runtime::Scene& scene, bool on_gpu) {
   if (options.host_memory == 0) return 0;
   const uint64_t pixels = uint64_t{options.camera.width} * options.camera.height;
@@ -322,7 +321,7 @@ uint64_t host_picture_bytes(const RenderOptions& options, const runtime::Scene& 
   return bytes;
 }
 
-/// Errors kMemory: --host-memory does not hold the pictures and at least a byte for the rest.
+/// Error kMemory: --host-memory is not larger than the pictures.
 Result<void> check_host_memory(const RenderOptions& options, uint64_t needs) {
   if (options.host_memory == 0 || needs < options.host_memory) return {};
   return at(options.file, Error{ErrorCode::kMemory, "the picture takes " + std::to_string(needs) +
@@ -330,8 +329,8 @@ Result<void> check_host_memory(const RenderOptions& options, uint64_t needs) {
                                                         std::to_string(options.host_memory)});
 }
 
-/// All that a GPU may fail in: draws the frames of `view`, shades the last one, and brings what is asked for to the
-/// host. `device`: null where the CPU draws. Errors without the file's name.
+/// Draws the frames of `view`, shades the last one, and copies the requested outputs to the host. Every call that may
+/// fail on a GPU is in here. `device`: null if the CPU draws. Errors do not name the file.
 Result<Drawn> draw(RenderOptions options, const runtime::Scene& scene, const kernels::View& view,
                    runtime::DeviceScene* device, Times& times) {
   const uint32_t shadow_side = options.light.shadow_side;
@@ -432,7 +431,7 @@ Result<void> render(const RenderOptions& options) {
   runtime::PictureNeeds pictures{options.camera.width, options.camera.height, options.samples_per_side,
                                  options.output.empty() ? nullptr : &options.shade};
   pictures.shadow_side = options.light.shadow_side;
-  // Whatever the GPU fails in, --backend auto draws the same picture on the CPU.
+  // If the GPU fails, --backend auto draws the same picture on the CPU.
   std::optional<runtime::DeviceScene> device;
   std::optional<Drawn> drawn;
   if (gpu->has_value()) {
@@ -512,9 +511,10 @@ Command add_render(CLI::App& parent) {
   app->add_flag("--float", words->float_color, "Colours of an .exr with 32 bits, not 16");
   add_picture_options(*app, *words);
   add_camera_options(*app, *words);
-  app->add_option("--clip-box", words->clip_box,
-                  "Draw only what lies in a box, X0,Y0,Z0,X1,Y1,Z1: its smaller corner and its larger, in the scene's "
-                  "units")
+  app->add_option(
+         "--clip-box", words->clip_box,
+         "Draw only the part of the scene in the box X0,Y0,Z0,X1,Y1,Z1: its smallest coordinates, then its largest, "
+         "in the scene's units")
       ->type_name("X0,Y0,Z0,X1,Y1,Z1");
   app->add_flag("--list-cameras", words->list_cameras, "List the scene's cameras and draw nothing");
   app->add_option("--show", words->show,
@@ -525,7 +525,8 @@ Command add_render(CLI::App& parent) {
   add_light_options(*app, words->light);
   app->add_flag("--ssao", words->ssao, "Ambient occlusion: darkens corners and surfaces close behind others");
   app->add_flag("--edl", words->edl, "Eye-dome lighting: darkens pixels whose neighbours are nearer");
-  app->add_option("--edl-strength", words->edl_strength, "How much darker, 0 to 100 (default: 1)")->type_name("N");
+  app->add_option("--edl-strength", words->edl_strength, "Strength of the darkening, 0 to 100 (default: 1)")
+      ->type_name("N");
   app->add_option("--edl-radius", words->edl_radius, "Distance of these neighbours in pixels, 1 to 64 (default: 1)")
       ->type_name("N");
   app->add_option("--background", words->background,
@@ -540,7 +541,7 @@ Command add_render(CLI::App& parent) {
                   "even if the back is seen, 0 on the background")
       ->type_name("FILE");
   app->add_option("--uvs", words->uvs,
-                  "Write the texture coordinates, a .pfm of three floats per pixel: u, v as the mesh has them, and 0")
+                  "Write the texture coordinates, a .pfm of three floats per pixel: u, v as stored in the mesh, and 0")
       ->type_name("FILE");
   app->add_option("--visbuffer", words->visbuffer,
                   "Write the visibility buffer: one little-endian 64-bit word per sample, top row first, 28 bits of "

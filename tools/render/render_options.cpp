@@ -107,7 +107,7 @@ Result<PixelPlace> parse_pick(std::string_view text, uint32_t width, uint32_t he
   return PixelPlace{*x, *y};
 }
 
-/// The vectors and the angle of `words`.
+/// Parses --camera, --view, --eye, --target, --up and --fov.
 Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& camera) {
   camera.camera = words.camera;
   const std::pair<const std::string*, std::optional<runtime::Vec3>*> vectors[] = {
@@ -140,7 +140,7 @@ Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& came
   return {};
 }
 
-/// Ambient occlusion and eye-dome lighting.
+/// Parses --ssao and --edl.
 Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& shade) {
   shade.ssao = words.ssao;
   shade.edl = words.edl;
@@ -162,14 +162,14 @@ Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& sh
   return {};
 }
 
-/// --path and what belongs to it; the outputs are set.
+/// Parses --path and its options. `options` already has the outputs.
 Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   if (words.path.empty()) {
     for (const auto& [name, is_given] : {std::pair("--fps", !words.fps.empty()), std::pair("--resume", words.resume)})
       if (is_given) return Error{ErrorCode::kUsage, std::string(name) + " needs --path"};
     if (words.frames.find_first_of(":/") != std::string::npos)
       return Error{ErrorCode::kUsage,
-                   "--frames: '" + words.frames + "' chooses frames of a --path, which is not there"};
+                   "--frames: '" + words.frames + "' selects frames of a --path, but there is no --path"};
     const Result<uint64_t> frames = parse_whole(words.frames.empty() ? "1" : words.frames, 1, 1000000, "--frames");
     if (!frames) return frames.error();
     options.frames = static_cast<uint32_t>(*frames);
@@ -189,7 +189,8 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   for (const auto& [name, is_given] : others)
     if (is_given) return Error{ErrorCode::kUsage, std::string("--path and ") + name + " exclude each other"};
   if (words.resume && words.force)
-    return Error{ErrorCode::kUsage, "--resume and --force exclude each other: frames that are there stay, or do not"};
+    return Error{ErrorCode::kUsage,
+                 "--resume and --force exclude each other: existing frames are either kept or replaced"};
   if (options.writes_exr()) return usage("--output", options.output, "a .png file, as frames of a --path are");
   PathOptions path;
   path.file = words.path;
@@ -210,15 +211,16 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   for (const auto& [name, text] : outputs)
     if (!text->empty())
       if (const Result<FramePattern> pattern = FramePattern::parse(name, *text); !pattern) return pattern.error();
-  // The other two have extensions of their own, so that no two files of a frame have one name.
+  // Pictures and depth images have fixed extensions; --visbuffer needs another one, so that the files of a frame have
+  // different names.
   const std::string extension = format::lower_case(std::filesystem::path(options.visbuffer).extension().string());
   if (extension == ".png" || extension == ".pfm")
-    return usage("--visbuffer", options.visbuffer, "a file of another extension than pictures and depth images have");
+    return usage("--visbuffer", options.visbuffer, "a file with another extension than .png and .pfm");
   options.path = path;
   return {};
 }
 
-/// Outputs: a picture is a .png, and nothing is written over the file that is read.
+/// Checks the extensions of the outputs, and that no output replaces the scene or another output.
 Result<void> check_outputs(const RenderOptions& options) {
   if (!options.writes_exr()) {
     if (!options.output.empty() && !has_extension(options.output, ".png"))
@@ -252,10 +254,10 @@ void add_camera_options(CLI::App& app, RenderWords& words) {
       ->type_name("NAME");
   app.add_option("--camera", words.camera, "Camera of the file, by name, node name or number")->type_name("NAME");
   app.add_option("--view", words.view,
-                 "Show all of the scene from front, right, back, left, top, bottom or iso (default: from 30 degrees to "
+                 "Show the whole scene from front, right, back, left, top, bottom or iso (default: from 30 degrees to "
                  "the right of its front and 20 above)")
       ->type_name("NAME");
-  app.add_option("--eye", words.eye, "Where to look from, X,Y,Z")->type_name("X,Y,Z");
+  app.add_option("--eye", words.eye, "Position of the camera, X,Y,Z")->type_name("X,Y,Z");
   app.add_option("--target", words.target, "Point that --eye looks at, X,Y,Z (default: middle of the scene)")
       ->type_name("X,Y,Z");
   app.add_option("--up", words.up, "Up direction in the picture, X,Y,Z (default: 0,1,0)")->type_name("X,Y,Z");
@@ -322,12 +324,12 @@ Result<ExrLayers> parse_layers(std::string_view text) {
 
 Result<void> check_picture_path(std::string_view option, const std::string& path) {
   if (has_extension(path, ".png")) return {};
-  return usage(option, path, "a .png file, the one kind of picture that is written");
+  return usage(option, path, "a .png file");
 }
 
 namespace {
 
-/// Numbers with commas between them.
+/// Parses kCount numbers separated by commas.
 template <size_t kCount>
 std::optional<std::array<double, kCount>> numbers(std::string_view text) {
   const std::vector<std::string_view> parts = split(text, ',');
@@ -433,7 +435,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   const bool writes = std::any_of(outputs.begin(), outputs.end(), [](const auto& one) { return !one.path.empty(); });
   if (!writes && options.picks.empty() && !options.list_cameras) {
     if (options.path)
-      return Error{ErrorCode::kUsage, "--path needs the names of the frames' files, such as -o frame_%05d.png"};
+      return Error{ErrorCode::kUsage, "--path needs file names for the frames, such as -o frame_%05d.png"};
     options.output = std::filesystem::path(options.file).replace_extension(".png").string();
   }
   if (const Result<void> checked = check_outputs(options); !checked) return checked.error();

@@ -1,4 +1,4 @@
-// The words of `scree render`'s command line and what they mean.
+// The command line of `scree render`.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace scree::tools {
 
-/// As typed; empty where nothing was.
+/// The options as typed; empty if not given.
 struct RenderWords : DrawWords {
   std::string file;
   std::string output;
@@ -58,14 +58,14 @@ struct RenderWords : DrawWords {
   bool quiet = false;
 };
 
-/// What an .exr holds.
+/// The layers of an .exr.
 struct ExrLayers {
   bool color = true;
   bool depth = true;
   bool normal = true;
   bool uv = true;
   bool id = true;
-  bool are_chosen = false;  // by --layers
+  bool are_chosen = false;  // named by --layers
   bool float_color = false;
 };
 
@@ -74,12 +74,12 @@ struct PixelPlace {
   uint32_t y;
 };
 
-/// Of a camera that moves; the outputs' names are then patterns (FramePattern).
+/// Options of a moving camera. The outputs' names are then patterns (FramePattern).
 struct PathOptions {
   std::string file;
   FrameRange frames;
-  std::optional<double> frames_per_second;  // nothing: the file's
-  bool resume = false;                      // frames that are there and whole are not drawn again
+  std::optional<double> frames_per_second;  // unset: the value in the file
+  bool resume = false;                      // complete frames that exist are not drawn again
 };
 
 struct RenderOptions : DrawOptions {
@@ -89,15 +89,14 @@ struct RenderOptions : DrawOptions {
   std::string normals;    // likewise
   std::string uvs;        // likewise
   std::string visbuffer;  // likewise
-  ExrLayers layers;       // of the picture, where it is an .exr
+  ExrLayers layers;       // of the picture, if it is an .exr
   std::string scene;
   runtime::CameraOptions camera;  // its size is the picture's, in pixels
   kernels::ShadeOptions shade;
   LightOptions light;
-  // Bytes of decoded blocks of JPEG textures; nothing: runtime::kHostTextureCache, on a GPU
-  // runtime::kDeviceTextureCache.
+  // Bytes of decoded blocks of JPEG textures; unset: runtime::kHostTextureCache, on a GPU runtime::kDeviceTextureCache.
   std::optional<uint64_t> texture_cache;
-  uint64_t texture_memory = 0;  // as runtime::set_texture_memory()
+  uint64_t texture_memory = 0;  // for runtime::set_texture_memory()
   uint32_t frames = 1;          // of a still camera, drawn one after the other
   std::optional<PathOptions> path;
   std::vector<PixelPlace> picks;
@@ -108,15 +107,15 @@ struct RenderOptions : DrawOptions {
   bool quiet = false;
 
   struct Output {
-    const char* name;  // of its option, without the dashes
+    const char* name;  // name of the option, without the dashes
     const std::string& path;
   };
   bool writes_exr() const;
 
-  /// What has to be loaded of a scene for these outputs. Pages are.
+  /// The parts of a scene that must be loaded for these outputs, including its pages.
   runtime::SceneOptions scene_options() const;
 
-  /// All that may be written, in the order in which it is.
+  /// All outputs, in the order in which they are written.
   std::array<Output, 5> outputs() const {
     return {{{"output", output}, {"depth", depth}, {"normals", normals}, {"uvs", uvs}, {"visbuffer", visbuffer}}};
   }
@@ -125,23 +124,23 @@ struct RenderOptions : DrawOptions {
 /// --scene, --camera, --view, --eye, --target, --up and --fov, of render and compare.
 void add_camera_options(CLI::App& app, RenderWords& words);
 
-/// Checks every word. Where nothing at all is asked for, the picture goes beside the file, with the extension .png.
-/// Errors kUsage: the option, what was typed, what is allowed.
+/// Parses and checks all options. Without any output, the picture is written beside the scene with the extension .png.
+/// Errors kUsage name the option, its value and the allowed values.
 Result<RenderOptions> parse_render_options(const RenderWords& words);
 
-/// A name of --show. Errors kUsage: the names there are.
+/// Parses a name of --show. The error kUsage lists the names.
 Result<kernels::Show> parse_show(std::string_view text);
 
 /// "#rgb", "#rrggbb", "#rrggbbaa", "none" or a name, as linear RGBA. Errors kUsage.
 Result<std::array<float, 4>> parse_color(std::string_view text);
 
-/// "color,depth": names of what an .exr holds. Errors kUsage: the names there are.
+/// Parses layers of an .exr, "color,depth". The error kUsage lists the names.
 Result<ExrLayers> parse_layers(std::string_view text);
 
-/// Whether `path` names a picture of 8 bits that can be written, a .png. Errors kUsage; `option` is named.
+/// Checks that `path` has the extension .png. Error kUsage names `option`.
 Result<void> check_picture_path(std::string_view option, const std::string& path);
 
-/// "0,0,0,1,2.5,3": a box of the world, the smallest X, Y and Z and then the largest. Errors kUsage.
+/// "0,0,0,1,2.5,3": a box in the world, the smallest X, Y and Z and then the largest. Errors kUsage.
 Result<runtime::WorldBox> parse_clip_box(std::string_view text);
 
 /// "1,-2.5,3e4": three finite numbers. Errors kUsage; `what` names the option.

@@ -33,18 +33,18 @@ using runtime::LoadedScene;
 using runtime::Stopwatch;
 using runtime::ViewRenderer;
 
-constexpr uint64_t kMostWaitingBytes = uint64_t{4} << 30;  // of frames that are drawn and not yet written
+constexpr uint64_t kMostWaitingBytes = uint64_t{4} << 30;  // of drawn frames that are not written yet
 
-/// An output of every frame.
+/// A file that is written per frame.
 struct Output {
   Layer layer;
   FramePattern pattern;
 };
 
-/// What is read of a frame, and where it goes.
+/// The number of a drawn frame, and its outputs.
 struct DrawnFrame {
   uint64_t frame = 0;
-  std::vector<std::vector<std::byte>> layers;  // of the outputs
+  std::vector<std::vector<std::byte>> layers;  // one per output
 };
 
 class PathRenderer {
@@ -52,7 +52,7 @@ class PathRenderer {
   PathRenderer(const RenderOptions& options, const CameraPath& path, Ranks& ranks)
       : options_(options), path_(path), ranks_(ranks), progress_(!options.quiet && ranks.is_first()) {}
 
-  /// All that can be wrong before a frame is drawn.
+  /// Opens the scene and checks all outputs and cameras before any frame is drawn.
   Result<void> prepare() {
     if (const Result<void> done = choose_frames(); !done) return done;
     if (frames_.empty()) return {};
@@ -71,7 +71,7 @@ class PathRenderer {
   uint32_t width() const { return options_.camera.width; }
   uint32_t height() const { return options_.camera.height; }
 
-  /// frames_: those that are to be drawn.
+  /// Fills frames_ with the frames to draw.
   Result<void> choose_frames() {
     const std::pair<const std::string*, Layer> wanted[] = {
         {&options_.output, Layer::kColor}, {&options_.depth, Layer::kDepth}, {&options_.visbuffer, Layer::kSamples}};
@@ -99,7 +99,7 @@ class PathRenderer {
     return {};
   }
 
-  /// Whether all files of a frame are there; errors where one may not be written.
+  /// Whether all files of a frame exist and are complete. Errors: a file that may not be written.
   Result<bool> is_done(uint64_t frame) const {
     bool is_whole = options_.path->resume;
     for (const Output& output : outputs_) {
@@ -111,12 +111,12 @@ class PathRenderer {
       is_whole = is_whole && has_whole_file(output.layer, name);
       if (options_.path->resume || options_.existing == format::Existing::kReplace) continue;
       if (const Result<void> checked = check_output_file(name, options_.existing); !checked)
-        return Error{checked.error().code, checked.error().message + ", --resume leaves frames that are whole"};
+        return Error{checked.error().code, checked.error().message + "; --resume keeps complete frames"};
     }
     return is_whole;
   }
 
-  /// Whether a file begins and ends as one of a frame of this size does.
+  /// Whether a file begins and ends like an output of a frame of this size.
   bool has_whole_file(Layer layer, const std::string& name) const {
     std::error_code failed;
     const uint64_t bytes = std::filesystem::file_size(name, failed);
@@ -152,7 +152,7 @@ class PathRenderer {
 
   Result<void> open(runtime::DrawOn on) {
     const Stopwatch watch;
-    if (on == runtime::DrawOn::kAuto) {  // its line says why there is no GPU
+    if (on == runtime::DrawOn::kAuto) {  // prints the reason if there is no GPU
       const Result<std::optional<runtime::Gpu>> gpu = choose_gpu("render", options_.backend, options_.quiet);
       if (!gpu) return at(options_.file, gpu.error());
       if (!gpu->has_value()) on = runtime::DrawOn::kCpu;
@@ -199,7 +199,7 @@ class PathRenderer {
     return {};
   }
 
-  /// Ranks of one host take its GPUs in turn, as far as there are any; where each sees one of its own, that.
+  /// Rank i of a host uses its GPU i, if that exists. If each rank has only one visible GPU, it uses that one.
   std::string gpu_of_rank() const {
     const std::string number = std::to_string(ranks_.rank_on_host());
     const bool chooses = options_.backend.device.empty() && options_.backend.choice != BackendChoice::kCpu &&
@@ -207,14 +207,14 @@ class PathRenderer {
     return chooses && runtime::use_gpu(number) ? number : options_.backend.device;
   }
 
-  /// most_waiting_: frames that may wait for being written. Returns what --host-memory leaves for the rest, 0 without
-  /// it. Error kMemory: it does not hold one frame.
+  /// Sets most_waiting_, the largest number of drawn frames that are not written yet. Returns the rest of
+  /// --host-memory, or 0 without that option. Error kMemory: --host-memory is too small for one frame.
   Result<uint64_t> share_host_memory() {
     uint64_t bytes = 0;
     for (const Output& output : outputs_)
       bytes += output.layer == Layer::kSamples ? samples() * 8 : pixels() * (output.layer == Layer::kColor ? 8 : 4);
     const uint64_t side = options_.light.shadow_side;
-    const uint64_t own = (samples() + side * side) * sizeof(uint64_t) + pixels() * 3 * sizeof(float);  // the renderer's
+    const uint64_t own = (samples() + side * side) * sizeof(uint64_t) + pixels() * 3 * sizeof(float);  // renderer
     const uint64_t allowed = options_.host_memory;
     if (allowed != 0 && allowed <= own + bytes)
       return at(options_.file, Error{ErrorCode::kMemory, "a frame takes " + std::to_string(own + bytes) +
@@ -246,7 +246,7 @@ class PathRenderer {
 
   Result<void> draw_all() {
     progress_.stage("render", frames_.size(), "frames");
-    const StopOnSignal handlers("frames that are there are whole, --resume goes on");
+    const StopOnSignal handlers("existing frames are complete; --resume draws the others");
     convert::WorkerPool pool(options_.threads, nullptr);
     convert::OrderedResults<double> written(pool, false);
     const auto take = [&]() -> Result<void> {
@@ -265,7 +265,7 @@ class PathRenderer {
       }
       Result<DrawnFrame> drawn = draw(frames_[next]);
       if (!drawn && drawn.error().code == ErrorCode::kDevice && options_.backend.choice == BackendChoice::kAuto) {
-        // Whatever the GPU fails in, the CPU draws the same pictures.
+        // If the GPU fails, the CPU draws the same pictures.
         if (!options_.quiet) warn_of_cpu("render", drawn.error().message);
         if (const Result<void> opened = open(runtime::DrawOn::kCpu); !opened) return opened;
         continue;
@@ -298,7 +298,7 @@ class PathRenderer {
     return drawn;
   }
 
-  /// Milliseconds that it took.
+  /// Writes the files of a frame. Returns the time in milliseconds.
   Result<double> write(const DrawnFrame& drawn) const {
     const Stopwatch watch;
     const format::Existing existing = options_.path->resume ? format::Existing::kReplace : options_.existing;
@@ -320,7 +320,7 @@ class PathRenderer {
     return watch.elapsed().wall_ms;
   }
 
-  /// With alpha where the background is not opaque, as a single picture is written.
+  /// Writes the alpha only if the background is not opaque, as for a single picture.
   Result<void> write_color(const std::string& name, std::span<const std::byte> rgba, format::Existing existing) const {
     const uint32_t channels = runtime::picture_channels(options_.shade);
     std::vector<uint8_t> packed(pixels() * channels);
@@ -340,7 +340,8 @@ class PathRenderer {
     return name_of_cpu(options_.threads);
   }
 
-  /// Of all ranks, by the first; times are those of one rank on average, but the whole, which is the first's.
+  /// Prints the report of all ranks, at rank 0. Loading is the mean over ranks; drawing, shading and writing are sums
+  /// over all frames (per frame in the text); the total time is rank 0's.
   Result<void> report() {
     double sums[] = {static_cast<double>(frames_.size()),           load_ms_,  draw_ms_, shade_ms_, write_ms_,
                      static_cast<double>(frames_with_more_layers_), shadow_ms_};
@@ -378,7 +379,7 @@ class PathRenderer {
     }
     if (options_.quiet) return {};
     std::string line = options_.file + ": ";
-    if (there > 0) line += std::to_string(there) + " of " + std::to_string(count) + " frames are there";
+    if (there > 0) line += std::to_string(there) + " of " + std::to_string(count) + " frames exist";
     if (drawn > 0) {
       char rates[200], shadows[40] = "";
       if (options_.light.shadow_side != 0)
@@ -390,7 +391,7 @@ class PathRenderer {
               format_duration(watch_.elapsed().wall_ms / 1000) + " on " + drawn_on() +
               (ranks_.count() > 1 ? ", in " + std::to_string(ranks_.count()) + " ranks" : "") + rates;
     } else if (there == 0) {
-      line += "no frame falls to this share";
+      line += "there is no frame in this share";
     }
     if (count > 0) {
       line += " -> ";
@@ -412,13 +413,13 @@ class PathRenderer {
   Progress progress_;
   std::vector<Output> outputs_;
   FrameRange of_all_ranks_;
-  FrameRange range_;              // of this one
-  std::vector<uint64_t> frames_;  // to be drawn
+  FrameRange range_;              // of this rank
+  std::vector<uint64_t> frames_;  // the frames to draw
   std::shared_ptr<LoadedScene> scene_;
   std::unique_ptr<ViewRenderer> renderer_;
   uint64_t most_waiting_ = 1;
   uint64_t done_ = 0;
-  uint64_t frames_with_more_layers_ = 0;  // of blended surfaces than are drawn
+  uint64_t frames_with_more_layers_ = 0;  // frames with more layers of blended surfaces than are drawn
   Stopwatch watch_;
   double load_ms_ = 0, shadow_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, write_ms_ = 0;
 };

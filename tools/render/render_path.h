@@ -1,4 +1,4 @@
-// scree render --path: the frames of a camera that moves, from one scene that is opened once.
+// scree render --path: the frames of a moving camera. The scene is opened once.
 #pragma once
 
 #include "format/result.h"
@@ -6,10 +6,10 @@
 
 namespace scree::tools {
 
-/// Draws the frames of options.path and writes what is asked for of each, while the next are drawn; each frame has the
-/// bytes that `scree render` writes of its camera. All cameras and names are checked before the first is drawn. A
-/// file has its name only once it is whole. Errors those of CameraPath::read, runtime::LoadedScene::load, make_view and
-/// of writing; kFile: an output is there already, or a signal asks to stop.
+/// Draws the frames of options.path. The outputs of a frame are written while the next frames are drawn, and equal the
+/// files that `scree render` writes for its camera. All cameras and names are checked before the first frame is drawn.
+/// A file gets its name only when it is complete. Errors those of CameraPath::read, runtime::LoadedScene::load,
+/// make_view and of writing; kFile: an output exists already, or a signal has requested a stop.
 Result<void> render_path(const RenderOptions& options);
 
 }  // namespace scree::tools

@@ -32,7 +32,7 @@ class RankedPicture {
  public:
   RankedPicture(const RenderOptions& options, Ranks& ranks) : options_(options), ranks_(ranks) {}
 
-  /// All that a rank can fail in by itself.
+  /// Loads and draws this rank's part. Errors concern this rank alone.
   Result<void> draw() {
     if (const Result<void> done = check(); !done) return done;
     if (const Result<void> done = load(); !done) return done;
@@ -45,7 +45,7 @@ class RankedPicture {
     return check_not_cut(scene_->file().map());
   }
 
-  /// What takes all of them.
+  /// Combines the parts of all ranks, and writes the outputs at rank 0.
   Result<void> compose() {
     const Stopwatch watch;
     if (const Result<void> done = ranks_.least(samples_); !done) return done;
@@ -71,8 +71,8 @@ class RankedPicture {
                                                    {"--backend cuda", options_.backend.choice == BackendChoice::kCuda}};
     for (const auto& [name, is_given] : others)
       if (is_given)
-        return Error{ErrorCode::kUsage, std::string(name) + ": is not for one picture that " +
-                                            std::to_string(ranks_.count()) + " ranks draw, on their CPUs"};
+        return Error{ErrorCode::kUsage, std::string(name) + " cannot be used when " + std::to_string(ranks_.count()) +
+                                            " ranks draw one picture on their CPUs"};
     if (!ranks_.is_first()) return {};
     for (const auto& [name, path] : options_.outputs())
       if (const Result<void> checked = check_output_file(path, options_.existing); !checked) return checked;
@@ -93,7 +93,7 @@ class RankedPicture {
     scene_.emplace(std::move(*scene));
     const bool is_quiet = options_.quiet || !ranks_.is_first();
     if (const auto accepted = accept_scene("render", *scene_, options_.light, is_quiet); !accepted) return accepted;
-    // A default view is fitted to the vertices where they are few; such a scene every rank reads whole.
+    // A default view of a small scene is fitted to its vertices, so every rank then reads all pages.
     if (runtime::view_reads_vertices(scene_->view(), options_.camera))
       if (const Result<void> loaded = scene_->load_pages(options_.threads); !loaded) return loaded;
     const Result<kernels::View> view = runtime::make_view(scene_->container(), *index, scene_->view(), options_.camera);
@@ -128,7 +128,7 @@ class RankedPicture {
     return {};
   }
 
-  /// shadows_ and shade_.sun: the own part of the map.
+  /// Fills shadows_ and shade_.sun: this rank's part of the map.
   Result<void> draw_shadows() {
     shade_ = options_.shade;
     if (options_.light.shadow_side == 0) return {};
@@ -142,7 +142,8 @@ class RankedPicture {
     return drawn ? Result<void>() : at(options_.file, drawn.error());
   }
 
-  /// colors_: of all samples, at rank 0. Others' are 0 here, so that the sums are the colours themselves.
+  /// Fills colors_ of all samples at rank 0. Each rank leaves the samples of other ranks at 0, so the sums are the
+  /// colours.
   Result<void> shade() {
     const Stopwatch watch;
     colors_.assign(3 * samples_.size(), 0.0f);
@@ -158,7 +159,7 @@ class RankedPicture {
     return draw_layers();
   }
 
-  /// over_: at rank 0. Every rank draws and shades its own part of each layer.
+  /// Fills over_ at rank 0. Every rank draws and shades its own part of each layer.
   Result<void> draw_layers() {
     const kernels::SceneView blended = kernels::blended_view(scene_view_);
     const kernels::LayerSource source{
@@ -171,7 +172,7 @@ class RankedPicture {
           std::fill_n(at.colors, 3 * uint64_t{at.sample_count}, 0.0f);
           std::fill_n(at.alphas, at.sample_count, -1.0f);
           const Result<void> shaded = kernels::shade_layer_cpu(blended, view_, at, at.layer, shade_, options_.threads);
-          // All ranks have to end a sample's layers at the same one.
+          // All ranks need the alphas, so that they end a sample's layers at the same layer.
           std::vector<uint64_t> alphas(at.sample_count);
           for (size_t i = 0; i < alphas.size(); ++i)
             alphas[i] = at.alphas[i] >= 0 ? std::bit_cast<uint32_t>(at.alphas[i]) : UINT64_MAX;
@@ -271,16 +272,16 @@ class RankedPicture {
   const RenderOptions& options_;
   Ranks& ranks_;
   std::optional<runtime::Scene> scene_;
-  std::vector<std::vector<std::byte>> unpacked_;  // of the compressed pages among the own ones
+  std::vector<std::vector<std::byte>> unpacked_;  // of this rank's compressed pages
   std::vector<const std::byte*> pages_;           // by page number; null: another rank's
-  kernels::SceneView scene_view_{};               // of the own pages
-  kernels::View view_{};                          // in samples
+  kernels::SceneView scene_view_{};               // with this rank's pages only
+  kernels::View view_{};                          // width and height in samples
   std::vector<uint64_t> samples_;
   kernels::ShadeOptions shade_;  // of options_, with the sun
   kernels::SunShadow sun_{};
   std::vector<uint64_t> shadows_;  // its samples; empty without shadows
   std::vector<float> colors_;
-  std::vector<float> over_;  // of the layers of blended surfaces; empty without any
+  std::vector<float> over_;  // colours of blended surfaces; empty if there are none
   kernels::BlendCounts blended_;
   double load_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, exchange_ms_ = 0, own_bytes_ = 0;
 };

@@ -1,4 +1,4 @@
-// scree render under mpirun: one picture of a scene whose geometry the ranks have between them.
+// scree render under mpirun: one picture of a scene whose geometry is divided among the ranks.
 #pragma once
 
 #include "format/result.h"
@@ -7,10 +7,10 @@
 
 namespace scree::tools {
 
-/// Draws on the CPUs of all ranks: each reads and draws its own pages; samples become the least word of all ranks, each
-/// rank shades those of its own pages, and rank 0 gathers the colours and writes. Every output has the bytes of one
-/// process's: a sample is the minimum over fragments, whoever draws them. Called by all. Errors as one process's, of
-/// the rank that met them; kUsage: an option that is not for several ranks.
+/// Draws on the CPUs of all ranks. Each rank reads and draws its own pages. The samples become the minimum over all
+/// ranks. Each rank shades the samples of its own pages, and rank 0 gathers the colours and writes. The outputs equal
+/// those of one process, because a sample is the minimum over fragments, whichever rank draws them. Called by all
+/// ranks. Errors as for one process, from the rank that failed; kUsage: an option that several ranks do not support.
 Result<void> render_ranks(const RenderOptions& options, Ranks& ranks);
 
 }  // namespace scree::tools

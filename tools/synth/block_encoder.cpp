@@ -8,13 +8,13 @@
 namespace scree::synth {
 namespace {
 
-/// The steps from `low` to `value`, of `steps` steps to `high`, rounded.
+/// The step of `value`, rounded, where `steps` equal steps go from `low` to `high`.
 uint32_t step_of(int value, int low, int high, int steps) {
   if (high <= low) return 0;
   return static_cast<uint32_t>(std::clamp((2 * (value - low) * steps + (high - low)) / (2 * (high - low)), 0, steps));
 }
 
-/// Bits in their order, up to 128.
+/// Appends up to 128 bits, in order.
 class Bits {
  public:
   void put(uint64_t value, uint32_t count) {
@@ -40,7 +40,7 @@ void encode_bc4(const BlockTexels& texels, uint32_t channel, std::byte* out) {
     low = std::min<int>(low, texel[channel]);
     high = std::max<int>(high, texel[channel]);
   }
-  // With the larger end first there are eight values: code 0 is the first end, 1 the second, 2 to 7 lie between.
+  // If the larger end comes first there are eight values: code 0 is the first end, 1 the second, 2 to 7 lie between.
   uint64_t block = static_cast<uint64_t>(high) | static_cast<uint64_t>(low) << 8;
   for (uint32_t i = 0; i < 16 && low != high; ++i) {
     const uint32_t down = 7 - step_of(texels[i][channel], low, high, 7);
@@ -65,7 +65,7 @@ void encode_bc7(const BlockTexels& texels, std::byte* out) {
   const int low = luminance(first), high = luminance(second);
   uint32_t codes[16];
   for (uint32_t i = 0; i < 16; ++i) codes[i] = step_of(luminance(texels[i]), low, high, 15);
-  if (codes[0] >= 8) {  // the first texel's code has no top bit
+  if (codes[0] >= 8) {  // the top bit of the first texel's code is not stored and must be 0
     std::swap(first, second);
     for (uint32_t& code : codes) code = 15 - code;
   }
@@ -75,7 +75,7 @@ void encode_bc7(const BlockTexels& texels, std::byte* out) {
     bits.put(first[c] >> 1, 7);
     bits.put(second[c] >> 1, 7);
   }
-  bits.put(first[3] & 1, 1);  // the lowest bit of all channels: that of alpha, so that opaque stays opaque
+  bits.put(first[3] & 1, 1);  // the lowest bit of all channels is that of alpha, so that opaque stays opaque
   bits.put(second[3] & 1, 1);
   for (uint32_t i = 0; i < 16; ++i) bits.put(codes[i], i == 0 ? 3 : 4);
   bits.store(out);

@@ -102,7 +102,8 @@ class Picture {
   }
 
  private:
-  /// Holes of about 100 texels with soft borders, between squares of 16 that are opaque however small the picture is.
+  /// Holes of about 100 texels with soft borders. Squares of 16 texels between them are opaque on every level, so that
+  /// even a small picture has opaque texels.
   uint8_t alpha(uint32_t level, uint32_t x, uint32_t y) const {
     if (((x << level >> 4 ^ y << level >> 4) & 3) == 0) return 255;
     return static_cast<uint8_t>(std::clamp((noise(level + 3, x >> 3, y >> 3) - 104) * 24, 0, 255));
@@ -111,7 +112,7 @@ class Picture {
 
   int noise(uint32_t level, uint32_t x, uint32_t y) const {
     static const NoiseTile wide(11, 1024), narrow(12, 960);
-    // A place of its own for each seed below 57,600, in whole texels on all levels that are not uniform.
+    // Every seed below 57,600 has its own offset, which is a whole number of texels on all levels that are not uniform.
     const uint32_t right = texture_.seed * 7 % 240 * 64 >> std::min(level, 6u);
     const uint32_t down = texture_.seed / 240 % 240 * 64 >> std::min(level, 6u);
     return static_cast<int>((wide.at(level, x + right, y + down) + narrow.at(level, y + right, x + down)) / 2);
@@ -191,7 +192,7 @@ class FileBytes {
   std::vector<std::byte> bytes;
 };
 
-/// A basic descriptor block, behind the descriptor's size.
+/// Writes the descriptor's size and a basic descriptor block.
 void put_descriptor(FileBytes& file, BlockPicture picture) {
   const FileFormat format = file_format_of(picture);
   const bool is_bc5 = block_format_of(picture) == format::BlockFormat::kBc5;
@@ -243,7 +244,7 @@ Result<std::vector<std::byte>> make_block_file(const BlockTexture& texture) {
   FileBytes descriptor, keys;
   put_descriptor(descriptor, texture.picture);
   if (!format.swizzle.empty()) keys.entry("KTXswizzle", format.swizzle);
-  keys.entry("KTXwriter", "scree " SCREE_VERSION);  // keys in their order
+  keys.entry("KTXwriter", "scree " SCREE_VERSION);  // keys in sorted order
 
   FileBytes file;
   file.text(std::string_view("\xabKTX 20\xbb\r\n\x1a\n", 12));

@@ -23,9 +23,9 @@ using namespace tools;
 
 constexpr uint32_t kTrees = 12, kBushes = 4, kGrasses = 4;
 constexpr uint32_t kPlants = kTrees + kBushes + kGrasses;
-constexpr uint32_t kCards = 200;  // of a plant
+constexpr uint32_t kCards = 200;  // per plant
 constexpr uint32_t kPlantCount = 50000;
-constexpr double kArea = 12.0;  // square metres of a plant
+constexpr double kArea = 12.0;  // square metres per plant
 constexpr uint32_t kCells = 4;  // sprigs along a side of an atlas
 
 /// Uniform numbers from 0 to 1, one after the other.
@@ -149,7 +149,7 @@ Part make_ground(double side, uint32_t material) {
   return part;
 }
 
-/// A leaf of a sprig: an ellipse from `foot` along (dx, dy), in parts of the cell.
+/// A leaf of a sprig: an ellipse from `foot` along (dx, dy), in fractions of the cell.
 struct Leaf {
   double x, y, dx, dy, length, width, tone;
 };
@@ -173,7 +173,7 @@ std::vector<Leaf> make_sprig(uint32_t atlas, uint32_t sprig) {
   return leaves;
 }
 
-/// RGBA; a leaf's edge is one texel wide, and what is clear has a leaf's colour.
+/// RGBA. A leaf's edge is one texel wide, and transparent texels have a leaf's colour.
 std::vector<uint8_t> make_atlas(uint32_t atlas, uint32_t size, uint32_t threads) {
   std::vector<std::vector<Leaf>> sprigs;
   for (uint32_t i = 0; i < kCells * kCells; ++i) sprigs.push_back(make_sprig(atlas, i));
@@ -282,7 +282,7 @@ std::vector<Placement> scatter(uint32_t count, double side, uint32_t seed) {
     const double part = chance();
     Placement placement;
     if (i < kPlants) {
-      placement.mesh = i;  // each at least once
+      placement.mesh = i;  // so that each mesh is placed at least once
     } else if (kind < 0.25) {
       placement.mesh = static_cast<uint32_t>(part * kTrees);
     } else if (kind < 0.5) {

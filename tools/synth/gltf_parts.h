@@ -23,7 +23,7 @@ struct Placement {
 uint32_t add_stream(tools::GltfWriter& writer, uint64_t offset, uint64_t bytes, tools::GltfAccessor accessor,
                     tools::GltfTarget target);
 
-/// Appends `values`, then does the same.
+/// Appends `values` to the buffer, and calls add_stream() for them.
 template <class T>
 Result<uint32_t> append_stream(tools::GltfWriter& writer, const std::vector<T>& values, tools::GltfAccessor accessor,
                                tools::GltfTarget target) {
@@ -38,8 +38,7 @@ Result<uint32_t> append_stream(tools::GltfWriter& writer, const std::vector<T>& 
 Result<void> add_instanced_nodes(tools::GltfWriter& writer, std::span<const Placement> placements,
                                  std::vector<uint32_t>& nodes);
 
-/// The number of threads for the option's value `wanted`: itself, or for 0 as many as the machine runs at once. At most
-/// `items`, at least 1.
+/// The number of threads for the option's value `wanted`; 0 means one per processor. At most `items`, at least 1.
 uint32_t thread_count(uint32_t wanted, uint64_t items);
 
 }  // namespace scree::synth

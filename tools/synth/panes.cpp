@@ -22,12 +22,12 @@ constexpr uint32_t kMostPanes = 8;
 constexpr uint32_t kPaneQuads = 64;  // along a side
 constexpr double kPaneAngle = std::numbers::pi / 3;
 constexpr double kPaneAspect = 16.0 / 9.0;
-constexpr double kNearestPane = 4;   // of the panes' distances from the camera
-constexpr double kPaneStep = 0.5;    // from pane to pane
-constexpr double kPaneMargin = 1.1;  // of a pane around the picture
-constexpr double kPaneWaves = 0.12;  // height; neighbours do not meet
+constexpr double kNearestPane = 4;   // distance of the nearest pane from the camera
+constexpr double kPaneStep = 0.5;    // distance from pane to pane
+constexpr double kPaneMargin = 1.1;  // size of a pane relative to the picture
+constexpr double kPaneWaves = 0.12;  // height of the waves; neighbouring panes do not touch
 
-/// The grid at `distance`, with waves of a phase of its own.
+/// Adds a grid at `distance`, whose waves have the given phase.
 Result<GltfPrimitive> add_pane(GltfWriter& writer, double distance, double phase, bool has_uvs) {
   std::vector<float> positions;
   std::vector<float> uvs;
@@ -76,7 +76,7 @@ Result<GltfPrimitive> add_pane(GltfWriter& writer, double distance, double phase
   return primitive;
 }
 
-/// Streaks, in the texture's alpha.
+/// Adds a texture with streaks in its alpha.
 Result<uint32_t> add_streaks(GltfWriter& writer, uint32_t size) {
   std::vector<uint8_t> rgba;
   rgba.reserve(uint64_t{4} * size * size);

@@ -1,9 +1,9 @@
-// Every vertex and index of the measured scenes; these functions are their definition. For host and device, so that a
-// benchmark makes the same vertices on the GPU. They are reproducible bit for bit, because
+// Every vertex and index of the measured scenes; these functions are their definition. They compile for host and
+// device, so that a benchmark makes the same vertices on the GPU. They are reproducible bit for bit, because
 //   - integers are uint32_t and wrap around; real arithmetic is IEEE double, one operation at a time (no fused
 //     multiply-add: -ffp-contract=off, --fmad=false), only + - * / sqrt floor, in the order written here;
 //   - each coordinate is rounded once, double to float, at the very end.
-// Therefore: do not reorder, factor or simplify an expression below.
+// Therefore no expression below may be reordered, factored or simplified.
 #pragma once
 
 #include <cmath>

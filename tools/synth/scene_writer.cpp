@@ -21,7 +21,8 @@ namespace {
 
 using namespace tools;
 
-// 1.5 MiB of positions and normals, or 1.5 MiB of indices: large enough for the disk, small enough for many threads.
+// A window has 1.5 MiB of positions and normals, or of indices: large enough for efficient writes, small enough for
+// many threads.
 constexpr uint32_t kWindowVertices = 65536;
 constexpr uint32_t kWindowQuads = 65536;
 constexpr uint64_t kMaxShortVertices = 65535;  // index 65535 would be a primitive restart
@@ -44,7 +45,7 @@ struct Bounds {
   }
 };
 
-/// A unit of work: vertices or quads [first, first + count) of a mesh.
+/// Vertices or quads [first, first + count) of a mesh, which a thread makes at a time.
 struct Window {
   uint32_t mesh;
   bool quads;
@@ -62,7 +63,8 @@ uint64_t check_key(uint32_t mesh, uint64_t place) {
 }
 
 /// The surface's normal at a vertex: the cross product of central differences along the grid. They are one-sided where
-/// the grid ends: a blob's faces meet in edges; the terrain's tiles continue in their neighbours but not below 0.
+/// the grid ends: at the edges of a blob's faces, and at the terrain's outer border, where no neighbouring tile
+/// continues the grid.
 Float3 vertex_normal(const MeshRecipe& mesh, uint32_t face, int x, int y) {
   const int n = static_cast<int>(mesh.n);
   const bool terrain = mesh.kind == MeshKind::kTerrain;
@@ -350,7 +352,7 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
   for (uint32_t m = 0; m < scene.meshes.size(); ++m)
     add_mesh(*writer, m, scene.meshes[m], (*places)[m], bounds[m], options, material);
 
-  // The definition has z up, glTF y: (x, y, z) -> (x, z, -y), exactly.
+  // The definition has z up, glTF has y up: (x, y, z) -> (x, z, -y), exactly.
   GltfNode root;
   root.name = scene.name;
   root.has_matrix = true;

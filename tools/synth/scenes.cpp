@@ -124,7 +124,7 @@ Scene zorahlike_scene(MeshOrder order, double scale) {
   scene.name = "zorahlike";
   scene.width = 3840;
   scene.height = 2160;
-  const double eye_x = -50, eye_y = -10;  // of the close-up camera; props keep 4 units away from it
+  const double eye_x = -50, eye_y = -10;  // of the close-up camera; props have a distance of at least 4 units from it
   uint32_t q = 0;                         // number of the instance
   for (uint32_t m = 0; m < kZorahMeshes; ++m) {
     const uint32_t n = m == kZorahLargest ? 1288 : kZorahQuads[m / 20];

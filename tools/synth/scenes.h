@@ -32,7 +32,7 @@ std::array<double, 16> camera_to_world(const SceneCamera& camera);
 
 struct Scene {
   std::string name;
-  uint32_t width = 1920;  // of the picture it is measured with, pixels
+  uint32_t width = 1920;  // width of the measured picture, pixels
   uint32_t height = 1080;
   std::vector<MeshRecipe> meshes;
   std::vector<SceneInstance> instances;
@@ -45,7 +45,7 @@ struct Scene {
 /// Scene A, B, C or D. `scale` (0 < scale <= 1) is approximately the share of its triangles that is kept: every mesh's
 /// n becomes n * sqrt(scale), rounded to a multiple of 8 (D: to a whole number), at least 8 (D: 1). Everything else
 /// stays the same, with one exception: A's tiles, which then cover fewer grid steps, are stretched by 4080 / n in x and
-/// y (not in z). So the terrain fills the same 1020 x 765 units and looks the same to the cameras; the close-up camera
+/// y (not in z). So the terrain fills the same 1020 x 765 units, and the pictures stay similar; the close-up camera
 /// keeps its height above ground. Scale 1 is the definition. D has row order only.
 Scene terrain_scene(MeshOrder order, double scale);
 Scene lantern_scene(MeshOrder order, double scale);

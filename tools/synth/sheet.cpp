@@ -8,7 +8,7 @@
 namespace scree::synth {
 namespace {
 
-constexpr float kSeamShift = 0.5f;  // of a copy's texture coordinates
+constexpr float kSeamShift = 0.5f;  // shift of a copy's texture coordinates
 
 uint64_t root(uint64_t square) {
   auto side = static_cast<uint64_t>(std::sqrt(static_cast<double>(square)));
@@ -27,7 +27,7 @@ Vec3 direction(double a, double b) {
   return normalized(d);
 }
 
-/// Where the vertices of a sheet's rows lie.
+/// The positions of the vertices of a sheet's rows.
 class Surface {
  public:
   Surface(const SheetGrid& grid, const SheetShape& shape) : grid_(grid), shape_(shape) {}
@@ -90,7 +90,7 @@ SheetGrid::SheetGrid(uint64_t triangles, uint64_t vertices) : triangles_(triangl
   assert(triangles >= 1 && vertices >= 4);
   const uint64_t quads = (triangles + 1) / 2;
   columns_ = static_cast<uint32_t>(std::clamp<uint64_t>(root(std::min(quads, vertices)), 1, vertices / 2 - 1));
-  // Rows that have quads left and vertices for them; then a part of a row.
+  // Full rows, as far as quads and vertices suffice; then a part of a row.
   full_rows_ = static_cast<uint32_t>(std::min(quads / columns_, vertices / (columns_ + 1) - 1));
   const uint64_t left = vertices - uint64_t{columns_ + 1} * (full_rows_ + 1);
   const uint64_t quads_left = quads - uint64_t{columns_} * full_rows_;
@@ -128,7 +128,7 @@ void SheetGrid::corners(uint64_t triangle, uint32_t out[3]) const {
                ? static_cast<uint32_t>(first_vertex(y) + column + std::min(column + 1, row_vertices(y + 1)))
                : lower(y - 1, column);
   };
-  // The first triangle shares an edge with the quad before, so that index codecs find it.
+  // The first triangle shares an edge with the previous quad, so that index codecs can use it.
   out[0] = triangle % 2 == 0 ? lower(y, x) : upper(x);
   out[1] = triangle % 2 == 0 ? upper(x) : upper(x + 1);
   out[2] = lower(y, x + 1);
@@ -144,11 +144,11 @@ std::vector<float> make_stream(const SheetGrid& grid, const SheetShape& shape, S
   const Surface surface(grid, shape);
   const uint32_t width = stream_width(stream);
   const bool has_uvs = stream == SheetStream::kUvs;
-  const double repeat = 1 + shape.seed % 3;  // a side of the surface shows a picture once or a few times
+  const double repeat = 1 + shape.seed % 3;  // each side of the surface repeats a picture once to three times
   Rows rows;
   uint32_t next_row = 0;
   if (!has_uvs) rows.below = surface.row(0);
-  // The values of the next row.
+  // Computes the values of the next row.
   const auto make_row = [&] {
     const uint32_t y = next_row++;
     std::vector<float> values;

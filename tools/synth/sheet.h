@@ -11,9 +11,10 @@
 namespace scree::synth {
 
 /// The grid of quads that a sheet consists of. Rows of vertices go from 0 to `rows`; each has `columns` + 1 vertices,
-/// the last one fewer if the last row of quads is incomplete. Quads use copies of the first vertices of the row above
-/// them: a seam, as models have where texture coordinates or normals break. What the triangles still exceed the quads
-/// by shows some of them once more, from behind. Vertices are numbered by first use, as optimisers number them.
+/// the last one fewer if the last row of quads is incomplete. Vertices beyond the grid become copies of the first
+/// vertices of rows, which the quads below use: a seam, as in models with discontinuous texture coordinates or normals.
+/// Triangles beyond the quads repeat some of them, facing backwards. Vertices are numbered by first use, as an
+/// optimiser would do.
 class SheetGrid {
  public:
   /// A sheet with exactly these counts. `triangles` >= 1, `vertices` >= 4; both below 2^32.
@@ -26,15 +27,16 @@ class SheetGrid {
 
   /// Vertices of row `row` (0 to rows()), without copies.
   uint32_t row_vertices(uint32_t row) const { return row < full_rows_ + 1 ? columns_ + 1 : last_quads_ + 1; }
-  /// Vertices that the quads below row `row` (< rows()) use first, of that row: all of row 0, copies of the others.
+  /// The number of vertices of row `row` (< rows()) that the quads below it use first: all vertices of row 0, copies in
+  /// other rows.
   uint32_t upper_vertices(uint32_t row) const;
-  /// The last vertices of a sheet that are in no triangle: copies of its last one.
+  /// The number of vertices at the end that no triangle uses: copies of the last one.
   uint64_t spare_vertices() const { return vertices_ - first_vertex(rows_); }
 
   /// The three vertices of a triangle (< triangles()), counter-clockwise from outside.
   void corners(uint64_t triangle, uint32_t out[3]) const;
 
-  /// Calls visit(row, x) for all vertices in their order; with `is_copy` for copies.
+  /// Calls visit(row, x, is_copy) for all vertices in their order.
   template <class Visit>
   void visit_vertices(const Visit& visit) const {
     for (uint32_t y = 0; y < rows_; ++y) {
@@ -53,7 +55,7 @@ class SheetGrid {
 
   uint64_t triangles_, vertices_;
   uint64_t front_triangles_ = 0;
-  uint64_t copies_ = 0;  // of all rows
+  uint64_t copies_ = 0;  // in all rows
   uint32_t columns_ = 1, rows_ = 1, full_rows_ = 1, last_quads_ = 0;
 };
 
@@ -66,14 +68,14 @@ struct SheetShape {
   double frequency = 2;
 };
 
-/// What a vertex has.
+/// The attributes of a vertex.
 enum class SheetStream : uint8_t { kPositions, kNormals, kUvs, kTangents };
 
-/// Floats of a vertex: 3, 3, 2, 4.
+/// Floats per vertex: 3, 3, 2, 4.
 uint32_t stream_width(SheetStream stream);
 
-/// A stream of all vertices, width floats each. Holds some rows beside the result. The bytes are the same everywhere:
-/// + - * / and sqrt only.
+/// A stream of all vertices, stream_width() floats each. Memory: a few rows beside the result. The result is the same
+/// on every machine, because only + - * / and sqrt are used.
 std::vector<float> make_stream(const SheetGrid& grid, const SheetShape& shape, SheetStream stream);
 
 /// All indices, three per triangle.

@@ -145,7 +145,7 @@ std::vector<Stone> scatter(uint32_t count, uint32_t seed) {
   std::sort(sizes.begin(), sizes.end(), std::greater<>());
   const double largest = sizes.front();
 
-  // The stones in each square metre.
+  // The stones by square metre.
   constexpr int kWide = 256, kDeep = 128, kMiddle = 128, kBehind = 16;
   std::vector<std::vector<uint32_t>> cells(kWide * kDeep);
   const auto column = [](double x) { return std::clamp(static_cast<int>(std::floor(x)) + kMiddle, 0, kWide - 1); };
@@ -163,7 +163,7 @@ std::vector<Stone> scatter(uint32_t count, uint32_t seed) {
       const double streak = fbm(21, 3, x / 13.0, s / 70.0, 0.5) + 0.5 * fbm(22, 2, x / 5.0, s / 9.0, 0.5);
       const double density = ramp(-0.42, 0.05, streak) * (0.12 + 0.88 * ramp(-9.0, 6.0, s + 5.0 * streak));
       if (random.next() > density) continue;
-      // The camera stands here.
+      // Keeps the position of the camera free.
       if (std::abs(x) < 2.4 + radius && s < -9.5 + radius) continue;
       bool free = true;
       const double reach = kApart * (radius + largest);
@@ -201,7 +201,7 @@ Quaternion upright(const Vec3& up, double c, double s) {
   return {v[0] / length, v[1] / length, v[2] / length, w / length};
 }
 
-/// Four decimals: a tenth of a millimetre, and a document half as long.
+/// Rounds to four decimals, a tenth of a millimetre, which halves the length of the document.
 double rounded(double value) {
   return std::round(value * 1e4) / 1e4;
 }
@@ -222,7 +222,7 @@ std::vector<Placement> place_stones(const std::vector<Stone>& stones, uint32_t s
     const double flat = random.between(0.75, 1.1);
     placement.scale = {stone.radius * random.between(0.85, 1.15), stone.radius * flat,
                        stone.radius * random.between(0.85, 1.15)};
-    // A third of the stone sits in the ground, less where it lies upon others at the foot.
+    // A third of the stone is in the ground, less at the foot, where stones lie upon others.
     const double lift = random.between(0.12, 0.42) * stone.radius * flat;
     placement.translation = ground_point(stone.x, stone.s) + normal * lift;
     for (double& part : placement.translation) part = rounded(part);
@@ -260,7 +260,7 @@ Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
         d[(axis + 1) % 3] = positive != 0 ? a : b;
         d[(axis + 2) % 3] = positive != 0 ? b : a;
         d = normalized(d);
-        // 1 / r is the 16-norm of the planes' own 1 / r: a smooth maximum.
+        // 1 / r is the 16-norm of the planes' values of 1 / r, a smooth maximum.
         double sum = 0, nearest = 0;
         for (uint32_t i = 0; i < planes; ++i) {
           const double inverse = std::max(0.0, dot(d, normals[i])) / distances[i];

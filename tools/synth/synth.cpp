@@ -30,24 +30,25 @@ Result<void> check_options(const SynthOptions& options) {
   const bool is_scattered = options.scene == "slope" || options.scene == "forest";
   const bool is_pane = options.scene == "panes" || options.scene == "panes-textured";
   const bool is_other = is_zorah || is_scattered || is_pane;
-  if (!(options.scale > 0 && options.scale <= 1)) return usage("--scale lies above 0 and is at most 1");
-  if (options.output.empty() && !options.checks) return usage("where to? (-o FILE.gltf or FILE.glb)");
-  if (is_other && options.output.empty()) return usage("where to? (-o FILE.gltf or FILE.glb)");
+  if (!(options.scale > 0 && options.scale <= 1)) return usage("--scale must be above 0 and at most 1");
+  if (options.output.empty() && !options.checks) return usage("no output (-o FILE.gltf or FILE.glb)");
+  if (is_other && options.output.empty()) return usage("no output (-o FILE.gltf or FILE.glb)");
   if (is_other && options.checks) return usage("--checks is for the scenes A, B, C and D");
   if (is_other && (options.normals || options.uvs))
     return usage("--normals and --uvs are for the scenes A, B, C and D");
   if (is_other && options.order != MeshOrder::kRow) return usage("--order is for the scenes A, B and C");
   if (is_zorah && options.gpu_instancing)
-    return usage("--gpu-instancing is not for zorah, which has instances as it is");
-  if (is_pane && options.gpu_instancing) return usage("--gpu-instancing is not for panes, of which each is one mesh");
+    return usage("--gpu-instancing cannot be used with zorah, which has its own instances");
+  if (is_pane && options.gpu_instancing)
+    return usage("--gpu-instancing cannot be used with panes: each pane is a mesh of its own");
   if (options.scene == "D" && options.order != MeshOrder::kRow) return usage("scene D has row order only");
   const uint32_t size = options.texture_size.value_or(64);
   if (!std::has_single_bit(size) || size < 64 || size > 8192)
-    return usage("--texture-size is a power of two from 64 to 8192");
+    return usage("--texture-size must be a power of two from 64 to 8192");
   if ((is_zorah || options.scene == "panes") && options.texture_size)
-    return usage("--texture-size is for the slope, the forest and panes-textured");
+    return usage("--texture-size can be used only with slope, forest and panes-textured");
   if (!is_scattered && options.seed != 1)
-    return usage("--seed is for the slope and the forest: the other scenes are fixed");
+    return usage("--seed can be used only with slope and forest: the other scenes are fixed");
   return {};
 }
 
@@ -107,7 +108,7 @@ Result<void> run_synth(const synth::SynthOptions& options) {
     json.member("vertices", report->vertices);
     json.member("output_bytes", report->file_bytes);
     if (options.checks) {
-      // 64 bits, of which JSON's readers may keep 53.
+      // As texts, because readers of JSON may keep only 53 of the 64 bits.
       json.member("position_sum", hexadecimal(report->position_sum));
       json.member("index_sum", hexadecimal(report->index_sum));
     }
@@ -145,15 +146,15 @@ Command add_synth(CLI::App& parent) {
       ->type_name("SCENE");
   app->add_option(
          "-o,--output", options->output,
-         "FILE.gltf, with FILE.bin and others beside it, or FILE.glb (not of zorah; past 4 GiB of version 3, which\n"
-         "few programs read)")
+         "FILE.gltf, with FILE.bin and others beside it, or FILE.glb (not for zorah; a .glb past 4 GiB has version 3,\n"
+         "which few programs read)")
       ->type_name("FILE");
   app->add_option(
          "--scale", options->scale,
          "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
          "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the\n"
-         "forest fewer plants, zorah fewer triangles per primitive and texels per texture; of the panes there\n"
-         "are fewer")
+         "forest fewer plants, zorah fewer triangles per primitive and texels per texture, and there are fewer\n"
+         "panes")
       ->capture_default_str()
       ->type_name("SHARE");
   const auto order = std::make_shared<std::string>("row");
@@ -176,7 +177,7 @@ Command add_synth(CLI::App& parent) {
       ->type_name("N");
   app->add_option(
          "--texture-size", options->texture_size,
-         "Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192 (default: 1024, of the\n"
+         "Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192 (default: 1024, for the\n"
          "forest 4096)")
       ->type_name("N");
   const auto force = std::make_shared<bool>(false);

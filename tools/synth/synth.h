@@ -1,5 +1,5 @@
-// Writes generated scenes as glTF: the measured scenes A, B, C and D, the slope of stones, the forest, panes of
-// glass and two of the shape of Zorah.
+// Writes generated scenes as glTF: the measured scenes A, B, C and D, the slope of stones, the forest, panes of glass,
+// and two scenes with the counts of Zorah.
 #pragma once
 
 #include <atomic>
@@ -16,7 +16,7 @@ namespace scree::synth {
 struct SynthOptions {
   // "A", "B", "C", "D", "slope", "forest", "panes", "panes-textured", "zorah" or "zorah-textured"
   std::string scene;
-  std::string output;  // .gltf or .glb; empty with `checks`: nothing is written
+  std::string output;  // .gltf or .glb; may be empty with `checks`, which then writes nothing
   double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h, forest.h, panes.h, zorah_plan.h
   MeshOrder order = MeshOrder::kRow;
   bool normals = false;  // A to D: NORMAL of the surface, from central differences (one-sided at a blob's face edges)
@@ -24,11 +24,10 @@ struct SynthOptions {
   bool gpu_instancing =
       false;            // EXT_mesh_gpu_instancing (float TRS; bit-exact matrices for A, B and D) instead of a node each
   bool checks = false;  // A to D: compute the sums
-  bool json = false;    // scree synth prints its report so
-  uint32_t threads = 0;  // 0: as many as the machine runs at once; the bytes do not depend on it
+  bool json = false;    // prints the report as JSON
+  uint32_t threads = 0;  // 0: one per processor; the output does not depend on it
   uint32_t seed = 1;     // slope and forest only
-  // Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192; without it 1024, of the forest
-  // 4096.
+  // Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192; unset: 1024, for the forest 4096.
   std::optional<uint32_t> texture_size;
   format::Existing existing = format::Existing::kReplace;  // for all files of the output
   const std::atomic<bool>* stop = nullptr;                 // if set, writing ends with kFile "interrupted"
@@ -46,8 +45,8 @@ struct SynthReport {
 };
 
 /// Makes the scene and writes it. Memory: about 2 MiB per thread, 200 bytes per instance, and 5 bytes per texel of the
-/// forest; of zorah see zorah.h. Errors kUsage (options that contradict each other), kFile, kRange (a .glb past 4 GiB),
-/// after which nothing is left on disk.
+/// forest; for zorah see zorah.h. Errors kUsage (options that contradict each other), kFile, kRange (a .glb past 4
+/// GiB), after which nothing is left on disk.
 Result<SynthReport> synthesize(const SynthOptions& options);
 
 /// Writes scene A, B, C or D; a part of synthesize().

@@ -25,7 +25,7 @@ using namespace tools;
 constexpr uint32_t kAcross = 5;   // tiles
 constexpr uint32_t kQuads = 256;  // per side of a tile
 constexpr double kTileSide = 100;
-constexpr int kDetail = 1;  // of 255, for each texel: the noise and grain of a photograph
+constexpr int kDetail = 1;  // of 255: amplitude of the noise in each texel, like the grain of a photograph
 
 /// Height at grid steps (gi, gj) from the terrain's corner.
 double height(int gi, int gj) {

@@ -12,10 +12,10 @@ namespace scree::synth {
 
 struct TexturedOptions {
   std::string output;     // .gltf; the textures lie beside it
-  uint32_t meshes = 12;   // each with its own texture
+  uint32_t meshes = 12;   // each mesh has its own texture
   uint32_t size = 16384;  // texels per side, a multiple of `stone`, at most 32768
   uint32_t stone = 1024;  // side of the pictures that textures consist of; a power of two, at least 32
-  uint32_t threads = 0;   // 0: as many as the machine runs at once
+  uint32_t threads = 0;   // 0: one per processor
 };
 
 struct TexturedReport {

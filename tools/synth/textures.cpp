@@ -47,7 +47,7 @@ double tile_fbm(uint32_t seed, uint32_t period, uint32_t octaves, double u, doub
   return sum;
 }
 
-/// The nearest of one jittered point per cell, with `period` cells per side. Distances in cells.
+/// The nearest points to a position, of one jittered point per cell; `period` cells per side. Distances in cells.
 struct Cell {
   double nearest = 9, second = 9;
   double dx = 0, dy = 0;  // from the nearest point
@@ -167,7 +167,7 @@ uint8_t to_byte(double value) {
   return static_cast<uint8_t>(std::clamp(value, 0.0, 255.0) + 0.5);
 }
 
-/// Uses the Huffman tables of T.81, so that libjpeg's result for a texture does not depend on its size.
+/// Uses the Huffman tables of T.81, because optimised tables are made only for pictures that are not too large.
 Result<std::vector<std::byte>> encode_jpeg(uint32_t size, const std::vector<uint8_t>& rgb) {
   runtime::JpegCoding coding;
   coding.width = coding.height = size;

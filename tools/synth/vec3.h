@@ -1,4 +1,4 @@
-// Vectors of three doubles, for the scenes that are made by directions.
+// Vectors of three doubles, for scenes that are built from directions.
 #pragma once
 
 #include <array>

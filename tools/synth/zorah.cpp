@@ -33,7 +33,8 @@ constexpr uint64_t kInFlightBytes = uint64_t{1} << 30;
 
 using Bytes = std::vector<std::byte>;
 
-/// Runs encode(out, capacity), which returns the bytes it wrote. Memory that is not written is never touched.
+/// Runs encode(out, capacity), which returns the number of bytes it wrote. Unused memory of the capacity is never
+/// touched.
 template <class Encode>
 Bytes encode_into(size_t capacity, const Encode& encode) {
   const auto space = std::make_unique_for_overwrite<unsigned char[]>(capacity);
@@ -166,7 +167,7 @@ Result<uint32_t> add_encoded(GltfWriter& writer, const ZorahGroup& group, Stream
   return writer.add_accessor(std::move(accessor));
 }
 
-/// The kind of the mesh that a group is in.
+/// By group: the kind of its mesh.
 std::vector<ZorahKind> kinds_of_groups(const ZorahPlan& plan) {
   std::vector<ZorahKind> kinds(plan.groups.size());
   for (const ZorahMesh& mesh : plan.meshes)
@@ -174,7 +175,7 @@ std::vector<ZorahKind> kinds_of_groups(const ZorahPlan& plan) {
   return kinds;
 }
 
-/// What the two stages of work share.
+/// The data that the two stages of work share.
 struct Stage {
   Progress& progress;
   convert::WorkerPool& pool;
@@ -191,11 +192,11 @@ Result<std::vector<GroupAccessors>> write_groups(GltfWriter& writer, const Zorah
     const StreamJob& job = jobs[i];
     return encode(plan.groups[job.group], shape_of(job.group, kinds[job.group]), job.stream);
   };
-  // The values, and what they are packed to, mostly less.
+  // Memory of the values and of their packed form, which is usually smaller.
   const auto cost = [&](uint64_t i) { return 2 * unpacked_bytes(plan.groups[jobs[i].group], jobs[i].stream); };
   const auto take = [&](uint64_t i, const Encoded& encoded) -> Result<void> {
     const ZorahGroup& group = plan.groups[jobs[i].group];
-    // Scenes of one buffer have it from the start.
+    // A scene with a single buffer already has it open.
     if (plan.buffers > 1 && group.buffer != buffer) {
       buffer = group.buffer;
       if (Result<void> next = writer.next_buffer("geometry" + std::to_string(buffer)); !next) return next;
@@ -224,7 +225,7 @@ Result<std::vector<GroupAccessors>> write_groups(GltfWriter& writer, const Zorah
 std::string texture_name(const ZorahPlan& plan, uint32_t number) {
   constexpr const char* kParts[] = {"BaseColor", "BaseColor", "ORM", "Normal", "Specular"};
   const std::string part = kParts[static_cast<size_t>(plan.textures[number].picture)];
-  // Every name is one file; the numbers of tiles have no meaning.
+  // Every name stands for one file; numbers in the form of UDIM tiles have no meaning.
   return "T_" + std::to_string(number) + "_" + part + (number < plan.tile_images ? ".1001" : "");
 }
 
@@ -290,14 +291,14 @@ void add_material(GltfWriter& writer, const ZorahMaterial& plan, uint32_t number
 
 // ---- Instances ----
 
-/// A turn about y. `turn` in [0, 1).
+/// The quaternion of a rotation about y; `turn` in [0, 1) is the share of a full turn.
 std::array<double, 4> yaw(double turn) {
   const double half = std::numbers::pi * turn;
   return {0, std::sin(half), 0, std::cos(half)};
 }
 
-/// Where instance `number` of all stands: a hall of 120 x 60 units with three levels 8 apart, around the cameras; y up.
-/// `of_mesh`: its number among its mesh's own.
+/// The placement of an instance in a hall of 120 x 60 units with three levels 8 units apart, around the cameras; y up.
+/// `number`: its number among all instances. `of_mesh`: its number among the instances of its mesh.
 Placement place(const ZorahPlan& plan, uint32_t mesh, uint32_t number, uint32_t of_mesh) {
   const auto chance = [&](uint32_t i) { return unit24(hash2(9701u, number, i)); };
   const uint32_t hash = hash2(9702u, number, 0);
@@ -305,7 +306,7 @@ Placement place(const ZorahPlan& plan, uint32_t mesh, uint32_t number, uint32_t 
   at.mesh = mesh;
   switch (plan.meshes[mesh].kind) {
     case ZorahKind::kFloor: {
-      // Tiles of 4 x 4: a mesh drawn often covers most of the ground.
+      // Tiles of 4 x 4 units. A mesh that is drawn often covers most of the ground.
       const bool is_ground = plan.meshes[mesh].nodes > 300;
       const uint32_t cell = is_ground ? of_mesh : static_cast<uint32_t>(chance(0) * 1350), r = cell % 450;
       at.rotation = yaw((hash & 3u) * 0.25);
@@ -352,7 +353,7 @@ Placement place(const ZorahPlan& plan, uint32_t mesh, uint32_t number, uint32_t 
       at.scale = {(hash >> 4 & 15u) == 0 ? -size : size, size, size};  // one in 16 is mirrored
       at.translation = {(chance(0) - 0.5) * 116, level + 0.3 + size * 0.8 + chance(4) * 0.5, (chance(1) - 0.5) * 56};
       const double dx = at.translation[0] - plan.camera.eye[0], dz = at.translation[2] - plan.camera.eye[2];
-      if (dx * dx + dz * dz < 16) at.translation[0] -= 8;  // keeps away from the camera
+      if (dx * dx + dz * dz < 16) at.translation[0] -= 8;  // keeps a distance from the camera
       break;
     }
   }
@@ -374,7 +375,7 @@ GltfNode node_of(const Placement& at, std::string name) {
   return node;
 }
 
-/// The camera's node; y is up.
+/// Adds the camera and its node; y is up. Returns the node.
 uint32_t add_camera(GltfWriter& writer, const SceneCamera& camera) {
   GltfCamera lens;
   lens.name = camera.name;
@@ -393,7 +394,7 @@ uint32_t add_camera(GltfWriter& writer, const SceneCamera& camera) {
   return writer.add_node(std::move(node));
 }
 
-/// Nodes that draw nothing and have children, in a tree of four per parent, and where each stands in the world.
+/// Nodes without a mesh in a tree with four children per node, and their world positions.
 struct Parents {
   std::vector<uint32_t> nodes;
   std::vector<Vec3> places;
@@ -413,7 +414,7 @@ Parents add_parents(GltfWriter& writer, uint32_t count) {
   return parents;
 }
 
-/// Placements of a mesh: those of its nodes, then those of its instances. `first`: the number of the first among all.
+/// The placements of a mesh's nodes and of its instances. `first`: the number of the first one among all instances.
 struct MeshPlacements {
   std::vector<Placement> nodes, instances;
 };
@@ -426,14 +427,14 @@ MeshPlacements placements_of(const ZorahPlan& plan, uint32_t mesh, uint32_t firs
   return out;
 }
 
-/// Adds all nodes, and first the buffer of their instances; returns the scene's roots. Meshes are numbered as in the
+/// Adds all nodes and the data of their instances. Returns the scene's roots. Meshes have the same numbers as in the
 /// plan.
 Result<std::vector<uint32_t>> add_nodes(GltfWriter& writer, const ZorahPlan& plan) {
   const Parents parents = add_parents(writer, plan.parents);
   std::vector<uint32_t> roots;
   if (!parents.nodes.empty()) roots.push_back(parents.nodes[0]);
   uint32_t leaf = 0;
-  const auto attach = [&](uint32_t node) {  // every parent gets a child before one gets two
+  const auto attach = [&](uint32_t node) {  // each parent gets one child before any gets two
     if (parents.nodes.empty()) {
       roots.push_back(node);
       return;
@@ -461,7 +462,7 @@ Result<std::vector<uint32_t>> add_nodes(GltfWriter& writer, const ZorahPlan& pla
 Result<SynthReport> write_zorah(const ZorahPlan& plan, const SynthOptions& options) {
   if (format::lower_case(std::filesystem::path(options.output).extension().string()) == ".glb")
     return Error{ErrorCode::kUsage, options.output + ": " + plan.name + " is written as .gltf, with files beside it"};
-  meshopt_encodeIndexVersion(1);  // the one that EXT_meshopt_compression has
+  meshopt_encodeIndexVersion(1);  // the version of EXT_meshopt_compression
   Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
   if (!writer) return writer.error();
   writer->stop_on(options.stop);

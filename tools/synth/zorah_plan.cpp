@@ -14,7 +14,7 @@ namespace {
 
 using format::kNone;
 
-/// What is known of the files: an audit of them, and NVIDIA's page of scenes (vk_lod_clusters), 2026.
+/// Counts of the files. Source: an audit of them, and NVIDIA's page of scenes (vk_lod_clusters), 2026.
 namespace main_file {
 constexpr uint64_t kUnique = 1627207159, kDrawn = 18937042387, kVertices = 1013678594;
 constexpr uint64_t kLargestTriangles = 32054609, kLargestVertices = 16005261;
@@ -33,15 +33,16 @@ constexpr uint32_t kWithoutUvs = 40, kWithTangents = 1713;
 constexpr uint32_t kMaterials = 1514, kMasks = 110, kDoubleSided = 157, kSpecular = 1388, kTransforms = 501;
 constexpr uint32_t kColors = 1583, kSurfaces = 1375, kNormals = 1399, kSpeculars = 61;
 constexpr uint32_t kPngImages = 4069, kTileImages = 3420;
-// Textures by size, such that their levels up to 512, 1024, 2048 and all take 1.36, 5.41, 21.5 and 85.0 GiB.
+// Numbers of textures by size. They are chosen so that levels up to 512, 1024 and 2048 texels, and all levels, take
+// 1.36, 5.41, 21.5 and 85.0 GiB.
 constexpr uint32_t k8192 = 40, k512 = 30, k1024 = 28, k2048 = 225, k4096x2048 = 404, k4096x4200 = 12;
 }  // namespace textured_file
 
-/// Vertices per triangle of all but the largest primitive.
+/// Vertices per triangle of all primitives except the largest.
 constexpr double kVertexShare = static_cast<double>(main_file::kVertices - main_file::kLargestVertices) /
                                 static_cast<double>(main_file::kUnique - main_file::kLargestTriangles);
 
-/// The numbers below `count` in an order of no meaning.
+/// The numbers below `count` in pseudo-random order.
 std::vector<uint32_t> shuffled(uint32_t count, uint32_t seed) {
   std::vector<uint32_t> order(count);
   std::iota(order.begin(), order.end(), 0u);
@@ -52,7 +53,7 @@ std::vector<uint32_t> shuffled(uint32_t count, uint32_t seed) {
   return order;
 }
 
-/// Few large weights and many small ones, in an order of no meaning: (from / (k + from))^power.
+/// Few large weights and many small ones in pseudo-random order: (from / (k + from))^power.
 std::vector<double> weights(uint32_t count, uint32_t seed, double from, double power) {
   const std::vector<uint32_t> rank = shuffled(count, seed);
   std::vector<double> out(count);
@@ -60,7 +61,7 @@ std::vector<double> weights(uint32_t count, uint32_t seed, double from, double p
   return out;
 }
 
-/// `total` in whole shares of at least `least`, what is above that by weight.
+/// Divides `total` into whole shares: `least` each, and the rest in proportion to the weights.
 std::vector<uint64_t> shares(uint64_t total, const std::vector<double>& weight, uint64_t least) {
   assert(total >= least * weight.size());
   const double sum = std::accumulate(weight.begin(), weight.end(), 0.0);
@@ -68,7 +69,7 @@ std::vector<uint64_t> shares(uint64_t total, const std::vector<double>& weight, 
   std::vector<uint64_t> out;
   double reached = 0;
   uint64_t given = 0;
-  for (const double w : weight) {  // each border is rounded, so nothing is lost
+  for (const double w : weight) {  // the borders between shares are rounded, so the sum stays exact
     reached += w;
     const auto end = static_cast<uint64_t>(std::llround(rest * std::min(reached / sum, 1.0)));
     out.push_back(least + end - given);
@@ -78,18 +79,19 @@ std::vector<uint64_t> shares(uint64_t total, const std::vector<double>& weight, 
   return out;
 }
 
-/// Triangles of the groups that make sums exact, about.
+/// Approximate triangles of the two groups that make the sums exact.
 constexpr uint64_t kLeft = 300000;
 
 /// A group whose size is to be chosen.
 struct Sized {
   uint64_t* triangles;
-  uint64_t draws;  // of its primitive
+  uint64_t draws;  // draws of its primitive
   double weight;
 };
 
-/// Sizes by weight with the sums `unique` and, by draws, `drawn`: those drawn three times or more and the others have
-/// factors of their own, and one group of one draw and one of two take what rounding leaves.
+/// Chooses sizes in proportion to the weights, with the sum `unique`, and the sum `drawn` over all draws. Groups with
+/// three draws or more have one factor, all others another one. The first group with one draw and the first with two
+/// take the remainders of rounding.
 void choose_sizes(std::vector<Sized> groups, uint64_t unique, uint64_t drawn) {
   const auto take = [&](uint64_t draws) {
     const auto found =
@@ -195,7 +197,8 @@ ZorahPlan zorah_plan(double scale) {
   plan.name = "zorah";
   plan.camera = {"view", {55.34291, 6.4527273, 0.32432523}, {46.38051, 5.7994967, 0.5308178}};
 
-  // Meshes by class: 5 mountains, the floor, 548 of several primitives (547 of three), the others of one.
+  // Meshes by class: 5 mountains, the floor, 548 meshes with several primitives (547 with three, one with two); the
+  // others have one.
   constexpr uint32_t kMountainMeshes = 5, kSeveral = 548;
   constexpr uint64_t kMountainTriangles[kMountainMeshes] = {kLargestTriangles, 12000000, 9000000, 7000000, 5000000};
   plan.meshes.resize(kMeshes);
@@ -226,7 +229,7 @@ ZorahPlan zorah_plan(double scale) {
     }
     group += primitives;
   }
-  // One is drawn once and one twice for choose_sizes().
+  // choose_sizes() needs a mesh that is drawn once and one that is drawn twice.
   const auto others = static_cast<uint32_t>(singles.size());
   const std::vector<uint64_t> nodes = shares(single_nodes, weights(others, 9202u, 20, 1.3), 1);
   for (uint32_t i = 0; i < others; ++i) singles[i]->nodes = static_cast<uint32_t>(nodes[i]);
@@ -240,7 +243,7 @@ ZorahPlan zorah_plan(double scale) {
   for (uint32_t g = 0; g < kPrimitives; ++g)
     plan.groups.push_back({sizes[g], g == 0 ? kLargestVertices : vertices[g - 1], 0, false, false, false});
 
-  // Of the declared materials every eighth or so is not used. All that are have an alpha of 1.
+  // About one in eight of the declared materials is not used. All used ones have an alpha of 1.
   plan.materials.resize(kMaterials, plain_material());
   for (uint32_t i = 0; i < kMaterials; ++i) {
     const uint32_t hash = hash2(9203u, i, 0) % 16;
@@ -300,7 +303,7 @@ void plan_materials(ZorahPlan& plan) {
   const std::vector<uint32_t> masks = shuffled(kMaterials, 9302u), sides = shuffled(kMaterials, 9303u),
                               surfaces = shuffled(kMaterials, 9304u), normals = shuffled(kMaterials, 9305u),
                               speculars = shuffled(kMaterials, 9306u), emissions = shuffled(kMaterials, 9307u);
-  uint32_t transforms = kTransforms / 3;  // of three textures each
+  uint32_t transforms = kTransforms / 3;  // materials with three textures each
   for (uint32_t m = 0; m < kMaterials; ++m) {
     ZorahMaterial material = plain_material();
     material.alpha = masks[m] < kMasks    ? ZorahMaterial::Alpha::kMask
@@ -334,8 +337,8 @@ ZorahPlan zorah_textured_plan(double scale) {
   plan.camera = {"view", {7.729439, 2.278318, -11.146186}, {-0.484482, 4.163491, -8.020232}};
   plan.parents = kParents;
 
-  // Of 2,812 meshes 1,653 have three primitives, the others two. 623 of three are others once more, under other
-  // materials: 88 have seven such variants, one has six, one has one.
+  // There are 2,812 meshes: 1,653 with three primitives, the others with two. 623 of the meshes with three are variants
+  // of others with different materials: 88 meshes have seven variants, one has six, one has one.
   constexpr uint32_t kThree = kPrimitives - 2 * kMeshes, kVariants = (kPrimitives - kGroups) / 3;
   constexpr uint32_t kShared = 90, kSharedGroups = 3 * kShared;
   constexpr uint32_t kUniqueMeshes = kMeshes - kVariants, kUniqueThree = kThree - kVariants;
@@ -354,8 +357,8 @@ ZorahPlan zorah_textured_plan(double scale) {
   }
   plan.buffers = kBuffers;
 
-  // How often each mesh is drawn: those of three primitives 10,832 times in all, of these what variants share six times
-  // each.
+  // The number of draws of each mesh. Meshes with three primitives are drawn 10,832 times in all; meshes that share
+  // their geometry with variants are drawn six times each.
   constexpr uint32_t kDrawnThree = kDrawnPrimitives - 2 * kDrawnMeshes, kSharedMeshes = kShared + kVariants;
   constexpr uint32_t kSharedDraws = 6;
   const std::vector<uint64_t> three =
@@ -369,10 +372,10 @@ ZorahPlan zorah_textured_plan(double scale) {
                                        : mesh.materials.size() == 3       ? three[next_three++]
                                                                           : two[next_two++]);
 
-  // Sizes: first of what variants share, so that the sum over meshes is right, then of the others.
+  // Sizes: first of geometry that variants share, so that the sum over meshes is right, then of the rest.
   std::vector<uint64_t> sizes(kGroups);
   const std::vector<double> weight = weights(kGroups, 9403u, 80, 1.6);
-  // The last group's mesh has one variant, so it takes what rounding leaves.
+  // The mesh of the last shared group has one variant, so this group takes the remainder of rounding.
   constexpr uint32_t kLast = kSharedGroups - 1;
   uint64_t repeated = kNamed - kUnique;
   double sum = 0;
@@ -399,7 +402,7 @@ ZorahPlan zorah_textured_plan(double scale) {
   for (uint32_t g = 0; g < kGroups; ++g) {
     plan.groups[g].triangles = sizes[g];
     plan.groups[g].vertices = static_cast<uint64_t>(std::llround(static_cast<double>(sizes[g]) * kVertexShare));
-    if (g < kSharedGroups) continue;  // a group per primitive from here on
+    if (g < kSharedGroups) continue;  // from here on, each primitive has its own group
     if (bare != 0 && g % 100 == 0) {
       plan.groups[g].uvs = false;
       plan.groups[g].normals = bare != 1;
@@ -410,7 +413,7 @@ ZorahPlan zorah_textured_plan(double scale) {
     }
   }
 
-  // 1,092 of the meshes that are drawn most have a node of instances beside their plain nodes.
+  // The 1,092 meshes that are drawn most have a node with instances beside their plain nodes.
   constexpr uint32_t kPlainNodes = kNodes - kParents - kInstancingNodes;
   std::vector<uint32_t> order(kMeshes);
   std::iota(order.begin(), order.end(), 0u);

@@ -1,4 +1,4 @@
-// The counts of NVIDIA's Zorah, as its files have them: scenes of the same shape with other content. No data here.
+// The counts of NVIDIA's Zorah, for scenes with the same counts and generated content. This file has no data of Zorah.
 #pragma once
 
 #include <array>
@@ -15,21 +15,21 @@ namespace scree::synth {
 struct ZorahGroup {
   uint64_t triangles = 0;
   uint64_t vertices = 0;
-  uint32_t buffer = 0;  // the file that it lies in
+  uint32_t buffer = 0;  // number of its buffer file
   bool normals = false, uvs = false, tangents = false;
 };
 
 enum class ZorahKind : uint8_t { kFloor, kWall, kColumn, kProp, kMountain, kKite };
 
 struct ZorahMesh {
-  uint32_t first_group = 0;         // a group per primitive, one after the other
-  std::vector<uint32_t> materials;  // of each primitive
-  uint32_t nodes = 0;               // that draw it once
-  uint32_t instances = 0;           // of its node with EXT_mesh_gpu_instancing; 0: there is none
+  uint32_t first_group = 0;         // a group per primitive, one after another
+  std::vector<uint32_t> materials;  // one per primitive
+  uint32_t nodes = 0;               // nodes that draw it once
+  uint32_t instances = 0;           // instances of its node with EXT_mesh_gpu_instancing; 0: there is no such node
   ZorahKind kind = ZorahKind::kProp;
 };
 
-/// What a material has. Textures by their numbers; kNone without.
+/// The properties of a material. Textures are numbers, or kNone.
 struct ZorahMaterial {
   enum class Alpha : uint8_t { kOpaque, kMask, kBlend };
   Alpha alpha = Alpha::kOpaque;
@@ -45,12 +45,12 @@ struct ZorahPlan {
   std::vector<BlockTexture> textures;
   uint32_t buffers = 1;      // of geometry
   uint32_t parents = 0;      // nodes that have children
-  uint32_t png_images = 0;   // so many textures, the first ones, say that they are PNGs
-  uint32_t tile_images = 0;  // so many are named like UDIM tiles
+  uint32_t png_images = 0;   // the first textures, this many, are declared as PNGs
+  uint32_t tile_images = 0;  // the first textures, this many, are named like UDIM tiles
   SceneCamera camera;        // y up, 60 degrees
 
   uint64_t unique_triangles() const;
-  uint64_t named_triangles() const;  // of meshes, whether they share accessors or not
+  uint64_t named_triangles() const;  // over all meshes; shared accessors count for each
   uint64_t drawn_triangles() const;
   uint64_t vertices() const;
   uint64_t drawn_meshes() const;
@@ -59,8 +59,8 @@ struct ZorahPlan {
 };
 
 /// The geometry alone ("zorah_main_public.v2.gltf"), and the textured scene ("zorah_textured_public.v1.gltf"). `scale`
-/// (0 < scale <= 1) is the share of the triangles, vertices and texels that is kept; everything else is counted as it
-/// is. At scale 1 the counts are those of the files.
+/// (0 < scale <= 1) is the share of the triangles, vertices and texels that is kept; all other counts stay. At scale 1
+/// the counts equal those of the files.
 ZorahPlan zorah_plan(double scale);
 ZorahPlan zorah_textured_plan(double scale);
 

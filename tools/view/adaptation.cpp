@@ -14,14 +14,14 @@ void Adaptation::go_to(size_t level, double now_ms) {
 void Adaptation::note(size_t level, double ms, double now_ms) {
   double& average = average_ms_[level];
   average = average == 0 ? ms : 0.7 * average + 0.3 * ms;
-  if (level != level_) return;  // it was made before the level changed
+  if (level != level_) return;  // the picture was requested before the level changed
   if (now_ms >= lowest_until_ms_) lowest_ = kQualities.size() - 1;
 
   const bool has_settled = now_ms - changed_ms_ >= kSettleMs;
   const bool has_fewer_pixels = level_ > 0 && kQualities[level_].scale < kQualities[level_ - 1].scale;
   if (has_settled && has_fewer_pixels && average > kSlow && average > kGain * average_ms_[level_ - 1] &&
       average_ms_[level_ - 1] > 0) {
-    // The time does not depend on bytes or pixels, so a worse picture would come no sooner.
+    // The time does not depend on bytes or pixels, so a worse picture would not arrive sooner.
     lowest_ = level_ - 1;
     lowest_until_ms_ = now_ms + kUselessMs;
     return go_to(level_ - 1, now_ms);
@@ -40,7 +40,7 @@ void Adaptation::note(size_t level, double ms, double now_ms) {
   }
   if (average >= kFast) {
     fast_since_ms_ = -1;
-    // Neither slow nor fast: what made the level above slow may be over.
+    // The level is neither slow nor fast, so after a while the better level is tried: it may have become faster.
     if (level_ == 0 || is_trial_ || stayed_ms < trial_after_ms_) return;
     is_trial_ = true;
     return go_to(level_ - 1, now_ms);

@@ -1,4 +1,4 @@
-// scree view: a server of pictures, and of the page that asks for them.
+// scree view: serves pictures of a scene, and the page that shows them.
 #include <fcntl.h>
 #include <spawn.h>
 #include <sys/wait.h>
@@ -31,7 +31,7 @@ extern char** environ;
 namespace scree::tools {
 namespace {
 
-/// As typed; empty where nothing was.
+/// The options as typed; empty if not given.
 struct ViewWords {
   std::string file;
   std::string scene;
@@ -121,7 +121,7 @@ bool is_any_address(const std::string& host) {
   return host == "0.0.0.0" || host == "::";
 }
 
-/// As it stands in an address: "[::1]".
+/// `host` in the form for an address: "[::1]".
 std::string bracketed(const std::string& host) {
   return host.find(':') == std::string::npos ? host : "[" + host + "]";
 }
@@ -142,8 +142,8 @@ void print_places(const view::ServerOptions& options, uint16_t port) {
   std::fflush(stdout);
 }
 
-/// Opens a browser with a page that only this user can read, since everyone sees the words of a command line. The file
-/// is removed at the end of the program.
+/// Opens a browser with a file that redirects to the server's address. Only this user can read the file, while other
+/// users could read a command line, and so the token. The file is removed at the end of the program.
 class BrowserPage {
  public:
   explicit BrowserPage(const std::string& url) {
@@ -207,7 +207,7 @@ Result<void> serve(ViewOptions options) {
       std::fprintf(stderr, "scree view: warning: --open: xdg-open does not start; open the address yourself\n");
   }
 
-  // Of the hub's thread, which may outlive this function.
+  // The error of the hub's thread, which may outlive this function.
   struct Failure {
     std::mutex mutex;
     std::optional<Error> error;
@@ -223,7 +223,7 @@ Result<void> serve(ViewOptions options) {
   });
   server->run(*hub, [&] { return StopOnSignal::flag()->load() || failed(); });
   if (!hub->stop(std::chrono::milliseconds(500))) {
-    // A picture is still being drawn. Nothing of it is kept, so the program ends without it.
+    // A picture is still being drawn. It is not needed any more, so the program does not wait for it.
     (void)hub.release();
     (void)server.release();
     return Error{ErrorCode::kFile, "interrupted"};
@@ -261,12 +261,10 @@ Command add_view(CLI::App& parent) {
   app->add_option("--viewers", words->viewers, "The most pages at once, 1 to 32 (default: 8)")->type_name("N");
   app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
   app->add_option("--backend", words->backend,
-                  "cpu, cuda, or auto: the GPU, or the CPU with one line that says why (default)")
+                  "cpu, cuda, or auto (default): the GPU if one is usable, else the CPU and one line with the reason")
       ->type_name("NAME");
-  app->add_option(
-         "--device", words->device,
-         "The GPU to draw on, by its index or UUID, as scree devices lists them (default: the first that can be "
-         "used)")
+  app->add_option("--device", words->device,
+                  "The GPU, by index or UUID as scree devices lists them (default: the first usable one)")
       ->type_name("N|UUID");
   add_gpus_option(*app, words->gpus);
   app->add_option(

@@ -17,8 +17,8 @@ namespace {
 
 using Bytes = std::vector<std::byte>;
 
-/// Rows of a strip: a few strips per thread, so that no thread waits long for the last strip, and at least `least` rows
-/// each.
+/// Rows per strip: at least `least`, and few enough for a few strips per thread, so that no thread waits long for the
+/// last strip.
 uint32_t rows_per_strip(uint32_t rows, uint32_t threads, uint32_t least) {
   const uint32_t strips = std::max(1u, threads > 1 ? 3 * threads : 2);
   return std::max((rows + strips - 1) / strips, least);
@@ -41,7 +41,7 @@ struct TurboFree {
   void operator()(void* handle) const { tjDestroy(handle); }
 };
 
-/// The compressor of this thread. Making one clears 100 KB.
+/// The compressor of this thread, made once because making it clears 100 KB.
 tjhandle compressor() {
   thread_local std::unique_ptr<void, TurboFree> handle(tjInitCompress());
   return handle.get();
@@ -63,7 +63,7 @@ Bytes jpeg_strip(const PixelView& picture, uint32_t first, uint32_t count, int q
   return out;
 }
 
-/// Joins the strips' data after one common head. Each strip starts from a DC of 0 at a byte boundary, as after a
+/// Joins the strips' data after one common header. Each strip starts from a DC of 0 at a byte boundary, as after a
 /// restart marker. Source: T.81, B.2.1, B.2.4.4. Errors as parse_jpeg().
 Result<Bytes> join_strips(Bytes head, const std::vector<Bytes>& strips) {
   Bytes out = std::move(head);
@@ -165,7 +165,7 @@ Result<Bytes> encode_jpeg(const PixelView& picture, int quality, bool is_sharp, 
 
 Result<Bytes> encode_png(const PixelView& picture, runtime::Workers& workers, const IsAbandoned& is_abandoned) try {
   assert(picture.bytes.size() == size_t{picture.width} * picture.height * picture.channels);
-  // Strips of at least 64 KiB. With smaller ones the bytes lost at their ends would be a visible share.
+  // Strips of at least 64 KiB. With smaller strips the bytes lost at their ends would be a noticeable share.
   const uint32_t least = std::max(1u, (64 << 10) / (3 * picture.width));
   const uint32_t per_strip = std::min(rows_per_strip(picture.height, 4 * workers.count(), least), picture.height);
   const uint32_t strip_count = (picture.height + per_strip - 1) / per_strip;

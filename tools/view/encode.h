@@ -1,4 +1,4 @@
-// Encodes pictures into bytes to send, in strips on many threads.
+// Encodes pictures as JPEG or PNG, in strips on many threads.
 #pragma once
 
 #include <cstddef>
@@ -20,7 +20,7 @@ struct PixelView {
   std::span<const uint8_t> bytes;
 };
 
-/// Tested before each strip; true ends the work, and the encoder returns no bytes.
+/// Called before each strip. If it returns true, the encoder stops and returns no bytes.
 using IsAbandoned = std::function<bool()>;
 
 /// A baseline JPEG with a restart marker after each strip. The number of threads does not change its bytes. `quality`:
@@ -28,8 +28,8 @@ using IsAbandoned = std::function<bool()>;
 Result<std::vector<std::byte>> encode_jpeg(const PixelView& picture, int quality, bool is_sharp,
                                            runtime::Workers& workers, const IsAbandoned& is_abandoned = {});
 
-/// A PNG of RGB, made for speed, not for size: strips of rows, each value as the difference to the pixel on its left,
-/// each strip deflated separately (zlib's level 1). Errors kMemory.
+/// An RGB PNG, optimised for speed rather than size: each value is stored as the difference to the pixel on its left,
+/// and each strip of rows is deflated separately (zlib level 1). Errors kMemory.
 Result<std::vector<std::byte>> encode_png(const PixelView& picture, runtime::Workers& workers,
                                           const IsAbandoned& is_abandoned = {});
 

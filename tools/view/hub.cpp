@@ -14,31 +14,33 @@ namespace {
 using namespace std::chrono_literals;
 using Milliseconds = std::chrono::duration<double, std::milli>;
 
-// Delays of the picture at rest after the newest camera. Without a delay it would block the next picture of a movement.
-constexpr auto kRestDelay = 60ms;         // if the page says that it does not move
-constexpr auto kMovingRestDelay = 160ms;  // if it said that it moves, but has sent nothing since
-// More samples keep the thread busy, and nothing can interrupt it: only where that is hardly noticed, or after a while.
+// Delays before the picture at rest, from the newest camera on. Without a delay this picture would block the next
+// picture of a movement.
+constexpr auto kRestDelay = 60ms;         // if the page has reported that the camera rests
+constexpr auto kMovingRestDelay = 160ms;  // if the page has reported a movement and then sent nothing more
+// A picture with more samples cannot be interrupted. It is drawn at once if its estimated time is at most kQuickMs,
+// after kPatientDelay if it is at most kPatientMs, and otherwise not at all.
 constexpr double kQuickMs = 150;
 constexpr double kPatientMs = 900;
 constexpr auto kPatientDelay = 1200ms;
-// How long a picture waits for chunks that are still on their way to a GPU before it goes without them.
+// Drawing waits this long for chunks that are still being loaded to a GPU. The picture is then sent without them.
 constexpr auto kChunkPatience = 150ms;
-// How long its shadow map waits for them, within that time.
+// Drawing waits this long for the chunks of a shadow map, within that time.
 constexpr auto kShadowPatience = 75ms;
-// How long it waits for pages of textures, before it takes coarser levels of them.
+// Drawing waits this long for pages of textures. The picture then shows coarser levels.
 constexpr auto kTexturePatience = 40ms;
-// How long chunks that no picture needs are loaded at a time, and how long at most pictures are drawn in between: they
-// take two to three times as long while chunks are missing.
+// Chunks that no picture needs yet are loaded for kLoading at a time, at the latest after kBetweenLoading of drawing.
+// Pictures take two to three times as long while chunks are missing, so all chunks should be loaded soon.
 constexpr auto kLoading = 30ms;
 constexpr auto kBetweenLoading = 60ms;
-// A viewer at rest waits no longer for those who move.
+// A viewer at rest waits at most this long for viewers who move.
 constexpr auto kLongestWait = 3s;
 
 double ms_between(Hub::Clock::time_point from, Hub::Clock::time_point to) {
   return Milliseconds(to - from).count();
 }
 
-/// Ids have colours that would smear at a quarter of the colour resolution.
+/// Pictures of ids have colours that would smear at a quarter of the colour resolution.
 bool has_sharp_colours(kernels::Show show) {
   return show == kernels::Show::kTriangle || show == kernels::Show::kCluster || show == kernels::Show::kMesh ||
          show == kernels::Show::kStage;
@@ -50,7 +52,7 @@ uint32_t possible_samples(uint32_t wanted, uint32_t width, uint32_t height) {
   return wanted;
 }
 
-/// Whether the same pixels answer both requests: a movement ends with a request that differs only in `is_moving`.
+/// Whether both requests give the same pixels. A movement ends with a request that differs only in `is_moving`.
 bool is_same_picture(const PictureRequest& a, const PictureRequest& b) {
   const kernels::ShadeOptions &s = a.shade, &t = b.shade;
   return a.camera == b.camera && a.clip_box == b.clip_box && a.width == b.width && a.height == b.height &&
@@ -116,7 +118,7 @@ void Hub::receive(uint32_t number, Message message) {
   Viewer& viewer = *found->second;
   const auto add_job = [&](Job job) {
     if (!is_ready_ || !viewer.wanted) return;  // there is nothing to draw yet
-    if (viewer.jobs.size() >= kMaxJobs) return viewer.link->send_text(error_text("too many questions at once"));
+    if (viewer.jobs.size() >= kMaxJobs) return viewer.link->send_text(error_text("too many requests at once"));
     viewer.jobs.push_back(std::move(job));
   };
   std::visit(
@@ -128,7 +130,7 @@ void Hub::receive(uint32_t number, Message message) {
             for (const auto& [other_number, other] : viewers_)
               if (other->follows == number) other->link->send_text(text);
           }
-          // A picture sent for a moment of a movement also serves as the moving picture of the rest.
+          // If the last picture of a movement shows the view at rest, no other JPEG of that view is needed.
           const bool is_drawn =
               viewer.wanted && viewer.drawn_version == viewer.version && is_same_picture(*viewer.wanted, body);
           viewer.wanted = std::move(body);
@@ -145,9 +147,10 @@ void Hub::receive(uint32_t number, Message message) {
             const Clock::time_point now = Clock::now();
             viewer.adaptation.note(acknowledged->level, ms_between(acknowledged->begun, now), ms_between({}, now));
           }
-          viewer.in_flight.erase(viewer.in_flight.begin(), acknowledged + 1);  // pages show pictures in order
+          viewer.in_flight.erase(viewer.in_flight.begin(),
+                                 acknowledged + 1);  // pages show pictures in order, so earlier ones are done too
         } else if constexpr (std::is_same_v<Body, Probe>) {
-          // Depths of another view would give a point that has moved since.
+          // Depths of an older view would give a wrong point.
           const bool is_current = viewer.wanted && viewer.depths_version == viewer.version;
           if (!is_current || body.at.x >= viewer.wanted->width || body.at.y >= viewer.wanted->height) return;
           viewer.link->send_text(point_text(body.at, viewer.depths.point(body.at)));
@@ -175,7 +178,7 @@ bool Hub::is_outdated(const Work& work) const {
   return is_stopping_ || work.viewer->version != work.version;
 }
 
-/// What this viewer needs now; where that is later, `wake` is brought forward to then.
+/// The work that this viewer needs now. If it needs work later, `wake` becomes that time if it is earlier.
 std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point now, Clock::time_point& wake) const {
   if (!viewer->wanted) return std::nullopt;
   Work work{viewer, *viewer->wanted, viewer->visibility, viewer->version, viewer->wanted_at, now, {}};
@@ -189,8 +192,8 @@ std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point
     work.level = viewer->wanted->is_full_quality ? 0 : viewer->adaptation.level();
     return work;
   }
-  // At rest: a picture more at a time. On a slow link, whose pictures are small, a JPEG of full size comes first: it is
-  // there in a third of the time of a lossless picture.
+  // At rest one picture is sent at a time. After small pictures, as over a slow link, a JPEG of full size comes first:
+  // it arrives in a third of the time of a lossless picture.
   work.is_at_rest = true;
   if (!viewer->in_flight.empty() && viewer->exact_samples != 0) return std::nullopt;
   if (viewer->in_flight.size() >= kMaxInFlight) return std::nullopt;
@@ -199,7 +202,7 @@ std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point
   work.samples = viewer->exact_samples == 0 ? 1 : 2 * viewer->exact_samples;
   Clock::time_point due = viewer->wanted_at + (viewer->wanted->is_moving ? kMovingRestDelay : kRestDelay);
   if (work.samples > 1) {
-    const double guess_ms = 3 * viewer->exact_ms;  // four times the samples, but not of the triangles
+    const double guess_ms = 3 * viewer->exact_ms;  // four times the samples, but the same triangles
     if (guess_ms > kPatientMs) return std::nullopt;
     if (guess_ms > kQuickMs) due = viewer->wanted_at + kPatientDelay;
   }
@@ -209,7 +212,7 @@ std::optional<Hub::Work> Hub::work_of(const ViewerPtr& viewer, Clock::time_point
   return std::nullopt;
 }
 
-/// Round robin; pictures of moving viewers come before pictures at rest.
+/// Chooses a viewer by round robin. Pictures of moving viewers come before pictures at rest.
 std::optional<Hub::Work> Hub::next_work(Clock::time_point now, Clock::time_point& wake) {
   std::optional<Work> at_rest;
   auto next = viewers_.upper_bound(served_);
@@ -276,10 +279,10 @@ void Hub::run() {
           on_end_(to_come.error());
           return end();
         }
-        left_bytes_ = *to_come < left_bytes_ ? *to_come : 0;  // a GPU that is full takes no more
+        left_bytes_ = *to_come < left_bytes_ ? *to_come : 0;  // if nothing was loaded, the GPU is full
         loaded_at = Clock::now();
       }
-      const bool fell_back = session_->drawn_on() != drawn_on;  // from a GPU that failed to the CPU
+      const bool fell_back = session_->drawn_on() != drawn_on;  // the GPU failed, and now the CPU draws
       if (fell_back) text = scene_text(*session_, options_);
       lock.lock();
       if (fell_back) {
@@ -316,10 +319,11 @@ Result<void> Hub::draw_moving(const Work& work) {
   const PictureRequest& request = work.request;
   const Quality& quality = kQualities[work.level];
   const JpegKind jpeg{quality.jpeg, has_sharp_colours(request.shade.show)};
-  // The next picture of the same camera waits, since pages of more textures than there is room for never all come.
+  // Drawing the second picture of a view waits until all pages are loaded or the view changes. Pages that exceed the
+  // texture memory are never all loaded.
   const runtime::IsOver is_over = [&] { return is_outdated(work); };
   const runtime::IsOver textures = work.is_again ? is_over : after(kTexturePatience);
-  // Nor do the chunks of a shadow map, once the GPU is full.
+  // Likewise the chunks of a shadow map, once the GPU is full.
   const runtime::IsOver shadows = work.is_again && left_bytes_ == 0 ? is_over : after(kShadowPatience);
   const Result<Drawn> drawn = session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
                                              scaled(request.height, quality.scale), 1, work.visibility, &jpeg,
@@ -357,7 +361,7 @@ Result<void> Hub::draw_exact(const Work& work) {
   if (!image) return image.error();
   if (image->empty()) return {};
   const double encode_ms = watch.elapsed().wall_ms;
-  std::optional<DepthMap> depths;  // once per camera, of its first picture at rest
+  std::optional<DepthMap> depths;  // once per camera, from its first picture at rest
   if (work.samples == 1) {
     Result<DepthMap> read = session_->depths();
     if (!read) return read.error();
@@ -412,7 +416,7 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
 
 Result<void> Hub::pick(const Work& work, const PickRequest& request) {
   PictureRequest shown = work.request;
-  shown.shadows = false;  // nobody sees its colours
+  shown.shadows = false;  // its colours are not used
   const Result<Drawn> drawn = session_->draw(work.viewer->number, shown, shown.width, shown.height, 1, work.visibility,
                                              nullptr, {{}, [] { return true; }, {}});
   if (!drawn) return drawn.error();

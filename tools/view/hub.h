@@ -1,4 +1,4 @@
-// The viewers of a scene, and the thread that draws for them. The hub knows no sockets: a viewer is a ViewerLink.
+// The viewers of a scene, and the thread that draws for them. The hub uses no sockets: a viewer is a ViewerLink.
 #pragma once
 
 #include <chrono>
@@ -20,19 +20,20 @@
 
 namespace scree::tools::view {
 
-/// The connection to one page. Called from any thread. It must not block, and must not call the hub.
+/// The connection to one page. Its functions are called from any thread. They must not block, and must not call the
+/// hub.
 class ViewerLink {
  public:
   virtual ~ViewerLink() = default;
   virtual void send_text(std::string text) = 0;
-  /// A picture message: a little-endian u32, the bytes of the JSON head that follows, then the image file.
+  /// A picture message: a little-endian u32 with the size of the JSON head, the head, then the image file.
   virtual void send_picture(std::vector<std::byte> message) = 0;
 };
 
-/// Pictures sent to a viewer that it has not acknowledged. More would only wait on the way.
+/// The most pictures sent to a viewer that it has not acknowledged. More would only queue up on the network.
 inline constexpr size_t kMaxInFlight = 2;
 
-/// Answers to one viewer that are not yet made. A page that asks for more gets an error.
+/// The most requests of one viewer that are not answered yet. A further one gets an error.
 inline constexpr size_t kMaxJobs = 16;
 
 /// Thread-safe. For each viewer the hub holds at most kMaxInFlight pictures, kMaxJobs jobs and a depth map of 4 MiB. No
@@ -41,8 +42,8 @@ class Hub {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Starts opening the scene on the hub's own thread. `on_end`: called there if that fails, and if the hub can no
-  /// longer draw; the hub is useless then.
+  /// Starts opening the scene on the hub's own thread. `on_end`: called on that thread if opening fails, and if the hub
+  /// can no longer draw. It then draws nothing more.
   Hub(SessionOptions options, std::function<void(Error)> on_end);
   Hub(const Hub&) = delete;
   Hub& operator=(const Hub&) = delete;
@@ -64,7 +65,7 @@ class Hub {
     uint64_t frame;
     Clock::time_point begun;
     size_t level;
-    bool is_moving;  // as for the adaptation
+    bool is_moving;  // counts for the adaptation
   };
 
   struct Viewer {
@@ -74,9 +75,9 @@ class Hub {
     Clock::time_point wanted_at;
     Visibility visibility;
     uint64_t version = 0;        // number of the state of wanted and visibility
-    uint64_t drawn_version = 0;  // version of the last picture sent
+    uint64_t drawn_version = 0;  // version of the last complete picture sent
     uint64_t sharp_version = 0;  // version of the last JPEG of full size sent
-    uint64_t tried_version = 0;  // version of the last picture sent, whole or not
+    uint64_t tried_version = 0;  // version of the last picture sent, complete or not
     uint32_t exact_samples = 0;  // per side, of this version's lossless picture; 0: none was sent yet
     double exact_ms = 0;         // time of drawing it
     std::deque<InFlight> in_flight;
@@ -88,7 +89,7 @@ class Hub {
   };
   using ViewerPtr = std::shared_ptr<Viewer>;
 
-  /// Something to draw. `request` and the rest are copies, because the viewer changes meanwhile.
+  /// A picture or job to do. Holds copies of the viewer's state, because that changes meanwhile.
   struct Work {
     ViewerPtr viewer;
     PictureRequest request;
@@ -96,11 +97,11 @@ class Hub {
     uint64_t version = 0;
     Clock::time_point wanted_at;
     Clock::time_point begun;
-    std::optional<Job> job;  // none: draw a picture,
+    std::optional<Job> job;  // unset: draw a picture,
     uint32_t samples = 0;    // lossless with this many samples per side; 0: a JPEG
     size_t level = 0;
     bool is_at_rest = false;
-    bool is_again = false;  // the last picture of this version was not whole
+    bool is_again = false;  // the last picture of this version was not complete
   };
 
   void run();
@@ -117,17 +118,17 @@ class Hub {
 
   const SessionOptions options_;
   const std::function<void(Error)> on_end_;
-  std::optional<ViewSession> session_;  // of the thread
-  uint64_t left_bytes_ = UINT64_MAX;    // likewise: of chunks that load_rest() has yet to bring
+  std::optional<ViewSession> session_;  // used only by the hub's thread
+  uint64_t left_bytes_ = UINT64_MAX;    // likewise; of chunks that are not loaded yet
 
-  mutable std::mutex mutex_;  // of all below
+  mutable std::mutex mutex_;  // for all members below
   std::condition_variable changed_;
   std::condition_variable ended_;
   bool is_ready_ = false;
   bool is_stopping_ = false;
   bool has_ended_ = false;
   std::map<uint32_t, ViewerPtr> viewers_;
-  std::vector<uint32_t> left_;  // numbers of viewers that the session has yet to forget
+  std::vector<uint32_t> left_;  // numbers of viewers that have left and that the session has not forgotten yet
   uint32_t last_number_ = 0;
   uint32_t served_ = 0;     // the viewer that was served last
   uint64_t frames_ = 0;     // pictures sent so far

@@ -1,4 +1,5 @@
-// The messages of a page to the server: one JSON object per WebSocket message, hostile until it is parsed.
+// The messages of a page to the server: one JSON object per WebSocket message. They are not trusted until they are
+// parsed.
 #pragma once
 
 #include <array>
@@ -20,7 +21,7 @@ inline constexpr size_t kMaxMessageBytes = 16 << 10;
 inline constexpr uint32_t kMaxPictureSide = 8192;                 // pixels
 inline constexpr uint64_t kMaxPicturePixels = uint64_t{1} << 25;  // 8192 x 4096
 inline constexpr uint32_t kMaxListedNodes = 1024;                 // per kHide message
-inline constexpr double kMaxCoordinate = 1e15;                    // in scene units; cameras farther away are refused
+inline constexpr double kMaxCoordinate = 1e15;                    // in scene units; a camera farther away is an error
 
 /// A point in a picture, in pixels from the top left.
 struct Pixel {
@@ -53,27 +54,27 @@ struct PictureRequest {
   std::optional<runtime::WorldBox> clip_box;
   uint32_t most_samples = 1;     // per side of a pixel, at rest: 1, 2 or 4
   bool is_moving = false;        // the next request will follow immediately
-  bool is_full_quality = false;  // full size and the best JPEG quality even while moving, however slow
+  bool is_full_quality = false;  // full size and the best JPEG quality even while moving, even if that is slow
   std::optional<Pixel> cursor;   // within the picture
 };
 
-/// "ack": a picture is on the screen.
+/// "ack": reports that a picture is on the screen.
 struct Ack {
   uint64_t frame = 0;
 };
 
-/// "probe": asks for the point under this pixel of the newest picture at rest.
+/// "probe": requests the point under this pixel of the newest picture at rest.
 struct Probe {
   Pixel at;
 };
 
-/// "pick": asks for all about the surface under this pixel.
+/// "pick": requests the properties of the surface under this pixel.
 struct PickRequest {
   uint64_t id = 0;  // the page's number of the request, returned with the answer
   Pixel at;
 };
 
-/// "screenshot": the newest view, lossless, of any size.
+/// "screenshot": requests the newest view, lossless, in any size.
 struct Screenshot {
   uint64_t id = 0;
   uint32_t width = 0;
@@ -81,10 +82,10 @@ struct Screenshot {
   uint32_t samples = 1;
 };
 
-/// "nodes": asks for the tree of the scene's nodes.
+/// "nodes": requests the tree of the scene's nodes.
 struct NodesRequest {};
 
-/// "hide": the nodes that are drawn. A node stands for itself and all its descendants.
+/// "hide": sets the nodes that are drawn. A node stands for itself and all its descendants.
 struct Visibility {
   std::vector<uint32_t> hidden;
   std::vector<uint32_t> only;  // empty: all
@@ -92,7 +93,7 @@ struct Visibility {
   bool operator==(const Visibility&) const = default;
 };
 
-/// "follow": the viewer whose camera this page takes over; 0: none.
+/// "follow": sets the viewer whose camera this page copies; 0: none.
 struct Follow {
   uint32_t viewer = 0;
 };

@@ -32,7 +32,7 @@ std::vector<std::byte> picture_message(const std::string& head, const std::vecto
   return out;
 }
 
-/// The picture's number, and the view that it shows.
+/// Writes the picture's number, and the view that it shows.
 void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request) {
   json.member("frame", frame);
   json.member("seq", request.sequence);
@@ -40,7 +40,7 @@ void write_place(JsonWriter& json, uint64_t frame, const PictureRequest& request
   json.member("fullHeight", request.height);
 }
 
-/// The members that a picture's head and a screenshot's head share.
+/// Writes the members that are common to the heads of pictures and screenshots.
 void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
   json.member("width", drawn.pixels.width);
   json.member("height", drawn.pixels.height);
@@ -125,7 +125,7 @@ std::string scene_text(const ViewSession& session, const SessionOptions& options
       write_numbers(json, "boxMax", box.max);
     }
     json.object("home", [&] {
-      // A wide picture's home; pages with a narrow one step back.
+      // The home view of a wide picture; pages with a narrower picture move it back.
       if (const Result<Camera> home = session.home(1920, 1080); home) write_camera(json, *home);
     });
     json.objects("cameras", session.cameras(), [&](const NamedCamera& camera) {
@@ -216,11 +216,11 @@ std::string pick_text(uint64_t id, const std::optional<Picked>& picked) {
 }
 
 std::string nodes_text(const runtime::Scene& scene) {
-  // 200,000 nodes are some MB. A larger page would be slow; the page tells the user that nodes are missing.
+  // 200,000 nodes are some MB. More would make the page slow; it tells the user that nodes are missing.
   constexpr uint64_t kMostNodes = 200000;
   const format::Container& container = scene.container();
   const auto nodes = container.nodes();
-  constexpr uint64_t kMostNameBytes = uint64_t{8} << 20;  // nodes may share one long name
+  constexpr uint64_t kMostNameBytes = uint64_t{8} << 20;  // limits the text if many nodes share one long name
   uint64_t count = std::min<uint64_t>(nodes.size(), kMostNodes);
   std::string text;
   JsonWriter json(text);
@@ -240,7 +240,7 @@ std::string nodes_text(const runtime::Scene& scene) {
     json.value(name);
   }
   json.end_array();
-  json.key("parents");  // -1: none, but JsonWriter has no sign: one more than the number, and 0
+  json.key("parents");  // number of the parent + 1; 0: none
   json.begin_array();
   for (uint64_t n = 0; n < count; ++n)
     json.value(nodes[n].parent == format::kNone ? uint64_t{0} : uint64_t{nodes[n].parent} + 1);

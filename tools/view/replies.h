@@ -23,9 +23,9 @@ std::string scene_text(const ViewSession& session, const SessionOptions& options
 /// Names, parents and triangles of the first 200,000 nodes.
 std::string nodes_text(const runtime::Scene& scene);
 std::string viewers_text(uint32_t you, std::span<const uint32_t> viewers);
-/// For viewers that follow `viewer`.
+/// Sent to viewers that follow `viewer`.
 std::string camera_text(uint32_t viewer, const Camera& camera);
-/// `point`: nothing for the background.
+/// `point`: unset for the background.
 std::string point_text(Pixel at, const std::optional<runtime::Vec3>& point);
 std::string pick_text(uint64_t id, const std::optional<Picked>& picked);
 

@@ -5,7 +5,7 @@
 #include <deque>
 #include <optional>
 #include <set>
-#include <utility>  // before Asio: 1.74's headers miss it with C++20
+#include <utility>  // must come before Asio: the headers of 1.74 lack it with C++20
 
 #include <boost/asio.hpp>
 #include <boost/beast.hpp>
@@ -25,7 +25,7 @@ using asio::ip::tcp;
 using BoostError = boost::system::error_code;
 using Stream = beast::tcp_stream;
 
-// The kernel's queue would fill with old pictures, so it has room for about one.
+// The send buffer has room for about one picture. A larger one would fill with outdated pictures.
 constexpr int kSendBufferBytes = 256 << 10;
 
 constexpr const char* kContentPolicy =
@@ -46,7 +46,7 @@ struct ViewServer::Impl {
   uint32_t sockets = 0;
   uint32_t viewers = 0;
   std::set<WebSocketViewer*> open;
-  asio::io_context context{1};  // declared after the objects that its connections write to when they end
+  asio::io_context context{1};  // declared after the members that its connections use when they end
   tcp::acceptor acceptor{context};
 
   void accept();
@@ -95,7 +95,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
       if (error) return;
       self->timer_.expires_after(kHelloTimeout);
       self->timer_.async_wait([self](BoostError waited) {
-        if (!waited && self->number_ == 0) self->close(CloseCode::kWrongToken, "no token came");
+        if (!waited && self->number_ == 0) self->close(CloseCode::kWrongToken, "no token was sent");
       });
       self->read();
     });
@@ -122,12 +122,12 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     timer_.async_wait([self](BoostError waited) {
       if (!waited) self->cut();
     });
-    // Waiting messages are dropped; a write that has begun ends first.
+    // Queued messages are dropped; a write that has begun ends first.
     if (queue_.size() > 1) queue_.erase(queue_.begin() + 1, queue_.end());
     if (queue_.empty()) close_now();
   }
 
-  /// Used when the server ends: without a handshake, which a dead page would not answer.
+  /// Closes without a handshake, which a dead page would not answer. Used when the server ends.
   void cut() {
     leave();
     is_closing_ = true;
@@ -169,7 +169,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
       if (error) return self->ended();
       self->receive();
       self->buffer_.consume(self->buffer_.size());
-      // Beast answers the other side's close only while something reads, so reading continues while closing.
+      // Beast answers a close frame only while a read is pending, so reading continues while closing.
       self->read();
     });
   }
@@ -199,7 +199,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
       number_ = server_.hub->join(std::make_shared<Link>(server_.context, weak_from_this()));
       return;
     }
-    if (!message) return close(CloseCode::kBadMessage, "a message that is none");
+    if (!message) return close(CloseCode::kBadMessage, "an invalid message");
     server_.hub->receive(number_, std::move(*message));
   }
 
@@ -373,7 +373,7 @@ void ViewServer::Impl::accept() {
       std::make_shared<HttpConnection>(*this, std::move(socket))->read();
     }
     if (!error) return accept();
-    // Probably no file descriptor is free. There may be some a moment later.
+    // Probably no file descriptor is free, so the server tries again a moment later.
     auto pause = std::make_shared<asio::steady_timer>(context, std::chrono::milliseconds(100));
     pause->async_wait([this, pause](BoostError) {
       if (acceptor.is_open()) accept();
@@ -393,7 +393,7 @@ Result<ViewServer> ViewServer::listen(ServerOptions options) {
   const std::string host = wanted.host == "localhost" ? "127.0.0.1" : wanted.host;
   const asio::ip::address address = asio::ip::make_address(host, error);
   if (error) return Error{ErrorCode::kUsage, "--host: '" + wanted.host + "' is not an address such as 127.0.0.1"};
-  impl->access = AccessList(address.to_string(), wanted.allowed_hosts);  // in the form that browsers send
+  impl->access = AccessList(address.to_string(), wanted.allowed_hosts);  // as browsers write it
   const uint32_t last = wanted.is_port_fixed || wanted.port == 0 ? wanted.port : std::min(wanted.port + 20u, 65535u);
   for (uint32_t port = wanted.port; port <= last; ++port) {
     error = open_acceptor(impl->acceptor, {address, static_cast<uint16_t>(port)});
@@ -416,7 +416,7 @@ void ViewServer::run(Hub& hub, const std::function<bool()>& ends) {
   while (!ends()) impl_->context.run_for(std::chrono::milliseconds(50));
   BoostError ignored;
   impl_->acceptor.close(ignored);
-  // A page that gets this message waits for the server to come back. 200 ms are for sending it, not for answers.
+  // A page that receives this code tries to connect again. The 200 ms are for sending it, not for answers.
   const std::set<WebSocketViewer*> open = impl_->open;
   for (WebSocketViewer* const viewer : open) viewer->close(CloseCode::kEnding, "the server ends");
   impl_->context.restart();

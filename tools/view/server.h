@@ -24,7 +24,7 @@ struct Asset {
   std::span<const unsigned char> bytes;
 };
 
-/// All files that the server has (cmake/embed.cmake makes them from tools/view/page/).
+/// All files of the server (cmake/embed.cmake embeds tools/view/page/).
 std::span<const Asset> page_assets();
 
 struct ServerOptions {
@@ -35,19 +35,19 @@ struct ServerOptions {
   std::vector<std::string> allowed_hosts;
   std::string token;
   uint32_t max_viewers = 8;
-  std::chrono::milliseconds idle_timeout{20000};  // without an answer to a ping
+  std::chrono::milliseconds idle_timeout{20000};  // a connection without an answer to a ping for this long is closed
 };
 
 // Limits of a server, for any number of clients.
 inline constexpr uint32_t kMaxSockets = 64;
 inline constexpr uint32_t kMaxHeaderBytes = 8 << 10;
 inline constexpr uint32_t kMaxMessagesPerSecond =
-    240;  // per viewer, without acknowledgements; a viewer that sends more is disconnected,
-inline constexpr size_t kMaxQueuedBytes = size_t{32} << 20;  // and so is one that has not taken this much data
+    240;  // per viewer and second, without acknowledgements; a viewer that sends more is disconnected
+inline constexpr size_t kMaxQueuedBytes = size_t{32} << 20;  // unsent data per viewer; a slower viewer is disconnected
 inline constexpr size_t kMaxQueuedMessages = 512;
 inline constexpr std::chrono::seconds kRequestTimeout{10};  // for a request's head, and for a WebSocket's handshake
 inline constexpr std::chrono::seconds kHelloTimeout{5};
-inline constexpr std::chrono::seconds kCloseTimeout{5};  // from the decision to close a WebSocket to cutting it off
+inline constexpr std::chrono::seconds kCloseTimeout{5};  // from the decision to close a WebSocket until it is cut off
 
 // Close codes of WebSockets that the page explains. RFC 6455 reserves 4000 to 4999 for applications.
 enum class CloseCode : uint16_t {
@@ -59,7 +59,7 @@ enum class CloseCode : uint16_t {
   kTooManyMessages = 4005
 };
 
-/// Runs on the thread of run(). Serves no file of the machine, and opens no path of a request.
+/// Runs on the thread of run(). Serves only embedded files, and never opens a path from a request.
 class ViewServer {
  public:
   /// Errors kUsage (invalid address), kFile (the port is in use), kUnsupported (built without Boost).

@@ -65,15 +65,15 @@ struct BufferKey {
   bool operator==(const BufferKey&) const = default;
 };
 
-/// A picture and what it was drawn into.
+/// A picture and its visibility buffer.
 struct Picture {
-  std::optional<runtime::DeviceView> device;  // none: the CPU drew it
-  std::optional<BufferKey> key;               // none: there is no picture
+  std::optional<runtime::DeviceView> device;  // unset: the CPU drew it
+  std::optional<BufferKey> key;               // unset: there is no picture
   kernels::View view{};                       // in samples
   uint32_t samples_per_side = 1;
   kernels::FrameStats stats{};
   kernels::BlendCounts blended;
-  uint64_t left_bytes = 0;  // of chunks that it lacks
+  uint64_t left_bytes = 0;  // of chunks that are missing in the picture
   double buffer_ms = 0;     // the time of drawing it
 };
 
@@ -110,17 +110,17 @@ struct ViewSession::Impl {
   // For the last picture that did not show all nodes:
   Visibility visibility;
   std::vector<uint32_t> omitted;
-  const uint32_t* omitted_on_device = nullptr;  // null: not brought there yet
+  const uint32_t* omitted_on_device = nullptr;  // null: not uploaded yet
 
-  // Pictures that viewers have of their own. A GPU knows for each which clusters were seen, so that the camera of one
-  // viewer is no jump for the others.
+  // Pictures of single viewers. On a GPU each has its own visibility hints of clusters, so that the cameras of other
+  // viewers do not spoil them.
   std::map<uint32_t, Picture> own;
   uint64_t most_own = 0;
   Picture shared;
   Picture* last = &shared;
   // Samples of a picture, the CPU's or read back from the GPU:
   std::vector<uint64_t> samples;
-  const Picture* sampled = nullptr;  // null: of none
+  const Picture* sampled = nullptr;  // null: there are none
   std::vector<uint8_t> pixels;
   std::vector<uint32_t> device_pixels;
 
@@ -144,7 +144,7 @@ struct ViewSession::Impl {
     if (!view) return view.error();
     shared.device = std::move(*view);
     if (shadows) shadows.emplace(scene, &*device);
-    // The device's free memory is the limit where no other is set.
+    // Without --device-memory, the device's free memory is the limit.
     const uint64_t taken = std::min(device->stats().device_bytes, options.device_memory);
     most_own = options.device_memory == 0 ? UINT64_MAX : (options.device_memory - taken) / each;
     return {};
@@ -169,7 +169,7 @@ struct ViewSession::Impl {
     own.erase(found);
   }
 
-  /// Makes the picture that is drawn next the last one: the viewer's own where it can have one, else the shared one.
+  /// Sets `last` to the picture that is drawn next: the viewer's own if there is room for one, else the shared one.
   /// Throws std::bad_alloc.
   void choose_picture(uint32_t viewer, uint32_t wanted_samples) {
     last = &shared;
@@ -189,7 +189,7 @@ struct ViewSession::Impl {
     last = &found->second;
   }
 
-  /// From now on the CPU draws.
+  /// Lets the CPU draw from now on.
   Result<void> use_cpu() {
     forget_pictures();
     if (shadows) shadows.emplace(scene, nullptr);
@@ -206,7 +206,7 @@ struct ViewSession::Impl {
     return use_cpu();
   }
 
-  /// View::omitted of the next picture. Throws std::bad_alloc.
+  /// Returns View::omitted for the next picture. Throws std::bad_alloc.
   Result<const uint32_t*> omit(const Visibility& wanted) {
     if (wanted.is_all()) return static_cast<const uint32_t*>(nullptr);
     if (wanted != visibility) {
@@ -418,7 +418,7 @@ Result<Drawn> ViewSession::draw(uint32_t viewer, const PictureRequest& request, 
   impl_->choose_picture(viewer, samples);
   Result<Drawn> drawn = impl_->draw(wanted, shade, request.shadows, jpeg, patience);
   if (!drawn && drawn.error().code == ErrorCode::kDevice && impl_->last != &impl_->shared) {
-    // There may be no memory for a picture of its own.
+    // There may be no memory for a picture of this viewer's own.
     impl_->most_own = impl_->own.size() - 1;
     impl_->forget(viewer);
     drawn = impl_->draw(wanted, shade, request.shadows, jpeg, patience);
@@ -533,7 +533,7 @@ Result<Camera> ViewSession::home(uint32_t width, uint32_t height) const {
   const runtime::Scene& scene = impl_->scene;
   const Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
   if (!view) return view.error();
-  // The target is where the line of sight passes the middle of the scene's box.
+  // The target is the point of the line of sight that is nearest to the middle of the scene's box.
   const runtime::WorldBox bounds = box();
   double distance = 1;
   if (!bounds.is_empty()) {
@@ -563,7 +563,7 @@ std::vector<NamedCamera> ViewSession::cameras() const {
     double forward = 0;
     for (size_t i = 0; i < 3; ++i) forward += placed.world[i][2] * placed.world[i][2];
     if (!(forward > 0) || !std::isfinite(forward)) continue;
-    // Its target is as far away as the middle of the scene.
+    // The target is as far away as the middle of the scene.
     const runtime::WorldBox bounds = box();
     double distance = 0;
     for (size_t i = 0; i < 3 && !bounds.is_empty(); ++i) {

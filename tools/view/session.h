@@ -29,7 +29,7 @@ struct SessionOptions {
   BackendOptions backend;
   uint64_t device_memory = 0;   // bytes; 0: all free memory
   uint64_t texture_cache = 0;   // bytes; 0: the runtime's default
-  uint64_t texture_memory = 0;  // as runtime::set_texture_memory()
+  uint64_t texture_memory = 0;  // for runtime::set_texture_memory()
   LightOptions light;
   bool quiet = false;  // no warnings
 };
@@ -46,11 +46,11 @@ struct JpegKind {
   bool is_sharp;
 };
 
-/// How long a picture waits for data that are on their way, as runtime::IsOver; by default until all are there.
+/// How long drawing waits for data that are being loaded, as runtime::IsOver. By default until all are loaded.
 struct Patience {
-  runtime::IsOver chunks;    // on their way to a GPU: without the others the picture lacks surfaces
-  runtime::IsOver textures;  // pages: without the others textures are coarser
-  runtime::IsOver shadows;   // chunks on their way for the shadow map, which is drawn before the picture
+  runtime::IsOver chunks;    // for chunks of a GPU; afterwards missing chunks leave holes in the picture
+  runtime::IsOver textures;  // for pages of textures; afterwards textures are coarser
+  runtime::IsOver shadows;   // for chunks of the shadow map, which is drawn before the picture
 };
 
 /// A picture with its size and times.
@@ -60,15 +60,16 @@ struct Drawn {
   uint32_t samples = 1;
   kernels::FrameStats stats{};
   kernels::BlendCounts blended;
-  uint64_t left_bytes = 0;  // of chunks and pages that are still on their way; 0: the picture is whole
+  uint64_t left_bytes = 0;  // of chunks and pages that are still missing; 0: the picture is complete
   double draw_ms = 0;       // 0 if the previous picture had the same visibility buffer,
   double buffer_ms = 0;     // which took this long when it was drawn
   double shadow_ms = 0;     // of the shadow map; 0 if there is none, or an earlier one was kept
-  double shade_ms = 0;      // includes bringing the pixels to the host
+  double shade_ms = 0;      // includes copying the pixels to the host
   double encode_ms = 0;     // of the JPEG
 };
 
-/// The depths of one picture in separate memory, so that a viewer's cursor can be located while others draw.
+/// A copy of the depths of one picture, so that the point under a viewer's cursor can be found while other pictures are
+/// drawn.
 class DepthMap {
  public:
   /// The point in world space under a pixel; nothing on the background. `at` must lie within the picture.
@@ -105,30 +106,30 @@ struct Picked {
 /// Used only by the thread that opened it.
 class ViewSession {
  public:
-  /// Opens and loads the scene, onto a GPU if the options allow. Its chunks come there with the pictures that show them
-  /// and by load_rest(). With BackendChoice::kAuto the CPU draws if a GPU
-  /// fails, now or later. Errors as SceneFile::open, Scene::load and DeviceScene::upload.
+  /// Opens and loads the scene, to a GPU if the options allow it. Chunks are uploaded to the GPU with the pictures that
+  /// show them, and by load_rest(). With BackendChoice::kAuto the CPU draws if the GPU fails, now or later. Errors as
+  /// SceneFile::open, Scene::load and DeviceScene::upload.
   static Result<ViewSession> open(const SessionOptions& options);
   ViewSession(ViewSession&&) noexcept;
   ViewSession& operator=(ViewSession&&) noexcept;
   ~ViewSession();
 
-  /// Draws and shades a picture of `width` x `height` pixels. `viewer`: a number of the caller's for the one who gets
-  /// it; on a GPU it has its own memory of the last picture's clusters, until forget(); 0: none. `visibility`: may name
-  /// missing nodes. `jpeg`: how to encode it, if at all; a GPU encodes by itself, so that a file comes to the host
-  /// instead of all pixels. It may have the shadows of runtime::ShadowFit::kMoving. Otherwise without Drawn::left_bytes
-  /// the pixels equal those of `scree render` with the same camera, size, samples and shading, bit for bit. Errors
-  /// kUsage (a camera without a direction), kRange (more than kernels::kMaxImageSide samples per side), kMemory,
-  /// kDevice.
+  /// Draws and shades a picture of `width` x `height` pixels. `viewer`: the caller's number of the viewer. On a GPU
+  /// each viewer has its own visibility hints of clusters, until forget(); 0: none. `visibility`: may name nodes that
+  /// do not exist. `jpeg`: parameters of encoding, or null. A GPU encodes the JPEG itself, so that only the file is
+  /// copied to the host instead of all pixels. Its shadows may be those of runtime::ShadowFit::kMoving. Otherwise, if
+  /// Drawn::left_bytes is 0, the pixels equal those of `scree render` with
+  /// the same camera, size, samples and shading, bit for bit. Errors kUsage (a camera without a direction), kRange
+  /// (more than kernels::kMaxImageSide samples per side), kMemory, kDevice.
   Result<Drawn> draw(uint32_t viewer, const PictureRequest& request, uint32_t width, uint32_t height, uint32_t samples,
                      const Visibility& visibility, const JpegKind* jpeg = nullptr, const Patience& patience = {});
 
-  /// Frees the memory of a viewer that is gone.
+  /// Frees the memory of a viewer that has left.
   void forget(uint32_t viewer);
 
-  /// Brings chunks to the GPU that no picture needed yet, until `is_over`. Returns the bytes that are left: 0 in the
-  /// end, unless the GPU's memory does not hold the scene. The last picture must be drawn again before it is read.
-  /// Errors as draw(), and those of pages that are damaged.
+  /// Uploads chunks that no picture has needed yet, until `is_over`. Returns the bytes that are left: 0 in the end,
+  /// unless the scene exceeds the GPU's memory. The last picture must be drawn again before it is read. Errors as
+  /// draw(), and those of damaged pages.
   Result<uint64_t> load_rest(const runtime::IsOver& is_over);
 
   /// Whether pictures can have shadows: the light is the file's, and it has a sun. Else `why` is one line.
@@ -137,10 +138,11 @@ class ViewSession {
   /// The depths of draw()'s last picture. Errors kMemory, kDevice.
   Result<DepthMap> depths();
   Result<std::optional<Picked>> pick(Pixel at);
-  /// The point in world space under a pixel of it; nothing on the background, or if the samples are not on the host.
+  /// The point in world space under a pixel of draw()'s last picture; nothing on the background, or if the samples are
+  /// not on the host.
   std::optional<runtime::Vec3> point(Pixel at) const;
 
-  /// The view that shows the whole scene in a picture of this size. Errors as runtime::make_view.
+  /// A view of the whole scene for a picture of this size. Errors as runtime::make_view.
   Result<Camera> home(uint32_t width, uint32_t height) const;
   std::vector<NamedCamera> cameras() const;
   runtime::WorldBox box() const;

@@ -111,7 +111,7 @@ TEST_CASE("a signal before convert is done prints how to resume", "[stop]") {
         "scree convert: stopped; nothing written\n");
   CHECK(folder.names().empty());
   CHECK(stop({"convert", model, "-o", packed, "--quiet", "--threads", "1", "--resume"}, log, SIGHUP, has_part) ==
-        "scree convert: stopped; go on with --resume\n");
+        "scree convert: stopped; continue with --resume\n");
   CHECK(folder.names() == std::vector<std::string>{"city.scree.part"});
 }
 

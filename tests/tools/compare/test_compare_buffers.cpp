@@ -234,7 +234,7 @@ TEST_CASE("position bits do not change ids, with and without source numbers", "[
       change(o);
     });
     check_refused(refused(other, wide, draw(other), draw(wide)), ErrorCode::kUnsupported,
-                  "do not store their triangles alike; convert both with --source-ids");
+                  "store their triangles differently; convert both with --source-ids");
     check_refused(refused(wide, other, draw(wide), draw(other)), ErrorCode::kUnsupported, "--source-ids");
   }
 }

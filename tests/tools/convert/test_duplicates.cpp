@@ -124,7 +124,8 @@ TEST_CASE("duplicates: compare finds meshes that were wrongly taken as equal", "
   const auto changed = judge("changed.glb");
   REQUIRE_FALSE(changed);
   CHECK(changed.error().code == ErrorCode::kFormat);
-  CHECK(changed.error().message.find("glTF mesh 1 of changed.glb is drawn as 0, but they differ") != std::string::npos);
+  CHECK(changed.error().message.find("glTF mesh 1 of changed.glb is stored as a repeat of 0, but they differ") !=
+        std::string::npos);
 }
 
 TEST_CASE("duplicates: equality does not depend on the place of the vertices in the source", "[duplicates]") {

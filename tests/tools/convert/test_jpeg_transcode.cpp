@@ -124,7 +124,7 @@ TEST_CASE("JPEGs that cannot be transcoded are refused before memory is allocate
   for (size_t i = 5; i < 9; ++i) huge[frame + i] = std::byte{0xff};
   CHECK(message(huge) == "JPEG: 65535 x 65535 pixels, expected at most 2^28");
   huge[frame + 5] = huge[frame + 7] = std::byte{0x3f};
-  CHECK(message(huge).find("expected a bit a block or more") != std::string::npos);
+  CHECK(message(huge).find("expected at least one bit per block") != std::string::npos);
   Bytes wide = set(11, 0x33);
   CHECK(runtime::transcode_jpeg(wide).error().code == ErrorCode::kUnsupported);  // 11 blocks per MCU
   CHECK(message(make_jpeg(colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}}))) == "JPEG: 4 components (CMYK)");

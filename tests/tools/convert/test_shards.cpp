@@ -201,8 +201,7 @@ TEST_CASE("shards of real models merge to the bytes of one run", "[convert][shar
 TEST_CASE("shards that do not belong together are refused with their names", "[convert][shards]") {
   const Sharded scene;
   const std::vector<std::string> shards = scene.make_shards(scene.options(), 3);
-  has(scene.refusal({shards[0], shards[2]}, ErrorCode::kUsage),
-      "x.3.part: is one of 3 shards, of which are missing: 2");
+  has(scene.refusal({shards[0], shards[2]}, ErrorCode::kUsage), "x.3.part: is one of 3 shards; missing: 2");
   fs::copy_file(shards[0], scene.folder().file("copy.part"));
   has(scene.refusal({shards[0], shards[1], shards[2], scene.folder().file("copy.part")}, ErrorCode::kUsage),
       "copy.part: is shard 3 of 3, as " + shards[0] + " is");
@@ -214,7 +213,7 @@ TEST_CASE("shards that do not belong together are refused with their names", "[c
   other.output = scene.folder().file("other.part");
   REQUIRE(convert::convert(other));
   const std::string message = scene.refusal({shards[0], other.output, shards[2]}, ErrorCode::kUsage);
-  has(message, "other.part: is of another conversion than ");
+  has(message, "other.part: is from another conversion than ");
   has(message, "--positions 14");
   other = scene.options();
   other.shards = 4;
@@ -238,7 +237,7 @@ TEST_CASE("shards that do not belong together are refused with their names", "[c
   other.output = scene.shard(2);
   REQUIRE(convert::convert(other));
   has(scene.refusal(shards, ErrorCode::kUsage),
-      "x.2.part: is of another conversion than " + shards[0] + ": it was made from scene.bin of ");
+      "x.2.part: is from another conversion than " + shards[0] + ": it was made from scene.bin of ");
 }
 
 TEST_CASE("a damaged shard is refused and nothing is left", "[convert][shards]") {

@@ -280,7 +280,7 @@ TEST_CASE("invalid properties of a compressed view are refused", "[meshopt][bad]
   };
   const Change changes[] = {
       {R"("buffer":0,"byteOffset":0)", R"("buffer":2,"byteOffset":0)", ErrorCode::kRange,
-       "buffer view 0: EXT_meshopt_compression: buffer 2 is not there"},
+       "buffer view 0: EXT_meshopt_compression: buffer 2 does not exist"},
       {R"("buffer":0,"byteOffset":0)", R"("byteOffset":0)", ErrorCode::kFormat, "buffer is missing"},
       {R"("byteOffset":0)", R"("byteOffset":9007199254740992)", ErrorCode::kRange,
        "bytes at 9007199254740992, but buffer 0 has"},

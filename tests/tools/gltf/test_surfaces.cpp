@@ -170,11 +170,11 @@ TEST_CASE("surfaces: values that glTF forbids are refused with their place", "[g
   refused(document(plain, R"({"type":"point","intensity":-1})", node),
           "light 0: a colour, intensity or range that is not 0 or more");
   refused(document(plain, R"({"type":"spot","spot":{"innerConeAngle":-1}})", node),
-          "light 0: a cone that has no inside");
-  refused(document(plain, "", node), "node 1: light 0 is not there, the document has 0");
+          "light 0: innerConeAngle is not between 0 and outerConeAngle");
+  refused(document(plain, "", node), "node 1: light 0 does not exist, the document has 0");
   refused(document(R"({"name":"a","normalTexture":{"index":9}})"),
-          "material 0: texture 9 is not there, the document has 2");
+          "material 0: texture 9 does not exist, the document has 2");
   refused(document(R"({"name":"a","emissiveFactor":[1e30,0,0],"extensions":)"
                    R"({"KHR_materials_emissive_strength":{"emissiveStrength":1e30}}})"),
-          "material 0: a factor that no float holds");
+          "material 0: a factor outside the range of floats");
 }

@@ -105,7 +105,7 @@ TEST_CASE("an error in a path is named with its place", "[path]") {
   CHECK(refusal(path_of(R"({"matrix": [1,0,0,0, 0,1,0,0, 0,0,0,0, 0,0,0,1]})")).find("no direction") !=
         std::string::npos);
   CHECK(refusal(path_of("{" + kEye + R"(, "matrix": [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]})")) ==
-        "key 0: has a \"matrix\" and another word for the same; one of them is enough");
+        "key 0: has \"matrix\" together with \"eye\", \"target\" or \"up\", which it replaces");
   CHECK(refusal(std::string(100000, '[')).find("is not JSON") != std::string::npos);
 }
 

@@ -112,7 +112,7 @@ TEST_CASE("an error for a bad value gives the allowed values", "[render]") {
   CHECK(usage_message(words_with(&RenderWords::output, "a.jpg")) != "");
   RenderWords large = words_with(&RenderWords::size, "8193x10");
   large.samples = "2";
-  CHECK(usage_message(large) == "--size 8193x10 with --samples 2 makes 16386 samples a side, at most 16384");
+  CHECK(usage_message(large) == "--size 8193x10 with --samples 2 makes 16386 samples per side, at most 16384");
   RenderWords pick;
   pick.picks = {"1920,0"};
   CHECK(usage_message(pick) ==

@@ -130,7 +130,7 @@ TEST_CASE("a resumed path draws missing and incomplete frames", "[render][path]"
   const PathRun path;
   REQUIRE(path.draw({}));
   const auto before = read_bytes(path.name("f_03.png"));
-  CHECK(message(path.draw({}), ErrorCode::kFile).find("f_00.png: exists already; --force replaces it, --resume") !=
+  CHECK(message(path.draw({}), ErrorCode::kFile).find("f_00.png: exists already; --force replaces it; --resume") !=
         std::string::npos);
   fs::remove(path.name("f_01.bin"));
   fs::resize_file(path.name("f_02.pfm"), 100);
@@ -161,7 +161,7 @@ TEST_CASE("errors of a path are reported before anything is drawn", "[render][pa
   CHECK(message(PathRun::run({path.name("quad.scree"), "--frames", "0:5"}), ErrorCode::kUsage).find("--path") !=
         std::string::npos);
   CHECK(message(PathRun::run({path.name("quad.scree"), "--path", path.name("path.json")}), ErrorCode::kUsage) ==
-        "--path needs the names of the frames' files, such as -o frame_%05d.png");
+        "--path needs file names for the frames, such as -o frame_%05d.png");
   // Frame 0 has its target at the eye.
   path.write_path("0, 0, 0");
   CHECK(message(path.draw({}), ErrorCode::kUsage).find("path.json: frame 0, at 0 s: the eye and the target are the") !=

@@ -197,7 +197,7 @@ TEST_CASE("requests to a hub are limited", "[view][view-hub]") {
   hub.receive(number, request(1, 0));
   REQUIRE(!page->picture(0).empty());
   for (uint64_t i = 0; i < 200; ++i) hub.receive(number, Screenshot{i, 512, 512, 2});
-  CHECK(page->hears("too many questions"));
+  CHECK(page->hears("too many requests"));
   CHECK(hub.stop(20s));
 }
 

@@ -1,5 +1,5 @@
-// Sessions: hidden nodes, including blended ones, are left out on the CPU and on a GPU, and come back. The sun's shadows are
-// those of scree render, and their map is kept.
+// Sessions: hidden nodes, including blended ones, are left out on the CPU and on a GPU, and come back. The sun's
+// shadows are those of scree render, and their map is kept.
 #include "tools/view/session.h"
 
 #include <cstdlib>

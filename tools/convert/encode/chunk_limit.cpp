@@ -10,7 +10,7 @@ namespace {
 
 constexpr uint64_t kFloatBits = 96;  // of a position
 
-/// Beside their codes, the streams that only files of the second major version have.
+/// Bytes that the streams of major version 2 (second texture coordinates, tangents) take beside their codes.
 uint64_t second_bytes(const MeshPlan& mesh) {
   constexpr uint64_t kStream = format::kPackedSlackBytes + 16;
   return (mesh.attributes & format::kHasSecondUv ? kStream + sizeof(format::SecondUvHeader) : 0) +

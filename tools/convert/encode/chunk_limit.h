@@ -14,10 +14,10 @@ namespace scree::convert {
 /// Upper bound of the bits of a vertex's attributes in any chunk of this mesh.
 uint64_t attribute_bits_bound(const MeshPlan& mesh);
 
-/// The same including its position.
+/// The same, including the vertex's position.
 uint64_t vertex_bits_bound(const MeshPlan& mesh);
 
-/// Upper bound of the bits of a triangle's source number, less the smallest of its chunk.
+/// Upper bound of the bits of a triangle's source number, which is stored relative to the smallest one of its chunk.
 uint32_t source_id_bits(const MeshPlan& mesh, const WindowPlan& plan);
 
 class ChunkLimit {
@@ -37,7 +37,7 @@ class ChunkLimit {
   bool clusters_fit(uint64_t triangles, uint64_t vertices, uint64_t clusters, uint64_t words) const;
 
  private:
-  // The rest of a page always holds the slack of six streams and rounding up to 16 bytes.
+  // The budget leaves room for the slack of six streams and for rounding each up to 16 bytes.
   static constexpr uint64_t kBudgetBits = 8 * (format::kPageTargetBytes - 6 * (format::kPackedSlackBytes + 16));
 
   uint64_t most_triangles_;

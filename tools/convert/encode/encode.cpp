@@ -68,10 +68,10 @@ class WindowEncoder {
 
   void order() {
     if (keeps_order()) return;
-    // Checked by Window: a multiple of three corners, each below the number of vertices.
+    // Window has checked that there are 3 corners per triangle, each below the number of vertices.
     const auto vertices = static_cast<uint32_t>(s_.window.vertices().size());
-    // The optimiser goes from vertex to neighbouring vertex. Numbered by first use, they are close together in its
-    // tables.
+    // The optimiser visits neighbouring vertices one after another. If they are numbered by first use, they lie close
+    // together in its tables.
     if (s_.window.is_scattered()) number_by_first_use(vertices);
     order_ = s_.fifo.run(s_.window.is_scattered() ? s_.by_use : s_.window.indices(), vertices);
   }
@@ -109,8 +109,7 @@ class WindowEncoder {
     out_.position_error = largest;
   }
 
-  /// Cuts the ordered triangles into chunks, numbers the vertices of each chunk, and encodes indices and positions on
-  /// the way.
+  /// Cuts the ordered triangles into chunks, numbers the vertices of each chunk, and encodes indices and positions.
   void cut() {
     const std::span<const uint32_t> indices = s_.window.indices();
     const uint64_t triangles = s_.window.triangle_count();
@@ -169,7 +168,7 @@ class WindowEncoder {
     first_vertex_.push_back(first_vertex);
     first_triangle_.push_back(first_triangle);
     // Every vertex of a chunk is used and numbered from 0, so the range is known. 0 bits are not allowed past
-    // kMaxChunkTriangles (spec/container.md, chunks), because a few bytes could then claim gigabytes.
+    // kMaxChunkTriangles (spec/container.md, chunks), because a few bytes could then state gigabytes.
     const uint32_t least_bits = triangles > format::kMaxChunkTriangles ? 1 : 0;
     const format::IndexRange indices{0, std::max(least_bits, static_cast<uint32_t>(std::bit_width(used.size() - 1)))};
     const uint64_t index_bytes = format::packed_bytes(s_.chunk_indices.size(), indices.bits);
@@ -183,9 +182,9 @@ class WindowEncoder {
 
     const format::PositionRange positions = mesh_.float32 ? kFloatRange : format::position_range(s_.chunk_coordinates);
     const uint64_t position_bytes = format::position_stream_bytes(used.size(), positions);
-    // Floats never take less. Packed, v vertices take at most 9 v bytes and the slack of 8; floats take 12 v; both are
-    // rounded up to 16. From 3 vertices on 12 v is more, 2 vertices take 32 bytes in either form, and the code of one
-    // vertex has 0 bits.
+    // Floats never take fewer bytes than codes. The codes of v vertices take at most 9 v bytes plus 8 of slack, floats
+    // 12 v; both are rounded up to 16. From 3 vertices on floats take more, 2 vertices take 32 bytes in either form,
+    // and the code of a single vertex has 0 bits.
     static_assert(9 * 3 + format::kPackedSlackBytes <= 12 * 3 && 3 * format::kMaxPositionBits == 8 * 9);
     static_assert(format::packed_bytes(2, 3 * format::kMaxPositionBits) <= 32);
     if (mesh_.chunks_as_float32) chunk.saved = static_cast<int64_t>(float_bytes - index_bytes - position_bytes);
@@ -204,9 +203,9 @@ class WindowEncoder {
     out_.chunks.push_back(std::move(chunk));
   }
 
-  /// Adds `chunk`, with the triangles and vertices of add_chunk(), as clusters. Not if they take more bytes than floats
-  /// and a list of indices (`float_bytes`). Attributes count too, since vertices on the border of two clusters are
-  /// stored twice.
+  /// Adds `chunk`, with the triangles and vertices of add_chunk(), as clusters. Returns false and adds nothing if
+  /// clusters take more bytes than floats and a list of indices (`float_bytes`). The comparison includes attributes,
+  /// since vertices on the border of two clusters are stored twice.
   bool add_clusters(uint64_t float_bytes, EncodedChunk& chunk) {
     const format::ClusterSet& set =
         s_.clusters.build(s_.chunk_indices, s_.chunk_coordinates, options_.clusters, most_of_cluster());
@@ -262,7 +261,8 @@ class WindowEncoder {
            sizeof(format::SecondUvHeader);
   }
 
-  /// Cuts the triangles into clusters and these into chunks, and encodes all but attributes and source numbers.
+  /// Cuts the triangles into clusters and groups these into chunks. Encodes everything except attributes and source
+  /// numbers.
   void cut_clusters() {
     const format::ClusterSet& set =
         s_.clusters.build(s_.window.indices(), s_.coordinates, options_.clusters, most_of_cluster(), order_);
@@ -378,7 +378,7 @@ class WindowEncoder {
     }
   }
 
-  /// Around the normals as the file has them.
+  /// Tangents are coded as angles around the decoded normals.
   Result<void> encode_tangents() {
     if (!(mesh_.attributes & format::kHasTangent)) return {};
     if (const Result<void> read = read_vertices(*primitive_.tangent(), s_.window.vertices(), s_.floats); !read)
@@ -400,7 +400,7 @@ class WindowEncoder {
     return {};
   }
 
-  /// Rounded up, so that the record's float is never below the codec's bound.
+  /// The codec's bound, rounded up to a float.
   static float stated_uv_error(const format::UvRange& range) {
     const double bound =
         std::min(format::uv_error_bound(range), static_cast<double>(std::numeric_limits<float>::max()));
@@ -547,7 +547,7 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
              !loaded) {
     return loaded.error();
   }
-  // A file that changes between the passes must not give a coordinate outside its lattice.
+  // If the file has changed between the passes, a coordinate could lie outside its lattice.
   if (window.triangle_count() != plan.kept || window.vertices().size() != plan.vertices ||
       !inside(box_of(window.positions()), mesh.box))
     return Error{ErrorCode::kFormat, "mesh " + std::to_string(primitive.mesh) + " primitive " +

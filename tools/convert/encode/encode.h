@@ -18,13 +18,14 @@
 namespace scree::convert {
 
 enum class Order {
-  kFifo,  // for a FIFO vertex cache (fifo_order.h), vertices by first use
+  kFifo,  // triangles for a FIFO vertex cache (fifo_order.h), vertices by first use
   kNone,  // triangles as in the source, vertices ascending as in the source
 };
 
 /// Bits per axis of stored normals. The angle between a normal and its code stays below 0.05 degrees.
 inline constexpr uint32_t kNormalBits = 12;
-/// Bits of stored tangents, the sign included: the angle around the normal is off by at most 1/512, 0.112 degrees.
+/// Bits of stored tangents, the sign included: the error of the angle around the normal is at most 1/512, 0.112
+/// degrees.
 inline constexpr uint32_t kTangentBits = 12;
 
 struct EncodeOptions {
@@ -41,10 +42,10 @@ struct MeshPlan {
   uint32_t attributes = 0;  // format::AttributeFlags of the streams to write
   bool float32 = false;
   bool clustered = false;  // chunks are clustered; never with float32
-  // Cut and weld as with float32, so that each chunk's size can be compared with float32, and no chunk is clustered if
-  // that is larger.
+  // Cuts and welds as with float32, so that the size of each chunk can be compared with float32. A chunk that would be
+  // larger as clusters is indexed.
   bool chunks_as_float32 = false;
-  uint64_t sorted_triangles = 0;  // of the source, if a window's triangles may be any of them; else 0
+  uint64_t sorted_triangles = 0;  // of the source, if a window's triangles may come from anywhere in it; else 0
   format::MeshLattice lattice;
   Box box;  // of the measured positions
 };
@@ -52,12 +53,12 @@ struct MeshPlan {
 struct EncodedChunk {
   format::ChunkRecord record{};  // page, offset, mesh and first_triangle unset
   std::vector<std::byte> payload;
-  int64_t saved = 0;  // bytes that it would take more with float32 positions, if MeshPlan::chunks_as_float32
+  int64_t saved = 0;  // additional bytes that it would take with float32 positions, if MeshPlan::chunks_as_float32
 };
 
 /// Vertices that were merged into others.
 struct Welded {
-  // For clusters: many of the vertices that a cluster shares with others would be stored in it in any case.
+  // For clusters, because vertices that several clusters share are stored in each of them in any case.
   static constexpr uint64_t kNotKnown = UINT64_MAX;
 
   uint64_t vertices = 0;
@@ -79,7 +80,7 @@ struct EncodedWindow {
   uint64_t repaired_uvs = 0;       // vertices whose texture coordinates were not finite and became 0
   uint64_t repaired_colors = 0;    // the same for colours, which became 0
   uint64_t repaired_normals = 0;   // not finite or zero; became +z
-  uint64_t repaired_tangents = 0;  // stored ones without a direction beside the normal; became any
+  uint64_t repaired_tangents = 0;  // zero, not finite or parallel to the normal; got an arbitrary direction
 };
 
 /// Memory that a thread reuses from window to window.
@@ -104,8 +105,8 @@ struct EncodeScratch {
   std::vector<uint64_t> chunk_ids;
 };
 
-/// Encodes one window of `primitive`. `content`: the window's renumbered content, which is then not read again; or
-/// null. Errors as Window::load; kFormat: the window differs from the measured one (the source changed in between).
+/// Encodes one window of `primitive`. `content`: the window's renumbered content; null: the window is read. Errors as
+/// Window::load; kFormat: the window differs from the measured one (the source changed in between).
 Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& mesh, const WindowPlan& plan,
                                     WindowContent* content, const EncodeOptions& options, EncodeScratch& scratch);
 

@@ -26,7 +26,7 @@ class GeometryWriter {
     bool is_open = false;  // it has a chunk, which may be empty if all its values are equal
   };
 
-  /// `open`: the page behind the pages of `writer`. Nothing else may append pages until finish() or release().
+  /// `open`: the page after the pages of `writer`. Nothing else may append pages until finish() or release().
   GeometryWriter(WorkerPool& pool, format::ContainerWriter& writer, int zstd_level, StageTimes& times, OpenPage open)
       : times_(times),
         pages_(pool, true),
@@ -37,17 +37,17 @@ class GeometryWriter {
         number_(writer.page_count()),
         written_(number_) {}
 
-  /// Places a chunk: sets page and offset of its record. Errors of ContainerWriter::append.
+  /// Adds a chunk to a page, and sets page and offset in its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
-  /// Whether a chunk of so many bytes would join others in a page.
+  /// Whether a chunk of this many bytes fits into the open page behind its other chunks.
   bool fits(uint64_t bytes) const { return open_.is_open && open_.bytes.size() + bytes <= format::kPageTargetBytes; }
 
-  /// A page that is sealed already, in place of its chunks, whose first no longer fits(). Returns its number. Errors of
-  /// ContainerWriter::append.
+  /// Appends a sealed page as a whole. The first of its chunks must not fit() into the open page. Returns the page's
+  /// number. Errors of ContainerWriter::append.
   Result<uint32_t> add_page(const format::SealedPage& page);
 
-  /// The number and content of the first page in which the next chunk may lie.
+  /// The number and content of the open page.
   uint32_t page() const { return number_; }
   const OpenPage& open_page() const { return open_; }
 

@@ -9,9 +9,9 @@ namespace scree::convert {
 namespace {
 
 constexpr uint64_t kEmpty = UINT64_MAX;
-constexpr size_t kBlock = 64;  // items whose slots are prefetched before they are read: the table exceeds the cache
+constexpr size_t kBlock = 64;  // items whose slots are prefetched together, because the table exceeds the cache
 
-/// Everything by which items may differ: up to four values and their class.
+/// The compared values of an item: up to four attribute values, and its class so far.
 using Key = std::array<uint32_t, 5>;
 
 uint64_t hash_of(const Key& key) {
@@ -72,7 +72,7 @@ void Welder::part(std::span<const float> values, uint32_t components) {
     key[4] = firsts_[candidates_[i]];
     return key;
   });
-  // Done only now, because the classes above were looked up in the unchanged firsts_.
+  // firsts_ changes only after the loop above, which reads its old values.
   for (size_t i = 0; i < candidates_.size(); ++i) firsts_[candidates_[i]] = candidates_[first_items_[i]];
   count_duplicates();
 }

@@ -1,4 +1,4 @@
-// Finds the vertices of a window that are equal in everything stored, so that each is stored once. A chunk has its own
+// Finds the vertices of a window whose stored values are all equal, so that each is stored once. A chunk has its own
 // vertices, and a window consists of whole chunks, so comparing within a window loses nothing.
 #pragma once
 
@@ -9,9 +9,9 @@
 namespace scree::convert {
 
 /// Divides vertices into classes of equal ones, by positions first and then by one attribute after another. An
-/// attribute is read only for vertices that still have an equal one. Equal means bit for bit, except that -0 equals 0
-/// for kUnsigned. The representative of a class depends only on the values: it is the first vertex. Memory: 14 to 24
-/// bytes per vertex, 8 more with attributes, kept for the next window.
+/// attribute is read only for vertices that still have an equal vertex. Equal means bit for bit, except that -0 equals
+/// 0 with kUnsigned. A class is represented by its first vertex. Memory: 14 to 24 bytes per vertex, 8 more with
+/// attributes, kept for the next window.
 class Welder {
  public:
   enum class Zeros {
@@ -19,10 +19,10 @@ class Welder {
     kSigned,    // for values that are stored unchanged
   };
 
-  /// Makes a class per different position. `positions`: 3 floats per vertex, at most 2^32 - 2 vertices.
+  /// Makes one class per distinct position. `positions`: 3 floats per vertex, at most 2^32 - 2 vertices.
   void start(std::span<const float> positions, Zeros zeros);
 
-  /// Vertices that have an equal one, ascending. part() needs their next attribute.
+  /// The vertices that have an equal vertex, ascending. The next part() needs the attribute of these.
   std::span<const uint32_t> find_candidates();
 
   /// Divides the classes by an attribute. `values`: `components` floats, at most 4, per vertex of find_candidates().

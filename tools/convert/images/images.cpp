@@ -48,7 +48,7 @@ Result<ContentHash> hash_image(const SourceImage& image) {
   return hash.value();
 }
 
-/// Whether the image keeps its blocks. Storing it unpacks and checks every level, so only its head is read before.
+/// Whether the image keeps its blocks. Storing it unpacks and checks every level, so only its header is read before.
 bool keeps_blocks(const ImageOptions& options, format::ImageCodec codec) {
   return codec == format::ImageCodec::kBlocks && options.textures != Textures::kJpeg;
 }
@@ -59,7 +59,7 @@ bool is_indexed(const ImageOptions& options, format::ImageCodec codec) {
          (options.textures == Textures::kKeep && codec == format::ImageCodec::kJpeg);
 }
 
-/// `may_repeat`: another image has as many bytes.
+/// `may_repeat`: another image has the same size in bytes.
 Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& options, bool may_repeat) {
   if (image.bytes > kMaxImageBytes)
     return Error{ErrorCode::kUnsupported, std::to_string(image.bytes) + " bytes, but images of at most " +
@@ -86,7 +86,7 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
   return checked;
 }
 
-/// Memory for checking an image. For a file that is no image, the check itself reports the error.
+/// Memory for checking an image. A file that is no image counts little; the check reports its error.
 uint64_t check_cost(const SourceImage& image, const ImageOptions& options) {
   const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
   return kBlockBytes +
@@ -98,7 +98,7 @@ struct StoredImage {
   std::vector<std::byte> png;                  // of a WebP
   std::vector<std::byte> base;                 // an indexed JPEG,
   std::vector<std::vector<std::byte>> levels;  // and its mip levels
-  std::vector<format::SealedPage> pages;       // of a block image; without png, base and pages: the unchanged file
+  std::vector<format::SealedPage> pages;       // of a block image; without png, base and pages the file is unchanged
   format::BlockFormat block_format = format::BlockFormat::kNoBlocks;
   uint16_t swizzle = 0;
   std::vector<format::MipLevelRecord> places;  // of a block image's mip levels: page in `pages`, image unset
@@ -112,7 +112,7 @@ Error changed() {
   return {ErrorCode::kFile, "was changed while it was converted"};
 }
 
-/// The file, checked against its hash where it has one.
+/// Reads the file and compares it with its hash if there is one.
 Result<std::vector<std::byte>> read_file(const SourceImage& image, const ContentHash& hash) {
   std::vector<std::byte> file(static_cast<size_t>(image.bytes));
   if (const Result<void> read = read_image(image, 0, file); !read) return read.error();
@@ -123,7 +123,8 @@ Result<std::vector<std::byte>> read_file(const SourceImage& image, const Content
   return file;
 }
 
-/// Levels below the first of at most so many bytes share a page. Readers keep them all, so they should be small.
+/// Levels below the first that take at most this many bytes share a page. Readers keep all of them in memory, so they
+/// should be small.
 constexpr uint64_t kMostSharedBytes = uint64_t{1} << 14;
 
 /// The blocks of a KTX2 or DDS file. Each large level has pages of its own, so that it is read without the others.
@@ -166,7 +167,7 @@ Result<StoredImage> store_blocks(const SourceImage& source, const format::ImageR
   return stored;
 }
 
-/// A picture to replace an invalid one.
+/// A grey pixel, which replaces an invalid image.
 Result<std::vector<std::byte>> grey_jpeg() {
   runtime::Image image;
   image.width = image.height = 1;
@@ -267,7 +268,7 @@ uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, c
     return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.block_zstd_level, info.block_bytes);
   const uint64_t pixels = uint64_t{info.width} * info.height;
   if (!is_indexed(options, info.codec)) {
-    // The picture, and a PNG that grows to as much at most, by doubling.
+    // The picture, and a PNG that is at most as large and grows by doubling.
     return info.is_webp ? source.bytes + 16 * pixels : kBlockBytes;
   }
   uint64_t bytes = 4 * source.bytes;
@@ -330,11 +331,11 @@ Result<void> append_png(StoredImage stored, StoredImageRecord& written, format::
   return {};
 }
 
-/// Appends the page of an image that stays a file.
+/// Appends the page of an image whose file is stored unchanged.
 Result<void> append_file(const SourceImage& image, const ContentHash& expected, StoredImageRecord& written,
                          format::ContainerWriter& writer) {
   ContentHasher hash;
-  // JPEG and PNG are already compressed, and a raw page can be decoded in the map.
+  // JPEG and PNG are already compressed, and a raw page can be decoded directly from the mapped file.
   const Result<uint32_t> page =
       writer.append_raw(format::PageKind::kImage, image.bytes, [&](uint64_t offset, std::span<std::byte> out) {
         Result<void> read = read_image(image, offset, out);

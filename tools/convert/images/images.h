@@ -1,4 +1,5 @@
-// The images of textures: checked once, equal ones stored once, in the form of ConvertOptions::images.
+// Checks and stores the images of textures. Equal images are stored once. ConvertOptions::images selects the stored
+// form.
 #pragma once
 
 #include <cstdint>
@@ -34,9 +35,9 @@ struct ImagePlan {
   std::vector<uint32_t> places;                // by image of SourceScene::images: its ImageRecord, or kNone
   std::vector<uint32_t> sources;               // by ImageRecord: its image in the source
   std::vector<format::ImageRecord> records;    // name, page and levels unset
-  std::vector<bool> is_color;                  // some texture shows it as colour; else it has numbers
+  std::vector<bool> is_color;                  // some texture uses it as colour; else its texels are numbers
   std::vector<uint64_t> costs;                 // bytes that storing a record takes
-  std::vector<std::string> broken;             // why a record's file becomes grey; empty where it does not
+  std::vector<std::string> broken;             // the reason why a record's image becomes grey; empty if it does not
   std::vector<format::MipLevelRecord> levels;  // of the records
   uint32_t page_count = 0;                     // number of written pages
   std::vector<ContentHash> hashes;             // by record: hash of its file, or 0 if that is read only once
@@ -58,18 +59,19 @@ uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& optio
 std::string image_place(const SourceScene& scene, uint32_t image);
 
 /// Reads the header of every image of `wanted` (flags). Images that stay files are decoded once to check them, without
-/// holding file or pixels. Images that keep their blocks are checked by write_images(); until then only those that
-/// another may equal, because it has as many bytes, are read. As many at a time as fit 128 MiB and ImageOptions::memory
-/// by runtime::image_check_bytes. `progress(images, bytes)`: images done so far, and the bytes of their files. Errors
-/// as runtime::check_image and ByteSource::read, with the image; kUnsupported: more than 1 GiB.
+/// holding file or pixels. Images that keep their blocks are checked by write_images(). Here they are read only if
+/// another image has the same size, and so may be equal. As many images at a time are checked as fit 128 MiB and
+/// ImageOptions::memory by runtime::image_check_bytes. `progress(images, bytes)`: images done so far, and the bytes of
+/// their files. Errors as runtime::check_image and ByteSource::read, with the image; kUnsupported: more than 1 GiB.
 Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>& wanted, const ImageOptions& options,
                                WorkerPool& pool, const std::function<void(uint64_t images, uint64_t bytes)>& progress);
 
 /// Appends the pages of every record and completes the plan. The first records are already stored (`stored`); `note` is
 /// called for each of the others once it is written. While an image is indexed, about four times its file is held, and
 /// for images that are encoded again also the picture (10 bytes per pixel) or its coefficients (2 bytes per sample). As
-/// many images at a time as fit ImageOptions::memory, but at least one. Errors as ContainerWriter::append,
-/// runtime::index_jpeg and decode_image, with the image; kFile: an image has changed since it was checked.
+/// many images at a time are processed as fit ImageOptions::memory, but at least one. Errors as
+/// ContainerWriter::append, runtime::index_jpeg and decode_image, with the image; kFile: an image has changed since it
+/// was checked.
 Result<void> write_images(const SourceScene& scene, const ImageOptions& options, ImagePlan& plan, WorkerPool& pool,
                           format::ContainerWriter& writer, const std::vector<StoredImageRecord>& stored,
                           const std::function<void(uint64_t number, const StoredImageRecord&)>& note);

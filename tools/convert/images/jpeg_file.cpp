@@ -30,8 +30,8 @@ Result<IndexedJpeg> index_or_throw(std::span<const std::byte> file) {
   if (verdict.treatment == JpegTreatment::kAsItIs) {
     Result<std::vector<std::byte>> bytes = encode(*header, file);
     if (bytes) return IndexedJpeg{std::move(*bytes), {}};
-    // Scans that repeat a component are found only behind the first scan. Transcoding can combine the coefficients of
-    // all scans.
+    // A scan that repeats a component is found only after the first scan. Transcoding combines the coefficients of all
+    // scans.
     if (bytes.error().code != ErrorCode::kUnsupported) return bytes.error();
   }
   Result<TranscodedJpeg> other =

@@ -19,9 +19,9 @@ struct IndexedJpeg {
 inline constexpr int kReencodeQuality = 95;  // for pictures that are decoded and encoded again: CMYK
 
 /// Indexes `file`: unchanged if format::encode_jpeg_index accepts it; transcoded with the same coefficients if it is
-/// progressive, arithmetic or of several scans; encoded again if it is CMYK (kReencodeQuality). Decodes the whole file
-/// on the way: damage or an early end is an error, with the byte. Takes twice the file's size of memory, and the memory
-/// of transcode_jpeg and reencode_jpeg if they are needed. Errors kFormat, kTruncated, kRange, kUnsupported, kMemory.
+/// progressive, arithmetic or of several scans; encoded again if it is CMYK (kReencodeQuality). Decodes the whole file:
+/// damage or an early end is an error that names the byte. Takes twice the file's size of memory, and the memory of
+/// transcode_jpeg or reencode_jpeg if it calls them. Errors kFormat, kTruncated, kRange, kUnsupported, kMemory.
 /// Reentrant.
 Result<IndexedJpeg> index_jpeg(std::span<const std::byte> file);
 

@@ -18,7 +18,7 @@ namespace {
 /// A level's quantisation step: one and a half times the base level's. Small pictures have more detail per pixel; with
 /// equal steps the levels would take half of the base level's bytes, instead of a third.
 uint16_t coarser(uint16_t step) {
-  const uint32_t most = step <= 255 ? 255 : 32767;  // a table of bytes stays one; libjpeg writes no larger steps
+  const uint32_t most = step <= 255 ? 255 : 32767;  // 8-bit steps keep 8 bits; libjpeg writes no steps above 32767
   return static_cast<uint16_t>(std::min((3 * uint32_t{step} + 1) / 2, most));
 }
 

@@ -10,10 +10,10 @@
 
 namespace scree::runtime {
 
-/// The stored levels of `base` (format::stored_level_count) from the finest on, each the box filter of the base level
-/// as it decodes, in linear light or of the numbers, coded with the base level's colours and sampling and 1.5 times its
-/// quantisation steps. Streams: holds the levels' files, a few rows, and what JpegWriter holds. Errors kFormat (the
-/// base level does not decode), kMemory. Reentrant; the same bytes for the same base.
+/// The stored levels of `base` (format::stored_level_count) from the finest on. Each is the box filter of the decoded
+/// base level, in linear light for colours, of the values themselves for numbers. It is coded with the base level's
+/// colours and sampling and 1.5 times its quantisation steps. Memory: the levels' files, a few rows, and the memory of
+/// JpegWriter. Errors kFormat (the base level does not decode), kMemory. Reentrant; the same bytes for the same base.
 Result<std::vector<std::vector<std::byte>>> make_jpeg_levels(const format::JpegIndex& base,
                                                              TexelCoding coding = TexelCoding::kColor);
 

@@ -12,7 +12,7 @@
 namespace scree::runtime {
 namespace {
 
-/// A warning after which libjpeg invents coefficients is an error here, because the result is kept for good.
+/// Warnings after which libjpeg invents coefficients are treated as errors, because the result replaces the source.
 void on_message(j_common_ptr info, int level) {
   if (level >= 0) return;  // traces
   JpegErrors& errors = JpegErrors::of(info);
@@ -69,7 +69,7 @@ class Transcoder {
   }
   std::string warning() const { return errors_.manager.num_warnings > 0 ? errors_.warning : ""; }
 
-  /// The error after transcode() returned false, with the byte that libjpeg had reached.
+  /// The error after transcode() returned false, with the number of bytes that libjpeg had read.
   Error failure() const {
     const int message = errors_.manager.msg_code;
     const bool ended = message == JWRN_JPEG_EOF || message == JWRN_HIT_MARKER;
@@ -96,7 +96,7 @@ Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
   const format::JpegVerdict verdict = format::judge_jpeg(*header);
   if (verdict.treatment == format::JpegTreatment::kRefuse || verdict.treatment == format::JpegTreatment::kReencode)
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
-  // Checked before libjpeg allocates memory for the claims of the header.
+  // Checks the size in the header before libjpeg allocates memory for it.
   const uint64_t pixels = uint64_t{header->width} * header->height;
   if (pixels > kMaxImagePixels) {
     return Error{ErrorCode::kRange, "JPEG: " + std::to_string(uint32_t{header->width}) + " x " +
@@ -104,7 +104,7 @@ Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
   }
   if (!header->is_arithmetic && pixels / 64 > 8 * (file.size() - header->data_offset)) {
     return Error{ErrorCode::kTruncated,
-                 "JPEG: byte " + std::to_string(file.size()) + ": the file ends, expected a bit a block or more"};
+                 "JPEG: byte " + std::to_string(file.size()) + ": the file ends, expected at least one bit per block"};
   }
   if (!may_hold_pixels(pixels, file.size())) {
     return Error{ErrorCode::kTruncated,

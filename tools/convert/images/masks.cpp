@@ -47,7 +47,7 @@ Result<Alpha> decode_alpha(const SourceScene& scene, uint32_t number, bool keep_
   return alpha;
 }
 
-/// Memory of one mask's work, in bytes: the file, the decoded image, its alpha, and the levels as floats and as bytes.
+/// Memory for making one mask, in bytes: the file, the decoded image, its alpha, and the levels as floats and as bytes.
 uint64_t mask_cost(const SourceImage& image) {
   const Result<runtime::ImageInfo> info = runtime::probe_image(file_of(image));
   return info ? image.bytes + 12 * uint64_t{info->width} * info->height : image.bytes;
@@ -69,7 +69,7 @@ bool is_stored(const PlannedMask& mask) {
   return mask.of_colors || mask.textured == MaskKind::kMixed;
 }
 
-/// The texture that a mask's levels come from; none of a mask of colours, whose defaults do.
+/// The texture from which a mask's levels are made. A mask of vertex colours has none; its record gets default values.
 format::TextureRecord texture_of(const SourceScene& scene, const PlannedMask& mask, size_t material) {
   if (!mask.of_colors) return scene.textures[scene.materials[material].record.texture].record;
   format::TextureRecord none{};
@@ -86,7 +86,7 @@ void keep_share(const std::vector<float>& level, uint64_t passing, uint32_t thre
     std::vector<float> sorted = level;
     const auto place = sorted.begin() + static_cast<ptrdiff_t>(passing - 1);
     std::nth_element(sorted.begin(), place, sorted.end(), std::greater<float>());
-    // Codes are rounded to nearest, so this scale takes the value at `place` to `least`.
+    // Codes are rounded to nearest, so with this scale the value at `place` becomes `least`.
     if (*place > 0) scale = (least - 0.5f) / *place;
   }
   for (size_t i = 0; i < level.size(); ++i)
@@ -182,11 +182,11 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
     mask.threshold = mask_threshold(record.base_color[3], record.alpha_cutoff);
     mask.plain = mask.textured = kind_of(255, 255, mask);
     if (mask.blends) {
-      // Programs that blend nothing draw a mask of one half.
+      // Programs without blending draw the surface as a mask with threshold one half.
       mask.threshold = std::clamp(mask.threshold, 1u, format::kMaxMaskThreshold);
       if (record.base_color[3] <= 0) mask.plain = mask.textured = MaskKind::kClear;
     }
-    // If full alpha fails, every smaller alpha fails too: no need to decode the image.
+    // If full alpha fails, every smaller alpha fails too, so the image is not decoded.
     if (record.texture != kNone && has_places[i] && mask.plain == MaskKind::kOpaque && mask.threshold > 0)
       materials_of[scene.textures[record.texture].record.image].push_back(i);
   }
@@ -226,7 +226,7 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
     if (mask.textured == MaskKind::kMixed && std::max(mask.width, mask.height) > format::kMaxMaskSide)
       return Error{ErrorCode::kUnsupported, scene.file_name + ": an alpha mask of " + std::to_string(mask.width) +
                                                 " x " + std::to_string(mask.height) + " texels, expected at most " +
-                                                std::to_string(format::kMaxMaskSide) + " a side"};
+                                                std::to_string(format::kMaxMaskSide) + " per side"};
   }
   return plan;
 }
@@ -254,8 +254,8 @@ void uv_transform(const format::MaterialRecord& material, double matrix[2][3]) {
 Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const std::vector<uint32_t>& materials,
                          const ImageOptions& options, int zstd_level, WorkerPool& pool, format::ContainerWriter& writer,
                          format::TableSet& tables) {
-  // The levels depend on the threshold too, so materials share a page only with the same image and threshold; those of
-  // blended materials, which have none, are shared as threshold 0.
+  // The levels depend on the threshold too, so materials share a page only if they have the same image and threshold.
+  // Blended materials have no threshold and count as threshold 0.
   std::map<std::pair<uint32_t, uint32_t>, std::vector<size_t>> materials_of;  // by image and threshold
   for (size_t i = 0; i < materials.size(); ++i) {
     if (materials[i] == kNone || !is_stored(plan.materials[i])) continue;

@@ -16,8 +16,8 @@
 namespace scree::convert {
 
 enum class MaskKind : uint8_t {
-  kOpaque,  // every texel passes; of blended surfaces: the texture's alpha is 1
-  kClear,   // no texel passes; of blended surfaces: the alpha is 0
+  kOpaque,  // every texel passes; for blended surfaces: the texture's alpha is 1
+  kClear,   // no texel passes; for blended surfaces: the alpha is 0
   kMixed
 };
 
@@ -25,10 +25,10 @@ enum class MaskKind : uint8_t {
 struct PlannedMask {
   MaskKind plain = MaskKind::kOpaque;     // triangles without texture coordinates
   MaskKind textured = MaskKind::kOpaque;  // triangles with texture coordinates
-  bool blends = false;                    // the mask is the alpha of blended surfaces: all of it counts
-  bool of_colors = false;                 // no texture: triangles with vertex colours of four components are kMixed
-  uint32_t threshold = 0;                 // MaskRecord::threshold, where `textured` is kMixed
-  uint32_t width = 0;                     // texels of level 0, where `textured` is kMixed
+  bool blends = false;                    // the mask is the alpha of blended surfaces, without a threshold
+  bool of_colors = false;  // there is no texture; triangles with vertex colours of four components are kMixed
+  uint32_t threshold = 0;  // MaskRecord::threshold, where `textured` is kMixed
+  uint32_t width = 0;      // texels of level 0, where `textured` is kMixed
   uint32_t height = 0;
 };
 
@@ -46,9 +46,8 @@ uint32_t mask_threshold(float factor, float cutoff);
 
 /// Returns the levels of a mask, one after the other, down to a longer side of 16 texels. Level 0 is `alpha` (width x
 /// height codes). Each coarser level is the box filter of level 0, scaled so that the share of texels that reach
-/// `threshold` stays the same. Without the scale, leaves would thin out or close up with distance. A threshold of 0
-/// leaves the levels as they are filtered: alpha that blends.
-/// Throws std::bad_alloc.
+/// `threshold` stays the same. Without the scale, leaves would thin out or close up with distance. A threshold of 0 is
+/// for alpha that blends: its levels are not scaled. Throws std::bad_alloc.
 std::vector<std::byte> make_mask_levels(std::span<const uint8_t> alpha, uint32_t width, uint32_t height,
                                         uint32_t threshold);
 /// The number of levels that make_mask_levels() returns, at least 1.
@@ -70,7 +69,7 @@ uint64_t largest_mask_bytes(const SourceScene& scene);
 Result<std::vector<std::byte>> load_mask_levels(const SourceScene& scene, const MaskPlan& plan, size_t material,
                                                 bool keep_going);
 
-/// The matrix of KHR_texture_transform: takes texture coordinates (u, v, 1) to a position on the mask.
+/// The matrix of KHR_texture_transform: maps texture coordinates (u, v, 1) to a position on the mask.
 void uv_transform(const format::MaterialRecord& material, double matrix[2][3]);
 
 /// Appends one page per distinct mask, compressed at `zstd_level` (0: raw), and fills `tables.masks`, sorted by

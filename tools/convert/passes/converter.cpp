@@ -51,7 +51,7 @@ class Converter {
     if (const Result<void> done = find_masks(); !done) return done;
     if (const Result<void> done = plan_memory(); !done) return done;
     if (shards_ == nullptr) prepare_ahead();
-    read_before_ = read_totals();  // what images took is not the geometry's
+    read_before_ = read_totals();  // the rates count only the geometry, not the images before it
     if (const Result<void> done = shards_ != nullptr ? take_measured() : measure_primitives(); !done) return done;
     for (const Measured& primitive : measurement_.primitives) {
       report_.dropped_degenerate += primitive.dropped_degenerate;
@@ -74,7 +74,7 @@ class Converter {
       Result<format::ContainerWriter> writer = open_writer();
       if (!writer) return writer.error();
       writer_ = std::move(*writer);
-      // Images come first: what is wrong with one is said before the geometry is encoded.
+      // Images come first, so that a damaged image is reported before the geometry is encoded.
       if (const Result<void> done = store_images(*writer_); !done) return done;
       written_before_ = writer_->bytes();
     }
@@ -106,7 +106,8 @@ class Converter {
     }
   }
 
-  /// Decides which alpha masks are masks in fact. What is clear everywhere is no longer wanted.
+  /// Finds the alpha masks that hide some texels but not all. A primitive that its mask hides everywhere is no longer
+  /// wanted.
   Result<void> find_masks() {
     report_.threads_asked =
         options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
@@ -155,7 +156,7 @@ class Converter {
     return {};
   }
 
-  /// What the shards measured, in place of measuring.
+  /// Reads the measurement from the shards.
   Result<void> take_measured() {
     if (const Result<void> checked = check_shards(*shards_, scene_); !checked) return checked;
     measurement_ = std::move(shards_->plan.measurement);
@@ -166,7 +167,7 @@ class Converter {
     return {};
   }
 
-  /// For the shard: all that is known before equal meshes are joined, which merging does again.
+  /// Records the plan for the shard before equal meshes are joined, because merging joins them itself.
   void note_plan() {
     ShardPlan plan;
     plan.count = options_.shards;
@@ -178,7 +179,7 @@ class Converter {
     shard_plan_ = pack_plan(plan);
   }
 
-  /// Leaves this shard's share of the images and windows, and says where encoding them begins.
+  /// Keeps only this shard's share of the images and windows. Returns the state in which encoding them begins.
   EncodeStart cut_shard() {
     shard_share_.index = options_.shard;
     shard_share_.input = whole_path(options_.input).string();
@@ -206,7 +207,7 @@ class Converter {
     return start;
   }
 
-  /// A file of the pages and of what merging needs to know of them.
+  /// Adds the plan and this shard's share, which merging reads, and finishes the file.
   Result<void> finish_shard() {
     const std::pair<format::PageKind, std::vector<std::byte>> pages[] = {{kShardPlanPage, shard_plan_},
                                                                          {kShardSharePage, pack_share(shard_share_)}};
@@ -229,7 +230,7 @@ class Converter {
     return {};
   }
 
-  /// Places what shards have encoded, in place of encoding.
+  /// Writes the encoded windows of the shards.
   Result<void> place_shards() {
     const std::vector<WindowPlan>& windows = measurement_.windows;
     uint64_t triangles = 0, done = 0, number = 0;
@@ -244,7 +245,8 @@ class Converter {
         const uint32_t mesh = number < windows.size() ? mesh_of_[windows[number].primitive] : kNone;
         if (mesh == kNone || window.made_from != window_id(windows[number], mesh, tables_.meshes[mesh]) ||
             !is_outcome_of(window, windows[number], mesh))
-          return Error{ErrorCode::kFormat, shard.map.path() + ": window " + std::to_string(number) + " is another one"};
+          return Error{ErrorCode::kFormat,
+                       shard.map.path() + ": window " + std::to_string(number) + " differs from the source"};
         if (const Result<void> added = pass.add(window); !added) return added;
         note_window(window, mesh);
         done += windows[number++].count;
@@ -280,7 +282,7 @@ class Converter {
     return {};
   }
 
-  /// Measures all, and encodes as many windows as can be meanwhile.
+  /// Measures everything, and encodes as many windows as possible meanwhile.
   Result<void> measure_and_encode(const MeasureOptions& options, uint64_t triangles,
                                   const std::function<void(uint64_t)>& show) {
     progress_.stage("encode", triangles);
@@ -309,11 +311,11 @@ class Converter {
     return {};
   }
 
-  /// Makes all that is needed to encode meshes before all are measured, where that can be made from the document alone
-  /// and no mesh waits for others: with a step of all or errors in pixels they do, and a run that goes on with a .part
-  /// must know that the input is as it was. The .part of an earlier run may be gone on with, so it is replaced only
-  /// once the input is known to be good. Where something goes wrong all is as it was: it goes wrong again, once all is
-  /// measured.
+  /// Prepares encoding of meshes before all are measured, if the document alone suffices for that. It does not with
+  /// --grid scene and --max-error-pixels, where a mesh depends on others, nor with --resume, which first checks that
+  /// the input is unchanged. It is not done either if there is a .part of an earlier run: that file is replaced only
+  /// after the input was checked, because --resume could continue it. If a step fails, nothing has changed, and the
+  /// error comes up again after measuring.
   void prepare_ahead() {
     const std::optional<std::vector<bool>> used = materials_known();
     std::error_code ignored;
@@ -323,7 +325,7 @@ class Converter {
       return;
     if (const Result<void> planned = plan_images(*used); planned) {
       Result<format::ContainerWriter> writer = create_writer(most_bytes_known());
-      if (writer && store_images(*writer)) ahead_ = memory_.ahead();  // images have taken their part by now
+      if (writer && store_images(*writer)) ahead_ = memory_.ahead();  // after the images, whose memory is free again
       if (ahead_) {
         writer_ = std::move(*writer);
         written_before_ = writer_->bytes();
@@ -336,7 +338,8 @@ class Converter {
     if (options_.share) merged_ = merge_materials(scene_, *used, images_.places);
   }
 
-  /// materials_used() where the document says it: every triangle of a list is kept, unless its position may be bad.
+  /// materials_used(), if the document alone determines it: every triangle of a list is kept, unless --drop-nonfinite
+  /// may drop it.
   std::optional<std::vector<bool>> materials_known() const {
     std::vector<bool> known(scene_.materials.size()), possible(scene_.materials.size());
     for (size_t i = 0; i < scene_.primitives.size(); ++i) {
@@ -349,19 +352,19 @@ class Converter {
     return known;
   }
 
-  /// That a window is of: a sorted copy where there is one.
+  /// The primitive of a window: its sorted copy if there is one.
   const Primitive& primitive_of(const WindowPlan& window) const {
     const auto sorted = sorted_.find(window.primitive);
     return sorted == sorted_.end() ? scene_.primitives[window.primitive] : sorted->second;
   }
 
-  /// For the progress line: buffers are read evenly with the triangles, near enough.
+  /// An estimate for the progress line: reading advances about evenly with the triangles.
   uint64_t bytes_read(uint64_t done, uint64_t total) const {
     const double share = total > 0 ? static_cast<double>(done) / static_cast<double>(total) : 0;
     return static_cast<uint64_t>(share * static_cast<double>(scene_.buffer_bytes));
   }
 
-  /// Groups and meshes: a mesh for every primitive that keeps a triangle.
+  /// Adds groups, and a mesh for every primitive that keeps a triangle.
   void add_meshes() {
     tables_.groups.resize(scene_.groups.size());
     mesh_of_.assign(scene_.primitives.size(), kNone);
@@ -382,7 +385,7 @@ class Converter {
     const PlannedMesh mesh =
         plan_mesh(options_, scene_, primitive, measurement_.primitives[primitive], sorted_.contains(primitive));
     mesh_of_[primitive] = static_cast<uint32_t>(tables_.meshes.size());
-    tables_.meshes.push_back(mesh.record);  // its material is numbered anew by plan_materials
+    tables_.meshes.push_back(mesh.record);  // plan_materials() renumbers its material
     plans_.push_back(mesh.plan);
   }
 
@@ -395,7 +398,7 @@ class Converter {
     return used;
   }
 
-  /// The options of a pass over images or masks, with its share of the memory, and its threads.
+  /// The options of a pass over images or masks, with its limit of memory, and its number of threads.
   std::pair<ImageOptions, uint32_t> image_stage() const {
     ImageOptions options = options_.images;
     const StageLimits limits = memory_.images(options.memory);
@@ -403,7 +406,7 @@ class Converter {
     return {options, limits.threads};
   }
 
-  /// Images of the primitives that are kept.
+  /// Plans the images of the primitives that are kept.
   Result<void> plan_images(const std::vector<bool>& used) {
     const MaterialUse use = find_material_use(scene_, used);
     std::vector<bool> wanted(scene_.images.size());
@@ -416,7 +419,7 @@ class Converter {
       for (size_t i = 0; i < wanted.size(); ++i)
         if (wanted[i] != (images_.places[i] != kNone))
           return Error{ErrorCode::kFormat, shards_->files.front().map.path() + ": image " + std::to_string(i) +
-                                               " of the source is used otherwise"};
+                                               " is not used as in the source"};
     } else {
       if (count > 0) progress_.stage("check images", count, "images");
       Result<ImagePlan> images = check_images(scene_, wanted, image_options, pool,
@@ -445,7 +448,7 @@ class Converter {
                         });
   }
 
-  /// As images that are stored already.
+  /// Appends the images of the shards, which then count as stored.
   Result<void> append_shard_images(format::ContainerWriter& writer) {
     for (ShardFile& shard : shards_->files) {
       if (const Result<void> appended = append_images(shard, resumed_.images.size(), writer); !appended)
@@ -458,7 +461,7 @@ class Converter {
                                          std::to_string(images_.records.size()) + " images"};
   }
 
-  /// Behind the geometry: what an earlier run wrote of them is not worth keeping.
+  /// Masks come after the geometry, so --resume makes them again; keeping them would save little.
   Result<void> store_masks(format::ContainerWriter& writer) {
     const auto [image_options, threads] = image_stage();
     WorkerPool pool(threads, options_.stop);
@@ -474,13 +477,13 @@ class Converter {
     std::erase_if(measurement_.windows, [&](const WindowPlan& window) { return is_repeat(window.primitive); });
   }
 
-  /// Whether a primitive is of a glTF mesh that is stored as another one.
+  /// Whether a primitive belongs to a glTF mesh that repeats an earlier one, which is stored in its place.
   bool is_repeat(size_t primitive) const {
     const uint32_t group = scene_.primitives[primitive].group;
     return first_equal_[group] != group;
   }
 
-  /// Materials and textures of the meshes that are kept.
+  /// Plans the materials and textures of the meshes that are kept.
   void plan_materials() {
     const MaterialUse use = find_material_use(scene_, materials_used());
     for (format::MeshRecord& mesh : tables_.meshes)
@@ -488,7 +491,7 @@ class Converter {
     add_materials(scene_, use, images_.places, tables_);
   }
 
-  /// A writer that begins, or goes on where an earlier run ended.
+  /// A new writer, or one that continues the .part of an earlier run.
   Result<format::ContainerWriter> open_writer() {
     if (options_.resume) {
       const format::PartId id = make_part_id();
@@ -532,7 +535,7 @@ class Converter {
     return part_id(options, files_, images_);
   }
 
-  /// Whether the windows that an earlier run noted are those that were measured now.
+  /// Whether the logged windows of an earlier run equal the windows that were measured now.
   bool is_of_this_input(const Resumed& resumed) const {
     for (size_t i = 0; i < std::min(resumed.windows.size(), measurement_.windows.size()); ++i) {
       const WindowPlan& window = measurement_.windows[i];
@@ -542,7 +545,7 @@ class Converter {
     return resumed.windows.size() <= measurement_.windows.size();
   }
 
-  /// More than the finished file will take.
+  /// Upper bound of the size of the finished file.
   uint64_t most_bytes() const {
     uint64_t bytes = uint64_t{1} << 20;
     for (const WindowPlan& window : measurement_.windows) {
@@ -552,7 +555,7 @@ class Converter {
     return with_rest(bytes);
   }
 
-  /// The same from what the document says.
+  /// The same bound, from the document alone.
   uint64_t most_bytes_known() const {
     uint64_t bytes = uint64_t{1} << 20;
     for (size_t i = 0; i < wanted_.size(); ++i)
@@ -560,7 +563,7 @@ class Converter {
     return with_rest(bytes);
   }
 
-  /// With all but the geometry, and a quarter more.
+  /// Adds everything except the geometry, and a quarter of the sum as a reserve.
   uint64_t with_rest(uint64_t bytes) const {
     for (const uint64_t cost : images_.costs) bytes += 4 * cost;
     bytes += masks_.bytes();
@@ -570,7 +573,7 @@ class Converter {
     return bytes + bytes / 4;
   }
 
-  /// `start`: of the first window, where nothing of it is in the file.
+  /// `start`: the state before the first window, if none is in the file.
   Result<void> encode(format::ContainerWriter& writer, EncodeStart start) {
     const std::vector<WindowPlan>& windows = measurement_.windows;
     for (uint64_t i = 0; i < resumed_.whole_windows; ++i)
@@ -695,7 +698,7 @@ class Converter {
     warn(repaired_uvs_, "texture coordinates are not finite and became 0");
     warn(repaired_colors_, "vertex colours are not finite and became 0");
     warn(repaired_normals_, "normals are zero or not finite and became +z");
-    warn(repaired_tangents_, "tangents have no direction beside their normal and became any");
+    warn(repaired_tangents_, "tangents are zero, not finite or parallel to their normal and became arbitrary");
     if (tables_.meshes.empty()) report_.warnings.push_back(scene_.file_name + ": there is nothing to draw");
   }
 
@@ -720,7 +723,7 @@ class Converter {
     report_.opaque_masks -= report_.masks;
     for (const format::LeftOutRecord& record : tables_.left_out) {
       const std::string_view what = tables_.strings.bytes().data() + record.what;
-      // What is stored once, or is implied, is not lost.
+      // Repeated and unused data, and data that readers derive, are not lost.
       if (what.starts_with("duplicate ") || what.starts_with("unused ") || what == "COLOR_0 (all white)" ||
           what == kFaceNormals || what == kUnlitNormals || what == kDerivedTangents)
         continue;
@@ -734,26 +737,26 @@ class Converter {
   ShardSet* shards_;
   tools::Progress& progress_;
   ConvertReport& report_;
-  std::optional<AheadLimits> ahead_;               // where meshes are encoded before all are measured
-  Resumed resumed_;                                // what the file has before encode(): by another run, or ahead
-  GeometryWriter::OpenPage open_page_;             // behind that
+  std::optional<AheadLimits> ahead_;  // set if meshes are encoded before all are measured
+  Resumed resumed_;  // the windows and images in the file before encode(): of an earlier run, or encoded ahead
+  GeometryWriter::OpenPage open_page_;             // the page after them
   std::optional<format::ContainerWriter> writer_;  // once it is open
   StageTimes times_;
   ReadTotals read_before_;
-  uint64_t written_before_ = 0;  // images, and what another run wrote
-  std::vector<bool> wanted_;     // of the primitives: some node draws them
+  uint64_t written_before_ = 0;  // bytes of images and of an earlier run
+  std::vector<bool> wanted_;     // by primitive: whether a node draws it
   MaskPlan masks_;
   MemoryPlan memory_;
   Measurement measurement_;
   std::map<uint32_t, Primitive> sorted_;  // copies of primitives without locality
   MergedMaterials merged_;
-  std::vector<uint32_t> first_equal_;  // of each group the one that is stored for it
-  std::vector<MeshPlan> plans_;        // as tables_.meshes
-  std::vector<uint32_t> mesh_of_;      // of each primitive, or kNone
+  std::vector<uint32_t> first_equal_;  // by group: the first equal group, which is stored
+  std::vector<MeshPlan> plans_;        // by mesh of tables_
+  std::vector<uint32_t> mesh_of_;      // by primitive: its mesh, or kNone
   ImagePlan images_;
   InstancePlan instances_;
   format::TableSet tables_;
-  std::vector<std::byte> shard_plan_;  // of the shard that is made
+  std::vector<std::byte> shard_plan_;  // ShardPlan of the shard that is being made
   ShardShare shard_share_;
   uint64_t undrawn_ = 0;
   uint64_t clear_ = 0;  // primitives whose alpha mask hides all of them

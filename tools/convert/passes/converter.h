@@ -13,9 +13,9 @@
 
 namespace scree::convert {
 
-/// Writes report.output, and fills in `report` except for times and peak memory. `scene` is changed: equal meshes refer
-/// to one. `files`: all files that the scene is read from. `shards`: merges these instead of measuring and encoding;
-/// null otherwise. Errors as convert() and merge().
+/// Writes report.output, and fills in `report` except for times and peak memory. Changes `scene`: references to equal
+/// meshes become references to the first of them. `files`: all files that the scene is read from. `shards`: merges
+/// these instead of measuring and encoding; null otherwise. Errors as convert() and merge().
 Result<void> run_conversion(const ConvertOptions& options, SourceScene& scene, const std::set<std::string>& files,
                             ShardSet* shards, tools::Progress& progress, ConvertReport& report);
 

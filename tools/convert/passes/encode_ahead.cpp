@@ -11,15 +11,15 @@ namespace {
 
 constexpr uint64_t kAheadJobsPerThread = 2;
 
-// Measured triangles per thread that may wait, beside the jobs in flight: enough that no thread idles when several
+// Measured triangles per thread that may be queued beside the jobs in flight: enough that no thread idles when several
 // meshes become ready together.
 constexpr uint64_t kWaitingPerThread = kWindowTriangles;
 
-// A window counts as at least this many triangles, so that a million small meshes do not wait.
+// A window counts as at least this many triangles, so that the queue never holds millions of small meshes.
 constexpr uint64_t kLeastWeight = 1024;
 
-// A primitive is guessed only if it has this many triangles per triangle encoded in vain so far. So at most a quarter
-// more than the largest mesh is lost, whatever the sources state.
+// A primitive is guessed only if it has at least this many triangles per triangle encoded in vain so far. So at most
+// 1.25 times the largest mesh is encoded in vain, whatever the sources state.
 constexpr uint64_t kDiscardedShare = 4;
 
 uint64_t weight_of(const EncodeItem& item) {
@@ -46,11 +46,11 @@ EncodeAhead::EncodeAhead(const ConvertOptions& options, const SourceScene& scene
 
 Result<void> EncodeAhead::take_one() {
   Result<std::vector<EncodedWindow>> encoded = pass_->next();
-  if (!encoded) {  // reported once everything before it is known to be good
+  if (!encoded) {  // reported only after everything before it has succeeded
     has_failed_ = true;
     waiting_.clear();
     open_batch_.clear();
-    if (guess_ && !guess_->mark) guess_.reset();  // nothing of it is placed
+    if (guess_ && !guess_->mark) guess_.reset();  // no window of it is in the file
     return stop();
   }
   Result<std::vector<WindowOutcome>> placed = pass_->place(std::move(*encoded));
@@ -123,15 +123,17 @@ void EncodeAhead::start_pass(EncodeStart start) {
   pass_.emplace(options_, scene_, pool_, writer_, in_flight_, times_, std::move(start));
 }
 
-/// Starts encoding a primitive from its first window, trusting its document. Only if little was lost by that so far,
-/// and the window differs from the first windows of earlier such primitives, which this one might repeat.
+/// Starts encoding a primitive at its first window, with the values that its document states. Does nothing if such
+/// guesses have lost too much so far, or if the window equals the first one of an earlier guess, because the primitive
+/// may then be a repeat.
 void EncodeAhead::begin_guess(const WindowPlan& window, const Measured& measured) {
   const uint64_t triangles = scene_.primitives[window.primitive].triangle_count();
   if (window.count == triangles || discarded_triangles_ > triangles / kDiscardedShare) return;
   if (measured.content && (!is_group_alone(window.primitive) || !first_windows_.insert(*measured.content).second))
     return;
   std::optional<PlannedMesh> mesh = guess_mesh(options_, scene_, window.primitive, measured);
-  // Rolling back would wait for everything before it.
+  // The first window is checked before the guess begins, because rolling back must
+  // wait until everything before is written.
   if (!mesh || !fits_guess(options_, scene_, *mesh, window, measured)) return;
   close_batch();
   submit();
@@ -180,7 +182,7 @@ Result<void> EncodeAhead::drop_guess() {
   const uint64_t bytes = writer_.bytes();
   writer_.drop_pages(guess.mark->pages);
   times_.discarded_bytes += bytes - writer_.bytes();
-  log_windows(writer_, guess.mark->start.window, {});  // the log entries from there on are void
+  log_windows(writer_, guess.mark->start.window, {});  // makes the log entries from this window on void
   start_pass(std::move(guess.mark->start));
   outcomes_.erase(outcomes_.begin() + static_cast<ptrdiff_t>(guess.outcomes), outcomes_.end());
   done_ = guess.done;
@@ -221,7 +223,7 @@ void EncodeAhead::add(const WindowPlan& window, std::unique_ptr<HeldWindow> held
   open_batch_.push_back(std::move(item));
 }
 
-/// Waits while too many triangles wait.
+/// Takes results while too many triangles are queued.
 Result<void> EncodeAhead::make_room() {
   submit();
   while (waiting_triangles_ > most_waiting_ && pass_->in_flight() > 0 && !has_failed_)

@@ -1,8 +1,8 @@
 // Encodes measured windows while others are still being measured, so that the disk reads while the cores encode, and
-// most windows are read once. A mesh of many windows is encoded before it is measured completely, trusting its
-// document. If the document was wrong, the mesh is removed from the file again. Any other problem ends encoding ahead,
-// and the work is repeated after all is measured. So errors are the same and in the same order, and the bytes equal
-// those of measuring first.
+// most windows are read once. A mesh of many windows is encoded before it is measured completely, with the values that
+// its document states. If they turn out wrong, the mesh is removed from the file again. Any other problem ends encoding
+// ahead, and the work is repeated after everything is measured. So the errors, their order and the output are the same
+// as if everything were measured first.
 #pragma once
 
 #include <cstdint>
@@ -24,10 +24,10 @@
 
 namespace scree::convert {
 
-/// Used by one thread, the one that measures. Destroy it before the pool.
+/// Used only by the thread that measures. Destroy it before the pool.
 class EncodeAhead final : public MeasureListener {
  public:
-  /// `scene`: with merged materials. `progress(triangles)`: number of source triangles done so far.
+  /// The materials of `scene` are merged already. `progress(triangles)`: number of source triangles done so far.
   EncodeAhead(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool,
               format::ContainerWriter& writer, const AheadLimits& limits, StageTimes& times,
               std::function<void(uint64_t)> progress);
@@ -35,7 +35,7 @@ class EncodeAhead final : public MeasureListener {
   HeldBudget& budget() override { return held_; }
   bool is_ready() const override { return !has_failed_ && pass_->ready_locked(); }
 
-  /// Errors of GeometryWriter::add (kFile, kRange, kMemory). After any other error it stops encoding.
+  /// Errors of GeometryWriter::add (kFile, kRange, kMemory). Any other error ends encoding ahead.
   Result<void> take_one() override;
   Result<void> take_window(const std::vector<Measured>& primitives, const WindowPlan& window,
                            std::unique_ptr<HeldWindow>& held) override;
@@ -44,24 +44,24 @@ class EncodeAhead final : public MeasureListener {
   Result<void> stop() override;
   bool is_stopped() const { return is_stopped_; }
 
-  /// The windows that it wrote: the first ones of the measured windows that are in no repeated group, in order.
+  /// The windows in the file: the first ones of all measured windows that are in no repeated group, in order.
   struct Written {
     std::vector<WindowOutcome> windows;
-    uint64_t before = 0;     // of them: written before finish()
-    uint64_t guessed = 0;    // of them: encoded before their mesh was measured completely
-    uint64_t discarded = 0;  // others, which were removed again
+    uint64_t before = 0;     // number of them written before finish()
+    uint64_t guessed = 0;    // number of them encoded before their mesh was measured completely
+    uint64_t discarded = 0;  // number of other windows, which were removed again
     GeometryWriter::OpenPage page;
   };
-  /// Encodes the waiting windows. Errors as take_one().
+  /// Encodes the queued windows. Errors as take_one().
   Result<Written> finish();
 
  private:
   using Items = std::vector<EncodeItem>;
 
-  /// State while the last one of meshes_ is not measured completely. Nothing is added behind it.
+  /// State while the last one of meshes_ is not measured completely. No other mesh is added meanwhile.
   struct Guess {
     uint64_t windows;         // number of windows added, from the first on
-    uint64_t batches_before;  // batches that are not placed; once they are, there is a mark:
+    uint64_t batches_before;  // earlier batches that are not placed yet; once all are, `mark` is set
     std::optional<EncodePass::Mark> mark;
     uint64_t outcomes;  // sizes of outcomes_ and done_ at the mark
     uint64_t done;

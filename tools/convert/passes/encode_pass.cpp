@@ -78,13 +78,13 @@ EncodePass::Mark EncodePass::mark() const {
   return {geometry_.page(), {geometry_.open_page(), window_, mesh_, triangle_, {}}};
 }
 
-/// Places the chunks of a window. Chunks that are already in the file keep their places.
+/// Adds the chunks of a window to pages. Chunks that are already in the file keep their page and offset.
 Result<WindowOutcome> EncodePass::place_window(EncodedWindow& window, const EncodeItem& item) {
   const format::MeshRecord& record = *item.record;
   if (window.position_error > record.max_position_error)
     return Error{ErrorCode::kRange, primitive_place(scene_, item.plan->primitive) + ": a position error of " +
                                         std::to_string(window.position_error) + ", but at most " +
-                                        std::to_string(record.max_position_error) + " is stated"};
+                                        std::to_string(record.max_position_error) + " is allowed"};
   WindowOutcome outcome;
   outcome.made_from = window_id(item.window, item.mesh, record);
   outcome.position_error = window.position_error;

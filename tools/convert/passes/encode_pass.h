@@ -27,7 +27,7 @@ struct EncodeItem {
   const MeshPlan* plan = nullptr;
   const format::MeshRecord* record = nullptr;
   uint32_t mesh = 0;
-  std::unique_ptr<HeldWindow> held;  // null: the window is read
+  std::unique_ptr<HeldWindow> held;  // null: the window is read again
 };
 
 /// State at the beginning of a pass.
@@ -42,7 +42,7 @@ struct EncodeStart {
 /// Used by one thread, except ready_locked(). Destroy it before the pool.
 class EncodePass {
  public:
-  /// `limit`: on batches and on their encoded bytes.
+  /// `limit`: the most batches and encoded bytes in flight.
   EncodePass(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool, format::ContainerWriter& writer,
              InFlight limit, StageTimes& times, EncodeStart start);
 
@@ -59,15 +59,16 @@ class EncodePass {
   /// The windows of the oldest batch in flight. Errors of encode_window.
   Result<std::vector<EncodedWindow>> next();
 
-  /// Places the windows of the last next(), and returns their additions to the tables. Errors of GeometryWriter::add.
+  /// Adds the chunks of the last next() to pages, and returns the records for the tables. Errors of
+  /// GeometryWriter::add.
   Result<std::vector<WindowOutcome>> place(std::vector<EncodedWindow> windows);
 
-  /// A point at which another pass may begin, once this one is released and the file has only these pages.
+  /// A state from which another pass can continue, once this one is released and the file is cut back to these pages.
   struct Mark {
     uint32_t pages = 0;
     EncodeStart start;
   };
-  /// The point behind the last place().
+  /// The state after the last place().
   Mark mark() const;
 
   /// Writes everything that is left.

@@ -40,7 +40,8 @@ std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const Sourc
   PlannedMesh mesh = plan_mesh(options, scene, primitive, measured, false);
   if (!choose_lattice(options, scene, mesh.plan, mesh.record)) return std::nullopt;
   if (options.float32) return mesh;
-  // Documents often give boxes with fewer digits than floats have, so accept boxes that are equally good.
+  // Documents often state boxes with fewer digits than floats have, so the guess accepts all positions that give the
+  // same lattice.
   PlannedMesh wide = mesh;
   wide.plan.box = all_of_codes(mesh.plan);
   if (choose_lattice(options, scene, wide.plan, wide.record) && matches_measured(mesh, wide)) return wide;

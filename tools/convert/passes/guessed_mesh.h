@@ -9,14 +9,14 @@
 
 namespace scree::convert {
 
-/// The mesh that `primitive` becomes if it keeps all of its triangles, the box that its document states of its
-/// positions is that of the vertices they use, and its colours and normals are like those `so_far`. Nothing where no
-/// box is stated or there is no lattice for it.
+/// The mesh that `primitive` becomes if it keeps all of its triangles, if the box in its document is the box of the
+/// vertices in use, and if the rest of its colours and normals is like the part measured `so_far`. Nothing if the
+/// document states no box, or there is no lattice for it.
 std::optional<PlannedMesh> guess_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
                                       const Measured& so_far);
 
-/// Whether a window of the primitive can be encoded as a window of `guess`. `so_far`: whether its colours are all white
-/// and its normals those of its faces. False means that the guess is wrong.
+/// Whether a window of the primitive can be encoded as a window of `guess`. `so_far`: shows whether all its colours are
+/// white and all its normals equal the faces'. False means that the guess is wrong.
 bool fits_guess(const ConvertOptions& options, const SourceScene& scene, const PlannedMesh& guess,
                 const WindowPlan& window, const Measured& so_far);
 

@@ -1,4 +1,4 @@
-// Values of fixed size one after the other, as they are noted in a .part and in a shard.
+// Packs values of fixed size one after another, for the log of a .part and for shards.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +14,7 @@ namespace scree::convert {
 
 class EntryWriter {
  public:
-  /// Values and records without padding, as its bytes are undefined.
+  /// `value` has no padding, whose bytes would be undefined.
   template <class T>
   void add(const T& value) {
     static_assert(std::is_trivially_copyable_v<T>);
@@ -35,7 +35,7 @@ class EntryWriter {
   std::vector<std::byte> bytes_;
 };
 
-/// Safe on any bytes: what is not there stays as it was, and failed() says so from then on.
+/// Safe on any bytes: a value that is missing stays unchanged, and failed() is true from then on.
 class EntryReader {
  public:
   explicit EntryReader(std::span<const std::byte> bytes) : bytes_(bytes) {}
@@ -63,7 +63,7 @@ class EntryReader {
     take_list(letters);
     text.assign(letters.begin(), letters.end());
   }
-  /// How many things of at least `least_bytes` each follow; 0 after a failure.
+  /// The number of items that follow, of at least `least_bytes` each; 0 after a failure.
   uint64_t take_count(size_t least_bytes) {
     uint64_t count = 0;
     take(count);

@@ -24,26 +24,26 @@ constexpr uint64_t kMiB = uint64_t{1} << 20;
 constexpr uint64_t kOtherBytes = 12 * kMiB;
 constexpr uint64_t kThreadBytes = 3 * kMiB;
 
-// Encoded windows in flight, if there is enough memory; more gains nothing.
+// Bytes of encoded windows in flight if memory suffices; a higher limit would not be faster.
 constexpr uint64_t kFlightBytes = 64 * kMiB;
 constexpr uint64_t kFlightBytesPerThread = 12 * kMiB;
 
-// Measured windows that are held until they are encoded: about seven of scene C's per thread.
+// Bytes of measured windows that are held until they are encoded: about seven windows of scene C per thread.
 constexpr uint64_t kHeldBytesPerThread = 40 * kMiB;
 
 // Memory per primitive (measured, planned, recorded) and per instance (its matrix, and its entry in a hash table).
 constexpr uint64_t kPrimitiveBytes = 600;
 constexpr uint64_t kInstanceBytes = 400;
 
-/// Minimum for the new vertex numbers of a primitive that is sorted.
+/// Least memory for the new vertex numbers of a primitive that is sorted.
 constexpr uint64_t kLeastMapBytes = kMiB;
 
 // A typical window of indexed triangles that share vertices: one vertex per triangle, and two at the beginning, as in a
-// strip. A closed surface has half as many. Its last triangles use its first vertices, so a span may be the whole
-// primitive's.
+// strip. A closed surface has half as many vertices. Its last triangles use its first vertices, so a span of vertex
+// numbers may be the whole primitive's.
 constexpr uint64_t kFirstVertices = 2;
 
-/// The stated minimum is a multiple of this, so that it still suffices when the process takes some pages more.
+/// The minimum in the error is a multiple of this, so that it still suffices if the process takes a few pages more.
 constexpr uint64_t kLeastStep = 4 * kMiB;
 
 uint64_t chunks_of(uint64_t triangles, uint64_t chunk_triangles) {
@@ -113,7 +113,8 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   plan.vertex_bits_ += (has_uv ? 48u : 0u) + (has_color ? 32u : 0u) +
                        (has_normal && options.normals != Normals::kNever ? 2 * kNormalBits : 0u) +
                        (has_second_uv ? 48u : 0u) + (has_tangent ? kTangentBits : 0u);
-  // The second set stays beside the others while a window is encoded, and tangents are measured beside normals and uv.
+  // While a window is encoded, the second texture coordinates stay in memory beside another attribute. Tangents are
+  // measured together with normals and texture coordinates.
   plan.attribute_components_ = has_tangent ? 9
                                            : (has_color    ? 4
                                               : has_normal ? 3
@@ -131,7 +132,7 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
   const uint64_t geometry = tables + std::max({plan.measure_thread_bytes(plan.most_), sort_bytes, encode_bytes});
   const uint64_t rest = tools::memory_use().anonymous + kOtherBytes + std::max(geometry, image_bytes + kThreadBytes);
   const uint64_t reader = plan.views_.reader_bytes;
-  // A quarter of all of it.
+  // The cache of unpacked views gets a quarter of the total.
   const uint64_t beside = rest + plan.views_.place_bytes + reader;
   const uint64_t least = beside + std::max(reader, std::min(plan.views_.kept_bytes, beside / 3));
   if (least > options.memory)
@@ -187,7 +188,7 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
     needs.span = std::max(needs.span, uint64_t{window.span});
     needs.chunks += chunks_of(window.kept, chunk_triangles_);
   }
-  const uint64_t tables = table_bytes(needs) + 2 * page_bytes(needs);  // one page is filled, and one is being written
+  const uint64_t tables = table_bytes(needs) + 2 * page_bytes(needs);  // one page is being filled, one written
   const uint64_t left = free_bytes(tables);
   const uint64_t a_result = encoded_bytes(needs);
   const uint64_t a_thread = encode_thread_bytes(needs) + views_.reader_bytes + 2 * page_bytes(needs);
@@ -198,7 +199,7 @@ StageLimits MemoryPlan::encode(const std::vector<WindowPlan>& windows) const {
 }
 
 uint64_t MemoryPlan::free_bytes(uint64_t beside) const {
-  tools::trim_heap();  // memory left over from earlier stages would count twice
+  tools::trim_heap();  // free memory that earlier stages left in the heap would count twice
   const uint64_t kept = std::max(views_.reader_bytes, std::min(views_.kept_bytes, kept_view_bytes(memory_)));
   const uint64_t taken = tools::memory_use().anonymous + kOtherBytes + kept + views_.place_bytes;
   return memory_ - std::min(memory_, taken + beside);
@@ -206,12 +207,12 @@ uint64_t MemoryPlan::free_bytes(uint64_t beside) const {
 
 std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const {
   // Beside the tables, the result of each window and the plan of each mesh are kept until everything is measured.
-  // Windows of a glTF mesh wait for each other in three lists: as measured, as held, and as items to encode.
+  // The windows of a glTF mesh are collected in three lists: as measured, as held, and as items to encode.
   constexpr uint64_t kWaitingBytes = sizeof(WindowPlan) + 2 * sizeof(std::unique_ptr<HeldWindow>) + sizeof(EncodeItem);
   const uint64_t outcomes = window.chunks * (sizeof(format::ChunkRecord) + sizeof(uint64_t)) +
                             windows_ * sizeof(WindowOutcome) + primitives_ * sizeof(PlannedMesh) +
                             group_windows_ * kWaitingBytes;
-  // One page is filled, one is being written, and one is copied for a rollback.
+  // One page is being filled, one is being written, and one is copied for a rollback.
   const uint64_t tables = table_bytes(window) + 2 * outcomes + 3 * page_bytes(window);
   const uint64_t left = free_bytes(tables);
   const uint64_t a_result = encoded_bytes(window);

@@ -15,7 +15,7 @@
 
 namespace scree::convert {
 
-/// The maximum of each over all windows, to which the scratch memory of a thread grows.
+/// The largest value of each over all windows. The scratch memory of a thread grows to these.
 struct WindowNeeds {
   uint64_t triangles = 0;
   uint64_t vertices = 0;  // distinct ones
@@ -36,7 +36,7 @@ struct StageLimits {
 struct AheadLimits {
   uint32_t threads = 1;
   uint64_t flight_bytes = 0;  // of encoded windows
-  uint64_t held_bytes = 0;    // of measured windows that wait
+  uint64_t held_bytes = 0;    // of measured windows that are held
   WindowNeeds window;         // the largest window that may be encoded
 };
 
@@ -50,11 +50,11 @@ class MemoryPlan {
 
   StageLimits measure() const;
   SortLimits sort(const SortNeeds& needs) const;
-  /// flight_bytes: for images, at most `most`.
+  /// Limits for images; flight_bytes is at most `most`.
   StageLimits images(uint64_t most) const;
   /// Limits for measuring and encoding at the same time; nullopt if that would leave threads without work. If memory
-  /// suffices only with that assumption, windows of indexed triangles count as one vertex per triangle, since nearly
-  /// all have fewer; AheadLimits::window has the resulting limit.
+  /// would not suffice otherwise, windows of indexed triangles count as one vertex per triangle, since nearly all have
+  /// fewer. AheadLimits::window has the resulting limit.
   std::optional<AheadLimits> ahead() const;
   /// An upper bound of the bytes of a primitive's chunks in the file.
   uint64_t most_stored_bytes(const Primitive& primitive) const;
@@ -63,7 +63,7 @@ class MemoryPlan {
   StageLimits encode(const std::vector<WindowPlan>& windows) const;
 
  private:
-  uint64_t free_bytes(uint64_t beside = 0) const;  // memory that is left beside that much
+  uint64_t free_bytes(uint64_t beside = 0) const;  // memory that is left beside `beside` bytes
   std::optional<AheadLimits> ahead_of(const WindowNeeds& window) const;
   uint64_t window_bytes(const WindowNeeds& needs) const;
   uint64_t measure_thread_bytes(const WindowNeeds& needs) const;
@@ -83,7 +83,7 @@ class MemoryPlan {
   bool source_ids_ = false;
   uint32_t id_bits_ = 0;
   uint64_t vertex_bits_ = 0;           // most stored bits of a vertex
-  uint64_t attribute_components_ = 0;  // most of any attribute
+  uint64_t attribute_components_ = 0;  // of the attributes that are in memory together
   PackedViewMemory views_;
   WindowNeeds most_;   // maximum of any window, from the document
   WindowNeeds usual_;  // as most_, if triangles share vertices

@@ -11,14 +11,15 @@ namespace scree::convert {
 namespace {
 
 Error no_page(const ShardFile& shard, uint32_t page) {
-  return {ErrorCode::kRange, shard.map.path() + ": page " + std::to_string(page) + " is none of its pages for that"};
+  return {ErrorCode::kRange,
+          shard.map.path() + ": page " + std::to_string(page) + " is not one of its pages of that kind"};
 }
 
 bool has_page(const ShardFile& shard, uint32_t page, format::PageKind kind) {
   return page < shard.container.pages().size() && shard.container.pages()[page].kind == kind;
 }
 
-/// Appends a page of the shard as it is. An image that is a file may be large, and is not held.
+/// Copies a page of the shard. A raw page, such as the file of an image, may be large, so it is copied in parts.
 Result<uint32_t> append_page(const ShardFile& shard, uint32_t page, format::ContainerWriter& writer) {
   const format::PageRecord& record = shard.container.pages()[page];
   if (record.codec != format::PageCodec::kRaw) {
@@ -70,7 +71,7 @@ void MergePass::begin(const ShardFile& shard) {
     if (!window.chunks.empty()) last_page_ = window.chunks.back().page;
 }
 
-/// The page of a chunk that lies in another one than the chunk before.
+/// Continues with the page of `chunk`: copies it as a whole if possible, otherwise loads it.
 Result<void> MergePass::turn_to(const format::ChunkRecord& chunk) {
   if (!has_page(*shard_, chunk.page, format::PageKind::kGeometry) || (page_ != format::kNone && chunk.page < page_))
     return no_page(*shard_, chunk.page);

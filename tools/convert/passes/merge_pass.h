@@ -1,4 +1,4 @@
-// The pages of shards into one file, cut as one run would have cut them.
+// Puts the pages of shards into one file, with the same page borders as one run.
 #pragma once
 
 #include <cstdint>
@@ -13,23 +13,24 @@
 
 namespace scree::convert {
 
-/// Appends the pages of a shard's images and gives images, levels and pages their numbers in the file, where
-/// `first_image` come before. Errors kRange (a page that the shard has not), kChecksum, and those of the writer.
+/// Appends the pages of a shard's images. Renumbers images, levels and pages for the file, which already has
+/// `first_image` images. Errors: kRange (a page that the shard does not have), kChecksum, and those of the writer.
 Result<void> append_images(ShardFile& shard, uint64_t first_image, format::ContainerWriter& writer);
 
-/// Windows of shards, in order. One run fills pages greedily, so where a page of a shard begins a page of the file, all
-/// that follow in the shard are pages of the file too, but for the last, which the next shard goes on with: they are
-/// copied as they are, and the others are taken apart. Used by one thread; destroy it before the pool.
+/// Appends the windows of shards, in order. One run fills pages greedily. So once a page of a shard begins a page of
+/// the file, all later pages of that shard are pages of the file too, except the last one, which the next shard
+/// continues. Such pages are copied whole; the chunks of all others are added to new pages. Used by one thread; destroy
+/// it before the pool.
 class MergePass {
  public:
   MergePass(WorkerPool& pool, format::ContainerWriter& writer, int zstd_level, StageTimes& times)
       : geometry_(pool, writer, zstd_level, times, {}) {}
 
-  /// Before the windows of a shard, which lives as long as this.
+  /// Begins a shard, which must outlive this.
   void begin(const ShardFile& shard);
 
-  /// Places the chunks of one of its windows. Errors kRange: a chunk that does not lie in the shard's pages; those of
-  /// Container::load_page and GeometryWriter, the shard named.
+  /// Adds the chunks of the shard's next window. Errors name the shard: kRange (a chunk outside the shard's pages),
+  /// and those of Container::load_page and GeometryWriter.
   Result<void> add(WindowOutcome& window);
 
   Result<void> finish() { return geometry_.finish(); }
@@ -40,9 +41,9 @@ class MergePass {
   GeometryWriter geometry_;
   const ShardFile* shard_ = nullptr;
   uint32_t last_page_ = format::kNone;  // of the shard's geometry
-  uint32_t page_ = format::kNone;       // of the shard, that the chunk before lies in
-  uint32_t copy_ = format::kNone;       // its number in the file, where it was copied as it is
-  std::vector<std::byte> raw_;          // else what it holds
+  uint32_t page_ = format::kNone;       // the shard's page of the previous chunk
+  uint32_t copy_ = format::kNone;       // the number of that page in the file if it was copied whole, else kNone
+  std::vector<std::byte> raw_;          // otherwise the content of the page
 };
 
 }  // namespace scree::convert

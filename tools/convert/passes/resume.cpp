@@ -10,7 +10,7 @@
 namespace scree::convert {
 namespace {
 
-// Must change when log entries change, or the way in which a scene is cut and packed.
+// Change this number whenever log entries change, or the way in which a scene is cut and packed.
 constexpr uint64_t kLogFormat = 6;
 
 enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };
@@ -100,7 +100,7 @@ bool take_window(EntryReader& entry, WindowOutcome& window) {
   visit_numbers([&](auto& value) { entry.take(value); }, window);
   entry.take_list(window.chunks);
   entry.take_list(window.saved);
-  // One amount per chunk: lists of different lengths are nothing that add_window() wrote.
+  // `saved` has one entry per chunk; other lengths were not written by add_window().
   return !entry.failed() && window.saved.size() == window.chunks.size();
 }
 
@@ -150,7 +150,7 @@ void drop_incomplete_tail(Resumed& resumed, uint32_t pages, size_t image_count, 
     resumed.windows.clear();
     return;
   }
-  // The page of the last chunk may also hold chunks of windows that were not logged any more.
+  // The page of the last chunk is dropped, because it may also hold chunks of windows that were not logged.
   resumed.pages = std::max(resumed.pages, std::min(pages, resumed.windows.back().chunks.back().page));
   const auto is_kept = [&](const format::ChunkRecord& chunk) { return chunk.page < resumed.pages; };
   while (resumed.whole_windows < resumed.windows.size()) {

@@ -1,5 +1,5 @@
-// The log of a conversion in its .part (format/container/part_log.h), and its use after a crash: which images and
-// windows need not be done again.
+// The log of a conversion in its .part (format/container/part_log.h). After a crash it shows which images and windows
+// are already done.
 #pragma once
 
 #include <cstdint>
@@ -48,13 +48,13 @@ format::PartId part_id(const std::string& options, const std::set<std::string>& 
 /// `mesh`, as it is before the first chunk.
 ContentHash window_id(const WindowPlan& window, uint32_t mesh, const format::MeshRecord& record);
 
-/// What is noted of an image and of a window; the take functions return whether it was there.
+/// Entries of an image and of a window. The take functions return false if the entry is damaged.
 void add_image(EntryWriter& entry, const StoredImageRecord& image);
 bool take_image(EntryReader& entry, StoredImageRecord& image);
 void add_window(EntryWriter& entry, const WindowOutcome& window);
 bool take_window(EntryReader& entry, WindowOutcome& window);
 
-/// `number`: of the image, or of the first of the windows.
+/// `number`: the number of the image, or of the first window.
 void log_image(format::ContainerWriter& writer, uint64_t number, const StoredImageRecord& image);
 void log_windows(format::ContainerWriter& writer, uint64_t number, const std::vector<WindowOutcome>& windows);
 

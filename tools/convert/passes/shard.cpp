@@ -14,10 +14,10 @@
 namespace scree::convert {
 namespace {
 
-// A change of what is packed, or of how a scene is cut and packed, needs another number.
+// Change this number whenever the packed data change, or the way in which a scene is cut and packed.
 constexpr uint64_t kShardFormat = 2;
 
-/// Reads or writes the fields of a struct one by one, in one order for both.
+/// Write and read the fields of a struct one by one, in the same order.
 struct Add {
   EntryWriter& entry;
   template <class T>
@@ -117,7 +117,7 @@ Error damaged(const char* what) {
   return {ErrorCode::kFormat, std::string("a shard's ") + what + " is not as scree convert --shard writes it"};
 }
 
-/// In which way two shards are not of one conversion: "was made with other options, '...'".
+/// The difference between the conversions of two shards: "was made with '...', but the first with '...'".
 std::string difference(const ShardPlan& plan, const ShardPlan& first) {
   const std::string options = describe_options(plan.options), first_options = describe_options(first.options);
   if (options != first_options) return "was made with '" + options + "', but the first with '" + first_options + "'";
@@ -125,14 +125,14 @@ std::string difference(const ShardPlan& plan, const ShardPlan& first) {
     return "is one of " + std::to_string(plan.count) + ", but the first one of " + std::to_string(first.count);
   for (size_t i = 0; i < std::max(plan.files.size(), first.files.size()); ++i) {
     if (i >= plan.files.size()) return "was made without " + first.files[i].name;
-    if (i >= first.files.size()) return "was made from " + plan.files[i].name + ", which the first has not";
+    if (i >= first.files.size()) return "was made from " + plan.files[i].name + ", but the first was not";
     if (!(plan.files[i] == first.files[i]))
       return "was made from " + printed(plan.files[i]) + ", but the first from " + printed(first.files[i]);
   }
-  return "found other things in the source than the first";
+  return "measured the source differently from the first";
 }
 
-/// The one page of a kind that lies in a shard.
+/// The only page of its kind in a shard.
 Result<std::span<const std::byte>> find_page(const format::Container& container, format::PageKind kind,
                                              std::vector<std::byte>& scratch) {
   for (uint64_t i = container.pages().size(); i-- > 0;)
@@ -340,7 +340,7 @@ Result<ShardSet> open_shards(const std::vector<std::string>& paths) {
       const Result<ShardPlan> plan = unpack_plan(opened->plan);
       if (!plan) return at(path, plan.error());
       return Error{ErrorCode::kUsage,
-                   path + ": is of another conversion than " + paths.front() + ": it " + difference(*plan, set.plan)};
+                   path + ": is from another conversion than " + paths.front() + ": it " + difference(*plan, set.plan)};
     }
     const uint32_t index = opened->file.share.index;
     if (index >= places.size()) return at(path, damaged("share"));
@@ -353,8 +353,8 @@ Result<ShardSet> open_shards(const std::vector<std::string>& paths) {
   for (size_t i = 0; i < places.size(); ++i)
     if (!places[i]) missing += (missing.empty() ? "" : ", ") + std::to_string(i + 1);
   if (!missing.empty())
-    return Error{ErrorCode::kUsage, paths.front() + ": is one of " + std::to_string(places.size()) +
-                                        " shards, of which are missing: " + missing};
+    return Error{ErrorCode::kUsage,
+                 paths.front() + ": is one of " + std::to_string(places.size()) + " shards; missing: " + missing};
   for (std::optional<ShardFile>& file : places) set.files.push_back(std::move(*file));
   return set;
 }
@@ -362,7 +362,7 @@ Result<ShardSet> open_shards(const std::vector<std::string>& paths) {
 Result<void> check_shards(const ShardSet& shards, const SourceScene& scene) {
   const Measurement& measurement = shards.plan.measurement;
   const auto wrong = [&](const std::string& what) {
-    return Error{ErrorCode::kFormat, shards.files.front().map.path() + ": " + what + " is none of the source's"};
+    return Error{ErrorCode::kFormat, shards.files.front().map.path() + ": " + what + " does not match the source"};
   };
   if (measurement.primitives.size() != scene.primitives.size()) return wrong("its number of primitives");
   std::vector<uint64_t> kept(scene.primitives.size());
@@ -379,7 +379,8 @@ Result<void> check_shards(const ShardSet& shards, const SourceScene& scene) {
     before = &window;
   }
   for (size_t i = 0; i < kept.size(); ++i)
-    if (kept[i] != measurement.primitives[i].triangles) return wrong("what is kept of primitive " + std::to_string(i));
+    if (kept[i] != measurement.primitives[i].triangles)
+      return wrong("the number of triangles of primitive " + std::to_string(i));
   for (const uint32_t primitive : shards.plan.sorted)
     if (primitive >= scene.primitives.size()) return wrong("primitive " + std::to_string(primitive));
   const ImagePlan& images = shards.plan.images;

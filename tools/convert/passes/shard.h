@@ -1,6 +1,6 @@
-// Shards of a conversion: files with a share of the images and windows each, of which merge_pass.h makes the file of
-// one run. A shard is a .scree file without a scene: the pages of its share, and two of kinds of their own, with what
-// all shards of a conversion have in common and what this one adds to it.
+// Shards of a conversion. Each has a share of the images and windows; merge_pass.h joins them into the file of one run.
+// A shard is a .scree file without a scene. It has the pages of its share and two more: a plan, which is equal in all
+// shards of a conversion, and a description of this share.
 #pragma once
 
 #include <cstdint>
@@ -23,51 +23,51 @@ namespace scree::convert {
 inline constexpr auto kShardPlanPage = static_cast<format::PageKind>(256);
 inline constexpr auto kShardSharePage = static_cast<format::PageKind>(257);
 
-/// A file of the source as it was.
+/// Name, size and time of change of a file of the source.
 struct FileStamp {
-  std::string name;  // from the input's folder
+  std::string name;  // relative to the input's folder
   uint64_t bytes = 0;
   int64_t changed_s = 0;
   int64_t changed_ns = 0;
   bool operator==(const FileStamp&) const = default;
 };
-/// `path` from the root on, or as it is where the working directory cannot be had.
+/// The absolute form of `path`; unchanged if the working directory is not available.
 std::filesystem::path whole_path(const std::string& path);
 
-/// `files`: of source_files(). One that vanished has 0 bytes.
+/// `files`: from source_files(). A file that has vanished gets 0 bytes.
 std::vector<FileStamp> stamp_files(const std::string& input, const std::set<std::string>& files);
 
 /// Equal in all shards of a conversion.
 struct ShardPlan {
   uint32_t count = 1;            // of shards
-  ConvertOptions options;        // those that shape the bytes
+  ConvertOptions options;        // only options that change the bytes
   std::vector<FileStamp> files;  // of the source
-  Measurement measurement;       // of all, equal meshes too
+  Measurement measurement;       // of all primitives, including equal meshes
   std::vector<uint32_t> sorted;  // primitives without locality
-  ImagePlan images;              // before any is stored
+  ImagePlan images;              // before any image is stored
 };
 
-/// What one shard has of it.
+/// The share of one shard.
 struct ShardShare {
   uint32_t index = 0;                     // below ShardPlan::count
   std::string input;                      // as an absolute path
-  std::vector<StoredImageRecord> images;  // pages and images count from the shard's first
-  std::vector<WindowOutcome> windows;     // pages count from the shard's first
+  std::vector<StoredImageRecord> images;  // pages and images are numbered from the shard's first
+  std::vector<WindowOutcome> windows;     // pages are numbered from the shard's first
 };
 
 std::vector<std::byte> pack_plan(const ShardPlan& plan);
 std::vector<std::byte> pack_share(const ShardShare& share);
-/// Safe on any bytes. Errors kFormat; kVersion: of another version of the program. Numbers are not checked against a
-/// scene.
+/// Safe on any bytes. Errors: kFormat; kVersion: made by another version of scree. check_shards() compares the numbers
+/// with a scene.
 Result<ShardPlan> unpack_plan(std::span<const std::byte> bytes);
 Result<ShardShare> unpack_share(std::span<const std::byte> bytes);
 
-/// Things [first, end).
+/// Items [first, end).
 struct Part {
   uint64_t first = 0;
   uint64_t end = 0;
 };
-/// Part `index` of `count` of things that lie in order and cost so much each; parts follow each other.
+/// Divides items into `count` consecutive parts of about equal cost, and returns part `index`. `costs`: per item.
 Part part_of(std::span<const uint64_t> costs, uint32_t index, uint32_t count);
 
 /// An open shard.
@@ -77,8 +77,8 @@ struct ShardFile {
   ShardShare share;
 };
 
-/// The stored bytes of a page of it, checked; read and not mapped, so that memory and the pages of the file that are
-/// mapped stay few. Errors kFile, kChecksum, kReserved, kMemory, the shard named.
+/// Reads and checks the stored bytes of a page. The page is read rather than mapped, to keep the resident part of the
+/// map small. Errors name the shard: kFile, kChecksum, kReserved, kMemory.
 Result<std::vector<std::byte>> read_page(const ShardFile& shard, uint32_t page);
 
 /// All shards of a conversion, in order.
@@ -87,11 +87,11 @@ struct ShardSet {
   std::vector<ShardFile> files;
 };
 
-/// Errors those of MappedFile, Container::open and unpack_plan, the file named; kUsage: a shard is missing, is there
-/// twice, or is of another conversion, and which.
+/// Errors name the file: those of MappedFile, Container::open and unpack_plan; kUsage: a shard is missing, is given
+/// twice, or is from another conversion.
 Result<ShardSet> open_shards(const std::vector<std::string>& paths);
 
-/// Whether what shards measured and stored can be of `scene`. Errors kFormat.
+/// Checks that the plan of the shards fits `scene`. Errors kFormat.
 Result<void> check_shards(const ShardSet& shards, const SourceScene& scene);
 
 }  // namespace scree::convert

@@ -16,7 +16,7 @@ std::string sort_name(const std::string& output) {
   return output + ".sorted";
 }
 
-/// Checks the disk's free space before hours of work. If others fill the disk meanwhile, a write fails.
+/// Checks the disk's free space before hours of work. If other programs fill the disk meanwhile, a write fails.
 Result<void> check_room(const std::string& output, const std::string& place, uint64_t bytes) {
   std::filesystem::path folder = std::filesystem::path(output).parent_path();
   if (folder.empty()) folder = ".";

@@ -19,8 +19,8 @@ struct SortedPrimitives {
   uint64_t file_bytes = 0;  // upper bound of the file's size
 };
 
-/// The temporary file's name in the moment between its creation and its unlinking. It is written while it has no name,
-/// so only a kill in that moment leaves it behind.
+/// The temporary file's name between its creation and its unlinking, which follows at once. Only a kill between the two
+/// leaves the file behind.
 std::string sort_file_name(const std::string& output);
 
 /// Sorts Measurement::scattered and adds the measurements of the copies to `measurement`. `options`: of the first

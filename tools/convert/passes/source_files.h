@@ -16,8 +16,8 @@ std::set<std::string> source_files(const std::string& input, const SourceScene& 
 /// Total bytes of the files. Errors kFile: a file has vanished, or its size cannot be read.
 Result<uint64_t> total_bytes(const std::set<std::string>& files);
 
-/// Fails early instead of at the end of a long run. Errors kFile: `output` is a folder, or lies where no file can be
-/// made.
+/// Fails early instead of at the end of a long run. Errors kFile: `output` is a folder, or no file can be created
+/// there.
 Result<void> check_output(const std::string& output);
 
 /// Error kUsage if `output`, or a temporary file beside it, is one of `files`.

@@ -39,8 +39,8 @@ bool bounds_error(const ConvertOptions& options) {
 Result<void> check_options(const ConvertOptions& options) {
   const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
   if (options.position_bits < 8 || options.position_bits > format::kMaxPositionBits)
-    return usage("--positions: " + std::to_string(options.position_bits) + " bits, but 8 to " +
-                 std::to_string(format::kMaxPositionBits) + " are possible");
+    return usage("--positions: " + std::to_string(options.position_bits) + " bits, expected 8 to " +
+                 std::to_string(format::kMaxPositionBits));
   if (!(options.max_error >= 0) || !std::isfinite(options.max_error)) return usage("--max-error: not a length above 0");
   if (options.float32 && options.max_error > 0) return usage("--max-error and --positions float32 exclude each other");
   if (options.pixel_bound.pixels != 0) {
@@ -51,9 +51,9 @@ Result<void> check_options(const ConvertOptions& options) {
   if (options.float32 && options.grid == Grid::kScene)
     return usage("--grid scene and --positions float32 exclude each other");
   for (const int level : {options.zstd_level, options.images.block_zstd_level})
-    if (level < 0 || level > 22) return usage("--zstd: level " + std::to_string(level) + ", but 0 to 22 are possible");
+    if (level < 0 || level > 22) return usage("--zstd: level " + std::to_string(level) + ", expected 0 to 22");
   if (options.images.quality < 1 || options.images.quality > 100)
-    return usage("--textures: quality " + std::to_string(options.images.quality) + ", but 1 to 100 are possible");
+    return usage("--textures: quality " + std::to_string(options.images.quality) + ", expected 1 to 100");
   if (options.threads > 4096) return usage("--threads: more than 4096");
   return {};
 }

@@ -30,10 +30,10 @@ struct ConvertOptions {
   format::Existing existing = format::Existing::kReplace;  // for `output`
 
   // Options that change the bytes of the file.
-  bool float32 = false;         // unchanged positions, instead of:
+  bool float32 = false;         // stores positions unchanged; position_bits is then not used
   uint32_t position_bits = 16;  // 8 to 24 per axis
-  // Where above 0, max_error (model units, per axis) or pixel_bound.pixels chooses each mesh's step instead of
-  // position_bits, or keeps the mesh's floats.
+  // If max_error (model units, per axis) or pixel_bound.pixels is above 0, it replaces position_bits: it chooses the
+  // step of each mesh, or keeps the mesh's floats.
   double max_error = 0;
   PixelBound pixel_bound;
   Grid grid = Grid::kMesh;
@@ -45,17 +45,17 @@ struct ConvertOptions {
   Normals normals = Normals::kAuto;
   bool source_ids = false;
   bool drop_nonfinite = false;
-  bool weld = true;     // vertices that are equal in everything stored are stored once per chunk
+  bool weld = true;     // vertices whose stored values are all equal are stored once per chunk
   bool share = true;    // equal meshes, textures and materials are stored once
   std::string exclude;  // ImportOptions::exclude
   ImageOptions images;
 
   // Options that do not change the bytes.
   uint32_t threads = 0;                 // upper limit; 0: one per processor
-  uint64_t memory = uint64_t{2} << 30;  // limit for the process; if it is small, fewer threads work
+  uint64_t memory = uint64_t{2} << 30;  // limit for the process; a low limit allows fewer threads
   bool allow_outside = false;           // may read files outside the source's folder
   bool resume = false;  // continues the .part of an earlier run if it fits, and leaves an unfinished .part behind
-  // If `shards` is above 0: make only share `shard` of so many, counted from 0, for merge().
+  // If `shards` is above 0: converts only share `shard` of `shards` (counted from 0), for merge().
   uint32_t shard = 0;
   uint32_t shards = 0;
   bool progress = false;  // a line on stderr if that is a terminal
@@ -65,13 +65,13 @@ struct ConvertOptions {
                                             // behind, except with `resume`
 };
 
-/// Whether the options give the error, and not the bits.
+/// Whether the options bound the error instead of setting the bits.
 bool bounds_error(const ConvertOptions& options);
 
 /// Errors kUsage: options that exclude each other or are out of range.
 Result<void> check_options(const ConvertOptions& options);
 
-/// The options that change the bytes, as on the command line.
+/// The options that change the output, as text of a command line.
 std::string describe_options(const ConvertOptions& options);
 
 }  // namespace scree::convert

@@ -38,8 +38,8 @@ void keep_floats(MeshPlan& plan, format::MeshRecord& record) {
   record.position_encoding = format::PositionEncoding::kFloat32;
 }
 
-/// --grid scene. A flat or single-point mesh needs no step of its own, since its exponent is only the finest that keeps
-/// its one coordinate exact. So it takes its neighbours' step unless it is alone.
+/// --grid scene. The step of a flat or single-point mesh is only the finest that keeps its one coordinate exact. So
+/// such a mesh takes the step of the meshes that share its matrices, if there are any.
 Result<void> share_steps(const SourceScene& scene, const InstancePlan& instances, const format::TableSet& tables,
                          std::vector<MeshPlan>& plans) {
   const std::vector<uint32_t> shared = meshes_sharing_matrices(instances, scene, tables);
@@ -107,7 +107,7 @@ Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& s
   for (size_t i = 0; i < plans.size(); ++i) {
     MeshPlan& plan = plans[i];
     const Result<format::MeshLattice> lattice = lattice_of(options, plan, errors[i]);
-    // Rounding to float alone may exceed the bound; then a lattice saves nothing.
+    // If rounding to float alone exceeds the bound, no lattice can keep it.
     if (bounds_error(options) && (!lattice || lattice->max_error > errors[i])) {
       keep_floats(plan, tables.meshes[i]);
       continue;

@@ -14,8 +14,8 @@ using format::kNone;
 /// Texture coordinates in the range 0 to 1 take about 16 bits per axis; a colour takes 32 bits.
 constexpr uint64_t kSetBytes = 4;
 
-/// Estimates the bytes that an entry of the import would have taken: attributes of `elements` vertices, else `count`
-/// records, without any pages or instances that belong to them.
+/// Estimates the bytes that a left-out entry would have taken in the file: attributes of `elements` vertices, or else
+/// `count` records, without the pages or instances that belong to them.
 uint64_t cost_of(const LeftOut& entry) {
   const auto starts_with = [&](std::string_view prefix) { return entry.what.rfind(prefix, 0) == 0; };
   if (starts_with("TEXCOORD_") || starts_with("COLOR_")) return kSetBytes * entry.elements;
@@ -83,7 +83,7 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
   Dropped normals[] = {{"NORMAL", {}}, {kFaceNormals, {}}, {kUnlitNormals, {}}};
   Dropped tangents[] = {{"TANGENT", {}}, {kDerivedTangents, {}}};
   uint64_t white_cost = 0, repeat_count = 0, repeat_cost = 0;
-  std::vector<uint32_t> place(scene.groups.size());  // of the next primitive that keeps a triangle
+  std::vector<uint32_t> place(scene.groups.size());  // by group: number of the next primitive that keeps a triangle
   for (size_t i = 0; i < scene.primitives.size(); ++i) {
     if (facts.mesh_of[i] == kNone) continue;
     kept.add(scene.primitives[i]);

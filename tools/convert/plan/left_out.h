@@ -40,13 +40,13 @@ class AccessorBytes {
 /// SourceScene::primitives, its mesh or kNone.
 void add_source_bytes(const SourceScene& scene, const std::vector<uint32_t>& mesh_of, format::SourceRecord& source);
 
-/// Names of normals that Normals::kAuto leaves out, which show nothing.
+/// Names for normals that Normals::kAuto leaves out because they change no picture.
 inline constexpr const char* kFaceNormals = "NORMAL (as of the faces)";
 inline constexpr const char* kUnlitNormals = "NORMAL (of unlit materials)";
-/// The same of tangents (derived_tangents.h).
+/// The same for tangents (derived_tangents.h).
 inline constexpr const char* kDerivedTangents = "TANGENT (as texture coordinates give them)";
 
-/// What a conversion knows when its geometry is written.
+/// The results of a conversion after its geometry is written.
 struct LeftOutFacts {
   const SourceScene& scene;
   std::span<const MeshPlan> plans;         // in the order of the tables' meshes

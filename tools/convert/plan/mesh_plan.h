@@ -19,7 +19,7 @@ struct PlannedMesh {
 /// format::AttributeFlags of the streams that a primitive has in the file.
 uint32_t stored_attributes(const ConvertOptions& options, const Primitive& source, const Measured& measured);
 
-/// `is_sorted`: its windows are of a sorted copy.
+/// `is_sorted`: its windows come from a sorted copy.
 PlannedMesh plan_mesh(const ConvertOptions& options, const SourceScene& scene, uint32_t primitive,
                       const Measured& measured, bool is_sorted);
 

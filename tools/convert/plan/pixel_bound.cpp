@@ -15,7 +15,7 @@ double world_error(const PixelBound& bound) {
 
 double matrix_gain(const format::MatrixRecord& world) {
   double longest = 0;
-  for (int signs = 0; signs < 4; ++signs) {  // the other four are opposite to these
+  for (int signs = 0; signs < 4; ++signs) {  // the other four vectors are the opposites of these
     const double y = (signs & 1) != 0 ? -1 : 1, z = (signs & 2) != 0 ? -1 : 1;
     double image[3];
     for (int i = 0; i < 3; ++i) image[i] = world.rows[i][0] + y * world.rows[i][1] + z * world.rows[i][2];

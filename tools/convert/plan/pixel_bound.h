@@ -7,8 +7,8 @@
 
 namespace scree::convert {
 
-/// In a picture of that size and field of view, no vertex at a distance of at least `distance` from the eye's plane is
-/// drawn more than `pixels` from its exact position, anywhere in the picture.
+/// A bound on the position error in a picture of this size and field of view: no vertex that is at least `distance`
+/// from the eye's plane is drawn more than `pixels` from its exact position.
 struct PixelBound {
   double pixels = 0;      // above 0; 0: no bound
   double distance = 0;    // world units, above 0
@@ -19,7 +19,8 @@ struct PixelBound {
 
 /// The largest allowed distance between a point and its exact position in world space, in any direction, world units: r
 /// = N D / (f sqrt(1 + t^2) + N). N: pixels; D: distance; f = height / (2 tan(fov / 2)): pixels per unit at distance 1;
-/// t: the tangent of the angle between the view direction and a corner of the picture. Source: docs/converting.md, Convert.
+/// t: the tangent of the angle between the view direction and a corner of the picture. Source: docs/converting.md,
+/// Convert.
 double world_error(const PixelBound& bound);
 
 /// The largest world-space distance that results from a displacement of up to 1 along each axis of object space: the

@@ -28,7 +28,7 @@ void PositionTable::add(const format::MeshRecord& mesh, bool is_first, const for
 
 std::string PositionTable::text() const {
   inspect::TextTable table;
-  table.row({"bits an axis", "meshes", "triangles", "bytes", "as float32", "saved"});
+  table.row({"bits per axis", "meshes", "triangles", "bytes", "as float32", "saved"});
   table.rule();
   const auto add = [&](const std::string& name, const Row& row) {
     const std::string sign = row.saved < 0 ? "-" : "";

@@ -81,7 +81,7 @@ void drop_negative_zeros(MatrixRecord& m) {
     for (double& value : row) value += 0.0;
 }
 
-/// Keeps equal matrices once: open addressing over the indices of the matrices.
+/// Stores each distinct matrix once. A hash table with open addressing holds the indices of the matrices.
 class MatrixSet {
  public:
   explicit MatrixSet(std::vector<MatrixRecord>& matrices) : matrices_(matrices), table_(1024, kNone) {}
@@ -166,7 +166,7 @@ Result<void> for_each_matrix_block(const SourceScene& scene, uint32_t node, cons
   return for_each_block(scene, node, block);
 }
 
-/// Plans the matrices of nodes when scenes need them, each node once.
+/// Plans the matrices of each node once, when a scene first draws it.
 class MatrixPlanner {
  public:
   MatrixPlanner(const SourceScene& scene, InstancePlan& plan) : scene_(scene), plan_(plan), set_(plan.matrices) {}
@@ -188,7 +188,7 @@ class MatrixPlanner {
     });
   }
 
-  /// Streams lie behind the held matrices, whose number is known only at the end.
+  /// Streams come after the held matrices, whose number is known only at the end.
   void finish() {
     for (InstancePlan::Node& node : plan_.nodes)
       if (node.is_streamed) node.first += plan_.matrices.size();
@@ -435,7 +435,7 @@ Result<void> visit_world_matrices(const SourceScene& scene, const InstancePlan& 
         take(plan.matrices[plan.matrix_of[m]]);
       continue;
     }
-    // Streams lie one after another behind the held matrices.
+    // The streams follow the held matrices, one after another.
     uint64_t first = plan.matrices.size();
     for (const InstancePlan::Stream& stream : plan.streams) {
       if (first == place.first) {

@@ -1,4 +1,5 @@
-// The output without geometry: nodes, world matrices, instances, scenes, cameras, materials, textures.
+// The tables of the output that hold no geometry: nodes, world matrices, instances, scenes, cameras, materials,
+// textures.
 #pragma once
 
 #include <cstdint>
@@ -11,10 +12,11 @@
 
 namespace scree::convert {
 
-/// Most instances of a file, over all scenes: a document of a few bytes can multiply them beyond any memory.
+/// The most instances of a file, over all scenes. Without a limit, a document of a few bytes could demand more than any
+/// memory.
 inline constexpr uint64_t kMaxInstances = uint64_t{1} << 28;
 
-/// World matrices of further node instances are neither held nor compared.
+/// The most node instances whose world matrices are held and compared. Further ones are neither.
 inline constexpr uint64_t kMaxHeldInstances = uint64_t{1} << 18;
 
 /// Data that write_nodes needs beside the nodes: the world matrices and the instances of a file. Only the matrices of
@@ -22,25 +24,25 @@ inline constexpr uint64_t kMaxHeldInstances = uint64_t{1} << 18;
 struct InstancePlan {
   struct Node {
     uint64_t first =
-        UINT64_MAX;  // of its matrices: in matrix_of or, of a streamed node, in the table; unset: not drawn
+        UINT64_MAX;  // first of its matrices: in matrix_of or, for a streamed node, in the table; unset: not drawn
     bool is_streamed = false;
   };
   struct Stream {
-    uint32_t node = 0;  // the first that has these matrices
+    uint32_t node = 0;  // the first node that has these matrices
     format::MatrixRecord world{};
   };
   std::vector<format::MatrixRecord> matrices;  // each once
   std::vector<uint32_t> matrix_of;             // indices in `matrices`
   std::vector<Node> nodes;                     // in the order of SourceScene::nodes
-  std::vector<Stream> streams;                 // behind `matrices` in the table, in this order
+  std::vector<Stream> streams;                 // after `matrices` in the table, in this order
   std::vector<uint32_t> by_group;              // nodes with a group, sorted by group, then number
-  std::vector<uint64_t> first_of_group;        // by group: its first index in by_group; one more ends the last
+  std::vector<uint64_t> first_of_group;        // by group: its first index in by_group; then the end of the last group
   std::vector<SourceSceneRoots> scenes;
 };
 
-/// Fills scenes, roots and cameras of `tables`, whose meshes and groups are already there, and plans the rest. A
-/// document without scenes gets one scene with all root nodes. Errors kRange: a world matrix that is not finite;
-/// kUnsupported: more than kMaxInstances; errors of read_instances.
+/// Fills scenes, roots and cameras of `tables`, which already has meshes and groups, and plans the rest. A document
+/// without scenes gets one scene with all root nodes. Errors kRange: a world matrix that is not finite; kUnsupported:
+/// more than kMaxInstances; errors of read_instances.
 Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tables);
 
 /// Writes nodes, node instances, matrices and instances, after the last page, and adds the nodes' names to `tables`.
@@ -68,8 +70,8 @@ Result<void> visit_world_matrices(const SourceScene& scene, const InstancePlan& 
                                   const std::function<void(const format::MatrixRecord&)>& take);
 
 /// For each mesh of `tables`: the smallest mesh number with which it must share one lattice step so that all meshes
-/// under one world matrix have the same step. All meshes share one if some matrices are not held and so cannot be
-/// compared.
+/// under one world matrix have the same step. All meshes share one step if some matrices are not held, since these
+/// cannot be compared.
 std::vector<uint32_t> meshes_sharing_matrices(const InstancePlan& plan, const SourceScene& scene,
                                               const format::TableSet& tables);
 

@@ -57,20 +57,20 @@ struct CurveSample {
   uint32_t number;
 };
 
-/// The box of the samples (finite) without the outermost 64th on each side, made a sixteenth larger and clipped to
-/// `all`, the box of all vertices. Otherwise a few far points, used or not, would leave all others at one position on
-/// the curve. Reorders the samples.
+/// The box of the samples (finite) without the outermost 64th on each side, enlarged by a sixteenth and clipped to
+/// `all`, the box of all vertices. With the box of all samples, a few far points could put all others at one position
+/// on the curve. Reorders the samples.
 Box box_of_most(const Box& all, std::vector<CurveSample>& samples);
 
-/// Vertices ordered along the curve, equal positions by number. This is a total order, so any scene can be divided
-/// evenly.
+/// Vertices ordered along the curve, equal positions by number. This is a total order, so even a scene with equal
+/// positions can be divided evenly.
 struct CurvePlace {
   uint64_t key;
   uint32_t number;
   auto operator<=>(const CurvePlace&) const = default;
 };
 
-/// The curve divided at borders. A border is the first place of the part behind it.
+/// The curve divided at borders. A border is the first CurvePlace of the part after it.
 class CurveParts {
  public:
   CurveParts() : CurveParts(std::vector<CurvePlace>()) {}
@@ -89,7 +89,7 @@ class CurveParts {
 
   uint32_t count() const { return static_cast<uint32_t>(borders_.size() + 1); }
 
-  /// The part that contains a place.
+  /// The part that contains a vertex.
   uint32_t find(const CurvePlace& place) const {
     const uint64_t bits = std::min<uint64_t>(place.key >> shift_, below_.size() - 1);
     uint32_t part = below_[bits];

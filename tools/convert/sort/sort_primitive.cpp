@@ -71,7 +71,7 @@ uint32_t element_bytes(const std::vector<const Accessor*>& accessors) {
   return static_cast<uint32_t>(sum);
 }
 
-/// Most elements are three floats: a copy of constant size needs no call.
+/// Most elements are three floats, and a copy of constant size needs no call.
 void copy_element(std::byte* to, const std::byte* from, uint64_t bytes) {
   if (bytes == 12) {
     std::memcpy(to, from, 12);
@@ -225,7 +225,7 @@ class Sorter {
     progress_(done_);
   }
 
-  /// Writes the vertices along the curve, and their new numbers into map_, if it has room for all.
+  /// Writes the vertices in the order of the curve. Stores their new numbers in map_ if it has room for all.
   Result<void> sort_vertices() {
     SpillBuckets buckets(*file_, buckets_offset_, parts_.count(), vertex_bytes_);
     const auto group = [&](uint64_t first, uint64_t count, Scratch& s) { return group_vertices(first, count, s); };
@@ -265,7 +265,8 @@ class Sorter {
     return run_pieces(pieces.size(), work);
   }
 
-  /// Allocates the map, which is read and written at random. Large pages, if available, halve the time of that.
+  /// Allocates the map, which is read and written at random. Large pages, if available, halve the time of these
+  /// accesses.
   void make_map() {
     map_.reserve(vertices_);
     constexpr uint64_t kPage = 4096;
@@ -312,8 +313,8 @@ class Sorter {
   }
 
   /// Reads source triangles, with vertices numbered from first_vertex_ on. Triangles that only join the parts of a
-  /// strip or fan are not kept. All their corners are set to one vertex, because measuring did not count them and their
-  /// vertices may lie anywhere.
+  /// strip or fan are not kept. All their corners are set to one vertex: measuring did not count them, so their
+  /// vertices may be outside the measured range.
   Result<void> read_corners(uint64_t first, uint64_t count, Scratch& s) const {
     s.corners.resize(3 * count);
     if (const Result<void> read = read_triangles(source_, first, count, s.corners); !read) return read;
@@ -330,8 +331,8 @@ class Sorter {
     return {};
   }
 
-  /// Used if there is no memory for all new numbers: writes the numbers of source vertices [first, first + count) into
-  /// the copy's triangles, which keep the source's order until they are sorted.
+  /// Used if there is no memory for all new numbers. Writes the new numbers of source vertices [first, first + count)
+  /// into the copy's triangles, which keep the source's order until they are sorted.
   Result<void> renumber(uint64_t first, uint64_t count) {
     std::vector<uint32_t> map(count);
     const auto fill = [&](uint64_t number, uint64_t n, Scratch& s) -> Result<std::monostate> {
@@ -457,7 +458,7 @@ class Sorter {
     return {};
   }
 
-  /// Writes the triangles of s.records that s.pairs selects, at their numbers in the copy.
+  /// Writes the triangles of s.records that s.pairs selects to their positions in the copy.
   Result<void> write_triangles(Scratch& s) {
     for (size_t begin = 0; begin < s.pairs.size();) {
       const uint64_t number = s.pairs[begin] >> 32;

@@ -1,6 +1,6 @@
-// Turns a primitive whose triangles lie in no order (locality.h) into a copy in a temporary file, whose vertices lie
-// along a space-filling curve and whose triangles follow them. The time is proportional to the primitive, not to its
-// square, and memory is bounded. Afterwards the copy is treated like any other primitive.
+// Sorts a primitive without locality (locality.h) into a copy in a temporary file. The copy's vertices are ordered
+// along a space-filling curve, and its triangles in the order of their vertices. The time is proportional to the size
+// of the primitive, not to its square, and memory is bounded. Afterwards the copy is treated like any other primitive.
 #pragma once
 
 #include <atomic>
@@ -33,13 +33,12 @@ struct SortLimits {
   uint64_t map_vertices = UINT64_MAX;  // vertices whose new numbers are in memory at a time; at least 1
 };
 
-/// Sorts a primitive into `file` from `offset` on, where it finally takes SortNeeds::kept_file_bytes, up to the end of
-/// the file. The copy is a list of all triangles except the degenerate ones of strips and fans, with the attributes of
-/// the source (normals if requested) bit for bit. Primitive::numbers has the source's numbers. Vertices lie along a
-/// Morton curve; vertices with equal keys keep the source's order. Triangles are ordered by the middle one of their
-/// vertices, then as in the source. `stop`: as for WorkerPool. `progress(done)`: vertices and triangles, in all twice
-/// their number. Errors of reading the source; kFile for the temporary file; kFormat: the source differs from the
-/// measured one.
+/// Sorts a primitive into `file` from `offset` on. The result takes SortNeeds::kept_file_bytes, up to the end of the
+/// file. The copy is a list of all triangles except the degenerate ones of strips and fans, with the attributes of the
+/// source (normals if requested) bit for bit. Primitive::numbers has the source's numbers. Vertices lie along a Morton
+/// curve; vertices with equal keys keep the source's order. Triangles are ordered by the middle one of their vertices,
+/// then as in the source. `stop`: as for WorkerPool. `progress(done)` counts vertices and triangles, each twice. Errors
+/// of reading the source; kFile for the temporary file; kFormat: the source differs from the measured one.
 Result<Primitive> sort_primitive(const Primitive& primitive, const ScatteredPrimitive& scattered, bool normals,
                                  const SortLimits& limits, std::shared_ptr<const format::PartFile> file,
                                  uint64_t offset, const std::atomic<bool>* stop,

@@ -63,7 +63,7 @@ bool are_derived_tangents(const WindowContent& window, const VertexDirections& v
     const double side = area > 0 ? 1 : -1;
     const Vector along_u = (edge[0] * d[1][1] - edge[1] * d[0][1]) * side;
     const Vector along_v = (edge[1] * d[0][0] - edge[0] * d[1][0]) * side;
-    // By so much the two may be off through the rounding of positions and of texture coordinates.
+    // The possible error of both vectors from the rounding of positions and texture coordinates.
     const double blur = kFloatRounding * (largest * spread + largest_uv * (length(edge[0]) + length(edge[1])));
     for (size_t c = 0; c < 3; ++c) {
       const size_t vertex = indices[i + c];

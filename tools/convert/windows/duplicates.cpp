@@ -39,7 +39,7 @@ std::vector<bool> may_repeat(const SourceScene& scene, const std::vector<bool>& 
     }
     hashes.push_back(hasher.value());
   }
-  std::map<ContentHash, uint32_t> groups;  // number of groups with these counts
+  std::map<ContentHash, uint32_t> groups;  // number of groups per hash of their counts
   uint32_t last = kNone;
   for (size_t i = 0; i < wanted.size(); ++i) {
     const uint32_t group = scene.primitives[i].group;

@@ -12,8 +12,8 @@
 
 namespace scree::convert {
 
-/// Flags for SourceScene::primitives: the ones of `wanted` whose glTF mesh has the same numbers of primitives,
-/// triangles and attributes as another mesh. Only their content must be hashed to find equal meshes.
+/// By primitive of SourceScene::primitives: whether it is `wanted` and its glTF mesh has the same numbers of
+/// primitives, triangles and attributes as another mesh. Only such primitives must be hashed to find equal meshes.
 std::vector<bool> may_repeat(const SourceScene& scene, const std::vector<bool>& wanted);
 
 struct MergedMaterials {
@@ -30,8 +30,8 @@ MergedMaterials merge_materials(SourceScene& scene, const std::vector<bool>& mat
 /// Finds equal groups, one after another.
 class EqualGroups {
  public:
-  /// The first group, among `group` and the groups of earlier calls, whose measured primitives are all the same:
-  /// triangles, vertices, attributes, materials (merged before). `group` itself if there is none, or none of its
+  /// The first group, among the groups of earlier calls, whose measured primitives equal those of `group` in triangles,
+  /// vertices, attributes and materials (merged before). Returns `group` itself if there is none, or if none of its
   /// triangles are kept. `first_primitive`: of the group. `measured`: as SourceScene::primitives, complete for the
   /// group.
   uint32_t find_first(const SourceScene& scene, const std::vector<Measured>& measured, uint32_t group,

@@ -10,8 +10,8 @@ namespace scree::convert {
 namespace {
 
 constexpr double kSineOfFloats = 1.7453283658983088e-3;  // of 0.1 degrees
-constexpr double kSineOfBytes = 1.7452406437283513e-2;   // of 1 degree: codes of 1/127 an axis turn up to 0.4, two
-                                                         // octahedral ones of 8 bits 0.6 more
+constexpr double kSineOfBytes = 1.7452406437283513e-2;   // of 1 degree: codes of 1/127 per axis turn up to 0.4,
+                                                         // two octahedral codes of 8 bits another 0.6
 
 }  // namespace
 
@@ -28,8 +28,8 @@ bool are_face_normals(const WindowContent& window, std::span<const float> normal
     const double largest = std::max({largest_of(corner[0]), largest_of(corner[1]), largest_of(corner[2])});
     const double longest = std::max({dot(edge[0], edge[0]), dot(edge[1], edge[1]), dot(edge[2], edge[2])});
     const double area = dot(face, face);  // squared, twice
-    // The sine by which a corner that moves by the rounding turns the face is that over the triangle's height, which is
-    // the area over the longest edge.
+    // Moving a corner by the rounding turns the face by an angle whose sine is the rounding divided by the triangle's
+    // height. The height is the area over the longest edge.
     const double rounding = kFloatRounding * largest * (kFloatRounding * largest) * longest;
     if (area <= rounding) continue;
     const double allowed = std::max(sine * sine * area, rounding);

@@ -1,4 +1,4 @@
-// Windows that stay in memory between being measured and being encoded, so that they are read once.
+// Windows that stay in memory between measuring and encoding, so that they are read only once.
 #pragma once
 
 #include <algorithm>

@@ -9,8 +9,8 @@
 
 namespace scree::convert {
 
-/// Number of vertices that are read for an ascending list: gaps of up to a page of positions are read too, for any
-/// layout of the accessor.
+/// The number of vertices that are read for an ascending list. Gaps of up to a page of tightly packed positions count
+/// as read, whatever the accessor's layout.
 inline uint64_t vertices_read(std::span<const uint32_t> ascending) {
   constexpr uint32_t kGap = 4096 / 12;
   uint64_t count = ascending.size();
@@ -21,14 +21,16 @@ inline uint64_t vertices_read(std::span<const uint32_t> ascending) {
   return count;
 }
 
-/// Vertices read per triangle from which on sorting takes less time than reading: 100 MB of positions per window,
-/// twice. In an ordered primitive it is 0.5 to 1, and 3 if no vertex is shared.
+/// If a window reads more vertices per triangle than this, sorting is faster: 100 MB of positions would be read per
+/// window, twice. An ordered primitive reads 0.5 to 1, and 3 if no vertex is shared.
 inline constexpr uint64_t kMostVerticesRead = 32;
 
-/// The same, from which on a window without shared vertices is not read until it is decided whether to sort.
+/// If a window without shared vertices would read more vertices per triangle than this, it is not read before it is
+/// decided whether to sort.
 inline constexpr uint64_t kManyVerticesRead = 4;
 
-/// Vertices per triangle from which on a primitive is not sorted, because most vertices belong to others.
+/// A primitive with more vertices per triangle than this is not sorted, because most vertices belong to other
+/// primitives.
 inline constexpr uint64_t kMostVertices = 4;
 
 /// The windows' use of a primitive's vertices.

@@ -34,7 +34,7 @@ struct WindowFacts {
   ContentHash content{};
   ContentHash normals{};
   ContentHash tangents{};
-  bool waits = false;  // not measured: its vertices lie too far apart
+  bool waits = false;  // postponed, because its vertices lie too far apart
   VertexUse use;
   std::unique_ptr<HeldWindow> held;
 };
@@ -55,8 +55,8 @@ void add_values(ContentHasher& hasher, std::span<const T> values) {
   hasher.add(std::as_bytes(values));
 }
 
-/// A hash of the triangles, independent of the number of their first vertex in the source, and of the vertices they
-/// use, but for their normals.
+/// A hash of the triangles and of the vertices they use, except for normals and tangents. The number of the first
+/// vertex in the source does not affect it.
 Result<ContentHash> hash_window(const Primitive& primitive, Scratch& scratch) {
   const Window& window = scratch.window;
   ContentHasher hasher;
@@ -75,8 +75,7 @@ Result<ContentHash> hash_window(const Primitive& primitive, Scratch& scratch) {
       const Result<void> read = read_vertices(*accessor, window.vertices(), scratch.floats);
       if (!read) return read.error();
     }
-    add_values(hasher, std::span<const float>(scratch.floats));  // without values nothing is added; their count is
-                                                                 // hashed too
+    add_values(hasher, std::span<const float>(scratch.floats));  // an absent attribute adds only its count, 0
   }
   return hasher.value();
 }
@@ -103,17 +102,18 @@ std::unique_ptr<HeldWindow> reserve(HeldBudget* budget, const Primitive& primiti
   return std::make_unique<HeldWindow>(*budget, bytes);
 }
 
-/// What else a window is measured for.
+/// Options of measuring one window.
 struct WindowTask {
-  bool may_wait;                            // vertices that lie too far apart are left unread
-  bool has_normals;                         // that may be kept
-  std::atomic<bool>* is_flat;               // of the primitive, with Normals::kAuto: once it is not, nobody looks again
-  const format::SurfaceRecord* surface;     // of tangents that may be kept, else null
+  bool may_wait;               // the window may be postponed if its vertices lie too far apart
+  bool has_normals;            // the primitive has normals that may be stored
+  std::atomic<bool>* is_flat;  // of the primitive, with Normals::kAuto: all normals so far equal the faces'; once
+                               // false, it is not checked again
+  const format::SurfaceRecord* surface;     // the primitive's material if tangents may be stored, else null
   std::atomic<bool>* has_derived_tangents;  // as is_flat
-  HeldBudget* budget;                       // for windows that are held; may be null
+  HeldBudget* budget;                       // memory for windows that are held; may be null
 };
 
-/// Reads a window's normals and tangents, looks whether they must be stored, and hashes them.
+/// Reads a window's normals and tangents, finds out whether they must be stored, and hashes them.
 Result<void> measure_directions(const Primitive& primitive, const WindowTask& task, bool looks, bool is_hashed,
                                 Scratch& scratch, WindowFacts& facts) {
   const Window& window = scratch.window;
@@ -216,7 +216,7 @@ class Measurer {
  private:
   Result<void> add_windows(uint32_t primitive) {
     const uint64_t triangles = scene_.primitives[primitive].triangle_count();
-    // meshoptimizer and ChunkRecord count a chunk's corners in 32 bits.
+    // FifoOrder and ChunkRecord count a chunk's corners in 32 bits.
     if (options_.whole_meshes && triangles > UINT32_MAX / 3)
       return Error{ErrorCode::kUnsupported, primitive_place(scene_, primitive) + ": " + std::to_string(triangles) +
                                                 " triangles, but one chunk holds at most " +
@@ -229,7 +229,7 @@ class Measurer {
       window.count = std::min(step, triangles - first);
       out_.windows.push_back(window);
     }
-    // A single window is ordered in any case, and chunks number source triangles in 32 bits.
+    // A single window is ordered by the encoder in any case, and chunks store source triangle numbers in 32 bits.
     if (options_.may_sort && triangles > step && triangles <= uint64_t{1} << 32) uses_[primitive] = {};
     return {};
   }
@@ -337,7 +337,7 @@ class Measurer {
     if (facts.waits) waiting_.insert(plan.primitive);
   }
 
-  /// Removes primitives without locality. Of the others, the ones with windows that waited are measured again.
+  /// Removes primitives without locality. Other primitives with postponed windows are measured again.
   Result<void> settle_scattered() {
     std::vector<bool> again(scene_.primitives.size());
     for (const auto& [primitive, use] : uses_) {
@@ -374,11 +374,11 @@ class Measurer {
   MeasureListener* listener_;  // null after it was stopped
   Measurement out_;
   std::map<uint32_t, VertexUse> uses_;  // of primitives that may be scattered
-  std::set<uint32_t> waiting_;          // primitives of windows that waited
+  std::set<uint32_t> waiting_;          // primitives with postponed windows
   uint64_t done_ = 0;
   std::vector<std::unique_ptr<HeldWindow>> held_;  // windows that the listener has not taken
   std::vector<Scratch> scratch_;
-  std::vector<std::atomic<bool>> is_flat_;               // of each primitive, as far as its windows were looked at
+  std::vector<std::atomic<bool>> is_flat_;               // by primitive, over its windows so far
   std::vector<std::atomic<bool>> has_derived_tangents_;  // the same
 };
 

@@ -20,7 +20,7 @@
 
 namespace scree::convert {
 
-/// The location of a window, and after measuring the facts about it.
+/// The triangles of a window and, after measuring, its properties.
 struct WindowPlan {
   uint32_t primitive = 0;  // in SourceScene::primitives
   uint32_t vertices = 0;   // number of distinct used vertices
@@ -33,15 +33,15 @@ struct WindowPlan {
 
 /// Which normals of the source are stored.
 enum class Normals {
-  kAuto,    // of a mesh where they show: its material is lit, and some are not those of its faces (face_normals.h)
+  kAuto,    // of lit meshes with at least one normal that differs from its faces' (face_normals.h)
   kAlways,  // all
   kNever,
 };
 
-/// Whether normals of `primitive` are stored, or, with kAuto, are where they differ from the faces'.
+/// Whether normals of `primitive` are stored, or, with kAuto, may be stored if they differ from the faces'.
 bool may_keep_normals(const SourceScene& scene, const Primitive& primitive, Normals normals);
 
-/// The facts about a primitive after measuring.
+/// The properties of a primitive, found by measuring.
 struct Measured {
   uint64_t triangles = 0;  // kept
   uint64_t dropped_degenerate = 0;
@@ -49,8 +49,7 @@ struct Measured {
   Box box = empty_box();               // of the vertices that its kept triangles use
   bool white = true;                   // every used COLOR_0 is exactly (1, 1, 1, 1)
   bool shows_normals = false;          // they are stored: some differ from their faces', or Normals::kAlways
-  std::optional<ContentHash> content;  // hash of its triangles and their vertices, if MeasureOptions::hashed requests
-                                       // it
+  std::optional<ContentHash> content;  // hash of its triangles and vertices, if MeasureOptions::hashed is set
   ContentHash normals{};               // the same of their normals, if they may be kept
   bool shows_tangents = false;         // they are stored: some differ from the derived ones (derived_tangents.h)
   ContentHash tangents{};              // as `normals`
@@ -60,7 +59,7 @@ struct Measured {
 struct ScatteredPrimitive {
   uint32_t primitive = 0;
   uint32_t first_vertex = 0;  // the first that it uses
-  uint64_t vertex_count = 0;  // from there to the last one
+  uint64_t vertex_count = 0;  // number of vertices from the first to the last
 };
 
 struct MeasureOptions {
@@ -97,22 +96,22 @@ std::string primitive_place(const SourceScene& scene, uint32_t primitive);
 /// Receives results while more is being measured, on the same pool.
 class MeasureListener : public OtherResults {
  public:
-  /// Windows are held as long as it has bytes left.
+  /// Windows are held while the budget has bytes left.
   virtual HeldBudget& budget() = 0;
 
-  /// Receives a window of a primitive, or of a group, that is not completely measured yet; in order. `primitives`: up
-  /// to this window. A window taken from `held` is not given to take_measured() again. Waits and errors as
-  /// take_measured().
+  /// Receives the windows of a primitive or group that is not completely measured yet, one by one in order.
+  /// `primitives`: measured up to this window. A window that is taken from `held` is not passed to take_measured()
+  /// again. May block, and has errors, like take_measured().
   virtual Result<void> take_window(const std::vector<Measured>& primitives, const WindowPlan& window,
                                    std::unique_ptr<HeldWindow>& held) = 0;
 
   /// Receives complete primitives in source order; if they are hashed, all of a group at once. `windows`: all of their
   /// windows that keep triangles. `held`: the held content of each, or null. `primitives`: as SourceScene::primitives,
-  /// measured up to these. May wait until it has room. An error ends measuring.
+  /// measured up to these. May block until there is room. An error ends measuring.
   virtual Result<void> take_measured(const std::vector<Measured>& primitives, std::span<const WindowPlan> windows,
                                      std::span<std::unique_ptr<HeldWindow>> held) = 0;
 
-  /// The current primitive will be measured again, so nothing more may be taken. Errors as take_measured().
+  /// The current primitive will be measured again, so no more results follow. Errors as take_measured().
   virtual Result<void> stop() = 0;
 };
 

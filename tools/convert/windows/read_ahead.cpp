@@ -19,8 +19,8 @@ uint64_t ask_elements(const Accessor& accessor, uint64_t first, uint64_t end) {
   return bytes;
 }
 
-/// part / whole of `count`, which is below 2^32. In floating point, because the product of two counts of a file may
-/// exceed 64 bits.
+/// part / whole of `count`, which is below 2^32. Computed in floating point, because the product of two counts from a
+/// file may exceed 64 bits.
 uint64_t share(uint64_t count, uint64_t part, uint64_t whole) {
   return static_cast<uint64_t>(static_cast<double>(count) * static_cast<double>(part) / static_cast<double>(whole));
 }
@@ -34,10 +34,10 @@ ReadAhead::ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& wi
     thread_ = std::thread([this] {
       try {
         run();
-      } catch (const std::bad_alloc&) {  // treated like a refused thread
+      } catch (const std::bad_alloc&) {  // handled like a thread that cannot start
       }
     });
-  } catch (const std::exception&) {  // without the thread, measuring waits for its reads
+  } catch (const std::exception&) {  // without this thread, measuring is only slower
   }
 }
 
@@ -88,7 +88,7 @@ uint64_t ReadAhead::ask(const WindowPlan& window) const {
   if (primitive.indices) bytes += ask_elements(*primitive.indices, corners * window.first, corners * end + 2);
   const uint64_t vertices = primitive.vertex_count(), triangles = primitive.triangle_count();
   if (vertices > kMostVertices * triangles)
-    return bytes;  // most belong to another primitive, and which ones are its own is unknown
+    return bytes;  // most vertices belong to other primitives, and it is not known which belong to this one
   const uint64_t first_vertex = share(vertices, window.first, triangles);
   const uint64_t end_vertex = share(vertices, end, triangles) + 1;
   bytes += ask_elements(primitive.positions, first_vertex, end_vertex);

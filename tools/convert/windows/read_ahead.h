@@ -14,8 +14,8 @@
 namespace scree::convert {
 
 /// A thread that requests windows in order, up to a number of bytes ahead of the measured ones. The data go to the page
-/// cache. Nothing waits for them, and nothing changes if they do not arrive. A window's vertices are assumed to have
-/// the same relative position among all vertices as its triangles among all triangles.
+/// cache. No thread waits for them, and the results do not depend on them. A window's vertices are assumed to have the
+/// same relative position among all vertices as its triangles among all triangles.
 class ReadAhead {
  public:
   /// `windows` (primitive, first and count are used) and `scene` must outlive this. `attributes`: attributes will be

@@ -1,4 +1,4 @@
-// Vectors in double, for looks at a window's triangles.
+// Vectors in double, for tests of a window's triangles.
 #pragma once
 
 #include <algorithm>

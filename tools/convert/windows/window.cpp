@@ -11,8 +11,9 @@
 namespace scree::convert {
 namespace {
 
-/// A table with an entry per vertex number, from the smallest to the largest, is used up to this many numbers per
-/// corner. Windows with more scattered vertices use a bitmap.
+/// Up to kTableSpanPerCorner vertex numbers per corner, a table with an entry per number from the smallest to the
+/// largest is used; beyond that a bitmap, up to kBitmapSpan. From kScatteredSpanPerCorner on, the vertices count as
+/// scattered.
 constexpr uint64_t kTableSpanPerCorner = 1;
 constexpr uint64_t kScatteredSpanPerCorner = 4;
 
@@ -71,8 +72,7 @@ uint64_t WindowContent::bytes() const {
 }
 
 WindowContent Window::release() {
-  // The vectors had room for every vertex number between the first and the last, and may have been used for a larger
-  // window.
+  // The vectors have room for every vertex number between the first and the last, or for a larger window before.
   const auto shrink = [](auto& values) {
     if (values.capacity() > values.size() + values.size() / 8) values.shrink_to_fit();
   };
@@ -89,7 +89,7 @@ void Window::merge(std::span<const uint32_t> firsts) {
   uint32_t count = 0;
   for (size_t i = 0; i < firsts.size(); ++i) {
     if (firsts[i] != i) {
-      places_[i] = places_[firsts[i]];  // it precedes i, so its place is known
+      places_[i] = places_[firsts[i]];  // firsts[i] precedes i, so its entry is already set
       continue;
     }
     vertices_[count] = vertices_[i];
@@ -195,7 +195,7 @@ void Window::find_vertices(bool renumber) {
 }
 
 Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfinite) {
-  // NaN and infinity have all exponent bits set. The loop has no branches, because there is rarely one to find.
+  // NaN and infinity have all exponent bits set. The loop has no branches, because such values are rare.
   constexpr uint32_t kExponent = 0x7f800000u;
   uint32_t found = 0;
   for (const float value : positions_) found |= (std::bit_cast<uint32_t>(value) & kExponent) == kExponent ? 1u : 0u;

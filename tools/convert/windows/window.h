@@ -1,5 +1,5 @@
-// A run of a primitive's triangles with the vertices they use, read from the source: the unit of work of measure and
-// encode. The window size is a constant, so that the output does not depend on threads or memory.
+// A run of a primitive's triangles with the vertices they use, read from the source. Measuring and encoding work window
+// by window. The window size is a constant, so that the output does not depend on threads or memory.
 #pragma once
 
 #include <array>
@@ -15,8 +15,8 @@
 
 namespace scree::convert {
 
-/// Triangles per window: large enough that meshoptimizer sees whole neighbourhoods and a window fills several pages,
-/// and small enough that a thread's scratch memory stays below 64 MiB if no vertex is shared.
+/// Triangles per window: large enough that the order of triangles covers whole neighbourhoods and a window fills
+/// several pages, and small enough that a thread's scratch memory stays below 64 MiB if no vertex is shared.
 inline constexpr uint64_t kWindowTriangles = 262144;
 
 /// Up to this many vertex numbers from the smallest to the largest, a window finds its vertices by a bitmap (12 MiB
@@ -42,7 +42,7 @@ class WindowContent {
   /// Source numbers of the used vertices, ascending; the kept triangles use all of them.
   std::span<const uint32_t> vertices() const { return vertices_; }
 
-  /// Whether the vertices lie far apart in the source, so that their order does not show neighbourhood.
+  /// Whether the vertices lie far apart in the source, so that neighbours in number need not be neighbours in space.
   bool is_scattered() const { return is_scattered_; }
 
   /// 3 per vertex, finite.
@@ -51,7 +51,7 @@ class WindowContent {
   /// Indices of the kept triangles in the window; empty if all are kept.
   std::span<const uint32_t> kept() const { return kept_; }
 
-  /// The number in the source primitive of kept triangle `place`.
+  /// The number of kept triangle `place` in the source primitive.
   uint64_t source_id(uint64_t place) const {
     const uint64_t read = kept_.empty() ? place : kept_[place];
     return numbers_.empty() ? first_ + read : numbers_[read];
@@ -92,8 +92,8 @@ class Window : public WindowContent {
   /// a non-finite position ("mesh 3 primitive 0: vertex 5: position (nan, 0, 1) is not finite").
   Result<void> load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find);
 
-  /// The two halves of load(). Between them vertices(), span() and dropped_degenerate() are known, and no vertex has
-  /// been read.
+  /// The two halves of load(). After the first one vertices(), span() and dropped_degenerate() are set, and no vertex
+  /// has been read.
   Result<void> load_triangles(const Primitive& primitive, uint64_t first, uint64_t count, Find find);
   Result<void> load_positions(const Primitive& primitive, bool drop_nonfinite);
 
@@ -102,7 +102,7 @@ class Window : public WindowContent {
   /// kTriangles.
   void merge(std::span<const uint32_t> firsts);
 
-  /// release() gives the content away, without unneeded memory. restore() takes the content of another window.
+  /// release() moves the content out and frees unneeded memory. restore() takes over the content of another window.
   WindowContent release();
   void restore(WindowContent content) { static_cast<WindowContent&>(*this) = std::move(content); }
 

@@ -1,4 +1,4 @@
-// The camera: its pose and its movements. It stays upright. The server gets eye, target, up and field of view.
+// The camera: its pose and its movements. It stays upright. The server receives eye, target, up and field of view.
 import {add, cross, distance, dot, length, mix, normalize, rotate, scale, sub} from './vector.js';
 
 const kSteepest = 89.9 * Math.PI / 180;  // above and below the horizon
@@ -29,7 +29,7 @@ export class Camera {
     if (pose.fov) this.fov = pose.fov;
     this.unroll();
   }
-  /// A view straight up or down has no direction to the right of its own.
+  /// A view straight up or down needs another way to find the direction to the right.
   unroll() {
     const pitch = this.pitch;
     if (Math.abs(pitch) <= kSteepest + 1e-9) return;
@@ -44,7 +44,7 @@ export class Camera {
     const tan = Math.tan(this.fov * Math.PI / 360);
     return normalize(add(this.forward, add(scale(this.right, (2 * x - 1) * tan * aspect), scale(this.up, (1 - 2 * y) * tan))));
   }
-  /// The position of a point in the picture. depth is along the view, not positive behind the eye.
+  /// The position of a point in the picture. depth is along the view direction; it is 0 or negative behind the eye.
   project(point, aspect) {
     const tan = Math.tan(this.fov * Math.PI / 360), d = sub(point, this.eye);
     const depth = dot(d, this.forward);
@@ -58,7 +58,7 @@ export class Camera {
 
   /// Turns around `pivot`, as if the scene was dragged to the right and down by these angles in radians.
   orbit(pivot, yaw, pitch) { this.turn(pivot, -yaw, -pitch); }
-  /// Turns without moving.
+  /// Turns the view around the eye.
   look(yaw, pitch) { this.turn(this.eye, -yaw, -pitch); }
   turn(pivot, yaw, pitch) {
     const now = this.pitch;
@@ -73,8 +73,8 @@ export class Camera {
     this.eye = add(this.eye, offset);
     this.target = add(this.target, offset);
   }
-  /// Moves the eye to `factor` of its distance from the point, never quite there. The point keeps its position in the
-  /// picture.
+  /// Multiplies the eye's distance from the point by `factor`, but keeps a least distance. The point keeps its position
+  /// in the picture.
   zoom(point, factor) {
     let reach = sub(point, this.eye);
     const closest = kClosest * this.size;
@@ -95,7 +95,7 @@ export class Camera {
     const {forward, right, up} = view;
     const tan = Math.tan(this.fov * Math.PI / 360), kMargin = 0.92;
     let center = mix(bound(points, Math.min), bound(points, Math.max), 0.5), reach = 0;
-    // Near points look larger, so the middle of the picture is not that of the box.
+    // Near points are drawn larger, so the middle of the picture is not that of the box.
     for (let round = 0; round < 6; ++round) {
       reach = 2 * kClosest * this.size;
       const places = points.map((point) => sub(point, center)).map((d) => [dot(d, right), dot(d, up), dot(d, forward)]);
@@ -115,20 +115,19 @@ export class Camera {
 const bound = (points, choose) => [0, 1, 2].map((axis) => choose(...points.map((point) => point[axis])));
 
 function nearestAxis(up) {
-  // A file's camera may be rolled. The page uses the axis nearest to its up.
+  // A camera of the file may be rolled. The page uses the axis nearest to its up vector.
   const axes = [[0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1], [1, 0, 0], [-1, 0, 0]];
   const unit = normalize(up);
   if (dot(unit, [0, 1, 0]) > 0.3) return [0, 1, 0];
   return axes.reduce((best, axis) => dot(axis, unit) > dot(best, unit) + 1e-9 ? axis : best);
 }
 
-/// Interpolates from one pose to another; t from 0 to 1. Distances to the target change by factors, so that a flight
-/// from a city to a screw does not rush past its end.
+/// Interpolates from one pose to another; t from 0 to 1. The distance to the target changes by a constant factor per
+/// time, so that a flight from a whole city to a small part does not end too fast.
 export function between(a, b, t) {
   const from = distance(a.eye, a.target), to = distance(b.eye, b.target);
   const reach = from > 0 && to > 0 ? from * Math.pow(to / from, t) : from + (to - from) * t;
-  // The target's share of its way is the share by which the distance has changed, because that is how far things seem
-  // to be.
+  // The target moves in proportion to the change of the distance, so that its speed in the picture is even.
   const share = Math.abs(from - to) > 1e-9 * Math.max(from, to) ? (from - reach) / (from - to) : t;
   const target = mix(a.target, b.target, share);
   const back = slerp(normalize(sub(a.eye, a.target)), normalize(sub(b.eye, b.target)), t);

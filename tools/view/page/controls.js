@@ -1,9 +1,9 @@
-// Mouse, touch and held keys, and how they move the camera. One scheme, without modes.
+// Moves the camera by mouse, touch and held keys. There are no modes.
 import {add, distance, dot, scale, sub} from './vector.js';
 
 const kOrbitTurn = Math.PI;  // radians for a drag across the picture's height
 const kNotch = 0.85;         // factor of the distance per notch of the wheel
-const kClickPixels = 4;      // a press that moves less is a click
+const kClickPixels = 4;      // a press that moves less than this is a click
 const kDoubleMs = 350;
 const kFlySeconds = 2;  // time of a flight to the point under the cursor
 const kFlyKeys = {KeyW: [0, 0, 1], KeyS: [0, 0, -1], KeyA: [-1, 0, 0], KeyD: [1, 0, 0], KeyE: [0, 1, 0], KeyQ: [0, -1, 0],
@@ -18,7 +18,7 @@ export class Controls {
     this.pointers = new Map();
     this.held = new Set();
     this.speed = 1;     // of flying; the wheel changes it
-    this.zoomLeft = 0;  // notches that are not yet applied
+    this.zoomLeft = 0;  // wheel notches that are not applied yet
     this.zoomPoint = null;
     this.frame = 0;
     this.lastTime = 0;
@@ -45,14 +45,14 @@ export class Controls {
 
   down(event) {
     this.stage.focus({preventScroll: true});
-    try { this.stage.setPointerCapture(event.pointerId); } catch { /* a pointer that tests made up */ }
+    try { this.stage.setPointerCapture(event.pointerId); } catch { /* a synthetic pointer of a test */ }
     this.pointers.set(event.pointerId, {x: event.clientX, y: event.clientY, startX: event.clientX, startY: event.clientY});
     this.isClick = this.pointers.size === 1;
     this.host.begin();
     this.grab(event);
   }
 
-  /// Begins a drag; also when the number of fingers changes, which makes it another drag.
+  /// Begins a drag. A change of the number of fingers begins another drag.
   grab(event) {
     const {x, y} = this.middle();
     this.pivot = this.host.pointUnder(x, y);
@@ -66,7 +66,7 @@ export class Controls {
     this.stage.className = '';
   }
 
-  /// A probe's answer while a drag has begun. Later turns go around the point found.
+  /// Receives the answer to a probe. The current drag then turns around this point.
   found(point) {
     if (this.pointers.size > 0) this.pivot = point;
     if (this.zoomLeft !== 0) this.zoomPoint = point;

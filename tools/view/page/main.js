@@ -1,4 +1,4 @@
-// The page: the camera and the settings are here, pictures come from the server (worker.js).
+// The page. It has the camera and the settings; pictures come from the server (worker.js).
 import {alongPath, between, Camera} from './camera.js';
 import {Controls} from './controls.js';
 import {lengthText, Overlay} from './overlay.js';
@@ -7,9 +7,9 @@ import {Tree} from './tree.js';
 import {add, distance, dot, mix, scale, sub} from './vector.js';
 
 const $ = (id) => document.getElementById(id);
-const kSendMs = 8;      // between two views, at least
-const kProbeMs = 40;    // between two questions for the point under the cursor
-const kRestMs = 70;     // without a change until the camera counts as at rest
+const kSendMs = 8;      // least time between two views sent
+const kProbeMs = 40;    // between two requests for the point under the cursor
+const kRestMs = 70;     // time without a change after which the camera is at rest
 const kEaseMs = 450;
 const kMostPixels = 1 << 25;
 
@@ -20,24 +20,24 @@ const stats = new Stats($('stats'));
 const worker = new Worker('worker.js');
 const reduced = matchMedia('(prefers-reduced-motion: reduce)').matches;
 
-let scene = null;        // what the server says of it
+let scene = null;        // the server's "scene" message
 let size = {width: 0, height: 0};  // of the picture, device pixels
 let sequence = 0;
-let sentAt = new Map();  // time of the input of a view, by its number
+let sentAt = new Map();  // by number of a view: time of its input event
 let viewTimer = 0, restTimer = 0, lastSent = 0, inputTime = null, isMoving = false, isConnected = false;
 let cursor = null;       // {x, y} CSS pixels
-let hover = null;        // {x, y, point}: the newest point under the cursor that the server told
-let depth = 1;           // along the view, of the last point seen: where nothing is under the cursor
+let hover = null;        // {x, y, point}: the newest point under the cursor from the server
+let depth = 1;           // along the view, of the last known point; used if the cursor is on the background
 let animation = null;    // {from, to, start, ms} or {keys, start}
 let picks = [];          // the last two
 let pickId = 0, shotId = 0, you = 0, following = 0;
 let playing = false;
-let clip = {on: false, box: [-1, -1, -1, 1, 1, 1]};  // the clipping box: its smaller corner and its larger
+let clip = {on: false, box: [-1, -1, -1, 1, 1, 1]};  // the clipping box: smallest, then largest coordinates
 
 const settings = {show: 'texture', light: true, shadows: false, ssao: false, edl: false, edlStrength: 1, edlRadius: 1, samples: 4, background: '#20252d', full: false};
 const shows = [...$('show').options].map((option) => option.value);
 
-// --- Talking to the server ---
+// --- Messages ---
 
 const send = (message) => worker.postMessage({type: 'send', message});
 
@@ -50,7 +50,8 @@ function cursorPixel(at = cursor) {
   return x >= 0 && y >= 0 && x < size.width && y < size.height ? {x, y} : {};
 }
 
-/// The view has changed; `time`: of the event that did it. `keepsHover`: what is under the cursor stayed there.
+/// To be called when the view has changed. `time`: of the input event. `keepsHover`: the point under the cursor is the
+/// same.
 function changed(time, keepsHover = false) {
   if (!keepsHover) hover = null;
   inputTime ??= time === undefined ? performance.now() : time;
@@ -83,7 +84,7 @@ function rest() {
   sendView();
   writeAddress();
 }
-/// Something other than the camera has changed.
+/// To be called when something other than the camera has changed.
 function refresh() {
   clearTimeout(restTimer);
   rest();
@@ -108,7 +109,7 @@ function heard(message) {
     case 'point':
       showPlace(message.point);
       if (message.point) controls.found(message.point);
-      if (probeSequence !== sequence) return;  // another view by now
+      if (probeSequence !== sequence) return;  // the view has changed since
       hover = message.point ? {x: (message.x + 0.5) * stage.clientWidth / size.width, y: (message.y + 0.5) * stage.clientHeight / size.height, point: message.point} : null;
       return seen(message.point);
     case 'pick': return picked(message);
@@ -122,7 +123,7 @@ function heard(message) {
   }
 }
 
-let exactSamples = 0;  // of the picture on the screen, 0: it is not exact, or of another view
+let exactSamples = 0;  // samples per side of the picture on the screen; 0: it is not exact, or shows an older view
 function shown({head, bytes, decodeMs, shown: time}) {
   const input = sentAt.get(head.seq);
   for (const key of sentAt.keys()) if (key <= head.seq) sentAt.delete(key);
@@ -139,7 +140,7 @@ function shown({head, bytes, decodeMs, shown: time}) {
     : head.leftBytes ? `loading, ${bytesText(head.leftBytes)} to come`
     : head.scale < 1 ? `moving, ${Math.round(100 * head.scale)}%` : 'moving';
   if ($('cover').className !== 'gone') uncover();
-  document.documentElement.dataset.frame = head.frame;  // tests wait for these
+  document.documentElement.dataset.frame = head.frame;  // used by tests
   exactSamples = head.exact && head.seq === sequence ? head.samples : 0;
   document.documentElement.dataset.exact = exactSamples;
 }
@@ -156,13 +157,13 @@ function showPlace(point) {
 
 const storageKey = `scree-token:${location.pathname}`;
 const kStates = {
-  unreachable: ['No server', 'Is scree view still running, and the tunnel to it? The page tries again by itself.'],
+  unreachable: ['No server', 'Is scree view still running, and is the tunnel open? The page tries again by itself.'],
   lost: ['Disconnected', 'The connection broke. The page tries again by itself.'],
   ended: ['The server has ended', 'Start scree view again with the same port; the page asks for the new address.'],
-  slow: ['Disconnected', 'The connection was too slow for what was asked. The page tries again by itself.'],
+  slow: ['Disconnected', 'The connection was too slow for the pictures. The page tries again by itself.'],
   busy: ['Disconnected', 'This page sent too many messages. It tries again by itself.'],
   refused: ['Disconnected', 'The server did not understand this page; reload it.'],
-  full: ['No place left', 'The server has as many viewers as it allows (--viewers).'],
+  full: ['The server is full', 'The server has as many viewers as it allows (--viewers).'],
 };
 
 function setState({state, reason}) {
@@ -231,7 +232,7 @@ function opened(message) {
 
 new ResizeObserver(([entry]) => {
   const exact = entry.devicePixelContentBoxSize?.[0];
-  // The exact size differs from the rounded one by a pixel; by more where a browser pretends to have another screen.
+  // The exact size differs from the rounded one by at most a pixel, unless the browser emulates another screen.
   const side = (css, pixels) => Math.abs(pixels - css * devicePixelRatio) <= 1 ? pixels : Math.round(css * devicePixelRatio);
   const width = side(entry.contentRect.width, exact?.inlineSize), height = side(entry.contentRect.height, exact?.blockSize);
   const shrink = Math.min(1, 8192 / Math.max(width, height), Math.sqrt(kMostPixels / (width * height)));
@@ -314,7 +315,7 @@ function animate(time) {
   if (animation) requestAnimationFrame(animate);
 }
 
-/// The share of the picture's width that the panel covers.
+/// The panel's share of the picture's width.
 function covered() {
   const panel = $('panel').getBoundingClientRect();
   return panel.width > 0 && panel.width < 0.4 * stage.clientWidth ? (stage.clientWidth - panel.left) / stage.clientWidth : 0;
@@ -356,7 +357,7 @@ function picked(message) {
   if (wantsGo) {
     wantsGo = null;
     if (!message.hit) return;
-    // Half the way, with the point in the middle.
+    // Flies half the way to the point, which moves to the middle of the picture.
     const eye = mix(camera.eye, message.point, 0.5);
     return ease({...camera.pose(), eye, target: message.point});
   }
@@ -443,7 +444,7 @@ function follow(viewer) {
 
 // --- The clipping box ---
 
-/// The scene's box and a thousandth more, so that surfaces in its faces are inside.
+/// The scene's box, enlarged by a thousandth so that surfaces in its faces are inside.
 function wholeBox() {
   const {boxMin: low = [-1, -1, -1], boxMax: high = [1, 1, 1]} = scene, more = 1e-3 * camera.size;
   return [...low.map((value) => value - more), ...high.map((value) => value + more)];
@@ -475,7 +476,7 @@ function showClip() {
     number.value = Number(clip.box[side].toPrecision(6));
   });
 }
-/// Moves a side, 0 to 5; the one opposite stays, and stops it. `time`: as for changed().
+/// Moves a side, 0 to 5, at most to the opposite side. `time`: as for changed().
 function moveSide(side, value, time) {
   if (Number.isFinite(value)) {
     const opposite = clip.box[(side + 3) % 6];
@@ -554,7 +555,7 @@ $('z-up').addEventListener('change', (event) => {
   if (scene) ease(homePose());
 });
 
-// --- The view in the address, as a command, in bookmarks, along a path ---
+// --- Saved views: address, command, bookmarks, paths ---
 
 function writeAddress() {
   if (!scene) return;
@@ -565,7 +566,7 @@ function writeAddress() {
   if (clip.on) parts.push(`c=${short(clip.box)}`);
   history.replaceState(null, '', `#${parts.join('&')}`);
 }
-/// Whether the address had a view.
+/// Sets the view of the address. Returns false if there is none.
 function readAddress() {
   const hash = firstHash;
   const vector = (name) => {
@@ -606,7 +607,7 @@ async function copy(text, what) {
   try {
     await navigator.clipboard.writeText(text);
     toast(`${what} copied.`);
-  } catch {  // no clipboard in an insecure context
+  } catch {  // an insecure context has no clipboard
     const area = document.body.appendChild(element('textarea', text));
     area.select();
     toast(document.execCommand('copy') ? `${what} copied.` : text);
@@ -691,7 +692,7 @@ $('path-file').addEventListener('change', async ({target}) => {
   target.value = '';
 });
 
-// --- What buttons and keys do ---
+// --- Actions of buttons and keys ---
 
 const actions = {
   home: () => ease(homePose()),
@@ -769,7 +770,7 @@ function take(event, action) {
   action();
 }
 
-// --- Small things ---
+// --- Elements of the page ---
 
 function element(name, text) {
   const made = document.createElement(name);

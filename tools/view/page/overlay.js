@@ -1,4 +1,4 @@
-// Drawn over the picture: the pivot, picks and their boxes, a measured distance, the axes.
+// Draws over the picture: the pivot, picks and their boxes, a measured distance, the axes.
 import {cross, dot, sub} from './vector.js';
 
 const kSpace = 'http://www.w3.org/2000/svg';
@@ -14,11 +14,11 @@ export class Overlay {
     this.pivot = null;
     this.picks = [];  // {point, box}: at most two; the box of the last is drawn
     this.isMeasured = false;
-    this.clip = null;  // the clipping box: its smaller corner and its larger, six numbers
-    this.grab = null;  // called with the number of a side of it, 0 to 5, and the event that takes it
+    this.clip = null;  // the clipping box: its smallest, then its largest coordinates, six numbers
+    this.grab = null;  // called with the number of a side of the box, 0 to 5, and the event that begins its drag
   }
 
-  /// Where side 0 to 5 of the clipping box is held: the middle of its face.
+  /// The position of the handle of side 0 to 5: the middle of its face.
   sideAt(side) {
     const middle = [0, 1, 2].map((axis) => (this.clip[axis] + this.clip[axis + 3]) / 2);
     middle[side % 3] = this.clip[side];

@@ -1,4 +1,4 @@
-// The scene's nodes as a list of rows. Only rows in sight exist, so 100,000 nodes are as fast as ten.
+// The scene's nodes as a list of rows. Only visible rows exist as elements, so 100,000 nodes are as fast as ten.
 import {countText} from './stats.js';
 
 const kRow = 24;
@@ -57,7 +57,7 @@ export class Tree {
     this.draw();
   }
 
-  /// Whether the node is hidden, itself or by an ancestor, or is not among those that are shown alone.
+  /// Whether the node or an ancestor is hidden, or other nodes are shown alone.
   isOff(node) {
     let only = this.only.size === 0;
     for (let n = node; n >= 0; n = this.parents[n]) {

@@ -1,4 +1,4 @@
-// The connection and the pictures, outside the page's own thread. Texts go to the page, pictures to its canvas.
+// A worker thread for the connection and the pictures. It passes texts to the page and draws pictures on its canvas.
 let canvas, context, socket, address, token;
 let last = Promise.resolve();
 let retryMs = 250, retryTimer = 0, isWanted = false;
@@ -36,7 +36,7 @@ function connect() {
   };
 }
 
-/// JPEG: WebCodecs is twice as fast where it is available (secure contexts only). PNG: the bytes come back unchanged.
+/// JPEG: WebCodecs is twice as fast, but available only in secure contexts. PNG: the bytes come back unchanged.
 async function decode(bytes, type) {
   if (type === 'image/jpeg' && self.ImageDecoder) {
     const decoder = new ImageDecoder({data: bytes, type, colorSpaceConversion: 'none'});
@@ -51,14 +51,14 @@ function acknowledge(from, {frame}) {
   if (from.readyState === WebSocket.OPEN) from.send(JSON.stringify({type: 'ack', frame}));
 }
 
-/// Decoding begins at once, beside the drawing of the picture before.
+/// Decoding begins at once, while the previous picture is being drawn.
 async function receive(data) {
   const headBytes = new DataView(data).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, headBytes)));
   const picture = {head, bytes: new Uint8Array(data, 4 + headBytes), arrived: now()};
   if (head.kind === 'screenshot') return picture;
   picture.image = decode(picture.bytes, head.kind === 'png' ? 'image/png' : 'image/jpeg').finally(() => { picture.decoded = now(); });
-  picture.image.catch(() => {});  // show() has it
+  picture.image.catch(() => {});  // show() handles the error
   return picture;
 }
 
@@ -71,7 +71,7 @@ async function show(from, picture) {
   let image;
   try {
     image = await picture.image;
-  } finally {  // a picture that cannot be shown is no longer on its way either
+  } finally {  // a picture that cannot be decoded is acknowledged too
     if (!image) acknowledge(from, head);
   }
   if (canvas.width !== head.fullWidth || canvas.height !== head.fullHeight) {
