@@ -2,21 +2,32 @@
 """Times batches of cameras. Depths and ids are written to torch tensors, which torch reads on the same stream.
 
     lab/torch_batches.py FILE.scree [--cameras 1024] [--size 128x128] [--repeats 50] [--library libscree.so]
+                         [--nvdiffrast SCENE.gltf]
 
 Needs torch with CUDA and libscree of API version 4. Prints a line of CSV for a run in which torch reads every tensor
 (the nearest depth of each view, and the number of its pixels that show a surface), and for one in which it does not.
 After each run, pictures of the last batch are compared with views drawn one by one.
+
+--nvdiffrast adds two rows of nvdiffrast's CUDA rasteriser with the same cameras, where that package is installed: with the
+vertices transformed for each camera by torch, and without. SCENE.gltf is the scene as `scree synth` writes it (float
+positions, indices, one level of nodes with matrices). Both programs must show the same depths, except in a hundredth of the
+pixels.
 """
 import argparse
 import ctypes as c
+import json
+import math
+import pathlib
 import random
 import sys
 import time
 
+import numpy as np
 import torch
 
 DEPTH, TRIANGLE, INSTANCE = 1, 2, 3
 LOOK_AT = 2
+NEAR, FAR = 0.01, 100.0  # planes of nvdiffrast's views, in units of D
 
 
 def structure(name, *fields):
@@ -56,6 +67,97 @@ def random_cameras(stats, count):
     return (type(cameras[0]) * count)(*cameras)
 
 
+def world_geometry(path):
+    """Vertices of all instances in world space (count x 4) and their triangles (count x 3)."""
+    scene = json.loads(path.read_text())
+    data = (path.parent / scene["buffers"][0]["uri"]).read_bytes()
+
+    def values(index):
+        accessor = scene["accessors"][index]
+        view = scene["bufferViews"][accessor["bufferView"]]
+        width = {"SCALAR": 1, "VEC3": 3}[accessor["type"]]
+        kind = {5123: np.uint16, 5125: np.uint32, 5126: np.float32}[accessor["componentType"]]
+        offset = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        return np.frombuffer(data, kind, accessor["count"] * width, offset).reshape(-1, width)
+
+    def matrix(node):
+        return np.array(node.get("matrix", np.eye(4).ravel())).reshape(4, 4).T
+
+    vertices, triangles, count = [], [], 0
+    for root in scene["scenes"][scene["scene"]]["nodes"]:
+        root = scene["nodes"][root]
+        for node in [root] + [scene["nodes"][child] for child in root.get("children", [])]:
+            if "mesh" not in node:
+                continue
+            to_world = matrix(root) if node is root else matrix(root) @ matrix(node)
+            for primitive in scene["meshes"][node["mesh"]]["primitives"]:
+                positions = values(primitive["attributes"]["POSITION"]).astype(np.float64)
+                vertices.append(np.c_[positions, np.ones(len(positions))] @ to_world.T)
+                triangles.append(values(primitive["indices"]).reshape(-1, 3).astype(np.int32) + count)
+                count += len(positions)
+    return np.concatenate(vertices).astype(np.float32), np.concatenate(triangles)
+
+
+def clip_matrix(camera, aspect):
+    """From world to OpenGL's clip space."""
+    eye, target = np.array(camera.eye), np.array(camera.target)
+    back = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross([0, 1, 0], back)
+    right /= np.linalg.norm(right)
+    view = np.eye(4)
+    view[:3, :3] = right, np.cross(back, right), back
+    view[:3, 3] = -view[:3, :3] @ eye
+    near, far, scale = NEAR, FAR, 1 / math.tan(math.radians(camera.fov_degrees) / 2)
+    projection = np.zeros((4, 4))
+    projection[0, 0], projection[1, 1], projection[3, 2] = scale / aspect, scale, -1
+    projection[2, 2:] = (far + near) / (near - far), 2 * far * near / (near - far)
+    return projection @ view
+
+
+def median_ms(device, repeats, work):
+    """Median, least and most of the repeats' times."""
+    times = []
+    for _ in range(repeats + 3):
+        torch.cuda.synchronize(device)
+        start = time.perf_counter()
+        work()
+        torch.cuda.synchronize(device)
+        times.append(1e3 * (time.perf_counter() - start))
+    times = sorted(times[3:])
+    return times[len(times) // 2], times[0], times[-1]
+
+
+def time_nvdiffrast(scene, cameras, width, height, device, repeats, depths):
+    """Prints the rows of nvdiffrast. `depths`: scree's, as views x height x width."""
+    import nvdiffrast.torch as nvdiffrast
+
+    vertices, triangles = (torch.from_numpy(part).to(device) for part in world_geometry(pathlib.Path(scene)))
+    matrices = np.stack([clip_matrix(camera, width / height).T for camera in cameras]).astype(np.float32)
+    matrices = torch.from_numpy(matrices).to(device)
+    context = nvdiffrast.RasterizeCudaContext(device=device)
+    state = {}
+
+    def transform():
+        state["vertices"] = torch.matmul(vertices, matrices)
+
+    def draw():
+        state["image"], _ = nvdiffrast.rasterize(context, state["vertices"], triangles, (height, width), grad_db=False)
+
+    for name, work in (("transform and draw", lambda: (transform(), draw())), ("draw", draw)):
+        median, least, most = median_ms(device, repeats, work)
+        print(f"nvdiffrast: {name},{len(cameras)},{width},{height},no,{median:.3f},{least:.3f},{most:.3f},"
+              f"{1e3 * len(cameras) / median:.0f}")
+    # Its rows go from the bottom to the top.
+    image = state["image"].flip(1).double()
+    others = torch.where(image[..., 3] == 0, math.inf, 2 * FAR * NEAR / (FAR + NEAR - image[..., 2] * (FAR - NEAR)))
+    # nvdiffrast rounds vertices to a 16th of a pixel, so edges and steep surfaces move by less than a pixel.
+    around = torch.nn.functional.max_pool2d(torch.stack((depths, -depths), 1), 3, stride=1, padding=1).double()
+    different = int(((others > 1.005 * around[:, 0]) | (others < -0.995 * around[:, 1])).sum())
+    print(f"depths of {depths.numel()} pixels, {different} of them not among scree's around the pixel", file=sys.stderr)
+    if different > depths.numel() / 100:
+        raise SystemExit("torch_batches.py: nvdiffrast draws something else")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file")
@@ -63,6 +165,7 @@ def main():
     parser.add_argument("--size", default="128x128")
     parser.add_argument("--repeats", type=int, default=50)
     parser.add_argument("--library", default="libscree.so.0")
+    parser.add_argument("--nvdiffrast", metavar="SCENE.gltf")
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     count = options.cameras
@@ -105,24 +208,16 @@ def main():
 
     print("device,cameras,width,height,read_by_torch,batch_ms,least_ms,most_ms,views_per_s")
     for reads in (True, False):
-        times = []
-        for _ in range(options.repeats + 3):
-            torch.cuda.synchronize(device)
-            start = time.perf_counter()
-            batch()
-            if reads:
-                found = read()
-            torch.cuda.synchronize(device)
-            times.append(1e3 * (time.perf_counter() - start))
-        times = sorted(times[3:])
-        median = times[len(times) // 2]
-        print(f"{stats.gpu_name.decode()},{count},{width},{height},{'yes' if reads else 'no'},{median:.3f},{times[0]:.3f},"
-              f"{times[-1]:.3f},{1e3 * count / median:.0f}")
+        median, least, most = median_ms(device, options.repeats, lambda: (batch(), read()) if reads else batch())
+        print(f"{stats.gpu_name.decode()},{count},{width},{height},{'yes' if reads else 'no'},{median:.3f},{least:.3f},"
+              f"{most:.3f},{1e3 * count / median:.0f}")
         if reads:
             shown = (layers[TRIANGLE] >= 0).flatten(1).sum(1)
-            if not torch.equal(found[1].long(), shown) or int(shown.sum()) == 0:
+            if not torch.equal(read()[1].long(), shown) or int(shown.sum()) == 0:
                 raise SystemExit("torch_batches.py: torch did not read the drawn pictures")
         check()
+    if options.nvdiffrast:
+        time_nvdiffrast(options.nvdiffrast, cameras, width, height, device, options.repeats, layers[DEPTH])
 
 
 if __name__ == "__main__":
