@@ -43,8 +43,8 @@ enum class ShadowFit {
   kMoving,  // it and the cameras near it, so that a camera that moves needs no map per picture
 };
 
-/// Draws where the sun reaches, and keeps this map until a picture needs another one. Blended surfaces cast shadows only
-/// where they are opaque. One thread at a time, on a GPU with the scene's device current and free for it.
+/// Draws where the sun reaches, and keeps this map until a picture needs another one. Blended surfaces cast shadows
+/// only where they are opaque. One thread at a time, on a GPU with the scene's device current and free for it.
 class ShadowMap {
  public:
   /// `device`: which draws the scene; null: the CPU. Both outlive this. Takes no memory before the first draw().
