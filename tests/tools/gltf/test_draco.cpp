@@ -135,7 +135,8 @@ TEST_CASE("threads read primitives of Draco streams at once, in little memory", 
       folder, tests::draco_document({stream, stream, stream}, grid.triangles(), grid.vertices(), recipe), options);
   REQUIRE(scene);
   CHECK(scene->view_memory.reader_bytes > 12u * grid.triangles());
-  CHECK(scene->view_memory.kept_bytes >= 3 * 12u * (grid.triangles() + grid.vertices()));
+  const uint64_t unpacked = 3 * 12u * (grid.triangles() + grid.vertices());
+  CHECK(scene->view_memory.kept_bytes >= std::min(options.kept_view_bytes, unpacked));
   const auto expected = triangles_of(grid.positions, {}, grid.corners);
   std::vector<std::thread> threads;
   std::array<bool, 6> good{};
