@@ -128,7 +128,7 @@ Result<void> check_reference(const LabWords& words, const LabOptions& options) {
 /// Peers draw generated scenes with float32 positions, once per view.
 Result<void> check_peer(const LabWords& words, const LabOptions& options) {
   if (words.peer != "vulkan") return usage("--peer: '" + words.peer + "' is not vulkan");
-  if (options.scenes.empty()) return usage("--peer draws generated scenes: it takes --scene, not a file");
+  if (options.scenes.empty()) return usage("--peer draws generated scenes: it needs --scene, not a file");
   if (words.path || words.sweep || words.near != LabWords().near)
     return usage("--peer excludes --path, --sweep and --near");
   if (options.reference) return usage("--peer excludes --reference and --curves");

@@ -187,6 +187,12 @@ int __wrap_madvise(void* at, size_t size, int advice) {
   return __real_madvise(at, size, advice);
 }
 
+int __real_sync_file_range(int file, off_t offset, off_t size, unsigned int flags);
+int __wrap_sync_file_range(int file, off_t offset, off_t size, unsigned int flags) {
+  if (fails(Kind::kFile, "sync_file_range", SCREE_SITE)) return -1;
+  return __real_sync_file_range(file, offset, size, flags);
+}
+
 int __real_posix_fadvise(int file, off_t offset, off_t size, int advice);
 int __wrap_posix_fadvise(int file, off_t offset, off_t size, int advice) {
   if (fails(Kind::kFile, "posix_fadvise", SCREE_SITE)) return EIO;

@@ -107,7 +107,7 @@ TEST_CASE("lab: a peer draws generated scenes with float32 positions", "[lab]") 
   CHECK(refused(with(&LabWords::positions, "16")).find("float32") != std::string::npos);
   CHECK(refused(with(&LabWords::path, true)).find("--path") != std::string::npos);
   CHECK(refused(with(&LabWords::reference, true)).find("--reference") != std::string::npos);
-  CHECK(refused(with(&LabWords::scenes, "textured")).find("--scene textured takes") != std::string::npos);
+  CHECK(refused(with(&LabWords::scenes, "textured")).find("--scene textured allows only") != std::string::npos);
 }
 
 TEST_CASE("lab: differences between two pictures are explained by exact geometry", "[lab]") {
