@@ -3,10 +3,12 @@
 #include <dlfcn.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <cstring>
+#include <span>
 #include <utility>
 #include <vector>
+
+#include "runtime/draw/device_list.h"
 
 namespace scree::lab {
 namespace {
@@ -36,18 +38,6 @@ std::string result_name(VkResult result) {
 
 Error device_error(std::string message) {
   return {ErrorCode::kDevice, "Vulkan: " + std::move(message)};
-}
-
-/// As runtime::Gpu::uuid.
-std::string uuid_name(const uint8_t (&bytes)[VK_UUID_SIZE]) {
-  std::string name = "GPU-";
-  for (size_t i = 0; i < VK_UUID_SIZE; ++i) {
-    char digits[3];
-    std::snprintf(digits, sizeof digits, "%02x", static_cast<unsigned>(bytes[i]));
-    name += digits;
-    if (i == 3 || i == 5 || i == 7 || i == 9) name += '-';
-  }
-  return name;
 }
 
 /// The features that the peers use.
@@ -147,7 +137,7 @@ Result<void> VulkanDevice::choose_gpu(std::string_view uuid) {
     VkPhysicalDeviceIDProperties id{.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ID_PROPERTIES};
     VkPhysicalDeviceProperties2 properties{.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &id};
     api_.vkGetPhysicalDeviceProperties2(gpus[i], &properties);
-    const std::string its_uuid = uuid_name(id.deviceUUID);
+    const std::string its_uuid = runtime::uuid_name(std::as_bytes(std::span(id.deviceUUID)));
     std::string lacks;
     if (uuid.empty() || its_uuid == uuid) {
       lacks = examine(gpus[i]);

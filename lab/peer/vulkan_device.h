@@ -74,7 +74,7 @@ struct VulkanImage {
   uint64_t bytes = 0;
 };
 
-/// Who reads and writes a buffer.
+/// Where a buffer lies, and what the host does with it.
 enum class VulkanMemory { kDevice, kHostWrites, kHostReads };
 
 class VulkanDevice {
@@ -94,7 +94,7 @@ class VulkanDevice {
   const std::string& name() const { return name_; }
   uint32_t largest_image_side() const { return largest_image_side_; }
   double timestamp_ns() const { return timestamp_ns_; }
-  /// Of a GPU timestamp: the bits that count.
+  /// The valid bits of a GPU timestamp.
   uint64_t timestamp_mask() const { return timestamp_mask_; }
   /// The most bytes of one buffer.
   uint64_t largest_buffer() const { return largest_buffer_; }

@@ -1,6 +1,7 @@
 // The GPUs of this machine, and which of them this program can draw on.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -85,6 +86,9 @@ Result<Gpu> find_gpu(std::span<const Gpu> gpus, std::string_view which);
 
 /// CMAKE_CUDA_ARCHITECTURES, with commas, for people: "80-real,90" is "8.0, 9.0, PTX 9.0".
 std::string architecture_names(std::string_view cmake_names);
+
+/// The text of a UUID, as Gpu::uuid has it.
+std::string uuid_name(std::span<const std::byte, 16> uuid);
 
 /// 13010 is "13.1".
 std::string cuda_version_name(int version);

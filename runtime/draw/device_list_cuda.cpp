@@ -2,10 +2,9 @@
 #include <cuda_runtime_api.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <cstdlib>
 #include <fstream>
-#include <iterator>
+#include <span>
 #include <utility>
 
 #include "kernels/cuda/check.h"
@@ -33,17 +32,6 @@ int driver_cuda_version() {
   int version = 0;
   if (cudaDriverGetVersion(&version) != cudaSuccess) return 0;
   return version;
-}
-
-std::string uuid_name(const cudaUUID_t& uuid) {
-  std::string text = "GPU-";
-  for (size_t i = 0; i < std::size(uuid.bytes); ++i) {
-    char digits[3];
-    std::snprintf(digits, sizeof digits, "%02x", static_cast<unsigned>(static_cast<unsigned char>(uuid.bytes[i])));
-    text += digits;
-    if (i == 3 || i == 5 || i == 7 || i == 9) text += '-';
-  }
-  return text;
 }
 
 std::string capability_name(const Gpu& gpu) {
@@ -85,7 +73,7 @@ Gpu describe_gpu(int index) {
     return gpu;
   }
   gpu.name = properties.name;
-  gpu.uuid = uuid_name(properties.uuid);
+  gpu.uuid = uuid_name(std::as_bytes(std::span(properties.uuid.bytes)));
   gpu.major = properties.major;
   gpu.minor = properties.minor;
   gpu.total_bytes = properties.totalGlobalMem;

@@ -209,7 +209,8 @@ std::optional<kernels::SunShadow> sun_of(const Scene& scene, const View& camera,
 bool ShadowMap::serves(const View& exact, uint32_t side, ShadowFit fit) const {
   const View& map = sun_.view;
   if (!is_drawn_ || side != side_) return false;
-  if (fit == ShadowFit::kExact || map == exact) return map == exact;
+  if (map == exact) return true;
+  if (fit == ShadowFit::kExact) return false;
   if (map.omitted != exact.omitted || map.clips != exact.clips ||
       !std::equal(std::begin(map.clip_min), std::end(map.clip_min), exact.clip_min) ||
       !std::equal(std::begin(map.clip_max), std::end(map.clip_max), exact.clip_max))

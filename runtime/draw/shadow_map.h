@@ -62,7 +62,7 @@ class ShadowMap {
   /// The next draw() keeps no map: the scene has changed, or the bits of View::omitted.
   void forget() { is_drawn_ = false; }
 
-  // Of the last draw():
+  // About the last draw():
   const Duration& draw_time() const { return draw_time_; }  // 0 if the map was kept
   uint64_t left_bytes() const { return left_bytes_; }       // of chunks that the map lacks
 

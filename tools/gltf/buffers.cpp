@@ -48,10 +48,10 @@ GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder,
     : document_(document),
       folder_(std::move(folder)),
       allow_outside_(allow_outside),
-      kept_bytes_(kept_bytes),
       chunks_(std::move(chunks)),
       buffers_(document.buffers.size()),
-      meshopt_(kept_bytes),
+      // Threads read a few windows of meshopt views at a time, but whole Draco primitives.
+      meshopt_(document.draco.empty() ? kept_bytes / 2 : kept_bytes),
       unpacked_(document.meshopt.size()),
       sparse_checked_(document.sparse.size()) {}
 
@@ -123,12 +123,10 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
   return View{*source, stated.offset, stated.bytes};
 }
 
-PackedViewMemory GltfBuffers::settle_memory() {
-  // Threads read a few windows of meshopt views at a time, but whole Draco primitives.
-  if (draco_.empty()) kept_bytes_ /= 2;
-  meshopt_.kept()->limit(kept_bytes_);
-  view_memory_.kept_bytes = std::min(view_memory_.kept_bytes, kept_bytes_);
-  return view_memory_;
+PackedViewMemory GltfBuffers::view_memory() const {
+  PackedViewMemory memory = view_memory_;
+  memory.kept_bytes = std::min(memory.kept_bytes, meshopt_.kept()->most());
+  return memory;
 }
 
 void GltfBuffers::count(const PackedViewMemory& memory) {

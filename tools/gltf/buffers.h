@@ -21,13 +21,13 @@ class GltfBuffers {
  public:
   /// `folder`: of the scene's file. `chunks`: the chunks of a .glb by index; null for chunks that are not binary.
   /// `document` has passed check_document() and outlives this. Indices passed to the functions below must be in range.
-  /// `kept_bytes`: memory for unpacked buffer views, see MeshoptCache; half of it if no primitive is Draco's.
+  /// `kept_bytes`: memory for unpacked buffer views, see MeshoptCache; half of it if no primitive can be Draco's.
   /// `allow_outside`: as for resolve_uri().
   GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
               uint64_t kept_bytes, bool allow_outside);
 
-  /// Memory of the compressed buffer views that were used. Called once, when all are known and none was read.
-  PackedViewMemory settle_memory();
+  /// Memory of the compressed buffer views that were used.
+  PackedViewMemory view_memory() const;
 
   struct View {
     std::shared_ptr<const ByteSource> source;
@@ -65,7 +65,6 @@ class GltfBuffers {
   const GltfDocument& document_;
   std::string folder_;
   bool allow_outside_;
-  uint64_t kept_bytes_;
   std::vector<std::shared_ptr<const ByteSource>> chunks_;
   std::vector<std::shared_ptr<const ByteSource>> buffers_;
   MeshoptCache meshopt_;

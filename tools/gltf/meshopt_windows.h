@@ -31,8 +31,7 @@ class KeptWindows {
 
   explicit KeptWindows(uint64_t most) : most_(most) {}
 
-  /// Sets `most` anew, before the first take().
-  void limit(uint64_t most) { most_ = most; }
+  uint64_t most() const { return most_; }
 
   /// Window `number` of an owner, of `size` bytes in memory of `capacity`: the kept one, or an empty one, which is kept
   /// from now on. Throws std::bad_alloc.
@@ -56,7 +55,7 @@ class KeptWindows {
   };
 
   std::mutex mutex_;
-  uint64_t most_;
+  const uint64_t most_;
   uint64_t total_ = 0;
   std::list<Entry> entries_;  // most recently used first
   std::unordered_map<Key, std::list<Entry>::iterator, Hash> places_;

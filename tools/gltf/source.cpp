@@ -197,7 +197,7 @@ class Importer {
     scene_.nodes = std::move(nodes).value();
     note_the_rest(*plan);
     left_out_.move_to(scene_);
-    scene_.view_memory = buffers_.settle_memory();
+    scene_.view_memory = buffers_.view_memory();
     return {};
   }
 

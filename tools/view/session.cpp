@@ -223,8 +223,8 @@ struct ViewSession::Impl {
     return brought;
   }
 
-  /// The view of the next picture, in samples. Throws std::bad_alloc.
-  Result<kernels::View> view_of(const BufferKey& wanted) {
+  /// The view of a picture of all nodes, in samples.
+  Result<kernels::View> view_of(const BufferKey& wanted) const {
     runtime::CameraOptions camera;
     camera.eye = wanted.camera.eye;
     camera.target = wanted.camera.target;
@@ -237,9 +237,6 @@ struct ViewSession::Impl {
     if (!view) return view;
     view->width *= wanted.samples;
     view->height *= wanted.samples;
-    const Result<const uint32_t*> left_out = omit(wanted.visibility);
-    if (!left_out) return left_out.error();
-    view->omitted = *left_out;
     return view;
   }
 
@@ -314,8 +311,13 @@ struct ViewSession::Impl {
     // A streamed frame keeps only the colours of a part, so other shading needs another frame.
     const bool is_streamed = device && device->is_streamed();
     Picture& picture = *last;
-    const Result<kernels::View> view = view_of(wanted);
+    const bool is_kept = picture.key == wanted && !is_streamed;
+    Result<kernels::View> view = is_kept ? picture.view : view_of(wanted);
     if (!view) return view.error();
+    // Other pictures may have left out other nodes since a kept one was drawn.
+    const Result<const uint32_t*> left_out = omit(wanted.visibility);
+    if (!left_out) return left_out.error();
+    view->omitted = *left_out;
     if (has_shadows && shadows && runtime::shows_sun(scene.view(), shade)) {
       const Result<const kernels::SunShadow*> sun =
           shadows->draw(*view, shadow_side(), options.threads,
@@ -327,7 +329,7 @@ struct ViewSession::Impl {
     }
     picture.view = *view;
     picture.samples_per_side = wanted.samples;
-    if (picture.key != wanted || is_streamed) {
+    if (!is_kept) {
       const Stopwatch draw_watch;
       if (const Result<void> drawn = draw_buffer(wanted, shade, patience.chunks); !drawn) return drawn.error();
       out.draw_ms = picture.buffer_ms = draw_watch.elapsed().wall_ms;

@@ -2,6 +2,8 @@
 #include "runtime/draw/device_list.h"
 
 #include <algorithm>
+#include <array>
+#include <cstddef>
 #include <cstdlib>
 #include <string>
 #include <utility>
@@ -89,6 +91,12 @@ TEST_CASE("the GPU of --device is used, and it is an error if it cannot draw", "
     REQUIRE_FALSE(options);
     CHECK(options.error().code == ErrorCode::kUsage);
   }
+}
+
+TEST_CASE("a UUID is printed as by nvidia-smi", "[device]") {
+  std::array<std::byte, 16> bytes{};
+  for (size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<std::byte>(17 * i);
+  CHECK(runtime::uuid_name(bytes) == "GPU-00112233-4455-6677-8899-aabbccddeeff");
 }
 
 TEST_CASE("architectures and versions are printed readably", "[device]") {

@@ -229,7 +229,7 @@ std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const
 /// The vectors of Window. They keep the size of the largest window, and windows are numbered in three ways
 /// (window.cpp).
 uint64_t MemoryPlan::window_bytes(const WindowNeeds& needs) const {
-  const uint64_t table = std::min(needs.span, 3 * needs.triangles + 1024);
+  const uint64_t table = std::min(needs.span, most_table_span(3 * needs.triangles));
   uint64_t bytes = 20 * needs.triangles + 4 * table + 12 * needs.vertices;
   bytes += std::max(4 * table, std::min(needs.span, kBitmapSpan) * 3 / 16);
   if (needs.span > kBitmapSpan) bytes += 48 * needs.triangles;

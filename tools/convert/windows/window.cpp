@@ -11,10 +11,7 @@
 namespace scree::convert {
 namespace {
 
-/// Up to kTableSpanPerCorner vertex numbers per corner, a table with an entry per number from the smallest to the
-/// largest is used; beyond that a bitmap, up to kBitmapSpan. From kScatteredSpanPerCorner on, the vertices count as
-/// scattered.
-constexpr uint64_t kTableSpanPerCorner = 1;
+/// A window with a larger span than this many vertex numbers per corner counts as scattered.
 constexpr uint64_t kScatteredSpanPerCorner = 4;
 
 /// The number in the source of a primitive's vertex.
@@ -164,7 +161,7 @@ void Window::find_vertices(bool renumber) {
   const uint64_t span = uint64_t{hi} - lo + 1;
   span_ = std::max(span_, span);
   is_scattered_ = span > kScatteredSpanPerCorner * indices_.size() + 1024;
-  if (span <= kTableSpanPerCorner * indices_.size() + 1024) {
+  if (span <= most_table_span(indices_.size())) {
     places_.assign(span, 0);
     for (const uint32_t index : indices_) places_[index - lo] = 1;
     vertices_.resize(span);

@@ -23,6 +23,11 @@ inline constexpr uint64_t kWindowTriangles = 262144;
 /// with the ranks). Beyond that it sorts them, which is 3 times as slow.
 inline constexpr uint64_t kBitmapSpan = uint64_t{1} << 26;
 
+/// Up to this many, a window of `corners` corners has a table with an entry for each vertex number instead.
+constexpr uint64_t most_table_span(uint64_t corners) {
+  return corners + 1024;
+}
+
 /// The content of a window after load().
 class WindowContent {
  public:
