@@ -48,5 +48,9 @@ if(TARGET scree_python)
     add_test(NAME python COMMAND "${Python3_EXECUTABLE}" "${CMAKE_CURRENT_SOURCE_DIR}/python/test_scree.py"
       "${CMAKE_CURRENT_SOURCE_DIR}/data" "${CMAKE_SOURCE_DIR}/python/examples")
     set_tests_properties(python PROPERTIES LABELS cpu ENVIRONMENT "PYTHONPATH=${CMAKE_BINARY_DIR}/python")
+    add_test(NAME python-torch COMMAND "${Python3_EXECUTABLE}" "${CMAKE_CURRENT_SOURCE_DIR}/python/test_torch.py"
+      "${CMAKE_CURRENT_SOURCE_DIR}/data")
+    set_tests_properties(python-torch PROPERTIES LABELS cuda SKIP_RETURN_CODE 77
+      ENVIRONMENT "PYTHONPATH=${CMAKE_BINARY_DIR}/python")
   endif()
 endif()
