@@ -85,7 +85,7 @@ Launch<P...> launch(const char* name, void (*kernel)(P...), dim3 blocks, dim3 th
   return Launch<P...>(kernel, name, blocks, threads, shared_bytes, stream);
 }
 
-/// The value that each lane of a mask passed, as its own type.
+/// The value that each lane of a mask passed, as its own type. To be read before the lane's next collective.
 template <class T>
 class Values {
  public:
@@ -93,7 +93,7 @@ class Values {
     static_assert(sizeof(T) <= sizeof(uint64_t) && std::is_trivially_copyable_v<T>);
     uint64_t bits = 0;
     std::memcpy(&bits, &value, sizeof value);
-    std::memcpy(bits_, exchange_in_warp(what, mask, bits), sizeof bits_);
+    bits_ = exchange_in_warp(what, mask, bits);
   }
 
   T operator[](uint32_t lane) const {
@@ -112,10 +112,19 @@ class Values {
     return all;
   }
 
+  /// The lanes of the mask whose value `is_chosen`, a bit each.
+  template <class Choose>
+  uint32_t lanes_where(Choose is_chosen) const {
+    uint32_t bits = 0;
+    for (uint32_t rest = mask_; rest != 0; rest &= rest - 1)
+      if (is_chosen((*this)[static_cast<uint32_t>(std::countr_zero(rest))])) bits |= rest & -rest;
+    return bits;
+  }
+
  private:
   const char* what_;
   uint32_t mask_;
-  uint64_t bits_[kWarpLanes];
+  const uint64_t* bits_;
 };
 
 inline uint32_t lane_number() {
@@ -152,19 +161,11 @@ T __shfl_up_sync(uint32_t mask, T value, uint32_t delta) {
   return lane < delta ? value : values[lane - delta];
 }
 inline uint32_t __ballot_sync(uint32_t mask, bool value) {
-  const scree::emulator::Values<bool> values("__ballot_sync", mask, value);
-  uint32_t bits = 0;
-  for (uint32_t lane = 0; lane < scree::emulator::kWarpLanes; ++lane)
-    if ((mask >> lane & 1u) != 0 && values[lane]) bits |= 1u << lane;
-  return bits;
+  return scree::emulator::Values<bool>("__ballot_sync", mask, value).lanes_where([](bool one) { return one; });
 }
 template <class T>
 uint32_t __match_any_sync(uint32_t mask, T value) {
-  const scree::emulator::Values<T> values("__match_any_sync", mask, value);
-  uint32_t bits = 0;
-  for (uint32_t lane = 0; lane < scree::emulator::kWarpLanes; ++lane)
-    if ((mask >> lane & 1u) != 0 && values[lane] == value) bits |= 1u << lane;
-  return bits;
+  return scree::emulator::Values<T>("__match_any_sync", mask, value).lanes_where([&](T one) { return one == value; });
 }
 template <class T>
 T __reduce_add_sync(uint32_t mask, T value) {

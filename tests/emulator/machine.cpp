@@ -9,7 +9,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <deque>
+#include <forward_list>
 #include <map>
 #include <memory>
 #include <vector>
@@ -84,8 +84,8 @@ struct SharedVariable {
 struct Block;
 
 struct Warp {
-  std::deque<Barrier> barriers;  // one per mask that was used
-  uint32_t ended = 0;            // mask of ended lanes
+  std::forward_list<Barrier> barriers;  // one per mask that was used
+  uint32_t ended = 0;                   // mask of ended lanes
 };
 
 struct Lane {
@@ -95,7 +95,6 @@ struct Lane {
   uint3 thread;
   std::byte* stack;
   fiber here;  // while the lane does not run
-  fiber back;  // while it runs
   const Barrier* waits = nullptr;
   uint64_t since = 0;  // value of waits->ended when the wait began
   bool has_ended = false;
@@ -104,9 +103,18 @@ struct Lane {
   void* fake_stack = nullptr;
 };
 
+/// The order in which the lanes of a block run, each until it waits or ends.
+struct Turn {
+  uint32_t first;
+  bool is_backwards;
+  uint32_t visited;
+  uint32_t ran;
+};
+
 struct Block {
-  const Grid* grid;
+  const Grid* grid = nullptr;  // null: ended
   uint3 index;
+  Turn turn;
   std::vector<Lane> lanes;
   std::vector<Warp> warps;
   Barrier all;
@@ -116,21 +124,30 @@ struct Block {
   std::unique_ptr<std::byte[]> dynamic;
 };
 
-thread_local Lane* current = nullptr;
+thread_local Lane* current = nullptr;   // null: the thread's own code, run(), runs
+thread_local Lane* previous = nullptr;  // ran before `current`
 
-// Stack of the thread that runs the fibers, for the address sanitizer.
+// The thread's own code while a lane runs, and its stack.
+thread_local fiber outer;
+thread_local void* outer_fake_stack = nullptr;
 thread_local const void* outer_stack = nullptr;
 thread_local size_t outer_bytes = 0;
 
-void leave_for([[maybe_unused]] void** fake, [[maybe_unused]] const void* stack, [[maybe_unused]] size_t bytes) {
+/// Tells the address sanitizer that the next lane's code begins; `fake`: null if the running lane has ended.
+void announce([[maybe_unused]] void** fake, [[maybe_unused]] const Lane* next) {
 #if defined(SCREE_LANES_ARE_CHECKED)
-  __sanitizer_start_switch_fiber(fake, stack, bytes);
+  __sanitizer_start_switch_fiber(fake, next == nullptr ? outer_stack : next->stack,
+                                 next == nullptr ? outer_bytes : kStackBytes);
 #endif
 }
-void arrive([[maybe_unused]] void* fake, [[maybe_unused]] const void** from, [[maybe_unused]] size_t* bytes) {
+
+/// Called by code that continues; `from` is the code that ran before, empty if that has ended.
+void arrive([[maybe_unused]] void* fake, fiber&& from) {
 #if defined(SCREE_LANES_ARE_CHECKED)
-  __sanitizer_finish_switch_fiber(fake, from, bytes);
+  const bool is_outer = previous == nullptr;
+  __sanitizer_finish_switch_fiber(fake, is_outer ? &outer_stack : nullptr, is_outer ? &outer_bytes : nullptr);
 #endif
+  (previous == nullptr ? outer : previous->here) = std::move(from);
 }
 
 std::unique_ptr<std::byte[]> garbage(size_t bytes) {
@@ -139,73 +156,83 @@ std::unique_ptr<std::byte[]> garbage(size_t bytes) {
   return made;
 }
 
-/// Switches to the scheduler; returns when the lane is to continue.
-void yield(Lane& lane) {
-  leave_for(&lane.fake_stack, outer_stack, outer_bytes);
-  lane.back = std::move(lane.back).resume();
-  arrive(lane.fake_stack, &outer_stack, &outer_bytes);
-}
-
-fiber run_lane(Lane& lane, fiber&& back) {
-  arrive(nullptr, &outer_stack, &outer_bytes);
-  lane.back = std::move(back);
-  lane.block->grid->lane();
-  lane.has_ended = true;
-  leave_for(nullptr, outer_stack, outer_bytes);
-  return std::move(lane.back);
-}
-
-void resume(Lane& lane) {
-  if (!lane.here) {
-    lane.here = fiber(std::allocator_arg, StackOf{lane.stack},
-                      [&lane](fiber&& back) { return run_lane(lane, std::move(back)); });
-  }
-  current = &lane;
-  void* fake = nullptr;
-  leave_for(&fake, lane.stack, kStackBytes);
-  lane.here = std::move(lane.here).resume();
-  arrive(fake, nullptr, nullptr);
-  current = nullptr;
-}
-
 bool can_go_on(const Lane& lane) {
   return !lane.has_ended && (lane.waits == nullptr || lane.waits->ended != lane.since);
 }
 
-void end_block_meeting_if_all_came(Block& block) {
+/// The next lane of the block's turn that can run; null: the turn has ended.
+Lane* next_of_turn(Block& block) {
+  Turn& turn = block.turn;
+  const auto count = static_cast<uint32_t>(block.lanes.size());
+  while (turn.visited < count) {
+    const uint32_t number = turn.first + (turn.is_backwards ? count - turn.visited : turn.visited);
+    ++turn.visited;
+    Lane& lane = block.lanes[number < count ? number : number - count];
+    if (!can_go_on(lane)) continue;
+    ++turn.ran;
+    lane.waits = nullptr;
+    return &lane;
+  }
+  return nullptr;
+}
+
+void end_block_barrier_if_all_came(Block& block) {
   Barrier& all = block.all;
   if (all.arrived == 0 || all.arrived + block.ended != block.lanes.size()) return;
   all.arrived = 0;
   ++all.ended;
 }
 
-void note_end(Lane& lane) {
-#if defined(SCREE_LANES_ARE_CHECKED)
-  // The fiber's first frames never return and have poisoned their memory.
-  __asan_unpoison_memory_region(lane.stack + kStackBytes - kFirstFrameBytes, kFirstFrameBytes);
-#endif
+void end(Lane& lane) {
   if (std::memcmp(lane.stack, &kStackEnd, sizeof kStackEnd) != 0)
     fail("%s: a lane took more than %zu bytes of stack", lane.block->grid->name, kStackBytes);
+  lane.has_ended = true;
   lane.warp->ended |= 1u << lane.number;
   ++lane.block->ended;
-  end_block_meeting_if_all_came(*lane.block);
+  end_block_barrier_if_all_came(*lane.block);
+}
+
+fiber& code_of(Lane* lane);
+
+fiber run_lane(Lane& lane, fiber&& from) {
+  arrive(nullptr, std::move(from));
+  lane.block->grid->lane();
+  end(lane);
+  previous = &lane;
+  current = next_of_turn(*lane.block);
+  announce(nullptr, current);
+  return std::move(code_of(current));
+}
+
+/// The code of a lane, or of the thread, that is to continue or begin.
+fiber& code_of(Lane* lane) {
+  if (lane == nullptr) return outer;
+  if (!lane->here) {
+    lane->here = fiber(std::allocator_arg, StackOf{lane->stack},
+                       [lane](fiber&& from) { return run_lane(*lane, std::move(from)); });
+  }
+  return lane->here;
+}
+
+/// Switches from the running code to the next lane of the block's turn, or to the thread's own code at its end. Returns
+/// when the code that called it is to continue.
+void switch_to_next(Block& block) {
+  Lane* const next = next_of_turn(block);
+  if (next == current) return;  // the thread's own code, and no lane can run
+  previous = current;
+  current = next;
+  void** const fake = previous == nullptr ? &outer_fake_stack : &previous->fake_stack;
+  fiber& code = code_of(next);
+  announce(fake, next);
+  fiber from = std::move(code).resume();
+  arrive(*fake, std::move(from));
 }
 
 /// Runs each lane of `block` that can run until it waits or ends. Returns the number of lanes that could.
 uint32_t take_turn(Block& block) {
-  const auto count = static_cast<uint32_t>(block.lanes.size());
-  const uint32_t first = random_below(count);
-  const bool backwards = random_below(2) != 0;
-  uint32_t ran = 0;
-  for (uint32_t i = 0; i < count; ++i) {
-    Lane& lane = block.lanes[(first + (backwards ? count - i : i)) % count];
-    if (!can_go_on(lane)) continue;
-    ++ran;
-    lane.waits = nullptr;
-    resume(lane);
-    if (lane.has_ended) note_end(lane);
-  }
-  return ran;
+  block.turn = {random_below(static_cast<uint32_t>(block.lanes.size())), random_below(2) != 0, 0, 0};
+  switch_to_next(block);
+  return block.turn.ran;
 }
 
 [[noreturn]] void fail_stuck(const Block& block) {
@@ -228,27 +255,34 @@ uint64_t count_of(const dim3& size) {
   return uint64_t{size.x} * size.y * size.z;
 }
 
-std::unique_ptr<Block> begin_block(const Grid& grid, uint64_t number, uint32_t slot, Stacks& stacks) {
-  auto block = std::make_unique<Block>();
-  block->grid = &grid;
-  block->index = place_of(number, grid.blocks);
-  block->dynamic = garbage(grid.shared_bytes);
-  block->shared_bytes = grid.shared_bytes;
+/// `block` has ended, or never begun.
+void begin_block(Block& block, const Grid& grid, uint64_t number, uint32_t slot, Stacks& stacks) {
+  block.grid = &grid;
+  block.index = place_of(number, grid.blocks);
+  block.shared.clear();
+  block.dynamic = garbage(grid.shared_bytes);
+  block.shared_bytes = grid.shared_bytes;
+  block.ended = 0;
   const auto threads = static_cast<uint32_t>(count_of(grid.threads));
-  block->warps.resize((threads + kWarpLanes - 1) / kWarpLanes);
-  block->lanes.resize(threads);
+  block.warps.resize((threads + kWarpLanes - 1) / kWarpLanes);
+  for (Warp& warp : block.warps) warp.ended = 0;
+  // The last warp may have fewer lanes.
+  if (threads % kWarpLanes != 0) block.warps.back().ended = ~0u << threads % kWarpLanes;
+  block.lanes.clear();
+  block.lanes.resize(threads);
   for (uint32_t i = 0; i < threads; ++i) {
-    Lane& lane = block->lanes[i];
-    lane.block = block.get();
-    lane.warp = &block->warps[i / kWarpLanes];
+    Lane& lane = block.lanes[i];
+    lane.block = &block;
+    lane.warp = &block.warps[i / kWarpLanes];
     lane.number = i % kWarpLanes;
     lane.thread = place_of(i, grid.threads);
     lane.stack = stacks.stack(slot * kMaxThreads + i);
+#if defined(SCREE_LANES_ARE_CHECKED)
+    // The first frames of the lane that had this stack never returned and have poisoned their memory.
+    __asan_unpoison_memory_region(lane.stack + kStackBytes - kFirstFrameBytes, kFirstFrameBytes);
+#endif
     std::memcpy(lane.stack, &kStackEnd, sizeof kStackEnd);
   }
-  // The last warp may have fewer lanes.
-  if (threads % kWarpLanes != 0) block->warps.back().ended = ~0u << threads % kWarpLanes;
-  return block;
 }
 
 }  // namespace
@@ -295,7 +329,7 @@ const uint64_t* exchange_in_warp(const char* what, uint32_t mask, uint64_t value
   auto barrier =
       std::find_if(warp.barriers.begin(), warp.barriers.end(), [&](const Barrier& m) { return m.mask == mask; });
   if (barrier == warp.barriers.end()) {
-    barrier = warp.barriers.emplace(barrier);
+    barrier = warp.barriers.emplace_after(warp.barriers.before_begin());
     barrier->mask = mask;
   }
   if (barrier->arrived == 0) barrier->what = what;
@@ -308,11 +342,11 @@ const uint64_t* exchange_in_warp(const char* what, uint32_t mask, uint64_t value
   if (barrier->arrived == mask) {
     barrier->arrived = 0;
     ++barrier->ended;
-    if (random_below(8) == 0) yield(lane);
+    if (random_below(8) == 0) switch_to_next(*lane.block);
   } else {
     lane.waits = &*barrier;
     lane.since = barrier->ended;
-    yield(lane);
+    switch_to_next(*lane.block);
   }
   return values.data();
 }
@@ -322,8 +356,8 @@ void sync_block() {
   lane.waits = &lane.block->all;
   lane.since = lane.block->all.ended;
   ++lane.block->all.arrived;
-  end_block_meeting_if_all_came(*lane.block);
-  yield(lane);
+  end_block_barrier_if_all_came(*lane.block);
+  switch_to_next(*lane.block);
 }
 
 void copy_later(void* to, const void* from, size_t bytes) {
@@ -347,7 +381,7 @@ void wait_for_copies(uint32_t groups) {
 }
 
 void pause_at_atomic() {
-  if (current != nullptr && random_below(8) == 0) yield(*current);
+  if (current != nullptr && random_below(8) == 0) switch_to_next(*current->block);
 }
 
 uint32_t random_below(uint32_t bound) {
@@ -363,23 +397,23 @@ uint32_t random_below(uint32_t bound) {
 
 void run(const Grid& grid) {
   static Stacks stacks;
+  static std::array<Block, kResidentBlocks> resident;  // their memory serves many blocks
   if (current != nullptr) fail("%s: launched by a kernel", grid.name);
   const uint64_t count = count_of(grid.blocks);
   const bool backwards = random_below(2) != 0;
-  std::array<std::unique_ptr<Block>, kResidentBlocks> resident;
   uint64_t begun = 0;
   for (bool runs = true; runs;) {
     runs = false;
     for (uint32_t slot = 0; slot < kResidentBlocks; ++slot) {
-      std::unique_ptr<Block>& block = resident[slot];
-      if (!block) {
+      Block& block = resident[slot];
+      if (block.grid == nullptr) {
         if (begun == count) continue;
-        block = begin_block(grid, backwards ? count - 1 - begun : begun, slot, stacks);
+        begin_block(block, grid, backwards ? count - 1 - begun : begun, slot, stacks);
         ++begun;
       }
       runs = true;
-      if (take_turn(*block) == 0) fail_stuck(*block);
-      if (block->ended == block->lanes.size()) block.reset();
+      if (take_turn(block) == 0) fail_stuck(block);
+      if (block.ended == block.lanes.size()) block.grid = nullptr;
     }
   }
 }
