@@ -6,19 +6,11 @@
 #include <cstring>
 
 #include "format/bitpack.h"
+#include "format/bits.h"
 #include "format/geometry/cluster_layout.h"
 #include "format/hd.h"
 
 namespace scree::format {
-
-/// Number of one bits.
-SCREE_HD inline uint32_t count_ones(uint32_t word) {
-#if defined(__CUDA_ARCH__)
-  return static_cast<uint32_t>(__popc(word));
-#else
-  return static_cast<uint32_t>(__builtin_popcount(word));
-#endif
-}
 
 /// Predicts one axis from the two axes after it, in cyclic order. Sums wrap; in a valid cluster they are codes below
 /// 2^24.
@@ -72,8 +64,8 @@ struct ClusterReader {
     uint32_t sum = 2;
     for (uint32_t i = 0; i <= triangle / 32; ++i) {
       const uint32_t counted = i < triangle / 32 ? 0xffffffffu : 0xffffffffu >> (31 - triangle % 32);
-      sum += count_ones(word(layout.steps + i) & counted);
-      if (layout.wide_steps) sum += 2 * count_ones(word(layout.steps + words + i) & counted);
+      sum += count_bits(word(layout.steps + i) & counted);
+      if (layout.wide_steps) sum += 2 * count_bits(word(layout.steps + words + i) & counted);
     }
     return sum;
   }
