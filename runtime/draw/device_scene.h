@@ -153,7 +153,7 @@ class DeviceScene {
   /// - `progress`: gets the number of copied bytes, and may stop the upload (kFile).
   /// - `gpus`: the most GPUs that draw the scene together, each with a share of its pages and with this budget: the
   ///   current device and the next usable ones; kAllGpus: all. Views draw on all of them. The first one draws batches
-  ///   and layers, and reads the others' pages for that. Such a scene is not streamed.
+  ///   and layers, and reads the others' pages for that. If a share exceeds the budget, one GPU streams the scene.
   /// - `comes_later`: uploads no page if the budget of one GPU holds the scene and the memory for streaming. Pictures
   ///   then stream their chunks, and load_rest() loads all others, after which the scene is resident.
   /// Errors kDevice: no usable device, too few GPUs, GPUs that cannot read each other's memory, a CUDA call that failed
