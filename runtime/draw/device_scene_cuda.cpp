@@ -423,7 +423,8 @@ Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wan
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
                                         uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
-                                        JobProgress* progress, uint32_t gpus, bool comes_later) {
+                                        JobProgress* progress, uint32_t gpus, bool comes_later,
+                                        const PageShare* share) {
   const Result<Gpu> gpu = current_gpu();
   if (!gpu) return gpu.error();
   const auto start = std::chrono::steady_clock::now();
@@ -454,7 +455,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   }
   const uint64_t allowed = budget_bytes == 0 ? *free - left : budget;
   if (comes_later) comes_later = holds_all(scene, pictures, texture_cache, allowed);
-  if (comes_later || CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget) {
+  if (comes_later || (share == nullptr && CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget)) {
     auto streamed = std::make_unique<Impl>();
     streamed->device = gpu->index;
     if (Result<void> done =
@@ -466,8 +467,8 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
-  Result<CudaScene> copy =
-      CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr, host_memory, progress);
+  Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr,
+                                             host_memory, progress, share);
   if (!copy) return copy.error();
   auto impl = std::make_unique<Impl>();
   impl->device = gpu->index;
@@ -554,6 +555,10 @@ Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
   return DeviceView(impl_->own).read_samples(samples);
 }
 
+Result<void> DeviceScene::write_samples(std::span<const uint64_t> samples) {
+  return DeviceView(impl_->own).write_samples(samples);
+}
+
 Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_per_side,
                                   const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
                                   kernels::ResolveTimes* times) {
@@ -629,6 +634,8 @@ Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::S
   } else {
     Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
     if (done)
+      done = cuda_check(cudaMemsetAsync(own.colors.data(), 0, colors.size_bytes(), nullptr), "clearing the colours");
+    if (done)
       done = own.resolver.shade_part(own.scene.scene.view(), view, own.sample_data(), own.transforms(), options,
                                      reinterpret_cast<float*>(own.colors.data()), nullptr,
                                      own.scene.scene.texture_cache());
@@ -687,6 +694,15 @@ Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
                  std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
   return cuda_check(cudaMemcpy(samples.data(), impl_->samples.data(), samples.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the visibility buffer");
+}
+
+Result<void> DeviceView::write_samples(std::span<const uint64_t> samples) {
+  const uint64_t count = uint64_t{impl_->width} * impl_->height;
+  if (count != samples.size())
+    return Error{ErrorCode::kRange,
+                 std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
+  return cuda_check(cudaMemcpy(impl_->samples.data(), samples.data(), samples.size_bytes(), cudaMemcpyHostToDevice),
+                    "writing the visibility buffer");
 }
 
 Result<uint64_t> DeviceView::read_sample(uint64_t index) {
