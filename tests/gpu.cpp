@@ -1,5 +1,8 @@
 #include "tests/gpu.h"
 
+#include <cstdlib>
+#include <vector>
+
 #include "runtime/draw/device_list.h"
 #include "tests/catch.h"
 
@@ -11,6 +14,26 @@ bool has_gpu() {
   CHECK(found.error().code == ErrorCode::kDevice);
   WARN("skipped: " << found.error().message);
   return false;
+}
+
+EmulatedGpus::EmulatedGpus([[maybe_unused]] const char* list) {
+#if defined(SCREE_EMULATED_CUDA)
+  setenv("SCREE_EMULATED_GPU", list, 1);
+#endif
+}
+
+EmulatedGpus::~EmulatedGpus() {
+#if defined(SCREE_EMULATED_CUDA)
+  setenv("SCREE_EMULATED_GPU", "1", 1);
+#endif
+}
+
+bool has_gpus(uint32_t count) {
+  const Result<runtime::Gpu> first = runtime::use_gpu();
+  const Result<std::vector<int>> gpus =
+      first ? runtime::gpus_from(first->index, count) : Result<std::vector<int>>(first.error());
+  if (!gpus) WARN("skipped: " << gpus.error().message);
+  return static_cast<bool>(gpus);
 }
 
 uint64_t least_device_memory(const std::string& refusal) {

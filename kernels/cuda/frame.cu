@@ -243,6 +243,10 @@ struct CudaFrames::Impl {
   /// Whether clipping and stages 2 and 3 run only after the last pass. A guess from the previous frame, like
   /// clips_many(): that frame queued so little for them that hardly anything would have been hidden behind it.
   bool defers_stages() const { return two_passes && options.part == FramePart::kWhole && queued_little; }
+  /// Joins the samples with those of other GPUs, if these draw the frame too.
+  Result<void> join(const FrameStreams& streams) const {
+    return options.join != nullptr ? (*options.join)(streams.main) : Result<void>();
+  }
   /// Clears the counters for the next frame, while the host does not wait.
   Result<void> clear_counters() {
     Result<void> done =
@@ -650,6 +654,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
                   : submit_stages<kOrthographic, kAlpha>(small, kFirstStages, streams);
   }
   if (done) done = record_event(kFirstDone, streams);
+  if (done && two_passes) done = join(streams);
   if (done && two_passes && !draws_only_previously_visible) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
@@ -688,6 +693,7 @@ Result<void> CudaFrames::Impl::submit() {
   if (done && !counters_cleared) done = clear_counters();
   counters_cleared = false;
   if (done) done = is_graph ? graph.launch(frame_streams.main) : submit_passes(frame_streams);
+  if (done) done = join(frame_streams);
   const auto* const counters = reinterpret_cast<const FrameCounters*>(zeroed.data());
   if (done) done = record_event(kAllDone, frame_streams);
   if (done) {
@@ -806,9 +812,10 @@ void CudaFrames::Impl::adapt_next_frame() {
       host_counters->to_clip == 0 && host_counters->queues.large == 0 && host_counters->queues.medium <= kMostDeferred;
   // After a jump of the camera most clusters that the second pass found turn out to be hidden, so all hints are tested
   // anew. The same holds for each part of a frame: few of the chunks that may hide a part's first clusters were there.
+  // It also holds if other GPUs draw many of the surfaces that may hide them.
   const uint64_t previously_visible = host_counters->clusters[0];
   const uint64_t newly_visible = clusters_before(*host_counters, kClusterPasses) - previously_visible;
-  const bool is_whole = options.part == FramePart::kWhole;
+  const bool is_whole = options.part == FramePart::kWhole && options.join == nullptr;
   hint_period = !is_whole || newly_visible > previously_visible ? 1 : kHintPeriod;
 }
 
@@ -821,6 +828,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     if (Result<void> grown = impl_->grow_queues(); !grown) return grown.error();
     is_drawn_again = true;
     impl_->clipped_before = impl_->host_counters->to_clip;  // for the same frame the guess is right
+    if (impl_->options.join != nullptr) return Finished{{}, is_drawn_again};
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }
   impl_->adapt_next_frame();

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 
 #include "format/result.h"
@@ -33,6 +34,11 @@ struct DrawOptions {
   // Target::peeled and Target::fragments of frames that draw blended surfaces; in device memory.
   const uint64_t* peeled = nullptr;
   FragmentSlots fragments = {};
+  // Of a whole frame whose pages several GPUs share: null, or a call that queues on a cudaStream_t the joining of their
+  // samples. It is called when the clusters that were visible last time are queued, if the frame has two passes, and
+  // when all are. All GPUs must have the same tables, so that they join equally often. finish() then does not draw
+  // again.
+  const std::function<Result<void>(void* stream)>* join = nullptr;
   // A small scene's frame is one submission, so its stages have no times. With this flag its kernels are launched one
   // by one, which costs 0.02 ms on scene D.
   bool stage_times = false;
@@ -99,7 +105,7 @@ class CudaFrames {
   /// finish() then returns is_drawn_again, and the caller must queue it again.
   struct Finished {
     FrameStats stats;
-    bool is_drawn_again;  // after start(), because a queue was too small
+    bool is_drawn_again;  // after start(), because a queue was too small; with DrawOptions::join: must be drawn again
   };
   Result<void> start(const View& view, uint64_t* samples, const DrawOptions& options = {});
   Result<Finished> finish(FrameTimes* times = nullptr);

@@ -96,7 +96,7 @@ uint64_t texel_bytes(const kernels::TextureView& texture) {
 
 /// Whether textures go to the device. `share`: as for CudaScene::upload.
 bool is_shaded(const PageShare* share) {
-  return share == nullptr || share->is_shaded();
+  return share == nullptr || share->has_textures;
 }
 
 /// The scene's JPEG levels by number, on their way to the device.

@@ -21,14 +21,6 @@ namespace scree::runtime {
 /// The device memory that a scene may take: `budget_bytes` (0: unlimited), but at most the free memory. Errors kDevice.
 Result<uint64_t> device_budget(uint64_t budget_bytes);
 
-/// The part of a scene that one GPU of several gets: its own pages, and textures only if it is the first, which shades.
-struct PageShare {
-  std::span<const uint32_t> owners;  // owners_of_pages()
-  uint32_t owner = 0;
-
-  bool is_shaded() const { return owner == 0; }
-};
-
 class CudaScene {
  public:
   CudaScene() = default;

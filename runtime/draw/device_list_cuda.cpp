@@ -165,7 +165,6 @@ Result<Gpu> use_gpu(std::string_view which) {
 Result<std::vector<int>> gpus_from(int first, uint32_t count) {
   const Result<int> all = count_gpus();
   if (!all) return all.error();
-  const KeptGpu kept;
   std::vector<int> found{first};
   const uint32_t most = std::min(count, kMostGpus);
   for (int step = 1; step < *all && found.size() < most; ++step) {
@@ -173,6 +172,7 @@ Result<std::vector<int>> gpus_from(int first, uint32_t count) {
     make_current(gpu);
     if (gpu.is_usable()) found.push_back(gpu.index);
   }
+  if (const Result<void> back = set_current_gpu(first); !back) return back.error();
   if (count != kAllGpus && found.size() < count)
     return Error{ErrorCode::kDevice,
                  std::to_string(count) + " GPUs are wanted, and " + std::to_string(found.size()) + " can be used"};

@@ -71,6 +71,7 @@ class DeviceView {
                                    const kernels::ShadeOptions* shade = nullptr, const IsOver& is_over = {});
   const std::optional<StreamStats>& stream_stats() const;
   Result<void> read_samples(std::span<uint64_t> samples);
+  Result<void> write_samples(std::span<const uint64_t> samples);
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr, uint32_t* out = nullptr);
   /// The layers of blended surfaces in the picture that resolve() made last.
@@ -153,16 +154,19 @@ class DeviceScene {
   /// - `progress`: gets the number of copied bytes, and may stop the upload (kFile).
   /// - `gpus`: the most GPUs that draw the scene together, each with a share of its pages and with this budget: the
   ///   current device and the next usable ones; kAllGpus: all. Views draw on all of them. The first one draws batches
-  ///   and layers, and reads the others' pages for that. Such a scene is not streamed.
+  ///   and layers, and reads the others' pages for that. If a share exceeds the budget, one GPU streams the scene.
   /// - `comes_later`: uploads no page if the budget of one GPU holds the scene and the memory for streaming. Pictures
   ///   then stream their chunks, and load_rest() loads all others, after which the scene is resident.
+  /// - `share`: null, or the pages that the GPU gets, as one of several processes. Such a scene is not streamed, and
+  ///   `gpus` is 1. Frames show the chunks of these pages. write_samples() joins them with those of others.
   /// Errors kDevice: no usable device, too few GPUs, GPUs that cannot read each other's memory, a CUDA call that failed
   /// (which and for what), a budget that does not hold the data that cannot be streamed (both sizes named). kMemory: a
   /// `host_memory` that holds no batch (both sizes named). With the file named, the errors of Scene::load_pages.
   static Result<DeviceScene> upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads,
                                     Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                     uint64_t host_memory = 0, const PictureNeeds& pictures = {},
-                                    JobProgress* progress = nullptr, uint32_t gpus = 1, bool comes_later = false);
+                                    JobProgress* progress = nullptr, uint32_t gpus = 1, bool comes_later = false,
+                                    const PageShare* share = nullptr);
   DeviceScene(DeviceScene&&) noexcept;
   DeviceScene& operator=(DeviceScene&&) noexcept;
   ~DeviceScene();
@@ -207,6 +211,10 @@ class DeviceScene {
   /// Copies the visibility buffer of the picture that draw() made last to host memory: `samples` is all of it.
   Result<void> read_samples(std::span<uint64_t> samples);
 
+  /// Replaces that visibility buffer by samples that also show the chunks of other processes. Error kRange (another
+  /// number of samples), kDevice.
+  Result<void> write_samples(std::span<const uint64_t> samples);
+
   /// Resolves the picture that draw() made last, as kernels::resolve_cpu with 4 channels, on the device. `view`: as for
   /// draw(). If the scene is streamed, the picture and the light of `options` are also as for draw(). `pixels`: RGBA8,
   /// red in the low byte, read back; may be empty if only the time is wanted.
@@ -220,8 +228,8 @@ class DeviceScene {
   Result<void> read_over(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> over);
 
   /// Linear light of the samples of that picture, 3 floats each, read back: as kernels::shade_part_cpu() with all
-  /// chunks. Samples of the background have any values. `view` and `options`: as for resolve(), of a picture that is
-  /// shaded from chunks (kernels::shades_from_chunks()). Errors as resolve().
+  /// chunks. Samples of the background, and of chunks that others have, are 0. `view` and `options`: as for resolve(),
+  /// of a picture that is shaded from chunks (kernels::shades_from_chunks()). Errors as resolve().
   Result<void> read_colors(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> colors);
 
   /// A layer of the picture that draw() made last, read back: `out` is all of it. Errors as DeviceView::make_layer().

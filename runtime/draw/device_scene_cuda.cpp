@@ -53,6 +53,12 @@ constexpr uint64_t kComingBatchBytes = uint64_t{64} << 20;
 /// The tables of the resolver (kernels/cuda/resolve.cu), with room for the range of depths.
 constexpr uint64_t kResolverBytes = sizeof(kernels::SrgbTables) + 256;
 
+/// Device memory of the resolver of shaded pictures.
+uint64_t resolver_bytes(const PictureNeeds& needs) {
+  const bool has_occlusion = needs.shade->ssao || needs.shade->edl;
+  return kResolverBytes + (has_occlusion ? uint64_t{3} * needs.width * needs.height * sizeof(float) : 0);
+}
+
 uint64_t pyramid_bytes(uint64_t width, uint64_t height) {
   if (width == 0 || height == 0) return 0;
   kernels::DepthPyramid pyramid;
@@ -101,9 +107,8 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   if (needs.shade == nullptr) return bytes;
   if (kernels::shows_layers(scene.view(), *needs.shade))
     bytes += kernels::CudaBlend::device_bytes(samples) + pyramid_bytes(width, height);
-  bytes += pixels * sizeof(uint32_t) + kResolverBytes;
+  bytes += pixels * sizeof(uint32_t) + resolver_bytes(needs);
   if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
-  if (needs.shade->ssao || needs.shade->edl) bytes += 3 * pixels * sizeof(float);
   if (has_rounds && !streamed) bytes += tile_list_bytes(needs.width, needs.height);
   return bytes;
 }
@@ -186,6 +191,8 @@ struct DeviceView::Impl {
     std::swap(samples, second_samples);
     picture = number;
   }
+  /// Whether shading reads the cache of the first GPU's textures.
+  bool uses_texture_cache(const kernels::ShadeOptions& options) const;
   /// The transforms of the picture that draw() made last.
   const kernels::Transform* transforms() const;
   bool open_second(const kernels::SceneView& host);
@@ -242,6 +249,10 @@ Result<void> DeviceView::Impl::check_drawn(const kernels::View& view) {
 Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& view) {
   scene.team_view = this;
   return scene.team->draw(view, sample_data());
+}
+
+bool DeviceView::Impl::uses_texture_cache(const kernels::ShadeOptions& options) const {
+  return options.show == kernels::Show::kTexture && scene.scene.texture_cache() != nullptr;
 }
 
 const kernels::Transform* DeviceView::Impl::transforms() const {
@@ -412,7 +423,8 @@ Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wan
 
 Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_bytes, uint32_t threads, Reading reading,
                                         uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
-                                        JobProgress* progress, uint32_t gpus, bool comes_later) {
+                                        JobProgress* progress, uint32_t gpus, bool comes_later,
+                                        const PageShare* share) {
   const Result<Gpu> gpu = current_gpu();
   if (!gpu) return gpu.error();
   const auto start = std::chrono::steady_clock::now();
@@ -425,24 +437,25 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   if (gpus > 1) {
     const Result<std::vector<int>> team = gpus_from(gpu->index, gpus);
     if (!team) return team.error();
-    if (team->size() > 1) {
-      const uint64_t own_frames = kernels::CudaFrames::device_bytes(scene.view());
-      const uint64_t samples =
-          std::max(uint64_t{pictures.width} * pictures.height * pictures.samples_per_side * pictures.samples_per_side,
-                   uint64_t{pictures.shadow_side} * pictures.shadow_side) *
-          sizeof(uint64_t);
+    const uint64_t own_frames = kernels::CudaFrames::device_bytes(scene.view());
+    const uint64_t samples =
+        std::max(uint64_t{pictures.width} * pictures.height * pictures.samples_per_side * pictures.samples_per_side,
+                 uint64_t{pictures.shadow_side} * pictures.shadow_side) *
+        sizeof(uint64_t);
+    const uint64_t resolver = pictures.shade != nullptr ? resolver_bytes(pictures) : 0;
+    const GpuTeam::Options options{
+        budget,  beside + own_frames, own_frames + samples + resolver, threads, reading, texture_cache, host_memory,
+        progress};
+    if (team->size() > 1 && GpuTeam::fits(scene, static_cast<uint32_t>(team->size()), options)) {
       auto shared = std::make_unique<Impl>();
       shared->device = gpu->index;
-      const Result<void> done = shared->upload_shared(
-          scene, *team,
-          {budget, beside + own_frames, own_frames + samples, threads, reading, texture_cache, host_memory, progress});
-      if (!done) return done.error();
+      if (const Result<void> done = shared->upload_shared(scene, *team, options); !done) return done.error();
       return DeviceScene(std::move(shared));
     }
   }
   const uint64_t allowed = budget_bytes == 0 ? *free - left : budget;
   if (comes_later) comes_later = holds_all(scene, pictures, texture_cache, allowed);
-  if (comes_later || CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget) {
+  if (comes_later || (share == nullptr && CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget)) {
     auto streamed = std::make_unique<Impl>();
     streamed->device = gpu->index;
     if (Result<void> done =
@@ -454,8 +467,8 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
-  Result<CudaScene> copy =
-      CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr, host_memory, progress);
+  Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr,
+                                             host_memory, progress, share);
   if (!copy) return copy.error();
   auto impl = std::make_unique<Impl>();
   impl->device = gpu->index;
@@ -474,6 +487,7 @@ Result<void> DeviceScene::Impl::upload_shared(const Scene& host, std::span<const
   if (!shared) return shared.error();
   scene = std::move(*shared);
   stats = team->stats();
+  fragment_room = options.budget - std::min(options.budget, scene.stats().device_bytes);
   return make_frames(*own, host.view());
 }
 
@@ -539,6 +553,10 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels
 
 Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
   return DeviceView(impl_->own).read_samples(samples);
+}
+
+Result<void> DeviceScene::write_samples(std::span<const uint64_t> samples) {
+  return DeviceView(impl_->own).write_samples(samples);
 }
 
 Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_per_side,
@@ -616,6 +634,8 @@ Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::S
   } else {
     Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
     if (done)
+      done = cuda_check(cudaMemsetAsync(own.colors.data(), 0, colors.size_bytes(), nullptr), "clearing the colours");
+    if (done)
       done = own.resolver.shade_part(own.scene.scene.view(), view, own.sample_data(), own.transforms(), options,
                                      reinterpret_cast<float*>(own.colors.data()), nullptr,
                                      own.scene.scene.texture_cache());
@@ -676,6 +696,15 @@ Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
                     "reading the visibility buffer");
 }
 
+Result<void> DeviceView::write_samples(std::span<const uint64_t> samples) {
+  const uint64_t count = uint64_t{impl_->width} * impl_->height;
+  if (count != samples.size())
+    return Error{ErrorCode::kRange,
+                 std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
+  return cuda_check(cudaMemcpy(impl_->samples.data(), samples.data(), samples.size_bytes(), cudaMemcpyHostToDevice),
+                    "writing the visibility buffer");
+}
+
 Result<uint64_t> DeviceView::read_sample(uint64_t index) {
   uint64_t sample = 0;
   if (Result<void> done = cuda_check(
@@ -722,6 +751,9 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
       const std::chrono::duration<float, std::milli> taken = std::chrono::steady_clock::now() - start;
       times->resolve_ms = taken.count() - times->occlusion_ms;
     }
+  } else if (impl.is_drawn_by_team && out == nullptr && !impl.uses_texture_cache(options)) {
+    // Other GPUs might not reach the caller's memory, which another allocator may have mapped for one GPU.
+    if (auto done = impl.scene.team->resolve(view, samples_per_side, options, device_pixels, times); !done) return done;
   } else if (auto done = impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
                                                impl.transforms(), options, device_pixels, nullptr, times,
                                                impl.scene.scene.texture_cache());

@@ -15,7 +15,7 @@ DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
 Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t,
-                                        const PictureNeeds&, JobProgress*, uint32_t, bool) {
+                                        const PictureNeeds&, JobProgress*, uint32_t, bool, const PageShare*) {
   return current_gpu().error();
 }
 
@@ -25,6 +25,10 @@ Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, kernels::Fra
 }
 
 Result<void> DeviceScene::read_samples(std::span<uint64_t>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceScene::write_samples(std::span<const uint64_t>) {
   return current_gpu().error();
 }
 
@@ -138,6 +142,10 @@ const std::optional<StreamStats>& DeviceView::stream_stats() const {
 }
 
 Result<void> DeviceView::read_samples(std::span<uint64_t>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::write_samples(std::span<const uint64_t>) {
   return current_gpu().error();
 }
 

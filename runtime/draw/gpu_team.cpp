@@ -1,7 +1,10 @@
 #include "runtime/draw/gpu_team.h"
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
+#include <functional>
+#include <new>
 #include <string>
 #include <utility>
 
@@ -11,7 +14,6 @@
 namespace scree::runtime {
 
 using kernels::cuda_check;
-using kernels::FramePart;
 using kernels::FrameStats;
 
 namespace {
@@ -32,12 +34,23 @@ void add(UploadCounts& sum, const UploadCounts& one) {
 
 }  // namespace
 
+bool GpuTeam::fits(const Scene& scene, uint32_t gpus, const Options& options) {
+  const std::vector<uint32_t> owners = owners_of_pages(scene.drawn_pages(), gpus);
+  for (uint32_t i = 0; i < gpus; ++i) {
+    const PageShare share{owners, i, i == 0};
+    const uint64_t beside = i == 0 ? options.beside : options.beside_others;
+    if (CudaScene::device_bytes(scene, nullptr, options.texture_cache, &share) + beside > options.budget) return false;
+  }
+  return true;
+}
+
 GpuTeam::~GpuTeam() {
   const KeptGpu kept;
   for (Member& member : members_) {
     (void)make_current(member);
     member.frames.reset();
-    if (member.joined != nullptr) (void)cudaEventDestroy(member.joined);
+    for (cudaEvent_t event : {member.drawn, member.joined, member.shaded_part})
+      if (event != nullptr) (void)cudaEventDestroy(event);
   }
 }
 
@@ -76,6 +89,7 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   for (size_t i = 0; i < gpus.size(); ++i) members_[i].gpu = gpus[i];
   buffers_.count = size();
   workers_.emplace(size());
+  if (workers_->start() != size()) return Error{ErrorCode::kMemory, "the system starts no thread for each GPU"};
   if (const Result<void> connected = connect(); !connected) return connected.error();
 
   const std::vector<uint32_t> owners = owners_of_pages(scene.drawn_pages(), size());
@@ -86,7 +100,7 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   workers_->for_each(size(), [&](uint64_t i) {
     uploaded[i] = make_current(members_[i]);
     if (!uploaded[i]) return;
-    const PageShare share{owners, static_cast<uint32_t>(i)};
+    const PageShare share{owners, static_cast<uint32_t>(i), i == 0};
     Result<CudaScene> made = CudaScene::upload(scene, options.budget, i == 0 ? options.beside : options.beside_others,
                                                threads, options.reading, options.texture_cache, nullptr, host_memory,
                                                i == 0 ? options.progress : nullptr, &share);
@@ -108,90 +122,155 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   for (uint32_t i = 0; i < size(); ++i) {
     Member& member = members_[i];
     Result<void> done = make_current(member);
-    if (done) done = cuda_check(cudaEventCreateWithFlags(&member.joined, cudaEventDisableTiming), "making an event");
+    for (cudaEvent_t* const event : {&member.drawn, &member.joined, &member.shaded_part})
+      if (done) done = cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event");
     if (!done) return done.error();
     Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.view(), scenes[i].view(), options.queues);
     if (!frames) return frames.error();
     member.frames = std::move(*frames);
+    if (const Result<void> added = scenes[i].add_pages_of(scenes); !added) return added.error();
+    member.shaded = scenes[i].view();
+    member.shaded.textures = scenes[0].view().textures;
+    member.shaded.texture_count = scenes[0].view().texture_count;
   }
-  if (const Result<void> done = make_current(members_[0]); !done) return done.error();
+  if (const Result<void> back = make_current(members_[0]); !back) return back.error();
   CudaScene first = std::move(scenes[0]);
-  if (const Result<void> done = first.add_pages_of(std::span(scenes).subspan(1)); !done) return done.error();
   for (uint32_t i = 1; i < size(); ++i) members_[i].scene = std::move(scenes[i]);
   stats_.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return Result<CudaScene>(std::move(first));
 }
 
-/// Makes buffers_ large enough for the frame, and clears them.
-Result<void> GpuTeam::start_frame(const kernels::View& view, uint64_t* samples) {
-  const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
-  for (uint32_t i = 0; i < size(); ++i) {
+/// Makes buffers_ large enough for the frame.
+Result<void> GpuTeam::reserve(const kernels::View& view, uint64_t* samples) {
+  buffers_.of[0] = samples;
+  for (uint32_t i = 1; i < size(); ++i) {
     Member& member = members_[i];
     Result<void> done = make_current(member);
-    if (done && i != 0) done = member.samples.reserve(bytes, "allocating the visibility buffer");
-    buffers_.of[i] = i == 0 ? samples : reinterpret_cast<uint64_t*>(member.samples.data());
-    static_assert(kernels::kBackground == ~uint64_t{0});
-    if (done) done = cuda_check(cudaMemsetAsync(buffers_.of[i], 0xff, bytes, nullptr), "clearing");
-    if (!done) return done;
-  }
-  return {};
-}
-
-/// Each GPU joins its own part of all buffers. Work that is queued on a default stream afterwards runs on the joined
-/// words.
-Result<void> GpuTeam::join(uint64_t count) {
-  const uint64_t part = (count + size() - 1) / size();
-  for (uint32_t i = 0; i < size(); ++i) {
-    Result<void> done = make_current(members_[i]);
     if (done)
-      done =
-          kernels::start_least_samples(buffers_, std::min(i * part, count), std::min((i + 1) * part, count), nullptr);
-    if (done) done = cuda_check(cudaEventRecord(members_[i].joined, nullptr), "recording an event");
+      done = member.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
+                                    "allocating the visibility buffer");
     if (!done) return done;
-  }
-  for (const Member& waiting : members_) {
-    Result<void> done = make_current(waiting);
-    for (const Member& other : members_)
-      if (done && other.gpu != waiting.gpu)
-        done = cuda_check(cudaStreamWaitEvent(nullptr, other.joined, 0), "ordering the GPUs");
-    if (!done) return done;
+    buffers_.of[i] = reinterpret_cast<uint64_t*>(member.samples.data());
   }
   return {};
 }
 
-/// Draws a part on all GPUs at the same time. The GPUs are idle when it returns, also after an error.
-Result<FrameStats> GpuTeam::draw_part(const kernels::View& view, FramePart part) {
-  std::vector<Result<FrameStats>> drawn(size(), FrameStats{});
+/// Queues on the stream of GPU `index`: it joins its own part of all buffers once all GPUs have drawn, and waits for
+/// the other parts. Called by a thread per GPU; each waits until all have recorded the events that it waits for.
+Result<void> GpuTeam::join(size_t index, uint64_t count, cudaStream_t stream, std::barrier<>& threads) {
+  const auto meet = [&](cudaEvent_t Member::*event) -> Result<void> {
+    Result<void> done = cuda_check(cudaEventRecord(members_[index].*event, stream), "recording an event");
+    if (!done) return done;
+    threads.arrive_and_wait();
+    for (size_t i = 0; i < members_.size() && done; ++i)
+      if (i != index) done = cuda_check(cudaStreamWaitEvent(stream, members_[i].*event, 0), "ordering the GPUs");
+    return done;
+  };
+  const uint64_t part = (count + size() - 1) / size();
+  Result<void> done = meet(&Member::drawn);
+  if (done)
+    done = kernels::start_least_samples(buffers_, std::min(index * part, count), std::min((index + 1) * part, count),
+                                        stream);
+  return done ? meet(&Member::joined) : done;
+}
+
+/// Draws the frame on a GPU, by a thread per GPU at the same time.
+Result<kernels::CudaFrames::Finished> GpuTeam::draw_share(size_t index, const kernels::View& view,
+                                                          std::barrier<>& threads) {
+  struct Leave {
+    std::barrier<>& threads;
+    ~Leave() { threads.arrive_and_drop(); }
+  };
+  const Leave at_end{threads};  // also after an error, so that no thread waits for this one
+  const std::function<Result<void>(void*)> join_on = [&](void* stream) {
+    return join(index, uint64_t{view.width} * view.height, static_cast<cudaStream_t>(stream), threads);
+  };
+  kernels::DrawOptions options;
+  options.join = &join_on;
+  kernels::CudaFrames& frames = *members_[index].frames;
+  Result<void> started = make_current(members_[index]);
+  if (started) started = frames.start(view, buffers_.of[index], options);
+  if (!started) return started.error();
+  return frames.finish();
+}
+
+Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& view) {
+  using Finished = kernels::CudaFrames::Finished;
+  std::vector<Result<Finished>> drawn(size(), Finished{});
+  std::atomic<bool> has_memory = true;
+  std::barrier threads(size());
   workers_->for_each(size(), [&](uint64_t i) {
-    kernels::DrawOptions options;
-    options.part = part;
-    const Result<void> current = make_current(members_[i]);
-    drawn[i] = current ? members_[i].frames->draw(view, buffers_.of[i], options) : Result<FrameStats>(current.error());
+    try {
+      drawn[i] = draw_share(i, view, threads);
+    } catch (const std::bad_alloc&) {  // would end the loop before each GPU has a thread, which the others wait for
+      has_memory = false;
+    }
   });
-  FrameStats sum{};
+  if (!has_memory) throw std::bad_alloc();
+  Finished sum{};
   for (size_t i = 0; i < drawn.size(); ++i) {
     if (!drawn[i]) return drawn[i].error();
-    if (i != 0) drawn[i]->instances_drawn = 0;  // every GPU finds the same ones
-    sum += *drawn[i];
+    if (i != 0) drawn[i]->stats.instances_drawn = 0;  // every GPU finds the same ones
+    sum.stats += drawn[i]->stats;
+    sum.is_drawn_again |= drawn[i]->is_drawn_again;
   }
   return sum;
 }
 
 Result<FrameStats> GpuTeam::draw(const kernels::View& view, uint64_t* samples) {
   const KeptGpu kept;
-  Result<void> done = start_frame(view, samples);
-  FrameStats sum{};
-  for (const FramePart part : {FramePart::kPreviouslyVisible, FramePart::kRest}) {
-    const Result<FrameStats> drawn = done ? draw_part(view, part) : Result<FrameStats>(done.error());
-    done = drawn ? join(uint64_t{view.width} * view.height) : Result<void>(drawn.error());
-    if (drawn) sum += *drawn;
+  const Result<void> reserved = reserve(view, samples);
+  for (;;) {
+    const Result<kernels::CudaFrames::Finished> drawn =
+        reserved ? draw_once(view) : Result<kernels::CudaFrames::Finished>(reserved.error());
+    if (!drawn) wait_for_all();
+    if (!drawn) return drawn.error();
+    if (drawn->is_drawn_again) continue;
+    const Result<void> back = make_current(members_[0]);
+    return back ? drawn->stats : Result<FrameStats>(back.error());
   }
-  for (const Member& member : members_)
-    if (done) done = cuda_check(cudaEventSynchronize(member.joined), "joining the samples of several GPUs");
-  if (done) return sum;
+}
+
+/// After an error, so that no GPU writes to memory that the caller frees.
+void GpuTeam::wait_for_all() const {
   for (const Member& member : members_)
     if (make_current(member)) (void)cudaDeviceSynchronize();
-  return done.error();
+}
+
+Result<void> GpuTeam::resolve(const kernels::View& view, uint32_t samples_per_side,
+                              const kernels::ShadeOptions& options, uint32_t* pixels, kernels::ResolveTimes* times) {
+  const auto start = std::chrono::steady_clock::now();
+  const KeptGpu kept;
+  Result<void> done = start_resolve(view, samples_per_side, options, pixels, times);
+  if (done && times != nullptr) {
+    done = cuda_check(cudaStreamSynchronize(nullptr), "resolving");
+    const std::chrono::duration<float, std::milli> taken = std::chrono::steady_clock::now() - start;
+    times->resolve_ms = taken.count() - times->occlusion_ms;
+  }
+  if (!done) wait_for_all();
+  return done;
+}
+
+/// The first GPU is the last to start, because it waits for the others. These wait for the work that it did before with
+/// `pixels`.
+Result<void> GpuTeam::start_resolve(const kernels::View& view, uint32_t samples_per_side,
+                                    const kernels::ShadeOptions& options, uint32_t* pixels,
+                                    kernels::ResolveTimes* times) {
+  Member& first = members_[0];
+  Result<void> done = make_current(first);
+  if (done) done = cuda_check(cudaEventRecord(first.shaded_part, nullptr), "recording an event");
+  for (uint32_t i = size(); i-- > 0 && done;) {
+    Member& member = members_[i];
+    done = make_current(member);
+    if (done && i != 0) done = cuda_check(cudaStreamWaitEvent(nullptr, first.shaded_part, 0), "ordering the GPUs");
+    if (done)
+      done = member.resolver.resolve(member.shaded, view, samples_per_side, buffers_.of[i], member.frames->transforms(),
+                                     options, pixels, nullptr, i == 0 ? times : nullptr, nullptr, {i, size()});
+    if (done && i != 0) done = cuda_check(cudaEventRecord(member.shaded_part, nullptr), "recording an event");
+  }
+  for (uint32_t i = 1; i < size() && done; ++i)
+    done = cuda_check(cudaStreamWaitEvent(nullptr, members_[i].shaded_part, 0), "ordering the GPUs");
+  return done;
 }
 
 }  // namespace scree::runtime

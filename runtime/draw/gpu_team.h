@@ -1,10 +1,11 @@
 // GPUs of one machine that draw a scene together. Each has a part of the pages and draws it. Their samples are joined
-// over the links between them, so the picture is that of one GPU. The first GPU shades, and reads the others' pages for
-// that. Only in programs that are built with CUDA.
+// over the links between them, so the picture is that of one GPU. Each shades a part of the picture, and reads the
+// others' pages for that. Only in programs that are built with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
 
+#include <barrier>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -14,6 +15,7 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
 #include "kernels/cuda/least_samples.h"
+#include "kernels/cuda/resolve.h"
 #include "kernels/frame.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/scene/scene.h"
@@ -37,6 +39,9 @@ class GpuTeam {
     kernels::CudaQueueSizes queues{};
   };
 
+  /// Whether the budget holds the part of `scene` that each of `gpus` GPUs gets.
+  static bool fits(const Scene& scene, uint32_t gpus, const Options& options);
+
   GpuTeam() = default;
   GpuTeam(const GpuTeam&) = delete;
   GpuTeam& operator=(const GpuTeam&) = delete;
@@ -44,13 +49,20 @@ class GpuTeam {
 
   /// Lets every GPU read and write the others' memory, and uploads its share of `scene` to each, to all at the same
   /// time. `gpus`: 2 to kMostGpus, by CUDA's numbers; the first is the current device, before and after. Returns the
-  /// scene of the first GPU: all records and textures, and all pages, which it can read. Errors kDevice: two GPUs that
-  /// cannot read each other's memory; and the errors of CudaScene::upload(), with the GPU named.
+  /// scene of the first GPU: all records and textures, and all pages, which it can read. It outlives this. Errors
+  /// kDevice: two GPUs that cannot read each other's memory; kMemory: no thread for each GPU; and the errors of
+  /// CudaScene::upload(), with the GPU named.
   Result<CudaScene> open(const Scene& scene, std::span<const int> gpus, const Options& options);
 
   /// As CudaFrames::draw() of a whole frame, on all GPUs, into `samples` of the first. Each draws the clusters that
   /// were visible last time. After joining, the samples of all GPUs hide clusters on every GPU. Errors kRange, kDevice.
   Result<kernels::FrameStats> draw(const kernels::View& view, uint64_t* samples);
+
+  /// As CudaResolver::resolve() of the picture that draw() made last, into `pixels` of the first GPU, with the work of
+  /// all GPUs ordered with its default stream. Not for textures that need a CudaTextureCache. `times`: null, or filled
+  /// in by the host's clock after waiting. Errors kDevice.
+  Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
+                       uint32_t* pixels, kernels::ResolveTimes* times);
 
   uint32_t size() const { return static_cast<uint32_t>(members_.size()); }
   /// On the first GPU: CudaFrames::transforms() of the last frame.
@@ -61,17 +73,25 @@ class GpuTeam {
  private:
   struct Member {
     int gpu = 0;
-    CudaScene scene;  // of the others; the first's belongs to the caller
+    CudaScene scene;              // of the others; the first's belongs to the caller
+    kernels::SceneView shaded{};  // the scene with the pages of all, and the first GPU's textures
     std::optional<kernels::CudaFrames> frames;
+    kernels::CudaResolver resolver;
     kernels::DeviceBuffer samples;  // of the others
-    cudaEvent_t joined = nullptr;   // the GPU has joined its part of the samples
+    cudaEvent_t drawn = nullptr;    // the GPU has drawn what is joined next
+    cudaEvent_t joined = nullptr;   // it has joined its part of the samples
+    cudaEvent_t shaded_part = nullptr;
   };
 
   Result<void> connect() const;
   Result<void> make_current(const Member& member) const;
-  Result<void> start_frame(const kernels::View& view, uint64_t* samples);
-  Result<kernels::FrameStats> draw_part(const kernels::View& view, kernels::FramePart part);
-  Result<void> join(uint64_t count);
+  Result<void> reserve(const kernels::View& view, uint64_t* samples);
+  Result<kernels::CudaFrames::Finished> draw_share(size_t index, const kernels::View& view, std::barrier<>& threads);
+  Result<kernels::CudaFrames::Finished> draw_once(const kernels::View& view);
+  Result<void> join(size_t index, uint64_t count, cudaStream_t stream, std::barrier<>& threads);
+  Result<void> start_resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
+                             uint32_t* pixels, kernels::ResolveTimes* times);
+  void wait_for_all() const;
 
   std::vector<Member> members_;
   std::optional<Workers> workers_;  // a thread per GPU

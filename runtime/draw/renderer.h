@@ -124,11 +124,15 @@ class Frame {
     }
   }
 
+  /// The bytes of layer().
+  Result<void> read_layer(PixelLayer layer, std::span<std::byte> out, uint32_t threads) const;
+
   /// pick_sample() of sample_index(); x < width, y < height in pixels.
   Result<std::optional<Pick>> pick(uint32_t x, uint32_t y) const;
 
   /// Row by row, samples per side * width values per row.
   std::span<const uint64_t> samples() const { return samples_; }
+  const kernels::View& view() const { return view_; }  // in samples
   uint32_t width() const { return view_.width / samples_per_side_; }
   uint32_t height() const { return view_.height / samples_per_side_; }
   const kernels::FrameStats& stats() const { return stats_; }
@@ -137,7 +141,6 @@ class Frame {
  private:
   Frame() = default;
   Result<void> make_room();  // for samples_
-  Result<void> read_layer(PixelLayer layer, std::span<std::byte> out, uint32_t threads) const;
 
   const Scene* scene_ = nullptr;
   DeviceScene* device_ = nullptr;

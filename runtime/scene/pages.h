@@ -70,6 +70,13 @@ class DrawnPages {
 /// std::bad_alloc.
 std::vector<uint32_t> owners_of_pages(const DrawnPages& pages, uint32_t owners);
 
+/// The part of a scene that one GPU of several gets.
+struct PageShare {
+  std::span<const uint32_t> owners;  // owners_of_pages()
+  uint32_t owner = 0;                // of the pages that it gets
+  bool has_textures = true;
+};
+
 /// Raw bytes by page number; null where a page was not loaded.
 struct PageSet {
   std::vector<const std::byte*> raw;

@@ -14,13 +14,13 @@ Workers::~Workers() {
   for (std::thread& helper : helpers_) helper.join();
 }
 
-void Workers::start() {
-  if (!helpers_.empty()) return;
+uint32_t Workers::start() {
   try {
-    for (uint32_t i = 1; i < threads_; ++i) helpers_.emplace_back([this] { help(); });
+    for (uint32_t i = helpers_.empty() ? 1 : threads_; i < threads_; ++i) helpers_.emplace_back([this] { help(); });
   } catch (const std::exception&) {
     // The system starts no more threads; the others do all the work.
   }
+  return static_cast<uint32_t>(helpers_.size()) + 1;
 }
 
 void Workers::help() {

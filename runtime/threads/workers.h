@@ -23,6 +23,10 @@ class Workers {
 
   uint32_t count() const { return threads_; }
 
+  /// Starts the other threads now. Returns the number of threads with the caller's: fewer than count() if the system
+  /// starts no more.
+  uint32_t start();
+
   /// As parallel_for().
   template <class Body>
   void for_each(uint64_t count, const Body& body) {
@@ -37,7 +41,6 @@ class Workers {
   }
 
  private:
-  void start();
   void help();
   /// Calls `work` on this thread, and on up to `helpers` others that wake up before this thread is done. Returns when
   /// all calls have returned.

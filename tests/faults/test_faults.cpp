@@ -272,6 +272,18 @@ TEST_CASE("faults: every place that takes memory fails once while frames are str
 TEST_CASE("faults: every CUDA call fails once", "[cuda][faults]") {
   if (has_gpu()) check_all("device", "all", kDevice, kOnGpu);
 }
+TEST_CASE("faults: every call fails once while two GPUs draw", "[cuda][gpus][faults]") {
+  if (!has_gpu()) return;
+  const EmulatedGpus emulated("9.0,9.0");
+  if (!has_gpus(2)) return;
+  FaultInputs inputs;
+  inputs.add_many(12);  // more than a page
+  const std::string command =
+      "render many.scree --force -o out.png --visbuffer out.bin --size 64x96 --eye 0,0,2 --target 0,0,0 --frames 2 "
+      "--show normal --backend cuda --gpus 2 --quiet --threads 2";
+  inputs.check("device", SCREE_FAULT_FILE_CALLS, "out.png,out.bin", command, kStreamedOnGpu);
+  inputs.check("memory", SCREE_FAULT_SITES, "out.png,out.bin", command, kStreamedOnGpu);
+}
 TEST_CASE("faults: every call for a file fails once while a GPU draws", "[cuda][faults]") {
   if (has_gpu()) check_all("file", "all", kDevice, kOnGpu);
 }

@@ -36,8 +36,9 @@ class Ranks {
   /// Errors kFile.
   Result<void> least(std::span<uint64_t> words);
 
-  /// Called by all ranks with the same number of values. At rank 0, each becomes the sum over all ranks. Errors kFile.
-  Result<void> sum(std::span<float> values);
+  /// Called by all ranks with the same number of values, each of which is 0, with all bits 0, at all ranks but one.
+  /// Rank 0 gets the others. Errors kFile.
+  Result<void> gather(std::span<float> values);
 
   /// `error`; if there are several ranks, with the number and host of this one.
   Error named(Error error) const;

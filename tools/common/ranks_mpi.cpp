@@ -108,11 +108,11 @@ Result<void> Ranks::least(std::span<uint64_t> words) {
   });
 }
 
-Result<void> Ranks::sum(std::span<float> values) {
+Result<void> Ranks::gather(std::span<float> values) {
   if (count_ == 1) return {};
   return in_bands(values, [this](float* band, int count) {
     const void* const own = is_first() ? MPI_IN_PLACE : band;
-    return checked(MPI_Reduce(own, band, count, MPI_FLOAT, MPI_SUM, 0, MPI_COMM_WORLD), "MPI_Reduce");
+    return checked(MPI_Reduce(own, band, count, MPI_UINT32_T, MPI_BOR, 0, MPI_COMM_WORLD), "MPI_Reduce");
   });
 }
 

@@ -27,7 +27,7 @@ Result<void> Ranks::sum(std::span<double>) {
 Result<void> Ranks::least(std::span<uint64_t>) {
   return {};
 }
-Result<void> Ranks::sum(std::span<float>) {
+Result<void> Ranks::gather(std::span<float>) {
   return {};
 }
 Error Ranks::named(Error error) const {

@@ -16,11 +16,19 @@ uint64_t pixels_of(const RenderOptions& options) {
   return uint64_t{options.camera.width} * options.camera.height;
 }
 
+template <class T>
+Result<std::vector<T>> read(const RenderOptions& options, const LayersOfFrame& frame, PixelLayer layer) {
+  std::vector<T> values(pixels_of(options) * runtime::layer_bytes(layer) / sizeof(T));
+  if (const Result<void> done = frame.read(layer, std::as_writable_bytes(std::span(values))); !done)
+    return done.error();
+  return values;
+}
+
 Result<std::vector<uint32_t>> make_ids(const RenderOptions& options, const runtime::Scene& scene,
-                                       const runtime::Frame& frame) {
-  const Result<std::vector<int64_t>> triangles = frame.layer<int64_t>(PixelLayer::kTriangle, options.threads);
+                                       const LayersOfFrame& frame) {
+  const Result<std::vector<int64_t>> triangles = read<int64_t>(options, frame, PixelLayer::kTriangle);
   if (!triangles) return triangles.error();
-  const Result<std::vector<int32_t>> instances = frame.layer<int32_t>(PixelLayer::kInstance, options.threads);
+  const Result<std::vector<int32_t>> instances = read<int32_t>(options, frame, PixelLayer::kInstance);
   if (!instances) return instances.error();
   const kernels::SceneView& view = scene.view();
   std::vector<uint32_t> ids(kIdCount * instances->size(), UINT32_MAX);
@@ -72,7 +80,7 @@ uint64_t layer_bytes(const RenderOptions& options) {
   return bytes;
 }
 
-Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
+Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const LayersOfFrame& frame,
                                 bool is_streamed) {
   const bool exr = options.writes_exr();
   const bool with_surface = exr && (!is_streamed || options.layers.are_chosen);
@@ -85,13 +93,13 @@ Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Sce
   FrameLayers out;
   Result<void> done;
   try {
-    if (exr && options.layers.color) done = take(frame.linear(options.shade, options.threads, &out.blended), out.color);
+    if (exr && options.layers.color) done = take(frame.linear(out.blended), out.color);
     if (done && (!options.depth.empty() || (exr && options.layers.depth)))
-      done = take(frame.layer<float>(PixelLayer::kDepth, options.threads), out.depth);
+      done = take(read<float>(options, frame, PixelLayer::kDepth), out.depth);
     if (done && (!options.normals.empty() || (with_surface && options.layers.normal)))
-      done = take(frame.layer<float>(PixelLayer::kNormal, options.threads), out.normals);
+      done = take(read<float>(options, frame, PixelLayer::kNormal), out.normals);
     if (done && (!options.uvs.empty() || (with_surface && options.layers.uv)))
-      done = take(frame.layer<float>(PixelLayer::kUv, options.threads), out.uvs);
+      done = take(read<float>(options, frame, PixelLayer::kUv), out.uvs);
     if (done && exr && options.layers.id) done = take(make_ids(options, scene, frame), out.ids);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for the layers of the picture"};
@@ -100,7 +108,7 @@ Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Sce
   return out;
 }
 
-Result<void> write_exr_layers(const RenderOptions& options, const runtime::Frame& frame, const FrameLayers& layers) {
+Result<void> write_exr_layers(const RenderOptions& options, const FrameLayers& layers) {
   std::vector<ExrChannel> channels;
   const auto add = [&](const auto& values, ExrType type, std::initializer_list<const char*> names) {
     if (values.empty()) return;
@@ -113,7 +121,7 @@ Result<void> write_exr_layers(const RenderOptions& options, const runtime::Frame
   if (options.layers.normal) add(layers.normals, ExrType::kFloat, {"N.X", "N.Y", "N.Z"});
   if (options.layers.uv) add(layers.uvs, ExrType::kFloat, {"UV.U", "UV.V"});
   add(layers.ids, ExrType::kUint, {"id.instance", "id.mesh", "id.material", "id.triangle"});
-  return write_exr(options.output, frame.width(), frame.height(), channels, options.existing);
+  return write_exr(options.output, options.camera.width, options.camera.height, channels, options.existing);
 }
 
 std::vector<float> three_channels(const std::vector<float>& uvs) {

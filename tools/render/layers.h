@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <span>
 #include <vector>
 
 #include "format/result.h"
@@ -22,6 +24,12 @@ struct FrameLayers {
 };
 inline constexpr uint32_t kIdCount = 4;
 
+/// How a frame's layers are made.
+struct LayersOfFrame {
+  std::function<Result<void>(runtime::PixelLayer layer, std::span<std::byte> out)> read;  // Frame::read_layer()
+  std::function<Result<std::vector<float>>(kernels::BlendCounts& blended)> linear;        // Frame::linear()
+};
+
 /// Host memory for the layers and for making and writing them, in addition to the samples.
 uint64_t layer_bytes(const RenderOptions& options);
 
@@ -29,13 +37,12 @@ uint64_t layer_bytes(const RenderOptions& options);
 bool layers_need_samples(const RenderOptions& options);
 
 /// Makes the layers that `options` request. `is_streamed`: an .exr then has no normals and texture coordinates, unless
-/// --layers names them. Errors kUnsupported (more triangles in a mesh than 32 bits count), those of Frame::layer() and
-/// Frame::linear().
-Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
+/// --layers names them. Errors kUnsupported (more triangles in a mesh than 32 bits count), kMemory, those of `frame`.
+Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const LayersOfFrame& frame,
                                 bool is_streamed);
 
 /// Writes options.output, an .exr. Errors as write_exr().
-Result<void> write_exr_layers(const RenderOptions& options, const runtime::Frame& frame, const FrameLayers& layers);
+Result<void> write_exr_layers(const RenderOptions& options, const FrameLayers& layers);
 
 /// Texture coordinates in the form for a .pfm: three values per pixel, the last one 0. Throws std::bad_alloc.
 std::vector<float> three_channels(const std::vector<float>& uvs);

@@ -26,6 +26,7 @@
 #include "tools/common/text_table.h"
 #include "tools/render/exr.h"
 #include "tools/render/layers.h"
+#include "tools/render/outputs.h"
 #include "tools/render/render_options.h"
 #include "tools/render/render_path.h"
 #include "tools/render/render_ranks.h"
@@ -35,11 +36,6 @@ namespace {
 
 using runtime::Duration;
 using runtime::Stopwatch;
-
-/// "12 (Rock)".
-std::string number_and_name(uint64_t number, std::string_view name) {
-  return std::to_string(number) + (name.empty() ? "" : " (" + inspect::printable(name, 400) + ")");
-}
 
 std::string milliseconds(double ms) {
   char text[32];
@@ -68,23 +64,6 @@ void list_cameras(const runtime::SceneFile& file, uint32_t scene) {
     }
   }
   if (cameras.empty()) std::printf("scene %u has no cameras\n", scene);
-}
-
-std::string describe_pick(const format::Container& container, PixelPlace place,
-                          const std::optional<runtime::Pick>& pick) {
-  std::string line = "pick " + std::to_string(place.x) + "," + std::to_string(place.y) + ": ";
-  if (!pick) return line + "nothing\n";
-  const format::MeshRecord& mesh = container.meshes()[pick->mesh];
-  const std::string node = number_and_name(pick->node, container.string(container.nodes()[pick->node].name));
-  const std::string mesh_name = number_and_name(pick->mesh, container.string(container.groups()[mesh.group].name));
-  line += "node " + node;
-  if (container.nodes()[pick->node].node_instance_count > 0)
-    line += ", instance " + std::to_string(pick->node_instance);
-  line += ", mesh " + mesh_name + ", triangle " + std::to_string(pick->mesh_triangle);
-  if (pick->source_triangle) line += ", source triangle " + std::to_string(*pick->source_triangle);
-  char depth[48];
-  std::snprintf(depth, sizeof depth, ", depth %.9g\n", pick->depth);
-  return line + depth;
 }
 
 struct Times {
@@ -180,11 +159,10 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
               both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
 
-/// A drawn frame, and the outputs made from it; outputs that were not requested are empty.
+/// A drawn frame, and the outputs made from it.
 struct Drawn {
   runtime::Frame frame;
-  std::optional<runtime::Picture> picture;
-  FrameLayers layers;
+  FrameOutputs outputs;
 };
 
 double loading_ms(const runtime::Scene& scene, const Times& times) {
@@ -239,59 +217,6 @@ void print_json(const RenderOptions& options, const runtime::Scene& scene, const
   if (times.streamed) json.member("streamed_bytes", times.streamed->streamed_bytes);
   json.end_object();
   std::printf("%s\n", text.c_str());
-}
-
-/// Records that an output was written. Error kFile "interrupted" if a signal has requested a stop.
-Result<void> is_written(const Result<void>& written, const std::string& path) {
-  if (!written) return written;
-  note_written(path);
-  if (StopOnSignal::flag()->load()) return Error{ErrorCode::kFile, "interrupted"};
-  return {};
-}
-
-/// `map`: the mapped scene. If its file was cut short, nothing is written.
-Result<void> write_outputs(const RenderOptions& options, const runtime::MappedFile& map, const Drawn& drawn,
-                           Times& times) {
-  const runtime::Frame& frame = drawn.frame;
-  const std::optional<runtime::Picture>& picture = drawn.picture;
-  if (const Result<void> whole = check_not_cut(map); !whole) return whole;
-  const StopOnSignal handlers;
-  Result<void> done;
-  if (picture) {
-    const Stopwatch write_watch;
-    done = is_written(runtime::write_png(options.output, picture->width, picture->height, picture->channels,
-                                         picture->pixels, options.existing),
-                      options.output);
-    times.write = write_watch.elapsed();
-  }
-  if (options.writes_exr()) {
-    const Stopwatch write_watch;
-    done = is_written(write_exr_layers(options, frame, drawn.layers), options.output);
-    times.write = write_watch.elapsed();
-  }
-  const auto write_floats = [&](const std::string& path, const std::vector<float>& values) {
-    if (done && !path.empty())
-      done = is_written(runtime::write_pfm(path, frame.width(), frame.height(), values, options.existing), path);
-  };
-  write_floats(options.depth, drawn.layers.depth);
-  write_floats(options.normals, drawn.layers.normals);
-  if (!options.uvs.empty()) write_floats(options.uvs, three_channels(drawn.layers.uvs));
-  if (done && !options.visbuffer.empty())
-    done =
-        is_written(runtime::write_visibility(options.visbuffer, frame.samples(), options.existing), options.visbuffer);
-  return done;
-}
-
-Result<void> print_picks(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame) {
-  std::string text;
-  for (const PixelPlace& place : options.picks) {
-    const Result<std::optional<runtime::Pick>> pick = frame.pick(place.x, place.y);
-    if (!pick) return pick.error();
-    text += describe_pick(scene.container(), place, *pick);
-  }
-  if (const Result<void> whole = check_not_cut(scene.file().map()); !whole) return whole;
-  std::fwrite(text.data(), 1, text.size(), stdout);
-  return {};
 }
 
 /// Whether a GPU's samples are copied to the host.
@@ -359,21 +284,27 @@ Result<Drawn> draw(RenderOptions options, const runtime::Scene& scene, const ker
     frame = draw_frame();
   }
   if (!frame) return frame.error();
-  Drawn drawn{std::move(*frame), {}, {}};
+  Drawn drawn{std::move(*frame), {}};
   if (reads_samples(options))
     if (const Result<void> read = drawn.frame.read_samples(); !read) return read.error();
   const Stopwatch watch;
-  Result<FrameLayers> layers = make_layers(options, scene, drawn.frame, device != nullptr && device->is_streamed());
+  const runtime::Frame& drawn_frame = drawn.frame;
+  const LayersOfFrame source{
+      [&](runtime::PixelLayer layer, std::span<std::byte> out) {
+        return drawn_frame.read_layer(layer, out, options.threads);
+      },
+      [&](kernels::BlendCounts& blended) { return drawn_frame.linear(options.shade, options.threads, &blended); }};
+  Result<FrameLayers> layers = make_layers(options, scene, source, device != nullptr && device->is_streamed());
   if (!layers) return layers.error();
-  drawn.layers = std::move(*layers);
-  times.blended = drawn.layers.blended;
+  drawn.outputs.layers = std::move(*layers);
+  times.blended = drawn.outputs.layers.blended;
   if (options.writes_exr()) times.shade = watch.elapsed();
   if (!options.output.empty() && !options.writes_exr()) {
     Result<runtime::Picture> shaded = drawn.frame.shade(options.shade, options.threads);
     if (!shaded) return shaded.error();
     times.shade = watch.elapsed();
     times.blended = shaded->blended;
-    drawn.picture = std::move(*shaded);
+    drawn.outputs.picture = std::move(*shaded);
   }
   if (const runtime::BlockPager* pager = device != nullptr ? device->block_pager() : scene.block_pager()) {
     times.texel_page_bytes = pager->all_bytes();
@@ -391,7 +322,11 @@ Result<Drawn> draw(RenderOptions options, const runtime::Scene& scene, const ker
 Result<void> render(const RenderOptions& options) {
   Result<Ranks> ranks = Ranks::join();
   if (!ranks) return ranks.error();
-  if (ranks->count() > 1) return render_ranks(options, *ranks);
+  if (options.list_cameras && !ranks->is_first()) {
+    ranks->leave();
+    return {};
+  }
+  if (ranks->count() > 1 && !options.list_cameras) return render_ranks(options, *ranks);
   for (const auto& [name, path] : options.outputs())
     if (const Result<void> checked = check_output_file(path, options.existing); !checked) return checked;
   if (options.writes_exr())
@@ -405,6 +340,7 @@ Result<void> render(const RenderOptions& options) {
   if (!scene_index) return scene_index.error();
   if (options.list_cameras) {
     list_cameras(*file, *scene_index);
+    ranks->leave();
     return check_not_cut(file->map());
   }
   times.open = open_watch.elapsed();
@@ -472,8 +408,11 @@ Result<void> render(const RenderOptions& options) {
     times.drawn_on = name_of_cpu(options.threads);
   }
   const runtime::Frame& frame = drawn->frame;
-  if (const auto written = write_outputs(options, scene->file().map(), *drawn, times); !written) return written;
-  if (const Result<void> printed = print_picks(options, *scene, frame); !printed) return printed;
+  const Result<runtime::Duration> written =
+      write_outputs(options, scene->file().map(), drawn->outputs, frame.samples());
+  if (!written) return written.error();
+  times.write = *written;
+  if (const auto printed = print_picks(options, *scene, frame.view(), frame.samples()); !printed) return printed;
   if (!options.quiet)
     warn_of_layers("render", options.file, times.blended.samples_left_out, "sample", times.blended.layers);
   if (options.stats) print_stats(*scene, frame, *view, times);

@@ -164,7 +164,7 @@ class PathRenderer {
     runtime::LoadOptions load;
     load.scene = options_.scene;
     load.on = on;
-    load.gpu = gpu_of_rank();
+    load.gpu = gpu_of_rank(options_.backend, ranks_.rank_on_host());
     load.gpus = options_.backend.gpus;
     load.threads = options_.threads;
     const runtime::SceneOptions wanted = options_.scene_options();
@@ -197,14 +197,6 @@ class PathRenderer {
     renderer_->cast_shadows(options_.light.shadow_side);
     load_ms_ += watch.elapsed().wall_ms;
     return {};
-  }
-
-  /// Rank i of a host uses its GPU i, if that exists. If each rank has only one visible GPU, it uses that one.
-  std::string gpu_of_rank() const {
-    const std::string number = std::to_string(ranks_.rank_on_host());
-    const bool chooses = options_.backend.device.empty() && options_.backend.choice != BackendChoice::kCpu &&
-                         ranks_.rank_on_host() > 0 && runtime::seems_to_have_gpu();
-    return chooses && runtime::use_gpu(number) ? number : options_.backend.device;
   }
 
   /// Sets most_waiting_, the largest number of drawn frames that are not written yet. Returns the rest of

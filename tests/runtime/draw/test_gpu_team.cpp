@@ -1,9 +1,8 @@
-// Several GPUs draw one scene: samples equal the CPU's, pictures equal those of one GPU byte for byte, and each GPU has
-// only a part of the pages.
+// Several GPUs draw and shade one scene: samples equal the CPU's, pictures equal those of one GPU byte for byte, and
+// each GPU has only a part of the pages.
 #include "runtime/draw/gpu_team.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <cstring>
 #include <random>
 #include <string>
@@ -34,31 +33,6 @@ using runtime::Frame;
 using runtime::GpuTeam;
 using runtime::Reading;
 using runtime::Scene;
-
-/// Sets the number of emulated GPUs, and in the end 1 again. Real GPUs are not affected.
-class Gpus {
- public:
-  explicit Gpus(const char* list) { set(list); }
-  Gpus(const Gpus&) = delete;
-  Gpus& operator=(const Gpus&) = delete;
-  ~Gpus() { set("1"); }
-
-  /// Prints the reason with WARN if there are fewer.
-  static bool are_there(uint32_t count) {
-    const Result<runtime::Gpu> first = runtime::use_gpu();
-    const Result<std::vector<int>> gpus =
-        first ? runtime::gpus_from(first->index, count) : Result<std::vector<int>>(first.error());
-    if (!gpus) WARN("skipped: " << gpus.error().message);
-    return static_cast<bool>(gpus);
-  }
-
- private:
-  static void set([[maybe_unused]] const char* list) {
-#if defined(SCREE_EMULATED_CUDA)
-    setenv("SCREE_EMULATED_GPU", list, 1);
-#endif
-  }
-};
 
 /// Meshes drawn twice: all clustered, or of all encodings.
 void write_soup(const std::string& path, bool all_clustered) {
@@ -101,7 +75,7 @@ std::vector<uint8_t> picture(const Scene& scene, DeviceScene& device, const View
 
 TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gpus]") {
   if (!has_gpu()) return;
-  const Gpus emulated("9.0,9.0,9.0");
+  const EmulatedGpus emulated("9.0,9.0,9.0");
   const TempFolder folder;
   write_soup(folder.file("soup.scree"), false);
   const Scene whole = must_load(folder.file("soup.scree"));
@@ -109,7 +83,7 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
   Result<DeviceScene> alone = upload(scene, 1);
   REQUIRE(alone);
   for (const uint32_t count : {2u, 3u}) {
-    if (!Gpus::are_there(count)) continue;
+    if (!has_gpus(count)) continue;
     Result<DeviceScene> team = upload(scene, count);
     if (!team) FAIL(team.error().message);
     CHECK(team->gpu_count() == count);
@@ -131,7 +105,10 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
                          expected->samples().end()));
       CHECK(drawn->stats().instances_drawn == expected->stats().instances_drawn);
       kernels::ShadeOptions options;
-      options.show = i == 1 ? kernels::Show::kNormal : kernels::Show::kTexture;
+      const kernels::Show shows[] = {kernels::Show::kTexture, kernels::Show::kNormal, kernels::Show::kDepth};
+      options.show = shows[i % 3];
+      options.ssao = i == 0;
+      options.edl = i == 3;
       CHECK(picture(scene, *team, on_team, options) == picture(scene, *alone, on_one, options));
     }
     const View view = view_of(scene, 0);
@@ -172,8 +149,8 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
 
 TEST_CASE("clusters drawn by one GPU hide clusters of other GPUs", "[cuda][gpus]") {
   if (!has_gpu()) return;
-  const Gpus emulated("9.0,9.0");
-  if (!Gpus::are_there(2)) return;
+  const EmulatedGpus emulated("9.0,9.0");
+  if (!has_gpus(2)) return;
   const TempFolder folder;
   write_soup(folder.file("soup.scree"), true);
   const Scene whole = must_load(folder.file("soup.scree"));
@@ -203,11 +180,11 @@ TEST_CASE("clusters drawn by one GPU hide clusters of other GPUs", "[cuda][gpus]
   }
 }
 
-TEST_CASE("scenes of one page, with masks and textures, are drawn by several GPUs", "[cuda][gpus]") {
+TEST_CASE("scenes of one page, with masks, textures and blending, are drawn by several GPUs", "[cuda][gpus]") {
   if (!has_gpu()) return;
-  const Gpus emulated("9.0,9.0");
-  if (!Gpus::are_there(2)) return;
-  for (const char* const name : {"textured_cube.glb", "masked.glb", "materials.gltf"}) {
+  const EmulatedGpus emulated("9.0,9.0");
+  if (!has_gpus(2)) return;
+  for (const char* const name : {"textured_cube.glb", "masked.glb", "materials.gltf", "glass.glb"}) {
     INFO(name);
     const TempFolder folder;
     convert::ConvertOptions convert;
@@ -254,16 +231,20 @@ TEST_CASE("GPUs that cannot draw together are refused", "[cuda][gpus]") {
   };
 #if defined(SCREE_EMULATED_CUDA)
   {
-    const Gpus emulated("9.0,9.0,6.1");
+    const EmulatedGpus emulated("9.0,9.0,6.1");
     CHECK(refusal(3, 0) == "3 GPUs are wanted, and 2 can be used");
+    // A scene that exceeds the memory of all is streamed by one.
     const std::string too_small = refusal(2, 20000);
-    CHECK(too_small.starts_with("GPU 0: the scene takes "));
-    CHECK(too_small.ends_with(" bytes of device memory, but 20000 are allowed"));
+    CHECK(too_small.ends_with(" where its chunks are streamed, but 20000 are allowed"));
+    Result<DeviceScene> streamed = upload(scene, 2, least_device_memory(too_small));
+    if (!streamed) FAIL(streamed.error().message);
+    CHECK(streamed->gpu_count() == 1);
+    CHECK(streamed->is_streamed());
     Result<DeviceScene> all = upload(scene, runtime::kAllGpus);
     REQUIRE(all);
     CHECK(all->gpu_count() == 2);
   }
-  const Gpus emulated("9.0,8.0");
+  const EmulatedGpus emulated("9.0,8.0");
   CHECK(refusal(2, 0) ==
         "GPU 0 cannot read the memory of GPU 1 (no peer access), so they cannot draw one scene together");
 #else

@@ -17,6 +17,7 @@
 
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/runtime/small_scene.h"
@@ -107,9 +108,9 @@ void make_inputs(const TempFolder& folder, const char* end) {
                                 end + R"(, "eye": [2, 1, 3], "target": [0, 0, 0]}]})");
 }
 
-std::string render(int ranks, const std::string& more) {
+std::string render(int ranks, const std::string& more, const std::string& backend = "cpu") {
   return std::string(SCREE_MPIEXEC) + " -n " + std::to_string(ranks) + " '" + scree::tests::kProgram +
-         "' render quad.scree --backend cpu --threads 1 " + more;
+         "' render quad.scree --backend " + backend + " --threads 1 " + more;
 }
 
 }  // namespace
@@ -239,6 +240,22 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
   CHECK(report->geometry_bytes > 5 << 20);
 }
 
+/// Offsets of the pages of geometry, which go to the ranks in this order.
+std::vector<uint64_t> places_of_pages(const TempFolder& folder) {
+  const auto file = scree::runtime::SceneFile::open(folder.file("quad.scree"));
+  REQUIRE(file);
+  std::vector<uint64_t> places;
+  for (uint64_t i = 0; i < file->container().pages().size(); ++i)
+    if (file->container().pages()[i].kind == scree::format::PageKind::kGeometry)
+      places.push_back(file->container().pages()[i].offset);
+  return places;
+}
+
+/// The options for files with that name.
+std::string to_files(const std::string& name) {
+  return " --size 160x120 --force -o " + name + ".png --depth " + name + ".pfm --visbuffer " + name + ".bin ";
+}
+
 std::string files_of(const TempFolder& folder, const std::string& name) {
   std::string bytes;
   for (const char* extension : {".png", ".pfm", ".bin"})
@@ -251,25 +268,99 @@ std::string files_of(const TempFolder& folder, const std::string& name) {
 TEST_CASE("ranks that share a scene's pages draw the same picture as one rank", "[render][ranks]") {
   const TempFolder folder;
   make_large_scene(folder);
-  const char* const cases[] = {"",
+  const std::string cases[] = {"",
                                "--samples 2 --ssao --edl --eye 1,1,3 --background transparent",
                                "--show triangle",
                                "--show depth --view iso",
                                "--light scene --shadows --shadow-size 500",
                                "--show normal --eye 0.5,0.5,0.9 --target 0.5,0.5,0 --no-light"};
-  for (const char* more : cases) {
+  for (const std::string& more : cases) {
     std::string expected;
     for (const int ranks : {1, 2, 3, 5}) {
       INFO(ranks << " ranks, " << more);
       const std::string name = "n" + std::to_string(ranks);
-      Launch launch(render(ranks, std::string(more) + " --size 160x120 --force -o " + name + ".png --depth " + name +
-                                      ".pfm --visbuffer " + name + ".bin"),
-                    folder);
+      Launch launch(render(ranks, more + to_files(name)), folder);
       REQUIRE(launch.wait(60) == 0);
       CHECK(launch.errors().empty());
       if (ranks == 1) expected = files_of(folder, name);
       CHECK(files_of(folder, name) == expected);
     }
+  }
+}
+
+TEST_CASE("ranks that share a scene's pages make the same layers and picks as one rank", "[render][ranks]") {
+  const TempFolder folder;
+  make_large_scene(folder, true);
+#if defined(SCREE_HAS_EXR)
+  const std::string picture = "two.exr";
+#else
+  const std::string picture = "two.png";
+#endif
+  for (const std::string more : {"", "--samples 4 --ssao", "--show mesh"}) {
+    std::vector<std::string> expected;
+    for (const int ranks : {1, 2, 3}) {
+      INFO(ranks << " ranks, " << more);
+      Launch launch(render(ranks,
+                           "--eye 0.5,2,1.5 --target 0.5,0,0.5 --size 80x60 --quiet --force --pick 40,30 --pick 0,0 "
+                           "--normals n.pfm --uvs uv.pfm -o " +
+                               picture + " " + more),
+                    folder);
+      REQUIRE(launch.wait(60) == 0);
+      CHECK(launch.errors().empty());
+      std::vector<std::string> made{launch.out()};
+      for (const std::string& name : {picture, std::string("n.pfm"), std::string("uv.pfm")})
+        made.push_back(scree::tests::read_whole(folder.file(name)));
+      if (ranks == 1) expected = made;
+      CHECK(made == expected);
+      CHECK(made[0].find(", mesh ") != std::string::npos);
+    }
+  }
+  Launch launch(render(2, "--list-cameras"), folder);
+  REQUIRE(launch.wait(20) == 0);
+  CHECK(launch.out() == "scene 0 has no cameras\n");
+}
+
+TEST_CASE("GPUs of ranks that share a scene's pages draw the same as the CPU", "[cuda][render][ranks]") {
+  if (!scree::tests::has_gpu()) return;
+  for (const bool blends : {false, true}) {
+    const TempFolder folder;
+    make_large_scene(folder, blends);
+    for (const std::string more : {"", "--samples 2 --ssao --background transparent --normals n.pfm",
+                                   "--light scene --shadows --shadow-size 300", "--show triangle"}) {
+      Launch alone(render(1, more + to_files("cpu")), folder);
+      REQUIRE(alone.wait(60) == 0);
+      for (const int ranks : {2, 3}) {
+        INFO(ranks << " ranks, " << more);
+        Launch launch(render(ranks, more + to_files("gpu") + "--json", "cuda"), folder);
+        REQUIRE(launch.wait(120) == 0);
+        CHECK(launch.errors().empty());
+        CHECK(nlohmann::json::parse(launch.out())["gpus"] == ranks);
+        CHECK(files_of(folder, "gpu") == files_of(folder, "cpu"));
+      }
+    }
+    // With too little memory the CPU draws instead, if it may.
+    Launch refused(render(2, "--device-memory 20000 -q -o refused.png", "cuda"), folder);
+    CHECK(refused.wait(60) == 4);
+    REQUIRE(refused.errors().size() == 1);
+    CHECK(refused.errors()[0].find("bytes of device memory, but 20000 are allowed") != std::string::npos);
+    CHECK_FALSE(fs::exists(folder.file("refused.png")));
+    Launch launch(render(2, "--device-memory 20000 --json" + to_files("small"), "auto"), folder);
+    REQUIRE(launch.wait(60) == 0);
+    CHECK(launch.errors().size() == 2);  // each rank warns
+    CHECK(nlohmann::json::parse(launch.out())["gpus"] == 0);
+    Launch one(render(1, to_files("small_one")), folder);
+    REQUIRE(one.wait(60) == 0);
+    CHECK(files_of(folder, "small") == files_of(folder, "small_one"));
+    // A damaged page ends all with one line.
+    std::string bytes = scree::tests::read_whole(folder.file("quad.scree"));
+    char& bad = bytes[places_of_pages(folder)[0] + 100];
+    bad = static_cast<char>(bad ^ 1);
+    folder.write("quad.scree", bytes);
+    Launch damaged(render(2, "--eye 1,1,3 --target 0,0,0 -o bad.png", "cuda"), folder);
+    CHECK(damaged.wait(60) == 3);
+    REQUIRE(damaged.errors().size() == 1);
+    CHECK(damaged.errors()[0].find("rank 0 of 2 on ") != std::string::npos);
+    CHECK(damaged.errors()[0].find("quad.scree: page ") != std::string::npos);
   }
 }
 
@@ -283,9 +374,7 @@ TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "
     for (const int ranks : {1, 2, 3}) {
       INFO(ranks << " ranks, " << more);
       const std::string name = "n" + std::to_string(ranks);
-      Launch launch(render(ranks, more + " --size 160x120 --force --json -o " + name + ".png --depth " + name +
-                                      ".pfm --visbuffer " + name + ".bin"),
-                    folder);
+      Launch launch(render(ranks, more + to_files(name) + "--json"), folder);
       REQUIRE(launch.wait(60) == 0);
       const nlohmann::json report = nlohmann::json::parse(launch.out());
       const std::string warning = launch.errors().empty() ? "" : launch.errors()[0];
@@ -313,12 +402,7 @@ TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "
 TEST_CASE("a damaged page ends all ranks, and only its owner has read it", "[render][ranks]") {
   const TempFolder folder;
   make_large_scene(folder);
-  const auto file = scree::runtime::SceneFile::open(folder.file("quad.scree"));
-  REQUIRE(file);
-  std::vector<uint64_t> places;
-  for (uint64_t i = 0; i < file->container().pages().size(); ++i)
-    if (file->container().pages()[i].kind == scree::format::PageKind::kGeometry)
-      places.push_back(file->container().pages()[i].offset);
+  const std::vector<uint64_t> places = places_of_pages(folder);
   REQUIRE(places.size() >= 5);
   const std::string good = scree::tests::read_whole(folder.file("quad.scree"));
   for (size_t page = 0; page < 3; ++page) {  // the first three go to ranks 0, 1 and 2
@@ -334,7 +418,7 @@ TEST_CASE("a damaged page ends all ranks, and only its owner has read it", "[ren
     CHECK_FALSE(fs::exists(folder.file("bad.png")));
   }
   folder.write("quad.scree", good);
-  Launch launch(render(2, "--pick 3,3 -o one.png"), folder);
+  Launch launch(render(2, "--stats -o one.png"), folder);
   CHECK(launch.wait(20) == 1);
   CHECK(launch.errors().size() == 1);
 }

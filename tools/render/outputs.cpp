@@ -1,0 +1,89 @@
+#include "tools/render/outputs.h"
+
+#include <cstdio>
+#include <vector>
+
+#include "runtime/images/image.h"
+#include "tools/common/output_file.h"
+#include "tools/common/sigbus.h"
+#include "tools/common/stop_signal.h"
+#include "tools/common/text_table.h"
+
+namespace scree::tools {
+
+using runtime::Stopwatch;
+
+namespace {
+
+std::string describe_pick(const format::Container& container, PixelPlace place,
+                          const std::optional<runtime::Pick>& pick) {
+  std::string line = "pick " + std::to_string(place.x) + "," + std::to_string(place.y) + ": ";
+  if (!pick) return line + "nothing\n";
+  const format::MeshRecord& mesh = container.meshes()[pick->mesh];
+  const std::string node = number_and_name(pick->node, container.string(container.nodes()[pick->node].name));
+  const std::string mesh_name = number_and_name(pick->mesh, container.string(container.groups()[mesh.group].name));
+  line += "node " + node;
+  if (container.nodes()[pick->node].node_instance_count > 0)
+    line += ", instance " + std::to_string(pick->node_instance);
+  line += ", mesh " + mesh_name + ", triangle " + std::to_string(pick->mesh_triangle);
+  if (pick->source_triangle) line += ", source triangle " + std::to_string(*pick->source_triangle);
+  char depth[48];
+  std::snprintf(depth, sizeof depth, ", depth %.9g\n", pick->depth);
+  return line + depth;
+}
+
+/// Records that an output was written. Error kFile "interrupted" if a signal has requested a stop.
+Result<void> is_written(const Result<void>& written, const std::string& path) {
+  if (!written) return written;
+  note_written(path);
+  if (StopOnSignal::flag()->load()) return Error{ErrorCode::kFile, "interrupted"};
+  return {};
+}
+
+}  // namespace
+
+std::string number_and_name(uint64_t number, std::string_view name) {
+  return std::to_string(number) + (name.empty() ? "" : " (" + inspect::printable(name, 400) + ")");
+}
+
+Result<runtime::Duration> write_outputs(const RenderOptions& options, const runtime::MappedFile& map,
+                                        const FrameOutputs& outputs, std::span<const uint64_t> samples) {
+  if (const Result<void> whole = check_not_cut(map); !whole) return whole.error();
+  const StopOnSignal handlers;
+  Result<void> done;
+  const Stopwatch watch;
+  if (const std::optional<runtime::Picture>& picture = outputs.picture)
+    done = is_written(runtime::write_png(options.output, picture->width, picture->height, picture->channels,
+                                         picture->pixels, options.existing),
+                      options.output);
+  if (options.writes_exr()) done = is_written(write_exr_layers(options, outputs.layers), options.output);
+  const runtime::Duration taken = watch.elapsed();
+  const auto write_floats = [&](const std::string& path, const std::vector<float>& values) {
+    if (done && !path.empty())
+      done = is_written(runtime::write_pfm(path, options.camera.width, options.camera.height, values, options.existing),
+                        path);
+  };
+  write_floats(options.depth, outputs.layers.depth);
+  write_floats(options.normals, outputs.layers.normals);
+  if (!options.uvs.empty()) write_floats(options.uvs, three_channels(outputs.layers.uvs));
+  if (done && !options.visbuffer.empty())
+    done = is_written(runtime::write_visibility(options.visbuffer, samples, options.existing), options.visbuffer);
+  if (!done) return done.error();
+  return taken;
+}
+
+Result<void> print_picks(const RenderOptions& options, const runtime::Scene& scene, const kernels::View& view,
+                         std::span<const uint64_t> samples) {
+  std::string text;
+  for (const PixelPlace& place : options.picks) {
+    const uint64_t index = runtime::sample_index(view, options.samples_per_side, place.x, place.y);
+    const Result<std::optional<runtime::Pick>> pick = runtime::pick_sample(scene, view, samples[index]);
+    if (!pick) return pick.error();
+    text += describe_pick(scene.container(), place, *pick);
+  }
+  if (const Result<void> whole = check_not_cut(scene.file().map()); !whole) return whole;
+  std::fwrite(text.data(), 1, text.size(), stdout);
+  return {};
+}
+
+}  // namespace scree::tools
