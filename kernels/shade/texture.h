@@ -172,9 +172,13 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
   if (texture.level_count == 0) return;
   const double wrapped_u = wrap_coordinate(u, texture.wrap_s);
   const double wrapped_v = wrap_coordinate(v, texture.wrap_t);
-  const float last = static_cast<float>(texture.level_count - 1);
+  const bool is_magnified = footprint <= 1.0f;
+  const bool nearest = is_magnified ? texture.magnified_nearest : texture.minified_nearest;
+  const uint32_t level_count = texture.finest_level ? 1 : texture.level_count;
+  const float last = static_cast<float>(level_count - 1);
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
-  const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
+  float level = is_magnified ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
+  if (texture.one_level) level = static_cast<float>(nearest_level(footprint, level_count));
   const uint32_t fine = static_cast<uint32_t>(level);
   const float between = level - static_cast<float>(fine);
   // A loop, so that a kernel contains one sampler: with two it was larger than the GPU's cache of instructions.
@@ -185,8 +189,7 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
   for (uint32_t i = 0; i == 0 || (i == 1 && between > 0);) {
     float some[kCount];
     const uint32_t at = fine + i + coarser;
-    if (!sample_level<kCount>(source, lane, texture, table, at, wrapped_u, wrapped_v,
-                              i == 0 && texture.nearest && footprint <= 1.0f, some)) {
+    if (!sample_level<kCount>(source, lane, texture, table, at, wrapped_u, wrapped_v, nearest, some)) {
       if (!source.pages.takes_coarser) {
         lane.missed = true;
       } else if (at + 1 < texture.level_count) {

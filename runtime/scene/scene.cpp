@@ -245,7 +245,12 @@ Result<void> Scene::load_masks() {
     std::copy(&record.place[0][0], &record.place[0][0] + 6, &mask.place[0][0]);
     mask.wrap_s = record.wrap_s;
     mask.wrap_t = record.wrap_t;
-    mask.nearest = (record.flags & format::kMaskNearest) != 0;
+    mask.magnified_nearest = (record.flags & format::kMaskNearest) != 0;
+    if (material.texture != format::kNone) {
+      const uint16_t min_filter = container().textures()[material.texture].min_filter;
+      mask.minified_nearest = format::takes_nearest_texel(min_filter);
+      if (format::takes_finest_level(min_filter)) mask.level_count = 1;
+    }
     mask.needs = needs;
     ++stats_.masks;
     if (!blends || material.base_color[3] < 1.0f) continue;
