@@ -17,7 +17,14 @@ namespace scree::kernels {
 /// A mip level that is decoded when it is sampled.
 struct JpegLevel {
   format::JpegPicture picture;
-  uint32_t number;  // unique in the scene
+  uint32_t number;           // unique in the scene
+  uint64_t first_group = 0;  // the number of its group 0 among all groups of the scene
+};
+
+/// The groups (format/jpeg/pixels.h) of a scene's JPEG levels.
+struct JpegGroups {
+  uint64_t count = 0;
+  uint32_t pixels = 0;  // of the largest; 0: there are no JPEG levels
 };
 
 /// The alpha of a masked material's triangles (spec/rasterization.md, alpha masks): level l is max(1, width >> l) by

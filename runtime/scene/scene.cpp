@@ -445,7 +445,7 @@ void Scene::number_block_pages(const SceneOptions& options) {
 void Scene::number_jpeg_levels() {
   uint32_t number = 0;
   for (JpegTexture& jpeg : jpegs_) {
-    number = jpeg.number_levels(number);
+    jpeg.number_levels(number, jpeg_groups_);
     for (const kernels::JpegLevel& level : jpeg.jpeg_levels())
       jpeg_slot_bytes_ = std::max(jpeg_slot_bytes_, 64 * level.picture.mcu_blocks * level.picture.view.group_mcus);
   }
