@@ -302,7 +302,28 @@ static_assert(sizeof(LightRecord) == 48);
 
 enum class Wrap : uint16_t { kRepeat = 0, kMirror = 1, kClamp = 2 };
 
-/// Filters are glTF's numbers (9728 nearest ... 9987 linear mipmap linear), 0 where the source gives none.
+/// glTF's numbers of a sampler's filters; 0 where the source gives none.
+enum Filter : uint16_t {
+  kFilterNearest = 9728,
+  kFilterLinear = 9729,
+  kFilterNearestMipmapNearest = 9984,
+  kFilterLinearMipmapNearest = 9985,
+  kFilterNearestMipmapLinear = 9986,
+  kFilterLinearMipmapLinear = 9987,
+};
+/// Whether a filter takes the nearest texel of a level.
+constexpr bool takes_nearest_texel(uint16_t filter) {
+  return filter == kFilterNearest || filter == kFilterNearestMipmapNearest || filter == kFilterNearestMipmapLinear;
+}
+/// Whether a minification filter takes level 0 alone.
+constexpr bool takes_finest_level(uint16_t filter) {
+  return filter == kFilterNearest || filter == kFilterLinear;
+}
+/// Whether a minification filter takes the nearest level alone.
+constexpr bool takes_nearest_level(uint16_t filter) {
+  return filter == kFilterNearestMipmapNearest || filter == kFilterLinearMipmapNearest;
+}
+
 struct TextureRecord {
   uint32_t name;
   uint32_t image;

@@ -17,7 +17,14 @@ namespace scree::kernels {
 /// A mip level that is decoded when it is sampled.
 struct JpegLevel {
   format::JpegPicture picture;
-  uint32_t number;  // unique in the scene
+  uint32_t number;           // unique in the scene
+  uint64_t first_group = 0;  // the number of its group 0 among all groups of the scene
+};
+
+/// The groups (format/jpeg/pixels.h) of a scene's JPEG levels.
+struct JpegGroups {
+  uint64_t count = 0;
+  uint32_t pixels = 0;  // of the largest; 0: there are no JPEG levels
 };
 
 /// The alpha of a masked material's triangles (spec/rasterization.md, alpha masks): level l is max(1, width >> l) by
@@ -31,7 +38,8 @@ struct MaskView {
   double place[2][3];  // of texture coordinates (u, v, 1)
   format::Wrap wrap_s;
   format::Wrap wrap_t;
-  bool nearest;    // sampling where a sample covers less than a texel
+  bool magnified_nearest;  // the nearest texel where a sample covers less than one
+  bool minified_nearest;   // and where it covers more
   uint32_t needs;  // an attribute of meshes: kHasUv, or kHasColor if the alpha of vertex colours alone is the mask
 };
 
@@ -77,7 +85,10 @@ struct TextureView {
   uint16_t swizzle;
   format::Wrap wrap_s;
   format::Wrap wrap_t;
-  bool nearest;  // magnification filter
+  bool magnified_nearest;  // the nearest texel where a sample covers less than one
+  bool minified_nearest;   // and where it covers more
+  bool one_level;          // the nearest level alone, not two
+  bool finest_level;       // level 0 alone
 };
 
 /// A light of the drawn scene, in world space.
@@ -125,6 +136,13 @@ struct SceneView {
 };
 
 inline namespace SCREE_ISA {
+
+/// The level whose texels are nearest in size to a footprint, found by the exponent alone. `footprint`: squared, in
+/// texels of level 0. NaN and infinity take the last level.
+SCREE_HD inline uint32_t nearest_level(float footprint, uint32_t level_count) {
+  const int32_t exponent = static_cast<int32_t>(float_bits(footprint) >> 23 & 255u) - 127;
+  return min_of(exponent <= 0 ? 0u : static_cast<uint32_t>(exponent + 1) >> 1, level_count - 1);
+}
 
 /// Whether samples of the mesh's triangles may have an alpha below 1 that blends.
 SCREE_HD inline bool may_blend(const SceneView& scene, const format::MeshRecord& mesh) {

@@ -257,8 +257,9 @@ Result<void> Checker::textures() const {
     }
     const uint32_t mag = texture.mag_filter;
     const uint32_t min = texture.min_filter;
-    const bool mag_known = mag == 0 || mag == 9728 || mag == 9729;
-    const bool min_known = min == 0 || min == 9728 || min == 9729 || (min >= 9984 && min <= 9987);
+    const bool mag_known = mag == 0 || mag == kFilterNearest || mag == kFilterLinear;
+    const bool min_known = min == 0 || min == kFilterNearest || min == kFilterLinear ||
+                           (min >= kFilterNearestMipmapNearest && min <= kFilterLinearMipmapLinear);
     if (!mag_known || !min_known) return fail(kRange, "texture ", i, ": filters ", mag, " and ", min);
   }
   return {};

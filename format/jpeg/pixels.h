@@ -129,36 +129,61 @@ SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor&
   return good;
 }
 
-/// The samples of a whole group, which is below ceil(mcu_count / group_mcus): 64 * mcu_blocks * group_mcus bytes. Bytes
-/// for MCUs past the last one stay unchanged. Samples are grey from the first invalid or truncated block on. Safe on
-/// any data.
-SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
+/// Decodes the MCUs of a whole group, which is below ceil(mcu_count / group_mcus): each into samples_of(its number in
+/// the group), then calls done(its number). Samples are grey from the first invalid or truncated block on. Safe on any
+/// data.
+template <class SamplesOf, class Done>
+SCREE_HD inline void decode_jpeg_mcus(const JpegPicture& picture, uint32_t group, const SamplesOf& samples_of,
+                                      const Done& done) {
   JpegCursor cursor = jpeg_anchor(picture.view, group);
   const uint32_t left = picture.view.mcu_count - cursor.mcu;
   const uint32_t count = left < picture.view.group_mcus ? left : picture.view.group_mcus;
   bool good = true;
-  for (uint32_t i = 0; i < count; ++i, samples += 64 * picture.mcu_blocks) {
+  for (uint32_t i = 0; i < count; ++i) {
     if (!good) cursor.bit = picture.view.data_bits + 1;  // past the end, where no block decodes
-    good = decode_jpeg_samples(picture, cursor, samples);
+    good = decode_jpeg_samples(picture, cursor, samples_of(i));
+    done(i);
   }
 }
 
-/// The location of a pixel: its group, the first block of its MCU in the group's samples, and its position in the MCU.
+/// The samples of a whole group: 64 * mcu_blocks * group_mcus bytes. Bytes for MCUs past the last one stay unchanged.
+/// Otherwise as decode_jpeg_mcus().
+SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
+  decode_jpeg_mcus(
+      picture, group, [&](uint32_t mcu) { return samples + 64 * mcu * picture.mcu_blocks; }, [](uint32_t) {});
+}
+
+/// The location of a column or row of pixels.
+struct JpegLine {
+  uint32_t mcu;     // its column or row of MCUs
+  uint32_t within;  // its place in the MCU
+};
+
+SCREE_HD inline JpegLine jpeg_column(const JpegPicture& picture, uint32_t x) {
+  const uint32_t mcu = divide_jpeg(x, picture.mcu_width_inverse);
+  return {mcu, x - mcu * picture.mcu_width};
+}
+SCREE_HD inline JpegLine jpeg_row(const JpegPicture& picture, uint32_t y) {
+  const uint32_t mcu = divide_jpeg(y, picture.mcu_height_inverse);
+  return {mcu, y - mcu * picture.mcu_height};
+}
+
+/// The location of a pixel: its group, the number of its MCU in the group, and its position in the MCU.
 struct JpegPlace {
   uint32_t group;
-  uint32_t first_block;
+  uint32_t mcu;
   uint32_t x;  // below mcu_width
   uint32_t y;
 };
 
-/// The location of pixel (x, y), which must lie in the picture.
-SCREE_HD inline JpegPlace jpeg_place(const JpegPicture& picture, uint32_t x, uint32_t y) {
-  const uint32_t column = divide_jpeg(x, picture.mcu_width_inverse);
-  const uint32_t row = divide_jpeg(y, picture.mcu_height_inverse);
-  const uint32_t mcu = row * picture.view.mcus_across + column;
+/// The location of a pixel, which must lie in the picture.
+SCREE_HD inline JpegPlace jpeg_place(const JpegPicture& picture, const JpegLine& column, const JpegLine& row) {
+  const uint32_t mcu = row.mcu * picture.view.mcus_across + column.mcu;
   const uint32_t group = divide_jpeg(mcu, picture.group_inverse);
-  return {group, (mcu - group * picture.view.group_mcus) * picture.mcu_blocks, x - column * picture.mcu_width,
-          y - row * picture.mcu_height};
+  return {group, mcu - group * picture.view.group_mcus, column.within, row.within};
+}
+SCREE_HD inline JpegPlace jpeg_place(const JpegPicture& picture, uint32_t x, uint32_t y) {
+  return jpeg_place(picture, jpeg_column(picture, x), jpeg_row(picture, y));
 }
 
 /// Index of the pixel's sample among the samples of component `c` in its MCU. Subsampled components are repeated, not
@@ -186,7 +211,7 @@ SCREE_HD inline uint32_t jpeg_code(const JpegPicture& picture, const int32_t val
 
 /// A pixel's encoded colour, from its group's samples.
 SCREE_HD inline uint32_t jpeg_colour(const JpegPicture& picture, const JpegPlace& place, const uint8_t* samples) {
-  const uint8_t* block = samples + 64 * place.first_block;
+  const uint8_t* block = samples + 64 * place.mcu * picture.mcu_blocks;
   int32_t value[kJpegMaxComponents] = {};
   for (uint32_t c = 0; c < picture.view.component_count; ++c) {
     value[c] = block[jpeg_sample(picture, place, c)];
@@ -195,24 +220,39 @@ SCREE_HD inline uint32_t jpeg_colour(const JpegPicture& picture, const JpegPlace
   return jpeg_code(picture, value);
 }
 
+/// A pixel's index among the colours of its group: MCU by MCU, rows from the top.
+SCREE_HD inline uint32_t jpeg_pixel(const JpegPicture& picture, const JpegPlace& place) {
+  return (place.mcu * picture.mcu_height + place.y) * picture.mcu_width + place.x;
+}
+
+/// The colours of a whole group, by jpeg_pixel(). Otherwise as decode_jpeg_group().
+SCREE_HD inline void decode_jpeg_group_colours(const JpegPicture& picture, uint32_t group, uint32_t* colours) {
+  alignas(8) uint8_t samples[64 * kJpegMaxMcuBlocks];
+  decode_jpeg_mcus(
+      picture, group, [&](uint32_t) { return samples; },
+      [&](uint32_t) {
+        for (uint32_t y = 0; y < picture.mcu_height; ++y)
+          for (uint32_t x = 0; x < picture.mcu_width; ++x) *colours++ = jpeg_colour(picture, {group, 0, x, y}, samples);
+      });
+}
+
 /// The colours of up to four pixels, as from jpeg_colour(), for callers without memory for a group's samples. `places`:
 /// all in one group. `wanted`: one bit per pixel; colours of other pixels stay unchanged. Decodes the group up to the
 /// last wanted pixel.
 SCREE_HD inline void decode_jpeg_colours(const JpegPicture& picture, const JpegPlace places[4], uint32_t wanted,
                                          uint32_t colours[4]) {
   int32_t values[4][kJpegMaxComponents];
-  uint32_t last_block = 0;
+  uint32_t last_mcu = 0;
   uint32_t group = 0;
   for (uint32_t i = 0; i < 4; ++i) {
     for (uint32_t c = 0; c < kJpegMaxComponents; ++c) values[i][c] = 128;  // kept where the data are invalid
     if ((wanted >> i & 1u) == 0) continue;
     group = places[i].group;
-    if (places[i].first_block > last_block) last_block = places[i].first_block;
+    if (places[i].mcu > last_mcu) last_mcu = places[i].mcu;
   }
   JpegCursor cursor = jpeg_anchor(picture.view, group);
   bool good = true;
-  for (uint32_t first = 0; good && first <= last_block && cursor.mcu < picture.view.mcu_count;
-       first += picture.mcu_blocks, ++cursor.mcu) {
+  for (uint32_t mcu = 0; good && mcu <= last_mcu && cursor.mcu < picture.view.mcu_count; ++mcu, ++cursor.mcu) {
     begin_jpeg_mcu(picture.view, cursor);
     for (uint32_t c = 0; good && c < picture.view.component_count; ++c) {
       const uint32_t count = uint32_t{picture.view.components[c].h} * picture.view.components[c].v;
@@ -220,7 +260,7 @@ SCREE_HD inline void decode_jpeg_colours(const JpegPicture& picture, const JpegP
         alignas(8) uint8_t samples[64];
         good = decode_jpeg_block_samples(picture, cursor, c, samples);
         for (uint32_t i = 0; good && i < 4; ++i) {
-          if ((wanted >> i & 1u) == 0 || places[i].first_block != first) continue;
+          if ((wanted >> i & 1u) == 0 || places[i].mcu != mcu) continue;
           const uint32_t sample = jpeg_sample(picture, places[i], c);
           if (sample / 64 == block) values[i][c] = samples[sample % 64];
         }

@@ -49,19 +49,19 @@ __global__ void __launch_bounds__(kDecodeThreads)
 
 /// Layout of the cache's memory.
 struct CacheLayout {
+  uint64_t keys;
   uint64_t stamps;
-  uint64_t samples;
-  uint64_t wanted;
+  uint64_t colours;
   uint64_t requests;
   uint64_t counters;
   uint64_t bytes;
 };
 
-uint32_t slots_of(uint64_t bytes, uint32_t slot_bytes) {
-  return slot_bytes != 0 ? TextureCache::slots_for(bytes, slot_bytes) : 0;
+uint32_t slots_of(uint64_t bytes, const JpegGroups& groups) {
+  return groups.pixels != 0 ? TextureCache::slots_for(bytes, sizeof(uint32_t) * groups.pixels) : 0;
 }
 
-CacheLayout lay_out(uint32_t slots, uint32_t slot_bytes) {
+CacheLayout lay_out(uint32_t slots, const JpegGroups& groups) {
   uint64_t at = 0;
   const auto add = [&at](uint64_t count, uint64_t size) {
     const uint64_t place = at;
@@ -70,10 +70,10 @@ CacheLayout lay_out(uint32_t slots, uint32_t slot_bytes) {
   };
   const uint64_t ways = uint64_t{TextureCache::kWays} * TextureCache::sets_for(slots);
   CacheLayout layout{};
-  add(ways, sizeof(uint64_t));  // the keys
+  add(groups.count, 1);  // TextureCache::places
+  layout.keys = add(ways, sizeof(uint64_t));
   layout.stamps = add(ways, sizeof(uint32_t));
-  layout.samples = add(slots, slot_bytes);
-  layout.wanted = add(TextureCache::wanted_for(slots), sizeof(uint64_t));
+  layout.colours = add(slots, sizeof(uint32_t) * groups.pixels);
   layout.requests = add(slots, sizeof(GroupRequest));
   layout.counters = add(kRounds, sizeof(RoundCounters));
   layout.bytes = at;
@@ -110,12 +110,13 @@ struct CudaTextureCache::Impl {
   bool clear(cudaStream_t stream) {
     constexpr const char* kWhat = "clearing the texture cache";
     const uint64_t ways = uint64_t{TextureCache::kWays} * cache.set_count;
-    static_assert(TextureCache::kNoKey == ~uint64_t{0} && TextureCache::kNever == ~uint32_t{0});
+    static_assert(TextureCache::kAbsent == 0 && TextureCache::kNoKey == ~uint64_t{0} &&
+                  TextureCache::kNever == ~uint32_t{0});
     now = 1;
-    is_clean = check(cudaMemsetAsync(cache.keys, 0xff, ways * sizeof(uint64_t), stream), kWhat) &&
+    is_clean = check(cudaMemsetAsync(cache.places, 0, group_count, stream), kWhat) &&
+               check(cudaMemsetAsync(cache.keys, 0xff, ways * sizeof(uint64_t), stream), kWhat) &&
                check(cudaMemsetAsync(cache.stamps, 0xff, ways * sizeof(uint32_t), stream), kWhat) &&
                check(cudaMemsetAsync(cache.stamps, 0, cache.slot_count * sizeof(uint32_t), stream), kWhat) &&
-               check(cudaMemsetAsync(cache.wanted, 0xff, cache.wanted_count * sizeof(uint64_t), stream), kWhat) &&
                check(cudaMemsetAsync(counters, 0, kRounds * sizeof(RoundCounters), stream), kWhat);
     return is_clean;
   }
@@ -138,8 +139,9 @@ struct CudaTextureCache::Impl {
 
   DeviceBuffer memory;
   DeviceBuffer lists;
-  uint64_t list_room = 0;  // tiles in one
-  TextureCache cache{};    // without slots where there are no JPEG levels
+  uint64_t list_room = 0;    // tiles in one
+  TextureCache cache{};      // without slots where there are no JPEG levels
+  uint64_t group_count = 0;  // JpegGroups::count
   TexelPager* pager = nullptr;
   RoundCounters* counters = nullptr;  // one per round
   uint32_t multiprocessors = 0;
@@ -219,31 +221,31 @@ CudaTextureCache::CudaTextureCache(CudaTextureCache&&) noexcept = default;
 CudaTextureCache& CudaTextureCache::operator=(CudaTextureCache&&) noexcept = default;
 CudaTextureCache::~CudaTextureCache() = default;
 
-uint64_t CudaTextureCache::device_bytes(uint64_t bytes, uint32_t slot_bytes) {
-  return lay_out(slots_of(bytes, slot_bytes), slot_bytes).bytes;
+uint64_t CudaTextureCache::device_bytes(uint64_t bytes, const JpegGroups& groups) {
+  return lay_out(slots_of(bytes, groups), groups).bytes;
 }
 
-Result<CudaTextureCache> CudaTextureCache::create(const JpegLevel* levels, uint64_t bytes, uint32_t slot_bytes,
+Result<CudaTextureCache> CudaTextureCache::create(const JpegLevel* levels, uint64_t bytes, const JpegGroups& groups,
                                                   TexelPager* pager) {
   CudaTextureCache made;
   Impl& impl = *made.impl_;
   impl.pager = pager;
-  const uint32_t slots = slots_of(bytes, slot_bytes);
-  const CacheLayout layout = lay_out(slots, slot_bytes);
+  const uint32_t slots = slots_of(bytes, groups);
+  const CacheLayout layout = lay_out(slots, groups);
   Result<DeviceBuffer> memory = DeviceBuffer::allocate(layout.bytes, "allocating the texture cache");
   if (!memory) return memory.error();
   impl.memory = std::move(*memory);
   std::byte* const base = impl.memory.data();
-  impl.cache = {reinterpret_cast<uint64_t*>(base),
+  impl.group_count = groups.count;
+  impl.cache = {reinterpret_cast<uint8_t*>(base),
+                reinterpret_cast<uint64_t*>(base + layout.keys),
                 reinterpret_cast<uint32_t*>(base + layout.stamps),
-                reinterpret_cast<uint8_t*>(base + layout.samples),
-                reinterpret_cast<uint64_t*>(base + layout.wanted),
+                reinterpret_cast<uint32_t*>(base + layout.colours),
                 reinterpret_cast<GroupRequest*>(base + layout.requests),
                 levels,
                 TextureCache::sets_for(slots),
                 slots,
-                slot_bytes,
-                TextureCache::wanted_for(slots)};
+                groups.pixels};
   impl.counters = reinterpret_cast<RoundCounters*>(base + layout.counters);
   int device = 0;
   int count = 0;
@@ -261,7 +263,7 @@ uint64_t CudaTextureCache::slots() const {
 }
 
 uint64_t CudaTextureCache::bytes() const {
-  return slots() * impl_->cache.slot_bytes;
+  return slots() * sizeof(uint32_t) * impl_->cache.slot_pixels;
 }
 
 Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,

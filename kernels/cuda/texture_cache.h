@@ -26,18 +26,18 @@ class CudaTextureCache {
   CudaTextureCache& operator=(CudaTextureCache&&) noexcept;
   ~CudaTextureCache();
 
-  /// `levels`: the scene's JPEG levels by number; all pointers are on the current device, and outlive this. `bytes`: of
-  /// samples, rounded down to whole slots (and sets, of 8), at least one. `slot_bytes`: of the largest group; 0: there
-  /// are no JPEG levels. `pager`: of the scene's paged levels, null if there are none; outlives this. Errors kDevice.
-  static Result<CudaTextureCache> create(const JpegLevel* levels, uint64_t bytes, uint32_t slot_bytes,
+  /// `levels`: the scene's JPEG levels by number, with `groups`; all pointers are on the current device, and outlive
+  /// this. `bytes`: of colours, rounded down to whole slots (and sets, of 8), at least one. `pager`: of the scene's
+  /// paged levels, null if there are none; outlives this. Errors kDevice.
+  static Result<CudaTextureCache> create(const JpegLevel* levels, uint64_t bytes, const JpegGroups& groups,
                                          TexelPager* pager = nullptr);
 
   /// Device memory of create(). The first picture adds a list of its tiles, half a byte per pixel (in parts: per
   /// sample).
-  static uint64_t device_bytes(uint64_t bytes, uint32_t slot_bytes);
+  static uint64_t device_bytes(uint64_t bytes, const JpegGroups& groups);
 
   uint64_t slots() const;
-  uint64_t bytes() const;  // of samples
+  uint64_t bytes() const;  // of colours
 
   /// As CudaResolver::resolve, which calls it for pictures of Show::kTexture. Everything is queued on `stream`. Waits
   /// if the picture is larger than all before, to grow the lists, and with a pager for each of its rounds. Errors

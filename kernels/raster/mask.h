@@ -55,17 +55,10 @@ SCREE_HD inline MaskTexels mask_texels(double value, uint32_t size, format::Wrap
           static_cast<uint32_t>(place - 128) & 255u};
 }
 
-/// The level whose texels are nearest in size to a footprint, found by the exponent alone. `footprint`: squared, in
-/// texels of level 0. NaN and infinity take the last level.
-SCREE_HD inline uint32_t mask_level(float footprint, uint32_t level_count) {
-  const int32_t exponent = static_cast<int32_t>(float_bits(footprint) >> 23 & 255u) - 127;
-  return min_of(exponent <= 0 ? 0u : static_cast<uint32_t>(exponent + 1) >> 1, level_count - 1);
-}
-
 /// The alpha at texture coordinates (u, v), which are finite, in 1 / kMaxMaskThreshold. `footprint`: as for
-/// mask_level().
+/// nearest_level().
 SCREE_HD inline uint32_t mask_alpha(const MaskView& mask, double u, double v, float footprint) {
-  const uint32_t level = mask_level(footprint, mask.level_count);
+  const uint32_t level = nearest_level(footprint, mask.level_count);
   const uint8_t* alpha = mask.alpha;
   uint32_t width = mask.width;
   uint32_t height = mask.height;
@@ -74,7 +67,7 @@ SCREE_HD inline uint32_t mask_alpha(const MaskView& mask, double u, double v, fl
     width = max_of(width >> 1, 1u);
     height = max_of(height >> 1, 1u);
   }
-  const bool nearest = mask.nearest && footprint <= 1.0f;
+  const bool nearest = footprint <= 1.0f ? mask.magnified_nearest : mask.minified_nearest;
   const MaskTexels column = mask_texels(u, width, mask.wrap_s, nearest);
   const MaskTexels row = mask_texels(v, height, mask.wrap_t, nearest);
   const uint8_t* const above = alpha + uint64_t{row.first} * width;

@@ -80,7 +80,13 @@ SCREE_HD inline void sample_octahedral(const float* texels, uint32_t side, const
     }
     const float share = ((i & 1) != 0 ? weight[0] : 1.0f - weight[0]) * ((i >> 1) != 0 ? weight[1] : 1.0f - weight[1]);
     const float* texel = texels + 4 * (y * size + x);
-    for (int c = 0; c < 3; ++c) rgb[c] += share * texel[c];
+#if defined(__CUDA_ARCH__)
+    const float4 colour = *reinterpret_cast<const float4*>(texel);
+    const float light[3] = {colour.x, colour.y, colour.z};
+#else
+    const float* const light = texel;
+#endif
+    for (int c = 0; c < 3; ++c) rgb[c] += share * light[c];
   }
 }
 

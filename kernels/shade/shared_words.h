@@ -25,6 +25,17 @@ SCREE_HD inline uint32_t compare_and_swap(uint32_t* address, uint32_t expected, 
   return expected;
 #endif
 }
+/// Returns the previous value. `address`: in memory that begins and ends at multiples of 4 bytes.
+SCREE_HD inline uint8_t fetch_or(uint8_t* address, uint8_t bits) {
+#if defined(__CUDA_ARCH__)
+  const auto place = reinterpret_cast<uintptr_t>(address);
+  const uint32_t shift = 8 * (static_cast<uint32_t>(place) & 3u);
+  return static_cast<uint8_t>(atomicOr(reinterpret_cast<uint32_t*>(place - shift / 8), uint32_t{bits} << shift) >>
+                              shift);
+#else
+  return __atomic_fetch_or(address, bits, __ATOMIC_RELAXED);
+#endif
+}
 /// Returns the previous value.
 SCREE_HD inline uint32_t fetch_increment(uint32_t* counter) {
 #if defined(__CUDA_ARCH__)

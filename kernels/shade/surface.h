@@ -201,13 +201,21 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
   return sum;
 }
 
-/// Values of a texture's codes: linear light, or with a null table numbers from 0 to 1.
+/// As LinearCodes; with a null table the values are numbers from 0 to 1.
 struct SurfaceCodes {
   const float* linear;
-  SCREE_HD float operator[](uint32_t code) const {
-    return linear != nullptr ? linear[code] : static_cast<float>(code) * (1.0f / 255.0f);
+  SCREE_HD void read(const uint32_t texels[4], uint32_t shift, float values[4]) const {
+    if (linear != nullptr) return LinearCodes{linear}.read(texels, shift, values);
+    for (uint32_t i = 0; i < 4; ++i) values[i] = static_cast<float>(texels[i] >> shift & 255u) * (1.0f / 255.0f);
   }
 };
+
+/// Whether two textures of one size have the same places for equal texture coordinates. `a`, `b`: uv_transform().
+SCREE_HD inline bool same_transform(const float* a, const float* b) {
+  bool same = true;
+  for (uint32_t i = 0; i < 5; ++i) same = same && a[i] == b[i];
+  return same;
+}
 
 /// Whether a texture of a surface uses the mesh's second texture coordinates.
 SCREE_HD inline bool uses_second(const format::SurfaceRecord& surface, uint32_t use) {
@@ -313,29 +321,42 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
   uint32_t uses = 1u << kBaseUse;
   if (surface != nullptr) uses |= in.light.lighting == Lighting::kCamera ? kCameraUses : (1u << kBaseUse) - 1u;
   if ((uses & use_bit(Use::kEmission)) != 0 && !(largest_of(out.emission) > 0)) uses &= ~use_bit(Use::kEmission);
+  const auto number_of = [&](uint32_t use) {
+    return use == kBaseUse ? material.texture : surface->textures[use].texture;
+  };
+  const auto transform_of = [&](uint32_t use) {
+    return use == kBaseUse ? uv_transform(material) : uv_transform(surface->textures[use]);
+  };
+  const auto is_second_of = [&](uint32_t use) { return use != kBaseUse && uses_second(*surface, use); };
+  TexturePlace place{};
+  uint32_t placed = format::kNone;  // the use of the texture whose place was computed last
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
   for (uint32_t i = 0; i <= kBaseUse; ++i) {
     if ((uses >> i & 1u) == 0) continue;
-    const bool is_base = i == kBaseUse;
-    const uint32_t number = is_base ? material.texture : surface->textures[i].texture;
+    const uint32_t number = number_of(i);
     if (number == format::kNone) continue;
     const TextureView& texture = in.scene.textures[number];
     const Use use = static_cast<Use>(i);
     if (texture.level_count == 0) continue;
-    const bool is_second = !is_base && uses_second(*surface, i);
+    const bool is_second = is_second_of(i);
     if (is_second && (at.mesh.attributes & format::kHasSecondUv) == 0) continue;
-    if (use == Use::kSpecular && texture.jpeg_level_count == texture.level_count) continue;  // no alpha in JPEGs
-    const float* const transform = is_base ? uv_transform(material) : uv_transform(surface->textures[i]);
-    const TexturePlace place = shader.find_place(at, vertex, transform, static_cast<float>(texture.width),
-                                                 static_cast<float>(texture.height), m, weights, x, y, is_second);
-    float code[4];
-    sample_channels<4>(shader.texels, lane, texture,
-                       SurfaceCodes{(kColorUses >> i & 1u) != 0 ? in.srgb->linear : nullptr}, place.u, place.v,
-                       place.footprint, code);
+    if (use == Use::kSpecular && texture.jpeg_level_count != 0) continue;  // no alpha in JPEGs
+    const float* const transform = transform_of(i);
+    // Most textures of a material have the same place.
+    const TextureView& other = in.scene.textures[number_of(placed != format::kNone ? placed : i)];
+    if (placed == format::kNone || texture.width != other.width || texture.height != other.height ||
+        is_second != is_second_of(placed) || !same_transform(transform, transform_of(placed))) {
+      place = shader.find_place(at, vertex, transform, static_cast<float>(texture.width),
+                                static_cast<float>(texture.height), m, weights, x, y, is_second);
+      placed = i;
+    }
+    float code[3];
+    sample_channels(shader.texels, lane, texture, SurfaceCodes{(kColorUses >> i & 1u) != 0 ? in.srgb->linear : nullptr},
+                    use == Use::kSpecular ? 24u : 0u, place.u, place.v, place.footprint, code);
     const Float3 color{code[0], code[1], code[2]};
-    if (is_base) {
+    if (i == kBaseUse) {
       out.base = color;
     } else if (use == Use::kMetallicRoughness) {
       out.roughness *= code[1];
@@ -348,7 +369,7 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
     } else if (use == Use::kEmission) {
       out.emission = out.emission * color;
     } else if (use == Use::kSpecular) {
-      out.specular *= code[3];
+      out.specular *= code[0];  // the alpha
     } else {
       out.specular_color = out.specular_color * color;
     }

@@ -35,11 +35,11 @@ struct TexelPair {
 SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap wrap) {
   const double place = min_of(max_of(wrapped, 0.0), 1.0) * size - 0.5;
   const double below = std::floor(place);
-  const int64_t first = static_cast<int64_t>(below);
+  const int32_t first = static_cast<int32_t>(below);
   TexelPair pair;
   pair.weight = static_cast<float>(place - below);
-  const int64_t last = static_cast<int64_t>(size) - 1;
-  const int64_t second = first + 1;
+  const int32_t last = static_cast<int32_t>(size) - 1;
+  const int32_t second = first + 1;
   if (wrap == format::Wrap::kRepeat) {
     pair.first = static_cast<uint32_t>(first < 0 ? last : first);
     pair.second = static_cast<uint32_t>(second > last ? 0 : second);
@@ -133,12 +133,20 @@ struct SceneTexels {
   }
 };
 
-/// The first kCount channels of a level. `table`: the values of the 256 codes, such as linear light. The alpha of a
-/// JPEG is 1. Returns whether the texels' pages are present.
-template <uint32_t kCount, class Texels, class Table>
+/// Linear light of four 8-bit codes, `shift` bits from the low end of their texels.
+struct LinearCodes {
+  const float* table;
+  SCREE_HD void read(const uint32_t texels[4], uint32_t shift, float values[4]) const {
+    for (uint32_t i = 0; i < 4; ++i) values[i] = table[texels[i] >> shift & 255u];
+  }
+};
+
+/// Three channels of a level from bit `first` of its texels on. `codes`: as LinearCodes. Returns whether the texels'
+/// pages are present.
+template <class Texels, class Codes>
 SCREE_HD inline bool sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                  const Table& table, uint32_t level, double u, double v, bool nearest,
-                                  float out[kCount]) {
+                                  const Codes& codes, uint32_t first, uint32_t level, double u, double v, bool nearest,
+                                  float out[3]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
   const uint32_t height = max_of(texture.height >> level, 1u);
   TexelPair column = texel_pair(u, width, texture.wrap_s);
@@ -149,32 +157,34 @@ SCREE_HD inline bool sample_level(const Texels& source, typename Texels::Lane& l
   }
   uint32_t texels[4];
   const bool is_present = source.fetch(lane, texture, level, column, row, texels);
-  for (uint32_t c = 0; c < kCount; ++c) {
-    const float a = table[texels[0] >> (8 * c) & 255u];
-    const float b = table[texels[1] >> (8 * c) & 255u];
-    const float e = table[texels[2] >> (8 * c) & 255u];
-    const float f = table[texels[3] >> (8 * c) & 255u];
-    const float above = a + (b - a) * column.weight;
-    const float below = e + (f - e) * column.weight;
+  for (uint32_t i = 0; i < 4; ++i) texels[i] >>= first;
+  for (uint32_t c = 0; c < 3; ++c) {
+    float value[4];
+    codes.read(texels, 8 * c, value);
+    const float above = value[0] + (value[1] - value[0]) * column.weight;
+    const float below = value[2] + (value[3] - value[2]) * column.weight;
     out[c] = above + (below - above) * row.weight;
   }
-  if constexpr (kCount == 4)
-    if (level < texture.jpeg_level_count) out[3] = 1.0f;
   return is_present;
 }
 
-/// The first kCount channels at (u, v), any finite numbers; 1 if there is no picture. `footprint`: the square of the
-/// larger side of a pixel in texels of level 0; selects the mip levels.
-template <uint32_t kCount, class Texels, class Table>
+/// Three channels at (u, v), any finite numbers; 1 if there is no picture. `codes`, `first`: as for sample_level().
+/// `footprint`: the square of the larger side of a pixel in texels of level 0; selects the mip levels.
+template <class Texels, class Codes>
 SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                     const Table& table, double u, double v, float footprint, float out[kCount]) {
-  for (uint32_t c = 0; c < kCount; ++c) out[c] = 1.0f;
+                                     const Codes& codes, uint32_t first, double u, double v, float footprint,
+                                     float out[3]) {
+  for (uint32_t c = 0; c < 3; ++c) out[c] = 1.0f;
   if (texture.level_count == 0) return;
   const double wrapped_u = wrap_coordinate(u, texture.wrap_s);
   const double wrapped_v = wrap_coordinate(v, texture.wrap_t);
-  const float last = static_cast<float>(texture.level_count - 1);
+  const bool is_magnified = footprint <= 1.0f;
+  const bool nearest = is_magnified ? texture.magnified_nearest : texture.minified_nearest;
+  const uint32_t level_count = texture.finest_level ? 1 : texture.level_count;
+  const float last = static_cast<float>(level_count - 1);
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
-  const float level = footprint <= 1.0f ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
+  float level = is_magnified ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
+  if (texture.one_level) level = static_cast<float>(nearest_level(footprint, level_count));
   const uint32_t fine = static_cast<uint32_t>(level);
   const float between = level - static_cast<float>(fine);
   // A loop, so that a kernel contains one sampler: with two it was larger than the GPU's cache of instructions.
@@ -183,10 +193,9 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
 #pragma unroll 1
 #endif
   for (uint32_t i = 0; i == 0 || (i == 1 && between > 0);) {
-    float some[kCount];
+    float some[3];
     const uint32_t at = fine + i + coarser;
-    if (!sample_level<kCount>(source, lane, texture, table, at, wrapped_u, wrapped_v,
-                              i == 0 && texture.nearest && footprint <= 1.0f, some)) {
+    if (!sample_level(source, lane, texture, codes, first, at, wrapped_u, wrapped_v, nearest, some)) {
       if (!source.pages.takes_coarser) {
         lane.missed = true;
       } else if (at + 1 < texture.level_count) {
@@ -194,7 +203,7 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
         continue;
       }
     }
-    for (uint32_t c = 0; c < kCount; ++c) out[c] = i == 0 ? some[c] : out[c] + (some[c] - out[c]) * between;
+    for (uint32_t c = 0; c < 3; ++c) out[c] = i == 0 ? some[c] : out[c] + (some[c] - out[c]) * between;
     coarser = 0;
     ++i;
   }
@@ -204,7 +213,7 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
 template <class Texels>
 SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                     const float* table, double u, double v, float footprint, float rgb[3]) {
-  sample_channels<3>(source, lane, texture, table, u, v, footprint, rgb);
+  sample_channels(source, lane, texture, LinearCodes{table}, 0, u, v, footprint, rgb);
 }
 
 }  // namespace SCREE_ISA

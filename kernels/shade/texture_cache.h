@@ -1,7 +1,7 @@
 // The GPU's cache of decoded groups of indexed JPEGs (format/jpeg/pixels.h), for threads that must not wait for each
 // other. The CPU has block_cache.h instead. This code runs on a CPU too, for tests.
 //
-// A picture is shaded in rounds. During shading the cache's keys and samples do not change: a pixel that lacks a group
+// A picture is shaded in rounds. During shading the cache's keys and colours do not change: a pixel that lacks a group
 // requests it and is left for the next round. Between two rounds every requested group replaces one that this round did
 // not use, and is decoded. After a few rounds the remaining pixels, for which the cache is too small, decode the groups
 // themselves. So the picture does not depend on the cache's size.
@@ -15,11 +15,11 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// A group that pixels lack: its key, and its index in TextureCache::wanted.
+/// A group that pixels lack.
 struct GroupRequest {
-  uint64_t key;
-  uint32_t wanted_index;
-  uint32_t zero;
+  uint64_t key;    // JpegLevel::first_group + group
+  uint32_t level;  // its number
+  uint32_t group;
 };
 
 /// The counts of one round.
@@ -30,78 +30,54 @@ struct RoundCounters {
   uint32_t zero;
 };
 
-/// A view of the cache: keys in sets of kWays; each key may lie in either of two sets. Owns nothing.
+/// A view of the cache: slots in sets of kWays; a group may lie in either of two sets. A group's key is its number
+/// among all groups of the scene. A byte per key says where the group lies: 0.03 bits per pixel. Owns nothing.
 struct TextureCache {
   static constexpr uint32_t kWays = 8;
-  static constexpr uint32_t kProbes = 16;  // of the table `wanted`
   static constexpr uint64_t kNoKey = ~uint64_t{0};
   static constexpr uint32_t kNoSlot = ~uint32_t{0};
+  static constexpr uint8_t kAbsent = 0;
+  static constexpr uint8_t kRequested = 255;        // absent, and requested in this round
   static constexpr uint32_t kNever = ~uint32_t{0};  // the stamp of an absent way
 
-  uint64_t* keys;           // level number << 32 | group; kWays per set
+  uint8_t* places;          // by key: 1 + its way, of the second set 1 + kWays + its way; or one of the above
+  uint64_t* keys;           // by slot; kWays per set
   uint32_t* stamps;         // the last round that used the slot
-  uint8_t* samples;         // slot_bytes per slot
-  uint64_t* wanted;         // hash table of the keys requested in this round; all kNoKey between rounds
+  uint32_t* colours;        // slot_pixels per slot, by format::jpeg_pixel()
   GroupRequest* requests;   // one per slot
   const JpegLevel* levels;  // by number
   uint32_t set_count;
   uint32_t slot_count;
-  uint32_t slot_bytes;  // bytes of the largest group, a multiple of 64
-  uint32_t wanted_count;
+  uint32_t slot_pixels;  // JpegGroups::pixels
 
-  SCREE_HD static uint64_t key_of(uint32_t level, uint32_t group) { return uint64_t{level} << 32 | group; }
-
-  SCREE_HD static uint64_t spread(uint64_t key) {
-    key = (key ^ (key >> 32)) * 0x9e3779b97f4a7c15u;
-    return (key ^ (key >> 29)) * 0xbf58476d1ce4e5b9u;
-  }
-  /// Scales 32 evenly spread bits to a number below `count`.
-  SCREE_HD static uint32_t scale_to(uint32_t bits, uint32_t count) {
-    return static_cast<uint32_t>(uint64_t{bits} * count >> 32);
-  }
-  SCREE_HD uint32_t first_slot(uint64_t spread_key, uint32_t choice) const {
-    return kWays * scale_to(static_cast<uint32_t>(spread_key >> (choice == 0 ? 32 : 12)), set_count);
+  /// The first slot of a key's first or second set.
+  SCREE_HD uint32_t first_slot(uint64_t key, uint32_t choice) const {
+    uint32_t bits = static_cast<uint32_t>(key ^ (key >> 32)) * 0x9e3779b1u;
+    bits = (bits ^ (bits >> 15)) * (choice == 0 ? 0x85ebca77u : 0xc2b2ae3du);
+    return kWays * static_cast<uint32_t>(uint64_t{bits} * set_count >> 32);
   }
 
-  /// The slot of a key, or kNoSlot. Keys do not change during shading.
-  SCREE_HD uint32_t find(uint64_t key) const {
-    const uint64_t spread_key = spread(key);
-    for (uint32_t choice = 0; choice < 2; ++choice) {
-      const uint32_t first = first_slot(spread_key, choice);
-      uint32_t found = kNoSlot;
-      for (uint32_t way = 0; way < kWays; ++way) found = keys[first + way] == key ? first + way : found;
-      if (found != kNoSlot) return found;
-    }
-    return kNoSlot;
-  }
-
-  /// The group's samples, marked as used in round `now`; null if the group is absent.
-  SCREE_HD const uint8_t* lookup(uint64_t key, uint32_t now) const {
-    const uint32_t slot = find(key);
-    if (slot == kNoSlot) return nullptr;
+  /// The group's colours, marked as used in round `now`; null if the group is absent. Slots do not change during
+  /// shading.
+  SCREE_HD const uint32_t* lookup(uint64_t key, uint32_t now) const {
+    const uint32_t way = uint32_t{load_cached(places + key)} - 1;
+    if (way >= 2 * kWays) return nullptr;
+    const uint32_t slot = first_slot(key, way / kWays) + way % kWays;
     if (load_cached(stamps + slot) != now) store_relaxed(stamps + slot, now);
-    return samples + uint64_t{slot} * slot_bytes;
+    return colours + uint64_t{slot} * slot_pixels;
   }
 
   /// Requests an absent group, once for all pixels that lack it. Drops the request if there is no room.
-  SCREE_HD void request_group(uint64_t key, RoundCounters* counters) const {
+  SCREE_HD void request_group(const GroupRequest& request, RoundCounters* counters) const {
     if (load_relaxed(&counters->requests) > slot_count)
       return;  // otherwise the misses of a small cache would wrap the counter
-    uint32_t place = scale_to(static_cast<uint32_t>(spread(key) >> 20), wanted_count);
-    for (uint32_t probe = 0; probe < kProbes; ++probe) {
-      uint64_t there = load_cached(wanted + place);
-      if (there == kNoKey) there = compare_and_swap(wanted + place, kNoKey, key);
-      if (there == key) return;
-      if (there == kNoKey) {
-        const uint32_t index = fetch_increment(&counters->requests);
-        if (index < slot_count) {
-          requests[index] = {key, place, 0};
-        } else {
-          store_relaxed(wanted + place, kNoKey);
-        }
-        return;
-      }
-      place = place + 1 == wanted_count ? 0 : place + 1;
+    uint8_t* const place = places + request.key;
+    if (load_relaxed(place) != kAbsent || fetch_or(place, kRequested) != kAbsent) return;
+    const uint32_t index = fetch_increment(&counters->requests);
+    if (index < slot_count) {
+      requests[index] = request;
+    } else {
+      store_relaxed(place, kAbsent);
     }
   }
 
@@ -109,28 +85,31 @@ struct TextureCache {
   /// Several threads may allocate at once. A slot lost to another thread keeps the stamp `now`, so a thread tries at
   /// most once per way.
   SCREE_HD uint32_t allocate_slot(const GroupRequest& request, uint32_t now) const {
-    store_relaxed(wanted + request.wanted_index, kNoKey);
-    const uint64_t spread_key = spread(request.key);
+    store_relaxed(places + request.key, kAbsent);
     for (;;) {
       uint32_t oldest = kNoSlot;
       uint32_t stamp = now;
+      uint32_t place = 0;
       for (uint32_t choice = 0; choice < 2; ++choice) {
-        const uint32_t first = first_slot(spread_key, choice);
+        const uint32_t first = first_slot(request.key, choice);
         for (uint32_t way = 0; way < kWays; ++way) {
           const uint32_t seen = load_relaxed(stamps + first + way);
           if (seen >= stamp) continue;
           stamp = seen;
           oldest = first + way;
+          place = 1 + choice * kWays + way;
         }
       }
       if (oldest == kNoSlot) return kNoSlot;
       if (compare_and_swap(stamps + oldest, stamp, now) != stamp) continue;
+      if (keys[oldest] != kNoKey) store_relaxed(places + keys[oldest], kAbsent);
       keys[oldest] = request.key;
+      store_relaxed(places + request.key, static_cast<uint8_t>(place));
       return oldest;
     }
   }
 
-  /// The slots of a cache of `bytes` of samples: at least one, and whole sets if there are several.
+  /// The slots of a cache of `bytes` of colours: at least one, and whole sets if there are several.
   static uint32_t slots_for(uint64_t bytes, uint32_t slot_bytes) {
     const uint64_t slots = bytes / slot_bytes;
     constexpr uint64_t kMost = uint64_t{1} << 30;
@@ -138,8 +117,6 @@ struct TextureCache {
     return static_cast<uint32_t>((slots < kMost ? slots : kMost) / kWays * kWays);
   }
   static uint32_t sets_for(uint32_t slots) { return slots < kWays ? 1 : slots / kWays; }
-  /// Entries of the table `wanted`: twice the largest number of requests.
-  static uint32_t wanted_for(uint32_t slots) { return 2 * slots < 4 * kProbes ? 4 * kProbes : 2 * slots; }
 };
 
 /// Texels of JPEG levels from the cache only, and of paged levels from the pages that are there.
@@ -159,21 +136,17 @@ struct CachedTexels {
                       const TexelPair& row, uint32_t texels[4]) const {
     if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
-    const uint8_t* samples = nullptr;
-    uint32_t group = 0;
+    const format::JpegPicture& picture = jpeg.picture;
+    const format::JpegLine columns[2] = {jpeg_column(picture, column.first), jpeg_column(picture, column.second)};
+    const format::JpegLine rows[2] = {jpeg_row(picture, row.first), jpeg_row(picture, row.second)};
     for (uint32_t i = 0; i < 4; ++i) {
-      const format::JpegPlace place =
-          format::jpeg_place(jpeg.picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
-      if (i == 0 || place.group != group) {
-        group = place.group;
-        const uint64_t key = TextureCache::key_of(jpeg.number, group);
-        samples = cache.lookup(key, now);
-        if (samples == nullptr) {
-          lane.missed = true;
-          cache.request_group(key, counters);
-        }
-      }
-      texels[i] = samples != nullptr ? format::jpeg_colour(jpeg.picture, place, samples) : 0;
+      const format::JpegPlace place = jpeg_place(picture, columns[i % 2], rows[i / 2]);
+      const uint64_t key = jpeg.first_group + place.group;
+      const uint32_t* const colours = cache.lookup(key, now);
+      texels[i] = colours != nullptr ? colours[jpeg_pixel(picture, place)] : 0;
+      if (colours != nullptr) continue;
+      lane.missed = true;
+      cache.request_group({key, jpeg.number, place.group}, counters);
     }
     return true;
   }
@@ -207,12 +180,12 @@ struct FallbackTexels {
       uint32_t mine = 0;
       for (uint32_t i = 0; i < 4; ++i)
         if (places[i].group == group) mine |= 1u << i;
-      const uint8_t* samples = cache.lookup(TextureCache::key_of(jpeg.number, group), now);
-      if (samples == nullptr) {
+      const uint32_t* const colours = cache.lookup(jpeg.first_group + group, now);
+      if (colours == nullptr) {
         format::decode_jpeg_colours(jpeg.picture, places, mine, texels);
       } else {
         for (uint32_t i = 0; i < 4; ++i)
-          if ((mine >> i & 1u) != 0) texels[i] = format::jpeg_colour(jpeg.picture, places[i], samples);
+          if ((mine >> i & 1u) != 0) texels[i] = colours[jpeg_pixel(jpeg.picture, places[i])];
       }
       left &= ~mine;
     }
@@ -233,9 +206,8 @@ struct DecodeGroups {
     const uint32_t slot = cache.allocate_slot(request, now);
     if (slot == TextureCache::kNoSlot) return;
     fetch_increment(&counters->decoded);
-    const JpegLevel& level = cache.levels[request.key >> 32];
-    format::decode_jpeg_group(level.picture, static_cast<uint32_t>(request.key),
-                              cache.samples + uint64_t{slot} * cache.slot_bytes);
+    format::decode_jpeg_group_colours(cache.levels[request.level].picture, request.group,
+                                      cache.colours + uint64_t{slot} * cache.slot_pixels);
   }
 };
 

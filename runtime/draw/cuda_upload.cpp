@@ -231,8 +231,8 @@ StagingSizes staging_within(uint64_t host_memory) {
   return most;
 }
 
-uint32_t slot_bytes_of(const Scene& scene, const PageShare* share) {
-  return is_shaded(share) ? scene.jpeg_slot_bytes() : 0;
+kernels::JpegGroups groups_of(const Scene& scene, const PageShare* share) {
+  return is_shaded(share) ? scene.jpeg_groups() : kernels::JpegGroups{};
 }
 
 bool has_texel_pages(const Scene& scene, const PageShare* share) {
@@ -240,10 +240,10 @@ bool has_texel_pages(const Scene& scene, const PageShare* share) {
 }
 
 uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache, const PageShare* share) {
-  const uint32_t slot_bytes = slot_bytes_of(scene, share);
+  const kernels::JpegGroups groups = groups_of(scene, share);
   const bool has_pages = has_texel_pages(scene, share);
-  if (slot_bytes == 0 && !has_pages) return 0;
-  return kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) +
+  if (groups.count == 0 && !has_pages) return 0;
+  return kernels::CudaTextureCache::device_bytes(texture_cache, groups) +
          (has_pages ? DeviceBlockPager::device_bytes(scene) : 0);
 }
 
@@ -282,7 +282,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   const auto start = std::chrono::steady_clock::now();
   ArenaLayout layout(scene, streamed, share);
   const UploadPlan& plan = layout.plan;
-  const uint32_t slot_bytes = slot_bytes_of(scene, share);
+  const kernels::JpegGroups groups = groups_of(scene, share);
   const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache, share) + reserved_bytes;
   if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
   Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
@@ -316,9 +316,9 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
     if (!pager) return pager.error();
     copy.pager_ = std::move(*pager);
   }
-  if (slot_bytes != 0 || copy.pager_ != nullptr) {
+  if (groups.count != 0 || copy.pager_ != nullptr) {
     Result<kernels::CudaTextureCache> cache =
-        kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, slot_bytes, copy.pager_.get());
+        kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, groups, copy.pager_.get());
     if (!cache) return cache.error();
     copy.cache_ = std::move(*cache);
     copy.jpeg_levels_ = layout.levels.table(base);

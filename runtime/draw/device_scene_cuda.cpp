@@ -85,7 +85,7 @@ uint64_t frames_bytes(const kernels::SceneView& host) {
 
 /// Device memory of the pictures beside the scene, its frames and the pool of chunks.
 uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool streamed) {
-  const bool has_rounds = scene.jpeg_slot_bytes() != 0 || scene.block_pager() != nullptr;
+  const bool has_rounds = scene.jpeg_groups().count != 0 || scene.block_pager() != nullptr;
   const uint64_t pixels = uint64_t{needs.width} * needs.height;
   const uint64_t width = uint64_t{needs.width} * needs.samples_per_side;
   const uint64_t height = uint64_t{needs.height} * needs.samples_per_side;

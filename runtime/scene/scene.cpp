@@ -245,7 +245,12 @@ Result<void> Scene::load_masks() {
     std::copy(&record.place[0][0], &record.place[0][0] + 6, &mask.place[0][0]);
     mask.wrap_s = record.wrap_s;
     mask.wrap_t = record.wrap_t;
-    mask.nearest = (record.flags & format::kMaskNearest) != 0;
+    mask.magnified_nearest = (record.flags & format::kMaskNearest) != 0;
+    if (material.texture != format::kNone) {
+      const uint16_t min_filter = container().textures()[material.texture].min_filter;
+      mask.minified_nearest = format::takes_nearest_texel(min_filter);
+      if (format::takes_finest_level(min_filter)) mask.level_count = 1;
+    }
     mask.needs = needs;
     ++stats_.masks;
     if (!blends || material.base_color[3] < 1.0f) continue;
@@ -440,7 +445,7 @@ void Scene::number_block_pages(const SceneOptions& options) {
 void Scene::number_jpeg_levels() {
   uint32_t number = 0;
   for (JpegTexture& jpeg : jpegs_) {
-    number = jpeg.number_levels(number);
+    jpeg.number_levels(number, jpeg_groups_);
     for (const kernels::JpegLevel& level : jpeg.jpeg_levels())
       jpeg_slot_bytes_ = std::max(jpeg_slot_bytes_, 64 * level.picture.mcu_blocks * level.picture.view.group_mcus);
   }

@@ -127,6 +127,8 @@ class Scene {
   std::span<const std::span<const std::byte>> mask_pages() const { return mask_pages_; }
   /// Bytes of the largest group of the JPEGs' levels, decoded; 0 if there are none.
   uint32_t jpeg_slot_bytes() const { return jpeg_slot_bytes_; }
+  /// The groups of the JPEGs' levels.
+  const kernels::JpegGroups& jpeg_groups() const { return jpeg_groups_; }
 
   /// Warnings of decoded images, one line each, without the file's name.
   const std::vector<std::string>& warnings() const { return warnings_; }
@@ -176,6 +178,7 @@ class Scene {
   std::vector<JpegTexture> jpegs_;          // or if the image is here,
   std::vector<BlockTexture> block_images_;  // or here
   uint32_t jpeg_slot_bytes_ = 0;
+  kernels::JpegGroups jpeg_groups_;
   std::unique_ptr<kernels::BlockCache> blocks_;
   std::unique_ptr<HostBlockPager> pager_;
   uint64_t device_texture_memory_ = 0;

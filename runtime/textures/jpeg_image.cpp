@@ -110,9 +110,14 @@ Result<JpegTexture> JpegTexture::make(JpegImage image, TexelCoding coding) {
   return texture;
 }
 
-uint32_t JpegTexture::number_levels(uint32_t first) {
-  for (kernels::JpegLevel& level : levels_) level.number = first++;
-  return first;
+void JpegTexture::number_levels(uint32_t& number, kernels::JpegGroups& groups) {
+  for (kernels::JpegLevel& level : levels_) {
+    const format::JpegPicture& picture = level.picture;
+    level.number = number++;
+    level.first_group = groups.count;
+    groups.count += (picture.view.mcu_count - 1) / picture.view.group_mcus + 1;
+    groups.pixels = std::max(groups.pixels, picture.mcu_width * picture.mcu_height * picture.view.group_mcus);
+  }
 }
 
 kernels::TextureView JpegTexture::view(const format::TextureRecord& record) const {

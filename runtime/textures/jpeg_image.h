@@ -56,8 +56,8 @@ class JpegTexture {
   const format::JpegIndex& index(size_t level) const { return image_.levels()[level]; }
   std::span<const uint32_t> factors(size_t level) const { return factors_[level]; }
 
-  /// Numbers the JPEG levels from `first` on and returns the number after the last.
-  uint32_t number_levels(uint32_t first);
+  /// Numbers the JPEG levels from `number` on, and their groups from groups.count on. Adds them to both.
+  void number_levels(uint32_t& number, kernels::JpegGroups& groups);
 
   /// Valid as long as this, which may be moved.
   kernels::TextureView view(const format::TextureRecord& record) const;

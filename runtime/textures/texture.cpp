@@ -11,8 +11,6 @@
 namespace scree::runtime {
 namespace {
 
-constexpr uint16_t kGlNearest = 9728;
-
 void decode_row(const uint8_t* rgba, TexelCoding coding, std::vector<Texel>& out) {
   const Srgb& srgb = Srgb::tables();
   if (coding == TexelCoding::kNumbers) {
@@ -72,7 +70,10 @@ kernels::TextureView texture_view(const MipChain& chain, const format::TextureRe
   view.level_count = chain.level_count;
   view.wrap_s = record.wrap_s;
   view.wrap_t = record.wrap_t;
-  view.nearest = record.mag_filter == kGlNearest;
+  view.magnified_nearest = format::takes_nearest_texel(record.mag_filter);
+  view.minified_nearest = format::takes_nearest_texel(record.min_filter);
+  view.one_level = format::takes_nearest_level(record.min_filter);
+  view.finest_level = format::takes_finest_level(record.min_filter);
   return view;
 }
 

@@ -24,8 +24,9 @@ struct ReferenceMask {
   uint32_t width = 0;  // texels of level 0; of level l max(1, width >> l)
   uint32_t height = 0;
   std::vector<std::vector<uint8_t>> levels;
-  double cutoff = 0;  // least 8-bit code that passes
-  bool nearest = false;
+  double cutoff = 0;               // least 8-bit code that passes
+  bool magnified_nearest = false;  // the nearest texel where a sample covers less than one
+  bool minified_nearest = false;   // and where it covers more
 };
 
 /// A mesh in object space. The data that it refers to must outlive it.

@@ -80,7 +80,7 @@ bool mask_passes(const View& view, const ReferenceMesh& mesh, uint64_t triangle,
   double weight[2];
   for (size_t c = 0; c < 2; ++c) {
     const double place = wrapped(inside[c], mask.wrap[c]) * static_cast<double>(size[c]);
-    if (mask.nearest && footprint <= 1) {
+    if (footprint <= 1 ? mask.magnified_nearest : mask.minified_nearest) {
       texel[c][0] = texel[c][1] = std::clamp<int64_t>(static_cast<int64_t>(std::floor(place)), 0, size[c] - 1);
       weight[c] = 0;
       continue;

@@ -114,7 +114,6 @@ ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::P
   // A mask of vertex colours is a single texel, so its sampler does not matter.
   const format::TextureRecord texture =
       planned.of_colors ? format::TextureRecord{} : scene.textures[record.texture].record;
-  constexpr uint16_t kGlNearest = 9728;
   ReferenceMask mask;
   double place[2][3];
   convert::uv_transform(record, place);
@@ -124,8 +123,9 @@ ReferenceMask reference_mask(const convert::SourceScene& scene, const convert::P
   mask.height = planned.height;
   // A blended surface is part of the opaque picture where its alpha is 1.
   mask.cutoff = planned.blends ? 255 : static_cast<double>(planned.threshold) / 65536;
-  mask.nearest = texture.mag_filter == kGlNearest;
-  for (uint32_t l = 0; !levels.empty(); ++l) {
+  mask.magnified_nearest = format::takes_nearest_texel(texture.mag_filter);
+  mask.minified_nearest = format::takes_nearest_texel(texture.min_filter);
+  for (uint32_t l = 0; !levels.empty() && !(l > 0 && format::takes_finest_level(texture.min_filter)); ++l) {
     const size_t texels = size_t{std::max(1u, mask.width >> l)} * std::max(1u, mask.height >> l);
     const auto* const first = reinterpret_cast<const uint8_t*>(levels.data());
     mask.levels.emplace_back(first, first + texels);

@@ -78,7 +78,8 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
     wraps[i] = mask_view(61 + 40 * i, 37, i == 2 ? 1 : 4, 110 * 65536);
     wraps[i].wrap_s = static_cast<Wrap>(i);
     wraps[i].wrap_t = static_cast<Wrap>((i + 1) % 3);
-    wraps[i].nearest = i == 1;
+    wraps[i].magnified_nearest = i == 1;
+    wraps[i].minified_nearest = i != 2;
   }
   // KHR_texture_transform: a rotation by 180 degrees, a scale of 1.25 and an offset.
   wraps[0].place[0][0] = wraps[0].place[1][1] = -1.25;

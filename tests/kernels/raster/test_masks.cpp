@@ -27,7 +27,7 @@ TEST_CASE("texels, levels and alpha of masks equal the test vectors", "[mask]") 
       const std::vector<std::string> words = vector.words("level");
       INFO("level: " << vector.text("level"));
       REQUIRE(words.size() == 3);
-      CHECK(mask_level(std::stof(words[0]), static_cast<uint32_t>(std::stoul(words[1]))) == std::stoul(words[2]));
+      CHECK(nearest_level(std::stof(words[0]), static_cast<uint32_t>(std::stoul(words[1]))) == std::stoul(words[2]));
     } else if (vector.has("corners")) {
       const std::vector<std::string> words = vector.words("corners");
       INFO("corners: " << vector.text("corners"));
@@ -38,23 +38,24 @@ TEST_CASE("texels, levels and alpha of masks equal the test vectors", "[mask]") 
     } else {
       const std::vector<std::string> words = vector.words("alpha");
       INFO("alpha: " << vector.text("alpha"));
-      REQUIRE(words.size() == 10);
+      REQUIRE(words.size() == 11);
       uint8_t alpha[5];
-      for (size_t i = 0; i < 5; ++i) alpha[i] = static_cast<uint8_t>(std::stoul(words[4 + i]));
+      for (size_t i = 0; i < 5; ++i) alpha[i] = static_cast<uint8_t>(std::stoul(words[5 + i]));
       MaskView mask = mask_view(2, 2, 2, 1);
       mask.alpha = alpha;
       mask.wrap_s = mask.wrap_t = Wrap::kClamp;
-      mask.nearest = words[3] == "1";
+      mask.magnified_nearest = words[3] == "1";
+      mask.minified_nearest = words[4] == "1";
       const auto passes = [&](uint64_t threshold) {
         mask.threshold = static_cast<uint32_t>(threshold);
         return mask_passes(mask, std::stod(words[0]), std::stod(words[1]), std::stof(words[2]));
       };
-      CHECK(passes(std::stoul(words[9])));
-      CHECK(!passes(std::stoul(words[9]) + 1));
+      CHECK(passes(std::stoul(words[10])));
+      CHECK(!passes(std::stoul(words[10]) + 1));
     }
   }
-  CHECK(mask_level(-NAN, 6) == 5);
-  CHECK(mask_level(1e30f, 1) == 0);
+  CHECK(nearest_level(-NAN, 6) == 5);
+  CHECK(nearest_level(1e30f, 1) == 0);
 }
 
 namespace {

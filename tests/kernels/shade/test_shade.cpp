@@ -20,7 +20,6 @@ struct Texture {
   Texture(uint32_t side, std::vector<uint8_t> level0) : texels(std::move(level0)) {
     view.width = view.height = side;
     view.wrap_s = view.wrap_t = format::Wrap::kRepeat;
-    view.nearest = false;
     view.level_count = 0;
     uint64_t offset = 0;
     for (uint32_t s = side;; s /= 2) {
@@ -81,7 +80,7 @@ TEST_CASE("shade: a texture with one texel per pixel is shown exactly", "[shade]
   const Texture texture(side, noise(side, 1));
   TexturedSquare square_scene(square(0, 0, 1, 1), texture);
   for (bool nearest : {false, true}) {
-    square_scene.builder.textures[0].nearest = nearest;
+    square_scene.builder.textures[0].magnified_nearest = nearest;
     const std::vector<float> rgba = shaded(square_scene.builder.view(), front(side), ShadeOptions{});
     for (size_t i = 0; i < size_t{side} * side; ++i) {
       for (size_t c = 0; c < 3; ++c)
@@ -96,7 +95,7 @@ TEST_CASE("shade: magnified textures are bilinear in linear light, or nearest", 
   TexturedSquare square_scene(square(0, 0, 1, 1), texture);
   const uint32_t size = 64;
   const std::vector<float> smooth = shaded(square_scene.builder.view(), front(size), ShadeOptions{});
-  square_scene.builder.textures[0].nearest = true;
+  square_scene.builder.textures[0].magnified_nearest = true;
   const std::vector<float> hard = shaded(square_scene.builder.view(), front(size), ShadeOptions{});
   const auto texel = [&](int x, int y, size_t c) {
     return linear(texture.texels[4 * static_cast<size_t>((y & 3) * 4 + (x & 3)) + c]);
@@ -137,6 +136,51 @@ TEST_CASE("shade: minified textures use the mip level of their footprint", "[sha
   TexturedSquare far_scene(square(0, 0, 1000, 1000), texture);
   const std::vector<float> far = shaded(far_scene.builder.view(), front(5), ShadeOptions{});
   for (size_t i = 0; i < far.size(); i += 4) REQUIRE(static_cast<double>(far[i]) == Approx(linear(60)).margin(1e-4));
+}
+
+TEST_CASE("shade: minified textures follow their filter", "[shade]") {
+  const Texture texture(64, noise(64, 11));
+  TexturedSquare square_scene(square(0, 0, 1, 1), texture);
+  TextureView& view = square_scene.builder.textures[0];
+  const auto sample = [&](uint32_t size, bool nearest, bool one_level, bool finest_level) {
+    view.minified_nearest = nearest;
+    view.one_level = one_level;
+    view.finest_level = finest_level;
+    return shaded(square_scene.builder.view(), front(size), ShadeOptions{});
+  };
+  // The nearest level alone: log2(64 / 24) = 1.42 and log2(64 / 20) = 1.68.
+  for (const auto& [size, level] : {std::pair(24u, 1), std::pair(20u, 2)}) {
+    const std::vector<float> rgba = sample(size, false, true, false);
+    for (size_t i = 0; i < rgba.size(); i += 4)
+      REQUIRE(static_cast<double>(rgba[i]) == Approx(linear(10 * level)).margin(1e-5));
+  }
+  // Level 0 alone.
+  const auto texel = [&](uint32_t x, uint32_t y, size_t c) {
+    return linear(texture.texels[4 * (size_t{64} * (y & 63) + (x & 63)) + c]);
+  };
+  const std::vector<float> hard = sample(24, true, false, true);
+  const std::vector<float> smooth = sample(24, false, false, true);
+  for (uint32_t y = 0; y < 24; ++y) {
+    for (uint32_t x = 0; x < 24; ++x) {
+      const double u = (x + 0.5) * 64 / 24, v = (y + 0.5) * 64 / 24;
+      const auto left = static_cast<uint32_t>(u - 0.5), top = static_cast<uint32_t>(v - 0.5);
+      const double right_share = u - 0.5 - left, low_share = v - 0.5 - top;
+      for (size_t c = 0; c < 3; ++c) {
+        const size_t at = 4 * (size_t{24} * y + x) + c;
+        if (x % 3 != 1 && y % 3 != 1)  // others lie between two texels
+          REQUIRE(static_cast<double>(hard[at]) ==
+                  Approx(texel(static_cast<uint32_t>(u), static_cast<uint32_t>(v), c)).margin(1e-5));
+        const double upper = texel(left, top, c) * (1 - right_share) + texel(left + 1, top, c) * right_share;
+        const double lower = texel(left, top + 1, c) * (1 - right_share) + texel(left + 1, top + 1, c) * right_share;
+        REQUIRE(static_cast<double>(smooth[at]) == Approx(upper * (1 - low_share) + lower * low_share).margin(1e-4));
+      }
+    }
+  }
+  // Two levels of nearest texels: each level but level 0 has one grey.
+  const std::vector<float> between = sample(24, true, false, false);
+  const double weight = std::log2(64.0 / 24) - 1;
+  for (size_t i = 0; i < between.size(); i += 4)
+    REQUIRE(static_cast<double>(between[i]) == Approx(linear(10) * (1 - weight) + linear(20) * weight).margin(1e-4));
 }
 
 TEST_CASE("shade: wrap modes", "[shade]") {

@@ -218,7 +218,9 @@ TEST_CASE("the next coarser level is sampled if a page is absent", "[texel_pager
       blocks[level] = (present >> level & 1) != 0 ? levels[level].data() : nullptr;
     const kernels::SceneTexels texels{nullptr, {blocks, wanted, 1, takes_coarser}};
     kernels::SceneTexels::Lane lane;
-    kernels::sample_channels<1>(texels, lane, texture, table, 0.37, 0.81, footprint, &value);
+    float channels[3];
+    kernels::sample_texture(texels, lane, texture, table, 0.37, 0.81, footprint, channels);
+    value = channels[0];
     return lane.missed;
   };
   float exact[3];

@@ -370,7 +370,7 @@ TEST_CASE("an alpha mask cuts its shadow", "[shadow]") {
   mask.threshold = 128 << 16;
   mask.place[0][0] = mask.place[1][1] = 1;
   mask.wrap_s = mask.wrap_t = format::Wrap::kClamp;
-  mask.nearest = true;
+  mask.magnified_nearest = true;
   mask.needs = format::kHasUv;
   scene.add_masked(square(0, 0, 1, 1), mask, {0, 255});  // its left half is cut away
   size_t dark = 0, lit = 0;

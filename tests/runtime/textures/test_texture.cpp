@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <map>
 #include <random>
 #include <vector>
 
@@ -71,6 +72,24 @@ TEST_CASE("a picture of one colour has levels of that colour", "[texture]") {
     bool same = true;
     for (size_t i = 0; i < chain.texels.size(); ++i) same &= chain.texels[i] == colour[i % 4];
     CHECK(same);
+  }
+}
+
+TEST_CASE("a texture's filters are glTF's", "[texture]") {
+  const MipChain chain = make_mips(picture(8, 8));
+  // Per minFilter: the nearest texel, the nearest level alone, level 0 alone.
+  const std::map<uint16_t, std::array<bool, 3>> minified{{0, {false, false, false}},   {9728, {true, false, true}},
+                                                         {9729, {false, false, true}}, {9984, {true, true, false}},
+                                                         {9985, {false, true, false}}, {9986, {true, false, false}},
+                                                         {9987, {false, false, false}}};
+  for (const uint16_t mag : std::array<uint16_t, 3>{0, 9728, 9729}) {
+    for (const auto& [min, expected] : minified) {
+      INFO(mag << " and " << min);
+      const kernels::TextureView view =
+          texture_view(chain, {0, 0, format::Wrap::kRepeat, format::Wrap::kRepeat, mag, min});
+      CHECK(view.magnified_nearest == (mag == 9728));
+      CHECK((std::array{view.minified_nearest, view.one_level, view.finest_level} == expected));
+    }
   }
 }
 

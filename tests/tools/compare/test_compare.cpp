@@ -1,6 +1,8 @@
 // scree compare: constructed differences with known counts, and real drawings that must agree.
+#include <array>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <string>
@@ -364,6 +366,63 @@ TEST_CASE("lit pictures against the source: identical pictures are reported as i
   CHECK(moved->pictures.max_levels == 255);
   CHECK(moved->pictures.psnr == Approx(10 * std::log10(512.0 / 32)));
   CHECK(moved->pictures.flip_max > 0.9);
+}
+
+TEST_CASE("masks follow the sampler's minification filter, as in the reference", "[compare][mask]") {
+  // 200 texels on 80 pixels: the nearest level is level 1.
+  constexpr uint32_t kSide = 200;
+  std::vector<uint8_t> texels;
+  for (uint32_t i = 0; i < kSide * kSide; ++i) {
+    const double x = i % kSide, y = i / kSide;
+    const double alpha = 128 + 60 * std::sin(0.8 * x + 0.03 * y) + 60 * std::cos(0.7 * y - 0.1 * x);
+    texels.insert(texels.end(), {uint8_t{90}, uint8_t{150}, uint8_t{90}, static_cast<uint8_t>(alpha)});
+  }
+  const auto png = runtime::encode_png(kSide, kSide, 4, texels);
+  REQUIRE(png);
+  kernels::View view = pixel_view();
+  view.width = 320;
+  view.height = 160;
+  const tests::TempFolder folder;
+  std::map<uint16_t, std::vector<uint64_t>> pictures;
+  for (const uint16_t filter : std::array<uint16_t, 7>{0, 9728, 9729, 9984, 9985, 9986, 9987}) {
+    INFO("minFilter " << filter);
+    tests::ModelMaker maker(folder.file("source.gltf"));
+    tools::GltfTexture texture = maker.texture("waves", format::ImageCodec::kPng, *png);
+    texture.min_filter = filter;
+    tools::GltfMaterial material;
+    material.texture = maker.writer().add_texture(texture);
+    material.alpha = tools::GltfAlpha::kMask;
+    tools::GltfPrimitive square = maker.primitive(square_at(-4, -4), kOneSquare);
+    square.attributes.emplace_back("TEXCOORD_0", maker.floats({0, 1, 1, 1, 1, 0, 0, 0}, tools::GltfType::kVec2));
+    square.material = maker.writer().add_material(material);
+    maker.node("node", maker.mesh("mesh", {square}));
+    maker.finish();
+    convert::ConvertOptions options;
+    options.source_ids = true;
+    REQUIRE(tests::pack(folder.file("source.gltf"), folder.file("file.scree"), options));
+    const auto report = Case::against(folder.file("file.scree"), folder.file("source.gltf"), &view);
+    REQUIRE(report);
+    // Places on a mask are rounded to 1/256 texel.
+    CHECK(report->pixels.wrong() <= 80 * 80 / 100);
+    CHECK(report->pixels.same_depth.count() > 1000);
+    CHECK(report->pixels.same_depth.count() < 5400);
+    const Result<runtime::Scene> scene = runtime::Scene::open(folder.file("file.scree"), {});
+    REQUIRE(scene);
+    pictures[filter].resize(size_t{320} * 160);
+    REQUIRE(kernels::draw_cpu(scene->view(), view, pictures[filter], 2));
+  }
+  // A mask takes one level; without a filter it is bilinear.
+  CHECK((pictures[0] == pictures[9985] && pictures[0] == pictures[9987]));
+  CHECK((pictures[9984] == pictures[9986]));
+  const std::array<uint16_t, 4> different{0, 9728, 9729, 9984};
+  for (const uint16_t a : different) {
+    for (const uint16_t b : different) {
+      size_t other = 0;
+      for (size_t i = 0; i < pictures[a].size(); ++i) other += pictures[a][i] != pictures[b][i];
+      INFO(a << " and " << b);
+      CHECK((a == b || other > 200));
+    }
+  }
 }
 
 TEST_CASE("fewer position bits change the lit picture", "[compare][cli]") {

@@ -63,7 +63,7 @@ TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
   mask.width = mask.height = 2;
   mask.levels = {{255, 0, 0, 200}};
   mask.cutoff = 127.5;
-  mask.nearest = true;
+  mask.magnified_nearest = true;
   ReferenceMesh mesh{kSquare, kSquareCorners, nullptr, false, &mask, uvs};
   const auto pixels = draw(mesh, view);
   for (uint32_t y = 0; y < 12; ++y)
@@ -72,7 +72,7 @@ TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
       CHECK(pixels[16 * y + x].is_background() == !(is_square && (x < 8) == (y < 6)));
     }
   // Bilinear: the middle of a side is half of both.
-  mask.nearest = false;
+  mask.magnified_nearest = false;
   mask.cutoff = 1;
   CHECK(covered(draw(mesh, view)) > 50);
   mask.cutoff = 201;

@@ -2,6 +2,7 @@
 // picture equals that of completely decoded textures, pixel for pixel.
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <set>
 #include <vector>
 
@@ -53,17 +54,20 @@ std::vector<JpegLevel> levels_of(const runtime::Scene& scene) {
 /// A texture cache in host memory, used as in kernels/cuda/texture_cache.cu.
 class HostCache {
  public:
-  HostCache(std::vector<JpegLevel> levels, uint64_t bytes, uint32_t slot_bytes) : levels_(std::move(levels)) {
-    const uint32_t slots = TextureCache::slots_for(bytes, slot_bytes);
+  /// `wanted`: the number of slots that fit its memory, rounded down to whole sets if there are several.
+  HostCache(std::vector<JpegLevel> levels, uint64_t wanted, const kernels::JpegGroups& groups)
+      : levels_(std::move(levels)) {
+    const uint32_t slot_bytes = 4 * groups.pixels;
+    const uint32_t slots = TextureCache::slots_for(wanted * slot_bytes, slot_bytes);
     const uint32_t sets = TextureCache::sets_for(slots);
+    places_.assign(groups.count, TextureCache::kAbsent);
     keys_.assign(size_t{TextureCache::kWays} * sets, TextureCache::kNoKey);
     stamps_.assign(keys_.size(), TextureCache::kNever);
     std::fill_n(stamps_.begin(), slots, 0);
-    samples_.resize(size_t{slots} * slot_bytes);
-    wanted_.assign(TextureCache::wanted_for(slots), TextureCache::kNoKey);
+    colours_.resize(size_t{slots} * groups.pixels);
     requests_.resize(slots);
-    cache_ = {keys_.data(),   stamps_.data(), samples_.data(), wanted_.data(), requests_.data(),
-              levels_.data(), sets,           slots,           slot_bytes,     TextureCache::wanted_for(slots)};
+    cache_ = {places_.data(), keys_.data(), stamps_.data(), colours_.data(), requests_.data(),
+              levels_.data(), sets,         slots,          groups.pixels};
   }
 
   const TextureCache& view() const { return cache_; }
@@ -104,30 +108,41 @@ class HostCache {
   }
 
  private:
-  /// Between rounds there are no requests, and the samples under every key belong to its group.
+  /// Between rounds there are no requests. Every slot with a key has its group's colours, and only these slots are
+  /// found.
   void check() const {
-    CHECK(std::all_of(wanted_.begin(), wanted_.end(), [](uint64_t key) { return key == TextureCache::kNoKey; }));
-    std::vector<uint8_t> expected(cache_.slot_bytes);
+    CHECK(std::count(places_.begin(), places_.end(), TextureCache::kRequested) == 0);
+    const auto there =
+        std::count_if(places_.begin(), places_.end(), [](uint8_t place) { return place != TextureCache::kAbsent; });
+    CHECK(there == std::count_if(keys_.begin(), keys_.end(), [](uint64_t key) { return key != TextureCache::kNoKey; }));
+    std::vector<uint8_t> samples(64 * format::kJpegMaxGroupBlocks);
     uint64_t wrong = 0;
     // A prime step: checks some slots of a large cache, all slots of a small one.
     const size_t step = keys_.size() > 64 ? 37 : 1;
     for (size_t slot = 0; slot < keys_.size(); slot += step) {
       if (keys_[slot] == TextureCache::kNoKey) continue;
-      const format::JpegPicture& picture = levels_.at(keys_[slot] >> 32).picture;
-      const auto group = static_cast<uint32_t>(keys_[slot]);
-      format::decode_jpeg_group(picture, group, expected.data());
+      const uint32_t way = uint32_t{places_.at(keys_[slot])} - 1;
+      wrong += cache_.first_slot(keys_[slot], way / TextureCache::kWays) + way % TextureCache::kWays != slot;
+      const auto level = std::prev(std::find_if(
+          levels_.begin(), levels_.end(), [&](const JpegLevel& other) { return other.first_group > keys_[slot]; }));
+      const format::JpegPicture& picture = level->picture;
+      const auto group = static_cast<uint32_t>(keys_[slot] - level->first_group);
+      format::decode_jpeg_group(picture, group, samples.data());
       const uint32_t mcus = std::min(picture.view.group_mcus, picture.view.mcu_count - group * picture.view.group_mcus);
-      const uint8_t* const found = samples_.data() + slot * cache_.slot_bytes;
-      wrong += !std::equal(found, found + size_t{64} * picture.mcu_blocks * mcus, expected.begin());
+      const uint32_t* found = colours_.data() + slot * cache_.slot_pixels;
+      for (uint32_t mcu = 0; mcu < mcus; ++mcu)
+        for (uint32_t y = 0; y < picture.mcu_height; ++y)
+          for (uint32_t x = 0; x < picture.mcu_width; ++x)
+            wrong += *found++ != format::jpeg_colour(picture, {group, mcu, x, y}, samples.data());
     }
     CHECK(wrong == 0);
   }
 
   std::vector<JpegLevel> levels_;
+  std::vector<uint8_t> places_;
   std::vector<uint64_t> keys_;
   std::vector<uint32_t> stamps_;
-  std::vector<uint8_t> samples_;
-  std::vector<uint64_t> wanted_;
+  std::vector<uint32_t> colours_;
   std::vector<kernels::GroupRequest> requests_;
   std::array<RoundCounters, kernels::kDecodeRounds + 1> counters_{};
   TextureCache cache_{};
@@ -203,11 +218,10 @@ TEST_CASE("rounds of decoding give the same picture as whole textures, with cach
     expected.push_back(
         resolve_whole(make_shade_inputs(whole.view(), view, {}, nullptr, &srgb, nullptr), 1, samples.back()));
   }
-  const uint32_t slot_bytes = scene.jpeg_slot_bytes();
-  REQUIRE(slot_bytes > 0);
+  REQUIRE(scene.jpeg_groups().pixels > 0);
   for (const uint64_t slots : {1u, 2u, 7u, 8u, 9u, 40u, 300u, 100000u}) {
     for (const uint32_t threads : {1u, 4u}) {
-      HostCache cache(levels_of(scene), slots * slot_bytes, slot_bytes);
+      HostCache cache(levels_of(scene), slots, scene.jpeg_groups());
       CHECK(cache.view().slot_count <= slots);
       CHECK(cache.view().slot_count + TextureCache::kWays > slots);
       uint64_t left = 0;  // tiles whose pixels decoded by themselves
@@ -236,45 +250,34 @@ TEST_CASE("rounds of decoding give the same picture as whole textures, with cach
 
 TEST_CASE("a texture cache keeps recent groups, and evicts the least recent", "[texture_cache]") {
   constexpr uint32_t kSlots = 64;
+  std::vector<uint8_t> places(10000, TextureCache::kAbsent);
   std::vector<uint64_t> keys(kSlots, TextureCache::kNoKey);
   std::vector<uint32_t> stamps(kSlots, 0);
-  std::vector<uint8_t> samples(kSlots * 64);
-  std::vector<uint64_t> wanted(TextureCache::wanted_for(kSlots), TextureCache::kNoKey);
+  std::vector<uint32_t> colours(kSlots * 64);
   std::vector<kernels::GroupRequest> requests(kSlots);
-  const TextureCache cache{keys.data(),
-                           stamps.data(),
-                           samples.data(),
-                           wanted.data(),
-                           requests.data(),
-                           nullptr,
-                           8,
-                           kSlots,
-                           64,
-                           TextureCache::wanted_for(kSlots)};
+  const TextureCache cache{places.data(), keys.data(), stamps.data(), colours.data(), requests.data(), nullptr, 8,
+                           kSlots,        64};
   const auto allocate_slot = [&](uint64_t key, uint32_t now) { return cache.allocate_slot({key, 0, 0}, now); };
   uint32_t placed = 0;
-  // Level numbers and groups of more than 20 bits stay distinct.
-  const auto key_of = [](uint32_t i) { return TextureCache::key_of(0xfff00000u + i % 3, 0xffffff00u - i / 3); };
   for (uint32_t i = 0; i < kSlots; ++i) {
-    const uint32_t slot = allocate_slot(key_of(i), 1);
+    const uint32_t slot = allocate_slot(i, 1);
     if (slot == TextureCache::kNoSlot) continue;
     ++placed;
-    CHECK(cache.find(key_of(i)) == slot);
+    CHECK(cache.lookup(i, 1) == colours.data() + size_t{slot} * 64);
   }
   CHECK(placed > kSlots * 3 / 4);  // two sets of eight slots per key
   std::set<uint64_t> kept;
   for (uint32_t i = 0; i < kSlots; i += 2)
-    if (cache.lookup(key_of(i), 2) != nullptr) kept.insert(key_of(i));
+    if (cache.lookup(i, 2) != nullptr) kept.insert(i);
   // Round 2 requests twice as many groups as fit; the groups that the round used stay.
-  for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)allocate_slot(key_of(i), 2);
-  for (const uint64_t key : kept) CHECK(cache.find(key) != TextureCache::kNoSlot);
-  CHECK(allocate_slot(key_of(5000), 2) == TextureCache::kNoSlot);
-  for (uint32_t i = 1; i < kSlots; i += 2) CHECK(cache.find(key_of(i)) == TextureCache::kNoSlot);
+  for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)allocate_slot(i, 2);
+  for (const uint64_t key : kept) CHECK(cache.lookup(key, 2) != nullptr);
+  CHECK(allocate_slot(5000, 2) == TextureCache::kNoSlot);
+  for (uint32_t i = 1; i < kSlots; i += 2) CHECK(cache.lookup(i, 2) == nullptr);
   // The older one of two stamps in a set is evicted.
-  const uint64_t key = key_of(6000);
-  const uint64_t spread_key = TextureCache::spread(key);
+  const uint64_t key = 6000;
   for (uint32_t slot = 0; slot < kSlots; ++slot) stamps[slot] = 7;
-  const uint32_t oldest = cache.first_slot(spread_key, 1) + 5;
+  const uint32_t oldest = cache.first_slot(key, 1) + 5;
   stamps[oldest] = 6;
   CHECK(allocate_slot(key, 9) == oldest);
 }
@@ -283,36 +286,28 @@ TEST_CASE("a group is requested once, and requests beyond the limit are dropped"
   for (const uint32_t slots : {1u, 8u, 1024u}) {
     std::vector<uint64_t> keys(std::max(slots, TextureCache::kWays), TextureCache::kNoKey);
     std::vector<uint32_t> stamps(keys.size(), TextureCache::kNever);
-    std::vector<uint64_t> wanted(TextureCache::wanted_for(slots), TextureCache::kNoKey);
+    std::vector<uint8_t> places(4 * size_t{slots} + 8, TextureCache::kAbsent);
     std::vector<kernels::GroupRequest> requests(slots);
-    const TextureCache cache{keys.data(),
-                             stamps.data(),
-                             nullptr,
-                             wanted.data(),
-                             requests.data(),
-                             nullptr,
-                             TextureCache::sets_for(slots),
-                             slots,
-                             64,
-                             TextureCache::wanted_for(slots)};
+    const TextureCache cache{
+        places.data(), keys.data(), stamps.data(), nullptr, requests.data(), nullptr, TextureCache::sets_for(slots),
+        slots,         64};
     RoundCounters counters{};
     runtime::parallel_for(8, 8, [&](uint64_t thread) {
-      for (uint32_t i = 0; i < 20000; ++i) cache.request_group((i * 7 + thread) % (slots / 2 + 1), &counters);
+      for (uint32_t i = 0; i < 20000; ++i) cache.request_group({(i * 7 + thread) % (slots / 2 + 1), 3, i}, &counters);
     });
     CHECK(counters.requests == slots / 2 + 1);
     std::set<uint64_t> asked;
     for (uint32_t i = 0; i < counters.requests; ++i) asked.insert(requests[i].key);
     CHECK(asked.size() == counters.requests);
-    for (uint64_t key = 0; key < 4 * uint64_t{slots} + 8; ++key) cache.request_group(key, &counters);
+    for (uint64_t key = 0; key < 4 * uint64_t{slots} + 8; ++key) cache.request_group({key, 3, 0}, &counters);
     CHECK(counters.requests > slots);
-    const auto there = static_cast<uint64_t>(
-        std::count_if(wanted.begin(), wanted.end(), [](uint64_t key) { return key != TextureCache::kNoKey; }));
-    CHECK(there == slots);
+    CHECK(static_cast<uint32_t>(std::count(places.begin(), places.end(), TextureCache::kRequested)) == slots);
     for (uint32_t i = 0; i < slots; ++i) {
-      CHECK(wanted[requests[i].wanted_index] == requests[i].key);
+      CHECK(places[requests[i].key] == TextureCache::kRequested);
+      CHECK(requests[i].level == 3);
       (void)cache.allocate_slot(requests[i], 1);
     }
-    CHECK(std::all_of(wanted.begin(), wanted.end(), [](uint64_t key) { return key == TextureCache::kNoKey; }));
+    CHECK(std::count(places.begin(), places.end(), TextureCache::kRequested) == 0);
   }
 }
 
@@ -333,14 +328,14 @@ TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of an
     tests::must_convert(options);
     const runtime::Scene whole = load_cached(options.output, 0);
     const runtime::Scene scene = load_cached(options.output, 1);
-    const uint32_t slot_bytes = scene.jpeg_slot_bytes();
+    const uint64_t slot_bytes = 4 * scene.jpeg_groups().pixels;
     REQUIRE(slot_bytes > 0);
     auto of_whole = runtime::DeviceScene::upload(whole, 0, 2);
     REQUIRE(of_whole);
     REQUIRE_FALSE(of_whole->texture_counts()->has_value());
     const std::vector<kernels::View> views = views_of(whole);
-    for (const uint64_t bytes : {uint64_t{1}, uint64_t{7} * slot_bytes, uint64_t{8} * slot_bytes, uint64_t{100000},
-                                 uint64_t{1} << 20, runtime::kDeviceTextureCache}) {
+    for (const uint64_t bytes : {uint64_t{1}, 7 * slot_bytes, 8 * slot_bytes, uint64_t{100000}, uint64_t{1} << 20,
+                                 runtime::kDeviceTextureCache}) {
       if (tests::kEmulatesGpu && bytes != 8 * slot_bytes && bytes != runtime::kDeviceTextureCache) continue;
       auto device = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, bytes);
       if (!device) FAIL(device.error().message);

@@ -15,7 +15,6 @@ namespace {
 using format::kNone;
 
 constexpr uint32_t kLeastMaskSide = 16;  // texels; a smaller level has too few of them to keep the share
-constexpr uint16_t kGlNearest = 9728;
 
 /// The alpha of an image, as 8-bit codes. The default is one opaque texel.
 struct Alpha {
@@ -74,7 +73,7 @@ format::TextureRecord texture_of(const SourceScene& scene, const PlannedMask& ma
   if (!mask.of_colors) return scene.textures[scene.materials[material].record.texture].record;
   format::TextureRecord none{};
   none.image = kNone;
-  none.mag_filter = kGlNearest;
+  none.mag_filter = format::kFilterNearest;
   return none;
 }
 
@@ -288,7 +287,7 @@ Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const s
       mask.threshold = planned.threshold;
       mask.wrap_s = texture.wrap_s;
       mask.wrap_t = texture.wrap_t;
-      mask.flags = (texture.mag_filter == kGlNearest ? uint32_t{format::kMaskNearest} : 0) |
+      mask.flags = (texture.mag_filter == format::kFilterNearest ? uint32_t{format::kMaskNearest} : 0) |
                    (planned.of_colors ? uint32_t{format::kMaskOfColors} : 0);
       uv_transform(scene.materials[material].record, mask.place);
       tables.masks.push_back(mask);
