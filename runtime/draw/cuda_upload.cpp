@@ -312,7 +312,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
 
   CudaScene copy;
   if (has_texel_pages(scene, share)) {
-    Result<std::unique_ptr<DeviceBlockPager>> pager = DeviceBlockPager::create(scene, threads, host_memory);
+    Result<std::unique_ptr<DeviceBlockPager>> pager = DeviceBlockPager::create(scene, threads, host_memory, reading);
     if (!pager) return pager.error();
     copy.pager_ = std::move(*pager);
   }

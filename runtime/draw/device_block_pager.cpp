@@ -26,9 +26,10 @@ uint64_t DeviceBlockPager::pinned_bytes(uint64_t host_memory) {
 }
 
 Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& scene, uint32_t threads,
-                                                                   uint64_t host_memory) {
+                                                                   uint64_t host_memory, Reading reading) {
   const uint64_t room = room_bytes(scene);
-  std::unique_ptr<DeviceBlockPager> made(new DeviceBlockPager(scene.file().map(), scene.container(), room, threads));
+  std::unique_ptr<DeviceBlockPager> made(
+      new DeviceBlockPager(scene.file().map(), scene.container(), room, threads, reading));
   DeviceBlockPager& pager = *made;
   for (const uint32_t page : scene.block_pager()->file_pages()) pager.add(page);
   const uint64_t count = pager.size();

@@ -19,10 +19,12 @@ namespace scree::runtime {
 /// are copied.
 class DeviceBlockPager final : public BlockPager {
  public:
-  /// Makes a pager for the pages of scene.block_pager(), which is not null. It reads on `threads` threads. The pages
+  /// Makes a pager for the pages of scene.block_pager(), which is not null. It reads on `threads` threads as `reading`
+  /// says. The pages
   /// take up to scene.device_texture_memory() bytes. `host_memory`: as for pinned_bytes(). `scene` outlives this.
   /// Errors kDevice. Throws std::bad_alloc.
-  static Result<std::unique_ptr<DeviceBlockPager>> create(const Scene& scene, uint32_t threads, uint64_t host_memory);
+  static Result<std::unique_ptr<DeviceBlockPager>> create(const Scene& scene, uint32_t threads, uint64_t host_memory,
+                                                          Reading reading);
   ~DeviceBlockPager();
 
   /// The device memory that create() takes.

@@ -288,9 +288,20 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
   block_images_.resize(images.size());
   std::vector<Result<void>> results(wanted.size());
   std::vector<std::string> warnings(wanted.size());
+  ReadAhead ahead(file_.map());
+  for (const uint32_t image : wanted) {
+    if (images[image].codec == format::ImageCodec::kBlocks) {
+      BlockTexture::add_ranges(container(), image, options.texture_memory != 0, ahead);
+    } else {
+      const format::PageRecord& page = container().pages()[images[image].page];
+      ahead.add(page.offset, page.stored_bytes);
+    }
+    ahead.end_item();
+  }
   if (options.progress != nullptr) options.progress->begin("textures", wanted.size());
   parallel_for(wanted.size(), options.threads, [&](uint64_t i) {
     const uint32_t image = wanted[i];
+    ahead.begin(i);
     const TexelCoding coding = is_color[image] ? TexelCoding::kColor : TexelCoding::kNumbers;
     if (const Result<void> going = JobProgress::advance(options.progress, 1); !going) {
       results[i] = going;
@@ -429,7 +440,8 @@ kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
 
 void Scene::number_block_pages(const SceneOptions& options) {
   device_texture_memory_ = options.device_texture_memory;
-  auto pager = std::make_unique<HostBlockPager>(file_.map(), container(), options.texture_memory, options.threads);
+  auto pager = std::make_unique<HostBlockPager>(file_.map(), container(), options.texture_memory, options.threads,
+                                                options.reading);
   for (uint32_t i = 0; i < block_images_.size(); ++i)
     if (!block_images_[i].empty()) block_images_[i].add_pages(container(), i, *pager);
   if (pager->size() == 0) return;

@@ -60,6 +60,7 @@ struct SceneOptions {
   // Upper limit of the host memory for pages of block images, bytes. They are read from the file when pixels sample
   // them. 0: all are read when the scene is loaded.
   uint64_t texture_memory = 0;
+  Reading reading = Reading::kAuto;    // how these pages are read into host memory
   uint64_t device_texture_memory = 0;  // the same for GPU memory if a GPU draws the scene (set_texture_memory())
   kernels::Lighting lighting = kernels::Lighting::kAuto;  // light of the pictures; its data are made at loading
   std::string environment{};                              // a Radiance picture for kEnvironment; empty: make_sky()

@@ -5,6 +5,8 @@
 #include <string>
 #include <utility>
 
+#include "format/bytes.h"
+#include "runtime/files/read_ahead.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
@@ -19,6 +21,7 @@ Error no_memory() {
 
 void BlockPager::add(uint32_t file_page) {
   file_pages_.push_back(file_page);
+  was_read_.push_back(0);
   blocks_.push_back(nullptr);
   all_bytes_ += container_.pages()[file_page].raw_bytes;
 }
@@ -123,44 +126,80 @@ bool BlockPager::take_all(std::span<const uint32_t> numbers, std::span<const uin
 }
 
 uint64_t BlockPager::read_bytes(uint64_t number) const {
-  return record(number).codec == format::PageCodec::kRaw ? container_.padded_page(file_pages_[number]).size()
-                                                         : record(number).raw_bytes;
+  return record(number).codec == format::PageCodec::kRaw
+             ? format::align_up(container_.padded_page(file_pages_[number]).size(), DirectFile::kAlignment)
+             : record(number).raw_bytes;
+}
+
+/// Resolves Reading::kAuto, and opens the file for reads past the page cache if pages are read so.
+Result<void> BlockPager::open_direct() {
+  if (reading_ == Reading::kAuto) {
+    uint64_t bytes = 0;
+    for (uint64_t number = 0; number < size(); ++number) bytes += record(number).stored_bytes;
+    reading_ = bytes >= kDirectBytes && map_.cached_share() < 0.5 ? Reading::kDirect : Reading::kBuffered;
+  }
+  if (reading_ != Reading::kDirect || direct_) return {};
+  Result<DirectFile> file = DirectFile::open(map_);
+  if (!file && file.error().code != ErrorCode::kUnsupported) return file.error();
+  is_direct_ = static_cast<bool>(file);
+  if (file)
+    direct_.emplace(std::move(*file));
+  else
+    reading_ = Reading::kBuffered;
+  return {};
 }
 
 Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
-                                  const std::function<void(uint64_t i)>& was_read) const {
-  const uint64_t ahead = 2 * uint64_t{threads_};
-  const auto ask_for = [&](uint64_t i) {
-    if (i < numbers.size()) map_.will_need(record(numbers[i]).offset, record(numbers[i]).stored_bytes);
-  };
-  for (uint64_t i = 0; i < ahead; ++i) ask_for(i);
+                                  const std::function<void(uint64_t i)>& was_read) {
+  if (Result<void> opened = open_direct(); !opened) return opened;
+  ReadAhead ahead(map_);
+  for (const uint32_t number : numbers) {
+    if (!is_direct_ || was_read_[number] != 0) ahead.add(record(number).offset, record(number).stored_bytes);
+    ahead.end_item();
+  }
   FirstError failure;
-  parallel_for(numbers.size(), threads_, [&](uint64_t i) {
+  const uint32_t threads = is_direct_ ? std::max(threads_, kDirectThreads) : threads_;
+  parallel_for(numbers.size(), threads, [&](uint64_t i) {
     if (failure.is_superseded(i)) return;
-    ask_for(i + ahead);
+    ahead.begin(i);
     try {
       const Result<void> done = read(numbers[i], to(i));
       if (!done) return failure.report(i, done.error());
+      was_read_[numbers[i]] = 1;
       was_read(i);
     } catch (const std::bad_alloc&) {
       failure.report(i, no_memory());
     }
   });
+  stats_.direct_pages = direct_pages_;
   if (failure.any()) return failure.error();
   return {};
 }
 
-/// Reads by read() and not from the map. That causes no page faults, and a file that has become shorter is an error.
-Result<void> BlockPager::read(uint64_t number, std::byte* to) const {
+/// Reads, checks and unpacks a page.
+Result<void> BlockPager::read(uint64_t number, std::byte* to) {
   const uint32_t page = file_pages_[number];
   const format::PageRecord& stored = record(number);
   const uint64_t padded_bytes = container_.padded_page(page).size();
+  const uint64_t room = format::align_up(padded_bytes, DirectFile::kAlignment);
   const bool is_raw = stored.codec == format::PageCodec::kRaw;
-  const auto packed = is_raw ? nullptr : std::make_unique_for_overwrite<std::byte[]>(padded_bytes);
+  const DirectMemory packed = is_raw ? nullptr : direct_memory(room);
   std::byte* const padded = is_raw ? to : packed.get();
-  if (Result<void> done = map_.read(stored.offset, {padded, padded_bytes}); !done) return done;
+  if (Result<void> done = read_stored(number, {padded, room}); !done) return done;
   if (Result<void> done = container_.check_page(page, {padded, padded_bytes}); !done || is_raw) return done;
   return container_.unpack_page(page, {padded, stored.stored_bytes}, {to, stored.raw_bytes});
+}
+
+/// Reads a page with its padding, and not from the map. That causes no page faults, and a file that has become shorter
+/// is an error. `padded`: the padded page, rounded up to DirectFile::kAlignment.
+Result<void> BlockPager::read_stored(uint64_t number, std::span<std::byte> padded) {
+  if (is_direct_ && was_read_[number] == 0) {
+    const Result<void> done = direct_->read(record(number).offset, padded);
+    if (done) ++direct_pages_;
+    if (done || done.error().code != ErrorCode::kUnsupported) return done;
+    is_direct_ = false;  // the memory or the file system does not support it
+  }
+  return map_.read(record(number).offset, padded.first(container_.padded_page(file_pages_[number]).size()));
 }
 
 void HostBlockPager::add(uint32_t file_page) {
@@ -184,11 +223,11 @@ Result<void> HostBlockPager::load(std::span<const uint32_t> numbers) {
 }
 
 Result<void> HostBlockPager::load_part(std::span<const uint32_t> numbers) {
-  std::vector<std::unique_ptr<std::byte[]>> read(numbers.size());
+  std::vector<DirectMemory> read(numbers.size());
   return read_all(
       numbers,
       [&](uint64_t i) {
-        read[i] = std::make_unique_for_overwrite<std::byte[]>(read_bytes(numbers[i]));
+        read[i] = direct_memory(read_bytes(numbers[i]));
         return read[i].get();
       },
       [&](uint64_t i) {

@@ -1,10 +1,11 @@
 // Pages of block images that come from the file as pixels sample them (kernels/shade/texel_pager.h).
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -12,7 +13,9 @@
 #include "format/container/container.h"
 #include "format/result.h"
 #include "kernels/shade/texel_pager.h"
+#include "runtime/files/direct_file.h"
 #include "runtime/files/mapped_file.h"
+#include "runtime/files/reading.h"
 
 namespace scree::runtime {
 
@@ -21,6 +24,7 @@ struct PagerStats {
   uint64_t read_pages = 0;  // a page counts each time that it is read
   uint64_t read_bytes = 0;
   uint64_t stored_bytes = 0;  // of these pages, in the file
+  uint64_t direct_pages = 0;  // of these pages, past the page cache
 };
 
 /// Decides which pages are in memory. A derived class owns that memory.
@@ -38,20 +42,22 @@ class BlockPager : public kernels::TexelPager {
 
  protected:
   /// `map`: of the file that `container` was opened on; must outlive this. `room_bytes`: the most that pages take.
-  /// Reads on `threads` threads.
-  BlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads)
-      : map_(map), container_(std::move(container)), room_bytes_(room_bytes), threads_(threads) {}
+  /// Reads on `threads` threads, and on kDirectThreads at least while pages come past the page cache.
+  BlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads, Reading reading)
+      : map_(map), container_(std::move(container)), room_bytes_(room_bytes), threads_(threads), reading_(reading) {}
 
   void add(uint32_t file_page);
 
   const format::PageRecord& record(uint64_t number) const { return container_.pages()[file_pages_[number]]; }
   /// Memory that reading a page fills: a raw page comes with its padding. At most format::kBlockPageBytes.
   uint64_t read_bytes(uint64_t number) const;
-  /// Reads pages on all threads, while the system reads others ahead. The i-th page goes to `to(i)`, which may throw
-  /// std::bad_alloc. `was_read(i)` is called afterwards on the same thread. Returns the error of the first page that
-  /// failed.
+  /// Reads pages on all threads, many at a time, so that the disk is busy. A page that is read for the first time comes
+  /// past the page cache if `reading` says so. A page that is read again comes through it, because it was dropped for
+  /// lack of room and may come more often. The i-th page goes to `to(i)`, which is aligned to
+  /// DirectFile::kAlignment; to() may throw std::bad_alloc. `was_read(i)` is called afterwards on the same thread.
+  /// Returns the error of the first page that failed.
   Result<void> read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
-                        const std::function<void(uint64_t i)>& was_read) const;
+                        const std::function<void(uint64_t i)>& was_read);
 
   /// The bytes of the room that a page of `bytes` takes.
   virtual uint64_t rounded(uint64_t bytes) const { return bytes; }
@@ -75,12 +81,19 @@ class BlockPager : public kernels::TexelPager {
   bool take_all(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted);
   bool take_next(uint64_t number);
   void drop(uint64_t number);
-  Result<void> read(uint64_t number, std::byte* to) const;
+  Result<void> open_direct();
+  Result<void> read(uint64_t number, std::byte* to);
+  Result<void> read_stored(uint64_t number, std::span<std::byte> padded);
 
   const MappedFile& map_;
   format::Container container_;
   uint64_t room_bytes_;
   uint32_t threads_;
+  Reading reading_;                   // not kAuto once a page was read
+  std::optional<DirectFile> direct_;  // once a page was read, if it is used
+  std::atomic<bool> is_direct_{false};
+  std::atomic<uint64_t> direct_pages_{0};
+  std::vector<uint8_t> was_read_;  // by number
   std::vector<uint32_t> file_pages_;
   uint64_t all_bytes_ = 0;
   uint64_t resident_bytes_ = 0;
@@ -91,8 +104,9 @@ class BlockPager : public kernels::TexelPager {
 class HostBlockPager final : public BlockPager {
  public:
   /// As BlockPager.
-  HostBlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads)
-      : BlockPager(map, std::move(container), room_bytes, threads) {}
+  HostBlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads,
+                 Reading reading)
+      : BlockPager(map, std::move(container), room_bytes, threads, reading) {}
 
   /// Adds a page of the file that holds rows of blocks. It gets the next number. Throws std::bad_alloc.
   void add(uint32_t file_page);
@@ -105,7 +119,7 @@ class HostBlockPager final : public BlockPager {
   Result<void> load_part(std::span<const uint32_t> numbers);
 
   std::vector<uint64_t> wanted_;
-  std::vector<std::unique_ptr<std::byte[]>> raw_;
+  std::vector<DirectMemory> raw_;
 };
 
 }  // namespace scree::runtime

@@ -152,8 +152,9 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
                 static_cast<unsigned long long>(blocks->decoded()), format_bytes(blocks->bytes()).c_str());
   if (times.texel_page_bytes != 0)
     std::printf(
-        "pages of textures: %s in all, %llu read, %s unpacked, %s in the file\n",
+        "pages of textures: %s in all, %llu read (%llu past the page cache), %s unpacked, %s in the file\n",
         format_bytes(times.texel_page_bytes).c_str(), static_cast<unsigned long long>(times.texel_pages.read_pages),
+        static_cast<unsigned long long>(times.texel_pages.direct_pages),
         format_bytes(times.texel_pages.read_bytes).c_str(), format_bytes(times.texel_pages.stored_bytes).c_str());
   std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
               view.eye[2], view.forward[0], view.forward[1], view.forward[2], view.up[0], view.up[1], view.up[2],

@@ -303,6 +303,7 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   make_block_model(folder.file("in.glb"), large_files());
   convert::ConvertOptions options = tests::options_of(folder);
   options.images.block_zstd_level = GENERATE(0, 3);
+  const runtime::Reading reading = GENERATE(runtime::Reading::kAuto, runtime::Reading::kDirect);
   tests::must_convert(options);
   const runtime::Scene whole = tests::must_load(options.output, {.threads = 2});
   REQUIRE(whole.block_pager() == nullptr);
@@ -317,7 +318,8 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
     uint64_t needed = 0;  // pages read with room for all
     for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{3} << 19}) {
       CAPTURE(width, samples, memory);
-      const runtime::Scene paged = tests::must_load(options.output, {.threads = 2, .texture_memory = memory});
+      const runtime::Scene paged =
+          tests::must_load(options.output, {.threads = 2, .texture_memory = memory, .reading = reading});
       const runtime::BlockPager* const pager = paged.block_pager();
       REQUIRE(pager != nullptr);
       CHECK(pager->resident_bytes() == 0);
@@ -405,7 +407,9 @@ TEST_CASE("pages that were needed longest ago are evicted first", "[block_textur
   tests::must_convert(options);
   const auto file = runtime::SceneFile::open(options.output);
   REQUIRE(file);
-  runtime::HostBlockPager pager(file->map(), file->container(), 2 * format::kBlockPageBytes, 2);
+  const bool is_direct = GENERATE(false, true) && runtime::DirectFile::open(file->map());
+  runtime::HostBlockPager pager(file->map(), file->container(), 2 * format::kBlockPageBytes, 2,
+                                is_direct ? runtime::Reading::kDirect : runtime::Reading::kBuffered);
   for (uint32_t page = 0; page < 4; ++page) pager.add(file->container().images()[0].page + page);
   const auto round = [&](const std::vector<uint64_t>& wanted) {
     pager.begin_round();
@@ -429,6 +433,10 @@ TEST_CASE("pages that were needed longest ago are evicted first", "[block_textur
   CHECK(round({2, 3}));
   CHECK(pager.resident_bytes() == 2 * format::kBlockPageBytes);
   CHECK(pager.stats().read_pages == 4);
+  CHECK(bring({1}));
+  CHECK(pager.stats().read_pages == 5);
+  // A page that comes again is left in the page cache.
+  CHECK(pager.stats().direct_pages == (is_direct ? 4 : 0));
 }
 
 TEST_CASE("a page of a texture is checked when it is read", "[block_textures][texel_pager][bad]") {
