@@ -130,6 +130,12 @@ struct TextureCache {
     }
   }
 
+  /// Whether a slot has room for the picture's groups. Groups of a paged level may be larger than the levels from which
+  /// the slot's size was found; they are decoded where they are sampled.
+  SCREE_HD bool holds(const format::JpegPicture& picture) const {
+    return format::jpeg_group_bytes(picture) <= slot_bytes;
+  }
+
   /// The slots of a cache of `bytes` of samples: at least one, and whole sets if there are several.
   static uint32_t slots_for(uint64_t bytes, uint32_t slot_bytes) {
     const uint64_t slots = bytes / slot_bytes;
@@ -159,21 +165,23 @@ struct CachedTexels {
                       const TexelPair& row, uint32_t texels[4]) const {
     if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
+    const format::JpegPicture* const picture = want_jpeg(pages, jpeg);
+    if (picture == nullptr) return absent_texels(texels);
     const uint8_t* samples = nullptr;
     uint32_t group = 0;
     for (uint32_t i = 0; i < 4; ++i) {
       const format::JpegPlace place =
-          format::jpeg_place(jpeg.picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
+          format::jpeg_place(*picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
       if (i == 0 || place.group != group) {
         group = place.group;
         const uint64_t key = TextureCache::key_of(jpeg.number, group);
         samples = cache.lookup(key, now);
         if (samples == nullptr) {
           lane.missed = true;
-          cache.request_group(key, counters);
+          if (cache.holds(*picture)) cache.request_group(key, counters);
         }
       }
-      texels[i] = samples != nullptr ? format::jpeg_colour(jpeg.picture, place, samples) : 0;
+      texels[i] = samples != nullptr ? format::jpeg_colour(*picture, place, samples) : 0;
     }
     return true;
   }
@@ -197,10 +205,12 @@ struct FallbackTexels {
                                         const TexelPair& row, uint32_t texels[4]) const {
     if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
+    const format::JpegPicture* const picture = want_jpeg(pages, jpeg);
+    if (picture == nullptr) return absent_texels(texels);
     format::JpegPlace places[4];
     for (uint32_t i = 0; i < 4; ++i)
       places[i] =
-          format::jpeg_place(jpeg.picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
+          format::jpeg_place(*picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
     uint32_t left = 15;
     while (left != 0) {
       const uint32_t group = places[lowest_bit(left)].group;
@@ -209,10 +219,10 @@ struct FallbackTexels {
         if (places[i].group == group) mine |= 1u << i;
       const uint8_t* samples = cache.lookup(TextureCache::key_of(jpeg.number, group), now);
       if (samples == nullptr) {
-        format::decode_jpeg_colours(jpeg.picture, places, mine, texels);
+        format::decode_jpeg_colours(*picture, places, mine, texels);
       } else {
         for (uint32_t i = 0; i < 4; ++i)
-          if ((mine >> i & 1u) != 0) texels[i] = format::jpeg_colour(jpeg.picture, places[i], samples);
+          if ((mine >> i & 1u) != 0) texels[i] = format::jpeg_colour(*picture, places[i], samples);
       }
       left &= ~mine;
     }
@@ -225,6 +235,7 @@ struct DecodeGroups {
   TextureCache cache;
   RoundCounters* counters;
   uint32_t now;  // the current round
+  TexelPages pages{};
 
   SCREE_HD uint32_t count() const { return min_of(counters->requests, cache.slot_count); }
 
@@ -234,7 +245,8 @@ struct DecodeGroups {
     if (slot == TextureCache::kNoSlot) return;
     fetch_increment(&counters->decoded);
     const JpegLevel& level = cache.levels[request.key >> 32];
-    format::decode_jpeg_group(level.picture, static_cast<uint32_t>(request.key),
+    // The page of a group that was requested is present.
+    format::decode_jpeg_group(*want_jpeg(pages, level), static_cast<uint32_t>(request.key),
                               cache.samples + uint64_t{slot} * cache.slot_bytes);
   }
 };

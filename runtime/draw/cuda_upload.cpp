@@ -99,17 +99,19 @@ bool is_shaded(const PageShare* share) {
   return share == nullptr || share->is_shaded();
 }
 
-/// The scene's JPEG levels by number, on their way to the device.
-class JpegLevels {
+/// The scene's JPEG levels by number, on their way to the device. Paged levels have their bytes in pages.
+class UploadedJpegs {
  public:
   void add_to(UploadPlan& plan, const Scene& scene) {
     for (const JpegTexture& jpeg : scene.jpeg_textures()) {
       for (size_t l = 0; l < jpeg.jpeg_levels().size(); ++l) {
+        levels_.push_back(jpeg.jpeg_levels()[l]);
+        places_.push_back({});
+        if (l < jpeg.paged_levels()) continue;
         const std::span<const std::byte> bytes = jpeg.level_bytes(l);
         const std::vector<format::JpegHuffmanTable>& tables = jpeg.index(l).tables;
-        levels_.push_back(jpeg.jpeg_levels()[l]);
-        places_.push_back({plan.add(bytes.data(), bytes.size()), plan.add_array(tables.data(), tables.size()),
-                           plan.add_array(jpeg.factors(l).data(), jpeg.factors(l).size())});
+        places_.back() = {plan.add(bytes.data(), bytes.size()), plan.add_array(tables.data(), tables.size()),
+                          plan.add_array(jpeg.factors(l).data(), jpeg.factors(l).size())};
       }
     }
     table_ = plan.add_array(levels_.data(), levels_.size());
@@ -120,14 +122,9 @@ class JpegLevels {
     for (kernels::TextureView& texture : textures)
       if (texture.jpeg_level_count != 0) texture.jpeg = table(base) + texture.jpeg[0].number;
     for (size_t i = 0; i < levels_.size(); ++i) {
+      if (levels_[i].page != kernels::JpegLevel::kNotPaged) continue;
       format::JpegView& view = levels_[i].picture.view;
-      const auto moved = [&](const void* part) {
-        return base + places_[i].bytes +
-               (static_cast<const std::byte*>(part) - static_cast<const std::byte*>(view.data));
-      };
-      view.blocks = moved(view.blocks);
-      view.anchors = moved(view.anchors);
-      view.data = base + places_[i].bytes;
+      move_jpeg_view(view, base + places_[i].bytes);
       view.tables = reinterpret_cast<const format::JpegHuffmanTable*>(base + places_[i].tables);
       levels_[i].picture.factors = reinterpret_cast<const uint32_t*>(base + places_[i].factors);
     }
@@ -205,7 +202,7 @@ struct ArenaLayout {
   std::vector<kernels::MaskView> masks;             // SceneView::masks, then blend_masks
   std::map<const uint8_t*, uint64_t> mask_offset;   // several masks may have one page
   std::vector<uint64_t> page_offset;                // empty if pages are streamed
-  JpegLevels levels;
+  UploadedJpegs levels;
   uint64_t meshes;
   uint64_t chunks;
   uint64_t instances;

@@ -10,8 +10,7 @@ using kernels::cuda_check;
 uint64_t DeviceBlockPager::room_bytes(const Scene& scene) {
   const HostBlockPager& host = *scene.block_pager();
   uint64_t all = 0;
-  for (const uint32_t page : host.file_pages())
-    all += format::align_up(scene.container().pages()[page].raw_bytes, kUnit);
+  for (uint64_t number = 0; number < host.size(); ++number) all += format::align_up(host.page_bytes(number), kUnit);
   return std::min(all, scene.device_texture_memory() / kUnit * kUnit);
 }
 
@@ -31,7 +30,7 @@ Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& 
   std::unique_ptr<DeviceBlockPager> made(
       new DeviceBlockPager(scene.file().map(), scene.container(), room, threads, reading));
   DeviceBlockPager& pager = *made;
-  for (const uint32_t page : scene.block_pager()->file_pages()) pager.add(page);
+  pager.add_all_of(*scene.block_pager());
   const uint64_t count = pager.size();
   pager.taken_.assign(count, BlockPool::kNone);
   pager.wanted_.assign(count, 0);
@@ -41,7 +40,7 @@ Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& 
   if (done) done = pager.tables_.reserve(table_bytes + count * sizeof(uint64_t), "allocating the table of pages");
   if (done)
     done = cuda_check(cudaMemset(pager.tables_.data(), 0, pager.tables_.bytes()), "clearing the table of pages");
-  pager.half_ = pinned_bytes(host_memory) / format::kBlockPageBytes / 2;
+  pager.half_ = pinned_bytes(host_memory) / 2;
   if (done) done = pager.staging_.allocate(pinned_bytes(host_memory), "allocating pinned memory for pages of textures");
   if (done) done = cuda_check(cudaStreamCreateWithFlags(&pager.stream_, cudaStreamNonBlocking), "making a stream");
   for (cudaEvent_t& event : pager.copied_)
@@ -68,16 +67,22 @@ Result<std::span<const uint64_t>> DeviceBlockPager::wanted() {
 }
 
 bool DeviceBlockPager::take(uint64_t number) {
-  taken_[number] = pool_.take(rounded(record(number).raw_bytes) / kUnit, static_cast<uint32_t>(number));
+  taken_[number] = pool_.take(rounded(page_bytes(number)) / kUnit, static_cast<uint32_t>(number));
   return taken_[number] != BlockPool::kNone;
 }
 
 Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
   Result<void> done;
-  for (uint64_t first = 0, half = 0; first < numbers.size() && done && (first == 0 || !is_over());
-       first += half_, half ^= 1)
-    done = load_part(numbers.subspan(first, std::min<uint64_t>(half_, numbers.size() - first)),
-                     static_cast<uint32_t>(half));
+  uint32_t half = 0;
+  for (size_t first = 0; first < numbers.size() && done && (first == 0 || !is_over()); half ^= 1) {
+    size_t count = 0;
+    uint64_t bytes = 0;
+    while (first + count < numbers.size() && bytes + slot_bytes(numbers[first + count]) <= half_)
+      bytes += slot_bytes(numbers[first + count++]);
+    count = std::max<size_t>(count, 1);
+    done = load_part(numbers.subspan(first, count), half);
+    first += count;
+  }
   // The copies from blocks_ and to the room end before a page is sampled, or before its memory is given back.
   const Result<void> copied =
       cuda_check(cudaMemcpyAsync(tables_.data(), blocks_.data(), blocks_.size() * sizeof blocks_[0],
@@ -90,18 +95,35 @@ Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
 Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint32_t half) {
   constexpr const char* kWhat = "copying pages of textures";
   if (Result<void> done = cuda_check(cudaEventSynchronize(copied_[half]), kWhat); !done) return done;
-  const auto slot = [&](uint64_t i) { return staging_.data() + (half * half_ + i) * format::kBlockPageBytes; };
+  std::vector<std::byte*> slots;
+  DirectMemory large;  // of a page that does not fit half of the pinned memory, the only one then
+  std::byte* next = staging_.data() + half * half_;
+  for (const uint32_t number : numbers) {
+    slots.push_back(next);
+    next += slot_bytes(number);
+  }
+  if (slot_bytes(numbers[0]) > half_) {
+    large = direct_memory(slot_bytes(numbers[0]));
+    slots[0] = large.get();
+  }
+  const auto place = [&](uint64_t i) { return room_.data() + pool_.offset(taken_[numbers[i]]) * kUnit; };
   std::vector<uint8_t> is_read(numbers.size());
-  const Result<void> read = read_all(numbers, slot, [&](uint64_t i) { is_read[i] = 1; });
+  const Result<void> read = read_all(
+      numbers,
+      [&](uint64_t i) {
+        return Target{slots[i], place(i)};
+      },
+      [&](uint64_t i) { is_read[i] = 1; });
   for (uint64_t i = 0; i < numbers.size(); ++i) {
     if (is_read[i] == 0) continue;
-    std::byte* const to = room_.data() + pool_.offset(taken_[numbers[i]]) * kUnit;
     if (Result<void> done = cuda_check(
-            cudaMemcpyAsync(to, slot(i), record(numbers[i]).raw_bytes, cudaMemcpyHostToDevice, stream_), kWhat);
+            cudaMemcpyAsync(place(i), slots[i], page_bytes(numbers[i]), cudaMemcpyHostToDevice, stream_), kWhat);
         !done)
       return done;
-    blocks_[numbers[i]] = reinterpret_cast<const uint8_t*>(to);
+    blocks_[numbers[i]] = reinterpret_cast<const uint8_t*>(place(i));
   }
+  if (large != nullptr)
+    if (Result<void> done = cuda_check(cudaStreamSynchronize(stream_), kWhat); !done) return done;
   const Result<void> recorded = cuda_check(cudaEventRecord(copied_[half], stream_), kWhat);
   return read ? recorded : read;
 }

@@ -1,4 +1,4 @@
-// Pages of block images in a GPU's memory. Only in programs that are built with CUDA.
+// Pages of block images and JPEGs in a GPU's memory. Only in programs that are built with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -30,7 +30,7 @@ class DeviceBlockPager final : public BlockPager {
   /// The device memory that create() takes.
   static uint64_t device_bytes(const Scene& scene);
   /// The pinned memory that create() takes if an upload may take `host_memory` (0: no limit): an eighth of it, at most
-  /// 32 MiB, at least two pages.
+  /// 32 MiB, at least two pages of blocks. Larger pages of JPEGs go through memory that is not pinned.
   static uint64_t pinned_bytes(uint64_t host_memory);
 
  private:
@@ -45,11 +45,13 @@ class DeviceBlockPager final : public BlockPager {
   void give_back(uint64_t number) override { pool_.give_back(taken_[number]); }
   Result<void> load(std::span<const uint32_t> numbers) override;
   Result<void> load_part(std::span<const uint32_t> numbers, uint32_t half);
+  /// The part of the pinned memory that a page goes through.
+  uint64_t slot_bytes(uint64_t number) const { return format::align_up(read_bytes(number), DirectFile::kAlignment); }
 
   kernels::DeviceBuffer room_;
   kernels::DeviceBuffer tables_;  // TexelPages::blocks, then wanted
   kernels::PinnedBuffer staging_;
-  uint64_t half_ = 0;  // pages in half of staging_
+  uint64_t half_ = 0;  // bytes of half of staging_
   cudaStream_t stream_ = nullptr;
   cudaEvent_t copied_[2] = {};   // the copies from each half of staging_ are done
   BlockPool pool_;               // of room_, in units of kUnit

@@ -396,15 +396,19 @@ Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wan
   const format::Container& container = file.container();
   const Result<uint64_t> budget = device_budget(budget_bytes);
   if (!budget) return budget.error();
-  uint64_t blocks = 0;
+  uint64_t images = 0;  // in the form in which they are sampled
   for (uint64_t i = 0; i < container.images().size(); ++i) {
     const format::ImageRecord& image = container.images()[i];
-    if (image.codec != format::ImageCodec::kBlocks) continue;
-    for (uint32_t level = 0; level <= image.level_count; ++level) blocks += format::block_rows(image, level).bytes();
+    const bool is_blocks = image.codec == format::ImageCodec::kBlocks;
+    if (!is_blocks && image.codec != format::ImageCodec::kIndexedJpeg) continue;
+    if (!is_blocks) images += container.pages()[image.page].raw_bytes;
+    for (uint32_t level = is_blocks ? 0 : 1; level <= image.level_count; ++level)
+      images += is_blocks ? format::block_rows(image, level).bytes()
+                          : container.mip_levels()[image.first_level + level - 1].bytes;
   }
   uint64_t all = 0;
   for (uint64_t i = 0; i < container.pages().size(); ++i) all += container.pages()[i].raw_bytes;
-  const bool fits = wanted != 0 ? blocks <= wanted : all <= *budget - *budget / kLeftShare;
+  const bool fits = wanted != 0 ? images <= wanted : all <= *budget - *budget / kLeftShare;
   options.texture_memory = fits ? 0 : wanted != 0 ? wanted : kHostTextureMemory;
   options.device_texture_memory = fits ? 0 : wanted != 0 ? wanted : *budget / kTextureShare;
   return {};

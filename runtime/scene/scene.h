@@ -57,8 +57,8 @@ struct SceneOptions {
   // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
-  // Upper limit of the host memory for pages of block images, bytes. They are read from the file when pixels sample
-  // them. 0: all are read when the scene is loaded.
+  // Upper limit of the host memory for pages of block images and JPEGs, bytes, which pixels bring from the file. JPEGs
+  // that fit it stay in the map, unless device_texture_memory is set. 0: all are read when the scene is loaded.
   uint64_t texture_memory = 0;
   Reading reading = Reading::kAuto;    // how these pages are read into host memory
   uint64_t device_texture_memory = 0;  // the same for GPU memory if a GPU draws the scene (set_texture_memory())
@@ -117,7 +117,7 @@ class Scene {
   const LoadStats& stats() const { return stats_; }
   /// Cache of the JPEG textures' blocks; null if there are none.
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
-  /// The pages of block images that stay in the file; null if there are none.
+  /// The pages of block images and JPEGs that stay in the file; null if there are none.
   HostBlockPager* block_pager() const { return pager_.get(); }
   uint64_t device_texture_memory() const { return device_texture_memory_; }  // of SceneOptions
   /// The images that stay JPEGs, by image. Other entries have no levels.

@@ -19,11 +19,22 @@ Error no_memory() {
 
 }  // namespace
 
-void BlockPager::add(uint32_t file_page) {
+void BlockPager::add(uint32_t file_page, const JpegLevels& jpeg) {
   file_pages_.push_back(file_page);
+  jpegs_.push_back(jpeg);
   was_read_.push_back(0);
   blocks_.push_back(nullptr);
   all_bytes_ += container_.pages()[file_page].raw_bytes;
+}
+
+void BlockPager::add_all_of(const BlockPager& other) {
+  for (uint64_t number = 0; number < other.size(); ++number) add(other.file_pages_[number], other.jpegs_[number]);
+}
+
+uint64_t BlockPager::page_bytes(uint64_t number) const {
+  const uint64_t raw_bytes = record(number).raw_bytes;
+  const JpegLevels& jpeg = jpegs_[number];
+  return jpeg.count == 0 ? raw_bytes : jpeg_head_place(raw_bytes, container_.images()[jpeg.image].channels, jpeg.count);
 }
 
 Result<bool> BlockPager::bring(bool must) {
@@ -65,7 +76,13 @@ Result<bool> BlockPager::bring(bool must) {
       missing = shown;
       for (const uint32_t number : missing) (void)take_next(number);
     }
-    const Result<void> done = load(missing);
+    const Result<void> done = [&]() -> Result<void> {
+      try {
+        return load(missing);
+      } catch (const std::bad_alloc&) {
+        return no_memory();
+      }
+    }();
     // Pages that were read before an error, or before the patience ended, are kept for later.
     for (const uint32_t number : missing) {
       if (blocks_[number] == nullptr) {
@@ -126,9 +143,9 @@ bool BlockPager::take_all(std::span<const uint32_t> numbers, std::span<const uin
 }
 
 uint64_t BlockPager::read_bytes(uint64_t number) const {
-  return record(number).codec == format::PageCodec::kRaw
-             ? format::align_up(container_.padded_page(file_pages_[number]).size(), DirectFile::kAlignment)
-             : record(number).raw_bytes;
+  const bool is_raw = record(number).codec == format::PageCodec::kRaw;
+  const uint64_t padded = is_raw ? container_.padded_page(file_pages_[number]).size() : 0;
+  return std::max(format::align_up(padded, DirectFile::kAlignment), page_bytes(number));
 }
 
 /// Resolves Reading::kAuto, and opens the file for reads past the page cache if pages are read so.
@@ -149,7 +166,7 @@ Result<void> BlockPager::open_direct() {
   return {};
 }
 
-Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
+Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::function<Target(uint64_t i)>& to,
                                   const std::function<void(uint64_t i)>& was_read) {
   if (Result<void> opened = open_direct(); !opened) return opened;
   ReadAhead ahead(map_);
@@ -176,18 +193,21 @@ Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::
   return {};
 }
 
-/// Reads, checks and unpacks a page.
-Result<void> BlockPager::read(uint64_t number, std::byte* to) {
+/// Reads, checks and unpacks a page, and writes its heads.
+Result<void> BlockPager::read(uint64_t number, const Target& to) {
   const uint32_t page = file_pages_[number];
   const format::PageRecord& stored = record(number);
   const uint64_t padded_bytes = container_.padded_page(page).size();
   const uint64_t room = format::align_up(padded_bytes, DirectFile::kAlignment);
   const bool is_raw = stored.codec == format::PageCodec::kRaw;
   const DirectMemory packed = is_raw ? nullptr : direct_memory(room);
-  std::byte* const padded = is_raw ? to : packed.get();
+  std::byte* const padded = is_raw ? to.memory : packed.get();
   if (Result<void> done = read_stored(number, {padded, room}); !done) return done;
-  if (Result<void> done = container_.check_page(page, {padded, padded_bytes}); !done || is_raw) return done;
-  return container_.unpack_page(page, {padded, stored.stored_bytes}, {to, stored.raw_bytes});
+  Result<void> done = container_.check_page(page, {padded, padded_bytes});
+  if (done && !is_raw)
+    done = container_.unpack_page(page, {padded, stored.stored_bytes}, {to.memory, stored.raw_bytes});
+  if (done) done = write_jpeg_heads(container_, jpegs_[number], to.memory, stored.raw_bytes, to.address);
+  return done;
 }
 
 /// Reads a page with its padding, and not from the map. That causes no page faults, and a file that has become shorter
@@ -202,8 +222,8 @@ Result<void> BlockPager::read_stored(uint64_t number, std::span<std::byte> padde
   return map_.read(record(number).offset, padded.first(container_.padded_page(file_pages_[number]).size()));
 }
 
-void HostBlockPager::add(uint32_t file_page) {
-  BlockPager::add(file_page);
+void HostBlockPager::add(uint32_t file_page, const JpegLevels& jpeg) {
+  BlockPager::add(file_page, jpeg);
   wanted_.push_back(0);
   raw_.emplace_back();
   pages_.blocks = blocks_.data();
@@ -228,7 +248,7 @@ Result<void> HostBlockPager::load_part(std::span<const uint32_t> numbers) {
       numbers,
       [&](uint64_t i) {
         read[i] = direct_memory(read_bytes(numbers[i]));
-        return read[i].get();
+        return Target{read[i].get(), read[i].get()};
       },
       [&](uint64_t i) {
         raw_[numbers[i]] = std::move(read[i]);

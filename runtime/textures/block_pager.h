@@ -1,4 +1,4 @@
-// Pages of block images that come from the file as pixels sample them (kernels/shade/texel_pager.h).
+// Pages of block images and JPEGs that come from the file as pixels sample them (kernels/shade/texel_pager.h).
 #pragma once
 
 #include <atomic>
@@ -16,6 +16,7 @@
 #include "runtime/files/direct_file.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/files/reading.h"
+#include "runtime/textures/jpeg_image.h"
 
 namespace scree::runtime {
 
@@ -37,7 +38,9 @@ class BlockPager : public kernels::TexelPager {
   uint64_t size() const { return file_pages_.size(); }                  // in pages
   std::span<const uint32_t> file_pages() const { return file_pages_; }  // by number: which page of the file
   uint64_t all_bytes() const { return all_bytes_; }                     // of all pages
-  uint64_t resident_bytes() const { return resident_bytes_; }           // rounded up
+  /// Memory that a page takes: its raw bytes, and the heads of its JPEG levels.
+  uint64_t page_bytes(uint64_t number) const;
+  uint64_t resident_bytes() const { return resident_bytes_; }  // rounded up
   const PagerStats& stats() const { return stats_; }
 
  protected:
@@ -46,17 +49,23 @@ class BlockPager : public kernels::TexelPager {
   BlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads, Reading reading)
       : map_(map), container_(std::move(container)), room_bytes_(room_bytes), threads_(threads), reading_(reading) {}
 
-  void add(uint32_t file_page);
+  /// `jpeg`: the levels in the page; their count is 0 if it has rows of blocks.
+  void add(uint32_t file_page, const JpegLevels& jpeg);
+  /// Adds all pages of another pager.
+  void add_all_of(const BlockPager& other);
 
   const format::PageRecord& record(uint64_t number) const { return container_.pages()[file_pages_[number]]; }
-  /// Memory that reading a page fills: a raw page comes with its padding. At most format::kBlockPageBytes.
+  /// Memory that reading a page fills: at least page_bytes(); a raw page comes with its padding.
   uint64_t read_bytes(uint64_t number) const;
   /// Reads pages on all threads, many at a time, so that the disk is busy. A page that is read for the first time comes
   /// past the page cache if `reading` says so. A page that is read again comes through it, because it was dropped for
-  /// lack of room and may come more often. The i-th page goes to `to(i)`, which is aligned to
-  /// DirectFile::kAlignment; to() may throw std::bad_alloc. `was_read(i)` is called afterwards on the same thread.
-  /// Returns the error of the first page that failed.
-  Result<void> read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
+  /// lack of room and may come more often. The i-th page goes to `to(i)`, which may throw std::bad_alloc.
+  /// `was_read(i)` is called afterwards on the same thread. Returns the error of the first page that failed.
+  struct Target {
+    std::byte* memory;         // aligned to DirectFile::kAlignment
+    const std::byte* address;  // where the page will lie when it is sampled
+  };
+  Result<void> read_all(std::span<const uint32_t> numbers, const std::function<Target(uint64_t i)>& to,
                         const std::function<void(uint64_t i)>& was_read);
 
   /// The bytes of the room that a page of `bytes` takes.
@@ -77,12 +86,12 @@ class BlockPager : public kernels::TexelPager {
 
  private:
   Result<uint64_t> missing_since(uint64_t first) final;
-  uint64_t bytes_of(uint64_t number) const { return rounded(record(number).raw_bytes); }
+  uint64_t bytes_of(uint64_t number) const { return rounded(page_bytes(number)); }
   bool take_all(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted);
   bool take_next(uint64_t number);
   void drop(uint64_t number);
   Result<void> open_direct();
-  Result<void> read(uint64_t number, std::byte* to);
+  Result<void> read(uint64_t number, const Target& to);
   Result<void> read_stored(uint64_t number, std::span<std::byte> padded);
 
   const MappedFile& map_;
@@ -95,6 +104,7 @@ class BlockPager : public kernels::TexelPager {
   std::atomic<uint64_t> direct_pages_{0};
   std::vector<uint8_t> was_read_;  // by number
   std::vector<uint32_t> file_pages_;
+  std::vector<JpegLevels> jpegs_;  // by number
   uint64_t all_bytes_ = 0;
   uint64_t resident_bytes_ = 0;
   PagerStats stats_;
@@ -108,8 +118,8 @@ class HostBlockPager final : public BlockPager {
                  Reading reading)
       : BlockPager(map, std::move(container), room_bytes, threads, reading) {}
 
-  /// Adds a page of the file that holds rows of blocks. It gets the next number. Throws std::bad_alloc.
-  void add(uint32_t file_page);
+  /// Adds a page of the file that holds rows of blocks, or JPEG levels. It gets the next number. Throws std::bad_alloc.
+  void add(uint32_t file_page, const JpegLevels& jpeg = {});
 
  private:
   Result<std::span<const uint64_t>> wanted() override { return std::span<const uint64_t>(wanted_); }
