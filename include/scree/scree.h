@@ -197,8 +197,8 @@ typedef struct scree_load_options {
   /* Since version 4: */
   uint64_t texture_memory; /* the most bytes for pages of KTX2, DDS and JPEG textures, which come from the file when
                               pixels show them; the picture does not depend on it. 0: 2 GiB if the CPU draws. On a GPU
-                              textures that fit are loaded whole; 0: if the whole file fits, else a quarter of the memory
-                              is for pages */
+                              textures that fit are loaded whole; 0: if the whole file fits, else pages and geometry
+                              share the memory */
   const char* environment; /* a Radiance picture (.hdr) of all directions, the light of SCREE_LIGHT_ENVIRONMENT, which
                               it implies. Null: a clear sky */
   scree_light light;       /* of its pictures, unless a draw names another. The environment is only loaded if it is the

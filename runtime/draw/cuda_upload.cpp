@@ -236,12 +236,18 @@ bool has_texel_pages(const Scene& scene, const PageShare* share) {
   return is_shaded(share) && scene.block_pager() != nullptr;
 }
 
+/// Device memory of the texture cache and the pager, without the room for pages.
 uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache, const PageShare* share) {
   const uint32_t slot_bytes = slot_bytes_of(scene, share);
   const bool has_pages = has_texel_pages(scene, share);
   if (slot_bytes == 0 && !has_pages) return 0;
   return kernels::CudaTextureCache::device_bytes(texture_cache, slot_bytes) +
-         (has_pages ? DeviceBlockPager::device_bytes(scene) : 0);
+         (has_pages ? DeviceBlockPager::table_bytes(scene) : 0);
+}
+
+/// The least room for pages of textures beside a resident scene. A streamed one shares memory with chunks.
+uint64_t own_room(const Scene& scene, const kernels::SceneView* streamed, const PageShare* share) {
+  return streamed == nullptr && has_texel_pages(scene, share) ? DeviceBlockPager::usual_room(scene) : 0;
 }
 
 }  // namespace
@@ -256,7 +262,8 @@ Result<uint64_t> device_budget(uint64_t budget_bytes) {
 
 uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache,
                                  const PageShare* share) {
-  return ArenaLayout(scene, streamed, share).plan.bytes() + cache_bytes_of(scene, texture_cache, share);
+  return ArenaLayout(scene, streamed, share).plan.bytes() + cache_bytes_of(scene, texture_cache, share) +
+         own_room(scene, streamed, share);
 }
 
 Result<void> CudaScene::add_pages_of(std::span<const CudaScene> others) {
@@ -275,12 +282,13 @@ Result<void> CudaScene::add_pages_of(std::span<const CudaScene> others) {
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
                                     uint32_t threads, Reading reading, uint64_t texture_cache,
                                     const kernels::SceneView* streamed, uint64_t host_memory, JobProgress* progress,
-                                    const PageShare* share) {
+                                    const PageShare* share, uint64_t more_texture_room) {
   const auto start = std::chrono::steady_clock::now();
   ArenaLayout layout(scene, streamed, share);
   const UploadPlan& plan = layout.plan;
   const uint32_t slot_bytes = slot_bytes_of(scene, share);
-  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache, share) + reserved_bytes;
+  const uint64_t room = own_room(scene, streamed, share) + more_texture_room;
+  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache, share) + room + reserved_bytes;
   if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
   Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
   if (!arena) return arena.error();
@@ -309,7 +317,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
 
   CudaScene copy;
   if (has_texel_pages(scene, share)) {
-    Result<std::unique_ptr<DeviceBlockPager>> pager = DeviceBlockPager::create(scene, threads, host_memory, reading);
+    Result<std::unique_ptr<DeviceBlockPager>> pager =
+        DeviceBlockPager::create(scene, threads, host_memory, reading, room);
     if (!pager) return pager.error();
     copy.pager_ = std::move(*pager);
   }

@@ -7,15 +7,29 @@ namespace scree::runtime {
 
 using kernels::cuda_check;
 
-uint64_t DeviceBlockPager::room_bytes(const Scene& scene) {
-  const HostBlockPager& host = *scene.block_pager();
+namespace {
+
+/// The memory that the scene's pages take together, but at most `limit`.
+uint64_t room_within(const Scene& scene, uint64_t limit) {
+  const HostBlockPager* const host = scene.block_pager();
   uint64_t all = 0;
-  for (uint64_t number = 0; number < host.size(); ++number) all += format::align_up(host.page_bytes(number), kUnit);
-  return std::min(all, scene.device_texture_memory() / kUnit * kUnit);
+  for (uint64_t number = 0; host != nullptr && number < host->size(); ++number)
+    all += format::align_up(host->page_bytes(number), DeviceBlockPager::kUnit);
+  return std::min(all, limit / DeviceBlockPager::kUnit * DeviceBlockPager::kUnit);
 }
 
-uint64_t DeviceBlockPager::device_bytes(const Scene& scene) {
-  return room_bytes(scene) + scene.block_pager()->size() * (sizeof(uint8_t*) + sizeof(uint64_t));
+}  // namespace
+
+uint64_t DeviceBlockPager::usual_room(const Scene& scene) {
+  return room_within(scene, scene.device_texture_memory());
+}
+
+uint64_t DeviceBlockPager::most_room(const Scene& scene) {
+  return room_within(scene, scene.device_texture_limit());
+}
+
+uint64_t DeviceBlockPager::table_bytes(const Scene& scene) {
+  return scene.block_pager()->size() * (sizeof(uint8_t*) + sizeof(uint64_t));
 }
 
 uint64_t DeviceBlockPager::pinned_bytes(uint64_t host_memory) {
@@ -25,8 +39,8 @@ uint64_t DeviceBlockPager::pinned_bytes(uint64_t host_memory) {
 }
 
 Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& scene, uint32_t threads,
-                                                                   uint64_t host_memory, Reading reading) {
-  const uint64_t room = room_bytes(scene);
+                                                                   uint64_t host_memory, Reading reading,
+                                                                   uint64_t room) {
   std::unique_ptr<DeviceBlockPager> made(
       new DeviceBlockPager(scene.file().map(), scene.container(), room, threads, reading));
   DeviceBlockPager& pager = *made;
@@ -35,7 +49,9 @@ Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& 
   pager.taken_.assign(count, BlockPool::kNone);
   pager.wanted_.assign(count, 0);
   pager.pool_.reset(room / kUnit);
-  Result<void> done = pager.room_.reserve(std::max<uint64_t>(room, 1), "allocating room for pages of textures");
+  Result<void> done;
+  if (room != 0) done = pager.room_.reserve(room, "allocating room for pages of textures");
+  pager.end_ = pager.room_.data() + room;
   const uint64_t table_bytes = count * sizeof(uint8_t*);
   if (done) done = pager.tables_.reserve(table_bytes + count * sizeof(uint64_t), "allocating the table of pages");
   if (done)
@@ -56,6 +72,24 @@ DeviceBlockPager::~DeviceBlockPager() {
   for (cudaEvent_t event : copied_)
     if (event != nullptr) (void)cudaEventDestroy(event);
   if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
+}
+
+Result<void> DeviceBlockPager::use_room(std::byte* end, uint64_t bytes) {
+  end_ = end;
+  drop_if(
+      [&](uint32_t number) { return (pool_.offset(taken_[number]) + pool_.units(taken_[number])) * kUnit > bytes; });
+  pool_.resize(bytes / kUnit);
+  set_room_bytes(bytes);
+  const Result<void> copied = copy_table();
+  const Result<void> ended = cuda_check(cudaStreamSynchronize(stream_), "copying the table of pages");
+  return copied ? ended : copied;
+}
+
+/// Starts the copy of the pages' addresses to the device.
+Result<void> DeviceBlockPager::copy_table() {
+  return cuda_check(cudaMemcpyAsync(tables_.data(), blocks_.data(), blocks_.size() * sizeof blocks_[0],
+                                    cudaMemcpyHostToDevice, stream_),
+                    "copying the table of pages");
 }
 
 Result<std::span<const uint64_t>> DeviceBlockPager::wanted() {
@@ -84,10 +118,7 @@ Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
     first += count;
   }
   // The copies from blocks_ and to the room end before a page is sampled, or before its memory is given back.
-  const Result<void> copied =
-      cuda_check(cudaMemcpyAsync(tables_.data(), blocks_.data(), blocks_.size() * sizeof blocks_[0],
-                                 cudaMemcpyHostToDevice, stream_),
-                 "copying the table of pages");
+  const Result<void> copied = copy_table();
   const Result<void> ended = cuda_check(cudaStreamSynchronize(stream_), "copying pages of textures");
   return !done ? done : !copied ? copied : ended;
 }
@@ -106,21 +137,21 @@ Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint
     large = direct_memory(slot_bytes(numbers[0]));
     slots[0] = large.get();
   }
-  const auto place = [&](uint64_t i) { return room_.data() + pool_.offset(taken_[numbers[i]]) * kUnit; };
   std::vector<uint8_t> is_read(numbers.size());
   const Result<void> read = read_all(
       numbers,
       [&](uint64_t i) {
-        return Target{slots[i], place(i)};
+        return Target{slots[i], place(numbers[i])};
       },
       [&](uint64_t i) { is_read[i] = 1; });
   for (uint64_t i = 0; i < numbers.size(); ++i) {
     if (is_read[i] == 0) continue;
     if (Result<void> done = cuda_check(
-            cudaMemcpyAsync(place(i), slots[i], page_bytes(numbers[i]), cudaMemcpyHostToDevice, stream_), kWhat);
+            cudaMemcpyAsync(place(numbers[i]), slots[i], page_bytes(numbers[i]), cudaMemcpyHostToDevice, stream_),
+            kWhat);
         !done)
       return done;
-    blocks_[numbers[i]] = reinterpret_cast<const uint8_t*>(place(i));
+    blocks_[numbers[i]] = reinterpret_cast<const uint8_t*>(place(numbers[i]));
   }
   if (large != nullptr)
     if (Result<void> done = cuda_check(cudaStreamSynchronize(stream_), kWhat); !done) return done;

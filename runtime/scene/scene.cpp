@@ -443,6 +443,7 @@ kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
 
 void Scene::number_block_pages(const SceneOptions& options) {
   device_texture_memory_ = options.device_texture_memory;
+  device_texture_limit_ = std::max(options.device_texture_memory, options.device_texture_limit);
   auto pager = std::make_unique<HostBlockPager>(file_.map(), container(), options.texture_memory, options.threads,
                                                 options.reading);
   for (uint32_t i = 0; i < block_images_.size(); ++i)

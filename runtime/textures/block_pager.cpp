@@ -56,6 +56,7 @@ Result<bool> BlockPager::bring(bool must) {
       }
     }
     const bool fits = shown_bytes <= room_bytes_;
+    refused_bytes_ = !fits && must ? shown_bytes : 0;
     if (!fits && must)
       return Error{ErrorCode::kMemory, "a pixel shows pages of textures of " + std::to_string(shown_bytes) +
                                            " bytes together, but " + std::to_string(room_bytes_) +
@@ -98,6 +99,20 @@ Result<bool> BlockPager::bring(bool must) {
   } catch (const std::bad_alloc&) {
     return no_memory();
   }
+}
+
+Result<uint64_t> BlockPager::wanted_bytes(uint64_t first) {
+  const Result<std::span<const uint64_t>> last = wanted();
+  if (!last) return last.error();
+  uint64_t bytes = 0;
+  for (uint64_t number = 0; number < size(); ++number)
+    if ((*last)[number] >= first) bytes += bytes_of(number);
+  return bytes;
+}
+
+void BlockPager::drop_if(const std::function<bool(uint32_t number)>& is_dropped) {
+  for (uint32_t number = 0; number < size(); ++number)
+    if (blocks_[number] != nullptr && is_dropped(number)) drop(number);
 }
 
 Result<uint64_t> BlockPager::missing_since(uint64_t first) {

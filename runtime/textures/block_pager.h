@@ -41,6 +41,11 @@ class BlockPager : public kernels::TexelPager {
   /// Memory that a page takes: its raw bytes, and the heads of its JPEG levels.
   uint64_t page_bytes(uint64_t number) const;
   uint64_t resident_bytes() const { return resident_bytes_; }  // rounded up
+  uint64_t room_bytes() const { return room_bytes_; }
+  /// Bytes of the pages, rounded up, that were wanted in round `first` or later. Error kDevice.
+  Result<uint64_t> wanted_bytes(uint64_t first);
+  /// Bytes of the pages of a single pixel that the last bring() refused; 0 if it refused none.
+  uint64_t refused_bytes() const { return refused_bytes_; }
   const PagerStats& stats() const { return stats_; }
 
  protected:
@@ -67,6 +72,10 @@ class BlockPager : public kernels::TexelPager {
   };
   Result<void> read_all(std::span<const uint32_t> numbers, const std::function<Target(uint64_t i)>& to,
                         const std::function<void(uint64_t i)>& was_read);
+
+  void set_room_bytes(uint64_t bytes) { room_bytes_ = bytes; }
+  /// Drops the pages for which `is_dropped(number)` returns true.
+  void drop_if(const std::function<bool(uint32_t number)>& is_dropped);
 
   /// The bytes of the room that a page of `bytes` takes.
   virtual uint64_t rounded(uint64_t bytes) const { return bytes; }
@@ -107,6 +116,7 @@ class BlockPager : public kernels::TexelPager {
   std::vector<JpegLevels> jpegs_;  // by number
   uint64_t all_bytes_ = 0;
   uint64_t resident_bytes_ = 0;
+  uint64_t refused_bytes_ = 0;
   PagerStats stats_;
 };
 
