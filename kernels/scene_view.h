@@ -14,11 +14,17 @@
 
 namespace scree::kernels {
 
-/// A mip level that is decoded when it is sampled.
+/// A mip level that is decoded when it is sampled. A paged level has its picture in a page of SceneView::pager, `place`
+/// bytes from the page's address, and the data behind it in the same page.
 struct JpegLevel {
-  format::JpegPicture picture;
-  uint32_t number;           // unique in the scene
+  static constexpr uint32_t kNotPaged = ~uint32_t{0};
+
+  format::JpegPicture picture;  // unused if the level is paged
+  uint32_t number;              // unique in the scene
+  uint32_t page = kNotPaged;    // its number
+  uint64_t place = 0;
   uint64_t first_group = 0;  // the number of its group 0 among all groups of the scene
+  uint32_t group_count = 0;  // groups with a number; a paged level may turn out to have more
 };
 
 /// The groups (format/jpeg/pixels.h) of a scene's JPEG levels.
@@ -65,10 +71,10 @@ inline ChunkKinds kinds_of(std::span<const format::MeshRecord> meshes, std::span
 }
 
 /// A texture with its mip levels. Level l is max(1, width >> l) by max(1, height >> l) texels. The first levels may be
-/// JPEGs, or blocks that begin `level_offset[l]` bytes from `blocks`. The first levels of blocks may be paged: their
-/// rows lie in the pages of SceneView::pager from number `level_offset[l]` on (format::block_rows()). The others are
-/// decoded: 4 bytes per texel (RGBA8, sRGB-coded colour, linear alpha), rows top to bottom, `level_offset[l]` texels
-/// from `texels`.
+/// JPEGs, the first of which may be paged, or blocks that begin `level_offset[l]` bytes from `blocks`. The first levels
+/// of blocks may be paged: their rows lie in the pages of SceneView::pager from number `level_offset[l]` on
+/// (format::block_rows()). The others are decoded: 4 bytes per texel (RGBA8, sRGB-coded colour, linear alpha), rows top
+/// to bottom, `level_offset[l]` texels from `texels`.
 struct TextureView {
   static constexpr uint32_t kMaxLevels = 17;  // 65536 x 65536
   const uint8_t* texels;

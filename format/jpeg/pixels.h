@@ -34,6 +34,11 @@ struct JpegPicture {
   } scales[kJpegMaxComponents];
 };
 
+/// Bytes of a group's samples.
+SCREE_HD inline uint32_t jpeg_group_bytes(const JpegPicture& picture) {
+  return 64 * picture.mcu_blocks * picture.view.group_mcus;
+}
+
 /// Fixed-point reciprocal of a divisor of at most 32.
 constexpr uint32_t jpeg_inverse(uint32_t divisor) {
   return ((1u << 31) + divisor - 1) / divisor;

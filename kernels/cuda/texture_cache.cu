@@ -203,7 +203,7 @@ bool CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const PixelsOf& 
     if (!started || !has_jpegs()) continue;
     // The last of these rounds decodes too, for the pixels that are left and for the next picture.
     decode_round<<<multiprocessors * kDecodeBlocks, kDecodeThreads, 0, stream>>>(
-        DecodeGroups{cache, counters + round, now});
+        DecodeGroups{cache, counters + round, now, pages()});
     started = check(cudaGetLastError(), "starting a round of decoding");
   }
   if (started && has_jpegs())

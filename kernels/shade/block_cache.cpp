@@ -43,8 +43,9 @@ const uint8_t* BlockCache::find(uint64_t set, uint64_t key) {
   return nullptr;
 }
 
-const uint8_t* BlockCache::hold(const JpegLevel& level, uint32_t group, uint64_t& place) {
-  const uint64_t key = uint64_t{level.number} << 32 | group;
+const uint8_t* BlockCache::hold(const format::JpegPicture& picture, uint32_t level, uint32_t group, uint64_t& place) {
+  assert(format::jpeg_group_bytes(picture) <= slot_bytes_);
+  const uint64_t key = uint64_t{level} << 32 | group;
   place = spread(key, set_count_);
   Set& set = sets_[place];
   lock(set);
@@ -52,7 +53,7 @@ const uint8_t* BlockCache::hold(const JpegLevel& level, uint32_t group, uint64_t
   // Other threads need not wait for the decoding; at worst they decode the same group.
   release(place);
   uint8_t samples[64 * format::kJpegMaxGroupBlocks];
-  format::decode_jpeg_group(level.picture, group, samples);
+  format::decode_jpeg_group(picture, group, samples);
   decoded_.fetch_add(1, std::memory_order_relaxed);
   lock(set);
   if (const uint8_t* found = find(place, key)) return found;
@@ -68,7 +69,7 @@ const uint8_t* BlockCache::hold(const JpegLevel& level, uint32_t group, uint64_t
   keys_[oldest] = key;
   stamps_[oldest] = ++set.clock;
   uint8_t* const out = samples_.get() + oldest * slot_bytes_;
-  std::memcpy(out, samples, size_t{64} * level.picture.mcu_blocks * level.picture.view.group_mcus);
+  std::memcpy(out, samples, format::jpeg_group_bytes(picture));
   return out;
 }
 
@@ -76,19 +77,27 @@ void BlockCache::release(uint64_t place) {
   sets_[place].is_held.store(false, std::memory_order_release);
 }
 
-void BlockCache::fetch(const JpegLevel& level, const uint32_t x[2], const uint32_t y[2], uint32_t colours[4]) {
+void BlockCache::fetch(const format::JpegPicture& picture, uint32_t level, const uint32_t x[2], const uint32_t y[2],
+                       uint32_t colours[4]) {
   format::JpegPlace places[4];
-  for (uint32_t i = 0; i < 4; ++i) places[i] = format::jpeg_place(level.picture, x[i % 2], y[i / 2]);
+  for (uint32_t i = 0; i < 4; ++i) places[i] = format::jpeg_place(picture, x[i % 2], y[i / 2]);
+  const bool fits = format::jpeg_group_bytes(picture) <= slot_bytes_;
   uint32_t missing = 15;
   for (uint32_t i = 0; i < 4; ++i) {
     if ((missing >> i & 1u) == 0) continue;
-    uint64_t place;
-    const uint8_t* const samples = hold(level, places[i].group, place);
-    for (uint32_t j = i; j < 4; ++j) {
-      if (places[j].group != places[i].group) continue;
-      colours[j] = format::jpeg_colour(level.picture, places[j], samples);
-      missing &= ~(1u << j);
+    uint32_t same = 0;  // pixels in this one's group
+    for (uint32_t j = i; j < 4; ++j)
+      if (places[j].group == places[i].group) same |= 1u << j;
+    missing &= ~same;
+    if (!fits) {
+      format::decode_jpeg_colours(picture, places, same, colours);
+      decoded_.fetch_add(1, std::memory_order_relaxed);
+      continue;
     }
+    uint64_t place;
+    const uint8_t* const samples = hold(picture, level, places[i].group, place);
+    for (uint32_t j = i; j < 4; ++j)
+      if ((same >> j & 1u) != 0) colours[j] = format::jpeg_colour(picture, places[j], samples);
     release(place);
   }
 }

@@ -22,15 +22,17 @@ class BlockCache {
   BlockCache(const BlockCache&) = delete;
   BlockCache& operator=(const BlockCache&) = delete;
 
-  /// The samples of a group (below the level's number of groups), decoded if they are absent. They are valid until
+  /// The samples of a group (below the picture's number of groups), decoded if they are absent. They are valid until
   /// release(place). Until then other threads wait for the set, and the calling thread must hold no other group.
-  /// Thread-safe.
-  const uint8_t* hold(const JpegLevel& level, uint32_t group, uint64_t& place);
+  /// `level`: its number, unique in the scene. A group must fit a slot. Thread-safe.
+  const uint8_t* hold(const format::JpegPicture& picture, uint32_t level, uint32_t group, uint64_t& place);
   void release(uint64_t place);
 
   /// The colours of pixels (x[i % 2], y[i / 2]) of a level, as coded, red in the low byte. Holds each group once,
-  /// however many of the pixels lie in it. Not inline: both instruction sets share it.
-  void fetch(const JpegLevel& level, const uint32_t x[2], const uint32_t y[2], uint32_t colours[4]);
+  /// however many of the pixels lie in it. Groups that do not fit a slot are decoded each time. Not inline: both
+  /// instruction sets share it.
+  void fetch(const format::JpegPicture& picture, uint32_t level, const uint32_t x[2], const uint32_t y[2],
+             uint32_t colours[4]);
 
   uint64_t slots() const { return keys_.size(); }
   uint64_t bytes() const { return slots() * slot_bytes_; }                       // of samples

@@ -1,5 +1,5 @@
-// Pages of block images, which come to memory when pixels sample them. A picture is shaded in rounds. A pixel that
-// lacks a page marks it as wanted and waits; between two rounds the wanted pages are read. So the picture does not
+// Pages of block images and JPEGs, which come to memory when pixels sample them. A picture is shaded in rounds. A pixel
+// that lacks a page marks it as wanted and waits; between two rounds the wanted pages are read. So the picture does not
 // depend on the room for pages. A picture that shall not wait takes coarser levels instead (set_patience()).
 #pragma once
 
@@ -22,7 +22,7 @@ struct UnfinishedTile {
 /// The pages as shading reads them, by a number that is unique in the scene: pointers to memory of the CPU or the GPU
 /// that shades.
 struct TexelPages {
-  const uint8_t* const* blocks;  // a page's raw bytes; null if it is absent
+  const uint8_t* const* blocks;  // a page's raw bytes (of JPEGs, with JpegLevel::picture behind); null if it is absent
   uint64_t* wanted;              // the last round that wanted the page
   uint64_t round;                // the current one
   bool takes_coarser;            // where a page is absent, the next coarser level that is present is sampled

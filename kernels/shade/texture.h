@@ -59,6 +59,18 @@ SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t numbe
   return pages.blocks[number];
 }
 
+/// The picture of a JPEG level, or null if its page is absent. Marks the page as wanted.
+SCREE_HD inline const format::JpegPicture* want_jpeg(const TexelPages& pages, const JpegLevel& level) {
+  if (level.page == JpegLevel::kNotPaged) return &level.picture;
+  const uint8_t* page = want_page(pages, level.page);
+  return page == nullptr ? nullptr : reinterpret_cast<const format::JpegPicture*>(page + level.place);
+}
+
+SCREE_HD inline bool absent_texels(uint32_t texels[4]) {
+  for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;
+  return false;
+}
+
 /// The four texels of two columns and two rows, row by row, as coded: red in the low byte, alpha in the high one. For
 /// levels that are not JPEGs. Returns whether they are present; texels of levels that are not paged always are.
 /// `kMayBePaged`: whether the level may lie in pages.
@@ -87,10 +99,7 @@ SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& t
       y[i] -= page[i] * page_height;
       blocks[i] = i == 1 && page[1] == page[0] ? blocks[0] : want_page(pages, texture.level_offset[level] + page[i]);
     }
-    if (blocks[0] == nullptr || blocks[1] == nullptr) {
-      for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;
-      return false;
-    }
+    if (blocks[0] == nullptr || blocks[1] == nullptr) return absent_texels(texels);
   } else {
     blocks[0] = blocks[1] = texture.blocks + texture.level_offset[level];
   }
@@ -125,7 +134,10 @@ struct SceneTexels {
     if (level < texture.jpeg_level_count) {
       const uint32_t x[2] = {column.first, column.second};
       const uint32_t y[2] = {row.first, row.second};
-      blocks->fetch(texture.jpeg[level], x, y, texels);
+      const JpegLevel& jpeg = texture.jpeg[level];
+      const format::JpegPicture* const picture = want_jpeg(pages, jpeg);
+      if (picture == nullptr) return absent_texels(texels);
+      blocks->fetch(*picture, jpeg.number, x, y, texels);
       return true;
     }
 #endif

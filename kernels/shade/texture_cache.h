@@ -109,6 +109,14 @@ struct TextureCache {
     }
   }
 
+  /// Whether the cache has room for the groups of a level, whose picture this is. The groups of a paged level were counted
+  /// before it was read, as if it were coded like the last stored level; if they are larger or more, each pixel decodes
+  /// them itself.
+  SCREE_HD bool holds(const JpegLevel& level, const format::JpegPicture& picture) const {
+    return picture.mcu_width * picture.mcu_height * picture.view.group_mcus <= slot_pixels &&
+           picture.view.mcu_count <= level.group_count * picture.view.group_mcus;
+  }
+
   /// The slots of a cache of `bytes` of colours: at least one, and whole sets if there are several.
   static uint32_t slots_for(uint64_t bytes, uint32_t slot_bytes) {
     const uint64_t slots = bytes / slot_bytes;
@@ -136,17 +144,20 @@ struct CachedTexels {
                       const TexelPair& row, uint32_t texels[4]) const {
     if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
-    const format::JpegPicture& picture = jpeg.picture;
+    const format::JpegPicture* const there = want_jpeg(pages, jpeg);
+    if (there == nullptr) return absent_texels(texels);
+    const format::JpegPicture& picture = *there;
+    const bool is_held = cache.holds(jpeg, picture);
     const format::JpegLine columns[2] = {jpeg_column(picture, column.first), jpeg_column(picture, column.second)};
     const format::JpegLine rows[2] = {jpeg_row(picture, row.first), jpeg_row(picture, row.second)};
     for (uint32_t i = 0; i < 4; ++i) {
       const format::JpegPlace place = jpeg_place(picture, columns[i % 2], rows[i / 2]);
       const uint64_t key = jpeg.first_group + place.group;
-      const uint32_t* const colours = cache.lookup(key, now);
+      const uint32_t* const colours = is_held ? cache.lookup(key, now) : nullptr;
       texels[i] = colours != nullptr ? colours[jpeg_pixel(picture, place)] : 0;
       if (colours != nullptr) continue;
       lane.missed = true;
-      cache.request_group({key, jpeg.number, place.group}, counters);
+      if (is_held) cache.request_group({key, jpeg.number, place.group}, counters);
     }
     return true;
   }
@@ -170,22 +181,25 @@ struct FallbackTexels {
                                         const TexelPair& row, uint32_t texels[4]) const {
     if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
+    const format::JpegPicture* const picture = want_jpeg(pages, jpeg);
+    if (picture == nullptr) return absent_texels(texels);
+    const bool is_held = cache.holds(jpeg, *picture);
     format::JpegPlace places[4];
     for (uint32_t i = 0; i < 4; ++i)
       places[i] =
-          format::jpeg_place(jpeg.picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
+          format::jpeg_place(*picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
     uint32_t left = 15;
     while (left != 0) {
       const uint32_t group = places[lowest_bit(left)].group;
       uint32_t mine = 0;
       for (uint32_t i = 0; i < 4; ++i)
         if (places[i].group == group) mine |= 1u << i;
-      const uint32_t* const colours = cache.lookup(jpeg.first_group + group, now);
+      const uint32_t* const colours = is_held ? cache.lookup(jpeg.first_group + group, now) : nullptr;
       if (colours == nullptr) {
-        format::decode_jpeg_colours(jpeg.picture, places, mine, texels);
+        format::decode_jpeg_colours(*picture, places, mine, texels);
       } else {
         for (uint32_t i = 0; i < 4; ++i)
-          if ((mine >> i & 1u) != 0) texels[i] = colours[jpeg_pixel(jpeg.picture, places[i])];
+          if ((mine >> i & 1u) != 0) texels[i] = colours[jpeg_pixel(*picture, places[i])];
       }
       left &= ~mine;
     }
@@ -198,6 +212,7 @@ struct DecodeGroups {
   TextureCache cache;
   RoundCounters* counters;
   uint32_t now;  // the current round
+  TexelPages pages{};
 
   SCREE_HD uint32_t count() const { return min_of(counters->requests, cache.slot_count); }
 
@@ -206,7 +221,8 @@ struct DecodeGroups {
     const uint32_t slot = cache.allocate_slot(request, now);
     if (slot == TextureCache::kNoSlot) return;
     fetch_increment(&counters->decoded);
-    format::decode_jpeg_group_colours(cache.levels[request.level].picture, request.group,
+    // The page of a group that was requested is present.
+    format::decode_jpeg_group_colours(*want_jpeg(pages, cache.levels[request.level]), request.group,
                                       cache.colours + uint64_t{slot} * cache.slot_pixels);
   }
 };

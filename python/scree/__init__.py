@@ -142,7 +142,7 @@ class File:
         - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
         - `largest_shadows`: the largest `shadow_size` of draws, at most 16384, whose map `device_memory` then includes; 0: none.
         - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.
-        - `texture_memory`: bytes for pages of KTX2 and DDS textures, which are read from the file when pixels show them.
+        - `texture_memory`: the most bytes for pages of KTX2, DDS and JPEG textures, which come from the file when pixels show them.
           On a GPU, textures that fit are loaded whole. 0: on the CPU 2 GiB; on a GPU all textures are loaded if the whole
           file fits, else pages get a quarter of the memory.
         - `light`: the light of draws that name no other: "camera", "environment", "scene" (the file's own lights), or

@@ -99,17 +99,19 @@ bool is_shaded(const PageShare* share) {
   return share == nullptr || share->has_textures;
 }
 
-/// The scene's JPEG levels by number, on their way to the device.
-class JpegLevels {
+/// The scene's JPEG levels by number, on their way to the device. Paged levels have their bytes in pages.
+class UploadedJpegs {
  public:
   void add_to(UploadPlan& plan, const Scene& scene) {
     for (const JpegTexture& jpeg : scene.jpeg_textures()) {
       for (size_t l = 0; l < jpeg.jpeg_levels().size(); ++l) {
+        levels_.push_back(jpeg.jpeg_levels()[l]);
+        places_.push_back({});
+        if (l < jpeg.paged_levels()) continue;
         const std::span<const std::byte> bytes = jpeg.level_bytes(l);
         const std::vector<format::JpegHuffmanTable>& tables = jpeg.index(l).tables;
-        levels_.push_back(jpeg.jpeg_levels()[l]);
-        places_.push_back({plan.add(bytes.data(), bytes.size()), plan.add_array(tables.data(), tables.size()),
-                           plan.add_array(jpeg.factors(l).data(), jpeg.factors(l).size())});
+        places_.back() = {plan.add(bytes.data(), bytes.size()), plan.add_array(tables.data(), tables.size()),
+                          plan.add_array(jpeg.factors(l).data(), jpeg.factors(l).size())};
       }
     }
     table_ = plan.add_array(levels_.data(), levels_.size());
@@ -120,14 +122,9 @@ class JpegLevels {
     for (kernels::TextureView& texture : textures)
       if (texture.jpeg_level_count != 0) texture.jpeg = table(base) + texture.jpeg[0].number;
     for (size_t i = 0; i < levels_.size(); ++i) {
+      if (levels_[i].page != kernels::JpegLevel::kNotPaged) continue;
       format::JpegView& view = levels_[i].picture.view;
-      const auto moved = [&](const void* part) {
-        return base + places_[i].bytes +
-               (static_cast<const std::byte*>(part) - static_cast<const std::byte*>(view.data));
-      };
-      view.blocks = moved(view.blocks);
-      view.anchors = moved(view.anchors);
-      view.data = base + places_[i].bytes;
+      move_jpeg_view(view, base + places_[i].bytes);
       view.tables = reinterpret_cast<const format::JpegHuffmanTable*>(base + places_[i].tables);
       levels_[i].picture.factors = reinterpret_cast<const uint32_t*>(base + places_[i].factors);
     }
@@ -205,7 +202,7 @@ struct ArenaLayout {
   std::vector<kernels::MaskView> masks;             // SceneView::masks, then blend_masks
   std::map<const uint8_t*, uint64_t> mask_offset;   // several masks may have one page
   std::vector<uint64_t> page_offset;                // empty if pages are streamed
-  JpegLevels levels;
+  UploadedJpegs levels;
   uint64_t meshes;
   uint64_t chunks;
   uint64_t instances;
@@ -239,12 +236,18 @@ bool has_texel_pages(const Scene& scene, const PageShare* share) {
   return is_shaded(share) && scene.block_pager() != nullptr;
 }
 
+/// Device memory of the texture cache and the pager, without the room for pages.
 uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache, const PageShare* share) {
   const kernels::JpegGroups groups = groups_of(scene, share);
   const bool has_pages = has_texel_pages(scene, share);
   if (groups.count == 0 && !has_pages) return 0;
   return kernels::CudaTextureCache::device_bytes(texture_cache, groups) +
-         (has_pages ? DeviceBlockPager::device_bytes(scene) : 0);
+         (has_pages ? DeviceBlockPager::table_bytes(scene) : 0);
+}
+
+/// The least room for pages of textures beside a resident scene. A streamed one shares memory with chunks.
+uint64_t own_room(const Scene& scene, const kernels::SceneView* streamed, const PageShare* share) {
+  return streamed == nullptr && has_texel_pages(scene, share) ? DeviceBlockPager::usual_room(scene) : 0;
 }
 
 }  // namespace
@@ -259,7 +262,8 @@ Result<uint64_t> device_budget(uint64_t budget_bytes) {
 
 uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache,
                                  const PageShare* share) {
-  return ArenaLayout(scene, streamed, share).plan.bytes() + cache_bytes_of(scene, texture_cache, share);
+  return ArenaLayout(scene, streamed, share).plan.bytes() + cache_bytes_of(scene, texture_cache, share) +
+         own_room(scene, streamed, share);
 }
 
 Result<void> CudaScene::add_pages_of(std::span<const CudaScene> others) {
@@ -278,12 +282,13 @@ Result<void> CudaScene::add_pages_of(std::span<const CudaScene> others) {
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,
                                     uint32_t threads, Reading reading, uint64_t texture_cache,
                                     const kernels::SceneView* streamed, uint64_t host_memory, JobProgress* progress,
-                                    const PageShare* share) {
+                                    const PageShare* share, uint64_t more_texture_room) {
   const auto start = std::chrono::steady_clock::now();
   ArenaLayout layout(scene, streamed, share);
   const UploadPlan& plan = layout.plan;
   const kernels::JpegGroups groups = groups_of(scene, share);
-  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache, share) + reserved_bytes;
+  const uint64_t room = own_room(scene, streamed, share) + more_texture_room;
+  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache, share) + room + reserved_bytes;
   if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
   Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
   if (!arena) return arena.error();
@@ -312,7 +317,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
 
   CudaScene copy;
   if (has_texel_pages(scene, share)) {
-    Result<std::unique_ptr<DeviceBlockPager>> pager = DeviceBlockPager::create(scene, threads, host_memory);
+    Result<std::unique_ptr<DeviceBlockPager>> pager =
+        DeviceBlockPager::create(scene, threads, host_memory, reading, room);
     if (!pager) return pager.error();
     copy.pager_ = std::move(*pager);
   }

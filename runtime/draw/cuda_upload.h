@@ -26,22 +26,24 @@ class CudaScene {
   CudaScene() = default;
 
   /// Copies records, pages and textures of `scene` to the current device. `scene` may be destroyed afterwards, unless
-  /// its textures have a pager; their pages are read later, into scene.device_texture_memory() bytes. JPEG levels are
-  /// copied as they are.
+  /// its textures have a pager, which reads their pages later. JPEG levels without pages are copied as they are.
   /// - `budget_bytes`: for all of that and `reserved_bytes` together. 0: the free memory.
   /// - `texture_cache`: bytes for decoded groups of JPEG levels.
   /// - `host_memory`: the most pinned memory that the copies go through. 0: 128 MiB.
   /// - `streamed`: null, or Streamer::view() of the scene. Then no page is copied, and all view().pages are null,
   ///   chunk_count of them.
+  /// - `more_texture_room`: for pages of textures, beside DeviceBlockPager::usual_room(). If chunks are streamed, the
+  ///   pager has no room before DeviceBlockPager::use_room().
   /// - `share`: null, or the pages that are copied; view().pages are null for the others.
   /// Errors kDevice (a CUDA call that failed, which and for what; a scene that does not fit, both sizes named) and,
   /// with the file named, the errors of run_upload.
   static Result<CudaScene> upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes, uint32_t threads,
                                   Reading reading = Reading::kAuto, uint64_t texture_cache = kDeviceTextureCache,
                                   const kernels::SceneView* streamed = nullptr, uint64_t host_memory = 0,
-                                  JobProgress* progress = nullptr, const PageShare* share = nullptr);
+                                  JobProgress* progress = nullptr, const PageShare* share = nullptr,
+                                  uint64_t more_texture_room = 0);
 
-  /// The device memory that upload() takes, without `reserved_bytes`.
+  /// The device memory that upload() takes, without `reserved_bytes` and `more_texture_room`.
   static uint64_t device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache,
                                const PageShare* share = nullptr);
 
@@ -54,7 +56,7 @@ class CudaScene {
   /// The cache of the textures' JPEG and paged levels; null if there are none.
   kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
   /// The pages of block images that are read when pixels show them; null if there are none.
-  BlockPager* block_pager() const { return pager_.get(); }
+  DeviceBlockPager* block_pager() const { return pager_.get(); }
   /// A JPEG level by number, in device memory. Requires that the scene has JPEG levels.
   const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
   /// device_bytes: the arena, the texture cache, the pages of textures and `reserved_bytes`.

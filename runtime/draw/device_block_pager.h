@@ -1,4 +1,4 @@
-// Pages of block images in a GPU's memory. Only in programs that are built with CUDA.
+// Pages of block images and JPEGs in a GPU's memory. Only in programs that are built with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -19,23 +19,31 @@ namespace scree::runtime {
 /// are copied.
 class DeviceBlockPager final : public BlockPager {
  public:
-  /// Makes a pager for the pages of scene.block_pager(), which is not null. It reads on `threads` threads. The pages
-  /// take up to scene.device_texture_memory() bytes. `host_memory`: as for pinned_bytes(). `scene` outlives this.
-  /// Errors kDevice. Throws std::bad_alloc.
-  static Result<std::unique_ptr<DeviceBlockPager>> create(const Scene& scene, uint32_t threads, uint64_t host_memory);
+  static constexpr uint64_t kUnit = 4096;  // of the room
+
+  /// Makes a pager for the pages of scene.block_pager(), which is not null. It reads on `threads` threads as `reading`
+  /// says. `room`: its own device memory for pages; 0: use_room() follows. `host_memory`: as for pinned_bytes().
+  /// `scene` outlives this. Errors kDevice. Throws std::bad_alloc.
+  static Result<std::unique_ptr<DeviceBlockPager>> create(const Scene& scene, uint32_t threads, uint64_t host_memory,
+                                                          Reading reading, uint64_t room);
   ~DeviceBlockPager();
 
-  /// The device memory that create() takes.
-  static uint64_t device_bytes(const Scene& scene);
+  /// Makes the `bytes` of device memory before `end` the room for pages, between two pictures. `bytes`: a multiple of
+  /// kUnit. `end`: a multiple of 16, the same in every call. Pages that lie in the room stay, others are dropped. Error
+  /// kDevice. Throws std::bad_alloc.
+  Result<void> use_room(std::byte* end, uint64_t bytes);
+
+  /// The room for SceneOptions::device_texture_memory and device_texture_limit, in bytes: not more than all pages take.
+  static uint64_t usual_room(const Scene& scene);
+  static uint64_t most_room(const Scene& scene);
+  /// The device memory of create() beside the room.
+  static uint64_t table_bytes(const Scene& scene);
   /// The pinned memory that create() takes if an upload may take `host_memory` (0: no limit): an eighth of it, at most
-  /// 32 MiB, at least two pages.
+  /// 32 MiB, at least two pages of blocks. Larger pages of JPEGs go through memory that is not pinned.
   static uint64_t pinned_bytes(uint64_t host_memory);
 
  private:
   using BlockPager::BlockPager;
-
-  static constexpr uint64_t kUnit = 4096;  // of the room
-  static uint64_t room_bytes(const Scene& scene);
 
   uint64_t rounded(uint64_t bytes) const override { return format::align_up(bytes, kUnit); }
   Result<std::span<const uint64_t>> wanted() override;
@@ -43,14 +51,23 @@ class DeviceBlockPager final : public BlockPager {
   void give_back(uint64_t number) override { pool_.give_back(taken_[number]); }
   Result<void> load(std::span<const uint32_t> numbers) override;
   Result<void> load_part(std::span<const uint32_t> numbers, uint32_t half);
+  /// The part of the pinned memory that a page goes through.
+  uint64_t slot_bytes(uint64_t number) const { return format::align_up(read_bytes(number), DirectFile::kAlignment); }
 
-  kernels::DeviceBuffer room_;
+  /// The place of a page. The pool's offsets count from the end of the room, which stays where it is.
+  std::byte* place(uint32_t number) const {
+    return end_ - (pool_.offset(taken_[number]) + pool_.units(taken_[number])) * kUnit;
+  }
+  Result<void> copy_table();
+
+  kernels::DeviceBuffer room_;  // its own, if any
+  std::byte* end_ = nullptr;
   kernels::DeviceBuffer tables_;  // TexelPages::blocks, then wanted
   kernels::PinnedBuffer staging_;
-  uint64_t half_ = 0;  // pages in half of staging_
+  uint64_t half_ = 0;  // bytes of half of staging_
   cudaStream_t stream_ = nullptr;
   cudaEvent_t copied_[2] = {};   // the copies from each half of staging_ are done
-  BlockPool pool_;               // of room_, in units of kUnit
+  BlockPool pool_;               // of the room, in units of kUnit
   std::vector<uint32_t> taken_;  // by number: the block in pool_
   std::vector<uint64_t> wanted_;
 };

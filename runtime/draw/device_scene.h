@@ -143,7 +143,8 @@ class DeviceScene {
   /// Copies `scene` to the current device (device_list.h): records, pages, textures. Pages that the scene has are
   /// copied. Others come from the file, are checked as by Scene::load_pages, and stay on the device alone
   /// (runtime/stream/upload.h). JPEG levels that the scene has not decoded stay JPEGs. Their groups are decoded when
-  /// they are sampled.
+  /// they are sampled. Pages of textures are read when they are sampled; where chunks are streamed too, both share the
+  /// memory.
   /// - `budget_bytes`: for the scene, the first sizes of its frames' queues (which may grow), and `pictures`. 0: the
   ///   free memory less a sixteenth, which is at most 512 MiB for a resident scene. If the budget does not hold the
   ///   scene, its chunks are streamed (runtime/stream/streamer.h); `scene` then outlives this.
@@ -260,10 +261,11 @@ class DeviceScene {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Decides whether the block images of a scene of `file` are loaded whole or page by page, and sets the room for pages,
-/// in host and in device memory, in `options`. `wanted`: that room in bytes. On the CPU 0 is kHostTextureMemory. On the
-/// current GPU images that fit `wanted` are loaded whole. 0: they are loaded whole if everything in the file fits
-/// `device_memory` (as for DeviceScene::upload()); otherwise a quarter of it is for pages. Error kDevice.
+/// Decides whether the block images and JPEGs of a scene of `file` are loaded whole or page by page, and sets the room
+/// for pages, in host and in device memory, in `options`. `wanted`: the most room in bytes. On the CPU 0 is
+/// kHostTextureMemory. On the current GPU images that fit `wanted` are loaded whole. 0: they are loaded whole if
+/// everything in the file fits `device_memory` (as for DeviceScene::upload()); otherwise a quarter of it is for pages
+/// at first, and more or less later, as pictures show more pages or more geometry (SharedRoom). Error kDevice.
 inline Result<void> set_texture_memory(const SceneFile& file, uint64_t wanted, bool on_gpu, uint64_t device_memory,
                                        SceneOptions& options) {
   if (on_gpu) return DeviceScene::set_texture_memory(file, wanted, device_memory, options);

@@ -39,8 +39,11 @@ namespace {
 /// The texture cache takes at most this part of a streamed scene's budget.
 constexpr uint64_t kTextureCacheShare = 8;
 
-/// The part of device memory for pages of textures that do not all fit.
+/// The usual part of device memory for pages of textures that do not all fit.
 constexpr uint64_t kTextureShare = 4;
+
+/// The least memory for pages of textures beside streamed chunks.
+constexpr uint64_t kLeastTextureRoom = uint64_t{16} << 20;
 
 /// The part of the free memory that is left for kernels' code, their stacks and queues that grow. If the scene is
 /// resident, it is at most kMostLeft. A streamed scene leaves the whole part, because its pool would use all the rest.
@@ -113,7 +116,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
   return bytes;
 }
 
-/// Device memory of a streamed scene beside its pool and the room to move chunks.
+/// Device memory of a streamed scene beside its pool, the room to move chunks and the room for pages of textures.
 uint64_t fixed_bytes(const Scene& host, const PictureNeeds& pictures, uint64_t texture_cache) {
   return CudaScene::device_bytes(host, &host.view(), texture_cache) + frames_bytes(host.view()) +
          CudaStream::device_bytes(host.view()) + picture_bytes(pictures, host, true);
@@ -133,7 +136,8 @@ bool holds_all(const Scene& host, const PictureNeeds& pictures, uint64_t texture
   const std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
   const uint64_t pool = whole_pool(bytes);
   return fixed_bytes(host, pictures, std::min(texture_cache, budget / kTextureCacheShare)) + pool +
-             CudaStream::bounce_bytes(largest_of(bytes), UINT64_MAX) + 2 * Residency::kAlignment <=
+             CudaStream::bounce_bytes(largest_of(bytes), UINT64_MAX) + 2 * Residency::kAlignment +
+             DeviceBlockPager::usual_room(host) <=
          budget;
 }
 
@@ -407,17 +411,22 @@ Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wan
   const format::Container& container = file.container();
   const Result<uint64_t> budget = device_budget(budget_bytes);
   if (!budget) return budget.error();
-  uint64_t blocks = 0;
+  uint64_t images = 0;  // in the form in which they are sampled
   for (uint64_t i = 0; i < container.images().size(); ++i) {
     const format::ImageRecord& image = container.images()[i];
-    if (image.codec != format::ImageCodec::kBlocks) continue;
-    for (uint32_t level = 0; level <= image.level_count; ++level) blocks += format::block_rows(image, level).bytes();
+    const bool is_blocks = image.codec == format::ImageCodec::kBlocks;
+    if (!is_blocks && image.codec != format::ImageCodec::kIndexedJpeg) continue;
+    if (!is_blocks) images += container.pages()[image.page].raw_bytes;
+    for (uint32_t level = is_blocks ? 0 : 1; level <= image.level_count; ++level)
+      images += is_blocks ? format::block_rows(image, level).bytes()
+                          : container.mip_levels()[image.first_level + level - 1].bytes;
   }
   uint64_t all = 0;
   for (uint64_t i = 0; i < container.pages().size(); ++i) all += container.pages()[i].raw_bytes;
-  const bool fits = wanted != 0 ? blocks <= wanted : all <= *budget - *budget / kLeftShare;
+  const bool fits = wanted != 0 ? images <= wanted : all <= *budget - *budget / kLeftShare;
   options.texture_memory = fits ? 0 : wanted != 0 ? wanted : kHostTextureMemory;
   options.device_texture_memory = fits ? 0 : wanted != 0 ? wanted : *budget / kTextureShare;
+  options.device_texture_limit = fits ? 0 : wanted != 0 ? wanted : UINT64_MAX;
   return {};
 }
 
@@ -455,7 +464,8 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   }
   const uint64_t allowed = budget_bytes == 0 ? *free - left : budget;
   if (comes_later) comes_later = holds_all(scene, pictures, texture_cache, allowed);
-  if (comes_later || (share == nullptr && CudaScene::device_bytes(scene, nullptr, texture_cache) + beside > budget)) {
+  const uint64_t resident = CudaScene::device_bytes(scene, nullptr, texture_cache) + beside;
+  if (comes_later || (share == nullptr && resident > budget)) {
     auto streamed = std::make_unique<Impl>();
     streamed->device = gpu->index;
     if (Result<void> done =
@@ -467,8 +477,13 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
+  // Pages of textures get half of what is left. The other half is for blended surfaces and for queues that grow.
+  uint64_t more = 0;
+  if (share == nullptr)
+    more = std::min(DeviceBlockPager::most_room(scene) - DeviceBlockPager::usual_room(scene),
+                    (budget - resident) / 2 / DeviceBlockPager::kUnit * DeviceBlockPager::kUnit);
   Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr,
-                                             host_memory, progress, share);
+                                             host_memory, progress, share, more);
   if (!copy) return copy.error();
   auto impl = std::make_unique<Impl>();
   impl->device = gpu->index;
@@ -499,7 +514,11 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
                                                 uint64_t most_batch) {
   std::vector<uint64_t> bytes = ChunkSource(host).chunk_bytes();
   const uint64_t largest = largest_of(bytes);
-  const uint64_t room = 2 * (largest + 2 * Residency::kAlignment);  // the least pool, and memory to move a chunk
+  SharedRoom pages;
+  pages.least_room = std::min(DeviceBlockPager::usual_room(host), kLeastTextureRoom);
+  pages.most_room = DeviceBlockPager::most_room(host);
+  pages.least_pool = largest + 2 * Residency::kAlignment;
+  const uint64_t room = 2 * pages.least_pool + pages.least_room;  // with memory to move a chunk
   texture_cache = std::min(texture_cache, budget / kTextureCacheShare);
   if (budget < fixed_bytes(host, pictures, texture_cache) + room)
     texture_cache = 1;  // rounded up to one group: slow, but the same picture
@@ -510,7 +529,14 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
                                          " bytes of device memory where its chunks are streamed, but " +
                                          std::to_string(budget) + " are allowed"};
   const uint64_t bounce = CudaStream::bounce_bytes(largest, budget - fixed);
-  const uint64_t pool = std::min(budget - fixed - bounce - 2 * Residency::kAlignment, whole_pool(bytes));
+  pages.bytes = budget - fixed - bounce - 2 * Residency::kAlignment;
+  pages.room = pages.within(DeviceBlockPager::usual_room(host), DeviceBlockPager::kUnit);
+  const uint64_t pool = std::min(pages.pool(), whole_pool(bytes));
+  if (pool == whole_pool(bytes)) {
+    // All chunks stay, and pages may have the rest.
+    pages.room = pages.within(pages.bytes - pool, DeviceBlockPager::kUnit);
+    pages.least_room = pages.most_room = pages.room;
+  }
   const uint64_t all_rooms = CudaStream::kept_bytes(bytes);
   const uint64_t lists = CudaStream::pinned_list_bytes(host.view()) +
                          (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) : 0);
@@ -535,11 +561,11 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   if (!copy) return copy.error();
   scene = std::move(*copy);
   stats = scene.stats();
-  stats.device_bytes = fixed + bounce + pool + 2 * Residency::kAlignment;
+  stats.device_bytes = fixed + bounce + pool + pages.room + 2 * Residency::kAlignment;
   fragment_room = budget - std::min(budget, stats.device_bytes);
   if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
   return stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
-                      scene.texture_cache(), kept);
+                      scene.texture_cache(), scene.block_pager(), pages, kept);
 }
 
 const std::optional<StreamStats>& DeviceScene::stream_stats() const {

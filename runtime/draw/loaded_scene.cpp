@@ -47,6 +47,7 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
     scene_options.lighting = options.lighting;
     scene_options.environment = options.environment;
     scene_options.texture_cache = options.texture_cache != 0 ? options.texture_cache : kHostTextureCache;
+    scene_options.reading = options.reading;
     scene_options.pages = !loaded->gpu_;
     scene_options.progress = options.progress;
     Result<Scene> scene = Scene::load(std::move(file), *index, scene_options);

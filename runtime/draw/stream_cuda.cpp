@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <new>
 #include <utility>
 
 #include "format/bytes.h"
@@ -71,17 +72,22 @@ CudaStream::~CudaStream() {
 
 Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFrames& frames,
                               kernels::CudaFrames* blend_frames, kernels::CudaResolver& resolver,
-                              kernels::CudaTextureCache* cache, uint64_t host_bytes) {
+                              kernels::CudaTextureCache* cache, DeviceBlockPager* pager, const SharedRoom& room,
+                              uint64_t host_bytes) {
   scene_ = device;
   frames_ = &frames;
   blend_frames_ = blend_frames;
   blended_scene_ = kernels::blended_view(device);
   resolver_ = &resolver;
   cache_ = cache;
+  pager_ = pager;
+  room_ = room;
   const Residency& residency = streamer_.residency();
   Result<void> done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU");
   // Passes may read a few bytes past a chunk.
-  if (done) done = pool_.reserve(residency.pool_bytes() + Residency::kAlignment, "allocating the pool of chunks");
+  room_.bytes = residency.pool_bytes() + room_.room;
+  if (done) done = pool_.reserve(room_.bytes + Residency::kAlignment, "allocating the pool of chunks");
+  if (done && pager_ != nullptr) done = pager_->use_room(room_end(), room_.room);
   if (done) done = bounce_.reserve(bounce_bytes_, "allocating room to move chunks");
   if (done) done = visible_.open(streamer_.view(), scene_);
   if (done) done = pages_.open(scene_, scene_.chunk_count);
@@ -154,12 +160,55 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
 Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
                                            uint64_t* samples, const IsOver& is_over) {
   samples_ = samples;
+  if (pager_ == nullptr) return draw_all(view, shade, is_over);
+  if (Result<void> divided = divide_memory(); !divided) return divided.error();
+  for (;;) {
+    const uint64_t read = pager_->stats().read_pages;
+    first_round_ = pager_->pages().round + 1;
+    Result<StreamStats> stats = draw_all(view, shade, is_over);
+    if (stats) {
+      lacked_ = stats->streamed_bytes + stats->left_bytes != 0 || pager_->stats().read_pages != read;
+      last_ = *stats;
+      return stats;
+    }
+    // If the pages of a single pixel exceed their room, chunks give way.
+    const uint64_t needed = pager_->refused_bytes();
+    const uint64_t room = room_.within(format::align_up(needed, DeviceBlockPager::kUnit), DeviceBlockPager::kUnit);
+    if (stats.error().code != ErrorCode::kMemory || needed <= room_.room || room < needed) return stats;
+    if (Result<void> set = set_room(room); !set) return set.error();
+  }
+}
+
+Result<StreamStats> CudaStream::draw_all(const kernels::View& view, const kernels::ShadeOptions* shade,
+                                         const IsOver& is_over) {
   over_ = nullptr;
   blended_ = {};
   Result<StreamStats> stats = streamer_.draw(view, shade, *this, is_over);
   if (!stats || shade == nullptr || !kernels::shows_layers(scene_, *shade)) return stats;
   if (const Result<void> drawn = draw_layers(*stats, is_over); !drawn) return drawn.error();
   return stats;
+}
+
+/// Divides the memory of chunks and pages by the bytes that the last frame showed, if it lacked any.
+Result<void> CudaStream::divide_memory() {
+  if (!std::exchange(lacked_, false)) return {};
+  const Result<uint64_t> pages = pager_->wanted_bytes(first_round_);
+  if (!pages) return pages.error();
+  const uint64_t chunks = last_.seen_bytes - std::min(last_.seen_bytes, last_.hidden_bytes);
+  const uint64_t room = room_.balanced(chunks, *pages, DeviceBlockPager::kUnit);
+  return room == room_.room ? Result<void>() : set_room(room);
+}
+
+/// Gives pages of textures `bytes` of the shared memory, and chunks the rest, between two frames.
+Result<void> CudaStream::set_room(uint64_t bytes) {
+  if (Result<void> done = cuda_check(cudaDeviceSynchronize(), "waiting for the last frame"); !done) return done;
+  try {
+    streamer_.resize_pool(room_.bytes - bytes);
+    room_.room = bytes;
+    return pager_->use_room(room_end(), bytes);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left to divide the GPU's memory"};
+  }
 }
 
 Result<uint64_t> CudaStream::load_rest(const IsOver& is_over) {

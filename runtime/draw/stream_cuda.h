@@ -21,7 +21,9 @@
 #include "kernels/cuda/page_table.h"
 #include "kernels/cuda/resolve.h"
 #include "kernels/cuda/visible_chunks.h"
+#include "runtime/draw/device_block_pager.h"
 #include "runtime/stream/chunk_source.h"
+#include "runtime/stream/shared_room.h"
 #include "runtime/stream/streamer.h"
 #include "runtime/threads/job_thread.h"
 
@@ -61,11 +63,13 @@ class CudaStream final : public StreamTarget {
 
   /// `device`: the scene on the device. `frames`: of this scene. `blend_frames`: of its layers; null if nothing blends.
   /// `resolver`: resolves its pictures. `cache`: of its JPEG and paged levels; null if it has none. All of these
-  /// outlive this. `host_bytes`: pinned host memory that chunks, in the order of the file, are read into once and
-  /// copied from. The other chunks come from the ChunkSource through pinned batches. Errors kDevice (no memory), and
-  /// the errors of ChunkSource::read.
+  /// outlive this. `pager`: of its paged levels; null if there are none. `room`: how their pages share memory with the
+  /// streamer's pool, beside which room.room bytes are allocated. `host_bytes`: pinned host memory that chunks, in the
+  /// order of the file, are read into once and copied from. The other chunks come from the ChunkSource through pinned
+  /// batches. Errors kDevice (no memory), and the errors of ChunkSource::read.
   Result<void> open(const kernels::SceneView& device, kernels::CudaFrames& frames, kernels::CudaFrames* blend_frames,
-                    kernels::CudaResolver& resolver, kernels::CudaTextureCache* cache, uint64_t host_bytes);
+                    kernels::CudaResolver& resolver, kernels::CudaTextureCache* cache, DeviceBlockPager* pager,
+                    const SharedRoom& room, uint64_t host_bytes);
 
   /// Draws into `samples` (device memory, view.width * view.height). `shade`: null, or the options of colors().
   /// `is_over`: as for Streamer::draw().
@@ -76,6 +80,8 @@ class CudaStream final : public StreamTarget {
   /// table, and nothing is streamed any more.
   Result<uint64_t> load_rest(const IsOver& is_over);
   bool is_complete() const { return is_complete_; }
+
+  const SharedRoom& shared_room() const { return room_; }
 
   /// The colours of the last frame, 3 floats per sample, in device memory; null if it was not shaded from chunks.
   const float* colors() const { return shades_ ? reinterpret_cast<const float*>(colors_.data()) : nullptr; }
@@ -137,6 +143,10 @@ class CudaStream final : public StreamTarget {
   Result<void> keep_in_host_memory(uint64_t host_bytes);
   Result<void> load(const Residency::Batch& batch, const Events& events);
   Result<void> use_drawn();
+  Result<StreamStats> draw_all(const kernels::View& view, const kernels::ShadeOptions* shade, const IsOver& is_over);
+  Result<void> divide_memory();
+  Result<void> set_room(uint64_t bytes);
+  std::byte* room_end() const { return pool_.data() + room_.bytes + Residency::kAlignment; }
   Result<void> draw_layers(StreamStats& stats, const IsOver& is_over);
   void list_pages(std::span<const Residency::Place> places);
   kernels::CudaFrames& frames() { return layer_ ? *blend_frames_ : *frames_; }
@@ -160,7 +170,12 @@ class CudaStream final : public StreamTarget {
   kernels::CudaResolver* resolver_ = nullptr;
   kernels::CudaTextureCache* cache_ = nullptr;
   bool is_complete_ = false;
-  kernels::DeviceBuffer pool_;
+  kernels::DeviceBuffer pool_;  // and behind it the room for pages of textures
+  DeviceBlockPager* pager_ = nullptr;
+  SharedRoom room_;
+  StreamStats last_;          // of the last frame
+  uint64_t first_round_ = 0;  // of its shading
+  bool lacked_ = false;       // whether it loaded chunks or pages
   uint64_t bounce_bytes_;
   kernels::DeviceBuffer bounce_;  // chunks are moved through it
   kernels::CudaPageTable pages_;

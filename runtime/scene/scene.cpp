@@ -55,12 +55,6 @@ Result<MipChain> load_image(const format::Container& container, uint32_t index, 
   return make_mips(std::move(*image), coding);
 }
 
-Result<JpegTexture> load_jpeg(const format::Container& container, uint32_t index, TexelCoding coding) {
-  Result<JpegImage> image = JpegImage::open(container, index);
-  if (!image) return image.error();
-  return JpegTexture::make(std::move(*image), coding);
-}
-
 std::string image_place(const format::Container& container, uint32_t index) {
   std::string place = "image " + std::to_string(index);
   const std::string_view name = container.string(container.images()[index].name);
@@ -293,16 +287,36 @@ Result<void> Scene::load_textures(const SceneOptions& options) {
   block_images_.resize(images.size());
   std::vector<Result<void>> results(wanted.size());
   std::vector<std::string> warnings(wanted.size());
+  // JPEGs in the map need no rounds of shading, and the system may drop them as it drops pages.
+  uint64_t jpeg_bytes = 0;
+  for (const uint32_t image : wanted)
+    if (images[image].codec == format::ImageCodec::kIndexedJpeg)
+      jpeg_bytes += container().pages()[images[image].page].raw_bytes;
+  const bool has_jpeg_pages = options.texture_memory != 0 && options.texture_cache != 0 &&
+                              (options.device_texture_memory != 0 || jpeg_bytes > options.texture_memory);
+  ReadAhead ahead(file_.map());
+  for (const uint32_t image : wanted) {
+    if (images[image].codec == format::ImageCodec::kBlocks) {
+      BlockTexture::add_ranges(container(), image, options.texture_memory != 0, ahead);
+    } else if (images[image].codec == format::ImageCodec::kIndexedJpeg) {
+      JpegTexture::add_ranges(container(), image, has_jpeg_pages, ahead);
+    } else {
+      const format::PageRecord& page = container().pages()[images[image].page];
+      ahead.add(page.offset, page.stored_bytes);
+    }
+    ahead.end_item();
+  }
   if (options.progress != nullptr) options.progress->begin("textures", wanted.size());
   parallel_for(wanted.size(), options.threads, [&](uint64_t i) {
     const uint32_t image = wanted[i];
+    ahead.begin(i);
     const TexelCoding coding = is_color[image] ? TexelCoding::kColor : TexelCoding::kNumbers;
     if (const Result<void> going = JobProgress::advance(options.progress, 1); !going) {
       results[i] = going;
       return;
     }
     if (options.texture_cache != 0 && images[image].codec == format::ImageCodec::kIndexedJpeg) {
-      Result<JpegTexture> jpeg = load_jpeg(container(), image, coding);
+      Result<JpegTexture> jpeg = JpegTexture::load(container(), image, coding, has_jpeg_pages);
       if (jpeg) {
         jpegs_[image] = std::move(*jpeg);
       } else {
@@ -434,9 +448,12 @@ kernels::TextureView Scene::view_of(const format::TextureRecord& record) const {
 
 void Scene::number_block_pages(const SceneOptions& options) {
   device_texture_memory_ = options.device_texture_memory;
-  auto pager = std::make_unique<HostBlockPager>(file_.map(), container(), options.texture_memory, options.threads);
+  device_texture_limit_ = std::max(options.device_texture_memory, options.device_texture_limit);
+  auto pager = std::make_unique<HostBlockPager>(file_.map(), container(), options.texture_memory, options.threads,
+                                                options.reading);
   for (uint32_t i = 0; i < block_images_.size(); ++i)
     if (!block_images_[i].empty()) block_images_[i].add_pages(container(), i, *pager);
+  for (uint32_t i = 0; i < jpegs_.size(); ++i) jpegs_[i].add_pages(container(), i, *pager);
   if (pager->size() == 0) return;
   pager_ = std::move(pager);
   view_.pager = pager_.get();
@@ -446,8 +463,7 @@ void Scene::number_jpeg_levels() {
   uint32_t number = 0;
   for (JpegTexture& jpeg : jpegs_) {
     jpeg.number_levels(number, jpeg_groups_);
-    for (const kernels::JpegLevel& level : jpeg.jpeg_levels())
-      jpeg_slot_bytes_ = std::max(jpeg_slot_bytes_, 64 * level.picture.mcu_blocks * level.picture.view.group_mcus);
+    jpeg_slot_bytes_ = std::max(jpeg_slot_bytes_, jpeg.group_bytes());
   }
 }
 

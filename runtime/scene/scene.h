@@ -57,10 +57,14 @@ struct SceneOptions {
   // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
-  // Upper limit of the host memory for pages of block images, bytes. They are read from the file when pixels sample
-  // them. 0: all are read when the scene is loaded.
+  // Upper limit of the host memory for pages of block images and JPEGs, bytes, which pixels bring from the file. JPEGs
+  // that fit it stay in the map, unless device_texture_memory is set. 0: all are read when the scene is loaded.
   uint64_t texture_memory = 0;
-  uint64_t device_texture_memory = 0;  // the same for GPU memory if a GPU draws the scene (set_texture_memory())
+  Reading reading = Reading::kAuto;  // how these pages are read into host memory
+  // The same for GPU memory if a GPU draws the scene (set_texture_memory()). Pages may take more, up to
+  // device_texture_limit, if geometry leaves it; where chunks are streamed too, they may get less.
+  uint64_t device_texture_memory = 0;
+  uint64_t device_texture_limit = 0;                      // a smaller one counts as device_texture_memory
   kernels::Lighting lighting = kernels::Lighting::kAuto;  // light of the pictures; its data are made at loading
   std::string environment{};                              // a Radiance picture for kEnvironment; empty: make_sky()
   bool pages = true;                // false: view().pages are null until load_pages(); for scenes that a GPU draws
@@ -116,9 +120,10 @@ class Scene {
   const LoadStats& stats() const { return stats_; }
   /// Cache of the JPEG textures' blocks; null if there are none.
   const kernels::BlockCache* block_cache() const { return blocks_.get(); }
-  /// The pages of block images that stay in the file; null if there are none.
+  /// The pages of block images and JPEGs that stay in the file; null if there are none.
   HostBlockPager* block_pager() const { return pager_.get(); }
   uint64_t device_texture_memory() const { return device_texture_memory_; }  // of SceneOptions
+  uint64_t device_texture_limit() const { return device_texture_limit_; }    // at least device_texture_memory()
   /// The images that stay JPEGs, by image. Other entries have no levels.
   std::span<const JpegTexture> jpeg_textures() const { return jpegs_; }
   /// The images that stay blocks, by image. Other entries are empty.
@@ -182,6 +187,7 @@ class Scene {
   std::unique_ptr<kernels::BlockCache> blocks_;
   std::unique_ptr<HostBlockPager> pager_;
   uint64_t device_texture_memory_ = 0;
+  uint64_t device_texture_limit_ = 0;
   std::vector<kernels::TextureView> textures_;
   std::vector<kernels::MaskView> masks_;                // one per material; empty if nothing is masked
   std::vector<kernels::MaskView> blend_masks_;          // the same for blended materials

@@ -17,6 +17,25 @@ void BlockPool::reset(uint64_t units) {
   if (units != 0) enlist(new_block(0, units, kNone, kNone));
 }
 
+void BlockPool::resize(uint64_t units) {
+  uint32_t last = first_;
+  while (last != kNone && blocks_[last].next != kNone) last = blocks_[last].next;
+  if (units > pool_units_) {
+    const uint32_t added = new_block(pool_units_, units - pool_units_, last, kNone);
+    pool_units_ = units;
+    give_back(added);  // joins it with a free neighbour
+    return;
+  }
+  if (units == pool_units_) return;
+  assert(last != kNone && blocks_[last].is_free && blocks_[last].offset <= units);
+  delist(last);
+  pool_units_ = units;
+  blocks_[last].units = units - blocks_[last].offset;
+  if (blocks_[last].units != 0) return enlist(last);
+  unlink(last);
+  drop_block(last);
+}
+
 uint32_t BlockPool::class_of(uint64_t units) {
   constexpr uint64_t kSmall = uint64_t{1} << kSubclassBits;
   if (units < kSmall) return static_cast<uint32_t>(units);

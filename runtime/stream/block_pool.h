@@ -24,6 +24,9 @@ class BlockPool {
   /// Gives a taken block back. Its number may be used for another block afterwards.
   void give_back(uint32_t block);
 
+  /// Changes the size of the pool at its end. Blocks beyond a smaller size must be free.
+  void resize(uint64_t units);
+
   uint64_t offset(uint32_t block) const { return blocks_[block].offset; }
   uint64_t units(uint32_t block) const { return blocks_[block].units; }
   uint32_t owner(uint32_t block) const { return blocks_[block].owner; }

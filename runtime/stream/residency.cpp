@@ -45,6 +45,18 @@ void Residency::forget() {
   pinned_bytes_ = 0;
 }
 
+void Residency::resize(uint64_t pool_bytes) {
+  assert(pinned_bytes_ == 0 && pool_bytes >= largest_room_);
+  const uint64_t units = pool_bytes / kAlignment;
+  // begin_frame() lists the chunks again.
+  unseen_.clear();
+  drawn_.clear();
+  for (uint32_t chunk = 0; chunk < slots_.size(); ++chunk)
+    if (is_resident(chunk) && offset(chunk) + room(chunk) > units * kAlignment) evict(chunk);
+  blocks_.resize(units);
+  pool_bytes_ = units * kAlignment;
+}
+
 std::vector<Residency::Place> Residency::begin_frame(std::span<const uint32_t> visible) {
   assert(pinned_bytes_ == 0);
   ++frame_;

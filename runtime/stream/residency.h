@@ -83,6 +83,10 @@ class Residency {
   /// Puts some of the removed chunks back, behind the others.
   void add_missing(std::span<const uint32_t> chunks) { missing_.insert(missing_.end(), chunks.begin(), chunks.end()); }
 
+  /// Changes the pool's size between frames. Chunks that lie beyond its new end are evicted. `pool_bytes`: at least
+  /// largest_room().
+  void resize(uint64_t pool_bytes);
+
   /// Removes all chunks. After an error the content of the pool is unknown.
   void forget();
 

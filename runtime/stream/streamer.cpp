@@ -65,7 +65,7 @@ void StreamStats::add_layer(const StreamStats& layer) {
 }
 
 Streamer::Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes)
-    : residency_(std::move(residency)), batch_bytes_(batch_bytes), view_(scene.view()) {
+    : residency_(std::move(residency)), most_batch_bytes_(batch_bytes), batch_bytes_(batch_bytes), view_(scene.view()) {
   chunks_.assign(view_.chunks, view_.chunks + view_.chunk_count);
   for (uint64_t c = 0; c < view_.chunk_count; ++c) {
     chunks_[c].page = static_cast<uint32_t>(c);
@@ -89,7 +89,12 @@ Result<Streamer> Streamer::create(const Scene& scene, uint64_t pool_bytes, std::
 }
 
 uint64_t Streamer::most_batch_bytes() const {
-  return std::max(batch_bytes_, residency_.largest_room());
+  return std::max(most_batch_bytes_, residency_.largest_room());
+}
+
+void Streamer::resize_pool(uint64_t pool_bytes) {
+  residency_.resize(pool_bytes);
+  batch_bytes_ = wanted_batch_bytes(residency_, most_batch_bytes_);
 }
 
 /// One frame, drawn in parts: the chunks in the pool at its beginning, and each batch.

@@ -140,6 +140,8 @@ class Streamer {
   Result<Rest> load_rest(StreamTarget& target, const IsOver& is_over = {});
 
   const Residency& residency() const { return residency_; }
+  /// As Residency::resize(). A smaller pool has smaller batches.
+  void resize_pool(uint64_t pool_bytes);
 
   /// Upper limit of a batch's bytes in the pool.
   uint64_t most_batch_bytes() const;
@@ -154,7 +156,8 @@ class Streamer {
   auto guarded(StreamTarget& target, const Work& work) -> decltype(work());
 
   Residency residency_;
-  uint64_t batch_bytes_;             // wanted size of a batch
+  uint64_t most_batch_bytes_;        // wanted size of a batch of the first pool
+  uint64_t batch_bytes_;             // of this pool
   std::vector<LastSeen> last_seen_;  // by chunk
   std::vector<format::ChunkRecord> chunks_;
   kernels::SceneView view_{};

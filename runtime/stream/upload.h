@@ -8,6 +8,7 @@
 
 #include "format/result.h"
 #include "runtime/files/mapped_file.h"
+#include "runtime/files/reading.h"
 #include "runtime/scene/pages.h"
 #include "runtime/threads/job_progress.h"
 
@@ -72,17 +73,6 @@ class UploadPlan {
   uint64_t bytes_ = 0;
 };
 
-/// How pages are read from the file.
-enum class Reading {
-  kAuto,      // kDirect for kDirectBytes of pages or more if most are not in the page cache; else kBuffered
-  kMapped,    // copied from the map, through the page cache
-  kBuffered,  // by read() through the page cache, directly into the slots; as kMapped for compressed pages and for
-              // pages larger than a slot
-  kDirect,    // past the page cache, directly into the slots; as kMapped for pages larger than a slot; as kBuffered if
-              // the file system has no direct reads
-};
-inline constexpr uint64_t kDirectBytes = uint64_t{256} << 20;
-
 /// Resolves kAuto for these pages. `least_bytes`: bytes of pages from which on kDirect is chosen.
 Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted,
                        uint64_t least_bytes = kDirectBytes);
@@ -102,8 +92,6 @@ struct UploadCounts {
   uint64_t copied_bytes = 0;    // to the device
   uint64_t direct_bytes = 0;    // read past the page cache
 };
-
-inline constexpr uint32_t kDirectThreads = 8;
 
 struct UploadStats {
   UploadCounts counts;

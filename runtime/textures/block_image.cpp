@@ -37,6 +37,13 @@ bool may_be_paged(const format::Container& container, uint32_t image, uint32_t l
          (place.rows.pages() > 1 || container.pages()[place.page].raw_bytes == place.rows.bytes());
 }
 
+/// The number of levels that stay in the file.
+uint32_t paged_levels(const format::Container& container, uint32_t image, bool paged) {
+  uint32_t count = 0;
+  while (paged && count <= container.images()[image].level_count && may_be_paged(container, image, count)) ++count;
+  return count;
+}
+
 }  // namespace
 
 Result<void> load_page_into(const format::Container& container, uint32_t page, std::span<std::byte> raw) {
@@ -84,8 +91,7 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
                                         bool paged) {
   BlockTexture texture;
   const format::ImageRecord& record = texture.record_ = container.images()[image];
-  uint32_t& first = texture.paged_levels_;
-  while (paged && first <= record.level_count && may_be_paged(container, image, first)) ++first;
+  const uint32_t first = texture.paged_levels_ = paged_levels(container, image, paged);
   texture.offsets_.resize(first);
   uint64_t bytes = 0;
   for (uint32_t level = first; level <= record.level_count; ++level) {
@@ -117,6 +123,18 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
   for (uint32_t l = 0; l < made.level_count; ++l) made.level_offset[l] = chain.level_offset[l + 1] - before;
   made.texels.assign(chain.texels.begin() + static_cast<ptrdiff_t>(4 * before), chain.texels.end());
   return texture;
+}
+
+void BlockTexture::add_ranges(const format::Container& container, uint32_t image, bool paged, ReadAhead& ahead) {
+  // The last stored level is read in any case, for the levels below it.
+  const uint32_t last = container.images()[image].level_count;
+  uint32_t next = 0;  // levels may share a page
+  for (uint32_t level = std::min(paged_levels(container, image, paged), last); level <= last; ++level) {
+    const LevelPlace place = block_level_place(container, image, level);
+    for (uint32_t page = std::max(next, place.page); page < place.page + place.rows.pages(); ++page)
+      ahead.add(container.pages()[page].offset, container.pages()[page].stored_bytes);
+    next = std::max(next, place.page + place.rows.pages());
+  }
 }
 
 void BlockTexture::add_pages(const format::Container& container, uint32_t image, HostBlockPager& pager) {

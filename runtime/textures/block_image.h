@@ -11,6 +11,7 @@
 #include "format/container/container.h"
 #include "format/result.h"
 #include "kernels/scene_view.h"
+#include "runtime/files/read_ahead.h"
 #include "runtime/images/image.h"
 #include "runtime/textures/block_pager.h"
 #include "runtime/textures/texture.h"
@@ -27,6 +28,9 @@ class BlockTexture {
   /// own and more than kLeastPagedBytes. Errors of Container::load_page, with the level; kRange (the last stored level
   /// has more than kMaxImagePixels, and levels below). Throws std::bad_alloc.
   static Result<BlockTexture> load(const format::Container& container, uint32_t image, TexelCoding coding, bool paged);
+
+  /// Adds the ranges of the file that load() reads to the current item of `ahead`. Throws std::bad_alloc.
+  static void add_ranges(const format::Container& container, uint32_t image, bool paged, ReadAhead& ahead);
 
   /// Adds the pages of the levels that stay in the file. Throws std::bad_alloc.
   void add_pages(const format::Container& container, uint32_t image, HostBlockPager& pager);

@@ -5,6 +5,8 @@
 #include <string>
 #include <utility>
 
+#include "format/bytes.h"
+#include "runtime/files/read_ahead.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
@@ -17,10 +19,22 @@ Error no_memory() {
 
 }  // namespace
 
-void BlockPager::add(uint32_t file_page) {
+void BlockPager::add(uint32_t file_page, const JpegLevels& jpeg) {
   file_pages_.push_back(file_page);
+  jpegs_.push_back(jpeg);
+  was_read_.push_back(0);
   blocks_.push_back(nullptr);
   all_bytes_ += container_.pages()[file_page].raw_bytes;
+}
+
+void BlockPager::add_all_of(const BlockPager& other) {
+  for (uint64_t number = 0; number < other.size(); ++number) add(other.file_pages_[number], other.jpegs_[number]);
+}
+
+uint64_t BlockPager::page_bytes(uint64_t number) const {
+  const uint64_t raw_bytes = record(number).raw_bytes;
+  const JpegLevels& jpeg = jpegs_[number];
+  return jpeg.count == 0 ? raw_bytes : jpeg_head_place(raw_bytes, container_.images()[jpeg.image].channels, jpeg.count);
 }
 
 Result<bool> BlockPager::bring(bool must) {
@@ -42,6 +56,7 @@ Result<bool> BlockPager::bring(bool must) {
       }
     }
     const bool fits = shown_bytes <= room_bytes_;
+    refused_bytes_ = !fits && must ? shown_bytes : 0;
     if (!fits && must)
       return Error{ErrorCode::kMemory, "a pixel shows pages of textures of " + std::to_string(shown_bytes) +
                                            " bytes together, but " + std::to_string(room_bytes_) +
@@ -62,7 +77,13 @@ Result<bool> BlockPager::bring(bool must) {
       missing = shown;
       for (const uint32_t number : missing) (void)take_next(number);
     }
-    const Result<void> done = load(missing);
+    const Result<void> done = [&]() -> Result<void> {
+      try {
+        return load(missing);
+      } catch (const std::bad_alloc&) {
+        return no_memory();
+      }
+    }();
     // Pages that were read before an error, or before the patience ended, are kept for later.
     for (const uint32_t number : missing) {
       if (blocks_[number] == nullptr) {
@@ -78,6 +99,20 @@ Result<bool> BlockPager::bring(bool must) {
   } catch (const std::bad_alloc&) {
     return no_memory();
   }
+}
+
+Result<uint64_t> BlockPager::wanted_bytes(uint64_t first) {
+  const Result<std::span<const uint64_t>> last = wanted();
+  if (!last) return last.error();
+  uint64_t bytes = 0;
+  for (uint64_t number = 0; number < size(); ++number)
+    if ((*last)[number] >= first) bytes += bytes_of(number);
+  return bytes;
+}
+
+void BlockPager::drop_if(const std::function<bool(uint32_t number)>& is_dropped) {
+  for (uint32_t number = 0; number < size(); ++number)
+    if (blocks_[number] != nullptr && is_dropped(number)) drop(number);
 }
 
 Result<uint64_t> BlockPager::missing_since(uint64_t first) {
@@ -123,48 +158,87 @@ bool BlockPager::take_all(std::span<const uint32_t> numbers, std::span<const uin
 }
 
 uint64_t BlockPager::read_bytes(uint64_t number) const {
-  return record(number).codec == format::PageCodec::kRaw ? container_.padded_page(file_pages_[number]).size()
-                                                         : record(number).raw_bytes;
+  const bool is_raw = record(number).codec == format::PageCodec::kRaw;
+  const uint64_t padded = is_raw ? container_.padded_page(file_pages_[number]).size() : 0;
+  return std::max(format::align_up(padded, DirectFile::kAlignment), page_bytes(number));
 }
 
-Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
-                                  const std::function<void(uint64_t i)>& was_read) const {
-  const uint64_t ahead = 2 * uint64_t{threads_};
-  const auto ask_for = [&](uint64_t i) {
-    if (i < numbers.size()) map_.will_need(record(numbers[i]).offset, record(numbers[i]).stored_bytes);
-  };
-  for (uint64_t i = 0; i < ahead; ++i) ask_for(i);
+/// Resolves Reading::kAuto, and opens the file for reads past the page cache if pages are read so.
+Result<void> BlockPager::open_direct() {
+  if (reading_ == Reading::kAuto) {
+    uint64_t bytes = 0;
+    for (uint64_t number = 0; number < size(); ++number) bytes += record(number).stored_bytes;
+    reading_ = bytes >= kDirectBytes && map_.cached_share() < 0.5 ? Reading::kDirect : Reading::kBuffered;
+  }
+  if (reading_ != Reading::kDirect || direct_) return {};
+  Result<DirectFile> file = DirectFile::open(map_);
+  if (!file && file.error().code != ErrorCode::kUnsupported) return file.error();
+  is_direct_ = static_cast<bool>(file);
+  if (file)
+    direct_.emplace(std::move(*file));
+  else
+    reading_ = Reading::kBuffered;
+  return {};
+}
+
+Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::function<Target(uint64_t i)>& to,
+                                  const std::function<void(uint64_t i)>& was_read) {
+  if (Result<void> opened = open_direct(); !opened) return opened;
+  ReadAhead ahead(map_);
+  for (const uint32_t number : numbers) {
+    if (!is_direct_ || was_read_[number] != 0) ahead.add(record(number).offset, record(number).stored_bytes);
+    ahead.end_item();
+  }
   FirstError failure;
-  parallel_for(numbers.size(), threads_, [&](uint64_t i) {
+  const uint32_t threads = is_direct_ ? std::max(threads_, kDirectThreads) : threads_;
+  parallel_for(numbers.size(), threads, [&](uint64_t i) {
     if (failure.is_superseded(i)) return;
-    ask_for(i + ahead);
+    ahead.begin(i);
     try {
       const Result<void> done = read(numbers[i], to(i));
       if (!done) return failure.report(i, done.error());
+      was_read_[numbers[i]] = 1;
       was_read(i);
     } catch (const std::bad_alloc&) {
       failure.report(i, no_memory());
     }
   });
+  stats_.direct_pages = direct_pages_;
   if (failure.any()) return failure.error();
   return {};
 }
 
-/// Reads by read() and not from the map. That causes no page faults, and a file that has become shorter is an error.
-Result<void> BlockPager::read(uint64_t number, std::byte* to) const {
+/// Reads, checks and unpacks a page, and writes its heads.
+Result<void> BlockPager::read(uint64_t number, const Target& to) {
   const uint32_t page = file_pages_[number];
   const format::PageRecord& stored = record(number);
   const uint64_t padded_bytes = container_.padded_page(page).size();
+  const uint64_t room = format::align_up(padded_bytes, DirectFile::kAlignment);
   const bool is_raw = stored.codec == format::PageCodec::kRaw;
-  const auto packed = is_raw ? nullptr : std::make_unique_for_overwrite<std::byte[]>(padded_bytes);
-  std::byte* const padded = is_raw ? to : packed.get();
-  if (Result<void> done = map_.read(stored.offset, {padded, padded_bytes}); !done) return done;
-  if (Result<void> done = container_.check_page(page, {padded, padded_bytes}); !done || is_raw) return done;
-  return container_.unpack_page(page, {padded, stored.stored_bytes}, {to, stored.raw_bytes});
+  const DirectMemory packed = is_raw ? nullptr : direct_memory(room);
+  std::byte* const padded = is_raw ? to.memory : packed.get();
+  if (Result<void> done = read_stored(number, {padded, room}); !done) return done;
+  Result<void> done = container_.check_page(page, {padded, padded_bytes});
+  if (done && !is_raw)
+    done = container_.unpack_page(page, {padded, stored.stored_bytes}, {to.memory, stored.raw_bytes});
+  if (done) done = write_jpeg_heads(container_, jpegs_[number], to.memory, stored.raw_bytes, to.address);
+  return done;
 }
 
-void HostBlockPager::add(uint32_t file_page) {
-  BlockPager::add(file_page);
+/// Reads a page with its padding, and not from the map. That causes no page faults, and a file that has become shorter
+/// is an error. `padded`: the padded page, rounded up to DirectFile::kAlignment.
+Result<void> BlockPager::read_stored(uint64_t number, std::span<std::byte> padded) {
+  if (is_direct_ && was_read_[number] == 0) {
+    const Result<void> done = direct_->read(record(number).offset, padded);
+    if (done) ++direct_pages_;
+    if (done || done.error().code != ErrorCode::kUnsupported) return done;
+    is_direct_ = false;  // the memory or the file system does not support it
+  }
+  return map_.read(record(number).offset, padded.first(container_.padded_page(file_pages_[number]).size()));
+}
+
+void HostBlockPager::add(uint32_t file_page, const JpegLevels& jpeg) {
+  BlockPager::add(file_page, jpeg);
   wanted_.push_back(0);
   raw_.emplace_back();
   pages_.blocks = blocks_.data();
@@ -184,12 +258,12 @@ Result<void> HostBlockPager::load(std::span<const uint32_t> numbers) {
 }
 
 Result<void> HostBlockPager::load_part(std::span<const uint32_t> numbers) {
-  std::vector<std::unique_ptr<std::byte[]>> read(numbers.size());
+  std::vector<DirectMemory> read(numbers.size());
   return read_all(
       numbers,
       [&](uint64_t i) {
-        read[i] = std::make_unique_for_overwrite<std::byte[]>(read_bytes(numbers[i]));
-        return read[i].get();
+        read[i] = direct_memory(read_bytes(numbers[i]));
+        return Target{read[i].get(), read[i].get()};
       },
       [&](uint64_t i) {
         raw_[numbers[i]] = std::move(read[i]);

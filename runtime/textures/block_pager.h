@@ -1,10 +1,11 @@
-// Pages of block images that come from the file as pixels sample them (kernels/shade/texel_pager.h).
+// Pages of block images and JPEGs that come from the file as pixels sample them (kernels/shade/texel_pager.h).
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <memory>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -12,7 +13,10 @@
 #include "format/container/container.h"
 #include "format/result.h"
 #include "kernels/shade/texel_pager.h"
+#include "runtime/files/direct_file.h"
 #include "runtime/files/mapped_file.h"
+#include "runtime/files/reading.h"
+#include "runtime/textures/jpeg_image.h"
 
 namespace scree::runtime {
 
@@ -21,6 +25,7 @@ struct PagerStats {
   uint64_t read_pages = 0;  // a page counts each time that it is read
   uint64_t read_bytes = 0;
   uint64_t stored_bytes = 0;  // of these pages, in the file
+  uint64_t direct_pages = 0;  // of these pages, past the page cache
 };
 
 /// Decides which pages are in memory. A derived class owns that memory.
@@ -33,25 +38,44 @@ class BlockPager : public kernels::TexelPager {
   uint64_t size() const { return file_pages_.size(); }                  // in pages
   std::span<const uint32_t> file_pages() const { return file_pages_; }  // by number: which page of the file
   uint64_t all_bytes() const { return all_bytes_; }                     // of all pages
-  uint64_t resident_bytes() const { return resident_bytes_; }           // rounded up
+  /// Memory that a page takes: its raw bytes, and the heads of its JPEG levels.
+  uint64_t page_bytes(uint64_t number) const;
+  uint64_t resident_bytes() const { return resident_bytes_; }  // rounded up
+  uint64_t room_bytes() const { return room_bytes_; }
+  /// Bytes of the pages, rounded up, that were wanted in round `first` or later. Error kDevice.
+  Result<uint64_t> wanted_bytes(uint64_t first);
+  /// Bytes of the pages of a single pixel that the last bring() refused; 0 if it refused none.
+  uint64_t refused_bytes() const { return refused_bytes_; }
   const PagerStats& stats() const { return stats_; }
 
  protected:
   /// `map`: of the file that `container` was opened on; must outlive this. `room_bytes`: the most that pages take.
-  /// Reads on `threads` threads.
-  BlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads)
-      : map_(map), container_(std::move(container)), room_bytes_(room_bytes), threads_(threads) {}
+  /// Reads on `threads` threads, and on kDirectThreads at least while pages come past the page cache.
+  BlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads, Reading reading)
+      : map_(map), container_(std::move(container)), room_bytes_(room_bytes), threads_(threads), reading_(reading) {}
 
-  void add(uint32_t file_page);
+  /// `jpeg`: the levels in the page; their count is 0 if it has rows of blocks.
+  void add(uint32_t file_page, const JpegLevels& jpeg);
+  /// Adds all pages of another pager.
+  void add_all_of(const BlockPager& other);
 
   const format::PageRecord& record(uint64_t number) const { return container_.pages()[file_pages_[number]]; }
-  /// Memory that reading a page fills: a raw page comes with its padding. At most format::kBlockPageBytes.
+  /// Memory that reading a page fills: at least page_bytes(); a raw page comes with its padding.
   uint64_t read_bytes(uint64_t number) const;
-  /// Reads pages on all threads, while the system reads others ahead. The i-th page goes to `to(i)`, which may throw
-  /// std::bad_alloc. `was_read(i)` is called afterwards on the same thread. Returns the error of the first page that
-  /// failed.
-  Result<void> read_all(std::span<const uint32_t> numbers, const std::function<std::byte*(uint64_t i)>& to,
-                        const std::function<void(uint64_t i)>& was_read) const;
+  /// Reads pages on all threads, many at a time, so that the disk is busy. A page that is read for the first time comes
+  /// past the page cache if `reading` says so. A page that is read again comes through it, because it was dropped for
+  /// lack of room and may come more often. The i-th page goes to `to(i)`, which may throw std::bad_alloc.
+  /// `was_read(i)` is called afterwards on the same thread. Returns the error of the first page that failed.
+  struct Target {
+    std::byte* memory;         // aligned to DirectFile::kAlignment
+    const std::byte* address;  // where the page will lie when it is sampled
+  };
+  Result<void> read_all(std::span<const uint32_t> numbers, const std::function<Target(uint64_t i)>& to,
+                        const std::function<void(uint64_t i)>& was_read);
+
+  void set_room_bytes(uint64_t bytes) { room_bytes_ = bytes; }
+  /// Drops the pages for which `is_dropped(number)` returns true.
+  void drop_if(const std::function<bool(uint32_t number)>& is_dropped);
 
   /// The bytes of the room that a page of `bytes` takes.
   virtual uint64_t rounded(uint64_t bytes) const { return bytes; }
@@ -71,19 +95,28 @@ class BlockPager : public kernels::TexelPager {
 
  private:
   Result<uint64_t> missing_since(uint64_t first) final;
-  uint64_t bytes_of(uint64_t number) const { return rounded(record(number).raw_bytes); }
+  uint64_t bytes_of(uint64_t number) const { return rounded(page_bytes(number)); }
   bool take_all(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted);
   bool take_next(uint64_t number);
   void drop(uint64_t number);
-  Result<void> read(uint64_t number, std::byte* to) const;
+  Result<void> open_direct();
+  Result<void> read(uint64_t number, const Target& to);
+  Result<void> read_stored(uint64_t number, std::span<std::byte> padded);
 
   const MappedFile& map_;
   format::Container container_;
   uint64_t room_bytes_;
   uint32_t threads_;
+  Reading reading_;                   // not kAuto once a page was read
+  std::optional<DirectFile> direct_;  // once a page was read, if it is used
+  std::atomic<bool> is_direct_{false};
+  std::atomic<uint64_t> direct_pages_{0};
+  std::vector<uint8_t> was_read_;  // by number
   std::vector<uint32_t> file_pages_;
+  std::vector<JpegLevels> jpegs_;  // by number
   uint64_t all_bytes_ = 0;
   uint64_t resident_bytes_ = 0;
+  uint64_t refused_bytes_ = 0;
   PagerStats stats_;
 };
 
@@ -91,11 +124,12 @@ class BlockPager : public kernels::TexelPager {
 class HostBlockPager final : public BlockPager {
  public:
   /// As BlockPager.
-  HostBlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads)
-      : BlockPager(map, std::move(container), room_bytes, threads) {}
+  HostBlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads,
+                 Reading reading)
+      : BlockPager(map, std::move(container), room_bytes, threads, reading) {}
 
-  /// Adds a page of the file that holds rows of blocks. It gets the next number. Throws std::bad_alloc.
-  void add(uint32_t file_page);
+  /// Adds a page of the file that holds rows of blocks, or JPEG levels. It gets the next number. Throws std::bad_alloc.
+  void add(uint32_t file_page, const JpegLevels& jpeg = {});
 
  private:
   Result<std::span<const uint64_t>> wanted() override { return std::span<const uint64_t>(wanted_); }
@@ -105,7 +139,7 @@ class HostBlockPager final : public BlockPager {
   Result<void> load_part(std::span<const uint32_t> numbers);
 
   std::vector<uint64_t> wanted_;
-  std::vector<std::unique_ptr<std::byte[]>> raw_;
+  std::vector<DirectMemory> raw_;
 };
 
 }  // namespace scree::runtime

@@ -1,12 +1,63 @@
 #include "runtime/textures/jpeg_image.h"
 
 #include <algorithm>
+#include <cstring>
 #include <string>
 #include <utility>
 
+#include "format/bytes.h"
 #include "format/jpeg/picture.h"
+#include "runtime/textures/block_image.h"
+#include "runtime/textures/block_pager.h"
 
 namespace scree::runtime {
+namespace {
+
+constexpr uint64_t kHeadAlignment = 16;
+
+/// The place of a stored level: its page, and its bytes there.
+struct Place {
+  uint32_t page;
+  uint64_t offset;
+  uint64_t bytes;
+};
+
+Place place_of(const format::Container& container, uint32_t image, uint32_t level) {
+  const format::ImageRecord& record = container.images()[image];
+  if (level == 0) return {record.page, 0, container.pages()[record.page].raw_bytes};
+  const format::MipLevelRecord& stored = container.mip_levels()[record.first_level + level - 1];
+  return {stored.page, stored.offset, stored.bytes};
+}
+
+/// Opens a stored level out of its page's raw bytes.
+Result<format::JpegIndex> open_level(const format::Container& container, uint32_t image, uint32_t level,
+                                     std::span<const std::byte> raw) {
+  const format::ImageRecord& record = container.images()[image];
+  const Place place = place_of(container, image, level);
+  return open_jpeg_level(raw.subspan(place.offset, place.bytes), std::max(1u, record.width >> level),
+                         std::max(1u, record.height >> level), record.channels);
+}
+
+/// The number of levels that stay in the file. The last stored level never does.
+uint32_t paged_levels_of(const format::Container& container, uint32_t image, bool paged) {
+  const uint32_t last = container.images()[image].level_count;
+  uint32_t count = 0;
+  while (paged && count < last &&
+         container.pages()[place_of(container, image, count).page].raw_bytes > kLeastPagedBytes)
+    ++count;
+  return count;
+}
+
+// The tables of a level: at most one of each kind per component.
+constexpr uint32_t kFactorBytes = 64 * sizeof(uint32_t);
+constexpr uint64_t kPictureBytes = format::align_up(sizeof(format::JpegPicture), kHeadAlignment);
+
+uint64_t head_bytes(uint32_t channels) {
+  const uint64_t tables = channels * (kFactorBytes + 2 * sizeof(format::JpegHuffmanTable));
+  return format::align_up(kPictureBytes + tables, kHeadAlignment);
+}
+
+}  // namespace
 
 Result<format::JpegIndex> open_jpeg_level(std::span<const std::byte> bytes, uint32_t width, uint32_t height,
                                           uint32_t channels) {
@@ -43,7 +94,7 @@ Result<Image> decode_jpeg_level(const format::JpegIndex& level) {
   return image;
 }
 
-Result<JpegImage> JpegImage::open(const format::Container& container, uint32_t image) {
+Result<JpegImage> JpegImage::open(const format::Container& container, uint32_t image, uint32_t first) {
   JpegImage opened;
   const format::ImageRecord& record = container.images()[image];
   const auto page_bytes = [&](uint32_t number) -> Result<std::span<const std::byte>> {
@@ -54,25 +105,21 @@ Result<JpegImage> JpegImage::open(const format::Container& container, uint32_t i
     if (!loaded) return loaded;
     return page.bytes = *loaded;
   };
-  for (uint32_t l = 0; l <= record.level_count; ++l) {
+  for (uint32_t l = first; l <= record.level_count; ++l) {
     const std::string place = "level " + std::to_string(l);
-    auto bytes = page_bytes(l == 0 ? record.page : container.mip_levels()[record.first_level + l - 1].page);
+    const auto bytes = page_bytes(place_of(container, image, l).page);
     if (!bytes) return at(place, bytes.error());
-    if (l != 0) {
-      const format::MipLevelRecord& level = container.mip_levels()[record.first_level + l - 1];
-      bytes = bytes->subspan(level.offset, level.bytes);
-    }
-    auto index =
-        open_jpeg_level(*bytes, std::max(1u, record.width >> l), std::max(1u, record.height >> l), record.channels);
+    auto index = open_level(container, image, l, *bytes);
     if (!index) return at(place, index.error());
     opened.levels_.push_back(std::move(*index));
   }
+  opened.first_ = first;
   return opened;
 }
 
 Result<MipChain> JpegImage::decode_tail(TexelCoding coding) const {
   Result<Image> last = decode_jpeg_level(levels_.back());
-  if (!last) return at("level " + std::to_string(levels_.size() - 1), last.error());
+  if (!last) return at("level " + std::to_string(first_ + levels_.size() - 1), last.error());
   return make_mips(std::move(*last), coding);
 }
 
@@ -96,13 +143,20 @@ Result<MipChain> JpegImage::decode(TexelCoding coding) const {
   return chain;
 }
 
-Result<JpegTexture> JpegTexture::make(JpegImage image, TexelCoding coding) {
+Result<JpegTexture> JpegTexture::load(const format::Container& container, uint32_t image, TexelCoding coding,
+                                      bool paged) {
   JpegTexture texture;
-  texture.image_ = std::move(image);
+  texture.width_ = container.images()[image].width;
+  texture.height_ = container.images()[image].height;
+  const uint32_t first = texture.paged_levels_ = paged_levels_of(container, image, paged);
+  Result<JpegImage> opened = JpegImage::open(container, image, first);
+  if (!opened) return opened.error();
+  texture.image_ = std::move(*opened);
   Result<MipChain> tail = texture.image_.decode_tail(coding);
   if (!tail) return tail.error();
   texture.tail_ = std::move(*tail);
   const std::vector<format::JpegIndex>& levels = texture.image_.levels();
+  texture.levels_.resize(first);
   for (size_t l = 0; l + 1 < levels.size(); ++l) {
     texture.factors_.push_back(format::jpeg_factors(levels[l]));
     texture.levels_.push_back({format::jpeg_picture(levels[l], texture.factors_.back().data()), 0});
@@ -110,12 +164,52 @@ Result<JpegTexture> JpegTexture::make(JpegImage image, TexelCoding coding) {
   return texture;
 }
 
+void JpegTexture::add_ranges(const format::Container& container, uint32_t image, bool paged, ReadAhead& ahead) {
+  uint32_t last = format::kNone;
+  const uint32_t count = container.images()[image].level_count;
+  for (uint32_t level = paged_levels_of(container, image, paged); level <= count; ++level) {
+    const uint32_t page = place_of(container, image, level).page;
+    if (page != last) ahead.add(container.pages()[page].offset, container.pages()[page].stored_bytes);
+    last = page;
+  }
+}
+
+void JpegTexture::add_pages(const format::Container& container, uint32_t image, HostBlockPager& pager) {
+  const uint32_t channels = container.images()[image].channels;
+  for (uint32_t first = 0; first < paged_levels_;) {
+    const uint32_t page = place_of(container, image, first).page;
+    uint32_t last = first;
+    while (last < paged_levels_ && place_of(container, image, last).page == page) ++last;
+    for (uint32_t level = first; level < last; ++level) {
+      levels_[level].page = static_cast<uint32_t>(pager.size());
+      levels_[level].place = jpeg_head_place(container.pages()[page].raw_bytes, channels, level - first);
+    }
+    pager.add(page, {image, first, last - first});
+    first = last;
+  }
+}
+
+uint32_t JpegTexture::group_bytes() const {
+  uint32_t bytes = 0;
+  for (size_t l = paged_levels_; l < levels_.size(); ++l)
+    bytes = std::max(bytes, format::jpeg_group_bytes(levels_[l].picture));
+  if (paged_levels_ != 0) {
+    const format::JpegLayout& layout = image_.levels().back().layout;
+    bytes = std::max(bytes, 64 * layout.mcu_blocks * layout.group_mcus);
+  }
+  return bytes;
+}
+
 void JpegTexture::number_levels(uint32_t& number, kernels::JpegGroups& groups) {
-  for (kernels::JpegLevel& level : levels_) {
-    const format::JpegPicture& picture = level.picture;
-    level.number = number++;
-    level.first_group = groups.count;
-    groups.count += (picture.view.mcu_count - 1) / picture.view.group_mcus + 1;
+  const format::JpegPicture last = format::jpeg_picture(image_.levels().back(), nullptr);
+  for (uint32_t l = 0; l < levels_.size(); ++l) {
+    const format::JpegPicture& picture = l < paged_levels_ ? last : levels_[l].picture;
+    const uint32_t across = (std::max(1u, width_ >> l) - 1) / picture.mcu_width + 1;
+    const uint32_t down = (std::max(1u, height_ >> l) - 1) / picture.mcu_height + 1;
+    levels_[l].number = number++;
+    levels_[l].first_group = groups.count;
+    levels_[l].group_count = (across * down - 1) / picture.view.group_mcus + 1;
+    groups.count += levels_[l].group_count;
     groups.pixels = std::max(groups.pixels, picture.mcu_width * picture.mcu_height * picture.view.group_mcus);
   }
 }
@@ -127,8 +221,8 @@ kernels::TextureView JpegTexture::view(const format::TextureRecord& record) cons
   std::copy_backward(view.level_offset, view.level_offset + view.level_count,
                      view.level_offset + stored + view.level_count);
   view.level_count += stored;
-  view.width = image_.levels().front().width;
-  view.height = image_.levels().front().height;
+  view.width = width_;
+  view.height = height_;
   view.jpeg = levels_.data();
   view.jpeg_level_count = stored;
   return view;
@@ -141,11 +235,44 @@ std::span<const std::byte> JpegTexture::level_bytes(size_t level) const {
 
 uint64_t JpegTexture::jpeg_bytes() const {
   uint64_t bytes = 0;
-  for (size_t l = 0; l < levels_.size(); ++l) {
-    const format::JpegIndex& level = image_.levels()[l];
+  for (size_t l = paged_levels_; l < levels_.size(); ++l) {
+    const format::JpegIndex& level = index(l);
     bytes += level.data.size() + level.index_bytes() + level.tables.size() * sizeof(format::JpegHuffmanTable);
   }
   return bytes;
+}
+
+uint64_t jpeg_head_place(uint64_t raw_bytes, uint32_t channels, uint32_t place) {
+  return format::align_up(raw_bytes, kHeadAlignment) + place * head_bytes(channels);
+}
+
+Result<void> write_jpeg_heads(const format::Container& container, const JpegLevels& levels, std::byte* memory,
+                              uint64_t raw_bytes, const std::byte* address) {
+  const uint32_t channels = container.images()[levels.image].channels;
+  const auto moved = [&](const void* part) { return address + (static_cast<const std::byte*>(part) - memory); };
+  for (uint32_t i = 0; i < levels.count; ++i) {
+    const auto index = open_level(container, levels.image, levels.first + i, {memory, raw_bytes});
+    if (!index)
+      return at("image " + std::to_string(levels.image) + ": level " + std::to_string(levels.first + i), index.error());
+    std::byte* const head = memory + jpeg_head_place(raw_bytes, channels, i);
+    std::byte* const factors = head + kPictureBytes;
+    std::byte* const tables = factors + channels * kFactorBytes;
+    const std::vector<uint32_t> made = format::jpeg_factors(*index);
+    format::JpegPicture picture = format::jpeg_picture(*index, reinterpret_cast<const uint32_t*>(moved(factors)));
+    move_jpeg_view(picture.view, moved(picture.view.data));
+    picture.view.tables = reinterpret_cast<const format::JpegHuffmanTable*>(moved(tables));
+    std::memcpy(head, &picture, sizeof picture);
+    std::memcpy(factors, made.data(), made.size() * sizeof made[0]);
+    std::memcpy(tables, index->tables.data(), index->tables.size() * sizeof index->tables[0]);
+  }
+  return {};
+}
+
+void move_jpeg_view(format::JpegView& view, const std::byte* data) {
+  const auto* const from = static_cast<const std::byte*>(view.data);
+  view.blocks = data + (static_cast<const std::byte*>(view.blocks) - from);
+  view.anchors = data + (static_cast<const std::byte*>(view.anchors) - from);
+  view.data = data;
 }
 
 }  // namespace scree::runtime

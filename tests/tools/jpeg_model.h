@@ -59,9 +59,12 @@ inline void make_jpeg_model(const std::string& path, uint32_t side = 4, double a
   maker.finish();
 }
 
-/// `texture_cache`: SceneOptions::texture_cache.
-inline runtime::Scene load_cached(const std::string& path, uint64_t texture_cache) {
-  return must_load(path, {.threads = 2, .texture_cache = texture_cache});
+/// As in SceneOptions. A GPU gets the same `texture_memory`.
+inline runtime::Scene load_cached(const std::string& path, uint64_t texture_cache, uint64_t texture_memory = 0) {
+  return must_load(path, {.threads = 2,
+                          .texture_cache = texture_cache,
+                          .texture_memory = texture_memory,
+                          .device_texture_memory = texture_memory});
 }
 
 }  // namespace scree::tests

@@ -72,6 +72,7 @@ struct Times {
   std::optional<runtime::StreamStats> streamed;
   std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
   uint64_t texel_page_bytes = 0;                      // of all texture pages
+  uint64_t texel_room_bytes = 0;                      // that they may take in the memory from which they are sampled
   runtime::PagerStats texel_pages;                    // of the texture pages in the picture
   kernels::BlendCounts blended;
   std::optional<Duration> shadows;  // of drawing the shadow map
@@ -131,8 +132,11 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
                 static_cast<unsigned long long>(blocks->decoded()), format_bytes(blocks->bytes()).c_str());
   if (times.texel_page_bytes != 0)
     std::printf(
-        "pages of textures: %s in all, %llu read, %s unpacked, %s in the file\n",
-        format_bytes(times.texel_page_bytes).c_str(), static_cast<unsigned long long>(times.texel_pages.read_pages),
+        "pages of textures: %s in all, room for %s, %llu read (%llu past the page cache), %s unpacked, %s in the "
+        "file\n",
+        format_bytes(times.texel_page_bytes).c_str(), format_bytes(times.texel_room_bytes).c_str(),
+        static_cast<unsigned long long>(times.texel_pages.read_pages),
+        static_cast<unsigned long long>(times.texel_pages.direct_pages),
         format_bytes(times.texel_pages.read_bytes).c_str(), format_bytes(times.texel_pages.stored_bytes).c_str());
   std::printf("view: eye %.9g,%.9g,%.9g forward %.6f,%.6f,%.6f up %.6f,%.6f,%.6f near %g\n", view.eye[0], view.eye[1],
               view.eye[2], view.forward[0], view.forward[1], view.forward[2], view.up[0], view.up[1], view.up[2],
@@ -308,6 +312,7 @@ Result<Drawn> draw(RenderOptions options, const runtime::Scene& scene, const ker
   }
   if (const runtime::BlockPager* pager = device != nullptr ? device->block_pager() : scene.block_pager()) {
     times.texel_page_bytes = pager->all_bytes();
+    times.texel_room_bytes = pager->room_bytes();
     times.texel_pages = pager->stats();
   }
   if (device == nullptr) return Result<Drawn>(std::move(drawn));

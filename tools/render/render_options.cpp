@@ -302,6 +302,7 @@ runtime::SceneOptions RenderOptions::scene_options() const {
   load.lighting = load.textures && shade.light ? light.lighting : kernels::Lighting::kCamera;
   load.environment = light.environment;
   load.texture_cache = texture_cache.value_or(runtime::kHostTextureCache);
+  load.reading = reading;
   return load;
 }
 

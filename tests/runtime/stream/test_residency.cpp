@@ -12,12 +12,14 @@
 #include <string>
 #include <vector>
 
+#include "runtime/stream/shared_room.h"
 #include "tests/catch.h"
 #include "tests/speed.h"
 
 using scree::ErrorCode;
 using scree::Result;
 using scree::runtime::Residency;
+using scree::runtime::SharedRoom;
 
 namespace {
 
@@ -100,6 +102,23 @@ class Checked {
     REQUIRE(to_draw.empty());
     REQUIRE(out.loaded_bytes == out.missing_bytes);
     return out;
+  }
+
+  /// Chunks that do not reach beyond the new end stay.
+  void resize(uint64_t pool_bytes) {
+    const auto end = static_cast<ptrdiff_t>(pool_bytes / Residency::kAlignment);
+    std::set<uint32_t> beyond;  // and chunks that left traces there
+    if (end < static_cast<ptrdiff_t>(units_.size()))
+      for (auto unit = units_.begin() + end; unit != units_.end(); ++unit) beyond.insert(*unit - 1);
+    residency_->resize(pool_bytes);
+    units_.resize(static_cast<size_t>(end));
+    for (auto chunk = resident_.begin(); chunk != resident_.end();) {
+      const bool stays = residency_->is_resident(*chunk);
+      if (!stays) REQUIRE(beyond.contains(*chunk));
+      chunk = stays ? std::next(chunk) : resident_.erase(chunk);
+    }
+    REQUIRE(residency_->pool_bytes() == units_.size() * Residency::kAlignment);
+    REQUIRE(used() + residency_->free_bytes() == units_.size() * Residency::kAlignment);
   }
 
   const Residency& residency() const { return *residency_; }
@@ -239,11 +258,15 @@ TEST_CASE("random frames in random pools keep the promises of Residency", "[resi
       all += room_of(chunk);
     }
     // From the smallest pool to one with room for everything.
-    const uint64_t pool = largest + random() % (all - largest + 700) * (random() % 3) / 2;
+    uint64_t pool = largest + random() % (all - largest + 700) * (random() % 3) / 2;
     Checked checked(pool, bytes);
     std::vector<uint32_t> visible;
     for (int frame = 0; frame < 12; ++frame) {
       const bool still = frame % 3 == 2;  // the same chunks again
+      if (frame % 3 == 0 && random() % 2 == 0) {
+        pool = largest + random() % (all - largest + 700);
+        checked.resize(pool);
+      }
       if (!still) visible = some_of(count, static_cast<uint32_t>(random() % (count + 1)), random);
       uint64_t needed = 0;
       for (const uint32_t chunk : visible) needed += room_of(bytes[chunk]);
@@ -352,6 +375,35 @@ TEST_CASE("give_way_next() sets the order of eviction, and evicted stretches lea
     residency.batch_drawn(batch.loads);
   }
   for (uint32_t i = 8; i < kChunks; ++i) CHECK(residency.is_resident(all[i].chunk));
+}
+
+TEST_CASE("memory is divided by the bytes that a picture showed, within its limits", "[residency]") {
+  constexpr uint64_t kUnit = 4096;
+  SharedRoom room;
+  room.bytes = 1000 * kUnit;
+  room.room = 250 * kUnit;
+  room.least_room = 10 * kUnit;
+  room.most_room = 900 * kUnit;
+  room.least_pool = 50 * kUnit;
+  const auto balanced = [&](uint64_t chunks, uint64_t pages) {
+    return room.balanced(chunks * kUnit, pages * kUnit, kUnit) / kUnit;
+  };
+  CHECK(balanced(750, 250) == 250);  // both fit
+  CHECK(balanced(0, 0) == 250);
+  CHECK(balanced(300, 500) == 600);  // then they share the rest
+  CHECK(balanced(800, 100) == 150);
+  CHECK(balanced(760, 245) == 250);  // a change too small to be worth it
+  CHECK(balanced(1000, 3000) == 750);
+  CHECK(balanced(6000, 2000) == 250);
+  CHECK(balanced(20000, 100) == 10);
+  CHECK(balanced(100, 20000) == 900);
+  CHECK(balanced(uint64_t{1} << 50, uint64_t{1} << 50) == 500);
+  room.most_room = 300 * kUnit;        // --texture-memory
+  CHECK(balanced(100, 20000) == 250);  // 300 is too near
+  room.most_room = 2000 * kUnit;
+  CHECK(balanced(0, 20000) == 950);  // a chunk has to fit
+  CHECK(room.within(0, kUnit) == room.least_room);
+  CHECK(room.within(kUnit * 20 + 5, kUnit) == 20 * kUnit);
 }
 
 TEST_CASE("cost of choosing chunks", "[.bench][residency]") {

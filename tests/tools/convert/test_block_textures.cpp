@@ -6,6 +6,7 @@
 #include <fstream>
 #include <optional>
 #include <random>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -39,12 +40,14 @@ using tests::TempFolder;
 
 namespace {
 
-/// Grids side by side, each with one of the files as its texture.
-void make_block_model(const std::string& path, const std::vector<FileBytes>& files) {
+/// Grids side by side, of `side` quads per side, each with one of the files as its texture.
+void make_block_model(const std::string& path, const std::vector<FileBytes>& files, uint32_t side = 4) {
   tests::ModelMaker maker(path);
   for (size_t i = 0; i < files.size(); ++i) {
     tests::GridSpec spec;
+    spec.columns = spec.rows = side;
     spec.uv = true;
+    spec.normal = side > 4;  // more bytes
     spec.origin = {1.1f * static_cast<float>(i % 3), 0, 1.1f * static_cast<float>(i / 3)};
     const std::string number = std::to_string(i);
     const uint32_t material = maker.textured("i" + number, ImageCodec::kBlocks, files[i]);
@@ -303,6 +306,7 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   make_block_model(folder.file("in.glb"), large_files());
   convert::ConvertOptions options = tests::options_of(folder);
   options.images.block_zstd_level = GENERATE(0, 3);
+  const runtime::Reading reading = GENERATE(runtime::Reading::kAuto, runtime::Reading::kDirect);
   tests::must_convert(options);
   const runtime::Scene whole = tests::must_load(options.output, {.threads = 2});
   REQUIRE(whole.block_pager() == nullptr);
@@ -317,7 +321,8 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
     uint64_t needed = 0;  // pages read with room for all
     for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{3} << 19}) {
       CAPTURE(width, samples, memory);
-      const runtime::Scene paged = tests::must_load(options.output, {.threads = 2, .texture_memory = memory});
+      const runtime::Scene paged =
+          tests::must_load(options.output, {.threads = 2, .texture_memory = memory, .reading = reading});
       const runtime::BlockPager* const pager = paged.block_pager();
       REQUIRE(pager != nullptr);
       CHECK(pager->resident_bytes() == 0);
@@ -405,7 +410,9 @@ TEST_CASE("pages that were needed longest ago are evicted first", "[block_textur
   tests::must_convert(options);
   const auto file = runtime::SceneFile::open(options.output);
   REQUIRE(file);
-  runtime::HostBlockPager pager(file->map(), file->container(), 2 * format::kBlockPageBytes, 2);
+  const bool is_direct = GENERATE(false, true) && runtime::DirectFile::open(file->map());
+  runtime::HostBlockPager pager(file->map(), file->container(), 2 * format::kBlockPageBytes, 2,
+                                is_direct ? runtime::Reading::kDirect : runtime::Reading::kBuffered);
   for (uint32_t page = 0; page < 4; ++page) pager.add(file->container().images()[0].page + page);
   const auto round = [&](const std::vector<uint64_t>& wanted) {
     pager.begin_round();
@@ -429,6 +436,10 @@ TEST_CASE("pages that were needed longest ago are evicted first", "[block_textur
   CHECK(round({2, 3}));
   CHECK(pager.resident_bytes() == 2 * format::kBlockPageBytes);
   CHECK(pager.stats().read_pages == 4);
+  CHECK(bring({1}));
+  CHECK(pager.stats().read_pages == 5);
+  // A page that comes again is left in the page cache.
+  CHECK(pager.stats().direct_pages == (is_direct ? 4 : 0));
 }
 
 TEST_CASE("a page of a texture is checked when it is read", "[block_textures][texel_pager][bad]") {
@@ -511,6 +522,60 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of textures",
       if (memory < uint64_t{1} << 40) continue;
       CHECK(draw(paged, width, &*device) == expected);  // a still camera's second picture reads nothing
       CHECK(pager->stats().read_pages == read);
+    }
+  }
+}
+
+TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pager]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), large_files(), 200);
+  convert::ConvertOptions options = tests::options_of(folder);
+  options.encoding = convert::Encoding::kIndexed;
+  tests::must_convert(options);
+  const runtime::Scene whole = tests::must_load(options.output);
+  auto all_there = runtime::DeviceScene::upload(whole, 0, 2);
+  if (!all_there) FAIL(all_there.error().message);
+  constexpr uint64_t kUsual = uint64_t{1} << 16;  // less than some pixels show
+  for (const uint64_t limit : {~uint64_t{0}, uint64_t{5} << 18}) {
+    const runtime::Scene scene = tests::must_load(options.output, {.threads = 2,
+                                                                   .texture_memory = 1,
+                                                                   .device_texture_memory = kUsual,
+                                                                   .device_texture_limit = limit,
+                                                                   .pages = false});
+    const kernels::ShadeOptions shade;
+    const auto refused = runtime::DeviceScene::upload(scene, 1, 2);
+    REQUIRE_FALSE(refused);
+    const uint64_t least = tests::least_device_memory(refused.error().message);
+    for (const uint64_t more : {uint64_t{3} << 18, uint64_t{3} << 19}) {
+      if (tests::kEmulatesGpu && (more == uint64_t{3} << 18) != (limit == ~uint64_t{0})) continue;
+      auto device = runtime::DeviceScene::upload(scene, least + more, 2);
+      if (!device) FAIL(device.error().message);
+      REQUIRE(device->is_streamed());
+      const runtime::BlockPager& pager = *device->block_pager();
+      const uint64_t first_room = pager.room_bytes();
+      std::set<uint64_t> rooms = {first_room};
+      for (const bool is_close : {false, true, true, false, false, true}) {
+        CAPTURE(limit, more, is_close, pager.room_bytes());
+        runtime::CameraOptions camera{.width = 240, .height = 160};
+        if (is_close) {
+          camera.eye = {0.5, 0.12, 0.5};
+          camera.target = {0.52, 0, 0.42};
+        }
+        const kernels::View view = tests::must_view(whole, camera);
+        const auto frame = runtime::Frame::draw(scene, view, 1, 2, &*device, &shade);
+        if (!frame) FAIL(frame.error().message);
+        const auto picture = frame->shade(shade, 2);
+        if (!picture) FAIL(picture.error().message);
+        const auto expected = runtime::Frame::draw(whole, view, 1, 2, &*all_there);
+        REQUIRE(expected);
+        CHECK(picture->pixels == expected->shade(shade, 2)->pixels);
+        CHECK(pager.resident_bytes() <= pager.room_bytes());
+        CHECK(pager.room_bytes() <= std::max(limit, first_room));
+        rooms.insert(pager.room_bytes());
+      }
+      CHECK(rooms.size() > 1);
+      CHECK(pager.stats().read_pages != 0);
     }
   }
 }

@@ -248,6 +248,28 @@ TEST_CASE("rounds of decoding give the same picture as whole textures, with cach
   }
 }
 
+TEST_CASE("groups that do not fit the cache are decoded by their pixels", "[texture_cache]") {
+  const TempFolder folder;
+  tests::make_jpeg_model(folder.file("in.glb"));
+  tests::must_convert(tests::options_of(folder));
+  const runtime::Scene whole = load_cached(folder.file("out.scree"), 0);
+  const runtime::Scene scene = load_cached(folder.file("out.scree"), 1);
+  const kernels::SrgbTables srgb = kernels::make_srgb_tables();
+  const kernels::View view = views_of(whole)[2];
+  const std::vector<uint64_t> samples = draw(whole, view);
+  const auto expected = resolve_whole(make_shade_inputs(whole.view(), view, {}, nullptr, &srgb, nullptr), 1, samples);
+  const kernels::JpegGroups groups = scene.jpeg_groups();
+  for (const bool none_fits : {true, false}) {
+    std::vector<JpegLevel> levels = levels_of(scene);
+    // Every second level has one group more than expected.
+    for (size_t i = 0; i < levels.size(); i += 2) --levels[i].group_count;
+    HostCache cache(std::move(levels), 100000, {groups.count, none_fits ? groups.pixels - 1 : groups.pixels});
+    CHECK(cache.resolve(make_shade_inputs(scene.view(), view, {}, nullptr, &srgb, nullptr), 1, samples, 2) == expected);
+    CHECK((cache.counters()[0].requests == 0) == none_fits);
+    CHECK(cache.counters().back().tiles > 0);
+  }
+}
+
 TEST_CASE("a texture cache keeps recent groups, and evicts the least recent", "[texture_cache]") {
   constexpr uint32_t kSlots = 64;
   std::vector<uint8_t> places(10000, TextureCache::kAbsent);
@@ -376,6 +398,49 @@ TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of an
         CHECK(off <= cpu_pixels.size() / 10000);
       }
       if (bytes == 1) CHECK(most_left > 0);
+    }
+  }
+}
+
+TEST_CASE("a GPU's picture does not depend on the memory for pages of JPEGs", "[cuda][texel_pager]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  tests::make_jpeg_model(folder.file("in.glb"));
+  const convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const auto draw_on = [](runtime::DeviceScene* on, const runtime::Scene& from, const kernels::View& view) {
+    const auto drawn = runtime::Frame::draw(from, view, 1, 2, on);
+    REQUIRE(drawn);
+    const auto picture = drawn->shade({}, 2);
+    if (!picture) FAIL(picture.error().message);
+    return picture->pixels;
+  };
+  const runtime::Scene whole = load_cached(options.output, 1);
+  auto of_whole = runtime::DeviceScene::upload(whole, 0, 2);
+  REQUIRE(of_whole);
+  const uint64_t all = load_cached(options.output, 1, 1).block_pager()->all_bytes();
+  for (const uint64_t memory : {uint64_t{1} << 40, all / 2}) {
+    // 64 KiB of pinned memory take none of the large pages.
+    for (const uint64_t host_memory : {uint64_t{0}, uint64_t{1} << 16}) {
+      for (const uint64_t cache : {uint64_t{1}, runtime::kDeviceTextureCache}) {
+        if (tests::kEmulatesGpu && (host_memory == 0) != (cache == 1)) continue;
+        const runtime::Scene scene = load_cached(options.output, 1, memory);
+        auto device = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, cache, host_memory);
+        if (!device) FAIL(device.error().message);
+        const runtime::BlockPager* const pager = device->block_pager();
+        REQUIRE(pager != nullptr);
+        for (const kernels::View& view : views_of(scene)) {
+          CAPTURE(memory, host_memory, cache, view.width);
+          const auto expected = draw_on(&*of_whole, whole, view);
+          CHECK(draw_on(&*device, scene, view) == expected);
+          CHECK(pager->resident_bytes() <= memory);
+          if (memory != uint64_t{1} << 40) continue;
+          const uint64_t read = pager->stats().read_pages;
+          CHECK(draw_on(&*device, scene, view) == expected);
+          CHECK(pager->stats().read_pages == read);
+        }
+        CHECK(pager->stats().read_pages != 0);
+      }
     }
   }
 }
