@@ -59,11 +59,17 @@ SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t numbe
   return pages.blocks[number];
 }
 
+/// The picture of a JPEG level whose page is `page`, if it has one.
+SCREE_HD inline const format::JpegPicture* jpeg_of(const JpegLevel& level, const uint8_t* page) {
+  return level.page == JpegLevel::kNotPaged ? &level.picture
+                                            : reinterpret_cast<const format::JpegPicture*>(page + level.place);
+}
+
 /// The picture of a JPEG level, or null if its page is absent. Marks the page as wanted.
 SCREE_HD inline const format::JpegPicture* want_jpeg(const TexelPages& pages, const JpegLevel& level) {
   if (level.page == JpegLevel::kNotPaged) return &level.picture;
-  const uint8_t* page = want_page(pages, level.page);
-  return page == nullptr ? nullptr : reinterpret_cast<const format::JpegPicture*>(page + level.place);
+  const uint8_t* const page = want_page(pages, level.page);
+  return page == nullptr ? nullptr : jpeg_of(level, page);
 }
 
 SCREE_HD inline bool absent_texels(uint32_t texels[4]) {

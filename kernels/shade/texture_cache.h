@@ -109,9 +109,9 @@ struct TextureCache {
     }
   }
 
-  /// Whether the cache has room for the groups of a level, whose picture this is. The groups of a paged level were counted
-  /// before it was read, as if it were coded like the last stored level; if they are larger or more, each pixel decodes
-  /// them itself.
+  /// Whether the cache has room for the groups of a level, whose picture this is. The groups of a paged level were
+  /// counted before it was read, as if it were coded like the last stored level; if they are larger or more, each pixel
+  /// decodes them itself.
   SCREE_HD bool holds(const JpegLevel& level, const format::JpegPicture& picture) const {
     return picture.mcu_width * picture.mcu_height * picture.view.group_mcus <= slot_pixels &&
            picture.view.mcu_count <= level.group_count * picture.view.group_mcus;
@@ -221,8 +221,10 @@ struct DecodeGroups {
     const uint32_t slot = cache.allocate_slot(request, now);
     if (slot == TextureCache::kNoSlot) return;
     fetch_increment(&counters->decoded);
+    const JpegLevel& level = cache.levels[request.level];
     // The page of a group that was requested is present.
-    format::decode_jpeg_group_colours(*want_jpeg(pages, cache.levels[request.level]), request.group,
+    const uint8_t* const page = level.page == JpegLevel::kNotPaged ? nullptr : pages.blocks[level.page];
+    format::decode_jpeg_group_colours(*jpeg_of(level, page), request.group,
                                       cache.colours + uint64_t{slot} * cache.slot_pixels);
   }
 };

@@ -201,9 +201,10 @@ uint32_t JpegTexture::group_bytes() const {
 }
 
 void JpegTexture::number_levels(uint32_t& number, kernels::JpegGroups& groups) {
-  const format::JpegPicture last = format::jpeg_picture(image_.levels().back(), nullptr);
   for (uint32_t l = 0; l < levels_.size(); ++l) {
-    const format::JpegPicture& picture = l < paged_levels_ ? last : levels_[l].picture;
+    // A paged level is taken to be coded like the last stored one.
+    const format::JpegPicture picture =
+        l < paged_levels_ ? format::jpeg_picture(image_.levels().back(), nullptr) : levels_[l].picture;
     const uint32_t across = (std::max(1u, width_ >> l) - 1) / picture.mcu_width + 1;
     const uint32_t down = (std::max(1u, height_ >> l) - 1) / picture.mcu_height + 1;
     levels_[l].number = number++;
