@@ -20,7 +20,7 @@
 namespace scree::kernels {
 namespace {
 
-constexpr uint32_t kResidentBlocks = 4;  // per multiprocessor: 128 registers per thread
+constexpr uint32_t kResidentBlocks = 8;  // per multiprocessor: 64 registers per thread; more spills, less waiting
 constexpr uint32_t kDecodeThreads = 64;
 constexpr uint32_t kDecodeBlocks = 16;           // per multiprocessor
 constexpr uint32_t kRounds = kDecodeRounds + 1;  // the last one's pixels decode groups by themselves

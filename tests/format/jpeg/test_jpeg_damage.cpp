@@ -31,7 +31,7 @@ void decode_groups(const JpegIndex& index, uint32_t step) {
     uint32_t expected[4];
     for (uint32_t i = 0; i < 4; ++i) {
       const uint32_t mcus = std::min(group_mcus, picture.view.mcu_count - group * group_mcus);
-      places[i] = {group, (group + i) % mcus * picture.mcu_blocks, (5 * i + group) % picture.mcu_width,
+      places[i] = {group, (group + i) % mcus, (5 * i + group) % picture.mcu_width,
                    (3 * i + group) % picture.mcu_height};
       expected[i] = jpeg_colour(picture, places[i], samples);
     }
