@@ -39,6 +39,11 @@ SCREE_HD inline uint32_t jpeg_group_bytes(const JpegPicture& picture) {
   return 64 * picture.mcu_blocks * picture.view.group_mcus;
 }
 
+/// Pixels of a group's MCUs, with those beyond the picture's edges.
+SCREE_HD inline uint32_t jpeg_group_pixels(const JpegPicture& picture) {
+  return picture.mcu_width * picture.mcu_height * picture.view.group_mcus;
+}
+
 /// Fixed-point reciprocal of a divisor of at most 32.
 constexpr uint32_t jpeg_inverse(uint32_t divisor) {
   return ((1u << 31) + divisor - 1) / divisor;

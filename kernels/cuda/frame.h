@@ -34,9 +34,9 @@ struct DrawOptions {
   // Target::peeled and Target::fragments of frames that draw blended surfaces; in device memory.
   const uint64_t* peeled = nullptr;
   FragmentSlots fragments = {};
-  // Of a whole frame whose pages several GPUs share: null, or a call that queues on a cudaStream_t the joining of their
-  // samples. It is called when the clusters that were visible last time are queued, if the frame has two passes, and
-  // when all are. All GPUs must have the same tables, so that they join equally often. finish() then does not draw
+  // Null, or for a whole frame whose pages several GPUs share: a call that queues the joining of their samples on a
+  // cudaStream_t. It is called when the clusters that were visible last time are queued, if the frame has two passes,
+  // and when all are. All GPUs must have the same tables, so that they join equally often. finish() then does not draw
   // again.
   const std::function<Result<void>(void* stream)>* join = nullptr;
   // A small scene's frame is one submission, so its stages have no times. With this flag its kernels are launched one

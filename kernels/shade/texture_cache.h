@@ -113,7 +113,7 @@ struct TextureCache {
   /// counted before it was read, as if it were coded like the last stored level; if they are larger or more, each pixel
   /// decodes them itself.
   SCREE_HD bool holds(const JpegLevel& level, const format::JpegPicture& picture) const {
-    return picture.mcu_width * picture.mcu_height * picture.view.group_mcus <= slot_pixels &&
+    return format::jpeg_group_pixels(picture) <= slot_pixels &&
            picture.view.mcu_count <= level.group_count * picture.view.group_mcus;
   }
 

@@ -189,29 +189,26 @@ void JpegTexture::add_pages(const format::Container& container, uint32_t image, 
   }
 }
 
+format::JpegPicture JpegTexture::picture_of(size_t level) const {
+  return level < paged_levels_ ? format::jpeg_picture(image_.levels().back(), nullptr) : levels_[level].picture;
+}
+
 uint32_t JpegTexture::group_bytes() const {
   uint32_t bytes = 0;
-  for (size_t l = paged_levels_; l < levels_.size(); ++l)
-    bytes = std::max(bytes, format::jpeg_group_bytes(levels_[l].picture));
-  if (paged_levels_ != 0) {
-    const format::JpegLayout& layout = image_.levels().back().layout;
-    bytes = std::max(bytes, 64 * layout.mcu_blocks * layout.group_mcus);
-  }
+  for (size_t l = 0; l < levels_.size(); ++l) bytes = std::max(bytes, format::jpeg_group_bytes(picture_of(l)));
   return bytes;
 }
 
 void JpegTexture::number_levels(uint32_t& number, kernels::JpegGroups& groups) {
   for (uint32_t l = 0; l < levels_.size(); ++l) {
-    // A paged level is taken to be coded like the last stored one.
-    const format::JpegPicture picture =
-        l < paged_levels_ ? format::jpeg_picture(image_.levels().back(), nullptr) : levels_[l].picture;
+    const format::JpegPicture picture = picture_of(l);
     const uint32_t across = (std::max(1u, width_ >> l) - 1) / picture.mcu_width + 1;
     const uint32_t down = (std::max(1u, height_ >> l) - 1) / picture.mcu_height + 1;
     levels_[l].number = number++;
     levels_[l].first_group = groups.count;
     levels_[l].group_count = (across * down - 1) / picture.view.group_mcus + 1;
     groups.count += levels_[l].group_count;
-    groups.pixels = std::max(groups.pixels, picture.mcu_width * picture.mcu_height * picture.view.group_mcus);
+    groups.pixels = std::max(groups.pixels, format::jpeg_group_pixels(picture));
   }
 }
 

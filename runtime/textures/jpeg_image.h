@@ -92,6 +92,9 @@ class JpegTexture {
   uint64_t jpeg_bytes() const;  // of the levels that stay JPEGs in memory: data, index and tables
 
  private:
+  /// A level's picture. A paged level is taken to be coded like the last stored one; its bytes are not there.
+  format::JpegPicture picture_of(size_t level) const;
+
   JpegImage image_;  // without the paged levels
   uint32_t width_ = 0;
   uint32_t height_ = 0;

@@ -41,9 +41,8 @@ struct DrawOptions {
 
 inline constexpr const char* kTextureMemoryHelp =
     "The most memory for pages of KTX2, DDS and JPEG textures, such as 8GiB; pages are read from the file when pixels "
-    "show "
-    "them, and the picture does not depend on this limit (default: 2GiB on the CPU; on a GPU textures that fit are "
-    "loaded whole, else they share its memory with geometry)";
+    "show them, and the picture does not depend on this limit (default: 2GiB on the CPU; on a GPU textures that fit "
+    "are loaded whole, else they share its memory with geometry)";
 
 /// Options of light and blended surfaces, for render and view.
 struct LightWords {
