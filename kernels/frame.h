@@ -39,6 +39,14 @@ struct View {
   bool operator==(const View&) const = default;
 };
 
+/// Rows of a picture, from `first` to `end` - 1.
+struct RowRange {
+  uint32_t first = 0;
+  uint32_t end = 0;
+
+  bool is_empty() const { return first == end; }
+};
+
 enum class Show : uint32_t {
   kTexture,
   kColor,

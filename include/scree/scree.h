@@ -192,8 +192,8 @@ typedef struct scree_load_options {
   uint32_t max_samples; /* per pixel and axis: 1, 2 or 4 */
   scree_progress progress;
   void* user;
-  uint64_t gpus; /* the number of GPUs that draw the scene together, from `gpu` on, each with a part of its pages
-                    (docs/scale.md), at most 16; SCREE_ALL_GPUS: all. 0 and 1: one. Since version 3 */
+  uint64_t gpus; /* the number of GPUs that draw the scene together, from `gpu` on, each with a part of the picture
+                    or of its pages (docs/scale.md), at most 16; SCREE_ALL_GPUS: all. 0 and 1: one. Since version 3 */
   /* Since version 4: */
   uint64_t texture_memory; /* the most bytes for pages of KTX2, DDS and JPEG textures, which come from the file when
                               pixels show them; the picture does not depend on it. 0: 2 GiB if the CPU draws. On a GPU

@@ -114,11 +114,14 @@ __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameVie
                                           const uint32_t* visible, uint32_t count) {
   const uint32_t all = ~0u >> (32 - count);
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  if (mesh.chunk_count == 1) return all;  // already tested
+  const bool is_tested = mesh.chunk_count == 1;  // with its instance, but not against the rows
+  if (is_tested && !leaves_out_rows(view)) return all;
   uint32_t seen = 0;
   for (uint32_t k = 0; k < count; ++k) {
     const Transform& transform = list.transforms[visible[k]];
-    if (may_be_drawn<kClips>(transform, view, drawn_box(list, mesh, chunk, chunk_number, transform))) seen |= 1u << k;
+    const auto box = drawn_box(list, mesh, chunk, chunk_number, transform);
+    if ((is_tested || may_be_drawn<kClips>(transform, view, box)) && may_be_in_rows(transform, view, box))
+      seen |= 1u << k;
   }
   return seen;
 }

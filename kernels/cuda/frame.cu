@@ -135,11 +135,16 @@ bool same_clip_box(const ClipBox& a, const ClipBox& b) {
   return true;
 }
 
+/// Many rows that are newly drawn are as if the camera had moved.
+bool similar_rows(const FrameView& a, const FrameView& b) {
+  return std::abs(a.first_row - b.first_row) + std::abs(a.end_row - b.end_row) <= a.height / 32;
+}
+
 bool same_view(const FrameView& a, const FrameView& b) {
   const auto same = [](const double(&x)[3], const double(&y)[3]) { return std::equal(x, x + 3, y); };
   return same(a.eye, b.eye) && same(a.row_x, b.row_x) && same(a.row_y, b.row_y) && same(a.row_w, b.row_w) &&
          a.offset_w == b.offset_w && a.width == b.width && a.height == b.height && a.orthographic == b.orthographic &&
-         same_clip_box(a.clip_box, b.clip_box);
+         same_clip_box(a.clip_box, b.clip_box) && similar_rows(a, b);
 }
 
 /// Medium triangles up to which stages 2 and 3 may wait for the last pass (defers_stages).
@@ -596,7 +601,9 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
                       instanced_draws.data(),
                       counters};
   const Target target{samples, frame.width, options.peeled, options.fragments};
-  const uint64_t sample_count = static_cast<uint64_t>(frame.width) * static_cast<uint64_t>(frame.height);
+  const uint64_t row_samples = static_cast<uint64_t>(frame.width);
+  uint64_t* const first_sample = samples + static_cast<uint64_t>(frame.first_row) * row_samples;
+  const uint64_t sample_count = static_cast<uint64_t>(frame.end_row - frame.first_row) * row_samples;
 
   Result<void> done;
   static_assert(kBackground == ~uint64_t{0});
@@ -608,11 +615,11 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   const bool clears = options.part == FramePart::kWhole;
   const bool culls = list.instance_count != 0 && (draws_indexed || draws_clusters);
   if (done && clears && !culls) {
-    done = cuda_check(cudaMemsetAsync(samples, 0xff, sample_count * sizeof(uint64_t), streams.main), "clearing");
+    done = cuda_check(cudaMemsetAsync(first_sample, 0xff, sample_count * sizeof(uint64_t), streams.main), "clearing");
   }
   if (done) done = record_event(kCleared, streams);
   if (done && culls) {
-    const SamplesToClear clear{samples, sample_count, clears ? resident.fill(kCullThreads) : 0};
+    const SamplesToClear clear{first_sample, sample_count, clears ? resident.fill(kCullThreads) : 0};
     const auto submit = [&]<bool kClips>() {
       if (culls_as_small_scene()) {
         submit_small_scene_culling<kOrthographic, kClips>(list, clear, streams);
@@ -661,7 +668,8 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
     // If the camera stood still, few clusters are newly visible, and one round is the least work.
     const uint32_t rounds = same_view(frame, last_view) ? 1 : rounds_when_moving();
     for (uint32_t round = 0; round < rounds && done; ++round) {
-      build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples);
+      build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples, frame.first_row,
+                                                                                frame.end_row);
       build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters, !defers);
       if (round == 0) done = record_event(kPyramidDone, streams);
       const bool ends = !defers || round + 1 == rounds;
@@ -779,6 +787,10 @@ Result<FrameStats> CudaFrames::draw(const View& view, uint64_t* samples, const D
 Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOptions& options) {
   if (Result<void> checked = check_frame(view, impl_->triangle_count); !checked) return checked;
   impl_->frame = make_frame_view(view);
+  if (!options.rows.is_empty()) {
+    impl_->frame.first_row = static_cast<int32_t>(options.rows.first);
+    impl_->frame.end_row = static_cast<int32_t>(options.rows.end);
+  }
   impl_->samples = samples;
   impl_->options = options;
   if (Result<void> done = impl_->prepare_alpha(); !done) return done;
@@ -812,11 +824,9 @@ void CudaFrames::Impl::adapt_next_frame() {
       host_counters->to_clip == 0 && host_counters->queues.large == 0 && host_counters->queues.medium <= kMostDeferred;
   // After a jump of the camera most clusters that the second pass found turn out to be hidden, so all hints are tested
   // anew. The same holds for each part of a frame: few of the chunks that may hide a part's first clusters were there.
-  // It also holds if other GPUs draw many of the surfaces that may hide them.
   const uint64_t previously_visible = host_counters->clusters[0];
   const uint64_t newly_visible = clusters_before(*host_counters, kClusterPasses) - previously_visible;
-  const bool is_whole = options.part == FramePart::kWhole && options.join == nullptr;
-  hint_period = !is_whole || newly_visible > previously_visible ? 1 : kHintPeriod;
+  hint_period = options.part != FramePart::kWhole || newly_visible > previously_visible ? 1 : kHintPeriod;
 }
 
 Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {

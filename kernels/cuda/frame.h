@@ -34,6 +34,8 @@ struct DrawOptions {
   // Target::peeled and Target::fragments of frames that draw blended surfaces; in device memory.
   const uint64_t* peeled = nullptr;
   FragmentSlots fragments = {};
+  // The rows of samples that are drawn, within the picture; the other samples are then undefined. Empty: all.
+  RowRange rows = {};
   // Null, or for a whole frame whose pages several GPUs share: a call that queues the joining of their samples on a
   // cudaStream_t. It is called when the clusters that were visible last time are queued, if the frame has two passes,
   // and when all are. All GPUs must have the same tables, so that they join equally often. finish() then does not draw

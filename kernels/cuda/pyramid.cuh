@@ -16,9 +16,11 @@ __device__ inline void put_code(const DepthPyramid& pyramid, uint32_t level, int
   if (x < pyramid.across(level) && y < pyramid.down(level)) pyramid.row(level, y)[x] = code;
 }
 
-/// A warp takes 8 rows of the tile, a lane two columns.
+/// A warp takes 8 rows of the tile, a lane two columns. Samples outside the rows from `first_row` to `end_row` - 1 are
+/// not read.
 __global__ void __launch_bounds__(kPyramidThreads)
-    build_pyramid_tiles(const __grid_constant__ DepthPyramid pyramid, const uint64_t* samples) {
+    build_pyramid_tiles(const __grid_constant__ DepthPyramid pyramid, const uint64_t* samples, int32_t first_row,
+                        int32_t end_row) {
   constexpr uint32_t kSide = kPyramidTile / 8;  // codes of level 3 per side
   __shared__ uint32_t level3[kSide][kSide];
   const auto lane = static_cast<int32_t>(threadIdx.x % kWarpLanes);
@@ -27,10 +29,10 @@ __global__ void __launch_bounds__(kPyramidThreads)
   const int32_t tile_y = static_cast<int32_t>(blockIdx.y);
   const int32_t x = tile_x * static_cast<int32_t>(kPyramidTile) + 2 * lane;
   const int32_t y = tile_y * static_cast<int32_t>(kPyramidTile) + 8 * warp;
-  // Reads only the depth codes. Samples outside the image count as nearest, so that they do not weaken the test.
+  // Reads only the depth codes. Samples that are not drawn count as nearest, so that they do not weaken the test.
   const auto* words = reinterpret_cast<const uint32_t*>(samples) + 1;
   const auto code_at = [&](int32_t column, int32_t row) {
-    if (column >= pyramid.width || row >= pyramid.height) return 0u;
+    if (column >= pyramid.width || row < first_row || row >= end_row) return 0u;
     const uint64_t index =
         static_cast<uint64_t>(row) * static_cast<uint64_t>(pyramid.width) + static_cast<uint64_t>(column);
     return words[2 * index] >> (kIdBits - 32);

@@ -54,10 +54,6 @@ struct MakeTransforms {
   }
 };
 
-/// A GPU of several shades this many bands of rows, a launch each. With more of them the GPUs' shares cost more
-/// equally. With fewer, fewer chunks show in bands of two GPUs, of which one reads them over a slow link.
-constexpr uint32_t kBandsPerGpu = 4;
-
 __global__ void clear_depth_range(DepthRange* range) {
   *range = DepthRange{};
 }
@@ -164,7 +160,7 @@ CudaResolver::~CudaResolver() = default;
 Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uint32_t samples_per_side,
                                    const uint64_t* samples, const Transform* transforms, const ShadeOptions& options,
                                    uint32_t* pixels, cudaStream_t stream, ResolveTimes* times, CudaTextureCache* cache,
-                                   const PictureShare& share) {
+                                   std::span<const RowRange> rows) {
   Impl& impl = *impl_;
   const float* visibility = nullptr;
   if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
@@ -190,11 +186,11 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
         !resolved)
       return resolved;
   } else {
-    const uint32_t bands = share.count == 1 ? 1 : share.count * kBandsPerGpu;
-    const uint32_t rows = ((tiles.row_count - 1) / (bands * kPixelTileHeight) + 1) * kPixelTileHeight;
-    for (uint32_t row = share.index * rows; row < tiles.row_count; row += share.count * rows) {
-      const PixelTiles band{tiles.width, row, min_of(rows, tiles.row_count - row)};
-      auto* const out = reinterpret_cast<uint8_t*>(pixels + uint64_t{row} * tiles.width);
+    const RowRange all{0, tiles.row_count};
+    if (rows.empty()) rows = {&all, 1};
+    for (const RowRange& range : rows) {
+      const PixelTiles band{tiles.width, range.first, range.end - range.first};
+      auto* const out = reinterpret_cast<uint8_t*>(pixels + uint64_t{range.first} * tiles.width);
       bool started = false;
       visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
         started = impl.run(Resolve<Shader>{shader, band, samples, samples_per_side, visibility, 4, out}, band.count(),

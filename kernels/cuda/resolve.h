@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 
 #include "format/result.h"
 #include "kernels/cuda/texture_cache.h"
@@ -12,12 +13,6 @@
 #include "kernels/raster/transform.h"
 
 namespace scree::kernels {
-
-/// The part of a picture that one of several GPUs finishes: every count-th band of pixels, from band `index` on.
-struct PictureShare {
-  uint32_t index = 0;
-  uint32_t count = 1;
-};
 
 /// Resolves pictures of any scene. Keeps its scratch memory from one picture to the next. The next picture must use the
 /// same device and stream, or the caller must wait for the previous one.
@@ -35,14 +30,14 @@ class CudaResolver {
   /// - `pixels`: one RGBA8 word per pixel, red in the low byte.
   /// - `cache`: the cache made for the scene's JPEG levels, if its textures have any. The picture does not depend on
   ///   its size.
-  /// - `share`: the pixels that are written. All of them if the cache is used.
+  /// - `rows`: the rows of pixels that are written, a launch for each range. None: all, as if the cache is used.
   /// - Everything is queued on `stream`. The call waits only if the picture is larger than all before (for scratch
   ///   memory), and if `times` is given.
   /// Errors kRange (as resolve_cpu), kDevice (a CUDA call failed; which and for what).
   Result<void> resolve(const SceneView& scene, const View& view, uint32_t samples_per_side, const uint64_t* samples,
                        const Transform* transforms, const ShadeOptions& options, uint32_t* pixels, cudaStream_t stream,
                        ResolveTimes* times = nullptr, CudaTextureCache* cache = nullptr,
-                       const PictureShare& share = {});
+                       std::span<const RowRange> rows = {});
 
   /// As shade_part_cpu(): colours of the samples whose chunk has its page, 3 floats each, in device memory. Otherwise
   /// as resolve().

@@ -37,20 +37,16 @@ SCREE_HD inline float floor_of(float a) {
 #endif
 }
 
-/// The image's first and last pixel centres in a CoverageFilter's coordinates.
+/// The first and last pixel centres of the drawn rows in a CoverageFilter's coordinates.
 struct CenterRange {
   float first[2];
   float last[2];
 };
 
 SCREE_HD inline CenterRange center_range(const FrameView& view) {
-  const int32_t size[2] = {view.width, view.height};
-  CenterRange out;
-  for (int i = 0; i < 2; ++i) {
-    out.first[i] = static_cast<float>(-(size[i] / 2));
-    out.last[i] = static_cast<float>(size[i] - 1 - size[i] / 2);
-  }
-  return out;
+  const int32_t middle[2] = {view.width / 2, view.height / 2};
+  return {{static_cast<float>(-middle[0]), static_cast<float>(view.first_row - middle[1])},
+          {static_cast<float>(view.width - 1 - middle[0]), static_cast<float>(view.end_row - 1 - middle[1])}};
 }
 
 /// Returns kCenters if a triangle whose vertices lie in the box may cover a pixel centre. Fills `out` unless it returns

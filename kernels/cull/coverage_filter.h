@@ -34,8 +34,8 @@ inline constexpr double kSnapSlack = 0.625 / kSubpixels;
 /// large.
 inline constexpr float kBeforeNear = 0.5f;
 
-/// The image's pixel centres in the filter's coordinates: from a quarter of a pixel before the first centre to a
-/// quarter before the last.
+/// The pixel centres of the drawn rows in the filter's coordinates: from a quarter of a pixel before the first centre
+/// to a quarter before the last.
 struct SampleLimits {
   float first_u;
   float last_u;
@@ -44,14 +44,9 @@ struct SampleLimits {
 };
 
 SCREE_HD inline SampleLimits make_sample_limits(const FrameView& view) {
-  const int32_t size[2] = {view.width, view.height};
-  float first[2];
-  float last[2];
-  for (int i = 0; i < 2; ++i) {
-    first[i] = static_cast<float>(-(size[i] / 2)) - 0.25f;
-    last[i] = static_cast<float>((size[i] - 1) / 2) - 0.25f;
-  }
-  return {first[0], last[0], first[1], last[1]};
+  const int32_t middle[2] = {view.width / 2, view.height / 2};
+  const auto limit = [&](int axis, int32_t center) { return static_cast<float>(center - middle[axis]) - 0.25f; };
+  return {limit(0, 0), limit(0, view.width - 1), limit(1, view.first_row), limit(1, view.end_row - 1)};
 }
 
 /// The box of a chunk's stored positions, and the transform's coordinates of a stored 0.

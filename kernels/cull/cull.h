@@ -60,6 +60,43 @@ SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& vi
   return box_may_be_seen(rows, view, box, 1.0f / (1 << 18));
 }
 
+/// Whether rows of the picture are left out (FrameView::first_row, end_row).
+SCREE_HD inline bool leaves_out_rows(const FrameView& view) {
+  return view.first_row != 0 || view.end_row != view.height;
+}
+
+/// may_be_in_rows() of `rows` y and w. `slack`: as a share of the sum of all terms.
+template <class Real, class Box>
+SCREE_HD inline bool box_may_be_in_rows(const Real* row_y, const Real* row_w, const FrameView& view, const Box& box,
+                                        Real slack) {
+  const auto half = static_cast<Real>(view.half_height);
+  for (int side = -1; side <= 1; side += 2) {
+    // Largest plane * w + side * y over the box; orthographic: plane + side * y.
+    const Real plane = side < 0 ? static_cast<Real>(view.end_row * kSubpixels) - half
+                                : half - static_cast<Real>(view.first_row * kSubpixels);
+    const Real weight = view.orthographic ? Real{0} : plane;
+    const auto sign = static_cast<Real>(side);
+    Real largest = weight * row_w[3] + sign * row_y[3] + (view.orthographic ? plane : Real{0});
+    Real terms = abs_of(weight * row_w[3]) + abs_of(row_y[3]);
+    for (int i = 0; i < 3; ++i) {
+      const Real value = weight * row_w[i] + sign * row_y[i];
+      largest += value * box.center[i] + abs_of(value) * box.extent[i];
+      terms += (abs_of(weight * row_w[i]) + abs_of(row_y[i])) * (abs_of(box.center[i]) + box.extent[i]);
+    }
+    if (largest < -slack * terms) return false;
+  }
+  return true;
+}
+
+/// False only if no vertex in the box, and no triangle of such vertices, can touch a pixel centre of the view's rows.
+/// The planes and slacks are as for may_be_seen().
+SCREE_HD inline bool may_be_in_rows(const Transform& transform, const FrameView& view, const RelativeBox& box) {
+  return !leaves_out_rows(view) || box_may_be_in_rows(transform.exact_y, transform.exact_w, view, box, 1.0 / (1 << 20));
+}
+SCREE_HD inline bool may_be_in_rows(const Transform& transform, const FrameView& view, const RoundedBox& box) {
+  return !leaves_out_rows(view) || box_may_be_in_rows(transform.y, transform.w, view, box, 1.0f / (1 << 18));
+}
+
 /// may_be_in_clip_box() of `rows` x, y and w. `slack`: as a share of the sum of all terms.
 template <class Real, class Box>
 SCREE_HD inline bool box_may_be_in_clip_box(const Real* const rows[3], const FrameView& view, const Box& box,

@@ -31,6 +31,10 @@ struct FrameView {
   float half_height;
   int32_t width;  // samples
   int32_t height;
+  // The rows from first_row to end_row - 1 are drawn; samples of other rows are undefined. All rows, unless GPUs divide
+  // a picture.
+  int32_t first_row;
+  int32_t end_row;
   bool orthographic;
   ClipBox clip_box;
 };
@@ -39,6 +43,7 @@ SCREE_HD inline FrameView make_frame_view(const View& view) {
   FrameView frame{};
   frame.width = static_cast<int32_t>(view.width);
   frame.height = static_cast<int32_t>(view.height);
+  frame.end_row = frame.height;
   frame.half_width = static_cast<float>(view.width) * (kSubpixels / 2);
   frame.half_height = static_cast<float>(view.height) * (kSubpixels / 2);
   frame.orthographic = view.orthographic;

@@ -133,7 +133,7 @@ class File:
 
         - `backend`: "cpu", "cuda", or "auto": a GPU if one can draw the scene, else the CPU.
         - `gpu`: the GPU's index or UUID. `gpus`: the number of GPUs that draw the scene together, from `gpu` on, each with
-          a part of it; None: all.
+          a part of the picture or of the scene; None: all.
         - `threads`: 0 is one per processor.
         - `textures`: False loads none; materials then have only their base colour.
         - `device_memory`: bytes of GPU memory for scene and pictures. Chunks that do not fit are streamed while frames are

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "format/bytes.h"
 #include "kernels/shade/environment.h"
 
 namespace scree::runtime {
@@ -192,6 +193,17 @@ struct ArenaLayout {
   ArenaLayout(const ArenaLayout&) = delete;
   ArenaLayout& operator=(const ArenaLayout&) = delete;
 
+  /// The place of the pages in the arena, and their bytes with the gaps between them.
+  std::pair<uint64_t, uint64_t> page_range() const {
+    uint64_t first = UINT64_MAX, end = 0;
+    for (uint64_t i = 0; drawn_pages != nullptr && i < drawn_pages->size(); ++i) {
+      const uint64_t offset = page_offset[drawn_pages->page(i)];
+      first = std::min(first, offset);
+      end = std::max(end, offset + drawn_pages->record(i).raw_bytes);
+    }
+    return first < end ? std::pair(first, end - first) : std::pair<uint64_t, uint64_t>(0, 0);
+  }
+
   UploadPlan plan;
   DrawnPages own_pages;                     // of a share
   const DrawnPages* drawn_pages = nullptr;  // the pages that go to the device; null if pages are streamed
@@ -270,6 +282,35 @@ Result<void> CudaScene::add_pages_of(std::span<const CudaScene> others) {
   for (const CudaScene& other : others)
     for (size_t page = 0; page < pages_.size(); ++page)
       if (other.pages_[page] != nullptr) pages_[page] = other.pages_[page];
+  return replace_page_table();
+}
+
+uint64_t CudaScene::copied_bytes_of(std::span<const CudaScene> all) const {
+  uint64_t bytes = 0;
+  for (const CudaScene& other : all)
+    if (&other != this) bytes += format::align_up(other.page_bytes_, format::kPageAlignment);
+  return bytes;
+}
+
+Result<void> CudaScene::copy_pages_of(std::span<const CudaScene> all) {
+  const uint64_t bytes = copied_bytes_of(all);
+  Result<void> done = copied_pages_.reserve(std::max<uint64_t>(bytes, 1), "allocating other GPUs' pages");
+  std::byte* to = copied_pages_.data();
+  for (const CudaScene& other : all) {
+    if (!done || &other == this || other.page_bytes_ == 0) continue;
+    done = cuda_check(cudaMemcpyAsync(to, other.first_page_, other.page_bytes_, cudaMemcpyDefault, nullptr),
+                      "copying other GPUs' pages");
+    for (size_t page = 0; page < pages_.size(); ++page)
+      if (other.has_copied(other.pages_[page])) pages_[page] = to + (other.pages_[page] - other.first_page_);
+    to += format::align_up(other.page_bytes_, format::kPageAlignment);
+  }
+  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "copying other GPUs' pages");
+  stats_.device_bytes += bytes;
+  return done ? replace_page_table() : done;
+}
+
+/// Makes view().pages a table of pages_.
+Result<void> CudaScene::replace_page_table() {
   const uint64_t bytes = pages_.size() * sizeof(pages_[0]);
   Result<void> done = shared_pages_.reserve(std::max<uint64_t>(bytes, 1), "allocating the table of pages");
   if (done)
@@ -296,6 +337,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   if (const DrawnPages* const drawn = layout.drawn_pages)
     for (uint64_t i = 0; i < drawn->size(); ++i)
       layout.pages[drawn->page(i)] = base + layout.page_offset[drawn->page(i)];
+  const auto [first_page, page_bytes] = layout.page_range();
   for (kernels::TextureView& texture : layout.textures) {
     if (texture.texels != nullptr)
       texture.texels = reinterpret_cast<const uint8_t*>(base + layout.texel_offset[texture.texels]);
@@ -330,6 +372,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
     copy.jpeg_levels_ = layout.levels.table(base);
   }
   copy.arena_ = std::move(*arena);
+  copy.first_page_ = base + first_page;
+  copy.page_bytes_ = page_bytes;
   copy.view_ = scene.view();
   copy.view_.blocks = nullptr;
   copy.view_.pager = nullptr;

@@ -50,6 +50,11 @@ class CudaScene {
   /// Adds the pages of other devices to view(). The current device, which has this scene, reads their memory. Errors
   /// kDevice.
   Result<void> add_pages_of(std::span<const CudaScene> others);
+  /// Copies the pages of other devices to the current one, which has this scene, and adds them to view(). Waits. `all`:
+  /// this scene and the others. Errors kDevice.
+  Result<void> copy_pages_of(std::span<const CudaScene> all);
+  /// The device memory that copy_pages_of() takes.
+  uint64_t copied_bytes_of(std::span<const CudaScene> all) const;
 
   /// The view of the uploaded scene; all its pointers are to device memory.
   const kernels::SceneView& view() const { return view_; }
@@ -59,18 +64,24 @@ class CudaScene {
   DeviceBlockPager* block_pager() const { return pager_.get(); }
   /// A JPEG level by number, in device memory. Requires that the scene has JPEG levels.
   const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
-  /// device_bytes: the arena, the texture cache, the pages of textures and `reserved_bytes`.
+  /// device_bytes: the arena, the texture cache, the pages of textures and `reserved_bytes`; and copied pages.
   const UploadStats& stats() const { return stats_; }
   uint64_t arena_bytes() const { return arena_.bytes(); }
 
  private:
+  bool has_copied(const std::byte* page) const { return page >= first_page_ && page < first_page_ + page_bytes_; }
+  Result<void> replace_page_table();
+
   kernels::DeviceBuffer arena_;
+  const std::byte* first_page_ = nullptr;  // of those that upload() has copied
+  uint64_t page_bytes_ = 0;
+  kernels::DeviceBuffer copied_pages_;  // of other devices
   std::unique_ptr<DeviceBlockPager> pager_;
   std::optional<kernels::CudaTextureCache> cache_;
   const kernels::JpegLevel* jpeg_levels_ = nullptr;
   kernels::SceneView view_{};
   std::vector<const std::byte*> pages_;  // as view_.pages, in host memory
-  kernels::DeviceBuffer shared_pages_;   // view_.pages after add_pages_of()
+  kernels::DeviceBuffer shared_pages_;   // view_.pages after add_pages_of() or copy_pages_of()
   UploadStats stats_;
 };
 

@@ -43,6 +43,10 @@ GpuList list_gpus();
 /// program, a CUDA call that failed.
 Result<Gpu> use_gpu(std::string_view which = {});
 
+/// As use_gpu(), for process `number` of several on this host: they take the GPUs in turn, several processes a GPU if
+/// there are more processes than GPUs. Unusable GPUs are passed over.
+Result<Gpu> use_gpu_in_turn(uint32_t number);
+
 inline constexpr uint32_t kMostGpus = 16;  // that draw together
 inline constexpr uint32_t kAllGpus = UINT32_MAX;
 

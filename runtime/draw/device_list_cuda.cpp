@@ -162,6 +162,18 @@ Result<Gpu> use_gpu(std::string_view which) {
   return usable(std::move(*found));
 }
 
+Result<Gpu> use_gpu_in_turn(uint32_t number) {
+  const Result<int> count = count_gpus();
+  if (!count) return count.error();
+  Gpu gpu;
+  for (int step = 0; step < *count; ++step) {
+    gpu = describe_gpu((static_cast<int>(number % static_cast<uint32_t>(*count)) + step) % *count);
+    make_current(gpu);
+    if (gpu.is_usable()) break;
+  }
+  return usable(std::move(gpu));
+}
+
 Result<std::vector<int>> gpus_from(int first, uint32_t count) {
   const Result<int> all = count_gpus();
   if (!all) return all.error();

@@ -22,6 +22,10 @@ Result<Gpu> use_gpu(std::string_view) {
   return Error{ErrorCode::kDevice, kWithoutCuda};
 }
 
+Result<Gpu> use_gpu_in_turn(uint32_t) {
+  return Error{ErrorCode::kDevice, kWithoutCuda};
+}
+
 Result<std::vector<int>> gpus_from(int, uint32_t) {
   return Error{ErrorCode::kDevice, kWithoutCuda};
 }

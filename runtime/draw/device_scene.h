@@ -114,9 +114,10 @@ class DeviceView {
   /// below kBlockCount.
   Result<std::byte*> reserve_block(size_t index, uint64_t bytes);
 
-  /// Device memory: the picture that resolve() made last, RGBA8, and the samples.
+  /// Device memory: the picture that resolve() made last, RGBA8.
   const uint32_t* pixels() const;
-  const uint64_t* samples() const;
+  /// Device memory: the samples of the picture that draw() made last. Error kDevice.
+  Result<const uint64_t*> samples();
 
   /// Keeps the memory of a picture, a layer or the samples at its place while the result lives. The result must be
   /// destroyed with the device current. Null if `data` is none of these any more.
@@ -153,9 +154,10 @@ class DeviceScene {
   /// - `host_memory`: the most pinned memory that uploading and streaming take. The part that batches leave keeps
   ///   chunks. 0: as much as batches need, and no chunks are kept.
   /// - `progress`: gets the number of copied bytes, and may stop the upload (kFile).
-  /// - `gpus`: the most GPUs that draw the scene together, each with a share of its pages and with this budget: the
-  ///   current device and the next usable ones; kAllGpus: all. Views draw on all of them. The first one draws batches
-  ///   and layers, and reads the others' pages for that. If a share exceeds the budget, one GPU streams the scene.
+  /// - `gpus`: the most GPUs that draw the scene together: the current device and the next usable ones; kAllGpus: all.
+  ///   Each has this budget, and all pages if they fit it, else a share of them. Views draw on all of them. The first
+  ///   one draws batches and layers, also from the others' pages. If a share exceeds the budget, one GPU streams the
+  ///   scene.
   /// - `comes_later`: uploads no page if the budget of one GPU holds the scene and the memory for streaming. Pictures
   ///   then stream their chunks, and load_rest() loads all others, after which the scene is resident.
   /// - `share`: null, or the pages that the GPU gets, as one of several processes. Such a scene is not streamed, and

@@ -181,12 +181,15 @@ struct DeviceView::Impl {
   uint32_t width = 0;  // of the picture that draw() made last, in samples
   uint32_t height = 0;
   bool is_drawn_by_team = false;
+  kernels::View drawn_by_team{};  // that picture's
 
   ~Impl() {
     if (queued != nullptr) (void)cudaEventDestroy(queued);
   }
   Result<void> check_drawn(const kernels::View& view);
   Result<kernels::FrameStats> draw_by_team(const kernels::View& view);
+  Result<void> draw_if_followed();
+  Result<uint64_t*> whole_samples();
   uint64_t* sample_data() const { return reinterpret_cast<uint64_t*>(samples.data()); }
 
   void use_picture(size_t number) {
@@ -239,20 +242,35 @@ struct DeviceScene::Impl {
   Result<void> upload_shared(const Scene& host, std::span<const int> gpus, const GpuTeam::Options& options);
 };
 
-/// Errors kRange: draw() made no picture of this size. The team's transforms are those of the picture that it drew
-/// last, so that a view whose picture another one followed draws it again.
+/// Errors kRange: draw() made no picture of this size.
 Result<void> DeviceView::Impl::check_drawn(const kernels::View& view) {
   if (width != view.width || height != view.height)
     return Error{ErrorCode::kRange, "no picture of " + std::to_string(view.width) + " x " +
                                         std::to_string(view.height) + " samples was drawn"};
-  if (!is_drawn_by_team || scene.team_view == this) return {};
-  const Result<kernels::FrameStats> drawn = draw_by_team(view);
-  return drawn ? Result<void>() : drawn.error();
+  return draw_if_followed();
 }
 
 Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& view) {
-  scene.team_view = this;
-  return scene.team->draw(view, sample_data());
+  drawn_by_team = view;
+  Result<kernels::FrameStats> drawn = scene.team->draw(view, sample_data());
+  scene.team_view = drawn ? this : nullptr;
+  return drawn;
+}
+
+/// The team's transforms, and the rows of other GPUs, are those of the picture that it drew last. So a view whose
+/// picture another one followed draws it again.
+Result<void> DeviceView::Impl::draw_if_followed() {
+  if (!is_drawn_by_team || scene.team_view == this) return {};
+  const Result<kernels::FrameStats> drawn = draw_by_team(drawn_by_team);
+  return drawn ? Result<void>() : drawn.error();
+}
+
+/// All samples of the picture, on the first GPU.
+Result<uint64_t*> DeviceView::Impl::whole_samples() {
+  Result<void> done = draw_if_followed();
+  if (done && is_drawn_by_team) done = scene.team->gather();
+  if (!done) return done.error();
+  return sample_data();
 }
 
 bool DeviceView::Impl::uses_texture_cache(const kernels::ShadeOptions& options) const {
@@ -295,6 +313,8 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
     if (stream->over() == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
     return stream->over();
   }
+  const Result<uint64_t*> whole = whole_samples();
+  if (!whole) return whole.error();
   const kernels::SceneView blended_scene = kernels::blended_view(scene.scene.view());
   const auto draw = [&](uint64_t* onto, const uint64_t* peeled, const kernels::FragmentSlots& to) -> Result<void> {
     kernels::DrawOptions drawing;
@@ -658,11 +678,13 @@ Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::S
     made = stream->colors();
     if (made == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
   } else {
+    const Result<uint64_t*> samples = own.whole_samples();
+    if (!samples) return samples.error();
     Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
     if (done)
       done = cuda_check(cudaMemsetAsync(own.colors.data(), 0, colors.size_bytes(), nullptr), "clearing the colours");
     if (done)
-      done = own.resolver.shade_part(own.scene.scene.view(), view, own.sample_data(), own.transforms(), options,
+      done = own.resolver.shade_part(own.scene.scene.view(), view, *samples, own.transforms(), options,
                                      reinterpret_cast<float*>(own.colors.data()), nullptr,
                                      own.scene.scene.texture_cache());
     if (!done) return done;
@@ -718,7 +740,9 @@ Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
   if (count != samples.size())
     return Error{ErrorCode::kRange,
                  std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
-  return cuda_check(cudaMemcpy(samples.data(), impl_->samples.data(), samples.size_bytes(), cudaMemcpyDeviceToHost),
+  const Result<uint64_t*> whole = impl_->whole_samples();
+  if (!whole) return whole.error();
+  return cuda_check(cudaMemcpy(samples.data(), *whole, samples.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the visibility buffer");
 }
 
@@ -732,9 +756,11 @@ Result<void> DeviceView::write_samples(std::span<const uint64_t> samples) {
 }
 
 Result<uint64_t> DeviceView::read_sample(uint64_t index) {
+  const Result<uint64_t*> samples = impl_->whole_samples();
+  if (!samples) return samples.error();
   uint64_t sample = 0;
-  if (Result<void> done = cuda_check(
-          cudaMemcpy(&sample, impl_->sample_data() + index, sizeof sample, cudaMemcpyDeviceToHost), "reading a sample");
+  if (Result<void> done =
+          cuda_check(cudaMemcpy(&sample, *samples + index, sizeof sample, cudaMemcpyDeviceToHost), "reading a sample");
       !done)
     return done.error();
   return sample;
@@ -780,11 +806,14 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   } else if (impl.is_drawn_by_team && out == nullptr && !impl.uses_texture_cache(options)) {
     // Other GPUs might not reach the caller's memory, which another allocator may have mapped for one GPU.
     if (auto done = impl.scene.team->resolve(view, samples_per_side, options, device_pixels, times); !done) return done;
-  } else if (auto done = impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
-                                               impl.transforms(), options, device_pixels, nullptr, times,
-                                               impl.scene.scene.texture_cache());
-             !done)
-    return done;
+  } else {
+    const Result<uint64_t*> samples = impl.whole_samples();
+    if (!samples) return samples.error();
+    if (auto done = impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, *samples, impl.transforms(),
+                                          options, device_pixels, nullptr, times, impl.scene.scene.texture_cache());
+        !done)
+      return done;
+  }
   if (pixels.empty()) return {};
   if (pixels.size() != count)
     return Error{ErrorCode::kRange,
@@ -813,7 +842,9 @@ Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples
     return Error{ErrorCode::kUnsupported,
                  "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
                  "budget of it has to hold the scene, or the CPU draws it"};
-  return kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, impl.sample_data(),
+  const Result<uint64_t*> samples = impl.whole_samples();
+  if (!samples) return samples.error();
+  return kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, *samples,
                                reads_chunks ? impl.transforms() : nullptr, out, nullptr);
 }
 
@@ -909,8 +940,10 @@ const uint32_t* DeviceView::pixels() const {
   return reinterpret_cast<const uint32_t*>(impl_->pixels.data());
 }
 
-const uint64_t* DeviceView::samples() const {
-  return impl_->sample_data();
+Result<const uint64_t*> DeviceView::samples() {
+  const Result<uint64_t*> whole = impl_->whole_samples();
+  if (!whole) return whole.error();
+  return *whole;
 }
 
 std::shared_ptr<const void> DeviceView::hold(const std::byte* data) const {

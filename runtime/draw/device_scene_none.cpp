@@ -194,7 +194,7 @@ const uint32_t* DeviceView::pixels() const {
   return nullptr;
 }
 
-const uint64_t* DeviceView::samples() const {
+Result<const uint64_t*> DeviceView::samples() {
   return nullptr;
 }
 

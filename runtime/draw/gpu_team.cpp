@@ -5,6 +5,7 @@
 #include <chrono>
 #include <functional>
 #include <new>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -88,6 +89,7 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   members_.resize(gpus.size());
   for (size_t i = 0; i < gpus.size(); ++i) members_[i].gpu = gpus[i];
   buffers_.count = size();
+  draw_ms_.resize(size());
   workers_.emplace(size());
   if (workers_->start() != size()) return Error{ErrorCode::kMemory, "the system starts no thread for each GPU"};
   if (const Result<void> connected = connect(); !connected) return connected.error();
@@ -119,16 +121,31 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
     stats_.device_bytes += scenes[i].stats().device_bytes;
   }
 
+  divides_picture_ = true;
+  for (uint32_t i = 0; i < size() && divides_picture_; ++i) {
+    if (const Result<void> done = make_current(members_[i]); !done) return done.error();
+    const Result<uint64_t> free = device_budget(0);
+    if (!free) return free.error();
+    const uint64_t copied = scenes[i].copied_bytes_of(scenes);
+    const uint64_t beside = i == 0 ? options.beside : options.beside_others;
+    divides_picture_ =
+        copied + beside <= *free && (options.budget == 0 || scenes[i].stats().device_bytes + copied <= options.budget);
+  }
   for (uint32_t i = 0; i < size(); ++i) {
     Member& member = members_[i];
     Result<void> done = make_current(member);
+    if (divides_picture_) {
+      stats_.device_bytes += scenes[i].copied_bytes_of(scenes);
+      if (done) done = scenes[i].copy_pages_of(scenes);
+    }
     for (cudaEvent_t* const event : {&member.drawn, &member.joined, &member.shaded_part})
       if (done) done = cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event");
     if (!done) return done.error();
     Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.view(), scenes[i].view(), options.queues);
     if (!frames) return frames.error();
     member.frames = std::move(*frames);
-    if (const Result<void> added = scenes[i].add_pages_of(scenes); !added) return added.error();
+    if (!divides_picture_) done = scenes[i].add_pages_of(scenes);
+    if (!done) return done.error();
     member.shaded = scenes[i].view();
     member.shaded.textures = scenes[0].view().textures;
     member.shaded.texture_count = scenes[0].view().texture_count;
@@ -194,6 +211,40 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_share(size_t index, const ke
   return frames.finish();
 }
 
+/// Draws a GPU's rows, by a thread per GPU at the same time.
+Result<kernels::CudaFrames::Finished> GpuTeam::draw_rows(size_t index, const kernels::View& view) {
+  Member& member = members_[index];
+  kernels::DrawOptions options;
+  options.rows = shares_.rows(index);
+  if (options.rows.is_empty()) return kernels::CudaFrames::Finished{};
+  Result<void> started = make_current(member);
+  if (started) started = member.frames->start(view, buffers_.of[index], options);
+  if (!started) return started.error();
+  kernels::FrameTimes times{};
+  Result<kernels::CudaFrames::Finished> drawn = member.frames->finish(&times);
+  draw_ms_[index] = times.raster_ms;
+  if (drawn) drawn->is_drawn_again = false;  // it is whole
+  return drawn;
+}
+
+/// Copies the other GPUs' rows of the last picture to a GPU's samples, unless it has them. Waits.
+Result<void> GpuTeam::gather_at(size_t index) {
+  Member& member = members_[index];
+  if (!divides_picture_ || member.has_all_rows) return {};
+  const KeptGpu kept;
+  Result<void> done = make_current(member);
+  for (size_t i = 0; i < members_.size() && done; ++i) {
+    if (i == index || shares_.rows(i).is_empty()) continue;
+    const uint64_t first = uint64_t{shares_.rows(i).first} * width_, end = uint64_t{shares_.rows(i).end} * width_;
+    done = cuda_check(cudaMemcpyAsync(buffers_.of[index] + first, buffers_.of[i] + first,
+                                      (end - first) * sizeof(uint64_t), cudaMemcpyDefault, nullptr),
+                      "copying other GPUs' samples");
+  }
+  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "copying other GPUs' samples");
+  member.has_all_rows = static_cast<bool>(done);
+  return done;
+}
+
 Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& view) {
   using Finished = kernels::CudaFrames::Finished;
   std::vector<Result<Finished>> drawn(size(), Finished{});
@@ -201,7 +252,7 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& vi
   std::barrier threads(size());
   workers_->for_each(size(), [&](uint64_t i) {
     try {
-      drawn[i] = draw_share(i, view, threads);
+      drawn[i] = divides_picture_ ? draw_rows(i, view) : draw_share(i, view, threads);
     } catch (const std::bad_alloc&) {  // would end the loop before each GPU has a thread, which the others wait for
       has_memory = false;
     }
@@ -219,7 +270,11 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& vi
 
 Result<FrameStats> GpuTeam::draw(const kernels::View& view, uint64_t* samples) {
   const KeptGpu kept;
+  if (Result<void> checked = kernels::check_frame(view, 0); !checked) return checked.error();
   const Result<void> reserved = reserve(view, samples);
+  if (divides_picture_) shares_.divide(view.height, draw_ms_);
+  width_ = view.width;
+  for (Member& member : members_) member.has_all_rows = false;
   for (;;) {
     const Result<kernels::CudaFrames::Finished> drawn =
         reserved ? draw_once(view) : Result<kernels::CudaFrames::Finished>(reserved.error());
@@ -251,21 +306,47 @@ Result<void> GpuTeam::resolve(const kernels::View& view, uint32_t samples_per_si
   return done;
 }
 
+/// The rows of pixels that GPU `index` shades, in `out`.
+std::span<const kernels::RowRange> GpuTeam::shaded_rows(uint32_t index, uint32_t height, uint32_t samples_per_side,
+                                                        std::span<kernels::RowRange, kBandsPerGpu> out) const {
+  size_t count = 0;
+  const auto add = [&](uint32_t first, uint32_t end) {
+    if (first < end) out[count++] = {first, end};
+  };
+  if (divides_picture_) {
+    add(shares_.rows(index).first / samples_per_side, shares_.rows(index).end / samples_per_side);
+  } else {
+    const uint32_t bands = size() * kBandsPerGpu;
+    const uint32_t band = ((height - 1) / (bands * kernels::kPixelTileHeight) + 1) * kernels::kPixelTileHeight;
+    for (uint32_t first = index * band; first < height; first += size() * band)
+      add(first, std::min(first + band, height));
+  }
+  return out.first(count);
+}
+
 /// The first GPU is the last to start, because it waits for the others. These wait for the work that it did before with
 /// `pixels`.
 Result<void> GpuTeam::start_resolve(const kernels::View& view, uint32_t samples_per_side,
                                     const kernels::ShadeOptions& options, uint32_t* pixels,
                                     kernels::ResolveTimes* times) {
   Member& first = members_[0];
-  Result<void> done = make_current(first);
+  Result<void> done;
+  // Other pictures need no rows of other GPUs.
+  if (options.ssao || options.edl || options.show == kernels::Show::kDepth)
+    for (uint32_t i = 0; i < size() && done; ++i) done = gather_at(i);
+  if (done) done = make_current(first);
   if (done) done = cuda_check(cudaEventRecord(first.shaded_part, nullptr), "recording an event");
   for (uint32_t i = size(); i-- > 0 && done;) {
     Member& member = members_[i];
+    kernels::RowRange shaded[kBandsPerGpu];
+    const std::span<const kernels::RowRange> bands =
+        shaded_rows(i, view.height / samples_per_side, samples_per_side, shaded);
+    if (bands.empty()) continue;
     done = make_current(member);
     if (done && i != 0) done = cuda_check(cudaStreamWaitEvent(nullptr, first.shaded_part, 0), "ordering the GPUs");
     if (done)
       done = member.resolver.resolve(member.shaded, view, samples_per_side, buffers_.of[i], member.frames->transforms(),
-                                     options, pixels, nullptr, i == 0 ? times : nullptr, nullptr, {i, size()});
+                                     options, pixels, nullptr, i == 0 ? times : nullptr, nullptr, bands);
     if (done && i != 0) done = cuda_check(cudaEventRecord(member.shaded_part, nullptr), "recording an event");
   }
   for (uint32_t i = 1; i < size() && done; ++i)

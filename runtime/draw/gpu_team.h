@@ -1,6 +1,7 @@
-// GPUs of one machine that draw a scene together. Each has a part of the pages and draws it. Their samples are joined
-// over the links between them, so the picture is that of one GPU. Each shades a part of the picture, and reads the
-// others' pages for that. Only in programs that are built with CUDA.
+// GPUs of one machine that draw a scene together, so that the picture is that of one GPU. If every GPU's memory holds
+// all pages, each draws and shades rows of its own. Otherwise each has a part of the pages and draws it, and their
+// samples are joined over the links between them; each shades a part of the picture, and reads the others' pages for
+// that. Only in programs that are built with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -18,6 +19,7 @@
 #include "kernels/cuda/resolve.h"
 #include "kernels/frame.h"
 #include "runtime/draw/cuda_upload.h"
+#include "runtime/draw/row_shares.h"
 #include "runtime/scene/scene.h"
 #include "runtime/threads/workers.h"
 
@@ -54,9 +56,16 @@ class GpuTeam {
   /// CudaScene::upload(), with the GPU named.
   Result<CudaScene> open(const Scene& scene, std::span<const int> gpus, const Options& options);
 
-  /// As CudaFrames::draw() of a whole frame, on all GPUs, into `samples` of the first. Each draws the clusters that
-  /// were visible last time. After joining, the samples of all GPUs hide clusters on every GPU. Errors kRange, kDevice.
+  /// As CudaFrames::draw() of a whole frame, on all GPUs, into `samples` of the first.
+  /// - If the GPUs divide the picture, each draws its rows, and gather() brings them together. Chunks that reach into
+  ///   rows of several GPUs count for each.
+  /// - Otherwise each draws the clusters that were visible last time. After joining, the samples of all GPUs hide
+  ///   clusters on every GPU.
+  /// Errors kRange, kDevice.
   Result<kernels::FrameStats> draw(const kernels::View& view, uint64_t* samples);
+
+  /// Makes the `samples` of draw() whole. Waits. Error kDevice.
+  Result<void> gather() { return gather_at(0); }
 
   /// As CudaResolver::resolve() of the picture that draw() made last, into `pixels` of the first GPU, with the work of
   /// all GPUs ordered with its default stream. Not for textures that need a CudaTextureCache. `times`: null, or filled
@@ -65,12 +74,21 @@ class GpuTeam {
                        uint32_t* pixels, kernels::ResolveTimes* times);
 
   uint32_t size() const { return static_cast<uint32_t>(members_.size()); }
+  /// Whether every GPU has all pages and draws rows of its own.
+  bool divides_picture() const { return divides_picture_; }
+  /// The rows that GPU `index` drew last, if the GPUs divide the picture.
+  kernels::RowRange rows(size_t index) const { return shares_.rows(index); }
   /// On the first GPU: CudaFrames::transforms() of the last frame.
   const kernels::Transform* transforms() const { return members_[0].frames->transforms(); }
   /// The sums of all GPUs' counts, and the time until the last upload ended.
   const UploadStats& stats() const { return stats_; }
 
  private:
+  /// If the GPUs share the pages, each shades this many bands of rows, which take turns. With more of them the GPUs'
+  /// shares cost more equally. With fewer, fewer chunks show in bands of two GPUs, of which one reads them over a slow
+  /// link.
+  static constexpr uint32_t kBandsPerGpu = 4;
+
   struct Member {
     int gpu = 0;
     CudaScene scene;              // of the others; the first's belongs to the caller
@@ -81,14 +99,19 @@ class GpuTeam {
     cudaEvent_t drawn = nullptr;    // the GPU has drawn what is joined next
     cudaEvent_t joined = nullptr;   // it has joined its part of the samples
     cudaEvent_t shaded_part = nullptr;
+    bool has_all_rows = false;  // of the last picture, by gather_at()
   };
 
   Result<void> connect() const;
   Result<void> make_current(const Member& member) const;
   Result<void> reserve(const kernels::View& view, uint64_t* samples);
+  Result<kernels::CudaFrames::Finished> draw_rows(size_t index, const kernels::View& view);
+  Result<void> gather_at(size_t index);
   Result<kernels::CudaFrames::Finished> draw_share(size_t index, const kernels::View& view, std::barrier<>& threads);
   Result<kernels::CudaFrames::Finished> draw_once(const kernels::View& view);
   Result<void> join(size_t index, uint64_t count, cudaStream_t stream, std::barrier<>& threads);
+  std::span<const kernels::RowRange> shaded_rows(uint32_t index, uint32_t height, uint32_t samples_per_side,
+                                                 std::span<kernels::RowRange, kBandsPerGpu> out) const;
   Result<void> start_resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                              uint32_t* pixels, kernels::ResolveTimes* times);
   void wait_for_all() const;
@@ -96,6 +119,10 @@ class GpuTeam {
   std::vector<Member> members_;
   std::optional<Workers> workers_;  // a thread per GPU
   kernels::SampleBuffers buffers_{};
+  bool divides_picture_ = false;
+  RowShares shares_;
+  std::vector<float> draw_ms_;  // of the last picture by each GPU, if they divide it
+  uint32_t width_ = 0;          // of the last picture
   UploadStats stats_;
 };
 

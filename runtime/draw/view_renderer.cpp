@@ -477,7 +477,11 @@ Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
   const std::byte*& made = on_gpu_[static_cast<size_t>(layer)];
   if (made != nullptr) return made;
   if (batch_ != 0) return Error{ErrorCode::kRange, "the batch was drawn without this layer"};
-  if (layer == Layer::kSamples) return reinterpret_cast<const std::byte*>(device_->samples());
+  if (layer == Layer::kSamples) {
+    const Result<const uint64_t*> samples = device_->samples();
+    if (!samples) return samples.error();
+    return reinterpret_cast<const std::byte*>(*samples);
+  }
   if (layer == Layer::kColor) {
     if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved)
       return resolved.error();

@@ -6,9 +6,11 @@
 #include <string>
 #include <thread>
 
+#include "runtime/draw/device_scene.h"
 #include "tests/catch.h"
 #include "tests/faults/fault_inputs.h"
 #include "tests/gpu.h"
+#include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/run_program.h"
 
@@ -278,11 +280,22 @@ TEST_CASE("faults: every call fails once while two GPUs draw", "[cuda][gpus][fau
   if (!has_gpus(2)) return;
   FaultInputs inputs;
   inputs.add_many(12);  // more than a page
-  const std::string command =
-      "render many.scree --force -o out.png --visbuffer out.bin --size 64x96 --eye 0,0,2 --target 0,0,0 --frames 2 "
-      "--show normal --backend cuda --gpus 2 --quiet --threads 2";
-  inputs.check("device", SCREE_FAULT_FILE_CALLS, "out.png,out.bin", command, kStreamedOnGpu);
-  inputs.check("memory", SCREE_FAULT_SITES, "out.png,out.bin", command, kStreamedOnGpu);
+  // With memory for all pages the GPUs divide the picture. With a little less they share the pages.
+  const runtime::Scene scene = must_load(inputs.folder().file("many.scree"), {.threads = 2, .pages = false});
+  kernels::ShadeOptions shade;
+  shade.show = kernels::Show::kNormal;
+  const auto alone = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache, 0,
+                                                  {64, 96, 1, &shade});
+  REQUIRE(alone);
+  const uint64_t all_pages = alone->stats().device_bytes + runtime::DeviceScene::view_bytes(scene, {});
+  for (const uint64_t budget : {all_pages, all_pages - (1 << 16)}) {
+    const std::string command =
+        "render many.scree --force -o out.png --visbuffer out.bin --size 64x96 --eye 0,0,2 --target 0,0,0 --frames 2 "
+        "--show normal --backend cuda --gpus 2 --quiet --threads 2 --device-memory " +
+        std::to_string(budget);
+    inputs.check("device", SCREE_FAULT_FILE_CALLS, "out.png,out.bin", command, kStreamedOnGpu);
+    inputs.check("memory", SCREE_FAULT_SITES, "out.png,out.bin", command, kStreamedOnGpu);
+  }
 }
 TEST_CASE("faults: every call for a file fails once while a GPU draws", "[cuda][faults]") {
   if (has_gpu()) check_all("file", "all", kDevice, kOnGpu);

@@ -86,6 +86,7 @@ class LoadedScene {
   }
 
   runtime::Scene& scene() { return *scene_; }
+  uint32_t gpu_count() const { return device_ ? device_->gpu_count() : 1; }
   std::optional<uint64_t> streamed_bytes() const {
     if (!device_ || !device_->stream_stats()) return std::nullopt;
     return device_->stream_stats()->streamed_bytes;
@@ -153,6 +154,7 @@ class FileBench {
     runtime::Scene& scene = loaded_->scene();
     const kernels::SceneView& drawn = scene.view();
     result_.file_bytes = scene.file().map().size();
+    result_.gpus = loaded_->gpu_count();
     result_.drawn_triangles = drawn.instance_base[drawn.instance_count];
     for (uint64_t m = 0; m < drawn.mesh_count; ++m) result_.unique_triangles += drawn.meshes[m].triangle_count;
     progress_.stage(path_ + ": drawing", views_.size(), "views");
@@ -269,11 +271,6 @@ Result<void> run_bench(const BenchOptions& options) {
   const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("bench", options.backend, options.quiet);
   if (!gpu) return gpu.error();
   BenchReport report{options, gpu->has_value() ? gpu_machine(**gpu) : cpu_machine(), {}};
-  if (options.backend.gpus != 1) {
-    const Result<std::vector<int>> gpus = runtime::gpus_from((*gpu)->index, options.backend.gpus);
-    if (!gpus) return gpus.error();
-    report.machine.device = std::to_string(gpus->size()) + " x " + report.machine.device;
-  }
   Result<void> done;
   for (const std::string& file : options.files) {
     tools::report_sigbus("bench", file);

@@ -40,7 +40,7 @@ struct ViewResult {
   std::string name;
   uint32_t frames = 0;
   double first_ms = 0;  // the first frame of this view, wall clock, without shading
-  Times draw;           // ms, by the GPU's clock; wall clock for the CPU and for streamed frames
+  Times draw;           // ms, by the GPU's clock; wall clock for the CPU, several GPUs and streamed frames
   Times shade;
   std::optional<uint64_t> streamed_bytes;  // of the last frame, if the scene is streamed
   uint64_t picture = 0;                    // XXH3-64 of the visibility buffer; equal for equal pictures
@@ -51,6 +51,7 @@ struct FileResult {
   uint64_t file_bytes = 0;
   uint64_t unique_triangles = 0;  // stored
   uint64_t drawn_triangles = 0;   // over all instances of the scene
+  uint32_t gpus = 1;              // that draw it; 1 also for the CPU
   std::vector<LoadResult> loads;
   std::vector<ViewResult> views;
 };

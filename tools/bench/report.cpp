@@ -77,6 +77,7 @@ void write_file(tools::JsonWriter& json, const FileResult& file) {
   json.member("bytes", file.file_bytes);
   json.member("unique_triangles", file.unique_triangles);
   json.member("drawn_triangles", file.drawn_triangles);
+  json.member("gpus", file.gpus);
   json.objects("loads", file.loads, [&](const LoadResult& load) {
     json.member("from", load.is_cold ? "disk" : "page cache");
     json.member("cached_share", load.cached_share);
@@ -112,10 +113,12 @@ std::string bench_text(const BenchReport& report) {
                      std::to_string(options.size.height) +
                      (options.samples_per_side == 1 ? "" : ", " + side + "x" + side + " samples per pixel") + "\n";
   for (const FileResult& file : report.files)
-    text += "\n" + inspect::printable(file.file, 200) + ": " + format_bytes(file.file_bytes) + ", " +
-            format_count(static_cast<double>(file.unique_triangles)) + " triangles, " +
-            format_count(static_cast<double>(file.drawn_triangles)) + " drawn\n" + loads_table(file) + "\n" +
-            views_table(file);
+    text +=
+        "\n" + inspect::printable(file.file, 200) + ": " + format_bytes(file.file_bytes) + ", " +
+        format_count(static_cast<double>(file.unique_triangles)) + " triangles, " +
+        format_count(static_cast<double>(file.drawn_triangles)) + " drawn" +
+        (options.backend.gpus != 1 ? " by " + std::to_string(file.gpus) + (file.gpus == 1 ? " GPU" : " GPUs") : "") +
+        "\n" + loads_table(file) + "\n" + views_table(file);
   return text;
 }
 
@@ -144,7 +147,7 @@ Result<void> append_rows(const BenchReport& report) {
   for (const FileResult& file : report.files) {
     for (const ViewResult& view : file.views) {
       CsvCells cells{{"commit", report.machine.commit},
-                     {"device", report.machine.device},
+                     {"device", (file.gpus != 1 ? std::to_string(file.gpus) + " x " : "") + report.machine.device},
                      {"driver", report.machine.driver},
                      {"threads", csv_number(uint64_t{options.threads})},
                      {"file", file.file},

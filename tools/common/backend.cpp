@@ -49,10 +49,11 @@ Result<std::optional<runtime::Gpu>> choose_gpu(const char* command, const Backen
 }
 
 std::string gpu_of_rank(const BackendOptions& options, uint32_t rank_on_host) {
-  const std::string number = std::to_string(rank_on_host);
   const bool chooses = options.device.empty() && options.choice != BackendChoice::kCpu && rank_on_host > 0 &&
                        runtime::seems_to_have_gpu();
-  return chooses && runtime::use_gpu(number) ? number : options.device;
+  if (!chooses) return options.device;
+  const Result<runtime::Gpu> gpu = runtime::use_gpu_in_turn(rank_on_host);
+  return gpu ? std::to_string(gpu->index) : options.device;
 }
 
 void warn_of_cpu(const char* command, const std::string& reason) {

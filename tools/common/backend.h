@@ -29,8 +29,8 @@ Result<BackendOptions> parse_backend(const std::string& backend, const std::stri
 /// GPU seems to be present. Errors, only for kCuda, as runtime::use_gpu().
 Result<std::optional<runtime::Gpu>> choose_gpu(const char* command, const BackendOptions& options, bool quiet = false);
 
-/// The `device` of the rank with that number on its host: the GPU of that number, if it exists. If each rank has only
-/// one visible GPU, it uses that one.
+/// The `device` of the rank with that number on its host, which takes the GPUs in turn with the other ranks of the host
+/// (runtime::use_gpu_in_turn). If each rank has only one visible GPU, it uses that one.
 std::string gpu_of_rank(const BackendOptions& options, uint32_t rank_on_host);
 
 /// Prints the warning of a fallback: "scree render: warning: the CPU draws: no NVIDIA driver found".

@@ -22,7 +22,7 @@ void add_gpus_option(CLI::App& app, std::string& word) {
   app.add_option(
          "--gpus", word,
          "Number of GPUs that draw the scene together, from --device on, or all; each has a part of the scene in "
-         "its memory (default: 1)")
+         "its memory if that cannot hold all of it (default: 1)")
       ->type_name("N|all");
 }
 

@@ -253,7 +253,9 @@ class RankedPicture {
     kernels::SunShadow sun = sun_;
     if (sun_on_gpu_) {
       if (const Result<void> written = sun_on_gpu_->write_samples(shadows_); !written) return written;
-      sun.samples = sun_on_gpu_->samples();
+      const Result<const uint64_t*> samples = sun_on_gpu_->samples();
+      if (!samples) return samples.error();
+      sun.samples = *samples;
       shade.sun = &sun;
     }
     const Result<void> written = device_->write_samples(samples_);

@@ -97,6 +97,61 @@ TEST_CASE("scenes that mix lattice and float32 meshes are equal on the GPU", "[c
   compare(builder, all_views(), 5000);
 }
 
+// Rows change from frame to frame, so that hints of clusters are from other rows.
+TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda][gpus]") {
+  std::mt19937 random(41);
+  for (const int kind : {0, 1, 2}) {
+    SceneBuilder builder;
+    if (kind != 0) add_masked_meshes(builder, kind == 2);
+    Encoding clustered;
+    clustered.clusters = Clusters::kClustered;
+    Encoding floats = float32();
+    floats.chunk_triangles = 200;
+    builder.instance(builder.mesh(sphere(24, 0.2), clustered), builder.matrix({1, 0, 0, 0.3, 0, 1, 0, 0, 0, 0, 1, -1}));
+    if (kind != 2) builder.instance(builder.mesh(grid(24, 0.3), floats), builder.identity());
+    const kernels::SceneView scene = builder.view();
+    std::vector<View> views = masked_views(kEmulatesGpu ? 2 : 1);
+    for (const View& view : all_views()) views.push_back(view);
+    View clipped = views.back();
+    clipped.clips = true;
+    for (int i = 0; i < 3; ++i) clipped.clip_min[i] = -0.4, clipped.clip_max[i] = 0.5;
+    views.push_back(clipped);
+    if (!has_gpu()) return;
+    const DeviceCopy device(scene, builder.pages);
+    uint64_t drawn = 0, of_all = 0;
+    for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), by_warps(), in_two_passes(), kNoRoom}) {
+      Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene, device.view(), sizes);
+      REQUIRE(frames);
+      for (size_t i = 0; i < views.size(); i += kEmulatesGpu ? 5 : 1) {
+        const View& view = views[i];
+        const std::vector<uint64_t> expected = draw(scene, view, 2);
+        for (int turn = 0; turn < 3; ++turn) {
+          kernels::DrawOptions options;
+          options.stage_times = turn == 2;
+          options.rows.first = static_cast<uint32_t>(random() % view.height);
+          options.rows.end =
+              options.rows.first + 1 + static_cast<uint32_t>(random() % (view.height - options.rows.first));
+          CAPTURE(kind, i, options.rows.first, options.rows.end);
+          std::vector<uint64_t> found(expected.size(), 0);  // nearer than all: other rows are not cleared
+          Result<kernels::DeviceBuffer> buffer =
+              kernels::DeviceBuffer::allocate(found.size() * sizeof(uint64_t), "a test");
+          REQUIRE(buffer);
+          REQUIRE(cudaMemcpy(buffer->data(), found.data(), buffer->bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
+          const auto part = frames->draw(view, reinterpret_cast<uint64_t*>(buffer->data()), options);
+          REQUIRE(part);
+          REQUIRE(cudaMemcpy(found.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost) == cudaSuccess);
+          const auto at = [&](uint32_t row) { return static_cast<ptrdiff_t>(uint64_t{row} * view.width); };
+          CHECK(std::equal(found.begin() + at(options.rows.first), found.begin() + at(options.rows.end),
+                           expected.begin() + at(options.rows.first)));
+          drawn += part->triangles;
+        }
+        of_all += 3 * device.stats(view, sizes, {}).triangles;
+      }
+    }
+    CHECK(drawn < of_all - of_all / 10);
+  }
+}
+
 // One frame after the other, so that hints of clusters outlive frames that omit them.
 TEST_CASE("omitted instances are left out on the GPU as on the CPU, and come back", "[cuda][omitted]") {
   const bool is_clustered = GENERATE(false, true);

@@ -227,6 +227,7 @@ TEST_CASE("culling: single precision keeps every box that double precision keeps
   std::uniform_real_distribution<double> unit(-1, 1);
   uint64_t kept = 0;
   uint64_t kept_rounded = 0;
+  uint64_t in_part = 0;
   for (int i = 0; i < 200000; ++i) {
     const double distance = std::pow(10.0, 3 * unit(random));
     View camera = look_at({unit(random), unit(random), unit(random)}, {2 * unit(random), unit(random), 0.1},
@@ -253,9 +254,66 @@ TEST_CASE("culling: single precision keeps every box that double precision keeps
     if (keeps && !keeps_rounded) FAIL("box " << i);
     kept += keeps;
     kept_rounded += keeps_rounded;
+    if (!keeps) continue;
+    // Rows: whatever a part of the picture keeps, its rows keep too; together they keep all that the picture does.
+    FrameView part = view;
+    part.first_row = static_cast<int32_t>(random() % static_cast<uint64_t>(view.height));
+    part.end_row =
+        part.first_row + 1 + static_cast<int32_t>(random() % static_cast<uint64_t>(view.height - part.first_row));
+    FrameView above = view, below = view;
+    above.end_row = part.first_row;
+    below.first_row = part.end_row;
+    const auto in_rows = [&](const FrameView& rows) {
+      const bool exact = may_be_in_rows(transform, rows, chunk_box(mesh, chunk, transform));
+      const bool rounded = may_be_in_rows(transform, rows, rounded_chunk_box(mesh, chunk, transform));
+      if (exact && !rounded) FAIL("rows of box " << i);
+      return exact;
+    };
+    CHECK(in_rows(view));
+    const bool is_in_part = in_rows(part);
+    in_part += is_in_part;
+    if (!is_in_part && !in_rows(above) && !in_rows(below)) FAIL("box " << i << " is in no row");
   }
-  CAPTURE(kept, kept_rounded);
+  CAPTURE(kept, kept_rounded, in_part);
   CHECK(kept > 20000);
   CHECK(kept < 180000);
   CHECK(kept_rounded - kept < kept / 1000);
+  CHECK(in_part > kept / 10);
+  CHECK(in_part < kept - kept / 10);
+}
+
+TEST_CASE("culling: a box with a point in a row is kept for it", "[raster]") {
+  std::mt19937_64 random(23);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  uint64_t seen = 0;
+  for (int i = 0; i < 50000; ++i) {
+    View camera = look_at({unit(random), unit(random), unit(random)}, {2 * unit(random), unit(random), 0.1}, 97,
+                          1 + static_cast<uint32_t>(random() % 400), 0.01);
+    if (i % 4 == 0) camera = orthographic(camera, 0.1 + std::abs(unit(random)), 0.1, 3);
+    FrameView view = make_frame_view(camera);
+    format::MeshRecord mesh{};
+    mesh.lattice_exponent = -12;
+    format::ChunkRecord chunk{};
+    format::MatrixRecord matrix{};
+    for (int row = 0; row < 3; ++row) {
+      for (int column = 0; column < 3; ++column) matrix.rows[row][column] = unit(random);
+      matrix.rows[row][3] = unit(random);
+      mesh.lattice_min[row] = static_cast<int64_t>(4096 * unit(random));
+      chunk.position_bits[row] = static_cast<uint8_t>(random() % 13);
+    }
+    const Transform transform = make_transform(view, matrix, mesh.lattice_exponent, false);
+    const RelativeBox box = chunk_box(mesh, chunk, transform);
+    double at[3];  // a point of the box, then its place on the screen
+    for (int k = 0; k < 3; ++k) at[k] = box.center[k] + unit(random) * box.extent[k];
+    const auto value = [&](const double row[4]) { return row[0] * at[0] + row[1] * at[1] + row[2] * at[2] + row[3]; };
+    const double w = view.orthographic ? 1 : value(transform.exact_w);
+    const double row = (value(transform.exact_y) / w + static_cast<double>(view.half_height)) / kSubpixels;
+    if (w < 1 || !(row >= 0 && row < view.height)) continue;
+    ++seen;
+    view.first_row = static_cast<int32_t>(row);
+    view.end_row = view.first_row + 1;
+    CHECK(may_be_in_rows(transform, view, box));
+    CHECK(may_be_in_rows(transform, view, rounded_chunk_box(mesh, chunk, transform)));
+  }
+  CHECK(seen > 5000);
 }

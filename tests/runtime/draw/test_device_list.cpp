@@ -155,6 +155,28 @@ TEST_CASE("the first usable GPU is taken, and the others are listed with a reaso
   CHECK(runtime::use_gpu("2"));
 }
 
+TEST_CASE("processes of a host take its GPUs in turn", "[device]") {
+  const auto taken = [] {
+    std::string numbers;
+    for (uint32_t process = 0; process < 7; ++process)
+      numbers += std::to_string(runtime::use_gpu_in_turn(process)->index) + " ";
+    CHECK(runtime::current_gpu()->index == numbers[12] - '0');
+    return numbers;
+  };
+  {
+    const Variable gpus("SCREE_EMULATED_GPU", "9.0,8.0,9.0");
+    CHECK(taken() == "0 1 2 0 1 2 0 ");
+  }
+  {
+    const Variable gpus("SCREE_EMULATED_GPU", "6.1,9.0,6.1,8.0");
+    CHECK(taken() == "1 1 3 3 1 1 3 ");
+  }
+  const Variable gpus("SCREE_EMULATED_GPU", "6.1,6.1");
+  const Result<Gpu> none = runtime::use_gpu_in_turn(3);
+  REQUIRE_FALSE(none);
+  CHECK(none.error().message.find("compute capability 6.1, this program needs 7.5") != std::string::npos);
+}
+
 TEST_CASE("a missing or old driver and a missing GPU are different errors", "[device]") {
   {
     const Variable gpus("SCREE_EMULATED_GPU", "1");

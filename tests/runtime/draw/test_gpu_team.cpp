@@ -82,14 +82,21 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
   const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
   Result<DeviceScene> alone = upload(scene, 1);
   REQUIRE(alone);
-  for (const uint32_t count : {2u, 3u}) {
+  // Each of several GPUs has a draw list more than one alone. With a byte less they share the pages.
+  const uint64_t too_little_for_all = alone->stats().device_bytes + kernels::CudaFrames::device_bytes(scene.view()) - 1;
+  uint64_t with_all_pages = 0;
+  for (const auto& [count, budget] : {std::pair<uint32_t, uint64_t>{2, 0}, {2, too_little_for_all}, {3, 0}}) {
     if (!has_gpus(count)) continue;
-    Result<DeviceScene> team = upload(scene, count);
+    Result<DeviceScene> team = upload(scene, count, budget);
     if (!team) FAIL(team.error().message);
     CHECK(team->gpu_count() == count);
     CHECK(team->stats().counts.pages == alone->stats().counts.pages);
+    if (budget == 0)
+      with_all_pages = team->stats().device_bytes;
+    else
+      CHECK(team->stats().device_bytes < with_all_pages);
     for (int i = 0; i < 4; ++i) {
-      CAPTURE(count, i);
+      CAPTURE(count, budget, i);
       // The last frame leaves out some instances; their bits lie on the first GPU.
       const std::vector<uint32_t> omitted =
           i == 3 ? random_omitted(scene.view().instance_count, 5) : std::vector<uint32_t>();
@@ -147,7 +154,9 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
   }
 }
 
-TEST_CASE("clusters drawn by one GPU hide clusters of other GPUs", "[cuda][gpus]") {
+// With little memory they share the pages, and clusters drawn by one GPU hide clusters of others. Otherwise they divide
+// the picture.
+TEST_CASE("GPUs divide a picture or join their samples", "[cuda][gpus]") {
   if (!has_gpu()) return;
   const EmulatedGpus emulated("9.0,9.0");
   if (!has_gpus(2)) return;
@@ -157,26 +166,43 @@ TEST_CASE("clusters drawn by one GPU hide clusters of other GPUs", "[cuda][gpus]
   const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
   const Result<std::vector<int>> gpus = runtime::gpus_from(runtime::use_gpu()->index, 2);
   REQUIRE(gpus);
-  GpuTeam team;
-  GpuTeam::Options options;
-  options.threads = 2;
-  options.queues.two_pass_groups = 1;  // hints also in a small scene
-  options.queues.medium = 64;          // queues that grow
-  const Result<CudaScene> first = team.open(scene, *gpus, options);
-  if (!first) FAIL(first.error().message);
-  for (int i = 0; i < 6; ++i) {
-    CAPTURE(i);
-    const View view = view_of(scene, i);
-    const uint64_t count = uint64_t{view.width} * view.height;
-    Result<kernels::DeviceBuffer> samples = kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "a test");
-    REQUIRE(samples);
-    const Result<kernels::FrameStats> drawn = team.draw(view, reinterpret_cast<uint64_t*>(samples->data()));
-    if (!drawn) FAIL(drawn.error().message);
-    std::vector<uint64_t> read(count);
-    REQUIRE(cudaMemcpy(read.data(), samples->data(), count * sizeof(uint64_t), cudaMemcpyDeviceToHost) == cudaSuccess);
-    const Result<Frame> expected = Frame::draw(whole, view, 1, 2);
-    REQUIRE(expected);
-    CHECK(std::equal(read.begin(), read.end(), expected->samples().begin(), expected->samples().end()));
+  const uint64_t all_pages = CudaScene::device_bytes(scene, nullptr, runtime::kDeviceTextureCache);
+  for (const uint64_t budget : {uint64_t{0}, all_pages, all_pages - 1}) {
+    GpuTeam team;
+    GpuTeam::Options options;
+    options.budget = budget;
+    options.threads = 2;
+    options.queues.two_pass_groups = 1;  // hints also in a small scene
+    options.queues.medium = 64;          // queues that grow
+    const Result<CudaScene> first = team.open(scene, *gpus, options);
+    if (!first) FAIL(first.error().message);
+    CHECK(team.divides_picture() == (budget != all_pages - 1));
+    for (int i = 0; i < 6; ++i) {
+      CAPTURE(budget, i);
+      const View view = view_of(scene, i);
+      const uint64_t count = uint64_t{view.width} * view.height;
+      Result<kernels::DeviceBuffer> samples = kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "a test");
+      REQUIRE(samples);
+      const Result<Frame> expected = Frame::draw(whole, view, 1, 2);
+      REQUIRE(expected);
+      const Result<kernels::FrameStats> drawn = team.draw(view, reinterpret_cast<uint64_t*>(samples->data()));
+      if (!drawn) FAIL(drawn.error().message);
+      CHECK(drawn->instances_drawn == expected->stats().instances_drawn);
+      std::vector<uint64_t> read(count);
+      const auto rows_are_equal = [&](uint32_t end) {
+        REQUIRE(cudaMemcpy(read.data(), samples->data(), count * sizeof(uint64_t), cudaMemcpyDeviceToHost) ==
+                cudaSuccess);
+        return std::equal(read.begin(), read.begin() + uint64_t{end} * view.width, expected->samples().begin());
+      };
+      if (team.divides_picture()) {
+        CHECK(team.rows(0).first == 0);
+        CHECK(team.rows(0).end == team.rows(1).first);
+        CHECK(team.rows(1).end == view.height);
+        CHECK(rows_are_equal(team.rows(0).end));
+      }
+      REQUIRE(team.gather());
+      CHECK(rows_are_equal(view.height));
+    }
   }
 }
 
@@ -209,6 +235,12 @@ TEST_CASE("scenes of one page, with masks, textures and blending, are drawn by s
     View elsewhere = seen;
     for (size_t i = 0; i < 3; ++i) elsewhere.eye[i] += 0.3 * seen.right[i] - 0.2 * seen.forward[i];
     REQUIRE(one->draw(seen));
+    REQUIRE(other->draw(elsewhere));
+    std::vector<uint64_t> samples(uint64_t{seen.width} * seen.height), samples_alone = samples;
+    REQUIRE(alone->draw(seen));
+    REQUIRE(alone->read_samples(samples_alone));
+    REQUIRE(one->read_samples(samples));
+    CHECK(samples == samples_alone);
     REQUIRE(other->draw(elsewhere));
     std::vector<uint32_t> pixels(uint64_t{view.width} * view.height);
     REQUIRE(one->resolve(seen, 2, {}, pixels));

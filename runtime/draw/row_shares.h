@@ -1,0 +1,39 @@
+// The rows of a picture that each of several GPUs draws. They are divided by the times of earlier pictures, so that all
+// GPUs take equally long.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "kernels/frame.h"
+
+namespace scree::runtime {
+
+class RowShares {
+ public:
+  /// All shares but the last one end at multiples of this: the most samples per side of a pixel.
+  static constexpr uint32_t kStep = 4;
+
+  /// Divides `height` rows of samples, at least 1. `ms`: for each share the time that its rows of the last picture
+  /// took. If that picture had another height, all shares get equally many rows. Otherwise rows move only if a share
+  /// takes kTolerance longer than the mean, and kSettled pictures have had the same rows. A share is empty only if
+  /// there are more shares than steps.
+  void divide(uint32_t height, std::span<const float> ms);
+
+  /// A row that moves costs its new GPU many times as much at first, because nothing is known to hide others there. The
+  /// hints of clusters are right again after this many pictures.
+  static constexpr uint32_t kSettled = 6;
+  static constexpr float kTolerance = 0.02f;
+
+  /// The rows of a share, by the last divide().
+  kernels::RowRange rows(size_t share) const { return {first_row_[share], first_row_[share + 1]}; }
+
+ private:
+  std::vector<uint32_t> first_row_;  // of each share, then the height
+  std::vector<float> cost_;          // of each step, estimated
+  uint32_t pictures_ = 0;            // that have had these rows
+};
+
+}  // namespace scree::runtime
