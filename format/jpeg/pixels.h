@@ -139,28 +139,22 @@ SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor&
   return good;
 }
 
-/// Decodes the MCUs of a whole group, which is below ceil(mcu_count / group_mcus): each into samples_of(its number in
-/// the group), then calls done(its number). Samples are grey from the first invalid or truncated block on. Safe on any
-/// data.
-template <class SamplesOf, class Done>
-SCREE_HD inline void decode_jpeg_mcus(const JpegPicture& picture, uint32_t group, const SamplesOf& samples_of,
-                                      const Done& done) {
+/// The MCUs of a group, which is below ceil(mcu_count / group_mcus).
+SCREE_HD inline uint32_t jpeg_group_mcus(const JpegPicture& picture, uint32_t group) {
+  const uint32_t left = picture.view.mcu_count - group * picture.view.group_mcus;
+  return left < picture.view.group_mcus ? left : picture.view.group_mcus;
+}
+
+/// Decodes a whole group, as for jpeg_group_mcus(), to 64 * mcu_blocks * group_mcus bytes. Bytes for MCUs past the last
+/// one stay unchanged. Samples are grey from the first invalid or truncated block on. Safe on any data.
+SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
   JpegCursor cursor = jpeg_anchor(picture.view, group);
-  const uint32_t left = picture.view.mcu_count - cursor.mcu;
-  const uint32_t count = left < picture.view.group_mcus ? left : picture.view.group_mcus;
+  const uint32_t count = jpeg_group_mcus(picture, group);
   bool good = true;
   for (uint32_t i = 0; i < count; ++i) {
     if (!good) cursor.bit = picture.view.data_bits + 1;  // past the end, where no block decodes
-    good = decode_jpeg_samples(picture, cursor, samples_of(i));
-    done(i);
+    good = decode_jpeg_samples(picture, cursor, samples + 64 * i * picture.mcu_blocks);
   }
-}
-
-/// The samples of a whole group: 64 * mcu_blocks * group_mcus bytes. Bytes for MCUs past the last one stay unchanged.
-/// Otherwise as decode_jpeg_mcus().
-SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
-  decode_jpeg_mcus(
-      picture, group, [&](uint32_t mcu) { return samples + 64 * mcu * picture.mcu_blocks; }, [](uint32_t) {});
 }
 
 /// The location of a column or row of pixels.
@@ -235,15 +229,26 @@ SCREE_HD inline uint32_t jpeg_pixel(const JpegPicture& picture, const JpegPlace&
   return (place.mcu * picture.mcu_height + place.y) * picture.mcu_width + place.x;
 }
 
-/// The colours of a whole group, by jpeg_pixel(). Otherwise as decode_jpeg_group().
-SCREE_HD inline void decode_jpeg_group_colours(const JpegPicture& picture, uint32_t group, uint32_t* colours) {
-  alignas(8) uint8_t samples[64 * kJpegMaxMcuBlocks];
-  decode_jpeg_mcus(
-      picture, group, [&](uint32_t) { return samples; },
-      [&](uint32_t) {
-        for (uint32_t y = 0; y < picture.mcu_height; ++y)
-          for (uint32_t x = 0; x < picture.mcu_width; ++x) *colours++ = jpeg_colour(picture, {group, 0, x, y}, samples);
-      });
+/// The colours of a run of eight pixels, from the samples of their group: those that jpeg_pixel() numbers 8 * `run` to
+/// 8 * `run` + 7, which lie side by side. In a kernel `colours` is 16-byte aligned.
+SCREE_HD inline void jpeg_run_colours(const JpegPicture& picture, uint32_t run, const uint8_t* samples,
+                                      uint32_t* colours) {
+  const uint32_t row = divide_jpeg(8 * run, picture.mcu_width_inverse);  // MCUs lie one below the other
+  const uint32_t mcu = divide_jpeg(row, picture.mcu_height_inverse);
+  const JpegPlace first{0, mcu, 8 * run - row * picture.mcu_width, row - mcu * picture.mcu_height};
+  const uint8_t* block = samples + 64 * mcu * picture.mcu_blocks;
+  int32_t values[8][kJpegMaxComponents] = {};
+  for (uint32_t c = 0; c < kJpegMaxComponents && c < picture.view.component_count; ++c) {
+    for (uint32_t i = 0; i < 8; ++i) values[i][c] = block[jpeg_sample(picture, {0, mcu, first.x + i, first.y}, c)];
+    block += 64 * picture.view.components[c].h * picture.view.components[c].v;
+  }
+#if defined(__CUDA_ARCH__)
+  for (uint32_t i = 0; i < 8; i += 4)
+    *reinterpret_cast<uint4*>(colours + i) = {jpeg_code(picture, values[i]), jpeg_code(picture, values[i + 1]),
+                                              jpeg_code(picture, values[i + 2]), jpeg_code(picture, values[i + 3])};
+#else
+  for (uint32_t i = 0; i < 8; ++i) colours[i] = jpeg_code(picture, values[i]);
+#endif
 }
 
 /// The colours of up to four pixels, as from jpeg_colour(), for callers without memory for a group's samples. `places`:

@@ -21,6 +21,7 @@ struct PixelTeam {
   __device__ static uint64_t share(uint64_t value, uint32_t lane) {
     return __shfl_sync(0xffffffffu, static_cast<unsigned long long>(value), static_cast<int>(lane));
   }
+  __device__ static void synchronise() { __syncwarp(); }
   __device__ static void atomic_min(uint32_t* place, uint32_t value) { atomicMin(place, value); }
   __device__ static void atomic_max(uint32_t* place, uint32_t value) { atomicMax(place, value); }
 };

@@ -23,6 +23,7 @@ namespace {
 constexpr uint32_t kResidentBlocks = 8;  // per multiprocessor: 64 registers per thread; more spills, less waiting
 constexpr uint32_t kDecodeThreads = 64;
 constexpr uint32_t kDecodeBlocks = 16;           // per multiprocessor
+constexpr uint32_t kWarpGroups = 8;              // fewer than lanes, so that few groups fill more of the GPU
 constexpr uint32_t kRounds = kDecodeRounds + 1;  // the last one's pixels decode groups by themselves
 
 /// `before`: the counters of the round that left the tiles, or null to shade all `tile_count` tiles.
@@ -36,9 +37,12 @@ __global__ void __launch_bounds__(kPixelThreads, kResidentBlocks)
 }
 
 __global__ void __launch_bounds__(kDecodeThreads) decode_round(const __grid_constant__ DecodeGroups pass) {
+  __shared__ uint32_t staging[kDecodeThreads / 32][DecodeGroups::kStagingWords];
+  const uint32_t warp = threadIdx.x / 32;
+  const uint32_t step = gridDim.x * (kDecodeThreads / 32) * kWarpGroups;
   const uint32_t count = pass.count();
-  for (uint32_t item = blockIdx.x * kDecodeThreads + threadIdx.x; item < count; item += gridDim.x * kDecodeThreads)
-    pass(item);
+  for (uint32_t first = (blockIdx.x * (kDecodeThreads / 32) + warp) * kWarpGroups; first < count; first += step)
+    pass(first, min_of(first + kWarpGroups, count), PixelTeam{}, staging[warp]);
 }
 
 __global__ void __launch_bounds__(kDecodeThreads)

@@ -147,18 +147,39 @@ struct CachedTexels {
     const format::JpegPicture* const there = want_jpeg(pages, jpeg);
     if (there == nullptr) return absent_texels(texels);
     const format::JpegPicture& picture = *there;
-    const bool is_held = cache.holds(jpeg, picture);
+    if (!cache.holds(jpeg, picture)) {
+      lane.missed = true;  // its pixels decode it themselves
+      absent_texels(texels);
+      return true;
+    }
     const format::JpegLine columns[2] = {jpeg_column(picture, column.first), jpeg_column(picture, column.second)};
     const format::JpegLine rows[2] = {jpeg_row(picture, row.first), jpeg_row(picture, row.second)};
+    uint32_t group[4];
+    uint32_t pixel[4];
     for (uint32_t i = 0; i < 4; ++i) {
       const format::JpegPlace place = jpeg_place(picture, columns[i % 2], rows[i / 2]);
-      const uint64_t key = jpeg.first_group + place.group;
-      const uint32_t* const colours = is_held ? cache.lookup(key, now) : nullptr;
-      texels[i] = colours != nullptr ? colours[jpeg_pixel(picture, place)] : 0;
-      if (colours != nullptr) continue;
-      lane.missed = true;
-      if (is_held) cache.request_group({key, jpeg.number, place.group}, counters);
+      group[i] = place.group;
+      pixel[i] = jpeg_pixel(picture, place);
     }
+    // The texels lie in one group, or at a border between two; at a corner they may lie in four. Two look-ups that all
+    // lanes take are shorter than four. A loop over the groups would be too, but its lanes part there.
+    const auto find = [&](uint32_t i) { return cache.lookup(jpeg.first_group + group[i], now); };
+    const uint32_t* from[4];
+    from[0] = find(0);
+    from[3] = find(3);
+    for (uint32_t i = 1; i < 3; ++i) {
+      from[i] = group[i] == group[0] ? from[0] : from[3];
+      if (group[i] != group[0] && group[i] != group[3]) from[i] = find(i);
+    }
+    bool is_whole = true;
+    for (uint32_t i = 0; i < 4; ++i) {
+      is_whole = is_whole && from[i] != nullptr;
+      texels[i] = (from[i] != nullptr ? from[i] : cache.colours)[pixel[i]];  // any colour, if the pixel has to wait
+    }
+    if (is_whole) return true;
+    lane.missed = true;
+    for (uint32_t i = 0; i < 4; ++i)
+      if (from[i] == nullptr) cache.request_group({jpeg.first_group + group[i], jpeg.number, group[i]}, counters);
     return true;
   }
 };
@@ -207,8 +228,11 @@ struct FallbackTexels {
   }
 };
 
-/// Decodes the groups that a round requested, one request per item.
+/// Decodes the groups that a round requested. A lane decodes a group to samples in the group's slot; then the whole
+/// team turns the samples of one group after the other into colours.
 struct DecodeGroups {
+  static constexpr uint32_t kStagingWords = 16 * format::kJpegMaxGroupBlocks;  // a group's samples
+
   TextureCache cache;
   RoundCounters* counters;
   uint32_t now;  // the current round
@@ -216,16 +240,50 @@ struct DecodeGroups {
 
   SCREE_HD uint32_t count() const { return min_of(counters->requests, cache.slot_count); }
 
-  SCREE_HD void operator()(uint32_t item) const {
-    const GroupRequest& request = cache.requests[item];
-    const uint32_t slot = cache.allocate_slot(request, now);
-    if (slot == TextureCache::kNoSlot) return;
-    fetch_increment(&counters->decoded);
+  /// Decodes the requests from `first` on and before `end`, at most team.size(). `staging`: kStagingWords words, which
+  /// all lanes share.
+  template <class Team>
+  SCREE_HD void operator()(uint32_t first, uint32_t end, Team team, uint32_t* staging) const {
+    const uint32_t item = first + team.rank();
+    const uint32_t own = item < end ? decode(cache.requests[item]) : TextureCache::kNoSlot;
+    team.synchronise();
+    for (uint32_t i = first; i < end; ++i) {
+      const uint32_t slot = static_cast<uint32_t>(team.share(own, i - first));
+      if (slot != TextureCache::kNoSlot) colour(cache.requests[i], colours_of(slot), team, staging);
+    }
+  }
+
+ private:
+  SCREE_HD uint32_t* colours_of(uint32_t slot) const { return cache.colours + uint64_t{slot} * cache.slot_pixels; }
+
+  SCREE_HD const format::JpegPicture& picture_of(const GroupRequest& request) const {
     const JpegLevel& level = cache.levels[request.level];
     // The page of a group that was requested is present.
-    const uint8_t* const page = level.page == JpegLevel::kNotPaged ? nullptr : pages.blocks[level.page];
-    format::decode_jpeg_group_colours(*jpeg_of(level, page), request.group,
-                                      cache.colours + uint64_t{slot} * cache.slot_pixels);
+    return *jpeg_of(level, level.page == JpegLevel::kNotPaged ? nullptr : pages.blocks[level.page]);
+  }
+
+  /// Returns the slot that holds the group's samples, or kNoSlot.
+  SCREE_HD uint32_t decode(const GroupRequest& request) const {
+    const uint32_t slot = cache.allocate_slot(request, now);
+    if (slot == TextureCache::kNoSlot) return slot;
+    fetch_increment(&counters->decoded);
+    static_assert(format::kJpegMaxComponents <= sizeof(uint32_t));  // so a group's samples fit its colours' slot
+    format::decode_jpeg_group(picture_of(request), request.group, reinterpret_cast<uint8_t*>(colours_of(slot)));
+    return slot;
+  }
+
+  /// Turns a group's samples into its colours, in place.
+  template <class Team>
+  SCREE_HD void colour(const GroupRequest& request, uint32_t* colours, Team team, uint32_t* staging) const {
+    const format::JpegPicture& picture = picture_of(request);
+    const uint32_t mcus = format::jpeg_group_mcus(picture, request.group);
+    const uint32_t words = 16 * picture.mcu_blocks * mcus;
+    for (uint32_t i = team.rank(); i < words; i += team.size()) staging[i] = colours[i];
+    team.synchronise();
+    const uint32_t runs = picture.mcu_width * picture.mcu_height * mcus / 8;
+    for (uint32_t run = team.rank(); run < runs; run += team.size())
+      format::jpeg_run_colours(picture, run, reinterpret_cast<const uint8_t*>(staging), colours + 8 * run);
+    team.synchronise();
   }
 };
 

@@ -41,6 +41,7 @@ struct OneLane {
   static constexpr uint32_t size() { return 1; }
   static uint32_t ballot(bool value) { return value ? 1 : 0; }
   static uint64_t share(uint64_t value, uint32_t) { return value; }
+  static void synchronise() {}
 };
 
 std::vector<JpegLevel> levels_of(const runtime::Scene& scene) {
@@ -94,7 +95,10 @@ class HostCache {
             runtime::parallel_for(count, threads, [&](uint64_t i) { pass(static_cast<uint32_t>(i), OneLane{}); });
           });
       const kernels::DecodeGroups decode{cache_, own, now_};
-      runtime::parallel_for(decode.count(), threads, [&](uint64_t i) { decode(static_cast<uint32_t>(i)); });
+      runtime::parallel_for(decode.count(), threads, [&](uint64_t i) {
+        uint32_t staging[kernels::DecodeGroups::kStagingWords];
+        decode(static_cast<uint32_t>(i), static_cast<uint32_t>(i) + 1, OneLane{}, staging);
+      });
       check();
     }
     kernels::visit_textured<false>(
