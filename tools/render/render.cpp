@@ -355,7 +355,7 @@ Result<void> render(const RenderOptions& options) {
   runtime::SceneOptions load = options.scene_options();
   load.pages = !gpu->has_value();
   const Result<void> sized =
-      runtime::set_texture_memory(*file, options.texture_memory, gpu->has_value(), options.device_memory, load);
+      runtime::set_texture_memory(*file, options.textures.memory, gpu->has_value(), options.device_memory, load);
   if (!sized) return at(options.file, sized.error());
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
@@ -376,10 +376,9 @@ Result<void> render(const RenderOptions& options) {
   std::optional<runtime::DeviceScene> device;
   std::optional<Drawn> drawn;
   if (gpu->has_value()) {
-    Result<runtime::DeviceScene> uploaded =
-        runtime::DeviceScene::upload(*scene, options.device_memory, options.threads, options.reading,
-                                     options.texture_cache.value_or(runtime::kDeviceTextureCache),
-                                     options.host_memory - host_needs, pictures, nullptr, options.backend.gpus);
+    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
+        *scene, options.device_memory, options.threads, options.reading, options.textures.device_cache(),
+        options.host_memory - host_needs, pictures, nullptr, options.backend.gpus);
     if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
     std::optional<Error> failed;
     if (uploaded) {
@@ -499,6 +498,7 @@ Command add_render(CLI::App& parent) {
       ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   add_device_options(*app, *words);
+  add_reading_options(*app, *words);
   app->add_option("--path", words->path,
                   "Draw the frames of a camera's path, a JSON file as scree view saves it (docs/scale.md); outputs are "
                   "then patterns, such as -o frame_%05d.png")
@@ -512,12 +512,7 @@ Command add_render(CLI::App& parent) {
   app->add_option("--fps", words->fps, "Frames per second of a path (default: the file's, else 30)")->type_name("N");
   app->add_flag("--resume", words->resume,
                 "With --path: keep frames that exist, complete and of this size, also from another run");
-  app->add_option(
-         "--texture-cache", words->texture_cache,
-         "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
-         "64MiB, on a GPU 256MiB)")
-      ->type_name("SIZE");
-  app->add_option("--texture-memory", words->texture_memory, kTextureMemoryHelp)->type_name("SIZE");
+  add_texture_options(*app, words->textures);
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("--json", words->json, "Print one JSON object instead of the closing line");

@@ -301,7 +301,7 @@ runtime::SceneOptions RenderOptions::scene_options() const {
   load.threads = threads;
   load.lighting = load.textures && shade.light ? light.lighting : kernels::Lighting::kCamera;
   load.environment = light.environment;
-  load.texture_cache = texture_cache.value_or(runtime::kHostTextureCache);
+  load.texture_cache = textures.host_cache();
   load.reading = reading;
   return load;
 }
@@ -417,16 +417,9 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   std::copy(background->begin(), background->end(), options.shade.background);
 
   if (const Result<void> path = parse_path(words, options); !path) return path.error();
-  if (!words.texture_cache.empty()) {
-    const Result<uint64_t> bytes = parse_size(words.texture_cache);
-    if (!bytes) return at("--texture-cache", bytes.error());
-    options.texture_cache = std::max<uint64_t>(*bytes, 1);
-  }
-  if (!words.texture_memory.empty()) {
-    const Result<uint64_t> bytes = parse_size(words.texture_memory);
-    if (!bytes) return at("--texture-memory", bytes.error());
-    options.texture_memory = std::max<uint64_t>(*bytes, 1);
-  }
+  const Result<TextureOptions> textures = parse_texture_options(words.textures);
+  if (!textures) return textures.error();
+  options.textures = *textures;
   for (const std::string& text : words.picks) {
     const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
     if (!place) return place.error();
