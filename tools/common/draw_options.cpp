@@ -9,6 +9,8 @@
 #include <tuple>
 #include <utility>
 
+#include <CLI/CLI.hpp>
+
 #include "kernels/visbuffer.h"
 #include "runtime/draw/shadow_map.h"
 

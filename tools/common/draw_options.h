@@ -5,14 +5,16 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
-
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/upload.h"
 #include "tools/common/backend.h"
 #include "tools/common/options.h"
+
+namespace CLI {
+class App;
+}
 
 namespace scree::tools {
 

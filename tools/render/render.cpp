@@ -438,6 +438,22 @@ Result<void> run(const RenderWords& words) {
 
 }  // namespace
 
+void add_camera_options(CLI::App& app, RenderWords& words) {
+  app.add_option("--scene", words.scene, "Scene of the file, by name or number (default: the file's default)")
+      ->type_name("NAME");
+  app.add_option("--camera", words.camera, "Camera of the file, by name, node name or number")->type_name("NAME");
+  app.add_option("--view", words.view,
+                 "Show the whole scene from front, right, back, left, top, bottom or iso (default: from 30 degrees to "
+                 "the right of its front and 20 above)")
+      ->type_name("NAME");
+  app.add_option("--eye", words.eye, "Position of the camera, X,Y,Z")->type_name("X,Y,Z");
+  app.add_option("--target", words.target, "Point that --eye looks at, X,Y,Z (default: middle of the scene)")
+      ->type_name("X,Y,Z");
+  app.add_option("--up", words.up, "Up direction in the picture, X,Y,Z (default: 0,1,0)")->type_name("X,Y,Z");
+  app.add_option("--fov", words.fov, "Vertical field of view in degrees (default: 45, or the camera's)")
+      ->type_name("DEGREES");
+}
+
 Command add_render(CLI::App& parent) {
   const auto words = std::make_shared<RenderWords>();
   CLI::App* app = parent.add_subcommand("render", "Draws a packed scene");
