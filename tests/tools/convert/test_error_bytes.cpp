@@ -60,12 +60,12 @@ void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, C
   floats.float32 = true;
   floats.output += ".floats";
   const convert::ConvertReport float_report = must_convert(floats);
-  const tests::OpenFile as_floats = must_open(floats.output);
+  const tests::PackedFile as_floats = must_open(floats.output);
   for (const Bound& bound : bounds) {
     options = bounded(options, bound);
     INFO(convert::describe_options(options));
     const convert::ConvertReport report = must_convert(options);
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     const auto chunks = opened.file.chunks(), float_chunks = as_floats.file.chunks();
     REQUIRE(chunks.size() == float_chunks.size());
     uint64_t bytes = 0, float_bytes = 0;
@@ -186,7 +186,7 @@ TEST_CASE("chunks that stay indexed to save bytes are correct, for any threads a
       tests::must_match(options);
       const std::string bytes = tests::read_whole(options.output);
       {
-        const tests::OpenFile opened = must_open(options.output);
+        const tests::PackedFile opened = must_open(options.output);
         CHECK(inspect::verify(opened.file, opened.map.bytes(), 2).failure_count == 0);
       }
       options.threads = 4;
