@@ -43,19 +43,6 @@ double seconds_of(const Work& work, int times = 1) {
   return least;
 }
 
-struct OpenFile {
-  runtime::MappedFile map;
-  format::Container file;
-};
-
-Result<OpenFile> open(const std::string& path) {
-  auto map = runtime::MappedFile::open(path);
-  if (!map) return map.error();
-  auto file = format::Container::open(map->bytes());
-  if (!file) return Error{file.error().code, path + ": " + file.error().message};
-  return OpenFile{std::move(*map), std::move(*file)};
-}
-
 /// A mesh in the form for codecs of whole meshes: without repeated vertices, with scree's lattice offsets.
 struct PlainMesh {
   std::vector<uint32_t> indices;
@@ -65,11 +52,11 @@ struct PlainMesh {
   size_t vertices() const { return positions.size() / 4; }
 };
 
-Result<PlainMesh> plain_mesh(const OpenFile& opened, uint64_t number, tools::ChunkReader& reader) {
-  const format::MeshRecord& mesh = opened.file.meshes()[number];
+Result<PlainMesh> plain_mesh(const format::Container& file, uint64_t number, tools::ChunkReader& reader) {
+  const format::MeshRecord& mesh = file.meshes()[number];
   PlainMesh out;
   if (mesh.chunk_count == 0) return out;
-  const format::ChunkRecord& chunk = opened.file.chunks()[mesh.first_chunk];
+  const format::ChunkRecord& chunk = file.chunks()[mesh.first_chunk];
   const auto decoded = reader.read(mesh.first_chunk);
   if (!decoded) return decoded.error();
   out.indices = (*decoded)->indices;
@@ -84,7 +71,7 @@ Result<PlainMesh> plain_mesh(const OpenFile& opened, uint64_t number, tools::Chu
   }
   if ((mesh.attributes & format::kHasNormal) != 0) {
     std::vector<std::byte> scratch;
-    const auto page = opened.file.load_page(chunk.page, scratch);
+    const auto page = file.load_page(chunk.page, scratch);
     if (!page) return page.error();
     const uint32_t bits = chunk.normal_bits;
     const std::byte* codes = page->data() + chunk.offset + format::chunk_streams(mesh, chunk).normals.offset;
@@ -211,18 +198,18 @@ class ModelSizes {
     whole.chunk_triangles = 0;
     whole.encoding = convert::Encoding::kIndexed;  // clusters would store border vertices several times
     if (const auto done = convert::convert(whole); !done) return done.error();
-    const auto opened = open(whole.output);
+    const auto opened = runtime::SceneFile::open(whole.output);
     if (!opened) return opened.error();
-    tools::ChunkReader reader(opened->file);
-    for (uint64_t m = 0; m < opened->file.meshes().size(); ++m) {
-      auto mesh = plain_mesh(*opened, m, reader);
+    tools::ChunkReader reader(opened->container());
+    for (uint64_t m = 0; m < opened->container().meshes().size(); ++m) {
+      auto mesh = plain_mesh(opened->container(), m, reader);
       if (!mesh) return mesh.error();
       triangles_ += mesh->indices.size() / 3;
       vertices_ += mesh->vertices();
       has_normals_ |= !mesh->normals.empty();
       meshes_.push_back(std::move(*mesh));
     }
-    const format::SourceRecord& source = opened->file.source();
+    const format::SourceRecord& source = opened->container().source();
     SizeRow gltf = row("glTF", 0);
     gltf.disk_bytes = source.index_bytes + source.position_bytes * (normals_ ? 2 : 1);  // both have three floats per
                                                                                         // vertex
@@ -242,17 +229,17 @@ class ModelSizes {
       if (const auto done = convert::convert(packed); !done) failed = done.error();
     });
     if (!failed) return failed;
-    const auto opened = open(packed.output);
+    const auto opened = runtime::SceneFile::open(packed.output);
     if (!opened) return opened.error();
-    for (uint64_t i = 0; i < opened->file.pages().size(); ++i) {
-      if (opened->file.pages()[i].kind != format::PageKind::kGeometry) continue;
-      out.device_bytes += opened->file.pages()[i].raw_bytes;
-      out.disk_bytes += opened->file.pages()[i].stored_bytes;
+    for (uint64_t i = 0; i < opened->container().pages().size(); ++i) {
+      if (opened->container().pages()[i].kind != format::PageKind::kGeometry) continue;
+      out.device_bytes += opened->container().pages()[i].raw_bytes;
+      out.disk_bytes += opened->container().pages()[i].stored_bytes;
     }
     out.decode_s = seconds_of(
         [&] {
-          tools::ChunkReader reader(opened->file);
-          for (uint64_t i = 0; i < opened->file.chunks().size(); ++i)
+          tools::ChunkReader reader(opened->container());
+          for (uint64_t i = 0; i < opened->container().chunks().size(); ++i)
             if (const auto read = reader.read(i); !read) failed = read.error();
         },
         kDecodings);

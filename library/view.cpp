@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "library/handles.h"
+#include "library/layers.h"
 #include "library/structs.h"
 
 namespace scree::library {
@@ -223,49 +224,29 @@ scree_status with_batch(scree_view* view, const scree_camera* cameras, uint32_t 
   });
 }
 
-/// A layer of the API. Its number is the index in kLayers.
-struct LayerKind {
-  Layer layer;
-  scree_type type;
-  uint32_t channels;  // 0: the array has no dimension for channels
-};
-constexpr std::array<LayerKind, runtime::kLayerCount> kLayers{{{Layer::kColor, SCREE_UINT8, 4},
-                                                               {Layer::kDepth, SCREE_FLOAT32, 0},
-                                                               {Layer::kTriangle, SCREE_INT64, 0},
-                                                               {Layer::kInstance, SCREE_INT32, 0},
-                                                               {Layer::kSamples, SCREE_UINT64, 0},
-                                                               {Layer::kNormal, SCREE_FLOAT32, 3},
-                                                               {Layer::kUv, SCREE_FLOAT32, 2},
-                                                               {Layer::kLinear, SCREE_FLOAT32, 4}}};
+// Layers of the engine have the numbers of scree_layer.
+static_assert(kLayerKinds.size() == runtime::kLayerCount);
 
-/// Calls body(renderer, kind) if the view has a frame, for functions that read a layer.
+/// Calls body(renderer, engine's layer) if the view has a frame, for functions that read a layer.
 template <class Body>
 scree_status with_layer(scree_view* view, scree_layer layer, const Body& body) {
   return with<Views>(view, "scree_view", [&](DrawnView& drawn) {
-    if (static_cast<uint32_t>(layer) >= kLayers.size())
+    if (static_cast<uint32_t>(layer) >= kLayerKinds.size())
       return fail(SCREE_ERROR_ARGUMENT, "no layer " + std::to_string(layer) + ", at most 7");
     const std::lock_guard<std::mutex> lock(drawn.mutex);
     ViewRenderer& renderer = *drawn.renderer;
     if (!renderer.has_frame())
       return fail(SCREE_ERROR_NO_FRAME, "the view has drawn nothing yet, or the last draw failed");
     if (layer == SCREE_INSTANCE && has_too_many_instances(renderer.scene())) return fail_of_instances();
-    return body(renderer, kLayers[static_cast<size_t>(layer)]);
+    return body(renderer, static_cast<Layer>(layer));
   });
 }
 
-scree_array describe(const ViewRenderer& renderer, const LayerKind& kind, const std::byte* data, int32_t gpu) {
-  const bool is_samples = kind.layer == Layer::kSamples;
-  const uint32_t side = is_samples ? renderer.samples_per_side() : 1;
-  scree_array array{};
+scree_array describe(const ViewRenderer& renderer, Layer layer, const std::byte* data, int32_t gpu) {
+  scree_array array = array_of(static_cast<scree_layer>(layer), renderer.batch(), renderer.height(), renderer.width(),
+                               renderer.samples_per_side());
   array.data = data;
-  array.bytes = renderer.layer_bytes(kind.layer);
-  array.type = kind.type;
-  int64_t* shape = array.shape;
-  if (renderer.batch() != 0) *shape++ = renderer.batch();
-  *shape++ = int64_t{renderer.height()} * side;
-  *shape++ = int64_t{renderer.width()} * side;
-  if (kind.channels != 0) *shape++ = kind.channels;
-  array.dimensions = static_cast<uint32_t>(shape - array.shape);
+  array.bytes = renderer.layer_bytes(layer);
   array.gpu = gpu;
   return array;
 }
@@ -365,7 +346,7 @@ scree_status scree_draw_batch_to(scree_view* view, const scree_camera* cameras, 
 }
 
 scree_status scree_shade(scree_view* view, const scree_draw_options* options) {
-  return with_layer(view, SCREE_COLOR, [&](ViewRenderer& renderer, const LayerKind&) {
+  return with_layer(view, SCREE_COLOR, [&](ViewRenderer& renderer, Layer) {
     scree_draw_options taken;
     if (const scree_status checked = take(options, taken, "scree_draw_options"); checked != SCREE_OK) return checked;
     scree::kernels::ShadeOptions shade;
@@ -377,21 +358,21 @@ scree_status scree_shade(scree_view* view, const scree_draw_options* options) {
 }
 
 scree_status scree_host_layer(scree_view* view, scree_layer layer, scree_array* array) {
-  return with_layer(view, layer, [&](ViewRenderer& renderer, const LayerKind& kind) {
+  return with_layer(view, layer, [&](ViewRenderer& renderer, Layer engine_layer) {
     if (const scree_status checked = check_output(array, "scree_array"); checked != SCREE_OK) return checked;
-    const scree::Result<std::span<const std::byte>> bytes = renderer.layer(kind.layer);
+    const scree::Result<std::span<const std::byte>> bytes = renderer.layer(engine_layer);
     if (!bytes) return fail(bytes.error(), Subject::kArguments);
-    give(array, describe(renderer, kind, bytes->data(), -1));
+    give(array, describe(renderer, engine_layer, bytes->data(), -1));
     return SCREE_OK;
   });
 }
 
 scree_status scree_device_layer(scree_view* view, scree_layer layer, void* stream, scree_array* array) {
-  return with_layer(view, layer, [&](ViewRenderer& renderer, const LayerKind& kind) {
+  return with_layer(view, layer, [&](ViewRenderer& renderer, Layer engine_layer) {
     if (const scree_status checked = check_output(array, "scree_array"); checked != SCREE_OK) return checked;
-    const scree::Result<const std::byte*> data = renderer.device_layer(kind.layer, stream);
+    const scree::Result<const std::byte*> data = renderer.device_layer(engine_layer, stream);
     if (!data) return fail(data.error(), Subject::kArguments);
-    give(array, describe(renderer, kind, *data, renderer.scene().gpu()->index));
+    give(array, describe(renderer, engine_layer, *data, renderer.scene().gpu()->index));
     return SCREE_OK;
   });
 }
@@ -414,19 +395,19 @@ scree_status scree_release(scree_memory* memory) {
 }
 
 scree_status scree_read(scree_view* view, scree_layer layer, void* buffer, uint64_t bytes) {
-  return with_layer(view, layer, [&](ViewRenderer& renderer, const LayerKind& kind) {
+  return with_layer(view, layer, [&](ViewRenderer& renderer, Layer engine_layer) {
     if (buffer == nullptr) return fail(SCREE_ERROR_ARGUMENT, "scree_read: buffer is null");
-    const uint64_t needed = renderer.layer_bytes(kind.layer);
+    const uint64_t needed = renderer.layer_bytes(engine_layer);
     if (bytes != needed)
       return fail(SCREE_ERROR_BUFFER,
                   "a buffer of " + std::to_string(bytes) + " bytes, but the layer has " + std::to_string(needed));
-    const scree::Result<void> done = renderer.read(kind.layer, {static_cast<std::byte*>(buffer), bytes});
+    const scree::Result<void> done = renderer.read(engine_layer, {static_cast<std::byte*>(buffer), bytes});
     return done ? SCREE_OK : fail(done.error(), Subject::kArguments);
   });
 }
 
 scree_status scree_pick(scree_view* view, uint32_t x, uint32_t y, scree_pick_info* info) {
-  return with_layer(view, SCREE_SAMPLES, [&](ViewRenderer& renderer, const LayerKind&) {
+  return with_layer(view, SCREE_SAMPLES, [&](ViewRenderer& renderer, Layer) {
     if (const scree_status checked = check_output(info, "scree_pick_info"); checked != SCREE_OK) return checked;
     const scree::Result<std::optional<scree::runtime::Pick>> pick = renderer.pick(x, y);
     if (!pick) return fail(pick.error(), Subject::kArguments);
@@ -450,7 +431,7 @@ scree_status scree_pick(scree_view* view, uint32_t x, uint32_t y, scree_pick_inf
 }
 
 scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats) {
-  return with_layer(view, SCREE_SAMPLES, [&](ViewRenderer& renderer, const LayerKind&) {
+  return with_layer(view, SCREE_SAMPLES, [&](ViewRenderer& renderer, Layer) {
     if (const scree_status checked = check_output(stats, "scree_frame_stats"); checked != SCREE_OK) return checked;
     scree_frame_stats out{};
     out.width = renderer.width();

@@ -1,4 +1,4 @@
-// The layers of a view in Python: names, types and shapes.
+// The layers of a view in Python: names and numpy's types.
 #ifndef SCREE_PYTHON_LAYERS_H
 #define SCREE_PYTHON_LAYERS_H
 
@@ -16,21 +16,8 @@ namespace scree_python {
 
 namespace py = pybind11;
 
-struct LayerKind {
-  scree_type type;
-  int64_t channels;  // 0: the array has no dimension for channels
-};
-
 constexpr std::array<const char*, 8> kLayers{"color",   "depth",  "triangle", "instance",
                                              "samples", "normal", "uv",       "linear"};
-constexpr std::array<LayerKind, 8> kLayerKinds{{{SCREE_UINT8, 4},
-                                                {SCREE_FLOAT32, 0},
-                                                {SCREE_INT64, 0},
-                                                {SCREE_INT32, 0},
-                                                {SCREE_UINT64, 0},
-                                                {SCREE_FLOAT32, 3},
-                                                {SCREE_FLOAT32, 2},
-                                                {SCREE_FLOAT32, 4}}};
 
 /// The index of a word. Throws ValueError, with a list of the words, for another word. `what`: the argument's name.
 template <size_t kCount>

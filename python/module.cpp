@@ -20,6 +20,7 @@
 
 #include "dlpack.h"
 #include "layers.h"
+#include "library/layers.h"
 #include "targets.h"
 
 using namespace scree_python;
@@ -64,17 +65,7 @@ std::vector<py::ssize_t> shape_of(const scree_array& array) {
 /// The type and shape of a layer, computed from the frame's size without making the layer.
 scree_array describe(const scree::View& view, scree_layer layer) {
   const scree_frame_stats stats = without_gil([&] { return view.stats(); });
-  const uint32_t side = layer == SCREE_SAMPLES ? stats.samples : 1;
-  scree_array array{};
-  const LayerKind kind = kLayerKinds[static_cast<size_t>(layer)];
-  array.type = kind.type;
-  int64_t* shape = array.shape;
-  if (stats.cameras != 0) *shape++ = stats.cameras;
-  *shape++ = int64_t{stats.height} * side;
-  *shape++ = int64_t{stats.width} * side;
-  if (kind.channels != 0) *shape++ = kind.channels;
-  array.dimensions = static_cast<uint32_t>(shape - array.shape);
-  return array;
+  return scree::library::array_of(layer, stats.cameras, stats.height, stats.width, stats.samples);
 }
 
 py::array read(const scree::View& view, scree_layer layer) {

@@ -12,6 +12,7 @@
 
 #include "dlpack.h"
 #include "layers.h"
+#include "library/layers.h"
 
 namespace scree_python {
 namespace {
@@ -197,7 +198,7 @@ Targets take_targets(const py::dict& arrays, size_t cameras, int gpu, const py::
     const std::string place = "targets['" + name + "']";
     const scree_layer layer = layer_of(name);
     if (layer == SCREE_SAMPLES || layer == SCREE_LINEAR) throw py::value_error(place + ": a batch has no such layer");
-    const LayerKind kind = kLayerKinds[static_cast<size_t>(layer)];
+    const scree::library::LayerKind kind = scree::library::kLayerKinds[static_cast<size_t>(layer)];
     const Given given = describe(place, py::reinterpret_borrow<py::object>(value), ordered);
     const auto type = type_name(numpy_type(kind.type));
     if (given.type != type) throw py::type_error(place + ": dtype " + given.type + ", expected " + type);

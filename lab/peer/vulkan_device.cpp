@@ -267,8 +267,8 @@ uint64_t VulkanDevice::free_bytes() const {
   return budget.heapBudget[device_heap_] > used ? budget.heapBudget[device_heap_] - used : 0;
 }
 
-Result<VkDeviceMemory> VulkanDevice::allocate(const VkMemoryRequirements& needs, VulkanMemory memory,
-                                              bool has_address) const {
+Result<void> VulkanDevice::allocate(const VkMemoryRequirements& needs, VulkanMemory memory, bool has_address,
+                                    VkDeviceMemory& allocated) const {
   constexpr VkMemoryPropertyFlags kDevice = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
   constexpr VkMemoryPropertyFlags kHost = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
   const VkMemoryPropertyFlags needed = memory == VulkanMemory::kDevice ? kDevice : kHost;
@@ -286,12 +286,7 @@ Result<VkDeviceMemory> VulkanDevice::allocate(const VkMemoryRequirements& needs,
                                       .pNext = has_address ? &flags : nullptr,
                                       .allocationSize = needs.size,
                                       .memoryTypeIndex = type};
-      VkDeviceMemory allocated = VK_NULL_HANDLE;
-      if (auto done =
-              vulkan_made(api_.vkAllocateMemory(device_, &info, nullptr, &allocated), allocated, "allocating memory");
-          !done)
-        return done.error();
-      return allocated;
+      return vulkan_made(api_.vkAllocateMemory(device_, &info, nullptr, &allocated), allocated, "allocating memory");
     }
   }
   return device_error("no kind of memory fits");
@@ -310,13 +305,8 @@ Result<VulkanBuffer> VulkanDevice::make_buffer(uint64_t bytes, VkBufferUsageFlag
   if (!done) return done.error();
   VkMemoryRequirements needs{};
   api_.vkGetBufferMemoryRequirements(device_, buffer.handle, &needs);
-  const Result<VkDeviceMemory> allocated = allocate(needs, memory, has_address);
-  if (allocated) {
-    buffer.memory = *allocated;
-    done = vulkan_check(api_.vkBindBufferMemory(device_, buffer.handle, buffer.memory, 0), "binding a buffer");
-  } else {
-    done = allocated.error();
-  }
+  done = allocate(needs, memory, has_address, buffer.memory);
+  if (done) done = vulkan_check(api_.vkBindBufferMemory(device_, buffer.handle, buffer.memory, 0), "binding a buffer");
   if (done && memory != VulkanMemory::kDevice) {
     void* mapped = nullptr;
     done = vulkan_check(api_.vkMapMemory(device_, buffer.memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping a buffer");
@@ -353,13 +343,8 @@ Result<VulkanImage> VulkanDevice::make_image(uint32_t width, uint32_t height, Vk
   VkMemoryRequirements needs{};
   api_.vkGetImageMemoryRequirements(device_, image.handle, &needs);
   image.bytes = needs.size;
-  const Result<VkDeviceMemory> allocated = allocate(needs, VulkanMemory::kDevice, false);
-  if (allocated) {
-    image.memory = *allocated;
-    done = vulkan_check(api_.vkBindImageMemory(device_, image.handle, image.memory, 0), "binding a picture");
-  } else {
-    done = allocated.error();
-  }
+  done = allocate(needs, VulkanMemory::kDevice, false, image.memory);
+  if (done) done = vulkan_check(api_.vkBindImageMemory(device_, image.handle, image.memory, 0), "binding a picture");
   const VkImageViewCreateInfo view{.sType = VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO,
                                    .image = image.handle,
                                    .viewType = VK_IMAGE_VIEW_TYPE_2D,

@@ -120,7 +120,8 @@ class VulkanDevice {
   /// Empty if this GPU has all that is needed, else the first thing that it lacks. Sets the members of the GPU.
   std::string examine(VkPhysicalDevice gpu);
   Result<void> make_device();
-  Result<VkDeviceMemory> allocate(const VkMemoryRequirements& needs, VulkanMemory memory, bool has_address) const;
+  Result<void> allocate(const VkMemoryRequirements& needs, VulkanMemory memory, bool has_address,
+                        VkDeviceMemory& allocated) const;
 
   VulkanApi api_;
   void* library_ = nullptr;

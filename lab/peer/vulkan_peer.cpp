@@ -6,14 +6,13 @@
 #include <iterator>
 #include <mutex>
 #include <numeric>
-#include <span>
 #include <utility>
 
-#include "fragment_shader.h"
 #include "indexed_vertex_shader.h"
 #include "kernels/cull/cull.h"
 #include "lab/peer/peer.h"
 #include "lab/peer/vulkan_device.h"
+#include "lab/peer/vulkan_pipeline.h"
 #include "lab/scenes/visible_cost.h"
 #include "pulled_vertex_shader.h"
 #include "runtime/threads/stopwatch.h"
@@ -96,7 +95,6 @@ class VulkanPeer final : public Peer {
   Result<std::vector<uint64_t>> ids() override;
 
  private:
-  Result<void> make_pipeline(std::span<const uint32_t> vertex_code, bool fetches, VkPipeline& pipeline);
   Result<void> make_pictures(uint32_t width, uint32_t height);
   void drop_pictures();
   /// Chooses the places of meshes. Returns the size of each block.
@@ -150,8 +148,8 @@ Result<void> VulkanPeer::prepare() {
   if (done)
     done = vulkan_made(vk_.vkCreatePipelineLayout(gpu_->handle(), &layout, nullptr, &layout_), layout_,
                        "making a pipeline layout");
-  if (done) done = make_pipeline(indexed_vertex_shader, true, pipelines_[0]);
-  if (done) done = make_pipeline(pulled_vertex_shader, false, pipelines_[1]);
+  if (done) done = make_peer_pipeline(*gpu_, layout_, indexed_vertex_shader, true, pipelines_[0]);
+  if (done) done = make_peer_pipeline(*gpu_, layout_, pulled_vertex_shader, false, pipelines_[1]);
   for (VkCommandBuffer* commands : {&drawings_[0], &drawings_[1], &copying_, &reading_}) {
     if (!done) return done;
     const Result<VkCommandBuffer> made = gpu_->make_commands();
@@ -163,82 +161,6 @@ Result<void> VulkanPeer::prepare() {
   if (!staging) return staging.error();
   staging_ = *staging;
   return {};
-}
-
-Result<void> VulkanPeer::make_pipeline(std::span<const uint32_t> vertex_code, bool fetches, VkPipeline& pipeline) {
-  std::array<VkShaderModule, 2> shaders{};
-  const std::span<const uint32_t> codes[2] = {vertex_code, fragment_shader};
-  Result<void> done;
-  for (size_t i = 0; i < 2 && done; ++i) {
-    const VkShaderModuleCreateInfo info{.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
-                                        .codeSize = codes[i].size_bytes(),
-                                        .pCode = codes[i].data()};
-    done = vulkan_made(vk_.vkCreateShaderModule(gpu_->handle(), &info, nullptr, &shaders[i]), shaders[i],
-                       "making a shader");
-  }
-  const VkPipelineShaderStageCreateInfo stages[2] = {{.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
-                                                      .stage = VK_SHADER_STAGE_VERTEX_BIT,
-                                                      .module = shaders[0],
-                                                      .pName = "main"},
-                                                     {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
-                                                      .stage = VK_SHADER_STAGE_FRAGMENT_BIT,
-                                                      .module = shaders[1],
-                                                      .pName = "main"}};
-  const VkVertexInputBindingDescription binding{0, 3 * sizeof(float), VK_VERTEX_INPUT_RATE_VERTEX};
-  const VkVertexInputAttributeDescription attribute{0, 0, VK_FORMAT_R32G32B32_SFLOAT, 0};
-  VkPipelineVertexInputStateCreateInfo fetch{.sType = VK_STRUCTURE_TYPE_PIPELINE_VERTEX_INPUT_STATE_CREATE_INFO};
-  if (fetches) {
-    fetch.vertexBindingDescriptionCount = fetch.vertexAttributeDescriptionCount = 1;
-    fetch.pVertexBindingDescriptions = &binding;
-    fetch.pVertexAttributeDescriptions = &attribute;
-  }
-  const VkPipelineInputAssemblyStateCreateInfo assembly{
-      .sType = VK_STRUCTURE_TYPE_PIPELINE_INPUT_ASSEMBLY_STATE_CREATE_INFO,
-      .topology = VK_PRIMITIVE_TOPOLOGY_TRIANGLE_LIST};
-  const VkPipelineViewportStateCreateInfo viewport{
-      .sType = VK_STRUCTURE_TYPE_PIPELINE_VIEWPORT_STATE_CREATE_INFO, .viewportCount = 1, .scissorCount = 1};
-  const VkPipelineRasterizationStateCreateInfo raster{
-      .sType = VK_STRUCTURE_TYPE_PIPELINE_RASTERIZATION_STATE_CREATE_INFO,
-      .polygonMode = VK_POLYGON_MODE_FILL,
-      .cullMode = VK_CULL_MODE_BACK_BIT,
-      .lineWidth = 1};
-  const VkPipelineMultisampleStateCreateInfo samples{.sType = VK_STRUCTURE_TYPE_PIPELINE_MULTISAMPLE_STATE_CREATE_INFO,
-                                                     .rasterizationSamples = VK_SAMPLE_COUNT_1_BIT};
-  const VkPipelineDepthStencilStateCreateInfo depth{.sType = VK_STRUCTURE_TYPE_PIPELINE_DEPTH_STENCIL_STATE_CREATE_INFO,
-                                                    .depthTestEnable = VK_TRUE,
-                                                    .depthWriteEnable = VK_TRUE,
-                                                    .depthCompareOp = VK_COMPARE_OP_GREATER};
-  const VkPipelineColorBlendAttachmentState written{.colorWriteMask =
-                                                        VK_COLOR_COMPONENT_R_BIT | VK_COLOR_COMPONENT_G_BIT};
-  const VkPipelineColorBlendStateCreateInfo blend{.sType = VK_STRUCTURE_TYPE_PIPELINE_COLOR_BLEND_STATE_CREATE_INFO,
-                                                  .attachmentCount = 1,
-                                                  .pAttachments = &written};
-  const VkDynamicState states[3] = {VK_DYNAMIC_STATE_VIEWPORT, VK_DYNAMIC_STATE_SCISSOR, VK_DYNAMIC_STATE_FRONT_FACE};
-  const VkPipelineDynamicStateCreateInfo dynamic{
-      .sType = VK_STRUCTURE_TYPE_PIPELINE_DYNAMIC_STATE_CREATE_INFO, .dynamicStateCount = 3, .pDynamicStates = states};
-  const VkFormat ids = VulkanDevice::kIds;
-  const VkPipelineRenderingCreateInfo pictures{.sType = VK_STRUCTURE_TYPE_PIPELINE_RENDERING_CREATE_INFO,
-                                               .colorAttachmentCount = 1,
-                                               .pColorAttachmentFormats = &ids,
-                                               .depthAttachmentFormat = VulkanDevice::kDepth};
-  const VkGraphicsPipelineCreateInfo info{.sType = VK_STRUCTURE_TYPE_GRAPHICS_PIPELINE_CREATE_INFO,
-                                          .pNext = &pictures,
-                                          .stageCount = 2,
-                                          .pStages = stages,
-                                          .pVertexInputState = &fetch,
-                                          .pInputAssemblyState = &assembly,
-                                          .pViewportState = &viewport,
-                                          .pRasterizationState = &raster,
-                                          .pMultisampleState = &samples,
-                                          .pDepthStencilState = &depth,
-                                          .pColorBlendState = &blend,
-                                          .pDynamicState = &dynamic,
-                                          .layout = layout_};
-  if (done)
-    done = vulkan_made(vk_.vkCreateGraphicsPipelines(gpu_->handle(), VK_NULL_HANDLE, 1, &info, nullptr, &pipeline),
-                       pipeline, "making a pipeline");
-  for (VkShaderModule shader : shaders) vk_.vkDestroyShaderModule(gpu_->handle(), shader, nullptr);
-  return done;
 }
 
 uint64_t VulkanPeer::device_bytes() const {

@@ -50,6 +50,7 @@ Command add_bench(CLI::App& parent) {
       ->capture_default_str()
       ->type_name("N");
   add_device_options(*app, *words);
+  add_reading_options(*app, *words);
   app->add_option("--csv", options.csv, "Append a row per view to this file")->type_name("FILE");
   app->add_flag("--json", options.json, "Print one JSON object instead of tables");
   app->add_flag("-q,--quiet", options.quiet, "No progress and no warnings");

@@ -6,7 +6,10 @@
 #include <cstdio>
 #include <cstdlib>
 #include <system_error>
+#include <tuple>
 #include <utility>
+
+#include <CLI/CLI.hpp>
 
 #include "kernels/visbuffer.h"
 #include "runtime/draw/shadow_map.h"
@@ -18,15 +21,7 @@ void add_picture_options(CLI::App& app, DrawWords& words) {
   app.add_option("--samples", words.samples, "Samples per pixel along each side: 1 (default), 2 or 4")->type_name("N");
 }
 
-void add_gpus_option(CLI::App& app, std::string& word) {
-  app.add_option(
-         "--gpus", word,
-         "Number of GPUs that draw the scene together, from --device on, or all; each has a part of the scene in "
-         "its memory if that cannot hold all of it (default: 1)")
-      ->type_name("N|all");
-}
-
-void add_device_options(CLI::App& app, DrawWords& words) {
+void add_device_options(CLI::App& app, DeviceWords& words) {
   app.add_option("--threads", words.threads, "Threads; 0: one per processor (default)")->type_name("N");
   app.add_option("--backend", words.backend,
                  "cpu, cuda, or auto (default): the GPU if one is usable, else the CPU and one line with the reason")
@@ -34,12 +29,19 @@ void add_device_options(CLI::App& app, DrawWords& words) {
   app.add_option("--device", words.device,
                  "The GPU, by index or UUID as scree devices lists them (default: the first usable one)")
       ->type_name("N|UUID");
-  add_gpus_option(app, words.gpus);
+  app.add_option(
+         "--gpus", words.gpus,
+         "Number of GPUs that draw the scene together, from --device on, or all; each has a part of the scene in "
+         "its memory if that cannot hold all of it (default: 1)")
+      ->type_name("N|all");
   app.add_option(
          "--device-memory", words.device_memory,
          "Limit of a GPU's memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
          "that do not fit are streamed")
       ->type_name("SIZE");
+}
+
+void add_reading_options(CLI::App& app, DrawWords& words) {
   app.add_option("--host-memory", words.host_memory,
                  "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks that the GPU's "
                  "memory cannot hold (default and 0: no limit, chunks come from the file)")
@@ -48,6 +50,20 @@ void add_device_options(CLI::App& app, DrawWords& words) {
                  "How pages are read for the GPU: mapped; buffered (through the page cache); direct (past it); auto "
                  "(default): direct for large uncached files, else buffered")
       ->type_name("NAME");
+}
+
+void add_texture_options(CLI::App& app, TextureWords& words) {
+  app.add_option(
+         "--texture-cache", words.cache,
+         "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
+         "64MiB, on a GPU 256MiB)")
+      ->type_name("SIZE");
+  app.add_option(
+         "--texture-memory", words.memory,
+         "The most memory for pages of KTX2, DDS and JPEG textures, such as 8GiB; pages are read from the file when "
+         "pixels show them, and the picture does not depend on this limit (default: 2GiB on the CPU; on a GPU textures "
+         "that fit are loaded whole, else they share its memory with geometry)")
+      ->type_name("SIZE");
 }
 
 void add_light_options(CLI::App& app, LightWords& words) {
@@ -137,6 +153,32 @@ Result<void> accept_scene(const char* command, const runtime::Scene& scene, cons
   return {};
 }
 
+Result<DeviceOptions> parse_device_options(const DeviceWords& words) {
+  DeviceOptions options;
+  const Result<uint32_t> threads = parse_threads(words.threads);
+  if (!threads) return threads.error();
+  options.threads = *threads;
+  const Result<BackendOptions> backend = parse_backend(words.backend, words.device, words.gpus);
+  if (!backend) return backend.error();
+  options.backend = *backend;
+  const Result<uint64_t> device_memory = parse_size(words.device_memory, "--device-memory", 0);
+  if (!device_memory) return device_memory.error();
+  options.device_memory = *device_memory;
+  return options;
+}
+
+Result<TextureOptions> parse_texture_options(const TextureWords& words) {
+  TextureOptions options;
+  for (const auto& [name, word, size] : {std::tuple("--texture-cache", &words.cache, &options.cache),
+                                         std::tuple("--texture-memory", &words.memory, &options.memory)}) {
+    if (word->empty()) continue;
+    const Result<uint64_t> bytes = parse_size(*word, name, 0);
+    if (!bytes) return bytes.error();
+    *size = std::max<uint64_t>(*bytes, 1);
+  }
+  return options;
+}
+
 Result<DrawOptions> parse_draw_options(const DrawWords& words) {
   const auto usage = [](const char* option, const std::string& text, const char* expected) {
     return Error{ErrorCode::kUsage, std::string(option) + ": '" + text + "' is not " + expected};
@@ -153,15 +195,9 @@ Result<DrawOptions> parse_draw_options(const DrawWords& words) {
     return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
                                         std::to_string(longest) + " samples per side, at most " +
                                         std::to_string(kernels::kMaxImageSide)};
-  const Result<uint32_t> threads = parse_threads(words.threads);
-  if (!threads) return threads.error();
-  options.threads = *threads;
-  const Result<BackendOptions> backend = parse_backend(words.backend, words.device, words.gpus);
-  if (!backend) return backend.error();
-  options.backend = *backend;
-  const Result<uint64_t> device_memory = parse_size(words.device_memory, "--device-memory", 0);
-  if (!device_memory) return device_memory.error();
-  options.device_memory = *device_memory;
+  const Result<DeviceOptions> device = parse_device_options(words);
+  if (!device) return device.error();
+  static_cast<DeviceOptions&>(options) = *device;
   const Result<uint64_t> host_memory = parse_size(words.host_memory, "--host-memory", 0);
   if (!host_memory) return host_memory.error();
   options.host_memory = *host_memory;

@@ -1,11 +1,9 @@
-// The options of every command that draws a scene: render, compare, bench.
+// The options of every command that draws a scene: render, bench, view.
 #pragma once
 
 #include <cstdint>
 #include <string>
 #include <vector>
-
-#include <CLI/CLI.hpp>
 
 #include "format/result.h"
 #include "kernels/frame.h"
@@ -14,35 +12,55 @@
 #include "tools/common/backend.h"
 #include "tools/common/options.h"
 
+namespace CLI {
+class App;
+}
+
 namespace scree::tools {
 
-/// The options as typed; empty if not given.
-struct DrawWords {
-  std::string size = "1920x1080";
-  std::string samples = "1";
+/// Options that choose threads and GPUs, as typed; empty if not given.
+struct DeviceWords {
   std::string threads = "0";
   std::string backend = "auto";
   std::string device;
   std::string gpus = "1";
   std::string device_memory;
+};
+
+struct DeviceOptions {
+  uint32_t threads = 1;
+  BackendOptions backend;
+  uint64_t device_memory = 0;  // limit for scene, frames and picture on the GPU, bytes; 0: all free memory
+};
+
+/// The same with the options of pictures and of reading, for render and bench.
+struct DrawWords : DeviceWords {
+  std::string size = "1920x1080";
+  std::string samples = "1";
   std::string host_memory;
   std::string read = "auto";
 };
 
-struct DrawOptions {
+struct DrawOptions : DeviceOptions {
   ImageSize size{1920, 1080};  // in pixels
   uint32_t samples_per_side = 1;
-  uint32_t threads = 1;
-  BackendOptions backend;
-  uint64_t device_memory = 0;  // limit for scene, frames and picture on the GPU, bytes; 0: all free memory
-  uint64_t host_memory = 0;    // the same for pictures and pinned memory on the host; 0: no limit, no chunks kept
+  uint64_t host_memory = 0;  // limit for pictures and pinned memory on the host; 0: no limit, no chunks kept
   runtime::Reading reading = runtime::Reading::kAuto;  // how a GPU's pages are read
 };
 
-inline constexpr const char* kTextureMemoryHelp =
-    "The most memory for pages of KTX2, DDS and JPEG textures, such as 8GiB; pages are read from the file when pixels "
-    "show them, and the picture does not depend on this limit (default: 2GiB on the CPU; on a GPU textures that fit "
-    "are loaded whole, else they share its memory with geometry)";
+/// Options of textures' memory, for render and view.
+struct TextureWords {
+  std::string cache;
+  std::string memory;
+};
+
+struct TextureOptions {
+  uint64_t cache = 0;   // bytes of decoded blocks of JPEG textures; 0: the runtime's default for a host or a GPU
+  uint64_t memory = 0;  // for runtime::set_texture_memory()
+
+  uint64_t host_cache() const { return cache != 0 ? cache : runtime::kHostTextureCache; }
+  uint64_t device_cache() const { return cache != 0 ? cache : runtime::kDeviceTextureCache; }
+};
 
 /// Options of light and blended surfaces, for render and view.
 struct LightWords {
@@ -78,15 +96,18 @@ Result<void> accept_scene(const char* command, const runtime::Scene& scene, cons
 void warn_of_layers(const char* command, const std::string& path, uint64_t count, const std::string& kind,
                     uint32_t most);
 
-/// add_picture_options(): --size and --samples. add_device_options(): --threads, --backend, --device, --gpus,
-/// --device-memory, --host-memory, --read.
+/// --size and --samples.
 void add_picture_options(CLI::App& app, DrawWords& words);
-void add_device_options(CLI::App& app, DrawWords& words);
-
-/// Adds only --gpus.
-void add_gpus_option(CLI::App& app, std::string& word);
+/// --threads, --backend, --device, --gpus and --device-memory.
+void add_device_options(CLI::App& app, DeviceWords& words);
+/// --host-memory and --read.
+void add_reading_options(CLI::App& app, DrawWords& words);
+/// --texture-cache and --texture-memory.
+void add_texture_options(CLI::App& app, TextureWords& words);
 
 /// Errors kUsage name the option, its value and the allowed values.
+Result<DeviceOptions> parse_device_options(const DeviceWords& words);
 Result<DrawOptions> parse_draw_options(const DrawWords& words);
+Result<TextureOptions> parse_texture_options(const TextureWords& words);
 
 }  // namespace scree::tools

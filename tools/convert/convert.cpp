@@ -94,13 +94,7 @@ Result<ConvertReport> merge_or_throw(const MergeOptions& merging) {
   if (!shards) return shards.error();
   ConvertOptions options = shards->plan.options;
   options.input = shards->files.front().share.input;
-  options.output = merging.output;
-  options.existing = merging.existing;
-  options.threads = merging.threads;
-  options.memory = merging.memory;
-  options.allow_outside = merging.allow_outside;
-  options.progress = merging.progress;
-  options.stop = merging.stop;
+  static_cast<RunOptions&>(options) = merging;
   return convert_or_throw(options, &*shards);
 }
 

@@ -21,15 +21,8 @@ namespace scree::convert {
 /// threads and any memory.
 Result<ConvertReport> convert(const ConvertOptions& options);
 
-struct MergeOptions {
+struct MergeOptions : RunOptions {
   std::vector<std::string> shards;  // all of a conversion, in any order
-  std::string output;
-  format::Existing existing = format::Existing::kReplace;  // of `output`
-  uint32_t threads = 0;                                    // this and the members below: as in ConvertOptions
-  uint64_t memory = uint64_t{2} << 30;
-  bool allow_outside = false;
-  bool progress = false;
-  const std::atomic<bool>* stop = nullptr;
 };
 
 /// Joins shards (ConvertOptions::shards) into the file that one run would write, byte for byte. Reads the source's

@@ -355,7 +355,7 @@ Result<void> render(const RenderOptions& options) {
   runtime::SceneOptions load = options.scene_options();
   load.pages = !gpu->has_value();
   const Result<void> sized =
-      runtime::set_texture_memory(*file, options.texture_memory, gpu->has_value(), options.device_memory, load);
+      runtime::set_texture_memory(*file, options.textures.memory, gpu->has_value(), options.device_memory, load);
   if (!sized) return at(options.file, sized.error());
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
@@ -376,10 +376,9 @@ Result<void> render(const RenderOptions& options) {
   std::optional<runtime::DeviceScene> device;
   std::optional<Drawn> drawn;
   if (gpu->has_value()) {
-    Result<runtime::DeviceScene> uploaded =
-        runtime::DeviceScene::upload(*scene, options.device_memory, options.threads, options.reading,
-                                     options.texture_cache.value_or(runtime::kDeviceTextureCache),
-                                     options.host_memory - host_needs, pictures, nullptr, options.backend.gpus);
+    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
+        *scene, options.device_memory, options.threads, options.reading, options.textures.device_cache(),
+        options.host_memory - host_needs, pictures, nullptr, options.backend.gpus);
     if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
     std::optional<Error> failed;
     if (uploaded) {
@@ -438,6 +437,22 @@ Result<void> run(const RenderWords& words) {
 }
 
 }  // namespace
+
+void add_camera_options(CLI::App& app, RenderWords& words) {
+  app.add_option("--scene", words.scene, "Scene of the file, by name or number (default: the file's default)")
+      ->type_name("NAME");
+  app.add_option("--camera", words.camera, "Camera of the file, by name, node name or number")->type_name("NAME");
+  app.add_option("--view", words.view,
+                 "Show the whole scene from front, right, back, left, top, bottom or iso (default: from 30 degrees to "
+                 "the right of its front and 20 above)")
+      ->type_name("NAME");
+  app.add_option("--eye", words.eye, "Position of the camera, X,Y,Z")->type_name("X,Y,Z");
+  app.add_option("--target", words.target, "Point that --eye looks at, X,Y,Z (default: middle of the scene)")
+      ->type_name("X,Y,Z");
+  app.add_option("--up", words.up, "Up direction in the picture, X,Y,Z (default: 0,1,0)")->type_name("X,Y,Z");
+  app.add_option("--fov", words.fov, "Vertical field of view in degrees (default: 45, or the camera's)")
+      ->type_name("DEGREES");
+}
 
 Command add_render(CLI::App& parent) {
   const auto words = std::make_shared<RenderWords>();
@@ -499,6 +514,7 @@ Command add_render(CLI::App& parent) {
       ->allow_extra_args(false)  // the next word is a file to read
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   add_device_options(*app, *words);
+  add_reading_options(*app, *words);
   app->add_option("--path", words->path,
                   "Draw the frames of a camera's path, a JSON file as scree view saves it (docs/scale.md); outputs are "
                   "then patterns, such as -o frame_%05d.png")
@@ -512,12 +528,7 @@ Command add_render(CLI::App& parent) {
   app->add_option("--fps", words->fps, "Frames per second of a path (default: the file's, else 30)")->type_name("N");
   app->add_flag("--resume", words->resume,
                 "With --path: keep frames that exist, complete and of this size, also from another run");
-  app->add_option(
-         "--texture-cache", words->texture_cache,
-         "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
-         "64MiB, on a GPU 256MiB)")
-      ->type_name("SIZE");
-  app->add_option("--texture-memory", words->texture_memory, kTextureMemoryHelp)->type_name("SIZE");
+  add_texture_options(*app, words->textures);
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--stats", words->stats, "Print counts and times of every step");
   app->add_flag("--json", words->json, "Print one JSON object instead of the closing line");

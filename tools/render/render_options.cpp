@@ -249,22 +249,6 @@ Result<void> check_outputs(const RenderOptions& options) {
 
 }  // namespace
 
-void add_camera_options(CLI::App& app, RenderWords& words) {
-  app.add_option("--scene", words.scene, "Scene of the file, by name or number (default: the file's default)")
-      ->type_name("NAME");
-  app.add_option("--camera", words.camera, "Camera of the file, by name, node name or number")->type_name("NAME");
-  app.add_option("--view", words.view,
-                 "Show the whole scene from front, right, back, left, top, bottom or iso (default: from 30 degrees to "
-                 "the right of its front and 20 above)")
-      ->type_name("NAME");
-  app.add_option("--eye", words.eye, "Position of the camera, X,Y,Z")->type_name("X,Y,Z");
-  app.add_option("--target", words.target, "Point that --eye looks at, X,Y,Z (default: middle of the scene)")
-      ->type_name("X,Y,Z");
-  app.add_option("--up", words.up, "Up direction in the picture, X,Y,Z (default: 0,1,0)")->type_name("X,Y,Z");
-  app.add_option("--fov", words.fov, "Vertical field of view in degrees (default: 45, or the camera's)")
-      ->type_name("DEGREES");
-}
-
 Result<kernels::Show> parse_show(std::string_view text) {
   std::string names;
   for (const NamedShow& named : kShows) {
@@ -301,7 +285,7 @@ runtime::SceneOptions RenderOptions::scene_options() const {
   load.threads = threads;
   load.lighting = load.textures && shade.light ? light.lighting : kernels::Lighting::kCamera;
   load.environment = light.environment;
-  load.texture_cache = texture_cache.value_or(runtime::kHostTextureCache);
+  load.texture_cache = textures.host_cache();
   load.reading = reading;
   return load;
 }
@@ -417,16 +401,9 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   std::copy(background->begin(), background->end(), options.shade.background);
 
   if (const Result<void> path = parse_path(words, options); !path) return path.error();
-  if (!words.texture_cache.empty()) {
-    const Result<uint64_t> bytes = parse_size(words.texture_cache);
-    if (!bytes) return at("--texture-cache", bytes.error());
-    options.texture_cache = std::max<uint64_t>(*bytes, 1);
-  }
-  if (!words.texture_memory.empty()) {
-    const Result<uint64_t> bytes = parse_size(words.texture_memory);
-    if (!bytes) return at("--texture-memory", bytes.error());
-    options.texture_memory = std::max<uint64_t>(*bytes, 1);
-  }
+  const Result<TextureOptions> textures = parse_texture_options(words.textures);
+  if (!textures) return textures.error();
+  options.textures = *textures;
   for (const std::string& text : words.picks) {
     const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
     if (!place) return place.error();

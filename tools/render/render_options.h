@@ -40,11 +40,10 @@ struct RenderWords : DrawWords {
   std::string path;
   std::string frames;
   std::string fps;
-  std::string texture_cache;
-  std::string texture_memory;
   std::vector<std::string> picks;
   std::string edl_strength;
   std::string edl_radius;
+  TextureWords textures;
   LightWords light;
   bool no_light = false;
   bool ssao = false;
@@ -94,10 +93,8 @@ struct RenderOptions : DrawOptions {
   runtime::CameraOptions camera;  // its size is the picture's, in pixels
   kernels::ShadeOptions shade;
   LightOptions light;
-  // Bytes of decoded blocks of JPEG textures; unset: runtime::kHostTextureCache, on a GPU runtime::kDeviceTextureCache.
-  std::optional<uint64_t> texture_cache;
-  uint64_t texture_memory = 0;  // for runtime::set_texture_memory()
-  uint32_t frames = 1;          // of a still camera, drawn one after the other
+  TextureOptions textures;
+  uint32_t frames = 1;  // of a still camera, drawn one after the other
   std::optional<PathOptions> path;
   std::vector<PixelPlace> picks;
   format::Existing existing = format::Existing::kReplace;  // of all outputs

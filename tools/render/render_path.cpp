@@ -171,8 +171,8 @@ class PathRenderer {
     load.textures = wanted.textures;
     load.lighting = wanted.lighting;
     load.environment = wanted.environment;
-    load.texture_cache = options_.texture_cache.value_or(0);
-    load.texture_memory = options_.texture_memory;
+    load.texture_cache = options_.textures.cache;
+    load.texture_memory = options_.textures.memory;
     load.device_memory = options_.device_memory;
     load.reading = options_.reading;
     load.pictures = {width(), height(), options_.samples_per_side, has_color ? &options_.shade : nullptr};

@@ -135,10 +135,9 @@ class RankedPicture {
                                    options_.output.empty() ? nullptr : &options_.shade};
     pictures.shadow_side = options_.light.shadow_side;
     const runtime::PageShare share{owners_, ranks_.rank()};
-    Result<runtime::DeviceScene> uploaded =
-        runtime::DeviceScene::upload(*scene_, options_.device_memory, options_.threads, options_.reading,
-                                     options_.texture_cache.value_or(runtime::kDeviceTextureCache),
-                                     options_.host_memory, pictures, nullptr, 1, false, &share);
+    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
+        *scene_, options_.device_memory, options_.threads, options_.reading, options_.textures.device_cache(),
+        options_.host_memory, pictures, nullptr, 1, false, &share);
     if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
     if (!uploaded) return falls_back(uploaded.error());
     device_ = std::move(*uploaded);

@@ -32,7 +32,7 @@ namespace scree::tools {
 namespace {
 
 /// The options as typed; empty if not given.
-struct ViewWords {
+struct ViewWords : DeviceWords {
   std::string file;
   std::string scene;
   std::string host = "127.0.0.1";
@@ -40,13 +40,7 @@ struct ViewWords {
   std::string base_path;
   std::vector<std::string> allowed_hosts;
   std::string viewers = "8";
-  std::string threads = "0";
-  std::string backend = "auto";
-  std::string device;
-  std::string gpus = "1";
-  std::string device_memory;
-  std::string texture_cache;
-  std::string texture_memory;
+  TextureWords textures;
   LightWords light;
   bool open = false;
   bool quiet = false;
@@ -66,26 +60,15 @@ Result<ViewOptions> parse_view_options(const ViewWords& words) {
   options.session.file = words.file;
   options.session.scene = words.scene;
   options.session.quiet = words.quiet;
-  const Result<uint32_t> threads = parse_threads(words.threads);
-  if (!threads) return threads.error();
-  options.session.threads = *threads;
-  const Result<BackendOptions> backend = parse_backend(words.backend, words.device, words.gpus);
-  if (!backend) return backend.error();
-  options.session.backend = *backend;
+  const Result<DeviceOptions> device = parse_device_options(words);
+  if (!device) return device.error();
+  static_cast<DeviceOptions&>(options.session) = *device;
   const Result<LightOptions> light = parse_light_options(words.light);
   if (!light) return light.error();
   options.session.light = *light;
-  const std::pair<const char*, const std::string*> names[] = {{"--device-memory", &words.device_memory},
-                                                              {"--texture-cache", &words.texture_cache},
-                                                              {"--texture-memory", &words.texture_memory}};
-  uint64_t* const sizes[] = {&options.session.device_memory, &options.session.texture_cache,
-                             &options.session.texture_memory};
-  for (size_t i = 0; i < std::size(names); ++i) {
-    if (names[i].second->empty()) continue;
-    const Result<uint64_t> bytes = parse_size(*names[i].second);
-    if (!bytes) return at(names[i].first, bytes.error());
-    *sizes[i] = std::max<uint64_t>(*bytes, 1);
-  }
+  const Result<TextureOptions> textures = parse_texture_options(words.textures);
+  if (!textures) return textures.error();
+  options.session.textures = *textures;
   options.server.host = words.host;
   if (!words.port.empty()) {
     const Result<uint64_t> port = parse_whole(words.port, 0, 65535, "--port");
@@ -259,23 +242,8 @@ Command add_view(CLI::App& parent) {
       ->allow_extra_args(false)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app->add_option("--viewers", words->viewers, "The most pages at once, 1 to 32 (default: 8)")->type_name("N");
-  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
-  app->add_option("--backend", words->backend,
-                  "cpu, cuda, or auto (default): the GPU if one is usable, else the CPU and one line with the reason")
-      ->type_name("NAME");
-  app->add_option("--device", words->device,
-                  "The GPU, by index or UUID as scree devices lists them (default: the first usable one)")
-      ->type_name("N|UUID");
-  add_gpus_option(*app, words->gpus);
-  app->add_option(
-         "--device-memory", words->device_memory,
-         "Limit of a GPU's memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
-         "that do not fit are streamed")
-      ->type_name("SIZE");
-  app->add_option("--texture-cache", words->texture_cache,
-                  "Memory for decoded blocks of JPEG textures, such as 1GiB (default: 64MiB, on a GPU 256MiB)")
-      ->type_name("SIZE");
-  app->add_option("--texture-memory", words->texture_memory, kTextureMemoryHelp)->type_name("SIZE");
+  add_device_options(*app, *words);
+  add_texture_options(*app, words->textures);
   add_light_options(*app, words->light);
   app->add_flag("-q,--quiet", words->quiet, "No warnings");
   return {app, [words]() -> Result<void> {

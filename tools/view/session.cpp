@@ -102,6 +102,7 @@ struct ViewSession::Impl {
       : options(std::move(session_options)), scene(std::move(loaded)), workers(options.threads) {}
 
   SessionOptions options;
+  const uint32_t shadow_side = options.light.shadow_side != 0 ? options.light.shadow_side : runtime::kShadowSide;
   runtime::Scene scene;
   std::optional<runtime::DeviceScene> device;
   std::optional<runtime::ShadowMap> shadows;  // of all pictures; none where the scene has no sun to show
@@ -133,11 +134,10 @@ struct ViewSession::Impl {
     pictures.shade = &shade;
     pictures.is_encoded = true;
     const uint64_t each = runtime::DeviceScene::view_bytes(scene, pictures);
-    if (shadows) pictures.shadow_side = shadow_side();
-    const uint64_t cache = options.texture_cache != 0 ? options.texture_cache : runtime::kDeviceTextureCache;
+    if (shadows) pictures.shadow_side = shadow_side;
     Result<runtime::DeviceScene> uploaded =
-        runtime::DeviceScene::upload(scene, options.device_memory, options.threads, runtime::Reading::kAuto, cache, 0,
-                                     pictures, nullptr, options.backend.gpus, true);
+        runtime::DeviceScene::upload(scene, options.device_memory, options.threads, runtime::Reading::kAuto,
+                                     options.textures.device_cache(), 0, pictures, nullptr, options.backend.gpus, true);
     if (!uploaded) return uploaded.error();
     device = std::move(*uploaded);
     Result<runtime::DeviceView> view = device->add_view(scene);
@@ -148,10 +148,6 @@ struct ViewSession::Impl {
     const uint64_t taken = std::min(device->stats().device_bytes, options.device_memory);
     most_own = options.device_memory == 0 ? UINT64_MAX : (options.device_memory - taken) / each;
     return {};
-  }
-
-  uint32_t shadow_side() const {
-    return options.light.shadow_side != 0 ? options.light.shadow_side : runtime::kShadowSide;
   }
 
   void forget_pictures() {
@@ -320,7 +316,7 @@ struct ViewSession::Impl {
     view->omitted = *left_out;
     if (has_shadows && shadows && runtime::shows_sun(scene.view(), shade)) {
       const Result<const kernels::SunShadow*> sun =
-          shadows->draw(*view, shadow_side(), options.threads,
+          shadows->draw(*view, shadow_side, options.threads,
                         jpeg != nullptr ? runtime::ShadowFit::kMoving : runtime::ShadowFit::kExact, patience.shadows);
       if (!sun) return sun.error();
       shade.sun = *sun;
@@ -384,9 +380,9 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   load.environment = options.light.environment;
   load.pages = !gpu->has_value();
   const Result<void> sized =
-      runtime::set_texture_memory(*file, options.texture_memory, gpu->has_value(), options.device_memory, load);
+      runtime::set_texture_memory(*file, options.textures.memory, gpu->has_value(), options.device_memory, load);
   if (!sized) return at(options.file, sized.error());
-  load.texture_cache = options.texture_cache != 0 ? options.texture_cache : runtime::kHostTextureCache;
+  load.texture_cache = options.textures.host_cache();
   Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
   if (!scene) return scene.error();
   if (const Result<void> accepted = accept_scene("view", *scene, options.light, options.quiet); !accepted)

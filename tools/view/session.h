@@ -22,14 +22,10 @@
 
 namespace scree::tools::view {
 
-struct SessionOptions {
+struct SessionOptions : DeviceOptions {
   std::string file;
   std::string scene;  // by name or number; empty: the file's default
-  uint32_t threads = 1;
-  BackendOptions backend;
-  uint64_t device_memory = 0;   // bytes; 0: all free memory
-  uint64_t texture_cache = 0;   // bytes; 0: the runtime's default
-  uint64_t texture_memory = 0;  // for runtime::set_texture_memory()
+  TextureOptions textures;
   LightOptions light;
   bool quiet = false;  // no warnings
 };

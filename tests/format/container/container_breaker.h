@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 
 #include "format/bytes.h"
 #include "format/container/container.h"
@@ -12,6 +13,9 @@
 #include <xxhash.h>
 
 namespace scree::tests {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 /// Opens a file with one change, and expects exactly that message.
 class Breaker {

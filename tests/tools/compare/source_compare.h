@@ -9,26 +9,12 @@
 #include <vector>
 
 #include "format/container/container.h"
-#include "runtime/files/mapped_file.h"
+#include "tests/tools/packed_file.h"
 #include "tools/common/chunk_decode.h"
 #include "tools/convert/images/masks.h"
 #include "tools/gltf/source.h"
 
 namespace scree::tests {
-
-/// A .scree file mapped and opened.
-struct OpenFile {
-  runtime::MappedFile map;
-  format::Container file;
-
-  static Result<OpenFile> open(const std::string& path) {
-    Result<runtime::MappedFile> map = runtime::MappedFile::open(path);
-    if (!map) return map.error();
-    Result<format::Container> file = format::Container::open(map->bytes());
-    if (!file) return file.error();
-    return OpenFile{std::move(*map), std::move(*file)};
-  }
-};
 
 struct Comparison {
   std::string difference;  // empty: the file equals the source within its stated errors
@@ -165,7 +151,7 @@ inline Comparison compare_with_source(const std::string& gltf, const std::string
   import_options.exclude = exclude;
   const Result<convert::SourceScene> scene = convert::import_gltf(gltf, import_options);
   if (!scene) return {scene.error().message, 0, 0};
-  const Result<OpenFile> opened = OpenFile::open(scree);
+  const Result<PackedFile> opened = open_packed(scree);
   if (!opened) return {opened.error().message, 0, 0};
   const format::Container& file = opened->file;
   // By glTF mesh: the mesh that it is stored as, which is itself or an equal one. It is compared in either case.

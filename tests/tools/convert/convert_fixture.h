@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <string>
 #include <utility>
 
@@ -64,10 +65,18 @@ inline convert::ConvertReport must_match(const convert::ConvertOptions& options)
   return report;
 }
 
-inline OpenFile must_open(const std::string& path) {
-  Result<OpenFile> file = OpenFile::open(path);
+inline PackedFile must_open(const std::string& path) {
+  Result<PackedFile> file = open_packed(path);
   if (!file) FAIL(file.error().message);
   return std::move(*file);
+}
+
+/// The counts of data that were left out, by their names.
+inline std::map<std::string, uint64_t> left_out(const format::Container& file) {
+  std::map<std::string, uint64_t> out;
+  for (uint64_t i = 0; i < file.left_out().size(); ++i)
+    out[std::string(file.string(file.left_out()[i].what))] += file.left_out()[i].count;
+  return out;
 }
 
 /// Requires an error of `code` whose message contains `words`, and no output file.

@@ -98,7 +98,7 @@ TEST_CASE("every option keeps the triangles and the stated error", "[convert]") 
     options.chunk_triangles = 100;
     must_match(options);
   }
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   CHECK(opened.file.meshes().size() == 3);
   const uint32_t attributes = opened.file.meshes()[0].attributes;
   CHECK((attributes & format::kHasColor) != 0);
@@ -117,8 +117,8 @@ TEST_CASE("source ids change nothing but themselves", "[convert]") {
   without.output = folder.file("without.scree");
   must_match(with);
   must_convert(without);
-  const tests::OpenFile a = must_open(with.output);
-  const tests::OpenFile b = must_open(without.output);
+  const tests::PackedFile a = must_open(with.output);
+  const tests::PackedFile b = must_open(without.output);
   REQUIRE(a.file.chunks().size() == b.file.chunks().size());
   tools::ChunkReader read_a(a.file), read_b(b.file);
   for (uint64_t i = 0; i < a.file.chunks().size(); ++i) {
@@ -183,7 +183,7 @@ TEST_CASE("pages and chunks stay within their limits", "[convert]") {
   options.normals = convert::Normals::kAlways;
   options.weld = false;
   must_match(options);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   CHECK(opened.file.pages().size() > 10);
   for (uint64_t i = 0; i < opened.file.pages().size(); ++i)
     CHECK(opened.file.pages()[i].raw_bytes <= format::kPageTargetBytes);
@@ -214,12 +214,12 @@ TEST_CASE("neighbours under --grid scene share their border points", "[convert]"
   convert::ConvertOptions options = options_of(folder);
   must_match(options);
   {
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     CHECK(opened.file.meshes()[0].lattice_exponent > opened.file.meshes()[1].lattice_exponent);
   }
   options.grid = convert::Grid::kScene;
   must_match(options);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   CHECK(opened.file.meshes()[0].lattice_exponent == opened.file.meshes()[1].lattice_exponent);
   CHECK(opened.file.meshes()[0].lattice_bits[0] > 16);
   CHECK(opened.file.meshes()[2].lattice_exponent > opened.file.meshes()[1].lattice_exponent);
@@ -371,7 +371,7 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   }
   const convert::ConvertOptions options = options_of(folder);
   must_match(options);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   const format::Container& file = opened.file;
   REQUIRE(file.meshes().size() == 3);
   CHECK(file.meshes()[0].attributes == format::kHasSourceIds);
@@ -388,9 +388,7 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   const auto page = file.load_page(file.images()[0].page, scratch);
   REQUIRE(page);
   CHECK((std::string(reinterpret_cast<const char*>(page->data()), page->size()) == png));
-  std::map<std::string, uint64_t> left_out;
-  for (uint64_t i = 0; i < file.left_out().size(); ++i)
-    left_out[std::string(file.string(file.left_out()[i].what))] += file.left_out()[i].count;
+  std::map<std::string, uint64_t> left_out = tests::left_out(file);
   CHECK(left_out["COLOR_0 (all white)"] == 3);
   CHECK(left_out["NORMAL"] >= 3);
 }
@@ -448,7 +446,7 @@ TEST_CASE("nodes, world matrices, instances and scenes", "[convert]") {
   }
   const convert::ConvertOptions options = options_of(folder);
   const convert::ConvertReport report = must_match(options);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   const format::Container& file = opened.file;
   REQUIRE(file.instances().size() == 2 * 2 + 1 + 3);
   CHECK(file.matrices().size() == 5);
@@ -490,7 +488,7 @@ TEST_CASE("a document without scenes draws all its roots", "[convert]") {
   }
   const convert::ConvertOptions options = options_of(folder);
   must_match(options);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   REQUIRE(opened.file.scenes().size() == 1);
   CHECK(opened.file.scenes()[0].root_count == 2);
   CHECK(opened.file.scenes()[0].instance_count == 2);
@@ -533,7 +531,7 @@ TEST_CASE("the report describes the result", "[convert]") {
   CHECK(convert::json_report(options, report).find("\"triangles\":5000,") != std::string::npos);
   CHECK(report.geometry_bytes > 0);
   CHECK(report.geometry_bytes < report.output_bytes);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   CHECK(opened.file.string(opened.file.source().name) == "in.glb");
   CHECK(opened.file.source().position_bytes == 51 * 51 * 12);
   CHECK(opened.file.source().index_bytes == 5000 * 12);

@@ -28,14 +28,14 @@ convert::ConvertOptions clustered(const TempFolder& folder) {
   return options;
 }
 
-void must_verify(const tests::OpenFile& opened) {
+void must_verify(const tests::PackedFile& opened) {
   const inspect::VerifyReport report = inspect::verify(opened.file, opened.map.bytes(), 2);
   for (const inspect::Failure& failure : report.failures) FAIL_CHECK(failure.error.message);
   CHECK(report.failure_count == 0);
 }
 
 /// The stored corners of all triangles, each rotated to begin with its smallest corner, sorted.
-std::vector<std::array<std::array<float, 3>, 3>> corners_of(const tests::OpenFile& opened) {
+std::vector<std::array<std::array<float, 3>, 3>> corners_of(const tests::PackedFile& opened) {
   std::vector<std::array<std::array<float, 3>, 3>> out;
   tools::ChunkReader reader(opened.file);
   for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) {
@@ -57,7 +57,7 @@ std::vector<std::array<std::array<float, 3>, 3>> corners_of(const tests::OpenFil
 /// Converts to clusters, and compares with the source and with indexed chunks.
 convert::ConvertReport must_cluster(const convert::ConvertOptions& options, const TempFolder& folder) {
   const convert::ConvertReport report = must_match(options);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   must_verify(opened);
   for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) {
     const format::ChunkRecord& chunk = opened.file.chunks()[i];
@@ -102,7 +102,7 @@ TEST_CASE("clusters keep the triangles and the stated error under every option",
   SECTION("chunks of 300 triangles") {
     options.chunk_triangles = 300;
     must_cluster(options, folder);
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) CHECK(opened.file.chunks()[i].triangle_count <= 300);
   }
   SECTION("whole meshes, everything") {
@@ -119,7 +119,7 @@ TEST_CASE("float32 positions have no clusters", "[convert][clusters]") {
   convert::ConvertOptions options = clustered(folder);
   options.float32 = true;
   CHECK(must_match(options).position_error == 0);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   for (uint64_t i = 0; i < opened.file.chunks().size(); ++i)
     CHECK(opened.file.chunks()[i].encoding == format::ChunkEncoding::kIndexed);
 }
@@ -137,7 +137,7 @@ TEST_CASE("clustered pages stay within their limit, for any number of threads", 
   options.threads = 1;
   must_match(options);
   {
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     must_verify(opened);
     CHECK(opened.file.pages().size() > 2);
     for (uint64_t i = 0; i < opened.file.pages().size(); ++i)
@@ -157,12 +157,12 @@ TEST_CASE("split pages unpack to the bytes of raw pages, for any number of threa
   options.chunk_triangles = 3000;
   must_convert(options);
   const std::string raw_name = options.output;
-  const tests::OpenFile raw = must_open(raw_name);
+  const tests::PackedFile raw = must_open(raw_name);
   options.output = folder.file("split.scree");
   options.zstd_level = GENERATE(1, 3, 19);
   options.threads = 1;
   must_match(options);
-  const tests::OpenFile split = must_open(options.output);
+  const tests::PackedFile split = must_open(options.output);
   must_verify(split);
   REQUIRE(split.file.pages().size() == raw.file.pages().size());
   CHECK(split.map.bytes().size() < raw.map.bytes().size());
@@ -186,7 +186,7 @@ TEST_CASE("inspect itemises the bytes of clusters", "[convert][inspect][clusters
   convert::ConvertOptions options = clustered(folder);
   options.zstd_level = GENERATE(0, 3);
   must_convert(options);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   const inspect::Stats stats = inspect::gather(opened.file, opened.map.bytes(), 10, true);
   uint64_t payload = 0, clusters = 0;
   for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) {
@@ -224,7 +224,7 @@ TEST_CASE("scans take half the bytes of indexed chunks", "[convert][clusters][mo
     options.input = (scans / (std::string(name) + ".glb")).string();
     options.source_ids = false;
     must_convert(options);
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     const inspect::Stats stats = inspect::gather(opened.file, opened.map.bytes(), 1, true);
     const auto& bytes = stats.clusters.bytes;
     const double triangles = static_cast<double>(stats.triangles);

@@ -62,7 +62,7 @@ void make_model(const std::string& path, const std::vector<std::pair<format::Ima
 }
 
 void check_verified(const std::string& path) {
-  const tests::OpenFile opened = must_open(path);
+  const tests::PackedFile opened = must_open(path);
   const auto report = inspect::verify(opened.file, opened.map.bytes(), 2, {});
   for (const auto& failure : report.failures) FAIL_CHECK(failure.error.message);
   CHECK(report.images == opened.file.images().size());
@@ -92,7 +92,7 @@ TEST_CASE("JPEGs are indexed and keep their coefficients", "[convert][jpeg]") {
   CHECK(report.warnings[0] == "in.glb: image 1 (image1): progressive, stored as baseline with the same coefficients");
   check_verified(options.output);
   {
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     const format::Container& file = opened.file;
     REQUIRE(file.images().size() == 6);
     CHECK(file.mip_levels().size() == 5 * 2);  // 150 x 101 and 75 x 50
@@ -140,7 +140,7 @@ TEST_CASE("other images become JPEGs only on request", "[convert][jpeg]") {
     REQUIRE(report.warnings.size() == 1);
     CHECK(report.warnings[0] == "in.glb: image 0 (image0): alpha is left out");
     check_verified(options.output);
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     for (uint32_t i = 0; i < 3; ++i) {
       CHECK(opened.file.images()[i].codec == format::ImageCodec::kIndexedJpeg);
       std::vector<std::byte> scratch;
@@ -156,7 +156,7 @@ TEST_CASE("other images become JPEGs only on request", "[convert][jpeg]") {
     options.images.textures = convert::Textures::kRaw;
     must_convert(options);
     check_verified(options.output);
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     CHECK(opened.file.images()[2].codec == format::ImageCodec::kJpeg);
     CHECK(opened.file.mip_levels().empty());
     std::vector<std::byte> scratch;
@@ -183,7 +183,7 @@ TEST_CASE("a damaged JPEG is an error, or grey with --keep-going", "[convert][jp
   REQUIRE(report.warnings.size() == 1);
   CHECK(report.warnings[0].find("grey in its place") != std::string::npos);
   check_verified(options.output);
-  const tests::OpenFile opened = must_open(options.output);
+  const tests::PackedFile opened = must_open(options.output);
   CHECK(opened.file.images()[0].width == 1);
   CHECK(opened.file.images()[1].width == 301);
 }

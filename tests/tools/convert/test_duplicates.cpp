@@ -37,7 +37,7 @@ uint64_t stored_meshes(const std::function<void(tests::ModelMaker&)>& make, bool
   options.normals = normals ? convert::Normals::kAlways : convert::Normals::kNever;
   options.drop_nonfinite = true;
   must_match(options);
-  const tests::OpenFile packed = must_open(options.output);
+  const tests::PackedFile packed = must_open(options.output);
   REQUIRE(packed.file.instances().size() >= 2);
   return packed.file.meshes().size();
 }
@@ -74,7 +74,7 @@ TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates
     CHECK(tests::read_whole(options.output) == bytes);
   }
 
-  const tests::OpenFile packed = must_open(options.output);
+  const tests::PackedFile packed = must_open(options.output);
   REQUIRE(packed.file.meshes().size() == 2);
   REQUIRE(packed.file.instances().size() == 3);
   REQUIRE(packed.file.groups().size() == 3);
@@ -113,7 +113,7 @@ TEST_CASE("duplicates: compare finds meshes that were wrongly taken as equal", "
   make("in.glb", 0);
   make("changed.glb", 1e-30f);
   must_match(options_of(folder));
-  const tests::OpenFile packed = must_open(folder.file("out.scree"));
+  const tests::PackedFile packed = must_open(folder.file("out.scree"));
   REQUIRE(packed.file.meshes().size() == 1);
   const auto judge = [&](const std::string& name) {
     const Result<SourceScene> source = import_gltf(folder.file(name), {});
@@ -239,7 +239,7 @@ TEST_CASE("duplicates: equal images give one texture, one material, one mesh", "
     must_match(options_of(folder));
     return must_open(folder.file("out.scree"));
   };
-  const tests::OpenFile same = make(true);
+  const tests::PackedFile same = make(true);
   CHECK(same.file.images().size() == 1);
   CHECK(same.file.textures().size() == 1);
   CHECK(same.file.materials().size() == 1);
@@ -248,12 +248,12 @@ TEST_CASE("duplicates: equal images give one texture, one material, one mesh", "
   ConvertOptions apart = options_of(folder);
   apart.share = false;
   must_match(apart);
-  const tests::OpenFile all = must_open(apart.output);
+  const tests::PackedFile all = must_open(apart.output);
   CHECK(all.file.images().size() == 1);
   CHECK(all.file.textures().size() == 2);
   CHECK(all.file.materials().size() == 2);
   CHECK(all.file.meshes().size() == 2);
-  const tests::OpenFile other = make(false);
+  const tests::PackedFile other = make(false);
   CHECK(other.file.images().size() == 1);
   CHECK(other.file.textures().size() == 2);
   CHECK(other.file.materials().size() == 2);

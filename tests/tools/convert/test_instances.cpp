@@ -48,8 +48,8 @@ void make_many(const std::string& path, uint64_t count, uint64_t equal) {
   maker.finish();
 }
 
-tests::OpenFile converted(const TempFolder& folder, uint64_t count, uint64_t equal,
-                          convert::Grid grid = convert::Grid::kMesh) {
+tests::PackedFile converted(const TempFolder& folder, uint64_t count, uint64_t equal,
+                            convert::Grid grid = convert::Grid::kMesh) {
   make_many(folder.file("in.glb"), count, equal);
   convert::ConvertOptions options;
   options.input = folder.file("in.glb");
@@ -57,7 +57,7 @@ tests::OpenFile converted(const TempFolder& folder, uint64_t count, uint64_t equ
   options.grid = grid;
   const Result<convert::ConvertReport> report = convert::convert(options);
   if (!report) FAIL(report.error().message);
-  Result<tests::OpenFile> opened = tests::OpenFile::open(options.output);
+  Result<tests::PackedFile> opened = tests::open_packed(options.output);
   if (!opened) FAIL(opened.error().message);
   return std::move(*opened);
 }
@@ -90,7 +90,7 @@ void check_instances(const format::Container& file, uint64_t count, uint64_t equ
 
 TEST_CASE("with few instances each world matrix is stored once", "[convert]") {
   const TempFolder folder;
-  const tests::OpenFile opened = converted(folder, 500, 100);
+  const tests::PackedFile opened = converted(folder, 500, 100);
   check_instances(opened.file, 500, 100);
   CHECK(opened.file.matrices().size() == 401 + 401 + 3);
 }
@@ -98,7 +98,7 @@ TEST_CASE("with few instances each world matrix is stored once", "[convert]") {
 TEST_CASE("more instances than fit in memory are written in order", "[convert]") {
   const TempFolder folder;
   const uint64_t count = convert::kMaxHeldInstances + 1;
-  const tests::OpenFile opened = converted(folder, count, 100);
+  const tests::PackedFile opened = converted(folder, count, 100);
   check_instances(opened.file, count, 100);
   // The instances of the first two nodes are written once for both; "few" and "once" are held.
   CHECK(opened.file.matrices().size() == 2 * count + 3 + 1);
@@ -106,7 +106,7 @@ TEST_CASE("more instances than fit in memory are written in order", "[convert]")
 
 TEST_CASE("meshes share a step where their matrices may be equal", "[convert]") {
   const TempFolder folder;
-  const tests::OpenFile opened = converted(folder, convert::kMaxHeldInstances + 1, 1, convert::Grid::kScene);
+  const tests::PackedFile opened = converted(folder, convert::kMaxHeldInstances + 1, 1, convert::Grid::kScene);
   REQUIRE(opened.file.meshes().size() == 3);
   for (uint64_t i = 1; i < 3; ++i)
     CHECK(opened.file.meshes()[i].lattice_exponent == opened.file.meshes()[0].lattice_exponent);

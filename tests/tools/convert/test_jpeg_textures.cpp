@@ -56,6 +56,19 @@ std::vector<uint8_t> draw(const runtime::Scene& scene, const runtime::CameraOpti
   return picture->pixels;
 }
 
+/// An indexed JPEG of that size in pixels, half of it for chrominance.
+struct OpenJpeg {
+  OpenJpeg(int width, int height)
+      : indexed(runtime::index_jpeg(tests::make_jpeg(jpeg_recipe(width, height, {{2, 1}, {1, 1}, {1, 1}})))),
+        index(format::open_jpeg_index(indexed.value().bytes)),
+        factors(format::jpeg_factors(index.value())) {}
+  format::JpegPicture picture() const { return format::jpeg_picture(*index, factors.data()); }
+
+  Result<runtime::IndexedJpeg> indexed;
+  Result<format::JpegIndex> index;
+  std::vector<uint32_t> factors;
+};
+
 std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, uint32_t samples, uint32_t threads) {
   return draw(scene, whole_view(width), samples, threads);
 }
@@ -195,12 +208,8 @@ TEST_CASE("a page of JPEG levels is checked when it is read", "[jpeg_textures][t
 }
 
 TEST_CASE("groups larger than a cache's slots are decoded where they are sampled", "[jpeg_textures]") {
-  const auto indexed = runtime::index_jpeg(tests::make_jpeg(jpeg_recipe(100, 80, {{2, 1}, {1, 1}, {1, 1}})));
-  REQUIRE(indexed);
-  const auto index = format::open_jpeg_index(indexed->bytes);
-  REQUIRE(index);
-  const auto factors = format::jpeg_factors(*index);
-  const format::JpegPicture picture = format::jpeg_picture(*index, factors.data());
+  const OpenJpeg jpeg(100, 80);
+  const format::JpegPicture picture = jpeg.picture();
   const uint32_t bytes = format::jpeg_group_bytes(picture);
   BlockCache large(100 * bytes, bytes), small(100 * bytes, bytes - 64);
   uint64_t wrong = 0;
@@ -235,15 +244,10 @@ TEST_CASE("real models are equal with any texture cache", "[jpeg_textures]") {
 }
 
 TEST_CASE("a block cache gives every group's samples to every thread", "[jpeg_textures]") {
-  const auto indexed = runtime::index_jpeg(tests::make_jpeg(jpeg_recipe(200, 150, {{2, 1}, {1, 1}, {1, 1}})));
-  REQUIRE(indexed);
-  const auto index = format::open_jpeg_index(indexed->bytes);
-  REQUIRE(index);
-  const auto factors = format::jpeg_factors(*index);
-  const std::array<JpegLevel, 2> levels = {JpegLevel{format::jpeg_picture(*index, factors.data()), 0},
-                                           JpegLevel{format::jpeg_picture(*index, factors.data()), 1}};
+  const OpenJpeg jpeg(200, 150);
+  const std::array<JpegLevel, 2> levels = {JpegLevel{jpeg.picture(), 0}, JpegLevel{jpeg.picture(), 1}};
   const uint32_t bytes = 64 * levels[0].picture.mcu_blocks * levels[0].picture.view.group_mcus;
-  std::vector<std::vector<uint8_t>> expected(index->layout.group_count, std::vector<uint8_t>(bytes));
+  std::vector<std::vector<uint8_t>> expected(jpeg.index->layout.group_count, std::vector<uint8_t>(bytes));
   for (uint32_t group = 0; group < expected.size(); ++group)
     format::decode_jpeg_group(levels[0].picture, group, expected[group].data());
   for (const uint64_t slots : {uint64_t{1}, uint64_t{7}, uint64_t{64}, 40 * uint64_t{expected.size()}}) {

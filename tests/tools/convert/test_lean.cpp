@@ -19,8 +19,8 @@ using namespace scree;
 using tests::GridSpec;
 using tests::must_convert;
 using tests::must_open;
-using tests::OpenFile;
 using tests::options_of;
+using tests::PackedFile;
 using tests::TempFolder;
 
 namespace {
@@ -70,7 +70,7 @@ void make_lean_scene(const std::string& path, bool with_ballast) {
 }
 
 /// The bytes of each table by its kind.
-std::map<format::TableKind, std::string> tables_of(const OpenFile& packed) {
+std::map<format::TableKind, std::string> tables_of(const PackedFile& packed) {
   const std::span<const std::byte> bytes = packed.map.bytes();
   const format::FileHeader& header = packed.file.header();
   std::map<format::TableKind, std::string> tables;
@@ -118,7 +118,7 @@ void add_clustered(const format::ChunkRecord& chunk, const std::byte* records, G
 }
 
 /// The sum over all chunks. Checks that each chunk keeps the stated bounds.
-Geometry geometry_of(const OpenFile& packed) {
+Geometry geometry_of(const PackedFile& packed) {
   const format::Container& file = packed.file;
   Geometry sum;
   for (uint64_t i = 0; i < file.chunks().size(); ++i) {
@@ -150,7 +150,7 @@ void check_overheads(convert::Encoding encoding) {
   options.source_ids = false;
   make_lean_scene(folder.file("in.glb"), false);
   must_convert(options);
-  const OpenFile packed = must_open(options.output);
+  const PackedFile packed = must_open(options.output);
   const format::Container& file = packed.file;
   REQUIRE(file.meshes().size() == 301);
   REQUIRE(file.chunks().size() >= 301 + 6);
@@ -181,7 +181,7 @@ void check_overheads(convert::Encoding encoding) {
   options.output = folder.file("ballast.scree");
   options.exclude = "excluded";
   must_convert(options);
-  const OpenFile ballast = must_open(options.output);
+  const PackedFile ballast = must_open(options.output);
   std::map<format::TableKind, std::string> others = tables_of(ballast);
   CHECK(others.erase(format::TableKind::kLeftOut) == 1);
   CHECK(others.erase(format::TableKind::kLeftOutCosts) == 1);
@@ -211,7 +211,7 @@ TEST_CASE("lean: left-out data are listed with their bytes in the source and in 
   options.source_ids = false;
   options.exclude = "excluded";
   must_convert(options);
-  const OpenFile lean = must_open(options.output);
+  const PackedFile lean = must_open(options.output);
   struct Entry {
     uint64_t count, source_bytes, cost;
   };
@@ -246,7 +246,7 @@ TEST_CASE("lean: left-out data are listed with their bytes in the source and in 
   options.normals = convert::Normals::kAlways;
   options.output = folder.file("normals.scree");
   must_convert(options);
-  const OpenFile with_normals = must_open(options.output);
+  const PackedFile with_normals = must_open(options.output);
   const auto payload = [](const format::Container& file) {
     uint64_t sum = 0;
     for (uint64_t i = 0; i < file.chunks().size(); ++i) sum += file.chunks()[i].bytes;
@@ -285,7 +285,7 @@ TEST_CASE("lean: duplicates are listed with the bytes that storing them would ta
     must_convert(options);
     return must_open(options.output);
   };
-  const OpenFile merged = convert("merged.scree", true), apart = convert("apart.scree", false);
+  const PackedFile merged = convert("merged.scree", true), apart = convert("apart.scree", false);
   const auto entry = [&](std::string_view what, bool cost) {
     for (uint64_t i = 0; i < merged.file.left_out().size(); ++i)
       if (merged.file.string(merged.file.left_out()[i].what) == what)

@@ -144,7 +144,7 @@ TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[
   CHECK(report.warnings ==
         std::vector<std::string>{"2 primitives have a textured material but not its texture coordinates",
                                  "in.glb: 2 primitives that their alpha masks hide everywhere are left out"});
-  const tests::OpenFile opened = must_open(options_of(folder).output);
+  const tests::PackedFile opened = must_open(options_of(folder).output);
   REQUIRE(opened.file.masks().size() == 3);
   CHECK(opened.file.masks()[0].threshold == convert::mask_threshold(1, 0.5f));
   CHECK(opened.file.masks()[1].threshold ==
@@ -185,7 +185,7 @@ TEST_CASE("masks are stored if they hide something, and drawn", "[convert][mask]
     CHECK(std::any_of(report.warnings.begin(), report.warnings.end(), [](const std::string& warning) {
       return warning == "in.glb: 2 primitives that their alpha masks hide everywhere are left out";
     }));
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     const format::Container& file = opened.file;
     CHECK(file.header().version_minor == 1);
     CHECK(file.meshes().size() == 5);
@@ -220,7 +220,7 @@ TEST_CASE("a masked picture covers the mask's share, for every coding of its col
   CHECK((masked == picture(0.5, convert::Textures::kJpeg, "jpeg.scree")));
   // An export restores the alpha, although the JPEG has none.
   {
-    const tests::OpenFile opened = must_open(folder.file("jpeg.scree"));
+    const tests::PackedFile opened = must_open(folder.file("jpeg.scree"));
     REQUIRE(tools::export_gltf(opened.file, folder.file("back.glb"), {}));
     convert::ConvertOptions options = options_of(folder, "back.glb");
     options.output = folder.file("back.scree");
@@ -262,7 +262,7 @@ TEST_CASE("the alpha of vertex colours cuts if the mask's texture cuts nothing",
     convert::ConvertOptions options = options_of(folder);
     options.encoding = encoding;
     CHECK(tests::must_match(options).masks == (cutoff > 0 ? 1 : 0));
-    const tests::OpenFile opened = must_open(options.output);
+    const tests::PackedFile opened = must_open(options.output);
     for (uint64_t i = 0; i < opened.file.masks().size(); ++i) {
       const format::MaskRecord& mask = opened.file.masks()[i];
       CHECK(mask.flags == (format::kMaskNearest | format::kMaskOfColors));

@@ -13,6 +13,7 @@
 
 using namespace scree;
 using namespace scree::convert;
+using tests::left_out;
 using tests::must_convert;
 using tests::must_open;
 using tests::options_of;
@@ -69,13 +70,6 @@ ConvertOptions auto_options(const TempFolder& folder) {
   return options;
 }
 
-std::map<std::string, uint64_t> left_out(const format::Container& file) {
-  std::map<std::string, uint64_t> out;
-  for (uint64_t i = 0; i < file.left_out().size(); ++i)
-    out[std::string(file.string(file.left_out()[i].what))] = file.left_out()[i].count;
-  return out;
-}
-
 bool has_normals(const format::Container& file, uint64_t mesh) {
   return (file.meshes()[mesh].attributes & format::kHasNormal) != 0;
 }
@@ -107,7 +101,7 @@ TEST_CASE("normals: a mesh's normals are stored unless they equal its faces'", "
   ConvertOptions options = auto_options(folder);
   options.share = false;
   must_convert(options);
-  const tests::OpenFile automatic = must_open(options.output);
+  const tests::PackedFile automatic = must_open(options.output);
   const std::vector<bool> expected{false, false, true, true, true, false, false};
   REQUIRE(automatic.file.meshes().size() == expected.size());
   for (size_t i = 0; i < expected.size(); ++i) {
@@ -121,11 +115,11 @@ TEST_CASE("normals: a mesh's normals are stored unless they equal its faces'", "
 
   options.normals = Normals::kAlways;
   must_convert(options);
-  const tests::OpenFile always = must_open(options.output);
+  const tests::PackedFile always = must_open(options.output);
   for (size_t i = 0; i < expected.size(); ++i) CHECK(has_normals(always.file, i));
   options.normals = Normals::kNever;
   CHECK(must_convert(options).left_out.at(0).what == "NORMAL");
-  const tests::OpenFile never = must_open(options.output);
+  const tests::PackedFile never = must_open(options.output);
   for (size_t i = 0; i < expected.size(); ++i) CHECK(!has_normals(never.file, i));
 }
 

@@ -58,7 +58,7 @@ void make_textured_scene(const std::string& path) {
 /// Checks that nothing is missing or beyond its mesh's bound, and that the table has each of the three meshes once, and
 /// none that takes more than as floats.
 void check_bounds_and_table(const convert::ConvertOptions& options, const convert::ConvertReport& report,
-                            const tests::OpenFile& file) {
+                            const tests::PackedFile& file) {
   const auto source = convert::import_gltf(options.input, {});
   REQUIRE(source);
   const auto geometry = compare::compare_geometry(*source, file.file);
@@ -137,7 +137,7 @@ TEST_CASE("pixel bound: meshes get the bits their instances need, and their meas
       options.pixel_bound.distance = 5;
       options.encoding = clustered ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
       const convert::ConvertReport report = must_convert(options);
-      const tests::OpenFile file = tests::must_open(options.output);
+      const tests::PackedFile file = tests::must_open(options.output);
       const auto meshes = file.file.meshes();
       REQUIRE(meshes.size() == 3);
       const double allowed = convert::world_error(options.pixel_bound);
@@ -176,7 +176,7 @@ TEST_CASE("an error too small for one mesh's lattice keeps that mesh's floats, a
         options.threads = threads;
         options.encoding = clustered ? convert::Encoding::kClustered : convert::Encoding::kIndexed;
         const convert::ConvertReport report = must_convert(options);
-        const tests::OpenFile file = tests::must_open(options.output);
+        const tests::PackedFile file = tests::must_open(options.output);
         size_t floats = 0;
         const auto meshes = file.file.meshes();
         for (size_t i = 0; i < meshes.size(); ++i) {
@@ -197,7 +197,7 @@ TEST_CASE("pixel bound: drawn vertices keep it, measured from their exact positi
   convert::ConvertOptions options = options_of(folder);
   options.pixel_bound = {1, 3, 800, 600, 60};
   must_convert(options);
-  const tests::OpenFile file = tests::must_open(options.output);
+  const tests::PackedFile file = tests::must_open(options.output);
   const auto source = convert::import_gltf(options.input, {});
   REQUIRE(source);
   const auto geometry = compare::compare_geometry(*source, file.file);

@@ -18,6 +18,7 @@
 
 using namespace scree;
 using namespace scree::convert;
+using tests::left_out;
 using tests::must_convert;
 using tests::must_open;
 using tests::options_of;
@@ -99,16 +100,9 @@ ConvertOptions auto_options(const TempFolder& folder) {
   return options;
 }
 
-std::map<std::string, uint64_t> left_out(const format::Container& file) {
-  std::map<std::string, uint64_t> out;
-  for (uint64_t i = 0; i < file.left_out().size(); ++i)
-    out[std::string(file.string(file.left_out()[i].what))] = file.left_out()[i].count;
-  return out;
-}
-
 /// For each stored vertex of a mesh, the nearest source vertex by position.
 template <class Take>
-void for_each_vertex(const tests::OpenFile& file, uint64_t mesh, const Strip& strip, const Take& take) {
+void for_each_vertex(const tests::PackedFile& file, uint64_t mesh, const Strip& strip, const Take& take) {
   tools::ChunkReader reader(file.file);
   const format::MeshRecord& record = file.file.meshes()[mesh];
   uint64_t count = 0;
@@ -168,7 +162,7 @@ TEST_CASE("second texture coordinates are stored if a material uses both sets", 
       std::filesystem::remove(options.output);
       options.zstd_level = encoding == Encoding::kClustered ? 3 : 0;
       must_convert(options);
-      const tests::OpenFile file = must_open(options.output);
+      const tests::PackedFile file = must_open(options.output);
       CHECK(file.file.header().version_major == 2);
       const std::vector<bool> expected{true, false, false, false};
       for (size_t mesh = 0; mesh < expected.size(); ++mesh) {
@@ -239,7 +233,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
   }
   ConvertOptions options = auto_options(folder);
   must_convert(options);
-  const tests::OpenFile file = must_open(options.output);
+  const tests::PackedFile file = must_open(options.output);
   CHECK(file.file.header().version_major == 2);
   REQUIRE(file.file.meshes().size() == cases.size());
   const double bound = format::tangent_error_bound(kTangentBits);
@@ -271,7 +265,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
   again.input = back;
   again.output = folder.file("again.scree");
   must_convert(again);
-  const tests::OpenFile twice = must_open(again.output);
+  const tests::PackedFile twice = must_open(again.output);
   REQUIRE(twice.file.meshes().size() == cases.size());
   for (size_t mesh = 0; mesh < cases.size(); ++mesh)
     CHECK(twice.file.meshes()[mesh].attributes == file.file.meshes()[mesh].attributes);
@@ -284,7 +278,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
   options.normals = Normals::kNever;
   std::filesystem::remove(options.output);
   must_convert(options);
-  const tests::OpenFile plain = must_open(options.output);
+  const tests::PackedFile plain = must_open(options.output);
   CHECK(plain.file.header().version_major == 1);
   for (uint64_t i = 0; i < plain.file.meshes().size(); ++i)
     CHECK((plain.file.meshes()[i].attributes & format::kHasTangent) == 0);

@@ -13,6 +13,7 @@
 
 using namespace scree;
 using namespace scree::convert;
+using tests::left_out;
 using tests::must_convert;
 using tests::must_match;
 using tests::must_open;
@@ -20,12 +21,6 @@ using tests::options_of;
 using tests::TempFolder;
 
 namespace {
-
-uint64_t left_out_count(const format::Container& file, std::string_view what) {
-  for (uint64_t i = 0; i < file.left_out().size(); ++i)
-    if (file.string(file.left_out()[i].what) == what) return file.left_out()[i].count;
-  return 0;
-}
 
 uint64_t stored_vertices(const format::Container& file) {
   uint64_t sum = 0;
@@ -122,12 +117,12 @@ TEST_CASE("weld: a mesh without indices takes as many bytes as with indices", "[
     options.order = order;
     const ConvertReport report = must_match(options);
     REQUIRE(report.triangles == 307200);
-    const tests::OpenFile packed = must_open(options.output);
+    const tests::PackedFile packed = must_open(options.output);
     bytes[indexed] = payload_bytes(packed.file);
     vertices[indexed] = stored_vertices(packed.file);
     // All but one vertex of a square's six corners belong to other squares, too. The row that two windows share counts
     // twice.
-    CHECK(left_out_count(packed.file, "duplicate vertices") == (indexed ? 0u : 3u * 307200 - (513u * 301 + 513)));
+    CHECK(left_out(packed.file)["duplicate vertices"] == (indexed ? 0u : 3u * 307200 - (513u * 301 + 513)));
   }
   INFO(bytes[1] << " bytes with indices, " << bytes[0] << " without");
   // In the same order the number of bytes is the same; meshoptimizer's order depends on the vertex numbers.
@@ -156,9 +151,9 @@ TEST_CASE("weld: --no-weld keeps every vertex of the source, and any number of t
   }
   options.weld = false;
   must_match(options);
-  const tests::OpenFile packed = must_open(options.output);
+  const tests::PackedFile packed = must_open(options.output);
   CHECK(stored_vertices(packed.file) == 3 * 320000u);
-  CHECK(left_out_count(packed.file, "duplicate vertices") == 0);
+  CHECK(left_out(packed.file)["duplicate vertices"] == 0);
   CHECK(packed.file.string(packed.file.source().options).find("--no-weld") != std::string_view::npos);
 }
 
@@ -187,7 +182,7 @@ TEST_CASE("weld: vertices with different stored attributes stay apart", "[weld]"
   ConvertOptions options = options_of(folder);
   must_match(options);
   const auto counts = [&] {
-    const tests::OpenFile packed = must_open(options.output);
+    const tests::PackedFile packed = must_open(options.output);
     std::vector<uint64_t> out;
     for (uint64_t i = 0; i < packed.file.meshes().size(); ++i) out.push_back(packed.file.meshes()[i].vertex_count);
     return out;

@@ -108,7 +108,7 @@ uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
 }
 
 std::vector<double> decoded(const std::string& path) {
-  const tests::OpenFile packed = must_open(path);
+  const tests::PackedFile packed = must_open(path);
   tools::ChunkReader reader(packed.file);
   std::vector<double> out;
   for (uint64_t i = 0; i < packed.file.chunks().size(); ++i) {
@@ -188,7 +188,7 @@ TEST_CASE("hard: georeferenced detail survives in the node's translation, not in
     options.encoding = convert::Encoding::kIndexed;
     options.weld = false;
     must_match(options);
-    const tests::OpenFile packed = must_open(options.output);
+    const tests::PackedFile packed = must_open(options.output);
     REQUIRE(packed.file.chunks().size() == 1);
     const std::vector<double> found = decoded(options.output);
     REQUIRE(found.size() == ball.positions.size());

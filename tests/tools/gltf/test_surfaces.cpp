@@ -103,7 +103,7 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
   options.input = path;
   options.output = folder.file("out.scree");
   must_convert(options);
-  const tests::OpenFile packed = must_open(options.output);
+  const tests::PackedFile packed = must_open(options.output);
   REQUIRE(packed.file.surfaces().size() == 3);
   CHECK(packed.file.surfaces()[1].material == 1);
   CHECK(packed.file.surfaces()[2].material == 3);
@@ -139,7 +139,7 @@ TEST_CASE("surfaces: lights are at their nodes", "[gltf][surfaces]") {
           R"(,{~"translation":[1,2,3],"scale":[2,2,2],"extensions":{"KHR_lights_punctual":{"light":1}}})"
           R"(,{~"rotation":[0.70710678,0,0,0.70710678],"extensions":{"KHR_lights_punctual":{"light":0}}})"));
   must_convert(options);
-  const tests::OpenFile packed = must_open(options.output);
+  const tests::PackedFile packed = must_open(options.output);
   REQUIRE(packed.file.lights().size() == 2);
   CHECK(packed.file.lights()[0].kind == format::LightKind::kSpot);
   CHECK(packed.file.lights()[0].node == 1);

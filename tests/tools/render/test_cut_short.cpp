@@ -303,7 +303,7 @@ TEST_CASE("a file cut within its last page while it is compared ends in the same
 
 TEST_CASE("a file cut within its last page while it is exported leaves no output", "[export][cut]") {
   const CutFile file(0);
-  const OpenFile opened = must_open(file.path());
+  const PackedFile opened = must_open(file.path());
   file.folder().write("out.glb", "earlier");
   tools::ExportOptions options;
   options.check_source = [&] {

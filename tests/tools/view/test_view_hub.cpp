@@ -101,11 +101,8 @@ struct JoinedPage {
 
 }  // namespace
 
-TEST_CASE("a hub draws the newest camera, then the picture at rest, then more samples", "[view][view-hub]") {
-  JoinedPage joined;
-  Hub& hub = joined.hub;
-  Page* const page = joined.page.get();
-  const uint32_t number = joined.number;
+TEST_CASE_METHOD(JoinedPage, "a hub draws the newest camera, then the picture at rest, then more samples",
+                 "[view][view-hub]") {
   CHECK(number == 1);
   REQUIRE(page->hears("\"type\":\"scene\""));
   hub.receive(number, request(1, 0));
@@ -134,11 +131,8 @@ TEST_CASE("a hub draws the newest camera, then the picture at rest, then more sa
   CHECK(hub.stop(5s));
 }
 
-TEST_CASE("a viewer with a slow link gets a JPEG of full size at rest, then a lossless picture", "[view][view-hub]") {
-  JoinedPage joined;
-  Hub& hub = joined.hub;
-  Page* const page = joined.page.get();
-  const uint32_t number = joined.number;
+TEST_CASE_METHOD(JoinedPage, "a viewer with a slow link gets a JPEG of full size at rest, then a lossless picture",
+                 "[view][view-hub]") {
   REQUIRE(page->hears("\"type\":\"scene\""));
   size_t count = 0;
   const auto next = [&] {
@@ -187,11 +181,7 @@ TEST_CASE("a hub draws on a GPU while the scene is loaded", "[view][view-hub][cu
   CHECK(hub.stop(5s));
 }
 
-TEST_CASE("requests to a hub are limited", "[view][view-hub]") {
-  JoinedPage joined;
-  Hub& hub = joined.hub;
-  Page* const page = joined.page.get();
-  const uint32_t number = joined.number;
+TEST_CASE_METHOD(JoinedPage, "requests to a hub are limited", "[view][view-hub]") {
   REQUIRE(page->hears("\"type\":\"scene\""));
   hub.receive(number, PickRequest{1, {5, 5}});  // no camera yet: no answer
   hub.receive(number, request(1, 0));

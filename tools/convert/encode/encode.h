@@ -1,6 +1,7 @@
 // The second pass: turns a window of triangles into chunks that are ordered, renumbered, quantised and bit-packed.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -72,8 +73,8 @@ struct Welded {
   }
 };
 
-struct EncodedWindow {
-  std::vector<EncodedChunk> chunks;
+/// Errors and changes of a window, or of several.
+struct EncodedFacts {
   double position_error = 0;  // largest found, model units, per axis
   float uv_error = 0;         // largest possible, per axis
   Welded welded;
@@ -81,6 +82,20 @@ struct EncodedWindow {
   uint64_t repaired_colors = 0;    // the same for colours, which became 0
   uint64_t repaired_normals = 0;   // not finite or zero; became +z
   uint64_t repaired_tangents = 0;  // zero, not finite or parallel to the normal; got an arbitrary direction
+
+  void add(const EncodedFacts& other) {
+    position_error = std::max(position_error, other.position_error);
+    uv_error = std::max(uv_error, other.uv_error);
+    welded.add(other.welded);
+    repaired_uvs += other.repaired_uvs;
+    repaired_colors += other.repaired_colors;
+    repaired_normals += other.repaired_normals;
+    repaired_tangents += other.repaired_tangents;
+  }
+};
+
+struct EncodedWindow : EncodedFacts {
+  std::vector<EncodedChunk> chunks;
 };
 
 /// Memory that a thread reuses from window to window.

@@ -661,15 +661,10 @@ class Converter {
       ++record.chunk_count;
       tables_.chunks.push_back(chunk);
     }
-    report_.position_error = std::max(report_.position_error, window.position_error);
     const double diagonal = diagonal_of(plans_[mesh].box);
     if (diagonal > 0)
       report_.relative_position_error = std::max(report_.relative_position_error, window.position_error / diagonal);
-    welded_.add(window.welded);
-    repaired_uvs_ += window.repaired_uvs;
-    repaired_colors_ += window.repaired_colors;
-    repaired_normals_ += window.repaired_normals;
-    repaired_tangents_ += window.repaired_tangents;
+    encoded_.add(window);
   }
 
   void add_source_record() {
@@ -685,9 +680,8 @@ class Converter {
   }
 
   void list_left_out() {
-    convert::add_left_out({scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, welded_,
-                           options_.normals, undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite,
-                           repaired_uvs_, repaired_colors_, repaired_normals_, repaired_tangents_, clear_},
+    convert::add_left_out({scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, encoded_,
+                           options_.normals, undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite, clear_},
                           tables_);
     const auto warn = [&](uint64_t count, const char* text) {
       if (count > 0) report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + text);
@@ -695,14 +689,15 @@ class Converter {
     warn(undrawn_, "primitives that no node draws are left out");
     warn(clear_, "primitives that their alpha masks hide everywhere are left out");
     warn(report_.dropped_nonfinite, "triangles with positions that are not finite are left out");
-    warn(repaired_uvs_, "texture coordinates are not finite and became 0");
-    warn(repaired_colors_, "vertex colours are not finite and became 0");
-    warn(repaired_normals_, "normals are zero or not finite and became +z");
-    warn(repaired_tangents_, "tangents are zero, not finite or parallel to their normal and became arbitrary");
+    warn(encoded_.repaired_uvs, "texture coordinates are not finite and became 0");
+    warn(encoded_.repaired_colors, "vertex colours are not finite and became 0");
+    warn(encoded_.repaired_normals, "normals are zero or not finite and became +z");
+    warn(encoded_.repaired_tangents, "tangents are zero, not finite or parallel to their normal and became arbitrary");
     if (tables_.meshes.empty()) report_.warnings.push_back(scene_.file_name + ": there is nothing to draw");
   }
 
   void fill_report() {
+    report_.position_error = encoded_.position_error;
     report_.meshes = tables_.meshes.size();
     report_.chunks = tables_.chunks.size();
     report_.windows = measurement_.windows.size();
@@ -760,11 +755,7 @@ class Converter {
   ShardShare shard_share_;
   uint64_t undrawn_ = 0;
   uint64_t clear_ = 0;  // primitives whose alpha mask hides all of them
-  Welded welded_;
-  uint64_t repaired_uvs_ = 0;
-  uint64_t repaired_colors_ = 0;
-  uint64_t repaired_normals_ = 0;
-  uint64_t repaired_tangents_ = 0;
+  EncodedFacts encoded_;
 };
 
 }  // namespace

@@ -87,13 +87,7 @@ Result<WindowOutcome> EncodePass::place_window(EncodedWindow& window, const Enco
                                         std::to_string(record.max_position_error) + " is allowed"};
   WindowOutcome outcome;
   outcome.made_from = window_id(item.window, item.mesh, record);
-  outcome.position_error = window.position_error;
-  outcome.uv_error = window.uv_error;
-  outcome.welded = window.welded;
-  outcome.repaired_uvs = window.repaired_uvs;
-  outcome.repaired_colors = window.repaired_colors;
-  outcome.repaired_normals = window.repaired_normals;
-  outcome.repaired_tangents = window.repaired_tangents;
+  static_cast<EncodedFacts&>(outcome) = window;
   if (item.mesh != mesh_) triangle_ = 0;
   mesh_ = item.mesh;
   for (size_t i = 0; i < window.chunks.size(); ++i) {

@@ -18,15 +18,8 @@
 namespace scree::convert {
 
 /// A window's additions to the tables.
-struct WindowOutcome {
-  ContentHash made_from{};  // window_id()
-  double position_error = 0;
-  float uv_error = 0;
-  Welded welded;
-  uint64_t repaired_uvs = 0;
-  uint64_t repaired_colors = 0;
-  uint64_t repaired_normals = 0;
-  uint64_t repaired_tangents = 0;
+struct WindowOutcome : EncodedFacts {
+  ContentHash made_from{};                  // window_id()
   std::vector<format::ChunkRecord> chunks;  // with page and offset
   std::vector<int64_t> saved;               // by chunk: EncodedChunk::saved
 };

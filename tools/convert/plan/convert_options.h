@@ -24,10 +24,20 @@ enum class Grid {
   kScene,  // all meshes under one world matrix have the finest step among them
 };
 
-struct ConvertOptions {
-  std::string input;                                       // .gltf or .glb
-  std::string output;                                      // empty: the input with the extension .scree
+/// Options of a conversion or a merge that do not change the bytes of the file.
+struct RunOptions {
+  std::string output;                                      // of a conversion, empty: the input with extension .scree
   format::Existing existing = format::Existing::kReplace;  // for `output`
+  uint32_t threads = 0;                                    // upper limit; 0: one per processor
+  uint64_t memory = uint64_t{2} << 30;                     // limit for the process; a low limit allows fewer threads
+  bool allow_outside = false;                              // may read files outside the source's folder
+  bool progress = false;                                   // a line on stderr if that is a terminal
+  const std::atomic<bool>* stop = nullptr;  // if set, the run ends with kFile "interrupted" and leaves nothing behind,
+                                            // except with ConvertOptions::resume
+};
+
+struct ConvertOptions : RunOptions {
+  std::string input;  // .gltf or .glb
 
   // Options that change the bytes of the file.
   bool float32 = false;         // stores positions unchanged; position_bits is then not used
@@ -50,19 +60,13 @@ struct ConvertOptions {
   std::string exclude;  // ImportOptions::exclude
   ImageOptions images;
 
-  // Options that do not change the bytes.
-  uint32_t threads = 0;                 // upper limit; 0: one per processor
-  uint64_t memory = uint64_t{2} << 30;  // limit for the process; a low limit allows fewer threads
-  bool allow_outside = false;           // may read files outside the source's folder
+  // Options that do not change them.
   bool resume = false;  // continues the .part of an earlier run if it fits, and leaves an unfinished .part behind
   // If `shards` is above 0: converts only share `shard` of `shards` (counted from 0), for merge().
   uint32_t shard = 0;
   uint32_t shards = 0;
-  bool progress = false;  // a line on stderr if that is a terminal
   // Called by the caller's thread, at most five times per second: `done` of `total` items of a stage are done.
   std::function<void(const std::string& stage, uint64_t done, uint64_t total)> on_progress;
-  const std::atomic<bool>* stop = nullptr;  // if set, the conversion ends with kFile "interrupted" and leaves nothing
-                                            // behind, except with `resume`
 };
 
 /// Whether the options bound the error instead of setting the bits.

@@ -145,13 +145,14 @@ void add_left_out(const LeftOutFacts& facts, format::TableSet& tables) {
   add("duplicate images", image_count, image_bytes, image_bytes + sizeof(format::ImageRecord) * image_count);
   add("duplicate textures", facts.merged.textures, 0, sizeof(format::TextureRecord) * facts.merged.textures);
   add("duplicate materials", facts.merged.materials, 0, sizeof(format::MaterialRecord) * facts.merged.materials);
-  add("duplicate vertices", facts.welded.vertices, facts.welded.source_bytes, weld_cost(facts.welded));
+  add("duplicate vertices", facts.encoded.welded.vertices, facts.encoded.welded.source_bytes,
+      weld_cost(facts.encoded.welded));
   add("degenerate triangles of strips and fans", facts.dropped_degenerate, 0, 0);
   add("triangles with positions that are not finite", facts.dropped_nonfinite, 0, 0);
-  add("texture coordinates that are not finite", facts.repaired_uvs, 0, 0);
-  add("colours that are not finite", facts.repaired_colors, 0, 0);
-  add("normals that are not finite or zero", facts.repaired_normals, 0, 0);
-  add("tangents without a direction", facts.repaired_tangents, 0, 0);
+  add("texture coordinates that are not finite", facts.encoded.repaired_uvs, 0, 0);
+  add("colours that are not finite", facts.encoded.repaired_colors, 0, 0);
+  add("normals that are not finite or zero", facts.encoded.repaired_normals, 0, 0);
+  add("tangents without a direction", facts.encoded.repaired_tangents, 0, 0);
 }
 
 }  // namespace scree::convert

@@ -55,15 +55,11 @@ struct LeftOutFacts {
   std::span<const uint32_t> stored_group;  // by group
   const ImagePlan& images;
   MergedMaterials merged;
-  Welded welded;
+  EncodedFacts encoded;
   Normals normals = Normals::kAuto;
   uint64_t undrawn = 0;  // primitives
   uint64_t dropped_degenerate = 0;
   uint64_t dropped_nonfinite = 0;
-  uint64_t repaired_uvs = 0;
-  uint64_t repaired_colors = 0;
-  uint64_t repaired_normals = 0;
-  uint64_t repaired_tangents = 0;
   uint64_t clear = 0;  // primitives that their alpha masks hide entirely
 };
 
