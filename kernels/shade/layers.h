@@ -120,9 +120,10 @@ struct Surface {
                    normal);
       for (int i = 0; i < 3; ++i) values[i] = static_cast<float>(normal[i]);
     } else {
-      const TexturePlace place = texture_place<kOrthographic>(in, at, vertex, nullptr, false, 1.0f, 1.0f, hit, weights);
-      values[0] = static_cast<float>(place.u);
-      values[1] = static_cast<float>(place.v);
+      const TextureCorners<double> uv = texture_corners<double>(at, vertex, nullptr, false);
+      for (int c = 0; c < 2; ++c)
+        values[c] = static_cast<float>(static_cast<double>(uv.stored[c]) * format::exp2i(uv.exponent) +
+                                       (weights[1] * uv.edge[0][c] + weights[2] * uv.edge[1][c]));
     }
   }
 };

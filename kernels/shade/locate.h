@@ -3,6 +3,7 @@
 #pragma once
 
 #include "kernels/raster/clip.h"
+#include "kernels/shade/approximate.h"
 
 namespace scree::kernels {
 inline namespace SCREE_ISA {
@@ -183,31 +184,6 @@ SCREE_HD inline Corners<Real> fetch_corners(const ChunkReader& reader, const uin
       out.edge[n][axis] = static_cast<Real>(static_cast<int32_t>(code[axis]) - static_cast<int32_t>(first[axis]));
   }
   return out;
-}
-
-/// a * b + c, rounded once on CUDA. Only for colours, which need not be equal bit for bit.
-SCREE_HD inline float multiply_add(float a, float b, float c) {
-#if defined(__CUDA_ARCH__)
-  return __fmaf_rn(a, b, c);
-#else
-  return a * b + c;
-#endif
-}
-/// Rounded twice everywhere, because layers of floats must be equal bit for bit.
-SCREE_HD inline double multiply_add(double a, double b, double c) {
-  return a * b + c;
-}
-
-/// 1 / value, for a float on CUDA with an error of 1 ulp.
-SCREE_HD inline float reciprocal(float value) {
-#if defined(__CUDA_ARCH__)
-  return __fdividef(1.0f, value);
-#else
-  return 1.0f / value;
-#endif
-}
-SCREE_HD inline double reciprocal(double value) {
-  return 1.0 / value;
 }
 
 template <class Real>

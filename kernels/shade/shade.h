@@ -48,15 +48,6 @@ SCREE_HD inline void normalize3(double v[3]) {
   for (int i = 0; i < 3; ++i) v[i] = v[i] / length;
 }
 
-/// 1 / sqrt(x), on CUDA with an error of 2 ulp; infinite for 0.
-SCREE_HD inline float inverse_root(float value) {
-#if defined(__CUDA_ARCH__)
-  return rsqrtf(value);
-#else
-  return 1.0f / std::sqrt(value);
-#endif
-}
-
 /// The nearest and the farthest depth code of a picture. Show::kDepth spreads its greys over this range.
 struct DepthRange {
   uint32_t nearest = kFarthestDepthCode;
@@ -321,8 +312,8 @@ SCREE_HD inline void cosine_sine(double angle, double& cosine, double& sine) {
 
 /// A point on a texture.
 struct TexturePlace {
-  double u;
-  double v;
+  TexturePoint u;
+  TexturePoint v;
   float footprint;  // squared, texels of level 0; huge if a neighbouring sample's ray misses the plane
   bool exact;       // single precision was enough
 };
@@ -330,8 +321,10 @@ struct TexturePlace {
 /// A triangle's texture coordinates (u, v): corner 0, and the edges from it to corners 1 and 2.
 template <class Real>
 struct TextureCorners {
-  double first[2];
+  TexturePoint first[2];
   Real edge[2][2];
+  int64_t stored[2];  // corner 0 before KHR_texture_transform, times 2^exponent
+  int32_t exponent;
 };
 
 /// Offset, scale and rotation of KHR_texture_transform: five floats of a MaterialRecord or SurfaceTexture.
@@ -340,6 +333,32 @@ SCREE_HD inline const float* uv_transform(const Record& record) {
   static_assert(offsetof(Record, uv_scale) == offsetof(Record, uv_offset) + 8 &&
                 offsetof(Record, uv_rotation) == offsetof(Record, uv_offset) + 16);
   return reinterpret_cast<const float*>(&record) + offsetof(Record, uv_offset) / sizeof(float);
+}
+
+/// Whether a uv_transform() changes nothing.
+SCREE_HD inline bool is_identity(const float* transform) {
+  return transform[0] == 0 && transform[1] == 0 && transform[2] == 1 && transform[3] == 1 && transform[4] == 0;
+}
+
+/// A uv_transform() without its offset: scale, then rotation. A call, since few textures have one.
+struct UvMatrix {
+  double rows[2][2];
+};
+[[gnu::noinline]] SCREE_HD inline UvMatrix uv_matrix(const float* transform) {
+  const double scale[2] = {static_cast<double>(transform[2]), static_cast<double>(transform[3])};
+  double cosine = 1;
+  double sine = 0;
+  if (transform[4] != 0) cosine_sine(static_cast<double>(transform[4]), cosine, sine);
+  return {{{cosine * scale[0], sine * scale[1]}, {-sine * scale[0], cosine * scale[1]}}};
+}
+
+/// 2^exponent, for an exponent of a lattice.
+SCREE_HD inline double power_of_two(int32_t exponent, double) {
+  return format::exp2i(exponent);
+}
+SCREE_HD inline float power_of_two(int32_t exponent, float) {
+  if (exponent >= -126) return bits_float(static_cast<uint32_t>(exponent + 127) << 23);
+  return exponent > -150 ? bits_float(1u << (exponent + 149)) : 0.0f;  // a subnormal number
 }
 
 /// The codes of a chunk's first or second texture coordinates, and their range.
@@ -367,9 +386,9 @@ SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, cons
   const UvCodes codes_of = uv_codes(at, is_second);
   const std::byte* stream = codes_of.stream;
   const uint32_t stride = uint32_t{codes_of.bits[0]} + codes_of.bits[1];
-  const double step = format::exp2i(codes_of.exponent);
+  const Real step = power_of_two(codes_of.exponent, Real{});
   TextureCorners<Real> corners;
-  double* const first = corners.first;
+  corners.exponent = codes_of.exponent;
   Real(*const edge)[2] = corners.edge;
   uint32_t codes[2];
   for (int n = 0; n < 3; ++n) {
@@ -380,37 +399,28 @@ SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, cons
       run >>= codes_of.bits[c];
       if (n == 0) {
         codes[c] = code;
-        first[c] = static_cast<double>(wrapping_add(codes_of.min[c], static_cast<int64_t>(code))) * step;
+        corners.stored[c] = wrapping_add(codes_of.min[c], static_cast<int64_t>(code));
       } else {
-        edge[n - 1][c] =
-            static_cast<Real>(static_cast<int32_t>(code) - static_cast<int32_t>(codes[c])) * static_cast<Real>(step);
+        edge[n - 1][c] = static_cast<Real>(static_cast<int32_t>(code) - static_cast<int32_t>(codes[c])) * step;
       }
     }
   }
-  if (transform != nullptr) {
-    // Scale, then rotation, then offset. The map is affine, so it can be applied to the corner and the edges.
-    const float* offset = transform;
-    const float* scale = transform + 2;
-    const float rotation = transform[4];
-    for (int c = 0; c < 2; ++c) {
-      first[c] = first[c] * static_cast<double>(scale[c]);
-      for (int n = 0; n < 2; ++n) edge[n][c] = edge[n][c] * static_cast<Real>(scale[c]);
-    }
-    if (rotation != 0) {
-      double cosine;
-      double sine;
-      cosine_sine(static_cast<double>(rotation), cosine, sine);
-      const double turned[2] = {cosine * first[0] + sine * first[1], cosine * first[1] - sine * first[0]};
-      first[0] = turned[0];
-      first[1] = turned[1];
-      for (int n = 0; n < 2; ++n) {
-        const Real u = edge[n][0];
-        const Real v = edge[n][1];
-        edge[n][0] = static_cast<Real>(cosine) * u + static_cast<Real>(sine) * v;
-        edge[n][1] = static_cast<Real>(cosine) * v - static_cast<Real>(sine) * u;
-      }
-    }
-    for (int c = 0; c < 2; ++c) first[c] = first[c] + static_cast<double>(offset[c]);
+  if (transform == nullptr || is_identity(transform)) {
+    for (int c = 0; c < 2; ++c) corners.first[c] = texture_point(corners.stored[c], corners.exponent);
+    return corners;
+  }
+  // The map is affine, so it can be applied to the corner and the edges.
+  const UvMatrix matrix = uv_matrix(transform);
+  double first[2];
+  for (int c = 0; c < 2; ++c) first[c] = static_cast<double>(corners.stored[c]) * format::exp2i(corners.exponent);
+  for (int c = 0; c < 2; ++c)
+    corners.first[c] =
+        texture_point(matrix.rows[c][0] * first[0] + matrix.rows[c][1] * first[1] + static_cast<double>(transform[c]));
+  for (int n = 0; n < 2; ++n) {
+    const Real u = edge[n][0];
+    const Real v = edge[n][1];
+    for (int c = 0; c < 2; ++c)
+      edge[n][c] = static_cast<Real>(matrix.rows[c][0]) * u + static_cast<Real>(matrix.rows[c][1]) * v;
   }
   return corners;
 }
@@ -422,11 +432,10 @@ SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedCh
                                            const float* transform, bool is_second, float width, float height,
                                            const PlaneHit<Real>& m, const Real weights[3]) {
   const TextureCorners<Real> corners = texture_corners<Real>(at, vertex, transform, is_second);
-  const double* const first = corners.first;
   const Real(*const edge)[2] = corners.edge;
   TexturePlace place{};
-  place.u = first[0] + static_cast<double>(weights[1] * edge[0][0] + weights[2] * edge[1][0]);
-  place.v = first[1] + static_cast<double>(weights[1] * edge[0][1] + weights[2] * edge[1][1]);
+  place.u = corners.first[0] + texture_point(weights[1] * edge[0][0] + weights[2] * edge[1][0]);
+  place.v = corners.first[1] + texture_point(weights[1] * edge[0][1] + weights[2] * edge[1][1]);
 
   // One sample to the side, corner 0 moves by -256 w and the edges by -256 times their w. This is the resulting change
   // of areas and weights, written so that no large values cancel.
@@ -616,8 +625,8 @@ struct Shader {
       rgb[0] = rgb[1] = rgb[2] = 0;
       if ((at.mesh.attributes & format::kHasUv) == 0) return;
       const TexturePlace place = find_place(at, vertex, nullptr, 1.0f, 1.0f, m, weights, x, y);
-      rgb[0] = srgb_to_linear(static_cast<float>(place.u - std::floor(place.u)));
-      rgb[1] = srgb_to_linear(static_cast<float>(place.v - std::floor(place.v)));
+      rgb[0] = srgb_to_linear(static_cast<float>(static_cast<uint32_t>(place.u)) * (1.0f / 4294967296.0f));
+      rgb[1] = srgb_to_linear(static_cast<float>(static_cast<uint32_t>(place.v)) * (1.0f / 4294967296.0f));
     } else if constexpr (kShow == Show::kSurface) {
       shade_surface<kOrthographic>(*this, at, vertex, m, corners, weights, x, y, lane, rgb);
     } else if constexpr (kShow == Show::kTexture || kShow == Show::kColor) {

@@ -45,8 +45,8 @@ SCREE_HD inline float largest_of(const Float3& a) {
 /// Scaled to unit length, or `otherwise` if there is no direction.
 SCREE_HD inline Float3 unit_or(const Float3& a, const Float3& otherwise) {
   const float largest = max_of(abs_of(a.x), max_of(abs_of(a.y), abs_of(a.z)));
-  if (!(largest > 0) || !(largest < 3e38f)) return otherwise;
-  const Float3 scaled = a * (1.0f / largest);  // squares of tiny lengths would underflow
+  if (!(largest > 0) || !(largest < 8e37f)) return otherwise;
+  const Float3 scaled = a * reciprocal(largest);  // squares of tiny lengths would underflow
   return scaled * inverse_root(dot(scaled, scaled));
 }
 SCREE_HD inline float unit_range(float value) {
@@ -201,12 +201,12 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
   return sum;
 }
 
-/// As LinearCodes; with a null table the values are numbers from 0 to 1.
+/// As LinearCodes; with a null table the values are the codes.
 struct SurfaceCodes {
   const float* linear;
   SCREE_HD void read(const uint32_t texels[4], uint32_t shift, float values[4]) const {
     if (linear != nullptr) return LinearCodes{linear}.read(texels, shift, values);
-    for (uint32_t i = 0; i < 4; ++i) values[i] = static_cast<float>(texels[i] >> shift & 255u) * (1.0f / 255.0f);
+    for (uint32_t i = 0; i < 4; ++i) values[i] = static_cast<float>(texels[i] >> shift & 255u);
   }
 };
 
@@ -328,6 +328,15 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
     return use == kBaseUse ? uv_transform(material) : uv_transform(surface->textures[use]);
   };
   const auto is_second_of = [&](uint32_t use) { return use != kBaseUse && uses_second(*surface, use); };
+  // Metalness, roughness and occlusion often lie in one picture, which is then read once.
+  constexpr uint32_t kRough = static_cast<uint32_t>(Use::kMetallicRoughness);
+  constexpr uint32_t kOcclusion = static_cast<uint32_t>(Use::kOcclusion);
+  constexpr uint32_t kPacked = 1u << kRough | 1u << kOcclusion;
+  const bool is_packed = (uses & kPacked) == kPacked && number_of(kRough) == number_of(kOcclusion) &&
+                         is_second_of(kRough) == is_second_of(kOcclusion) &&
+                         same_transform(transform_of(kRough), transform_of(kOcclusion));
+  if (is_packed) uses &= ~(1u << kOcclusion);
+  const auto occlusion_of = [&](float code) { return 1.0f + surface->occlusion_strength * (code - 1.0f); };
   TexturePlace place{};
   uint32_t placed = format::kNone;  // the use of the texture whose place was computed last
 #if defined(__CUDA_ARCH__)
@@ -353,19 +362,23 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
       placed = i;
     }
     float code[3];
-    sample_channels(shader.texels, lane, texture, SurfaceCodes{(kColorUses >> i & 1u) != 0 ? in.srgb->linear : nullptr},
+    const bool is_color = (kColorUses >> i & 1u) != 0;
+    sample_channels(shader.texels, lane, texture, SurfaceCodes{is_color ? in.srgb->linear : nullptr},
                     use == Use::kSpecular ? 24u : 0u, place.u, place.v, place.footprint, code);
+    if (!is_color)
+      for (float& channel : code) channel *= 1.0f / 255.0f;
     const Float3 color{code[0], code[1], code[2]};
     if (i == kBaseUse) {
       out.base = color;
     } else if (use == Use::kMetallicRoughness) {
       out.roughness *= code[1];
       out.metallic *= code[2];
+      if (is_packed) out.occlusion = occlusion_of(code[0]);
     } else if (use == Use::kNormalMap) {
       out.bump = color;
       out.has_bump = true;
     } else if (use == Use::kOcclusion) {
-      out.occlusion = 1.0f + surface->occlusion_strength * (code[0] - 1.0f);
+      out.occlusion = occlusion_of(code[0]);
     } else if (use == Use::kEmission) {
       out.emission = out.emission * color;
     } else if (use == Use::kSpecular) {

@@ -5,8 +5,10 @@
 #include <cmath>
 
 #include "format/blocks/pixels.h"
+#include "format/geometry/quantize.h"
 #include "kernels/math.h"
 #include "kernels/scene_view.h"
+#include "kernels/shade/approximate.h"
 #include "kernels/shade/block_cache.h"
 #include "kernels/shade/shared_words.h"
 #include "kernels/shade/texel_pager.h"
@@ -14,30 +16,54 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// A coordinate brought into [0, 1] by its wrap mode. In double, so that coordinates thousands of repeats away still
-/// give the right texels.
-SCREE_HD inline double wrap_coordinate(double value, format::Wrap wrap) {
-  if (wrap == format::Wrap::kClamp) return min_of(max_of(value, 0.0), 1.0);
-  if (wrap == format::Wrap::kMirror) {
-    const double period = value - 2.0 * std::floor(value * 0.5);
-    return period > 1.0 ? 2.0 - period : period;
-  }
-  return value - std::floor(value);
+/// A place along one axis of a texture: its coordinate in 2^-32 of the texture's side, modulo 2^32 sides. Integers,
+/// because GPUs may have few units for double precision.
+using TexturePoint = uint64_t;
+
+/// A call, because few pixels need it.
+[[gnu::noinline]] SCREE_HD inline TexturePoint texture_point(double coordinate) {
+  if (!(abs_of(coordinate) < 2251799813685248.0)) return 0;  // 2^51; also NaN
+  const double whole = std::floor(coordinate);
+  const uint64_t fraction = static_cast<uint64_t>((coordinate - whole) * 4294967296.0 + 0.5);
+  return (static_cast<uint64_t>(static_cast<int64_t>(whole)) << 32) + fraction;
 }
 
-/// The two texels around a wrapped coordinate and the weight of the second.
+/// Limited to +-2^23, beyond which a float has no fraction.
+SCREE_HD inline TexturePoint texture_point(float coordinate) {
+  const float limited = min_of(max_of(coordinate, -8388608.0f), 8388608.0f);
+  const float whole = round_even(limited);
+  const int32_t fraction = static_cast<int32_t>((limited - whole) * 2147483648.0f);  // of magnitude 2^30 at most
+  return (static_cast<uint64_t>(static_cast<int64_t>(whole)) << 32) + 2 * static_cast<uint64_t>(int64_t{fraction});
+}
+
+/// The point of `code` times 2^exponent, for an exponent of a lattice.
+SCREE_HD inline TexturePoint texture_point(int64_t code, int32_t exponent) {
+  if (exponent >= -32 && exponent < 32) return static_cast<uint64_t>(code) << (exponent + 32);
+  return texture_point(static_cast<double>(code) * format::exp2i(exponent));
+}
+
+/// A point brought into the texture by its wrap mode, in 2^-32 of the texture's side.
+SCREE_HD inline uint32_t wrap_point(TexturePoint point, format::Wrap wrap) {
+  const uint32_t fraction = static_cast<uint32_t>(point);
+  const int32_t whole = static_cast<int32_t>(point >> 32);
+  if (wrap == format::Wrap::kClamp) return whole < 0 ? 0u : whole > 0 ? ~0u : fraction;
+  if (wrap == format::Wrap::kMirror && (whole & 1) != 0) return ~fraction;
+  return fraction;
+}
+
+/// The two texels around a wrapped point and the weight of the second.
 struct TexelPair {
   uint32_t first;
   uint32_t second;
   float weight;
 };
 
-SCREE_HD inline TexelPair texel_pair(double wrapped, uint32_t size, format::Wrap wrap) {
-  const double place = min_of(max_of(wrapped, 0.0), 1.0) * size - 0.5;
-  const double below = std::floor(place);
-  const int32_t first = static_cast<int32_t>(below);
+SCREE_HD inline TexelPair texel_pair(uint32_t wrapped, uint32_t size, format::Wrap wrap) {
+  // From the centre of texel 0, in 2^-32 texels.
+  const int64_t place = static_cast<int64_t>(uint64_t{wrapped} * size) - (int64_t{1} << 31);
+  const int32_t first = static_cast<int32_t>(place >> 32);
   TexelPair pair;
-  pair.weight = static_cast<float>(place - below);
+  pair.weight = static_cast<float>(static_cast<uint32_t>(place)) * (1.0f / 4294967296.0f);
   const int32_t last = static_cast<int32_t>(size) - 1;
   const int32_t second = first + 1;
   if (wrap == format::Wrap::kRepeat) {
@@ -77,6 +103,17 @@ SCREE_HD inline bool absent_texels(uint32_t texels[4]) {
   return false;
 }
 
+/// The four bytes of a decoded texel, which is 4-byte aligned.
+SCREE_HD inline uint32_t load_texel(const uint8_t* texel) {
+#if defined(__CUDA_ARCH__)
+  return *reinterpret_cast<const uint32_t*>(texel);
+#else
+  uint32_t word;
+  std::memcpy(&word, texel, sizeof word);
+  return word;
+#endif
+}
+
 /// The four texels of two columns and two rows, row by row, as coded: red in the low byte, alpha in the high one. For
 /// levels that are not JPEGs. Returns whether they are present; texels of levels that are not paged always are.
 /// `kMayBePaged`: whether the level may lie in pages.
@@ -89,8 +126,7 @@ SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& t
     for (uint32_t i = 0; i < 4; ++i) {
       const uint64_t x = i % 2 == 0 ? column.first : column.second;
       const uint64_t y = i < 2 ? row.first : row.second;
-      const uint8_t* texel = first + 4 * (y * width + x);
-      texels[i] = texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16 | uint32_t{texel[3]} << 24;
+      texels[i] = load_texel(first + 4 * (y * width + x));
     }
     return true;
   }
@@ -109,12 +145,14 @@ SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& t
   } else {
     blocks[0] = blocks[1] = texture.blocks + texture.level_offset[level];
   }
+  uint32_t found[4];  // in memory, since the loop is not unrolled
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
   for (uint32_t i = 0; i < 4; ++i)
-    texels[i] = format::block_image_pixel(texture.block_format, texture.swizzle, i < 2 ? blocks[0] : blocks[1], width,
-                                          i % 2 == 0 ? column.first : column.second, i < 2 ? y[0] : y[1]);
+    found[i] = format::block_image_pixel(texture.block_format, texture.swizzle, i < 2 ? blocks[0] : blocks[1], width,
+                                         i % 2 == 0 ? column.first : column.second, i < 2 ? y[0] : y[1]);
+  for (uint32_t i = 0; i < 4; ++i) texels[i] = found[i];
   return true;
 }
 
@@ -163,8 +201,8 @@ struct LinearCodes {
 /// pages are present.
 template <class Texels, class Codes>
 SCREE_HD inline bool sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                  const Codes& codes, uint32_t first, uint32_t level, double u, double v, bool nearest,
-                                  float out[3]) {
+                                  const Codes& codes, uint32_t first, uint32_t level, uint32_t u, uint32_t v,
+                                  bool nearest, float out[3]) {
   const uint32_t width = max_of(texture.width >> level, 1u);
   const uint32_t height = max_of(texture.height >> level, 1u);
   TexelPair column = texel_pair(u, width, texture.wrap_s);
@@ -179,29 +217,29 @@ SCREE_HD inline bool sample_level(const Texels& source, typename Texels::Lane& l
   for (uint32_t c = 0; c < 3; ++c) {
     float value[4];
     codes.read(texels, 8 * c, value);
-    const float above = value[0] + (value[1] - value[0]) * column.weight;
-    const float below = value[2] + (value[3] - value[2]) * column.weight;
-    out[c] = above + (below - above) * row.weight;
+    const float above = multiply_add(value[1] - value[0], column.weight, value[0]);
+    const float below = multiply_add(value[3] - value[2], column.weight, value[2]);
+    out[c] = multiply_add(below - above, row.weight, above);
   }
   return is_present;
 }
 
-/// Three channels at (u, v), any finite numbers; 1 if there is no picture. `codes`, `first`: as for sample_level().
+/// Three channels at (u, v); 1 if there is no picture. `codes`, `first`: as for sample_level().
 /// `footprint`: the square of the larger side of a pixel in texels of level 0; selects the mip levels.
 template <class Texels, class Codes>
 SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                     const Codes& codes, uint32_t first, double u, double v, float footprint,
-                                     float out[3]) {
+                                     const Codes& codes, uint32_t first, TexturePoint u, TexturePoint v,
+                                     float footprint, float out[3]) {
   for (uint32_t c = 0; c < 3; ++c) out[c] = 1.0f;
   if (texture.level_count == 0) return;
-  const double wrapped_u = wrap_coordinate(u, texture.wrap_s);
-  const double wrapped_v = wrap_coordinate(v, texture.wrap_t);
+  const uint32_t wrapped_u = wrap_point(u, texture.wrap_s);
+  const uint32_t wrapped_v = wrap_point(v, texture.wrap_t);
   const bool is_magnified = footprint <= 1.0f;
   const bool nearest = is_magnified ? texture.magnified_nearest : texture.minified_nearest;
   const uint32_t level_count = texture.finest_level ? 1 : texture.level_count;
   const float last = static_cast<float>(level_count - 1);
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
-  float level = is_magnified ? 0.0f : footprint < 1e18f ? min_of(0.5f * std::log2(footprint), last) : last;
+  float level = is_magnified ? 0.0f : footprint < 1e18f ? min_of(0.5f * logarithm(footprint), last) : last;
   if (texture.one_level) level = static_cast<float>(nearest_level(footprint, level_count));
   const uint32_t fine = static_cast<uint32_t>(level);
   const float between = level - static_cast<float>(fine);
@@ -221,7 +259,7 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
         continue;
       }
     }
-    for (uint32_t c = 0; c < 3; ++c) out[c] = i == 0 ? some[c] : out[c] + (some[c] - out[c]) * between;
+    for (uint32_t c = 0; c < 3; ++c) out[c] = i == 0 ? some[c] : multiply_add(some[c] - out[c], between, out[c]);
     coarser = 0;
     ++i;
   }
@@ -230,7 +268,7 @@ SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane
 /// The colour at (u, v). `table`: linear light of the 256 sRGB codes.
 template <class Texels>
 SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                    const float* table, double u, double v, float footprint, float rgb[3]) {
+                                    const float* table, TexturePoint u, TexturePoint v, float footprint, float rgb[3]) {
   sample_channels(source, lane, texture, LinearCodes{table}, 0, u, v, footprint, rgb);
 }
 

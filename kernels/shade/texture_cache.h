@@ -147,18 +147,39 @@ struct CachedTexels {
     const format::JpegPicture* const there = want_jpeg(pages, jpeg);
     if (there == nullptr) return absent_texels(texels);
     const format::JpegPicture& picture = *there;
-    const bool is_held = cache.holds(jpeg, picture);
+    if (!cache.holds(jpeg, picture)) {
+      lane.missed = true;  // its pixels decode it themselves
+      absent_texels(texels);
+      return true;
+    }
     const format::JpegLine columns[2] = {jpeg_column(picture, column.first), jpeg_column(picture, column.second)};
     const format::JpegLine rows[2] = {jpeg_row(picture, row.first), jpeg_row(picture, row.second)};
+    uint32_t group[4];
+    uint32_t pixel[4];
     for (uint32_t i = 0; i < 4; ++i) {
       const format::JpegPlace place = jpeg_place(picture, columns[i % 2], rows[i / 2]);
-      const uint64_t key = jpeg.first_group + place.group;
-      const uint32_t* const colours = is_held ? cache.lookup(key, now) : nullptr;
-      texels[i] = colours != nullptr ? colours[jpeg_pixel(picture, place)] : 0;
-      if (colours != nullptr) continue;
-      lane.missed = true;
-      if (is_held) cache.request_group({key, jpeg.number, place.group}, counters);
+      group[i] = place.group;
+      pixel[i] = jpeg_pixel(picture, place);
     }
+    // The texels lie in one group, or at a border between two; at a corner they may lie in four. Two look-ups that all
+    // lanes take are shorter than four. A loop over the groups would be too, but its lanes part there.
+    const auto find = [&](uint32_t i) { return cache.lookup(jpeg.first_group + group[i], now); };
+    const uint32_t* from[4];
+    from[0] = find(0);
+    from[3] = find(3);
+    for (uint32_t i = 1; i < 3; ++i) {
+      from[i] = group[i] == group[0] ? from[0] : from[3];
+      if (group[i] != group[0] && group[i] != group[3]) from[i] = find(i);
+    }
+    bool is_whole = true;
+    for (uint32_t i = 0; i < 4; ++i) {
+      is_whole = is_whole && from[i] != nullptr;
+      texels[i] = (from[i] != nullptr ? from[i] : cache.colours)[pixel[i]];  // any colour, if the pixel has to wait
+    }
+    if (is_whole) return true;
+    lane.missed = true;
+    for (uint32_t i = 0; i < 4; ++i)
+      if (from[i] == nullptr) cache.request_group({jpeg.first_group + group[i], jpeg.number, group[i]}, counters);
     return true;
   }
 };

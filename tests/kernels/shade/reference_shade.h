@@ -108,8 +108,8 @@ inline Light reference_light(const kernels::SceneView& scene, const kernels::Vie
       }
       float rgb[3];
       SceneTexels::Lane lane;
-      sample_texture(SceneTexels{scene.blocks}, lane, texture, srgb, place(weights, 0), place(weights, 1), footprint,
-                     rgb);
+      sample_texture(SceneTexels{scene.blocks}, lane, texture, srgb, texture_point(place(weights, 0)),
+                     texture_point(place(weights, 1)), footprint, rgb);
       for (size_t c = 0; c < 3; ++c) light[c] = static_cast<double>(rgb[c]);
     }
     for (size_t c = 0; c < 3; ++c) light[c] *= static_cast<double>(material.base_color[c]);

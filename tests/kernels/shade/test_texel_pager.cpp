@@ -219,7 +219,8 @@ TEST_CASE("the next coarser level is sampled if a page is absent", "[texel_pager
     const kernels::SceneTexels texels{nullptr, {blocks, wanted, 1, takes_coarser}};
     kernels::SceneTexels::Lane lane;
     float channels[3];
-    kernels::sample_texture(texels, lane, texture, table, 0.37, 0.81, footprint, channels);
+    kernels::sample_texture(texels, lane, texture, table, kernels::texture_point(0.37), kernels::texture_point(0.81),
+                            footprint, channels);
     value = channels[0];
     return lane.missed;
   };
