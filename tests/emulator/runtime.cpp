@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -23,6 +24,11 @@
 
 using scree::emulator::fail;
 using scree::emulator::random_below;
+
+/// A function of kernels that glibc's math.h declares for itself, and does not export.
+extern "C" float __log2f(float value) noexcept {
+  return std::log2(value);
+}
 
 namespace {
 
