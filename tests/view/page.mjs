@@ -189,6 +189,7 @@ await check('the sun casts shadows as scree render has them, by its switch and t
   assert.match(address, /o=shadows/);
   const other = await open(browser, served.url + '&' + address.slice(1));
   await rests(other);
+  await isExact(other, 1);  // more samples may have come
   assert.ok(await other.isChecked('#shadows'));
   assert.equal(differs((await pixels(other)).bytes, shadowed.bytes), 0, 'the address has other shadows');
   await other.context().close();
