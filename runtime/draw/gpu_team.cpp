@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "kernels/shade/pixels.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/scene/pages.h"
 

@@ -148,7 +148,7 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
         of_all += 3 * device.stats(view, sizes, {}).triangles;
       }
     }
-    CHECK(drawn < of_all - of_all / 10);
+    CHECK(drawn < of_all - of_all / 50);  // few chunks, of which most reach into any rows
   }
 }
 
