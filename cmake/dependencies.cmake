@@ -55,7 +55,9 @@ scree_header_library(nlohmann_json nlohmann/json.hpp)
 scree_header_library(cli11 CLI/CLI.hpp)
 
 # OpenEXR pictures. Without the library, writing one is an error that names it.
+set(CMAKE_MESSAGE_LOG_LEVEL WARNING)  # Debian's Imath reports at length that another package is not installed
 find_package(OpenEXR CONFIG QUIET)
+unset(CMAKE_MESSAGE_LOG_LEVEL)
 if(NOT TARGET OpenEXR::OpenEXR)
   message(STATUS "OpenEXR (libopenexr-dev) is not found: scree render writes no .exr")
 endif()
