@@ -180,8 +180,7 @@ struct DeviceView::Impl {
 
   uint32_t width = 0;  // of the picture that draw() made last, in samples
   uint32_t height = 0;
-  bool is_drawn_by_team = false;
-  kernels::View drawn_by_team{};  // that picture's
+  std::optional<kernels::View> drawn_by_team;  // that picture's, if several GPUs drew it
 
   ~Impl() {
     if (queued != nullptr) (void)cudaEventDestroy(queued);
@@ -260,15 +259,15 @@ Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& 
 /// The team's transforms, and the rows of other GPUs, are those of the picture that it drew last. So a view whose
 /// picture another one followed draws it again.
 Result<void> DeviceView::Impl::draw_if_followed() {
-  if (!is_drawn_by_team || scene.team_view == this) return {};
-  const Result<kernels::FrameStats> drawn = draw_by_team(drawn_by_team);
+  if (!drawn_by_team || scene.team_view == this) return {};
+  const Result<kernels::FrameStats> drawn = draw_by_team(*drawn_by_team);
   return drawn ? Result<void>() : drawn.error();
 }
 
 /// All samples of the picture, on the first GPU.
 Result<uint64_t*> DeviceView::Impl::whole_samples() {
   Result<void> done = draw_if_followed();
-  if (done && is_drawn_by_team) done = scene.team->gather();
+  if (done && drawn_by_team) done = scene.team->gather();
   if (!done) return done.error();
   return sample_data();
 }
@@ -278,7 +277,7 @@ bool DeviceView::Impl::uses_texture_cache(const kernels::ShadeOptions& options) 
 }
 
 const kernels::Transform* DeviceView::Impl::transforms() const {
-  if (is_drawn_by_team) return scene.team->transforms();
+  if (drawn_by_team) return scene.team->transforms();
   return frames ? frames->transforms() : nullptr;
 }
 
@@ -703,14 +702,14 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
     return reserved.error();
   if (const Result<void> ready = impl.scene.make_ready(impl); !ready) return ready.error();
   CudaStream* const stream = impl.scene.streaming();
-  impl.is_drawn_by_team = impl.scene.team != nullptr;
+  impl.drawn_by_team.reset();
   const auto start = std::chrono::steady_clock::now();
   const auto time = [&] {
     if (times == nullptr) return;
     *times = {};
     times->raster_ms = std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count();
   };
-  if (impl.is_drawn_by_team) {
+  if (impl.scene.team != nullptr) {
     const Result<kernels::FrameStats> drawn = impl.draw_by_team(view);
     if (!drawn) return drawn.error();
     impl.width = view.width;
@@ -803,7 +802,7 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
       const std::chrono::duration<float, std::milli> taken = std::chrono::steady_clock::now() - start;
       times->resolve_ms = taken.count() - times->occlusion_ms;
     }
-  } else if (impl.is_drawn_by_team && out == nullptr && !impl.uses_texture_cache(options)) {
+  } else if (impl.drawn_by_team && out == nullptr && !impl.uses_texture_cache(options)) {
     // Other GPUs might not reach the caller's memory, which another allocator may have mapped for one GPU.
     if (auto done = impl.scene.team->resolve(view, samples_per_side, options, device_pixels, times); !done) return done;
   } else {
@@ -881,7 +880,7 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
     }
     impl.use_picture(started % 2);
     const kernels::View& view = views[started];
-    impl.is_drawn_by_team = false;
+    impl.drawn_by_team.reset();
     done =
         impl.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t), "allocating the visibility buffer");
     if (done) done = impl.frames->start(view, impl.sample_data());

@@ -119,7 +119,6 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
       return failed;
     }
     add(stats_.counts, scenes[i].stats().counts);
-    stats_.device_bytes += scenes[i].stats().device_bytes;
   }
 
   divides_picture_ = true;
@@ -135,10 +134,8 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   for (uint32_t i = 0; i < size(); ++i) {
     Member& member = members_[i];
     Result<void> done = make_current(member);
-    if (divides_picture_) {
-      stats_.device_bytes += scenes[i].copied_bytes_of(scenes);
-      if (done) done = scenes[i].copy_pages_of(scenes);
-    }
+    if (done && divides_picture_) done = scenes[i].copy_pages_of(scenes);
+    stats_.device_bytes += scenes[i].stats().device_bytes;
     for (cudaEvent_t* const event : {&member.drawn, &member.joined, &member.shaded_part})
       if (done) done = cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event");
     if (!done) return done.error();

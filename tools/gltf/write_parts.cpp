@@ -94,7 +94,6 @@ void write_name(JsonWriter& json, const std::string& name) {
   if (!name.empty()) json.member("name", name);
 }
 
-/// `fallback`: number of the fallback buffer.
 void write_buffer_view(JsonWriter& json, const PlacedView& placed, uint64_t fallback) {
   const GltfBufferView& view = placed.view;
   json.member("buffer", view.meshopt ? fallback : uint64_t{placed.buffer});

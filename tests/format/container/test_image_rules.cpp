@@ -10,6 +10,20 @@ namespace {
 
 using namespace scree::format;
 
+/// An image of BC1 blocks in page 3, with its levels from mip level 0 on.
+ImageRecord bc1_image(ImageRecord image, uint32_t width, uint32_t height, uint32_t level_count) {
+  image.codec = ImageCodec::kBlocks;
+  image.page = 3;
+  image.width = width;
+  image.height = height;
+  image.channels = 4;
+  image.block_format = BlockFormat::kBc1;
+  image.swizzle = kOpaqueSwizzle;
+  image.first_level = 0;
+  image.level_count = level_count;
+  return image;
+}
+
 TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") {
   scree::tests::Parts parts = full_parts();
   // 300 x 130 has levels of 150 x 65 and 75 x 32 pixels; 60 x 60 has none.
@@ -189,17 +203,7 @@ TEST_CASE("container rules: block images and their mip levels", "[container]") {
   // 9 x 6 pixels of BC1 have 3 x 2 blocks; its levels of 4 x 3 and 2 x 1 have one each.
   parts.pages.push_back(seal_page(PageKind::kImage, Bytes(48, std::byte{1}), 0));
   parts.pages.push_back(seal_page(PageKind::kImage, Bytes(24, std::byte{2}), 0));
-  ImageRecord image = parts.tables.images[0];
-  image.codec = ImageCodec::kBlocks;
-  image.page = 3;
-  image.width = 9;
-  image.height = 6;
-  image.channels = 4;
-  image.block_format = BlockFormat::kBc1;
-  image.swizzle = kOpaqueSwizzle;
-  image.first_level = 0;
-  image.level_count = 2;
-  parts.tables.images.push_back(image);
+  parts.tables.images.push_back(bc1_image(parts.tables.images[0], 9, 6, 2));
   parts.tables.mip_levels = {{0, 8, 4, 1}, {16, 8, 4, 1}};
   const Breaker b(parts);
 
@@ -243,17 +247,7 @@ TEST_CASE("container rules: levels of blocks in several pages", "[container]") {
   };
   add_pages(9, 8192);
   add_pages(3, 4096);
-  ImageRecord image = parts.tables.images[0];
-  image.codec = ImageCodec::kBlocks;
-  image.page = 3;
-  image.width = 4096;
-  image.height = 1028;
-  image.channels = 4;
-  image.block_format = BlockFormat::kBc1;
-  image.swizzle = kOpaqueSwizzle;
-  image.first_level = 0;
-  image.level_count = 1;
-  parts.tables.images.push_back(image);
+  parts.tables.images.push_back(bc1_image(parts.tables.images[0], 4096, 1028, 1));
   parts.tables.mip_levels = {{0, 129 * 4096, 12, 1}};
   const Breaker b(parts);
 

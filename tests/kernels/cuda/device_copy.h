@@ -123,25 +123,25 @@ class DeviceCopy {
     return pictures;
   }
 
+  /// The samples that `draw` writes on the device. Their bytes are `begin` before; 0xff: background.
+  template <class Draw>
+  std::vector<uint64_t> picture(const kernels::View& view, const Draw& draw, int begin = 0xff) const {
+    std::vector<uint64_t> samples(size_t{view.width} * view.height);
+    Result<kernels::DeviceBuffer> buffer =
+        kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
+    REQUIRE(buffer);
+    REQUIRE(kernels::cuda_check(cudaMemset(buffer->data(), begin, buffer->bytes()), "clearing the picture"));
+    draw(reinterpret_cast<uint64_t*>(buffer->data()));
+    REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
+                                "reading the picture"));
+    return samples;
+  }
+
  private:
   kernels::CudaFrames make_frames(const kernels::CudaQueueSizes& sizes) const {
     Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
     REQUIRE(frames);
     return std::move(*frames);
-  }
-
-  /// The samples that `draw` writes on the device, which begin as background.
-  template <class Draw>
-  std::vector<uint64_t> picture(const kernels::View& view, const Draw& draw) const {
-    std::vector<uint64_t> samples(size_t{view.width} * view.height);
-    Result<kernels::DeviceBuffer> buffer =
-        kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
-    REQUIRE(buffer);
-    REQUIRE(kernels::cuda_check(cudaMemset(buffer->data(), 0xff, buffer->bytes()), "clearing the picture"));
-    draw(reinterpret_cast<uint64_t*>(buffer->data()));
-    REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
-                                "reading the picture"));
-    return samples;
   }
 
   void show_pages(const std::function<bool(size_t page)>& has_page) const {

@@ -132,23 +132,22 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
           options.rows.end =
               options.rows.first + 1 + static_cast<uint32_t>(random() % (view.height - options.rows.first));
           CAPTURE(kind, i, options.rows.first, options.rows.end);
-          std::vector<uint64_t> found(expected.size(), 0);  // nearer than all: other rows are not cleared
-          Result<kernels::DeviceBuffer> buffer =
-              kernels::DeviceBuffer::allocate(found.size() * sizeof(uint64_t), "a test");
-          REQUIRE(buffer);
-          REQUIRE(cudaMemcpy(buffer->data(), found.data(), buffer->bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
-          const auto part = frames->draw(view, reinterpret_cast<uint64_t*>(buffer->data()), options);
-          REQUIRE(part);
-          REQUIRE(cudaMemcpy(found.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost) == cudaSuccess);
+          const auto draw_rows = [&](uint64_t* samples) {
+            const auto part = frames->draw(view, samples, options);
+            REQUIRE(part);
+            drawn += part->triangles;
+          };
+          // Zeros are nearer than all, since other rows are not cleared.
+          const std::vector<uint64_t> found = device.picture(view, draw_rows, 0);
           const auto at = [&](uint32_t row) { return static_cast<ptrdiff_t>(uint64_t{row} * view.width); };
           CHECK(std::equal(found.begin() + at(options.rows.first), found.begin() + at(options.rows.end),
                            expected.begin() + at(options.rows.first)));
-          drawn += part->triangles;
         }
         of_all += 3 * device.stats(view, sizes, {}).triangles;
       }
     }
-    CHECK(drawn < of_all - of_all / 50);  // few chunks, of which most reach into any rows
+    // Most chunks reach into any rows. The emulated GPU draws a fifth of the views, in which fewer are left out.
+    CHECK(drawn < of_all - of_all / (kEmulatesGpu ? 50 : 10));
   }
 }
 
