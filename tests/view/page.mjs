@@ -177,6 +177,7 @@ await check('the sun casts shadows as scree render has them, by its switch and t
   const served = await serve(program, sunny, ['--light', 'scene', '--exposure', '-0.5']);
   const lit = await open(browser, served.url);
   await rests(lit);
+  await isExact(lit, 1);  // more samples may have come
   const before = await pixels(lit);
   assert.ok(!await lit.isVisible('#shadows-hint'));
   await lit.check('#shadows');
