@@ -3,11 +3,13 @@
 // them.
 #pragma once
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <utility>
 
+#include "format/container/mip_levels.h"
 #include "format/jpeg/pixels.h"
 #include "format/layout.h"
 #include "kernels/math.h"
@@ -36,17 +38,27 @@ struct JpegGroups {
 /// The alpha of a masked material's triangles (spec/rasterization.md, alpha masks): level l is max(1, width >> l) by
 /// max(1, height >> l) bytes, rows top to bottom, the levels one after the other.
 struct MaskView {
-  const uint8_t* alpha;  // null: the material is opaque
+  static constexpr uint32_t kMostLevels = std::bit_width(format::kMaxMaskSide);
+
+  const uint8_t* alpha;                // null: the material is opaque
+  uint64_t level_offset[kMostLevels];  // bytes from `alpha` to each level
   uint32_t width;
   uint32_t height;
   uint32_t level_count;
   uint32_t threshold;  // of the alpha at a point, in 1 / 65536 of an 8-bit code
   double place[2][3];  // of texture coordinates (u, v, 1)
+  bool is_placed;      // `place` changes them
   format::Wrap wrap_s;
   format::Wrap wrap_t;
   bool magnified_nearest;  // the nearest texel where a sample covers less than one
   bool minified_nearest;   // and where it covers more
   uint32_t needs;  // an attribute of meshes: kHasUv, or kHasColor if the alpha of vertex colours alone is the mask
+
+  /// Sets level_offset and is_placed from the other members.
+  void complete() {
+    for (uint32_t l = 0; l < level_count; ++l) level_offset[l] = format::mask_bytes(width, height, l);
+    for (int i = 0; i < 6; ++i) is_placed = is_placed || place[i / 3][i % 3] != (i % 4 == 0 ? 1.0 : 0.0);
+  }
 };
 
 class BlockCache;

@@ -284,10 +284,19 @@ __device__ inline WarpMasks* block_masks() {
   }
 }
 
+/// The corners of a survivor, for its plane: lattice coordinates minus the transform's reference.
+struct SurvivorCorners {
+  int32_t position[3][3];
+
+  __device__ void read(const SurvivorReader& reader) {
+    for (uint32_t n = 0; n < 3; ++n) reader.relative(n, position[n]);
+  }
+};
+
 /// Makes the plane of a survivor on its `mask`. Out of line, because it takes many registers.
 template <bool kOrthographic>
 __device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const SurvivorTriangle& survivor,
-                                                const MaskView* mask, MaskPlane& out) {
+                                                const SurvivorCorners& at, const MaskView* mask, MaskPlane& out) {
   const SurvivorReader reader(frame, survivor);
   const SceneView& scene = frame.small.scene;
   const format::ChunkRecord& chunk = scene.chunks[reader.draw.chunk];
@@ -298,14 +307,13 @@ __device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const
   if (masks_by_colors(scene, scene.meshes[chunk.mesh]))
     colors = uvs + format::packed_bytes(chunk.vertex_count, uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1]);
   const MaskVertices vertices(chunk, uvs, colors);
-  const auto corner = [&](int n, double d[3]) {
-    int32_t position[3];
-    reader.relative(static_cast<uint32_t>(n), position);
-    for (int k = 0; k < 3; ++k) d[k] = static_cast<double>(position[k]);
-    return reader.first_vertex + reader.corner(static_cast<uint32_t>(n));
-  };
+  MaskCorner<int32_t> corners[3];
+  for (uint32_t n = 0; n < 3; ++n) {
+    corners[n].vertex = reader.first_vertex + reader.corner(n);
+    for (int k = 0; k < 3; ++k) corners[n].relative[k] = at.position[n][k];
+  }
   make_mask_plane<kOrthographic>(mask, frame.small.view, frame.small.list.transforms[reader.draw.instance], vertices,
-                                 corner, out);
+                                 corners, out);
 }
 
 /// Like LaneMask, for a cluster's triangle, whose corners a SurvivorReader reads.
@@ -315,16 +323,23 @@ struct ClusterMask : TestedSamples<kOfLayers> {
   WarpMasks* shared;
   const ClusterFrame* frame;
   SurvivorTriangle survivor;
+  SurvivorCorners corners;  // as read when the triangle was projected
 
   __device__ ClusterMask(const ClusterFrame& of, WarpMasks& warp) : shared(&warp), frame(&of) {}
 
   /// Returns Triangle::is_masked.
-  __device__ uint32_t find(const SurvivorTriangle& of) {
+  __device__ uint32_t find(const SurvivorTriangle& of, const SurvivorCorners& at) {
     survivor = of;
+    corners = at;
     const SceneView& scene = frame->small.scene;
     const uint32_t chunk = frame->list.draws[frame->list.items[of.item].draw].chunk;
     mask = mask_of(scene, scene.meshes[scene.chunks[chunk].mesh]);
     return is_tested(scene, frame->small.view, mask);
+  }
+  __device__ uint32_t find(const SurvivorTriangle& of) {
+    SurvivorCorners at;
+    at.read(SurvivorReader(*frame, of));
+    return find(of, at);
   }
 
   /// As in LaneMask.
@@ -335,7 +350,7 @@ struct ClusterMask : TestedSamples<kOfLayers> {
   __device__ void make_plane(MaskPlane& out) const {
     out.mask = nullptr;
     if (mask == nullptr) return;
-    make_cluster_plane<kOrthographic>(*frame, survivor, mask, out);
+    make_cluster_plane<kOrthographic>(*frame, survivor, corners, mask, out);
   }
 };
 
@@ -353,15 +368,15 @@ __device__ inline auto lane_mask(const ClusterFrame& frame, const Masks& masks) 
 /// Projects a survivor. Returns false if there is nothing to draw, or if it was queued to be clipped.
 template <bool kOrthographic>
 __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const SurvivorTriangle& survivor,
-                                                Triangle& triangle, PixelBox& box, int64_t& area) {
+                                                SurvivorCorners& corners, Triangle& triangle, PixelBox& box,
+                                                int64_t& area) {
   const FrameView& view = frame.small.view;
   const SurvivorReader reader(frame, survivor);
   const ClusterDraw& draw = reader.draw;
   ProjectedPoint points[3];
   for (uint32_t i = 0; i < 3; ++i) {
-    int32_t position[3];
-    reader.relative(i, position);
-    points[i] = reader.project<kOrthographic>(position);
+    reader.relative(i, corners.position[i]);
+    points[i] = reader.project<kOrthographic>(corners.position[i]);
   }
   const bool in_range = points[0].in_range & points[1].in_range & points[2].in_range;
   const bool far_away = (draw.flags & ClusterDraw::kFarAway) != 0;
@@ -514,10 +529,12 @@ class ClusterWarp {
     int64_t area = 0;
     int64_t pixels = 0;
     auto mask = lane_mask<kAlpha>(frame_, cluster_masks);
+    SurvivorCorners corners;
     if (lane_ < count && project_cluster_survivor<kOrthographic>(frame_, shared.survivors[survivor_count_ + lane_],
-                                                                 triangle, box, area)) {
+                                                                 corners, triangle, box, area)) {
       pixels = box.pixels();
-      if constexpr (kAlpha != Alpha::kOpaque) triangle.is_masked = mask.find(shared.survivors[survivor_count_ + lane_]);
+      if constexpr (kAlpha != Alpha::kOpaque)
+        triangle.is_masked = mask.find(shared.survivors[survivor_count_ + lane_], corners);
     }
     if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area, pixels,
                                    mask)) {

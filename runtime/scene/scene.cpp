@@ -237,6 +237,7 @@ Result<void> Scene::load_masks() {
     mask.level_count = record.level_count;
     mask.threshold = blends ? 1 : record.threshold;  // fully transparent samples make no layer
     std::copy(&record.place[0][0], &record.place[0][0] + 6, &mask.place[0][0]);
+    mask.complete();
     mask.wrap_s = record.wrap_s;
     mask.wrap_t = record.wrap_t;
     mask.magnified_nearest = (record.flags & format::kMaskNearest) != 0;

@@ -125,6 +125,7 @@ class SceneBuilder {
   /// A material whose triangles are masked. `levels`: from the finest on, in the form of MaskView.
   uint32_t masked_material(uint32_t flags, kernels::MaskView mask, std::vector<uint8_t> levels) {
     const uint32_t number = material(flags | format::kMaterialAlphaMask);
+    mask.complete();
     masks.resize(materials.size());
     alphas.resize(materials.size());
     masks[number] = mask;
@@ -138,6 +139,7 @@ class SceneBuilder {
     materials[number].base_color[3] = alpha;
     blend_masks.resize(materials.size());
     alphas.resize(materials.size());
+    mask.complete();
     blend_masks[number] = mask;
     blend_masks[number].threshold = 1;
     alphas[number] = std::move(levels);

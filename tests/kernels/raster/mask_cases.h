@@ -28,6 +28,7 @@ inline kernels::MaskView mask_view(uint32_t width, uint32_t height, uint32_t lev
   mask.threshold = threshold;
   mask.needs = format::kHasUv;
   mask.place[0][0] = mask.place[1][1] = 1;
+  mask.complete();
   return mask;
 }
 

@@ -18,8 +18,8 @@ TEST_CASE("texels, levels and alpha of masks equal the test vectors", "[mask]") 
       INFO("texels: " << vector.text("texels"));
       REQUIRE(words.size() == 7);
       const Wrap wrap = words[2] == "repeat" ? Wrap::kRepeat : words[2] == "mirror" ? Wrap::kMirror : Wrap::kClamp;
-      const MaskTexels texels =
-          mask_texels(std::stod(words[0]), static_cast<uint32_t>(std::stoul(words[1])), wrap, words[3] == "1");
+      const MaskTexels texels = mask_texels(wrap_point(texture_point(std::stod(words[0])), wrap),
+                                            static_cast<uint32_t>(std::stoul(words[1])), wrap, words[3] == "1");
       CHECK(texels.first == std::stoul(words[4]));
       CHECK(texels.second == std::stoul(words[5]));
       CHECK(texels.weight == std::stoul(words[6]));
@@ -34,7 +34,7 @@ TEST_CASE("texels, levels and alpha of masks equal the test vectors", "[mask]") 
       REQUIRE(words.size() == 5);
       uint32_t codes = 0;
       for (size_t n = 0; n < 3; ++n) codes |= static_cast<uint32_t>(std::stoul(words[n])) << 8 * n;
-      CHECK(corner_alpha(codes, std::stod(words[3])) == std::stoul(words[4]));
+      CHECK(corner_alpha(codes, std::stof(words[3])) == std::stoul(words[4]));
     } else {
       const std::vector<std::string> words = vector.words("alpha");
       INFO("alpha: " << vector.text("alpha"));
@@ -48,7 +48,8 @@ TEST_CASE("texels, levels and alpha of masks equal the test vectors", "[mask]") 
       mask.minified_nearest = words[4] == "1";
       const auto passes = [&](uint64_t threshold) {
         mask.threshold = static_cast<uint32_t>(threshold);
-        return mask_passes(mask, std::stod(words[0]), std::stod(words[1]), std::stof(words[2]));
+        return mask_passes(mask, texture_point(std::stod(words[0])), texture_point(std::stod(words[1])),
+                           std::stof(words[2]));
       };
       CHECK(passes(std::stoul(words[10])));
       CHECK(!passes(std::stoul(words[10]) + 1));
