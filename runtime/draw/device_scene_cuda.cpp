@@ -256,8 +256,8 @@ Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& 
   return drawn;
 }
 
-/// The team's transforms, and the rows of other GPUs, are those of the picture that it drew last. So a view whose
-/// picture another one followed draws it again.
+/// The team has the transforms, and the rows of other GPUs, only of the picture that it drew last. So if another view
+/// has drawn since, this view draws its picture again.
 Result<void> DeviceView::Impl::draw_if_followed() {
   if (!drawn_by_team || scene.team_view == this) return {};
   const Result<kernels::FrameStats> drawn = draw_by_team(*drawn_by_team);

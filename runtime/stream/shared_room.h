@@ -6,11 +6,11 @@
 
 namespace scree::runtime {
 
-/// Memory of `bytes` together; the pages have `room`, chunks the rest. Limits: least_room <= most_room,
-/// least_pool + least_room <= bytes.
+/// Memory of `bytes`: pages have `room`, chunks the rest. Limits: least_room <= most_room, least_pool + least_room <=
+/// bytes.
 struct SharedRoom {
   /// A smaller change is not worth the chunks or pages that are dropped for it.
-  static constexpr uint64_t kLeastChange = 16;  // part of `bytes`
+  static constexpr uint64_t kLeastChange = 16;  // a part of `bytes`: 1/16
 
   uint64_t bytes = 0;
   uint64_t room = 0;
