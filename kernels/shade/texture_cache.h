@@ -31,7 +31,7 @@ struct RoundCounters {
 };
 
 /// A view of the cache: slots in sets of kWays; a group may lie in either of two sets. A group's key is its number
-/// among all groups of the scene. A byte per key says where the group lies: 0.03 bits per pixel. Owns nothing.
+/// among all groups of the scene. A byte per key gives the group's slot: 0.03 bits per pixel. Owns nothing.
 struct TextureCache {
   static constexpr uint32_t kWays = 8;
   static constexpr uint64_t kNoKey = ~uint64_t{0};

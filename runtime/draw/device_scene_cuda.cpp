@@ -496,7 +496,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
-  // Pages of textures get half of what is left. The other half is for blended surfaces and for queues that grow.
+  // Pages of textures get half of the rest. The other half is for blended surfaces and for queues that grow.
   uint64_t more = 0;
   if (share == nullptr)
     more = std::min(DeviceBlockPager::most_room(scene) - DeviceBlockPager::usual_room(scene),

@@ -260,7 +260,7 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& vi
   Finished sum{};
   for (size_t i = 0; i < drawn.size(); ++i) {
     if (!drawn[i]) return drawn[i].error();
-    if (i != 0) drawn[i]->stats.instances_drawn = 0;  // every GPU finds the same ones
+    if (i != 0) drawn[i]->stats.instances_drawn = 0;  // every GPU finds the same instances
     sum.stats += drawn[i]->stats;
     sum.is_drawn_again |= drawn[i]->is_drawn_again;
   }

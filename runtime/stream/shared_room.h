@@ -25,8 +25,7 @@ struct SharedRoom {
   }
 
   /// The room for pages after a picture that showed `chunk_bytes` of chunks and `page_bytes` of pages. It stays as it
-  /// is if neither lacks any. If both fit, they share what is left; if not, each gets memory in proportion to its
-  /// bytes.
+  /// is if neither lacks any. If both fit, they share the rest; if not, each gets memory in proportion to its bytes.
   uint64_t balanced(uint64_t chunk_bytes, uint64_t page_bytes, uint64_t unit) const {
     if (chunk_bytes <= pool() && page_bytes <= room) return room;
     const uint64_t sum = chunk_bytes + page_bytes;

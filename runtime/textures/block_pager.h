@@ -1,4 +1,4 @@
-// Pages of block images and JPEGs that come from the file as pixels sample them (kernels/shade/texel_pager.h).
+// Pages of block images and JPEGs that are read when pixels sample them (kernels/shade/texel_pager.h).
 #pragma once
 
 #include <atomic>
@@ -50,7 +50,7 @@ class BlockPager : public kernels::TexelPager {
 
  protected:
   /// `map`: of the file that `container` was opened on; must outlive this. `room_bytes`: the most that pages take.
-  /// Reads on `threads` threads, and on kDirectThreads at least while pages come past the page cache.
+  /// Reads on `threads` threads, but on at least kDirectThreads while pages are read past the page cache.
   BlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads, Reading reading)
       : map_(map), container_(std::move(container)), room_bytes_(room_bytes), threads_(threads), reading_(reading) {}
 
