@@ -16,11 +16,11 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// A place along one axis of a texture: its coordinate in 2^-32 of the texture's side, modulo 2^32 sides. Integers,
-/// because GPUs may have few units for double precision.
+/// A place along one axis of a texture: the coordinate in 2^-32 of the texture's side, modulo 2^32 sides. It is an
+/// integer, because many GPUs have few units for double precision.
 using TexturePoint = uint64_t;
 
-/// A call, because few pixels need it.
+/// Not inlined, because few pixels need it.
 [[gnu::noinline]] SCREE_HD inline TexturePoint texture_point(double coordinate) {
   if (!(abs_of(coordinate) < 2251799813685248.0)) return 0;  // 2^51; also NaN
   const double whole = std::floor(coordinate);
@@ -85,7 +85,7 @@ SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t numbe
   return pages.blocks[number];
 }
 
-/// The picture of a JPEG level whose page is `page`, if it has one.
+/// The picture of a JPEG level. `page`: the address of the level's page, if it has one.
 SCREE_HD inline const format::JpegPicture* jpeg_of(const JpegLevel& level, const uint8_t* page) {
   return level.page == JpegLevel::kNotPaged ? &level.picture
                                             : reinterpret_cast<const format::JpegPicture*>(page + level.place);

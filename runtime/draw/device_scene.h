@@ -154,10 +154,10 @@ class DeviceScene {
   /// - `host_memory`: the most pinned memory that uploading and streaming take. The part that batches leave keeps
   ///   chunks. 0: as much as batches need, and no chunks are kept.
   /// - `progress`: gets the number of copied bytes, and may stop the upload (kFile).
-  /// - `gpus`: the most GPUs that draw the scene together: the current device and the next usable ones; kAllGpus: all.
-  ///   Each has this budget, and all pages if they fit it, else a share of them. Views draw on all of them. The first
-  ///   one draws batches and layers, also from the others' pages. If a share exceeds the budget, one GPU streams the
-  ///   scene.
+  /// - `gpus`: the most GPUs that draw the scene together: the current device and the next usable GPUs; kAllGpus: all.
+  ///   Each has this budget. It gets all pages if they fit the budget, otherwise a share of them. Views draw on all
+  ///   GPUs. The first GPU draws batches and layers, also from the others' pages. If a share exceeds the budget, one
+  ///   GPU streams the scene.
   /// - `comes_later`: uploads no page if the budget of one GPU holds the scene and the memory for streaming. Pictures
   ///   then stream their chunks, and load_rest() loads all others, after which the scene is resident.
   /// - `share`: null, or the pages that the GPU gets, as one of several processes. Such a scene is not streamed, and

@@ -256,8 +256,8 @@ Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& 
   return drawn;
 }
 
-/// The team's transforms, and the rows of other GPUs, are those of the picture that it drew last. So a view whose
-/// picture another one followed draws it again.
+/// The team has the transforms, and the rows of other GPUs, only of the picture that it drew last. So if another view
+/// has drawn since, this view draws its picture again.
 Result<void> DeviceView::Impl::draw_if_followed() {
   if (!drawn_by_team || scene.team_view == this) return {};
   const Result<kernels::FrameStats> drawn = draw_by_team(*drawn_by_team);
@@ -496,7 +496,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
-  // Pages of textures get half of what is left. The other half is for blended surfaces and for queues that grow.
+  // Pages of textures get half of the rest. The other half is for blended surfaces and for queues that grow.
   uint64_t more = 0;
   if (share == nullptr)
     more = std::min(DeviceBlockPager::most_room(scene) - DeviceBlockPager::usual_room(scene),
