@@ -401,6 +401,11 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   std::copy(background->begin(), background->end(), options.shade.background);
 
   if (const Result<void> path = parse_path(words, options); !path) return path.error();
+  if (const Result<void> exchange =
+          parse_choice(words.exchange, "--exchange", options.exchange,
+                       {{"auto", Exchange::kAuto}, {"mpi", Exchange::kMpi}, {"nccl", Exchange::kNccl}});
+      !exchange)
+    return exchange.error();
   const Result<TextureOptions> textures = parse_texture_options(words.textures);
   if (!textures) return textures.error();
   options.textures = *textures;

@@ -15,6 +15,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "runtime/draw/nccl_group.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
@@ -362,6 +363,140 @@ TEST_CASE("GPUs of ranks that share a scene's pages draw the same as the CPU", "
     CHECK(damaged.errors()[0].find("rank 0 of 2 on ") != std::string::npos);
     CHECK(damaged.errors()[0].find("quad.scree: page ") != std::string::npos);
   }
+}
+
+namespace {
+
+/// The command of ranks that each have a GPU of their own, or all the first GPU.
+std::string render_on_gpus(int ranks, const std::string& more, bool own_gpus = true) {
+  std::string line = SCREE_MPIEXEC;
+  for (int rank = 0; rank < ranks; ++rank)
+    line += std::string(rank == 0 ? "" : " :") + " -n 1 '" + scree::tests::kProgram +
+            "' render quad.scree --threads 1 --device " + std::to_string(own_gpus ? rank : 0) + " " + more;
+  return line;
+}
+
+/// Whether two ranks can have a GPU each and NCCL. Emulated GPUs have their own.
+bool can_use_nccl() {
+  if (!scree::tests::has_gpus(2)) return false;
+  const auto opened = scree::runtime::NcclGroup::open();
+  if (!opened && !scree::tests::kEmulatesGpu) WARN("skipped: " << opened.error().message);
+  return opened || scree::tests::kEmulatesGpu;
+}
+
+/// Lets ranks of emulated GPUs fail where tests/emulator/nccl.cpp says.
+class NcclFails {
+ public:
+  explicit NcclFails(const char* where) { ::setenv("SCREE_EMULATED_NCCL", where, 1); }
+  NcclFails(const NcclFails&) = delete;
+  NcclFails& operator=(const NcclFails&) = delete;
+  ~NcclFails() { ::unsetenv("SCREE_EMULATED_NCCL"); }
+};
+
+}  // namespace
+
+TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU", "[cuda][render][ranks][nccl]") {
+  const scree::tests::EmulatedGpus gpus("9.0,9.0,9.0");
+  if (!can_use_nccl()) return;
+  const TempFolder folder;
+  make_large_scene(folder);
+  const std::string most_files = " --normals n.pfm --size 80x60 --force -o a.png --depth a.pfm --visbuffer a.bin ";
+  const auto made = [&] {
+    std::string bytes;
+    for (const char* name : {"n.pfm", "a.png", "a.pfm", "a.bin"}) bytes += scree::tests::read_whole(folder.file(name));
+    return bytes;
+  };
+  const int most_ranks = scree::tests::kEmulatesGpu ? 3 : 2;
+  for (const std::string more :
+       {"", "--samples 2 --ssao --background transparent", "--ssao --edl --background '#ff000080'",
+        "--light scene --shadows --shadow-size 300", "--show triangle", "--frames 3 --show normal --pick 40,30"}) {
+    Launch alone(render(1, more + most_files), folder);
+    REQUIRE(alone.wait(60) == 0);
+    const std::string expected = made();
+    for (int ranks = 2; ranks <= most_ranks; ++ranks) {
+      INFO(ranks << " ranks, " << more);
+      Launch launch(render_on_gpus(ranks, more + most_files + "--exchange nccl --json"), folder);
+      REQUIRE(launch.wait(240) == 0);
+      CHECK(launch.errors().empty());
+      const std::string out = launch.out();
+      const nlohmann::json report = nlohmann::json::parse(out.substr(out.rfind("{")));
+      CHECK(report["exchange"] == "nccl");
+      CHECK(report["gpus"] == ranks);
+      CHECK(made() == expected);
+    }
+  }
+#if defined(SCREE_HAS_EXR)
+  Launch alone(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder);  // its colours are not rounded to 8 bits
+  REQUIRE(alone.wait(120) == 0);
+  Launch launch(render_on_gpus(2, "--exchange nccl --size 80x60 -q -o two.exr"), folder);
+  REQUIRE(launch.wait(240) == 0);
+  const std::string one = scree::tests::read_whole(folder.file("one.exr"));
+  CHECK((scree::tests::read_whole(folder.file("two.exr")) == one));
+#endif
+}
+
+TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render][ranks][nccl]") {
+  const scree::tests::EmulatedGpus gpus("9.0,9.0");
+  if (!can_use_nccl()) return;
+  const TempFolder folder;
+  make_large_scene(folder);
+  const auto films = [](const std::string& name) {  // long enough for NCCL
+    return "--frames 16 --size 32x24 --force -o " + name + ".png --depth " + name + ".pfm --visbuffer " + name +
+           ".bin ";
+  };
+  Launch alone(render(1, films("one")), folder);
+  REQUIRE(alone.wait(60) == 0);
+  const auto is_by = [&](const std::string& way, const std::string& command, size_t warnings) {
+    INFO(command);
+    Launch launch(command, folder);
+    REQUIRE(launch.wait(240) == 0);
+    CHECK(launch.errors().size() == warnings);
+    CHECK(nlohmann::json::parse(launch.out())["exchange"] == way);
+    CHECK(files_of(folder, "some") == files_of(folder, "one"));
+  };
+  const auto fails = [&](const std::string& command, int code, const std::string& line) {
+    INFO(command);
+    Launch launch(command, folder);
+    CHECK(launch.wait(60) == code);
+    REQUIRE(launch.errors().size() == 1);
+    CHECK(launch.errors()[0].find(line) != std::string::npos);
+  };
+  const std::string some = films("some") + "--json ";
+  is_by("nccl", render_on_gpus(2, some), 0);
+  is_by("mpi", render_on_gpus(2, some + "--exchange mpi"), 0);
+  is_by("mpi", render_on_gpus(2, some, false), 0);
+  is_by("mpi", render(2, some), 0);  // no GPU draws
+  std::string short_film = some;
+  short_film.replace(0, std::string("--frames 16").size(), "--frames 15");
+  is_by("mpi", render_on_gpus(2, short_film), 0);
+  fails(render_on_gpus(2, "-q -o no.png --exchange nccl", false), 4, "--exchange nccl: ranks 0 and 1 share a GPU");
+  fails(render(2, "-q -o no.png --exchange nccl"), 4, "--exchange nccl: no GPU draws here");
+  fails(render(1, "-q -o no.png --exchange by_post"), 1, "--exchange: 'by_post' is not one of auto, mpi, nccl");
+  if (!scree::tests::kEmulatesGpu) return;
+  {  // rank 1 fails to connect, and rank 0 waits for it forever
+    const NcclFails rank("connect:1");
+    is_by("mpi", render_on_gpus(2, some), 1);
+    fails(render_on_gpus(2, "-q -o no.png --exchange nccl"), 4, "--exchange nccl: ");
+  }
+  {
+    const NcclFails rank("exchange:1");  // the first exchange, as a part of connecting
+    is_by("mpi", render_on_gpus(2, some), 1);
+  }
+  {
+    const NcclFails rank("late:1");
+    fails(render_on_gpus(2, "--exchange nccl -q -o no.png"), 4, "rank 1 of 2 on ");
+    CHECK_FALSE(fs::exists(folder.file("no.png")));
+  }
+  // The CPU draws layers of blended surfaces.
+  const TempFolder with_layers;
+  make_large_scene(with_layers, true);
+  Launch blended(render_on_gpus(2, some), with_layers);
+  REQUIRE(blended.wait(120) == 0);
+  CHECK(nlohmann::json::parse(blended.out())["exchange"] == "mpi");
+  Launch refused(render_on_gpus(2, "-q -o no.png --exchange nccl"), with_layers);
+  CHECK(refused.wait(60) == 1);
+  REQUIRE(refused.errors().size() == 1);
+  CHECK(refused.errors()[0].find("has blended surfaces") != std::string::npos);
 }
 
 TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "[render][ranks][blend]") {
