@@ -165,7 +165,8 @@ Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& sh
 /// Parses --path and its options. `options` already has the outputs.
 Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   if (words.path.empty()) {
-    for (const auto& [name, is_given] : {std::pair("--fps", !words.fps.empty()), std::pair("--resume", words.resume)})
+    for (const auto& [name, is_given] : {std::pair("--fps", !words.fps.empty()), std::pair("--resume", words.resume),
+                                         std::pair("--share", !words.share.empty())})
       if (is_given) return Error{ErrorCode::kUsage, std::string(name) + " needs --path"};
     if (words.frames.find_first_of(":/") != std::string::npos)
       return Error{ErrorCode::kUsage,
@@ -195,6 +196,11 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   PathOptions path;
   path.file = words.path;
   path.resume = words.resume;
+  if (!words.share.empty())
+    if (const Result<void> share =
+            parse_choice(words.share, "--share", path.shares_geometry, {{"frames", false}, {"geometry", true}});
+        !share)
+      return share;
   if (!words.frames.empty()) {
     const Result<FrameRange> frames = parse_frame_range(words.frames);
     if (!frames) return frames.error();

@@ -40,6 +40,7 @@ struct RenderWords : DrawWords {
   std::string path;
   std::string frames;
   std::string exchange = "auto";
+  std::string share;
   std::string fps;
   std::vector<std::string> picks;
   std::string edl_strength;
@@ -87,6 +88,7 @@ struct PathOptions {
   FrameRange frames;
   std::optional<double> frames_per_second;  // unset: the value in the file
   bool resume = false;                      // complete frames that exist are not drawn again
+  bool shares_geometry = false;             // ranks draw every frame together
 };
 
 struct RenderOptions : DrawOptions {

@@ -11,6 +11,8 @@
 #include <sstream>
 #include <string>
 #include <thread>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -102,11 +104,15 @@ bool runs(pid_t process) {
   return name_end != std::string::npos && text.substr(name_end, 3) != ") Z";
 }
 
-void make_inputs(const TempFolder& folder, const char* end) {
-  SmallScene().write(folder.file("quad.scree"));
+void make_path(const TempFolder& folder, const char* end) {
   folder.write("path.json", std::string(R"({"format": "scree camera path", "version": 1, "keys": [
     {"t": 0, "eye": [0, 0, 3], "target": [0, 0, 0]}, {"t": )") +
                                 end + R"(, "eye": [2, 1, 3], "target": [0, 0, 0]}]})");
+}
+
+void make_inputs(const TempFolder& folder, const char* end) {
+  SmallScene().write(folder.file("quad.scree"));
+  make_path(folder, end);
 }
 
 std::string render(int ranks, const std::string& more, const std::string& backend = "cpu") {
@@ -174,10 +180,12 @@ TEST_CASE("an error of one rank ends all with one line", "[render][path][ranks]"
 }
 
 TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
-  for (const size_t victim : {0, 1, 2}) {
+  for (const auto& [victim, more] :
+       {std::pair<size_t, std::string>(0, ""), {1, ""}, {2, ""}, {0, "--share geometry "}, {1, "--share geometry "}}) {
+    INFO("rank " << victim << ", " << more);
     const TempFolder folder;
     make_inputs(folder, "300");  // 9,001 frames
-    Launch launch(render(3, "--path path.json --size 200x150 -q -o f_%d.png"), folder);
+    Launch launch(render(3, more + "--path path.json --size 200x150 -q -o f_%d.png"), folder);
     const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(30);
     while (!fs::exists(folder.file("f_5.png")) && std::chrono::steady_clock::now() < end)
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -365,6 +373,66 @@ TEST_CASE("GPUs of ranks that share a scene's pages draw the same as the CPU", "
   }
 }
 
+TEST_CASE("ranks that share the geometry of a film draw the same frames as one rank", "[render][path][ranks]") {
+  const auto film = [](int ranks, const std::string& name, const std::string& more) {
+    return render(ranks, "--path path.json --size 40x30 -o " + name + "_%d.png --visbuffer " + name +
+                             "_%d.bin --depth " + name + "_%d.pfm " + more);
+  };
+  const auto files = [](const TempFolder& folder, const std::string& name) {
+    std::string bytes;
+    for (int frame = 0; frame < 4; ++frame) bytes += files_of(folder, name + "_" + std::to_string(frame));
+    return bytes;
+  };
+  for (const bool blends : {false, true}) {
+    const TempFolder folder;
+    make_path(folder, "0.1");  // 4 frames
+    make_large_scene(folder, blends);
+    for (const std::string more : {"", "--samples 2 --ssao --background transparent"}) {
+      Launch alone(film(1, "one", "--force --share geometry " + more), folder);
+      REQUIRE(alone.wait(60) == 0);
+      for (const int ranks : {2, 3}) {
+        INFO(ranks << " ranks, " << more);
+        Launch launch(film(ranks, "all", "--force --share geometry --json " + more), folder);
+        REQUIRE(launch.wait(60) == 0);
+        CHECK(launch.errors().empty());
+        const nlohmann::json report = nlohmann::json::parse(launch.out());
+        CHECK(report["frames"] == 4);
+        CHECK(report["exchange"] == "mpi");
+        CHECK(files(folder, "all") == files(folder, "one"));
+      }
+    }
+    // Frames that are missing at one rank are drawn by all.
+    fs::remove(folder.file("all_1.png"));
+    fs::remove(folder.file("all_3.bin"));
+    const std::string resume = "--resume --share geometry --samples 2 --ssao --background transparent ";
+    Launch resumed(film(3, "all", resume + "--json"), folder);
+    REQUIRE(resumed.wait(60) == 0);
+    CHECK(nlohmann::json::parse(resumed.out())["frames_there"] == 2);
+    CHECK(files(folder, "all") == files(folder, "one"));
+    Launch kept(film(3, "all", resume), folder);
+    REQUIRE(kept.wait(60) == 0);
+    CHECK(kept.out().find("4 of 4 frames exist") != std::string::npos);
+  }
+}
+
+TEST_CASE("a film whose geometry is shared is refused as other films are", "[render][path][ranks]") {
+  const TempFolder folder;
+  make_inputs(folder, "0.1");
+  folder.write("f_1.png", "is there");
+  const std::tuple<std::string, int, std::string> refused[] = {
+      {"--share geometry -o no.png", 1, "--share needs --path"},
+      {"--path path.json --share fairly -o no_%d.png", 1, "--share: 'fairly' is not one of frames, geometry"},
+      {"--path path.json --share geometry -o f_%d.png", 2, "rank 1 of 2 on "},
+      {"--path path.json --share geometry -o no/f_%d.png", 2, "no/f_0.png"}};
+  for (const auto& [words, code, line] : refused) {
+    INFO(words);
+    Launch launch(render(2, words), folder);
+    CHECK(launch.wait(20) == code);
+    REQUIRE(!launch.errors().empty());
+    CHECK(launch.errors()[0].find(line) != std::string::npos);
+  }
+}
+
 namespace {
 
 /// The command of ranks that each have a GPU of their own, or all the first GPU.
@@ -425,6 +493,15 @@ TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU",
       CHECK(made() == expected);
     }
   }
+  make_path(folder, "0.05");  // 2 frames
+  const std::string film = "--path path.json --size 60x40 -q -f --samples 2 ";
+  Launch of_one(render(1, film + "-o f_%d.png --depth f_%d.pfm --visbuffer f_%d.bin"), folder);
+  REQUIRE(of_one.wait(60) == 0);
+  Launch of_all(render_on_gpus(2, film + "--share geometry --exchange nccl -o g_%d.png --depth g_%d.pfm "
+                                         "--visbuffer g_%d.bin"),
+                folder);
+  REQUIRE(of_all.wait(240) == 0);
+  for (const std::string frame : {"_0", "_1"}) CHECK(files_of(folder, "g" + frame) == files_of(folder, "f" + frame));
 #if defined(SCREE_HAS_EXR)
   Launch alone(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder);  // its colours are not rounded to 8 bits
   REQUIRE(alone.wait(120) == 0);
