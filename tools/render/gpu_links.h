@@ -18,8 +18,8 @@ namespace scree::tools {
 /// Connects the GPUs of all ranks if each has one of its own and NCCL. Otherwise there is no group, at any rank.
 class GpuLinks {
  public:
-  /// The fewest frames for which Exchange::kAuto connects. It takes a second (docs/scale.md), and MPI's way costs less
-  /// than a tenth of that per frame of 3840x2160.
+  /// The fewest frames for which Exchange::kAuto connects. Connecting takes a second longer (docs/scale.md). A frame of
+  /// 3840x2160 takes a tenth of a second longer by MPI.
   static constexpr uint64_t kLeastFrames = 16;
 
   /// Called by all ranks. `gpu`: the current device of this rank; nothing if its CPU draws. `words`: of a picture. The

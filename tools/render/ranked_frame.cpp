@@ -28,7 +28,7 @@ bool reads_surfaces(const RenderOptions& options) {
 
 /// Whether the root makes outputs from samples in host memory, even if GPUs draw and shade.
 bool reads_samples(const RenderOptions& options) {
-  return !options.visbuffer.empty() || !options.picks.empty() || !options.depth.empty() || options.writes_exr();
+  return !options.visbuffer.empty() || !options.picks.empty() || layers_need_samples(options);
 }
 
 }  // namespace
@@ -368,9 +368,13 @@ Result<void> RankedFrame::read(runtime::PixelLayer layer, std::span<std::byte> o
                                options_.threads);
   };
   if (layer != runtime::PixelLayer::kNormal && layer != runtime::PixelLayer::kUv) {
-    if (is_root()) return make(layer, samples_, out.data());
-    std::fill(out.begin(), out.end(), std::byte{0xff});  // the background's ids; this rank may have no samples
-    return {};
+    if (!is_root()) {
+      std::fill(out.begin(), out.end(), std::byte{0xff});  // the background's ids; this rank may have no samples
+      return {};
+    }
+    if (!is_by_nccl_) return make(layer, samples_, out.data());
+    const Result<const std::byte*> made = on_gpu_->make_layer(view_, options_.samples_per_side, layer);
+    return made ? on_gpu_->read(*made, out) : made.error();
   }
   std::vector<int64_t> triangles(uint64_t{width()} * height());
   if (const auto found = make(runtime::PixelLayer::kTriangle, samples_, reinterpret_cast<std::byte*>(triangles.data()));
