@@ -1,7 +1,7 @@
-// libnccl.so.2 for processes with emulated GPUs, found by LD_LIBRARY_PATH: the functions that
-// runtime/draw/nccl_group.cpp uses, over shared memory. Exchanges are done at once, after the earlier work of the
-// stream, and not in the background. SCREE_EMULATED_NCCL=connect:1 lets rank 1 fail to connect, and exchange:1 lets its
-// exchanges fail.
+// libnccl.so.2 for processes with emulated GPUs: the functions that runtime/draw/nccl_group.cpp uses, over a file in
+// the processes' folder that all of them map. The emulated program finds it by its RPATH. Exchanges are done at once,
+// after the earlier work of the stream, and not in the background. SCREE_EMULATED_NCCL=connect:1 lets rank 1 fail to
+// connect, exchange:1 lets its exchanges fail, and late:1 all but the first two, which are a part of connecting.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -92,21 +92,21 @@ int exchange(const void* from, void* to, size_t words, int type, int operation, 
 extern "C" {
 
 int ncclGetUniqueId(UniqueId* id) {
-  std::snprintf(id->name, sizeof id->name, "/scree-nccl-%ld", static_cast<long>(::getpid()));
+  std::snprintf(id->name, sizeof id->name, "nccl-%ld", static_cast<long>(::getpid()));
   return kSuccess;
 }
 
 int ncclCommInitRank(void** comm, int count, UniqueId id, int rank) {
   if (fails("connect", rank)) return kSystemError;
   auto* const group = new Group{rank, count};
-  const int file = ::shm_open(id.name, O_RDWR | O_CREAT, 0600);
+  const int file = ::open(id.name, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
   if (file < 0 || ::ftruncate(file, static_cast<off_t>(group->bytes())) != 0) return kSystemError;
   void* const memory = ::mmap(nullptr, group->bytes(), PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
   (void)::close(file);
   if (memory == MAP_FAILED) return kSystemError;
   group->memory = static_cast<std::byte*>(memory);
   group->wait_for_all();
-  if (rank == 0) (void)::shm_unlink(id.name);
+  if (rank == 0) (void)::unlink(id.name);
   *comm = group;
   return kSuccess;
 }
