@@ -43,7 +43,7 @@ struct Prediction {
   uint32_t bits = 0;
 };
 
-/// What the plane predicts for vertex `i` on the axis after `u` and `v`.
+/// The plane's prediction for vertex `i`, on the plane's axis.
 int32_t predicted(const Codes& codes, const ClusterPredictor& plane, uint32_t i) {
   const auto u = static_cast<int32_t>(codes.code[(plane.axis + 1) % 3][i]);
   const auto v = static_cast<int32_t>(codes.code[(plane.axis + 2) % 3][i]);
