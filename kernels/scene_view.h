@@ -16,8 +16,8 @@
 
 namespace scree::kernels {
 
-/// A mip level that is decoded when it is sampled. A paged level has its picture in a page of SceneView::pager, `place`
-/// bytes from the page's address, and the data behind it in the same page.
+/// A mip level that is decoded when it is sampled. The picture and the data of a paged level lie in a page of
+/// SceneView::pager. The picture lies `place` bytes from the page's address.
 struct JpegLevel {
   static constexpr uint32_t kNotPaged = ~uint32_t{0};
 
@@ -26,7 +26,7 @@ struct JpegLevel {
   uint32_t page = kNotPaged;    // its number
   uint64_t place = 0;
   uint64_t first_group = 0;  // the number of its group 0 among all groups of the scene
-  uint32_t group_count = 0;  // groups with a number; a paged level may turn out to have more
+  uint32_t group_count = 0;  // numbered groups; a paged level may turn out to have more
 };
 
 /// The groups (format/jpeg/pixels.h) of a scene's JPEG levels.

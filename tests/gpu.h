@@ -12,7 +12,7 @@ bool has_gpu();
 /// The least device memory that a streamed scene needs, in bytes, from the message that refuses less.
 uint64_t least_device_memory(const std::string& refusal);
 
-/// While one exists, so many GPUs are emulated: a list such as "9.0,9.0". Real GPUs are not affected.
+/// While an object exists, the GPUs of its list, such as "9.0,9.0", are emulated. Real GPUs are not affected.
 class EmulatedGpus {
  public:
   explicit EmulatedGpus(const char* list);
@@ -21,7 +21,7 @@ class EmulatedGpus {
   ~EmulatedGpus();
 };
 
-/// Whether so many GPUs can draw together. If not, prints the reason with WARN.
+/// Whether `count` GPUs can draw together. If not, prints the reason with WARN.
 bool has_gpus(uint32_t count);
 
 /// Whether the GPU is emulated (tests/emulator): thousands of times slower, so tests draw less on it.

@@ -22,22 +22,19 @@ constexpr uint32_t kMostDistanceBits = 7;
 constexpr uint32_t kGaveUp = ~0u;
 
 // Number of triangles whose corners are prefetched.
-constexpr uint32_t kAhead = 8;
+constexpr uint32_t kAhead = 16;
+
+constexpr uint64_t kEachByte = 0x0101010101010101;
 
 uint32_t words_for(uint32_t bits) {
   return (bits + 31) / 32;
 }
 
-/// The codes of a cluster's vertices, and the bits that they need.
+/// The codes of a cluster's vertices, by axis.
 struct Codes {
   uint32_t count;
-  std::array<std::array<uint32_t, 3>, kMaxClusterVertices> code;
-
-  uint32_t bits(uint32_t axis) const {
-    uint32_t largest = 0;
-    for (uint32_t i = 0; i < count; ++i) largest |= code[i][axis];
-    return static_cast<uint32_t>(std::bit_width(largest));
-  }
+  std::array<std::array<uint32_t, kMaxClusterVertices>, 3> code;
+  std::array<uint32_t, 3> bits;
 };
 
 /// A predictor for one axis, and the bits of its residuals.
@@ -46,25 +43,36 @@ struct Prediction {
   uint32_t bits = 0;
 };
 
-int32_t predicted(const std::array<uint32_t, 3>& code, uint32_t u, uint32_t v, int32_t slope_u, int32_t slope_v) {
-  return (slope_u * static_cast<int32_t>(code[u]) + slope_v * static_cast<int32_t>(code[v])) >> kPredictorShift;
+/// The plane's prediction for vertex `i`, on the plane's axis.
+int32_t predicted(const Codes& codes, const ClusterPredictor& plane, uint32_t i) {
+  const auto u = static_cast<int32_t>(codes.code[(plane.axis + 1) % 3][i]);
+  const auto v = static_cast<int32_t>(codes.code[(plane.axis + 2) % 3][i]);
+  return (plane.slope_u * u + plane.slope_v * v) >> kPredictorShift;
 }
+
+/// Two sums, which take one instruction per addend. The order of the addends is part of the result.
+using Pair = double __attribute__((vector_size(16)));
 
 /// The plane nearest to the vertices by least squares, solved for the axis in which its slopes are smallest.
 Prediction fit_plane(const Codes& codes) {
   double mean[3] = {};
-  for (uint32_t i = 0; i < codes.count; ++i)
-    for (size_t axis = 0; axis < 3; ++axis) mean[axis] += codes.code[i][axis];
-  for (double& sum : mean) sum /= codes.count;
-  double covariance[3][3] = {};
+  for (size_t axis = 0; axis < 3; ++axis) {
+    uint32_t sum = 0;  // of at most 128 codes below 2^24
+    for (uint32_t i = 0; i < codes.count; ++i) sum += codes.code[axis][i];
+    mean[axis] = static_cast<double>(sum) / codes.count;
+  }
+  Pair sums[3] = {};  // of the products of an axis with itself and with the next axis
   for (uint32_t i = 0; i < codes.count; ++i) {
     double d[3];
-    for (size_t axis = 0; axis < 3; ++axis) d[axis] = codes.code[i][axis] - mean[axis];
-    for (size_t a = 0; a < 3; ++a)
-      for (size_t b = a; b < 3; ++b) covariance[a][b] += d[a] * d[b];
+    for (size_t axis = 0; axis < 3; ++axis)
+      d[axis] = static_cast<double>(static_cast<int32_t>(codes.code[axis][i])) - mean[axis];
+    for (size_t axis = 0; axis < 3; ++axis) sums[axis] += Pair{d[axis], d[axis]} * Pair{d[axis], d[(axis + 1) % 3]};
   }
-  for (size_t a = 0; a < 3; ++a)
-    for (size_t b = 0; b < a; ++b) covariance[a][b] = covariance[b][a];
+  double covariance[3][3];
+  for (size_t axis = 0; axis < 3; ++axis) {
+    covariance[axis][axis] = sums[axis][0];
+    covariance[axis][(axis + 1) % 3] = covariance[(axis + 1) % 3][axis] = sums[axis][1];
+  }
 
   Prediction best;
   double least = INFINITY;
@@ -77,7 +85,7 @@ Prediction fit_plane(const Codes& codes) {
     const double slope_u = (covariance[p][u] * covariance[v][v] - covariance[p][v] * covariance[u][v]) / determinant;
     const double slope_v = (covariance[p][v] * covariance[u][u] - covariance[p][u] * covariance[u][v]) / determinant;
     const double steepest = std::max(std::fabs(slope_u), std::fabs(slope_v));
-    if (!(steepest < 2) || codes.bits(u) > kMaxPredictorBits || codes.bits(v) > kMaxPredictorBits) continue;
+    if (!(steepest < 2) || codes.bits[u] > kMaxPredictorBits || codes.bits[v] > kMaxPredictorBits) continue;
     const double left = covariance[p][p] - slope_u * covariance[p][u] - slope_v * covariance[p][v];
     // The remaining variance over the axis's own: the axis with the smallest ratio saves the most bits.
     const double ratio = left / std::max(covariance[p][p], 1e-30);
@@ -99,9 +107,7 @@ Prediction fit_plane(const Codes& codes) {
   int32_t smallest = INT32_MAX;
   int32_t largest = INT32_MIN;
   for (uint32_t i = 0; i < codes.count; ++i) {
-    const int32_t left =
-        static_cast<int32_t>(codes.code[i][p]) -
-        predicted(codes.code[i], (p + 1) % 3, (p + 2) % 3, best.predictor.slope_u, best.predictor.slope_v);
+    const int32_t left = static_cast<int32_t>(codes.code[p][i]) - predicted(codes, best.predictor, i);
     smallest = std::min(smallest, left);
     largest = std::max(largest, left);
   }
@@ -111,6 +117,15 @@ Prediction fit_plane(const Codes& codes) {
 }
 
 }  // namespace
+
+uint64_t ClusterPacker::Numbering::steps(uint32_t first) const {
+  const auto load = [](const uint8_t* bytes) {
+    uint64_t word;
+    std::memcpy(&word, bytes, sizeof word);
+    return word;
+  };
+  return load(&largest[first + 1]) - load(&largest[first]);  // no byte borrows, because the numbers ascend
+}
 
 void ClusterPacker::begin(std::span<const uint32_t> indices, std::span<const uint32_t> offsets, uint32_t vertex_count,
                           PackEffort effort) {
@@ -124,51 +139,62 @@ void ClusterPacker::begin(std::span<const uint32_t> indices, std::span<const uin
 /// Takes triangles as long as they fit, and numbers the vertices by first use.
 void ClusterPacker::gather(std::span<const uint32_t> triangles) {
   assert(!triangles.empty());
+  // Local copies, because the compiler must assume that a store to a slot may change any member.
+  const uint32_t* const indices = indices_.data();
+  uint8_t* const slots = slots_.data();
   const auto most = static_cast<uint32_t>(std::min<size_t>(triangles.size(), kMaxClusterTriangles));
-  uint32_t limit = kMaxClusterVertices;
-  triangle_count_ = 0;
-  vertex_count_ = 0;
-  for (; triangle_count_ < most; ++triangle_count_) {
-    if (triangle_count_ + kAhead < triangles.size())
-      __builtin_prefetch(&indices_[3 * size_t{triangles[triangle_count_ + kAhead]}]);
-    const uint32_t* vertex = &indices_[3 * size_t{triangles[triangle_count_]}];
+  uint32_t limit = kMaxClusterVertices, triangle_count = 0, vertex_count = 0;
+  for (; triangle_count < most; ++triangle_count) {
+    if (triangle_count + kAhead < triangles.size())
+      __builtin_prefetch(&indices[3 * size_t{triangles[triangle_count + kAhead]}]);
+    const uint32_t* vertex = &indices[3 * size_t{triangles[triangle_count]}];
     if (vertex[0] == vertex[1] || vertex[1] == vertex[2] || vertex[2] == vertex[0]) limit = kMaxDegenerateVertices;
-    auto& corner = corners_[triangle_count_];
-    uint32_t count = vertex_count_;
+    auto& corner = corners_[triangle_count];
+    uint32_t count = vertex_count;
     for (size_t i = 0; i < 3; ++i) {
       // The next vertex overwrites a vertex that the cluster already has. A branch here would often be mispredicted.
-      const uint8_t slot = slots_[vertex[i]];
-      vertices_[count] = vertex[i];
-      __builtin_prefetch(&offsets_[3 * size_t{vertex[i]}]);
-      corner[i] = slot == kFree ? static_cast<uint8_t>(count) : slot;
-      count += slot == kFree ? 1 : 0;
-      slots_[vertex[i]] = corner[i];
+      const uint32_t number = vertex[i];
+      const uint8_t slot = slots[number];
+      const bool is_new = slot == kFree;
+      vertices_[count] = number;
+      corner[i] = slots[number] = is_new ? static_cast<uint8_t>(count) : slot;
+      count += is_new ? 1 : 0;
     }
     if (count > limit) {
-      for (; count > vertex_count_; --count) slots_[vertices_[count - 1]] = kFree;
+      for (; count > vertex_count; --count) slots[vertices_[count - 1]] = kFree;
       break;
     }
-    vertex_count_ = count;
-    for (size_t i = 0; i < 3; ++i)
-      at_vertex_[corner[i]][i][triangle_count_ / 64] |= uint64_t{1} << (triangle_count_ % 64);
+    vertex_count = count;
   }
-  for (uint32_t v = 0; v < vertex_count_; ++v) slots_[vertices_[v]] = kFree;
+  triangle_count_ = triangle_count;
+  vertex_count_ = vertex_count;
+  for (uint32_t v = 0; v < vertex_count; ++v) {
+    slots[vertices_[v]] = kFree;
+    __builtin_prefetch(&offsets_[3 * size_t{vertices_[v]}]);
+  }
+  for (uint32_t t = 0; t < triangle_count; ++t) {
+    const uint64_t bit = uint64_t{1} << (t % 64);
+    for (const uint8_t corner : corners_[t]) {
+      CornerCounts& at = at_vertex_[corner];
+      at.twos[t / 64] |= at.ones[t / 64] & bit;
+      at.ones[t / 64] ^= bit;
+    }
+  }
 }
 
 /// Numbers the vertices outwards from `start`, in the manner of Cuthill and McKee. Where triangles share edges, the
 /// next vertex is one that completes a triangle: the triangle's other two vertices already have numbers. It is then the
-/// largest of the triangle, so steps are 0 or 1. Returns the last vertex, or kGaveUp as soon as a distance takes more
-/// than `most_bits`.
-uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numbering& out) {
+/// largest of the triangle, so steps are 0 or 1. Returns the last vertex, or kGaveUp if a distance takes more than
+/// `most_bits`.
+uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numbering& out) const {
   std::array<uint8_t, kMaxClusterVertices> queue;  // vertices by number
-  CornerSets numbered{};                           // triangles whose corner has a number
-  CornerSets known{};                              // triangles whose corner has been taken from the queue
+  CornerCounts numbered{};                         // corners that have a number
   uint32_t filled = 0;
   std::fill_n(out.number.begin(), vertex_count_, kFree);
   const auto push = [&](uint8_t vertex) {
     out.number[vertex] = static_cast<uint8_t>(filled);
     queue[filled++] = vertex;
-    add(at_vertex_[vertex], numbered);
+    numbered.add(at_vertex_[vertex]);
   };
   const auto push_corners = [&](uint32_t triangle) {
     for (const uint8_t corner : corners_[triangle])
@@ -177,61 +203,68 @@ uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numberin
   const auto first_of = [](const TriangleSet& set) {
     return static_cast<uint32_t>(set[0] != 0 ? std::countr_zero(set[0]) : 64 + std::countr_zero(set[1]));
   };
-  const auto all_corners = [](const CornerSets& sets, size_t word) {
-    return sets[0][word] & sets[1][word] & sets[2][word];
-  };
-  const auto around = [this](uint32_t vertex, size_t word) {
-    return at_vertex_[vertex][0][word] | at_vertex_[vertex][1][word] | at_vertex_[vertex][2][word];
-  };
   push(static_cast<uint8_t>(start));
-  push_corners(first_of({around(start, 0), around(start, 1)}));
-  uint32_t placed = 0;
-  uint32_t furthest = 0;
-  uint32_t widest = 0;
+  push_corners(first_of({at_vertex_[start].any(0), at_vertex_[start].any(1)}));
   for (uint32_t at = 0; at < vertex_count_; ++at) {
     if (at == filled)  // the other triangles share no edge with these
-      push_corners(first_of({~all_corners(numbered, 0), ~all_corners(numbered, 1)}));
+      push_corners(first_of({~numbered.three(0), ~numbered.three(1)}));
     const uint32_t vertex = queue[at];
-    const TriangleSet here{around(vertex, 0), around(vertex, 1)};
-    // Numbers all neighbours of the vertex, triangle by triangle around it.
-    for (bool again = true; again;) {
-      again = false;
-      for (size_t word = 0; word < 2; ++word) {
-        for (uint64_t left = here[word];;) {
-          const uint64_t a = numbered[0][word], b = numbered[1][word], c = numbered[2][word];
-          left &= ((a & b) | (b & c) | (c & a)) & ~(a & b & c);  // triangles in which exactly one corner has no number
-          if (left == 0) break;
-          const int bit = std::countr_zero(left);
-          const size_t missing = (a >> bit & 1) + ((a & b) >> bit & 1);
-          push(corners_[64 * word + static_cast<size_t>(bit)][missing]);
-          left = here[word] & (~uint64_t{1} << bit);
-          again = true;
-        }
-      }
+    const TriangleSet here{at_vertex_[vertex].any(0), at_vertex_[vertex].any(1)};
+    // Numbers all neighbours of the vertex, triangle by triangle around it: turns through those in which exactly one
+    // corner has no number.
+    TriangleSet later{~uint64_t{0}, ~uint64_t{0}};  // triangles that this turn has not reached
+    for (;;) {
+      const TriangleSet left{here[0] & numbered.two(0), here[1] & numbered.two(1)};
+      if ((left[0] | left[1]) == 0) break;
+      const TriangleSet next{left[0] & later[0], left[1] & later[1]};
+      const uint32_t triangle = first_of((next[0] | next[1]) != 0 ? next : left);
+      const auto& corner = corners_[triangle];
+      push(corner[out.number[corner[0]] == kFree ? 0 : out.number[corner[1]] == kFree ? 1 : 2]);
+      later[0] = triangle < 64 ? ~uint64_t{1} << triangle : 0;
+      later[1] = triangle < 64 ? ~uint64_t{0} : ~uint64_t{1} << (triangle - 64);
     }
-    add(at_vertex_[vertex], known);
-    for (size_t word = 0; word < 2; ++word) {
-      for (uint64_t left = here[word] & all_corners(known, word); left != 0; left &= left - 1) {
-        const auto t = static_cast<uint8_t>(64 * word + static_cast<size_t>(std::countr_zero(left)));
-        const auto& corner = corners_[t];
-        const uint32_t smallest = std::min({out.number[corner[0]], out.number[corner[1]], out.number[corner[2]]});
-        furthest = std::max(furthest, at - smallest);
-        if (placed != 0) widest = std::max<uint32_t>(widest, at - out.largest[placed - 1]);
-        out.order[placed] = t;
-        out.largest[placed++] = static_cast<uint8_t>(at);
-      }
-    }
-    if (furthest >> most_bits != 0) return kGaveUp;
+    // The last vertex lies in a triangle with this one or an earlier one.
+    if ((filled - 1 - at) >> most_bits != 0) return kGaveUp;
   }
-  assert(placed == triangle_count_);
-  out.padding = out.largest[0] < 2 ? 2u - out.largest[0] : 0;
-  widest = std::max(widest, out.largest[0] + out.padding - 2);
-  assert(vertex_count_ + out.padding <= kMaxClusterVertices && widest <= 3);
+  order_triangles(out);
+  return out.distance_bits > most_bits ? kGaveUp : queue[vertex_count_ - 1];
+}
+
+/// Sets everything in `out` that follows from the numbers.
+void ClusterPacker::order_triangles(Numbering& out) const {
+  std::array<uint8_t, kMaxClusterTriangles> largest;
+  std::array<uint16_t, kMaxClusterTriangles> distances;
+  std::array<uint8_t, kMaxClusterVertices + 1> first{};  // triangles with a smaller largest number
+  uint32_t furthest = 0;
+  for (uint32_t t = 0; t < triangle_count_; ++t) {
+    const auto& corner = corners_[t];
+    const uint32_t a = out.number[corner[0]], b = out.number[corner[1]], c = out.number[corner[2]];
+    // The largest corner comes first. A rotation of the corners keeps the triangle's orientation.
+    const uint32_t most = std::max({a, b, c});
+    const uint32_t second = most - (a == most ? b : b == most ? c : a);
+    const uint32_t third = most - (a == most ? c : b == most ? a : b);
+    furthest |= second | third;
+    largest[t] = static_cast<uint8_t>(most);
+    distances[t] = static_cast<uint16_t>(second | third << 8);
+    ++first[most + 1];
+  }
+  for (uint32_t v = 0; v < vertex_count_; ++v) first[v + 1] = static_cast<uint8_t>(first[v + 1] + first[v]);
+  for (uint32_t t = 0; t < triangle_count_; ++t) {
+    const uint32_t place = first[largest[t]]++;
+    out.order[place] = static_cast<uint8_t>(t);
+    out.largest[place + 1] = largest[t];
+    out.distances[place] = distances[t];
+  }
+  std::fill_n(out.largest.begin() + triangle_count_ + 1, 7, out.largest[triangle_count_]);
+  out.padding = out.largest[1] < 2 ? 2u - out.largest[1] : 0;
+  out.largest[0] = static_cast<uint8_t>(2 - out.padding);
+  uint64_t steps = 0;
+  for (uint32_t i = 0; i < triangle_count_; i += 8) steps |= out.steps(i);
+  assert(vertex_count_ + out.padding <= kMaxClusterVertices && (steps & ~(3 * kEachByte)) == 0);
+  out.wide_steps = (steps & 2 * kEachByte) != 0;
   out.distance_bits = static_cast<uint32_t>(std::bit_width(furthest));
-  out.wide_steps = widest > 1;
   out.words =
       words_for(triangle_count_) * (out.wide_steps ? 2 : 1) + words_for(triangle_count_ * 2 * out.distance_bits);
-  return queue[vertex_count_ - 1];
 }
 
 void ClusterPacker::choose_numbering() {
@@ -252,24 +285,19 @@ void ClusterPacker::choose_numbering() {
 uint32_t* ClusterPacker::put_triangles(PackedCluster& cluster, uint32_t* words) const {
   WordWriter writer(words);
   for (uint32_t bit = 0; bit < (best_.wide_steps ? 2u : 1u); ++bit) {
-    uint32_t before = 2;
-    for (uint32_t i = 0; i < triangle_count_; ++i) {
-      const uint32_t largest = best_.largest[i] + best_.padding;
-      writer.put((largest - before) >> bit & 1u, 1);
-      before = largest;
-    }
+    for (uint32_t i = 0; i < triangle_count_; i += 8)  // moves bit `bit` of the bytes together
+      writer.put((best_.steps(i) >> bit & kEachByte) * 0x0102040810204080 >> 56, std::min(triangle_count_ - i, 8u));
     writer.end_section();
   }
-  for (uint32_t i = 0; i < triangle_count_; ++i) {
-    const auto& corner = corners_[best_.order[i]];
-    const uint32_t largest = best_.largest[i];
-    const uint32_t number[3] = {best_.number[corner[0]], best_.number[corner[1]], best_.number[corner[2]]};
-    // The largest corner comes first. A rotation of the corners keeps the triangle's orientation.
-    const size_t first = number[0] == largest ? 0 : number[1] == largest ? 1 : 2;
-    const uint32_t second = largest - number[(first + 1) % 3];
-    const uint32_t third = largest - number[(first + 2) % 3];
-    writer.put(second | third << best_.distance_bits, 2 * best_.distance_bits);
-  }
+  const uint32_t bits = best_.distance_bits;
+  const auto pair = [&](uint32_t i) {
+    return static_cast<uint64_t>((best_.distances[i] & 0xffu) | static_cast<uint32_t>(best_.distances[i] >> 8) << bits);
+  };
+  uint32_t i = 0;
+  static_assert(4 * 2 * kMostDistanceBits <= kMostPutBits);
+  for (; i + 4 <= triangle_count_; i += 4)
+    writer.put(pair(i) | pair(i + 1) << 2 * bits | pair(i + 2) << 4 * bits | pair(i + 3) << 6 * bits, 8 * bits);
+  for (; i < triangle_count_; ++i) writer.put(pair(i), 2 * bits);
   cluster.record.counts |= (triangle_count_ - 1) | best_.distance_bits << 14;
   cluster.record.place |= best_.wide_steps ? 1u << 31 : 0;
   return writer.end_section();
@@ -286,19 +314,20 @@ uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>&
 
   Codes codes;
   codes.count = count;
-  std::fill_n(cluster.min, 3, ~0u);
   for (uint32_t i = 0; i < count; ++i) {
     const uint32_t* offset = &offsets_[3 * size_t{vertices[first + i]}];
-    for (size_t axis = 0; axis < 3; ++axis) {
-      codes.code[i][axis] = offset[axis];
-      cluster.min[axis] = std::min(cluster.min[axis], offset[axis]);
-      cluster.max[axis] = std::max(cluster.max[axis], offset[axis]);
-    }
+    for (size_t axis = 0; axis < 3; ++axis) codes.code[axis][i] = offset[axis];
   }
-  for (uint32_t i = 0; i < count; ++i)
-    for (size_t axis = 0; axis < 3; ++axis) codes.code[i][axis] -= cluster.min[axis];
-  uint32_t bits[3];
-  for (uint32_t axis = 0; axis < 3; ++axis) {
+  std::array<uint32_t, 3>& bits = codes.bits;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    int32_t min = INT32_MAX, max = 0;  // signed, because SSE2 compares only these
+    for (uint32_t i = 0; i < count; ++i) {
+      min = std::min(min, static_cast<int32_t>(codes.code[axis][i]));
+      max = std::max(max, static_cast<int32_t>(codes.code[axis][i]));
+    }
+    cluster.min[axis] = static_cast<uint32_t>(min);
+    cluster.max[axis] = static_cast<uint32_t>(max);
+    for (uint32_t i = 0; i < count; ++i) codes.code[axis][i] -= cluster.min[axis];
     bits[axis] = static_cast<uint32_t>(std::bit_width(cluster.max[axis] - cluster.min[axis]));
   }
   const uint32_t stride = bits[0] + bits[1] + bits[2];
@@ -306,12 +335,8 @@ uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>&
   const Prediction plane = fit_plane(codes);
   const uint32_t axis = plane.predictor.axis;
   if (axis != kNotPredicted && words_for(count * (stride - bits[axis] + plane.bits)) + 2 < words_for(count * stride)) {
-    for (uint32_t i = 0; i < count; ++i) {
-      auto& code = codes.code[i];
-      code[axis] -=
-          plane.predictor.bias + static_cast<uint32_t>(predicted(code, (axis + 1) % 3, (axis + 2) % 3,
-                                                                 plane.predictor.slope_u, plane.predictor.slope_v));
-    }
+    for (uint32_t i = 0; i < count; ++i)
+      codes.code[axis][i] -= plane.predictor.bias + static_cast<uint32_t>(predicted(codes, plane.predictor, i));
     bits[axis] = plane.bits;
     cluster.record.place |= axis << 29;
     const uint32_t slopes = (static_cast<uint32_t>(plane.predictor.slope_u) & 0xffffu) |
@@ -323,15 +348,14 @@ uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>&
   }
   cluster.record.counts |= (count - 1) << 7 | bits[0] << 17 | bits[1] << 22 | bits[2] << 27;
   WordWriter writer(put_triangles(cluster, words));
+  const auto& [x, y, z] = codes.code;
   const uint32_t xy_bits = bits[0] + bits[1];
-  if (xy_bits + bits[2] <= 32) {  // the common case
-    for (uint32_t i = 0; i < count; ++i) {
-      const auto& code = codes.code[i];
-      writer.put(code[0] | code[1] << bits[0] | static_cast<uint32_t>(uint64_t{code[2]} << xy_bits), xy_bits + bits[2]);
-    }
+  if (xy_bits + bits[2] <= kMostPutBits) {  // the common case
+    for (uint32_t i = 0; i < count; ++i)
+      writer.put(x[i] | uint64_t{y[i]} << bits[0] | uint64_t{z[i]} << xy_bits, xy_bits + bits[2]);
   } else {
     for (uint32_t i = 0; i < count; ++i)
-      for (size_t a = 0; a < 3; ++a) writer.put(codes.code[i][a], bits[a]);
+      for (size_t a = 0; a < 3; ++a) writer.put(codes.code[a][i], bits[a]);
   }
   return writer.end_section();
 }
@@ -339,8 +363,10 @@ uint32_t* ClusterPacker::put_data(PackedCluster& cluster, std::vector<uint32_t>&
 uint32_t ClusterPacker::pack(std::span<const uint32_t> triangles, ClusterSet& out) {
   gather(triangles);
   choose_numbering();
-  std::fill_n(at_vertex_.begin(), vertex_count_, CornerSets{});
-  for (uint32_t i = 0; i < triangle_count_; ++i) out.triangles.push_back(triangles[best_.order[i]]);
+  std::fill_n(at_vertex_.begin(), vertex_count_, CornerCounts{});
+  const size_t before = out.triangles.size();
+  out.triangles.resize(before + triangle_count_);
+  for (uint32_t i = 0; i < triangle_count_; ++i) out.triangles[before + i] = triangles[best_.order[i]];
   PackedCluster cluster{};
   std::array<uint32_t, kMostClusterWords + kWriterSlack> words;
   const uint32_t* end = put_data(cluster, out.vertices, words.data());

@@ -34,29 +34,44 @@ class ClusterPacker {
  private:
   /// One way to number the vertices.
   struct Numbering {
-    std::array<uint8_t, kMaxClusterVertices> number;    // per vertex, in order of first use
-    std::array<uint8_t, kMaxClusterTriangles> order;    // triangles by largest number
-    std::array<uint8_t, kMaxClusterTriangles> largest;  // largest number of the triangle at each index of `order`
-    uint32_t padding;                                   // repeats before vertex 0
+    std::array<uint8_t, kMaxClusterVertices> number;  // per vertex, in order of first use
+    std::array<uint8_t, kMaxClusterTriangles> order;  // triangles by largest number
+    // By the index in `order`: distances of the second corner (low byte) and the third from the largest number.
+    std::array<uint16_t, kMaxClusterTriangles> distances;
+    // The number from which steps begin, the largest number of each triangle in order, and copies of the last one.
+    std::array<uint8_t, kMaxClusterTriangles + 8> largest;
+    uint32_t padding;  // repeats before vertex 0
     uint32_t distance_bits;
     bool wide_steps;
     uint32_t words;  // for steps and distances
+
+    /// The steps of 8 triangles from an index in `order`, one per byte; 0 behind the last triangle.
+    uint64_t steps(uint32_t first) const;
   };
 
   /// One bit per triangle of the cluster.
   using TriangleSet = std::array<uint64_t, 2>;
   static_assert(kMaxClusterTriangles == 128);
 
-  /// The triangles that have a vertex as corner 0, 1 and 2.
-  using CornerSets = std::array<TriangleSet, 3>;
+  /// A number of corners, 0 to 3, per triangle of the cluster: its low and its high bit.
+  struct CornerCounts {
+    TriangleSet ones, twos;
 
-  static void add(const CornerSets& more, CornerSets& sets) {
-    for (size_t i = 0; i < 3; ++i)
-      for (size_t word = 0; word < 2; ++word) sets[i][word] |= more[i][word];
-  }
+    /// Sums must not exceed 3.
+    void add(const CornerCounts& more) {
+      for (size_t word = 0; word < 2; ++word) {
+        twos[word] ^= more.twos[word] ^ (ones[word] & more.ones[word]);
+        ones[word] ^= more.ones[word];
+      }
+    }
+    uint64_t two(size_t word) const { return twos[word] & ~ones[word]; }
+    uint64_t any(size_t word) const { return ones[word] | twos[word]; }
+    uint64_t three(size_t word) const { return ones[word] & twos[word]; }
+  };
 
   void gather(std::span<const uint32_t> triangles);
-  uint32_t number_from(uint32_t start, uint32_t most_bits, Numbering& out);
+  uint32_t number_from(uint32_t start, uint32_t most_bits, Numbering& out) const;
+  void order_triangles(Numbering& out) const;
   void choose_numbering();
   uint32_t* put_triangles(PackedCluster& cluster, uint32_t* words) const;
   uint32_t* put_data(PackedCluster& cluster, std::vector<uint32_t>& vertices, uint32_t* words) const;
@@ -71,7 +86,7 @@ class ClusterPacker {
   uint32_t vertex_count_ = 0;
   std::array<uint32_t, kMaxClusterVertices + 3> vertices_;  // in the list; room for a triangle that does not fit
   std::array<std::array<uint8_t, 3>, kMaxClusterTriangles> corners_;
-  std::array<CornerSets, kMaxClusterVertices> at_vertex_{};  // empty between clusters
+  std::array<CornerCounts, kMaxClusterVertices> at_vertex_{};  // corners at each vertex; none between clusters
   Numbering best_;
   Numbering trial_;
 };

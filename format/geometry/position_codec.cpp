@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <string>
 
 #include "format/geometry/code_scan.h"
@@ -288,16 +289,37 @@ PositionRange position_range(std::span<const uint32_t> coordinates) {
   return range;
 }
 
-void quantize_positions(std::span<uint32_t> out, std::span<const float> positions, const MeshLattice& lattice) {
+double quantize_positions(std::span<uint32_t> out, std::span<const float> positions, const MeshLattice& lattice) {
   assert(out.size() == positions.size() && positions.size() % 3 == 0);
-  const std::array<int64_t, 3> min = lattice.min;
-  for (size_t i = 0; i < positions.size(); i += 3) {
-    for (size_t axis = 0; axis < 3; ++axis) {
-      const int64_t offset = quantize(positions[i + axis], lattice.exponent) - min[axis];
-      assert(offset >= 0 && static_cast<uint64_t>(offset) <= low_mask(lattice.bits[axis]));
-      out[i + axis] = static_cast<uint32_t>(offset);
-    }
+  // Two values at a time, as quantize() and dequantize(): coordinates and their differences are exact as doubles.
+  using Doubles2 = double __attribute__((vector_size(16)));
+  using Floats2 = float __attribute__((vector_size(8)));
+  using Ints2 = int32_t __attribute__((vector_size(8)));
+  const double to_lattice = exp2i(-lattice.exponent), step = exp2i(lattice.exponent);
+  double min[4];
+  for (size_t k = 0; k < 4; ++k) min[k] = static_cast<double>(lattice.min[k % 3]);
+  Doubles2 lowest{}, highest{};  // differences of decoded values from the positions
+  const auto two = [&](Floats2 values, size_t axis) {
+    const auto exact = __builtin_convertvector(values, Doubles2);
+    const Doubles2 coordinates = (exact * to_lattice + kRounder) - kRounder;
+    const auto decoded = __builtin_convertvector(__builtin_convertvector(coordinates * step, Floats2), Doubles2);
+    const Doubles2 difference = decoded - exact;
+    lowest = difference < lowest ? difference : lowest;
+    highest = difference > highest ? difference : highest;
+    return __builtin_convertvector(coordinates - Doubles2{min[axis], min[axis + 1]}, Ints2);
+  };
+  size_t i = 0, axis = 0;  // of values[i]
+  for (; i + 2 <= positions.size(); i += 2, axis = (axis + 2) % 3) {
+    Floats2 values;
+    std::memcpy(&values, &positions[i], sizeof values);
+    const Ints2 offsets = two(values, axis);
+    std::memcpy(&out[i], &offsets, sizeof offsets);
   }
+  if (i < positions.size()) out[i] = static_cast<uint32_t>(two(Floats2{positions[i], positions[i]}, axis)[0]);
+  assert(std::all_of(out.begin(), out.end(), [&, k = size_t{0}](uint32_t offset) mutable {
+    return offset <= low_mask(lattice.bits[k++ % 3]);
+  }));
+  return std::max(std::max(highest[0], highest[1]), -std::min(lowest[0], lowest[1]));
 }
 
 void encode_positions(std::span<std::byte> out, std::span<const uint32_t> coordinates, const PositionRange& range) {

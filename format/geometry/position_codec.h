@@ -49,8 +49,8 @@ uint64_t position_stream_bytes(uint64_t vertex_count, const PositionRange& range
 PositionRange position_range(std::span<const uint32_t> coordinates);
 
 /// Lattice offsets (from lattice.min) of float positions, 3 per vertex; all must be finite and inside the lattice's
-/// box.
-void quantize_positions(std::span<uint32_t> out, std::span<const float> positions, const MeshLattice& lattice);
+/// box. Returns the largest distance along an axis between a position and its decoded value, model units.
+double quantize_positions(std::span<uint32_t> out, std::span<const float> positions, const MeshLattice& lattice);
 
 /// Writes exactly position_stream_bytes() bytes; `coordinates` must lie in `range`.
 void encode_positions(std::span<std::byte> out, std::span<const uint32_t> coordinates, const PositionRange& range);

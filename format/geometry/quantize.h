@@ -30,11 +30,12 @@ SCREE_HD inline float dequantize(int64_t coordinate, int32_t exponent) {
   return static_cast<float>(static_cast<double>(coordinate) * exp2i(exponent));
 }
 
+/// Adding 1.5 * 2^52 leaves no bits below 1, so the addition rounds, and is faster than a call of nearbyint(). Above
+/// 2^23 a scaled float is an integer with at most 24 significant bits, so adding and subtracting are exact there.
+inline constexpr double kRounder = 6755399441055744.0;
+
 /// The coordinate nearest to a finite value, halves to even. The caller has checked that it fits (fits_lattice()).
 SCREE_HD inline int64_t quantize(float value, int32_t exponent) {
-  // Adding 1.5 * 2^52 leaves no bits below 1, so the addition rounds, and is faster than a call of nearbyint(). Above
-  // 2^23 the scaled float is an integer with at most 24 significant bits, so both sums are exact there.
-  constexpr double kRounder = 6755399441055744.0;
   const double scaled = static_cast<double>(value) * exp2i(-exponent);
   return static_cast<int64_t>((scaled + kRounder) - kRounder);
 }

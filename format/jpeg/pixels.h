@@ -39,7 +39,7 @@ SCREE_HD inline uint32_t jpeg_group_bytes(const JpegPicture& picture) {
   return 64 * picture.mcu_blocks * picture.view.group_mcus;
 }
 
-/// Pixels of a group's MCUs, with those beyond the picture's edges.
+/// Pixels of a group's MCUs, including pixels beyond the picture's edges.
 SCREE_HD inline uint32_t jpeg_group_pixels(const JpegPicture& picture) {
   return picture.mcu_width * picture.mcu_height * picture.view.group_mcus;
 }
@@ -139,14 +139,14 @@ SCREE_HD inline bool decode_jpeg_samples(const JpegPicture& picture, JpegCursor&
   return good;
 }
 
-/// The MCUs of a group, which is below ceil(mcu_count / group_mcus).
+/// The number of MCUs in a group. `group`: below ceil(mcu_count / group_mcus).
 SCREE_HD inline uint32_t jpeg_group_mcus(const JpegPicture& picture, uint32_t group) {
   const uint32_t left = picture.view.mcu_count - group * picture.view.group_mcus;
   return left < picture.view.group_mcus ? left : picture.view.group_mcus;
 }
 
-/// Decodes a whole group, as for jpeg_group_mcus(), to 64 * mcu_blocks * group_mcus bytes. Bytes for MCUs past the last
-/// one stay unchanged. Samples are grey from the first invalid or truncated block on. Safe on any data.
+/// Decodes a whole group to 64 * mcu_blocks * group_mcus bytes. `group`: as for jpeg_group_mcus(). Bytes for MCUs past
+/// the last one stay unchanged. Samples are grey from the first invalid or truncated block on. Safe on any data.
 SCREE_HD inline void decode_jpeg_group(const JpegPicture& picture, uint32_t group, uint8_t* samples) {
   JpegCursor cursor = jpeg_anchor(picture.view, group);
   const uint32_t count = jpeg_group_mcus(picture, group);
@@ -229,8 +229,8 @@ SCREE_HD inline uint32_t jpeg_pixel(const JpegPicture& picture, const JpegPlace&
   return (place.mcu * picture.mcu_height + place.y) * picture.mcu_width + place.x;
 }
 
-/// The colours of a run of eight pixels, from the samples of their group: those that jpeg_pixel() numbers 8 * `run` to
-/// 8 * `run` + 7, which lie side by side. In a kernel `colours` is 16-byte aligned.
+/// Makes the colours of eight pixels, which lie side by side, from the samples of their group. By jpeg_pixel() the
+/// pixels have the numbers 8 * `run` to 8 * `run` + 7. In a kernel `colours` is 16-byte aligned.
 SCREE_HD inline void jpeg_run_colours(const JpegPicture& picture, uint32_t run, const uint8_t* samples,
                                       uint32_t* colours) {
   const uint32_t row = divide_jpeg(8 * run, picture.mcu_width_inverse);  // MCUs lie one below the other

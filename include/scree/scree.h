@@ -193,12 +193,12 @@ typedef struct scree_load_options {
   scree_progress progress;
   void* user;
   uint64_t gpus; /* the number of GPUs that draw the scene together, from `gpu` on, each with a part of the picture
-                    or of its pages (docs/scale.md), at most 16; SCREE_ALL_GPUS: all. 0 and 1: one. Since version 3 */
+                    or of the scene (docs/scale.md), at most 16; SCREE_ALL_GPUS: all. 0 and 1: one. Since version 3 */
   /* Since version 4: */
-  uint64_t texture_memory; /* the most bytes for pages of KTX2, DDS and JPEG textures, which come from the file when
-                              pixels show them; the picture does not depend on it. 0: 2 GiB if the CPU draws. On a GPU
-                              textures that fit are loaded whole; 0: if the whole file fits, else pages and geometry
-                              share the memory */
+  uint64_t texture_memory; /* the most bytes for pages of KTX2, DDS and JPEG textures, which are read when pixels show
+                              them; the picture does not depend on it. On the CPU 0 means 2 GiB. On a GPU textures
+                              that together take at most these bytes are loaded whole; with 0 they are loaded whole if
+                              the whole file fits, otherwise pages and geometry share the memory */
   const char* environment; /* a Radiance picture (.hdr) of all directions, the light of SCREE_LIGHT_ENVIRONMENT, which
                               it implies. Null: a clear sky */
   scree_light light;       /* of its pictures, unless a draw names another. The environment is only loaded if it is the

@@ -114,7 +114,7 @@ __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameVie
                                           const uint32_t* visible, uint32_t count) {
   const uint32_t all = ~0u >> (32 - count);
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  const bool is_tested = mesh.chunk_count == 1;  // with its instance, but not against the rows
+  const bool is_tested = mesh.chunk_count == 1;  // with its instance, except against the rows
   if (is_tested && !leaves_out_rows(view)) return all;
   uint32_t seen = 0;
   for (uint32_t k = 0; k < count; ++k) {

@@ -135,7 +135,7 @@ bool same_clip_box(const ClipBox& a, const ClipBox& b) {
   return true;
 }
 
-/// Many rows that are newly drawn are as if the camera had moved.
+/// Whether few rows are new. Many new rows have the same effect as a camera that moved.
 bool similar_rows(const FrameView& a, const FrameView& b) {
   return std::abs(a.first_row - b.first_row) + std::abs(a.end_row - b.end_row) <= a.height / 32;
 }

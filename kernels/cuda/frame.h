@@ -34,12 +34,12 @@ struct DrawOptions {
   // Target::peeled and Target::fragments of frames that draw blended surfaces; in device memory.
   const uint64_t* peeled = nullptr;
   FragmentSlots fragments = {};
-  // The rows of samples that are drawn, within the picture; the other samples are then undefined. Empty: all.
+  // The rows of samples that are drawn, within the picture; samples of other rows are undefined. Empty: all rows.
   RowRange rows = {};
-  // Null, or for a whole frame whose pages several GPUs share: a call that queues the joining of their samples on a
-  // cudaStream_t. It is called when the clusters that were visible last time are queued, if the frame has two passes,
-  // and when all are. All GPUs must have the same tables, so that they join equally often. finish() then does not draw
-  // again.
+  // Null, or, for a whole frame of GPUs that share the pages, a call that queues the joining of their samples on a
+  // cudaStream_t. It is called once all clusters are queued. In a two-pass frame it is also called before that, once
+  // the clusters that were visible last time are queued. All GPUs must have the same tables, so that they join equally
+  // often. With `join` finish() does not draw again.
   const std::function<Result<void>(void* stream)>* join = nullptr;
   // A small scene's frame is one submission, so its stages have no times. With this flag its kernels are launched one
   // by one, which costs 0.02 ms on scene D.

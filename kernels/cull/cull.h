@@ -65,7 +65,7 @@ SCREE_HD inline bool leaves_out_rows(const FrameView& view) {
   return view.first_row != 0 || view.end_row != view.height;
 }
 
-/// may_be_in_rows() of `rows` y and w. `slack`: as a share of the sum of all terms.
+/// As may_be_in_rows(), by the rows y and w of a matrix. `slack`: as a share of the sum of all terms.
 template <class Real, class Box>
 SCREE_HD inline bool box_may_be_in_rows(const Real* row_y, const Real* row_w, const FrameView& view, const Box& box,
                                         Real slack) {

@@ -28,9 +28,9 @@ class BlockCache {
   const uint8_t* hold(const format::JpegPicture& picture, uint32_t level, uint32_t group, uint64_t& place);
   void release(uint64_t place);
 
-  /// The colours of pixels (x[i % 2], y[i / 2]) of a level, as coded, red in the low byte. Holds each group once,
-  /// however many of the pixels lie in it. Groups that do not fit a slot are decoded each time. Not inline: both
-  /// instruction sets share it.
+  /// The colours of pixels (x[i % 2], y[i / 2]) of a level, as coded, red in the low byte. Looks each group up once,
+  /// however many of the pixels lie in it. Groups that do not fit a slot are decoded each time. Not inline, because
+  /// both instruction sets share it.
   void fetch(const format::JpegPicture& picture, uint32_t level, const uint32_t x[2], const uint32_t y[2],
              uint32_t colours[4]);
 

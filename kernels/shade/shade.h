@@ -340,7 +340,7 @@ SCREE_HD inline bool is_identity(const float* transform) {
   return transform[0] == 0 && transform[1] == 0 && transform[2] == 1 && transform[3] == 1 && transform[4] == 0;
 }
 
-/// A uv_transform() without its offset: scale, then rotation. A call, since few textures have one.
+/// A uv_transform() without its offset: scale, then rotation. Not inlined, because few textures have one.
 struct UvMatrix {
   double rows[2][2];
 };

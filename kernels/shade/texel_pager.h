@@ -1,6 +1,6 @@
-// Pages of block images and JPEGs, which come to memory when pixels sample them. A picture is shaded in rounds. A pixel
-// that lacks a page marks it as wanted and waits; between two rounds the wanted pages are read. So the picture does not
-// depend on the room for pages. A picture that shall not wait takes coarser levels instead (set_patience()).
+// Pages of block images and JPEGs, which are read when pixels sample them. A picture is shaded in rounds. A pixel that
+// lacks a page marks it as wanted and waits; between two rounds the wanted pages are read. So the picture does not
+// depend on the room for pages. A picture that must not wait takes coarser levels instead (set_patience()).
 #pragma once
 
 #include <cstdint>

@@ -50,7 +50,7 @@ SCREE_HD inline const uint8_t* want_page(const TexelPages& pages, uint64_t numbe
   return pages.blocks[number];
 }
 
-/// The picture of a JPEG level whose page is `page`, if it has one.
+/// The picture of a JPEG level. `page`: the address of the level's page, if it has one.
 SCREE_HD inline const format::JpegPicture* jpeg_of(const JpegLevel& level, const uint8_t* page) {
   return level.page == JpegLevel::kNotPaged ? &level.picture
                                             : reinterpret_cast<const format::JpegPicture*>(page + level.place);

@@ -31,7 +31,7 @@ struct RoundCounters {
 };
 
 /// A view of the cache: slots in sets of kWays; a group may lie in either of two sets. A group's key is its number
-/// among all groups of the scene. A byte per key says where the group lies: 0.03 bits per pixel. Owns nothing.
+/// among all groups of the scene. A byte per key gives the group's slot: 0.03 bits per pixel. Owns nothing.
 struct TextureCache {
   static constexpr uint32_t kWays = 8;
   static constexpr uint64_t kNoKey = ~uint64_t{0};
@@ -40,7 +40,7 @@ struct TextureCache {
   static constexpr uint8_t kRequested = 255;        // absent, and requested in this round
   static constexpr uint32_t kNever = ~uint32_t{0};  // the stamp of an absent way
 
-  uint8_t* places;          // by key: 1 + its way, of the second set 1 + kWays + its way; or one of the above
+  uint8_t* places;          // by key: 1 + way in the first set, 1 + kWays + way in the second, or a constant above
   uint64_t* keys;           // by slot; kWays per set
   uint32_t* stamps;         // the last round that used the slot
   uint32_t* colours;        // slot_pixels per slot, by format::jpeg_pixel()
@@ -109,9 +109,9 @@ struct TextureCache {
     }
   }
 
-  /// Whether the cache has room for the groups of a level, whose picture this is. The groups of a paged level were
-  /// counted before it was read, as if it were coded like the last stored level; if they are larger or more, each pixel
-  /// decodes them itself.
+  /// Whether the cache has room for the groups of a level with this picture. The groups of a paged level are counted
+  /// before it is read, as if it were coded like the last stored level. If it has larger groups or more of them, each
+  /// pixel decodes its groups itself.
   SCREE_HD bool holds(const JpegLevel& level, const format::JpegPicture& picture) const {
     return format::jpeg_group_pixels(picture) <= slot_pixels &&
            picture.view.mcu_count <= level.group_count * picture.view.group_mcus;
@@ -161,8 +161,8 @@ struct CachedTexels {
       group[i] = place.group;
       pixel[i] = jpeg_pixel(picture, place);
     }
-    // The texels lie in one group, or at a border between two; at a corner they may lie in four. Two look-ups that all
-    // lanes take are shorter than four. A loop over the groups would be too, but its lanes part there.
+    // The texels lie in one group, in two at a border, or in up to four at a corner. Two look-ups by all lanes are
+    // faster than four. They are also faster than a loop over the groups, in which lanes diverge.
     const auto find = [&](uint32_t i) { return cache.lookup(jpeg.first_group + group[i], now); };
     const uint32_t* from[4];
     from[0] = find(0);

@@ -10,11 +10,11 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// A place along one axis of a texture: its coordinate in 2^-32 of the texture's side, modulo 2^32 sides. Integers,
-/// because GPUs may have few units for double precision.
+/// A place along one axis of a texture: the coordinate in 2^-32 of the texture's side, modulo 2^32 sides. It is an
+/// integer, because many GPUs have few units for double precision.
 using TexturePoint = uint64_t;
 
-/// A call, because few pixels need it.
+/// Not inlined, because few pixels need it.
 [[gnu::noinline]] SCREE_HD inline TexturePoint texture_point(double coordinate) {
   if (!(abs_of(coordinate) < 2251799813685248.0)) return 0;  // 2^51; also NaN
   const double whole = std::floor(coordinate);

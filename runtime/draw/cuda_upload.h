@@ -73,7 +73,7 @@ class CudaScene {
   Result<void> replace_page_table();
 
   kernels::DeviceBuffer arena_;
-  const std::byte* first_page_ = nullptr;  // of those that upload() has copied
+  const std::byte* first_page_ = nullptr;  // that upload() has copied
   uint64_t page_bytes_ = 0;
   kernels::DeviceBuffer copied_pages_;  // of other devices
   std::unique_ptr<DeviceBlockPager> pager_;

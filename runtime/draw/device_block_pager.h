@@ -21,8 +21,8 @@ class DeviceBlockPager final : public BlockPager {
  public:
   static constexpr uint64_t kUnit = 4096;  // of the room
 
-  /// Makes a pager for the pages of scene.block_pager(), which is not null. It reads on `threads` threads as `reading`
-  /// says. `room`: its own device memory for pages; 0: use_room() follows. `host_memory`: as for pinned_bytes().
+  /// Makes a pager for the pages of scene.block_pager(), which is not null. `threads`, `reading`: how it reads. `room`:
+  /// its own device memory for pages; 0: use_room() gives it memory later. `host_memory`: as for pinned_bytes().
   /// `scene` outlives this. Errors kDevice. Throws std::bad_alloc.
   static Result<std::unique_ptr<DeviceBlockPager>> create(const Scene& scene, uint32_t threads, uint64_t host_memory,
                                                           Reading reading, uint64_t room);

@@ -50,9 +50,9 @@ Result<Gpu> use_gpu_in_turn(uint32_t number);
 inline constexpr uint32_t kMostGpus = 16;  // that draw together
 inline constexpr uint32_t kAllGpus = UINT32_MAX;
 
-/// GPUs that draw together: `first`, the current device, and after it the next usable ones, `count` in all; kAllGpus:
-/// every one, kMostGpus at most. By CUDA's numbers. Makes a context on each; the current device stays. Errors kDevice:
-/// fewer can be used; a CUDA call that failed.
+/// CUDA's numbers of GPUs that draw together: `first`, the current device, and the next usable GPUs, `count` in all;
+/// kAllGpus: all of these, kMostGpus at most. Makes a context on each; the current device stays. Errors kDevice: fewer
+/// can be used; a CUDA call that failed.
 Result<std::vector<int>> gpus_from(int first, uint32_t count);
 
 /// The calling thread's current device; errors as use_gpu().

@@ -79,6 +79,14 @@ class DeviceView {
   Result<void> read_over(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> over);
   Result<void> read_colors(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> colors);
 
+  /// The same without reading them back: device memory that stays until the next such call.
+  Result<float*> make_colors(const kernels::View& view, const kernels::ShadeOptions& options);
+
+  /// Queues the work that makes a picture of the colours that make_colors() left there, or that others wrote in their
+  /// place. Otherwise as resolve(), without layers of blended surfaces. Returns pixels().
+  Result<uint32_t*> resolve_colors(const kernels::View& view, uint32_t samples_per_side,
+                                   const kernels::ShadeOptions& options);
+
   /// One sample of the picture that draw() made last; `index` below width * height. Error kDevice.
   Result<uint64_t> read_sample(uint64_t index);
 
@@ -116,8 +124,9 @@ class DeviceView {
 
   /// Device memory: the picture that resolve() made last, RGBA8.
   const uint32_t* pixels() const;
-  /// Device memory: the samples of the picture that draw() made last. Error kDevice.
-  Result<const uint64_t*> samples();
+  /// Device memory: the samples of the picture that draw() made last, over which samples that also show the chunks of
+  /// other processes may be written. Error kDevice.
+  Result<uint64_t*> samples();
 
   /// Keeps the memory of a picture, a layer or the samples at its place while the result lives. The result must be
   /// destroyed with the device current. Null if `data` is none of these any more.
@@ -154,10 +163,10 @@ class DeviceScene {
   /// - `host_memory`: the most pinned memory that uploading and streaming take. The part that batches leave keeps
   ///   chunks. 0: as much as batches need, and no chunks are kept.
   /// - `progress`: gets the number of copied bytes, and may stop the upload (kFile).
-  /// - `gpus`: the most GPUs that draw the scene together: the current device and the next usable ones; kAllGpus: all.
-  ///   Each has this budget, and all pages if they fit it, else a share of them. Views draw on all of them. The first
-  ///   one draws batches and layers, also from the others' pages. If a share exceeds the budget, one GPU streams the
-  ///   scene.
+  /// - `gpus`: the most GPUs that draw the scene together: the current device and the next usable GPUs; kAllGpus: all.
+  ///   Each has this budget. It gets all pages if they fit the budget, otherwise a share of them. Views draw on all
+  ///   GPUs. The first GPU draws batches and layers, also from the others' pages. If a share exceeds the budget, one
+  ///   GPU streams the scene.
   /// - `comes_later`: uploads no page if the budget of one GPU holds the scene and the memory for streaming. Pictures
   ///   then stream their chunks, and load_rest() loads all others, after which the scene is resident.
   /// - `share`: null, or the pages that the GPU gets, as one of several processes. Such a scene is not streamed, and

@@ -256,8 +256,8 @@ Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& 
   return drawn;
 }
 
-/// The team's transforms, and the rows of other GPUs, are those of the picture that it drew last. So a view whose
-/// picture another one followed draws it again.
+/// The team has the transforms, and the rows of other GPUs, only of the picture that it drew last. So if another view
+/// has drawn since, this view draws its picture again.
 Result<void> DeviceView::Impl::draw_if_followed() {
   if (!drawn_by_team || scene.team_view == this) return {};
   const Result<kernels::FrameStats> drawn = draw_by_team(*drawn_by_team);
@@ -496,7 +496,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
-  // Pages of textures get half of what is left. The other half is for blended surfaces and for queues that grow.
+  // Pages of textures get half of the rest. The other half is for blended surfaces and for queues that grow.
   uint64_t more = 0;
   if (share == nullptr)
     more = std::min(DeviceBlockPager::most_room(scene) - DeviceBlockPager::usual_room(scene),
@@ -667,30 +667,53 @@ Result<void> DeviceView::read_over(const kernels::View& view, const kernels::Sha
 
 Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
                                      std::span<float> colors) {
-  Impl& own = *impl_;
-  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
-  if (colors.size() != uint64_t{3} * view.width * view.height || !kernels::shades_from_chunks(options.show))
+  if (colors.size() != uint64_t{3} * view.width * view.height)
     return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
                                         std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
-  const float* made = nullptr;
-  if (const CudaStream* const stream = own.scene.streaming()) {
-    made = stream->colors();
-    if (made == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
-  } else {
-    const Result<uint64_t*> samples = own.whole_samples();
-    if (!samples) return samples.error();
-    Result<void> done = own.colors.reserve(colors.size_bytes(), "allocating the samples' colours");
-    if (done)
-      done = cuda_check(cudaMemsetAsync(own.colors.data(), 0, colors.size_bytes(), nullptr), "clearing the colours");
-    if (done)
-      done = own.resolver.shade_part(own.scene.scene.view(), view, *samples, own.transforms(), options,
-                                     reinterpret_cast<float*>(own.colors.data()), nullptr,
-                                     own.scene.scene.texture_cache());
-    if (!done) return done;
-    made = reinterpret_cast<const float*>(own.colors.data());
-  }
-  return cuda_check(cudaMemcpy(colors.data(), made, colors.size_bytes(), cudaMemcpyDeviceToHost),
+  const Result<float*> made = make_colors(view, options);
+  if (!made) return made.error();
+  return cuda_check(cudaMemcpy(colors.data(), *made, colors.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the samples' colours");
+}
+
+Result<float*> DeviceView::make_colors(const kernels::View& view, const kernels::ShadeOptions& options) {
+  Impl& own = *impl_;
+  if (Result<void> checked = own.check_drawn(view); !checked) return checked.error();
+  if (!kernels::shades_from_chunks(options.show))
+    return Error{ErrorCode::kRange, "the picture has no colours from the scene's surfaces"};
+  if (const CudaStream* const stream = own.scene.streaming()) {
+    if (stream->colors() != nullptr) return stream->colors();
+    return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
+  }
+  const Result<uint64_t*> samples = own.whole_samples();
+  if (!samples) return samples.error();
+  const uint64_t bytes = uint64_t{3} * view.width * view.height * sizeof(float);
+  Result<void> done = own.colors.reserve(bytes, "allocating the samples' colours");
+  auto* const colors = reinterpret_cast<float*>(own.colors.data());
+  if (done) done = cuda_check(cudaMemsetAsync(colors, 0, bytes, nullptr), "clearing the colours");
+  if (done)
+    done = own.resolver.shade_part(own.scene.scene.view(), view, *samples, own.transforms(), options, colors, nullptr,
+                                   own.scene.scene.texture_cache());
+  if (!done) return done.error();
+  return colors;
+}
+
+Result<uint32_t*> DeviceView::resolve_colors(const kernels::View& view, uint32_t samples_per_side,
+                                             const kernels::ShadeOptions& options) {
+  Impl& own = *impl_;
+  Result<void> done = own.check_drawn(view);
+  if (done) done = kernels::check_resolve(view, samples_per_side);
+  if (done && own.colors.bytes() < uint64_t{3} * view.width * view.height * sizeof(float))
+    done = Error{ErrorCode::kRange, "the picture's samples have no colours yet"};
+  const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
+  if (done) done = own.pixels.reserve(count * sizeof(uint32_t), "allocating the picture");
+  auto* const pixels = reinterpret_cast<uint32_t*>(own.pixels.data());
+  if (done)
+    done = own.resolver.resolve_colors(view, samples_per_side, own.sample_data(),
+                                       reinterpret_cast<const float*>(own.colors.data()), nullptr, options, pixels,
+                                       nullptr);
+  if (!done) return done.error();
+  return pixels;
 }
 
 Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels::FrameTimes* times,
@@ -939,10 +962,8 @@ const uint32_t* DeviceView::pixels() const {
   return reinterpret_cast<const uint32_t*>(impl_->pixels.data());
 }
 
-Result<const uint64_t*> DeviceView::samples() {
-  const Result<uint64_t*> whole = impl_->whole_samples();
-  if (!whole) return whole.error();
-  return *whole;
+Result<uint64_t*> DeviceView::samples() {
+  return impl_->whole_samples();
 }
 
 std::shared_ptr<const void> DeviceView::hold(const std::byte* data) const {

@@ -194,7 +194,15 @@ const uint32_t* DeviceView::pixels() const {
   return nullptr;
 }
 
-Result<const uint64_t*> DeviceView::samples() {
+Result<float*> DeviceView::make_colors(const kernels::View&, const kernels::ShadeOptions&) {
+  return current_gpu().error();
+}
+
+Result<uint32_t*> DeviceView::resolve_colors(const kernels::View&, uint32_t, const kernels::ShadeOptions&) {
+  return current_gpu().error();
+}
+
+Result<uint64_t*> DeviceView::samples() {
   return nullptr;
 }
 

@@ -170,8 +170,9 @@ Result<void> GpuTeam::reserve(const kernels::View& view, uint64_t* samples) {
   return {};
 }
 
-/// Queues on the stream of GPU `index`: it joins its own part of all buffers once all GPUs have drawn, and waits for
-/// the other parts. Called by a thread per GPU; each waits until all have recorded the events that it waits for.
+/// Queues work on the stream of GPU `index`: once all GPUs have drawn, it joins its own part of all buffers, and then
+/// waits for the other parts. Called by a thread per GPU; each thread waits until all have recorded the events that its
+/// GPU waits for.
 Result<void> GpuTeam::join(size_t index, uint64_t count, cudaStream_t stream, std::barrier<>& threads) {
   const auto meet = [&](cudaEvent_t Member::*event) -> Result<void> {
     Result<void> done = cuda_check(cudaEventRecord(members_[index].*event, stream), "recording an event");
@@ -259,7 +260,7 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& vi
   Finished sum{};
   for (size_t i = 0; i < drawn.size(); ++i) {
     if (!drawn[i]) return drawn[i].error();
-    if (i != 0) drawn[i]->stats.instances_drawn = 0;  // every GPU finds the same ones
+    if (i != 0) drawn[i]->stats.instances_drawn = 0;  // every GPU finds the same instances
     sum.stats += drawn[i]->stats;
     sum.is_drawn_again |= drawn[i]->is_drawn_again;
   }
@@ -322,8 +323,7 @@ std::span<const kernels::RowRange> GpuTeam::shaded_rows(uint32_t index, uint32_t
   return out.first(count);
 }
 
-/// The first GPU is the last to start, because it waits for the others. These wait for the work that it did before with
-/// `pixels`.
+/// The first GPU starts last, because it waits for the others. The others wait for its earlier work with `pixels`.
 Result<void> GpuTeam::start_resolve(const kernels::View& view, uint32_t samples_per_side,
                                     const kernels::ShadeOptions& options, uint32_t* pixels,
                                     kernels::ResolveTimes* times) {

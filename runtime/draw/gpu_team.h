@@ -1,7 +1,7 @@
 // GPUs of one machine that draw a scene together, so that the picture is that of one GPU. If every GPU's memory holds
-// all pages, each draws and shades rows of its own. Otherwise each has a part of the pages and draws it, and their
-// samples are joined over the links between them; each shades a part of the picture, and reads the others' pages for
-// that. Only in programs that are built with CUDA.
+// all pages, each draws and shades rows of its own. Otherwise each has and draws a part of the pages, and their samples
+// are joined over the links between them. Then each shades a part of the picture, for which it reads the others' pages.
+// Only in programs that are built with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -49,11 +49,11 @@ class GpuTeam {
   GpuTeam& operator=(const GpuTeam&) = delete;
   ~GpuTeam();
 
-  /// Lets every GPU read and write the others' memory, and uploads its share of `scene` to each, to all at the same
+  /// Lets every GPU read and write the others' memory, and uploads to each its share of `scene`, to all at the same
   /// time. `gpus`: 2 to kMostGpus, by CUDA's numbers; the first is the current device, before and after. Returns the
-  /// scene of the first GPU: all records and textures, and all pages, which it can read. It outlives this. Errors
-  /// kDevice: two GPUs that cannot read each other's memory; kMemory: no thread for each GPU; and the errors of
-  /// CudaScene::upload(), with the GPU named.
+  /// scene of the first GPU, which outlives this. It has all records and textures, and all pages, which this GPU can
+  /// read. Errors kDevice: two GPUs that cannot read each other's memory; kMemory: no thread for each GPU; and the
+  /// errors of CudaScene::upload(), with the GPU named.
   Result<CudaScene> open(const Scene& scene, std::span<const int> gpus, const Options& options);
 
   /// As CudaFrames::draw() of a whole frame, on all GPUs, into `samples` of the first.
@@ -84,9 +84,9 @@ class GpuTeam {
   const UploadStats& stats() const { return stats_; }
 
  private:
-  /// If the GPUs share the pages, each shades this many bands of rows, which take turns. With more of them the GPUs'
-  /// shares cost more equally. With fewer, fewer chunks show in bands of two GPUs, of which one reads them over a slow
-  /// link.
+  /// If the GPUs share the pages, each shades this many bands of rows; the bands of the GPUs alternate. With more bands
+  /// the GPUs' shares take more equally long. With fewer bands fewer chunks show in bands of two GPUs, where one GPU
+  /// reads them over a slow link.
   static constexpr uint32_t kBandsPerGpu = 4;
 
   struct Member {
@@ -96,7 +96,7 @@ class GpuTeam {
     std::optional<kernels::CudaFrames> frames;
     kernels::CudaResolver resolver;
     kernels::DeviceBuffer samples;  // of the others
-    cudaEvent_t drawn = nullptr;    // the GPU has drawn what is joined next
+    cudaEvent_t drawn = nullptr;    // the GPU has drawn the samples that are joined next
     cudaEvent_t joined = nullptr;   // it has joined its part of the samples
     cudaEvent_t shaded_part = nullptr;
     bool has_all_rows = false;  // of the last picture, by gather_at()

@@ -78,6 +78,15 @@ Result<void> Frame::read_samples() {
   return device_->read_samples(samples_);
 }
 
+void pack_pixels(std::span<const uint32_t> rgba, uint32_t threads, Picture& picture) {
+  parallel_for(picture.height, threads, [&](uint64_t row) {
+    uint8_t* out = picture.pixels.data() + row * picture.width * picture.channels;
+    const uint32_t* in = rgba.data() + row * picture.width;
+    for (uint32_t x = 0; x < picture.width; ++x, ++in)
+      for (uint32_t c = 0; c < picture.channels; ++c) *out++ = static_cast<uint8_t>(*in >> (8 * c));
+  });
+}
+
 Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t threads) const {
   try {
     Picture picture;
@@ -95,12 +104,7 @@ Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t thre
     if (const Result<void> resolved = device_->resolve(view_, samples_per_side_, options, rgba); !resolved)
       return resolved.error();
     picture.blended = device_->blended();
-    parallel_for(picture.height, threads, [&](uint64_t row) {
-      uint8_t* out = picture.pixels.data() + row * picture.width * picture.channels;
-      const uint32_t* in = rgba.data() + row * picture.width;
-      for (uint32_t x = 0; x < picture.width; ++x, ++in)
-        for (uint32_t c = 0; c < picture.channels; ++c) *out++ = static_cast<uint8_t>(*in >> (8 * c));
-    });
+    pack_pixels(rgba, threads, picture);
     return picture;
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for the picture"};

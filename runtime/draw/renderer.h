@@ -31,6 +31,9 @@ inline uint32_t picture_channels(const kernels::ShadeOptions& options) {
   return options.background[3] >= 1.0f ? 3 : 4;
 }
 
+/// Fills picture.pixels from RGBA8 words, red in the low byte.
+void pack_pixels(std::span<const uint32_t> rgba, uint32_t threads, Picture& picture);
+
 /// The functions of the CPU, or of the GPU that drew, that linear_picture() calls.
 struct PictureLight {
   std::function<Result<void>(std::span<uint8_t> rgba)> coded;   // kernels::resolve_cpu() with 4 channels

@@ -24,8 +24,8 @@ void RowShares::divide(uint32_t height, std::span<const float> ms) {
   } else {
     const float most = *std::max_element(ms.begin(), ms.end());
     if (++pictures_ < kSettled || most * static_cast<float>(count) <= (1 + kTolerance) * sum(ms)) return;
-    // A time changes the costs of all steps of a share by one factor. The differences between them stay: they are from
-    // pictures whose shares ended elsewhere.
+    // One factor per share makes the sum of its steps' costs the measured time. The ratios between the steps stay: they
+    // come from pictures whose shares ended elsewhere.
     for (size_t i = 0; i < count; ++i) {
       const auto costs = std::span(cost_).subspan(first_row_[i] / kStep).first(steps_of(rows(i).end - rows(i).first));
       const float estimated = sum(costs);

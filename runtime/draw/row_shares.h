@@ -17,13 +17,13 @@ class RowShares {
   static constexpr uint32_t kStep = 4;
 
   /// Divides `height` rows of samples, at least 1. `ms`: for each share the time that its rows of the last picture
-  /// took. If that picture had another height, all shares get equally many rows. Otherwise rows move only if a share
-  /// takes kTolerance longer than the mean, and kSettled pictures have had the same rows. A share is empty only if
-  /// there are more shares than steps.
+  /// took. If that picture had another height, all shares get equally many rows. Otherwise rows move only if both
+  /// conditions hold: a share takes kTolerance longer than the mean, and the last kSettled pictures had the same rows.
+  /// A share is empty only if there are more shares than steps.
   void divide(uint32_t height, std::span<const float> ms);
 
-  /// A row that moves costs its new GPU many times as much at first, because nothing is known to hide others there. The
-  /// hints of clusters are right again after this many pictures.
+  /// A row that moves costs its new GPU many times as much at first: the GPU has no hints of clusters there, so nothing
+  /// is hidden. After this many pictures the hints are right again.
   static constexpr uint32_t kSettled = 6;
   static constexpr float kTolerance = 0.02f;
 

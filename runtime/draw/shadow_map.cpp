@@ -257,7 +257,7 @@ Result<void> ShadowMap::draw_map(uint32_t threads, const IsOver& is_over) {
     }
     if (const auto drawn = on_device_->draw(sun_.view, nullptr, nullptr, is_over); !drawn) return drawn.error();
     if (const std::optional<StreamStats>& stream = on_device_->stream_stats()) left_bytes_ = stream->left_bytes;
-    const Result<const uint64_t*> samples = on_device_->samples();
+    const Result<uint64_t*> samples = on_device_->samples();
     if (!samples) return samples.error();
     sun_.samples = *samples;
     return {};

@@ -84,7 +84,7 @@ class CudaStream final : public StreamTarget {
   const SharedRoom& shared_room() const { return room_; }
 
   /// The colours of the last frame, 3 floats per sample, in device memory; null if it was not shaded from chunks.
-  const float* colors() const { return shades_ ? reinterpret_cast<const float*>(colors_.data()) : nullptr; }
+  float* colors() const { return shades_ ? reinterpret_cast<float*>(colors_.data()) : nullptr; }
 
   /// BlendTargets::over of the last frame, in device memory; null if it has no layers.
   const float* over() const { return over_; }

@@ -478,7 +478,7 @@ Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
   if (made != nullptr) return made;
   if (batch_ != 0) return Error{ErrorCode::kRange, "the batch was drawn without this layer"};
   if (layer == Layer::kSamples) {
-    const Result<const uint64_t*> samples = device_->samples();
+    const Result<uint64_t*> samples = device_->samples();
     if (!samples) return samples.error();
     return reinterpret_cast<const std::byte*>(*samples);
   }

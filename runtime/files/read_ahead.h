@@ -9,8 +9,8 @@
 
 namespace scree::runtime {
 
-/// Bytes that are requested before a thread takes them. A fast disk reads them in 20 ms, so that threads need not be
-/// many to use all of its rate.
+/// Bytes that are requested before a thread takes them. A fast disk reads them in 20 ms, so even few threads use its
+/// whole rate.
 inline constexpr uint64_t kReadAheadBytes = uint64_t{64} << 20;
 
 /// The ranges of items 0, 1, ... of a loop. add() and end_item() may throw std::bad_alloc; only begin() is thread-safe.
@@ -25,7 +25,7 @@ class ReadAhead {
   }
   void end_item() { ends_.push_back(all_bytes_); }
 
-  /// Call it when a thread begins with an item: requests ranges of up to kReadAheadBytes from there on.
+  /// Requests ranges of up to kReadAheadBytes from this item on. To be called when a thread begins with the item.
   void begin(uint64_t item) {
     const std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
     if (!lock) return;  // another thread requests them

@@ -16,7 +16,8 @@ enum class Reading {
 };
 inline constexpr uint64_t kDirectBytes = uint64_t{256} << 20;
 
-/// Threads that read past the page cache, at least: they wait for the disk, and few requests leave it idle.
+/// The least number of threads that read past the page cache. They mostly wait for the disk, and few requests would
+/// leave it idle.
 inline constexpr uint32_t kDirectThreads = 8;
 
 }  // namespace scree::runtime

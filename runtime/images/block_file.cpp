@@ -4,12 +4,14 @@
 #include <zstd.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <memory>
 #include <span>
 #include <string>
 
 #include "format/blocks/pixels.h"
+#include "runtime/images/basis/uastc.h"
 
 namespace scree::runtime {
 namespace {
@@ -23,6 +25,53 @@ bool unpack(BlockFile::Packing packing, std::span<const std::byte> packed, std::
   return uncompress2(reinterpret_cast<Bytef*>(out.data()), &size, reinterpret_cast<const Bytef*>(packed.data()),
                      &taken) == Z_OK &&
          size == out.size();
+}
+
+std::vector<std::byte> widen(std::span<const std::byte> rgb, uint64_t pixels) {
+  std::vector<std::byte> wide(4 * pixels);
+  for (uint64_t i = 0; i < pixels; ++i) {
+    std::memcpy(wide.data() + 4 * i, rgb.data() + 3 * i, 3);
+    wide[4 * i + 3] = std::byte{255};
+  }
+  return wide;
+}
+
+std::vector<std::byte> decode_uastc(const std::byte* blocks, uint32_t width, uint32_t height) {
+  std::vector<std::byte> pixels(uint64_t{4} * width * height);
+  for (uint32_t y = 0; y < height; y += 4)
+    for (uint32_t x = 0; x < width; x += 4, blocks += kUastcBlockBytes) {
+      std::array<uint32_t, 16> texels;
+      decode_uastc_block(blocks, texels);
+      for (uint32_t j = 0; j < std::min(4u, height - y); ++j)
+        std::memcpy(pixels.data() + 4 * (uint64_t{width} * (y + j) + x), texels.data() + 4 * j,
+                    4 * std::min(4u, width - x));
+    }
+  return pixels;
+}
+
+/// Decodes a level of a BasisLZ file. The first one decodes the codebooks too, which all share.
+Result<std::vector<std::byte>> decode_basis_lz(ImageFile& file, BlockFile& head, const BlockFile::Level& level,
+                                               uint32_t width, uint32_t height) {
+  std::vector<std::byte> bytes;
+  const auto read = [&](uint64_t offset, uint64_t size) {
+    bytes.resize(size);
+    return file.copy(offset, bytes);
+  };
+  if (!head.codebooks) {
+    const BasisLzHead& parts = head.basis_lz;
+    if (auto done = read(head.basis_lz_offset, parts.part_bytes()); !done) return done.error();
+    auto opened = BasisLz::open(parts, bytes);
+    if (!opened) return opened.error();
+    head.codebooks = std::make_shared<const BasisLz>(std::move(*opened));
+  }
+  std::vector<std::byte> pixels(uint64_t{4} * width * height);
+  for (const bool is_alpha : {false, true}) {
+    const uint64_t size = is_alpha ? level.alpha_bytes : level.bytes;
+    if (size == 0) continue;
+    if (auto done = read(is_alpha ? level.alpha_offset : level.offset, size); !done) return done.error();
+    if (auto done = head.codebooks->decode(bytes, is_alpha, width, height, pixels); !done) return done.error();
+  }
+  return pixels;
 }
 
 }  // namespace
@@ -42,29 +91,33 @@ Result<BlockFile> open_block_file(ImageFile& file) {
   return head;
 }
 
-Result<std::vector<std::byte>> read_block_level(ImageFile& file, const BlockFile& head, uint32_t level) {
+uint64_t BlockFile::unpacked_bytes(uint32_t level_width, uint32_t level_height) const {
+  if (coding == Coding::kRgb8) return uint64_t{3} * level_width * level_height;
+  return format::block_level_bytes(coding == Coding::kUastc ? format::BlockFormat::kBc7 : format, level_width,
+                                   level_height);  // UASTC's blocks have the size of those of BC7
+}
+
+Result<std::vector<std::byte>> read_block_level(ImageFile& file, BlockFile& head, uint32_t level) {
   const uint32_t width = std::max(1u, head.width >> level), height = std::max(1u, head.height >> level);
-  const uint64_t pixels = uint64_t{width} * height;
-  const uint64_t bytes = format::block_level_bytes(head.format, width, height);
   const BlockFile::Level& place = head.levels[level];
   const std::string name = std::string(head.kind) + ": level " + std::to_string(level);
+  if (head.coding == BlockFile::Coding::kBasisLz) {
+    auto pixels = decode_basis_lz(file, head, place, width, height);
+    return pixels ? std::move(pixels) : at(name, pixels.error());
+  }
   std::vector<std::byte> packed(place.bytes);
   if (auto read = file.copy(place.offset, packed); !read) return at(name, read.error());
   if (head.packing != BlockFile::Packing::kNone) {
-    std::vector<std::byte> raw(head.is_widened ? 3 * pixels : bytes);
+    std::vector<std::byte> raw(head.unpacked_bytes(width, height));
     if (!unpack(head.packing, packed, raw))
       return Error{ErrorCode::kFormat, name + ": its " + std::to_string(packed.size()) + " bytes are no " +
                                            (head.packing == BlockFile::Packing::kZstd ? "zstd" : "zlib") + " data of " +
                                            std::to_string(raw.size())};
     packed = std::move(raw);
   }
-  if (!head.is_widened) return packed;
-  std::vector<std::byte> wide(bytes);
-  for (uint64_t i = 0; i < pixels; ++i) {
-    std::memcpy(wide.data() + 4 * i, packed.data() + 3 * i, 3);
-    wide[4 * i + 3] = std::byte{255};
-  }
-  return wide;
+  if (head.coding == BlockFile::Coding::kRgb8) return widen(packed, uint64_t{width} * height);
+  if (head.coding == BlockFile::Coding::kUastc) return decode_uastc(packed.data(), width, height);
+  return packed;
 }
 
 Image decode_block_level(format::BlockFormat format, uint16_t swizzle, uint32_t width, uint32_t height,

@@ -157,7 +157,7 @@ Result<BlockFile> open_dds(ImageFile& file) {
   }
   head.format = format->format;
   head.swizzle = format->swizzle;
-  head.is_widened = format->is_widened;
+  if (format->is_widened) head.coding = BlockFile::Coding::kRgb8;
 
   if (head.width == 0 || head.height == 0) return fail(ErrorCode::kFormat, "a side of 0 pixels");
   const std::string size = std::to_string(head.width) + " x " + std::to_string(head.height) + " pixels";
@@ -170,8 +170,7 @@ Result<BlockFile> open_dds(ImageFile& file) {
                 std::to_string(stated) + " levels, but a picture of " + size + " has at most " + std::to_string(most));
   for (uint32_t l = 0; l < std::max(1u, stated); ++l) {
     const uint32_t width = std::max(1u, head.width >> l), height = std::max(1u, head.height >> l);
-    const uint64_t bytes =
-        head.is_widened ? uint64_t{3} * width * height : format::block_level_bytes(head.format, width, height);
+    const uint64_t bytes = head.unpacked_bytes(width, height);
     if (!format::range_within(data, bytes, file.size()))
       return fail(ErrorCode::kTruncated, "level " + std::to_string(l) + " ends at byte " +
                                              std::to_string(data + bytes) + " of a file of " +

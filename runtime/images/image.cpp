@@ -36,20 +36,22 @@ Result<ImageInfo> probe_blocks(ImageFile& file) {
   info.height = head->height;
   info.channels = format::block_channels(head->format);
   info.block_bytes = format::block_level_bytes(head->format, head->width, head->height);
+  info.is_decoded = head->coding == BlockFile::Coding::kUastc || head->coding == BlockFile::Coding::kBasisLz;
+  info.codebook_bytes = head->basis_lz.memory();
   return info;
 }
 
 Result<Image> decode_blocks(ImageFile& file) {
-  const Result<BlockFile> head = open_block_file(file);
+  Result<BlockFile> head = open_block_file(file);
   if (!head) return head.error();
   const Result<std::vector<std::byte>> blocks = read_block_level(file, *head, 0);
   if (!blocks) return blocks.error();
   return decode_block_level(head->format, head->swizzle, head->width, head->height, blocks->data());
 }
 
-/// Unpacks every level. The content of blocks is never an error.
+/// Unpacks every level, and decodes those of UASTC and BasisLZ. The content of blocks is never an error.
 Result<std::string> check_blocks(ImageFile& file) {
-  const Result<BlockFile> head = open_block_file(file);
+  Result<BlockFile> head = open_block_file(file);
   if (!head) return head.error();
   for (uint32_t level = 0; level < head->levels.size(); ++level)
     if (const auto blocks = read_block_level(file, *head, level); !blocks) return blocks.error();
@@ -162,7 +164,7 @@ Result<std::string> check_image(ImageFile file) {
 
 uint64_t image_check_bytes(const ImageInfo& info, uint64_t file_bytes) {
   if (info.is_webp) return file_bytes + kWebpPixelBytes * info.width * info.height;
-  if (info.codec == format::ImageCodec::kBlocks) return kWindowBytes + 2 * info.block_bytes;
+  if (info.codec == format::ImageCodec::kBlocks) return kWindowBytes + 2 * info.block_bytes + info.codebook_bytes;
   // A row of blocks takes 16 bytes per sample. Up to 12 block rows are held, and as many rows of samples and of pixels.
   const uint64_t rows = uint64_t{256} * info.width * info.channels;
   if (info.codec == format::ImageCodec::kPng) return kWindowBytes + rows / 8;

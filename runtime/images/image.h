@@ -24,10 +24,12 @@ struct ImageInfo {
   bool is_webp;
   uint32_t width;  // pixels, at least 1
   uint32_t height;
-  uint32_t channels;     // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG, WebP) or CMYK (JPEG); for
-                         // blocks: their channels
-  bool needs_transcode;  // JPEG: progressive or arithmetic; transcoding takes 2 bytes of memory per sample
-  uint64_t block_bytes;  // KTX2 and DDS: of level 0, unpacked; else 0
+  uint32_t channels;        // 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha (PNG, WebP) or CMYK (JPEG); for
+                            // blocks: their channels
+  bool needs_transcode;     // JPEG: progressive or arithmetic; transcoding takes 2 bytes of memory per sample
+  uint64_t block_bytes;     // KTX2 and DDS: of level 0, unpacked or decoded; else 0
+  bool is_decoded;          // KTX2 of UASTC or BasisLZ, which become RGBA8
+  uint64_t codebook_bytes;  // KTX2 of BasisLZ: memory that decoding takes beside the pixels; else 0
 };
 
 /// The bytes of an image file: in memory, or read on demand, so that a large file takes only a window of memory. Used

@@ -1,6 +1,6 @@
 #include <algorithm>
 #include <array>
-#include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -19,6 +19,7 @@ constexpr uint64_t kHeaderBytes = 80;
 constexpr uint64_t kLevelBytes = 24;
 constexpr std::array<unsigned char, 12> kIdentifier = {0xab, 'K',  'T',  'X',  ' ',  '2',
                                                        '0',  0xbb, '\r', '\n', 0x1a, '\n'};
+constexpr uint32_t kBasisLzScheme = 1;
 constexpr uint32_t kMaxKeyValueBytes = 1 << 20;  // only two keys are used
 
 /// Colour models of the data format descriptor.
@@ -40,30 +41,52 @@ struct Format {
   BlockFormat format;
   uint16_t swizzle;
   Model model;
-  bool is_widened;
+  BlockFile::Coding coding = BlockFile::Coding::kBlocks;
 };
 
 constexpr Format kFormats[] = {
-    {9, 15, BlockFormat::kR8, format::kPlainSwizzle, kRgb, false},
-    {16, 22, BlockFormat::kRg8, format::kPlainSwizzle, kRgb, false},
-    {23, 29, BlockFormat::kRgba8, format::kPlainSwizzle, kRgb, true},
-    {30, 36, BlockFormat::kRgba8, kReversedSwizzle, kRgb, true},
-    {37, 43, BlockFormat::kRgba8, format::kPlainSwizzle, kRgb, false},
-    {44, 50, BlockFormat::kRgba8, kReversedSwizzle, kRgb, false},
-    {131, 132, BlockFormat::kBc1, format::kOpaqueSwizzle, kBc1Model, false},
-    {133, 134, BlockFormat::kBc1, format::kPlainSwizzle, kBc1Model, false},
-    {135, 136, BlockFormat::kBc2, format::kPlainSwizzle, kBc2Model, false},
-    {137, 138, BlockFormat::kBc3, format::kPlainSwizzle, kBc3Model, false},
-    {139, 139, BlockFormat::kBc4, format::kPlainSwizzle, kBc4Model, false},
-    {141, 141, BlockFormat::kBc5, format::kPlainSwizzle, kBc5Model, false},
-    {145, 146, BlockFormat::kBc7, format::kPlainSwizzle, kBc7Model, false},
+    {9, 15, BlockFormat::kR8, format::kPlainSwizzle, kRgb},
+    {16, 22, BlockFormat::kRg8, format::kPlainSwizzle, kRgb},
+    {23, 29, BlockFormat::kRgba8, format::kPlainSwizzle, kRgb, BlockFile::Coding::kRgb8},
+    {30, 36, BlockFormat::kRgba8, kReversedSwizzle, kRgb, BlockFile::Coding::kRgb8},
+    {37, 43, BlockFormat::kRgba8, format::kPlainSwizzle, kRgb},
+    {44, 50, BlockFormat::kRgba8, kReversedSwizzle, kRgb},
+    {131, 132, BlockFormat::kBc1, format::kOpaqueSwizzle, kBc1Model},
+    {133, 134, BlockFormat::kBc1, format::kPlainSwizzle, kBc1Model},
+    {135, 136, BlockFormat::kBc2, format::kPlainSwizzle, kBc2Model},
+    {137, 138, BlockFormat::kBc3, format::kPlainSwizzle, kBc3Model},
+    {139, 139, BlockFormat::kBc4, format::kPlainSwizzle, kBc4Model},
+    {141, 141, BlockFormat::kBc5, format::kPlainSwizzle, kBc5Model},
+    {145, 146, BlockFormat::kBc7, format::kPlainSwizzle, kBc7Model},
 };
 
-constexpr BlockHeadErrors kErrors{
-    "KTX2",
-    "which scree does not read: make it again as BC1 to BC5, BC7 or 8 bits per channel (KTX-Software: ktx create)"};
-constexpr BlockHeadErrors kBasisErrors{
-    "KTX2", "which scree does not read: transcode it (KTX-Software: ktx transcode --target bc7 IN.ktx2 OUT.ktx2)"};
+/// The formats without a VkFormat. Their samples give the swizzle.
+constexpr Format kUastcFormat{0, 0, BlockFormat::kRgba8, 0, kUastc, BlockFile::Coding::kUastc};
+constexpr Format kEtc1sFormat{0, 0, BlockFormat::kRgba8, 0, kEtc1s, BlockFile::Coding::kBasisLz};
+
+struct ChannelsSwizzle {
+  uint32_t first;  // channel of the first sample
+  uint32_t second;
+  uint16_t swizzle;  // of the decoded RGBA
+};
+constexpr uint32_t kNoSample = 16;
+constexpr uint16_t red_and(format::ChannelSource green) {
+  using enum format::ChannelSource;
+  return format::make_swizzle(kRed, green, kZero, kOne);
+}
+constexpr ChannelsSwizzle kUastcChannels[] = {{0, kNoSample, format::kOpaqueSwizzle},                   // RGB
+                                              {3, kNoSample, format::kPlainSwizzle},                    // RGBA
+                                              {4, kNoSample, red_and(format::ChannelSource::kZero)},    // RRR
+                                              {5, kNoSample, red_and(format::ChannelSource::kAlpha)},   // RRRG
+                                              {6, kNoSample, red_and(format::ChannelSource::kGreen)}};  // RG
+constexpr ChannelsSwizzle kEtc1sChannels[] = {{0, kNoSample, format::kOpaqueSwizzle},                   // RGB
+                                              {0, 15, format::kPlainSwizzle},                           // RGB, AAA
+                                              {3, kNoSample, red_and(format::ChannelSource::kZero)},    // RRR
+                                              {3, 4, red_and(format::ChannelSource::kAlpha)}};          // RRR, GGG
+
+constexpr BlockHeadErrors kErrors{"KTX2",
+                                  "which scree does not read: make it again as BC1 to BC5, BC7, BasisLZ, UASTC or 8 "
+                                  "bits per channel (KTX-Software: ktx create)"};
 
 Error fail(ErrorCode code, const std::string& what) {
   return kErrors.fail(code, what);
@@ -132,8 +155,8 @@ class Reader {
     switch (scheme) {
       case 0:
         break;
-      case 1:
-        return kBasisErrors.not_read("supercompressed by BasisLZ");
+      case kBasisLzScheme:
+        return {};
       case 2:
         head_.packing = BlockFile::Packing::kZstd;
         break;
@@ -154,22 +177,24 @@ class Reader {
     if (number == 0) {
       const uint32_t offset = word(48);
       const uint32_t model = offset >= index_end() && offset < file_.size() ? file_.byte(offset + 12u) : 0;
-      if (model == kEtc1s) return kBasisErrors.not_read("of ETC1S");
-      if (model == kUastc) return kBasisErrors.not_read("of UASTC");
-      return not_read("of no Vulkan format");
+      format_ = model == kEtc1s ? &kEtc1sFormat : model == kUastc ? &kUastcFormat : nullptr;
+      if (format_ == nullptr) return not_read("of no Vulkan format and colour model " + std::to_string(model));
+    } else {
+      const auto fits = [&](const Format& format) { return number == format.number || number == format.srgb_number; };
+      format_ = std::ranges::find_if(kFormats, fits);
+      if (format_ == std::end(kFormats)) return not_read("of Vulkan format " + std::to_string(number));
     }
-    for (const Format& format : kFormats) {
-      if (number != format.number && number != format.srgb_number) continue;
-      format_ = &format;
-      head_.format = format.format;
-      head_.swizzle = format.swizzle;
-      head_.is_widened = format.is_widened;
-      if (level_count == 0 && format::block_side(format.format) > 1)
-        return fail(ErrorCode::kFormat, "0 levels, but compressed blocks have at least one");
-      if (word(16) != 1) return fail(ErrorCode::kFormat, "typeSize is " + std::to_string(word(16)) + ", expected 1");
-      return {};
-    }
-    return not_read("of Vulkan format " + std::to_string(number));
+    head_.format = format_->format;
+    head_.swizzle = format_->swizzle;
+    head_.coding = format_->coding;
+    if ((word(44) == kBasisLzScheme) != (format_->model == kEtc1s))
+      return fail(ErrorCode::kFormat, "colour model " + std::to_string(format_->model) +
+                                          " and supercompression scheme " + std::to_string(word(44)) +
+                                          ", but BasisLZ and ETC1S belong together");
+    if (level_count == 0 && (format_->number == 0 || format::block_side(format_->format) > 1))
+      return fail(ErrorCode::kFormat, "0 levels, but compressed blocks have at least one");
+    if (word(16) != 1) return fail(ErrorCode::kFormat, "typeSize is " + std::to_string(word(16)) + ", expected 1");
+    return {};
   }
 
   /// Checks that the data format descriptor is present, consists of blocks that fill it, and belongs to the format.
@@ -197,14 +222,32 @@ class Reader {
                                             " bytes left, but its next block takes " + std::to_string(size));
       at += size;
     }
-    if (word(offset + 20) >> 8 != 0 || word(offset + 24) != 0)
+    if (model != kEtc1s && (word(offset + 20) >> 8 != 0 || word(offset + 24) != 0))
       return fail(ErrorCode::kUnsupported, "pixels of several planes");
-    return model == kRgb ? samples(offset + 28, (block_bytes - 24) / 16) : Result<void>();
+    const uint32_t sample_count = (block_bytes - 24) / 16;
+    if (model == kRgb) return samples(offset + 28, sample_count);
+    if (model == kUastc) return choose_swizzle(offset + 28, sample_count, kUastcChannels);
+    if (model == kEtc1s) return choose_swizzle(offset + 28, sample_count, kEtc1sChannels);
+    return {};
+  }
+
+  /// The channels of UASTC and ETC1S, and whether ETC1S has a second slice. Textures of KHR_texture_basisu are RGB or
+  /// RGBA. Others are red, or red and green, wherever the file has them, as other formats of one and two channels are.
+  Result<void> choose_swizzle(uint64_t begin, uint32_t count, std::span<const ChannelsSwizzle> known) {
+    const auto channel = [&](uint32_t i) { return i < count ? file_.byte(begin + 16 * i + 3) & 15 : kNoSample; };
+    for (const ChannelsSwizzle& one : known) {
+      if (count > 2 || channel(0) != one.first || channel(1) != one.second) continue;
+      head_.swizzle = one.swizzle;
+      has_second_slice_ = count == 2;
+      return {};
+    }
+    return fail(ErrorCode::kFormat, "data format descriptor has other samples than " +
+                                        std::string(format_->model == kUastc ? "UASTC" : "ETC1S") + " may have");
   }
 
   /// Checks that uncompressed pixels match the format: the same channels in the same order, one unsigned byte each.
   Result<void> samples(uint64_t begin, uint32_t count) {
-    const uint32_t channels = head_.is_widened ? 3 : format::block_channels(head_.format);
+    const uint32_t channels = head_.coding == BlockFile::Coding::kRgb8 ? 3 : format::block_channels(head_.format);
     bool fits = count == channels;
     for (uint32_t i = 0; fits && i < count; ++i) {
       constexpr uint32_t kLinear = 0x10, kBitsLessOne = 7, kAlphaChannel = 15;
@@ -259,7 +302,7 @@ class Reader {
     if (value.size() != 4 || !format::is_swizzle(static_cast<uint16_t>(swizzle)))
       return fail(ErrorCode::kFormat,
                   "KTXswizzle is \"" + printable(value) + "\", expected four of r, g, b, a, 0 and 1");
-    head_.swizzle = format::swizzle_of_swizzle(format_->swizzle, static_cast<uint16_t>(swizzle));
+    head_.swizzle = format::swizzle_of_swizzle(head_.swizzle, static_cast<uint16_t>(swizzle));
     return {};
   }
 
@@ -276,13 +319,18 @@ class Reader {
       const BlockFile::Level level{long_word(entry), long_word(entry + 8)};
       const uint64_t stated = long_word(entry + 16);
       const uint32_t width = std::max(1u, head_.width >> l), height = std::max(1u, head_.height >> l);
-      const uint64_t expected =
-          head_.is_widened ? uint64_t{3} * width * height : format::block_level_bytes(head_.format, width, height);
       const std::string name = "level " + std::to_string(l) + ": ";
       if (level.offset < data || !format::range_within(level.offset, level.bytes, file_.size()))
         return fail(ErrorCode::kTruncated, name + std::to_string(level.bytes) + " bytes at byte " +
                                                std::to_string(level.offset) + " of a file of " +
                                                std::to_string(file_.size()));
+      if (head_.coding == BlockFile::Coding::kBasisLz) {
+        if (stated != 0)
+          return fail(ErrorCode::kFormat, name + std::to_string(stated) + " bytes unpacked, but BasisLZ states 0");
+        head_.levels.push_back(level);
+        continue;
+      }
+      const uint64_t expected = head_.unpacked_bytes(width, height);
       if (stated != expected || (head_.packing == BlockFile::Packing::kNone && level.bytes != expected))
         return fail(ErrorCode::kFormat, name + std::to_string(stated != expected ? stated : level.bytes) +
                                             " bytes, but " + std::to_string(width) + " x " + std::to_string(height) +
@@ -293,6 +341,41 @@ class Reader {
                                             std::to_string(expected) + ", expected at most " + std::to_string(most));
       head_.levels.push_back(level);
     }
+    return head_.coding == BlockFile::Coding::kBasisLz ? slices() : Result<void>();
+  }
+
+  /// Reads BasisLZ's global data: the places of its parts, and of each level's slices.
+  Result<void> slices() {
+    constexpr uint32_t kPartBytes = 20, kImageBytes = 20;
+    const uint64_t begin = long_word(64), bytes = long_word(72);
+    const uint64_t images_end = kPartBytes + kImageBytes * uint64_t{level_count_};
+    if (!format::range_within(begin, bytes, file_.size()) || bytes < images_end)
+      return fail(ErrorCode::kTruncated, std::to_string(bytes) + " bytes of global data at byte " +
+                                             std::to_string(begin) + " of a file of " + std::to_string(file_.size()));
+    BasisLzHead& parts = head_.basis_lz;
+    parts = {word(begin) & 0xffff, word(begin) >> 16, word(begin + 4), word(begin + 8), word(begin + 12)};
+    head_.basis_lz_offset = begin + images_end;
+    const uint64_t expected = images_end + parts.part_bytes();
+    if (bytes != expected || word(begin + 16) != 0)
+      return fail(ErrorCode::kFormat, std::to_string(bytes) + " bytes of global data, but its parts take " +
+                                          std::to_string(expected + word(begin + 16)));
+    if (!may_hold_pixels(uint64_t{head_.width} * head_.height, file_.size()))
+      return fail(ErrorCode::kTruncated, std::to_string(head_.width) + " x " + std::to_string(head_.height) +
+                                             " pixels in " + std::to_string(file_.size()) + " bytes");
+    for (uint32_t l = 0; l < level_count_; ++l) {
+      const uint64_t entry = begin + kPartBytes + kImageBytes * l;
+      BlockFile::Level& level = head_.levels[l];
+      const BlockFile::Level slice{word(entry + 4), word(entry + 8), word(entry + 12), word(entry + 16)};
+      // The codes and counts of a block take at most 16 bytes.
+      const uint64_t most = 64 + format::block_level_bytes(BlockFormat::kBc7, std::max(1u, head_.width >> l),
+                                                           std::max(1u, head_.height >> l));
+      if (word(entry) != 0 || slice.bytes == 0 || std::max(slice.bytes, slice.alpha_bytes) > most ||
+          !format::range_within(slice.offset, slice.bytes, level.bytes) ||
+          (slice.alpha_bytes != 0) != has_second_slice_ ||
+          !format::range_within(slice.alpha_offset, slice.alpha_bytes, level.bytes))
+        return fail(ErrorCode::kFormat, "level " + std::to_string(l) + ": its slices are malformed");
+      level = {level.offset + slice.offset, slice.bytes, level.offset + slice.alpha_offset, slice.alpha_bytes};
+    }
     return {};
   }
 
@@ -300,6 +383,7 @@ class Reader {
   BlockFile head_;
   const Format* format_ = nullptr;
   uint32_t level_count_ = 0;
+  bool has_second_slice_ = false;  // of ETC1S
 };
 
 }  // namespace

@@ -57,12 +57,13 @@ struct SceneOptions {
   // Upper limit of the CPU's cache of decoded JPEG texture blocks, bytes; memory is allocated as the cache fills. Finer
   // levels are then decoded on demand. 0: all levels are decoded when the scene is loaded.
   uint64_t texture_cache = 0;
-  // Upper limit of the host memory for pages of block images and JPEGs, bytes, which pixels bring from the file. JPEGs
-  // that fit it stay in the map, unless device_texture_memory is set. 0: all are read when the scene is loaded.
+  // Upper limit of the host memory, in bytes, for pages of block images and JPEGs, which are read when pixels show
+  // them. If the JPEGs' levels 0 fit it together, JPEGs stay in the map, unless device_texture_memory is set. 0: all
+  // pages are read when the scene is loaded.
   uint64_t texture_memory = 0;
   Reading reading = Reading::kAuto;  // how these pages are read into host memory
   // The same for GPU memory if a GPU draws the scene (set_texture_memory()). Pages may take more, up to
-  // device_texture_limit, if geometry leaves it; where chunks are streamed too, they may get less.
+  // device_texture_limit, if geometry leaves room. If chunks are streamed too, pages may get less.
   uint64_t device_texture_memory = 0;
   uint64_t device_texture_limit = 0;                      // a smaller one counts as device_texture_memory
   kernels::Lighting lighting = kernels::Lighting::kAuto;  // light of the pictures; its data are made at loading

@@ -6,11 +6,11 @@
 
 namespace scree::runtime {
 
-/// Memory of `bytes` together; the pages have `room`, chunks the rest. Limits: least_room <= most_room,
-/// least_pool + least_room <= bytes.
+/// Memory of `bytes`: pages have `room`, chunks the rest. Limits: least_room <= most_room, least_pool + least_room <=
+/// bytes.
 struct SharedRoom {
   /// A smaller change is not worth the chunks or pages that are dropped for it.
-  static constexpr uint64_t kLeastChange = 16;  // part of `bytes`
+  static constexpr uint64_t kLeastChange = 16;  // a part of `bytes`: 1/16
 
   uint64_t bytes = 0;
   uint64_t room = 0;
@@ -25,8 +25,7 @@ struct SharedRoom {
   }
 
   /// The room for pages after a picture that showed `chunk_bytes` of chunks and `page_bytes` of pages. It stays as it
-  /// is if neither lacks any. If both fit, they share what is left; if not, each gets memory in proportion to its
-  /// bytes.
+  /// is if neither lacks any. If both fit, they share the rest; if not, each gets memory in proportion to its bytes.
   uint64_t balanced(uint64_t chunk_bytes, uint64_t page_bytes, uint64_t unit) const {
     if (chunk_bytes <= pool() && page_bytes <= room) return room;
     const uint64_t sum = chunk_bytes + page_bytes;

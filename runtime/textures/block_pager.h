@@ -1,4 +1,4 @@
-// Pages of block images and JPEGs that come from the file as pixels sample them (kernels/shade/texel_pager.h).
+// Pages of block images and JPEGs that are read when pixels sample them (kernels/shade/texel_pager.h).
 #pragma once
 
 #include <atomic>
@@ -50,7 +50,7 @@ class BlockPager : public kernels::TexelPager {
 
  protected:
   /// `map`: of the file that `container` was opened on; must outlive this. `room_bytes`: the most that pages take.
-  /// Reads on `threads` threads, and on kDirectThreads at least while pages come past the page cache.
+  /// Reads on `threads` threads, but on at least kDirectThreads while pages are read past the page cache.
   BlockPager(const MappedFile& map, format::Container container, uint64_t room_bytes, uint32_t threads, Reading reading)
       : map_(map), container_(std::move(container)), room_bytes_(room_bytes), threads_(threads), reading_(reading) {}
 
@@ -62,10 +62,11 @@ class BlockPager : public kernels::TexelPager {
   const format::PageRecord& record(uint64_t number) const { return container_.pages()[file_pages_[number]]; }
   /// Memory that reading a page fills: at least page_bytes(); a raw page comes with its padding.
   uint64_t read_bytes(uint64_t number) const;
-  /// Reads pages on all threads, many at a time, so that the disk is busy. A page that is read for the first time comes
-  /// past the page cache if `reading` says so. A page that is read again comes through it, because it was dropped for
-  /// lack of room and may come more often. The i-th page goes to `to(i)`, which may throw std::bad_alloc.
-  /// `was_read(i)` is called afterwards on the same thread. Returns the error of the first page that failed.
+  /// Reads pages on all threads, many at a time, so that the disk is busy. A page that is read for the first time is
+  /// read past the page cache, if `reading` allows it. A page that is read again is read through the page cache,
+  /// because it was dropped for lack of room and may be dropped again. The i-th page goes to `to(i)`, which may throw
+  /// std::bad_alloc. `was_read(i)` is called afterwards on the same thread. Returns the error of the first page that
+  /// failed.
   struct Target {
     std::byte* memory;         // aligned to DirectFile::kAlignment
     const std::byte* address;  // where the page will lie when it is sampled
@@ -85,8 +86,8 @@ class BlockPager : public kernels::TexelPager {
   /// empty.
   virtual bool take(uint64_t number) = 0;
   virtual void give_back(uint64_t number) = 0;
-  /// Reads pages for which memory is taken, some at least, the rest unless is_over(). Sets blocks_ for the ones that
-  /// were read. Then copies blocks_ to the memory from which shading reads it.
+  /// Reads pages for which memory is taken: some in any case, the rest unless is_over(). Sets blocks_ for the pages
+  /// that were read. Then copies blocks_ to the memory from which shading reads it.
   virtual Result<void> load(std::span<const uint32_t> numbers) = 0;
 
   uint32_t threads() const { return threads_; }

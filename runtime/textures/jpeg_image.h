@@ -72,8 +72,8 @@ class JpegTexture {
   void add_pages(const format::Container& container, uint32_t image, HostBlockPager& pager);
 
   uint32_t paged_levels() const { return paged_levels_; }  // the first of jpeg_levels()
-  /// The next three are of levels that are in memory. The bytes of a level: data, anchor blocks and anchors, contiguous
-  /// as in the file, from JpegView::data on.
+  /// The next three functions take levels that are in memory. The bytes of a level: data, anchor blocks and anchors,
+  /// contiguous as in the file, from JpegView::data on.
   std::span<const std::byte> level_bytes(size_t level) const;
   const format::JpegIndex& index(size_t level) const { return image_.levels()[level - paged_levels_]; }
   std::span<const uint32_t> factors(size_t level) const { return factors_[level - paged_levels_]; }
@@ -110,7 +110,7 @@ Result<format::JpegIndex> open_jpeg_level(std::span<const std::byte> bytes, uint
                                           uint32_t channels);
 
 /// Memory for a page of JPEG levels in the form that kernels read (kernels::JpegLevel): its raw bytes, and behind them
-/// a head for each level. `place`: which of the page's levels; its count: the end of the memory.
+/// a head for each level. `place`: the number of a level in the page. The number of levels gives the end of the memory.
 uint64_t jpeg_head_place(uint64_t raw_bytes, uint32_t channels, uint32_t place);
 
 /// Checks a page's levels as open_jpeg_level(), and writes their heads. `memory`: the raw bytes, and room for the

@@ -499,7 +499,8 @@ cudaError_t cudaStreamDestroy(cudaStream_t stream) {
   stream->is_destroyed = true;
   return cudaSuccess;
 }
-cudaError_t cudaStreamSynchronize(cudaStream_t stream) {
+/// Visible to nccl.cpp.
+__attribute__((visibility("default"))) cudaError_t cudaStreamSynchronize(cudaStream_t stream) {
   const std::lock_guard lock(device().mutex);
   reach(stream_of(stream)->end());
   return cudaSuccess;

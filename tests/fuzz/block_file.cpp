@@ -12,7 +12,7 @@ void block_file(Bytes bytes) {
   const ExactCopy copy(bytes);
   runtime::ImageFile file(copy.bytes());
   if (!runtime::is_block_file(file)) return;
-  const auto head = runtime::open_block_file(file);
+  auto head = runtime::open_block_file(file);
   if (!head) return;
   must(format::is_block_format(head->format) && format::is_swizzle(head->swizzle), "a format that there is");
   must(!head->levels.empty() && head->levels.size() <= format::most_block_levels(head->width, head->height) + 1,

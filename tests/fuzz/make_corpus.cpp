@@ -22,6 +22,7 @@
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
 #ifdef SCREE_TESTS_DRACO
@@ -266,6 +267,11 @@ void make_draco_seeds() {
 }
 
 void make_block_seeds() {
+  for (const bool has_alpha : {false, true}) {
+    const BasisFile basis = make_basis_lz({.width = 13, .height = 10, .has_alpha = has_alpha, .is_grey = !has_alpha});
+    for (const char* target : {"block_file", "image"})
+      Seed::save(basis.bytes, target, has_alpha ? "basis_lz_alpha.ktx2" : "basis_lz.ktx2");
+  }
   for (const auto& [name, bytes] : block_files()) {
     Seed::save(bytes, "block_file", name);
     Seed::save(bytes, "image", name);

@@ -1,4 +1,4 @@
-"""The Python package with PyTorch on a GPU: test_torch.py DATA_FOLDER. Exits with 77 where torch has no CUDA GPU."""
+"""The Python package with PyTorch on a GPU: test_torch.py DATA_FOLDER. Exits with 77 if torch finds no CUDA GPU."""
 
 import gc
 import pathlib
@@ -133,7 +133,7 @@ class Torch(unittest.TestCase):
 if __name__ == "__main__":
     DATA = pathlib.Path(sys.argv.pop(1))
     if torch is None or not torch.cuda.is_available():
-        print("skipped: torch with a CUDA GPU is not there")
+        print("skipped: torch finds no CUDA GPU")
         sys.exit(77)
     import scree
     unittest.main()

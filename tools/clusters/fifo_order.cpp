@@ -70,17 +70,28 @@ void FifoOrder::take_around(std::span<const uint32_t> indices, uint32_t center) 
   taken_count_ += count;
   uint32_t* seen = seen_.get() + seen_count_;
   uint32_t time = time_;
-  for (size_t i = 0; i < count; ++i) {
-    for (size_t k = 0; k < 3; ++k) {
-      const uint32_t index = corners[3 * size_t{fan[i]} + k];
-      Vertex& vertex = vertices[index];
-      const uint32_t left = --vertex.left;
-      if (time - vertex.time > kCacheSize) vertex.time = time++;
-      *seen = index;
-      seen += ((index != center) & (left != 0)) ? 1 : 0;
+  const auto touch = [&](uint32_t index) {
+    Vertex& vertex = vertices[index];
+    const uint32_t left = --vertex.left;
+    if (time - vertex.time > kCacheSize) {
+      vertex.time = time++;
       __builtin_prefetch(at_vertex + vertex.first);  // this may be the next center
     }
+    *seen = index;
+    seen += left != 0 ? 1 : 0;
+  };
+  if (time - vertices[center].time + 2 * count <= kCacheSize) {
+    // The usual case: the center stays in the cache, so that only the other two corners change anything.
+    for (size_t i = 0; i < count; ++i) {
+      const uint32_t* const corner = corners + 3 * size_t{fan[i]};
+      touch(corner[0] != center ? corner[0] : corner[1]);
+      touch(corner[2] == center && corner[0] != center ? corner[1] : corner[2]);
+    }
+  } else {
+    for (size_t i = 0; i < count; ++i)
+      for (size_t k = 0; k < 3; ++k) touch(corners[3 * size_t{fan[i]} + k]);
   }
+  vertices[center].left = 0;
   seen_count_ = static_cast<size_t>(seen - seen_.get());
   time_ = time;
 }

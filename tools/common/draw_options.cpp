@@ -31,8 +31,8 @@ void add_device_options(CLI::App& app, DeviceWords& words) {
       ->type_name("N|UUID");
   app.add_option(
          "--gpus", words.gpus,
-         "Number of GPUs that draw the scene together, from --device on, or all; each has a part of the scene in "
-         "its memory if that cannot hold all of it (default: 1)")
+         "Number of GPUs that draw the scene together, from --device on, or all; each keeps only a part of the scene "
+         "if its memory cannot hold all of it (default: 1)")
       ->type_name("N|all");
   app.add_option(
          "--device-memory", words.device_memory,

@@ -1,9 +1,11 @@
 // The processes (ranks) that mpirun or srun start for one command line. They share its work.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "format/result.h"
 
@@ -29,7 +31,10 @@ class Ranks {
   /// Called by all ranks when their work is done. A rank that fails calls end_all_ranks() instead.
   void leave();
 
-  /// Called by all ranks. At rank 0, `values` become the sums over all ranks. Errors kFile.
+  /// Called by all ranks with the same number of bytes. Returns the bytes of all ranks, rank by rank. Errors kFile.
+  Result<std::vector<std::byte>> share(std::span<const std::byte> own);
+
+  /// Called by all ranks. `values` become the sums over all ranks. Errors kFile.
   Result<void> sum(std::span<double> values);
 
   /// Called by all ranks with the same number of words. At every rank, each word becomes the minimum over all ranks.
@@ -37,8 +42,8 @@ class Ranks {
   Result<void> least(std::span<uint64_t> words);
 
   /// Called by all ranks with the same number of values, each of which is 0, with all bits 0, at all ranks but one.
-  /// Rank 0 gets the others. Errors kFile.
-  Result<void> gather(std::span<float> values);
+  /// Rank `root` gets the others. Errors kFile.
+  Result<void> gather(std::span<float> values, uint32_t root = 0);
 
   /// `error`; if there are several ranks, with the number and host of this one.
   Error named(Error error) const;

@@ -81,12 +81,23 @@ void Ranks::leave() {
   if (is_running()) MPI_Finalize();
 }
 
+Result<std::vector<std::byte>> Ranks::share(std::span<const std::byte> own) {
+  std::vector<std::byte> all(own.begin(), own.end());
+  if (count_ == 1) return all;
+  all.resize(own.size() * count_);
+  const auto bytes = static_cast<int>(own.size());
+  if (const auto done = checked(MPI_Allgather(own.data(), bytes, MPI_BYTE, all.data(), bytes, MPI_BYTE, MPI_COMM_WORLD),
+                                "MPI_Allgather");
+      !done)
+    return done.error();
+  return all;
+}
+
 Result<void> Ranks::sum(std::span<double> values) {
   if (count_ == 1) return {};
-  const void* const own = is_first() ? MPI_IN_PLACE : values.data();
   return checked(
-      MPI_Reduce(own, values.data(), static_cast<int>(values.size()), MPI_DOUBLE, MPI_SUM, 0, MPI_COMM_WORLD),
-      "MPI_Reduce");
+      MPI_Allreduce(MPI_IN_PLACE, values.data(), static_cast<int>(values.size()), MPI_DOUBLE, MPI_SUM, MPI_COMM_WORLD),
+      "MPI_Allreduce");
 }
 
 /// Exchanges values in bands, because MPI counts elements with int.
@@ -108,11 +119,12 @@ Result<void> Ranks::least(std::span<uint64_t> words) {
   });
 }
 
-Result<void> Ranks::gather(std::span<float> values) {
+Result<void> Ranks::gather(std::span<float> values, uint32_t root) {
   if (count_ == 1) return {};
-  return in_bands(values, [this](float* band, int count) {
-    const void* const own = is_first() ? MPI_IN_PLACE : band;
-    return checked(MPI_Reduce(own, band, count, MPI_UINT32_T, MPI_BOR, 0, MPI_COMM_WORLD), "MPI_Reduce");
+  return in_bands(values, [&](float* band, int count) {
+    const void* const own = rank_ == root ? MPI_IN_PLACE : band;
+    return checked(MPI_Reduce(own, band, count, MPI_UINT32_T, MPI_BOR, static_cast<int>(root), MPI_COMM_WORLD),
+                   "MPI_Reduce");
   });
 }
 

@@ -275,9 +275,9 @@ Command add_convert(CLI::App& parent) {
       ->type_name("N");
   app->add_option(
          "--textures", words->textures,
-         "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels, PNGs stay as "
-         "they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): other images become JPEGs too, 4:4:4, without alpha; "
-         "raw: as keep, but JPEGs stay as they are too")
+         "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels (UASTC and BasisLZ "
+         "become RGBA8), PNGs stay as they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): other images become JPEGs "
+         "too, 4:4:4, without alpha; raw: as keep, but JPEGs stay as they are too")
       ->type_name("NAME");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");

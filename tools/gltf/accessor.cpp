@@ -185,9 +185,17 @@ Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<
     return {};
   }
   const Accessor& accessor = *primitive.indices;
+  uint32_t highest = 0;
+  const auto note = [&](std::span<const uint32_t> indices) {
+    for (const uint32_t index : indices) highest = std::max(highest, index);
+  };
   if (accessor.type == ComponentType::kUint32 && accessor.stride == sizeof(uint32_t)) {
-    if (!out.empty()) {
-      if (auto read = load_window(accessor, first, out.size(), std::as_writable_bytes(out)); !read) return read;
+    constexpr size_t kAtOnce = 1 << 16;  // still in the cache when they are checked
+    for (size_t done = 0; done < out.size(); done += kAtOnce) {
+      const std::span<uint32_t> some = out.subspan(done, std::min(kAtOnce, out.size() - done));
+      if (auto read = load_window(accessor, first + done, some.size(), std::as_writable_bytes(some)); !read)
+        return read;
+      note(some);
     }
   } else {
     const auto use = [&](uint64_t done, const std::byte* window, uint64_t n) {
@@ -197,11 +205,10 @@ Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<
       } else {
         for (uint64_t i = 0; i < n; ++i) to[i] = load_index(accessor.type, window + i * accessor.stride);
       }
+      note({to, n});
     };
     if (auto read = each_window(accessor, first, out.size(), use); !read) return read;
   }
-  uint32_t highest = 0;
-  for (const uint32_t index : out) highest = std::max(highest, index);
   if (highest < primitive.vertex_count()) return {};
   for (size_t i = 0; i < out.size(); ++i) {
     if (out[i] >= primitive.vertex_count()) return range_error(primitive, out[i], first + i);

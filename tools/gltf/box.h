@@ -12,7 +12,7 @@ struct Box {
   std::array<float, 3> hi{};
 };
 Box empty_box();
-Box box_of(std::span<const float> positions);
+Box box_of(std::span<const float> positions);  // finite; 0 and -0 are equal, and the first one counts
 void grow(Box& box, const Box& other);
 /// Whether all of `box` lies in `outer`.
 bool inside(const Box& box, const Box& outer);

@@ -225,8 +225,9 @@ class MaterialMaker {
   }
 
   // Chooses among alternative images. It prefers block-compressed ones, which are kept and have mip levels, then a PNG
-  // or JPEG, then a WebP, which must be encoded again. The order of DocTexture::sources decides between equals. If none
-  // is readable, the first is chosen, so that its error is reported.
+  // or JPEG, then a WebP or blocks of UASTC or BasisLZ, which must be decoded and take more bytes. The order of
+  // DocTexture::sources decides between equals. If none is readable, the first is chosen, so that its error is
+  // reported.
   int32_t best_source(const DocTexture& from) {
     std::array<int32_t, 4> sources = from.sources;
     const auto end = std::remove(sources.begin(), sources.end(), kAbsent);
@@ -240,7 +241,7 @@ class MaterialMaker {
     return best;
   }
 
-  static constexpr uint32_t kBlockRank = 0, kPlainRank = 1, kWebpRank = 2, kUnreadable = 3;
+  static constexpr uint32_t kBlockRank = 0, kPlainRank = 1, kDecodedRank = 2, kUnreadable = 3;
 
   uint32_t rank_of(const DocImage& from) {
     std::string ignored;
@@ -250,9 +251,10 @@ class MaterialMaker {
     const auto read = [&](uint64_t offset, std::span<std::byte> out) {
       return found.source->read(found.offset + offset, out);
     };
-    if (!runtime::probe_decodable({found.bytes, read})) return kUnreadable;
-    if (found.codec == format::ImageCodec::kBlocks) return kBlockRank;
-    return found.is_webp ? kWebpRank : kPlainRank;
+    const auto info = runtime::probe_decodable({found.bytes, read});
+    if (!info) return kUnreadable;
+    if (found.is_webp || info->is_decoded) return kDecodedRank;
+    return found.codec == format::ImageCodec::kBlocks ? kBlockRank : kPlainRank;
   }
 
   // Index in SourceScene::images, or kNone with the reason in `why`.

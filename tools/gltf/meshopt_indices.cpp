@@ -45,7 +45,9 @@ constexpr size_t kTableBytes = 16;
 constexpr size_t kMostTriangleData = 16;  // one byte for three corners, and five for each corner
 
 struct TriangleState {
-  std::array<std::array<uint32_t, 2>, 16> edges;  // rings, written at edge_at and vertex_at
+  // Rings, written at edge_at and vertex_at. An edge has its first vertex in the low half: read as a whole soon after
+  // it was written in two halves, it would have to wait until both have reached the cache.
+  std::array<uint64_t, 16> edges;
   std::array<uint32_t, 16> vertices;
   uint32_t edge_at, vertex_at;
   uint32_t next, last;  // the next new vertex, and the last explicit one
@@ -57,7 +59,7 @@ struct TriangleState {
     vertex_at = (vertex_at + is_new) & 15;
   }
   void push_edge(uint32_t a, uint32_t b) {
-    edges[edge_at] = {a, b};
+    edges[edge_at] = a | uint64_t{b} << 32;
     edge_at = (edge_at + 1) & 15;
   }
   /// The `age`-th of the most recent vertices, from 1.
@@ -90,9 +92,9 @@ size_t decode_triangles(TriangleState& state, std::span<const std::byte> codes, 
     const uint32_t code = std::to_integer<uint32_t>(codes[done]);
     uint32_t a, b, c;
     if (code < 0xf0) {
-      const std::array<uint32_t, 2> edge = s.edges[(s.edge_at - 1 - (code >> 4)) & 15];
-      a = edge[0];
-      b = edge[1];
+      const uint64_t edge = s.edges[(s.edge_at - 1 - (code >> 4)) & 15];
+      a = static_cast<uint32_t>(edge);
+      b = static_cast<uint32_t>(edge >> 32);
       const uint32_t third = code & 15;
       if (third < s.told_from) {
         // Age 0 is a new vertex, so other ages count from 1. Here the last vertex but one has code 1.
@@ -166,7 +168,7 @@ class TriangleStream final : public MeshoptStream {
     MeshoptPlace at{};
     at.offset = 1 + triangles;
     TriangleState state{};
-    state.edges.fill({~0u, ~0u});
+    state.edges.fill(~uint64_t{0});
     state.vertices.fill(~0u);
     state.told_from = version == 0 ? 15 : 13;
     if (auto read = source().read(end() - kTableBytes, state.table); !read) return read.error();

@@ -528,6 +528,17 @@ Command add_render(CLI::App& parent) {
   app->add_option("--fps", words->fps, "Frames per second of a path (default: the file's, else 30)")->type_name("N");
   app->add_flag("--resume", words->resume,
                 "With --path: keep frames that exist, complete and of this size, also from another run");
+  app->add_option(
+         "--share", words->share,
+         "With --path, the work that ranks under mpirun share: frames (default), each of which one rank draws; "
+         "or geometry: all ranks draw every frame, each with a part of the scene, for a scene that is too "
+         "large for one of them")
+      ->type_name("NAME");
+  app->add_option("--exchange", words->exchange,
+                  "How ranks under mpirun exchange pictures (docs/scale.md): nccl, from GPU to GPU; mpi, through host "
+                  "memory; or auto (default): nccl for 16 frames or more, if its library is found and each rank has a "
+                  "GPU of its own")
+      ->type_name("NAME");
   add_texture_options(*app, words->textures);
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--stats", words->stats, "Print counts and times of every step");

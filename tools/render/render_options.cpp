@@ -165,7 +165,8 @@ Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& sh
 /// Parses --path and its options. `options` already has the outputs.
 Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   if (words.path.empty()) {
-    for (const auto& [name, is_given] : {std::pair("--fps", !words.fps.empty()), std::pair("--resume", words.resume)})
+    for (const auto& [name, is_given] : {std::pair("--fps", !words.fps.empty()), std::pair("--resume", words.resume),
+                                         std::pair("--share", !words.share.empty())})
       if (is_given) return Error{ErrorCode::kUsage, std::string(name) + " needs --path"};
     if (words.frames.find_first_of(":/") != std::string::npos)
       return Error{ErrorCode::kUsage,
@@ -195,6 +196,11 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   PathOptions path;
   path.file = words.path;
   path.resume = words.resume;
+  if (!words.share.empty())
+    if (const Result<void> share =
+            parse_choice(words.share, "--share", path.shares_geometry, {{"frames", false}, {"geometry", true}});
+        !share)
+      return share;
   if (!words.frames.empty()) {
     const Result<FrameRange> frames = parse_frame_range(words.frames);
     if (!frames) return frames.error();
@@ -401,6 +407,11 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   std::copy(background->begin(), background->end(), options.shade.background);
 
   if (const Result<void> path = parse_path(words, options); !path) return path.error();
+  if (const Result<void> exchange =
+          parse_choice(words.exchange, "--exchange", options.exchange,
+                       {{"auto", Exchange::kAuto}, {"mpi", Exchange::kMpi}, {"nccl", Exchange::kNccl}});
+      !exchange)
+    return exchange.error();
   const Result<TextureOptions> textures = parse_texture_options(words.textures);
   if (!textures) return textures.error();
   options.textures = *textures;

@@ -39,6 +39,8 @@ struct RenderWords : DrawWords {
   std::string background = "#9aa4b0";
   std::string path;
   std::string frames;
+  std::string exchange = "auto";
+  std::string share;
   std::string fps;
   std::vector<std::string> picks;
   std::string edl_strength;
@@ -68,6 +70,13 @@ struct ExrLayers {
   bool float_color = false;
 };
 
+/// How ranks that draw one picture exchange its samples and colours.
+enum class Exchange {
+  kAuto,  // by NCCL, if it is there, pays, and each rank has a GPU of its own; else by MPI
+  kMpi,   // through host memory
+  kNccl,  // from GPU to GPU, or not at all
+};
+
 struct PixelPlace {
   uint32_t x;
   uint32_t y;
@@ -79,6 +88,7 @@ struct PathOptions {
   FrameRange frames;
   std::optional<double> frames_per_second;  // unset: the value in the file
   bool resume = false;                      // complete frames that exist are not drawn again
+  bool shares_geometry = false;             // ranks draw every frame together
 };
 
 struct RenderOptions : DrawOptions {
@@ -95,6 +105,7 @@ struct RenderOptions : DrawOptions {
   LightOptions light;
   TextureOptions textures;
   uint32_t frames = 1;  // of a still camera, drawn one after the other
+  Exchange exchange = Exchange::kAuto;
   std::optional<PathOptions> path;
   std::vector<PixelPlace> picks;
   format::Existing existing = format::Existing::kReplace;  // of all outputs

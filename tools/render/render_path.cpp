@@ -24,6 +24,7 @@
 #include "tools/common/sigbus.h"
 #include "tools/common/stop_signal.h"
 #include "tools/render/camera_path.h"
+#include "tools/render/ranked_frame.h"
 
 namespace scree::tools {
 namespace {
@@ -41,6 +42,12 @@ struct Output {
   FramePattern pattern;
 };
 
+/// The number of a frame, and the rank that writes it.
+struct WantedFrame {
+  uint64_t frame;
+  uint32_t rank;
+};
+
 /// The number of a drawn frame, and its outputs.
 struct DrawnFrame {
   uint64_t frame = 0;
@@ -52,16 +59,25 @@ class PathRenderer {
   PathRenderer(const RenderOptions& options, const CameraPath& path, Ranks& ranks)
       : options_(options), path_(path), ranks_(ranks), progress_(!options.quiet && ranks.is_first()) {}
 
-  /// Opens the scene and checks all outputs and cameras before any frame is drawn.
+  /// Called by all ranks. Opens the scene and checks all outputs and cameras before any frame is drawn. An error is the
+  /// lowest rank's.
   Result<void> prepare() {
-    if (const Result<void> done = choose_frames(); !done) return done;
-    if (frames_.empty()) return {};
-    if (const Result<void> done = open(draw_on()); !done) return done;
-    return check_cameras();
+    if (!options_.path->shares_geometry || ranks_.count() == 1) return ranks_.agree(prepare_own());
+    Result<void> done = ranks_.agree(choose_frames());
+    if (done) done = want_frames_of_all();
+    if (!done || wanted_.empty()) return done;
+    if (const Result<uint64_t> rest = share_host_memory(); !rest) return ranks_.agree(rest.error());
+    if (options_.backend.gpus != 1)
+      return ranks_.agree(Error{ErrorCode::kUsage, "--gpus cannot be used when ranks share the geometry"});
+    shared_.emplace(options_, ranks_);
+    done = shared_->open(wanted_.size());
+    if (done) done = ranks_.agree(check_cameras());
+    load_ms_ = shared_->times().load;
+    return done;
   }
 
   Result<void> run() {
-    if (!frames_.empty())
+    if (!wanted_.empty())
       if (const Result<void> done = draw_all(); !done) return done;
     progress_.erase();
     return report();
@@ -71,7 +87,27 @@ class PathRenderer {
   uint32_t width() const { return options_.camera.width; }
   uint32_t height() const { return options_.camera.height; }
 
-  /// Fills frames_ with the frames to draw.
+  /// For frames that this rank draws alone.
+  Result<void> prepare_own() {
+    if (const Result<void> done = choose_frames(); !done) return done;
+    for (const uint64_t frame : frames_) wanted_.push_back({frame, ranks_.rank()});
+    if (wanted_.empty()) return {};
+    if (const Result<void> done = open(draw_on()); !done) return done;
+    return check_cameras();
+  }
+
+  /// For frames that all ranks draw: fills wanted_. Each rank writes its share of them, and has looked for them.
+  Result<void> want_frames_of_all() {
+    std::vector<uint64_t> is_there(of_all_ranks_.count());
+    for (uint64_t i = 0; i < is_there.size(); ++i)
+      is_there[i] = std::binary_search(frames_.begin(), frames_.end(), of_all_ranks_.frame(i)) ? 0 : 1;
+    if (const Result<void> done = ranks_.least(is_there); !done) return done;
+    for (uint64_t i = 0; i < is_there.size(); ++i)
+      if (is_there[i] == 0) wanted_.push_back({of_all_ranks_.frame(i), static_cast<uint32_t>(i % ranks_.count())});
+    return {};
+  }
+
+  /// Fills frames_ with the frames that this rank writes.
   Result<void> choose_frames() {
     const std::pair<const std::string*, Layer> wanted[] = {
         {&options_.output, Layer::kColor}, {&options_.depth, Layer::kDepth}, {&options_.visbuffer, Layer::kSamples}};
@@ -224,15 +260,15 @@ class PathRenderer {
     camera.target = key.target;
     camera.up = key.up;
     camera.fov_degrees = key.fov_degrees;
-    const Result<kernels::View> view = scene_->view(camera);
+    const Result<kernels::View> view = runtime::make_view(scene(), camera);
     if (view) return view;
     return Error{view.error().code, options_.path->file + ": frame " + std::to_string(frame) + ", at " + number(key.t) +
                                         " s: " + view.error().message};
   }
 
   Result<void> check_cameras() const {
-    for (const uint64_t frame : frames_)
-      if (const Result<kernels::View> view = view_of(frame); !view) return view.error();
+    for (const WantedFrame& wanted : wanted_)
+      if (const Result<kernels::View> view = view_of(wanted.frame); !view) return view.error();
     return {};
   }
 
@@ -248,25 +284,28 @@ class PathRenderer {
       progress_.update(++done_, 0);
       return {};
     };
-    for (size_t next = 0; next < frames_.size() || written.size() > 0;) {
+    for (size_t next = 0; next < wanted_.size() || written.size() > 0;) {
       const bool is_stopped = StopOnSignal::flag()->load();
       if (is_stopped && written.size() == 0) return Error{ErrorCode::kFile, "interrupted"};
-      if (is_stopped || next == frames_.size() || written.size() >= most_waiting_ || written.ready()) {
+      if (is_stopped || next == wanted_.size() || written.size() >= most_waiting_ || written.ready()) {
         if (const Result<void> taken = take(); !taken) return taken;
         continue;
       }
-      Result<DrawnFrame> drawn = draw(frames_[next]);
-      if (!drawn && drawn.error().code == ErrorCode::kDevice && options_.backend.choice == BackendChoice::kAuto) {
+      const WantedFrame& wanted = wanted_[next];
+      Result<DrawnFrame> drawn = shared_ ? draw_shared(wanted) : draw(wanted.frame);
+      if (!drawn && !shared_ && drawn.error().code == ErrorCode::kDevice &&
+          options_.backend.choice == BackendChoice::kAuto) {
         // If the GPU fails, the CPU draws the same pictures.
         if (!options_.quiet) warn_of_cpu("render", drawn.error().message);
         if (const Result<void> opened = open(runtime::DrawOn::kCpu); !opened) return opened;
         continue;
       }
-      if (!drawn) return at(options_.file, with_cpu_advice(drawn.error()));
-      if (const Result<void> whole = check_not_cut(scene_->scene().file().map()); !whole) return whole;
+      if (!drawn) return shared_ ? drawn.error() : at(options_.file, with_cpu_advice(drawn.error()));
+      ++next;
+      if (wanted.rank != ranks_.rank()) continue;
+      if (const Result<void> whole = check_not_cut(scene().file().map()); !whole) return whole;
       const auto job = std::make_shared<const DrawnFrame>(std::move(*drawn));
       written.submit([this, job](uint32_t) { return write(*job); }, 0);
-      ++next;
     }
     return {};
   }
@@ -287,6 +326,38 @@ class PathRenderer {
     }
     shade_ms_ += watch.elapsed().wall_ms;
     if (renderer_->blended().samples_left_out != 0) ++frames_with_more_layers_;
+    return drawn;
+  }
+
+  /// The same with all ranks. Without outputs at the ranks that do not write the frame.
+  Result<DrawnFrame> draw_shared(const WantedFrame& wanted) {
+    DrawnFrame drawn;
+    drawn.frame = wanted.frame;
+    const Result<kernels::View> view = view_of(wanted.frame);
+    if (!view) return view.error();
+    Result<void> done = shared_->draw(*view, wanted.rank);
+    if (done) done = shared_->shade();
+    if (!done) return done.error();
+    // Means over the ranks, when the report adds them up.
+    draw_ms_ += shared_->times().draw / ranks_.count();
+    shade_ms_ += shared_->times().shade / ranks_.count();
+    exchange_ms_ += shared_->times().exchange / ranks_.count();
+    if (wanted.rank != ranks_.rank()) return drawn;
+    const Stopwatch watch;
+    for (const Output& output : outputs_) {
+      if (output.layer == Layer::kSamples) {
+        const std::span<const std::byte> bytes = std::as_bytes(shared_->samples());
+        drawn.layers.emplace_back(bytes.begin(), bytes.end());
+        continue;
+      }
+      std::vector<std::byte>& bytes = drawn.layers.emplace_back(pixels() * 4);
+      done = output.layer == Layer::kDepth
+                 ? shared_->read_depth(bytes)
+                 : shared_->read_picture({reinterpret_cast<uint32_t*>(bytes.data()), pixels()});
+      if (!done) return done.error();
+    }
+    shade_ms_ += watch.elapsed().wall_ms;
+    if (shared_->blended().samples_left_out != 0) ++frames_with_more_layers_;
     return drawn;
   }
 
@@ -326,7 +397,11 @@ class PathRenderer {
     return text;
   }
 
-  std::string drawn_on() const {
+  const runtime::Scene& scene() const { return shared_ ? shared_->scene() : scene_->scene(); }
+
+  /// `gpus`: of all ranks, if they share the geometry.
+  std::string drawn_on(uint32_t gpus) const {
+    if (shared_) return RankedFrame::processors(gpus, ranks_.count());
     if (scene_ == nullptr) return "nothing";
     if (scene_->gpu()) return name_of(*scene_->gpu(), scene_->device()->gpu_count());
     return name_of_cpu(options_.threads);
@@ -335,8 +410,15 @@ class PathRenderer {
   /// Prints the report of all ranks, at rank 0. Loading is the mean over ranks; drawing, shading and writing are sums
   /// over all frames (per frame in the text); the total time is rank 0's.
   Result<void> report() {
-    double sums[] = {static_cast<double>(frames_.size()),           load_ms_,  draw_ms_, shade_ms_, write_ms_,
-                     static_cast<double>(frames_with_more_layers_), shadow_ms_};
+    double sums[] = {static_cast<double>(frames_.size()),
+                     load_ms_,
+                     draw_ms_,
+                     shade_ms_,
+                     write_ms_,
+                     static_cast<double>(frames_with_more_layers_),
+                     shadow_ms_,
+                     exchange_ms_,
+                     shared_ && shared_->has_gpu() ? 1.0 : 0.0};
     if (const Result<void> summed = ranks_.sum(sums); !summed) return summed;
     if (!ranks_.is_first()) return {};
     const double frames = sums[0];
@@ -356,7 +438,7 @@ class PathRenderer {
       json.member("width", width());
       json.member("height", height());
       json.member("samples_per_side", options_.samples_per_side);
-      json.member("device", drawn_on());
+      json.member("device", drawn_on(static_cast<uint32_t>(sums[8])));
       json.member("ranks", ranks_.count());
       json.member("frames_with_more_layers", with_more_layers);
       json.member("load_ms", sums[1] / ranks_.count());
@@ -365,22 +447,26 @@ class PathRenderer {
       json.member("draw_ms", sums[2]);
       json.member("shade_ms", sums[3]);
       json.member("write_ms", sums[4]);
+      if (shared_) json.member("exchange", shared_->way());
+      if (shared_) json.member("exchange_ms", sums[7]);
       json.end_object();
       std::printf("%s\n", text.c_str());
       return {};
     }
     if (options_.quiet) return {};
+    const bool has_shadows = options_.light.shadow_side != 0 && !shared_;  // otherwise they are a part of drawing
     std::string line = options_.file + ": ";
     if (there > 0) line += std::to_string(there) + " of " + std::to_string(count) + " frames exist";
     if (drawn > 0) {
-      char rates[200], shadows[40] = "";
-      if (options_.light.shadow_side != 0)
-        std::snprintf(shadows, sizeof shadows, "shadows %.1f ms, ", sums[6] / frames);
-      std::snprintf(rates, sizeof rates, " (each: %sdrawing %.1f ms, shading %.1f ms, writing %.1f ms of one thread)",
-                    shadows, sums[2] / frames, sums[3] / frames, sums[4] / frames);
+      char rates[200], shadows[40] = "", exchange[60] = "";
+      if (has_shadows) std::snprintf(shadows, sizeof shadows, "shadows %.1f ms, ", sums[6] / frames);
+      if (shared_)
+        std::snprintf(exchange, sizeof exchange, "exchange by %s %.2f ms, ", shared_->way(), sums[7] / frames);
+      std::snprintf(rates, sizeof rates, " (each: %sdrawing %.1f ms, shading %.1f ms, %swriting %.1f ms of one thread)",
+                    shadows, sums[2] / frames, sums[3] / frames, exchange, sums[4] / frames);
       line += (there > 0 ? ", " : "") + std::to_string(drawn) + (drawn == 1 ? " frame of " : " frames of ") +
               std::to_string(width()) + " x " + std::to_string(height()) + " in " +
-              format_duration(watch_.elapsed().wall_ms / 1000) + " on " + drawn_on() +
+              format_duration(watch_.elapsed().wall_ms / 1000) + " on " + drawn_on(static_cast<uint32_t>(sums[8])) +
               (ranks_.count() > 1 ? ", in " + std::to_string(ranks_.count()) + " ranks" : "") + rates;
     } else if (there == 0) {
       line += "there is no frame in this share";
@@ -405,15 +491,17 @@ class PathRenderer {
   Progress progress_;
   std::vector<Output> outputs_;
   FrameRange of_all_ranks_;
-  FrameRange range_;              // of this rank
-  std::vector<uint64_t> frames_;  // the frames to draw
+  FrameRange range_;                 // of this rank
+  std::vector<uint64_t> frames_;     // those to write
+  std::vector<WantedFrame> wanted_;  // the frames to draw: these, or those of all ranks
   std::shared_ptr<LoadedScene> scene_;
   std::unique_ptr<ViewRenderer> renderer_;
+  std::optional<RankedFrame> shared_;  // instead, if the ranks share the geometry
   uint64_t most_waiting_ = 1;
   uint64_t done_ = 0;
   uint64_t frames_with_more_layers_ = 0;  // frames with more layers of blended surfaces than are drawn
   Stopwatch watch_;
-  double load_ms_ = 0, shadow_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, write_ms_ = 0;
+  double load_ms_ = 0, shadow_ms_ = 0, draw_ms_ = 0, shade_ms_ = 0, exchange_ms_ = 0, write_ms_ = 0;
 };
 
 }  // namespace
@@ -425,10 +513,12 @@ Result<void> render_path(const RenderOptions& options) {
   Result<void> done;
   try {
     const Result<CameraPath> path = CameraPath::read(options.path->file, options.path->frames_per_second);
-    std::optional<PathRenderer> renderer;
-    if (path) renderer.emplace(options, *path, *ranks);
-    done = ranks->agree(renderer ? renderer->prepare() : path.error());
-    if (done) done = renderer->run();
+    done = ranks->agree(path ? Result<void>() : path.error());
+    if (done) {
+      PathRenderer renderer(options, *path, *ranks);
+      done = renderer.prepare();
+      if (done) done = renderer.run();
+    }
   } catch (const std::bad_alloc&) {
     done = Error{ErrorCode::kMemory, options.file + ": no memory left for its frames"};
   }

@@ -355,16 +355,19 @@ TEST_CASE("quantised positions keep the stated error at every scale", "[position
       FAIL("more than " << bits << " bits");
     exact += lattice->max_error == 0;
     std::vector<uint32_t> offsets(positions.size());
-    quantize_positions(offsets, positions, *lattice);
+    const double stated = quantize_positions(offsets, positions, *lattice);
     const PositionRange range = position_range(offsets);
     const auto bytes = encode(offsets, range);
     std::vector<float> decoded(positions.size());
     if (const auto result = decode_positions(decoded, *lattice, range, bytes); !result) FAIL(result.error().message);
+    double largest = 0;
     for (size_t i = 0; i < positions.size(); ++i) {
       const double error = std::fabs(static_cast<double>(decoded[i]) - static_cast<double>(positions[i]));
       if (error > lattice->max_error)
         FAIL(positions[i] << " became " << decoded[i] << ", stated " << lattice->max_error);
+      largest = std::max(largest, error);
     }
+    if (stated != largest) FAIL("quantising returned an error of " << stated << ", but it is " << largest);
   }
   CHECK(exact > 100);
   CHECK(refused < 3000);

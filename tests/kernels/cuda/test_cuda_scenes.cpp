@@ -97,7 +97,7 @@ TEST_CASE("scenes that mix lattice and float32 meshes are equal on the GPU", "[c
   compare(builder, all_views(), 5000);
 }
 
-// Rows change from frame to frame, so that hints of clusters are from other rows.
+// Rows change from frame to frame, so that the hints of clusters come from other rows.
 TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda][gpus]") {
   std::mt19937 random(41);
   for (const int kind : {0, 1, 2}) {
@@ -137,7 +137,8 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
             REQUIRE(part);
             drawn += part->triangles;
           };
-          // Zeros are nearer than all, since other rows are not cleared.
+          // Samples begin as zeros, which are nearer than everything. Other rows are not cleared, so reading them would
+          // show.
           const std::vector<uint64_t> found = device.picture(view, draw_rows, 0);
           const auto at = [&](uint32_t row) { return static_cast<ptrdiff_t>(uint64_t{row} * view.width); };
           CHECK(std::equal(found.begin() + at(options.rows.first), found.begin() + at(options.rows.end),
@@ -146,7 +147,8 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
         of_all += 3 * device.stats(view, sizes, {}).triangles;
       }
     }
-    // Most chunks reach into any rows. The emulated GPU draws a fifth of the views, in which fewer are left out.
+    // Most chunks reach into any rows, so few are left out. In the fifth of the views that the emulated GPU draws, even
+    // fewer are.
     CHECK(drawn < of_all - of_all / (kEmulatesGpu ? 50 : 10));
   }
 }

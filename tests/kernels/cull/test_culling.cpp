@@ -255,7 +255,7 @@ TEST_CASE("culling: single precision keeps every box that double precision keeps
     kept += keeps;
     kept_rounded += keeps_rounded;
     if (!keeps) continue;
-    // Rows: whatever a part of the picture keeps, its rows keep too; together they keep all that the picture does.
+    // A box that the picture keeps is also kept for all of its rows, and for at least one of three parts of them.
     FrameView part = view;
     part.first_row = static_cast<int32_t>(random() % static_cast<uint64_t>(view.height));
     part.end_row =

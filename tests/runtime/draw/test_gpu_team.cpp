@@ -82,7 +82,7 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
   const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
   Result<DeviceScene> alone = upload(scene, 1);
   REQUIRE(alone);
-  // Each of several GPUs has a draw list more than one alone. With a byte less they share the pages.
+  // Each of several GPUs needs memory for one more draw list than a single GPU. With a byte less they share the pages.
   const uint64_t too_little_for_all = alone->stats().device_bytes + kernels::CudaFrames::device_bytes(scene.view()) - 1;
   uint64_t with_all_pages = 0;
   for (const auto& [count, budget] : {std::pair<uint32_t, uint64_t>{2, 0}, {2, too_little_for_all}, {3, 0}}) {

@@ -29,6 +29,13 @@ inline void put_text(FileBytes& file, const std::string& text) {
   for (const char c : text) put(file, c);
 }
 
+/// The bytes with another value at one place.
+template <class T>
+FileBytes with(FileBytes bytes, size_t at, T value) {
+  std::memcpy(bytes.data() + at, &value, sizeof(value));
+  return bytes;
+}
+
 /// The content of a file.
 struct BlockRecipe {
   uint32_t vk_format = 145;  // BC7_UNORM
@@ -41,6 +48,8 @@ struct BlockRecipe {
   std::string swizzle{};
   std::string orientation{};
   uint32_t seed = 1;
+  uint32_t channel = 0;         // of the first sample,
+  uint32_t second_channel = 0;  // and of a second one if not 0, for models without a VkFormat
 };
 
 /// Blocks of a level: random bytes, many of them equal so that they compress.
@@ -78,7 +87,9 @@ inline FileBytes make_ktx2(const BlockRecipe& recipe) {
   }
   const uint32_t levels = std::max(1u, recipe.levels);
   constexpr uint32_t kRgbModel = 1;
-  const uint32_t samples = recipe.model == kRgbModel ? format::block_channels(recipe.format) : 1;
+  const uint32_t samples = recipe.model == kRgbModel    ? format::block_channels(recipe.format)
+                           : recipe.second_channel != 0 ? 2
+                                                        : 1;
   const uint32_t descriptor_at = 80 + 24 * levels, descriptor_bytes = 28 + 16 * samples;
   FileBytes file;
   put_text(file, std::string("\xabKTX 20\xbb\r\n\x1a\n", 12));
@@ -104,10 +115,15 @@ inline FileBytes make_ktx2(const BlockRecipe& recipe) {
   put(file, 0u);
   put(file, 2u | (24 + 16 * samples) << 16);
   put(file, recipe.model | 1u << 8 | 1u << 16);
+  if (recipe.vk_format == 0) put(file, 0x0303u);  // blocks of 4 x 4
   file.resize(descriptor_at + 28);
   for (uint32_t i = 0; i < samples; ++i) {
     const bool is_reversed = recipe.vk_format == 44 || recipe.vk_format == 50;
-    put(file, 8 * i | 7u << 16 | (i == 3 ? 15 : is_reversed ? 2 - i : i) << 24);
+    if (recipe.vk_format == 0) {
+      put(file, 64 * i | 63u << 16 | (i == 0 ? recipe.channel : recipe.second_channel) << 24);
+    } else {
+      put(file, 8 * i | 7u << 16 | (i == 3 ? 15 : is_reversed ? 2 - i : i) << 24);
+    }
     file.resize(file.size() + 12);
   }
   file.insert(file.end(), keys.begin(), keys.end());
@@ -160,6 +176,9 @@ inline std::vector<std::pair<std::string, FileBytes>> block_files() {
   files.emplace_back("rgba8.ktx2",
                      make_ktx2({.vk_format = 44, .model = 1, .format = BlockFormat::kRgba8, .levels = 0}));
   files.emplace_back("r8.ktx2", make_ktx2({.vk_format = 9, .model = 1, .format = BlockFormat::kR8, .width = 5}));
+  files.emplace_back(
+      "uastc_zstd.ktx2",
+      make_ktx2({.vk_format = 0, .model = 166, .width = 30, .height = 18, .levels = 2, .scheme = 2, .channel = 3}));
   files.emplace_back("bc3.dds", make_dds({.format = BlockFormat::kBc3, .width = 9, .height = 5, .levels = 4}, 77));
   files.emplace_back("bc4.dds", make_dds({.format = BlockFormat::kBc4, .width = 4, .height = 4}, 80));
   files.emplace_back("bgra.dds", make_dds({.format = BlockFormat::kRgba8, .width = 3, .height = 2}, 87));

@@ -20,6 +20,7 @@
 #include "runtime/textures/block_image.h"
 #include "runtime/textures/jpeg_image.h"
 #include "tests/gpu.h"
+#include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
@@ -238,7 +239,9 @@ TEST_CASE("a block-compressed texture is drawn and exported as its pixels", "[bl
   const std::vector<FileBytes> files = {
       make_ktx2({.width = 100, .height = 60, .swizzle = "gbr1"}),
       make_dds({.format = BlockFormat::kBc5, .width = 31, .height = 31}, 83),
-      make_ktx2({.vk_format = 15, .model = 1, .format = BlockFormat::kR8, .width = 50, .height = 20, .levels = 0})};
+      make_ktx2({.vk_format = 15, .model = 1, .format = BlockFormat::kR8, .width = 50, .height = 20, .levels = 0}),
+      make_ktx2({.vk_format = 0, .model = 166, .width = 41, .height = 19, .scheme = 2}),
+      tests::make_basis_lz({.width = 53, .height = 30, .levels = 1}).bytes};
   make_block_model(folder.file("in.glb"), files);
   convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
@@ -260,19 +263,19 @@ TEST_CASE("a block-compressed texture is drawn and exported as its pixels", "[bl
   options.output = folder.file("jpeg.scree");
   tests::must_convert(options);
   const runtime::Scene jpegs = tests::must_load(options.output);
-  for (uint64_t i = 0; i < 3; ++i) CHECK(jpegs.container().images()[i].codec == ImageCodec::kIndexedJpeg);
+  for (uint64_t i = 0; i < files.size(); ++i) CHECK(jpegs.container().images()[i].codec == ImageCodec::kIndexedJpeg);
   CHECK(verify_failures(options.output) == 0);
 }
 
 TEST_CASE("an unsupported KTX2 is an error of one line, or grey with --keep-going", "[block_textures][bad]") {
   const TempFolder folder;
-  FileBytes basis = make_ktx2({});
-  basis[44] = std::byte{1};
+  FileBytes lost = tests::make_basis_lz({.levels = 1}).bytes;
+  std::fill(lost.end() - 16, lost.end(), std::byte{0xff});
   FileBytes cut = make_ktx2({.width = 16, .height = 16, .scheme = 2});
   cut.back() ^= std::byte{0xff};
   for (const auto& [file, words] :
-       {std::pair{basis, "supercompressed by BasisLZ, which scree does not read: transcode"},
-        std::pair{cut, "level 0: "}}) {
+       {std::pair{make_ktx2({.vk_format = 143}), "of Vulkan format 143, which scree does not read: make it again"},
+        std::pair{cut, "level 0: "}, std::pair{lost, "level 0: BasisLZ: "}}) {
     make_block_model(folder.file("in.glb"), {file});
     convert::ConvertOptions options = tests::options_of(folder);
     const auto refused = convert::convert(options);

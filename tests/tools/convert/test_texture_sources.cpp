@@ -4,6 +4,7 @@
 
 #include "runtime/images/image.h"
 #include "tests/models.h"
+#include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
@@ -31,10 +32,8 @@ FileBytes png_of(uint32_t side) {
   return *png;
 }
 
-FileBytes basis() {
-  FileBytes file = tests::make_ktx2({});
-  file[44] = std::byte{1};
-  return file;
+FileBytes unreadable() {
+  return tests::make_ktx2({.vk_format = 143});  // BC6H
 }
 
 /// A triangle with one texture: `sources`, the members of the texture.
@@ -67,11 +66,12 @@ format::ImageRecord stored_image(const TempFolder& folder) {
 TEST_CASE("the best readable image is used", "[texture_sources]") {
   const TempFolder folder;
   write_file(folder, "8.ktx2", tests::make_ktx2({}));
-  write_file(folder, "basis.ktx2", basis());
+  write_file(folder, "bc6.ktx2", unreadable());
+  write_file(folder, "etc1s.ktx2", tests::make_basis_lz({}).bytes);
   write_file(folder, "8.dds", tests::make_dds({.format = format::BlockFormat::kBc1}, 71));
   write_file(folder, "4.png", png_of(4));
   const std::string images =
-      R"({"uri":"8.ktx2"},{"uri":"basis.ktx2"},{"uri":"8.dds"},{"uri":"4.png"},{"uri":"no.png"})";
+      R"({"uri":"8.ktx2"},{"uri":"bc6.ktx2"},{"uri":"8.dds"},{"uri":"4.png"},{"uri":"no.png"},{"uri":"etc1s.ktx2"})";
   const auto taken = [&](const std::string& sources) {
     textured_triangle(folder, images, sources);
     return stored_image(folder);
@@ -83,6 +83,8 @@ TEST_CASE("the best readable image is used", "[texture_sources]") {
   };
   CHECK(taken(all("3", basisu(0))).block_format == format::BlockFormat::kBc7);
   CHECK(taken(all("3", basisu(1))).codec == ImageCodec::kPng);
+  CHECK(taken(all("3", basisu(5))).codec == ImageCodec::kPng);  // a PNG as it is before pixels that are decoded
+  CHECK(taken(all("4", basisu(5))).block_format == format::BlockFormat::kRgba8);
   CHECK(taken(all("3", dds)).block_format == format::BlockFormat::kBc1);
   CHECK(taken(all("3", basisu(0) + "," + dds)).block_format == format::BlockFormat::kBc7);
   CHECK(taken(all("3", basisu(1) + "," + dds)).block_format == format::BlockFormat::kBc1);
@@ -98,7 +100,7 @@ TEST_CASE("the best readable image is used", "[texture_sources]") {
         options.output = folder.file("none.scree");
         return options;
       }(),
-      ErrorCode::kUnsupported, "image 0 (basis.ktx2): KTX2: supercompressed by BasisLZ");
+      ErrorCode::kUnsupported, "image 0 (bc6.ktx2): KTX2: of Vulkan format 143");
 }
 
 TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_sources][webp]") {

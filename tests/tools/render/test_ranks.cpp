@@ -11,10 +11,13 @@
 #include <sstream>
 #include <string>
 #include <thread>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include <nlohmann/json.hpp>
 
+#include "runtime/draw/nccl_group.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
@@ -101,11 +104,15 @@ bool runs(pid_t process) {
   return name_end != std::string::npos && text.substr(name_end, 3) != ") Z";
 }
 
-void make_inputs(const TempFolder& folder, const char* end) {
-  SmallScene().write(folder.file("quad.scree"));
+void make_path(const TempFolder& folder, const char* end) {
   folder.write("path.json", std::string(R"({"format": "scree camera path", "version": 1, "keys": [
     {"t": 0, "eye": [0, 0, 3], "target": [0, 0, 0]}, {"t": )") +
                                 end + R"(, "eye": [2, 1, 3], "target": [0, 0, 0]}]})");
+}
+
+void make_inputs(const TempFolder& folder, const char* end) {
+  SmallScene().write(folder.file("quad.scree"));
+  make_path(folder, end);
 }
 
 std::string render(int ranks, const std::string& more, const std::string& backend = "cpu") {
@@ -173,10 +180,12 @@ TEST_CASE("an error of one rank ends all with one line", "[render][path][ranks]"
 }
 
 TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
-  for (const size_t victim : {0, 1, 2}) {
+  for (const auto& [victim, more] :
+       {std::pair<size_t, std::string>(0, ""), {1, ""}, {2, ""}, {0, "--share geometry "}, {1, "--share geometry "}}) {
+    INFO("rank " << victim << ", " << more);
     const TempFolder folder;
     make_inputs(folder, "300");  // 9,001 frames
-    Launch launch(render(3, "--path path.json --size 200x150 -q -o f_%d.png"), folder);
+    Launch launch(render(3, more + "--path path.json --size 200x150 -q -o f_%d.png"), folder);
     const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(30);
     while (!fs::exists(folder.file("f_5.png")) && std::chrono::steady_clock::now() < end)
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -362,6 +371,209 @@ TEST_CASE("GPUs of ranks that share a scene's pages draw the same as the CPU", "
     CHECK(damaged.errors()[0].find("rank 0 of 2 on ") != std::string::npos);
     CHECK(damaged.errors()[0].find("quad.scree: page ") != std::string::npos);
   }
+}
+
+TEST_CASE("ranks that share the geometry of a film draw the same frames as one rank", "[render][path][ranks]") {
+  const auto film = [](int ranks, const std::string& name, const std::string& more) {
+    return render(ranks, "--path path.json --size 40x30 -o " + name + "_%d.png --visbuffer " + name +
+                             "_%d.bin --depth " + name + "_%d.pfm " + more);
+  };
+  const auto files = [](const TempFolder& folder, const std::string& name) {
+    std::string bytes;
+    for (int frame = 0; frame < 4; ++frame) bytes += files_of(folder, name + "_" + std::to_string(frame));
+    return bytes;
+  };
+  for (const bool blends : {false, true}) {
+    const TempFolder folder;
+    make_path(folder, "0.1");  // 4 frames
+    make_large_scene(folder, blends);
+    for (const std::string more : {"", "--samples 2 --ssao --background transparent"}) {
+      Launch alone(film(1, "one", "--force --share geometry " + more), folder);
+      REQUIRE(alone.wait(60) == 0);
+      for (const int ranks : {2, 3}) {
+        INFO(ranks << " ranks, " << more);
+        Launch launch(film(ranks, "all", "--force --share geometry --json " + more), folder);
+        REQUIRE(launch.wait(60) == 0);
+        CHECK(launch.errors().empty());
+        const nlohmann::json report = nlohmann::json::parse(launch.out());
+        CHECK(report["frames"] == 4);
+        CHECK(report["exchange"] == "mpi");
+        CHECK(files(folder, "all") == files(folder, "one"));
+      }
+    }
+    // Frames that are missing at one rank are drawn by all.
+    fs::remove(folder.file("all_1.png"));
+    fs::remove(folder.file("all_3.bin"));
+    const std::string resume = "--resume --share geometry --samples 2 --ssao --background transparent ";
+    Launch resumed(film(3, "all", resume + "--json"), folder);
+    REQUIRE(resumed.wait(60) == 0);
+    CHECK(nlohmann::json::parse(resumed.out())["frames_there"] == 2);
+    CHECK(files(folder, "all") == files(folder, "one"));
+    Launch kept(film(3, "all", resume), folder);
+    REQUIRE(kept.wait(60) == 0);
+    CHECK(kept.out().find("4 of 4 frames exist") != std::string::npos);
+  }
+}
+
+TEST_CASE("a film whose geometry is shared is refused as other films are", "[render][path][ranks]") {
+  const TempFolder folder;
+  make_inputs(folder, "0.1");
+  folder.write("f_1.png", "is there");
+  const std::tuple<std::string, int, std::string> refused[] = {
+      {"--share geometry -o no.png", 1, "--share needs --path"},
+      {"--path path.json --share fairly -o no_%d.png", 1, "--share: 'fairly' is not one of frames, geometry"},
+      {"--path path.json --share geometry -o f_%d.png", 2, "rank 1 of 2 on "},
+      {"--path path.json --share geometry -o no/f_%d.png", 2, "no/f_0.png"}};
+  for (const auto& [words, code, line] : refused) {
+    INFO(words);
+    Launch launch(render(2, words), folder);
+    CHECK(launch.wait(20) == code);
+    REQUIRE(!launch.errors().empty());
+    CHECK(launch.errors()[0].find(line) != std::string::npos);
+  }
+}
+
+namespace {
+
+/// The command of ranks that each have a GPU of their own, or all the first GPU.
+std::string render_on_gpus(int ranks, const std::string& more, bool own_gpus = true) {
+  std::string line = SCREE_MPIEXEC;
+  for (int rank = 0; rank < ranks; ++rank)
+    line += std::string(rank == 0 ? "" : " :") + " -n 1 '" + scree::tests::kProgram +
+            "' render quad.scree --threads 1 --device " + std::to_string(own_gpus ? rank : 0) + " " + more;
+  return line;
+}
+
+/// Whether two ranks can have a GPU each and NCCL. Emulated GPUs have their own.
+bool can_use_nccl() {
+  if (!scree::tests::has_gpus(2)) return false;
+  const auto opened = scree::runtime::NcclGroup::open();
+  if (!opened && !scree::tests::kEmulatesGpu) WARN("skipped: " << opened.error().message);
+  return opened || scree::tests::kEmulatesGpu;
+}
+
+/// Lets ranks of emulated GPUs fail where tests/emulator/nccl.cpp says.
+class NcclFails {
+ public:
+  explicit NcclFails(const char* where) { ::setenv("SCREE_EMULATED_NCCL", where, 1); }
+  NcclFails(const NcclFails&) = delete;
+  NcclFails& operator=(const NcclFails&) = delete;
+  ~NcclFails() { ::unsetenv("SCREE_EMULATED_NCCL"); }
+};
+
+}  // namespace
+
+TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU", "[cuda][render][ranks][nccl]") {
+  const scree::tests::EmulatedGpus gpus("9.0,9.0,9.0");
+  if (!can_use_nccl()) return;
+  const TempFolder folder;
+  make_large_scene(folder);
+  const std::string most_files = " --normals n.pfm --size 80x60 --force -o a.png --depth a.pfm --visbuffer a.bin ";
+  const auto made = [&] {
+    std::string bytes;
+    for (const char* name : {"n.pfm", "a.png", "a.pfm", "a.bin"}) bytes += scree::tests::read_whole(folder.file(name));
+    return bytes;
+  };
+  const int most_ranks = scree::tests::kEmulatesGpu ? 3 : 2;
+  for (const std::string more :
+       {"", "--samples 2 --ssao --background transparent", "--ssao --edl --background '#ff000080'",
+        "--light scene --shadows --shadow-size 300", "--show triangle", "--frames 3 --show normal --pick 40,30"}) {
+    Launch alone(render(1, more + most_files), folder);
+    REQUIRE(alone.wait(60) == 0);
+    const std::string expected = made();
+    for (int ranks = 2; ranks <= most_ranks; ++ranks) {
+      INFO(ranks << " ranks, " << more);
+      Launch launch(render_on_gpus(ranks, more + most_files + "--exchange nccl --json"), folder);
+      REQUIRE(launch.wait(240) == 0);
+      CHECK(launch.errors().empty());
+      const std::string out = launch.out();
+      const nlohmann::json report = nlohmann::json::parse(out.substr(out.rfind("{")));
+      CHECK(report["exchange"] == "nccl");
+      CHECK(report["gpus"] == ranks);
+      CHECK(made() == expected);
+    }
+  }
+  make_path(folder, "0.05");  // 2 frames
+  const std::string film = "--path path.json --size 60x40 -q -f --samples 2 ";
+  Launch of_one(render(1, film + "-o f_%d.png --depth f_%d.pfm --visbuffer f_%d.bin"), folder);
+  REQUIRE(of_one.wait(60) == 0);
+  Launch of_all(render_on_gpus(2, film + "--share geometry --exchange nccl -o g_%d.png --depth g_%d.pfm "
+                                         "--visbuffer g_%d.bin"),
+                folder);
+  REQUIRE(of_all.wait(240) == 0);
+  for (const std::string frame : {"_0", "_1"}) CHECK(files_of(folder, "g" + frame) == files_of(folder, "f" + frame));
+#if defined(SCREE_HAS_EXR)
+  Launch alone(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder);  // its colours are not rounded to 8 bits
+  REQUIRE(alone.wait(120) == 0);
+  Launch launch(render_on_gpus(2, "--exchange nccl --size 80x60 -q -o two.exr"), folder);
+  REQUIRE(launch.wait(240) == 0);
+  const std::string one = scree::tests::read_whole(folder.file("one.exr"));
+  CHECK((scree::tests::read_whole(folder.file("two.exr")) == one));
+#endif
+}
+
+TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render][ranks][nccl]") {
+  const scree::tests::EmulatedGpus gpus("9.0,9.0");
+  if (!can_use_nccl()) return;
+  const TempFolder folder;
+  make_large_scene(folder);
+  const auto films = [](const std::string& name) {  // long enough for NCCL
+    return "--frames 16 --size 32x24 --force -o " + name + ".png --depth " + name + ".pfm --visbuffer " + name +
+           ".bin ";
+  };
+  Launch alone(render(1, films("one")), folder);
+  REQUIRE(alone.wait(60) == 0);
+  const auto is_by = [&](const std::string& way, const std::string& command, size_t warnings) {
+    INFO(command);
+    Launch launch(command, folder);
+    REQUIRE(launch.wait(240) == 0);
+    CHECK(launch.errors().size() == warnings);
+    CHECK(nlohmann::json::parse(launch.out())["exchange"] == way);
+    CHECK(files_of(folder, "some") == files_of(folder, "one"));
+  };
+  const auto fails = [&](const std::string& command, int code, const std::string& line) {
+    INFO(command);
+    Launch launch(command, folder);
+    CHECK(launch.wait(60) == code);
+    REQUIRE(launch.errors().size() == 1);
+    CHECK(launch.errors()[0].find(line) != std::string::npos);
+  };
+  const std::string some = films("some") + "--json ";
+  is_by("nccl", render_on_gpus(2, some), 0);
+  is_by("mpi", render_on_gpus(2, some + "--exchange mpi"), 0);
+  is_by("mpi", render_on_gpus(2, some, false), 0);
+  is_by("mpi", render(2, some), 0);  // no GPU draws
+  std::string short_film = some;
+  short_film.replace(0, std::string("--frames 16").size(), "--frames 15");
+  is_by("mpi", render_on_gpus(2, short_film), 0);
+  fails(render_on_gpus(2, "-q -o no.png --exchange nccl", false), 4, "--exchange nccl: ranks 0 and 1 share a GPU");
+  fails(render(2, "-q -o no.png --exchange nccl"), 4, "--exchange nccl: no GPU draws here");
+  fails(render(1, "-q -o no.png --exchange by_post"), 1, "--exchange: 'by_post' is not one of auto, mpi, nccl");
+  if (!scree::tests::kEmulatesGpu) return;
+  {  // rank 1 fails to connect, and rank 0 waits for it forever
+    const NcclFails rank("connect:1");
+    is_by("mpi", render_on_gpus(2, some), 1);
+    fails(render_on_gpus(2, "-q -o no.png --exchange nccl"), 4, "--exchange nccl: ");
+  }
+  {
+    const NcclFails rank("exchange:1");  // the first exchange, as a part of connecting
+    is_by("mpi", render_on_gpus(2, some), 1);
+  }
+  {
+    const NcclFails rank("late:1");
+    fails(render_on_gpus(2, "--exchange nccl -q -o no.png"), 4, "rank 1 of 2 on ");
+    CHECK_FALSE(fs::exists(folder.file("no.png")));
+  }
+  // The CPU draws layers of blended surfaces.
+  const TempFolder with_layers;
+  make_large_scene(with_layers, true);
+  Launch blended(render_on_gpus(2, some), with_layers);
+  REQUIRE(blended.wait(120) == 0);
+  CHECK(nlohmann::json::parse(blended.out())["exchange"] == "mpi");
+  Launch refused(render_on_gpus(2, "-q -o no.png --exchange nccl"), with_layers);
+  CHECK(refused.wait(60) == 1);
+  REQUIRE(refused.errors().size() == 1);
+  CHECK(refused.errors()[0].find("has blended surfaces") != std::string::npos);
 }
 
 TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "[render][ranks][blend]") {

@@ -357,7 +357,7 @@ TEST_CASE("generated textures are KTX2 files with all levels", "[synth][zorah]")
     const auto bytes = make_block_file(texture);
     if (!bytes) FAIL(bytes.error().message);
     runtime::ImageFile file(*bytes);
-    const auto head = runtime::open_block_file(file);
+    auto head = runtime::open_block_file(file);
     if (!head) FAIL(head.error().message);
     CHECK(head->width == 128);
     CHECK(head->height == 132);

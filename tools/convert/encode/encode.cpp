@@ -95,18 +95,7 @@ class WindowEncoder {
     if (mesh_.float32) return;
     const std::span<const float> positions = s_.window.positions();
     s_.coordinates.resize(positions.size());
-    format::quantize_positions(s_.coordinates, positions, mesh_.lattice);
-    const std::array<int64_t, 3> lattice_min = mesh_.lattice.min;
-    const double step = format::exp2i(mesh_.lattice.exponent);
-    double largest = 0;
-    for (size_t i = 0; i + 2 < positions.size(); i += 3) {
-      for (size_t axis = 0; axis < 3; ++axis) {
-        const float decoded =
-            static_cast<float>(static_cast<double>(lattice_min[axis] + int64_t{s_.coordinates[i + axis]}) * step);
-        largest = std::max(largest, std::fabs(static_cast<double>(decoded) - static_cast<double>(positions[i + axis])));
-      }
-    }
-    out_.position_error = largest;
+    out_.position_error = format::quantize_positions(s_.coordinates, positions, mesh_.lattice);
   }
 
   /// Cuts the ordered triangles into chunks, numbers the vertices of each chunk, and encodes indices and positions.

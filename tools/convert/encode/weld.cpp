@@ -8,7 +8,7 @@
 namespace scree::convert {
 namespace {
 
-constexpr uint64_t kEmpty = UINT64_MAX;
+constexpr uint32_t kEmpty = UINT32_MAX;
 constexpr size_t kBlock = 64;  // items whose slots are prefetched together, because the table exceeds the cache
 
 /// The compared values of an item: up to four attribute values, and its class so far.
@@ -34,6 +34,7 @@ uint32_t bits_of(float value, Welder::Zeros zeros) {
 template <class Item>
 void Welder::find_equals(uint64_t count, const Item& item) {
   const uint64_t mask = std::bit_ceil(count + count / 4 + 2) - 1;  // at most 0.8 full
+  const uint64_t items = std::bit_ceil(count + 1) - 1;             // the bits of an entry that are an item; some are 0
   table_.assign(mask + 1, kEmpty);
   first_items_.resize(count);
   std::array<uint64_t, kBlock> hashes;
@@ -45,12 +46,13 @@ void Welder::find_equals(uint64_t count, const Item& item) {
     }
     for (uint64_t i = begin; i < end; ++i) {
       const uint64_t hash = hashes[i - begin];
-      const uint64_t entry = (hash & ~uint64_t{UINT32_MAX}) | i;
+      const auto tag = static_cast<uint32_t>(hash >> 32 & ~items);
       uint64_t slot = hash & mask;
-      while (table_[slot] != kEmpty && (table_[slot] >> 32 != hash >> 32 || item(table_[slot] & UINT32_MAX) != item(i)))
-        slot = (slot + 1) & mask;
-      if (table_[slot] == kEmpty) table_[slot] = entry;
-      first_items_[i] = static_cast<uint32_t>(table_[slot]);
+      uint32_t entry = table_[slot];
+      while (entry != kEmpty && ((entry & ~items) != tag || item(entry & items) != item(i)))
+        entry = table_[slot = (slot + 1) & mask];
+      if (entry == kEmpty) entry = table_[slot] = tag | static_cast<uint32_t>(i);
+      first_items_[i] = static_cast<uint32_t>(entry & items);
     }
   }
 }

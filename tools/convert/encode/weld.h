@@ -41,7 +41,7 @@ class Welder {
 
   std::vector<uint32_t> firsts_;
   std::vector<uint32_t> candidates_;
-  std::vector<uint64_t> table_;  // a power of two of slots: 32 bits of the hash over an item's number, or kEmpty
+  std::vector<uint32_t> table_;  // a power of two of slots: bits of the hash over an item's number, or kEmpty
   std::vector<uint32_t> first_items_;
   std::vector<bool> has_equal_;
   uint64_t duplicates_ = 0;

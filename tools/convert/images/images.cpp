@@ -133,7 +133,7 @@ Result<StoredImage> store_blocks(const SourceImage& source, const format::ImageR
   const auto bytes = read_file(source, hash);
   if (!bytes) return bytes.error();
   runtime::ImageFile file(*bytes);
-  const auto head = runtime::open_block_file(file);
+  auto head = runtime::open_block_file(file);
   if (!head) return head.error();
   if (head->width != record.width || head->height != record.height) return changed();
   StoredImage stored;
@@ -265,7 +265,8 @@ uint64_t zstd_bytes(int level, uint64_t page_bytes) {
 uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
   // All levels together take a third more than level 0; the compressed ones are in memory at the same time.
   if (keeps_blocks(options, info.codec))
-    return source.bytes + 3 * info.block_bytes + kBlockBytes + zstd_bytes(options.block_zstd_level, info.block_bytes);
+    return source.bytes + 3 * info.block_bytes + info.codebook_bytes + kBlockBytes +
+           zstd_bytes(options.block_zstd_level, info.block_bytes);
   const uint64_t pixels = uint64_t{info.width} * info.height;
   if (!is_indexed(options, info.codec)) {
     // The picture, and a PNG that is at most as large and grows by doubling.
@@ -273,7 +274,7 @@ uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, c
   }
   uint64_t bytes = 4 * source.bytes;
   if (info.codec != format::ImageCodec::kJpeg) bytes += 10 * pixels;
-  if (info.codec == format::ImageCodec::kBlocks) bytes += 2 * info.block_bytes;
+  if (info.codec == format::ImageCodec::kBlocks) bytes += 2 * info.block_bytes + info.codebook_bytes;
   if (info.needs_transcode) bytes += 2 * info.channels * pixels;
   return bytes;
 }

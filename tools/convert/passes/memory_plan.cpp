@@ -231,7 +231,7 @@ std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const
 uint64_t MemoryPlan::window_bytes(const WindowNeeds& needs) const {
   const uint64_t table = std::min(needs.span, most_table_span(3 * needs.triangles));
   uint64_t bytes = 20 * needs.triangles + 4 * table + 12 * needs.vertices;
-  bytes += std::max(4 * table, std::min(needs.span, kBitmapSpan) * 3 / 16);
+  bytes += std::max(5 * table, std::min(needs.span, kBitmapSpan) * 3 / 16);
   if (needs.span > kBitmapSpan) bytes += 48 * needs.triangles;
   return bytes;
 }
@@ -249,7 +249,7 @@ uint64_t MemoryPlan::encode_thread_bytes(const WindowNeeds& needs) const {
   bytes += 29 * t + 12 * v;                                 // FifoOrder
   const uint64_t scattered = std::min(t, needs.span / 12);  // triangles of a window that is numbered by first use
   bytes += 12 * scattered + 4 * std::min(v, 3 * scattered);
-  bytes += 8 * std::bit_ceil(v + v / 4 + 2) + 13 * v;  // Welder
+  bytes += 4 * std::bit_ceil(v + v / 4 + 2) + 13 * v;  // Welder
   if (clustered_) bytes += 30 * t + 20 * v + 2 * encoded_bytes(needs);
   if (clustered_ && source_ids_) bytes += 4 * t;  // the order of triangles
   const uint64_t chunk = chunk_triangles_ == 0 ? t : std::min(t, chunk_triangles_);

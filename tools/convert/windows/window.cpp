@@ -4,7 +4,9 @@
 #include <bit>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <limits>
+#include <numeric>
 
 #include "tools/convert/windows/radix_sort.h"
 
@@ -28,6 +30,10 @@ Result<uint32_t> source_vertex(const Primitive& primitive, uint32_t vertex) {
 
 Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out) {
   out.resize(ascending.size() * accessor.components);
+  return read_vertices(accessor, ascending, std::span(out));
+}
+
+Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out) {
   if (ascending.empty()) return {};
   const uint64_t span = uint64_t{ascending.back()} - ascending.front() + 1;
   if (span == ascending.size()) return read_floats(accessor, ascending.front(), span, out);
@@ -99,7 +105,8 @@ void Window::merge(std::span<const uint32_t> firsts) {
 }
 
 Result<void> Window::read_positions(const Primitive& primitive) {
-  return read_vertices(primitive.positions, vertices_, positions_);
+  positions_.resize(vertices_.size() * primitive.positions.components);
+  return read_vertices(primitive.positions, vertices_, std::span(positions_));
 }
 
 void Window::drop_degenerate() {
@@ -162,15 +169,21 @@ void Window::find_vertices(bool renumber) {
   span_ = std::max(span_, span);
   is_scattered_ = span > kScatteredSpanPerCorner * indices_.size() + 1024;
   if (span <= most_table_span(indices_.size())) {
-    places_.assign(span, 0);
-    for (const uint32_t index : indices_) places_[index - lo] = 1;
+    is_used_.assign(span, 0);
+    for (const uint32_t index : indices_) is_used_[index - lo] = 1;
     vertices_.resize(span);
+    if (std::memchr(is_used_.data(), 0, span) == nullptr) {  // the usual case: all are used
+      std::iota(vertices_.begin(), vertices_.end(), lo);
+      if (renumber)
+        for (uint32_t& index : indices_) index -= lo;
+      return;
+    }
     uint32_t count = 0;
+    places_.resize(span);
     for (uint64_t i = 0; i < span; ++i) {
       vertices_[count] = lo + static_cast<uint32_t>(i);
-      const uint32_t used = places_[i];
       places_[i] = count;
-      count += used;
+      count += is_used_[i];
     }
     vertices_.resize(count);
     if (renumber)

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "format/result.h"
+#include "tools/common/raw_vector.h"
 #include "tools/gltf/box.h"
 #include "tools/gltf/source.h"
 
@@ -75,11 +76,11 @@ class WindowContent {
   uint64_t dropped_nonfinite_ = 0;
   bool renumber_ = false;
   bool is_scattered_ = false;
-  std::vector<uint32_t> indices_;
+  RawVector<uint32_t> indices_;
   std::vector<uint32_t> kept_;     // indices of the kept triangles; empty if all are kept
   std::vector<uint32_t> numbers_;  // for a sorted copy
-  std::vector<uint32_t> vertices_;
-  std::vector<float> positions_;
+  RawVector<uint32_t> vertices_;
+  RawVector<float> positions_;
 };
 
 /// A window and, once it is loaded, its triangles. A thread reuses it for one window after another; load() keeps the
@@ -119,6 +120,7 @@ class Window : public WindowContent {
   void keep_triangles(const std::vector<bool>& keep);
   Result<void> check_positions(const Primitive& primitive, bool drop_nonfinite);
 
+  std::vector<uint8_t> is_used_;  // by vertex number: 1 if a triangle uses it
   std::vector<uint32_t> places_;  // by vertex number: index in vertices_
   std::vector<uint64_t> used_;    // a bit per vertex number
   std::vector<uint32_t> ranks_;   // number of vertices before each word of used_
@@ -129,5 +131,7 @@ class Window : public WindowContent {
 /// Reads `accessor` at ascending vertex numbers into `out` (`components` floats per vertex); one read for adjacent
 /// numbers.
 Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::vector<float>& out);
+/// The same into `out`, which has that size already.
+Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> ascending, std::span<float> out);
 
 }  // namespace scree::convert

@@ -1,0 +1,443 @@
+#include "tools/render/ranked_frame.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <utility>
+
+#include "kernels/frame_parts.h"
+#include "runtime/draw/shadow_map.h"
+#include "runtime/threads/first_error.h"
+#include "runtime/threads/parallel.h"
+#include "runtime/threads/stopwatch.h"
+#include "tools/common/backend.h"
+#include "tools/common/options.h"
+#include "tools/common/sigbus.h"
+
+namespace scree::tools {
+
+using runtime::Stopwatch;
+
+namespace {
+
+/// Whether `options` request layers of surfaces.
+bool reads_surfaces(const RenderOptions& options) {
+  return !options.normals.empty() || !options.uvs.empty() ||
+         (options.writes_exr() && (options.layers.normal || options.layers.uv));
+}
+
+/// Whether the root makes outputs from samples in host memory, even if GPUs draw and shade.
+bool reads_samples(const RenderOptions& options) {
+  return !options.visbuffer.empty() || !options.picks.empty() || layers_need_samples(options);
+}
+
+}  // namespace
+
+Result<void> RankedFrame::open(uint64_t frames) {
+  const Stopwatch watch;
+  Result<void> done = ranks_.agree(choose_gpu());
+  const uint64_t samples = uint64_t{width()} * height() * options_.samples_per_side * options_.samples_per_side;
+  if (done) done = ranks_.agree(links_.begin(ranks_, gpu_, options_.exchange, samples, frames));
+  if (done) done = ranks_.agree(load_tables());
+  const Stopwatch connect_watch;
+  if (done) done = ranks_.agree(links_.finish(ranks_, options_.exchange, options_.quiet));
+  times_.connect = connect_watch.elapsed().wall_ms;
+  if (done) done = ranks_.agree(load_pages());
+  times_.load = watch.elapsed().wall_ms;
+  return done;
+}
+
+Result<void> RankedFrame::choose_gpu() {
+  BackendOptions backend = options_.backend;
+  backend.device = gpu_of_rank(backend, ranks_.rank_on_host());
+  Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("render", backend, options_.quiet || !ranks_.is_first());
+  if (!gpu) return at(options_.file, with_cpu_advice(gpu.error()));
+  gpu_ = std::move(*gpu);
+  return {};
+}
+
+Result<void> RankedFrame::load_tables() {
+  report_sigbus("render", options_.file);
+  Result<runtime::SceneFile> file = runtime::SceneFile::open(options_.file);
+  if (!file) return file.error();
+  const Result<uint32_t> index = file->find_scene(options_.scene);
+  if (!index) return index.error();
+  runtime::SceneOptions load = options_.scene_options();
+  load.pages = false;
+  Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *index, load);
+  if (!scene) return scene.error();
+  scene_.emplace(std::move(*scene));
+  const bool is_quiet = options_.quiet || !ranks_.is_first();
+  if (const auto accepted = accept_scene("render", *scene_, options_.light, is_quiet); !accepted) return accepted;
+  if (options_.exchange == Exchange::kNccl && kernels::shows_layers(scene_->view(), options_.shade))
+    return Error{ErrorCode::kUsage, "--exchange nccl: " + options_.file +
+                                        " has blended surfaces, whose layers the CPUs draw and exchange"};
+  // A default view of a small scene is fitted to its vertices, so every rank then reads all pages.
+  if (!options_.path && runtime::view_reads_vertices(scene_->view(), options_.camera))
+    if (const Result<void> loaded = scene_->load_pages(options_.threads); !loaded) return loaded;
+  scene_view_ = scene_->view();
+  pages_.assign(scene_->container().pages().size(), nullptr);
+  scene_view_.pages = pages_.data();
+  shade_ = options_.shade;
+  const runtime::DrawnPages& drawn = scene_->drawn_pages();
+  owners_ = runtime::owners_of_pages(drawn, ranks_.count());
+  for (uint64_t i = 0; i < drawn.size(); ++i)
+    if (owners_[i] == ranks_.rank()) own_bytes_ += static_cast<double>(drawn.record(i).stored_bytes);
+  return {};
+}
+
+/// The CPU draws layers of blended surfaces, and makes normals and texture coordinates.
+Result<void> RankedFrame::load_pages() {
+  if (const Result<void> uploaded = upload(); !uploaded) return uploaded;
+  if (device_ && !reads_surfaces(options_) && !kernels::shows_layers(scene_view_, options_.shade)) return {};
+  return load_own_pages();
+}
+
+/// Uploads this rank's pages to its GPU, if it has one.
+Result<void> RankedFrame::upload() {
+  if (!gpu_) return {};
+  runtime::PictureNeeds pictures{width(), height(), options_.samples_per_side,
+                                 options_.output.empty() ? nullptr : &options_.shade};
+  pictures.shadow_side = options_.light.shadow_side;
+  const runtime::PageShare share{owners_, ranks_.rank()};
+  Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
+      *scene_, options_.device_memory, options_.threads, options_.reading, options_.textures.device_cache(),
+      options_.host_memory, pictures, nullptr, 1, false, &share);
+  if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
+  if (!uploaded) return falls_back(uploaded.error());
+  device_ = std::move(*uploaded);
+  Result<runtime::DeviceView> view = device_->add_view(*scene_);  // the device's first view, which it has already
+  if (!view) return view.error();
+  on_gpu_ = std::move(*view);
+  return {};
+}
+
+/// After an error of the GPU: with --backend auto the CPU does the rest.
+Result<void> RankedFrame::falls_back(const Error& error) {
+  if (error.code != ErrorCode::kDevice || options_.backend.choice != BackendChoice::kAuto)
+    return at(options_.file, with_cpu_advice(error));
+  if (!options_.quiet) warn_of_cpu("render", ranks_.named(error).message);
+  sun_on_gpu_.reset();
+  on_gpu_.reset();
+  device_.reset();
+  return {};
+}
+
+template <class OnGpu, class OnCpu>
+Result<void> RankedFrame::on_gpu_or_cpu(const OnGpu& on_gpu, const OnCpu& on_cpu) {
+  if (device_) {
+    const Result<void> done = on_gpu();
+    if (done) return done;
+    if (const Result<void> goes_on = falls_back(done.error()); !goes_on) return goes_on;
+    if (const Result<void> loaded = load_own_pages(); !loaded) return loaded;
+  }
+  return on_cpu();
+}
+
+Result<void> RankedFrame::load_own_pages() {
+  if (!unpacked_.empty()) return {};
+  const runtime::DrawnPages& drawn = scene_->drawn_pages();
+  const format::Container& container = scene_->container();
+  unpacked_.resize(drawn.size());
+  runtime::FirstError failure;
+  runtime::parallel_for(drawn.size(), options_.threads, [&](uint64_t i) {
+    if (owners_[i] != ranks_.rank() || failure.is_superseded(i)) return;
+    const auto raw = container.load_page(drawn.page(i), unpacked_[i]);
+    if (!raw) return failure.report(i, raw.error());
+    if (const Result<void> checked = drawn.check(i, *raw); !checked) return failure.report(i, checked.error());
+    pages_[drawn.page(i)] = raw->data();
+  });
+  return failure.any() ? Result<void>(at(options_.file, failure.error())) : Result<void>();
+}
+
+Result<void> RankedFrame::draw(const kernels::View& view, uint32_t root) {
+  root_ = root;
+  view_ = view;
+  view_.width *= options_.samples_per_side;
+  view_.height *= options_.samples_per_side;
+  const Stopwatch watch;
+  const Result<void> drawn = draw_part();
+  times_.draw = watch.elapsed().wall_ms;
+  if (const Result<void> all = ranks_.agree(drawn); !all) return all;
+  return join();
+}
+
+/// Sets sun_, and makes room for its samples.
+Result<void> RankedFrame::place_sun() {
+  shade_.sun = nullptr;
+  if (options_.light.shadow_side == 0) return {};
+  const std::optional<kernels::SunShadow> sun = runtime::sun_of(*scene_, view_, options_.light.shadow_side);
+  if (!sun) return {};
+  sun_ = *sun;
+  shade_.sun = &sun_;
+  return {};
+}
+
+/// Whether this rank would exchange the frame by NCCL.
+bool RankedFrame::takes_nccl() const {
+  return links_.group() != nullptr && device_ && !kernels::shows_layers(scene_view_, options_.shade);
+}
+
+/// Fills samples_, and shadows_ if there are any. If this rank takes NCCL, they stay on its GPU.
+Result<void> RankedFrame::draw_part() {
+  if (const Result<void> done = place_sun(); !done) return done;
+  const Result<void> drawn = on_gpu_or_cpu([&] { return draw_on_gpu(); }, [&] { return draw_on_cpu(); });
+  return drawn ? check_not_cut(scene_->file().map()) : drawn;
+}
+
+Result<void> RankedFrame::draw_on_cpu() {
+  const auto draw = [&](const kernels::View& view, std::vector<uint64_t>& samples) -> Result<void> {
+    samples.assign(uint64_t{view.width} * view.height, kernels::kBackground);
+    const auto drawn = kernels::draw_part_cpu(scene_view_, view, samples, options_.threads);
+    return drawn ? Result<void>() : at(options_.file, drawn.error());
+  };
+  const Result<void> picture = draw(view_, samples_);
+  return picture && shade_.sun != nullptr ? draw(sun_.view, shadows_) : picture;
+}
+
+Result<void> RankedFrame::draw_on_gpu() {
+  if (shade_.sun != nullptr && !sun_on_gpu_) {
+    Result<runtime::DeviceView> added = device_->add_view(*scene_);
+    if (!added) return added.error();
+    sun_on_gpu_ = std::move(*added);
+  }
+  if (shade_.sun != nullptr)
+    if (const auto drawn = sun_on_gpu_->draw(sun_.view); !drawn) return drawn.error();
+  if (const auto drawn = on_gpu_->draw(view_); !drawn) return drawn.error();
+  return takes_nccl() ? Result<void>() : read_samples();
+}
+
+/// Copies the samples from the GPU.
+Result<void> RankedFrame::read_samples() {
+  samples_.resize(uint64_t{view_.width} * view_.height);
+  Result<void> done = on_gpu_->read_samples(samples_);
+  if (!done || shade_.sun == nullptr) return done;
+  shadows_.resize(uint64_t{sun_.view.width} * sun_.view.height);
+  return sun_on_gpu_->read_samples(shadows_);
+}
+
+/// Makes the samples whole.
+Result<void> RankedFrame::join() {
+  uint64_t all_take_nccl = takes_nccl() ? 1 : 0;
+  Result<void> done = ranks_.least(std::span(&all_take_nccl, 1));
+  is_by_nccl_ = all_take_nccl != 0;
+  const Stopwatch watch;
+  if (!is_by_nccl_ && takes_nccl() && done) done = read_samples();
+  if (done) done = is_by_nccl_ ? join_by_nccl() : ranks_.least(samples_);
+  if (!is_by_nccl_ && done && shade_.sun != nullptr) done = ranks_.least(shadows_);
+  times_.exchange = watch.elapsed().wall_ms;
+  const bool reads = is_by_nccl_ && (reads_surfaces(options_) || (is_root() && reads_samples(options_)));
+  if (done && reads) done = read_samples();
+  return done ? done : at(options_.file, done.error());
+}
+
+Result<void> RankedFrame::join_by_nccl() {
+  runtime::NcclGroup& group = *links_.group();
+  const auto join = [&](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<void> {
+    const Result<uint64_t*> samples = on_gpu.samples();
+    return samples ? group.least(*samples, uint64_t{view.width} * view.height) : samples.error();
+  };
+  Result<void> done = join(*on_gpu_, view_);
+  if (done && shade_.sun != nullptr) done = join(*sun_on_gpu_, sun_.view);
+  return done ? group.wait() : done;
+}
+
+Result<void> RankedFrame::shade() {
+  const bool has_colors = options_.writes_exr() ? options_.layers.color : !options_.output.empty();
+  if (!has_colors || !kernels::shades_from_chunks(options_.shade.show)) return {};
+  if (is_by_nccl_) {
+    const Result<void> done = shade_by_nccl();
+    return done ? done : at(options_.file, done.error());
+  }
+  const Stopwatch watch;
+  const Result<void> shaded = on_gpu_or_cpu([&] { return shade_on_gpu(); }, [&] { return shade_on_cpu(); });
+  if (!shaded) return shaded;
+  if (const Result<void> whole = check_not_cut(scene_->file().map()); !whole) return whole;
+  times_.shade = watch.elapsed().wall_ms;
+  const Stopwatch gather_watch;
+  const Result<void> gathered = ranks_.gather(std::span(colors_), root_);
+  times_.exchange += gather_watch.elapsed().wall_ms;
+  if (!gathered || !kernels::shows_layers(scene_view_, options_.shade)) return gathered;
+  return draw_layers();
+}
+
+Result<void> RankedFrame::shade_on_cpu() {
+  colors_.assign(3 * samples_.size(), 0.0f);
+  sun_.samples = shadows_.data();
+  const auto shaded = kernels::shade_part_cpu(scene_view_, view_, samples_, shade_, colors_, options_.threads);
+  return shaded ? shaded : at(options_.file, shaded.error());
+}
+
+Result<void> RankedFrame::shade_on_gpu() {
+  colors_.resize(3 * samples_.size());
+  if (shade_.sun != nullptr)
+    if (const Result<void> written = sun_on_gpu_->write_samples(shadows_); !written) return written;
+  if (const Result<void> written = on_gpu_->write_samples(samples_); !written) return written;
+  const Result<float*> colors = make_colors_on_gpu();
+  return colors ? on_gpu_->read(*colors, std::as_writable_bytes(std::span(colors_))) : colors.error();
+}
+
+/// The colours of this rank's samples, in the GPU's memory.
+Result<float*> RankedFrame::make_colors_on_gpu() {
+  if (shade_.sun != nullptr) {
+    const Result<uint64_t*> samples = sun_on_gpu_->samples();
+    if (!samples) return samples.error();
+    sun_.samples = *samples;
+  }
+  return on_gpu_->make_colors(view_, shade_);
+}
+
+/// As shade(), with all words in the memory of the GPUs. If a pixel is one sample, the ranks exchange pixels, a third
+/// of the bytes of colours: a sample without light makes a pixel with the same alpha and no colour, the least of all
+/// words with this alpha, so the most of all ranks' words is the owner's.
+Result<void> RankedFrame::shade_by_nccl() {
+  runtime::NcclGroup& group = *links_.group();
+  const bool are_pixels = options_.samples_per_side == 1 && !options_.writes_exr();
+  const Stopwatch watch;
+  const Result<float*> colors = make_colors_on_gpu();
+  if (!colors) return colors.error();
+  Result<uint32_t*> pixels = nullptr;
+  if (are_pixels) pixels = on_gpu_->resolve_colors(view_, 1, shade_);
+  Result<void> done = pixels ? group.wait() : pixels.error();
+  times_.shade = watch.elapsed().wall_ms;
+  const Stopwatch gather_watch;
+  const uint64_t samples = uint64_t{view_.width} * view_.height;
+  if (done)
+    done = are_pixels ? group.most(*pixels, samples, root_)
+                      : group.most(reinterpret_cast<uint32_t*>(*colors), 3 * samples, root_);
+  if (done) done = group.wait();
+  times_.exchange += gather_watch.elapsed().wall_ms;
+  if (!done || !is_root()) return done;
+  const Stopwatch read_watch;
+  if (options_.writes_exr()) {
+    colors_.resize(3 * samples);
+    done = on_gpu_->read(*colors, std::as_writable_bytes(std::span(colors_)));
+  } else if (!are_pixels) {
+    pixels = on_gpu_->resolve_colors(view_, options_.samples_per_side, shade_);
+    if (!pixels) return pixels.error();
+  }
+  pixels_ = *pixels;
+  times_.shade += read_watch.elapsed().wall_ms;
+  return done;
+}
+
+/// Fills over_ at the root. Every rank draws and shades its own part of each layer.
+Result<void> RankedFrame::draw_layers() {
+  const kernels::SceneView blended = kernels::blended_view(scene_view_);
+  const kernels::LayerSource source{
+      [&](const kernels::BlendTargets& at, const uint64_t* peeled) -> Result<void> {
+        const Result<void> drawn = kernels::draw_layer_cpu(blended, view_, at, peeled, options_.threads);
+        const Result<void> joined = ranks_.least({at.drawn, at.sample_count});
+        return drawn ? joined : drawn;
+      },
+      [&](const kernels::BlendTargets& at) -> Result<void> {
+        std::fill_n(at.colors, 3 * uint64_t{at.sample_count}, 0.0f);
+        std::fill_n(at.alphas, at.sample_count, -1.0f);
+        const Result<void> shaded = kernels::shade_layer_cpu(blended, view_, at, at.layer, shade_, options_.threads);
+        // All ranks need the alphas, so that they end a sample's layers at the same layer.
+        std::vector<uint64_t> alphas(at.sample_count);
+        for (size_t i = 0; i < alphas.size(); ++i)
+          alphas[i] = at.alphas[i] >= 0 ? std::bit_cast<uint32_t>(at.alphas[i]) : UINT64_MAX;
+        const Result<void> joined = ranks_.least(alphas);
+        for (size_t i = 0; i < alphas.size(); ++i)
+          at.alphas[i] = std::bit_cast<float>(static_cast<uint32_t>(alphas[i]));
+        const Result<void> gathered = ranks_.gather(std::span(at.colors, 3 * uint64_t{at.sample_count}), root_);
+        if (!shaded) return shaded;
+        return joined ? gathered : joined;
+      }};
+  sun_.samples = shadows_.data();
+  Result<std::vector<float>> over =
+      kernels::blend_cpu(view_, samples_, options_.shade.blend_layers, source, options_.threads, blended_);
+  if (!over) return at(options_.file, over.error());
+  over_ = std::move(*over);
+  return {};
+}
+
+Result<FrameLayers> RankedFrame::layers() {
+  const LayersOfFrame source{[&](runtime::PixelLayer layer, std::span<std::byte> out) { return read(layer, out); },
+                             [&](kernels::BlendCounts&) { return linear(); }};
+  Result<FrameLayers> made = make_layers(options_, *scene_, source, false);
+  if (!made) return at(options_.file, made.error());
+  return made;
+}
+
+/// The values of a layer, which need the owner's page if they are of surfaces. Complete at the root.
+Result<void> RankedFrame::read(runtime::PixelLayer layer, std::span<std::byte> out) {
+  const auto make = [&](runtime::PixelLayer of, std::span<const uint64_t> samples, std::byte* values) {
+    return kernels::layers_cpu(scene_view_, view_, options_.samples_per_side, samples, runtime::target_of(of, values),
+                               options_.threads);
+  };
+  if (layer != runtime::PixelLayer::kNormal && layer != runtime::PixelLayer::kUv) {
+    if (!is_root()) {
+      std::fill(out.begin(), out.end(), std::byte{0xff});  // the background's ids; this rank may have no samples
+      return {};
+    }
+    if (!is_by_nccl_) return make(layer, samples_, out.data());
+    const Result<const std::byte*> made = on_gpu_->make_layer(view_, options_.samples_per_side, layer);
+    return made ? on_gpu_->read(*made, out) : made.error();
+  }
+  std::vector<int64_t> triangles(uint64_t{width()} * height());
+  if (const auto found = make(runtime::PixelLayer::kTriangle, samples_, reinterpret_cast<std::byte*>(triangles.data()));
+      !found)
+    return found;
+  // A pixel whose triangle another rank has becomes background here, whose values are 0.
+  const uint64_t side = options_.samples_per_side;
+  std::vector<uint64_t> own = samples_;
+  runtime::parallel_for(height(), options_.threads, [&](uint64_t y) {
+    for (uint64_t x = 0; x < width(); ++x) {
+      const int64_t triangle = triangles[y * width() + x];
+      if (triangle < 0 || has_page_of(static_cast<uint64_t>(triangle))) continue;
+      for (uint64_t j = 0; j < side; ++j)
+        std::fill_n(own.begin() + static_cast<ptrdiff_t>((y * side + j) * view_.width + x * side), side,
+                    kernels::kBackground);
+    }
+  });
+  if (const Result<void> made = make(layer, own, out.data()); !made) return made;
+  if (const Result<void> whole = check_not_cut(scene_->file().map()); !whole) return whole;
+  return ranks_.gather({reinterpret_cast<float*>(out.data()), out.size() / sizeof(float)}, root_);
+}
+
+bool RankedFrame::has_page_of(uint64_t triangle) const {
+  return pages_[scene_view_.chunks[kernels::find_triangle(scene_view_, triangle).chunk].page] != nullptr;
+}
+
+/// As Frame::linear(), at the root.
+Result<std::vector<float>> RankedFrame::linear() {
+  if (!is_root()) return std::vector<float>();
+  runtime::PictureLight light =
+      runtime::light_of_cpu(scene_view_, view_, options_.samples_per_side, samples_, shade_, options_.threads);
+  light.colors = [&](std::span<float> colors) -> Result<void> {
+    std::copy(colors_.begin(), colors_.end(), colors.begin());
+    return {};
+  };
+  light.over = [&](std::vector<float>& over, kernels::BlendCounts&) -> Result<void> {
+    over = over_;
+    return {};
+  };
+  kernels::BlendCounts blended;
+  std::vector<float> out(uint64_t{4} * width() * height());
+  const Result<void> made = runtime::linear_picture(scene_view_, view_, options_.samples_per_side, samples_, shade_,
+                                                    options_.threads, light, out, blended);
+  if (!made) return made.error();
+  return out;
+}
+
+Result<void> RankedFrame::read_picture(std::span<uint32_t> rgba) {
+  const Stopwatch watch;
+  const uint32_t side = options_.samples_per_side;
+  const std::span<uint8_t> bytes(reinterpret_cast<uint8_t*>(rgba.data()), rgba.size_bytes());
+  const bool is_shaded = kernels::shades_from_chunks(options_.shade.show);
+  Result<void> done;
+  if (is_by_nccl_)
+    done =
+        is_shaded ? on_gpu_->read(pixels_, std::as_writable_bytes(rgba)) : on_gpu_->resolve(view_, side, shade_, rgba);
+  else
+    done = is_shaded
+               ? kernels::resolve_colors_cpu(view_, side, samples_, colors_, over_, options_.shade, 4, bytes,
+                                             options_.threads)
+               : kernels::resolve_cpu(scene_view_, view_, side, samples_, options_.shade, 4, bytes, options_.threads);
+  times_.shade += watch.elapsed().wall_ms;
+  return done ? done : at(options_.file, done.error());
+}
+
+}  // namespace scree::tools

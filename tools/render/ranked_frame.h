@@ -1,0 +1,129 @@
+// Frames that all ranks draw together, each with a part of the scene's pages.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/blend.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/scene/scene.h"
+#include "tools/common/ranks.h"
+#include "tools/render/gpu_links.h"
+#include "tools/render/layers.h"
+#include "tools/render/render_options.h"
+
+namespace scree::tools {
+
+/// Each rank reads its own pages and draws them, on its GPU or its CPU. The samples become the minimum over all ranks.
+/// Each rank shades those of its own pages, and one rank, the root, gets the colours. All results equal those of one
+/// process, because a sample is the minimum over fragments, whichever rank draws them.
+///
+/// All ranks call open(), draw(), shade() and layers() in the same order. Errors as for one process, from the rank that
+/// failed; it must end the program, because the others wait for it.
+class RankedFrame {
+ public:
+  RankedFrame(const RenderOptions& options, Ranks& ranks) : options_(options), ranks_(ranks) {}
+
+  /// Loads the scene's tables and this rank's pages, and connects the GPUs meanwhile. `frames`: the number to draw.
+  Result<void> open(uint64_t frames);
+
+  /// Draws a frame, and makes its samples whole. `view`: its sides in pixels. `root`: the rank that gets the results.
+  Result<void> draw(const kernels::View& view, uint32_t root);
+
+  /// Shades the frame that draw() made last. Does nothing if its pictures are not made from colours of surfaces.
+  Result<void> shade();
+
+  /// The layers that `options` request; complete at the root.
+  Result<FrameLayers> layers();
+
+  // At the root:
+  /// The picture, after shade(): RGBA8, row by row from the top.
+  Result<void> read_picture(std::span<uint32_t> rgba);
+  /// The distances of the frame that draw() made last.
+  Result<void> read_depth(std::span<std::byte> out) { return read(runtime::PixelLayer::kDepth, out); }
+  /// Its samples, if `options` request an output that is made from them.
+  std::span<const uint64_t> samples() const { return samples_; }
+
+  const runtime::Scene& scene() const { return *scene_; }
+  const kernels::View& view() const { return view_; }  // of the last frame, in samples
+  const kernels::BlendCounts& blended() const { return blended_; }
+  bool has_gpu() const { return device_.has_value(); }
+  /// The way in which the last frame was exchanged.
+  const char* way() const { return is_by_nccl_ ? "nccl" : "mpi"; }
+  double page_bytes() const { return own_bytes_; }  // of this rank
+
+  /// "the GPUs", if each of `ranks` has drawn on one; else "2 GPUs and the CPUs".
+  static std::string processors(uint32_t gpus, uint32_t ranks) {
+    if (gpus == 0) return "the CPUs";
+    return gpus == ranks ? "the GPUs" : std::to_string(gpus) + " GPUs and the CPUs";
+  }
+
+  /// Milliseconds of this rank, of loading and of the last frame.
+  struct Times {
+    double load = 0, connect = 0, draw = 0, shade = 0, exchange = 0;
+  };
+  const Times& times() const { return times_; }
+
+ private:
+  bool is_root() const { return ranks_.rank() == root_; }
+  uint32_t width() const { return options_.camera.width; }
+  uint32_t height() const { return options_.camera.height; }
+  Result<void> choose_gpu();
+  Result<void> load_tables();
+  Result<void> load_pages();
+  Result<void> upload();
+  Result<void> falls_back(const Error& error);
+  template <class OnGpu, class OnCpu>
+  Result<void> on_gpu_or_cpu(const OnGpu& on_gpu, const OnCpu& on_cpu);
+  Result<void> load_own_pages();
+  Result<void> place_sun();
+  bool takes_nccl() const;
+  Result<void> draw_part();
+  Result<void> draw_on_cpu();
+  Result<void> draw_on_gpu();
+  Result<void> read_samples();
+  Result<void> join();
+  Result<void> join_by_nccl();
+  Result<void> shade_on_cpu();
+  Result<void> shade_on_gpu();
+  Result<float*> make_colors_on_gpu();
+  Result<void> shade_by_nccl();
+  Result<void> draw_layers();
+  Result<void> read(runtime::PixelLayer layer, std::span<std::byte> out);
+  bool has_page_of(uint64_t triangle) const;
+  Result<std::vector<float>> linear();
+
+  const RenderOptions& options_;
+  Ranks& ranks_;
+  GpuLinks links_;
+  std::optional<runtime::Gpu> gpu_;
+  std::optional<runtime::Scene> scene_;
+  std::vector<uint32_t> owners_;                // of the drawn pages
+  std::optional<runtime::DeviceScene> device_;  // with this rank's pages; none if the CPU draws
+  std::optional<runtime::DeviceView> on_gpu_;   // its view of the picture
+  std::optional<runtime::DeviceView> sun_on_gpu_;
+  std::vector<std::vector<std::byte>> unpacked_;  // of this rank's compressed pages
+  std::vector<const std::byte*> pages_;           // by page number; null: another rank's, or only on the GPU
+  kernels::SceneView scene_view_{};               // with this rank's pages only
+  kernels::View view_{};                          // width and height in samples
+  uint32_t root_ = 0;
+  bool is_by_nccl_ = false;
+  const uint32_t* pixels_ = nullptr;  // the picture in the GPU's memory, of a frame by NCCL
+  std::vector<uint64_t> samples_;
+  kernels::ShadeOptions shade_;  // of options_, with the sun if the frame has its shadows
+  kernels::SunShadow sun_{};
+  std::vector<uint64_t> shadows_;  // its samples on the host
+  std::vector<float> colors_;
+  std::vector<float> over_;  // colours of blended surfaces; empty if there are none
+  kernels::BlendCounts blended_;
+  double own_bytes_ = 0;
+  Times times_;
+};
+
+}  // namespace scree::tools
