@@ -124,7 +124,7 @@ uint64_t ClusterPacker::Numbering::steps(uint32_t first) const {
     std::memcpy(&word, bytes, sizeof word);
     return word;
   };
-  return load(&largest[first + 1]) - load(&largest[first]);  // no byte borrows, because the numbers ascend
+  return load(&largest[first + 1]) - load(&largest[first]);  // no byte borrows from another: the numbers ascend
 }
 
 void ClusterPacker::begin(std::span<const uint32_t> indices, std::span<const uint32_t> offsets, uint32_t vertex_count,
@@ -210,8 +210,8 @@ uint32_t ClusterPacker::number_from(uint32_t start, uint32_t most_bits, Numberin
       push_corners(first_of({~numbered.three(0), ~numbered.three(1)}));
     const uint32_t vertex = queue[at];
     const TriangleSet here{at_vertex_[vertex].any(0), at_vertex_[vertex].any(1)};
-    // Numbers all neighbours of the vertex, triangle by triangle around it: turns through those in which exactly one
-    // corner has no number.
+    // Numbers all neighbours of the vertex, triangle by triangle around it: each turn visits the triangles in which
+    // exactly one corner has no number.
     TriangleSet later{~uint64_t{0}, ~uint64_t{0}};  // triangles that this turn has not reached
     for (;;) {
       const TriangleSet left{here[0] & numbered.two(0), here[1] & numbered.two(1)};

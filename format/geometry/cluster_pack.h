@@ -45,7 +45,7 @@ class ClusterPacker {
     bool wide_steps;
     uint32_t words;  // for steps and distances
 
-    /// The steps of 8 triangles from an index in `order`, one per byte; 0 behind the last triangle.
+    /// The steps of the 8 triangles from an index in `order` on, one per byte; 0 after the last triangle.
     uint64_t steps(uint32_t first) const;
   };
 

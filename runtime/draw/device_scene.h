@@ -79,11 +79,11 @@ class DeviceView {
   Result<void> read_over(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> over);
   Result<void> read_colors(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> colors);
 
-  /// The same without reading them back: device memory that stays until the next such call.
+  /// As read_colors(), but in device memory, valid until the next call.
   Result<float*> make_colors(const kernels::View& view, const kernels::ShadeOptions& options);
 
-  /// Queues the work that makes a picture of the colours that make_colors() left there, or that others wrote in their
-  /// place. Otherwise as resolve(), without layers of blended surfaces. Returns pixels().
+  /// Queues the work that makes a picture of the colours in the memory of make_colors(), which the caller may have
+  /// overwritten. Otherwise as resolve(), without layers of blended surfaces. Returns pixels().
   Result<uint32_t*> resolve_colors(const kernels::View& view, uint32_t samples_per_side,
                                    const kernels::ShadeOptions& options);
 
@@ -124,8 +124,8 @@ class DeviceView {
 
   /// Device memory: the picture that resolve() made last, RGBA8.
   const uint32_t* pixels() const;
-  /// Device memory: the samples of the picture that draw() made last, over which samples that also show the chunks of
-  /// other processes may be written. Error kDevice.
+  /// Device memory: the samples of the picture that draw() made last. The caller may overwrite them with samples that
+  /// also show the chunks of other processes. Error kDevice.
   Result<uint64_t*> samples();
 
   /// Keeps the memory of a picture, a layer or the samples at its place while the result lives. The result must be

@@ -18,7 +18,7 @@ namespace scree::runtime {
 /// A KTX2 or DDS file: one two-dimensional picture and its first levels.
 struct BlockFile {
   enum class Packing : uint8_t { kNone, kZstd, kZlib };
-  /// The content of the file, once unpacked: blocks of `format`, or others, which become RGBA8.
+  /// The unpacked content of the file: blocks of `format`, or other blocks, which become RGBA8.
   enum class Coding : uint8_t { kBlocks, kRgb8, kUastc, kBasisLz };
   struct Level {
     uint64_t offset;            // in the file; of kBasisLz, that of the slice of colours
@@ -35,11 +35,11 @@ struct BlockFile {
   Packing packing = Packing::kNone;
   Coding coding = Coding::kBlocks;
   std::vector<Level> levels;  // 1 to all of them, level 0 first; each lies within the file
-  BasisLzHead basis_lz{};     // of kBasisLz, with parts that lie within the file,
+  BasisLzHead basis_lz{};     // of kBasisLz; its parts lie within the file
   uint64_t basis_lz_offset = 0;
-  std::shared_ptr<const BasisLz> codebooks{};  // and once a level was read
+  std::shared_ptr<const BasisLz> codebooks{};  // of kBasisLz, once a level has been read
 
-  /// Bytes of a level of this size in the file, unpacked; not of kBasisLz, which has no such form.
+  /// Bytes of a level of this size in the file, unpacked. Not for kBasisLz, which has no unpacked form.
   uint64_t unpacked_bytes(uint32_t level_width, uint32_t level_height) const;
 };
 

@@ -232,7 +232,7 @@ class Reader {
   }
 
   /// The channels of UASTC and ETC1S, and whether ETC1S has a second slice. Textures of KHR_texture_basisu are RGB or
-  /// RGBA. Others are red, or red and green, wherever the file has them, as other formats of one and two channels are.
+  /// RGBA. Other textures have one or two channels, which become red and green.
   Result<void> choose_swizzle(uint64_t begin, uint32_t count, std::span<const ChannelsSwizzle> known) {
     const auto channel = [&](uint32_t i) { return i < count ? file_.byte(begin + 16 * i + 3) & 15 : kNoSample; };
     for (const ChannelsSwizzle& one : known) {

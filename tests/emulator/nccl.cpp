@@ -1,7 +1,8 @@
-// libnccl.so.2 for processes with emulated GPUs: the functions that runtime/draw/nccl_group.cpp uses, over a file in
-// the processes' folder that all of them map. The emulated program finds it by its RPATH. Exchanges are done at once,
-// after the earlier work of the stream, and not in the background. SCREE_EMULATED_NCCL=connect:1 lets rank 1 fail to
-// connect, exchange:1 lets its exchanges fail, and late:1 all but the first two, which are a part of connecting.
+// libnccl.so.2 for processes with emulated GPUs: the functions that runtime/draw/nccl_group.cpp uses. The processes
+// exchange through a file in their folder that all of them map. The emulated program finds this library by its RPATH.
+// Exchanges are done at once, after the earlier work of the stream, and not in the background. With
+// SCREE_EMULATED_NCCL=connect:1, rank 1 fails to connect. With exchange:1 its exchanges fail. With late:1 its exchanges
+// fail after the first two, which are a part of connecting.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <unistd.h>

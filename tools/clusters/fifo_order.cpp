@@ -81,7 +81,7 @@ void FifoOrder::take_around(std::span<const uint32_t> indices, uint32_t center) 
     seen += left != 0 ? 1 : 0;
   };
   if (time - vertices[center].time + 2 * count <= kCacheSize) {
-    // The usual case: the center stays in the cache, so that only the other two corners change anything.
+    // The usual case: the center stays in the cache, so only the other two corners are touched.
     for (size_t i = 0; i < count; ++i) {
       const uint32_t* const corner = corners + 3 * size_t{fan[i]};
       touch(corner[0] != center ? corner[0] : corner[1]);

@@ -41,8 +41,8 @@ class Ranks {
   /// Errors kFile.
   Result<void> least(std::span<uint64_t> words);
 
-  /// Called by all ranks with the same number of values, each of which is 0, with all bits 0, at all ranks but one.
-  /// Rank `root` gets the others. Errors kFile.
+  /// Called by all ranks with the same number of values. At each place at most one rank has a value other than 0 (all
+  /// bits 0). Rank `root` gets these values. Errors kFile.
   Result<void> gather(std::span<float> values, uint32_t root = 0);
 
   /// `error`; if there are several ranks, with the number and host of this one.

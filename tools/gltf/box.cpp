@@ -47,7 +47,7 @@ Box box_of(std::span<const float> positions) {
   }
   for (size_t axis = 0; axis < 3; ++axis) {
     if (box.lo[axis] != 0 && box.hi[axis] != 0) continue;
-    size_t first = axis;  // of 0 and -0, which are equal, the first one counts
+    size_t first = axis;  // 0 and -0 are equal; the first one counts
     while (positions[first] != 0) first += 3;
     if (box.lo[axis] == 0) box.lo[axis] = positions[first];
     if (box.hi[axis] == 0) box.hi[axis] = positions[first];

@@ -226,8 +226,8 @@ class MaterialMaker {
 
   // Chooses among alternative images. It prefers block-compressed ones, which are kept and have mip levels, then a PNG
   // or JPEG, then a WebP or blocks of UASTC or BasisLZ, which must be decoded and take more bytes. The order of
-  // DocTexture::sources decides between equals. If none is readable, the first is chosen, so that its error is
-  // reported.
+  // DocTexture::sources decides between images of the same kind. If none is readable, the first is chosen, so that its
+  // error is reported.
   int32_t best_source(const DocTexture& from) {
     std::array<int32_t, 4> sources = from.sources;
     const auto end = std::remove(sources.begin(), sources.end(), kAbsent);

@@ -45,8 +45,8 @@ constexpr size_t kTableBytes = 16;
 constexpr size_t kMostTriangleData = 16;  // one byte for three corners, and five for each corner
 
 struct TriangleState {
-  // Rings, written at edge_at and vertex_at. An edge has its first vertex in the low half: read as a whole soon after
-  // it was written in two halves, it would have to wait until both have reached the cache.
+  // Rings, written at edge_at and vertex_at. An edge is written as a whole, its first vertex in the low half. If it
+  // were written in two halves, a read of the whole soon after would have to wait until both have reached the cache.
   std::array<uint64_t, 16> edges;
   std::array<uint32_t, 16> vertices;
   uint32_t edge_at, vertex_at;

@@ -18,18 +18,18 @@ namespace scree::tools {
 /// Connects the GPUs of all ranks if each has one of its own and NCCL. Otherwise there is no group, at any rank.
 class GpuLinks {
  public:
-  /// The fewest frames for which Exchange::kAuto connects. Connecting takes a second longer (docs/scale.md). A frame of
-  /// 3840x2160 takes a tenth of a second longer by MPI.
+  /// The fewest frames for which Exchange::kAuto connects. Connecting takes a second (docs/scale.md). A frame
+  /// of 3840x2160 takes a tenth of a second longer by MPI than by NCCL.
   static constexpr uint64_t kLeastFrames = 16;
 
-  /// Called by all ranks. `gpu`: the current device of this rank; nothing if its CPU draws. `words`: of a picture. The
-  /// ranks begin to connect on a thread. Error kDevice, for Exchange::kNccl: the GPUs cannot be connected, and why;
-  /// kFile: MPI's.
+  /// Called by all ranks, which begin to connect on a thread. `gpu`: the current device of this rank; nothing if its
+  /// CPU draws. `words`: of a picture. Errors kDevice (only for Exchange::kNccl: the GPUs cannot be connected; the
+  /// message gives the reason), kFile (MPI's).
   Result<void> begin(Ranks& ranks, const std::optional<runtime::Gpu>& gpu, Exchange exchange, uint64_t words,
                      uint64_t frames);
 
-  /// Called by all ranks after begin(), until which they did other work. Waits until all are connected, or until one
-  /// has failed. Prints a warning then unless `quiet`, at the ranks that failed. Errors as begin().
+  /// Called by all ranks after begin(); between the two they may do other work. Waits until all are connected or one
+  /// has failed. A rank that failed prints a warning unless `quiet`. Errors as begin().
   Result<void> finish(Ranks& ranks, Exchange exchange, bool quiet);
 
   /// Null: the ranks exchange by MPI.

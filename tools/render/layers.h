@@ -37,7 +37,8 @@ uint64_t layer_bytes(const RenderOptions& options);
 bool layers_need_samples(const RenderOptions& options);
 
 /// Makes the layers that `options` request. `is_streamed`: an .exr then has no normals and texture coordinates, unless
-/// --layers names them. Errors kUnsupported (more triangles in a mesh than 32 bits count), kMemory, those of `frame`.
+/// --layers selects the layers. Errors kUnsupported (more triangles in a mesh than 32 bits count), kMemory, those of
+/// `frame`.
 Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const LayersOfFrame& frame,
                                 bool is_streamed);
 

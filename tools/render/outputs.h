@@ -1,4 +1,4 @@
-// The ends of `scree render`: the files of a drawn frame, and the objects under its pixels.
+// The last steps of `scree render`: the files of a drawn frame, and the objects under its pixels.
 #pragma once
 
 #include <cstdint>

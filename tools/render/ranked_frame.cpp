@@ -106,7 +106,7 @@ Result<void> RankedFrame::upload() {
   if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
   if (!uploaded) return falls_back(uploaded.error());
   device_ = std::move(*uploaded);
-  Result<runtime::DeviceView> view = device_->add_view(*scene_);  // the device's first view, which it has already
+  Result<runtime::DeviceView> view = device_->add_view(*scene_);  // the first view, which the device has already
   if (!view) return view.error();
   on_gpu_ = std::move(*view);
   return {};
@@ -173,12 +173,12 @@ Result<void> RankedFrame::place_sun() {
   return {};
 }
 
-/// Whether this rank would exchange the frame by NCCL.
+/// Whether this rank can exchange the frame by NCCL.
 bool RankedFrame::takes_nccl() const {
   return links_.group() != nullptr && device_ && !kernels::shows_layers(scene_view_, options_.shade);
 }
 
-/// Fills samples_, and shadows_ if there are any. If this rank takes NCCL, they stay on its GPU.
+/// Fills samples_, and shadows_ if the frame has shadows. If this rank can use NCCL, they stay on its GPU.
 Result<void> RankedFrame::draw_part() {
   if (const Result<void> done = place_sun(); !done) return done;
   const Result<void> drawn = on_gpu_or_cpu([&] { return draw_on_gpu(); }, [&] { return draw_on_cpu(); });
@@ -216,7 +216,7 @@ Result<void> RankedFrame::read_samples() {
   return sun_on_gpu_->read_samples(shadows_);
 }
 
-/// Makes the samples whole.
+/// Joins the samples of all ranks.
 Result<void> RankedFrame::join() {
   uint64_t all_take_nccl = takes_nccl() ? 1 : 0;
   Result<void> done = ranks_.least(std::span(&all_take_nccl, 1));
@@ -287,9 +287,9 @@ Result<float*> RankedFrame::make_colors_on_gpu() {
   return on_gpu_->make_colors(view_, shade_);
 }
 
-/// As shade(), with all words in the memory of the GPUs. If a pixel is one sample, the ranks exchange pixels, a third
-/// of the bytes of colours: a sample without light makes a pixel with the same alpha and no colour, the least of all
-/// words with this alpha, so the most of all ranks' words is the owner's.
+/// As shade(), with all words in the memory of the GPUs. If a pixel is one sample, the ranks exchange pixels, which
+/// take a third of the bytes of colours. For a sample of another rank, a rank makes a black pixel with the alpha that
+/// the owner's pixel has. No word with this alpha is less, so the greatest of all ranks' words is the owner's.
 Result<void> RankedFrame::shade_by_nccl() {
   runtime::NcclGroup& group = *links_.group();
   const bool are_pixels = options_.samples_per_side == 1 && !options_.writes_exr();
@@ -361,7 +361,7 @@ Result<FrameLayers> RankedFrame::layers() {
   return made;
 }
 
-/// The values of a layer, which need the owner's page if they are of surfaces. Complete at the root.
+/// The values of a layer, complete at the root. Normals and texture coordinates are made by the owners of the pages.
 Result<void> RankedFrame::read(runtime::PixelLayer layer, std::span<std::byte> out) {
   const auto make = [&](runtime::PixelLayer of, std::span<const uint64_t> samples, std::byte* values) {
     return kernels::layers_cpu(scene_view_, view_, options_.samples_per_side, samples, runtime::target_of(of, values),
@@ -380,7 +380,7 @@ Result<void> RankedFrame::read(runtime::PixelLayer layer, std::span<std::byte> o
   if (const auto found = make(runtime::PixelLayer::kTriangle, samples_, reinterpret_cast<std::byte*>(triangles.data()));
       !found)
     return found;
-  // A pixel whose triangle another rank has becomes background here, whose values are 0.
+  // If another rank has the triangle of a pixel, the pixel becomes background here. Values of the background are 0.
   const uint64_t side = options_.samples_per_side;
   std::vector<uint64_t> own = samples_;
   runtime::parallel_for(height(), options_.threads, [&](uint64_t y) {

@@ -20,23 +20,23 @@
 
 namespace scree::tools {
 
-/// Each rank reads its own pages and draws them, on its GPU or its CPU. The samples become the minimum over all ranks.
-/// Each rank shades those of its own pages, and one rank, the root, gets the colours. All results equal those of one
-/// process, because a sample is the minimum over fragments, whichever rank draws them.
+/// Each rank reads its own pages and draws them, on its GPU or its CPU. The samples become the minimum of all ranks'
+/// samples. Each rank shades the samples of its own pages, and one rank, the root, gets the colours. All results equal
+/// those of one process, because a sample is the minimum over fragments, whichever rank draws them.
 ///
-/// All ranks call open(), draw(), shade() and layers() in the same order. Errors as for one process, from the rank that
-/// failed; it must end the program, because the others wait for it.
+/// All ranks call open(), draw(), shade() and layers() in the same order. Errors as for one process, at the rank that
+/// failed. It must end all ranks, because the others wait for it.
 class RankedFrame {
  public:
   RankedFrame(const RenderOptions& options, Ranks& ranks) : options_(options), ranks_(ranks) {}
 
-  /// Loads the scene's tables and this rank's pages, and connects the GPUs meanwhile. `frames`: the number to draw.
+  /// Loads the scene's tables and this rank's pages; meanwhile the GPUs connect. `frames`: the number to draw.
   Result<void> open(uint64_t frames);
 
-  /// Draws a frame, and makes its samples whole. `view`: its sides in pixels. `root`: the rank that gets the results.
+  /// Draws a frame, with the samples of all ranks. `view`: its sides in pixels. `root`: the rank that gets the results.
   Result<void> draw(const kernels::View& view, uint32_t root);
 
-  /// Shades the frame that draw() made last. Does nothing if its pictures are not made from colours of surfaces.
+  /// Shades the frame that draw() made last. Does nothing if no output is made from colours of surfaces.
   Result<void> shade();
 
   /// The layers that `options` request; complete at the root.

@@ -72,7 +72,7 @@ struct Times {
   std::optional<runtime::StreamStats> streamed;
   std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
   uint64_t texel_page_bytes = 0;                      // of all texture pages
-  uint64_t texel_room_bytes = 0;                      // that they may take in the memory from which they are sampled
+  uint64_t texel_room_bytes = 0;                      // room for these pages in the memory from which they are sampled
   runtime::PagerStats texel_pages;                    // of the texture pages in the picture
   kernels::BlendCounts blended;
   std::optional<Duration> shadows;  // of drawing the shadow map

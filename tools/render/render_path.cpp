@@ -96,7 +96,7 @@ class PathRenderer {
     return check_cameras();
   }
 
-  /// For frames that all ranks draw: fills wanted_. Each rank writes its share of them, and has looked for them.
+  /// For frames that all ranks draw: fills wanted_. Each rank has looked for its own share of the files, and writes it.
   Result<void> want_frames_of_all() {
     std::vector<uint64_t> is_there(of_all_ranks_.count());
     for (uint64_t i = 0; i < is_there.size(); ++i)
@@ -329,7 +329,7 @@ class PathRenderer {
     return drawn;
   }
 
-  /// The same with all ranks. Without outputs at the ranks that do not write the frame.
+  /// The same with all ranks. Ranks that do not write the frame get no outputs.
   Result<DrawnFrame> draw_shared(const WantedFrame& wanted) {
     DrawnFrame drawn;
     drawn.frame = wanted.frame;

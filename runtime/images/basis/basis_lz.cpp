@@ -30,7 +30,7 @@ class BitReader {
     return static_cast<uint32_t>(taken);
   }
 
-  /// A symbol; fails if the next bits are no code.
+  /// A symbol; fails if no code matches the next bits.
   uint32_t take(const HuffmanCode& code) {
     int32_t value = 0, first = 0, index = 0;
     for (uint32_t length = 1; length <= kMaxCodeBits; ++length) {
@@ -68,7 +68,7 @@ class BitReader {
   bool has_failed_ = false;
 };
 
-/// The code whose symbols have these lengths, 0 for none. Fails if there are more codes than bits allow.
+/// The code with these lengths per symbol; 0: the symbol is not used. Fails if there are more codes than lengths allow.
 HuffmanCode make_code(std::span<const uint8_t> lengths, BitReader& bits) {
   HuffmanCode code;
   for (const uint8_t length : lengths) ++code.counts[length];
@@ -89,12 +89,12 @@ HuffmanCode make_code(std::span<const uint8_t> lengths, BitReader& bits) {
   return code;
 }
 
-/// A code that lies in the stream: the lengths of its codes, coded by another code.
+/// Reads a code from the stream: its lengths, which are coded by another code.
 HuffmanCode take_code(BitReader& bits) {
   constexpr uint8_t kOrder[] = {17, 18, 19, 20, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15, 16};
   enum : uint32_t { kShortZeros = 17, kLongZeros, kShortRepeat, kLongRepeat };
   std::vector<uint8_t> lengths(bits.take(14));
-  if (lengths.empty()) return {};  // of a code that is not used
+  if (lengths.empty()) return {};  // the code is not used
   const uint32_t count = bits.take(5);
   std::array<uint8_t, std::size(kOrder)> small{};
   if (count > small.size()) bits.fail();
@@ -220,7 +220,7 @@ Result<BasisLz> BasisLz::open(const BasisLzHead& head, std::span<const std::byte
 
 Result<void> BasisLz::decode(std::span<const std::byte> slice, bool is_alpha, uint32_t width, uint32_t height,
                              std::span<std::byte> pixels) const {
-  enum : uint32_t { kLeft, kAbove, kAboveLeft };  // the block whose colours are taken; else a delta follows
+  enum : uint32_t { kLeft, kAbove, kAboveLeft };  // the block that gives the colours; otherwise a delta follows
   constexpr uint32_t kRepeat = 256, kLongRun = 63;
   const uint32_t columns = (width + 3) / 4, rows = (height + 3) / 4;
   const auto color_count = static_cast<uint32_t>(colors_.size());

@@ -1,7 +1,7 @@
 // Decodes BasisLZ, the supercompression of ETC1S blocks in KTX2 files of KHR_texture_basisu. All levels of a file share
-// two codebooks: colours, and the choices of a block's 16 texels between four of them. Source: KTX File Format
-// Specification 2.0, appendices "BasisLZ Global Data" and "BasisLZ/ETC1S Bitstream Specification"; Khronos Data Format
-// Specification 1.4, section "ETC1S".
+// two codebooks: sets of four colours, and the choices of a block's 16 texels between four colours. Source: KTX File
+// Format Specification 2.0, appendices "BasisLZ Global Data" and "BasisLZ/ETC1S Bitstream Specification"; Khronos Data
+// Format Specification 1.4, section "ETC1S".
 #pragma once
 
 #include <array>
@@ -38,9 +38,9 @@ class BasisLz {
   /// `bytes`: the three parts. Errors kFormat (malformed; the message names the part).
   static Result<BasisLz> open(const BasisLzHead& head, std::span<const std::byte> bytes);
 
-  /// Decodes a slice into a picture of RGBA pixels. A slice of alpha gives its green to their alpha, which a slice of
-  /// colours sets to 255, and leaves their colours. `pixels`: 4 * width * height; time is proportional to them. Errors
-  /// kFormat, after which `pixels` is unspecified. Reentrant.
+  /// Decodes a slice into a picture of RGBA pixels. A slice of colours sets alpha to 255. A slice of alpha sets only
+  /// alpha, to its own green. `pixels`: 4 * width * height; time is proportional to them. Errors kFormat, after which
+  /// `pixels` is unspecified. Reentrant.
   Result<void> decode(std::span<const std::byte> slice, bool is_alpha, uint32_t width, uint32_t height,
                       std::span<std::byte> pixels) const;
 

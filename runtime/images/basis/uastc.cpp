@@ -26,7 +26,7 @@ struct Mode {
   uint8_t hint_bits;  // after the code, for transcoders to other formats
   uint8_t pattern_bits;
   uint8_t subsets;
-  uint8_t channels;  // that endpoints have: 2 grey and alpha, 3 or 4
+  uint8_t channels;  // of the endpoints: 2 (grey and alpha), 3 or 4
   RangeName range;
   uint8_t weight_bits;
   bool is_dual;  // one channel has weights of its own
@@ -44,7 +44,7 @@ constexpr Mode kModeOf[kModes] = {
     {0x09, 4, 15, 0, 1, 3, k32, 5, false},
 };
 
-/// The mode of each 7 lowest bits; kModes for the reserved one.
+/// The mode, by a block's 7 lowest bits; kModes for the reserved code.
 constexpr auto kModeOfCode = [] {
   std::array<uint8_t, 128> modes{};
   modes.fill(kModes);
@@ -133,7 +133,7 @@ std::array<Endpoints, 3> take_endpoints(const Mode& mode, Bits& bits) {
   const uint32_t base = kRangeOf[mode.range].base, value_bits = kRangeOf[mode.range].bits;
   const uint32_t count = 2u * mode.channels * mode.subsets;
   std::array<uint8_t, 18> values{};
-  if (base != 1) {  // 5 trits take 8 bits, 3 quints 7; fewer of them take as many as they need
+  if (base != 1) {  // 5 trits take 8 bits, 3 quints 7; a shorter last group takes fewer
     constexpr uint32_t kTritBits[] = {0, 2, 4, 5, 7, 8};
     const uint32_t digits = base == 3 ? 5 : 3;
     for (uint32_t i = 0; i < count; i += digits) {

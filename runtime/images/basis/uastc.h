@@ -10,9 +10,9 @@ namespace scree::runtime {
 
 inline constexpr uint64_t kUastcBlockBytes = 16;
 
-/// The block's 16 texels, row by row: RGBA, red in the lowest byte. Colours are interpolated as linear ones are, as in
-/// other transcoders, also those of sRGB files, where the specification's last bit may differ. Any bytes are a block;
-/// invalid ones are magenta, as the specification says. `block`: kUastcBlockBytes.
+/// The block's 16 texels, row by row: RGBA, red in the lowest byte. Colours of sRGB files are interpolated as linear
+/// colours are, as in other transcoders; the specification's last bit may differ there. Any bytes are accepted; invalid
+/// blocks are magenta, as specified. `block`: kUastcBlockBytes.
 void decode_uastc_block(const std::byte* block, std::span<uint32_t, 16> texels);
 
 }  // namespace scree::runtime

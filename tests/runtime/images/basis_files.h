@@ -140,7 +140,7 @@ inline FileBytes make_slice(const BasisCodebooks& books, bool is_alpha, uint32_t
         if ((source != 1 && source != 3 && !has_left) || (source != 0 && source != 3 && !has_above)) source = 3;
         symbol |= source << 2 * k;
       }
-      // Many equal ones, which take a symbol together.
+      // Many equal predictions, which share a symbol.
       if (x > 0 && y > 0 && x > 2 && random() % 4 != 0) symbol = groups.back();
       groups.push_back(symbol);
     }

@@ -73,7 +73,7 @@ struct Welded {
   }
 };
 
-/// Errors and changes of a window, or of several.
+/// Errors and changes of one window or of several.
 struct EncodedFacts {
   double position_error = 0;  // largest found, model units, per axis
   float uv_error = 0;         // largest possible, per axis

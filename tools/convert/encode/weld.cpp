@@ -34,7 +34,7 @@ uint32_t bits_of(float value, Welder::Zeros zeros) {
 template <class Item>
 void Welder::find_equals(uint64_t count, const Item& item) {
   const uint64_t mask = std::bit_ceil(count + count / 4 + 2) - 1;  // at most 0.8 full
-  const uint64_t items = std::bit_ceil(count + 1) - 1;             // the bits of an entry that are an item; some are 0
+  const uint64_t items = std::bit_ceil(count + 1) - 1;             // the bits of an entry that hold an item's number
   table_.assign(mask + 1, kEmpty);
   first_items_.resize(count);
   std::array<uint64_t, kBlock> hashes;

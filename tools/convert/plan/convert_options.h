@@ -60,7 +60,7 @@ struct ConvertOptions : RunOptions {
   std::string exclude;  // ImportOptions::exclude
   ImageOptions images;
 
-  // Options that do not change them.
+  // Options that do not change the bytes of the file.
   bool resume = false;  // continues the .part of an earlier run if it fits, and leaves an unfinished .part behind
   // If `shards` is above 0: converts only share `shard` of `shards` (counted from 0), for merge().
   uint32_t shard = 0;
