@@ -8,6 +8,7 @@
 #include <optional>
 #include <span>
 
+#include "runtime/images/block_file.h"
 #include "runtime/images/image.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tools/common/chunk_decode.h"
@@ -297,10 +298,21 @@ class Comparison {
          std::pair(is.record.mag_filter, is.record.min_filter));
     const auto& from = source_.images[was.record.image];
     const auto& to = back_.images[is.record.image];
-    same_number(place + ": image codec", static_cast<uint64_t>(from.codec), static_cast<uint64_t>(to.codec));
+    const bool has_blocks = from.codec == format::ImageCodec::kBlocks;  // KTX2 or DDS, which export makes a PNG
+    same_number(place + ": image codec", static_cast<uint64_t>(has_blocks ? format::ImageCodec::kPng : from.codec),
+                static_cast<uint64_t>(to.codec));
     std::vector<std::byte> a(from.bytes), b(to.bytes);
     if (!from.source->read(from.offset, a) || !to.source->read(to.offset, b)) {
       differ(place + ": image cannot be read");
+    } else if (has_blocks) {
+      runtime::ImageFile file(a);
+      auto head = runtime::open_block_file(file);
+      const auto blocks = head ? runtime::read_block_level(file, *head, 0) : head.error();
+      const auto png = runtime::decode_image(b);
+      if (!blocks || !png ||
+          runtime::decode_block_level(head->format, head->swizzle, head->width, head->height, blocks->data()).rgba !=
+              png->rgba)
+        differ(place + ": pixels differ");
     } else if (is_webp(a)) {  // stored as a PNG
       const auto was_pixels = runtime::decode_image(a), is_pixels = runtime::decode_image(b);
       if (!was_pixels || !is_pixels || was_pixels->rgba != is_pixels->rgba) differ(place + ": pixels differ");
