@@ -15,6 +15,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/runtime/images/basis_files.h"
+#include "tests/runtime/images/refused_files.h"
 #include "tests/tools/temp_folder.h"
 
 namespace scree::runtime {
@@ -244,12 +245,7 @@ TEST_CASE("malformed files of UASTC and BasisLZ are refused with the defect", "[
     std::memcpy(&length, lz.data() + at, 4);
     return with(lz, at, length + 1);
   };
-  struct Bad {
-    FileBytes bytes;
-    ErrorCode code;
-    const char* message;
-  };
-  const Bad bad[] = {
+  const RefusedFile bad[] = {
       {with(lz, 12, 37u), ErrorCode::kFormat, "KTX2: colour model 1 and supercompression scheme 1, but BasisLZ"},
       {make_ktx2({.vk_format = 0, .model = 163}), ErrorCode::kFormat,
        "KTX2: colour model 163 and supercompression scheme 0, but BasisLZ"},
@@ -284,20 +280,8 @@ TEST_CASE("malformed files of UASTC and BasisLZ are refused with the defect", "[
       {with(lz, data, ~uint64_t{0}), ErrorCode::kFormat, "KTX2: level 0: BasisLZ: block 0, 0 of a slice is malformed"},
       {with(with(lz, 20, 16384u), 24, 16384u), ErrorCode::kTruncated, "KTX2: 16384 x 16384 pixels in "},
   };
-  for (const Bad& one : bad) {
-    INFO(one.message);
-    const auto checked = check_image(one.bytes);
-    REQUIRE_FALSE(checked);
-    INFO(checked.error().message);
-    CHECK(checked.error().code == one.code);
-    CHECK(checked.error().message.starts_with(one.message));
-  }
-  for (const FileBytes& whole : {lz, uastc})
-    for (size_t size = 0; size < whole.size(); ++size) {
-      FileBytes prefix(whole.begin(), whole.begin() + static_cast<ptrdiff_t>(size));
-      prefix.shrink_to_fit();
-      CHECK_FALSE(check_image(prefix));
-    }
+  check_refused(bad);
+  for (const FileBytes& whole : {lz, uastc}) check_prefixes_refused(whole);
   // Any flipped bit gives a picture or one line.
   for (size_t bit = 0; bit < 8 * lz.size(); ++bit) {
     FileBytes flipped = lz;

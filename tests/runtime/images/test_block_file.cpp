@@ -14,6 +14,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/runtime/images/block_files.h"
+#include "tests/runtime/images/refused_files.h"
 #include "tests/tools/temp_folder.h"
 
 namespace scree::runtime {
@@ -93,16 +94,11 @@ TEST_CASE("KTXswizzle is applied after the order of the format's channels", "[bl
 TEST_CASE("malformed KTX2 and DDS files are refused with the defect", "[block_file][bad]") {
   const FileBytes ktx2 = make_ktx2({.width = 8, .height = 8, .levels = 4, .scheme = 2, .swizzle = "rgb1"});
   const FileBytes dds = make_dds({.width = 8, .height = 8, .levels = 4}, 98);
-  struct Bad {
-    FileBytes bytes;
-    ErrorCode code;
-    const char* message;
-  };
   const auto cut = [](FileBytes bytes, size_t size) {
     bytes.resize(size);
     return bytes;
   };
-  const Bad bad[] = {
+  const RefusedFile bad[] = {
       {cut(ktx2, 79), ErrorCode::kTruncated, "KTX2: 79 bytes, but its header takes 80"},
       {with(ktx2, 5, '1'), ErrorCode::kFormat, "KTX2: of another version"},
       {with(ktx2, 8, 'x'), ErrorCode::kFormat, "KTX2: its identifier was changed"},
@@ -153,21 +149,8 @@ TEST_CASE("malformed KTX2 and DDS files are refused with the defect", "[block_fi
       {cut(dds, 140), ErrorCode::kTruncated, "DDS: ends in its header"},
       {cut(dds, dds.size() - 1), ErrorCode::kTruncated, "DDS: level 3 ends at byte 260 of a file of 259"},
   };
-  for (const Bad& one : bad) {
-    INFO(one.message);
-    const auto checked = check_image(one.bytes);
-    REQUIRE_FALSE(checked);
-    INFO(checked.error().message);
-    CHECK(checked.error().code == one.code);
-    CHECK(checked.error().message.starts_with(one.message));
-  }
-  // Every prefix is refused, and never read past its end.
-  for (const FileBytes& whole : {ktx2, dds})
-    for (size_t size = 0; size < whole.size(); ++size) {
-      FileBytes prefix(whole.begin(), whole.begin() + static_cast<ptrdiff_t>(size));
-      prefix.shrink_to_fit();
-      CHECK_FALSE(check_image(prefix));
-    }
+  check_refused(bad);
+  for (const FileBytes& whole : {ktx2, dds}) check_prefixes_refused(whole);
   // A level with more packed bytes than its pixels need, because skippable zstd frames take space.
   FileBytes padded = make_ktx2({.width = 8, .height = 8, .scheme = 2});
   padded.resize(padded.size() + 4096);
