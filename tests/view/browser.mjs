@@ -35,8 +35,21 @@ export async function open(browser, url, options = {viewport: {width: 800, heigh
   page.problems = [];
   page.on('pageerror', (error) => page.problems.push(String(error)));
   page.on('console', (message) => { if (message.type() === 'error') page.problems.push(message.text()); });
+  // Counts how often the picture stops to be exact. It may be exact again before a test can see that it was not.
+  await page.addInitScript(() => {
+    window.changes = 0;
+    new MutationObserver(() => { if (document.documentElement?.dataset.exact === '0') ++window.changes; })
+      .observe(document, {attributes: true, attributeFilter: ['data-exact'], subtree: true});
+  });
   await page.goto(url);
   return page;
+}
+
+/// Does `action`, and waits until another picture has been requested since.
+export async function changes(page, action) {
+  const before = await page.evaluate(() => window.changes);
+  await action();
+  await page.waitForFunction((before) => window.changes > before, before);
 }
 
 /// Waits until the picture at rest is on the screen, with at least `samples` samples per side.

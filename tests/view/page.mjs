@@ -5,7 +5,7 @@ import {readFileSync} from 'node:fs';
 import {join} from 'node:path';
 
 const [program, scene, folder, sunny] = process.argv.slice(2);
-const {browserPath, decode, launch, open, pixels, render, rests, serve} = await import('./browser.mjs').catch((error) => {
+const {browserPath, changes, decode, launch, open, pixels, render, rests, serve} = await import('./browser.mjs').catch((error) => {
   console.log(`playwright-core is not installed (npm ci --prefix tests/view): ${error.code}`);
   process.exit(77);
 });
@@ -54,21 +54,18 @@ await check('the page loads and shows a picture', async () => {
 });
 await check('the picture at rest is that of scree render', () => isExact(page, 1));
 await check('more samples come, as scree render makes them', async () => {
-  await page.setViewportSize({width: 240, height: 140});  // few pixels, for slow machines
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(page, () => page.setViewportSize({width: 240, height: 140}));  // few pixels, for slow machines
   await isExact(page, 4);
-  await page.setViewportSize({width: 800, height: 450});
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(page, () => page.setViewportSize({width: 800, height: 450}));
   await rests(page);
 });
 await check('a drag turns the view, and what it shows is exact again', async () => {
   const before = await pixels(page), eye = await page.evaluate(() => scree.camera.eye);
   await page.mouse.move(400, 225);
   await page.mouse.down();
-  await page.mouse.move(460, 245, {steps: 6});
+  await changes(page, () => page.mouse.move(460, 245, {steps: 6}));
   await page.mouse.up();
   assert.notDeepEqual(await page.evaluate(() => scree.camera.eye), eye);
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
   await isExact(page, 1);
   assert.ok(differs(before.bytes, (await pixels(page)).bytes) > 100);
 });
@@ -113,12 +110,10 @@ await check('what is hidden is not drawn, and all comes back', async () => {
   const before = await pixels(page);
   await page.click('#tree-part > summary');
   await page.hover('.node >> nth=0');
-  await page.click('.node >> nth=0 >> .eye');
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(page, () => page.click('.node >> nth=0 >> .eye'));
   await rests(page);
   assert.ok(differs(before.bytes, (await pixels(page)).bytes) > 100);
-  await page.click('[data-do=show-all]');
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(page, () => page.click('[data-do=show-all]'));
   await isExact(page, 1);
 });
 await check('a clipping box cuts as scree render does, by its switch, sliders, handles and the address', async () => {
@@ -132,8 +127,7 @@ await check('a clipping box cuts as scree render does, by its switch, sliders, h
   await isExact(page, 1);
   assert.equal(differs(before.bytes, (await pixels(page)).bytes), 0, 'the box of the scene cuts something');
   const middle = await page.evaluate(() => scree.clip().box.slice(0, 3).map((low, axis) => (low + scree.clip().box[axis + 3]) / 2));
-  await page.locator('#clip-sides input[type=range]').nth(3).fill('500');
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(page, () => page.locator('#clip-sides input[type=range]').nth(3).fill('500'));
   const cut = await page.evaluate(() => scree.clip().box);
   assert.ok(Math.abs(cut[3] - middle[0]) < 0.01 * (cut[3] - cut[0]), 'the slider is not in the middle');
   assert.match(await page.evaluate(() => scree.command()), /--clip-box=/);
@@ -148,14 +142,13 @@ await check('a clipping box cuts as scree render does, by its switch, sliders, h
   const eye = await page.evaluate(() => scree.camera.eye);
   await page.mouse.move(...from);
   await page.mouse.down();
-  await page.mouse.move(from[0] + (to[0] - from[0]) / 3, from[1] + (to[1] - from[1]) / 3, {steps: 5});
+  await changes(page, () => page.mouse.move(from[0] + (to[0] - from[0]) / 3, from[1] + (to[1] - from[1]) / 3, {steps: 5}));
   await page.mouse.up();
   const dragged = await page.evaluate(() => scree.clip().box);
   const share = (cut[3] - dragged[3]) / (cut[3] - cut[0]);
   assert.ok(share > 0.1 && share < 0.6, `a third of the way moves the face by ${share} of it`);
   assert.deepEqual(dragged.filter((_, side) => side !== 3), cut.filter((_, side) => side !== 3));
   assert.deepEqual(await page.evaluate(() => scree.camera.eye), eye, 'the camera moved too');
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
   await isExact(page, 1);
   const address = await page.evaluate(() => location.hash);
   assert.match(address, /&c=/);
@@ -165,8 +158,7 @@ await check('a clipping box cuts as scree render does, by its switch, sliders, h
   assert.ok(read.on && read.box.every((value, i) => Math.abs(value - dragged[i]) < 1e-9 * (1 + Math.abs(value))), 'the address has another box');
   await other.context().close();
   await page.click('[data-do=clip-reset]');
-  await page.uncheck('#clip');
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(page, () => page.uncheck('#clip'));
   await isExact(page, 1);
   assert.equal(await page.locator('#marks .handle').count(), 0);
   assert.equal(differs(before.bytes, (await pixels(page)).bytes), 0, 'what was cut does not come back');
@@ -180,8 +172,7 @@ await check('the sun casts shadows as scree render has them, by its switch and t
   await isExact(lit, 1);  // more samples may have come
   const before = await pixels(lit);
   assert.ok(!await lit.isVisible('#shadows-hint'));
-  await lit.check('#shadows');
-  await lit.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(lit, () => lit.check('#shadows'));
   await isExact(lit, 1);
   const shadowed = await pixels(lit);
   assert.ok(differs(before.bytes, shadowed.bytes) > 300, 'no shadows');
@@ -194,8 +185,7 @@ await check('the sun casts shadows as scree render has them, by its switch and t
   assert.ok(await other.isChecked('#shadows'));
   assert.equal(differs((await pixels(other)).bytes, shadowed.bytes), 0, 'the address has other shadows');
   await other.context().close();
-  await lit.uncheck('#shadows');
-  await lit.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(lit, () => lit.uncheck('#shadows'));
   await isExact(lit, 1);
   assert.equal(differs(before.bytes, (await pixels(lit)).bytes), 0, 'the shadows stay');
   assert.deepEqual(lit.problems, []);
@@ -203,8 +193,7 @@ await check('the sun casts shadows as scree render has them, by its switch and t
   await served.end();
 });
 await check('another size, and a screen with small pixels', async () => {
-  await page.setViewportSize({width: 500, height: 400});
-  await page.waitForFunction(() => document.documentElement.dataset.exact === '0');
+  await changes(page, () => page.setViewportSize({width: 500, height: 400}));
   await isExact(page, 1);
   const fine = await open(browser, server.url, {viewport: {width: 301, height: 200}, deviceScaleFactor: 2});
   await rests(fine);
