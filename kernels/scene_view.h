@@ -57,6 +57,7 @@ struct MaskView {
   /// Sets level_offset and is_placed from the other members.
   void complete() {
     for (uint32_t l = 0; l < level_count; ++l) level_offset[l] = format::mask_bytes(width, height, l);
+    is_placed = false;
     for (int i = 0; i < 6; ++i) is_placed = is_placed || place[i / 3][i % 3] != (i % 4 == 0 ? 1.0 : 0.0);
   }
 };

@@ -374,7 +374,7 @@ __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const
   const SurvivorReader reader(frame, survivor);
   const ClusterDraw& draw = reader.draw;
   ProjectedPoint points[3];
-  for (uint32_t i = 0; i < 3; ++i) {
+  for (uint32_t i = 0; i < 3; ++i) {  // reading all corners first would take more registers
     reader.relative(i, corners.position[i]);
     points[i] = reader.project<kOrthographic>(corners.position[i]);
   }

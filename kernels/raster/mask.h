@@ -231,10 +231,10 @@ struct MaskCorner {
   T relative[3];
 };
 
+// a - b, for coordinates of two corners. Integers differ by less than 2^31, because the corners lie in one chunk.
 SCREE_HD inline double difference(double a, double b) {
   return a - b;
 }
-/// Of positions in one chunk, which differ by less than 2^31.
 SCREE_HD inline int32_t difference(int32_t a, int32_t b) {
   return static_cast<int32_t>(static_cast<uint32_t>(a) - static_cast<uint32_t>(b));
 }

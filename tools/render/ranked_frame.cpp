@@ -162,15 +162,14 @@ Result<void> RankedFrame::draw(const kernels::View& view, uint32_t root) {
   return join();
 }
 
-/// Sets sun_, and makes room for its samples.
-Result<void> RankedFrame::place_sun() {
+/// Sets sun_, and shade_.sun if the frame has its shadows.
+void RankedFrame::place_sun() {
   shade_.sun = nullptr;
-  if (options_.light.shadow_side == 0) return {};
+  if (options_.light.shadow_side == 0) return;
   const std::optional<kernels::SunShadow> sun = runtime::sun_of(*scene_, view_, options_.light.shadow_side);
-  if (!sun) return {};
+  if (!sun) return;
   sun_ = *sun;
   shade_.sun = &sun_;
-  return {};
 }
 
 /// Whether this rank can exchange the frame by NCCL.
@@ -180,7 +179,7 @@ bool RankedFrame::takes_nccl() const {
 
 /// Fills samples_, and shadows_ if the frame has shadows. If this rank can use NCCL, they stay on its GPU.
 Result<void> RankedFrame::draw_part() {
-  if (const Result<void> done = place_sun(); !done) return done;
+  place_sun();
   const Result<void> drawn = on_gpu_or_cpu([&] { return draw_on_gpu(); }, [&] { return draw_on_cpu(); });
   return drawn ? check_not_cut(scene_->file().map()) : drawn;
 }

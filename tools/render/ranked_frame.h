@@ -82,7 +82,7 @@ class RankedFrame {
   template <class OnGpu, class OnCpu>
   Result<void> on_gpu_or_cpu(const OnGpu& on_gpu, const OnCpu& on_cpu);
   Result<void> load_own_pages();
-  Result<void> place_sun();
+  void place_sun();
   bool takes_nccl() const;
   Result<void> draw_part();
   Result<void> draw_on_cpu();
