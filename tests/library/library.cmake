@@ -1,10 +1,8 @@
 # Tests of the library's public interface: everything here uses only include/scree/.
-add_executable(scree_library_tests gpu.cpp main.cpp paths.cpp library/test_abi.cpp library/test_extremes.cpp
+add_executable(scree_library_tests gpu.cpp library/test_abi.cpp library/test_extremes.cpp
   library/test_misuse.cpp library/test_misuse_handles.cpp library/test_path.cpp
   library/test_render_equal.cpp library/test_shadows.cpp library/test_views.cpp)
-set_property(TARGET scree_library_tests PROPERTY UNITY_BUILD OFF)
-target_link_libraries(scree_library_tests PRIVATE scree::scree scree_convert
-  $<IF:$<TARGET_EXISTS:Catch2::Catch2WithMain>,Catch2::Catch2WithMain,Catch2::Catch2>)
+target_link_libraries(scree_library_tests PRIVATE scree_test_main scree::scree scree_convert)
 add_dependencies(scree_library_tests scree)
 if(TARGET OpenEXR::OpenEXR)
   target_sources(scree_library_tests PRIVATE library/test_exr.cpp)
@@ -13,10 +11,8 @@ endif()
 catch_discover_tests(scree_library_tests TEST_SPEC "~[cuda]~[.]" PROPERTIES LABELS cpu)
 
 # These tests need only the library, so that building them with ThreadSanitizer builds nothing else.
-add_executable(scree_thread_tests main.cpp paths.cpp library/test_threads.cpp)
-set_property(TARGET scree_thread_tests PROPERTY UNITY_BUILD OFF)
-target_link_libraries(scree_thread_tests PRIVATE scree::scree scree_options
-  $<IF:$<TARGET_EXISTS:Catch2::Catch2WithMain>,Catch2::Catch2WithMain,Catch2::Catch2>)
+add_executable(scree_thread_tests library/test_threads.cpp)
+target_link_libraries(scree_thread_tests PRIVATE scree_test_main scree::scree scree_options)
 catch_discover_tests(scree_thread_tests PROPERTIES LABELS cpu)
 
 if(scree_cuda STREQUAL emulated)
