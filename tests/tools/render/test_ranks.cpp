@@ -390,7 +390,7 @@ TEST_CASE("ranks that share the geometry of a film draw the same frames as one r
     for (const std::string more : {"", "--samples 2 --ssao --background transparent"}) {
       Launch alone(film(1, "one", "--force --share geometry " + more), folder);
       REQUIRE(alone.wait(60) == 0);
-      for (const int ranks : {2, 3}) {
+      for (const int ranks : {2, 3, 5}) {
         INFO(ranks << " ranks, " << more);
         Launch launch(film(ranks, "all", "--force --share geometry --json " + more), folder);
         REQUIRE(launch.wait(60) == 0);
