@@ -25,6 +25,7 @@ struct PictureNeeds {
   const kernels::ShadeOptions* shade = nullptr;  // null: they are not shaded
   bool is_encoded = false;                       // as JPEGs, on the device
   uint32_t shadow_side = 0;                      // of their ShadowMap; 0: none
+  bool starts_next = false;                      // by DeviceView::start()
 };
 
 /// The layers of a picture's pixels beside its colours (kernels/shade/layers.h).
@@ -70,6 +71,18 @@ class DeviceView {
   Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr,
                                    const kernels::ShadeOptions* shade = nullptr, const IsOver& is_over = {});
   const std::optional<StreamStats>& stream_stats() const;
+
+  /// Begins to draw the next picture, into samples of its own; finish() ends it. Meanwhile this view draws nothing
+  /// else, and all other functions are about the picture before it, which they shade and read beside the drawing, on
+  /// stream(). They make no layers of blended surfaces, no normals and no texture coordinates. Errors kUnsupported (a
+  /// streamed scene, or several GPUs), kRange (as draw()), kDevice.
+  Result<void> start(const kernels::View& view);
+  bool has_started() const;
+  /// As draw(), after start(). Later work waits for the work on the picture before.
+  Result<kernels::FrameStats> finish();
+  /// The cudaStream_t on which these functions queue work on the last picture; null: the default stream.
+  void* stream() const;
+
   Result<void> read_samples(std::span<uint64_t> samples);
   Result<void> write_samples(std::span<const uint64_t> samples);
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,

@@ -35,6 +35,7 @@ bool reads_samples(const RenderOptions& options) {
 
 Result<void> RankedFrame::open(uint64_t frames) {
   const Stopwatch watch;
+  starts_next_ = frames > 1;
   Result<void> done = ranks_.agree(choose_gpu());
   const uint64_t samples = uint64_t{width()} * height() * options_.samples_per_side * options_.samples_per_side;
   if (done) done = ranks_.agree(links_.begin(ranks_, gpu_, options_.exchange, samples, frames));
@@ -99,6 +100,7 @@ Result<void> RankedFrame::upload() {
   runtime::PictureNeeds pictures{width(), height(), options_.samples_per_side,
                                  options_.output.empty() ? nullptr : &options_.shade};
   pictures.shadow_side = options_.light.shadow_side;
+  pictures.starts_next = starts_next_;
   const runtime::PageShare share{owners_, ranks_.rank()};
   Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
       *scene_, options_.device_memory, options_.threads, options_.reading, options_.textures.device_cache(),
@@ -150,11 +152,16 @@ Result<void> RankedFrame::load_own_pages() {
   return failure.any() ? Result<void>(at(options_.file, failure.error())) : Result<void>();
 }
 
-Result<void> RankedFrame::draw(const kernels::View& view, uint32_t root) {
+kernels::View RankedFrame::in_samples(kernels::View view) const {
+  view.width *= options_.samples_per_side;
+  view.height *= options_.samples_per_side;
+  return view;
+}
+
+Result<void> RankedFrame::draw(const kernels::View& view, uint32_t root, const std::optional<kernels::View>& next) {
   root_ = root;
-  view_ = view;
-  view_.width *= options_.samples_per_side;
-  view_.height *= options_.samples_per_side;
+  view_ = in_samples(view);
+  next_ = next ? std::optional(in_samples(*next)) : std::nullopt;
   const Stopwatch watch;
   const Result<void> drawn = draw_part();
   times_.draw = watch.elapsed().wall_ms;
@@ -200,10 +207,25 @@ Result<void> RankedFrame::draw_on_gpu() {
     if (!added) return added.error();
     sun_on_gpu_ = std::move(*added);
   }
-  if (shade_.sun != nullptr)
-    if (const auto drawn = sun_on_gpu_->draw(sun_.view); !drawn) return drawn.error();
-  if (const auto drawn = on_gpu_->draw(view_); !drawn) return drawn.error();
-  return takes_nccl() ? Result<void>() : read_samples();
+  const auto draw = [](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<void> {
+    const Result<kernels::FrameStats> drawn = on_gpu.has_started() ? on_gpu.finish() : on_gpu.draw(view);
+    return drawn ? Result<void>() : drawn.error();
+  };
+  Result<void> done;
+  if (shade_.sun != nullptr) done = draw(*sun_on_gpu_, sun_.view);
+  if (done) done = draw(*on_gpu_, view_);
+  if (done) done = start_next();
+  return takes_nccl() || !done ? done : read_samples();
+}
+
+/// The GPU begins to draw its part of the next frame.
+Result<void> RankedFrame::start_next() {
+  if (!next_) return {};
+  Result<void> done;
+  if (sun_on_gpu_)
+    if (const auto sun = runtime::sun_of(*scene_, *next_, options_.light.shadow_side))
+      done = sun_on_gpu_->start(sun->view);
+  return done ? on_gpu_->start(*next_) : done;
 }
 
 /// Copies the samples from the GPU.
@@ -234,11 +256,11 @@ Result<void> RankedFrame::join_by_nccl() {
   runtime::NcclGroup& group = *links_.group();
   const auto join = [&](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<void> {
     const Result<uint64_t*> samples = on_gpu.samples();
-    return samples ? group.least(*samples, uint64_t{view.width} * view.height) : samples.error();
+    return samples ? group.least(*samples, uint64_t{view.width} * view.height, on_gpu_->stream()) : samples.error();
   };
   Result<void> done = join(*on_gpu_, view_);
   if (done && shade_.sun != nullptr) done = join(*sun_on_gpu_, sun_.view);
-  return done ? group.wait() : done;
+  return done ? group.wait(on_gpu_->stream()) : done;
 }
 
 Result<void> RankedFrame::shade() {
@@ -297,14 +319,15 @@ Result<void> RankedFrame::shade_by_nccl() {
   if (!colors) return colors.error();
   Result<uint32_t*> pixels = nullptr;
   if (are_pixels) pixels = on_gpu_->resolve_colors(view_, 1, shade_);
-  Result<void> done = pixels ? group.wait() : pixels.error();
+  void* const stream = on_gpu_->stream();
+  Result<void> done = pixels ? group.wait(stream) : pixels.error();
   times_.shade = watch.elapsed().wall_ms;
   const Stopwatch gather_watch;
   const uint64_t samples = uint64_t{view_.width} * view_.height;
   if (done)
-    done = are_pixels ? group.most(*pixels, samples, root_)
-                      : group.most(reinterpret_cast<uint32_t*>(*colors), 3 * samples, root_);
-  if (done) done = group.wait();
+    done = are_pixels ? group.most(*pixels, samples, root_, stream)
+                      : group.most(reinterpret_cast<uint32_t*>(*colors), 3 * samples, root_, stream);
+  if (done) done = group.wait(stream);
   times_.exchange += gather_watch.elapsed().wall_ms;
   if (!done || !is_root()) return done;
   const Stopwatch read_watch;

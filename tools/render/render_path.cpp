@@ -300,7 +300,7 @@ class PathRenderer {
         continue;
       }
       const WantedFrame& wanted = wanted_[next];
-      Result<DrawnFrame> drawn = shared_ ? draw_shared(wanted) : draw(wanted.frame);
+      Result<DrawnFrame> drawn = shared_ ? draw_shared(next) : draw(wanted.frame);
       if (!drawn && !shared_ && drawn.error().code == ErrorCode::kDevice &&
           options_.backend.choice == BackendChoice::kAuto) {
         // If the GPU fails, the CPU draws the same pictures.
@@ -337,13 +337,20 @@ class PathRenderer {
     return drawn;
   }
 
-  /// The same with all ranks. Ranks that do not write the frame get no outputs.
-  Result<DrawnFrame> draw_shared(const WantedFrame& wanted) {
+  /// The same with all ranks, for wanted_[number]. Ranks that do not write the frame get no outputs.
+  Result<DrawnFrame> draw_shared(size_t number) {
+    const WantedFrame& wanted = wanted_[number];
     DrawnFrame drawn;
     drawn.frame = wanted.frame;
     const Result<kernels::View> view = view_of(wanted.frame);
     if (!view) return view.error();
-    Result<void> done = shared_->draw(*view, wanted.rank);
+    std::optional<kernels::View> next;
+    if (number + 1 < wanted_.size()) {
+      const Result<kernels::View> after = view_of(wanted_[number + 1].frame);
+      if (!after) return after.error();
+      next = *after;
+    }
+    Result<void> done = shared_->draw(*view, wanted.rank, next);
     if (done) done = shared_->shade();
     if (!done) return done.error();
     // Means over the ranks, when the report adds them up.
