@@ -72,14 +72,18 @@ class DeviceView {
                                    const kernels::ShadeOptions* shade = nullptr, const IsOver& is_over = {});
   const std::optional<StreamStats>& stream_stats() const;
 
+  /// Queues work that lowers samples in device memory, on a cudaStream_t.
+  using LowerSamples = std::function<Result<void>(uint64_t* samples, void* stream)>;
   /// Begins to draw the next picture, into samples of its own; finish() ends it. Meanwhile this view draws nothing
   /// else, and all other functions are about the picture before it, which they shade and read beside the drawing, on
-  /// stream(). They make no layers of blended surfaces, no normals and no texture coordinates. Errors kUnsupported (a
-  /// streamed scene, or several GPUs), kRange (as draw()), kDevice.
-  Result<void> start(const kernels::View& view);
+  /// stream(). They make no layers of blended surfaces, no normals and no texture coordinates. `join`: empty, or called
+  /// before this returns, as DrawOptions::join: in a two-pass frame after pass 1 and at the end, otherwise at the end.
+  /// Errors kUnsupported (a streamed scene, or several GPUs), kRange (as draw()), kDevice, those of `join`.
+  Result<void> start(const kernels::View& view, const LowerSamples& join = {});
   bool has_started() const;
-  /// As draw(), after start(). Later work waits for the work on the picture before.
-  Result<kernels::FrameStats> finish();
+  /// Ends the picture that start() began. Returns false if a queue was too small: the picture was then drawn again,
+  /// without `join`. Pictures that are started later wait for all work on the picture before this one.
+  Result<bool> finish();
   /// The cudaStream_t on which these functions queue work on the last picture; null: the default stream.
   void* stream() const;
 

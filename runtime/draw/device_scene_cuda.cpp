@@ -164,8 +164,8 @@ struct DeviceView::Impl {
     return done;
   }
 
-  /// The stream of all work on the picture that was drawn last.
-  cudaStream_t stream() const { return ahead ? beside : nullptr; }
+  /// The stream of all work on the picture that was drawn last: from the first start() on, its own.
+  cudaStream_t stream() const { return beside; }
 
   /// Copies once the queued work is done, and waits for the copy.
   Result<void> copy(void* to, const void* from, uint64_t bytes, cudaMemcpyKind kind, const char* what) const {
@@ -195,7 +195,8 @@ struct DeviceView::Impl {
   kernels::CudaJpegCoder jpeg;
   cudaEvent_t queued = nullptr;
   std::optional<kernels::View> ahead;  // of the picture between start() and finish(), into second_samples
-  cudaStream_t beside = nullptr;       // stream() meanwhile
+  bool joins_ahead = false;            // with DrawOptions::join
+  cudaStream_t beside = nullptr;
   std::optional<StreamStats> streamed;
 
   uint32_t width = 0;  // of the picture that draw() made last, in samples
@@ -748,6 +749,8 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   if (const Result<void> ready = impl.scene.make_ready(impl); !ready) return ready.error();
   CudaStream* const stream = impl.scene.streaming();
   impl.drawn_by_team.reset();
+  if (impl.beside != nullptr)
+    if (const Result<void> ordered = impl.order(impl.beside, nullptr); !ordered) return ordered.error();
   const auto start = std::chrono::steady_clock::now();
   const auto time = [&] {
     if (times == nullptr) return;
@@ -779,20 +782,27 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   return streamed->drawn;
 }
 
-Result<void> DeviceView::start(const kernels::View& view) {
+Result<void> DeviceView::start(const kernels::View& view, const LowerSamples& join) {
   Impl& own = *impl_;
   assert(!own.ahead);
   if (own.scene.team != nullptr || own.scene.streaming() != nullptr)
     return Error{ErrorCode::kUnsupported, "several GPUs, or a GPU that streams, draw one picture at a time"};
-  Result<void> done;
-  if (own.beside == nullptr)
+  Result<void> done = own.second_samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
+                                                 "allocating a second visibility buffer");
+  if (done && own.beside == nullptr) {
     done =
         cuda_check(cudaStreamCreateWithPriority(&own.beside, cudaStreamNonBlocking, kMostPriority), "making a stream");
-  if (done)
-    done = own.second_samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
-                                      "allocating a second visibility buffer");
-  if (done) done = own.order(nullptr, own.beside);
-  if (done) done = own.frames->start(view, reinterpret_cast<uint64_t*>(own.second_samples.data()));
+    if (done) done = own.order(nullptr, own.beside);
+  } else if (done) {
+    done = cuda_check(cudaStreamWaitEvent(nullptr, own.queued), "ordering a stream");  // of finish()
+  }
+  if (!done) return done;
+  auto* const samples = reinterpret_cast<uint64_t*>(own.second_samples.data());
+  const std::function<Result<void>(void*)> join_samples = [&](void* stream) { return join(samples, stream); };
+  kernels::DrawOptions drawing;
+  own.joins_ahead = join != nullptr;
+  if (own.joins_ahead) drawing.join = &join_samples;
+  done = own.frames->start(view, samples, drawing);
   if (done) own.ahead = view;
   return done;
 }
@@ -801,17 +811,22 @@ bool DeviceView::has_started() const {
   return impl_->ahead.has_value();
 }
 
-Result<kernels::FrameStats> DeviceView::finish() {
+Result<bool> DeviceView::finish() {
   Impl& own = *impl_;
   const kernels::View view = *std::exchange(own.ahead, std::nullopt);
   own.width = 0;
-  if (const Result<void> ordered = own.order(own.beside, nullptr); !ordered) return ordered.error();
+  Result<void> done = cuda_check(cudaEventRecord(own.queued, own.beside), "recording an event");
+  if (!done) return done.error();
   const Result<kernels::CudaFrames::Finished> finished = own.frames->finish();
   if (!finished) return finished.error();
+  if (finished->is_drawn_again && own.joins_ahead) {
+    const auto drawn = own.frames->draw(view, reinterpret_cast<uint64_t*>(own.second_samples.data()));
+    if (!drawn) return drawn.error();
+  }
   std::swap(own.samples, own.second_samples);
   own.width = view.width;
   own.height = view.height;
-  return finished->stats;
+  return !finished->is_drawn_again;
 }
 
 void* DeviceView::stream() const {

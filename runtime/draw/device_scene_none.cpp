@@ -141,7 +141,7 @@ const std::optional<StreamStats>& DeviceView::stream_stats() const {
   return none;
 }
 
-Result<void> DeviceView::start(const kernels::View&) {
+Result<void> DeviceView::start(const kernels::View&, const LowerSamples&) {
   return current_gpu().error();
 }
 
@@ -149,7 +149,7 @@ bool DeviceView::has_started() const {
   return false;
 }
 
-Result<kernels::FrameStats> DeviceView::finish() {
+Result<bool> DeviceView::finish() {
   return current_gpu().error();
 }
 

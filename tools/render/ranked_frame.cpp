@@ -114,9 +114,9 @@ Result<void> RankedFrame::upload() {
   return {};
 }
 
-/// After an error of the GPU: with --backend auto the CPU does the rest.
+/// After an error of the GPU: with --backend auto the CPU does the rest, unless GPUs of other ranks wait for this one.
 Result<void> RankedFrame::falls_back(const Error& error) {
-  if (error.code != ErrorCode::kDevice || options_.backend.choice != BackendChoice::kAuto)
+  if (error.code != ErrorCode::kDevice || options_.backend.choice != BackendChoice::kAuto || joins_ != 0)
     return at(options_.file, with_cpu_advice(error));
   if (!options_.quiet) warn_of_cpu("render", ranks_.named(error).message);
   sun_on_gpu_.reset();
@@ -207,25 +207,35 @@ Result<void> RankedFrame::draw_on_gpu() {
     if (!added) return added.error();
     sun_on_gpu_ = std::move(*added);
   }
-  const auto draw = [](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<void> {
-    const Result<kernels::FrameStats> drawn = on_gpu.has_started() ? on_gpu.finish() : on_gpu.draw(view);
-    return drawn ? Result<void>() : drawn.error();
+  const auto draw = [](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<bool> {
+    if (on_gpu.has_started()) return on_gpu.finish();
+    const auto drawn = on_gpu.draw(view);
+    return drawn ? Result<bool>(false) : drawn.error();
   };
-  Result<void> done;
-  if (shade_.sun != nullptr) done = draw(*sun_on_gpu_, sun_.view);
-  if (done) done = draw(*on_gpu_, view_);
-  if (done) done = start_next();
-  return takes_nccl() || !done ? done : read_samples();
+  if (shade_.sun != nullptr)
+    if (const Result<bool> drawn = draw(*sun_on_gpu_, sun_.view); !drawn) return drawn.error();
+  const Result<bool> drawn = draw(*on_gpu_, view_);
+  if (!drawn) return drawn.error();
+  is_whole_ = *drawn && joins_ == 1;
+  if (takes_nccl()) return {};
+  (void)start_next(false);  // an error comes again when that frame is drawn
+  return read_samples();
 }
 
-/// The GPU begins to draw its part of the next frame.
-Result<void> RankedFrame::start_next() {
+/// The GPU begins to draw its part of the next frame. `by_nccl`: all ranks do so. After pass 1 it then gets the depths
+/// of all ranks, and pass 2 skips clusters that another rank's surfaces hide.
+Result<void> RankedFrame::start_next(bool by_nccl) {
+  joins_ = 0;
   if (!next_) return {};
   Result<void> done;
   if (sun_on_gpu_)
     if (const auto sun = runtime::sun_of(*scene_, *next_, options_.light.shadow_side))
       done = sun_on_gpu_->start(sun->view);
-  return done ? on_gpu_->start(*next_) : done;
+  if (!done || !by_nccl) return done ? on_gpu_->start(*next_) : done;
+  return on_gpu_->start(*next_, [this](uint64_t* samples, void* stream) {
+    const uint64_t count = uint64_t{next_->width} * next_->height;
+    return ++joins_ == 1 ? links_.group()->least(samples, count, stream) : Result<void>();
+  });
 }
 
 /// Copies the samples from the GPU.
@@ -237,30 +247,43 @@ Result<void> RankedFrame::read_samples() {
   return sun_on_gpu_->read_samples(shadows_);
 }
 
-/// Joins the samples of all ranks.
+/// Joins the samples of all ranks. GPUs that do so by NCCL begin the next frame meanwhile.
 Result<void> RankedFrame::join() {
-  uint64_t all_take_nccl = takes_nccl() ? 1 : 0;
-  Result<void> done = ranks_.least(std::span(&all_take_nccl, 1));
-  is_by_nccl_ = all_take_nccl != 0;
-  const Stopwatch watch;
-  if (!is_by_nccl_ && takes_nccl() && done) done = read_samples();
-  if (done) done = is_by_nccl_ ? join_by_nccl() : ranks_.least(samples_);
-  if (!is_by_nccl_ && done && shade_.sun != nullptr) done = ranks_.least(shadows_);
-  times_.exchange = watch.elapsed().wall_ms;
+  enum Way : uint64_t { kByMpi, kByNccl, kIsWhole };
+  uint64_t way = !takes_nccl() ? kByMpi : is_whole_ ? kIsWhole : kByNccl;
+  Result<void> done = ranks_.least(std::span(&way, 1));
+  is_by_nccl_ = way != kByMpi;
+  if (is_by_nccl_) {
+    if (done) done = join_by_nccl(way == kIsWhole);
+  } else {
+    if (takes_nccl()) (void)start_next(false);
+    const Stopwatch watch;
+    if (takes_nccl() && done) done = read_samples();
+    if (done) done = ranks_.least(samples_);
+    if (done && shade_.sun != nullptr) done = ranks_.least(shadows_);
+    times_.exchange = watch.elapsed().wall_ms;
+  }
   const bool reads = is_by_nccl_ && (reads_surfaces(options_) || (is_root() && reads_samples(options_)));
   if (done && reads) done = read_samples();
   return done ? done : at(options_.file, done.error());
 }
 
-Result<void> RankedFrame::join_by_nccl() {
+/// `is_whole`: all ranks have the picture's samples already.
+Result<void> RankedFrame::join_by_nccl(bool is_whole) {
   runtime::NcclGroup& group = *links_.group();
+  void* const stream = on_gpu_->stream();
   const auto join = [&](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<void> {
     const Result<uint64_t*> samples = on_gpu.samples();
-    return samples ? group.least(*samples, uint64_t{view.width} * view.height, on_gpu_->stream()) : samples.error();
+    return samples ? group.least(*samples, uint64_t{view.width} * view.height, stream) : samples.error();
   };
-  Result<void> done = join(*on_gpu_, view_);
+  // NCCL exchanges in this order, so these run beside pass 1 of the next frame.
+  Result<void> done = is_whole ? Result<void>() : join(*on_gpu_, view_);
   if (done && shade_.sun != nullptr) done = join(*sun_on_gpu_, sun_.view);
-  return done ? group.wait(on_gpu_->stream()) : done;
+  if (done) done = start_next(true);
+  const Stopwatch watch;
+  if (done) done = group.wait(stream);
+  times_.exchange = watch.elapsed().wall_ms;
+  return done;
 }
 
 Result<void> RankedFrame::shade() {

@@ -68,8 +68,8 @@ class RankedFrame {
     return gpus == ranks ? "the GPUs" : std::to_string(gpus) + " GPUs and the CPUs";
   }
 
-  /// Milliseconds of this rank, of loading and of the last frame. `draw`: the time that was left to wait for a GPU
-  /// that had begun.
+  /// Milliseconds of this rank, of loading and of the last frame. Where a GPU has begun the next frame, `draw` and
+  /// `exchange` are the times that were left to wait.
   struct Times {
     double load = 0, connect = 0, draw = 0, shade = 0, exchange = 0;
   };
@@ -92,11 +92,11 @@ class RankedFrame {
   Result<void> draw_part();
   Result<void> draw_on_cpu();
   Result<void> draw_on_gpu();
-  Result<void> start_next();
+  Result<void> start_next(bool by_nccl);
   kernels::View in_samples(kernels::View view) const;
   Result<void> read_samples();
   Result<void> join();
-  Result<void> join_by_nccl();
+  Result<void> join_by_nccl(bool is_whole);
   Result<void> shade_on_cpu();
   Result<void> shade_on_gpu();
   Result<float*> make_colors_on_gpu();
@@ -123,6 +123,8 @@ class RankedFrame {
   bool starts_next_ = false;                      // there is more than one frame
   uint32_t root_ = 0;
   bool is_by_nccl_ = false;
+  uint32_t joins_ = 0;                // calls of LowerSamples in the frame that was started last
+  bool is_whole_ = false;             // the GPU's samples are those of all ranks already
   const uint32_t* pixels_ = nullptr;  // the picture in the GPU's memory, of a frame by NCCL
   std::vector<uint64_t> samples_;
   kernels::ShadeOptions shade_;  // of options_, with the sun if the frame has its shadows

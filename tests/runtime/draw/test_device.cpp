@@ -297,11 +297,22 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
   REQUIRE(drawn->draw(views[0]));
   for (size_t i = 0; i < views.size(); ++i) {
     INFO("picture " << i);
-    if (i + 1 < views.size()) REQUIRE(drawn->start(views[i + 1]));
+    uint64_t* joined = nullptr;  // the scene has one pass, at whose end all samples are drawn
+    const auto join = [&](uint64_t* samples, void*) -> Result<void> {
+      CHECK(joined == nullptr);
+      joined = samples;
+      return {};
+    };
+    if (i == 1) REQUIRE(drawn->start(views[i + 1], join));
+    if (i != 1 && i + 1 < views.size()) REQUIRE(drawn->start(views[i + 1]));
     CHECK(drawn->has_started() == (i + 1 < views.size()));
     CHECK((outputs(views[i]) == expected[i]));
     CHECK(static_cast<bool>(drawn->make_layer(views[i], 1, PixelLayer::kNormal)) == !drawn->has_started());
-    if (drawn->has_started()) REQUIRE(drawn->finish());
+    if (!drawn->has_started()) continue;
+    const Result<bool> finished = drawn->finish();
+    REQUIRE(finished);
+    CHECK((i != 1 || *finished));
+    CHECK((i == 1) == (joined == drawn->samples().value()));
   }
   REQUIRE(drawn->start(views[1]));  // and not finished
 }
