@@ -572,6 +572,13 @@ TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render
     fails(render_on_gpus(2, "--exchange nccl -q -o no.png"), 4, "rank 1 of 2 on ");
     CHECK_FALSE(fs::exists(folder.file("no.png")));
   }
+  {  // while the second frame of a film begins
+    make_path(folder, "0.1");
+    const NcclFails rank("later:1");
+    fails(render_on_gpus(2, "--path path.json --share geometry --size 32x24 --exchange nccl -q -o no_%d.png"), 4,
+          "rank 1 of 2 on ");
+    CHECK_FALSE(fs::exists(folder.file("no_0.png")));
+  }
   // The CPU draws layers of blended surfaces.
   const TempFolder with_layers;
   make_large_scene(with_layers, true);
