@@ -137,6 +137,16 @@ struct CudaResolver::Impl {
     return times == nullptr || record(kShading, stream);
   }
 
+  /// `transforms` of `view` if they are null.
+  bool make_transforms(const SceneView& scene, const View& view, const Transform*& made, cudaStream_t stream) {
+    if (made != nullptr) return true;
+    if (!reserve(transforms, scene.instance_count * sizeof(Transform), "allocating transforms")) return false;
+    auto* const all = reinterpret_cast<Transform*>(transforms.data());
+    made = all;
+    return run(MakeTransforms{scene, make_frame_view(view), all},
+               static_cast<uint32_t>((scene.instance_count + 31) / 32), stream);
+  }
+
   bool end(cudaStream_t stream, ResolveTimes* times) {
     if (times == nullptr) return true;
     return record(kEnd, stream) && check(cudaEventSynchronize(events[kEnd]), "resolving") &&
@@ -167,14 +177,7 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
     return begun;
   const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
 
-  if (transforms == nullptr) {
-    if (!impl.reserve(impl.transforms, scene.instance_count * sizeof(Transform), "allocating transforms"))
-      return impl.error;
-    auto* const made = reinterpret_cast<Transform*>(impl.transforms.data());
-    const auto groups = static_cast<uint32_t>((scene.instance_count + 31) / 32);
-    if (!impl.run(MakeTransforms{scene, make_frame_view(view), made}, groups, stream)) return impl.error;
-    transforms = made;
-  }
+  if (!impl.make_transforms(scene, view, transforms, stream)) return impl.error;
   if (options.show == Show::kDepth) {
     clear_depth_range<<<1, 1, 0, stream>>>(impl.depth_range());
     if (!impl.check(cudaGetLastError(), "clearing the range of depths")) return impl.error;
@@ -209,7 +212,7 @@ Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, 
                                       cudaStream_t stream, CudaTextureCache* cache) {
   if (Result<void> checked = check_frame(view, 0); !checked) return checked;
   Impl& impl = *impl_;
-  if (!impl.open()) return impl.error;
+  if (!impl.open() || !impl.make_transforms(scene, view, transforms, stream)) return impl.error;
   const PixelTiles tiles{view.width, 0, view.height};
   const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, nullptr);
   if (cache != nullptr && options.show == Show::kTexture)

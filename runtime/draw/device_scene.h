@@ -25,6 +25,7 @@ struct PictureNeeds {
   const kernels::ShadeOptions* shade = nullptr;  // null: they are not shaded
   bool is_encoded = false;                       // as JPEGs, on the device
   uint32_t shadow_side = 0;                      // of their ShadowMap; 0: none
+  bool starts_next = false;                      // by DeviceView::start()
 };
 
 /// The layers of a picture's pixels beside its colours (kernels/shade/layers.h).
@@ -70,6 +71,22 @@ class DeviceView {
   Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr,
                                    const kernels::ShadeOptions* shade = nullptr, const IsOver& is_over = {});
   const std::optional<StreamStats>& stream_stats() const;
+
+  /// Queues work that lowers samples in device memory, on a cudaStream_t.
+  using LowerSamples = std::function<Result<void>(uint64_t* samples, void* stream)>;
+  /// Begins to draw the next picture, into samples of its own; finish() ends it. Meanwhile this view draws nothing
+  /// else, and all other functions are about the picture before it, which they shade and read beside the drawing, on
+  /// stream(). They make no layers of blended surfaces, no normals and no texture coordinates. `join`: empty, or called
+  /// before this returns, as DrawOptions::join: in a two-pass frame after pass 1 and at the end, otherwise at the end.
+  /// Errors kUnsupported (a streamed scene, or several GPUs), kRange (as draw()), kDevice, those of `join`.
+  Result<void> start(const kernels::View& view, const LowerSamples& join = {});
+  bool has_started() const;
+  /// Ends the picture that start() began. Returns false if a queue was too small: the picture was then drawn again,
+  /// without `join`. Pictures that are started later wait for all work on the picture before this one.
+  Result<bool> finish();
+  /// The cudaStream_t on which these functions queue work on the last picture; null: the default stream.
+  void* stream() const;
+
   Result<void> read_samples(std::span<uint64_t> samples);
   Result<void> write_samples(std::span<const uint64_t> samples);
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,

@@ -1,5 +1,6 @@
 // DeviceScene where the program is built with CUDA; device_scene_none.cpp stands in elsewhere.
 #include <algorithm>
+#include <cassert>
 #include <chrono>
 #include <new>
 #include <optional>
@@ -56,6 +57,9 @@ constexpr uint64_t kComingBatchBytes = uint64_t{64} << 20;
 /// The tables of the resolver (kernels/cuda/resolve.cu), with room for the range of depths.
 constexpr uint64_t kResolverBytes = sizeof(kernels::SrgbTables) + 256;
 
+/// The highest priority of a stream, in place of which CUDA takes the highest that the GPU has.
+constexpr int kMostPriority = -100;
+
 /// Device memory of the resolver of shaded pictures.
 uint64_t resolver_bytes(const PictureNeeds& needs) {
   const bool has_occlusion = needs.shade->ssao || needs.shade->edl;
@@ -101,6 +105,10 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
       bytes += 3 * samples * sizeof(float);
       if (has_rounds) bytes += tile_list_bytes(width, height);
     }
+  }
+  if (needs.starts_next) {
+    const uint64_t shadow = uint64_t{needs.shadow_side} * needs.shadow_side;
+    bytes += (samples + shadow) * sizeof(uint64_t) + scene.view().instance_count * sizeof(kernels::Transform);
   }
   if (needs.shadow_side != 0) {  // a view of its own
     const uint64_t side = needs.shadow_side;
@@ -156,6 +164,15 @@ struct DeviceView::Impl {
     return done;
   }
 
+  /// The stream of all work on the picture that was drawn last: from the first start() on, its own.
+  cudaStream_t stream() const { return beside; }
+
+  /// Copies once the queued work is done, and waits for the copy.
+  Result<void> copy(void* to, const void* from, uint64_t bytes, cudaMemcpyKind kind, const char* what) const {
+    const Result<void> done = cuda_check(cudaMemcpyAsync(to, from, bytes, kind, stream()), what);
+    return done ? cuda_check(cudaStreamSynchronize(stream()), what) : done;
+  }
+
   DeviceScene::Impl& scene;
   std::optional<kernels::CudaFrames> frames;        // none if chunks are streamed and another view has them
   std::optional<kernels::CudaFrames> blend_frames;  // of layers, if the scene has blended surfaces; likewise
@@ -167,7 +184,8 @@ struct DeviceView::Impl {
   DeviceBuffer colors;  // of read_colors()
   DeviceBuffer layers[kPixelLayerCount];
   DeviceBuffer blocks[kBlockCount];
-  // For the second picture that a batch draws at the same time. They take turns with `frames` and `samples`.
+  // For the second picture that start(), or a batch, draws at the same time. They take turns with `frames` and
+  // `samples`.
   std::optional<kernels::CudaFrames> second_frames;
   DeviceBuffer second_samples;
   size_t picture = 0;  // 0 or 1: the one that `frames` and `samples` belong to
@@ -176,6 +194,9 @@ struct DeviceView::Impl {
   bool takes_view_batches = true;  // false once the scene turns out not to suit them, or memory is short
   kernels::CudaJpegCoder jpeg;
   cudaEvent_t queued = nullptr;
+  std::optional<kernels::View> ahead;  // of the picture between start() and finish(), into second_samples
+  bool joins_ahead = false;            // with DrawOptions::join
+  cudaStream_t beside = nullptr;
   std::optional<StreamStats> streamed;
 
   uint32_t width = 0;  // of the picture that draw() made last, in samples
@@ -183,6 +204,7 @@ struct DeviceView::Impl {
   std::optional<kernels::View> drawn_by_team;  // that picture's, if several GPUs drew it
 
   ~Impl() {
+    if (beside != nullptr) (void)cudaStreamDestroy(beside);
     if (queued != nullptr) (void)cudaEventDestroy(queued);
   }
   Result<void> check_drawn(const kernels::View& view);
@@ -199,7 +221,7 @@ struct DeviceView::Impl {
   }
   /// Whether shading reads the cache of the first GPU's textures.
   bool uses_texture_cache(const kernels::ShadeOptions& options) const;
-  /// The transforms of the picture that draw() made last.
+  /// The transforms of the picture that draw() made last. Null if they are gone.
   const kernels::Transform* transforms() const;
   bool open_second(const kernels::SceneView& host);
   bool open_view_batch(const kernels::SceneView& host);
@@ -278,7 +300,7 @@ bool DeviceView::Impl::uses_texture_cache(const kernels::ShadeOptions& options) 
 
 const kernels::Transform* DeviceView::Impl::transforms() const {
   if (drawn_by_team) return scene.team->transforms();
-  return frames ? frames->transforms() : nullptr;
+  return frames && !ahead ? frames->transforms() : nullptr;
 }
 
 /// Makes the frames for a batch's second picture. Returns false if the device has no room for them, or if the scene is
@@ -312,6 +334,7 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
     if (stream->over() == nullptr) return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
     return stream->over();
   }
+  if (ahead) return Error{ErrorCode::kUnsupported, "layers are not drawn beside another picture"};
   const Result<uint64_t*> whole = whole_samples();
   if (!whole) return whole.error();
   const kernels::SceneView blended_scene = kernels::blended_view(scene.scene.view());
@@ -690,10 +713,10 @@ Result<float*> DeviceView::make_colors(const kernels::View& view, const kernels:
   const uint64_t bytes = uint64_t{3} * view.width * view.height * sizeof(float);
   Result<void> done = own.colors.reserve(bytes, "allocating the samples' colours");
   auto* const colors = reinterpret_cast<float*>(own.colors.data());
-  if (done) done = cuda_check(cudaMemsetAsync(colors, 0, bytes, nullptr), "clearing the colours");
+  if (done) done = cuda_check(cudaMemsetAsync(colors, 0, bytes, own.stream()), "clearing the colours");
   if (done)
-    done = own.resolver.shade_part(own.scene.scene.view(), view, *samples, own.transforms(), options, colors, nullptr,
-                                   own.scene.scene.texture_cache());
+    done = own.resolver.shade_part(own.scene.scene.view(), view, *samples, own.transforms(), options, colors,
+                                   own.stream(), own.scene.scene.texture_cache());
   if (!done) return done.error();
   return colors;
 }
@@ -711,7 +734,7 @@ Result<uint32_t*> DeviceView::resolve_colors(const kernels::View& view, uint32_t
   if (done)
     done = own.resolver.resolve_colors(view, samples_per_side, own.sample_data(),
                                        reinterpret_cast<const float*>(own.colors.data()), nullptr, options, pixels,
-                                       nullptr);
+                                       own.stream());
   if (!done) return done.error();
   return pixels;
 }
@@ -726,6 +749,8 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   if (const Result<void> ready = impl.scene.make_ready(impl); !ready) return ready.error();
   CudaStream* const stream = impl.scene.streaming();
   impl.drawn_by_team.reset();
+  if (impl.beside != nullptr)
+    if (const Result<void> ordered = impl.order(impl.beside, nullptr); !ordered) return ordered.error();
   const auto start = std::chrono::steady_clock::now();
   const auto time = [&] {
     if (times == nullptr) return;
@@ -757,6 +782,57 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   return streamed->drawn;
 }
 
+Result<void> DeviceView::start(const kernels::View& view, const LowerSamples& join) {
+  Impl& own = *impl_;
+  assert(!own.ahead);
+  if (own.scene.team != nullptr || own.scene.streaming() != nullptr)
+    return Error{ErrorCode::kUnsupported, "several GPUs, or a GPU that streams, draw one picture at a time"};
+  Result<void> done = own.second_samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
+                                                 "allocating a second visibility buffer");
+  if (done && own.beside == nullptr) {
+    done =
+        cuda_check(cudaStreamCreateWithPriority(&own.beside, cudaStreamNonBlocking, kMostPriority), "making a stream");
+    if (done) done = own.order(nullptr, own.beside);
+  } else if (done) {
+    done = cuda_check(cudaStreamWaitEvent(nullptr, own.queued), "ordering a stream");  // of finish()
+  }
+  if (!done) return done;
+  auto* const samples = reinterpret_cast<uint64_t*>(own.second_samples.data());
+  const std::function<Result<void>(void*)> join_samples = [&](void* stream) { return join(samples, stream); };
+  kernels::DrawOptions drawing;
+  own.joins_ahead = join != nullptr;
+  if (own.joins_ahead) drawing.join = &join_samples;
+  done = own.frames->start(view, samples, drawing);
+  if (done) own.ahead = view;
+  return done;
+}
+
+bool DeviceView::has_started() const {
+  return impl_->ahead.has_value();
+}
+
+Result<bool> DeviceView::finish() {
+  Impl& own = *impl_;
+  const kernels::View view = *std::exchange(own.ahead, std::nullopt);
+  own.width = 0;
+  Result<void> done = cuda_check(cudaEventRecord(own.queued, own.beside), "recording an event");
+  if (!done) return done.error();
+  const Result<kernels::CudaFrames::Finished> finished = own.frames->finish();
+  if (!finished) return finished.error();
+  if (finished->is_drawn_again && own.joins_ahead) {
+    const auto drawn = own.frames->draw(view, reinterpret_cast<uint64_t*>(own.second_samples.data()));
+    if (!drawn) return drawn.error();
+  }
+  std::swap(own.samples, own.second_samples);
+  own.width = view.width;
+  own.height = view.height;
+  return !finished->is_drawn_again;
+}
+
+void* DeviceView::stream() const {
+  return impl_->stream();
+}
+
 Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
   const uint64_t count = uint64_t{impl_->width} * impl_->height;
   if (count != samples.size())
@@ -764,8 +840,8 @@ Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
                  std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
   const Result<uint64_t*> whole = impl_->whole_samples();
   if (!whole) return whole.error();
-  return cuda_check(cudaMemcpy(samples.data(), *whole, samples.size_bytes(), cudaMemcpyDeviceToHost),
-                    "reading the visibility buffer");
+  return impl_->copy(samples.data(), *whole, samples.size_bytes(), cudaMemcpyDeviceToHost,
+                     "reading the visibility buffer");
 }
 
 Result<void> DeviceView::write_samples(std::span<const uint64_t> samples) {
@@ -773,8 +849,8 @@ Result<void> DeviceView::write_samples(std::span<const uint64_t> samples) {
   if (count != samples.size())
     return Error{ErrorCode::kRange,
                  std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
-  return cuda_check(cudaMemcpy(impl_->samples.data(), samples.data(), samples.size_bytes(), cudaMemcpyHostToDevice),
-                    "writing the visibility buffer");
+  return impl_->copy(impl_->samples.data(), samples.data(), samples.size_bytes(), cudaMemcpyHostToDevice,
+                     "writing the visibility buffer");
 }
 
 Result<uint64_t> DeviceView::read_sample(uint64_t index) {
@@ -831,8 +907,9 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   } else {
     const Result<uint64_t*> samples = impl.whole_samples();
     if (!samples) return samples.error();
-    if (auto done = impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, *samples, impl.transforms(),
-                                          options, device_pixels, nullptr, times, impl.scene.scene.texture_cache());
+    if (auto done =
+            impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, *samples, impl.transforms(), options,
+                                  device_pixels, impl.stream(), times, impl.scene.scene.texture_cache());
         !done)
       return done;
   }
@@ -840,8 +917,7 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   if (pixels.size() != count)
     return Error{ErrorCode::kRange,
                  std::to_string(pixels.size()) + " pixels, but the picture has " + std::to_string(count)};
-  return cuda_check(cudaMemcpy(pixels.data(), device_pixels, pixels.size_bytes(), cudaMemcpyDeviceToHost),
-                    "reading the picture");
+  return impl.copy(pixels.data(), device_pixels, pixels.size_bytes(), cudaMemcpyDeviceToHost, "reading the picture");
 }
 
 Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side,
@@ -860,6 +936,8 @@ Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples
   Impl& impl = *impl_;
   if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
   const bool reads_chunks = out.normal != nullptr || out.uv != nullptr;
+  if (reads_chunks && impl.ahead)
+    return Error{ErrorCode::kUnsupported, "normals and texture coordinates are not made beside another picture"};
   if (reads_chunks && impl.scene.streaming() != nullptr)
     return Error{ErrorCode::kUnsupported,
                  "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
@@ -867,7 +945,7 @@ Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples
   const Result<uint64_t*> samples = impl.whole_samples();
   if (!samples) return samples.error();
   return kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, *samples,
-                               reads_chunks ? impl.transforms() : nullptr, out, nullptr);
+                               reads_chunks ? impl.transforms() : nullptr, out, impl.stream());
 }
 
 Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span<const kernels::View> views,
@@ -976,7 +1054,7 @@ std::shared_ptr<const void> DeviceView::hold(const std::byte* data) const {
 }
 
 Result<void> DeviceView::read(const void* device, std::span<std::byte> host) {
-  return cuda_check(cudaMemcpy(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost), "reading a layer");
+  return impl_->copy(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, "reading a layer");
 }
 
 Result<void> DeviceView::order_before(void* stream) {

@@ -141,6 +141,22 @@ const std::optional<StreamStats>& DeviceView::stream_stats() const {
   return none;
 }
 
+Result<void> DeviceView::start(const kernels::View&, const LowerSamples&) {
+  return current_gpu().error();
+}
+
+bool DeviceView::has_started() const {
+  return false;
+}
+
+Result<bool> DeviceView::finish() {
+  return current_gpu().error();
+}
+
+void* DeviceView::stream() const {
+  return nullptr;
+}
+
 Result<void> DeviceView::read_samples(std::span<uint64_t>) {
   return current_gpu().error();
 }

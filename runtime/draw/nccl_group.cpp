@@ -109,24 +109,28 @@ Result<void> NcclGroup::connect(const Id& id, uint32_t number, uint32_t count, u
       kernels::DeviceBuffer::allocate(std::max<uint64_t>(words, 1) * sizeof(uint64_t), "allocating words to exchange");
   if (!room) return room.error();
   done = cuda_check(cudaMemset(room->data(), 0, room->bytes()), "clearing words to exchange");
-  if (done) done = least(reinterpret_cast<uint64_t*>(room->data()), words);
-  if (done) done = most(reinterpret_cast<uint32_t*>(room->data()), words, 0);
-  return done ? wait() : done;
+  if (done) done = least(reinterpret_cast<uint64_t*>(room->data()), words, nullptr);
+  if (done) done = most(reinterpret_cast<uint32_t*>(room->data()), words, 0, nullptr);
+  return done ? wait(nullptr) : done;
 }
 
-Result<void> NcclGroup::least(uint64_t* words, uint64_t count) {
-  return impl_->check(impl_->api.ncclAllReduce(words, words, count, kUint64, kMin, impl_->comm, nullptr),
-                      "joining the samples of all ranks");
-}
-
-Result<void> NcclGroup::most(uint32_t* words, uint64_t count, uint32_t root) {
+Result<void> NcclGroup::least(uint64_t* words, uint64_t count, void* stream) {
   return impl_->check(
-      impl_->api.ncclReduce(words, words, count, kUint32, kMax, static_cast<int>(root), impl_->comm, nullptr),
-      "gathering the colours of all ranks");
+      impl_->api.ncclAllReduce(words, words, count, kUint64, kMin, impl_->comm, static_cast<cudaStream_t>(stream)),
+      "joining the samples of all ranks");
 }
 
-Result<void> NcclGroup::wait() {
-  if (const auto done = cuda_check(cudaEventRecord(impl_->queued, nullptr), "recording an event"); !done) return done;
+Result<void> NcclGroup::most(uint32_t* words, uint64_t count, uint32_t root, void* stream) {
+  return impl_->check(impl_->api.ncclReduce(words, words, count, kUint32, kMax, static_cast<int>(root), impl_->comm,
+                                            static_cast<cudaStream_t>(stream)),
+                      "gathering the colours of all ranks");
+}
+
+Result<void> NcclGroup::wait(void* stream) {
+  if (const auto done =
+          cuda_check(cudaEventRecord(impl_->queued, static_cast<cudaStream_t>(stream)), "recording an event");
+      !done)
+    return done;
   for (;;) {
     const cudaError_t status = cudaEventQuery(impl_->queued);
     const Result<void> reached = cuda_check(status, "exchanging a picture");

@@ -34,15 +34,15 @@ class NcclGroup {
   Result<void> connect(const Id& id, uint32_t number, uint32_t count, uint64_t words);
 
   // The next functions are called by all processes in the same order, with device memory for the same number of words.
-  // They queue the exchange on the default stream. Error kDevice.
+  // They queue the exchange on `stream`, a cudaStream_t. Error kDevice.
 
   /// Each word becomes the minimum over all processes, in every process.
-  Result<void> least(uint64_t* words, uint64_t count);
+  Result<void> least(uint64_t* words, uint64_t count, void* stream);
   /// Each word becomes the maximum over all processes, in process `root` alone.
-  Result<void> most(uint32_t* words, uint64_t count, uint32_t root);
+  Result<void> most(uint32_t* words, uint64_t count, uint32_t root, void* stream);
 
-  /// Waits for the queued work. Error kDevice, also if NCCL no longer reaches another process.
-  Result<void> wait();
+  /// Waits for the work that is queued on `stream`. Error kDevice, also if NCCL no longer reaches another process.
+  Result<void> wait(void* stream);
 
  private:
   struct Impl;

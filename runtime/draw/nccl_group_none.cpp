@@ -27,13 +27,13 @@ Result<NcclGroup::Id> NcclGroup::make_id() const {
 Result<void> NcclGroup::connect(const Id&, uint32_t, uint32_t, uint64_t) {
   return none();
 }
-Result<void> NcclGroup::least(uint64_t*, uint64_t) {
+Result<void> NcclGroup::least(uint64_t*, uint64_t, void*) {
   return none();
 }
-Result<void> NcclGroup::most(uint32_t*, uint64_t, uint32_t) {
+Result<void> NcclGroup::most(uint32_t*, uint64_t, uint32_t, void*) {
   return none();
 }
-Result<void> NcclGroup::wait() {
+Result<void> NcclGroup::wait(void*) {
   return none();
 }
 

@@ -2,7 +2,7 @@
 // exchange through a file in their folder that all of them map. The emulated program finds this library by its RPATH.
 // Exchanges are done at once, after the earlier work of the stream, and not in the background. With
 // SCREE_EMULATED_NCCL=connect:1, rank 1 fails to connect. With exchange:1 its exchanges fail. With late:1 its exchanges
-// fail after the first two, which are a part of connecting.
+// fail after the first two, which are a part of connecting, with later:1 after the first three.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -78,7 +78,10 @@ bool fails(const char* at, int rank) {
 
 int exchange(const void* from, void* to, size_t words, int type, int operation, int root, Group* group,
              cudaStream_t stream) {
-  if (fails("exchange", group->rank) || (++group->exchanges > 2 && fails("late", group->rank))) return kRemoteError;
+  ++group->exchanges;
+  if (fails("exchange", group->rank) || (group->exchanges > 2 && fails("late", group->rank)) ||
+      (group->exchanges > 3 && fails("later", group->rank)))
+    return kRemoteError;
   if ((type != kUint32 && type != kUint64) || (operation != kMin && operation != kMax)) return kInvalidArgument;
   if (cudaStreamSynchronize(stream) != cudaSuccess) return kSystemError;
   if (type == kUint32)

@@ -51,6 +51,8 @@ SCREE_WRAP_MAKE(cudaEventCreateWithFlags, cudaErrorUnknown, (cudaEvent_t * event
 SCREE_WRAP_MAKE(cudaStreamCreate, cudaErrorUnknown, (cudaStream_t * stream), (stream), stream)
 SCREE_WRAP_MAKE(cudaStreamCreateWithFlags, cudaErrorUnknown, (cudaStream_t * stream, unsigned flags), (stream, flags),
                 stream)
+SCREE_WRAP_MAKE(cudaStreamCreateWithPriority, cudaErrorUnknown, (cudaStream_t * stream, unsigned flags, int priority),
+                (stream, flags, priority), stream)
 SCREE_WRAP_MAKE(cudaGraphInstantiate, cudaErrorMemoryAllocation,
                 (cudaGraphExec_t * exec, cudaGraph_t graph, unsigned long long flags), (exec, graph, flags), exec)
 #undef SCREE_WRAP_MAKE

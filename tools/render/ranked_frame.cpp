@@ -35,6 +35,7 @@ bool reads_samples(const RenderOptions& options) {
 
 Result<void> RankedFrame::open(uint64_t frames) {
   const Stopwatch watch;
+  starts_next_ = frames > 1;
   Result<void> done = ranks_.agree(choose_gpu());
   const uint64_t samples = uint64_t{width()} * height() * options_.samples_per_side * options_.samples_per_side;
   if (done) done = ranks_.agree(links_.begin(ranks_, gpu_, options_.exchange, samples, frames));
@@ -99,6 +100,7 @@ Result<void> RankedFrame::upload() {
   runtime::PictureNeeds pictures{width(), height(), options_.samples_per_side,
                                  options_.output.empty() ? nullptr : &options_.shade};
   pictures.shadow_side = options_.light.shadow_side;
+  pictures.starts_next = starts_next_;
   const runtime::PageShare share{owners_, ranks_.rank()};
   Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
       *scene_, options_.device_memory, options_.threads, options_.reading, options_.textures.device_cache(),
@@ -112,9 +114,9 @@ Result<void> RankedFrame::upload() {
   return {};
 }
 
-/// After an error of the GPU: with --backend auto the CPU does the rest.
+/// After an error of the GPU: with --backend auto the CPU does the rest, unless GPUs of other ranks wait for this one.
 Result<void> RankedFrame::falls_back(const Error& error) {
-  if (error.code != ErrorCode::kDevice || options_.backend.choice != BackendChoice::kAuto)
+  if (error.code != ErrorCode::kDevice || options_.backend.choice != BackendChoice::kAuto || joins_ != 0)
     return at(options_.file, with_cpu_advice(error));
   if (!options_.quiet) warn_of_cpu("render", ranks_.named(error).message);
   sun_on_gpu_.reset();
@@ -150,11 +152,16 @@ Result<void> RankedFrame::load_own_pages() {
   return failure.any() ? Result<void>(at(options_.file, failure.error())) : Result<void>();
 }
 
-Result<void> RankedFrame::draw(const kernels::View& view, uint32_t root) {
+kernels::View RankedFrame::in_samples(kernels::View view) const {
+  view.width *= options_.samples_per_side;
+  view.height *= options_.samples_per_side;
+  return view;
+}
+
+Result<void> RankedFrame::draw(const kernels::View& view, uint32_t root, const std::optional<kernels::View>& next) {
   root_ = root;
-  view_ = view;
-  view_.width *= options_.samples_per_side;
-  view_.height *= options_.samples_per_side;
+  view_ = in_samples(view);
+  next_ = next ? std::optional(in_samples(*next)) : std::nullopt;
   const Stopwatch watch;
   const Result<void> drawn = draw_part();
   times_.draw = watch.elapsed().wall_ms;
@@ -200,10 +207,35 @@ Result<void> RankedFrame::draw_on_gpu() {
     if (!added) return added.error();
     sun_on_gpu_ = std::move(*added);
   }
+  const auto draw = [](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<bool> {
+    if (on_gpu.has_started()) return on_gpu.finish();
+    const auto drawn = on_gpu.draw(view);
+    return drawn ? Result<bool>(false) : drawn.error();
+  };
   if (shade_.sun != nullptr)
-    if (const auto drawn = sun_on_gpu_->draw(sun_.view); !drawn) return drawn.error();
-  if (const auto drawn = on_gpu_->draw(view_); !drawn) return drawn.error();
-  return takes_nccl() ? Result<void>() : read_samples();
+    if (const Result<bool> drawn = draw(*sun_on_gpu_, sun_.view); !drawn) return drawn.error();
+  const Result<bool> drawn = draw(*on_gpu_, view_);
+  if (!drawn) return drawn.error();
+  is_whole_ = *drawn && joins_ == 1;
+  if (takes_nccl()) return {};
+  (void)start_next(false);  // an error comes again when that frame is drawn
+  return read_samples();
+}
+
+/// The GPU begins to draw its part of the next frame. `by_nccl`: all ranks do so. After pass 1 it then gets the depths
+/// of all ranks, and pass 2 skips clusters that another rank's surfaces hide.
+Result<void> RankedFrame::start_next(bool by_nccl) {
+  joins_ = 0;
+  if (!next_) return {};
+  Result<void> done;
+  if (sun_on_gpu_)
+    if (const auto sun = runtime::sun_of(*scene_, *next_, options_.light.shadow_side))
+      done = sun_on_gpu_->start(sun->view);
+  if (!done || !by_nccl) return done ? on_gpu_->start(*next_) : done;
+  return on_gpu_->start(*next_, [this](uint64_t* samples, void* stream) {
+    const uint64_t count = uint64_t{next_->width} * next_->height;
+    return ++joins_ == 1 ? links_.group()->least(samples, count, stream) : Result<void>();
+  });
 }
 
 /// Copies the samples from the GPU.
@@ -215,30 +247,43 @@ Result<void> RankedFrame::read_samples() {
   return sun_on_gpu_->read_samples(shadows_);
 }
 
-/// Joins the samples of all ranks.
+/// Joins the samples of all ranks. GPUs that do so by NCCL begin the next frame meanwhile.
 Result<void> RankedFrame::join() {
-  uint64_t all_take_nccl = takes_nccl() ? 1 : 0;
-  Result<void> done = ranks_.least(std::span(&all_take_nccl, 1));
-  is_by_nccl_ = all_take_nccl != 0;
-  const Stopwatch watch;
-  if (!is_by_nccl_ && takes_nccl() && done) done = read_samples();
-  if (done) done = is_by_nccl_ ? join_by_nccl() : ranks_.least(samples_);
-  if (!is_by_nccl_ && done && shade_.sun != nullptr) done = ranks_.least(shadows_);
-  times_.exchange = watch.elapsed().wall_ms;
+  enum Way : uint64_t { kByMpi, kByNccl, kIsWhole };
+  uint64_t way = !takes_nccl() ? kByMpi : is_whole_ ? kIsWhole : kByNccl;
+  Result<void> done = ranks_.least(std::span(&way, 1));
+  is_by_nccl_ = way != kByMpi;
+  if (is_by_nccl_) {
+    if (done) done = join_by_nccl(way == kIsWhole);
+  } else {
+    if (takes_nccl()) (void)start_next(false);
+    const Stopwatch watch;
+    if (takes_nccl() && done) done = read_samples();
+    if (done) done = ranks_.least(samples_);
+    if (done && shade_.sun != nullptr) done = ranks_.least(shadows_);
+    times_.exchange = watch.elapsed().wall_ms;
+  }
   const bool reads = is_by_nccl_ && (reads_surfaces(options_) || (is_root() && reads_samples(options_)));
   if (done && reads) done = read_samples();
   return done ? done : at(options_.file, done.error());
 }
 
-Result<void> RankedFrame::join_by_nccl() {
+/// `is_whole`: all ranks have the picture's samples already.
+Result<void> RankedFrame::join_by_nccl(bool is_whole) {
   runtime::NcclGroup& group = *links_.group();
+  void* const stream = on_gpu_->stream();
   const auto join = [&](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<void> {
     const Result<uint64_t*> samples = on_gpu.samples();
-    return samples ? group.least(*samples, uint64_t{view.width} * view.height) : samples.error();
+    return samples ? group.least(*samples, uint64_t{view.width} * view.height, stream) : samples.error();
   };
-  Result<void> done = join(*on_gpu_, view_);
+  // NCCL exchanges in this order, so these run beside pass 1 of the next frame.
+  Result<void> done = is_whole ? Result<void>() : join(*on_gpu_, view_);
   if (done && shade_.sun != nullptr) done = join(*sun_on_gpu_, sun_.view);
-  return done ? group.wait() : done;
+  if (done) done = start_next(true);
+  const Stopwatch watch;
+  if (done) done = group.wait(stream);
+  times_.exchange = watch.elapsed().wall_ms;
+  return done;
 }
 
 Result<void> RankedFrame::shade() {
@@ -297,14 +342,15 @@ Result<void> RankedFrame::shade_by_nccl() {
   if (!colors) return colors.error();
   Result<uint32_t*> pixels = nullptr;
   if (are_pixels) pixels = on_gpu_->resolve_colors(view_, 1, shade_);
-  Result<void> done = pixels ? group.wait() : pixels.error();
+  void* const stream = on_gpu_->stream();
+  Result<void> done = pixels ? group.wait(stream) : pixels.error();
   times_.shade = watch.elapsed().wall_ms;
   const Stopwatch gather_watch;
   const uint64_t samples = uint64_t{view_.width} * view_.height;
   if (done)
-    done = are_pixels ? group.most(*pixels, samples, root_)
-                      : group.most(reinterpret_cast<uint32_t*>(*colors), 3 * samples, root_);
-  if (done) done = group.wait();
+    done = are_pixels ? group.most(*pixels, samples, root_, stream)
+                      : group.most(reinterpret_cast<uint32_t*>(*colors), 3 * samples, root_, stream);
+  if (done) done = group.wait(stream);
   times_.exchange += gather_watch.elapsed().wall_ms;
   if (!done || !is_root()) return done;
   const Stopwatch read_watch;

@@ -24,6 +24,9 @@ namespace scree::tools {
 /// samples. Each rank shades the samples of its own pages, and one rank, the root, gets the colours. All results equal
 /// those of one process, because a sample is the minimum over fragments, whichever rank draws them.
 ///
+/// A GPU draws the next frame while the ranks exchange, shade and gather this one. A CPU does not: its exchanges and
+/// shading would take the cores that it draws with.
+///
 /// All ranks call open(), draw(), shade() and layers() in the same order. Errors as for one process, at the rank that
 /// failed. It must end all ranks, because the others wait for it.
 class RankedFrame {
@@ -34,7 +37,8 @@ class RankedFrame {
   Result<void> open(uint64_t frames);
 
   /// Draws a frame, with the samples of all ranks. `view`: its sides in pixels. `root`: the rank that gets the results.
-  Result<void> draw(const kernels::View& view, uint32_t root);
+  /// `next`: the view of the next draw(), which a GPU begins; nothing if there is none.
+  Result<void> draw(const kernels::View& view, uint32_t root, const std::optional<kernels::View>& next);
 
   /// Shades the frame that draw() made last. Does nothing if no output is made from colours of surfaces.
   Result<void> shade();
@@ -64,7 +68,8 @@ class RankedFrame {
     return gpus == ranks ? "the GPUs" : std::to_string(gpus) + " GPUs and the CPUs";
   }
 
-  /// Milliseconds of this rank, of loading and of the last frame.
+  /// Milliseconds of this rank, of loading and of the last frame. Where a GPU has begun the next frame, `draw` and
+  /// `exchange` are the times that were left to wait.
   struct Times {
     double load = 0, connect = 0, draw = 0, shade = 0, exchange = 0;
   };
@@ -87,9 +92,11 @@ class RankedFrame {
   Result<void> draw_part();
   Result<void> draw_on_cpu();
   Result<void> draw_on_gpu();
+  Result<void> start_next(bool by_nccl);
+  kernels::View in_samples(kernels::View view) const;
   Result<void> read_samples();
   Result<void> join();
-  Result<void> join_by_nccl();
+  Result<void> join_by_nccl(bool is_whole);
   Result<void> shade_on_cpu();
   Result<void> shade_on_gpu();
   Result<float*> make_colors_on_gpu();
@@ -112,8 +119,12 @@ class RankedFrame {
   std::vector<const std::byte*> pages_;           // by page number; null: another rank's, or only on the GPU
   kernels::SceneView scene_view_{};               // with this rank's pages only
   kernels::View view_{};                          // width and height in samples
+  std::optional<kernels::View> next_;             // likewise, of the next draw()
+  bool starts_next_ = false;                      // there is more than one frame
   uint32_t root_ = 0;
   bool is_by_nccl_ = false;
+  uint32_t joins_ = 0;                // calls of LowerSamples in the frame that was started last
+  bool is_whole_ = false;             // the GPU's samples are those of all ranks already
   const uint32_t* pixels_ = nullptr;  // the picture in the GPU's memory, of a frame by NCCL
   std::vector<uint64_t> samples_;
   kernels::ShadeOptions shade_;  // of options_, with the sun if the frame has its shadows

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <memory>
 #include <new>
 #include <optional>
@@ -52,6 +53,12 @@ struct WantedFrame {
 struct DrawnFrame {
   uint64_t frame = 0;
   std::vector<std::vector<std::byte>> layers;  // one per output
+};
+
+/// After writing a frame.
+struct WrittenFrame {
+  double wall_ms;
+  std::vector<std::vector<std::byte>> layers;  // free to be used again
 };
 
 class PathRenderer {
@@ -276,11 +283,12 @@ class PathRenderer {
     progress_.stage("render", frames_.size(), "frames");
     const StopOnSignal handlers("existing frames are complete; --resume draws the others");
     convert::WorkerPool pool(options_.threads, nullptr);
-    convert::OrderedResults<double> written(pool, false);
+    convert::OrderedResults<WrittenFrame> written(pool, false);
     const auto take = [&]() -> Result<void> {
-      const Result<double> wall_ms = written.take();
-      if (!wall_ms) return wall_ms.error();
-      write_ms_ += *wall_ms;
+      Result<WrittenFrame> done = written.take();
+      if (!done) return done.error();
+      write_ms_ += done->wall_ms;
+      std::move(done->layers.begin(), done->layers.end(), std::back_inserter(free_));
       progress_.update(++done_, 0);
       return {};
     };
@@ -292,7 +300,7 @@ class PathRenderer {
         continue;
       }
       const WantedFrame& wanted = wanted_[next];
-      Result<DrawnFrame> drawn = shared_ ? draw_shared(wanted) : draw(wanted.frame);
+      Result<DrawnFrame> drawn = shared_ ? draw_shared(next) : draw(wanted.frame);
       if (!drawn && !shared_ && drawn.error().code == ErrorCode::kDevice &&
           options_.backend.choice == BackendChoice::kAuto) {
         // If the GPU fails, the CPU draws the same pictures.
@@ -304,7 +312,7 @@ class PathRenderer {
       ++next;
       if (wanted.rank != ranks_.rank()) continue;
       if (const Result<void> whole = check_not_cut(scene().file().map()); !whole) return whole;
-      const auto job = std::make_shared<const DrawnFrame>(std::move(*drawn));
+      const auto job = std::make_shared<DrawnFrame>(std::move(*drawn));
       written.submit([this, job](uint32_t) { return write(*job); }, 0);
     }
     return {};
@@ -321,7 +329,7 @@ class PathRenderer {
     DrawnFrame drawn;
     drawn.frame = frame;
     for (const Output& output : outputs_) {
-      std::vector<std::byte>& bytes = drawn.layers.emplace_back(renderer_->layer_bytes(output.layer));
+      std::vector<std::byte>& bytes = drawn.layers.emplace_back(take_buffer(renderer_->layer_bytes(output.layer)));
       if (const Result<void> read = renderer_->read(output.layer, bytes); !read) return read.error();
     }
     shade_ms_ += watch.elapsed().wall_ms;
@@ -329,13 +337,20 @@ class PathRenderer {
     return drawn;
   }
 
-  /// The same with all ranks. Ranks that do not write the frame get no outputs.
-  Result<DrawnFrame> draw_shared(const WantedFrame& wanted) {
+  /// The same with all ranks, for wanted_[number]. Ranks that do not write the frame get no outputs.
+  Result<DrawnFrame> draw_shared(size_t number) {
+    const WantedFrame& wanted = wanted_[number];
     DrawnFrame drawn;
     drawn.frame = wanted.frame;
     const Result<kernels::View> view = view_of(wanted.frame);
     if (!view) return view.error();
-    Result<void> done = shared_->draw(*view, wanted.rank);
+    std::optional<kernels::View> next;
+    if (number + 1 < wanted_.size()) {
+      const Result<kernels::View> after = view_of(wanted_[number + 1].frame);
+      if (!after) return after.error();
+      next = *after;
+    }
+    Result<void> done = shared_->draw(*view, wanted.rank, next);
     if (done) done = shared_->shade();
     if (!done) return done.error();
     // Means over the ranks, when the report adds them up.
@@ -347,10 +362,10 @@ class PathRenderer {
     for (const Output& output : outputs_) {
       if (output.layer == Layer::kSamples) {
         const std::span<const std::byte> bytes = std::as_bytes(shared_->samples());
-        drawn.layers.emplace_back(bytes.begin(), bytes.end());
+        std::copy(bytes.begin(), bytes.end(), drawn.layers.emplace_back(take_buffer(bytes.size())).begin());
         continue;
       }
-      std::vector<std::byte>& bytes = drawn.layers.emplace_back(pixels() * 4);
+      std::vector<std::byte>& bytes = drawn.layers.emplace_back(take_buffer(pixels() * 4));
       done = output.layer == Layer::kDepth
                  ? shared_->read_depth(bytes)
                  : shared_->read_picture({reinterpret_cast<uint32_t*>(bytes.data()), pixels()});
@@ -361,8 +376,17 @@ class PathRenderer {
     return drawn;
   }
 
-  /// Writes the files of a frame. Returns the time in milliseconds.
-  Result<double> write(const DrawnFrame& drawn) const {
+  /// Memory with any contents, if possible that of a frame before: clearing new memory can take longer than drawing.
+  std::vector<std::byte> take_buffer(uint64_t bytes) {
+    const auto found = std::find_if(free_.begin(), free_.end(), [&](const auto& one) { return one.size() == bytes; });
+    if (found == free_.end()) return std::vector<std::byte>(bytes);
+    std::vector<std::byte> taken = std::move(*found);
+    free_.erase(found);
+    return taken;
+  }
+
+  /// Writes the files of a frame.
+  Result<WrittenFrame> write(DrawnFrame& drawn) const {
     const Stopwatch watch;
     const format::Existing existing = options_.path->resume ? format::Existing::kReplace : options_.existing;
     for (size_t i = 0; i < outputs_.size(); ++i) {
@@ -380,7 +404,7 @@ class PathRenderer {
       }
       if (!done) return done.error();
     }
-    return watch.elapsed().wall_ms;
+    return WrittenFrame{watch.elapsed().wall_ms, std::move(drawn.layers)};
   }
 
   /// Writes the alpha only if the background is not opaque, as for a single picture.
@@ -498,6 +522,7 @@ class PathRenderer {
   std::unique_ptr<ViewRenderer> renderer_;
   std::optional<RankedFrame> shared_;  // instead, if the ranks share the geometry
   uint64_t most_waiting_ = 1;
+  std::vector<std::vector<std::byte>> free_;  // memory of frames that are written
   uint64_t done_ = 0;
   uint64_t frames_with_more_layers_ = 0;  // frames with more layers of blended surfaces than are drawn
   Stopwatch watch_;

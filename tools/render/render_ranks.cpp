@@ -33,8 +33,8 @@ class RankedPicture {
     const Result<kernels::View> view =
         runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options_.camera);
     done = ranks_.agree(view ? Result<void>() : at(options_.file, view.error()));
-    for (uint32_t i = 0; i < options_.frames && done; ++i) {
-      done = frame_.draw(*view, 0);
+    for (uint32_t i = 1; i <= options_.frames && done; ++i) {
+      done = frame_.draw(*view, 0, i < options_.frames ? std::optional(*view) : std::nullopt);
       if (done) done = frame_.shade();
     }
     if (!done) return done;

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "runtime/draw/renderer.h"
@@ -252,6 +253,68 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
   REQUIRE(together->has_value());
   REQUIRE(both[1].read(*block, std::as_writable_bytes(std::span(ids))));
   CHECK(ids == expected);
+}
+
+TEST_CASE("a view shades and reads a picture while it draws the next one", "[cuda]") {
+  if (!scree::tests::has_gpu()) return;
+  using scree::runtime::PixelLayer;
+  const scree::tests::TempFolder folder;
+  const Scene scene = load_cube(folder);
+  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
+  REQUIRE(device);
+  Result<scree::runtime::DeviceView> drawn = device->add_view(scene);
+  REQUIRE(drawn);
+  const scree::kernels::ShadeOptions options;
+  const auto outputs = [&](const View& view) {
+    const uint64_t pixels = uint64_t{view.width} * view.height;
+    std::vector<uint64_t> samples(pixels);
+    std::vector<uint32_t> rgba(pixels), joined(pixels);
+    std::vector<float> depths(pixels);
+    REQUIRE(drawn->read_samples(samples));
+    REQUIRE(drawn->resolve(view, 1, options, rgba));
+    REQUIRE(drawn->make_colors(view, options));
+    const Result<uint32_t*> made = drawn->resolve_colors(view, 1, options);
+    REQUIRE(made);
+    REQUIRE(drawn->read(*made, std::as_writable_bytes(std::span(joined))));
+    const Result<const std::byte*> layer = drawn->make_layer(view, 1, PixelLayer::kDepth);
+    REQUIRE(layer);
+    REQUIRE(drawn->read(*layer, std::as_writable_bytes(std::span(depths))));
+    return std::tuple(samples, rgba, joined, depths);
+  };
+  std::vector<View> views;
+  std::vector<decltype(outputs(views[0]))> expected;
+  for (uint32_t i = 0; i < 4; ++i) {
+    scree::runtime::CameraOptions camera;
+    camera.width = 60 + 20 * i;
+    camera.height = 50;
+    camera.eye = scree::runtime::Vec3{2.0 - 0.9 * i, 1.5, 2};
+    camera.target = scree::runtime::Vec3{0, 0, 0};
+    views.push_back(scree::tests::must_view(scene, camera));
+    REQUIRE(drawn->draw(views[i]));
+    expected.push_back(outputs(views[i]));
+    if (i > 0) CHECK(std::get<0>(expected[i]) != std::get<0>(expected[i - 1]));
+  }
+  REQUIRE(drawn->draw(views[0]));
+  for (size_t i = 0; i < views.size(); ++i) {
+    INFO("picture " << i);
+    uint64_t* joined = nullptr;  // the scene has one pass, at whose end all samples are drawn
+    const auto join = [&](uint64_t* samples, void*) -> Result<void> {
+      CHECK(joined == nullptr);
+      joined = samples;
+      return {};
+    };
+    if (i == 1) REQUIRE(drawn->start(views[i + 1], join));
+    if (i != 1 && i + 1 < views.size()) REQUIRE(drawn->start(views[i + 1]));
+    CHECK(drawn->has_started() == (i + 1 < views.size()));
+    CHECK((outputs(views[i]) == expected[i]));
+    CHECK(static_cast<bool>(drawn->make_layer(views[i], 1, PixelLayer::kNormal)) == !drawn->has_started());
+    if (!drawn->has_started()) continue;
+    const Result<bool> finished = drawn->finish();
+    REQUIRE(finished);
+    CHECK((i != 1 || *finished));
+    CHECK((i == 1) == (joined == drawn->samples().value()));
+  }
+  REQUIRE(drawn->start(views[1]));  // and not finished
 }
 
 TEST_CASE("a scene larger than its limit of device memory is refused with both sizes", "[cuda]") {

@@ -390,7 +390,7 @@ TEST_CASE("ranks that share the geometry of a film draw the same frames as one r
     for (const std::string more : {"", "--samples 2 --ssao --background transparent"}) {
       Launch alone(film(1, "one", "--force --share geometry " + more), folder);
       REQUIRE(alone.wait(60) == 0);
-      for (const int ranks : {2, 3}) {
+      for (const int ranks : {2, 3, 5}) {
         INFO(ranks << " ranks, " << more);
         Launch launch(film(ranks, "all", "--force --share geometry --json " + more), folder);
         REQUIRE(launch.wait(60) == 0);
@@ -493,15 +493,23 @@ TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU",
       CHECK(made() == expected);
     }
   }
-  make_path(folder, "0.05");  // 2 frames
-  const std::string film = "--path path.json --size 60x40 -q -f --samples 2 ";
-  Launch of_one(render(1, film + "-o f_%d.png --depth f_%d.pfm --visbuffer f_%d.bin"), folder);
-  REQUIRE(of_one.wait(60) == 0);
-  Launch of_all(render_on_gpus(2, film + "--share geometry --exchange nccl -o g_%d.png --depth g_%d.pfm "
-                                         "--visbuffer g_%d.bin"),
-                folder);
-  REQUIRE(of_all.wait(240) == 0);
-  for (const std::string frame : {"_0", "_1"}) CHECK(files_of(folder, "g" + frame) == files_of(folder, "f" + frame));
+  make_path(folder, "0.1");  // 4 frames; each GPU begins the next one before a frame is exchanged
+  for (const std::string more : {"--samples 2", "--light scene --shadows --shadow-size 300"}) {
+    const std::string film = "--path path.json --size 60x40 -q -f " + more;
+    Launch of_one(render(1, film + " -o f_%d.png --depth f_%d.pfm --visbuffer f_%d.bin"), folder);
+    REQUIRE(of_one.wait(60) == 0);
+    for (const std::string exchange : {"nccl", "mpi"}) {
+      INFO(more << ", " << exchange);
+      Launch of_all(render_on_gpus(2, film +
+                                          " --share geometry -o g_%d.png --depth g_%d.pfm --visbuffer g_%d.bin "
+                                          "--exchange " +
+                                          exchange),
+                    folder);
+      REQUIRE(of_all.wait(240) == 0);
+      for (const std::string frame : {"_0", "_1", "_2", "_3"})
+        CHECK(files_of(folder, "g" + frame) == files_of(folder, "f" + frame));
+    }
+  }
 #if defined(SCREE_HAS_EXR)
   Launch alone(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder);  // its colours are not rounded to 8 bits
   REQUIRE(alone.wait(120) == 0);
@@ -563,6 +571,13 @@ TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render
     const NcclFails rank("late:1");
     fails(render_on_gpus(2, "--exchange nccl -q -o no.png"), 4, "rank 1 of 2 on ");
     CHECK_FALSE(fs::exists(folder.file("no.png")));
+  }
+  {  // while the second frame of a film begins
+    make_path(folder, "0.1");
+    const NcclFails rank("later:1");
+    fails(render_on_gpus(2, "--path path.json --share geometry --size 32x24 --exchange nccl -q -o no_%d.png"), 4,
+          "rank 1 of 2 on ");
+    CHECK_FALSE(fs::exists(folder.file("no_0.png")));
   }
   // The CPU draws layers of blended surfaces.
   const TempFolder with_layers;
