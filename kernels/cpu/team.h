@@ -296,8 +296,7 @@ class CpuTeam {
             if (codes[k] <= sample_depth_code(__atomic_load_n(sample, __ATOMIC_RELAXED))) {
               const uint64_t drawn = pack_sample(codes[k], triangle.id);
               if constexpr (Mask::kTests) {
-                if (drawn < load_relaxed(sample))
-                  draw_tested(*this, target, sample, drawn, mask, box.x0 + start + k, y);
+                mask.draw(*this, target, drawn < load_relaxed(sample), sample, drawn, box.x0 + start + k, y);
               } else {
                 update_min(sample, drawn);
               }

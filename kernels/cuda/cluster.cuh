@@ -266,117 +266,86 @@ struct SurvivorReader {
         prediction(at.predicted_axis, data + at.prediction) {}
 };
 
+/// Makes the planes of survivors.
+struct ClusterPlanes {
+  using Key = SurvivorTriangle;
+  const ClusterFrame* frame;
+
+  __device__ const FrameView& frame_view() const { return frame->small.view; }
+
+  template <bool kOrthographic>
+  __device__ void make(const SurvivorTriangle& survivor, MaskPlane& out) const {
+    const SceneView& scene = frame->small.scene;
+    const SurvivorReader reader(*frame, survivor);
+    const format::ChunkRecord& chunk = scene.chunks[reader.draw.chunk];
+    const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+    const MaskView* const mask = mask_of(scene, mesh);
+    if (mask == nullptr) return;
+    // The streams follow each other as in format::chunk_streams().
+    const std::byte* const uvs =
+        reinterpret_cast<const std::byte*>(reader.data) + format::packed_bytes(chunk.cluster_words, 32);
+    const std::byte* colors = nullptr;
+    if (masks_by_colors(scene, mesh))
+      colors = uvs + format::packed_bytes(chunk.vertex_count, uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1]);
+    MaskCorner<int32_t> corners[3];
+    for (uint32_t n = 0; n < 3; ++n) {
+      corners[n].vertex = reader.first_vertex + reader.corner(n);
+      reader.relative(n, corners[n].relative);
+    }
+    make_mask_plane<kOrthographic>(mask, frame->small.view, frame->small.list.transforms[reader.draw.instance],
+                                   MaskVertices(chunk, uvs, colors), corners, out);
+  }
+};
+
+using ClusterWaiting = WaitingSamples<SurvivorTriangle>;
+
 /// This warp's memory for masks, in kernels that draw masked triangles. It lies behind the ClusterShared of all warps.
-__device__ inline WarpMasks& cluster_masks() {
+__device__ inline ClusterWaiting& cluster_masks() {
   extern __shared__ uint4 shared_memory[];
-  return reinterpret_cast<WarpMasks*>(reinterpret_cast<ClusterShared*>(shared_memory) +
-                                      kClusterWarps)[threadIdx.x / kWarpLanes];
+  return reinterpret_cast<ClusterWaiting*>(reinterpret_cast<ClusterShared*>(shared_memory) +
+                                           kClusterWarps)[threadIdx.x / kWarpLanes];
 }
 
 /// This warp's memory for masks in kernels whose shared memory is static; null if they draw only opaque triangles.
 template <Alpha kAlpha>
-__device__ inline WarpMasks* block_masks() {
+__device__ inline ClusterWaiting* block_masks() {
   if constexpr (kAlpha != Alpha::kOpaque) {
-    __shared__ WarpMasks masks[kClusterWarps];
+    __shared__ ClusterWaiting masks[kClusterWarps];
     return masks + threadIdx.x / kWarpLanes;
   } else {
     return nullptr;
   }
 }
 
-/// The corners of a survivor, for its plane: lattice coordinates minus the transform's reference.
-struct SurvivorCorners {
-  int32_t position[3][3];
-
-  __device__ void read(const SurvivorReader& reader) {
-    for (uint32_t n = 0; n < 3; ++n) reader.relative(n, position[n]);
-  }
-};
-
-/// Makes the plane of a survivor on its `mask`. Out of line, because it takes many registers.
-template <bool kOrthographic>
-__device__ __noinline__ void make_cluster_plane(const ClusterFrame& frame, const SurvivorTriangle& survivor,
-                                                const SurvivorCorners& at, const MaskView* mask, MaskPlane& out) {
-  const SurvivorReader reader(frame, survivor);
-  const SceneView& scene = frame.small.scene;
-  const format::ChunkRecord& chunk = scene.chunks[reader.draw.chunk];
-  // The streams follow each other as in format::chunk_streams().
-  const std::byte* const uvs =
-      reinterpret_cast<const std::byte*>(reader.data) + format::packed_bytes(chunk.cluster_words, 32);
-  const std::byte* colors = nullptr;
-  if (masks_by_colors(scene, scene.meshes[chunk.mesh]))
-    colors = uvs + format::packed_bytes(chunk.vertex_count, uint32_t{chunk.uv_bits[0]} + chunk.uv_bits[1]);
-  const MaskVertices vertices(chunk, uvs, colors);
-  MaskCorner<int32_t> corners[3];
-  for (uint32_t n = 0; n < 3; ++n) {
-    corners[n].vertex = reader.first_vertex + reader.corner(n);
-    for (int k = 0; k < 3; ++k) corners[n].relative[k] = at.position[n][k];
-  }
-  make_mask_plane<kOrthographic>(mask, frame.small.view, frame.small.list.transforms[reader.draw.instance], vertices,
-                                 corners, out);
-}
-
-/// Like LaneMask, for a cluster's triangle, whose corners a SurvivorReader reads.
-template <bool kOfLayers>
-struct ClusterMask : TestedSamples<kOfLayers> {
-  const MaskView* mask = nullptr;  // null: the lane's triangle has none
-  WarpMasks* shared;
-  const ClusterFrame* frame;
-  SurvivorTriangle survivor;
-  SurvivorCorners corners;  // as read when the triangle was projected
-
-  __device__ ClusterMask(const ClusterFrame& of, WarpMasks& warp) : shared(&warp), frame(&of) {}
-
-  /// Returns Triangle::is_masked.
-  __device__ uint32_t find(const SurvivorTriangle& of, const SurvivorCorners& at) {
-    survivor = of;
-    corners = at;
-    const SceneView& scene = frame->small.scene;
-    const uint32_t chunk = frame->list.draws[frame->list.items[of.item].draw].chunk;
-    mask = mask_of(scene, scene.meshes[scene.chunks[chunk].mesh]);
-    return is_tested(scene, frame->small.view, mask);
-  }
-  __device__ uint32_t find(const SurvivorTriangle& of) {
-    SurvivorCorners at;
-    at.read(SurvivorReader(*frame, of));
-    return find(of, at);
-  }
-
-  /// As in LaneMask.
-  __device__ const FrameView& frame_view() const { return frame->small.view; }
-  __device__ bool waits() const { return mask != nullptr || frame->small.view.clip_box.is_set; }
-
-  template <bool kOrthographic>
-  __device__ void make_plane(MaskPlane& out) const {
-    out.mask = nullptr;
-    if (mask == nullptr) return;
-    make_cluster_plane<kOrthographic>(*frame, survivor, corners, mask, out);
-  }
-};
-
 /// The tests of the lane's triangle. `masks()`: returns the warp's shared memory for masks; called only if kAlpha is
 /// not kOpaque.
 template <Alpha kAlpha, class Masks>
 __device__ inline auto lane_mask(const ClusterFrame& frame, const Masks& masks) {
   if constexpr (kAlpha != Alpha::kOpaque) {
-    return ClusterMask<kAlpha == Alpha::kBlended>(frame, masks());
+    return LaneMask<ClusterPlanes, kAlpha == Alpha::kBlended>(masks(), ClusterPlanes{&frame});
   } else {
     return NoLaneMask{};
   }
 }
 
+/// LaneMask::find() of a survivor.
+template <class Mask>
+__device__ inline uint32_t find_mask(Mask& mask, const ClusterFrame& frame, const SurvivorTriangle& survivor) {
+  return mask.find(frame.small.scene, frame.list.draws[frame.list.items[survivor.item].draw].chunk, survivor);
+}
+
 /// Projects a survivor. Returns false if there is nothing to draw, or if it was queued to be clipped.
 template <bool kOrthographic>
 __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const SurvivorTriangle& survivor,
-                                                SurvivorCorners& corners, Triangle& triangle, PixelBox& box,
-                                                int64_t& area) {
+                                                Triangle& triangle, PixelBox& box, int64_t& area) {
   const FrameView& view = frame.small.view;
   const SurvivorReader reader(frame, survivor);
   const ClusterDraw& draw = reader.draw;
   ProjectedPoint points[3];
   for (uint32_t i = 0; i < 3; ++i) {  // reading all corners first would take more registers
-    reader.relative(i, corners.position[i]);
-    points[i] = reader.project<kOrthographic>(corners.position[i]);
+    int32_t position[3];
+    reader.relative(i, position);
+    points[i] = reader.project<kOrthographic>(position);
   }
   const bool in_range = points[0].in_range & points[1].in_range & points[2].in_range;
   const bool far_away = (draw.flags & ClusterDraw::kFarAway) != 0;
@@ -414,6 +383,8 @@ class ClusterWarp {
     const uint64_t warps = uint64_t{gridDim.x} * kClusterWarps;
     // Several warps share a cluster if a warp then draws at most 2.5 parts on average.
     if constexpr (kParts != 1) parts_ = 2 * total * kParts <= 5 * warps ? kParts : 1;
+    auto mask = lane_mask<kAlpha>(frame_, cluster_masks);
+    if constexpr (kAlpha != Alpha::kOpaque) mask.begin(cluster_masks());
     ClusterShared& shared = cluster_shared();
     if (lane_ == 0) shared.end = total * parts();
     if (kLateCull && lane_ == 0) {
@@ -433,6 +404,7 @@ class ClusterWarp {
                static_cast<uint32_t>(start % parts()));
     }
     if (survivor_count_ != 0) flush_survivors();
+    if constexpr (kAlpha != Alpha::kOpaque) mask.template finish<kOrthographic>(frame_.small.target);
     const uint64_t small = sum_of_lanes(small_);
     if (lane_ == 0 && small != 0) WarpTeam::add(&counters.queues.triangles_small, small);
     if (kLateCull && lane_ == 0 && shared.culled_late != 0)
@@ -529,12 +501,11 @@ class ClusterWarp {
     int64_t area = 0;
     int64_t pixels = 0;
     auto mask = lane_mask<kAlpha>(frame_, cluster_masks);
-    SurvivorCorners corners;
     if (lane_ < count && project_cluster_survivor<kOrthographic>(frame_, shared.survivors[survivor_count_ + lane_],
-                                                                 corners, triangle, box, area)) {
+                                                                 triangle, box, area)) {
       pixels = box.pixels();
       if constexpr (kAlpha != Alpha::kOpaque)
-        triangle.is_masked = mask.find(shared.survivors[survivor_count_ + lane_], corners);
+        triangle.is_masked = find_mask(mask, frame_, shared.survivors[survivor_count_ + lane_]);
     }
     if (draw_set_up<kOrthographic>(frame_.small.target, frame_.small.queues, shared.set_up, triangle, box, area, pixels,
                                    mask)) {
@@ -580,7 +551,7 @@ __device__ inline bool clip_survivor_near(const ClusterFrame& frame, const Survi
 /// clip_and_draw(). `masks`: null if all triangles are opaque.
 template <Alpha kAlpha>
 __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const ClipItem& item, bool has_one,
-                                             SetUpTriangles& set_up, [[maybe_unused]] WarpMasks* masks) {
+                                             SetUpTriangles& set_up, [[maybe_unused]] ClusterWaiting* masks) {
   const SurvivorReader reader(frame, item.survivor);
   NearPolygon polygon;
   uint32_t drawn = 0;
@@ -592,9 +563,9 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
       drawn = clip_and_draw<false, kAlpha>(frame.small, item.instance, item.chunk, item.triangle);
     }
   }
-  auto mask = lane_mask<kAlpha>(frame, [&]() -> WarpMasks& { return *masks; });
+  auto mask = lane_mask<kAlpha>(frame, [&]() -> ClusterWaiting& { return *masks; });
   [[maybe_unused]] uint32_t is_masked = 0;
-  if constexpr (kAlpha != Alpha::kOpaque) is_masked = mask.find(item.survivor);
+  if constexpr (kAlpha != Alpha::kOpaque) is_masked = find_mask(mask, frame, item.survivor);
     // A polygon of 4 corners is drawn as two triangles.
 #pragma unroll 1
   for (int i = 2; i < 4; ++i) {
@@ -641,16 +612,20 @@ __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
   const uint64_t threads = uint64_t{gridDim.x} * kClusterThreads;
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint32_t warp = threadIdx.x / kWarpLanes;
+  ClusterWaiting* const masks = block_masks<kAlpha>();
+  auto mask = lane_mask<kAlpha>(frame, [&]() -> ClusterWaiting& { return *masks; });
+  if constexpr (kAlpha != Alpha::kOpaque) mask.begin(*masks);
   uint32_t small = 0;
   uint32_t clipped = 0;
   for (uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * kClusterThreads + warp * kWarpLanes;
        first < end; first += threads) {
     const bool has_one = first + lane < end;
     const uint32_t drawn = draw_near_clipped<kAlpha>(frame, frame.list.to_clip[has_one ? first + lane : first], has_one,
-                                                     set_up[warp], block_masks<kAlpha>());
+                                                     set_up[warp], masks);
     small += drawn & 0xffffu;
     clipped += drawn >> 16;
   }
+  if constexpr (kAlpha != Alpha::kOpaque) mask.template finish<false>(frame.small.target);
   small = sum_of_lanes(small);
   clipped = sum_of_lanes(clipped);
   if (lane != 0) return;

@@ -34,7 +34,9 @@ __global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kM
   static_assert(kClusterThreads >= format::kMaxClusterVertices && kClusterThreads >= format::kMaxClusterTriangles);
   __shared__ ScreenVertex vertices[format::kMaxClusterVertices];
   __shared__ SetUpTriangles set_up_triangles[kClusterWarps];
-  [[maybe_unused]] WarpMasks* const masks = block_masks<kAlpha>();
+  [[maybe_unused]] ClusterWaiting* const masks = block_masks<kAlpha>();
+  const auto new_mask = [&] { return lane_mask<kAlpha>(frame, [&]() -> ClusterWaiting& { return *masks; }); };
+  if constexpr (kAlpha != Alpha::kOpaque) new_mask().begin(*masks);
   FrameCounters& counters = *frame.small.list.counters;
   const FrameView& view = frame.small.view;
   const uint32_t thread = threadIdx.x;
@@ -67,7 +69,7 @@ __global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kM
     PixelBox box{};
     int64_t area = 0;
     int64_t pixels = 0;
-    auto mask = lane_mask<kAlpha>(frame, [&]() -> WarpMasks& { return *masks; });
+    auto mask = new_mask();
     if (has_triangle && ((a.flags | b.flags | c.flags) & kNeedsClip) != 0) {
       if ((a.flags & b.flags & c.flags & kOutsideMask) == 0)
         push(WarpTeam{}, &counters.to_clip, frame.list.to_clip, frame.list.clip_capacity,
@@ -75,12 +77,13 @@ __global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kM
     } else if (has_triangle && set_up(view, a, b, c, draw.first_id + number, (draw.flags & ClusterDraw::kMirrored) != 0,
                                       (draw.flags & ClusterDraw::kDoubleSided) != 0, triangle, box, area)) {
       pixels = box.pixels();
-      if constexpr (kAlpha != Alpha::kOpaque) triangle.is_masked = mask.find(numbers);
+      if constexpr (kAlpha != Alpha::kOpaque) triangle.is_masked = find_mask(mask, frame, numbers);
     }
     if (draw_set_up<kOrthographic>(frame.small.target, frame.small.queues, set_up_triangles[thread / kWarpLanes],
                                    triangle, box, area, pixels, mask))
       ++small;
   }
+  if constexpr (kAlpha != Alpha::kOpaque) new_mask().template finish<kOrthographic>(frame.small.target);
   small = sum_of_lanes(small);
   if (thread % kWarpLanes == 0 && small != 0) WarpTeam::add(&counters.queues.triangles_small, uint64_t{small});
 }

@@ -68,7 +68,7 @@ SmallVariant choose_small(const DrawTables& tables, bool orthographic, Alpha alp
 /// Shared memory of a block of raster_clusters.
 template <Alpha kAlpha>
 constexpr size_t kClusterSharedBytes = kClusterWarps*(sizeof(ClusterShared) +
-                                                      (kAlpha != Alpha::kOpaque ? sizeof(WarpMasks) : 0));
+                                                      (kAlpha != Alpha::kOpaque ? sizeof(ClusterWaiting) : 0));
 
 template <Alpha kAlpha>
 Result<void> prepare_clusters() {

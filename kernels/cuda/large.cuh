@@ -39,34 +39,48 @@ __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t r
 /// The planes of up to 32 triangles that a warp draws one after the other: a plane takes a lane some thousand
 /// instructions, so all lanes make theirs at once.
 template <bool kOrthographic, Alpha kAlpha>
-struct WarpPlanes {
-  const LargeFrame<kAlpha>& frame;
+class WarpPlanes {
+ public:
+  __device__ explicit WarpPlanes(const LargeFrame<kAlpha>& frame) : frame_(frame) {}
 
   /// Makes the planes of the lanes' triangles; all lanes call it. `triangle`: the lane's, null if it has none.
-  __device__ void make(const Triangle* triangle) const {
+  __device__ void make(const Triangle* triangle) {
     if constexpr (kAlpha != Alpha::kOpaque) {
-      __syncwarp();  // the planes before are done with
+      finish();  // the planes before are done with
       if (triangle != nullptr && triangle->is_masked != 0)
-        frame.masks.template make_plane<kOrthographic>(WarpTeam{}, frame.view, triangle->id,
-                                                       planes()[threadIdx.x % kWarpLanes]);
+        frame_.masks.template make_plane<kOrthographic>(WarpTeam{}, frame_.view, triangle->id,
+                                                        planes()[threadIdx.x % kWarpLanes]);
       __syncwarp();
     }
   }
 
   /// Calls draw(mask) with the tests of the samples of `triangle`, whose plane lane `maker` has made.
   template <class Draw>
-  __device__ void with_mask(const Triangle& triangle, [[maybe_unused]] uint32_t maker, const Draw& draw) const {
+  __device__ void with_mask(const Triangle& triangle, [[maybe_unused]] uint32_t maker, const Draw& draw) {
     if constexpr (kAlpha != Alpha::kOpaque) {
-      if (triangle.is_masked != 0) return draw(WarpPlane<kAlpha == Alpha::kBlended>{planes() + maker, &frame.view});
+      if (triangle.is_masked != 0) return draw(tests(maker));
     }
     draw(NoMask{});
   }
 
+  /// Tests the samples that still wait. Called once after the last triangle.
+  __device__ void finish() {
+    if constexpr (kAlpha != Alpha::kOpaque) tests(0).finish(frame_.target);
+  }
+
  private:
+  __device__ auto tests(uint32_t maker) {
+    __shared__ WarpSamples of_block[kLargeThreads / kWarpLanes];
+    return WarpPlane<kAlpha == Alpha::kBlended>{planes(), maker, &frame_.view, of_block + threadIdx.x / kWarpLanes,
+                                                &waiting_};
+  }
   __device__ static MaskPlane* planes() {
     __shared__ MaskPlane of_block[kLargeThreads];
     return of_block + threadIdx.x / kWarpLanes * kWarpLanes;
   }
+
+  const LargeFrame<kAlpha>& frame_;
+  uint32_t waiting_ = 0;  // samples
 };
 
 /// Appends the tiles that a large triangle may touch, with a warp. Counts them first, because each addition to the
@@ -101,7 +115,7 @@ __device__ inline void split_triangle(const LargeFrame<kAlpha>& frame, uint32_t 
       queues.tiles[slot] = {number, static_cast<uint16_t>(x), static_cast<uint16_t>(y)};
     }
     if (next <= queues.tile_capacity) continue;
-    const WarpPlanes<kOrthographic, kAlpha> planes{frame};
+    WarpPlanes<kOrthographic, kAlpha> planes{frame};
     planes.make(lane == 0 ? &triangle : nullptr);
     for (uint32_t left = __ballot_sync(~0u, touches && !kept); left != 0; left &= left - 1) {
       const int owner = __ffs(static_cast<int>(left)) - 1;
@@ -113,6 +127,7 @@ __device__ inline void split_triangle(const LargeFrame<kAlpha>& frame, uint32_t 
                                                    doubled_area(triangle.x, triangle.y), mask);
       });
     }
+    planes.finish();
   }
 }
 
@@ -135,13 +150,13 @@ inline constexpr int64_t kWholeBox = 512;  // pixels
 /// made its plane.
 template <bool kOrthographic, Alpha kAlpha>
 __device__ inline void draw_medium_part(const LargeFrame<kAlpha>& frame, const Triangle& triangle, uint32_t part,
-                                        uint32_t maker) {
+                                        WarpPlanes<kOrthographic, kAlpha>& planes, uint32_t maker) {
   const PixelBox whole = pixel_box(triangle.x, triangle.y, frame.view);
   const int32_t rows = (whole.y1 - whole.y0) / static_cast<int32_t>(kMediumParts) + 1;
   const PixelBox box = whole.pixels() > kWholeBox ? rows_of(whole, part, rows) : whole;
   if (box.empty()) return;
   const int64_t area = doubled_area(triangle.x, triangle.y);
-  WarpPlanes<kOrthographic, kAlpha>{frame}.with_mask(triangle, maker, [&](const auto& mask) {
+  planes.with_mask(triangle, maker, [&](const auto& mask) {
     if (fits_narrow_edges(triangle.x, triangle.y)) {
       draw_box_with_team<kOrthographic, int32_t>(WarpTeam{}, frame.target, triangle, box, area, mask);
     } else {
@@ -167,7 +182,7 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kAlpha>)
   uint64_t found = 0;     // by this lane
   uint32_t left = 0;      // lanes that found a part
   uint32_t maker = kWarpLanes - 1;
-  const WarpPlanes<kOrthographic, kAlpha> planes{frame};
+  WarpPlanes<kOrthographic, kAlpha> planes{frame};
   for (;;) {
     uint64_t number = first;
     uint32_t part = 0;
@@ -190,8 +205,9 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kAlpha>)
       left &= left - 1;
       for (; number >= medium; number -= medium) ++part;
     }
-    draw_medium_part<kOrthographic>(frame, triangles[number], part, maker);
+    draw_medium_part<kOrthographic>(frame, triangles[number], part, planes, maker);
   }
+  planes.finish();
 }
 
 /// The edge functions of a strip's pixels by 32-bit additions. A step of one pixel changes them by a multiple of 256,
@@ -250,17 +266,16 @@ __device__ inline void draw_strip(const Target& target, const StripEdges& strip,
       seen[y] = sign >= 0 ? WarpTeam::load_relaxed(samples + static_cast<uint32_t>(y) * stride) : 0;
     }
     for (int32_t y = 0; y < kStripRows; ++y) {
+      uint64_t drawn = kBackground;
       if (seen[y] != 0) {
         const float weight1 = strip.value_at<kHuge>(1, moved[1], exclusive1) * plane.inverse_area;
         const float weight2 = strip.value_at<kHuge>(2, moved[2], exclusive2) * plane.inverse_area;
-        const uint64_t drawn = pack_sample(depth_code<kOrthographic>(depth_of_weights(plane, weight1, weight2)), id);
-        if constexpr (Mask::kTests) {
-          uint64_t* const sample = samples + static_cast<uint32_t>(y) * stride;
-          if (drawn < seen[y]) draw_tested(WarpTeam{}, target, sample, drawn, mask, x, first_y + y);
-        } else {
-          if (drawn < seen[y]) WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
-        }
+        drawn = pack_sample(depth_code<kOrthographic>(depth_of_weights(plane, weight1, weight2)), id);
+        if (!Mask::kTests && drawn < seen[y]) WarpTeam::atomic_min(samples + static_cast<uint32_t>(y) * stride, drawn);
       }
+      if constexpr (Mask::kTests)
+        mask.draw(WarpTeam{}, target, drawn < seen[y], samples + static_cast<uint32_t>(y) * stride, drawn, x,
+                  first_y + y);
       moved[1] += strip.down[1];
       moved[2] += strip.down[2];
     }
@@ -275,7 +290,7 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kAlpha>)
   const uint64_t warps = uint64_t{gridDim.x} * blockDim.x / kWarpLanes;
   const uint64_t strips = min_of(frame.queues.counters->tiles, frame.queues.tile_capacity) * kStrips;
   uint32_t maker = kWarpLanes - 1;
-  const WarpPlanes<kOrthographic, kAlpha> planes{frame};
+  WarpPlanes<kOrthographic, kAlpha> planes{frame};
   for (uint64_t i = warp; i < strips; i += warps) {
     maker = (maker + 1) % kWarpLanes;
     if (kAlpha != Alpha::kOpaque && maker == 0) {
@@ -314,6 +329,7 @@ __global__ void __launch_bounds__(kLargeThreads, kLargeBlocks<kAlpha>)
       }
     });
   }
+  planes.finish();
 }
 
 }  // namespace scree::kernels

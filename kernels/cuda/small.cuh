@@ -149,6 +149,15 @@ __device__ inline WarpMasks& small_masks() {
                                       kSmallWarps)[threadIdx.x / kWarpLanes];
 }
 
+template <bool kInstanced, Alpha kAlpha>
+__device__ inline LaneMaskOf<kAlpha> small_mask(const SmallFrame& frame) {
+  if constexpr (kAlpha != Alpha::kOpaque) {
+    return {small_masks<kInstanced>(), ChunkPlanes{&frame.scene, &frame.view}};
+  } else {
+    return {};
+  }
+}
+
 /// Pixel `inside` of the box of a triangle. False where the triangle does not cover it; else `drawn` is the sample,
 /// and `sample` its index in the picture.
 template <bool kOrthographic>
@@ -171,33 +180,10 @@ __device__ inline bool sample_at(const SetUpTriangle& its, uint32_t inside, int3
   return true;
 }
 
-/// Tests the `count` samples that wait, one per lane, and draws the ones that pass. `slot`: the place of the lane's
-/// triangle in `triangles`, or kWarpLanes if it has none. `missing`: one bit per triangle whose plane has to be made
-/// first.
-template <bool kOrthographic, class Masks>
-__device__ inline void draw_masked_samples(const Target& target, const SetUpTriangles& triangles, const Masks& mask,
-                                           uint32_t slot, uint32_t count, uint32_t missing) {
-  WarpMasks& shared = *mask.shared;
-  if (slot < kWarpLanes && (missing >> slot & 1) != 0) mask.template make_plane<kOrthographic>(shared.planes[slot]);
-  __syncwarp();
-  const auto row = static_cast<uint32_t>(target.width);
-#pragma unroll 1
-  for (uint32_t i = threadIdx.x % kWarpLanes; i < count; i += kWarpLanes) {
-    const uint32_t waiting = shared.samples[i];
-    uint64_t drawn;
-    uint32_t sample;
-    sample_at<kOrthographic>(triangles.items[waiting >> 7], waiting & 127, target.width, drawn, sample);
-    const TestedTriangle tested{shared.planes[waiting >> 7], mask.frame_view()};
-    const uint32_t shown = tested.shown(static_cast<int32_t>(sample % row), static_cast<int32_t>(sample / row), drawn);
-    if (shown != 0) mask.draw(target, target.samples + sample, drawn, shown);
-  }
-  __syncwarp();
-}
-
 /// Draws the boxes of the lanes' triangles, of `pixels` <= kSmallBox each (0: the lane has none), with narrow edges.
 /// Every lane draws every 32nd pixel of all boxes together, so boxes of 1 and of 128 pixels leave no lane waiting.
-/// `masks`: NoLaneMask, or the maker of the plane of the lane's triangle. Samples of masked triangles that would be
-/// seen wait until there are enough of them for all lanes. Many triangles have none, and get no plane.
+/// `masks`: NoLaneMask, or the tests of the lane's triangle. Samples of masked triangles that would be seen wait for
+/// LaneMask::test_waiting(). Many triangles have none, and get no plane.
 template <bool kOrthographic, class Masks>
 __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
                                    const PixelBox& box, int64_t area, uint32_t pixels, const Masks& masks) {
@@ -214,12 +200,8 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
   const uint32_t lanes = __ballot_sync(~0u, pixels != 0);
   const uint32_t start = pixels != 0 ? end - pixels : ~0u;
   const auto slot = static_cast<uint32_t>(__popc(lanes & before_lane));
-  // `masked`, `made` and `needed` have one bit per triangle.
-  [[maybe_unused]] uint32_t masked = 0;
-  [[maybe_unused]] uint32_t made = 0;     // its plane is made
-  [[maybe_unused]] uint32_t needed = 0;   // this lane has found a sample of it that waits
-  [[maybe_unused]] uint32_t waiting = 0;  // number of samples
-  if constexpr (Masks::kTests) masked = bits_of_lanes(pixels != 0 && masks.waits() ? 1u << slot : 0u);
+  [[maybe_unused]] uint32_t masked = 0;  // one bit per triangle
+  if constexpr (Masks::kTests) masked = bits_of_lanes(pixels != 0 && masks.waits ? 1u << slot : 0u);
   if (pixels != 0) {
     const Edges<int32_t> edges = make_edges<int32_t>(triangle, box.x0, box.y0);
     const auto width = static_cast<uint32_t>(box.x1 - box.x0 + 1);
@@ -239,8 +221,10 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     out.id = triangle.id;
   }
   __syncwarp();
-  constexpr uint32_t kBatch = 4;  // samples whose loads a lane starts before it uses the first
-  uint32_t begun = ~0u;           // number of boxes that begin before this row of 32 pixels, minus one
+  // Samples whose loads a lane starts before it uses the first. With masks a warp waits for instructions rather than
+  // for memory, so fewer copies of the code are faster.
+  constexpr uint32_t kBatch = Masks::kTests ? 2 : 4;
+  uint32_t begun = ~0u;  // number of boxes that begin before this row of 32 pixels, minus one
   for (uint32_t base = 0; base < total; base += kBatch * kWarpLanes) {
     uint32_t sample[kBatch];
     uint64_t drawn[kBatch];
@@ -262,27 +246,42 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
       seen[k] = drawn[k] != kBackground ? WarpTeam::load_relaxed(target.samples + sample[k]) : 0;
     }
     if constexpr (Masks::kTests) {
+      uint32_t needed = 0;  // one bit per triangle with a sample that waits
+      bool waits[kBatch];
       for (uint32_t k = 0; k < kBatch; ++k) {
         const bool shows =
             drawn[k] < seen[k] && (!Masks::kBlends || target.is_behind_peeled(target.samples + sample[k], drawn[k]));
-        const bool waits = shows && (masked >> owners[k] & 1) != 0;
-        if (shows && !waits) masks.draw(target, target.samples + sample[k], drawn[k], kShownOpaque);
-        const uint32_t those = __ballot_sync(~0u, waits);
-        if (waits) {
-          const uint32_t inside = base + k * kWarpLanes + lane - shared.items[owners[k]].start;
-          masks.shared->samples[waiting + static_cast<uint32_t>(__popc(those & before_lane))] =
-              static_cast<uint16_t>(inside | owners[k] << 7);
-          needed |= 1u << owners[k];
+        waits[k] = shows && (masked >> owners[k] & 1) != 0;
+        if (waits[k]) needed |= 1u << owners[k];
+        if (shows && !waits[k]) masks.draw(target, target.samples + sample[k], drawn[k], kShownOpaque);
+      }
+      needed = bits_of_lanes(needed);
+      if (needed == 0) continue;
+      auto& waiting = *masks.shared;
+      const uint32_t first = waiting.triangle_count;
+      uint32_t count = waiting.sample_count;
+      if (pixels != 0 && (needed >> slot & 1) != 0)
+        waiting.triangles[first + static_cast<uint32_t>(__popc(needed & ((1u << slot) - 1)))] = masks.key;
+      for (uint32_t k = 0; k < kBatch; ++k) {
+        const uint32_t those = __ballot_sync(~0u, waits[k]);
+        if (waits[k]) {
+          const uint32_t at = count + static_cast<uint32_t>(__popc(those & before_lane));
+          waiting.drawn[at] = drawn[k];
+          waiting.sample[at] = sample[k];
+          waiting.owner[at] =
+              static_cast<uint8_t>(first + static_cast<uint32_t>(__popc(needed & ((1u << owners[k]) - 1))));
         }
-        waiting += static_cast<uint32_t>(__popc(those));
+        count += static_cast<uint32_t>(__popc(those));
       }
-      if (waiting != 0 &&
-          (waiting > WarpMasks::kMostSamples - kBatch * kWarpLanes || base + kBatch * kWarpLanes >= total)) {
-        const uint32_t missing = bits_of_lanes(needed) & ~made;
-        draw_masked_samples<kOrthographic>(target, shared, masks, pixels != 0 ? slot : kWarpLanes, waiting, missing);
-        made |= missing;
-        needed = waiting = 0;
+      const uint32_t triangles = first + static_cast<uint32_t>(__popc(needed));
+      __syncwarp();  // all lanes have read the counts
+      if (lane == 0) {
+        waiting.triangle_count = triangles;
+        waiting.sample_count = count;
       }
+      __syncwarp();
+      if (triangles >= kWarpLanes || count > waiting.kMostSamples - kBatch * kWarpLanes)
+        masks.template test_waiting<kOrthographic>(masks.planes, target, waiting);
     } else {
       for (uint32_t k = 0; k < kBatch; ++k) {
         if (drawn[k] < seen[k]) WarpTeam::atomic_min(target.samples + sample[k], drawn[k]);
@@ -354,11 +353,7 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
   int64_t area = 0;
   int64_t pixels = 0;  // 0: there is nothing to draw
   uint32_t drawn = 0;
-  LaneMaskOf<kAlpha> mask;
-  if constexpr (kAlpha != Alpha::kOpaque) {
-    mask.shared = &small_masks<kInstanced>();
-    mask.view = &frame.view;
-  }
+  auto mask = small_mask<kInstanced, kAlpha>(frame);
   if (lane < count) {
     const uint32_t number = shared.survivors[first + lane];
     const InstanceTransform& exact = shared.exact[kInstanced ? shared.survivor_instance[first + lane] : 0];
@@ -369,7 +364,7 @@ __device__ inline uint32_t draw_survivors(const SmallFrame& frame, uint32_t firs
     if (choose_fetch<kLattice, kFloat32>(shared.stored, project)) pixels = box.pixels();
     if constexpr (kAlpha != Alpha::kOpaque) {
       if (pixels != 0)
-        triangle.is_masked = mask.find(frame.scene, frame.list.transforms, exact.instance, chunk, number);
+        triangle.is_masked = mask.find(frame.scene, chunk, {frame.list.transforms + exact.instance, chunk, number});
     }
   }
   return drawn +
@@ -466,6 +461,7 @@ class SmallWarp {
   __device__ explicit SmallWarp(const SmallFrame& frame) : frame_(frame), lane_(threadIdx.x % kWarpLanes) {}
 
   __device__ void run() {
+    if constexpr (kAlpha != Alpha::kOpaque) LaneMaskOf<kAlpha>::begin(small_masks<kInstanced>());
     const uint64_t packed = frame_.list.counters->instanced_draws;
     const auto draw_count = static_cast<uint32_t>(packed >> kWorkBits);
     const uint64_t total = packed & kWorkMask;
@@ -490,6 +486,8 @@ class SmallWarp {
       uint32_t index = find_draw(draw_count, start, lane_, [&](uint32_t i) { return draws[i].work_before; });
       for (; index < draw_count && draws[index].work_before < end; ++index) draw_instanced(draws[index], start, end);
     }
+    if constexpr (kAlpha != Alpha::kOpaque)
+      small_mask<kInstanced, kAlpha>(frame_).template finish<kOrthographic>(frame_.target);
     report();
   }
 

@@ -77,23 +77,30 @@ struct BatchShared {
   SetUpTriangles set_up;
 };
 
+/// The same for masks.
+struct BatchMasks {
+  WarpMasks waiting;
+  MaskPlane plane;  // of a queued triangle, and its samples
+  WarpSamples samples;
+};
+
 inline constexpr uint32_t kBatchBlocks = blocks_in_shared(kBatchWarps * sizeof(BatchShared), 7);
 inline constexpr uint32_t kMaskedBatchBlocks =
-    blocks_in_shared(kBatchWarps * (sizeof(BatchShared) + sizeof(WarpMasks)), 4);
+    blocks_in_shared(kBatchWarps * (sizeof(BatchShared) + sizeof(BatchMasks)), 4);
 
 /// This warp's shared memory.
 __device__ inline BatchShared& batch_shared() {
   __shared__ BatchShared all[kBatchWarps];
   return all[threadIdx.x / kWarpLanes];
 }
-__device__ inline WarpMasks& batch_masks() {
+__device__ inline BatchMasks& batch_masks() {
   extern __shared__ uint4 shared_memory[];
-  return reinterpret_cast<WarpMasks*>(shared_memory)[threadIdx.x / kWarpLanes];
+  return reinterpret_cast<BatchMasks*>(shared_memory)[threadIdx.x / kWarpLanes];
 }
 
 /// Dynamic shared memory of a block that draws masked surfaces. Together with the static shared memory it would exceed
 /// the 48 KiB that a block may have statically.
-inline constexpr size_t kBatchMaskBytes = kBatchWarps * sizeof(WarpMasks);
+inline constexpr size_t kBatchMaskBytes = kBatchWarps * sizeof(BatchMasks);
 
 /// This warp's queues.
 __device__ inline Queues batch_queues(const BatchFrame& in) {
@@ -299,12 +306,15 @@ __device__ __noinline__ void draw_queued(const BatchFrame& in, uint64_t* samples
     const Triangle triangle = i < medium ? queues.medium[i] : queues.large[i - medium];
     if constexpr (kMasked) {
       if (triangle.is_masked != 0) {
-        MaskPlane& plane = batch_masks().planes[0];
+        BatchMasks& masks = batch_masks();
         if (lane == 0)
           make_mask_plane<kOrthographic>(in.scene, in.size, shared.group.transform, chunk, number_in_chunk(triangle.id),
-                                         plane);
+                                         masks.plane);
         __syncwarp();
-        draw_boxes<kOrthographic>(in.size, target, triangle, WarpPlane<false>{&plane, &in.size});
+        uint32_t waiting = 0;
+        const WarpPlane<false> tests{&masks.plane, 0, &in.size, &masks.samples, &waiting};
+        draw_boxes<kOrthographic>(in.size, target, triangle, tests);
+        tests.finish(target);
         __syncwarp();
         continue;
       }
@@ -320,6 +330,16 @@ __device__ __noinline__ void draw_queued(const BatchFrame& in, uint64_t* samples
   __syncwarp();
 }
 
+template <bool kMasked>
+__device__ inline auto batch_mask(const BatchFrame& in) {
+  if constexpr (kMasked) {
+    LaneMaskOf<Alpha::kMasked>::begin(batch_masks().waiting);
+    return LaneMaskOf<Alpha::kMasked>(batch_masks().waiting, ChunkPlanes{&in.scene, &in.size});
+  } else {
+    return NoLaneMask{};
+  }
+}
+
 /// Draws `count` survivors from `first` on, at most 32. Returns whether stage 1 drew the lane's triangle.
 template <bool kOrthographic, bool kMasked>
 __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samples, uint32_t chunk, uint32_t first,
@@ -331,22 +351,19 @@ __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samp
   PixelBox box{};
   int64_t area = 0;
   int64_t pixels = 0;
-  LaneMaskOf<kMasked ? Alpha::kMasked : Alpha::kOpaque> mask;
-  if constexpr (kMasked) {
-    mask.shared = &batch_masks();
-    mask.view = &in.size;
-  }
+  auto mask = batch_mask<kMasked>(in);
   if (lane < count) {
     triangle = shared.survivors[first + lane];
     box = pixel_box(triangle.x, triangle.y, in.size);
     area = doubled_area(triangle.x, triangle.y);
     pixels = box.pixels();
     if constexpr (kMasked) {
-      triangle.is_masked = mask.find(in.scene, &shared.group.transform, 0, chunk, number_in_chunk(triangle.id));
+      triangle.is_masked = mask.find(in.scene, chunk, {&shared.group.transform, chunk, number_in_chunk(triangle.id)});
     }
   }
   const bool drawn = draw_set_up<kOrthographic>({samples, in.size.width}, batch_queues(in), shared.set_up, triangle,
                                                 box, area, pixels, mask);
+  if constexpr (kMasked) mask.template finish<kOrthographic>({samples, in.size.width});
   draw_queued<kOrthographic, kMasked>(in, samples, chunk);
   return drawn;
 }

@@ -19,6 +19,8 @@ enum class Alpha : uint8_t { kOpaque, kMasked, kBlended };
 /// For opaque triangles: tests nothing.
 struct NoMask {
   static constexpr bool kTests = false;
+
+  SCREE_HD static bool any(bool of_lane) { return of_lane; }
 };
 
 /// A test that passes returns this bit, and below it the alpha of the mask's texels, in 1 / kMaxMaskThreshold. A test
@@ -143,7 +145,6 @@ struct MaskPlane {
 /// The tests of a triangle's samples: its mask and the view's clipping box.
 struct TestedTriangle {
   static constexpr bool kTests = true;
-  static constexpr bool kBlends = true;  // the triangle may be blended: the Target decides
 
   const MaskPlane& plane;
   const FrameView& view;
@@ -152,21 +153,19 @@ struct TestedTriangle {
   SCREE_HD uint32_t shown(int32_t x, int32_t y, uint64_t value) const {
     return is_cut_away(view, x, y, value) ? 0 : plane.shown(x, y);
   }
-};
 
-/// Draws `value` into the target if it lies behind the layer before (Target::peeled) and `mask` shows sample (x, y).
-/// Requires that `value` is in front of `sample`.
-template <class Team, class Mask>
-SCREE_HD inline void draw_tested(Team team, const Target& target, uint64_t* sample, uint64_t value, const Mask& mask,
-                                 int32_t x, int32_t y) {
-  if constexpr (Mask::kBlends) {
-    if (!target.is_behind_peeled(sample, value)) return;
-    const uint32_t shown = mask.shown(x, y, value);
-    if (shown != 0) team.draw_blended(target, sample, value, shown);
-  } else {
-    if (mask.shown(x, y, value) != 0) team.atomic_min(sample, value);
+  SCREE_HD static bool any(bool of_lane) { return of_lane; }
+
+  /// Draws `value` at sample (x, y) into the target if it is in front of `sample` (`is_nearer`), lies behind the layer
+  /// before (Target::peeled), and passes the tests. The triangle may be blended: the Target decides.
+  template <class Team>
+  SCREE_HD void draw(Team team, const Target& target, bool is_nearer, uint64_t* sample, uint64_t value, int32_t x,
+                     int32_t y) const {
+    if (!is_nearer || !target.is_behind_peeled(sample, value)) return;
+    const uint32_t passed = shown(x, y, value);
+    if (passed != 0) team.draw_blended(target, sample, value, passed);
   }
-}
+};
 
 /// The mask of a mesh's triangles; null if they have none.
 SCREE_HD inline const MaskView* mask_of(const SceneView& scene, const format::MeshRecord& mesh) {

@@ -40,7 +40,7 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
     }
     uint64_t* at = target.row(box.y0 + static_cast<int32_t>(y)) + box.x0 + static_cast<int32_t>(x);
     const uint64_t image_width = static_cast<uint64_t>(target.width);
-    while (y < height) {
+    while (mask.any(y < height)) {
       constexpr int kBatch = 4;
       uint64_t* sample[kBatch];
       uint64_t drawn[kBatch];
@@ -65,9 +65,8 @@ SCREE_HD inline void draw_box_with_team(Team team, const Target& target, const T
       for (int k = 0; k < kBatch; ++k) seen[k] = drawn[k] != kBackground ? team.load_relaxed(sample[k]) : 0;
       for (int k = 0; k < kBatch; ++k) {
         if constexpr (Mask::kTests) {
-          if (drawn[k] < seen[k])
-            draw_tested(team, target, sample[k], drawn[k], mask, box.x0 + static_cast<int32_t>(place[k] & 0xffffu),
-                        box.y0 + static_cast<int32_t>(place[k] >> 16));
+          mask.draw(team, target, drawn[k] < seen[k], sample[k], drawn[k],
+                    box.x0 + static_cast<int32_t>(place[k] & 0xffffu), box.y0 + static_cast<int32_t>(place[k] >> 16));
         } else {
           if (drawn[k] < seen[k]) team.atomic_min(sample[k], drawn[k]);
         }

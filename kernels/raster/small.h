@@ -27,7 +27,7 @@ SCREE_HD inline void draw_box(Team team, const Target& target, const Triangle& t
         const float depth = depth_at<Int>(plane, value1 + edges.exclusive[1], value2 + edges.exclusive[2]);
         const uint64_t sample = pack_sample(depth_code<kOrthographic>(depth), triangle.id);
         if constexpr (Mask::kTests) {
-          if (sample < team.load_relaxed(samples + x)) draw_tested(team, target, samples + x, sample, mask, x, y);
+          mask.draw(team, target, sample < team.load_relaxed(samples + x), samples + x, sample, x, y);
         } else {
           team.update_min(samples + x, sample);
         }
