@@ -56,8 +56,8 @@ __global__ void __launch_bounds__(kCullThreads)
     if (at.index < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
       const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
       const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
-      if ((mesh.chunk_count == 1 || may_be_drawn<kClips>(transform, view, box)) &&
-          may_be_in_rows(transform, view, box)) {
+      // A mesh of one chunk has been tested with its instance.
+      if (mesh.chunk_count == 1 || may_be_drawn<kClips>(transform, view, box, drawn_rows(view))) {
         bucket = sorts ? near_bucket(nearness(transform.w, view, box), view.orthographic, clusters.farthest) : 0;
         triangles = chunk.triangle_count;
         atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), packed_count(chunk));

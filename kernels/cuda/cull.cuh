@@ -54,8 +54,9 @@ __device__ inline void clear_samples(const SamplesToClear& clear, uint32_t block
   }
 }
 
-/// One thread per instance, in the order of meshes. Stores the transforms and the list of visible instances. The last
-/// blocks clear the picture. Here and below, kClips: the view has a clipping box.
+/// One thread per instance, in the order of meshes. Stores the transforms of all visible instances, and lists the ones
+/// that are visible in the drawn rows. The last blocks clear the picture. Here and below, kClips: the view has a
+/// clipping box.
 template <bool kClips>
 __global__ void __launch_bounds__(kCullThreads)
     cull_instances(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
@@ -69,6 +70,7 @@ __global__ void __launch_bounds__(kCullThreads)
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t i = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
   bool seen = false;
+  bool in_rows = true;
   uint32_t number = 0;
   uint32_t mesh_number = 0;
   if (i < list.instance_count) {
@@ -78,7 +80,9 @@ __global__ void __launch_bounds__(kCullThreads)
     const format::MeshRecord& mesh = scene.meshes[mesh_number];
     const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent,
                                                mesh.position_encoding == format::PositionEncoding::kFloat32);
-    seen = may_be_drawn<kClips>(transform, view, mesh_box(mesh, transform));
+    const RelativeBox box = mesh_box(mesh, transform);
+    seen = may_be_drawn<kClips>(transform, view, box, all_rows(view));
+    if (seen && leaves_out_rows(view)) in_rows = may_be_seen(transform, view, box, drawn_rows(view));
     if (seen) staged[threadIdx.x] = transform;
     seen = seen && !is_omitted(view, number);  // last: before may_be_drawn() it would take more registers
   }
@@ -92,19 +96,18 @@ __global__ void __launch_bounds__(kCullThreads)
     auto* to = reinterpret_cast<uint32_t*>(list.transforms + __shfl_sync(~0u, number, owner));
     for (uint32_t word = lane; word < kWords; word += kWarpLanes) to[word] = from[word];
   }
+  if (const uint32_t seen_lanes = __ballot_sync(~0u, seen); lane == 0 && seen_lanes != 0)
+    WarpTeam::add(&list.counters->queues.instances_drawn, static_cast<uint64_t>(__popc(seen_lanes)));
   // One addition per mesh and warp.
-  const uint32_t seen_lanes = __ballot_sync(~0u, seen);
-  if (!seen) return;
-  const uint32_t peers = __match_any_sync(seen_lanes, mesh_number);
+  const uint32_t listed_lanes = __ballot_sync(~0u, seen && in_rows);
+  if (!(seen && in_rows)) return;
+  const uint32_t peers = __match_any_sync(listed_lanes, mesh_number);
   const uint32_t leader = static_cast<uint32_t>(__ffs(static_cast<int>(peers))) - 1;
   uint32_t base = 0;
   if (lane == leader) base = atomicAdd(list.visible_count + mesh_number, static_cast<uint32_t>(__popc(peers)));
   base = __shfl_sync(peers, base, static_cast<int>(leader));
   const uint32_t rank = static_cast<uint32_t>(__popc(peers & ((1u << lane) - 1)));
   list.visible[list.mesh_first[mesh_number] + base + rank] = number;
-  if (lane == static_cast<uint32_t>(__ffs(static_cast<int>(seen_lanes))) - 1) {
-    WarpTeam::add(&list.counters->queues.instances_drawn, static_cast<uint64_t>(__popc(seen_lanes)));
-  }
 }
 
 /// Bit k is set if the chunk may be seen for the k-th of `count` visible instances from `visible` on.
@@ -114,13 +117,11 @@ __device__ inline uint32_t seen_instances(const SceneView& scene, const FrameVie
                                           const uint32_t* visible, uint32_t count) {
   const uint32_t all = ~0u >> (32 - count);
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  const bool is_tested = mesh.chunk_count == 1;  // with its instance, except against the rows
-  if (is_tested && !leaves_out_rows(view)) return all;
+  if (mesh.chunk_count == 1) return all;  // it has been tested with its instance
   uint32_t seen = 0;
   for (uint32_t k = 0; k < count; ++k) {
     const Transform& transform = list.transforms[visible[k]];
-    const auto box = drawn_box(list, mesh, chunk, chunk_number, transform);
-    if ((is_tested || may_be_drawn<kClips>(transform, view, box)) && may_be_in_rows(transform, view, box))
+    if (may_be_drawn<kClips>(transform, view, drawn_box(list, mesh, chunk, chunk_number, transform), drawn_rows(view)))
       seen |= 1u << k;
   }
   return seen;

@@ -57,8 +57,6 @@ struct FrameCounters {
   uint64_t next_work;        // taken by stage 1
   // Clustered chunks:
   uint64_t draws;                         // number of ClusterDraws above their work
-  uint64_t in_bucket[kNearBuckets];       // number of draws above their work
-  uint64_t placed[kNearBuckets];          // of these, already placed
   uint64_t next_run[kClusterPasses];      // runs of groups that culling took, beside the first of each warp, by pass
   uint64_t clusters[kClusterPasses];      // in the queue, by pass
   uint64_t next_cluster[kClusterPasses];  // taken by stage 1, by pass
@@ -69,6 +67,9 @@ struct FrameCounters {
   DrawnTriangles drawn;
   DrawnTriangles clipped_drawn;
   uint64_t to_clip_drawn;
+  // Not for the host:
+  uint64_t in_bucket[kNearBuckets];  // number of draws above their work
+  uint64_t placed[kNearBuckets];     // of these, already placed
 };
 
 /// The number of clusters in the queue from the passes before `pass`.

@@ -1,11 +1,14 @@
 // Frames on a GPU: the draw list's tables, the queues, and the order of the passes (docs/frame.md shows it on a page).
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
 #include <new>
 #include <optional>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -26,6 +29,22 @@
 
 namespace scree::kernels {
 namespace {
+
+/// The counters that the host reads, in pinned memory.
+struct HandedOver {
+  FrameCounters counters;  // without in_bucket and what follows
+  uint32_t frame;          // of the counters; written last
+};
+
+/// Writes the counters to the host's memory, with a warp. A copy would be a few microseconds later there.
+__global__ void hand_over(const FrameCounters* from, HandedOver* to, uint32_t frame) {
+  constexpr uint32_t kWords = offsetof(FrameCounters, in_bucket) / sizeof(uint64_t);
+  for (uint32_t i = threadIdx.x; i < kWords; i += kWarpLanes)
+    reinterpret_cast<uint64_t*>(&to->counters)[i] = reinterpret_cast<const uint64_t*>(from)[i];
+  __threadfence_system();
+  __syncwarp();
+  if (threadIdx.x == 0) *reinterpret_cast<volatile uint32_t*>(&to->frame) = frame;
+}
 
 /// The first capacity of the queue of clusters.
 uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
@@ -106,13 +125,16 @@ enum FrameEvent {
   kEventCount
 };
 
-struct FrameStreams {
-  cudaStream_t main = nullptr;
-  cudaStream_t side = nullptr;  // stage 3
-  cudaStream_t clip = nullptr;  // triangles of clusters that are clipped, in all stages
+/// A frame's streams, or the branches of its graph.
+enum Branch : uint32_t {
+  kMain,
+  kSide,  // stage 3
+  kClip,  // triangles of clusters that are clipped, in all stages
+  kBranchCount
 };
+static_assert(kBranchCount <= CudaGraph::kBranches);
 
-/// Frames with at least this many drawn triangles are not captured in a graph.
+/// Frames with at least this many drawn triangles are no graphs.
 constexpr uint64_t kMostGraphTriangles = uint64_t{1} << 23;
 
 /// The events of one pass. Stages 2 and 3 begin after `small_done`.
@@ -147,6 +169,20 @@ bool same_view(const FrameView& a, const FrameView& b) {
          same_clip_box(a.clip_box, b.clip_box) && similar_rows(a, b);
 }
 
+/// The picture without its camera, which only masks need in stages 2 and 3. So their arguments do not change with the
+/// camera.
+FrameView without_camera(const FrameView& view) {
+  FrameView out{};
+  out.half_width = view.half_width;
+  out.half_height = view.half_height;
+  out.width = view.width;
+  out.height = view.height;
+  out.first_row = view.first_row;
+  out.end_row = view.end_row;
+  out.orthographic = view.orthographic;
+  return out;
+}
+
 /// Medium triangles up to which stages 2 and 3 may wait for the last pass (defers_stages).
 constexpr uint64_t kMostDeferred = 4096;
 
@@ -160,29 +196,51 @@ struct CudaFrames::Impl {
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
   ~Impl() {
-    if (frame_streams.main != nullptr) (void)cudaStreamSynchronize(frame_streams.main);
+    if (streams[kMain] != nullptr) (void)cudaStreamSynchronize(streams[kMain]);
     for (cudaEvent_t event : events) {
       if (event != nullptr) (void)cudaEventDestroy(event);
     }
-    (void)cudaFreeHost(host_counters);
-    for (const FrameStreams& all : {frame_streams, capture_streams})
-      for (cudaStream_t stream : {all.clip, all.side, all.main})
-        if (stream != nullptr) (void)cudaStreamDestroy(stream);
+    (void)cudaFreeHost(handed_over);
+    for (cudaStream_t stream : streams) {
+      if (stream != nullptr) (void)cudaStreamDestroy(stream);
+    }
   }
 
   Result<void> open(const SceneView& host, const CudaQueueSizes& sizes);
   Result<void> open_clusters(const SceneView& host, const CudaQueueSizes& sizes);
-  // These launch kernels on the given streams: the frame's, or those that a graph is captured from.
   template <bool kClips>
-  void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters,
-                      const FrameStreams& streams);
+  void submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed, bool draws_clusters);
   template <bool kOrthographic, bool kClips>
-  void submit_small_scene_culling(const DrawList& list, const SamplesToClear& clear, const FrameStreams& streams);
-  Result<void> find_all_bounds(const FrameStreams& streams);
+  void submit_small_scene_culling(const DrawList& list, const SamplesToClear& clear);
+  Result<void> find_all_bounds();
   Result<void> forget();
   Result<void> fit_pyramid(const FrameView& frame);
   Result<void> submit();
-  Result<void> capture_graph();
+  /// Queues a kernel on a stream. In a frame that is a graph, adds it to a branch of the graph.
+  template <class... P>
+  void launch(Branch branch, void (*kernel)(P...), uint32_t blocks, uint32_t threads, size_t shared_bytes,
+              const std::type_identity_t<P>&... arguments) {
+    if (is_graph) {
+      graph.add(branch, kernel, blocks, threads, shared_bytes, arguments...);
+    } else {
+      kernel<<<blocks, threads, shared_bytes, streams[branch]>>>(arguments...);
+    }
+  }
+  /// Makes a branch continue where the main one is now, which `event` marks.
+  Result<void> fork(FrameEvent event, Branch to) {
+    if (is_graph) {
+      graph.fork(kMain, to);
+      return {};
+    }
+    const Result<void> done = record_event(event, kMain);
+    return done ? cuda_check(cudaStreamWaitEvent(streams[to], events[event]), "forking") : done;
+  }
+  /// Makes the main branch wait for the end of another one, which mark() has marked with `event`.
+  Result<void> join(FrameEvent event, Branch from) {
+    if (!is_graph) return cuda_check(cudaStreamWaitEvent(streams[kMain], events[event]), "joining");
+    graph.join(from, kMain);
+    return {};
+  }
   /// The builds that the frame takes. A clipping box tests all samples, as masks do.
   Alpha alpha() const {
     return scene.draws_blended                               ? Alpha::kBlended
@@ -204,27 +262,29 @@ struct CudaFrames::Impl {
     }
     return run.template operator()<Alpha::kOpaque>();
   }
-  Result<void> submit_passes(const FrameStreams& streams) {
+  Result<void> submit_passes() {
     return with_alpha([&]<Alpha kAlpha>() {
-      return frame.orthographic ? submit_passes<true, kAlpha>(streams) : submit_passes<false, kAlpha>(streams);
+      return frame.orthographic ? submit_passes<true, kAlpha>() : submit_passes<false, kAlpha>();
     });
   }
   template <bool kOrthographic, Alpha kAlpha>
-  Result<void> submit_passes(const FrameStreams& streams);
+  Result<void> submit_passes();
   template <bool kOrthographic, ClusterPass kPass, Alpha kAlpha>
-  void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips,
-                       const FrameStreams& streams);
+  void submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips);
   template <bool kOrthographic, Alpha kAlpha>
-  void submit_clipped(const ClusterFrame& clusters, cudaStream_t stream);
+  void submit_clipped(const ClusterFrame& clusters, Branch branch);
   template <bool kOrthographic, Alpha kAlpha>
-  Result<void> submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams);
+  Result<void> submit_clipping_on_own_stream(const SmallFrame& small);
   template <bool kOrthographic, Alpha kAlpha>
-  Result<void> submit_stages(const SmallFrame& small, const StageEvents& events_of_pass, const FrameStreams& streams);
-  Result<void> record_stages(const StageEvents& events_of_pass, const FrameStreams& streams);
+  Result<void> submit_stages(const SmallFrame& small, const StageEvents& events_of_pass);
+  Result<void> record_stages(const StageEvents& events_of_pass);
   template <Alpha kAlpha>
   LargeFrame<kAlpha> large_frame(const SmallFrame& small, const Queues& queued, const DrawnTriangles* drawn) const {
     LargeFrame<kAlpha> out{small.view, small.target, queued, drawn, {}};
-    if constexpr (kAlpha != Alpha::kOpaque) out.masks = {scene, transforms.data()};
+    if constexpr (kAlpha != Alpha::kOpaque)
+      out.masks = {scene, transforms.data()};
+    else
+      out.view = without_camera(small.view);
     return out;
   }
   ClusterList cluster_list() const;
@@ -249,25 +309,30 @@ struct CudaFrames::Impl {
   /// clips_many(): that frame queued so little for them that hardly anything would have been hidden behind it.
   bool defers_stages() const { return two_passes && options.part == FramePart::kWhole && queued_little; }
   /// Joins the samples with those of other GPUs, if these draw the frame too.
-  Result<void> join(const FrameStreams& streams) const {
-    return options.join != nullptr ? (*options.join)(streams.main) : Result<void>();
+  Result<void> join_samples() const {
+    return options.join != nullptr ? (*options.join)(streams[kMain]) : Result<void>();
   }
   /// Clears the counters for the next frame, while the host does not wait.
   Result<void> clear_counters() {
     Result<void> done =
-        cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), frame_streams.main), "clearing the counters");
+        cuda_check(cudaMemsetAsync(zeroed.data(), 0, zeroed.count(), streams[kMain]), "clearing the counters");
     counters_cleared = static_cast<bool>(done);
     return done;
   }
   /// Graphs are worth it if a frame takes a fraction of a millisecond. Frames of two passes change their rounds, so
   /// they have none.
   bool goes_as_graph() const {
-    return options.part == FramePart::kWhole && !two_passes && !options.stage_times &&
+    return options.part == FramePart::kWhole && !two_passes && !options.stage_times && order.count() != 0 &&
            triangle_count < kMostGraphTriangles;
   }
-  Result<void> record_event(FrameEvent event, const FrameStreams& streams) {
-    return cuda_check(cudaEventRecord(events[event], streams.main), "recording an event");
+  Result<void> record_event(FrameEvent event, Branch branch) {
+    return cuda_check(cudaEventRecord(events[event], streams[branch]), "recording an event");
   }
+  /// Marks a place between two stages, for their times and for join(). A graph needs no marks.
+  Result<void> mark(FrameEvent event, Branch branch = kMain) {
+    return is_graph ? Result<void>() : record_event(event, branch);
+  }
+  Result<void> wait() const;
   Result<void> grow_queues();
   void adapt_next_frame();
   Result<void> read_times(FrameTimes& times) const;
@@ -278,15 +343,12 @@ struct CudaFrames::Impl {
   ResidentBlocks resident;
   SmallVariant variants[2] = {};  // perspective, orthographic
   std::optional<Alpha> prepared;  // of the variants
-  // The frame is submitted to blocking streams, so that work on the default stream (the resolver's) is ordered with it.
-  FrameStreams frame_streams;
-  // A graph is captured from non-blocking streams. With blocking ones, work on the default stream during a capture
-  // would fail and end the capture.
-  FrameStreams capture_streams;
+  // Blocking streams, so that work on the default stream (the resolver's) is ordered with the frame.
+  cudaStream_t streams[kBranchCount] = {};
   CudaGraph graph;
   bool is_graph = false;  // of the last frame
   cudaEvent_t events[kEventCount] = {};
-  FrameCounters* host_counters = nullptr;  // pinned: the counters after a frame
+  HandedOver* handed_over = nullptr;  // pinned
 
   DeviceArray<uint32_t> order;
   DeviceArray<uint32_t> mesh_first;
@@ -332,22 +394,22 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (!made) return made.error();
   tables = std::move(*made);
   Result<void> done = resident.open();
-  for (cudaStream_t* stream : {&frame_streams.main, &frame_streams.side, &frame_streams.clip})
-    if (done) done = cuda_check(cudaStreamCreate(stream), "making a stream");
-  for (cudaStream_t* stream : {&capture_streams.main, &capture_streams.side, &capture_streams.clip})
-    if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
+  for (cudaStream_t& stream : streams) {
+    if (done) done = cuda_check(cudaStreamCreate(&stream), "making a stream");
+  }
   for (cudaEvent_t& event : events) {
     if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
   }
   if (done) {
-    done = cuda_check(cudaMallocHost(reinterpret_cast<void**>(&host_counters), sizeof(FrameCounters)),
+    done = cuda_check(cudaMallocHost(reinterpret_cast<void**>(&handed_over), sizeof(HandedOver)),
                       "allocating pinned memory");
+    if (done) handed_over->frame = 0;
   }
   if (done) done = order.fill(tables.order, "allocating the draw list");
   if (done) done = mesh_first.fill(tables.mesh_first, "allocating the draw list");
   if (done) done = candidates.fill(tables.candidates, "allocating the draw list");
   if (done && tables.has_float32) done = bounds.allocate(host.chunk_count, "allocating the chunks' bounds");
-  if (done && tables.has_float32) done = find_all_bounds(frame_streams);
+  if (done && tables.has_float32) done = find_all_bounds();
   if (done) {
     done = zeroed.allocate(sizeof(FrameCounters) + host.mesh_count * sizeof(uint32_t), "allocating the draw list");
   }
@@ -358,7 +420,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   if (done) done = queues.grow({sizes.medium, sizes.large, 0, 0, 0, 0, 0, 0});
   if (done && !tables.cluster_candidates.empty()) done = open_clusters(host, sizes);
   if (done) done = prepare_alpha();
-  if (done) done = cuda_check(cudaStreamSynchronize(frame_streams.main), "preparing to draw");
+  if (done) done = cuda_check(cudaStreamSynchronize(streams[kMain]), "preparing to draw");
   tables.order = {};
   tables.mesh_first = {};
   tables.candidates = {};
@@ -369,8 +431,8 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
 }
 
 /// Finds the boxes of the float32 chunks whose pages are there.
-Result<void> CudaFrames::Impl::find_all_bounds(const FrameStreams& streams) {
-  find_bounds<<<resident.of(find_bounds, 128), 128, 0, streams.main>>>(scene, bounds.data());
+Result<void> CudaFrames::Impl::find_all_bounds() {
+  find_bounds<<<resident.of(find_bounds, 128), 128, 0, streams[kMain]>>>(scene, bounds.data());
   return cuda_check(cudaGetLastError(), "finding the chunks' bounds");
 }
 
@@ -398,7 +460,7 @@ Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQu
 Result<void> CudaFrames::Impl::forget() {
   if (!in_two_passes()) return {};
   last_view = {};
-  return cuda_check(cudaMemsetAsync(hints.data(), 0, tables.cluster_groups * sizeof(uint32_t), frame_streams.main),
+  return cuda_check(cudaMemsetAsync(hints.data(), 0, tables.cluster_groups * sizeof(uint32_t), streams[kMain]),
                     "clearing a bit for each cluster");
 }
 
@@ -459,47 +521,44 @@ ClusterCull CudaFrames::Impl::cluster_cull(const DrawList& list, const ClusterTe
 /// Finds the chunks that are drawn, and clears the picture.
 template <bool kClips>
 void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear& clear, bool draws_indexed,
-                                      bool draws_clusters, const FrameStreams& streams) {
-  const auto of_instances = cull_instances<kClips>;
-  const auto of_chunks = cull_chunks<kClips>;
-  const auto of_clustered_chunks = cull_clustered_chunks<kClips>;
-  of_instances<<<(list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0, streams.main>>>(
-      scene, frame, list, clear);
+                                      bool draws_clusters) {
+  launch(kMain, cull_instances<kClips>, (list.instance_count - 1) / kCullThreads + 1 + clear.blocks, kCullThreads, 0,
+         scene, frame, list, clear);
   if (draws_indexed) {
-    of_chunks<<<(list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, streams.main>>>(scene, frame, list);
+    launch(kMain, cull_chunks<kClips>, (list.candidate_count - 1) / kCullThreads + 1, kCullThreads, 0, scene, frame,
+           list);
   }
   if (draws_clusters) {
     const uint64_t threads = cluster_candidates.count() * kDrawInstances;
     const auto blocks = static_cast<uint32_t>((threads - 1) / kCullThreads + 1);
     const ClusterList clusters = cluster_list();
-    of_clustered_chunks<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters, in_two_passes());
-    place_cluster_draws<<<blocks, kCullThreads, 0, streams.main>>>(scene, frame, list, clusters);
+    launch(kMain, cull_clustered_chunks<kClips>, blocks, kCullThreads, 0, scene, frame, list, clusters,
+           in_two_passes());
+    launch(kMain, place_cluster_draws, blocks, kCullThreads, 0, scene, frame, list, clusters);
   }
 }
 
 /// Finds the clusters that are drawn, and clears the picture.
 template <bool kOrthographic, bool kClips>
-void CudaFrames::Impl::submit_small_scene_culling(const DrawList& list, const SamplesToClear& clear,
-                                                  const FrameStreams& streams) {
+void CudaFrames::Impl::submit_small_scene_culling(const DrawList& list, const SamplesToClear& clear) {
   const auto group_count = static_cast<uint32_t>(small_scene_groups.count());
   const uint32_t blocks = (group_count - 1) / kCullWarps + 1 + clear.blocks;
-  cull_small_scene<kOrthographic, kClips><<<blocks, kCullThreads, 0, streams.main>>>(
-      {scene, list.transforms, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1), small_scene_groups.data(),
-       group_count, clear});
+  launch(kMain, cull_small_scene<kOrthographic, kClips>, blocks, kCullThreads, 0,
+         {scene, list.transforms, cluster_cull(list, {options.cluster_bounds, false}, 0, 0, 1),
+          small_scene_groups.data(), group_count, clear});
 }
 
 /// Culls the clusters of a pass, unless cull_small_scene() has done that, and draws them. `clips`: also draws their
 /// triangles that need clipping, unless these have a stream of their own.
 template <bool kOrthographic, ClusterPass kPass, Alpha kAlpha>
-void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips,
-                                       const FrameStreams& streams) {
+void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, uint32_t rounds, bool clips) {
   const uint32_t pass = kPass == ClusterPass::kNewlyVisible ? 1 + round : 0;
   if (!culls_as_small_scene()) {
     // More blocks than the registers allow at once: culling waits for memory, and late blocks balance the load.
     const auto cull =
         frame.clip_box.is_set ? cull_clusters<kOrthographic, kPass, true> : cull_clusters<kOrthographic, kPass, false>;
-    cull<<<resident.fill(kCullThreads), kCullThreads, 0, streams.main>>>(
-        cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
+    launch(kMain, cull, resident.fill(kCullThreads), kCullThreads, 0,
+           cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
   // Not in parts of a frame: their last clusters have no first pass to compare with.
@@ -509,85 +568,80 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
                       : culls_late       ? raster_clusters<kOrthographic, 1, true, kAlpha>
                                          : raster_clusters<kOrthographic, 1, false, kAlpha>;
   const size_t shared_bytes = has_few_clusters() ? 0 : kClusterSharedBytes<kAlpha>;
-  kernel<<<resident.of(kernel, kClusterThreads, shared_bytes), kClusterThreads, shared_bytes, streams.main>>>(clusters);
-  if (clips && !clips_on_own_stream()) submit_clipped<kOrthographic, kAlpha>(clusters, streams.main);
+  launch(kMain, kernel, resident.of(kernel, kClusterThreads, shared_bytes), kClusterThreads, shared_bytes, clusters);
+  if (clips && !clips_on_own_stream()) submit_clipped<kOrthographic, kAlpha>(clusters, kMain);
 }
 
 /// Clips the triangles of clusters that need it.
 template <bool kOrthographic, Alpha kAlpha>
-void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, cudaStream_t stream) {
+void CudaFrames::Impl::submit_clipped(const ClusterFrame& clusters, Branch branch) {
   if constexpr (!kOrthographic) {  // clip_near() is for perspective only
     if (clips_many()) {
       const auto near_clipped = raster_near_clipped<kAlpha>;
-      near_clipped<<<resident.of(near_clipped, kClusterThreads), kClusterThreads, 0, stream>>>(clusters);
+      launch(branch, near_clipped, resident.of(near_clipped, kClusterThreads), kClusterThreads, 0, clusters);
       return;
     }
   }
-  raster_clipped<kOrthographic, kAlpha><<<resident.multiprocessors(), kClusterThreads, 0, stream>>>(clusters);
+  launch(branch, raster_clipped<kOrthographic, kAlpha>, resident.multiprocessors(), kClusterThreads, 0, clusters);
 }
 
 /// Clips the triangles of clusters that need it and draws the remaining pieces, while all other triangles go through
 /// stages 2 and 3. They are few, but each takes 20 us. The additional kernels are worth it only in short frames: in
 /// scenes that are drawn in one pass.
 template <bool kOrthographic, Alpha kAlpha>
-Result<void> CudaFrames::Impl::submit_clipping_on_own_stream(const SmallFrame& small, const FrameStreams& streams) {
+Result<void> CudaFrames::Impl::submit_clipping_on_own_stream(const SmallFrame& small) {
   SmallFrame clipped = small;
   clipped.queues = queues.clipped.view(&small.list.counters->clipped);
   const LargeFrame<kAlpha> queued = large_frame<kAlpha>(small, clipped.queues, &small.list.counters->clipped_drawn);
-  Result<void> done = record_event(kClustersDone, streams);
-  if (done) done = cuda_check(cudaStreamWaitEvent(streams.clip, events[kClustersDone]), "forking");
+  Result<void> done = fork(kClustersDone, kClip);
   if (!done) return done;
-  submit_clipped<kOrthographic, kAlpha>({clipped, cluster_list(), 0}, streams.clip);
+  submit_clipped<kOrthographic, kAlpha>({clipped, cluster_list(), 0}, kClip);
   const auto large = raster_large<kOrthographic, kAlpha>;
-  split_large<kOrthographic, kAlpha><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
-  large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.clip>>>(queued);
-  raster_medium<kOrthographic, kAlpha><<<resident.multiprocessors(), kLargeThreads, 0, streams.clip>>>(queued);
+  launch(kClip, split_large<kOrthographic, kAlpha>, resident.multiprocessors(), kLargeThreads, 0, queued);
+  launch(kClip, large, resident.of(large, kLargeThreads), kLargeThreads, 0, queued);
+  launch(kClip, raster_medium<kOrthographic, kAlpha>, resident.multiprocessors(), kLargeThreads, 0, queued);
   done = cuda_check(cudaGetLastError(), "starting to clip");
-  if (done) done = cuda_check(cudaEventRecord(events[kClippedDone], streams.clip), "recording an event");
-  return done;
+  return done ? mark(kClippedDone, kClip) : done;
 }
 
 /// Runs stages 2 and 3 side by side, because each alone is too little work for the GPU.
 template <bool kOrthographic, Alpha kAlpha>
-Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageEvents& at,
-                                             const FrameStreams& streams) {
+Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const StageEvents& at) {
   const LargeFrame<kAlpha> queued = large_frame<kAlpha>(small, small.queues, &small.list.counters->drawn);
   Result<void> done;
-  if (clips_on_own_stream()) done = submit_clipping_on_own_stream<kOrthographic, kAlpha>(small, streams);
-  if (done) done = record_event(at.small_done, streams);
-  if (done) done = cuda_check(cudaStreamWaitEvent(streams.side, events[at.small_done]), "forking");
-  if (done) done = cuda_check(cudaEventRecord(events[at.large_begun], streams.side), "recording an event");
+  if (clips_on_own_stream()) done = submit_clipping_on_own_stream<kOrthographic, kAlpha>(small);
+  if (done) done = fork(at.small_done, kSide);
+  if (done) done = mark(at.large_begun, kSide);
   if (done) {
     const auto split = split_large<kOrthographic, kAlpha>;
     const auto large = raster_large<kOrthographic, kAlpha>;
-    split<<<resident.of(split, kLargeThreads), kLargeThreads, 0, streams.side>>>(queued);
-    large<<<resident.of(large, kLargeThreads), kLargeThreads, 0, streams.side>>>(queued);
+    launch(kSide, split, resident.of(split, kLargeThreads), kLargeThreads, 0, queued);
+    launch(kSide, large, resident.of(large, kLargeThreads), kLargeThreads, 0, queued);
     done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
-  if (done) done = cuda_check(cudaEventRecord(events[at.large_done], streams.side), "recording an event");
+  if (done) done = mark(at.large_done, kSide);
   if (done) {
     const auto medium = raster_medium<kOrthographic, kAlpha>;
-    medium<<<resident.of(medium, kLargeThreads), kLargeThreads, 0, streams.main>>>(queued);
+    launch(kMain, medium, resident.of(medium, kLargeThreads), kLargeThreads, 0, queued);
     done = cuda_check(cudaGetLastError(), "starting stage 2");
   }
-  if (done) done = record_event(at.medium_done, streams);
-  if (done) done = cuda_check(cudaStreamWaitEvent(streams.main, events[at.large_done]), "joining");
-  if (done && clips_on_own_stream())
-    done = cuda_check(cudaStreamWaitEvent(streams.main, events[kClippedDone]), "joining");
+  if (done) done = mark(at.medium_done);
+  if (done) done = join(at.large_done, kSide);
+  if (done && clips_on_own_stream()) done = join(kClippedDone, kClip);
   return done;
 }
 
 /// Records the events of stages that run only after the last pass. The stages' times are read from them.
-Result<void> CudaFrames::Impl::record_stages(const StageEvents& at, const FrameStreams& streams) {
+Result<void> CudaFrames::Impl::record_stages(const StageEvents& at) {
   Result<void> done;
   for (const FrameEvent event : {at.small_done, at.large_begun, at.large_done, at.medium_done})
-    if (done) done = record_event(event, streams);
+    if (done) done = record_event(event, kMain);
   return done;
 }
 
 /// Draws the frame.
 template <bool kOrthographic, Alpha kAlpha>
-Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
+Result<void> CudaFrames::Impl::submit_passes() {
   auto* const counters = reinterpret_cast<FrameCounters*>(zeroed.data());
   const DrawList list{order.data(),
                       mesh_first.data(),
@@ -611,20 +665,20 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   const bool draws_only_previously_visible = options.part == FramePart::kPreviouslyVisible;
   const bool draws_clusters = has_clusters() && (two_passes || !draws_only_previously_visible);
   const bool draws_indexed = list.candidate_count != 0 && !draws_only_previously_visible;
-  if (done && options.part != FramePart::kWhole && draws_indexed && tables.has_float32) done = find_all_bounds(streams);
+  if (done && options.part != FramePart::kWhole && draws_indexed && tables.has_float32) done = find_all_bounds();
   const bool clears = options.part == FramePart::kWhole;
   const bool culls = list.instance_count != 0 && (draws_indexed || draws_clusters);
   if (done && clears && !culls) {
-    done = cuda_check(cudaMemsetAsync(first_sample, 0xff, sample_count * sizeof(uint64_t), streams.main), "clearing");
+    done = cuda_check(cudaMemsetAsync(first_sample, 0xff, sample_count * sizeof(uint64_t), streams[kMain]), "clearing");
   }
-  if (done) done = record_event(kCleared, streams);
+  if (done) done = mark(kCleared);
   if (done && culls) {
     const SamplesToClear clear{first_sample, sample_count, clears ? resident.fill(kCullThreads) : 0};
     const auto submit = [&]<bool kClips>() {
       if (culls_as_small_scene()) {
-        submit_small_scene_culling<kOrthographic, kClips>(list, clear, streams);
+        submit_small_scene_culling<kOrthographic, kClips>(list, clear);
       } else {
-        submit_culling<kClips>(list, clear, draws_indexed, draws_clusters, streams);
+        submit_culling<kClips>(list, clear, draws_indexed, draws_clusters);
       }
     };
     if (frame.clip_box.is_set) {
@@ -634,7 +688,7 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
     }
     done = cuda_check(cudaGetLastError(), "starting culling");
   }
-  if (done) done = record_event(kCulled, streams);
+  if (done) done = mark(kCulled);
   const SmallFrame small{scene,
                          frame,
                          target,
@@ -645,48 +699,38 @@ Result<void> CudaFrames::Impl::submit_passes(const FrameStreams& streams) {
   if (done && draws_indexed) {
     const SmallVariant& variant = variants[kOrthographic ? 1 : 0];
     const uint32_t blocks = resident.of(variant.kernel, kSmallThreads, variant.shared_bytes);
-    variant.kernel<<<blocks, kSmallThreads, variant.shared_bytes, streams.main>>>(small);
+    launch(kMain, variant.kernel, blocks, kSmallThreads, variant.shared_bytes, small);
   }
   const bool defers = defers_stages();
   if (done && draws_clusters) {
     if (two_passes && options.part != FramePart::kRest) {
-      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible, kAlpha>(small, 0, 1, !defers, streams);
+      submit_clusters<kOrthographic, ClusterPass::kPreviouslyVisible, kAlpha>(small, 0, 1, !defers);
     } else if (!two_passes) {
-      submit_clusters<kOrthographic, ClusterPass::kOnly, kAlpha>(small, 0, 1, true, streams);
+      submit_clusters<kOrthographic, ClusterPass::kOnly, kAlpha>(small, 0, 1, true);
     }
   }
   if (done) done = cuda_check(cudaGetLastError(), "starting stage 1");
   if (done) {
-    done = defers ? record_stages(kFirstStages, streams)
-                  : submit_stages<kOrthographic, kAlpha>(small, kFirstStages, streams);
+    done = defers ? record_stages(kFirstStages) : submit_stages<kOrthographic, kAlpha>(small, kFirstStages);
   }
-  if (done) done = record_event(kFirstDone, streams);
-  if (done && two_passes) done = join(streams);
+  if (done) done = mark(kFirstDone);
+  if (done && two_passes) done = join_samples();
   if (done && two_passes && !draws_only_previously_visible) {
     const auto tiles_along = [](int32_t side) { return (static_cast<uint32_t>(side) - 1) / kPyramidTile + 1; };
     const dim3 tiles_of_image(tiles_along(frame.width), tiles_along(frame.height));
     // If the camera stood still, few clusters are newly visible, and one round is the least work.
     const uint32_t rounds = same_view(frame, last_view) ? 1 : rounds_when_moving();
     for (uint32_t round = 0; round < rounds && done; ++round) {
-      build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams.main>>>(pyramid, samples, frame.first_row,
-                                                                                frame.end_row);
-      build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams.main>>>(pyramid, counters, !defers);
-      if (round == 0) done = record_event(kPyramidDone, streams);
+      build_pyramid_tiles<<<tiles_of_image, kPyramidThreads, 0, streams[kMain]>>>(pyramid, samples, frame.first_row,
+                                                                                  frame.end_row);
+      build_pyramid_top_and_begin_pass<<<1, 1024, 0, streams[kMain]>>>(pyramid, counters, !defers);
+      if (round == 0) done = mark(kPyramidDone);
       const bool ends = !defers || round + 1 == rounds;
-      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible, kAlpha>(small, round, rounds, ends, streams);
+      submit_clusters<kOrthographic, ClusterPass::kNewlyVisible, kAlpha>(small, round, rounds, ends);
       if (done) done = cuda_check(cudaGetLastError(), "starting the second pass");
-      if (done && ends) done = submit_stages<kOrthographic, kAlpha>(small, kSecondStages, streams);
+      if (done && ends) done = submit_stages<kOrthographic, kAlpha>(small, kSecondStages);
     }
   }
-  return done;
-}
-
-/// Captures the frame's submission in the graph.
-Result<void> CudaFrames::Impl::capture_graph() {
-  if (Result<void> done = CudaGraph::begin(capture_streams.main); !done) return done;
-  const Result<void> done = submit_passes(capture_streams);
-  if (done) return graph.finish(capture_streams.main);
-  CudaGraph::abandon(capture_streams.main);
   return done;
 }
 
@@ -696,22 +740,43 @@ Result<void> CudaFrames::Impl::submit() {
   two_passes = has_clusters() && in_two_passes() && options.cluster_bounds && options.occlusion;
   is_graph = goes_as_graph();
   Result<void> done;
-  if (is_graph) done = capture_graph();
-  if (done) done = record_event(kStart, frame_streams);
+  if (is_graph) {
+    graph.begin();
+    done = submit_passes();
+    if (done) done = graph.update();
+  }
+  if (done) done = record_event(kStart, kMain);
   if (done && !counters_cleared) done = clear_counters();
   counters_cleared = false;
-  if (done) done = is_graph ? graph.launch(frame_streams.main) : submit_passes(frame_streams);
-  if (done) done = join(frame_streams);
+  if (done) done = is_graph ? graph.launch(streams[kMain]) : submit_passes();
+  if (done) done = join_samples();
   const auto* const counters = reinterpret_cast<const FrameCounters*>(zeroed.data());
-  if (done) done = record_event(kAllDone, frame_streams);
+  if (done) done = record_event(kAllDone, kMain);
   if (done) {
-    done = cuda_check(
-        cudaMemcpyAsync(host_counters, counters, sizeof *host_counters, cudaMemcpyDeviceToHost, frame_streams.main),
-        "reading the counters");
+    hand_over<<<1, kWarpLanes, 0, streams[kMain]>>>(counters, handed_over, frame_number);
+    done = cuda_check(cudaGetLastError(), "reading the counters");
   }
-  if (done) done = record_event(kCountersRead, frame_streams);
+  if (done) done = record_event(kCountersRead, kMain);
   if (done) done = clear_counters();
   return done;
+}
+
+/// Waits for the counters of the frame. Their last word is there before the event that is recorded behind it; the event
+/// is for errors.
+Result<void> CudaFrames::Impl::wait() const {
+  constexpr uint32_t kLooks = 1000;  // between two calls, each of which takes a lock
+  std::atomic_ref<uint32_t> frame_there(handed_over->frame);
+  for (;;) {
+    for (uint32_t i = 0; i < kLooks; ++i) {
+      if (frame_there.load(std::memory_order_acquire) == frame_number) return {};
+#if defined(__x86_64__)
+      __builtin_ia32_pause();
+#endif
+    }
+    const cudaError_t status = cudaEventQuery(events[kCountersRead]);
+    const Result<void> done = cuda_check(status, "drawing");
+    if (done || status != cudaErrorNotReady) return done;
+  }
 }
 
 Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
@@ -801,12 +866,12 @@ Result<void> CudaFrames::start(const View& view, uint64_t* samples, const DrawOp
 /// Makes room in the queues that overflowed, before the frame is drawn again. Errors kDevice; kRange: a queue would
 /// need 2^32 entries.
 Result<void> CudaFrames::Impl::grow_queues() {
-  const bool lost_clusters = queues.lost_clusters(*host_counters);
+  const bool lost_clusters = queues.lost_clusters(handed_over->counters);
   // A little more than the frame needed, because the camera moves; the exact size if there is no memory for more.
-  Result<void> grown = queues.grow(queues.needed(*host_counters, 4));
-  if (!grown) grown = queues.grow(queues.needed(*host_counters, 0));
+  Result<void> grown = queues.grow(queues.needed(handed_over->counters, 4));
+  if (!grown) grown = queues.grow(queues.needed(handed_over->counters, 0));
   if (!grown) return grown;
-  if (!queues.had_room(*host_counters))
+  if (!queues.had_room(handed_over->counters))
     return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 entries; use --backend cpu"};
   // Clusters without room hid nothing, so the frame left far too many hints. In a part, a cluster with a new hint would
   // also count as drawn before the part.
@@ -819,25 +884,24 @@ Result<void> CudaFrames::Impl::grow_queues() {
 void CudaFrames::Impl::adapt_next_frame() {
   // kRest ends the frame that kPreviouslyVisible begins: it has as many rounds as a whole frame.
   if (options.part != FramePart::kPreviouslyVisible) last_view = frame;
-  clipped_before = host_counters->to_clip;
-  queued_little =
-      host_counters->to_clip == 0 && host_counters->queues.large == 0 && host_counters->queues.medium <= kMostDeferred;
+  clipped_before = handed_over->counters.to_clip;
+  queued_little = handed_over->counters.to_clip == 0 && handed_over->counters.queues.large == 0 &&
+                  handed_over->counters.queues.medium <= kMostDeferred;
   // After a jump of the camera most clusters that the second pass found turn out to be hidden, so all hints are tested
   // anew. The same holds for each part of a frame: few of the chunks that may hide a part's first clusters were there.
-  const uint64_t previously_visible = host_counters->clusters[0];
-  const uint64_t newly_visible = clusters_before(*host_counters, kClusterPasses) - previously_visible;
+  const uint64_t previously_visible = handed_over->counters.clusters[0];
+  const uint64_t newly_visible = clusters_before(handed_over->counters, kClusterPasses) - previously_visible;
   hint_period = options.part != FramePart::kWhole || newly_visible > previously_visible ? 1 : kHintPeriod;
 }
 
 Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   bool is_drawn_again = false;
   for (;;) {
-    if (Result<void> done = cuda_check(cudaEventSynchronize(impl_->events[kCountersRead]), "drawing"); !done)
-      return done.error();
-    if (impl_->queues.had_room(*impl_->host_counters)) break;
+    if (Result<void> done = impl_->wait(); !done) return done.error();
+    if (impl_->queues.had_room(impl_->handed_over->counters)) break;
     if (Result<void> grown = impl_->grow_queues(); !grown) return grown.error();
     is_drawn_again = true;
-    impl_->clipped_before = impl_->host_counters->to_clip;  // for the same frame the guess is right
+    impl_->clipped_before = impl_->handed_over->counters.to_clip;  // for the same frame the guess is right
     if (impl_->options.join != nullptr) return Finished{{}, is_drawn_again};
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }
@@ -845,7 +909,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   if (times != nullptr) {
     if (Result<void> done = impl_->read_times(*times); !done) return done.error();
   }
-  const Counters& counters = impl_->host_counters->queues;
+  const Counters& counters = impl_->handed_over->counters.queues;
   FrameStats stats{};
   if (impl_->options.part != FramePart::kPreviouslyVisible) {  // otherwise kRest counts them
     stats.instances_drawn = counters.instances_drawn;
@@ -853,18 +917,18 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     stats.triangles = counters.triangles;
   }
   stats.triangles_small = counters.triangles_small;
-  stats.triangles_medium = counters.medium + impl_->host_counters->clipped.medium;
-  stats.triangles_large = counters.large + impl_->host_counters->clipped.large;
+  stats.triangles_medium = counters.medium + impl_->handed_over->counters.clipped.medium;
+  stats.triangles_large = counters.large + impl_->handed_over->counters.clipped.large;
   stats.triangles_clipped = counters.triangles_clipped;
-  stats.groups_tested = impl_->host_counters->groups_tested;
-  stats.clusters_tested = impl_->host_counters->clusters_tested;
+  stats.groups_tested = impl_->handed_over->counters.groups_tested;
+  stats.clusters_tested = impl_->handed_over->counters.clusters_tested;
   stats.clusters_drawn =
-      clusters_before(*impl_->host_counters, kClusterPasses) - impl_->host_counters->clusters_culled_late;
+      clusters_before(impl_->handed_over->counters, kClusterPasses) - impl_->handed_over->counters.clusters_culled_late;
   return Finished{stats, is_drawn_again};
 }
 
 Result<void> CudaFrames::pages_came() {
-  return impl_->tables.has_float32 ? impl_->find_all_bounds(impl_->frame_streams) : Result<void>();
+  return impl_->tables.has_float32 ? impl_->find_all_bounds() : Result<void>();
 }
 
 const Transform* CudaFrames::transforms() const {

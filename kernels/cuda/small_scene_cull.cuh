@@ -39,13 +39,14 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
   const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
   constexpr bool kFloat32 = false;  // clusters lie on a lattice
   const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, kFloat32);
-  if (!may_be_drawn<kClips>(transform, view, mesh_box(mesh, transform))) return;
+  if (!may_be_drawn<kClips>(transform, view, mesh_box(mesh, transform), all_rows(view))) return;
   if (lane == 0 && at.group == 0 && at.chunk == mesh.first_chunk) {
     in.transforms[at.instance] = transform;
     WarpTeam::add(&counters.queues.instances_drawn, 1);
   }
   if (scene.pages[chunk.page] == nullptr) return;
-  if (mesh.chunk_count != 1 && !may_be_drawn<kClips>(transform, view, rounded_chunk_box(mesh, chunk, transform)))
+  if (mesh.chunk_count != 1 &&
+      !may_be_drawn<kClips>(transform, view, rounded_chunk_box(mesh, chunk, transform), drawn_rows(view)))
     return;
   if (lane == 0 && at.group == 0) {
     WarpTeam::add(&counters.queues.draws, 1);

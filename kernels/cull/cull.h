@@ -7,9 +7,31 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
+/// The planes above and below rows of the picture: their distances from its middle in sub-pixels.
+struct RowPlanes {
+  float above;
+  float below;
+};
+
+SCREE_HD inline RowPlanes all_rows(const FrameView& view) {
+  return {view.half_height, view.half_height};
+}
+
+/// The rows that are drawn (FrameView::first_row, end_row). Exact: the distances are whole numbers below 2^24.
+SCREE_HD inline RowPlanes drawn_rows(const FrameView& view) {
+  return {view.half_height - static_cast<float>(view.first_row * kSubpixels),
+          static_cast<float>(view.end_row * kSubpixels) - view.half_height};
+}
+
+/// Whether rows of the picture are left out.
+SCREE_HD inline bool leaves_out_rows(const FrameView& view) {
+  return view.first_row != 0 || view.end_row != view.height;
+}
+
 /// may_be_seen() of `rows` x, y and w. `slack`: as a share of the sum of all terms.
 template <class Real, class Box>
-SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView& view, const Box& box, Real slack) {
+SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView& view, const Box& box,
+                                     const RowPlanes& planes, Real slack) {
   Real at_center[3];
   Real half_extent[3][3];  // row, axis: how much the row's value changes from the box's centre to its side
   Real terms[3];
@@ -22,16 +44,16 @@ SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView&
       terms[r] += abs_of(rows[r][i]) * (abs_of(box.center[i]) + box.extent[i]);
     }
   }
-  const Real half[2] = {static_cast<Real>(view.half_width), static_cast<Real>(view.half_height)};
   for (int axis = 0; axis < 2; ++axis) {
     for (int side = -1; side <= 1; side += 2) {
-      // Largest half * w + side * x over the box; orthographic: half + side * x.
-      const Real weight = view.orthographic ? Real{0} : half[axis];
+      // Largest plane * w + side * x over the box; orthographic: plane + side * x.
+      const auto plane = static_cast<Real>(axis == 0 ? view.half_width : side < 0 ? planes.below : planes.above);
+      const Real weight = view.orthographic ? Real{0} : plane;
       const auto sign = static_cast<Real>(side);
       Real largest = weight * at_center[2] + sign * at_center[axis];
-      if (view.orthographic) largest += half[axis];
+      if (view.orthographic) largest += plane;
       for (int i = 0; i < 3; ++i) largest += abs_of(weight * half_extent[2][i] + sign * half_extent[axis][i]);
-      if (largest < -slack * (weight * terms[2] + terms[axis])) return false;
+      if (largest < -slack * (abs_of(weight) * terms[2] + terms[axis])) return false;
     }
   }
   const Real depth_half_extent = abs_of(half_extent[2][0]) + abs_of(half_extent[2][1]) + abs_of(half_extent[2][2]);
@@ -45,56 +67,27 @@ SCREE_HD inline bool box_may_be_seen(const Real* const rows[3], const FrameView&
   return true;
 }
 
-/// False only if no vertex in the box, and no triangle of such vertices, can touch a pixel centre. The slack is 2^-20
-/// of all terms; the error of single-precision projection is smaller (a few 2^-24). The planes lie half a pixel outside
-/// the outermost centres, farther than snapping moves a vertex. Boxes with NaN or infinity are kept.
-SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RelativeBox& box) {
+/// False only if no vertex in the box, and no triangle of such vertices, can touch a pixel centre of the rows. The
+/// slack is 2^-20 of all terms; the error of single-precision projection is smaller (a few 2^-24). The planes lie half
+/// a pixel outside the outermost centres, farther than snapping moves a vertex. Boxes with NaN or infinity are kept.
+SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RelativeBox& box,
+                                 const RowPlanes& planes) {
   const double* const rows[3] = {transform.exact_x, transform.exact_y, transform.exact_w};
-  return box_may_be_seen(rows, view, box, 1.0 / (1 << 20));
+  return box_may_be_seen(rows, view, box, planes, 1.0 / (1 << 20));
 }
 
 /// The same in single precision. The error of a value is at most 3 * 2^-24 of the terms for the box, 2^-24 for the rows
 /// and 9 * 2^-24 for the roundings here: together less than 2^-20. The slack is 2^-18.
-SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RoundedBox& box) {
+SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const RoundedBox& box,
+                                 const RowPlanes& planes) {
   const float* const rows[3] = {transform.x, transform.y, transform.w};
-  return box_may_be_seen(rows, view, box, 1.0f / (1 << 18));
+  return box_may_be_seen(rows, view, box, planes, 1.0f / (1 << 18));
 }
 
-/// Whether rows of the picture are left out (FrameView::first_row, end_row).
-SCREE_HD inline bool leaves_out_rows(const FrameView& view) {
-  return view.first_row != 0 || view.end_row != view.height;
-}
-
-/// As may_be_in_rows(), by the rows y and w of a matrix. `slack`: as a share of the sum of all terms.
-template <class Real, class Box>
-SCREE_HD inline bool box_may_be_in_rows(const Real* row_y, const Real* row_w, const FrameView& view, const Box& box,
-                                        Real slack) {
-  const auto half = static_cast<Real>(view.half_height);
-  for (int side = -1; side <= 1; side += 2) {
-    // Largest plane * w + side * y over the box; orthographic: plane + side * y.
-    const Real plane = side < 0 ? static_cast<Real>(view.end_row * kSubpixels) - half
-                                : half - static_cast<Real>(view.first_row * kSubpixels);
-    const Real weight = view.orthographic ? Real{0} : plane;
-    const auto sign = static_cast<Real>(side);
-    Real largest = weight * row_w[3] + sign * row_y[3] + (view.orthographic ? plane : Real{0});
-    Real terms = abs_of(weight * row_w[3]) + abs_of(row_y[3]);
-    for (int i = 0; i < 3; ++i) {
-      const Real value = weight * row_w[i] + sign * row_y[i];
-      largest += value * box.center[i] + abs_of(value) * box.extent[i];
-      terms += (abs_of(weight * row_w[i]) + abs_of(row_y[i])) * (abs_of(box.center[i]) + box.extent[i]);
-    }
-    if (largest < -slack * terms) return false;
-  }
-  return true;
-}
-
-/// False only if no vertex in the box, and no triangle of such vertices, can touch a pixel centre of the view's rows.
-/// The planes and slacks are as for may_be_seen().
-SCREE_HD inline bool may_be_in_rows(const Transform& transform, const FrameView& view, const RelativeBox& box) {
-  return !leaves_out_rows(view) || box_may_be_in_rows(transform.exact_y, transform.exact_w, view, box, 1.0 / (1 << 20));
-}
-SCREE_HD inline bool may_be_in_rows(const Transform& transform, const FrameView& view, const RoundedBox& box) {
-  return !leaves_out_rows(view) || box_may_be_in_rows(transform.y, transform.w, view, box, 1.0f / (1 << 18));
+/// The same for all rows of the picture.
+template <class Box>
+SCREE_HD inline bool may_be_seen(const Transform& transform, const FrameView& view, const Box& box) {
+  return may_be_seen(transform, view, box, all_rows(view));
 }
 
 /// may_be_in_clip_box() of `rows` x, y and w. `slack`: as a share of the sum of all terms.
@@ -166,13 +159,15 @@ SCREE_HD inline bool may_be_in_clip_box(const Transform& transform, const FrameV
   return box_may_be_in_clip_box(rows, view, box, 1.0f / (1 << 18));
 }
 
-/// Whether the box may be seen. `kClips`: the view has a clipping box, and the box is tested against it too.
+/// Whether the box may be seen in the rows. `kClips`: the view has a clipping box, and the box is tested against it
+/// too.
 template <bool kClips, class Box>
-SCREE_HD inline bool may_be_drawn(const Transform& transform, const FrameView& view, const Box& box) {
-  return may_be_seen(transform, view, box) && (!kClips || may_be_in_clip_box(transform, view, box));
+SCREE_HD inline bool may_be_drawn(const Transform& transform, const FrameView& view, const Box& box,
+                                  const RowPlanes& planes) {
+  return may_be_seen(transform, view, box, planes) && (!kClips || may_be_in_clip_box(transform, view, box));
 }
 
-/// The same, with a test at run time whether the view has a clipping box.
+/// The same for all rows, with a test at run time whether the view has a clipping box.
 template <class Box>
 SCREE_HD inline bool may_be_drawn(const Transform& transform, const FrameView& view, const Box& box) {
   return may_be_seen(transform, view, box) && (!view.clip_box.is_set || may_be_in_clip_box(transform, view, box));

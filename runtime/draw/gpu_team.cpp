@@ -22,6 +22,9 @@ namespace {
 
 static_assert(kMostGpus <= kernels::kMostBuffers);
 
+/// How long a thread waits for the next frame, or for the other GPUs, before it sleeps.
+constexpr std::chrono::microseconds kSpin{1000};
+
 std::string gpu_name(int gpu) {
   return "GPU " + std::to_string(gpu);
 }
@@ -91,7 +94,7 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   for (size_t i = 0; i < gpus.size(); ++i) members_[i].gpu = gpus[i];
   buffers_.count = size();
   draw_ms_.resize(size());
-  workers_.emplace(size());
+  workers_.emplace(size(), kSpin);
   if (workers_->start() != size()) return Error{ErrorCode::kMemory, "the system starts no thread for each GPU"};
   if (const Result<void> connected = connect(); !connected) return connected.error();
 

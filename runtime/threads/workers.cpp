@@ -23,9 +23,22 @@ uint32_t Workers::start() {
   return static_cast<uint32_t>(helpers_.size()) + 1;
 }
 
+/// Waits up to `spin_` for a condition that is then tested again under the mutex.
+template <class Condition>
+void Workers::spin_until(const Condition& condition) const {
+  if (spin_.count() == 0 || condition()) return;
+  const auto end = std::chrono::steady_clock::now() + spin_;
+  while (!condition() && std::chrono::steady_clock::now() < end) {
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#endif
+  }
+}
+
 void Workers::help() {
-  std::unique_lock lock(mutex_);
   for (uint64_t seen = 0;;) {
+    spin_until([&] { return is_stopping_ || loops_ != seen; });
+    std::unique_lock lock(mutex_);
     loop_begun_.wait(lock, [&] { return is_stopping_ || loops_ != seen; });
     if (is_stopping_) return;
     seen = loops_;
@@ -49,6 +62,7 @@ void Workers::share(uint64_t helpers, const std::function<void()>& work) {
   }
   loop_begun_.notify_all();
   work();
+  spin_until([&] { return helping_ == 0; });
   std::unique_lock lock(mutex_);
   wanted_ = 0;
   all_left_.wait(lock, [&] { return helping_ == 0; });

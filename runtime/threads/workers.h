@@ -1,6 +1,8 @@
 // Threads for many short loops, for which starting threads would take too long.
 #pragma once
 
+#include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
@@ -16,7 +18,9 @@ namespace scree::runtime {
 class Workers {
  public:
   /// Up to `threads` threads, including the caller's. The others are started by the first loop that has work for them.
-  explicit Workers(uint32_t threads) : threads_(threads) {}
+  /// A thread that waits for a loop to begin or to end tests that for `spin` before it sleeps: waking it up takes some
+  /// ten microseconds.
+  explicit Workers(uint32_t threads, std::chrono::microseconds spin = {}) : threads_(threads), spin_(spin) {}
   Workers(const Workers&) = delete;
   Workers& operator=(const Workers&) = delete;
   ~Workers();
@@ -42,20 +46,24 @@ class Workers {
 
  private:
   void help();
+  template <class Condition>
+  void spin_until(const Condition& condition) const;
   /// Calls `work` on this thread, and on up to `helpers` others that wake up before this thread is done. Returns when
   /// all calls have returned.
   void share(uint64_t helpers, const std::function<void()>& work);
 
   const uint32_t threads_;
+  const std::chrono::microseconds spin_;
   std::vector<std::thread> helpers_;
   std::mutex mutex_;
   std::condition_variable loop_begun_;  // a loop has begun, or the workers end
   std::condition_variable all_left_;
   const std::function<void()>* work_ = nullptr;
-  uint64_t loops_ = 0;    // loops begun so far
-  uint64_t wanted_ = 0;   // threads that may still join the last loop
-  uint64_t helping_ = 0;  // threads that have joined it and not left
-  bool is_stopping_ = false;
+  // These change only under the mutex. Spinning threads read the atomic ones without it.
+  std::atomic<uint64_t> loops_ = 0;    // loops begun so far
+  std::atomic<uint64_t> helping_ = 0;  // threads that have joined the last loop and not left
+  uint64_t wanted_ = 0;                // threads that may still join it
+  std::atomic<bool> is_stopping_ = false;
 };
 
 }  // namespace scree::runtime

@@ -180,6 +180,7 @@ inline uint32_t __reduce_or_sync(uint32_t mask, uint32_t value) {
     return a | b;
   });
 }
+inline void __threadfence_system() {}
 inline void __syncwarp(uint32_t mask = ~0u) {
   scree::emulator::exchange_in_warp("__syncwarp", mask, 0);
 }
@@ -326,3 +327,8 @@ template <class T>
 T __ldg(const T* at) {
   return *at;
 }
+
+// For kernels/cuda/graph.h, whose nodes are bound like launches.
+#ifndef SCREE_EMULATED_CUDA
+#define SCREE_EMULATED_CUDA
+#endif

@@ -34,7 +34,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// The work of `stream` before its number `end`. Null: work that belongs to a graph.
+/// The work of `stream` before its number `end`.
 struct Point {
   CUstream_st* stream;
   uint64_t end;
@@ -47,13 +47,17 @@ struct Work {
 
 }  // namespace
 
-/// A graph's work, in an order in which it can be done.
+struct CUgraphNode_st {
+  const struct CUgraph_st* graph;
+  size_t number;           // in the graph
+  std::set<size_t> after;  // numbers of the nodes that come before
+  std::function<void()> work;
+};
 struct CUgraph_st {
-  std::vector<std::function<void()>> work;
-  bool is_open = true;  // being captured
+  std::deque<CUgraphNode_st> nodes;
 };
 struct CUgraphExec_st {
-  std::vector<std::function<void()>> work;
+  std::vector<CUgraphNode_st> nodes;
 };
 
 struct CUstream_st {
@@ -61,10 +65,6 @@ struct CUstream_st {
   bool waits_for_null = false;  // ordered with the null stream of its GPU, before and after
   bool is_destroyed = false;
   bool is_running = false;
-  std::shared_ptr<CUgraph_st> capture;  // the graph that its work goes to
-  uint64_t captured = 0;                // number of works since the capture began
-  uint64_t joined = 0;                  // the part of it that lies before an event that another captured stream waited
-                                        // for
   uint64_t done = 0;
   std::deque<Work> waiting;
 
@@ -76,11 +76,6 @@ struct CUevent_st {
     Point at;
     bool is_timed;
     Clock::time_point time;
-    std::weak_ptr<CUgraph_st> capture;     // the graph whose work includes this record
-    CUstream_st* captured_from = nullptr;  // null: not captured
-    uint64_t captured_before = 0;          // amount of that stream's work before the record
-
-    bool is_captured() const { return captured_from != nullptr; }
   };
   bool is_timed = true;
   std::shared_ptr<Record> last;  // null: never recorded
@@ -142,7 +137,7 @@ struct Device {
   std::map<uintptr_t, Allocation> allocations;
   std::map<const void*, Kernel> kernels;
   std::map<int, scree::emulator::MemoryInUse> in_use;  // by GPU; pinned memory is under kPinned
-  std::vector<std::shared_ptr<CUgraph_st>> graphs;     // not destroyed yet
+  std::vector<std::unique_ptr<CUgraph_st>> graphs;     // not destroyed yet
   std::set<std::pair<int, int>> peers;                 // GPUs that may read the memory of others
 };
 
@@ -174,7 +169,6 @@ CUstream_st* stream_of(cudaStream_t stream) {
 
 /// Does all work before `point`.
 void reach(Point point) {
-  if (point.stream == nullptr) fail("what a graph keeps is waited for");
   CUstream_st& stream = *point.stream;
   while (stream.done < point.end) {
     if (stream.is_running) fail("work of a stream waits for itself");
@@ -190,11 +184,6 @@ void reach(Point point) {
 
 Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> after = {}) {
   Device& all = device();
-  if (stream->capture != nullptr) {
-    stream->capture->work.push_back(std::move(run));
-    ++stream->captured;
-    return {nullptr, 0};
-  }
   CUstream_st* const null_stream = null_stream_of(stream->gpu);
   if (stream == null_stream) {
     for (const auto& other : all.streams)
@@ -322,19 +311,35 @@ cudaError_t make_event(cudaEvent_t* out, bool is_timed) {
   return cudaSuccess;
 }
 
-cudaError_t submit_kernel(const void* function, dim3 blocks, dim3 threads, void** parameters, size_t shared_bytes,
-                          cudaStream_t stream) {
-  const std::lock_guard lock(device().mutex);
+/// The work of a launched kernel, in `out`.
+cudaError_t bind_launch(const void* function, dim3 blocks, dim3 threads, void** parameters, size_t shared_bytes,
+                        std::function<void()>& out) {
   const Kernel& kernel = device().kernels.at(function);
   const uint64_t in_block = uint64_t{threads.x} * threads.y * threads.z;
   const uint64_t in_grid = uint64_t{blocks.x} * blocks.y * blocks.z;
   const bool fits = in_grid != 0 && blocks.x <= 0x7fffffffu && blocks.y <= 0xffffu && blocks.z <= 0xffffu &&
                     in_block != 0 && in_block <= scree::emulator::kMaxThreads && shared_bytes <= kernel.shared_bytes;
   if (!fits) return failed(cudaErrorInvalidConfiguration);
-  if (stream != nullptr && stream->gpu != current_gpu) return failed(cudaErrorInvalidResourceHandle);
   scree::emulator::Grid grid{kernel.name, blocks, threads, shared_bytes, kernel.bind(function, parameters)};
-  submit(stream_of(stream), [grid = std::move(grid)] { scree::emulator::run(grid); });
+  out = [grid = std::move(grid)] { scree::emulator::run(grid); };
   return cudaSuccess;
+}
+
+cudaError_t submit_kernel(const void* function, dim3 blocks, dim3 threads, void** parameters, size_t shared_bytes,
+                          cudaStream_t stream) {
+  const std::lock_guard lock(device().mutex);
+  std::function<void()> work;
+  if (const cudaError_t bound = bind_launch(function, blocks, threads, parameters, shared_bytes, work);
+      bound != cudaSuccess)
+    return bound;
+  if (stream != nullptr && stream->gpu != current_gpu) return failed(cudaErrorInvalidResourceHandle);
+  submit(stream_of(stream), std::move(work));
+  return cudaSuccess;
+}
+
+/// The work of a graph's kernel, in `out`.
+cudaError_t bind_node(const cudaKernelNodeParams& kernel, std::function<void()>& out) {
+  return bind_launch(kernel.func, kernel.gridDim, kernel.blockDim, kernel.kernelParams, kernel.sharedMemBytes, out);
 }
 
 }  // namespace
@@ -512,64 +517,58 @@ cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
   CUstream_st* const waiting = stream_of(stream);
-  const std::shared_ptr<CUgraph_st> capture = event->last->capture.lock();
-  if (event->last->is_captured() && (capture == nullptr || !capture->is_open)) return failed(cudaErrorCapturedEvent);
-  if (capture != waiting->capture) {
-    // A stream joins a capture this way. Work outside of the capture cannot be waited for inside.
-    if (waiting->capture != nullptr) return failed(cudaErrorStreamCaptureIsolation);
-    waiting->capture = capture;
-    waiting->captured = waiting->joined = 0;
-    return cudaSuccess;
-  }
-  if (waiting->capture != nullptr) {
-    uint64_t& joined = event->last->captured_from->joined;
-    joined = std::max(joined, event->last->captured_before);
-  } else {
-    submit(waiting, [] {}, {event->last->at});
-  }
+  submit(waiting, [] {}, {event->last->at});
   return cudaSuccess;
 }
 
-cudaError_t cudaStreamBeginCapture(cudaStream_t stream, cudaStreamCaptureMode) {
+cudaError_t cudaGraphCreate(cudaGraph_t* graph, unsigned) {
   const std::lock_guard lock(device().mutex);
-  CUstream_st* const begun = stream_of(stream);
-  if (begun == null_stream_of(begun->gpu) || begun->capture != nullptr)
-    return failed(cudaErrorStreamCaptureUnsupported);
-  // Such a stream and the default stream wait for each other's work.
-  if (begun->waits_for_null) fail("a stream is captured that is ordered with the default stream");
-  begun->capture = device().graphs.emplace_back(std::make_shared<CUgraph_st>());
+  *graph = device().graphs.emplace_back(std::make_unique<CUgraph_st>()).get();
   return cudaSuccess;
 }
-cudaError_t cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph) {
-  Device& all = device();
-  const std::lock_guard lock(all.mutex);
-  const std::shared_ptr<CUgraph_st> ended = stream_of(stream)->capture;
-  *graph = nullptr;
-  if (ended == nullptr) return failed(cudaErrorIllegalState);
-  ended->is_open = false;
-  bool all_joined = true;
-  for (const auto& other : all.streams) {
-    if (other->capture != ended) continue;
-    all_joined = all_joined && (other.get() == stream || other->joined == other->captured);
-    other->capture = nullptr;
+cudaError_t cudaGraphAddKernelNode(cudaGraphNode_t* node, cudaGraph_t graph, const cudaGraphNode_t* before,
+                                   size_t count, const cudaKernelNodeParams* kernel) {
+  const std::lock_guard lock(device().mutex);
+  for (size_t i = 0; i < count; ++i)
+    if (before[i]->graph != graph) return failed(cudaErrorInvalidValue);
+  std::function<void()> work;
+  if (const cudaError_t bound = bind_node(*kernel, work); bound != cudaSuccess) return bound;
+  std::set<size_t> after;  // everything that comes before
+  for (size_t i = 0; i < count; ++i) {
+    after.insert(before[i]->number);
+    after.insert(before[i]->after.begin(), before[i]->after.end());
   }
-  if (!all_joined) return failed(cudaErrorStreamCaptureUnjoined);
-  *graph = ended.get();
+  *node = &graph->nodes.emplace_back(CUgraphNode_st{graph, graph->nodes.size(), std::move(after), std::move(work)});
   return cudaSuccess;
 }
 cudaError_t cudaGraphInstantiate(cudaGraphExec_t* exec, cudaGraph_t graph, unsigned long long) {
-  *exec = new CUgraphExec_st{graph->work};
-  return cudaSuccess;
-}
-cudaError_t cudaGraphExecUpdate(cudaGraphExec_t exec, cudaGraph_t graph, cudaGraphExecUpdateResultInfo*) {
   const std::lock_guard lock(device().mutex);
-  if (exec->work.size() != graph->work.size()) return failed(cudaErrorGraphExecUpdateFailure);
-  exec->work = graph->work;
+  *exec = new CUgraphExec_st{{graph->nodes.begin(), graph->nodes.end()}};
   return cudaSuccess;
 }
+cudaError_t cudaGraphExecKernelNodeSetParams(cudaGraphExec_t exec, cudaGraphNode_t node,
+                                             const cudaKernelNodeParams* kernel) {
+  const std::lock_guard lock(device().mutex);
+  if (node->number >= exec->nodes.size() || exec->nodes[node->number].graph != node->graph)
+    return failed(cudaErrorInvalidValue);
+  return bind_node(*kernel, exec->nodes[node->number].work);
+}
+/// Does the kernels in any order that their nodes allow.
 cudaError_t cudaGraphLaunch(cudaGraphExec_t exec, cudaStream_t stream) {
   const std::lock_guard lock(device().mutex);
-  for (const std::function<void()>& work : exec->work) submit(stream_of(stream), work);
+  std::vector<const CUgraphNode_st*> left;
+  for (const CUgraphNode_st& node : exec->nodes) left.push_back(&node);
+  std::set<size_t> done;
+  while (!left.empty()) {
+    const auto is_free = [&](const CUgraphNode_st* node) {
+      return std::includes(done.begin(), done.end(), node->after.begin(), node->after.end());
+    };
+    const auto free_end = std::stable_partition(left.begin(), left.end(), is_free);
+    const auto next = left.begin() + random_below(static_cast<uint32_t>(free_end - left.begin()));
+    submit(stream_of(stream), (*next)->work);
+    done.insert((*next)->number);
+    left.erase(next);
+  }
   return cudaSuccess;
 }
 cudaError_t cudaGraphDestroy(cudaGraph_t graph) {
@@ -599,25 +598,18 @@ cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
   record->is_timed = event->is_timed;
   CUstream_st* const recorded = stream_of(stream);
   record->at = submit(recorded, [record] { record->time = Clock::now(); });
-  if (recorded->capture != nullptr) {
-    record->capture = recorded->capture;
-    record->captured_from = recorded;
-    record->captured_before = recorded->captured;
-  }
   event->last = record;
   return cudaSuccess;
 }
 cudaError_t cudaEventSynchronize(cudaEvent_t event) {
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
-  if (event->last->is_captured()) return failed(cudaErrorCapturedEvent);
   reach(event->last->at);
   return cudaSuccess;
 }
 cudaError_t cudaEventQuery(cudaEvent_t event) {
   const std::lock_guard lock(device().mutex);
   if (event->last == nullptr) return cudaSuccess;
-  if (event->last->is_captured()) return failed(cudaErrorCapturedEvent);
   const Point at = event->last->at;
   if (at.stream->done >= at.end) return cudaSuccess;
   reach({at.stream, at.stream->done + 1});
@@ -627,7 +619,6 @@ cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) 
   const std::lock_guard lock(device().mutex);
   for (const CUevent_st* event : {begin, end}) {
     if (event->last == nullptr || !event->last->is_timed) return failed(cudaErrorInvalidResourceHandle);
-    if (event->last->is_captured()) return failed(cudaErrorCapturedEvent);
     if (event->last->at.stream->done < event->last->at.end) return failed(cudaErrorNotReady);
   }
   *ms = std::chrono::duration<float, std::milli>(end->last->time - begin->last->time).count();

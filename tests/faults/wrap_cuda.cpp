@@ -55,6 +55,8 @@ SCREE_WRAP_MAKE(cudaStreamCreateWithPriority, cudaErrorUnknown, (cudaStream_t * 
                 (stream, flags, priority), stream)
 SCREE_WRAP_MAKE(cudaGraphInstantiate, cudaErrorMemoryAllocation,
                 (cudaGraphExec_t * exec, cudaGraph_t graph, unsigned long long flags), (exec, graph, flags), exec)
+SCREE_WRAP_MAKE(cudaGraphCreate, cudaErrorMemoryAllocation, (cudaGraph_t * graph, unsigned flags), (graph, flags),
+                graph)
 #undef SCREE_WRAP_MAKE
 SCREE_WRAP(cudaMemcpy, cudaErrorUnknown, (void* to, const void* from, size_t bytes, cudaMemcpyKind kind),
            (to, from, bytes, kind))
@@ -89,9 +91,12 @@ SCREE_WRAP(cudaEventElapsedTime, cudaErrorUnknown, (float* ms, cudaEvent_t begin
 SCREE_WRAP(cudaStreamSynchronize, cudaErrorUnknown, (cudaStream_t stream), (stream))
 SCREE_WRAP(cudaStreamWaitEvent, cudaErrorUnknown, (cudaStream_t stream, cudaEvent_t event, unsigned flags),
            (stream, event, flags))
-SCREE_WRAP(cudaStreamBeginCapture, cudaErrorUnknown, (cudaStream_t stream, cudaStreamCaptureMode mode), (stream, mode))
-SCREE_WRAP(cudaGraphExecUpdate, cudaErrorUnknown,
-           (cudaGraphExec_t exec, cudaGraph_t graph, cudaGraphExecUpdateResultInfo* info), (exec, graph, info))
+SCREE_WRAP(cudaGraphAddKernelNode, cudaErrorUnknown,
+           (cudaGraphNode_t * node, cudaGraph_t graph, const cudaGraphNode_t* before, size_t count,
+            const cudaKernelNodeParams* kernel),
+           (node, graph, before, count, kernel))
+SCREE_WRAP(cudaGraphExecKernelNodeSetParams, cudaErrorUnknown,
+           (cudaGraphExec_t exec, cudaGraphNode_t node, const cudaKernelNodeParams* kernel), (exec, node, kernel))
 SCREE_WRAP(cudaGraphLaunch, cudaErrorUnknown, (cudaGraphExec_t exec, cudaStream_t stream), (exec, stream))
 SCREE_WRAP(cudaFuncGetAttributes, cudaErrorUnknown, (cudaFuncAttributes * out, const void* kernel), (out, kernel))
 SCREE_WRAP(cudaFuncSetAttribute, cudaErrorUnknown, (const void* kernel, cudaFuncAttribute attribute, int value),
@@ -100,22 +105,6 @@ SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnkn
            (int* blocks, const void* kernel, int threads, size_t bytes, unsigned flags),
            (blocks, kernel, threads, bytes, flags))
 #undef SCREE_WRAP
-
-/// Ends the capture even when it fails, like CUDA.
-cudaError_t __real_cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph);
-cudaError_t __real_cudaGraphDestroy(cudaGraph_t graph);
-cudaError_t __wrap_cudaStreamEndCapture(cudaStream_t stream, cudaGraph_t* graph) {
-  const bool is_failed = fails_here("cudaStreamEndCapture", __builtin_return_address(0));
-  const Foreign foreign;
-  const cudaError_t made = __real_cudaStreamEndCapture(stream, graph);
-  if (made == cudaSuccess && *graph != nullptr && is_failed) (void)__real_cudaGraphDestroy(*graph);
-  if (is_failed) {
-    *graph = nullptr;
-    return cudaErrorStreamCaptureInvalidated;
-  }
-  if (made == cudaSuccess && *graph != nullptr) scree::faults::add_live(1);
-  return made;
-}
 
 /// Calls that free something succeed in any case, because nobody can use their errors.
 #define SCREE_WRAP_RELEASE(name, type, object)                             \

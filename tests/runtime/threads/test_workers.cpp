@@ -2,6 +2,7 @@
 #include "runtime/threads/workers.h"
 
 #include <atomic>
+#include <chrono>
 #include <set>
 #include <stdexcept>
 #include <vector>
@@ -12,7 +13,8 @@ using scree::runtime::Workers;
 
 TEST_CASE("workers run each item of each loop once") {
   const uint32_t threads = GENERATE(1u, 2u, 5u);
-  Workers workers(threads);
+  const int spin = GENERATE(0, 20, 100000);  // microseconds: none, too short, and long
+  Workers workers(threads, std::chrono::microseconds(spin));
   CHECK(workers.count() == threads);
   for (uint64_t loop = 0; loop < 500; ++loop) {
     const uint64_t count = loop % 7 == 0 ? 0 : loop % 5 == 0 ? 1 : loop;
@@ -26,7 +28,7 @@ TEST_CASE("workers run each item of each loop once") {
 }
 
 TEST_CASE("workers share a loop, even after a loop of one item") {
-  Workers workers(3);
+  Workers workers(3, std::chrono::microseconds(GENERATE(0, 1000)));
   std::mutex mutex;
   std::set<std::thread::id> ids;
   const std::thread::id caller = std::this_thread::get_id();
