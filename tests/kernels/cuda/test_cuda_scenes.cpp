@@ -485,10 +485,12 @@ TEST_CASE("hard: index spans of 0, 1, 2^k - 1, 2^k and 2^k + 1 on the GPU", "[cu
 }
 
 TEST_CASE("hard: index spans around 2^17 to 2^22 on the GPU", "[cuda][.hard-long]") {
+  if (!has_gpu()) return;
   compare_spans(spans_about(17, 22));
 }
 
 TEST_CASE("hard: pictures of 16384 x 16384 and meshes of 10 M sub-pixel triangles on the GPU", "[cuda][.hard-long]") {
+  if (!has_gpu()) return;
   SceneBuilder builder;
   const Soup fine = sphere(1582, 0);
   REQUIRE(fine.indices.size() / 3 > 10000000);
