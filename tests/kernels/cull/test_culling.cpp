@@ -318,5 +318,5 @@ TEST_CASE("culling: a box with a point in a row of the picture is kept for it", 
     CHECK(may_be_seen(transform, view, box, drawn_rows(view)));
     CHECK(may_be_seen(transform, view, rounded_chunk_box(mesh, chunk, transform), drawn_rows(view)));
   }
-  CHECK(seen > 2000);
+  CHECK(seen > 5000);
 }
