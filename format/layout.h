@@ -10,7 +10,7 @@ namespace scree::format {
 inline constexpr uint8_t kMagic[8] = {0x89, 'S', 'C', 'R', 'E', 'E', '\r', '\n'};
 inline constexpr uint16_t kVersionMajor = 1;
 inline constexpr uint16_t kVersionMinor =
-    1;  // a reader skips additions of a newer one; TableKind lists the additions of 1
+    1;  // a reader skips the additions of newer ones; TableKind marks the additions of 1
 // A file has this major version if a mesh or a surface uses second texture coordinates, or a mesh has tangents. A
 // reader of version 1 refuses it.
 inline constexpr uint16_t kSecondMajor = 2;
@@ -430,7 +430,7 @@ struct SourceRecord {
   uint64_t attribute_bytes;  // of all other vertex attributes of the primitives used, each accessor once
   uint32_t name;             // file name without its folder
   uint32_t options;          // the options that shaped the bytes, as one string
-  uint32_t generator;        // "scree 0.1.0"
+  uint32_t generator;        // the program and its version, "scree 0.2.0"
   uint32_t copyright;        // the source's asset.copyright
 };
 static_assert(sizeof(SourceRecord) == 64);

@@ -145,7 +145,7 @@ struct Hit {
   uint32_t triangle;  // number in the chunk
 };
 
-/// Counters of one frame. `triangles` includes the ones that occlusion culling removed. Their number depends on the
+/// Counters of one frame. `triangles` includes triangles that occlusion culling removed. Their number depends on the
 /// order of drawing: on threads, and on queues that were too small at first.
 struct FrameStats {
   uint64_t instances_drawn;

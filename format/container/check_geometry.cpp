@@ -180,7 +180,7 @@ std::optional<Error> Checker::index_fields(uint64_t index) const {
                 kMaxChunkTriangles);
   }
   // Loading the page finds indices at or above the vertex count. This checks only the least index that a width of 2
-  // bits or more implies. A width of 1 bit implies none, because chunks that may not have 0 bits have it too.
+  // bits or more implies. A width of 1 bit implies none: chunks of equal indices that may not have 0 bits have 1.
   const uint64_t known_index = chunk.index_min + (chunk.index_bits > 1 ? known_code(chunk.index_bits) : 0);
   if (known_index >= chunk.vertex_count) {
     return fail(kRange, "chunk ", index, ": indices from ", chunk.index_min, " of ", chunk.index_bits,

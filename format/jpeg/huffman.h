@@ -1,5 +1,5 @@
 // JPEG Huffman tables for decoding. Codes of up to 9 bits take one look-up, longer codes six comparisons without
-// branches. A table takes 1.6 KiB, so that the four tables of a picture fit the shared memory of a thread block.
+// branches. A table takes 1.3 KiB, so that the four tables of a picture fit the shared memory of a thread block.
 #pragma once
 
 #include <cstdint>

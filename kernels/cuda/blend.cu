@@ -32,7 +32,8 @@ Result<void> start(const Pass& pass, uint32_t count, cudaStream_t stream) {
 }
 
 /// Sorts the fragments of every sample by their words, removes repeated ones, and puts kBackground behind the last if a
-/// slot is left. A sample with more fragments than slots gets none, and sets counts->overfull. Initialises `over`.
+/// slot is left. A sample with more fragments than slots gets no layers here and sets counts->overfull. Initialises
+/// `over`.
 struct SortFragments {
   static constexpr uint32_t kMost = SlotCounts::kMostSlots;
 

@@ -101,7 +101,7 @@ __device__ inline void filter_vertices(const ClusterFrame& frame, const Prepared
   const CenterRange centers = center_range(frame.small.view);
   const PackedRange all{pack_centers(centers.first[0], centers.first[1]),
                         pack_centers(centers.last[0], centers.last[1])};
-  // Keeps every triangle if the filter is off, and for the few clusters that are longer than a stage.
+  // Keeps every triangle if the filter is off, and for the few clusters that are longer than a ClusterStage.
   if (!frame.small.filters || (cluster.offsets & PreparedCluster::kTruncated) != 0) {
     for (uint32_t vertex = lane; vertex < vertex_count; vertex += kWarpLanes) {
       shared.centers[vertex] = {all.first, all.last};

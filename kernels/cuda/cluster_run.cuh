@@ -51,7 +51,7 @@ struct alignas(16) PreparedCluster {
   static constexpr uint32_t kPositions = 2;
   // Bits of the last byte of `offsets`.
   static constexpr uint32_t kWideSteps = 1u << 24;
-  static constexpr uint32_t kTruncated = 1u << 25;  // longer than a stage
+  static constexpr uint32_t kTruncated = 1u << 25;  // longer than a ClusterStage
   static constexpr uint32_t kLast = 1u << 26;       // last of the run
   static constexpr uint32_t kPredictedAxisShift = 27;
   // Bytes of `codes`: the bits of x, of x and y, and of all three.

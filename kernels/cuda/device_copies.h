@@ -1,5 +1,5 @@
-// Many copies within a GPU's memory by one kernel. The copy engines take half a microsecond per copy, and four times as
-// long per byte.
+// Many copies within a GPU's memory by one kernel. The copy engines take half a microsecond per copy, and per byte four
+// times as long as this kernel.
 #pragma once
 
 #include <cuda_runtime_api.h>

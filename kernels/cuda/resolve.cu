@@ -82,7 +82,7 @@ struct CudaResolver::Impl {
     return static_cast<bool>(done);
   }
 
-  /// The tables of the coding, followed by the range of depths.
+  /// The tables of sRGB, followed by the range of depths.
   bool open() {
     if (tables != nullptr) return true;
     void* memory = nullptr;

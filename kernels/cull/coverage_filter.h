@@ -1,6 +1,6 @@
-// The coverage filter: whether a triangle can cover a pixel centre at all, decided with a third of the arithmetic that
-// drawing it takes. Most triangles of a dense mesh fall between the centres; the others are then projected exactly.
-// Source: spec/rasterization.md, early culling.
+// The coverage filter: whether a triangle can cover a pixel centre at all, decided with a seventh of the floating-point
+// instructions that exact projection takes (docs/drawing.md). Most triangles of a dense mesh fall between the centres;
+// the others are then projected exactly. Source: spec/rasterization.md, early culling.
 //
 // The filter is conservative: it rejects only triangles for which the exact projection (vertex.h) gives an empty
 // pixel_box(), of the triangle or of each piece that clipping leaves. It uses vertices as they are stored (lattice

@@ -242,7 +242,7 @@ Command add_convert(CLI::App& parent) {
       ->type_name("LENGTH");
   app->add_option("--max-error-pixels", words->max_error_pixels,
                   "Choose for each mesh the fewest bits that move no vertex by more than N pixels when it is "
-                  "--at-distance or farther from the eye's plane (formula: docs/converting.md)")
+                  "--at-distance or farther from the eye's plane (formula: docs/format.md)")
       ->type_name("N");
   app->add_option("--at-distance", words->at_distance,
                   "D of --max-error-pixels in world units (2m, 1e3; a unit is a metre)")

@@ -19,8 +19,8 @@ struct PixelBound {
 
 /// The largest allowed distance between a point and its exact position in world space, in any direction, world units: r
 /// = N D / (f sqrt(1 + t^2) + N). N: pixels; D: distance; f = height / (2 tan(fov / 2)): pixels per unit at distance 1;
-/// t: the tangent of the angle between the view direction and a corner of the picture. Source: docs/converting.md,
-/// Convert.
+/// t: the tangent of the angle between the view direction and a corner of the picture. Source: docs/format.md,
+/// an error in pixels.
 double world_error(const PixelBound& bound);
 
 /// The largest world-space distance that results from a displacement of up to 1 along each axis of object space: the
