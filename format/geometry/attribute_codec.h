@@ -1,7 +1,7 @@
-// Texture coordinates, colours, normals and source triangle numbers of a chunk. Source: spec/codecs.md, attributes.
-// Each kind has the same functions: range, bytes, encode, decode, and check, which makes the checks of decode without
-// its output. Decoders are safe on any bytes and any range and report kTruncated, kTrailing or kRange. All are
-// reentrant and allocate only an error's message. Encoders write exactly the stream's bytes; `out` has that size.
+// Texture coordinates, colours, normals and source triangle numbers of a chunk. Source: spec/codecs.md 6 to 9. Each
+// kind has the same functions: range, bytes, encode, decode, and check, which makes the checks of decode without its
+// output. Decoders are safe on any bytes and any range and report kTruncated, kTrailing or kRange. All are reentrant
+// and allocate only an error's message. Encoders write exactly the stream's bytes; `out` has that size.
 #pragma once
 
 #include <array>
