@@ -1,4 +1,4 @@
-// The libraries behind decode_image, check_image and write_png. libpng and libjpeg report errors by longjmp, so a stack
+// The libraries behind decode_image and check_image. libpng and libjpeg report errors by longjmp, so a stack
 // frame that a jump may leave must hold nothing with a destructor.
 #pragma once
 

@@ -122,15 +122,6 @@ uint64_t image_check_bytes(const ImageInfo& info, uint64_t file_bytes);
 /// The version of libwebp, such as "1.2.4". Empty if scree is built without it; WebP files are then kUnsupported.
 std::string webp_version();
 
-/// Writes 8-bit sRGB pixels. `channels`: 3 (RGB) or 4 (RGBA, not premultiplied); `pixels`: width * height * channels
-/// bytes, rows top to bottom, no padding. Takes half the time of encode_png(), for up to 9% more bytes. Errors kFile.
-Result<void> write_png(const std::string& path, uint32_t width, uint32_t height, uint32_t channels,
-                       std::span<const uint8_t> pixels, format::Existing existing = format::Existing::kReplace);
-
-/// The same in memory. Errors kMemory.
-Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,
-                                          std::span<const uint8_t> pixels);
-
 /// Writes one or three floats per pixel as a PFM (Portable Float Map): "Pf" or "PF", size, scale -1.0 (little-endian),
 /// rows bottom to top as the format requires. `values`: width * height, or three times as many, rows top to bottom;
 /// infinities are written unchanged. Errors kFile.

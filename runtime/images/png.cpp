@@ -3,7 +3,6 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
-#include <functional>
 #include <new>
 #include <string>
 #include <utility>
@@ -11,7 +10,6 @@
 
 #include <png.h>
 
-#include "format/container/part_file.h"
 #include "runtime/images/codecs.h"
 #include "runtime/images/image.h"
 
@@ -44,32 +42,22 @@ bool guarded(png_structp png, const Body& body) {
   return true;
 }
 
-/// A libpng struct and its info, for reading or writing, freed together.
+/// A libpng struct and its info, for reading, freed together.
 class PngHandle {
  public:
-  enum class Use { kRead, kWrite };
-  explicit PngHandle(Use use) : is_reader_(use == Use::kRead) {
-    png_ = is_reader_ ? png_create_read_struct(PNG_LIBPNG_VER_STRING, &message, on_png_error, on_png_warning)
-                      : png_create_write_struct(PNG_LIBPNG_VER_STRING, &message, on_png_error, on_png_warning);
+  PngHandle() : png_(png_create_read_struct(PNG_LIBPNG_VER_STRING, &message, on_png_error, on_png_warning)) {
     if (png_ != nullptr) info_ = png_create_info_struct(png_);
   }
   PngHandle(const PngHandle&) = delete;
   PngHandle& operator=(const PngHandle&) = delete;
-  ~PngHandle() {
-    if (is_reader_) {
-      png_destroy_read_struct(&png_, &info_, nullptr);
-    } else {
-      png_destroy_write_struct(&png_, &info_);
-    }
-  }
+  ~PngHandle() { png_destroy_read_struct(&png_, &info_, nullptr); }
   png_structp png() const { return png_; }
   png_infop info() const { return info_; }
 
   PngMessage message;
 
  private:
-  bool is_reader_;
-  png_structp png_ = nullptr;
+  png_structp png_;
   png_infop info_ = nullptr;
 };
 
@@ -100,32 +88,6 @@ void read_png_bytes(png_structp png, png_bytep out, size_t size) {
   if (!read_png_source(*static_cast<Source*>(png_get_io_ptr(png)), out, size))
     png_error(png, "ends before its data do");
 }
-
-constexpr size_t kWriteBytes = 64 << 10;
-
-/// Collects libpng's output and passes it to `take` in larger pieces.
-struct PngSink {
-  std::function<Result<void>(std::span<const std::byte>)> take;
-  std::vector<std::byte> waiting{};  // libpng writes in pieces as small as 4 bytes
-  Result<void> done{};
-
-  void flush() {
-    if (done) done = take(waiting);
-    waiting.clear();
-  }
-};
-
-void write_png_bytes(png_structp png, png_bytep bytes, size_t size) try {
-  // A failure is reported at the end. Continuing costs no more than a jump would save.
-  PngSink& out = *static_cast<PngSink*>(png_get_io_ptr(png));
-  const auto first = reinterpret_cast<const std::byte*>(bytes);
-  out.waiting.insert(out.waiting.end(), first, first + size);
-  if (out.waiting.size() >= kWriteBytes) out.flush();
-} catch (const std::bad_alloc&) {
-  static_cast<PngSink*>(png_get_io_ptr(png))->done = Error{ErrorCode::kMemory, "out of memory"};
-}
-
-void flush_png_bytes(png_structp) {}
 
 uint32_t big_endian(ImageFile& file, uint64_t offset) {
   uint32_t value = 0;
@@ -165,7 +127,7 @@ Result<void> read_png(ImageFile& file, const ImageInfo& info, const Place& place
   if (uint64_t{info.width} * info.height / 8 / 1032 > file.size())
     return Error{ErrorCode::kTruncated, "PNG: " + std::to_string(info.width) + " x " + std::to_string(info.height) +
                                             " pixels in " + std::to_string(file.size()) + " bytes"};
-  PngHandle reader(PngHandle::Use::kRead);
+  PngHandle reader;
   if (reader.info() == nullptr) return Error{ErrorCode::kMemory, "PNG: out of memory"};
   const png_structp png = reader.png();
   const png_infop png_info = reader.info();
@@ -267,72 +229,6 @@ Result<std::string> check_png(ImageFile& file, const ImageInfo& info) {
   });
   if (!read) return read.error();
   return std::string();
-}
-
-namespace {
-
-Result<void> put_png(PngSink& out, uint32_t width, uint32_t height, uint32_t channels, std::span<const uint8_t> pixels,
-                     bool is_fast) {
-  assert(channels == 3 || channels == 4);
-  assert(pixels.size() == uint64_t{width} * height * channels);
-  PngSink* const target = &out;
-  PngHandle writer(PngHandle::Use::kWrite);
-  if (writer.info() == nullptr) return Error{ErrorCode::kMemory, "out of memory"};
-  const png_structp png = writer.png();
-  const png_infop info = writer.info();
-  const uint8_t* const first = pixels.data();
-  const size_t row_bytes = size_t{width} * channels;
-  const bool written = guarded(png, [&] {
-    png_set_write_fn(png, target, write_png_bytes, flush_png_bytes);
-    png_set_user_limits(png, 0x7fffffff, 0x7fffffff);
-    if (is_fast) {
-      // Six pictures of 1920 x 1080, one core: 28 to 56 ms and 108 to 1,268 KB. The other branch takes 1.6 to 2.4 times
-      // as long, for 1 to 8% fewer bytes.
-      png_set_compression_level(png, 1);
-      png_set_filter(png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB | PNG_FILTER_UP);
-    } else {
-      // 1920 x 1080 of a textured scene: 172 ms and 3.89 MB; level 6 (the default) 443 ms and 3.69 MB.
-      png_set_compression_level(png, 3);
-    }
-    png_set_IHDR(png, info, width, height, 8, channels == 4 ? PNG_COLOR_TYPE_RGB_ALPHA : PNG_COLOR_TYPE_RGB,
-                 PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-    png_set_sRGB(png, info, PNG_sRGB_INTENT_PERCEPTUAL);
-    png_write_info(png, info);
-    for (uint32_t y = 0; y < height; ++y) png_write_row(png, first + y * row_bytes);
-    png_write_end(png, info);
-  });
-  if (!written) return Error{ErrorCode::kMemory, std::string("PNG: ") + writer.message.text};
-  out.flush();
-  return out.done;
-}
-
-}  // namespace
-
-Result<void> write_png(const std::string& path, uint32_t width, uint32_t height, uint32_t channels,
-                       std::span<const uint8_t> pixels, format::Existing existing) {
-  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
-  if (!file) return file.error();
-  uint64_t end = 0;
-  PngSink out{[&](std::span<const std::byte> bytes) {
-    const Result<void> done = file->write_at(end, bytes);
-    end += bytes.size();
-    return done;
-  }};
-  const Result<void> put = put_png(out, width, height, channels, pixels, true);
-  if (put) return file->commit();
-  return put.error().code == ErrorCode::kFile ? put.error()
-                                              : at(path, put.error());  // kFile errors already name the file
-}
-
-Result<std::vector<std::byte>> encode_png(uint32_t width, uint32_t height, uint32_t channels,
-                                          std::span<const uint8_t> pixels) {
-  std::vector<std::byte> file;
-  PngSink out{[&](std::span<const std::byte> bytes) -> Result<void> {
-    file.insert(file.end(), bytes.begin(), bytes.end());
-    return {};
-  }};
-  if (const Result<void> put = put_png(out, width, height, channels, pixels, false); !put) return put.error();
-  return file;
 }
 
 }  // namespace scree::runtime

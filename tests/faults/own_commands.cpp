@@ -19,6 +19,7 @@
 #include "runtime/draw/stream_cpu.h"
 #include "runtime/files/direct_file.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/chunk_source.h"
@@ -58,7 +59,7 @@ Result<void> stream(const std::string& path, uint64_t part, uint32_t threads, co
   const Result<runtime::Picture> picture = (*stream)->picture(1);
   if (!picture) return picture.error();
   if (Result<void> written = runtime::write_visibility(samples_path, (*stream)->samples()); !written) return written;
-  return runtime::write_png(picture_path, picture->width, picture->height, picture->channels, picture->pixels);
+  return runtime::write_png(picture_path, {picture->width, picture->height, picture->channels, picture->pixels});
 }
 
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes) {

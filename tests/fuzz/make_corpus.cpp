@@ -15,6 +15,7 @@
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/format/container/reseal.h"
@@ -224,7 +225,7 @@ void make_png_seeds(const TempFolder& folder) {
   for (size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<uint8_t>(i * i / 7);
   for (const uint32_t channels : {3u, 4u}) {
     const std::string path = folder.file("seed.png");
-    REQUIRE(runtime::write_png(path, 13, 7, channels, std::span(pixels).first(13 * 7 * channels)));
+    REQUIRE(runtime::write_png(path, {13, 7, channels, std::span(pixels).first(13 * 7 * channels)}));
     Seed::save(tests::read_bytes(path), "image", "png" + std::to_string(channels));
   }
   Seed::save(tests::read_bytes(data_path("checker.png").string()), "image", "checker");

@@ -19,7 +19,7 @@
 #include "format/geometry/chunk_layout.h"
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
-#include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/tools/temp_folder.h"
 
@@ -45,10 +45,10 @@ class ScratchPath {
 
 /// A PNG of 2 x 2 texels: red, green over blue, white.
 inline std::vector<std::byte> four_colors_png() {
-  const ScratchPath path("four.png");
   const std::vector<uint8_t> pixels{255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255};
-  REQUIRE(runtime::write_png(path.string(), 2, 2, 3, pixels));
-  return read_bytes(path.path());
+  Result<std::vector<std::byte>> png = runtime::encode_png({2, 2, 3, pixels});
+  REQUIRE(png);
+  return std::move(*png);
 }
 
 /// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z. It has source

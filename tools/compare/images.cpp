@@ -5,6 +5,7 @@
 
 #include "runtime/files/mapped_file.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 
 namespace scree::compare {
 namespace {
@@ -72,7 +73,7 @@ Result<void> write_flip(const std::string& path, const PictureReport& report, fo
   std::vector<uint8_t> pixels;
   pixels.reserve(3 * report.flip.size());
   for (const float error : report.flip) pixels.insert(pixels.end(), 3, static_cast<uint8_t>(std::lround(255 * error)));
-  return runtime::write_png(path, report.width, report.height, 3, pixels, existing);
+  return runtime::write_png(path, {report.width, report.height, 3, pixels}, {}, existing);
 }
 
 }  // namespace scree::compare

@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 
 namespace scree::compare {
 namespace {
@@ -77,7 +78,7 @@ Result<void> write_difference(const std::string& path, const PixelReport& report
     const auto& colour = text_of(kind).colour;
     pixels.insert(pixels.end(), colour.begin(), colour.end());
   }
-  return runtime::write_png(path, report.width, report.height, 3, pixels, existing);
+  return runtime::write_png(path, {report.width, report.height, 3, pixels}, {}, existing);
 }
 
 }  // namespace scree::compare

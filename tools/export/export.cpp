@@ -13,6 +13,7 @@
 #include "format/jpeg/index.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "runtime/textures/block_image.h"
 #include "tools/common/command.h"
 #include "tools/common/human.h"
@@ -113,7 +114,7 @@ Result<std::vector<std::byte>> rebuild_jpeg(std::span<const std::byte> bytes) {
 Result<std::vector<std::byte>> make_png(const format::Container& file, uint32_t image) try {
   const auto picture = runtime::decode_block_image(file, image);
   if (!picture) return picture.error();
-  return runtime::encode_png(picture->width, picture->height, 4, picture->rgba);
+  return runtime::encode_png({picture->width, picture->height, 4, picture->rgba}, {.is_small = true});
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory to decode it"};
 }
@@ -149,7 +150,7 @@ Result<std::vector<std::byte>> add_alpha(const format::Container& file, std::spa
                                          std::to_string(mask.width) + " x " + std::to_string(mask.height)};
   for (size_t i = 0; i < picture->rgba.size() / 4; ++i)
     picture->rgba[4 * i + 3] = std::to_integer<uint8_t>((*alpha)[i]);
-  return runtime::encode_png(picture->width, picture->height, 4, picture->rgba);
+  return runtime::encode_png({picture->width, picture->height, 4, picture->rgba}, {.is_small = true});
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory to decode it"};
 }

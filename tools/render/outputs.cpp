@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tools/common/output_file.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/stop_signal.h"
@@ -52,10 +53,12 @@ Result<runtime::Duration> write_outputs(const RenderOptions& options, const runt
   const StopOnSignal handlers;
   Result<void> done;
   const Stopwatch watch;
+  runtime::Workers workers(options.threads);
   if (const std::optional<runtime::Picture>& picture = outputs.picture)
-    done = is_written(runtime::write_png(options.output, picture->width, picture->height, picture->channels,
-                                         picture->pixels, options.existing),
-                      options.output);
+    done = is_written(
+        runtime::write_png(options.output, {picture->width, picture->height, picture->channels, picture->pixels},
+                           {.workers = &workers}, options.existing),
+        options.output);
   if (options.writes_exr()) done = is_written(write_exr_layers(options, outputs.layers), options.output);
   const runtime::Duration taken = watch.elapsed();
   const auto write_floats = [&](const std::string& path, const std::vector<float>& values) {

@@ -16,6 +16,7 @@
 
 #include "runtime/draw/view_renderer.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "runtime/threads/stopwatch.h"
 #include "tools/common/json_writer.h"
 #include "tools/common/ordered_pool.h"
@@ -409,10 +410,9 @@ class PathRenderer {
 
   /// Writes the alpha only if the background is not opaque, as for a single picture.
   Result<void> write_color(const std::string& name, std::span<const std::byte> rgba, format::Existing existing) const {
-    const uint32_t channels = runtime::picture_channels(options_.shade);
-    std::vector<uint8_t> packed(pixels() * channels);
-    for (uint64_t i = 0; i < pixels(); ++i) std::memcpy(packed.data() + i * channels, rgba.data() + i * 4, channels);
-    return runtime::write_png(name, width(), height(), channels, packed, existing);
+    const std::span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(rgba.data()), rgba.size());
+    return runtime::write_png(name, {width(), height(), 4, bytes},
+                              {.has_alpha = runtime::picture_channels(options_.shade) == 4}, existing);
   }
 
   static std::string number(double value) {

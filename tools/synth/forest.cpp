@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "runtime/threads/parallel.h"
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
@@ -244,7 +245,7 @@ Result<void> add_materials(GltfWriter& writer, const SynthOptions& options) {
   for (uint32_t atlas = 0; atlas < 2; ++atlas) {
     const uint32_t size = *options.texture_size;
     const std::vector<uint8_t> rgba = make_atlas(atlas, size, options.threads);
-    const Result<std::vector<std::byte>> png = runtime::encode_png(size, size, 4, rgba);
+    const Result<std::vector<std::byte>> png = runtime::encode_png({size, size, 4, rgba}, {.is_small = true});
     if (!png) return png.error();
     GltfMaterial material;
     material.name = atlas == 0 ? "leaves" : "blades";

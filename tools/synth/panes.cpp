@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
@@ -90,7 +91,7 @@ Result<uint32_t> add_streaks(GltfWriter& writer, uint32_t size) {
         rgba.push_back(code);
     }
   }
-  const Result<std::vector<std::byte>> png = runtime::encode_png(size, size, 4, rgba);
+  const Result<std::vector<std::byte>> png = runtime::encode_png({size, size, 4, rgba}, {.is_small = true});
   if (!png) return png.error();
   const Result<uint32_t> image = writer.add_image("streaks", format::ImageCodec::kPng, *png);
   if (!image) return image.error();

@@ -1,14 +1,11 @@
 #include "tools/view/encode.h"
 
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <memory>
 #include <new>
-#include <string_view>
 
 #include <turbojpeg.h>
-#include <zlib.h>
 
 #include "runtime/images/jpeg_head.h"
 
@@ -31,10 +28,6 @@ void append(Bytes& out, std::span<const std::byte> more) {
 template <class... Values>
 void append_bytes(Bytes& out, Values... values) {
   (out.push_back(static_cast<std::byte>(values)), ...);
-}
-
-void append_big_endian(Bytes& out, uint32_t value) {
-  append_bytes(out, value >> 24, value >> 16, value >> 8, value);
 }
 
 struct TurboFree {
@@ -81,54 +74,6 @@ Result<Bytes> join_strips(Bytes head, const std::vector<Bytes>& strips) {
   return out;
 }
 
-/// A strip of a PNG's image data: deflate blocks that end at a byte, and the checksum of their unpacked bytes.
-struct PngStrip {
-  Bytes data;
-  uint32_t adler = 0;
-  size_t raw_bytes = 0;
-};
-
-bool deflate_strip(const PixelView& picture, uint32_t first, uint32_t count, bool is_last, PngStrip& out) {
-  const size_t row_bytes = 1 + size_t{3} * picture.width;
-  std::vector<uint8_t> raw(row_bytes * count);
-  for (uint32_t y = 0; y < count; ++y) {
-    uint8_t* to = raw.data() + y * row_bytes;
-    const uint8_t* from = picture.bytes.data() + size_t{first + y} * picture.width * picture.channels;
-    *to++ = 1;  // filter: Sub
-    std::array<uint8_t, 3> left{};
-    for (uint32_t x = 0; x < picture.width; ++x, from += picture.channels) {
-      for (size_t c = 0; c < 3; ++c) {
-        *to++ = static_cast<uint8_t>(from[c] - left[c]);
-        left[c] = from[c];
-      }
-    }
-  }
-  out.raw_bytes = raw.size();
-  out.adler = static_cast<uint32_t>(adler32_z(1, raw.data(), raw.size()));
-  z_stream stream{};
-  constexpr int kRaw = -15;  // no zlib header; a window of 32 KiB
-  if (deflateInit2(&stream, 1, Z_DEFLATED, kRaw, 8, Z_DEFAULT_STRATEGY) != Z_OK) return false;
-  out.data.resize(deflateBound(&stream, static_cast<uLong>(raw.size())) + 16);
-  stream.next_in = raw.data();
-  stream.avail_in = static_cast<uInt>(raw.size());
-  stream.next_out = reinterpret_cast<Bytef*>(out.data.data());
-  stream.avail_out = static_cast<uInt>(out.data.size());
-  const int status = deflate(&stream, is_last ? Z_FINISH : Z_FULL_FLUSH);
-  const bool is_done = status == (is_last ? Z_STREAM_END : Z_OK) && stream.avail_in == 0 && stream.avail_out > 0;
-  out.data.resize(stream.total_out);
-  deflateEnd(&stream);
-  return is_done;
-}
-
-void append_chunk(Bytes& out, std::string_view type, std::span<const std::byte> data) {
-  append_big_endian(out, static_cast<uint32_t>(data.size()));
-  const size_t start = out.size();
-  append(out, std::as_bytes(std::span(type)));
-  append(out, data);
-  append_big_endian(
-      out, static_cast<uint32_t>(crc32_z(0, reinterpret_cast<const Bytef*>(out.data() + start), out.size() - start)));
-}
-
 Error out_of_memory() {
   return {ErrorCode::kMemory, "no memory left to encode a picture"};
 }
@@ -159,48 +104,6 @@ Result<Bytes> encode_jpeg(const PixelView& picture, int quality, bool is_sharp, 
                                                            static_cast<uint16_t>(per_strip * mcus_across));
   if (!head) return head.error();
   return join_strips(std::move(head->bytes), strips);
-} catch (const std::bad_alloc&) {
-  return out_of_memory();
-}
-
-Result<Bytes> encode_png(const PixelView& picture, runtime::Workers& workers, const IsAbandoned& is_abandoned) try {
-  assert(picture.bytes.size() == size_t{picture.width} * picture.height * picture.channels);
-  // Strips of at least 64 KiB. With smaller strips the bytes lost at their ends would be a noticeable share.
-  const uint32_t least = std::max(1u, (64 << 10) / (3 * picture.width));
-  const uint32_t per_strip = std::min(rows_per_strip(picture.height, 4 * workers.count(), least), picture.height);
-  const uint32_t strip_count = (picture.height + per_strip - 1) / per_strip;
-  std::vector<PngStrip> strips(strip_count);
-  std::atomic<bool> is_left{false}, has_failed{false};
-  workers.for_each(strip_count, [&](uint64_t i) {
-    if (is_left || (is_abandoned && is_abandoned())) return is_left.store(true);
-    const uint32_t first = static_cast<uint32_t>(i) * per_strip;
-    if (!deflate_strip(picture, first, std::min(per_strip, picture.height - first), i + 1 == strip_count, strips[i]))
-      has_failed = true;
-  });
-  if (is_left) return Bytes();
-  if (has_failed) return out_of_memory();
-
-  Bytes out;
-  size_t total = 128;
-  for (const PngStrip& strip : strips) total += strip.data.size() + 16;
-  out.reserve(total);
-  append_bytes(out, 0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n');
-  Bytes head;
-  append_big_endian(head, picture.width);
-  append_big_endian(head, picture.height);
-  append_bytes(head, 8, 2, 0, 0, 0);  // bits, RGB, deflate, adaptive filters, not interlaced
-  append_chunk(out, "IHDR", head);
-  uint32_t adler = 1;
-  for (size_t i = 0; i < strips.size(); ++i) {
-    PngStrip& strip = strips[i];
-    adler = static_cast<uint32_t>(adler32_combine(adler, strip.adler, static_cast<z_off_t>(strip.raw_bytes)));
-    constexpr std::byte kZlibHead[2] = {std::byte{0x78}, std::byte{0x01}};
-    if (i == 0) strip.data.insert(strip.data.begin(), std::begin(kZlibHead), std::end(kZlibHead));
-    if (i + 1 == strips.size()) append_big_endian(strip.data, adler);
-    append_chunk(out, "IDAT", strip.data);
-  }
-  append_chunk(out, "IEND", {});
-  return out;
 } catch (const std::bad_alloc&) {
   return out_of_memory();
 }

@@ -1,4 +1,5 @@
 #include "tools/view/hub.h"
+#include "runtime/images/png_writer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -357,7 +358,8 @@ Result<void> Hub::draw_exact(const Work& work) {
   if (!drawn) return drawn.error();
   if (is_outdated(work)) return {};
   const runtime::Stopwatch watch;
-  const Result<std::vector<std::byte>> image = encode_png(drawn->pixels, session_->workers(), is_over);
+  const Result<std::vector<std::byte>> image = runtime::encode_png(
+      drawn->pixels, {.has_alpha = false, .workers = &session_->workers(), .is_abandoned = is_over});
   if (!image) return image.error();
   if (image->empty()) return {};
   const double encode_ms = watch.elapsed().wall_ms;
@@ -407,7 +409,8 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
   if (!drawn) return drawn.error();
   if (drawn->left_bytes != 0) return {};
   const runtime::Stopwatch watch;
-  const Result<std::vector<std::byte>> image = encode_png(drawn->pixels, session_->workers(), is_stopping);
+  const Result<std::vector<std::byte>> image = runtime::encode_png(
+      drawn->pixels, {.has_alpha = false, .workers = &session_->workers(), .is_abandoned = is_stopping});
   if (!image) return image.error();
   if (image->empty()) return {};
   work.viewer->link->send_picture(screenshot_picture(shot.id, *drawn, watch.elapsed().wall_ms, *image));

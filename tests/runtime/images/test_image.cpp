@@ -1,4 +1,5 @@
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 
 #include <sys/resource.h>
 
@@ -128,7 +129,7 @@ TEST_CASE("a PNG comes back as it was written", "[image]") {
   for (const uint32_t channels : {3u, 4u}) {
     for (const auto& [width, height] : {std::array{1u, 1u}, std::array{7u, 5u}, std::array{300u, 2u}}) {
       const std::vector<uint8_t> pixels = noise(size_t{width} * height * channels);
-      REQUIRE(scree::runtime::write_png(path.string(), width, height, channels, pixels));
+      REQUIRE(scree::runtime::write_png(path.string(), {width, height, channels, pixels}));
       const std::vector<std::byte> file = read_bytes(path);
       const Result<ImageInfo> info = probe_image(file);
       REQUIRE(info);
@@ -160,14 +161,14 @@ TEST_CASE("a PNG comes back as it was written", "[image]") {
 TEST_CASE("a picture that cannot be written leaves no file", "[image]") {
   const std::vector<uint8_t> pixels(3, 0);
   const auto path = scratch("no_such_folder") / "a.png";
-  const Result<void> written = scree::runtime::write_png(path.string(), 1, 1, 3, pixels);
+  const Result<void> written = scree::runtime::write_png(path.string(), {1, 1, 3, pixels});
   REQUIRE_FALSE(written);
   CHECK(written.error().code == ErrorCode::kFile);
   CHECK(written.error().message.find("No such file") != std::string::npos);
 
   const auto folder = scratch("folder.png");  // the rename fails
   std::filesystem::create_directories(folder / "x");
-  CHECK_FALSE(scree::runtime::write_png(folder.string(), 1, 1, 3, pixels));
+  CHECK_FALSE(scree::runtime::write_png(folder.string(), {1, 1, 3, pixels}));
   CHECK_FALSE(std::filesystem::exists(folder.string() + ".part"));
   std::filesystem::remove_all(folder);
 
@@ -183,7 +184,7 @@ TEST_CASE("a picture that cannot be written leaves no file", "[image]") {
   const Result<void> pfm = scree::runtime::write_pfm(full.string(), 10, 10, values);
   low.rlim_cur = 10;
   REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
-  const Result<void> png = scree::runtime::write_png(full.string(), 10, 10, 3, std::vector<uint8_t>(300, 7));
+  const Result<void> png = scree::runtime::write_png(full.string(), {10, 10, 3, std::vector<uint8_t>(300, 7)});
   setrlimit(RLIMIT_FSIZE, &limit);
   std::signal(SIGXFSZ, before);
   REQUIRE_FALSE(pfm);
@@ -235,7 +236,7 @@ TEST_CASE("a file that is no image is named", "[image]") {
 
 TEST_CASE("a huge picture in a few bytes is refused before memory is allocated", "[image]") {
   const auto path = scratch("bomb.png");
-  REQUIRE(scree::runtime::write_png(path.string(), 2, 2, 3, noise(12)));
+  REQUIRE(scree::runtime::write_png(path.string(), {2, 2, 3, noise(12)}));
   std::vector<std::byte> file = read_bytes(path);
   file[16] = file[20] = std::byte{0};
   file[17] = file[21] = std::byte{0};
@@ -272,7 +273,7 @@ TEST_CASE("the check accepts exactly the images that decode", "[image]") {
     for (const bool is_progressive : {false, true})
       check_agrees_when_damaged(make_jpeg(173, 91, components, is_progressive), 40);
   const auto path = scratch("check.png");
-  REQUIRE(scree::runtime::write_png(path.string(), 301, 200, 4, noise(size_t{301} * 200 * 4)));
+  REQUIRE(scree::runtime::write_png(path.string(), {301, 200, 4, noise(size_t{301} * 200 * 4)}));
   check_agrees_when_damaged(read_bytes(path), 40);
   std::filesystem::remove(path);
   scree::tests::write_flat_png(path.string(), 203, true);

@@ -12,6 +12,7 @@
 #include "kernels/visbuffer.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/models.h"
@@ -377,7 +378,7 @@ TEST_CASE("masks follow the sampler's minification filter, as in the reference",
     const double alpha = 128 + 60 * std::sin(0.8 * x + 0.03 * y) + 60 * std::cos(0.7 * y - 0.1 * x);
     texels.insert(texels.end(), {uint8_t{90}, uint8_t{150}, uint8_t{90}, static_cast<uint8_t>(alpha)});
   }
-  const auto png = runtime::encode_png(kSide, kSide, 4, texels);
+  const auto png = runtime::encode_png({kSide, kSide, 4, texels});
   REQUIRE(png);
   kernels::View view = pixel_view();
   view.width = 320;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/tools/temp_folder.h"
@@ -80,7 +81,7 @@ TEST_CASE("psnr and flip of picture files", "[flip]") {
   Picture a(10, 10, kGrey), b = a;
   b.set(3, 4, {128, 138, 128});
   const auto write = [&](const char* name, const Picture& picture) {
-    REQUIRE(runtime::write_png(folder.file(name), picture.width, picture.height, 3, picture.rgb));
+    REQUIRE(runtime::write_png(folder.file(name), {picture.width, picture.height, 3, picture.rgb}));
   };
   write("a.png", a);
   write("b.png", b);

@@ -11,6 +11,7 @@
 
 #include "format/geometry/chunk_layout.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/tools/compare/source_compare.h"
 #include "tests/tools/convert/convert_fixture.h"
@@ -338,7 +339,7 @@ TEST_CASE("extents at the limits of float32", "[convert]") {
 TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   const TempFolder folder;
   const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
-  REQUIRE(runtime::write_png(folder.file("a.png"), 4, 4, 3, pixels));
+  REQUIRE(runtime::write_png(folder.file("a.png"), {4, 4, 3, pixels}));
   const std::string png = tests::read_whole(folder.file("a.png"));
   {
     ModelMaker maker(folder.file("in.glb"));
@@ -396,7 +397,7 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
 TEST_CASE("attributes that are not finite are repaired and counted", "[convert]") {
   const TempFolder folder;
   const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
-  REQUIRE(runtime::write_png(folder.file("a.png"), 4, 4, 3, pixels));
+  REQUIRE(runtime::write_png(folder.file("a.png"), {4, 4, 3, pixels}));
   const std::string png = tests::read_whole(folder.file("a.png"));
   {
     ModelMaker maker(folder.file("in.glb"));

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -31,7 +32,7 @@ namespace {}  // namespace
 TEST_CASE("a broken image is named and nothing is written", "[convert]") {
   const TempFolder folder;
   const std::vector<uint8_t> pixels(16 * 16 * 3, 77);
-  REQUIRE(runtime::write_png(folder.file("a.png"), 16, 16, 3, pixels));
+  REQUIRE(runtime::write_png(folder.file("a.png"), {16, 16, 3, pixels}));
   std::string png = tests::read_whole(folder.file("a.png"));
   png.resize(png.size() - 20);
   {

@@ -6,6 +6,7 @@
 #include "format/container/mip_levels.h"
 #include "format/jpeg/index.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/tools/compare/compare_scenes.h"
@@ -42,7 +43,7 @@ JpegRecipe recipe(std::vector<std::pair<int, int>> factors) {
 Bytes png_of(const TempFolder& folder, uint32_t channels) {
   std::vector<uint8_t> pixels(size_t{160} * 90 * channels);
   for (size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<uint8_t>(i * 7 % 251);
-  REQUIRE(runtime::write_png(folder.file("a.png"), 160, 90, channels, pixels));
+  REQUIRE(runtime::write_png(folder.file("a.png"), {160, 90, channels, pixels}));
   const std::string text = tests::read_whole(folder.file("a.png"));
   const auto bytes = std::as_bytes(std::span(text));
   return {bytes.begin(), bytes.end()};

@@ -5,6 +5,7 @@
 
 #include "format/container/mip_levels.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
@@ -34,7 +35,7 @@ std::vector<std::byte> disc_png(uint8_t low, uint8_t high) {
       const bool inside = std::hypot(x - 31.5, y - 23.5) < 15;
       pixels.insert(pixels.end(), {uint8_t{200}, static_cast<uint8_t>(3 * x), uint8_t{90}, inside ? high : low});
     }
-  auto png = runtime::encode_png(64, 48, 4, pixels);
+  auto png = runtime::encode_png({64, 48, 4, pixels});
   REQUIRE(png);
   return *png;
 }

@@ -8,6 +8,7 @@
 
 #include "format/geometry/tangent_codec.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -41,7 +42,7 @@ format::SurfaceRecord plain_surface() {
 
 uint32_t white_texture(tests::ModelMaker& maker) {
   const std::vector<uint8_t> white(4 * 4 * 4, 255);
-  const auto png = runtime::encode_png(4, 4, 4, white);
+  const auto png = runtime::encode_png({4, 4, 4, white});
   REQUIRE(png);
   return maker.writer().add_texture(maker.texture("white", format::ImageCodec::kPng, *png));
 }

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tests/models.h"
 #include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/block_files.h"
@@ -27,7 +28,7 @@ void write_file(const TempFolder& folder, const std::string& name, const FileByt
 
 FileBytes png_of(uint32_t side) {
   const std::vector<uint8_t> pixels(size_t{3} * side * side, 90);
-  const auto png = runtime::encode_png(side, side, 3, pixels);
+  const auto png = runtime::encode_png({side, side, 3, pixels});
   REQUIRE(png);
   return *png;
 }

@@ -41,26 +41,6 @@ Image decoded(const std::vector<std::byte>& file) {
 
 }  // namespace
 
-TEST_CASE("a PNG in strips has every pixel", "[view][view-encode]") {
-  for (const uint32_t threads : {1u, 3u}) {
-    Workers workers(threads);
-    for (const uint32_t channels : {3u, 4u}) {
-      for (const auto& [width, height] : {std::pair{1u, 1u}, {1u, 700u}, {700u, 1u}, {331u, 257u}, {1280u, 720u}}) {
-        const TestPicture picture = make_picture(width, height, channels);
-        const auto file = encode_png(picture.view, workers);
-        REQUIRE(file);
-        const Image image = decoded(*file);
-        REQUIRE(image.width == width);
-        REQUIRE(image.height == height);
-        bool same = true;
-        for (size_t i = 0; i < size_t{width} * height; ++i)
-          for (size_t c = 0; c < 3; ++c) same = same && image.rgba[4 * i + c] == picture.bytes[channels * i + c];
-        CHECK(same);
-      }
-    }
-  }
-}
-
 TEST_CASE("a JPEG in strips equals the JPEG of one strip", "[view][view-encode]") {
   Workers one(1), three(3);
   for (const bool is_sharp : {false, true}) {
@@ -84,7 +64,6 @@ TEST_CASE("an encoder stops when its picture is no longer needed", "[view][view-
   Workers workers(2);
   const TestPicture picture = make_picture(640, 360, 3);
   const auto yes = [] { return true; };
-  CHECK(encode_png(picture.view, workers, yes)->empty());
   CHECK(encode_jpeg(picture.view, 80, false, workers, yes)->empty());
 }
 

@@ -11,6 +11,7 @@
 #include "format/jpeg/index.h"
 #include "runtime/images/block_file.h"
 #include "runtime/images/image.h"
+#include "runtime/images/png_writer.h"
 #include "tools/convert/images/jpeg_file.h"
 #include "tools/convert/images/jpeg_levels.h"
 #include "tools/convert/images/jpeg_transcode.h"
@@ -218,12 +219,8 @@ Result<StoredImage> grey_image(const std::string& why) {
 Result<StoredImage> store_png(std::span<const std::byte> file, uint32_t channels) {
   Result<runtime::Image> image = runtime::decode_image(file);
   if (!image) return image.error();
-  std::vector<uint8_t>& pixels = image->rgba;
-  if (channels == 3) {
-    for (size_t i = 0; i < pixels.size() / 4; ++i) std::copy_n(pixels.begin() + 4 * i, 3, pixels.begin() + 3 * i);
-    pixels.resize(pixels.size() / 4 * 3);
-  }
-  auto png = runtime::encode_png(image->width, image->height, channels, pixels);
+  auto png = runtime::encode_png({image->width, image->height, 4, image->rgba},
+                                 {.is_small = true, .has_alpha = channels == 4});
   if (!png) return png.error();
   StoredImage stored;
   stored.png = std::move(*png);

@@ -1,0 +1,95 @@
+#include "runtime/images/png_writer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "runtime/images/image.h"
+#include "tests/catch.h"
+#include "tests/tools/temp_folder.h"
+
+using scree::Result;
+using scree::runtime::encode_png;
+using scree::runtime::Image;
+using scree::runtime::PixelView;
+using scree::runtime::PngOptions;
+using scree::runtime::Workers;
+
+namespace {
+
+/// Waves, noise and flat rows, so that each filter is the best one somewhere.
+std::vector<uint8_t> make_pixels(uint32_t width, uint32_t height, uint32_t channels) {
+  std::vector<uint8_t> out;
+  uint32_t state = 1;
+  for (uint32_t y = 0; y < height; ++y)
+    for (uint32_t x = 0; x < width; ++x)
+      for (uint32_t c = 0; c < channels; ++c) {
+        state = state * 1664525u + 1013904223u;
+        const double wave = 127 + 90 * std::sin(0.02 * x + 0.05 * y * (c + 1));
+        out.push_back(static_cast<uint8_t>(y / 16 % 3 == 0 ? wave : y / 16 % 3 == 1 ? wave + (state >> 29) : 7 * c));
+      }
+  return out;
+}
+
+Image decoded(const std::vector<std::byte>& file) {
+  const Result<Image> image = scree::runtime::decode_image(file);
+  if (!image) FAIL(image.error().message);
+  CHECK(image->warning.empty());
+  return *image;
+}
+
+}  // namespace
+
+TEST_CASE("a PNG in strips has every pixel, whatever the threads", "[image][png]") {
+  Workers one(1), three(3);
+  for (const uint32_t channels : {3u, 4u}) {
+    for (const auto& [width, height] :
+         {std::pair{1u, 1u}, {1u, 700u}, {700u, 1u}, {331u, 257u}, {1280u, 720u}, {90000u, 3u}}) {
+      const std::vector<uint8_t> pixels = make_pixels(width, height, channels);
+      const PixelView picture{width, height, channels, pixels};
+      std::vector<std::byte> of_small;
+      for (const bool is_small : {true, false}) {
+        for (const bool has_alpha : {true, false}) {
+          INFO(width << " x " << height << " x " << channels << (is_small ? ", small" : "")
+                     << (has_alpha ? "" : ", RGB"));
+          PngOptions options{.is_small = is_small, .has_alpha = has_alpha};
+          const Result<std::vector<std::byte>> file = encode_png(picture, options);
+          REQUIRE(file);
+          for (Workers* const workers : {&one, &three}) {
+            options.workers = workers;
+            const Result<std::vector<std::byte>> same = encode_png(picture, options);
+            REQUIRE(same);
+            CHECK((*same == *file));
+          }
+          REQUIRE(scree::runtime::probe_image(*file)->channels == (has_alpha ? channels : 3));
+          if (width > scree::runtime::kMaxDecodedSide) continue;
+          const Image image = decoded(*file);
+          REQUIRE(image.width == width);
+          REQUIRE(image.height == height);
+          uint64_t wrong = 0;
+          for (size_t i = 0; i < size_t{width} * height; ++i)
+            for (size_t c = 0; c < 4; ++c) {
+              const uint8_t expected = c < 3 || (channels == 4 && has_alpha) ? pixels[channels * i + c] : uint8_t{255};
+              wrong += image.rgba[4 * i + c] != expected ? 1 : 0;
+            }
+          CHECK(wrong == 0);
+          if (is_small && has_alpha) of_small = *file;
+          if (!is_small && has_alpha && width > 300) CHECK(of_small.size() < file->size());
+        }
+      }
+    }
+  }
+}
+
+TEST_CASE("an abandoned PNG has no bytes and leaves no file", "[image][png]") {
+  const std::vector<uint8_t> pixels = make_pixels(640, 360, 3);
+  const PixelView picture{640, 360, 3, pixels};
+  Workers workers(2);
+  const PngOptions options{.workers = &workers, .is_abandoned = [] { return true; }};
+  CHECK(encode_png(picture, options)->empty());
+  const scree::tests::TempFolder folder;
+  CHECK(scree::runtime::write_png(folder.file("a.png"), picture, options));
+  CHECK(std::filesystem::is_empty(folder.path()));
+}
