@@ -1,4 +1,4 @@
-// A scene in GPU memory: one arena, its size known before the first byte is copied.
+// A scene in GPU memory: one arena, its size known before the first byte is copied. It is also the first of its views.
 #pragma once
 
 #include <cstdint>
@@ -28,7 +28,7 @@ struct PictureNeeds {
   bool starts_next = false;                      // by DeviceView::start()
 };
 
-class DeviceScene {
+class DeviceScene : public DeviceView {
  public:
   /// Copies `scene` to the current device (device_list.h): records, pages, textures. Pages that the scene has are
   /// copied. Others come from the file, are checked as by Scene::load_pages, and stay on the device alone
@@ -67,8 +67,8 @@ class DeviceScene {
   static Result<void> set_texture_memory(const SceneFile& file, uint64_t wanted, uint64_t budget_bytes,
                                          SceneOptions& options);
 
-  /// Makes a view of this scene, which outlives the view. The first view is the one that draw() below uses. Each other
-  /// view of a resident scene takes kernels::CudaFrames::device_bytes() more device memory. `scene`: the uploaded one.
+  /// Makes a view of this scene, which outlives the view. The first one is the scene itself. Each other view of a
+  /// resident scene takes kernels::CudaFrames::device_bytes() more device memory. `scene`: the uploaded one.
   /// Errors kDevice, kMemory.
   Result<DeviceView> add_view(const Scene& scene);
 
@@ -90,46 +90,6 @@ class DeviceScene {
   /// loaded, the scene becomes resident; a new picture has to be drawn then before one is resolved or read. Errors also
   /// kDevice.
   Result<uint64_t> load_rest(const IsOver& is_over = {});
-
-  /// As kernels::draw_cpu, on the device, where the visibility buffer stays. `times`: null, or filled in; a streamed
-  /// frame has only raster_ms, by the host's clock. `shade`: for a streamed scene, the picture and the light that
-  /// resolve() will make; null if it will not be called. `is_over`: as for Streamer::draw(), if the scene is streamed.
-  Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr,
-                                   const kernels::ShadeOptions* shade = nullptr, const IsOver& is_over = {});
-
-  /// Statistics of the last frame, if the scene is streamed.
-  const std::optional<StreamStats>& stream_stats() const;
-
-  /// Copies the visibility buffer of the picture that draw() made last to host memory: `samples` is all of it.
-  Result<void> read_samples(std::span<uint64_t> samples);
-
-  /// Replaces that visibility buffer by samples that also show the chunks of other processes. Error kRange (another
-  /// number of samples), kDevice.
-  Result<void> write_samples(std::span<const uint64_t> samples);
-
-  /// Resolves the picture that draw() made last, as kernels::resolve_cpu with 4 channels, on the device. `view`: as for
-  /// draw(). If the scene is streamed, the picture and the light of `options` are also as for draw(). `pixels`: RGBA8,
-  /// red in the low byte, read back; may be empty if only the time is wanted.
-  Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
-                       std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr);
-
-  const kernels::BlendCounts& blended() const;
-
-  /// The layers over that picture, read back: as kernels::blend_cpu(), 4 floats per sample. Requires
-  /// kernels::shows_layers(). Errors as resolve().
-  Result<void> read_over(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> over);
-
-  /// Linear light of the samples of that picture, 3 floats each, read back: as kernels::shade_part_cpu() with all
-  /// chunks. Samples of the background, and of chunks that others have, are 0. `view` and `options`: as for resolve(),
-  /// of a picture that is shaded from chunks (kernels::shades_from_chunks()). Errors as resolve().
-  Result<void> read_colors(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> colors);
-
-  /// A layer of the picture that draw() made last, read back: `out` is all of it. Errors as DeviceView::make_layer().
-  Result<void> read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
-                          std::span<std::byte> out);
-
-  /// As DeviceView's.
-  Result<std::vector<std::byte>> encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp);
 
   const UploadStats& stats() const;
 

@@ -131,10 +131,12 @@ bool holds_all(const Scene& host, const PictureNeeds& pictures, uint64_t texture
 
 }  // namespace
 
-DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : DeviceView(impl->own), impl_(std::move(impl)) {}
 DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
 DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
-DeviceScene::~DeviceScene() = default;
+DeviceScene::~DeviceScene() {
+  DeviceView::impl_.reset();  // a view goes before its scene
+}
 
 const UploadStats& DeviceScene::stats() const {
   return impl_->stats;
@@ -181,7 +183,7 @@ Result<uint64_t> DeviceScene::load_rest(const IsOver& is_over) {
 }
 
 Result<DeviceView> DeviceScene::add_view(const Scene& scene) {
-  if (impl_->own.use_count() == 1) return DeviceView(impl_->own);
+  if (impl_->own.use_count() == 2) return DeviceView(impl_->own);  // nobody else has it but this, as a view
   try {
     auto view = std::make_shared<DeviceView::Impl>(*impl_);
     if (impl_->stream == nullptr)  // otherwise make_ready() makes the frames
@@ -376,55 +378,6 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
   return stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
                       scene.texture_cache(), scene.block_pager(), pages, kept);
-}
-
-const std::optional<StreamStats>& DeviceScene::stream_stats() const {
-  return impl_->own->streamed;
-}
-
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View& view, kernels::FrameTimes* times,
-                                              const kernels::ShadeOptions* shade, const IsOver& is_over) {
-  return DeviceView(impl_->own).draw(view, times, shade, is_over);
-}
-
-Result<void> DeviceScene::read_samples(std::span<uint64_t> samples) {
-  return DeviceView(impl_->own).read_samples(samples);
-}
-
-Result<void> DeviceScene::write_samples(std::span<const uint64_t> samples) {
-  return DeviceView(impl_->own).write_samples(samples);
-}
-
-Result<void> DeviceScene::resolve(const kernels::View& view, uint32_t samples_per_side,
-                                  const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
-                                  kernels::ResolveTimes* times) {
-  return DeviceView(impl_->own).resolve(view, samples_per_side, options, pixels, times);
-}
-
-const kernels::BlendCounts& DeviceScene::blended() const {
-  return impl_->own->blended;
-}
-
-Result<void> DeviceScene::read_over(const kernels::View& view, const kernels::ShadeOptions& options,
-                                    std::span<float> over) {
-  return DeviceView(impl_->own).read_over(view, options, over);
-}
-
-Result<void> DeviceScene::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
-                                      std::span<float> colors) {
-  return DeviceView(impl_->own).read_colors(view, options, colors);
-}
-
-Result<void> DeviceScene::read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
-                                     std::span<std::byte> out) {
-  DeviceView own(impl_->own);
-  const Result<const std::byte*> made = own.make_layer(view, samples_per_side, layer);
-  if (!made) return made.error();
-  return own.read(*made, out);
-}
-
-Result<std::vector<std::byte>> DeviceScene::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {
-  return DeviceView(impl_->own).encode_jpeg(width, height, quality, is_sharp);
 }
 
 }  // namespace scree::runtime

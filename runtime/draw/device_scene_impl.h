@@ -14,7 +14,6 @@
 #include "kernels/cuda/jpeg.h"
 #include "kernels/cuda/resolve.h"
 #include "kernels/cuda/view_batch.h"
-#include "kernels/frame_parts.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/gpu_team.h"

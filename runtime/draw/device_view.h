@@ -58,9 +58,13 @@ class DeviceView {
   /// Makes the scene's device the calling thread's current one. All functions below require that. Error kDevice.
   Result<void> make_current() const;
 
-  // The next functions are as in DeviceScene. `out`: null, or device memory for the pixels.
+  /// As kernels::draw_cpu, on the device, where the visibility buffer stays. `times`: null, or filled in; a streamed
+  /// frame has only raster_ms, by the host's clock. `shade`: for a streamed scene, the picture and the light that
+  /// resolve() will make; null if it will not be called. `is_over`: as for Streamer::draw(), if the scene is streamed.
   Result<kernels::FrameStats> draw(const kernels::View& view, kernels::FrameTimes* times = nullptr,
                                    const kernels::ShadeOptions* shade = nullptr, const IsOver& is_over = {});
+
+  /// Statistics of the last frame, if the scene is streamed.
   const std::optional<StreamStats>& stream_stats() const;
 
   /// Queues work that lowers samples in device memory, on a cudaStream_t.
@@ -78,13 +82,30 @@ class DeviceView {
   /// The cudaStream_t on which these functions queue work on the last picture; null: the default stream.
   void* stream() const;
 
+  /// Copies the visibility buffer of the picture that draw() made last to host memory: `samples` is all of it.
   Result<void> read_samples(std::span<uint64_t> samples);
+
+  /// Replaces that visibility buffer by samples that also show the chunks of other processes. Error kRange (another
+  /// number of samples), kDevice.
   Result<void> write_samples(std::span<const uint64_t> samples);
+
+  /// Resolves the picture that draw() made last, as kernels::resolve_cpu with 4 channels, on the device. `view`: as for
+  /// draw(). If the scene is streamed, the picture and the light of `options` are also as for draw(). `pixels`: RGBA8,
+  /// red in the low byte, read back; may be empty if only the time is wanted. `out`: null, or device memory for the
+  /// pixels.
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                        std::span<uint32_t> pixels, kernels::ResolveTimes* times = nullptr, uint32_t* out = nullptr);
+
   /// The layers of blended surfaces in the picture that resolve() made last.
   const kernels::BlendCounts& blended() const;
+
+  /// The layers over that picture, read back: as kernels::blend_cpu(), 4 floats per sample. Requires
+  /// kernels::shows_layers(). Errors as resolve().
   Result<void> read_over(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> over);
+
+  /// Linear light of the samples of that picture, 3 floats each, read back: as kernels::shade_part_cpu() with all
+  /// chunks. Samples of the background, and of chunks that others have, are 0. `view` and `options`: as for resolve(),
+  /// of a picture that is shaded from chunks (kernels::shades_from_chunks()). Errors as resolve().
   Result<void> read_colors(const kernels::View& view, const kernels::ShadeOptions& options, std::span<float> colors);
 
   /// As read_colors(), but in device memory, valid until the next call.
@@ -102,6 +123,10 @@ class DeviceView {
   /// layer. Errors kRange (no such picture), kUnsupported (normals and texture coordinates of a streamed scene, whose
   /// chunks are not present any more), kDevice.
   Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer);
+
+  /// The same, read back: `out` is all of it. Errors as make_layer().
+  Result<void> read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                          std::span<std::byte> out);
 
   /// Queues the work that makes several layers of that picture in the caller's device memory. Errors as make_layer().
   Result<void> make_layers(const kernels::View& view, uint32_t samples_per_side, const kernels::LayerTargets& out);

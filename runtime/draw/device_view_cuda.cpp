@@ -393,6 +393,13 @@ Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint3
   return buffer.data();
 }
 
+Result<void> DeviceView::read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+                                    std::span<std::byte> out) {
+  const Result<const std::byte*> made = make_layer(view, samples_per_side, layer);
+  if (!made) return made.error();
+  return read(*made, out);
+}
+
 Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples_per_side,
                                      const kernels::LayerTargets& out) {
   Impl& impl = *impl_;
