@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "runtime/images/image.h"
-#include "tools/common/output_file.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/stop_signal.h"
 #include "tools/common/text_table.h"
