@@ -9,6 +9,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/compare/compare_scenes.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/gltf/source.h"
@@ -30,8 +31,7 @@ SourceScene import_data(const char* name, const ImportOptions& options = {}) {
 
 Triangles all_triangles(const Primitive& primitive) {
   Triangles out(primitive.triangle_count() * 3);
-  const auto read = read_triangles(primitive, 0, primitive.triangle_count(), out);
-  if (!read) FAIL(read.error().message);
+  must(read_triangles(primitive, 0, primitive.triangle_count(), out));
   // Reading triangle by triangle gives the same result: strips reverse every other triangle, wherever a window starts.
   for (uint64_t i = 0; i < primitive.triangle_count(); ++i) {
     std::array<uint32_t, 3> one;
@@ -43,8 +43,7 @@ Triangles all_triangles(const Primitive& primitive) {
 
 std::vector<float> all_floats(const Accessor& accessor) {
   std::vector<float> out(accessor.count * accessor.components);
-  const auto read = read_floats(accessor, 0, accessor.count, out);
-  if (!read) FAIL(read.error().message);
+  must(read_floats(accessor, 0, accessor.count, out));
   return out;
 }
 
@@ -402,9 +401,7 @@ TEST_CASE("the option --exclude drops matching nodes and all nodes below them", 
   options.exclude = "no such name";
   CHECK(warns(import_data("nodes.gltf", options), "matches no node"));
   options.exclude = "[unclosed";
-  const auto bad = import_gltf(tests::data_path("nodes.gltf").string(), options);
-  REQUIRE_FALSE(bad);
-  CHECK(bad.error().code == ErrorCode::kUsage);
+  CHECK(refusal(import_gltf(tests::data_path("nodes.gltf").string(), options)).code == ErrorCode::kUsage);
 }
 
 TEST_CASE("primitives with nothing to draw are left out, the others are kept", "[import]") {
