@@ -243,6 +243,8 @@ const Change kChanges[] = {
     {R"(,"scene":0)",
      R"(,"scene":0,"cameras":[{"type":"orthographic","orthographic":{"xmag":1,"ymag":1,"znear":2,"zfar":1}}])",
      ErrorCode::kRange, "camera 0: zfar is not past znear"},
+    {R"(,"scene":0)", R"(,"scene":0,"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":0}}])",
+     ErrorCode::kRange, "camera 0: znear is not positive"},
     {R"(,"scene":0)", R"(,"scene":0,"textures":[{"source":3}])", ErrorCode::kRange,
      "texture 0: image 3 does not exist"},
     {R"(,"scene":0)", R"(,"scene":0,"textures":[{"sampler":3}])", ErrorCode::kRange,

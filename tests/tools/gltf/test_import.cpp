@@ -448,6 +448,19 @@ TEST_CASE("left-out data are listed with count and bytes", "[import]") {
   CHECK(scene.primitives[0].color);
 }
 
+TEST_CASE("a left-out accessor that two attributes share is counted once", "[import]") {
+  const tests::TempFolder folder;
+  std::string text = tests::read_whole(tests::data_path("data_uri.gltf").string());
+  text = tests::replaced(text, R"("type":"SCALAR"}])",
+                         R"("type":"SCALAR"},{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"}])");
+  text = tests::replaced(text, R"("POSITION":0})", R"("POSITION":0,"_A":2,"_B":2})");
+  const SourceScene scene = import_file(folder.write("shared.gltf", text));
+  REQUIRE(scene.left_out.size() == 1);
+  CHECK(scene.left_out[0].what == "application-specific attributes");
+  CHECK(scene.left_out[0].count == 1);
+  CHECK(scene.left_out[0].source_bytes == 48);
+}
+
 TEST_CASE("gathering a list of elements equals reading them one by one", "[import]") {
   const SourceScene scene = import_data("grid.glb");
   REQUIRE(scene.primitives.size() == 1);
