@@ -3,7 +3,6 @@
 #include <scree/scree.hpp>
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>

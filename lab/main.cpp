@@ -1,9 +1,6 @@
 // scree-lab measures scree for its developers. It is not part of the package; users have `scree bench`.
-#include <algorithm>
 #include <cstdio>
 #include <exception>
-#include <string>
-#include <vector>
 
 #include <CLI/CLI.hpp>
 

@@ -8,6 +8,9 @@
 #include "kernels/visbuffer.h"
 
 namespace scree::lab {
+
+using tools::assign;
+
 namespace {
 
 constexpr std::array<std::string_view, 6> kScenes{"A", "B", "C", "D", "lantern", "A60"};
@@ -150,19 +153,11 @@ Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
   if (words.textures < 1 || words.textures > 1000) return usage("--textures: 1 to 1000");
   if (words.texture_size == 0 || words.texture_size % 1024 != 0 || words.texture_size > 32768)
     return usage("--texture-size: expected 1024, 2048, ... 32768 texels per side");
-  options.textures = words.textures;
-  options.texture_size = words.texture_size;
-  const Result<uint64_t> cache = tools::parse_size(words.texture_cache, "--texture-cache", options.texture_cache);
-  if (!cache) return cache.error();
-  options.texture_cache = *cache;
-  if (!words.size.empty()) {
-    const Result<ImageSize> size = tools::parse_image_size(words.size, "--size");
-    if (!size) return size.error();
-    options.size = *size;
-  }
+  Result<void> done =
+      assign(options.texture_cache, tools::parse_size(words.texture_cache, "--texture-cache", options.texture_cache));
+  if (done && !words.size.empty()) done = assign(options.size, tools::parse_image_size(words.size, "--size"));
+  if (!done) return done.error();
   if (words.frames == 0) return usage("--frames is at least 1");
-  options.frames = words.frames;
-  options.warmup = words.warmup;
   return options;
 }
 
@@ -202,8 +197,7 @@ std::string file_name(const std::string& path) {
 
 Result<LabOptions> parse_options(const LabWords& words) {
   LabOptions options;
-  options.files = words.files;
-  options.curves = words.curves;
+  static_cast<PlainLabOptions&>(options) = words;
   options.reference = words.reference || words.curves;
   const bool has_file = !words.files.empty() && !options.reference;
   if (has_file && words.files.size() > 1) return usage("one .scree file at a time; --reference takes several models");
@@ -213,67 +207,41 @@ Result<LabOptions> parse_options(const LabWords& words) {
                    words.order != defaults.order || words.scale != defaults.scale))
     return usage("--positions, --indices, --order and --scale are for generated scenes, not for a file");
   if (words.scenes != "textured" && (words.files.empty() || !words.scenes.empty())) {
-    Result<std::vector<std::string>> scenes =
-        parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes);
-    if (!scenes) return scenes.error();
-    options.scenes = std::move(*scenes);
+    const Result<void> named =
+        assign(options.scenes, parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes));
+    if (!named) return named.error();
   }
   if (words.scenes == "textured") return parse_textured(words, std::move(options));
   if (!words.texture_cache.empty() || words.textures != defaults.textures ||
       words.texture_size != defaults.texture_size)
     return usage("--textures, --texture-size and --texture-cache are for --scene textured");
-  Result<std::vector<std::string>> views = parse_views(words.views, options.scenes);
-  if (!views) return views.error();
-  options.views = std::move(*views);
   std::string positions = words.positions;
   if (positions == defaults.positions && (options.curves || words.sweep))
     positions = options.curves ? kAllPositions : kSweepPositions;
-  Result<std::vector<Encoding>> encodings = parse_encodings(positions, words.indices);
-  if (!encodings) return encodings.error();
-  options.encodings = std::move(*encodings);
-  Result<std::vector<uint32_t>> samples = parse_samples(words.samples);
-  if (!samples) return samples.error();
-  options.samples_per_side = std::move(*samples);
-  Result<std::vector<bool>> tests = parse_switches("--sampleless", words.sampleless);
-  if (!tests) return tests.error();
-  options.sampleless_tests = std::move(*tests);
   options.stage_times = words.stages;
-  Result<std::vector<Culling>> culling = parse_culling(words.culling);
-  if (!culling) return culling.error();
-  options.culling = std::move(*culling);
-  Result<std::vector<Effects>> effects = parse_effects(words.effects);
-  if (!effects) return effects.error();
-  options.effects = std::move(*effects);
-  if (!words.size.empty()) {
-    const Result<ImageSize> size = tools::parse_image_size(words.size, "--size");
-    if (!size) return size.error();
-    options.size = *size;
-  }
-  if (options.reference)
-    if (const Result<void> checked = check_reference(words, options); !checked) return checked.error();
+  Result<void> done = assign(options.views, parse_views(words.views, options.scenes));
+  if (done) done = assign(options.encodings, parse_encodings(positions, words.indices));
+  if (done) done = assign(options.samples_per_side, parse_samples(words.samples));
+  if (done) done = assign(options.sampleless_tests, parse_switches("--sampleless", words.sampleless));
+  if (done) done = assign(options.culling, parse_culling(words.culling));
+  if (done) done = assign(options.effects, parse_effects(words.effects));
+  if (done && !words.size.empty()) done = assign(options.size, tools::parse_image_size(words.size, "--size"));
+  if (done && options.reference) done = check_reference(words, options);
+  if (!done) return done.error();
   if (words.order != "row" && words.order != "block")
     return usage("--order: '" + words.order + "' is not row or block");
   options.order = words.order == "row" ? synth::MeshOrder::kRow : synth::MeshOrder::kBlock;
   if (!(words.scale > 0 && words.scale <= 1)) return usage("--scale must be above 0 and at most 1");
-  options.scale = words.scale;
   if (!(words.near >= 0 && words.near <= 1)) return usage("--near must be a share of the scene's size, from 0 to 1");
-  options.near = words.near;
   if (words.frames == 0) return usage("--frames is at least 1");
-  options.frames = words.frames;
-  options.warmup = words.warmup;
   if (words.path && words.sweep) return usage("--path and --sweep exclude each other");
   if (words.sweep && has_file) return usage("--sweep generates its scene: it needs --scene, not a file");
   if (words.path && has_file) return usage("--path is the path of a generated scene: it needs --scene, not a file");
   if (words.path && !words.views.empty()) return usage("--path moves between a scene's two views: it excludes --view");
   options.has_peer = !words.peer.empty();
-  if (options.has_peer)
-    if (const Result<void> checked = check_peer(words, options); !checked) return checked.error();
-  options.path = words.path;
-  options.sweep = words.sweep;
-  options.csv = words.csv;
-  const Result<tools::BackendOptions> backend = tools::parse_backend("auto", words.device);
-  if (!backend) return backend.error();
-  options.backend = *backend;
+  if (options.has_peer) done = check_peer(words, options);
+  if (done) done = assign(options.backend, tools::parse_backend("auto", words.device));
+  if (!done) return done.error();
   return options;
 }
 

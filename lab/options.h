@@ -15,9 +15,24 @@
 
 namespace scree::lab {
 
-/// The options as typed; empty if not given.
-struct LabWords {
-  std::vector<std::string> files;
+/// Options that are not parsed from text.
+struct PlainLabOptions {
+  std::vector<std::string> files;  // one .scree file, or none for generated scenes; with --reference glTF models
+  double near = 0;                 // the near plane as a share of the scene's diagonal; 0: the view's own
+  double scale = 1;                // for A, B and C
+  uint32_t frames = 60;
+  uint32_t warmup = 10;
+  bool path = false;
+  bool sweep = false;
+  bool curves = false;  // the comparison of --reference for every width, and the studies
+  std::string csv;      // empty: none
+  // For the scene "textured", which is measured alone:
+  uint32_t textures = 12;
+  uint32_t texture_size = 16384;  // texels per side
+};
+
+/// The others as typed; empty if not given.
+struct LabWords : PlainLabOptions {
   std::string scenes;
   std::string views;
   std::string positions = "16,float32";
@@ -29,18 +44,8 @@ struct LabWords {
   std::string culling = "all";
   std::string effects = "none";
   std::string size;
-  double near = 0;
-  std::string csv;
   std::string texture_cache;
-  uint32_t textures = 12;
-  uint32_t texture_size = 16384;
-  double scale = 1;
-  uint32_t frames = 60;
-  uint32_t warmup = 10;
-  bool path = false;
-  bool sweep = false;
   bool reference = false;
-  bool curves = false;
   bool sizes = false;
   std::string peer;
   std::string device;
@@ -62,33 +67,21 @@ struct Culling {
   bool occlusion = true;  // also hidden clusters
 };
 
-struct LabOptions {
-  std::vector<std::string> files;   // one .scree file, or none for generated scenes; with `reference` glTF models
+struct LabOptions : PlainLabOptions {
   std::vector<std::string> scenes;  // names for make_scene()
   std::vector<std::string> views;   // empty: all of a scene
   std::vector<Encoding> encodings;  // for generated scenes
   synth::MeshOrder order = synth::MeshOrder::kRow;
-  double scale = 1;                        // for A, B and C
   std::vector<uint32_t> samples_per_side;  // 1, 2, 4
   std::vector<Culling> culling;
   std::vector<Effects> effects;
   std::vector<bool> sampleless_tests;  // true: with the test
   bool stage_times = false;            // also for small scenes
   std::optional<ImageSize> size;       // replaces the scene's own size
-  double near = 0;                     // the near plane as a share of the scene's diagonal; 0: the view's own
-  uint32_t frames = 60;
-  uint32_t warmup = 10;
-  bool path = false;
-  bool sweep = false;
-  bool reference = false;         // compare with an exact picture of the source (judge_run.h)
-  bool curves = false;            // the same for every width, and the studies
-  bool has_peer = false;          // measure Vulkan beside scree (peer/peer.h); some encoding is float32 then
-  tools::BackendOptions backend;  // --reference and --curves draw on the CPU without a GPU; the others need one
-  std::string csv;                // empty: none
-  // For the scene "textured", which is measured alone:
-  bool is_textured = false;
-  uint32_t textures = 12;
-  uint32_t texture_size = 16384;  // texels per side
+  bool reference = false;              // compare with an exact picture of the source (judge_run.h); with `curves` too
+  bool has_peer = false;               // measure Vulkan beside scree (peer/peer.h); some encoding is float32 then
+  tools::BackendOptions backend;       // --reference and --curves draw on the CPU without a GPU; the others need one
+  bool is_textured = false;            // the scene "textured", which is measured alone
   uint64_t texture_cache = runtime::kDeviceTextureCache;
 };
 

@@ -19,10 +19,4 @@ inline std::filesystem::path models_path() {
   return std::filesystem::exists(path) ? path : std::filesystem::path{};
 }
 
-/// The definitions of the measured scenes (expected.txt), or empty if they do not exist.
-inline std::filesystem::path bench_scenes_path() {
-  const std::filesystem::path path = std::filesystem::path(kModelsFolder) / "bench-scenes";
-  return std::filesystem::exists(path) ? path : std::filesystem::path{};
-}
-
 }  // namespace scree::tests

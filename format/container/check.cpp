@@ -1,7 +1,5 @@
 #include "format/container/check.h"
 
-#include <algorithm>
-
 #include "format/container/checker.h"
 
 namespace scree::format {

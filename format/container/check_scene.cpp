@@ -1,6 +1,5 @@
 // The checks of nodes, instances, scenes, materials, textures, images and cameras.
 #include <algorithm>
-#include <cmath>
 #include <numbers>
 
 #include "format/blocks/format.h"

@@ -1,7 +1,6 @@
 #include "format/container/part_log.h"
 
 #include <cstring>
-#include <utility>
 #include <vector>
 
 #include "format/container/checksum.h"

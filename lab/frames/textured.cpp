@@ -26,7 +26,6 @@
 namespace scree::lab {
 namespace {
 
-using kernels::cuda_check;
 using kernels::DeviceBuffer;
 using tools::fixed;
 

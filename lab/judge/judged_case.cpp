@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "tools/common/human.h"
-#include "tools/common/options.h"
 #include "tools/common/text_table.h"
 
 namespace scree::lab {

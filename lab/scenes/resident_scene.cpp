@@ -1,7 +1,6 @@
 #include "lab/scenes/resident_scene.h"
 
 #include <algorithm>
-#include <string>
 #include <thread>
 
 #include "format/geometry/chunk_layout.h"

@@ -1,7 +1,6 @@
 #include "runtime/draw/device_block_pager.h"
 
 #include <algorithm>
-#include <utility>
 
 namespace scree::runtime {
 

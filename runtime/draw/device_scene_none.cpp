@@ -9,35 +9,13 @@ namespace scree::runtime {
 
 struct DeviceScene::Impl {};
 
-DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : DeviceView(nullptr), impl_(std::move(impl)) {}
 DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
 DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() = default;
 
 Result<DeviceScene> DeviceScene::upload(const Scene&, uint64_t, uint32_t, Reading, uint64_t, uint64_t,
                                         const PictureNeeds&, JobProgress*, uint32_t, bool, const PageShare*) {
-  return current_gpu().error();
-}
-
-Result<kernels::FrameStats> DeviceScene::draw(const kernels::View&, kernels::FrameTimes*, const kernels::ShadeOptions*,
-                                              const IsOver&) {
-  return current_gpu().error();
-}
-
-Result<void> DeviceScene::read_samples(std::span<uint64_t>) {
-  return current_gpu().error();
-}
-
-Result<void> DeviceScene::write_samples(std::span<const uint64_t>) {
-  return current_gpu().error();
-}
-
-Result<void> DeviceScene::resolve(const kernels::View&, uint32_t, const kernels::ShadeOptions&, std::span<uint32_t>,
-                                  kernels::ResolveTimes*) {
-  return current_gpu().error();
-}
-
-Result<void> DeviceScene::read_colors(const kernels::View&, const kernels::ShadeOptions&, std::span<float>) {
   return current_gpu().error();
 }
 
@@ -57,11 +35,7 @@ Result<void> DeviceView::read_over(const kernels::View&, const kernels::ShadeOpt
   return current_gpu().error();
 }
 
-Result<void> DeviceScene::read_layer(const kernels::View&, uint32_t, PixelLayer, std::span<std::byte>) {
-  return current_gpu().error();
-}
-
-Result<std::vector<std::byte>> DeviceScene::encode_jpeg(uint32_t, uint32_t, int, bool) {
+Result<void> DeviceView::read_layer(const kernels::View&, uint32_t, PixelLayer, std::span<std::byte>) {
   return current_gpu().error();
 }
 
@@ -75,11 +49,6 @@ BlockPager* DeviceScene::block_pager() const {
 
 Result<void> DeviceScene::set_texture_memory(const SceneFile&, uint64_t, uint64_t, SceneOptions&) {
   return {};
-}
-
-const std::optional<StreamStats>& DeviceScene::stream_stats() const {
-  static const std::optional<StreamStats> none;
-  return none;
 }
 
 const UploadStats& DeviceScene::stats() const {
@@ -97,15 +66,6 @@ Result<DeviceView> DeviceScene::add_view(const Scene&) {
 
 uint64_t DeviceScene::view_bytes(const Scene&, const PictureNeeds&) {
   return 0;
-}
-
-const kernels::BlendCounts& DeviceScene::blended() const {
-  static const kernels::BlendCounts none;
-  return none;
-}
-
-Result<void> DeviceScene::read_over(const kernels::View&, const kernels::ShadeOptions&, std::span<float>) {
-  return current_gpu().error();
 }
 
 uint32_t DeviceScene::gpu_count() const {

@@ -1,8 +1,6 @@
 #include "runtime/draw/renderer.h"
 
-#include <algorithm>
 #include <cassert>
-#include <cmath>
 #include <cstddef>
 #include <new>
 #include <string>
@@ -34,7 +32,7 @@ Result<std::optional<uint64_t>> source_triangle(const Scene& scene, const kernel
 }  // namespace
 
 Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
-                          DeviceScene* device, const kernels::ShadeOptions* shade) {
+                          DeviceView* device, const kernels::ShadeOptions* shade) {
   assert(samples_per_side == 1 || samples_per_side == 2 || samples_per_side == 4);
   assert(device != nullptr || scene.has_pages());
   const uint64_t width = uint64_t{view.width} * samples_per_side;

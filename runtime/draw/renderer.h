@@ -43,10 +43,9 @@ struct PictureLight {
 PictureLight light_of_cpu(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
                           std::span<const uint64_t> samples, const kernels::ShadeOptions& options, uint32_t threads);
 
-/// `device`: the DeviceScene or DeviceView that drew `view` last. `options`: as for its resolve().
-template <class Device>
-PictureLight light_of(Device& device, const kernels::View& view, uint32_t samples_per_side,
-                      const kernels::ShadeOptions& options) {
+/// `device`: drew `view` last. `options`: as for its resolve().
+inline PictureLight light_of(DeviceView& device, const kernels::View& view, uint32_t samples_per_side,
+                             const kernels::ShadeOptions& options) {
   return {[=, &device](std::span<uint8_t> rgba) {
             // RGBA8, red in the low byte.
             return device.resolve(view, samples_per_side, options,
@@ -96,17 +95,17 @@ class Frame {
   /// - `device`: null, or a copy of `scene` that outlives the frame. The GPU then draws and shades. The samples are the
   ///   same, and stay there until read_samples(). Only the frame that a device drew last can be shaded or read. Without
   ///   a device `scene` must have its pages.
-  /// - `shade`: the options of the later shade(), which DeviceScene::draw() needs if the device streams.
+  /// - `shade`: the options of the later shade(), which DeviceView::draw() needs if the device streams.
   /// Errors kRange (a side of more than kernels::kMaxImageSide samples), kMemory, and the errors of kernels::draw_cpu.
   static Result<Frame> draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
-                            DeviceScene* device = nullptr, const kernels::ShadeOptions* shade = nullptr);
+                            DeviceView* device = nullptr, const kernels::ShadeOptions* shade = nullptr);
 
   /// Shades every sample and averages a pixel's samples in linear light, weighted by alpha. Returns RGBA if the
-  /// background is not opaque. Errors kMemory, and the errors of kernels::resolve_cpu and DeviceScene::resolve.
+  /// background is not opaque. Errors kMemory, and the errors of kernels::resolve_cpu and DeviceView::resolve.
   Result<Picture> shade(const kernels::ShadeOptions& options, uint32_t threads) const;
 
   /// The same as linear_picture(). On a GPU it requires read_samples() before. `blended`: null, or filled in. Errors
-  /// kMemory, and the errors of shade(), kernels::shade_part_cpu and DeviceScene::read_colors.
+  /// kMemory, and the errors of shade(), kernels::shade_part_cpu and DeviceView::read_colors.
   Result<std::vector<float>> linear(const kernels::ShadeOptions& options, uint32_t threads,
                                     kernels::BlendCounts* blended = nullptr) const;
 
@@ -114,7 +113,7 @@ class Frame {
   Result<void> read_samples();
 
   /// A layer (kernels::LayerTargets lists values and types), rows top to bottom. Errors kMemory, and the errors of
-  /// kernels::layers_cpu and DeviceScene::read_layer.
+  /// kernels::layers_cpu and DeviceView::read_layer.
   template <class T>
   Result<std::vector<T>> layer(PixelLayer layer, uint32_t threads) const {
     try {
@@ -146,7 +145,7 @@ class Frame {
   Result<void> make_room();  // for samples_
 
   const Scene* scene_ = nullptr;
-  DeviceScene* device_ = nullptr;
+  DeviceView* device_ = nullptr;
   kernels::View view_{};  // in samples
   uint32_t samples_per_side_ = 1;
   std::vector<uint64_t> samples_;

@@ -8,7 +8,6 @@
 #include <cstdint>
 #include <deque>
 #include <future>
-#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -80,8 +79,6 @@ class CudaStream final : public StreamTarget {
   /// table, and nothing is streamed any more.
   Result<uint64_t> load_rest(const IsOver& is_over);
   bool is_complete() const { return is_complete_; }
-
-  const SharedRoom& shared_room() const { return room_; }
 
   /// The colours of the last frame, 3 floats per sample, in device memory; null if it was not shaded from chunks.
   float* colors() const { return shades_ ? reinterpret_cast<float*>(colors_.data()) : nullptr; }

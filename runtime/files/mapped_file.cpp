@@ -39,18 +39,6 @@ Error system_error(const std::string& path, const char* doing, int number) {
   return {code, path + ": " + doing + ": " + std::strerror(number)};
 }
 
-int advice_of(Access access) {
-  switch (access) {
-    case Access::kSequential:
-      return MADV_SEQUENTIAL;
-    case Access::kRandom:
-      return MADV_RANDOM;
-    case Access::kNormal:
-      break;
-  }
-  return MADV_NORMAL;
-}
-
 /// A path that opens the same file again, even if its name refers to another file by now.
 std::string own_path(int descriptor) {
   return "/proc/self/fd/" + std::to_string(descriptor);
@@ -87,7 +75,7 @@ Result<MappedFile> MappedFile::open(const std::string& path, Access access) {
   mapped.data_ = static_cast<const std::byte*>(address);
   mapped.size_ = size;
   mapped.descriptor_ = file.release();
-  ::madvise(address, static_cast<size_t>(size), advice_of(access));
+  ::madvise(address, static_cast<size_t>(size), access == Access::kSequential ? MADV_SEQUENTIAL : MADV_NORMAL);
   return mapped;
 }
 

@@ -14,7 +14,6 @@ namespace scree::runtime {
 enum class Access {
   kNormal,
   kSequential,  // front to back, once
-  kRandom,      // no read-ahead: small reads all over a file that may not fit in memory
 };
 
 /// A kFile error: the file ends at `end`, but had `size` bytes when it was opened.

@@ -5,7 +5,6 @@
 #include <cassert>
 #include <cstring>
 #include <deque>
-#include <memory>
 #include <mutex>
 #include <new>
 #include <optional>

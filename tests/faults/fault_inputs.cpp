@@ -1,7 +1,6 @@
 #include "tests/faults/fault_inputs.h"
 
 #include <algorithm>
-#include <array>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>

@@ -23,6 +23,7 @@
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/tools/model_maker.h"
@@ -111,14 +112,13 @@ void make_position_seeds() {
   const float lo[3] = {0, -2.25f, 2};
   const float hi[3] = {2, 7, 4};
   for (const uint32_t bits : {8u, 16u, 20u}) {
-    const auto lattice = format::choose_lattice(lo, hi, bits, 0);
-    REQUIRE(lattice);
+    const auto lattice = must(format::choose_lattice(lo, hi, bits, 0));
     std::vector<uint32_t> coordinates(points.size());
-    format::quantize_positions(coordinates, points, *lattice);
+    format::quantize_positions(coordinates, points, lattice);
     const format::PositionRange range = format::position_range(coordinates);
     Bytes stream(format::position_stream_bytes(4, range));
     format::encode_positions(stream, coordinates, range);
-    position_head(*lattice, range, 4).stream(stream).save("position_codec", "lattice" + std::to_string(bits));
+    position_head(lattice, range, 4).stream(stream).save("position_codec", "lattice" + std::to_string(bits));
   }
   const format::PositionRange floats{{0, 0, 0}, {32, 32, 32}};
   Bytes stream(format::position_stream_bytes(4, floats));
@@ -301,28 +301,25 @@ std::string textured_model(const TempFolder& folder, bool is_magnified) {
 /// Flips bits all over the entropy-coded data of an indexed JPEG, so that decoders lose synchronisation, read invalid
 /// codes and run past the end. `jpeg` lies in `file`.
 void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
-  const auto index = format::open_jpeg_index(jpeg);
-  REQUIRE(index);
-  REQUIRE(jpeg::rebuild(*index));
+  const auto index = must(format::open_jpeg_index(jpeg));
+  REQUIRE(jpeg::rebuild(index));
   const std::span<std::byte> data =
-      file.subspan(static_cast<size_t>(index->data.data() - file.data()), index->data.size());
+      file.subspan(static_cast<size_t>(index.data.data() - file.data()), index.data.size());
   for (size_t i = 5; i < data.size(); i += 23) data[i] ^= std::byte{1} << (i % 8);
-  const auto damaged = format::open_jpeg_index(jpeg);
-  REQUIRE(damaged);
-  REQUIRE(!jpeg::rebuild(*damaged));
+  const auto damaged = must(format::open_jpeg_index(jpeg));
+  REQUIRE(!jpeg::rebuild(damaged));
 }
 
 /// The container with its texture's data damaged, and resealed. It opens and can be drawn: only verifying decodes level
 /// 0, while loading computes the missing levels from the last stored one, which is intact.
 void make_damaged_seed(const std::string& path) {
-  const auto packed = open_packed(path);
-  REQUIRE(packed);
-  const format::ImageRecord image = packed->file.images()[0];
+  const auto packed = must(open_packed(path));
+  const format::ImageRecord image = packed.file.images()[0];
   REQUIRE(image.codec == format::ImageCodec::kIndexedJpeg);
   REQUIRE(image.level_count > 0);
-  const format::PageRecord page = packed->file.pages()[image.page];
+  const format::PageRecord page = packed.file.pages()[image.page];
   REQUIRE(page.codec == format::PageCodec::kRaw);
-  const std::span<const std::byte> bytes = packed->map.bytes();
+  const std::span<const std::byte> bytes = packed.map.bytes();
   Bytes file(bytes.begin(), bytes.end());
   damage(file, std::span(file).subspan(page.offset, page.raw_bytes));
   reseal_pages(file);
@@ -400,9 +397,8 @@ void make_meshopt_seed(const TempFolder& folder) {
   add_chunk(0x004e4942, bin);
   glb.save("gltf", "meshopt.glb");
   const auto seed = std::filesystem::path(tests::kCorpusFolder) / "gltf/meshopt.glb";
-  const auto packed = pack(seed.string(), folder.file("meshopt.scree"));
-  REQUIRE(packed);
-  REQUIRE(packed->file.meshes().size() == 2);
+  const auto packed = must(pack(seed.string(), folder.file("meshopt.scree")));
+  REQUIRE(packed.file.meshes().size() == 2);
 }
 
 /// A grid with KTX2 and DDS textures, some of them with levels.

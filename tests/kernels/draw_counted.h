@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "tests/kernels/scene_builder.h"
+#include "tests/results.h"
 
 namespace scree::tests {
 
@@ -23,9 +24,9 @@ struct Drawn {
 inline Drawn draw_counted(const kernels::SceneView& scene, const kernels::View& view, const kernels::QueueSizes& sizes,
                           uint32_t threads = 1) {
   std::vector<uint64_t> samples(size_t{view.width} * view.height);
-  const auto stats = kernels::draw_cpu_with(scene, view, samples, threads, kernels::best_instruction_set(), sizes);
-  REQUIRE(stats);
-  return {std::move(samples), *stats};
+  const auto stats =
+      must(kernels::draw_cpu_with(scene, view, samples, threads, kernels::best_instruction_set(), sizes));
+  return {std::move(samples), stats};
 }
 
 }  // namespace scree::tests

@@ -4,9 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <deque>
-#include <memory>
 #include <vector>
 
 #include "format/geometry/attribute_codec.h"
@@ -17,6 +15,7 @@
 #include "format/geometry/tangent_codec.h"
 #include "kernels/cpu/backend.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tools/clusters/cluster_builder.h"
 
 namespace scree::tests {
@@ -79,9 +78,8 @@ class SceneBuilder {
     }
     format::MeshLattice lattice;
     if (!encoding.float32) {
-      auto chosen = format::lattice_of_exponent(lo, hi, encoding.exponent);
-      REQUIRE(chosen);
-      lattice = *chosen;
+      auto chosen = must(format::lattice_of_exponent(lo, hi, encoding.exponent));
+      lattice = chosen;
     }
     mesh.position_encoding = encoding.float32 ? format::PositionEncoding::kFloat32 : format::PositionEncoding::kLattice;
     mesh.lattice_exponent = encoding.float32 ? 0 : encoding.exponent;

@@ -13,11 +13,11 @@
 #include "lab/report/case_row.h"
 #include "lab/report/tables.h"
 #include "lab/scenes/chunk_plan.h"
-#include "lab/scenes/visible_cost.h"
 #include "lab/setup/views.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/lab/refused.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/bench/csv.h"
 
@@ -52,20 +52,18 @@ CaseResult sample_result() {
 }  // namespace
 
 TEST_CASE("lab: its defaults measure A to D, packed and as floats", "[lab]") {
-  const Result<LabOptions> options = parse_options({});
-  REQUIRE(options);
-  CHECK(options->scenes == std::vector<std::string>{"A", "B", "C", "D"});
-  REQUIRE(options->encodings.size() == 2);
-  CHECK(encoding_name(options->encodings[0]) == "16-bit, packed");
-  CHECK(encoding_name(options->encodings[1]) == "float32, 32-bit");
-  CHECK(options->samples_per_side == std::vector<uint32_t>{1});
+  const LabOptions options = must(parse_options({}));
+  CHECK(options.scenes == std::vector<std::string>{"A", "B", "C", "D"});
+  REQUIRE(options.encodings.size() == 2);
+  CHECK(encoding_name(options.encodings[0]) == "16-bit, packed");
+  CHECK(encoding_name(options.encodings[1]) == "float32, 32-bit");
+  CHECK(options.samples_per_side == std::vector<uint32_t>{1});
   LabWords words;
   words.effects = "none, ssao+edl";
-  const Result<LabOptions> effects = parse_options(words);
-  REQUIRE(effects);
-  REQUIRE(effects->effects.size() == 2);
-  CHECK_FALSE(effects->effects[0].ssao);
-  CHECK((effects->effects[1].ssao && effects->effects[1].edl));
+  const LabOptions effects = must(parse_options(words));
+  REQUIRE(effects.effects.size() == 2);
+  CHECK_FALSE(effects.effects[0].ssao);
+  CHECK((effects.effects[1].ssao && effects.effects[1].edl));
 }
 
 TEST_CASE("lab: invalid words are refused with the valid ones", "[lab]") {
@@ -111,40 +109,36 @@ TEST_CASE("lab: a sweep covers the requested encodings", "[lab]") {
   LabWords words;
   words.scenes = "A";
   words.sweep = true;
-  Result<LabOptions> options = parse_options(words);
-  REQUIRE(options);
-  CHECK(options->encodings.size() == 8);
-  CHECK(options->encodings.front().position_bits == 8);
-  CHECK(options->encodings.back().position_bits == 24);
+  LabOptions options = must(parse_options(words));
+  CHECK(options.encodings.size() == 8);
+  CHECK(options.encodings.front().position_bits == 8);
+  CHECK(options.encodings.back().position_bits == 24);
   words.indices = "packed,clustered";
   words.positions = "12,float32";
-  options = parse_options(words);
-  REQUIRE(options);
-  REQUIRE(options->encodings.size() == 3);
-  CHECK_FALSE(options->encodings[0].clustered);
-  CHECK(options->encodings[1].clustered);
-  CHECK(options->encodings[2].float32);
+  options = must(parse_options(words));
+  REQUIRE(options.encodings.size() == 3);
+  CHECK_FALSE(options.encodings[0].clustered);
+  CHECK(options.encodings[1].clustered);
+  CHECK(options.encodings[2].float32);
 }
 
 TEST_CASE("lab: the textured scene is measured by itself", "[lab]") {
   LabWords words;
   words.scenes = "textured";
-  Result<LabOptions> options = parse_options(words);
-  REQUIRE(options);
-  CHECK(options->is_textured);
-  CHECK(options->textures == 12);
-  CHECK(options->texture_size == 16384);
-  CHECK(options->texture_cache == runtime::kDeviceTextureCache);
+  LabOptions options = must(parse_options(words));
+  CHECK(options.is_textured);
+  CHECK(options.textures == 12);
+  CHECK(options.texture_size == 16384);
+  CHECK(options.texture_cache == runtime::kDeviceTextureCache);
   words.textures = 20;
   words.texture_size = 8192;
   words.texture_cache = "1GiB";
   words.size = "1920x1080";
-  options = parse_options(words);
-  REQUIRE(options);
-  CHECK(options->textures == 20);
-  CHECK(options->texture_size == 8192);
-  CHECK(options->texture_cache == uint64_t{1} << 30);
-  CHECK(options->size->width == 1920);
+  options = must(parse_options(words));
+  CHECK(options.textures == 20);
+  CHECK(options.texture_size == 8192);
+  CHECK(options.texture_cache == uint64_t{1} << 30);
+  CHECK(options.size->width == 1920);
   for (const uint32_t size : {0u, 1000u, 65536u}) {
     LabWords bad = words;
     bad.texture_size = size;
@@ -204,10 +198,7 @@ TEST_CASE("lab: rows are not put under other columns", "[lab]") {
   const tests::TempFolder folder;
   const std::string path = folder.file("other.csv");
   std::ofstream(path) << "a,b\n1,2\n";
-  const Result<void> done = bench::append_csv(path, case_cells({}, sample_result()));
-  REQUIRE_FALSE(done);
-  CHECK(done.error().code == ErrorCode::kFormat);
-  CHECK(done.error().message.find("other.csv: line 1") != std::string::npos);
+  check_refusal(bench::append_csv(path, case_cells({}, sample_result())), ErrorCode::kFormat, "other.csv: line 1");
   CHECK(tests::read_whole(path) == "a,b\n1,2\n");
   // A row that does not fit on the disk leaves nothing.
   const std::string full = folder.file("full.csv");
@@ -224,9 +215,7 @@ TEST_CASE("lab: rows are not put under other columns", "[lab]") {
   CHECK_FALSE(half);
   CHECK(tests::read_whole(full) == "a\n1\n");
 
-  const Result<void> nowhere = bench::append_csv(folder.file("none/rows.csv"), {{"a", "1"}});
-  REQUIRE_FALSE(nowhere);
-  CHECK(nowhere.error().code == ErrorCode::kFile);
+  CHECK(refusal(bench::append_csv(folder.file("none/rows.csv"), {{"a", "1"}})).code == ErrorCode::kFile);
 }
 
 TEST_CASE("lab: tables leave out cases that were not timed", "[lab]") {
@@ -279,9 +268,8 @@ TEST_CASE("lab: pictures are compared by triangle, depth and colour", "[lab]") {
 TEST_CASE("lab: the near plane may be a share of the scene's size, which is in the view's name", "[lab]") {
   const synth::Scene scene = make_scene("D", synth::MeshOrder::kRow, 1);
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
-  const Result<SceneTables> tables = make_tables(scene, plans, chunk_boxes(scene, plans), {false, 16, true});
-  REQUIRE(tables);
-  const kernels::SceneView view = tables->view(nullptr);
+  const SceneTables tables = must(make_tables(scene, plans, chunk_boxes(scene, plans), {false, 16, true}));
+  const kernels::SceneView view = tables.view(nullptr);
   const NamedView named = with_near({"inside", {scene_view(scene.cameras[0], 64, 32)}}, view, 1e-6);
   CHECK(named.name == "inside near 1e-06");
   const runtime::WorldBox box = runtime::scene_box(view);

@@ -12,6 +12,7 @@
 #include "runtime/draw/device_list.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
+#include "tests/results.h"
 #include "tests/tools/render/random_view.h"
 
 using namespace scree;
@@ -24,22 +25,19 @@ constexpr Encoding kClustered[] = {{false, 16, true, true}, {false, 24, true, tr
 
 void check_bytes(const synth::Scene& scene, const Encoding& encoding) {
   INFO(scene.name << " " << encoding_name(encoding));
-  const Result<ResidentScene> resident = ResidentScene::generate(scene, encoding);
-  REQUIRE(resident);
+  const ResidentScene resident = must(ResidentScene::generate(scene, encoding));
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
   const std::vector<ChunkBox> boxes = chunk_boxes(scene, plans);
-  const Result<std::vector<ChunkBox>> on_device = chunk_boxes_cuda(scene, plans);
-  REQUIRE(on_device);
+  const std::vector<ChunkBox> on_device = must(chunk_boxes_cuda(scene, plans));
   for (size_t i = 0; i < boxes.size(); ++i) {
-    CHECK(std::equal(boxes[i].lo, boxes[i].lo + 3, (*on_device)[i].lo));
-    CHECK(std::equal(boxes[i].hi, boxes[i].hi + 3, (*on_device)[i].hi));
+    CHECK(std::equal(boxes[i].lo, boxes[i].lo + 3, on_device[i].lo));
+    CHECK(std::equal(boxes[i].hi, boxes[i].hi + 3, on_device[i].hi));
   }
-  const Result<SceneTables> tables = make_tables(scene, plans, boxes, encoding);
-  REQUIRE(tables);
-  std::vector<std::byte> expected(tables->arena_bytes);
-  fill_chunks(scene, plans, *tables, expected);
+  const SceneTables tables = must(make_tables(scene, plans, boxes, encoding));
+  std::vector<std::byte> expected(tables.arena_bytes);
+  fill_chunks(scene, plans, tables, expected);
   std::vector<std::byte> found;
-  REQUIRE(resident->read_pages(found));
+  REQUIRE(resident.read_pages(found));
   REQUIRE(found.size() == expected.size());
   CHECK(std::memcmp(found.data(), expected.data(), found.size()) == 0);
 }
@@ -47,25 +45,20 @@ void check_bytes(const synth::Scene& scene, const Encoding& encoding) {
 /// Compares the picture of the device's chunks, drawn there, with the CPU's picture of their copy.
 void check_picture(const synth::Scene& scene, const Encoding& encoding) {
   INFO(scene.name << " " << encoding_name(encoding));
-  const Result<ResidentScene> resident = ResidentScene::generate(scene, encoding);
-  REQUIRE(resident);
-  Result<Frames> frames = Frames::create(*resident);
-  REQUIRE(frames);
+  const ResidentScene resident = must(ResidentScene::generate(scene, encoding));
+  Frames frames = must(Frames::create(resident));
   std::vector<std::byte> storage;
-  const auto pages = resident->read_pages(storage);
-  REQUIRE(pages);
-  const kernels::SceneView host = resident->tables().view(pages->data());
+  const auto pages = must(resident.read_pages(storage));
+  const kernels::SceneView host = resident.tables().view(pages.data());
   for (const synth::SceneCamera& camera : scene.cameras) {
     const kernels::View view = tests::kEmulatesGpu ? scene_view(camera, 161, 91) : scene_view(camera, 961, 541);
     std::vector<uint64_t> expected(size_t{view.width} * view.height);
     REQUIRE(kernels::draw_cpu(host, view, expected, 2));
     FrameMs ms;
-    const Result<kernels::FrameStats> stats = frames->draw(view, {}, ms);
-    REQUIRE(stats);
+    must(frames.draw(view, {}, ms));
     CHECK(ms.frame > 0);
-    const Result<std::vector<uint64_t>> samples = frames->samples();
-    REQUIRE(samples);
-    CHECK(std::equal(samples->begin(), samples->end(), expected.begin(), expected.end()));
+    const std::vector<uint64_t> samples = must(frames.samples());
+    CHECK(std::equal(samples.begin(), samples.end(), expected.begin(), expected.end()));
   }
 }
 
@@ -78,32 +71,27 @@ Drawn draw(Frames& frames, const kernels::View& view, const Culling& culling) {
   FrameOptions options;
   options.culling = culling;
   FrameMs ms;
-  const Result<kernels::FrameStats> stats = frames.draw(view, options, ms);
-  REQUIRE(stats);
-  Result<std::vector<uint64_t>> samples = frames.samples();
-  REQUIRE(samples);
-  return {std::move(*samples), stats->clusters_drawn};
+  const kernels::FrameStats stats = must(frames.draw(view, options, ms));
+  std::vector<uint64_t> samples = must(frames.samples());
+  return {std::move(samples), stats.clusters_drawn};
 }
 
 /// Every frame is a jump of the camera, followed by one with a still camera; some are orthographic, some of another
 /// size. `used` and `fresh` differ in the state that earlier frames left. `sizes`: for `used`.
 void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQueueSizes& sizes) {
-  const Result<ResidentScene> resident = ResidentScene::generate(scene, kClustered[0]);
-  REQUIRE(resident);
-  Result<Frames> used = Frames::create(*resident, sizes);
-  Result<Frames> fresh = Frames::create(*resident);
-  REQUIRE(used);
-  REQUIRE(fresh);
+  const ResidentScene resident = must(ResidentScene::generate(scene, kClustered[0]));
+  Frames used = must(Frames::create(resident, sizes));
+  Frames fresh = must(Frames::create(resident));
   std::mt19937 random(1);
   uint64_t clusters[3] = {};  // with all culling, by bounds only, without culling
   for (int i = 0; i < cameras; ++i) {
     const kernels::View view = tests::kEmulatesGpu ? tests::random_view(scene, random, i, {160, 90}, {61, 101})
                                                    : tests::random_view(scene, random, i, {640, 360}, {333, 517});
     INFO(scene.name << ", camera " << i);
-    const Drawn all = draw(*fresh, view, {false, false});
-    const Drawn jumped = draw(*used, view, {true, true});
-    const Drawn still = draw(*used, view, {true, true});
-    const Drawn bounds = draw(*fresh, view, {true, false});
+    const Drawn all = draw(fresh, view, {false, false});
+    const Drawn jumped = draw(used, view, {true, true});
+    const Drawn still = draw(used, view, {true, true});
+    const Drawn bounds = draw(fresh, view, {true, false});
     const bool equal = jumped.samples == all.samples && still.samples == all.samples && bounds.samples == all.samples;
     CHECK(equal);
     clusters[0] += still.clusters;
@@ -149,12 +137,10 @@ TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
 
 TEST_CASE("lab: the measured GPU has a name and a rate of copies", "[cuda]") {
   if (!tests::has_gpu()) return;
-  const Result<runtime::Gpu> gpu = runtime::use_gpu();
-  REQUIRE(gpu);
-  const Result<Machine> machine = find_machine(*gpu);
-  REQUIRE(machine);
-  CHECK(machine->device == gpu->name);
-  CHECK(machine->copy_gb_per_s > 1);
+  const runtime::Gpu gpu = must(runtime::use_gpu());
+  const Machine machine = must(find_machine(gpu));
+  CHECK(machine.device == gpu.name);
+  CHECK(machine.copy_gb_per_s > 1);
 }
 
 TEST_CASE("culling of clusters changes no picture", "[cuda]") {
@@ -187,18 +173,16 @@ TEST_CASE("a first frame culls clusters that earlier clusters hide", "[cuda]") {
   if (!tests::has_gpu()) return;
   const double scale = tests::kEmulatesGpu ? 0.001 : 0.2;  // more clusters than are drawn at a time
   const synth::Scene scene = synth::lantern_scene(synth::MeshOrder::kRow, scale);
-  const Result<ResidentScene> resident = ResidentScene::generate(scene, kClustered[0]);
-  REQUIRE(resident);
+  const ResidentScene resident = must(ResidentScene::generate(scene, kClustered[0]));
   kernels::CudaQueueSizes sizes;
   sizes.two_pass_groups = 1;
   sizes.round_groups = ~uint64_t{0};
   std::mt19937 random(1);
   for (int i = 0; i < 2; ++i) {
-    Result<Frames> frames = Frames::create(*resident, sizes);
-    REQUIRE(frames);
+    Frames frames = must(Frames::create(resident, sizes));
     const kernels::View view = tests::random_view(scene, random, i, {160, 90}, {61, 101});
-    const Drawn bounds = draw(*frames, view, {true, false});
-    const Drawn first = draw(*frames, view, {true, true});
+    const Drawn bounds = draw(frames, view, {true, false});
+    const Drawn first = draw(frames, view, {true, true});
     INFO("camera " << i << ": " << first.clusters << " of " << bounds.clusters);
     const bool equal = first.samples == bounds.samples;
     CHECK(equal);

@@ -9,6 +9,7 @@
 #include "lab/setup/views.h"
 #include "tests/catch.h"
 #include "tests/lab/refused.h"
+#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::lab;
@@ -26,17 +27,16 @@ constexpr bool kFindsLeaks = false;
 /// scree's picture of the scene's float32 vertices, drawn by the CPU.
 std::vector<uint64_t> draw_on_cpu(const synth::Scene& scene, const kernels::View& view) {
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
-  const Result<SceneTables> tables =
-      make_tables(scene, plans, chunk_boxes(scene, plans), {.float32 = true, .packed_indices = false});
-  REQUIRE(tables);
+  const SceneTables tables =
+      must(make_tables(scene, plans, chunk_boxes(scene, plans), {.float32 = true, .packed_indices = false}));
   struct alignas(16) Block {
     std::byte bytes[16];
   };
-  std::vector<Block> arena((tables->arena_bytes + 15) / 16);
-  fill_chunks(scene, plans, *tables, {arena.data()->bytes, arena.size() * 16});
-  const auto pages = tables->page_pointers(arena.data()->bytes);
+  std::vector<Block> arena((tables.arena_bytes + 15) / 16);
+  fill_chunks(scene, plans, tables, {arena.data()->bytes, arena.size() * 16});
+  const auto pages = tables.page_pointers(arena.data()->bytes);
   std::vector<uint64_t> samples(size_t{view.width} * view.height);
-  REQUIRE(kernels::draw_cpu(tables->view(pages.data()), view, samples, 2));
+  REQUIRE(kernels::draw_cpu(tables.view(pages.data()), view, samples, 2));
   return samples;
 }
 
@@ -58,10 +58,9 @@ void check_pictures(Peer& peer, const synth::Scene& scene, double edge_share) {
     picture.samples = draw_on_cpu(scene, picture.view);
     picture.result.view = camera.name;
     picture.result.drawn_triangles = scene.drawn_triangles();
-    const Result<std::vector<CaseResult>> results = measure_peer(peer, scene, picture, 2, 1);
-    REQUIRE(results);
-    REQUIRE(results->size() == 2);
-    for (const CaseResult& result : *results) {
+    const std::vector<CaseResult> results = must(measure_peer(peer, scene, picture, 2, 1));
+    REQUIRE(results.size() == 2);
+    for (const CaseResult& result : results) {
       const Coverage& coverage = result.peer->coverage;
       INFO(scene.name << " " << camera.name << " " << result.indices << ": " << coverage.same << " same, "
                       << coverage.edge << " at edges, " << coverage.depth << " by depth (gap " << coverage.depth_gap
@@ -81,8 +80,8 @@ void check_pictures(Peer& peer, const synth::Scene& scene, double edge_share) {
       CHECK(result.stats.draws <= 2 * scene.meshes.size());
       CHECK(result.stats.triangles <= scene.drawn_triangles());
     }
-    CHECK((*results)[0].indices == "VK-ID");
-    CHECK((*results)[1].indices == "VK-PIP");
+    CHECK(results[0].indices == "VK-ID");
+    CHECK(results[1].indices == "VK-PIP");
   }
   peer.unload();
   CHECK(peer.device_bytes() == 0);
@@ -93,9 +92,8 @@ void check_pictures(Peer& peer, const synth::Scene& scene, double edge_share) {
 TEST_CASE("lab: a peer draws generated scenes with float32 positions", "[lab]") {
   LabWords words;
   words.peer = "vulkan";
-  const Result<LabOptions> options = parse_options(words);
-  REQUIRE(options);
-  CHECK(options->has_peer);
+  const LabOptions options = must(parse_options(words));
+  CHECK(options.has_peer);
   CHECK_FALSE(parse_options({})->has_peer);
   const auto with = [&](auto member, auto value) {
     LabWords changed = words;
@@ -164,11 +162,10 @@ TEST_CASE("lab: Vulkan draws what the CPU draws, but for edges", "[lab][peer]") 
   CHECK_FALSE(peer.device().empty());
   synth::Scene huge = synth::sponzalike_scene(1);
   huge.meshes.assign(100'000, synth::terrain_scene(synth::MeshOrder::kRow, 1).meshes[0]);
-  const Result<void> loaded = peer.load(huge, 2);
-  REQUIRE_FALSE(loaded);
-  CHECK(loaded.error().code == ErrorCode::kMemory);
-  CHECK(loaded.error().message.find("takes 54.5 TiB of device memory") != std::string::npos);
-  INFO(loaded.error().message);
+  const auto loaded = refusal(peer.load(huge, 2));
+  CHECK(loaded.code == ErrorCode::kMemory);
+  CHECK(loaded.message.find("takes 54.5 TiB of device memory") != std::string::npos);
+  INFO(loaded.message);
   check_pictures(peer, synth::sponzalike_scene(1), 0.001);
   check_pictures(peer, synth::terrain_scene(synth::MeshOrder::kRow, 0.001), 0.005);
   check_pictures(peer, synth::lantern_scene(synth::MeshOrder::kBlock, 0.001), 0.005);

@@ -4,12 +4,11 @@
 #include <string>
 #include <vector>
 
-#include "lab/judge/judge.h"
-#include "lab/judge/judged_case.h"
 #include "tests/catch.h"
 #include "tests/csv.h"
 #include "tests/lab/refused.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
 
@@ -127,19 +126,16 @@ TEST_CASE("lab --reference: invalid options are refused", "[lab]") {
   CHECK(refused(words).find("--reference") != std::string::npos);
   words.reference = true;
   words.scenes = "A";
-  const Result<LabOptions> both = parse_options(words);
-  REQUIRE(both);
-  CHECK(both->files.size() == 2);
-  CHECK(both->scenes == std::vector<std::string>{"A"});
-  const Result<LabOptions> none = parse_options(reference_words());
-  REQUIRE(none);
-  CHECK(none->scenes == std::vector<std::string>{"D"});
+  const LabOptions both = must(parse_options(words));
+  CHECK(both.files.size() == 2);
+  CHECK(both.scenes == std::vector<std::string>{"A"});
+  const LabOptions none = must(parse_options(reference_words()));
+  CHECK(none.scenes == std::vector<std::string>{"D"});
   words = {};
   words.curves = true;
-  const Result<LabOptions> curves = parse_options(words);
-  REQUIRE(curves);
-  CHECK(curves->reference);
-  CHECK(curves->encodings.size() == 18);
+  const LabOptions curves = must(parse_options(words));
+  CHECK(curves.reference);
+  CHECK(curves.encodings.size() == 18);
 }
 
 TEST_CASE("lab --reference: a missing source is an error with its name", "[lab]") {

@@ -3,7 +3,6 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <new>
 #include <vector>
 
 #include "format/geometry/chunk_layout.h"
@@ -15,6 +14,7 @@
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
@@ -27,9 +27,8 @@ namespace {
 
 struct Generated {
   Generated(const synth::Scene& scene, const Encoding& encoding) : plans(plan_chunks(scene)) {
-    Result<SceneTables> made = make_tables(scene, plans, chunk_boxes(scene, plans), encoding);
-    REQUIRE(made);
-    tables = std::move(*made);
+    SceneTables made = must(make_tables(scene, plans, chunk_boxes(scene, plans), encoding));
+    tables = std::move(made);
     arena.resize((tables.arena_bytes + 15) / 16);
     fill_chunks(scene, plans, tables, {bytes(), arena.size() * 16});
     pages = tables.page_pointers(bytes());
@@ -80,13 +79,11 @@ void check_geometry(const synth::Scene& scene, const Encoding& encoding) {
       const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
       REQUIRE(chunk.bytes == streams.bytes);
       std::vector<uint32_t> indices(3 * size_t{chunk.triangle_count});
-      const Result<void> decoded_indices = format::decode_indices(
-          indices, chunk.vertex_count, {chunk.index_min, chunk.index_bits}, stream(made, chunk, streams.indices));
-      REQUIRE(decoded_indices);
+      must(format::decode_indices(indices, chunk.vertex_count, {chunk.index_min, chunk.index_bits},
+                                  stream(made, chunk, streams.indices)));
       std::vector<float> positions(3 * size_t{chunk.vertex_count});
-      const Result<void> decoded = format::decode_positions(positions, lattice, format::position_range_of(chunk),
-                                                            stream(made, chunk, streams.positions));
-      REQUIRE(decoded);
+      must(format::decode_positions(positions, lattice, format::position_range_of(chunk),
+                                    stream(made, chunk, streams.positions)));
       std::vector<bool> used(chunk.vertex_count);
       for (uint32_t t = 0; t < chunk.triangle_count; t += 2) {
         uint32_t quad[6];
@@ -152,10 +149,9 @@ void check_sums(const char* name, const synth::Scene& scene, double scale) {
   options.scale = scale;
   options.order = scene.meshes[0].order;
   options.checks = true;
-  const Result<synth::SynthReport> expected = synth::synthesize(options);
-  REQUIRE(expected);
-  CHECK(positions == expected->position_sum);
-  CHECK(indices == expected->index_sum);
+  const synth::SynthReport expected = must(synth::synthesize(options));
+  CHECK(positions == expected.position_sum);
+  CHECK(indices == expected.index_sum);
 }
 
 /// Compares the CPU's pictures of the scene through synth and convert (in its own order) and of the scene generated
@@ -176,16 +172,14 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
   convert_options.float32 = float32;
   convert_options.share = false;  // scene D has equal slabs
   REQUIRE(convert::convert(convert_options));
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(convert_options.output);
-  REQUIRE(file);
-  const Result<runtime::Scene> converted = runtime::Scene::load(std::move(*file), 0, {true, 2});
-  REQUIRE(converted);
+  runtime::SceneFile file = must(runtime::SceneFile::open(convert_options.output));
+  const runtime::Scene converted = must(runtime::Scene::load(std::move(file), 0, {true, 2}));
   Encoding encoding;
   encoding.float32 = float32;
   Generated made(scene, encoding);
   // glTF has y up, so the file is rotated: the same matrices with exchanged rows.
   for (size_t i = 0; i < made.tables.instances.size(); ++i) {
-    const kernels::SceneView& view = converted->view();
+    const kernels::SceneView& view = converted.view();
     REQUIRE(made.tables.instances[i].mesh == view.instances[i].mesh);
     const format::MatrixRecord& turned = view.matrices[view.instances[i].matrix];
     format::MatrixRecord& matrix = made.tables.matrices[i];
@@ -197,14 +191,13 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
     matrix = turned;
   }
   for (const synth::SceneCamera& camera : scene.cameras) {
-    const kernels::View view = tests::must_view(*converted, {.camera = camera.name, .width = 321, .height = 183});
+    const kernels::View view = tests::must_view(converted, {.camera = camera.name, .width = 321, .height = 183});
     std::vector<uint64_t> expected(size_t{321} * 183);
     std::vector<uint64_t> samples(expected.size());
-    REQUIRE(kernels::draw_cpu(converted->view(), view, expected, 2));
-    const Result<kernels::FrameStats> stats = kernels::draw_cpu(made.view(), view, samples, 2);
-    REQUIRE(stats);
+    REQUIRE(kernels::draw_cpu(converted.view(), view, expected, 2));
+    const kernels::FrameStats stats = must(kernels::draw_cpu(made.view(), view, samples, 2));
     const VisibleCost cost = visible_cost(made.view(), {}, view);
-    CHECK(cost.draws == stats->draws);
+    CHECK(cost.draws == stats.draws);
     const VisibleCost boxed = visible_cost(made.view(), made.tables.boxes, view);
     CHECK(boxed.draws <= cost.draws);
     CHECK(boxed.bytes <= cost.bytes);

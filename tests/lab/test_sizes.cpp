@@ -5,6 +5,7 @@
 
 #include "lab/sizes.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 
@@ -29,9 +30,8 @@ TEST_CASE("sizes of a model in every encoding", "[lab]") {
   spec.columns = spec.rows = 60;
   spec.normal = true;
   tests::make_model(folder.file("in.glb"), spec);
-  const auto rows = measure_sizes({folder.file("in.glb")});
-  if (!rows) FAIL(rows.error().message);
-  for (const SizeRow& row : *rows) {
+  const auto rows = must(measure_sizes({folder.file("in.glb")}));
+  for (const SizeRow& row : rows) {
     INFO(row.content << ", " << row.encoding << ", zstd " << row.zstd_level);
     CHECK(row.model == "in.glb");
     CHECK(row.triangles == 2 * 60 * 60);
@@ -39,20 +39,18 @@ TEST_CASE("sizes of a model in every encoding", "[lab]") {
     CHECK(row.disk_bytes > 0);
   }
   for (const std::string content : {"geometry", "normals"}) {
-    const SizeRow& raw = row_of(*rows, content, "clustered", 0);
+    const SizeRow& raw = row_of(rows, content, "clustered", 0);
     CHECK(raw.disk_bytes == raw.device_bytes);
     CHECK(raw.encode_s > 0);
     CHECK(raw.decode_s > 0);
-    CHECK(row_of(*rows, content, "clustered", 3).disk_bytes < raw.disk_bytes);
-    CHECK(row_of(*rows, content, "clustered", 3).device_bytes == raw.device_bytes);
-    CHECK(raw.device_bytes < row_of(*rows, content, "indexed", 0).device_bytes);
-    CHECK(row_of(*rows, content, "meshoptimizer", 19).disk_bytes <
-          row_of(*rows, content, "meshoptimizer", 0).disk_bytes);
-    CHECK(row_of(*rows, content, "glTF", 0).disk_bytes >= 12 * 61 * 61);
+    CHECK(row_of(rows, content, "clustered", 3).disk_bytes < raw.disk_bytes);
+    CHECK(row_of(rows, content, "clustered", 3).device_bytes == raw.device_bytes);
+    CHECK(raw.device_bytes < row_of(rows, content, "indexed", 0).device_bytes);
+    CHECK(row_of(rows, content, "meshoptimizer", 19).disk_bytes < row_of(rows, content, "meshoptimizer", 0).disk_bytes);
+    CHECK(row_of(rows, content, "glTF", 0).disk_bytes >= 12 * 61 * 61);
   }
-  CHECK(row_of(*rows, "geometry", "indexed", 0).disk_bytes < row_of(*rows, "normals", "indexed", 0).disk_bytes);
-  CHECK(row_of(*rows, "normals", "glTF", 0).disk_bytes - row_of(*rows, "geometry", "glTF", 0).disk_bytes ==
-        12 * 61 * 61);
+  CHECK(row_of(rows, "geometry", "indexed", 0).disk_bytes < row_of(rows, "normals", "indexed", 0).disk_bytes);
+  CHECK(row_of(rows, "normals", "glTF", 0).disk_bytes - row_of(rows, "geometry", "glTF", 0).disk_bytes == 12 * 61 * 61);
 }
 
 }  // namespace

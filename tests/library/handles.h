@@ -4,7 +4,6 @@
 #include <scree/scree.h>
 
 #include <cstring>
-#include <filesystem>
 #include <string>
 #include <vector>
 

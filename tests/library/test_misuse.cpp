@@ -1,7 +1,6 @@
 // Every misuse of the library gives an error code and one line of text, and leaves the caller's memory as it was.
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <filesystem>
 #include <functional>
 #include <set>

@@ -6,8 +6,6 @@
 
 #include "tests/gpu.h"
 #include "tests/library/shots.h"
-#include "tests/paths.h"
-#include "tests/sanitized.h"
 
 using namespace scree::tests;
 

@@ -11,7 +11,6 @@
 #include "tests/library/handles.h"
 #include "tests/library/shots.h"
 #include "tests/runtime/paged_scene.h"
-#include "tests/sanitized.h"
 
 using namespace scree::tests;
 

@@ -8,15 +8,14 @@
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 
 namespace scree::tests {
 
 /// Scene 0 of a .scree file. The test fails if it cannot be loaded.
 inline runtime::Scene must_load(const std::string& path, const runtime::SceneOptions& options = {.threads = 2}) {
-  Result<runtime::Scene> scene = runtime::Scene::open(path, options);
-  if (!scene) FAIL(scene.error().message);
-  return std::move(*scene);
+  return must(runtime::Scene::open(path, options));
 }
 
 /// The same from a temporary file.
@@ -28,9 +27,7 @@ inline runtime::Scene must_load(const SmallScene& small) {
 
 /// The view that `camera` has of a scene. The test fails if there is none.
 inline kernels::View must_view(const runtime::Scene& scene, const runtime::CameraOptions& camera) {
-  const Result<kernels::View> view = runtime::make_view(scene, camera);
-  if (!view) FAIL(view.error().message);
-  return *view;
+  return must(runtime::make_view(scene, camera));
 }
 
 }  // namespace scree::tests

@@ -10,6 +10,7 @@
 #include "format/container/container.h"
 #include "tests/catch.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 
 namespace scree::tests {
@@ -31,14 +32,13 @@ struct PagedScene {
       encoding.chunk_triangles = std::min(encoding.chunk_triangles, chunk_triangles);
       builder.mesh(soup, encoding);
     }
-    Result<format::ContainerWriter> writer = format::ContainerWriter::create(path);
-    REQUIRE(writer);
+    format::ContainerWriter writer = must(format::ContainerWriter::create(path));
     format::TableSet tables;
     uint32_t pages = 0;
     const auto append = [&](format::PageKind kind, std::vector<std::byte> raw, int level) {
       format::SealedPage page = format::seal_page(kind, std::move(raw), level);
       if (change) change(pages, page);
-      REQUIRE(writer->append(page));
+      REQUIRE(writer.append(page));
       ++pages;
     };
     std::vector<std::byte> raw;
@@ -76,7 +76,7 @@ struct PagedScene {
     tables.matrices.push_back(SmallScene::identity());
     tables.scenes.push_back(
         {tables.strings.add("Main"), 1, 0, tables.instances.size(), 0, tables.scene_roots.size(), triangles});
-    REQUIRE(writer->finish(tables));
+    REQUIRE(writer.finish(tables));
   }
 };
 

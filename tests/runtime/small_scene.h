@@ -1,12 +1,8 @@
 // Small .scree files for the tests of runtime/ and of `scree render`, written without glTF.
 #pragma once
 
-#include <array>
-#include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <functional>
 #include <iterator>
 #include <string>
@@ -21,6 +17,7 @@
 #include "format/geometry/position_codec.h"
 #include "runtime/images/png_writer.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
 namespace scree::tests {
@@ -61,18 +58,16 @@ struct SmallScene {
 
   void write(const std::string& path) const {
     format::TableSet tables;
-    Result<format::ContainerWriter> writer = format::ContainerWriter::create(path);
-    REQUIRE(writer);
+    format::ContainerWriter writer = must(format::ContainerWriter::create(path));
 
     const std::vector<uint32_t> indices{0, 1, 2, 0, 2, 3};
     const std::vector<float> positions{-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0};
     const std::vector<float> uvs{0, 1, 1, 1, 1, 0, 0, 0};
     const std::vector<uint64_t> sources{70, 71};
     const float lo[3] = {-1, -1, 0}, hi[3] = {1, 1, 0};
-    const Result<format::MeshLattice> lattice = format::choose_lattice(lo, hi, 16, 0);
-    REQUIRE(lattice);
+    const format::MeshLattice lattice = must(format::choose_lattice(lo, hi, 16, 0));
     std::vector<uint32_t> coordinates(positions.size());
-    format::quantize_positions(coordinates, positions, *lattice);
+    format::quantize_positions(coordinates, positions, lattice);
     const format::IndexRange index_range = format::index_range(indices);
     const format::PositionRange position_range = format::position_range(coordinates);
     const format::UvRange uv_range = format::choose_uv_range(uvs);
@@ -84,15 +79,15 @@ struct SmallScene {
     mesh.chunk_count = 1;
     format::ChunkRecord chunk{};
     for (size_t i = 0; i < 3; ++i) {
-      mesh.lattice_min[i] = lattice->min[i];
-      mesh.lattice_bits[i] = lattice->bits[i];
+      mesh.lattice_min[i] = lattice.min[i];
+      mesh.lattice_bits[i] = lattice.bits[i];
       mesh.bounds_min[i] = lo[i];
       mesh.bounds_max[i] = hi[i];
       chunk.position_min[i] = position_range.min[i];
       chunk.position_bits[i] = position_range.bits[i];
     }
-    mesh.lattice_exponent = lattice->exponent;
-    mesh.max_position_error = lattice->max_error;
+    mesh.lattice_exponent = lattice.exponent;
+    mesh.max_position_error = lattice.max_error;
     mesh.attributes = format::kHasUv | format::kHasSourceIds;
     chunk.page = 0;
     chunk.triangle_count = 2;
@@ -116,8 +111,8 @@ struct SmallScene {
     format::encode_positions(stream(streams.positions), coordinates, position_range);
     format::encode_uvs(stream(streams.uvs), uvs, uv_range);
     format::encode_source_ids(stream(streams.source_ids), sources, source_range);
-    REQUIRE(writer->append(format::seal_page(format::PageKind::kGeometry, std::move(payload), zstd_level)));
-    REQUIRE(writer->append(format::seal_page(format::PageKind::kImage, four_colors_png(), 0)));
+    REQUIRE(writer.append(format::seal_page(format::PageKind::kGeometry, std::move(payload), zstd_level)));
+    REQUIRE(writer.append(format::seal_page(format::PageKind::kImage, four_colors_png(), 0)));
 
     tables.meshes.push_back(mesh);
     tables.chunks.push_back(chunk);
@@ -139,7 +134,7 @@ struct SmallScene {
     tables.scene_roots.push_back(0);
     tables.scenes.push_back({tables.strings.add("Main"), 1, 0, 1, 0, 1, 2});
     if (change) change(tables);
-    REQUIRE(writer->finish(tables));
+    REQUIRE(writer.finish(tables));
   }
 
   static format::MatrixRecord identity() {

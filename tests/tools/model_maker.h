@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <numeric>
 #include <random>
 #include <span>
@@ -13,6 +12,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tools/gltf/writer.h"
 
 namespace scree::tests {
@@ -111,10 +111,9 @@ class ModelMaker {
 
   /// A texture of an image file's bytes.
   tools::GltfTexture texture(const std::string& name, format::ImageCodec codec, std::span<const std::byte> bytes) {
-    const Result<uint32_t> image = writer_.add_image(name, codec, bytes);
-    REQUIRE(image);
+    const uint32_t image = must(writer_.add_image(name, codec, bytes));
     tools::GltfTexture out;
-    out.image = *image;
+    out.image = image;
     return out;
   }
 
@@ -150,21 +149,15 @@ class ModelMaker {
       scene.nodes = roots_;
       writer_.add_scene(scene);
     }
-    const Result<void> done = writer_.finish();
-    if (!done) FAIL(done.error().message);
+    must(writer_.finish());
   }
 
  private:
-  static tools::GltfWriter open(const std::string& path) {
-    Result<tools::GltfWriter> writer = tools::GltfWriter::create(path);
-    if (!writer) FAIL(writer.error().message);
-    return std::move(*writer);
-  }
+  static tools::GltfWriter open(const std::string& path) { return must(tools::GltfWriter::create(path)); }
 
   uint32_t view(std::span<const std::byte> bytes, tools::GltfTarget target) {
-    const Result<uint64_t> offset = writer_.append(bytes);
-    REQUIRE(offset);
-    return writer_.add_buffer_view({*offset, bytes.size(), 0, target});
+    const uint64_t offset = must(writer_.append(bytes));
+    return writer_.add_buffer_view({offset, bytes.size(), 0, target});
   }
 
   tools::GltfWriter writer_;

@@ -2,7 +2,6 @@
 #include "tools/common/command.h"
 
 #include <memory>
-#include <string>
 
 #include "tools/bench/bench.h"
 #include "tools/common/standard_output.h"

@@ -155,15 +155,10 @@ Result<void> accept_scene(const char* command, const runtime::Scene& scene, cons
 
 Result<DeviceOptions> parse_device_options(const DeviceWords& words) {
   DeviceOptions options;
-  const Result<uint32_t> threads = parse_threads(words.threads);
-  if (!threads) return threads.error();
-  options.threads = *threads;
-  const Result<BackendOptions> backend = parse_backend(words.backend, words.device, words.gpus);
-  if (!backend) return backend.error();
-  options.backend = *backend;
-  const Result<uint64_t> device_memory = parse_size(words.device_memory, "--device-memory", 0);
-  if (!device_memory) return device_memory.error();
-  options.device_memory = *device_memory;
+  Result<void> done = assign(options.threads, parse_threads(words.threads));
+  if (done) done = assign(options.backend, parse_backend(words.backend, words.device, words.gpus));
+  if (done) done = assign(options.device_memory, parse_size(words.device_memory, "--device-memory", 0));
+  if (!done) return done.error();
   return options;
 }
 
@@ -195,19 +190,15 @@ Result<DrawOptions> parse_draw_options(const DrawWords& words) {
     return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
                                         std::to_string(longest) + " samples per side, at most " +
                                         std::to_string(kernels::kMaxImageSide)};
-  const Result<DeviceOptions> device = parse_device_options(words);
-  if (!device) return device.error();
-  static_cast<DeviceOptions&>(options) = *device;
-  const Result<uint64_t> host_memory = parse_size(words.host_memory, "--host-memory", 0);
-  if (!host_memory) return host_memory.error();
-  options.host_memory = *host_memory;
-  if (const Result<void> chosen = parse_choice(words.read, "--read", options.reading,
-                                               {{"auto", runtime::Reading::kAuto},
-                                                {"mapped", runtime::Reading::kMapped},
-                                                {"buffered", runtime::Reading::kBuffered},
-                                                {"direct", runtime::Reading::kDirect}});
-      !chosen)
-    return chosen.error();
+  Result<void> done = assign<DeviceOptions>(options, parse_device_options(words));
+  if (done) done = assign(options.host_memory, parse_size(words.host_memory, "--host-memory", 0));
+  if (done)
+    done = parse_choice(words.read, "--read", options.reading,
+                        {{"auto", runtime::Reading::kAuto},
+                         {"mapped", runtime::Reading::kMapped},
+                         {"buffered", runtime::Reading::kBuffered},
+                         {"direct", runtime::Reading::kDirect}});
+  if (!done) return done.error();
   return options;
 }
 

@@ -12,6 +12,14 @@
 
 namespace scree::tools {
 
+/// Moves the value of `from`, or returns its error. Between whole numbers the value must fit `to`.
+template <class T, class U>
+Result<void> assign(T& to, Result<U> from) {
+  if (!from) return from.error();
+  to = static_cast<T>(std::move(*from));
+  return {};
+}
+
 /// Bytes from "1234", "64KiB", "1.5 GiB", "2GB". KiB, MiB, GiB, TiB are powers of 1024; kB, MB, GB, TB powers of 1000.
 /// Case does not matter. Errors kUsage: not a number, an unknown unit, negative, past 2^63.
 Result<uint64_t> parse_size(std::string_view text);

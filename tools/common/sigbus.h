@@ -1,7 +1,6 @@
 // Handles a mapped file that is truncated, or whose disk fails, while a tool reads it.
 #pragma once
 
-#include <string>
 #include <string_view>
 
 #include "format/result.h"

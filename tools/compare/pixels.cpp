@@ -1,7 +1,6 @@
 #include "tools/compare/pixels.h"
 
 #include <algorithm>
-#include <numeric>
 
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"

@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <cstdio>
-#include <vector>
 
 #include "tools/common/human.h"
 #include "tools/common/text_table.h"

@@ -2,7 +2,6 @@
 #include <cstdio>
 #include <memory>
 #include <string>
-#include <utility>
 
 #include "runtime/draw/device_list.h"
 #include "tools/common/command.h"

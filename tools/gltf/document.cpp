@@ -1,11 +1,6 @@
 #include "tools/gltf/document.h"
 
 #include <algorithm>
-#include <cmath>
-#include <exception>
-#include <functional>
-#include <limits>
-#include <new>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <string_view>

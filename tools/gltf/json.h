@@ -6,7 +6,6 @@
 // commas. The parsers check the rest (schema.h, tinygltf).
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>

@@ -2,7 +2,6 @@
 // after any triangle or index. They accept the same streams as meshoptimizer.
 #include <algorithm>
 #include <array>
-#include <cstring>
 
 #include "format/bytes.h"
 #include "tools/gltf/meshopt_stream.h"

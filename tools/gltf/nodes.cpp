@@ -7,7 +7,6 @@
 #include <optional>
 #include <queue>
 #include <regex>
-#include <string_view>
 
 namespace scree::convert {
 namespace {

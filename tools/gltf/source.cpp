@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <exception>
 #include <limits>
 #include <map>
 #include <new>
-#include <numbers>
 #include <string_view>
 #include <utility>
 
@@ -15,10 +13,12 @@
 #include "tools/common/memory_use.h"
 #include "tools/gltf/buffers.h"
 #include "tools/gltf/byte_source.h"
+#include "tools/gltf/cameras.h"
 #include "tools/gltf/check.h"
 #include "tools/gltf/document.h"
 #include "tools/gltf/glb.h"
 #include "tools/gltf/json.h"
+#include "tools/gltf/left_out_list.h"
 #include "tools/gltf/materials.h"
 #include "tools/gltf/nodes.h"
 
@@ -87,66 +87,6 @@ Result<void> check_extensions(const GltfDocument& document, SourceScene& scene) 
   return {};
 }
 
-// Counts the parts of the document that are left out.
-class LeftOutList {
- public:
-  LeftOutList(const GltfDocument& document, const GltfBuffers& buffers)
-      : buffers_(buffers), seen_(document.accessors.size(), false) {}
-
-  /// An accessor that is used: its bytes are not counted below.
-  void keep(const Accessor& accessor) { seen_[accessor.index] = true; }
-
-  void add(const std::string& what, uint64_t count) { entries_[what].count += count; }
-
-  // Counts an accessor and its bytes, once.
-  void add_accessor(const std::string& what, int32_t accessor) {
-    if (take(accessor)) ++entries_[what].count;
-    add_bytes(what, accessor);
-  }
-
-  // Counts only the bytes, if something else is counted.
-  void add_accessor_bytes(const std::string& what, int32_t accessor) {
-    take(accessor);
-    add_bytes(what, accessor);
-  }
-
-  uint64_t count(const std::string& what) const {
-    const auto found = entries_.find(what);
-    return found == entries_.end() ? 0 : found->second.count;
-  }
-
-  void move_to(SourceScene& scene) const {
-    for (const auto& [what, entry] : entries_) {
-      if (entry.count > 0) scene.left_out.push_back({what, entry.count, entry.bytes, entry.elements});
-    }
-  }
-
- private:
-  struct Entry {
-    uint64_t count = 0;
-    uint64_t bytes = 0;
-    uint64_t elements = 0;
-  };
-
-  bool take(int32_t accessor) {
-    fresh_ = accessor >= 0 && static_cast<size_t>(accessor) < seen_.size() && !seen_[static_cast<size_t>(accessor)];
-    if (fresh_) seen_[static_cast<size_t>(accessor)] = true;
-    return fresh_;
-  }
-
-  void add_bytes(const std::string& what, int32_t accessor) {
-    if (!fresh_) return;
-    Entry& entry = entries_[what];
-    entry.bytes = format::checked_add(entry.bytes, buffers_.stated_bytes(accessor)).value_or(entry.bytes);
-    entry.elements = format::checked_add(entry.elements, buffers_.stated_count(accessor)).value_or(entry.elements);
-  }
-
-  const GltfBuffers& buffers_;
-  std::vector<bool> seen_;
-  bool fresh_ = false;
-  std::map<std::string, Entry> entries_;
-};
-
 // The name of a vertex attribute in the list of left-out parts: documents may name thousands of their own.
 std::string attribute_kind(const std::string& name) {
   for (const char* known : {"NORMAL", "TANGENT", "POSITION"}) {
@@ -187,8 +127,8 @@ class Importer {
     left_out_.add("nodes outside every scene", plan->outside);
     scene_.scenes = plan->scenes;
 
-    if (auto made = make_cameras(); !made) return made;
-    if (auto made = make_lights(*plan); !made) return made;
+    if (auto made = make_cameras(document_, scene_); !made) return made;
+    if (auto made = make_lights(document_, *plan, scene_); !made) return made;
     if (auto made = make_primitives(*plan); !made) return made;
     if (auto made = finish_primitives(); !made) return made;
     count_left_out();
@@ -202,68 +142,6 @@ class Importer {
   }
 
  private:
-  Result<void> make_cameras() {
-    for (size_t i = 0; i < document_.cameras.size(); ++i) {
-      const DocCamera& from = document_.cameras[i];
-      NamedCamera camera;
-      camera.name = from.name;
-      camera.record.kind = from.orthographic ? format::CameraKind::kOrthographic : format::CameraKind::kPerspective;
-      camera.record.y = from.orthographic ? std::abs(from.y) : from.y;
-      camera.record.x = from.orthographic ? std::abs(from.x) : from.x;
-      camera.record.z_near = from.z_near;
-      camera.record.z_far = from.z_far;
-      const bool perspective = !from.orthographic;
-      const char* wrong = nullptr;
-      if (!(camera.record.y > 0) || (perspective && camera.record.y >= std::numbers::pi))
-        wrong = perspective ? "yfov is not between 0 and pi" : "ymag is 0";
-      else if (perspective ? camera.record.x < 0 : camera.record.x == 0)
-        wrong = perspective ? "aspectRatio is negative" : "xmag is 0";
-      else if (perspective ? !(from.z_near > 0) : !(from.z_near >= 0))
-        wrong = "znear is not positive";
-      else if ((from.z_far != 0 || from.orthographic) && from.z_far <= from.z_near)
-        wrong = "zfar is not past znear";
-      if (wrong != nullptr) return Error{ErrorCode::kRange, "camera " + std::to_string(i) + ": " + wrong};
-      scene_.cameras.push_back(std::move(camera));
-    }
-    return {};
-  }
-
-  // Makes a light for every kept node that has one.
-  Result<void> make_lights(const NodePlan& plan) {
-    for (uint32_t place = 0; place < plan.order.size(); ++place) {
-      const int32_t number = document_.nodes[plan.order[place]].light;
-      if (number == kAbsent) continue;
-      const DocLight& from = document_.lights[static_cast<size_t>(number)];
-      const auto fail = [&](const std::string& what) {
-        return Error{ErrorCode::kRange, "light " + std::to_string(number) + ": " + what};
-      };
-      NamedLight light;
-      light.name = from.name;
-      format::LightRecord& to = light.record;
-      to.node = place;
-      to.kind = from.type == "directional" ? format::LightKind::kDirectional
-                : from.type == "point"     ? format::LightKind::kPoint
-                                           : format::LightKind::kSpot;
-      if (to.kind == format::LightKind::kSpot && from.type != "spot")
-        return fail("type is \"" + from.type + "\", expected directional, point or spot");
-      for (size_t c = 0; c < 3; ++c) to.color[c] = static_cast<float>(from.color[c]);
-      to.intensity = static_cast<float>(from.intensity);
-      if (to.kind != format::LightKind::kDirectional) to.range = static_cast<float>(from.range);
-      for (const float value : {to.color[0], to.color[1], to.color[2], to.intensity, to.range})
-        if (!(value >= 0) || !std::isfinite(value)) return fail("a colour, intensity or range that is not 0 or more");
-      if (to.kind == format::LightKind::kSpot) {
-        // Some writers round pi / 2 up, and some write cones without a rim.
-        to.outer_cone = std::min(static_cast<float>(from.outer_cone), static_cast<float>(std::numbers::pi / 2));
-        to.inner_cone = static_cast<float>(from.inner_cone);
-        if (to.inner_cone >= to.outer_cone) to.inner_cone = std::nextafter(to.outer_cone, 0.0f);
-        if (!(to.inner_cone >= 0) || !(to.outer_cone > to.inner_cone))
-          return fail("innerConeAngle is not between 0 and outerConeAngle");
-      }
-      scene_.lights.push_back(std::move(light));
-    }
-    return {};
-  }
-
   // Makes the primitives of every mesh that a kept node names. finish_primitives() adds materials and texture
   // coordinates.
   Result<void> make_primitives(const NodePlan& plan) {

@@ -1,7 +1,6 @@
 // A moving camera: the key frames of a path, as saved by `scree view` or written by hand (docs/scale.md).
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>

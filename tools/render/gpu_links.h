@@ -5,7 +5,6 @@
 #include <future>
 #include <memory>
 #include <optional>
-#include <string>
 
 #include "format/result.h"
 #include "runtime/draw/device_list.h"

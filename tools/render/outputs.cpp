@@ -5,7 +5,6 @@
 
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
-#include "tools/common/output_file.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/stop_signal.h"
 #include "tools/common/text_table.h"

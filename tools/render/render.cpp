@@ -1,11 +1,8 @@
 // scree render: draws a packed scene.
-#include <cmath>
 #include <cstdio>
 #include <memory>
-#include <new>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -22,7 +19,6 @@
 #include "tools/common/ranks.h"
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
-#include "tools/common/stop_signal.h"
 #include "tools/common/text_table.h"
 #include "tools/render/exr.h"
 #include "tools/render/layers.h"

@@ -117,9 +117,8 @@ Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& came
     if (vectors[i].first->empty()) continue;
     if (!words.camera.empty())
       return Error{ErrorCode::kUsage, std::string("--camera and ") + names[i] + " exclude each other"};
-    const Result<runtime::Vec3> vector = parse_vector(*vectors[i].first, names[i]);
-    if (!vector) return vector.error();
-    *vectors[i].second = *vector;
+    const Result<void> vector = assign(*vectors[i].second, parse_vector(*vectors[i].first, names[i]));
+    if (!vector) return vector;
   }
   if (!words.view.empty()) {
     if (!words.camera.empty() || camera.eye) return Error{ErrorCode::kUsage, "--view excludes --camera and --eye"};
@@ -154,12 +153,8 @@ Result<void> parse_occlusion(const RenderWords& words, kernels::ShadeOptions& sh
       return usage("--edl-strength", words.edl_strength, "a number from 0 to 100");
     shade.edl_strength = static_cast<float>(*strength);
   }
-  if (!words.edl_radius.empty()) {
-    const Result<uint64_t> radius = parse_whole(words.edl_radius, 1, 64, "--edl-radius");
-    if (!radius) return radius.error();
-    shade.edl_radius = static_cast<uint32_t>(*radius);
-  }
-  return {};
+  if (words.edl_radius.empty()) return {};
+  return assign(shade.edl_radius, parse_whole(words.edl_radius, 1, 64, "--edl-radius"));
 }
 
 /// Parses --path and its options. `options` already has the outputs.
@@ -171,10 +166,7 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
     if (words.frames.find_first_of(":/") != std::string::npos)
       return Error{ErrorCode::kUsage,
                    "--frames: '" + words.frames + "' selects frames of a --path, but there is no --path"};
-    const Result<uint64_t> frames = parse_whole(words.frames.empty() ? "1" : words.frames, 1, 1000000, "--frames");
-    if (!frames) return frames.error();
-    options.frames = static_cast<uint32_t>(*frames);
-    return {};
+    return assign(options.frames, parse_whole(words.frames.empty() ? "1" : words.frames, 1, 1000000, "--frames"));
   }
   const std::pair<const char*, bool> others[] = {{"--camera", !words.camera.empty()},
                                                  {"--view", !words.view.empty()},
@@ -201,11 +193,8 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
             parse_choice(words.share, "--share", path.shares_geometry, {{"frames", false}, {"geometry", true}});
         !share)
       return share;
-  if (!words.frames.empty()) {
-    const Result<FrameRange> frames = parse_frame_range(words.frames);
-    if (!frames) return frames.error();
-    path.frames = *frames;
-  }
+  if (!words.frames.empty())
+    if (const Result<void> frames = assign(path.frames, parse_frame_range(words.frames)); !frames) return frames;
   if (!words.fps.empty()) {
     const std::optional<double> fps = number(words.fps);
     if (!fps || !(*fps >= 1e-9 && *fps < 1e6))
@@ -357,64 +346,37 @@ Result<runtime::WorldBox> parse_clip_box(std::string_view text) {
 }
 
 Result<RenderOptions> parse_render_options(const RenderWords& words) {
-  const Result<DrawOptions> drawing = parse_draw_options(words);
-  if (!drawing) return drawing.error();
   RenderOptions options;
-  static_cast<DrawOptions&>(options) = *drawing;
-  options.camera.width = drawing->size.width;
-  options.camera.height = drawing->size.height;
-  options.file = words.file;
-  options.output = words.output;
-  options.depth = words.depth;
-  options.normals = words.normals;
-  options.uvs = words.uvs;
-  options.visbuffer = words.visbuffer;
-  if (!words.layers.empty()) {
-    const Result<ExrLayers> layers = parse_layers(words.layers);
-    if (!layers) return layers.error();
-    options.layers = *layers;
-  }
+  static_cast<PlainRenderOptions&>(options) = words;
+  Result<void> done = assign<DrawOptions>(options, parse_draw_options(words));
+  options.camera.width = options.size.width;
+  options.camera.height = options.size.height;
+  if (done && !words.layers.empty()) done = assign(options.layers, parse_layers(words.layers));
   options.layers.float_color = words.float_color;
-  options.scene = words.scene;
-  options.list_cameras = words.list_cameras;
-  options.stats = words.stats;
-  options.json = words.json;
   options.existing = words.force ? format::Existing::kReplace : format::Existing::kRefuse;
-  options.quiet = words.quiet;
+  if (done) done = parse_camera(words, options.camera);
+  if (done && !words.clip_box.empty()) done = assign(options.camera.clip_box, parse_clip_box(words.clip_box));
 
-  if (const Result<void> camera = parse_camera(words, options.camera); !camera) return camera.error();
-  if (!words.clip_box.empty()) {
-    const Result<runtime::WorldBox> box = parse_clip_box(words.clip_box);
-    if (!box) return box.error();
-    options.camera.clip_box = *box;
-  }
-
-  const Result<kernels::Show> show = parse_show(words.show);
-  if (!show) return show.error();
-  options.shade.show = *show;
+  if (done) done = assign(options.shade.show, parse_show(words.show));
   options.shade.light = !words.no_light;
-  const Result<LightOptions> light = parse_light_options(words.light);
-  if (!light) return light.error();
-  options.light = *light;
-  if (words.no_light && light->lighting != kernels::Lighting::kAuto)
+  if (done) done = assign(options.light, parse_light_options(words.light));
+  if (!done) return done.error();
+  if (words.no_light && options.light.lighting != kernels::Lighting::kAuto)
     return Error{ErrorCode::kUsage, "--no-light and --light exclude each other"};
-  options.shade.lighting = light->lighting;
-  options.shade.exposure = light->exposure;
-  options.shade.blend_layers = light->blend_layers;
-  if (const Result<void> occlusion = parse_occlusion(words, options.shade); !occlusion) return occlusion.error();
-  const Result<std::array<float, 4>> background = parse_color(words.background);
-  if (!background) return background.error();
-  std::copy(background->begin(), background->end(), options.shade.background);
+  options.shade.lighting = options.light.lighting;
+  options.shade.exposure = options.light.exposure;
+  options.shade.blend_layers = options.light.blend_layers;
+  done = parse_occlusion(words, options.shade);
+  std::array<float, 4> background{};
+  if (done) done = assign(background, parse_color(words.background));
+  std::copy(background.begin(), background.end(), options.shade.background);
 
-  if (const Result<void> path = parse_path(words, options); !path) return path.error();
-  if (const Result<void> exchange =
-          parse_choice(words.exchange, "--exchange", options.exchange,
-                       {{"auto", Exchange::kAuto}, {"mpi", Exchange::kMpi}, {"nccl", Exchange::kNccl}});
-      !exchange)
-    return exchange.error();
-  const Result<TextureOptions> textures = parse_texture_options(words.textures);
-  if (!textures) return textures.error();
-  options.textures = *textures;
+  if (done) done = parse_path(words, options);
+  if (done)
+    done = parse_choice(words.exchange, "--exchange", options.exchange,
+                        {{"auto", Exchange::kAuto}, {"mpi", Exchange::kMpi}, {"nccl", Exchange::kNccl}});
+  if (done) done = assign(options.textures, parse_texture_options(words.textures));
+  if (!done) return done.error();
   for (const std::string& text : words.picks) {
     const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
     if (!place) return place.error();

@@ -18,16 +18,24 @@
 
 namespace scree::tools {
 
-/// The options as typed; empty if not given.
-struct RenderWords : DrawWords {
+/// Options that are not parsed from text.
+struct PlainRenderOptions {
   std::string file;
-  std::string output;
-  std::string depth;
-  std::string normals;
-  std::string uvs;
-  std::string visbuffer;
-  std::string layers;
+  std::string output;     // of the picture; empty: none
+  std::string depth;      // likewise
+  std::string normals;    // likewise
+  std::string uvs;        // likewise
+  std::string visbuffer;  // likewise
   std::string scene;
+  bool list_cameras = false;
+  bool stats = false;
+  bool json = false;
+  bool quiet = false;
+};
+
+/// The others as typed; empty if not given.
+struct RenderWords : DrawWords, PlainRenderOptions {
+  std::string layers;
   std::string camera;
   std::string view;
   std::string eye;
@@ -50,13 +58,9 @@ struct RenderWords : DrawWords {
   bool no_light = false;
   bool ssao = false;
   bool edl = false;
-  bool list_cameras = false;
   bool float_color = false;
   bool resume = false;
-  bool stats = false;
-  bool json = false;
   bool force = false;
-  bool quiet = false;
 };
 
 /// The layers of an .exr.
@@ -91,15 +95,8 @@ struct PathOptions {
   bool shares_geometry = false;             // ranks draw every frame together
 };
 
-struct RenderOptions : DrawOptions {
-  std::string file;
-  std::string output;     // of the picture; empty: none
-  std::string depth;      // likewise
-  std::string normals;    // likewise
-  std::string uvs;        // likewise
-  std::string visbuffer;  // likewise
-  ExrLayers layers;       // of the picture, if it is an .exr
-  std::string scene;
+struct RenderOptions : DrawOptions, PlainRenderOptions {
+  ExrLayers layers;               // of the picture, if it is an .exr
   runtime::CameraOptions camera;  // its size is the picture's, in pixels
   kernels::ShadeOptions shade;
   LightOptions light;
@@ -109,10 +106,6 @@ struct RenderOptions : DrawOptions {
   std::optional<PathOptions> path;
   std::vector<PixelPlace> picks;
   format::Existing existing = format::Existing::kReplace;  // of all outputs
-  bool list_cameras = false;
-  bool stats = false;
-  bool json = false;
-  bool quiet = false;
 
   struct Output {
     const char* name;  // name of the option, without the dashes

@@ -1,7 +1,6 @@
 #include "tools/render/render_path.h"
 
 #include <algorithm>
-#include <array>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>

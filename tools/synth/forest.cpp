@@ -1,11 +1,9 @@
 #include "tools/synth/forest.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <span>
 #include <utility>
 #include <vector>
 

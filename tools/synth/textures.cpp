@@ -1,7 +1,6 @@
 #include "tools/synth/textures.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <span>
 

@@ -4,7 +4,6 @@
 #include <cassert>
 #include <cmath>
 #include <numeric>
-#include <span>
 
 #include "format/layout.h"
 #include "tools/synth/scene_functions.h"

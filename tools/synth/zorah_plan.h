@@ -1,7 +1,6 @@
 // The counts of NVIDIA's Zorah, for scenes with the same counts and generated content. This file has no data of Zorah.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <iterator>
 #include <memory>
 #include <mutex>
@@ -60,33 +59,22 @@ Result<ViewOptions> parse_view_options(const ViewWords& words) {
   options.session.file = words.file;
   options.session.scene = words.scene;
   options.session.quiet = words.quiet;
-  const Result<DeviceOptions> device = parse_device_options(words);
-  if (!device) return device.error();
-  static_cast<DeviceOptions&>(options.session) = *device;
-  const Result<LightOptions> light = parse_light_options(words.light);
-  if (!light) return light.error();
-  options.session.light = *light;
-  const Result<TextureOptions> textures = parse_texture_options(words.textures);
-  if (!textures) return textures.error();
-  options.session.textures = *textures;
+  Result<void> done = assign<DeviceOptions>(options.session, parse_device_options(words));
+  if (done) done = assign(options.session.light, parse_light_options(words.light));
+  if (done) done = assign(options.session.textures, parse_texture_options(words.textures));
   options.server.host = words.host;
-  if (!words.port.empty()) {
-    const Result<uint64_t> port = parse_whole(words.port, 0, 65535, "--port");
-    if (!port) return port.error();
-    options.server.port = static_cast<uint16_t>(*port);
-    options.server.is_port_fixed = true;
-  }
-  const Result<std::string> base_path = view::parse_base_path(words.base_path);
-  if (!base_path) return base_path.error();
-  options.server.base_path = *base_path;
+  options.server.is_port_fixed = !words.port.empty();
+  if (done && options.server.is_port_fixed)
+    done = assign(options.server.port, parse_whole(words.port, 0, 65535, "--port"));
+  if (done) done = assign(options.server.base_path, view::parse_base_path(words.base_path));
+  if (!done) return done.error();
   for (const std::string& host : words.allowed_hosts) {
     if (view::host_of(host).empty() || (host.find(':') != std::string::npos && host.front() != '['))
       return Error{ErrorCode::kUsage, "--allow-host: '" + host + "' is not a host name without a port"};
     options.server.allowed_hosts.push_back(host);
   }
-  const Result<uint64_t> viewers = parse_whole(words.viewers, 1, view::kMaxSockets / 2, "--viewers");
-  if (!viewers) return viewers.error();
-  options.server.max_viewers = static_cast<uint32_t>(*viewers);
+  done = assign(options.server.max_viewers, parse_whole(words.viewers, 1, view::kMaxSockets / 2, "--viewers"));
+  if (!done) return done.error();
   return options;
 }
 
@@ -169,9 +157,7 @@ Result<void> serve(ViewOptions options) {
   Result<runtime::SceneFile> file = runtime::SceneFile::open(options.session.file);
   if (!file) return file.error();
   if (const Result<uint32_t> scene = file->find_scene(options.session.scene); !scene) return scene.error();
-  Result<std::string> token = view::make_token();
-  if (!token) return token.error();
-  options.server.token = *token;
+  if (const Result<void> made = assign(options.server.token, view::make_token()); !made) return made;
   if (!view::is_loopback(options.server.host) && !options.quiet)
     std::fprintf(
         stderr,

@@ -1,8 +1,6 @@
 #include "tools/view/message.h"
 
 #include <algorithm>
-#include <cmath>
-#include <utility>
 
 #include <nlohmann/json.hpp>
 

@@ -2,7 +2,6 @@
 // parsed.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>

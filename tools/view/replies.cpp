@@ -1,7 +1,6 @@
 #include "tools/view/replies.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "tools/common/json_writer.h"
 #include "tools/common/memory_use.h"

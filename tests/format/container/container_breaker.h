@@ -8,6 +8,7 @@
 #include "format/container/container.h"
 #include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
+#include "tests/results.h"
 
 #define XXH_STATIC_LINKING_ONLY
 #include <xxhash.h>
@@ -55,11 +56,10 @@ class Breaker {
 
   static void expect(const Bytes& file, const char* message, ErrorCode code) {
     INFO("expected: " << message);
-    const auto error = verify_copy(file);
-    REQUIRE(error);
-    CHECK(error->message == message);
-    CHECK(error->code == code);
-    CHECK(error->message.find('\n') == std::string::npos);
+    const auto error = must(verify_copy(file));
+    CHECK(error.message == message);
+    CHECK(error.code == code);
+    CHECK(error.message.find('\n') == std::string::npos);
   }
 
   const Bytes& file() const { return file_; }

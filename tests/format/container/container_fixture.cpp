@@ -6,6 +6,7 @@
 #include "format/bytes.h"
 #include "format/geometry/chunk_layout.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 
 namespace scree::tests {
 
@@ -214,13 +215,11 @@ Parts full_parts() {
 Bytes file_of(const Parts& parts) {
   const TempFolder folder;
   const std::string path = folder.file("file.scree");
-  auto writer = ContainerWriter::create(path);
-  REQUIRE(writer);
-  for (const SealedPage& page : parts.pages) REQUIRE(writer->append(page));
-  const auto size = writer->finish(parts.tables);
-  REQUIRE(size);
+  auto writer = must(ContainerWriter::create(path));
+  for (const SealedPage& page : parts.pages) REQUIRE(writer.append(page));
+  const auto size = must(writer.finish(parts.tables));
   const Bytes file = read_bytes(path);
-  REQUIRE(file.size() == *size);
+  REQUIRE(file.size() == size);
   return file;
 }
 

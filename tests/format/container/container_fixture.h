@@ -8,7 +8,6 @@
 #include <new>
 #include <optional>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "format/container/container.h"

@@ -14,6 +14,7 @@
 #include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/format/geometry/spec_vectors.h"
+#include "tests/results.h"
 #include "tests/speed.h"
 
 namespace scree::tests {
@@ -48,9 +49,8 @@ TEST_CASE("container: every table and page comes back as it was written", "[cont
   const Parts parts = full_parts();
   const Bytes bytes = file_of(parts);
   const ExactCopy file(bytes);
-  const auto opened = Container::open(file.bytes());
-  if (!opened) FAIL(opened.error().message);
-  const Container& container = *opened;
+  const auto opened = must(Container::open(file.bytes()));
+  const Container& container = opened;
   const TableSet& tables = parts.tables;
   CHECK(same(container.meshes(), tables.meshes));
   CHECK(same(container.chunks(), tables.chunks));
@@ -79,10 +79,9 @@ TEST_CASE("container: every table and page comes back as it was written", "[cont
     CHECK(container.pages()[i].offset % kPageAlignment == 0);
     const auto stored = container.stored_page(i);
     CHECK(std::equal(stored.begin(), stored.end(), parts.pages[i].stored.begin(), parts.pages[i].stored.end()));
-    const auto raw = container.load_page(i, scratch);
-    REQUIRE(raw);
-    CHECK(raw->size() == parts.pages[i].record.raw_bytes);
-    CHECK(reinterpret_cast<uintptr_t>(raw->data()) % kChunkAlignment == 0);
+    const auto raw = must(container.load_page(i, scratch));
+    CHECK(raw.size() == parts.pages[i].record.raw_bytes);
+    CHECK(reinterpret_cast<uintptr_t>(raw.data()) % kChunkAlignment == 0);
   }
   CHECK(parts.pages[0].record.codec == PageCodec::kRaw);
   REQUIRE(parts.pages[1].record.codec == PageCodec::kZstd);
@@ -100,27 +99,24 @@ TEST_CASE("container: the same pages and tables give the same bytes", "[containe
 TEST_CASE("container: a file with empty tables", "[container]") {
   const Bytes file = file_of({});
   const ExactCopy copy(file);
-  const auto container = Container::open(copy.bytes());
-  REQUIRE(container);
-  CHECK(container->pages().empty());
-  CHECK(container->scenes().empty());
-  CHECK(container->meshes().empty());
-  CHECK(container->string(container->source().name).empty());
+  const auto container = must(Container::open(copy.bytes()));
+  CHECK(container.pages().empty());
+  CHECK(container.scenes().empty());
+  CHECK(container.meshes().empty());
+  CHECK(container.string(container.source().name).empty());
 }
 
 TEST_CASE("container: every prefix and one byte too many are refused", "[container]") {
   const Bytes file = file_of(tiny_parts());
   REQUIRE(!verify_copy(file));
   for (size_t size = 0; size < file.size(); ++size) {
-    const auto error = verify_copy(std::span(file).first(size));
-    REQUIRE(error);
-    CHECK(error->code == ErrorCode::kTruncated);
+    const auto error = must(verify_copy(std::span(file).first(size)));
+    CHECK(error.code == ErrorCode::kTruncated);
   }
   Bytes longer = file;
   longer.push_back(std::byte{0});
-  const auto error = verify_copy(longer);
-  REQUIRE(error);
-  CHECK(error->code == ErrorCode::kTrailing);
+  const auto error = must(verify_copy(longer));
+  CHECK(error.code == ErrorCode::kTrailing);
 }
 
 TEST_CASE("container: a flipped bit anywhere is found", "[container]") {
@@ -165,10 +161,9 @@ TEST_CASE("container: versions", "[container]") {
     raw.version_major = kSecondMajor + 1;
     Bytes newer = raw.build();
     newer[60] ^= std::byte{1};
-    const auto error = verify_copy(newer);
-    REQUIRE(error);
-    CHECK(error->code == ErrorCode::kVersion);
-    CHECK(error->message == "the file has version 3.0, but this program reads versions 1 and 2");
+    const auto error = must(verify_copy(newer));
+    CHECK(error.code == ErrorCode::kVersion);
+    CHECK(error.message == "the file has version 3.0, but this program reads versions 1 and 2");
   }
   SECTION("second texture coordinates and tangents need the second major") {
     const auto errors = [&](uint16_t major) {
@@ -223,25 +218,22 @@ TEST_CASE("container: versions", "[container]") {
     }
     Bytes newer = patched<PageRecord>(raw.build(), TableKind::kPages, 2, [](PageRecord&) {});
     const ExactCopy copy(newer);
-    const auto container = Container::open(copy.bytes());
-    if (!container) FAIL(container.error().message);
-    CHECK(same(container->chunks(), full_parts().tables.chunks));
-    CHECK(same(container->scene_roots(), full_parts().tables.scene_roots));
+    const auto container = must(Container::open(copy.bytes()));
+    CHECK(same(container.chunks(), full_parts().tables.chunks));
+    CHECK(same(container.scene_roots(), full_parts().tables.scene_roots));
     CHECK(!verify(copy.bytes()));
 
     const size_t unknown = toc_entry_offset(newer, static_cast<TableKind>(99));
     newer[load<TocEntry>(newer.data() + unknown).offset] ^= std::byte{1};
-    const auto error = verify_copy(newer);
-    REQUIRE(error);
-    CHECK(error->message == "table 5 of kind 99: the checksum differs");
+    const auto error = must(verify_copy(newer));
+    CHECK(error.message == "table 5 of kind 99: the checksum differs");
   }
   SECTION("longer records of our own minor are refused") {
     RawFile raw(file);
     RawTable& table = raw.table(TableKind::kScenes);
     table.record_bytes += 48;
-    const auto error = verify_copy(raw.build());
-    REQUIRE(error);
-    CHECK(error->message == "scene table: records of 96 bytes, expected 48");
+    const auto error = must(verify_copy(raw.build()));
+    CHECK(error.message == "scene table: records of 96 bytes, expected 48");
   }
   SECTION("longer records keep 64-bit fields aligned") {
     RawFile raw(file);
@@ -249,19 +241,17 @@ TEST_CASE("container: versions", "[container]") {
     RawTable& table = raw.table(TableKind::kSource);
     table.record_bytes += 4;
     table.bytes.resize(table.record_bytes);
-    const auto error = verify_copy(raw.build());
-    REQUIRE(error);
-    CHECK(error->message == "source table: records of 68 bytes, expected a multiple of 8");
+    const auto error = must(verify_copy(raw.build()));
+    CHECK(error.message == "source table: records of 68 bytes, expected a multiple of 8");
   }
   SECTION("a page of a kind not known is kept, checked and used by nothing") {
     Parts parts = full_parts();
     parts.pages.push_back(seal_page(static_cast<PageKind>(77), Bytes(5000), 3));
     Bytes newer = file_of(parts);
     CHECK(!verify_copy(newer));
-    const auto error =
-        verify_copy(patched<ChunkRecord>(newer, TableKind::kChunks, 0, [](ChunkRecord& chunk) { chunk.page = 3; }));
-    REQUIRE(error);
-    CHECK(error->message == "chunk 0: page 3 is of kind 77, which holds no chunks");
+    const auto error = must(
+        verify_copy(patched<ChunkRecord>(newer, TableKind::kChunks, 0, [](ChunkRecord& chunk) { chunk.page = 3; })));
+    CHECK(error.message == "chunk 0: page 3 is of kind 77, which holds no chunks");
   }
 }
 
@@ -357,9 +347,8 @@ TEST_CASE("container: large tables, checked in parts, give the same errors as sm
 /// Processor time of opening a file, in ns per record of the six tables.
 double opening_nanoseconds(const ExactCopy& file, uint32_t count) {
   const double start = cpu_seconds();
-  const auto container = Container::open(file.bytes());
+  must(Container::open(file.bytes()));
   const double seconds = cpu_seconds() - start;
-  if (!container) FAIL(container.error().message);
   return 1e9 * seconds / (6.0 * count);
 }
 

@@ -14,6 +14,7 @@
 #include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 
 namespace scree::tests {
 namespace {
@@ -65,10 +66,8 @@ TEST_CASE("container writer: a page written piece by piece equals the page in me
   const TempFolder folder;
   for (const size_t bytes : {size_t{1}, size_t{1} << 20, (size_t{1} << 20) + 1, size_t{3000000}}) {
     const SealedPage page = noise_page(bytes);
-    auto held = ContainerWriter::create(folder.file("held"));
-    auto read = ContainerWriter::create(folder.file("read"));
-    REQUIRE(held);
-    REQUIRE(read);
+    auto held = must(ContainerWriter::create(folder.file("held")));
+    auto read = must(ContainerWriter::create(folder.file("read")));
     uint64_t next = 0;
     const auto give = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
       CHECK(offset == next);
@@ -76,18 +75,16 @@ TEST_CASE("container writer: a page written piece by piece equals the page in me
       next += out.size();
       return {};
     };
-    REQUIRE(held->append(page));
-    const auto number = read->append_raw(PageKind::kImage, bytes, give);
-    REQUIRE(number);
-    CHECK(*number == 0);
-    REQUIRE(held->finish({}));
-    REQUIRE(read->finish({}));
+    REQUIRE(held.append(page));
+    const auto number = must(read.append_raw(PageKind::kImage, bytes, give));
+    CHECK(number == 0);
+    REQUIRE(held.finish({}));
+    REQUIRE(read.finish({}));
     CHECK(read_bytes(folder.file("held")) == read_bytes(folder.file("read")));
   }
-  auto writer = ContainerWriter::create(folder.file("failed"));
-  REQUIRE(writer);
+  auto writer = must(ContainerWriter::create(folder.file("failed")));
   const auto fail = [](uint64_t, std::span<std::byte>) { return Result<void>(Error{ErrorCode::kTruncated, "gone"}); };
-  const auto failed = writer->append_raw(PageKind::kImage, 10, fail);
+  const auto failed = writer.append_raw(PageKind::kImage, 10, fail);
   REQUIRE(!failed);
   CHECK(failed.error().message == "gone");
 }
@@ -97,18 +94,16 @@ TEST_CASE("container writer: the name appears at the end, and the .part disappea
   const std::string path = folder.file("a.scree");
   write_text(path, "the earlier file");
   {
-    auto writer = ContainerWriter::create(path);
-    REQUIRE(writer);
+    auto writer = must(ContainerWriter::create(path));
     CHECK(fs::exists(path + ".part"));
-    REQUIRE(writer->append(noise_page(5000)));
+    REQUIRE(writer.append(noise_page(5000)));
     CHECK(read_bytes(path).size() == 16);
-    const auto size = writer->finish({});
-    REQUIRE(size);
-    CHECK(writer->bytes() == *size);
-    CHECK(fs::file_size(path) == *size);
+    const auto size = must(writer.finish({}));
+    CHECK(writer.bytes() == size);
+    CHECK(fs::file_size(path) == size);
     CHECK(!fs::exists(path + ".part"));
     CHECK(file_count(folder) == 1);
-    const auto again = writer->finish({});
+    const auto again = writer.finish({});
     REQUIRE(!again);
     CHECK(again.error().message == path + ".part: is not open any more");
   }
@@ -119,19 +114,18 @@ TEST_CASE("container writer: the name appears at the end, and the .part disappea
 TEST_CASE("container writer: pages that are dropped leave nothing", "[container]") {
   const TempFolder folder;
   const auto bytes_of = [&](bool drops) {
-    auto writer = ContainerWriter::create(folder.file("a.scree"));
-    REQUIRE(writer);
-    REQUIRE(writer->append(noise_page(5000)));
+    auto writer = must(ContainerWriter::create(folder.file("a.scree")));
+    REQUIRE(writer.append(noise_page(5000)));
     if (drops) {
-      REQUIRE(writer->append(noise_page(60000)));
-      REQUIRE(writer->append(noise_page(20000)));
-      writer->drop_pages(1);
-      CHECK(writer->page_count() == 1);
-      CHECK(writer->bytes() == 4096 + 5000);
+      REQUIRE(writer.append(noise_page(60000)));
+      REQUIRE(writer.append(noise_page(20000)));
+      writer.drop_pages(1);
+      CHECK(writer.page_count() == 1);
+      CHECK(writer.bytes() == 4096 + 5000);
     }
-    REQUIRE(writer->append(noise_page(100)));
-    REQUIRE(writer->append(noise_page(200)));
-    REQUIRE(writer->finish({}));
+    REQUIRE(writer.append(noise_page(100)));
+    REQUIRE(writer.append(noise_page(200)));
+    REQUIRE(writer.finish({}));
     return read_bytes(folder.file("a.scree"));
   };
   CHECK((bytes_of(true) == bytes_of(false)));
@@ -142,10 +136,9 @@ TEST_CASE("container writer: destroyed before finish(), it leaves nothing", "[co
   const std::string path = folder.file("a.scree");
   write_text(path, "the earlier file");
   {
-    auto writer = ContainerWriter::create(path);
-    REQUIRE(writer);
-    REQUIRE(writer->append(noise_page(100)));
-    ContainerWriter moved = std::move(*writer);
+    auto writer = must(ContainerWriter::create(path));
+    REQUIRE(writer.append(noise_page(100)));
+    ContainerWriter moved = std::move(writer);
     REQUIRE(moved.append(noise_page(100)));
     REQUIRE(*moved.append(noise_page(100)) == 2);
   }
@@ -158,14 +151,13 @@ TEST_CASE("container writer: a stale .part is taken over, a locked one is not", 
   const std::string path = folder.file("a.scree");
   // Longer than the written file, so that leftovers would show.
   std::ofstream(path + ".part", std::ios::binary) << std::string(100000, 'x');
-  auto first = ContainerWriter::create(path);
-  REQUIRE(first);
+  auto first = must(ContainerWriter::create(path));
   const auto second = ContainerWriter::create(path);
   REQUIRE(!second);
   CHECK(second.error().code == ErrorCode::kFile);
   CHECK(second.error().message == path + ".part: another program is writing it");
-  REQUIRE(first->append(noise_page(100)));
-  REQUIRE(first->finish({}));
+  REQUIRE(first.append(noise_page(100)));
+  REQUIRE(first.finish({}));
   CHECK(!verify_copy(read_bytes(path)));
   auto third = ContainerWriter::create(path);
   CHECK(third);
@@ -201,22 +193,21 @@ TEST_CASE("container writer: a full disk", "[container]") {
     const TempFolder folder;
     const std::string path = folder.file("a.scree");
     write_text(path, "the earlier file");
-    auto writer = ContainerWriter::create(path);
-    REQUIRE(writer);
+    auto writer = must(ContainerWriter::create(path));
     const SealedPage page = noise_page(8192);
     std::string message;
     {
       const FileSizeLimit full(limit);
       REQUIRE(full.limited());
-      const auto appended = writer->append(page);
+      const auto appended = writer.append(page);
       if (!appended) {
         CHECK(appended.error().code == ErrorCode::kFile);
         message = appended.error().message;
-        const auto again = writer->append(page);
+        const auto again = writer.append(page);
         REQUIRE(!again);
         CHECK(again.error().code == ErrorCode::kFile);
       }
-      const auto finished = writer->finish({});
+      const auto finished = writer.finish({});
       REQUIRE(!finished);
       if (message.empty()) message = finished.error().message;
     }
@@ -289,10 +280,9 @@ TEST_CASE("container writer: the worked examples of the specification", "[contai
   const Bytes tiny = read_vector("container_tiny.hex");
   CHECK(file_of(tiny_parts()) == tiny);
   const ExactCopy copy(tiny);
-  const auto container = Container::open(copy.bytes());
-  REQUIRE(container);
-  CHECK(container->string(container->groups()[0].name) == "stone");
-  CHECK(container->meshes()[0].bounds_max[0] == 0.75f);
+  const auto container = must(Container::open(copy.bytes()));
+  CHECK(container.string(container.groups()[0].name) == "stone");
+  CHECK(container.meshes()[0].bounds_max[0] == 0.75f);
 
   const Bytes header = read_vector("container_header.hex");
   REQUIRE(header.size() == sizeof(FileHeader));

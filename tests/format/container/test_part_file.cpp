@@ -13,6 +13,7 @@
 #include "format/container/container.h"
 #include "runtime/images/image.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
 namespace scree::tests {
@@ -25,10 +26,9 @@ std::span<const std::byte> bytes_of(std::string_view text) {
 }
 
 PartFile must_create(const std::string& path, Existing existing = Existing::kReplace) {
-  Result<PartFile> made = PartFile::create(path, PartFile::Content::kEmpty, existing);
-  REQUIRE(made);
-  REQUIRE(made->write_at(0, bytes_of("new")));
-  return std::move(*made);
+  PartFile made = must(PartFile::create(path, PartFile::Content::kEmpty, existing));
+  REQUIRE(made.write_at(0, bytes_of("new")));
+  return made;
 }
 
 mode_t mode_of(const std::string& path) {
@@ -82,9 +82,7 @@ TEST_CASE("part file: a parked .part that another writer has taken is neither re
     CHECK_FALSE(first.is_open());
     PartFile second = must_create(path);
     if (commits) {
-      const Result<void> done = first.commit();
-      REQUIRE_FALSE(done);
-      CHECK(done.error().message.find("another program has changed it") != std::string::npos);
+      CHECK(refusal(first.commit()).message.find("another program has changed it") != std::string::npos);
     }
     first.discard();
     REQUIRE(std::filesystem::exists(second.part_path()));
@@ -107,19 +105,16 @@ TEST_CASE("part file: a parked .part that another writer has taken is neither re
 TEST_CASE("part file: an existing file is refused at the start and at the end", "[part]") {
   const TempFolder folder;
   const std::string path = folder.write("out.bin", "old");
-  const Result<PartFile> refused = PartFile::create(path, PartFile::Content::kEmpty, Existing::kRefuse);
-  REQUIRE_FALSE(refused);
-  CHECK(refused.error().code == ErrorCode::kFile);
-  CHECK(refused.error().message == path + ": exists already");
+  check_refusal(PartFile::create(path, PartFile::Content::kEmpty, Existing::kRefuse),
+                {ErrorCode::kFile, path + ": exists already"});
   CHECK(folder.names() == std::vector<std::string>{"out.bin"});
 
   std::filesystem::remove(path);
   PartFile part = must_create(path, Existing::kRefuse);
   folder.write("out.bin", "made meanwhile");
-  const Result<void> done = part.commit();
-  REQUIRE_FALSE(done);
+  const auto done = refusal(part.commit());
   CHECK(part.is_refused());
-  CHECK(done.error().message.find("exists already") != std::string::npos);
+  CHECK(done.message.find("exists already") != std::string::npos);
   CHECK(read_whole(path) == "made meanwhile");
   part.discard();
   CHECK(folder.names() == std::vector<std::string>{"out.bin"});
@@ -137,10 +132,9 @@ TEST_CASE("part file: a container whose name is taken meanwhile stays as a .part
   Result<ContainerWriter> writer = ContainerWriter::create(path, Existing::kRefuse);
   REQUIRE(writer);
   folder.write("out.scree", "made meanwhile");
-  const Result<uint64_t> done = writer->finish(TableSet{});
-  REQUIRE_FALSE(done);
-  CHECK(done.error().message.find("exists already") != std::string::npos);
-  CHECK(done.error().message.find("the new file is " + path + ".part") != std::string::npos);
+  const auto done = refusal(writer->finish(TableSet{}));
+  CHECK(done.message.find("exists already") != std::string::npos);
+  CHECK(done.message.find("the new file is " + path + ".part") != std::string::npos);
   CHECK(read_whole(path) == "made meanwhile");
   // The .part is complete: after a rename it can be read.
   writer = Error{ErrorCode::kFile, {}};

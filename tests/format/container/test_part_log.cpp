@@ -6,6 +6,7 @@
 #include "format/container/part_log.h"
 #include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
+#include "tests/results.h"
 
 namespace scree::tests {
 namespace {
@@ -25,9 +26,8 @@ SealedPage page_of(uint32_t number) {
 /// Appends pages [first, last), each with a log entry of its number.
 void append(ContainerWriter& writer, uint32_t first, uint32_t last) {
   for (uint32_t number = first; number < last; ++number) {
-    const auto got = writer.append(page_of(number));
-    REQUIRE(got);
-    CHECK(*got == number);
+    const auto got = must(writer.append(page_of(number)));
+    CHECK(got == number);
     writer.log(kNote, std::as_bytes(std::span(&number, 1)));
   }
 }
@@ -40,17 +40,15 @@ void write_bytes(const std::string& path, const Bytes& bytes) {
 class Unfinished {
  public:
   Unfinished() {
-    auto whole = ContainerWriter::create(path);
-    REQUIRE(whole);
-    append(*whole, 0, kPages);
-    REQUIRE(whole->finish({}));
+    auto whole = must(ContainerWriter::create(path));
+    append(whole, 0, kPages);
+    REQUIRE(whole.finish({}));
     expected = read_bytes(path);
     fs::remove(path);
-    auto writer = ContainerWriter::create(path);
-    REQUIRE(writer);
-    writer->keep_log(kId, kMostBytes);
-    writer->keep_part();
-    append(*writer, 0, 4);
+    auto writer = must(ContainerWriter::create(path));
+    writer.keep_log(kId, kMostBytes);
+    writer.keep_part();
+    append(writer, 0, 4);
   }
 
   /// Continues with `bytes` as the .part, and returns the number of pages kept; also 0 if it has to start again.
@@ -104,11 +102,10 @@ TEST_CASE("part log: a cut or damaged .part is continued to the same bytes", "[c
   damaged[2 * kPageAlignment + 5] ^= std::byte{1};
   write_bytes(unfinished.path + ".part", damaged);
   {
-    auto writer = ContainerWriter::resume(unfinished.path, kId, [](uint32_t, std::span<const std::byte>) {});
-    REQUIRE(writer);
-    REQUIRE(writer->page_count() == 1);
-    REQUIRE(writer->append(page_of(1)));
-    REQUIRE(writer->append(page_of(2)));
+    auto writer = must(ContainerWriter::resume(unfinished.path, kId, [](uint32_t, std::span<const std::byte>) {}));
+    REQUIRE(writer.page_count() == 1);
+    REQUIRE(writer.append(page_of(1)));
+    REQUIRE(writer.append(page_of(2)));
   }
   CHECK(unfinished.finish(read_bytes(unfinished.path + ".part")) == 3);
 }
@@ -123,23 +120,18 @@ TEST_CASE("part log: another id, no .part, and dropped pages", "[container][resu
   REQUIRE(!none);
   CHECK(none.error().code == ErrorCode::kFormat);
   CHECK(!fs::exists(unfinished.folder.file("none.scree.part")));
-  auto writer = ContainerWriter::resume(unfinished.path, kId, ignore);
-  REQUIRE(writer);
-  REQUIRE(writer->page_count() == 4);
-  writer->drop_pages(2);
-  append(*writer, 2, kPages);
-  REQUIRE(writer->finish({}));
+  auto writer = must(ContainerWriter::resume(unfinished.path, kId, ignore));
+  REQUIRE(writer.page_count() == 4);
+  writer.drop_pages(2);
+  append(writer, 2, kPages);
+  REQUIRE(writer.finish({}));
   CHECK((read_bytes(unfinished.path) == unfinished.expected));
 }
 
 TEST_CASE("part log: dropped pages are not continued, even if they are intact", "[container][resume]") {
   Unfinished unfinished;
   const auto ignore = [](uint32_t, std::span<const std::byte>) {};
-  const auto resumed = [&] {
-    auto writer = ContainerWriter::resume(unfinished.path, kId, ignore);
-    REQUIRE(writer);
-    return std::move(*writer);
-  };
+  const auto resumed = [&] { return must(ContainerWriter::resume(unfinished.path, kId, ignore)); };
   {
     ContainerWriter writer = resumed();
     REQUIRE(writer.page_count() == 4);

@@ -13,6 +13,7 @@
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tools/clusters/cluster_builder.h"
 #include "tools/clusters/fifo_order.h"
 
@@ -73,11 +74,10 @@ TEST_CASE("codec speed", "[.bench]") {
     for (float& value : positions) value = uniform(random);
     const float lo[3] = {-10, -10, -10};
     const float hi[3] = {10, 10, 10};
-    const auto lattice = choose_lattice(lo, hi, bits, 0);
-    REQUIRE(lattice);
+    const auto lattice = must(choose_lattice(lo, hi, bits, 0));
     std::vector<uint32_t> coordinates(positions.size());
     const std::string name = "positions, " + std::to_string(bits) + " bits, ";
-    report((name + "quantize").c_str(), vertices, [&] { quantize_positions(coordinates, positions, *lattice); });
+    report((name + "quantize").c_str(), vertices, [&] { quantize_positions(coordinates, positions, lattice); });
     PositionRange range;
     report((name + "range").c_str(), vertices, [&] { range = position_range(coordinates); });
     std::vector<std::byte> bytes(position_stream_bytes(vertices, range));
@@ -85,8 +85,8 @@ TEST_CASE("codec speed", "[.bench]") {
     std::vector<float> decoded(positions.size());
     bool good = true;
     report((name + "decode").c_str(), vertices,
-           [&] { good &= bool(decode_positions(decoded, *lattice, range, bytes)); });
-    MeshLattice narrow = *lattice;  // so that every code is checked
+           [&] { good &= bool(decode_positions(decoded, lattice, range, bytes)); });
+    MeshLattice narrow = lattice;  // so that every code is checked
     narrow.bits[0] = static_cast<uint8_t>(range.bits[0] - 1);
     report((name + "check").c_str(), vertices, [&] { good &= !bool(check_positions(vertices, narrow, range, bytes)); });
     CHECK(good);

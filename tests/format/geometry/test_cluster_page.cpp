@@ -18,6 +18,7 @@
 #include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
+#include "tests/results.h"
 
 using namespace scree::format;
 using namespace scree::tests;
@@ -49,7 +50,7 @@ SplitPage check_split(const Bytes& page, const std::vector<PageClusters>& cluste
   GuardedBytes from(split.bytes);
   GuardedBytes to(page.size());
   std::fill(to.bytes().begin(), to.bytes().end(), std::byte{0xaa});
-  if (const auto joined = join_page(from.bytes(), to.bytes()); !joined) FAIL(joined.error().message);
+  must(join_page(from.bytes(), to.bytes()));
   CHECK(std::equal(page.begin(), page.end(), to.bytes().begin()));
   return split;
 }

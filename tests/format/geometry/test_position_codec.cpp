@@ -14,6 +14,7 @@
 #include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
+#include "tests/results.h"
 
 using namespace scree::format;
 using scree::tests::check_stream_limits;
@@ -359,7 +360,7 @@ TEST_CASE("quantised positions keep the stated error at every scale", "[position
     const PositionRange range = position_range(offsets);
     const auto bytes = encode(offsets, range);
     std::vector<float> decoded(positions.size());
-    if (const auto result = decode_positions(decoded, *lattice, range, bytes); !result) FAIL(result.error().message);
+    must(decode_positions(decoded, *lattice, range, bytes));
     double largest = 0;
     for (size_t i = 0; i < positions.size(); ++i) {
       const double error = std::fabs(static_cast<double>(decoded[i]) - static_cast<double>(positions[i]));
@@ -383,12 +384,11 @@ TEST_CASE("a requested error gets the coarsest step that keeps it", "[position_c
     const double asked = static_cast<double>(size) * std::ldexp(1.0 + static_cast<double>(random() % 1000) / 1000,
                                                                 -static_cast<int>(random() % 22) - 1);
     const double half_ulp = 0.5 * float_ulp(size);
-    const auto lattice = choose_lattice(lo, hi, 16, asked);
-    if (!lattice) FAIL(lattice.error().message);
-    const double half_step = 0.5 * exp2i(lattice->exponent);
-    if (half_step + half_ulp > asked) FAIL("half of 2^" << lattice->exponent << " is more than " << asked);
-    if (2 * half_step + half_ulp <= asked) FAIL("twice 2^" << lattice->exponent << " would keep " << asked << " too");
-    if (lattice->max_error != half_step + half_ulp) FAIL("states " << lattice->max_error);
+    const auto lattice = must(choose_lattice(lo, hi, 16, asked));
+    const double half_step = 0.5 * exp2i(lattice.exponent);
+    if (half_step + half_ulp > asked) FAIL("half of 2^" << lattice.exponent << " is more than " << asked);
+    if (2 * half_step + half_ulp <= asked) FAIL("twice 2^" << lattice.exponent << " would keep " << asked << " too");
+    if (lattice.max_error != half_step + half_ulp) FAIL("states " << lattice.max_error);
   }
 }
 
@@ -396,11 +396,10 @@ TEST_CASE("with an error above the size of a mesh, the lattice is one point", "[
   const float lo[3] = {-1, 0, 2};
   const float hi[3] = {1, 0.5f, 3};
   for (const double asked : {1e9, 1e38, 1e300, std::numeric_limits<double>::infinity()}) {
-    const auto lattice = choose_lattice(lo, hi, 16, asked);
-    REQUIRE(lattice);
-    CHECK(lattice->bits == std::array<uint8_t, 3>{0, 0, 0});
-    CHECK(lattice->exponent <= kMaxLatticeExponent);
-    CHECK(lattice->max_error <= asked);
+    const auto lattice = must(choose_lattice(lo, hi, 16, asked));
+    CHECK(lattice.bits == std::array<uint8_t, 3>{0, 0, 0});
+    CHECK(lattice.exponent <= kMaxLatticeExponent);
+    CHECK(lattice.max_error <= asked);
   }
 }
 
@@ -448,9 +447,8 @@ TEST_CASE("an impossible lattice is refused with the reason", "[position_codec]"
   CHECK(finer.error().code == scree::ErrorCode::kRange);
   CHECK(finer.error().message.find("26 bits on x") != std::string::npos);
   CHECK(finer.error().message.find("float32") != std::string::npos);
-  const auto below_ulp = choose_lattice(lo, hi, 16, 1e-9);
-  REQUIRE_FALSE(below_ulp);
-  CHECK(below_ulp.error().message.find("half the spacing of float32 at 1000") != std::string::npos);
+  CHECK(refusal(choose_lattice(lo, hi, 16, 1e-9)).message.find("half the spacing of float32 at 1000") !=
+        std::string::npos);
 
   CHECK(lattice_of_exponent(lo, hi, -12));
   CHECK(lattice_of_exponent(lo, hi, -12)->bits[0] == 23);
@@ -462,9 +460,7 @@ TEST_CASE("an impossible lattice is refused with the reason", "[position_codec]"
   // Half a step below 2^128 no lattice point is a float.
   const float low[3] = {0, 0, 0};
   const float huge[3] = {FLT_MAX, 0, 0};
-  const auto past = choose_lattice(low, huge, 16, 0);
-  REQUIRE_FALSE(past);
-  CHECK(past.error().message.find("rounds past float32") != std::string::npos);
+  CHECK(refusal(choose_lattice(low, huge, 16, 0)).message.find("rounds past float32") != std::string::npos);
   CHECK(choose_lattice(low, huge, 24, 0));
 }
 
@@ -475,11 +471,10 @@ TEST_CASE("the maximum of a box has the last code", "[position_codec]") {
     const float b = -std::bit_cast<float>(0x3f000000u + static_cast<uint32_t>(random() % 0x2000000u));
     const float lo[3] = {b, a, b};
     const float hi[3] = {a, a + 1, b};
-    const auto lattice = choose_lattice(lo, hi, 16, 0);
-    REQUIRE(lattice);
+    const auto lattice = must(choose_lattice(lo, hi, 16, 0));
     for (size_t axis = 0; axis < 3; ++axis) {
-      const int64_t last = quantize(hi[axis], lattice->exponent) - lattice->min[axis];
-      const uint32_t bits = lattice->bits[axis];
+      const int64_t last = quantize(hi[axis], lattice.exponent) - lattice.min[axis];
+      const uint32_t bits = lattice.bits[axis];
       if (bits > 16 || last >= int64_t{1} << bits || (bits > 0 && last < int64_t{1} << (bits - 1))) {
         FAIL("last code " << last << " in " << bits << " bits");
       }
@@ -498,17 +493,15 @@ TEST_CASE("neighbouring meshes of similar size share their border points", "[pos
     const float left_hi[3] = {border, 1.5f, 1.5f};
     const float right_lo[3] = {border, 0, 0};
     const float right_hi[3] = {border + width, 1.5f, 1.5f};
-    const auto left = choose_lattice(left_lo, left_hi, 16, 0);
-    const auto right = choose_lattice(right_lo, right_hi, 16, 0);
-    REQUIRE(left);
-    REQUIRE(right);
-    REQUIRE(left->exponent == right->exponent);
+    const auto left = must(choose_lattice(left_lo, left_hi, 16, 0));
+    const auto right = must(choose_lattice(right_lo, right_hi, 16, 0));
+    REQUIRE(left.exponent == right.exponent);
     std::array<uint32_t, 3> on_left;
     std::array<uint32_t, 3> on_right;
-    quantize_positions(on_left, point, *left);
-    quantize_positions(on_right, point, *right);
+    quantize_positions(on_left, point, left);
+    quantize_positions(on_right, point, right);
     for (size_t axis = 0; axis < 3; ++axis) {
-      if (left->min[axis] + on_left[axis] != right->min[axis] + on_right[axis]) FAIL("a crack at " << point[axis]);
+      if (left.min[axis] + on_left[axis] != right.min[axis] + on_right[axis]) FAIL("a crack at " << point[axis]);
     }
   }
 }

@@ -14,6 +14,7 @@
 #include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
+#include "tests/results.h"
 
 using namespace scree::format;
 using scree::tests::check_stream_limits;
@@ -122,13 +123,12 @@ TEST_CASE("second texture coordinates have the rest of their range in a header",
   std::vector<std::byte> bytes(second_uv_stream_bytes(3, range));
   encode_second_uvs(bytes, uvs, range);
   std::span<const std::byte> codes = bytes;
-  const auto opened = open_second_uvs(range.bits.data(), codes);
-  REQUIRE(opened);
-  CHECK(opened->exponent == range.exponent);
-  CHECK(opened->min == range.min);
-  CHECK(opened->bits == range.bits);
+  const auto opened = must(open_second_uvs(range.bits.data(), codes));
+  CHECK(opened.exponent == range.exponent);
+  CHECK(opened.min == range.min);
+  CHECK(opened.bits == range.bits);
   std::vector<float> second(6), first(6);
-  REQUIRE(decode_uvs(second, *opened, codes));
+  REQUIRE(decode_uvs(second, opened, codes));
   std::vector<std::byte> plain(uv_stream_bytes(3, range));
   encode_uvs(plain, uvs, range);
   REQUIRE(decode_uvs(first, range, plain));

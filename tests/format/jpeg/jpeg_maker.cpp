@@ -1,6 +1,5 @@
 #include "tests/format/jpeg/jpeg_maker.h"
 
-#include <cstdio>
 #include <cstdlib>
 #include <random>
 

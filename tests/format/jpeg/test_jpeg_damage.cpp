@@ -9,6 +9,7 @@
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/sanitized.h"
 
 using namespace scree;
@@ -88,10 +89,9 @@ TEST_CASE("errors of damaged data name the defect", "[jpeg_index]") {
   Bytes longer = file;
   longer.insert(longer.begin() + static_cast<ptrdiff_t>(first), {std::byte{0x12}, std::byte{0x34}, std::byte{0xff}});
   uint64_t dropped = 0;
-  const auto kept = encode(longer, &dropped);
-  REQUIRE(kept);
+  const auto kept = must(encode(longer, &dropped));
   CHECK(dropped == 2);
-  CHECK(*kept == *encode(file));
+  CHECK(kept == *encode(file));
   // A code of ones only is invalid.
   const Bytes plain = make_jpeg(recipe_of(64, 64, {{1, 1}}));
   const auto header = parse_jpeg(plain);
@@ -126,50 +126,44 @@ TEST_CASE("damaged JPEG files are refused or indexed, and every MCU ends", "[jpe
       CHECK(bytes.error().message.find('\n') == std::string::npos);
       continue;
     }
-    const auto index = open_jpeg_index(*bytes);
-    REQUIRE(index);
-    CHECK(rebuild(*index));
+    const auto index = must(open_jpeg_index(*bytes));
+    CHECK(rebuild(index));
   }
   CHECK(refused > 50);
 }
 
 TEST_CASE("an indexed JPEG stays inside its bytes", "[jpeg_index]") {
-  const auto bytes = encode(make_jpeg(recipe_of(150, 70, {{2, 1}, {1, 1}, {1, 1}}, 7)));
-  REQUIRE(bytes);
+  const auto bytes = must(encode(make_jpeg(recipe_of(150, 70, {{2, 1}, {1, 1}, {1, 1}}, 7))));
   {
-    GuardedBytes guarded(*bytes);
-    const auto index = open_jpeg_index(guarded.bytes());
-    REQUIRE(index);
-    CHECK(rebuild(*index));
+    GuardedBytes guarded(bytes);
+    const auto index = must(open_jpeg_index(guarded.bytes()));
+    CHECK(rebuild(index));
     decode_all(guarded.bytes());
   }
-  for (size_t size = 0; size < bytes->size(); ++size) {
-    GuardedBytes guarded(std::span<const std::byte>(*bytes).first(size));
+  for (size_t size = 0; size < bytes.size(); ++size) {
+    GuardedBytes guarded(std::span<const std::byte>(bytes).first(size));
     const std::string found = outcome(open_jpeg_index(guarded.bytes()));
-    if (found != "truncated") FAIL(size << " of " << bytes->size() << " bytes: " << found);
+    if (found != "truncated") FAIL(size << " of " << bytes.size() << " bytes: " << found);
   }
-  Bytes longer = *bytes;
+  Bytes longer = bytes;
   longer.push_back(std::byte{0});
   CHECK(outcome(open_jpeg_index(longer)) == "trailing");
   for (size_t shift = 1; shift < 4; ++shift) {
-    Bytes moved(bytes->size() + shift);
-    std::copy(bytes->begin(), bytes->end(), moved.begin() + static_cast<ptrdiff_t>(shift));
-    const auto index = open_jpeg_index(std::span(moved).subspan(shift));
-    REQUIRE(index);
-    CHECK(rebuild(*index));
+    Bytes moved(bytes.size() + shift);
+    std::copy(bytes.begin(), bytes.end(), moved.begin() + static_cast<ptrdiff_t>(shift));
+    const auto index = must(open_jpeg_index(std::span(moved).subspan(shift)));
+    CHECK(rebuild(index));
   }
 }
 
 TEST_CASE("a flipped bit of an indexed JPEG is refused or harmless", "[jpeg_index]") {
-  const auto bytes = encode(make_jpeg(recipe_of(50, 24, {{2, 2}, {1, 1}, {1, 1}}, 3)));
-  REQUIRE(bytes);
-  const auto original = open_jpeg_index(*bytes);
-  REQUIRE(original);
-  const auto data_at = static_cast<size_t>(original->data.data() - bytes->data());
-  const auto blocks_at = static_cast<size_t>(original->blocks.data() - bytes->data());
+  const auto bytes = must(encode(make_jpeg(recipe_of(50, 24, {{2, 2}, {1, 1}, {1, 1}}, 3))));
+  const auto original = must(open_jpeg_index(bytes));
+  const auto data_at = static_cast<size_t>(original.data.data() - bytes.data());
+  const auto blocks_at = static_cast<size_t>(original.blocks.data() - bytes.data());
   uint32_t accepted_header = 0;
-  GuardedBytes guarded(*bytes);
-  for (size_t bit = 0; bit < 8 * bytes->size(); bit += tests::kIsSanitized ? 3 : 1) {
+  GuardedBytes guarded(bytes);
+  for (size_t bit = 0; bit < 8 * bytes.size(); bit += tests::kIsSanitized ? 3 : 1) {
     const size_t at = bit / 8;
     const std::byte mask = std::byte{1} << (bit % 8);
     guarded.bytes()[at] ^= mask;
@@ -182,7 +176,7 @@ TEST_CASE("a flipped bit of an indexed JPEG is refused or harmless", "[jpeg_inde
     // the same MCUs.
     const bool is_quant_number = at >= 24 && at < 48 && at % 8 == 2;
     const bool is_told = at < 6 || (at >= 12 && at < 64 && !is_quant_number) || at >= blocks_at;
-    const bool is_slack = at >= data_at + original->data.size() && at < blocks_at;
+    const bool is_slack = at >= data_at + original.data.size() && at < blocks_at;
     if (is_slack && index) FAIL("bit " << bit << " of the slack");
     if (is_told && is_whole) FAIL("bit " << bit % 8 << " of byte " << at << ", the blocks at " << blocks_at);
     accepted_header += at < 64 && is_whole;
@@ -226,9 +220,8 @@ TEST_CASE("mutated JPEG files and indexed JPEGs never take a decoder past its li
     const auto encoded = encode(guarded.bytes());
     if (!encoded) continue;
     ++encoded_count;
-    const auto index = open_jpeg_index(*encoded);
-    if (!index) FAIL(index.error().message);
-    if (const auto back = rebuild(*index); !back) FAIL(back.error().message);
+    const auto index = must(open_jpeg_index(*encoded));
+    must(rebuild(index));
   }
   CHECK(encoded_count > 300);
   std::vector<Bytes> indexed;
@@ -252,28 +245,25 @@ TEST_CASE("a group decoder stays inside its buffers and ends, on any bytes", "[j
   for (const auto& factors :
        {std::vector<std::pair<int, int>>{{2, 2}, {1, 1}, {1, 1}}, {{1, 1}}, {{4, 1}, {1, 1}, {2, 1}}}) {
     for (const int restart : {0, 3}) {
-      const auto bytes = encode(make_jpeg(recipe_of(120, 90, factors, restart)));
-      REQUIRE(bytes);
-      const auto index = open_jpeg_index(*bytes);
-      REQUIRE(index);
-      decode_groups(*index, 1);
+      const auto bytes = must(encode(make_jpeg(recipe_of(120, 90, factors, restart))));
+      const auto index = must(open_jpeg_index(bytes));
+      decode_groups(index, 1);
       // The parts that open_jpeg_index() checks stay; data and anchors are random.
-      const auto data_at = static_cast<size_t>(index->data.data() - bytes->data());
-      const auto anchors_at = static_cast<size_t>(index->anchors.data() - bytes->data());
-      GuardedBytes guarded(*bytes);
+      const auto data_at = static_cast<size_t>(index.data.data() - bytes.data());
+      const auto anchors_at = static_cast<size_t>(index.anchors.data() - bytes.data());
+      GuardedBytes guarded(bytes);
       const auto fill = [&](size_t at, size_t size, uint32_t kind) {
         for (size_t i = at; i < at + size; ++i)
           guarded.bytes()[i] = static_cast<std::byte>(kind == 0 ? random() : kind == 1 ? 0xff : 0);
       };
       for (uint32_t kind = 0; kind < 3; ++kind) {
-        fill(data_at, index->data.size(), kind);
-        const auto damaged = open_jpeg_index(guarded.bytes());
-        REQUIRE(damaged);
-        decode_groups(*damaged, 1);
+        fill(data_at, index.data.size(), kind);
+        const auto damaged = must(open_jpeg_index(guarded.bytes()));
+        decode_groups(damaged, 1);
         // Random anchors, which bypass the checks of a file.
-        fill(anchors_at, index->anchors.size(), kind);
-        decode_groups(*damaged, 1);
-        std::copy_n(bytes->begin() + static_cast<ptrdiff_t>(anchors_at), index->anchors.size(),
+        fill(anchors_at, index.anchors.size(), kind);
+        decode_groups(damaged, 1);
+        std::copy_n(bytes.begin() + static_cast<ptrdiff_t>(anchors_at), index.anchors.size(),
                     guarded.bytes().begin() + static_cast<ptrdiff_t>(anchors_at));
       }
     }

@@ -12,6 +12,7 @@
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/results.h"
 
 using namespace scree::tests;
 using namespace scree::tests::jpeg;
@@ -52,34 +53,30 @@ void check_coefficients(const JpegIndex& index, std::span<const std::byte> file)
 
 /// Compares index, coefficients, tables, colour, and the rebuilt file with libjpeg.
 void check_round_trip(std::span<const std::byte> file) {
-  const auto bytes = encode(file);
-  if (!bytes) FAIL(bytes.error().message);
-  const auto index = open_jpeg_index(*bytes);
-  if (!index) FAIL(index.error().message);
-  check_coefficients(*index, file);
+  const auto bytes = must(encode(file));
+  const auto index = must(open_jpeg_index(bytes));
+  check_coefficients(index, file);
   const auto tables = scree::tests::read_quant_tables(file);
-  for (uint32_t c = 0; c < index->component_count; ++c) {
-    const auto& table = index->quant[index->components[c].quant];
+  for (uint32_t c = 0; c < index.component_count; ++c) {
+    const auto& table = index.quant[index.components[c].quant];
     for (uint32_t k = 0; k < 64; ++k) REQUIRE(table[k] == tables[c][kJpegNaturalOrder[k]]);
   }
   const int colour = scree::tests::read_colour_space(file);
-  CHECK(colour == (index->colour == JpegColour::kGrey  ? JCS_GRAYSCALE
-                   : index->colour == JpegColour::kRgb ? JCS_RGB
-                                                       : JCS_YCbCr));
-  const auto back = rebuild(*index);
-  if (!back) FAIL(back.error().message);
+  CHECK(colour == (index.colour == JpegColour::kGrey  ? JCS_GRAYSCALE
+                   : index.colour == JpegColour::kRgb ? JCS_RGB
+                                                      : JCS_YCbCr));
+  const auto back = must(rebuild(index));
   const auto same = [](const std::vector<JpegPlane>& a, const std::vector<JpegPlane>& b) {
     return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const JpegPlane& p, const JpegPlane& q) {
       return p.blocks_across == q.blocks_across && p.blocks_down == q.blocks_down && p.values == q.values;
     });
   };
-  CHECK(same(scree::tests::read_coefficients(*back), scree::tests::read_coefficients(file)));
-  CHECK(scree::tests::read_quant_tables(*back) == tables);
-  CHECK(scree::tests::read_colour_space(*back) == colour);
+  CHECK(same(scree::tests::read_coefficients(back), scree::tests::read_coefficients(file)));
+  CHECK(scree::tests::read_quant_tables(back) == tables);
+  CHECK(scree::tests::read_colour_space(back) == colour);
   // The rebuilt file is indexed to the same bytes again.
-  const auto again = encode(*back);
-  REQUIRE(again);
-  CHECK(*again == *bytes);
+  const auto again = must(encode(back));
+  CHECK(again == bytes);
 }
 
 }  // namespace
@@ -92,9 +89,8 @@ TEST_CASE("indexed JPEGs of the spec", "[jpeg_index][spec]") {
     CHECK(outcome(index) == (vector.has("error") ? vector.text("error") : "ok"));
     if (!vector.has("jpeg")) continue;
     const Bytes file = vector.bytes("jpeg");
-    const auto encoded = encode(file);
-    if (!encoded) FAIL(encoded.error().message);
-    CHECK(*encoded == bytes);
+    const auto encoded = must(encode(file));
+    CHECK(encoded == bytes);
     REQUIRE(index);
     const auto listed = vector.integers<int>("nonzero");
     std::map<std::array<int, 3>, int> expected;
@@ -124,13 +120,11 @@ TEST_CASE("groups and anchor blocks of every fill", "[jpeg_index]") {
     INFO(mcus << " MCUs");
     const Bytes file = make_jpeg(recipe_of(8 * mcus, 8, {{1, 1}}, mcus == 257 ? 3 : 0));
     check_round_trip(file);
-    const auto bytes = encode(file);
-    REQUIRE(bytes);
-    const auto index = open_jpeg_index(*bytes);
-    REQUIRE(index);
-    CHECK(index->layout.group_mcus == 4);
-    CHECK(index->layout.group_count == static_cast<uint32_t>((mcus + 3) / 4));
-    CHECK(index->layout.anchor_block_count == static_cast<uint32_t>((mcus + 127) / 128));
+    const auto bytes = must(encode(file));
+    const auto index = must(open_jpeg_index(bytes));
+    CHECK(index.layout.group_mcus == 4);
+    CHECK(index.layout.group_count == static_cast<uint32_t>((mcus + 3) / 4));
+    CHECK(index.layout.anchor_block_count == static_cast<uint32_t>((mcus + 127) / 128));
   }
 }
 
@@ -143,11 +137,9 @@ TEST_CASE("the index takes at most a quarter of a bit per pixel", "[jpeg_index]"
     for (const int quality : {1, 85, 100}) {
       JpegRecipe recipe = recipe_of(512, 512, factors);
       recipe.quality = quality;
-      const auto bytes = encode(make_jpeg(recipe));
-      REQUIRE(bytes);
-      const auto index = open_jpeg_index(*bytes);
-      REQUIRE(index);
-      CHECK(static_cast<double>(8 * index->index_bytes()) / (512.0 * 512.0) <= 0.25);
+      const auto bytes = must(encode(make_jpeg(recipe)));
+      const auto index = must(open_jpeg_index(bytes));
+      CHECK(static_cast<double>(8 * index.index_bytes()) / (512.0 * 512.0) <= 0.25);
     }
   }
 }
@@ -161,21 +153,17 @@ TEST_CASE("real JPEG files are indexed without loss", "[jpeg_index]") {
   for (const auto& path : jpeg_files(scree::tests::models_path() / "jpeg")) {
     INFO(path.filename().string());
     const Bytes file = read_bytes(path);
-    const auto header = parse_jpeg(file);
-    if (!header) FAIL(header.error().message);
-    if (judge_jpeg(*header).treatment != JpegTreatment::kAsItIs) continue;
-    const auto bytes = encode(file);
-    if (!bytes) FAIL(bytes.error().message);
-    const auto index = open_jpeg_index(*bytes);
-    REQUIRE(index);
-    check_coefficients(*index, file);
-    const auto back = rebuild(*index);
-    if (!back) FAIL(back.error().message);
-    check_coefficients(*index, *back);
-    CHECK(scree::tests::read_colour_space(*back) == scree::tests::read_colour_space(file));
+    const auto header = must(parse_jpeg(file));
+    if (judge_jpeg(header).treatment != JpegTreatment::kAsItIs) continue;
+    const auto bytes = must(encode(file));
+    const auto index = must(open_jpeg_index(bytes));
+    check_coefficients(index, file);
+    const auto back = must(rebuild(index));
+    check_coefficients(index, back);
+    CHECK(scree::tests::read_colour_space(back) == scree::tests::read_colour_space(file));
     // Counts whole groups, including the padding of MCUs at the picture's edge.
-    const uint64_t covered = uint64_t{256} * index->layout.group_count;
-    if (index->layout.group_count >= 32) CHECK(8 * index->index_bytes() <= covered / 4);
+    const uint64_t covered = uint64_t{256} * index.layout.group_count;
+    if (index.layout.group_count >= 32) CHECK(8 * index.index_bytes() <= covered / 4);
     ++indexed;
   }
   CHECK(indexed >= 60);
@@ -184,12 +172,11 @@ TEST_CASE("real JPEG files are indexed without loss", "[jpeg_index]") {
 TEST_CASE("JPEGs that cannot be indexed give the reason", "[jpeg_index]") {
   const auto reason = [](JpegRecipe recipe) {
     const Bytes file = make_jpeg(recipe);
-    const auto header = parse_jpeg(file);
-    REQUIRE(header);
+    const auto header = must(parse_jpeg(file));
     const auto encoded = encode(file);
     CHECK(outcome(encoded) == "unsupported");
-    CHECK(encoded.error().message == "JPEG: " + judge_jpeg(*header).reason);
-    return std::pair(judge_jpeg(*header).treatment, judge_jpeg(*header).reason);
+    CHECK(encoded.error().message == "JPEG: " + judge_jpeg(header).reason);
+    return std::pair(judge_jpeg(header).treatment, judge_jpeg(header).reason);
   };
   JpegRecipe recipe = recipe_of(40, 30, {{2, 2}, {1, 1}, {1, 1}});
   recipe.is_progressive = true;
@@ -208,9 +195,8 @@ TEST_CASE("JPEGs that cannot be indexed give the reason", "[jpeg_index]") {
     const size_t at = find_marker(file, 0xc0);
     file[at + 1] = std::byte(sof);
     file[at + 4] = std::byte(precision);
-    const auto header = parse_jpeg(file);
-    REQUIRE(header);
-    return std::pair(judge_jpeg(*header).treatment, judge_jpeg(*header).reason);
+    const auto header = must(parse_jpeg(file));
+    return std::pair(judge_jpeg(header).treatment, judge_jpeg(header).reason);
   };
   CHECK(changed(0xc1, 12) == std::pair(JpegTreatment::kRefuse, std::string("12 bits per sample")));
   CHECK(changed(0xc3, 8) == std::pair(JpegTreatment::kRefuse, std::string("lossless")));
@@ -239,9 +225,8 @@ TEST_CASE("a file without Huffman tables gets the standard ones", "[jpeg_index]"
   }
   REQUIRE(bare.size() == file.size() - 4 * 4 - 2 * (17 + 12) - 2 * (17 + 162));
   const auto with = encode(file);
-  const auto without = encode(bare);
-  REQUIRE(without);
-  CHECK(*without == *with);
+  const auto without = must(encode(bare));
+  CHECK(without == *with);
 }
 
 TEST_CASE("impossible Huffman tables are refused", "[jpeg_index]") {
@@ -280,8 +265,7 @@ TEST_CASE("Huffman tables decode every code in every window", "[jpeg_index]") {
     specs.push_back(spec);
   }
   for (const JpegHuffmanSpec& spec : specs) {
-    const auto table = make_jpeg_table(spec, false);
-    REQUIRE(table);
+    const auto table = must(make_jpeg_table(spec, false));
     // Decodes bit by bit as in T.81, F.2.2.3.
     uint64_t wrong = 0;
     for (uint32_t window = 0; window < 65536; ++window) {
@@ -296,7 +280,7 @@ TEST_CASE("Huffman tables decode every code in every window", "[jpeg_index]") {
         index += count;
         next = (next + count) * 2;
       }
-      const JpegCode found = table->find(window);
+      const JpegCode found = table.find(window);
       wrong += found.length != expected.length || found.symbol != expected.symbol;
     }
     CHECK(wrong == 0);

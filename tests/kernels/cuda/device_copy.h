@@ -12,6 +12,7 @@
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/frame.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/results.h"
 
 namespace scree::tests {
 
@@ -90,9 +91,8 @@ class DeviceCopy {
     kernels::CudaFrames frames = make_frames(sizes);
     kernels::FrameStats stats{};
     picture(view, [&](uint64_t* samples) {
-      const Result<kernels::FrameStats> drawn = frames.draw(view, samples, options);
-      REQUIRE(drawn);
-      stats = *drawn;
+      const kernels::FrameStats drawn = must(frames.draw(view, samples, options));
+      stats = drawn;
     });
     return stats;
   }
@@ -127,21 +127,18 @@ class DeviceCopy {
   template <class Draw>
   std::vector<uint64_t> picture(const kernels::View& view, const Draw& draw, int begin = 0xff) const {
     std::vector<uint64_t> samples(size_t{view.width} * view.height);
-    Result<kernels::DeviceBuffer> buffer =
-        kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
-    REQUIRE(buffer);
-    REQUIRE(kernels::cuda_check(cudaMemset(buffer->data(), begin, buffer->bytes()), "clearing the picture"));
-    draw(reinterpret_cast<uint64_t*>(buffer->data()));
-    REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost),
+    kernels::DeviceBuffer buffer =
+        must(kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture"));
+    REQUIRE(kernels::cuda_check(cudaMemset(buffer.data(), begin, buffer.bytes()), "clearing the picture"));
+    draw(reinterpret_cast<uint64_t*>(buffer.data()));
+    REQUIRE(kernels::cuda_check(cudaMemcpy(samples.data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost),
                                 "reading the picture"));
     return samples;
   }
 
  private:
   kernels::CudaFrames make_frames(const kernels::CudaQueueSizes& sizes) const {
-    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(host_, view_, sizes);
-    REQUIRE(frames);
-    return std::move(*frames);
+    return must(kernels::CudaFrames::create(host_, view_, sizes));
   }
 
   void show_pages(const std::function<bool(size_t page)>& has_page) const {
@@ -157,12 +154,11 @@ class DeviceCopy {
   template <class T>
   void copy(const T*& pointer, uint64_t count) {
     if (count == 0) return;
-    Result<kernels::DeviceBuffer> buffer = kernels::DeviceBuffer::allocate(count * sizeof(T), "allocating the scene");
-    REQUIRE(buffer);
-    REQUIRE(kernels::cuda_check(cudaMemcpy(buffer->data(), pointer, count * sizeof(T), cudaMemcpyHostToDevice),
+    kernels::DeviceBuffer buffer = must(kernels::DeviceBuffer::allocate(count * sizeof(T), "allocating the scene"));
+    REQUIRE(kernels::cuda_check(cudaMemcpy(buffer.data(), pointer, count * sizeof(T), cudaMemcpyHostToDevice),
                                 "copying the scene"));
-    pointer = reinterpret_cast<const T*>(buffer->data());
-    buffers_.push_back(std::move(*buffer));
+    pointer = reinterpret_cast<const T*>(buffer.data());
+    buffers_.push_back(std::move(buffer));
   }
 
   kernels::SceneView host_;

@@ -12,6 +12,7 @@
 #include "tests/kernels/cuda/device_copy.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/blend_cases.h"
+#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -30,12 +31,10 @@ class GpuLayers {
  public:
   GpuLayers(const kernels::SceneView& host, const DeviceCopy& device, const kernels::CudaQueueSizes& sizes)
       : device_(device.view()), blended_(kernels::blended_view(device_)) {
-    Result<kernels::CudaFrames> opaque = kernels::CudaFrames::create(host, device_, sizes);
-    Result<kernels::CudaFrames> layers = kernels::CudaFrames::create(kernels::blended_view(host), blended_, sizes);
-    REQUIRE(opaque);
-    REQUIRE(layers);
-    opaque_.emplace(std::move(*opaque));
-    layers_.emplace(std::move(*layers));
+    kernels::CudaFrames opaque = must(kernels::CudaFrames::create(host, device_, sizes));
+    kernels::CudaFrames layers = must(kernels::CudaFrames::create(kernels::blended_view(host), blended_, sizes));
+    opaque_.emplace(std::move(opaque));
+    layers_.emplace(std::move(layers));
   }
 
   DrawnLayers draw(const View& view) {
@@ -56,9 +55,8 @@ class GpuLayers {
   std::vector<float> blend(const View& view, uint32_t most, kernels::CudaBlend* at_once, DrawnLayers* out,
                            kernels::BlendCounts& counts) {
     const size_t count = size_t{view.width} * view.height;
-    Result<kernels::DeviceBuffer> samples = kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "allocating");
-    REQUIRE(samples);
-    auto* const opaque = reinterpret_cast<uint64_t*>(samples->data());
+    kernels::DeviceBuffer samples = must(kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "allocating"));
+    auto* const opaque = reinterpret_cast<uint64_t*>(samples.data());
     REQUIRE(opaque_->draw(view, opaque));
     const std::vector<uint64_t> before = read(opaque, count);
     const auto draw = [&](uint64_t* to, const uint64_t* peeled, const kernels::FragmentSlots& slots) -> Result<void> {
@@ -85,10 +83,9 @@ class GpuLayers {
                                             [&](const kernels::FragmentSlots& to) { return draw(opaque, nullptr, to); },
                                             shade, [&] { return layers_->transforms(); }};
     kernels::CudaBlend& used = at_once != nullptr ? *at_once : blend_;
-    const Result<const float*> over = used.blend(view, opaque, most, source, counts, at_once ? &fragments : nullptr);
-    REQUIRE(over);
+    const float* const over = must(used.blend(view, opaque, most, source, counts, at_once ? &fragments : nullptr));
     CHECK((read(opaque, count) == before));
-    return read(*over, 4 * count);
+    return read(over, 4 * count);
   }
 
   kernels::SceneView device_;

@@ -14,6 +14,7 @@
 #include "tests/kernels/raster/hard_cases.h"
 #include "tests/kernels/raster/mask_cases.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -120,8 +121,7 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
     const DeviceCopy device(scene, builder.pages);
     uint64_t drawn = 0, of_all = 0;
     for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), by_warps(), in_two_passes(), kNoRoom}) {
-      Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene, device.view(), sizes);
-      REQUIRE(frames);
+      kernels::CudaFrames frames = must(kernels::CudaFrames::create(scene, device.view(), sizes));
       for (size_t i = 0; i < views.size(); i += kEmulatesGpu ? 5 : 1) {
         const View& view = views[i];
         const std::vector<uint64_t> expected = draw(scene, view, 2);
@@ -133,9 +133,8 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
               options.rows.first + 1 + static_cast<uint32_t>(random() % (view.height - options.rows.first));
           CAPTURE(kind, i, options.rows.first, options.rows.end);
           const auto draw_rows = [&](uint64_t* samples) {
-            const auto part = frames->draw(view, samples, options);
-            REQUIRE(part);
-            drawn += part->triangles;
+            const auto part = must(frames.draw(view, samples, options));
+            drawn += part.triangles;
           };
           // Samples begin as zeros, which are nearer than everything. Other rows are not cleared, so reading them would
           // show.

@@ -9,6 +9,7 @@
 #include "runtime/images/jpeg_writer.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
+#include "tests/results.h"
 
 namespace kernels = scree::kernels;
 namespace runtime = scree::runtime;
@@ -42,16 +43,13 @@ Pixels waves(uint32_t width, uint32_t height, double noise) {
 
 /// `coder`: kept between pictures, as in a viewer.
 std::vector<std::byte> encode_on_gpu(kernels::CudaJpegCoder& coder, const Pixels& picture, int quality, bool is_sharp) {
-  auto device = kernels::DeviceBuffer::allocate(picture.rgba.size() * sizeof(uint32_t), "a picture");
-  REQUIRE(device);
-  REQUIRE(cudaMemcpy(device->data(), picture.rgba.data(), device->bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
-  auto head = runtime::make_jpeg_head(picture.width, picture.height, quality, is_sharp,
-                                      static_cast<uint16_t>(kernels::jpeg_segment_mcus(is_sharp)));
-  REQUIRE(head);
-  const auto coded = coder.encode(reinterpret_cast<const uint32_t*>(device->data()), head->header, is_sharp);
-  REQUIRE(coded);
-  std::vector<std::byte> file = head->bytes;
-  file.insert(file.end(), coded->begin(), coded->end());
+  auto device = must(kernels::DeviceBuffer::allocate(picture.rgba.size() * sizeof(uint32_t), "a picture"));
+  REQUIRE(cudaMemcpy(device.data(), picture.rgba.data(), device.bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
+  auto head = must(runtime::make_jpeg_head(picture.width, picture.height, quality, is_sharp,
+                                           static_cast<uint16_t>(kernels::jpeg_segment_mcus(is_sharp))));
+  const auto coded = must(coder.encode(reinterpret_cast<const uint32_t*>(device.data()), head.header, is_sharp));
+  std::vector<std::byte> file = head.bytes;
+  file.insert(file.end(), coded.begin(), coded.end());
   file.insert(file.end(), {std::byte{0xff}, std::byte{0xd9}});
   return file;
 }
@@ -63,18 +61,15 @@ std::vector<std::byte> encode_by_libjpeg(const Pixels& picture, int quality, boo
   coding.components[0].h = coding.components[0].v = is_sharp ? 1 : 2;
   coding.quality = quality;
   coding.has_own_tables = false;
-  auto writer = runtime::JpegWriter::create(coding);
-  REQUIRE(writer);
+  auto writer = must(runtime::JpegWriter::create(coding));
   std::vector<uint8_t> row(size_t{3} * picture.width);
   for (uint32_t y = 0; y < picture.height; ++y) {
     for (size_t x = 0; x < picture.width; ++x)
       for (size_t c = 0; c < 3; ++c)
         row[3 * x + c] = static_cast<uint8_t>(picture.rgba[size_t{y} * picture.width + x] >> (8 * c));
-    REQUIRE(writer->row(row));
+    REQUIRE(writer.row(row));
   }
-  auto file = writer->finish();
-  REQUIRE(file);
-  return *file;
+  return must(writer.finish());
 }
 
 /// Root mean square of the differences of two pictures' channels.
@@ -109,11 +104,9 @@ TEST_CASE("a GPU's JPEG is as accurate and as large as libjpeg's", "[cuda][jpeg]
       const Pixels picture = waves(at.width, at.height, at.noise);
       const std::vector<std::byte> ours = encode_on_gpu(coder, picture, at.quality, is_sharp);
       const std::vector<std::byte> theirs = encode_by_libjpeg(picture, at.quality, is_sharp);
-      const auto our_image = runtime::decode_image(ours);
-      const auto their_image = runtime::decode_image(theirs);
-      REQUIRE(our_image);
-      REQUIRE(their_image);
-      CHECK(difference(*our_image, picture) <= 1.01 * difference(*their_image, picture) + 0.1);
+      const auto our_image = must(runtime::decode_image(ours));
+      const auto their_image = must(runtime::decode_image(theirs));
+      CHECK(difference(our_image, picture) <= 1.01 * difference(their_image, picture) + 0.1);
       // Restart markers and the DC values behind them: at most 24 bytes per segment.
       const double segments = at.width * at.height / (is_sharp ? 640.0 : 1280.0) + 2;
       CHECK(static_cast<double>(ours.size()) <= 1.02 * static_cast<double>(theirs.size()) + 24 * segments);
@@ -127,10 +120,9 @@ TEST_CASE("a GPU's JPEG of one colour has that colour", "[cuda][jpeg]") {
   for (const uint32_t rgba : {0xff000000u, 0xffffffffu, 0xff0000ffu, 0xffff0000u, 0xff7f3f1fu}) {
     const Pixels picture{40, 24, std::vector<uint32_t>(size_t{40} * 24, rgba)};
     for (const bool is_sharp : {false, true}) {
-      const auto image = runtime::decode_image(encode_on_gpu(coder, picture, 100, is_sharp));
-      REQUIRE(image);
+      const auto image = must(runtime::decode_image(encode_on_gpu(coder, picture, 100, is_sharp)));
       CAPTURE(rgba, is_sharp);
-      CHECK(difference(*image, picture) <= 1.0);
+      CHECK(difference(image, picture) <= 1.0);
     }
   }
 }

@@ -1,6 +1,5 @@
 // Batches of views on the GPU: depths and ids equal those that the CPU makes of each view alone, bit for bit.
 #include <cmath>
-#include <numbers>
 #include <random>
 #include <vector>
 
@@ -10,6 +9,7 @@
 #include "tests/kernels/cuda/device_copy.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/kernels/raster/mask_cases.h"
+#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::tests;
@@ -51,12 +51,11 @@ class DeviceBatch {
     kernels::DeviceBuffer depth = must(kernels::DeviceBuffer::allocate(pixels * sizeof(float), "depths"));
     kernels::DeviceBuffer triangle = must(kernels::DeviceBuffer::allocate(pixels * sizeof(int64_t), "triangles"));
     kernels::DeviceBuffer instance = must(kernels::DeviceBuffer::allocate(pixels * sizeof(int32_t), "instances"));
-    const Result<kernels::FrameStats> drawn =
-        batch_.draw(views, samples_per_side,
-                    {reinterpret_cast<float*>(depth.data()), reinterpret_cast<int64_t*>(triangle.data()),
-                     reinterpret_cast<int32_t*>(instance.data()), nullptr, nullptr});
-    REQUIRE(drawn);
-    if (stats != nullptr) *stats = *drawn;
+    const kernels::FrameStats drawn =
+        must(batch_.draw(views, samples_per_side,
+                         {reinterpret_cast<float*>(depth.data()), reinterpret_cast<int64_t*>(triangle.data()),
+                          reinterpret_cast<int32_t*>(instance.data()), nullptr, nullptr}));
+    if (stats != nullptr) *stats = drawn;
     Layers out(pixels);
     const auto read = [](auto& to, const kernels::DeviceBuffer& from) {
       REQUIRE(cudaMemcpy(to.data(), from.data(), from.bytes(), cudaMemcpyDeviceToHost) == cudaSuccess);
@@ -68,12 +67,6 @@ class DeviceBatch {
   }
 
  private:
-  template <class T>
-  static T must(Result<T> made) {
-    REQUIRE(made);
-    return std::move(*made);
-  }
-
   CudaViewBatch batch_;
 };
 

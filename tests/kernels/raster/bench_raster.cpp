@@ -5,6 +5,7 @@
 
 #include "kernels/cpu/backend.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/results.h"
 #include "tests/speed.h"
 
 using namespace scree;
@@ -100,10 +101,9 @@ TEST_CASE("speed: 15 M small triangles per second and core at 1920 x 1080", "[sp
   for (InstructionSet set : {best_instruction_set(), InstructionSet::kBaseline}) {
     check_speed(30, 1 / 15e6, [&] {
       const double start = cpu_seconds();
-      const auto drawn = draw_cpu_with(scene, view, samples, 1, set, QueueSizes{});
-      REQUIRE(drawn);
-      REQUIRE(drawn->triangles > samples.size());  // smaller than a pixel each
-      return (cpu_seconds() - start) / static_cast<double>(drawn->triangles);
+      const auto drawn = must(draw_cpu_with(scene, view, samples, 1, set, QueueSizes{}));
+      REQUIRE(drawn.triangles > samples.size());  // smaller than a pixel each
+      return (cpu_seconds() - start) / static_cast<double>(drawn.triangles);
     });
   }
 }

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <random>
 
+#include "tests/results.h"
 #include "tools/compare/reference.h"
 
 namespace scree::tests {
@@ -398,11 +399,10 @@ Figures judge(HardCase& hard) {
         draw_with(scene, view, 1, kernels::InstructionSet::kBaseline, kernels::QueueSizes{});
     REQUIRE(draw_with(scene, view, 2, kernels::best_instruction_set(), {1, 1, 1}) == samples);
     REQUIRE(draw(scene, view, 2) == samples);
-    const auto expected = compare::draw_reference(meshes, instances, view, 2);
-    REQUIRE(expected);
+    const auto expected = must(compare::draw_reference(meshes, instances, view, 2));
     figures.pixels += samples.size();
     for (size_t i = 0; i < samples.size(); ++i) {
-      const compare::ReferencePixel& right = (*expected)[i];
+      const compare::ReferencePixel& right = expected[i];
       const bool drawn = samples[i] != kBackground;
       figures.covered += drawn ? 1 : 0;
       figures.reference += right.is_background() ? 0 : 1;
@@ -577,10 +577,9 @@ HardCase in_clusters(const HardCase& hard, Clusters clusters) {
     encoding.clusters = clusters;
     if (encoding.float32) {
       const format::MeshRecord& mesh = hard.builder.meshes[i];
-      const auto chosen = format::choose_lattice(mesh.bounds_min, mesh.bounds_max, 20, 0);
-      REQUIRE(chosen);
+      const auto chosen = must(format::choose_lattice(mesh.bounds_min, mesh.bounds_max, 20, 0));
       encoding.float32 = false;
-      encoding.exponent = chosen->exponent;
+      encoding.exponent = chosen.exponent;
     }
     out.mesh(hard.soups[i], encoding);
   }

@@ -3,7 +3,6 @@
 // are about twice the measured values.
 #include <chrono>
 #include <cstdio>
-#include <random>
 
 #include "tests/catch.h"
 #include "tests/kernels/raster/hard_cases.h"

@@ -4,6 +4,7 @@
 #include "kernels/cpu/backend.h"
 #include "kernels/shade/locate.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -189,15 +190,14 @@ TEST_CASE("raster: triangles of all three sizes are counted in their stages", "[
   builder.instance(builder.mesh(soup, Encoding{}), builder.identity());
   View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 200, 200), 1, 0, 2);
   std::vector<uint64_t> samples(200 * 200);
-  const auto drawn = draw_cpu(builder.view(), view, samples, 2);
-  REQUIRE(drawn);
-  CHECK(drawn->instances_drawn == 1);
-  CHECK(drawn->draws == 1);
-  CHECK(drawn->triangles == 3);
-  CHECK(drawn->triangles_small == 1);
-  CHECK(drawn->triangles_medium == 1);
-  CHECK(drawn->triangles_large == 1);
-  CHECK(drawn->triangles_clipped == 0);
+  const auto drawn = must(draw_cpu(builder.view(), view, samples, 2));
+  CHECK(drawn.instances_drawn == 1);
+  CHECK(drawn.draws == 1);
+  CHECK(drawn.triangles == 3);
+  CHECK(drawn.triangles_small == 1);
+  CHECK(drawn.triangles_medium == 1);
+  CHECK(drawn.triangles_large == 1);
+  CHECK(drawn.triangles_clipped == 0);
   std::vector<float> rgba(4 * samples.size());
   ShadeOptions options;
   options.show = Show::kStage;

@@ -13,6 +13,7 @@
 #include "tests/kernels/shade/reference_shade.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
@@ -305,9 +306,8 @@ TEST_CASE("resolve: real models are within a level of double", "[resolve][models
     options.input = source.string();
     options.output = folder.file("scene.scree");
     if (!convert::convert(options)) continue;
-    Result<runtime::SceneFile> file = runtime::SceneFile::open(options.output);
-    REQUIRE(file);
-    const Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), 0, {true, 2});
+    runtime::SceneFile file = must(runtime::SceneFile::open(options.output));
+    const Result<runtime::Scene> scene = runtime::Scene::load(std::move(file), 0, {true, 2});
     if (!scene || scene->view().blend_masks != nullptr) continue;  // test_blend.cpp has layers
     runtime::CameraOptions camera;
     camera.width = 320;

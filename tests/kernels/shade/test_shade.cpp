@@ -1,7 +1,6 @@
 #include <random>
 #include <set>
 
-#include "kernels/cpu/backend.h"
 #include "tests/kernels/square.h"
 
 using namespace scree;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <random>
 
-#include "kernels/cpu/backend.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/kernels/square.h"
 

@@ -2,13 +2,13 @@
 #include "kernels/shade/texel_pager.h"
 
 #include <algorithm>
-#include <bit>
 #include <random>
 #include <set>
 #include <vector>
 
 #include "kernels/shade/texture.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 
 using namespace scree;
 using kernels::UnfinishedTile;
@@ -155,14 +155,10 @@ TEST_CASE("every pixel is finished once, with any memory for pages", "[texel_pag
 TEST_CASE("a pixel with more pages than memory is an error, and so is a bad page", "[texel_pager]") {
   TestPicture picture(20, 50, 6);
   TestPager small(50, picture.most_pages() - 1);
-  const auto refused = picture.shade(small);
-  REQUIRE_FALSE(refused);
-  CHECK(refused.error().code == ErrorCode::kMemory);
+  CHECK(refusal(picture.shade(small)).code == ErrorCode::kMemory);
   TestPager bad(50, 50);
   bad.fails = true;
-  const auto failed = picture.shade(bad);
-  REQUIRE_FALSE(failed);
-  CHECK(failed.error().code == ErrorCode::kChecksum);
+  CHECK(refusal(picture.shade(bad)).code == ErrorCode::kChecksum);
   CHECK(bad.mutex().try_lock());
   bad.mutex().unlock();
 }

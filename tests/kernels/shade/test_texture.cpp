@@ -3,7 +3,6 @@
 #include "kernels/shade/texture.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>

@@ -12,6 +12,7 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
@@ -52,8 +53,7 @@ View camera(const Scene& scene, int number, uint32_t width, uint32_t height) {
 /// Returns the largest number of layers of the cameras; 0 if nothing blends.
 uint32_t compare(const Scene& scene, int cameras, uint32_t width, uint32_t height, const ShadeOptions& options = {}) {
   if (scene.view().blend_masks == nullptr || !tests::has_gpu()) return 0;
-  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
-  if (!device) FAIL(device.error().message);
+  DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
   uint32_t layers = 0;
   for (int i = 0; i < cameras; ++i) {
     INFO("camera " << i);
@@ -62,20 +62,19 @@ uint32_t compare(const Scene& scene, int cameras, uint32_t width, uint32_t heigh
     std::vector<uint64_t> samples(count);
     REQUIRE(kernels::draw_cpu(scene.view(), view, samples, 2));
     BlendCounts counts;
-    const Result<std::vector<float>> expected = kernels::blend_cpu(scene.view(), view, samples, options, 2, counts);
-    REQUIRE(expected);
+    const std::vector<float> expected = must(kernels::blend_cpu(scene.view(), view, samples, options, 2, counts));
     std::vector<float> over(4 * count);
-    REQUIRE(device->draw(view));
-    REQUIRE(device->read_over(view, options, over));
-    CHECK(device->blended().layers == counts.layers);
-    CHECK(device->blended().samples_left_out == counts.samples_left_out);
+    REQUIRE(device.draw(view));
+    REQUIRE(device.read_over(view, options, over));
+    CHECK(device.blended().layers == counts.layers);
+    CHECK(device.blended().samples_left_out == counts.samples_left_out);
     size_t other_shares = 0;
     size_t far_colors = 0;  // normals at grazing angles, and footprints between two levels
     for (size_t s = 0; s < over.size(); ++s) {
       if (s % 4 == 3)
-        other_shares += over[s] == (*expected)[s] ? 0 : 1;
+        other_shares += over[s] == expected[s] ? 0 : 1;
       else
-        far_colors += std::abs(over[s] - (*expected)[s]) <= 0.01f * (1 + std::abs((*expected)[s])) ? 0 : 1;
+        far_colors += std::abs(over[s] - expected[s]) <= 0.01f * (1 + std::abs(expected[s])) ? 0 : 1;
     }
     CHECK(other_shares == 0);
     CHECK(far_colors <= over.size() / 500);

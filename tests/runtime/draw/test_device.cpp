@@ -16,6 +16,7 @@
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -54,32 +55,27 @@ size_t differing(const Picture& a, const Picture& b) {
 }
 
 void compare_pictures(const Frame& cpu, const Frame& gpu, const scree::kernels::ShadeOptions& options) {
-  const Result<Picture> on_cpu = cpu.shade(options, 2);
-  const Result<Picture> on_gpu = gpu.shade(options, 2);
-  REQUIRE(on_cpu);
-  REQUIRE(on_gpu);
-  REQUIRE(on_cpu->channels == on_gpu->channels);
+  const Picture on_cpu = must(cpu.shade(options, 2));
+  const Picture on_gpu = must(gpu.shade(options, 2));
+  REQUIRE(on_cpu.channels == on_gpu.channels);
   INFO("show " << static_cast<int>(options.show) << ", ssao " << options.ssao << ", edl " << options.edl);
-  CHECK(differing(*on_cpu, *on_gpu) <= on_cpu->pixels.size() / 10000);
+  CHECK(differing(on_cpu, on_gpu) <= on_cpu.pixels.size() / 10000);
 }
 
 void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t samples_per_side) {
-  Result<Frame> cpu = Frame::draw(scene, view, samples_per_side, 2);
-  Result<Frame> gpu = Frame::draw(scene, view, samples_per_side, 2, &device);
-  REQUIRE(cpu);
-  REQUIRE(gpu);
-  REQUIRE(gpu->read_samples());
-  Result<Frame> again = Frame::draw(scene, view, samples_per_side, 2, &device);
-  REQUIRE(again);
-  REQUIRE(again->read_samples());
-  CHECK(std::equal(cpu->samples().begin(), cpu->samples().end(), gpu->samples().begin(), gpu->samples().end()));
-  CHECK(std::equal(gpu->samples().begin(), gpu->samples().end(), again->samples().begin(), again->samples().end()));
+  Frame cpu = must(Frame::draw(scene, view, samples_per_side, 2));
+  Frame gpu = must(Frame::draw(scene, view, samples_per_side, 2, &device));
+  REQUIRE(gpu.read_samples());
+  Frame again = must(Frame::draw(scene, view, samples_per_side, 2, &device));
+  REQUIRE(again.read_samples());
+  CHECK(std::equal(cpu.samples().begin(), cpu.samples().end(), gpu.samples().begin(), gpu.samples().end()));
+  CHECK(std::equal(gpu.samples().begin(), gpu.samples().end(), again.samples().begin(), again.samples().end()));
   scree::kernels::ShadeOptions options;
   for (const Show show : {Show::kTexture, Show::kColor, Show::kUv, Show::kNormal, Show::kTriangle, Show::kCluster,
                           Show::kMesh, Show::kStage, Show::kDepth}) {
     if (scree::tests::kEmulatesGpu && (show == Show::kColor || show == Show::kCluster || show == Show::kMesh)) continue;
     options.show = show;
-    compare_pictures(*cpu, *again, options);
+    compare_pictures(cpu, again, options);
   }
   options.show = Show::kTexture;
   options.background[1] = 0.5f;
@@ -88,7 +84,7 @@ void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t
     if (scree::tests::kEmulatesGpu && occlusion != 3) continue;
     options.ssao = (occlusion & 1) != 0;
     options.edl = (occlusion & 2) != 0;
-    compare_pictures(*cpu, *again, options);
+    compare_pictures(cpu, again, options);
   }
 }
 
@@ -109,24 +105,22 @@ TEST_CASE("the GPU draws the same as the CPU", "[cuda]") {
       convert.encoding = encoding;
       if (!scree::convert::convert(convert)) continue;
       const Scene scene = must_load(convert.output);
-      Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
-      REQUIRE(device);
+      DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
       scree::runtime::CameraOptions camera;
       camera.width = scree::tests::kEmulatesGpu ? 101 : 321;
       camera.height = scree::tests::kEmulatesGpu ? 61 : 123;
-      const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
-      REQUIRE(view);
+      const View view = must(scree::runtime::make_view(scene.container(), 0, scene.view(), camera));
       for (const uint32_t samples : {1u, 2u, 4u})
-        if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, *device, *view, samples);
+        if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, device, view, samples);
       if (scree::tests::kEmulatesGpu && encoding == Encoding::kIndexed) continue;
-      View flat = *view;  // the same picture from an orthographic camera
+      View flat = view;  // the same picture from an orthographic camera
       flat.orthographic = true;
       double height = 0;
       for (size_t i = 0; i < 3; ++i) height = std::max(height, std::abs(flat.eye[i]));
       flat.half_height = std::max(height, 1.0);
       flat.half_width = flat.half_height * flat.width / flat.height;
       flat.z_far = flat.z_near + 100 * flat.half_height;
-      compare(scene, *device, flat, 2);
+      compare(scene, device, flat, 2);
     }
 }
 
@@ -148,28 +142,22 @@ TEST_CASE("pages that only the GPU has are drawn and picked as on the CPU", "[cu
     for (const std::string& path : {convert.output, paged}) {
       const Scene whole = must_load(path);
       const Scene scene = must_load(path, {.threads = 2, .pages = false});
-      Result<DeviceScene> device = DeviceScene::upload(scene, 0, 3);
-      REQUIRE(device);
-      CHECK(device->stats().counts.pages == scene.drawn_pages().size());
+      DeviceScene device = must(DeviceScene::upload(scene, 0, 3));
+      CHECK(device.stats().counts.pages == scene.drawn_pages().size());
       scree::runtime::CameraOptions camera;
       camera.width = 333;
       camera.height = 222;
-      const Result<View> view = scree::runtime::make_view(whole.container(), 0, whole.view(), camera);
-      REQUIRE(view);
-      const Result<Frame> cpu = Frame::draw(whole, *view, 1, 2);
-      Result<Frame> gpu = Frame::draw(scene, *view, 1, 2, &*device);
-      REQUIRE(cpu);
-      REQUIRE(gpu);
-      REQUIRE(gpu->read_samples());
-      CHECK(std::equal(cpu->samples().begin(), cpu->samples().end(), gpu->samples().begin(), gpu->samples().end()));
-      const auto on_cpu = cpu->pick(166, 111);
-      const auto on_gpu = gpu->pick(166, 111);
-      REQUIRE(on_cpu);
-      REQUIRE(on_gpu);
-      REQUIRE(on_cpu->has_value());
-      REQUIRE(on_gpu->has_value());
-      CHECK((*on_cpu)->source_triangle == (*on_gpu)->source_triangle);
-      CHECK((*on_cpu)->mesh_triangle == (*on_gpu)->mesh_triangle);
+      const View view = must(scree::runtime::make_view(whole.container(), 0, whole.view(), camera));
+      const Frame cpu = must(Frame::draw(whole, view, 1, 2));
+      Frame gpu = must(Frame::draw(scene, view, 1, 2, &device));
+      REQUIRE(gpu.read_samples());
+      CHECK(std::equal(cpu.samples().begin(), cpu.samples().end(), gpu.samples().begin(), gpu.samples().end()));
+      const auto on_cpu = must(cpu.pick(166, 111));
+      const auto on_gpu = must(gpu.pick(166, 111));
+      REQUIRE(on_cpu.has_value());
+      REQUIRE(on_gpu.has_value());
+      CHECK(on_cpu->source_triangle == on_gpu->source_triangle);
+      CHECK(on_cpu->mesh_triangle == on_gpu->mesh_triangle);
     }
   }
 }
@@ -195,63 +183,53 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
     camera.eye = scree::runtime::Vec3{2.0 - 0.5 * i, 1.5, 2};
     camera.target = scree::runtime::Vec3{0, 0, 0};
     views.push_back(scree::tests::must_view(scene, camera));
-    const Result<Frame> frame = Frame::draw(scene, scree::tests::omitting(views[i], bits[0].data()), 1, 2);
-    REQUIRE(frame);
-    const Result<std::vector<int64_t>> ids = frame->layer<int64_t>(scree::runtime::PixelLayer::kTriangle, 2);
-    REQUIRE(ids);
-    expected.insert(expected.end(), ids->begin(), ids->end());
-    if (i == 0) first.assign(frame->samples().begin(), frame->samples().end());
+    const Frame frame = must(Frame::draw(scene, scree::tests::omitting(views[i], bits[0].data()), 1, 2));
+    const std::vector<int64_t> ids = must(frame.layer<int64_t>(scree::runtime::PixelLayer::kTriangle, 2));
+    expected.insert(expected.end(), ids.begin(), ids.end());
+    if (i == 0) first.assign(frame.samples().begin(), frame.samples().end());
   }
-  const Result<Frame> whole = Frame::draw(scene, views[0], 1, 2);
-  const Result<Frame> other = Frame::draw(scene, scree::tests::omitting(views[0], bits[1].data()), 1, 2);
-  REQUIRE(whole);
-  REQUIRE(other);
+  const Frame whole = must(Frame::draw(scene, views[0], 1, 2));
+  const Frame other = must(Frame::draw(scene, scree::tests::omitting(views[0], bits[1].data()), 1, 2));
   const auto is = [](std::span<const uint64_t> a, std::span<const uint64_t> b) {
     return std::equal(a.begin(), a.end(), b.begin(), b.end());
   };
-  CHECK_FALSE(is(first, whole->samples()));
-  CHECK_FALSE(is(first, other->samples()));
+  CHECK_FALSE(is(first, whole.samples()));
+  CHECK_FALSE(is(first, other.samples()));
   if (!scree::tests::has_gpu()) return;
 
-  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
-  REQUIRE(device);
-  CHECK(device->set_omitted(std::vector<uint32_t>(2)).error().code == scree::ErrorCode::kRange);
-  CHECK(device->set_omitted({}).value() == nullptr);
+  DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
+  CHECK(device.set_omitted(std::vector<uint32_t>(2)).error().code == scree::ErrorCode::kRange);
+  CHECK(device.set_omitted({}).value() == nullptr);
   std::vector<scree::runtime::DeviceView> both;
   for (int i = 0; i < 2; ++i) {
-    Result<scree::runtime::DeviceView> view = device->add_view(scene);
-    REQUIRE(view);
-    both.push_back(std::move(*view));
+    scree::runtime::DeviceView view = must(device.add_view(scene));
+    both.push_back(std::move(view));
   }
   std::vector<uint64_t> samples(first.size());
   for (const size_t set : {0u, 1u, 2u, 0u}) {
-    const Result<const uint32_t*> brought = device->set_omitted(set == 2 ? std::vector<uint32_t>() : bits[set]);
-    REQUIRE(brought);
+    const uint32_t* const brought = must(device.set_omitted(set == 2 ? std::vector<uint32_t>() : bits[set]));
     for (scree::runtime::DeviceView& view : both) {
-      REQUIRE(view.draw(scree::tests::omitting(views[0], *brought)));
+      REQUIRE(view.draw(scree::tests::omitting(views[0], brought)));
       REQUIRE(view.read_samples(samples));
-      CHECK(is(samples, set == 2 ? whole->samples() : set == 1 ? other->samples() : first));
+      CHECK(is(samples, set == 2 ? whole.samples() : set == 1 ? other.samples() : first));
     }
   }
-  const Result<const uint32_t*> brought = device->set_omitted(bits[0]);
-  REQUIRE(brought);
-  for (View& view : views) view.omitted = *brought;
+  const uint32_t* const brought = must(device.set_omitted(bits[0]));
+  for (View& view : views) view.omitted = brought;
   const uint64_t bytes = first.size() * sizeof(int64_t);
-  const Result<std::byte*> block = both[1].reserve_block(0, views.size() * bytes);
-  REQUIRE(block);
+  std::byte* const block = must(both[1].reserve_block(0, views.size() * bytes));
   const auto target = [&](size_t i) {
-    return scree::runtime::target_of(scree::runtime::PixelLayer::kTriangle, *block + i * bytes);
+    return scree::runtime::target_of(scree::runtime::PixelLayer::kTriangle, block + i * bytes);
   };
   std::vector<int64_t> ids(expected.size());
   REQUIRE(
       both[1].draw_batch(scene, views, nullptr, [&](size_t i) { return both[1].make_layers(views[i], 1, target(i)); }));
-  REQUIRE(both[1].read(*block, std::as_writable_bytes(std::span(ids))));
+  REQUIRE(both[1].read(block, std::as_writable_bytes(std::span(ids))));
   CHECK(ids == expected);
   ids.assign(ids.size(), 0);
-  const auto together = both[1].draw_together(scene, views, 1, target(0));
-  REQUIRE(together);
-  REQUIRE(together->has_value());
-  REQUIRE(both[1].read(*block, std::as_writable_bytes(std::span(ids))));
+  const auto together = must(both[1].draw_together(scene, views, 1, target(0)));
+  REQUIRE(together.has_value());
+  REQUIRE(both[1].read(block, std::as_writable_bytes(std::span(ids))));
   CHECK(ids == expected);
 }
 
@@ -260,25 +238,21 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
   using scree::runtime::PixelLayer;
   const scree::tests::TempFolder folder;
   const Scene scene = load_cube(folder);
-  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
-  REQUIRE(device);
-  Result<scree::runtime::DeviceView> drawn = device->add_view(scene);
-  REQUIRE(drawn);
+  DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
+  scree::runtime::DeviceView drawn = must(device.add_view(scene));
   const scree::kernels::ShadeOptions options;
   const auto outputs = [&](const View& view) {
     const uint64_t pixels = uint64_t{view.width} * view.height;
     std::vector<uint64_t> samples(pixels);
     std::vector<uint32_t> rgba(pixels), joined(pixels);
     std::vector<float> depths(pixels);
-    REQUIRE(drawn->read_samples(samples));
-    REQUIRE(drawn->resolve(view, 1, options, rgba));
-    REQUIRE(drawn->make_colors(view, options));
-    const Result<uint32_t*> made = drawn->resolve_colors(view, 1, options);
-    REQUIRE(made);
-    REQUIRE(drawn->read(*made, std::as_writable_bytes(std::span(joined))));
-    const Result<const std::byte*> layer = drawn->make_layer(view, 1, PixelLayer::kDepth);
-    REQUIRE(layer);
-    REQUIRE(drawn->read(*layer, std::as_writable_bytes(std::span(depths))));
+    REQUIRE(drawn.read_samples(samples));
+    REQUIRE(drawn.resolve(view, 1, options, rgba));
+    REQUIRE(drawn.make_colors(view, options));
+    uint32_t* const made = must(drawn.resolve_colors(view, 1, options));
+    REQUIRE(drawn.read(made, std::as_writable_bytes(std::span(joined))));
+    const std::byte* const layer = must(drawn.make_layer(view, 1, PixelLayer::kDepth));
+    REQUIRE(drawn.read(layer, std::as_writable_bytes(std::span(depths))));
     return std::tuple(samples, rgba, joined, depths);
   };
   std::vector<View> views;
@@ -290,11 +264,11 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
     camera.eye = scree::runtime::Vec3{2.0 - 0.9 * i, 1.5, 2};
     camera.target = scree::runtime::Vec3{0, 0, 0};
     views.push_back(scree::tests::must_view(scene, camera));
-    REQUIRE(drawn->draw(views[i]));
+    REQUIRE(drawn.draw(views[i]));
     expected.push_back(outputs(views[i]));
     if (i > 0) CHECK(std::get<0>(expected[i]) != std::get<0>(expected[i - 1]));
   }
-  REQUIRE(drawn->draw(views[0]));
+  REQUIRE(drawn.draw(views[0]));
   for (size_t i = 0; i < views.size(); ++i) {
     INFO("picture " << i);
     uint64_t* joined = nullptr;  // the scene has one pass, at whose end all samples are drawn
@@ -303,28 +277,24 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
       joined = samples;
       return {};
     };
-    if (i == 1) REQUIRE(drawn->start(views[i + 1], join));
-    if (i != 1 && i + 1 < views.size()) REQUIRE(drawn->start(views[i + 1]));
-    CHECK(drawn->has_started() == (i + 1 < views.size()));
+    if (i == 1) REQUIRE(drawn.start(views[i + 1], join));
+    if (i != 1 && i + 1 < views.size()) REQUIRE(drawn.start(views[i + 1]));
+    CHECK(drawn.has_started() == (i + 1 < views.size()));
     CHECK((outputs(views[i]) == expected[i]));
-    CHECK(static_cast<bool>(drawn->make_layer(views[i], 1, PixelLayer::kNormal)) == !drawn->has_started());
-    if (!drawn->has_started()) continue;
-    const Result<bool> finished = drawn->finish();
-    REQUIRE(finished);
-    CHECK((i != 1 || *finished));
-    CHECK((i == 1) == (joined == drawn->samples().value()));
+    CHECK(static_cast<bool>(drawn.make_layer(views[i], 1, PixelLayer::kNormal)) == !drawn.has_started());
+    if (!drawn.has_started()) continue;
+    const bool finished = must(drawn.finish());
+    CHECK((i != 1 || finished));
+    CHECK((i == 1) == (joined == drawn.samples().value()));
   }
-  REQUIRE(drawn->start(views[1]));  // and not finished
+  REQUIRE(drawn.start(views[1]));  // and not finished
 }
 
 TEST_CASE("a scene larger than its limit of device memory is refused with both sizes", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   const scree::tests::TempFolder folder;
   const Scene scene = load_cube(folder);
-  const Result<DeviceScene> device = DeviceScene::upload(scene, 16, 1);
-  REQUIRE_FALSE(device);
-  CHECK(device.error().code == scree::ErrorCode::kDevice);
-  CHECK(device.error().message.find("16 are allowed") != std::string::npos);
+  check_refusal(DeviceScene::upload(scene, 16, 1), scree::ErrorCode::kDevice, "16 are allowed");
 }
 
 #ifdef SCREE_HAS_CUDA
@@ -332,35 +302,29 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
   if (!scree::tests::has_gpu()) return;
   const scree::tests::TempFolder folder;
   const Scene scene = load_cube(folder);
-  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
-  REQUIRE(device);
+  DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
   // A cube that fills the picture: large triangles, many tiles, and medium triangles in the smaller picture.
   for (const uint32_t width : {700u, 60u}) {
     scree::runtime::CameraOptions camera;
     camera.width = width;
     camera.height = width;
-    const Result<View> view = scree::runtime::make_view(scene.container(), 0, scene.view(), camera);
-    REQUIRE(view);
-    const Result<Frame> cpu = Frame::draw(scene, *view, 1, 2);
-    REQUIRE(cpu);
-    Result<scree::kernels::CudaFrames> frames =
-        scree::kernels::CudaFrames::create(scene.view(), device->device_view(), {1, 1, 1});
-    REQUIRE(frames);
+    const View view = must(scree::runtime::make_view(scene.container(), 0, scene.view(), camera));
+    const Frame cpu = must(Frame::draw(scene, view, 1, 2));
+    scree::kernels::CudaFrames frames =
+        must(scree::kernels::CudaFrames::create(scene.view(), device.device_view(), {1, 1, 1}));
     std::vector<uint64_t> samples(size_t{width} * width);
-    Result<scree::kernels::DeviceBuffer> buffer =
-        scree::kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture");
-    REQUIRE(buffer);
-    const auto stats = frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()));
-    REQUIRE(stats);
-    CHECK(stats->triangles_medium + stats->triangles_large > 1);
+    scree::kernels::DeviceBuffer buffer =
+        must(scree::kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "allocating the picture"));
+    const auto stats = must(frames.draw(view, reinterpret_cast<uint64_t*>(buffer.data())));
+    CHECK(stats.triangles_medium + stats.triangles_large > 1);
     REQUIRE(scree::kernels::cuda_check(
-        cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
-    CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
+        cudaMemcpy(samples.data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
+    CHECK(std::equal(samples.begin(), samples.end(), cpu.samples().begin(), cpu.samples().end()));
     // The picture is the same when no triangle is dropped before its projection.
-    REQUIRE(frames->draw(*view, reinterpret_cast<uint64_t*>(buffer->data()), {false}));
+    REQUIRE(frames.draw(view, reinterpret_cast<uint64_t*>(buffer.data()), {false}));
     REQUIRE(scree::kernels::cuda_check(
-        cudaMemcpy(samples.data(), buffer->data(), buffer->bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
-    CHECK(std::equal(samples.begin(), samples.end(), cpu->samples().begin(), cpu->samples().end()));
+        cudaMemcpy(samples.data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
+    CHECK(std::equal(samples.begin(), samples.end(), cpu.samples().begin(), cpu.samples().end()));
   }
 }
 #endif

@@ -12,7 +12,7 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/common/backend.h"
@@ -60,14 +60,9 @@ TEST_CASE("a GPU is named by its index, its UUID or a prefix of its UUID", "[dev
   CHECK(runtime::find_gpu(gpus, gpus[0].uuid)->name == "first");
   CHECK(runtime::find_gpu(gpus, "gpu-5FD5")->name == "second");
   for (const char* none : {"2", "99999999999999999999", "GPU-6", "GPU-5fd4f087-86f3-7a43-b711-4771313afc500"}) {
-    const Result<Gpu> found = runtime::find_gpu(gpus, none);
-    REQUIRE_FALSE(found);
-    CHECK(found.error().code == ErrorCode::kDevice);
-    CHECK(found.error().message.find("there is 0 GPU-5fd4f087") != std::string::npos);
+    check_refusal(runtime::find_gpu(gpus, none), ErrorCode::kDevice, "there is 0 GPU-5fd4f087");
   }
-  const Result<Gpu> several = runtime::find_gpu(gpus, "GPU-5fd");
-  REQUIRE_FALSE(several);
-  CHECK(several.error().message.find("several") != std::string::npos);
+  CHECK(refusal(runtime::find_gpu(gpus, "GPU-5fd")).message.find("several") != std::string::npos);
 
   for (const char* good : {"0", "17", "GPU-5", "gpu-5FD4f087-86f3"}) CHECK(runtime::names_gpu(good));
   for (const char* bad : {"", "-1", "1.5", "cuda:0", "GPU-", "GPU-xyz", "0 "}) CHECK_FALSE(runtime::names_gpu(bad));
@@ -87,9 +82,7 @@ TEST_CASE("the GPU of --device is used, and it is an error if it cannot draw", "
     CHECK(parse_backend(backend, "", gpus).error().code == ErrorCode::kUsage);
   for (const auto& [backend, device] : {std::pair{"cpu", "0"}, {"auto", "-1"}, {"gpu", ""}, {"cuda", "cuda:0"}}) {
     CAPTURE(backend, device);
-    const auto options = parse_backend(backend, device);
-    REQUIRE_FALSE(options);
-    CHECK(options.error().code == ErrorCode::kUsage);
+    CHECK(refusal(parse_backend(backend, device)).code == ErrorCode::kUsage);
   }
 }
 
@@ -148,9 +141,7 @@ TEST_CASE("the first usable GPU is taken, and the others are listed with a reaso
   CHECK(runtime::use_gpu("GPU-e3")->index == 3);
   for (const char* bad : {"0", "1", "4", "GPU-e", "GPU-e0"}) {
     CAPTURE(bad);
-    const Result<Gpu> refused = runtime::use_gpu(bad);
-    REQUIRE_FALSE(refused);
-    CHECK(refused.error().code == ErrorCode::kDevice);
+    CHECK(refusal(runtime::use_gpu(bad)).code == ErrorCode::kDevice);
   }
   CHECK(runtime::use_gpu("2"));
 }
@@ -172,18 +163,16 @@ TEST_CASE("processes of a host take its GPUs in turn", "[device]") {
     CHECK(taken() == "1 1 3 3 1 1 3 ");
   }
   const Variable gpus("SCREE_EMULATED_GPU", "6.1,6.1");
-  const Result<Gpu> none = runtime::use_gpu_in_turn(3);
-  REQUIRE_FALSE(none);
-  CHECK(none.error().message.find("compute capability 6.1, this program needs 7.5") != std::string::npos);
+  CHECK(refusal(runtime::use_gpu_in_turn(3)).message.find("compute capability 6.1, this program needs 7.5") !=
+        std::string::npos);
 }
 
 TEST_CASE("a missing or old driver and a missing GPU are different errors", "[device]") {
   {
     const Variable gpus("SCREE_EMULATED_GPU", "1");
     const Variable driver("SCREE_EMULATED_DRIVER", "11080");
-    const Result<Gpu> old = runtime::use_gpu();
-    REQUIRE_FALSE(old);
-    CHECK(old.error().message.find("too old: it runs CUDA up to 11.8, this program needs ") != std::string::npos);
+    CHECK(refusal(runtime::use_gpu()).message.find("too old: it runs CUDA up to 11.8, this program needs ") !=
+          std::string::npos);
   }
   {
     const Variable driver("SCREE_EMULATED_DRIVER", "0");

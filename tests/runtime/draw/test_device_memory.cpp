@@ -14,7 +14,7 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
-#include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
@@ -56,15 +56,12 @@ TEST_CASE("a picture of another size than the drawn frame is not resolved", "[cu
   const TempFolder folder;
   PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
   const Scene scene = must_load(folder.file("a.scree"));
-  Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
-  REQUIRE(device);
-  REQUIRE(device->draw(view_of(scene, 40, 20)));
+  DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
+  REQUIRE(device.draw(view_of(scene, 40, 20)));
   const kernels::ShadeOptions shade;
   std::vector<uint32_t> pixels(800);
-  CHECK(device->resolve(view_of(scene, 40, 20), 1, shade, pixels));
-  const Result<void> turned = device->resolve(view_of(scene, 20, 40), 1, shade, pixels);
-  REQUIRE_FALSE(turned);
-  CHECK(turned.error().code == ErrorCode::kRange);
+  CHECK(device.resolve(view_of(scene, 40, 20), 1, shade, pixels));
+  CHECK(refusal(device.resolve(view_of(scene, 20, 40), 1, shade, pixels)).code == ErrorCode::kRange);
 }
 
 #if defined(SCREE_EMULATED_CUDA)
@@ -106,14 +103,12 @@ TEST_CASE("a scene and its pictures stay within their limit of device memory", "
         return DeviceScene::upload(scene, budget, 2, Reading::kAuto, kCache, 0, needs);
       };
       // Without a limit, it takes the memory of a resident scene. With one byte less it is streamed.
-      const Result<DeviceScene> refused = upload(1);
-      REQUIRE_FALSE(refused);
-      const uint64_t least = least_device_memory(refused.error().message);
+      const auto refused = refusal(upload(1));
+      const uint64_t least = least_device_memory(refused.message);
       uint64_t resident = 0;
       {
-        const Result<DeviceScene> free = upload(0);
-        REQUIRE(free);
-        resident = free->stats().device_bytes;
+        const DeviceScene free = must(upload(0));
+        resident = free.stats().device_bytes;
       }
       REQUIRE(resident > 0);
       std::vector<uint64_t> samples;
@@ -122,19 +117,17 @@ TEST_CASE("a scene and its pictures stay within their limit of device memory", "
         CAPTURE(file, size.width, size.samples, budget, resident, least);
         REQUIRE(emulator::memory_of_gpu(0).now == 0);
         emulator::reset_peaks();
-        Result<DeviceScene> device = upload(budget);
-        if (!device) FAIL(device.error().message);
+        DeviceScene device = must(upload(budget));
         const kernels::View view = view_of(scene, size.width, size.height);
-        Result<Frame> frame = Frame::draw(scene, view, size.samples, 2, &*device, &shade);
-        if (!frame) FAIL(frame.error().message);
-        streamed += device->stream_stats().has_value() ? 1 : 0;
-        CHECK(device->stream_stats().has_value() == (budget != 0 && budget < resident));
-        REQUIRE(frame->shade(shade, 2));
-        REQUIRE(frame->read_samples());
+        Frame frame = must(Frame::draw(scene, view, size.samples, 2, &device, &shade));
+        streamed += device.stream_stats().has_value() ? 1 : 0;
+        CHECK(device.stream_stats().has_value() == (budget != 0 && budget < resident));
+        REQUIRE(frame.shade(shade, 2));
+        REQUIRE(frame.read_samples());
         const uint64_t peak = emulator::memory_of_gpu(0).peak;
         CHECK(peak <= (budget == 0 ? resident : budget));
-        if (samples.empty()) samples.assign(frame->samples().begin(), frame->samples().end());
-        CHECK(std::equal(samples.begin(), samples.end(), frame->samples().begin(), frame->samples().end()));
+        if (samples.empty()) samples.assign(frame.samples().begin(), frame.samples().end());
+        CHECK(std::equal(samples.begin(), samples.end(), frame.samples().begin(), frame.samples().end()));
       }
     }
   }
@@ -146,24 +139,20 @@ TEST_CASE("a streamed scene stays within its limit of pinned memory", "[cuda]") 
   const TempFolder folder;
   write_spheres(folder.file("a.scree"));
   const Scene scene = must_load(folder.file("a.scree"), {.threads = 2, .pages = false});
-  const Result<DeviceScene> refused = DeviceScene::upload(scene, 1, 2);
-  REQUIRE_FALSE(refused);
-  const uint64_t least = least_device_memory(refused.error().message);
+  const auto refused = refusal(DeviceScene::upload(scene, 1, 2));
+  const uint64_t least = least_device_memory(refused.message);
   const auto upload = [&](uint64_t host) { return DeviceScene::upload(scene, least, 2, Reading::kAuto, 0, host); };
-  const Result<DeviceScene> none = upload(1);
-  REQUIRE_FALSE(none);
-  CHECK(none.error().code == ErrorCode::kMemory);
-  CAPTURE(none.error().message);
-  const uint64_t least_host = least_device_memory(none.error().message);
+  const auto none = refusal(upload(1));
+  CHECK(none.code == ErrorCode::kMemory);
+  CAPTURE(none.message);
+  const uint64_t least_host = least_device_memory(none.message);
   for (const uint64_t host : {least_host, least_host + 4096, 4 * least_host, uint64_t{64} << 20}) {
     CAPTURE(host, least_host);
     REQUIRE(emulator::pinned_memory().now == 0);
     emulator::reset_peaks();
-    Result<DeviceScene> device = upload(host);
-    if (!device) FAIL(device.error().message);
-    const Result<Frame> frame = Frame::draw(scene, view_of(scene, 64, 48), 1, 2, &*device);
-    if (!frame) FAIL(frame.error().message);
-    REQUIRE(device->stream_stats());
+    DeviceScene device = must(upload(host));
+    must(Frame::draw(scene, view_of(scene, 64, 48), 1, 2, &device));
+    REQUIRE(device.stream_stats());
     CHECK(emulator::pinned_memory().peak <= host);
   }
 }
@@ -177,9 +166,8 @@ TEST_CASE("a scene is loaded on the chosen GPU", "[cuda]") {
   REQUIRE(runtime::use_gpu("1"));
   emulator::reset_peaks();
   {
-    Result<DeviceScene> device = DeviceScene::upload(scene, 0, 2);
-    REQUIRE(device);
-    REQUIRE(Frame::draw(scene, view_of(scene, 40, 20), 1, 2, &*device));
+    DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
+    REQUIRE(Frame::draw(scene, view_of(scene, 40, 20), 1, 2, &device));
     CHECK(emulator::memory_of_gpu(0).now == 0);
     CHECK(emulator::memory_of_gpu(1).now > 0);
   }
@@ -202,18 +190,15 @@ TEST_CASE("views draw on their scene's GPU, and the caller's GPU stays current",
     options.on = runtime::DrawOn::kGpu;
     options.gpu = "1";
     options.progress = listens;
-    const auto scene = runtime::LoadedScene::load(*runtime::SceneFile::open(folder.file("a.scree")), options);
-    if (!scene) FAIL(scene.error().message);
+    const auto scene = must(runtime::LoadedScene::load(*runtime::SceneFile::open(folder.file("a.scree")), options));
     CHECK(runtime::current_gpu()->index == 0);
     for (int i = 0; i < 2; ++i) {  // the second view has buffers of its own
-      auto view = runtime::ViewRenderer::create(*scene);
-      auto other = runtime::ViewRenderer::create(*scene);
-      REQUIRE(view);
-      REQUIRE(other);
+      const auto first = must(runtime::ViewRenderer::create(scene));
+      auto other = must(runtime::ViewRenderer::create(scene));
       CHECK(runtime::current_gpu()->index == 0);
-      REQUIRE((*other)->draw(view_of((*scene)->scene(), 40, 20), 1, {}));
-      REQUIRE((*other)->device_layer(runtime::Layer::kDepth, nullptr));
-      REQUIRE((*other)->pick(0, 0));
+      REQUIRE(other->draw(view_of(scene->scene(), 40, 20), 1, {}));
+      REQUIRE(other->device_layer(runtime::Layer::kDepth, nullptr));
+      REQUIRE(other->pick(0, 0));
       CHECK(runtime::current_gpu()->index == 0);
     }
   }
@@ -230,14 +215,13 @@ TEST_CASE("the progress function of one scene's loading draws another scene", "[
   const runtime::SceneFile file = *runtime::SceneFile::open(folder.file("a.scree"));
   runtime::LoadOptions options;
   options.on = runtime::DrawOn::kGpu;
-  const auto first = runtime::LoadedScene::load(file, options);
-  REQUIRE(first);
+  const auto first = must(runtime::LoadedScene::load(file, options));
   std::vector<std::string> stages;
   bool draws = true;
   runtime::JobProgress progress([&](const char* stage, uint64_t, uint64_t) {
     stages.push_back(stage);
-    const auto view = runtime::ViewRenderer::create(*first);
-    draws = draws && view && (*view)->draw(view_of((*first)->scene(), 16, 8), 1, {}) && (*view)->pick(0, 0);
+    const auto view = runtime::ViewRenderer::create(first);
+    draws = draws && view && (*view)->draw(view_of(first->scene(), 16, 8), 1, {}) && (*view)->pick(0, 0);
     return true;
   });
   options.progress = &progress;

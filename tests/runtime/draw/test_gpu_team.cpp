@@ -17,6 +17,7 @@
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
@@ -64,11 +65,8 @@ Result<DeviceScene> upload(const Scene& scene, uint32_t gpus, uint64_t budget = 
 
 std::vector<uint8_t> picture(const Scene& scene, DeviceScene& device, const View& view,
                              const kernels::ShadeOptions& options) {
-  const Result<Frame> frame = Frame::draw(scene, view, 2, 2, &device, &options);
-  if (!frame) FAIL(frame.error().message);
-  const Result<runtime::Picture> shaded = frame->shade(options, 2);
-  if (!shaded) FAIL(shaded.error().message);
-  return shaded->pixels;
+  const Frame frame = must(Frame::draw(scene, view, 2, 2, &device, &options));
+  return must(frame.shade(options, 2)).pixels;
 }
 
 }  // namespace
@@ -80,77 +78,69 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
   write_soup(folder.file("soup.scree"), false);
   const Scene whole = must_load(folder.file("soup.scree"));
   const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
-  Result<DeviceScene> alone = upload(scene, 1);
-  REQUIRE(alone);
+  DeviceScene alone = must(upload(scene, 1));
   // Each of several GPUs needs memory for one more draw list than a single GPU. With a byte less they share the pages.
-  const uint64_t too_little_for_all = alone->stats().device_bytes + kernels::CudaFrames::device_bytes(scene.view()) - 1;
+  const uint64_t too_little_for_all = alone.stats().device_bytes + kernels::CudaFrames::device_bytes(scene.view()) - 1;
   uint64_t with_all_pages = 0;
   for (const auto& [count, budget] : {std::pair<uint32_t, uint64_t>{2, 0}, {2, too_little_for_all}, {3, 0}}) {
     if (!has_gpus(count)) continue;
-    Result<DeviceScene> team = upload(scene, count, budget);
-    if (!team) FAIL(team.error().message);
-    CHECK(team->gpu_count() == count);
-    CHECK(team->stats().counts.pages == alone->stats().counts.pages);
+    DeviceScene team = must(upload(scene, count, budget));
+    CHECK(team.gpu_count() == count);
+    CHECK(team.stats().counts.pages == alone.stats().counts.pages);
     if (budget == 0)
-      with_all_pages = team->stats().device_bytes;
+      with_all_pages = team.stats().device_bytes;
     else
-      CHECK(team->stats().device_bytes < with_all_pages);
+      CHECK(team.stats().device_bytes < with_all_pages);
     for (int i = 0; i < 4; ++i) {
       CAPTURE(count, budget, i);
       // The last frame leaves out some instances; their bits lie on the first GPU.
       const std::vector<uint32_t> omitted =
           i == 3 ? random_omitted(scene.view().instance_count, 5) : std::vector<uint32_t>();
       const View view = view_of(scene, i);
-      const View on_team = omitting(view, team->set_omitted(omitted).value());
-      const View on_one = omitting(view, alone->set_omitted(omitted).value());
-      const Result<Frame> expected = Frame::draw(whole, omitting(view, i == 3 ? omitted.data() : nullptr), 1, 2);
-      Result<Frame> drawn = Frame::draw(scene, on_team, 1, 2, &*team);
-      REQUIRE(expected);
-      if (!drawn) FAIL(drawn.error().message);
-      REQUIRE(drawn->read_samples());
-      REQUIRE(std::equal(drawn->samples().begin(), drawn->samples().end(), expected->samples().begin(),
-                         expected->samples().end()));
-      CHECK(drawn->stats().instances_drawn == expected->stats().instances_drawn);
+      const View on_team = omitting(view, team.set_omitted(omitted).value());
+      const View on_one = omitting(view, alone.set_omitted(omitted).value());
+      const Frame expected = must(Frame::draw(whole, omitting(view, i == 3 ? omitted.data() : nullptr), 1, 2));
+      Frame drawn = must(Frame::draw(scene, on_team, 1, 2, &team));
+      REQUIRE(drawn.read_samples());
+      REQUIRE(std::equal(drawn.samples().begin(), drawn.samples().end(), expected.samples().begin(),
+                         expected.samples().end()));
+      CHECK(drawn.stats().instances_drawn == expected.stats().instances_drawn);
       kernels::ShadeOptions options;
       const kernels::Show shows[] = {kernels::Show::kTexture, kernels::Show::kNormal, kernels::Show::kDepth};
       options.show = shows[i % 3];
       options.ssao = i == 0;
       options.edl = i == 3;
-      CHECK(picture(scene, *team, on_team, options) == picture(scene, *alone, on_one, options));
+      CHECK(picture(scene, team, on_team, options) == picture(scene, alone, on_one, options));
     }
     const View view = view_of(scene, 0);
-    REQUIRE(alone->draw(view));
-    REQUIRE(team->draw(view));
+    REQUIRE(alone.draw(view));
+    REQUIRE(team.draw(view));
     for (const runtime::PixelLayer layer : {runtime::PixelLayer::kDepth, runtime::PixelLayer::kNormal}) {
       std::vector<std::byte> of_one(uint64_t{view.width} * view.height * runtime::layer_bytes(layer));
       std::vector<std::byte> of_team(of_one.size());
-      REQUIRE(alone->read_layer(view, 1, layer, of_one));
-      REQUIRE(team->read_layer(view, 1, layer, of_team));
+      REQUIRE(alone.read_layer(view, 1, layer, of_one));
+      REQUIRE(team.read_layer(view, 1, layer, of_team));
       CHECK(of_one == of_team);
     }
     // Hidden instances are hidden on all GPUs.
     const uint32_t omitted[] = {0b1001};
-    const Result<const uint32_t*> bits = team->set_omitted(omitted);
-    if (!bits) FAIL(bits.error().message);
+    const uint32_t* const bits = must(team.set_omitted(omitted));
     View hiding = view;
     hiding.omitted = omitted;
-    const Result<Frame> without = Frame::draw(whole, hiding, 1, 2);
-    REQUIRE(without);
-    hiding.omitted = *bits;
-    REQUIRE(team->draw(hiding));
+    const Frame without = must(Frame::draw(whole, hiding, 1, 2));
+    hiding.omitted = bits;
+    REQUIRE(team.draw(hiding));
     std::vector<uint64_t> seen(uint64_t{view.width} * view.height);
-    REQUIRE(team->read_samples(seen));
-    CHECK(std::equal(seen.begin(), seen.end(), without->samples().begin(), without->samples().end()));
+    REQUIRE(team.read_samples(seen));
+    CHECK(std::equal(seen.begin(), seen.end(), without.samples().begin(), without.samples().end()));
     // A batch is drawn by the first GPU alone, from the pages of all.
-    Result<runtime::DeviceView> batch = team->add_view(scene);
-    REQUIRE(batch);
+    runtime::DeviceView batch = must(team.add_view(scene));
     const View views[] = {view_of(scene, 0), view_of(scene, 2)};
-    REQUIRE(batch->draw_batch(scene, views, nullptr, [](size_t) { return Result<void>(); }));
+    REQUIRE(batch.draw_batch(scene, views, nullptr, [](size_t) { return Result<void>(); }));
     std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
-    REQUIRE(batch->read_samples(samples));
-    const Result<Frame> expected = Frame::draw(whole, views[1], 1, 2);
-    REQUIRE(expected);
-    CHECK(std::equal(samples.begin(), samples.end(), expected->samples().begin(), expected->samples().end()));
+    REQUIRE(batch.read_samples(samples));
+    const Frame expected = must(Frame::draw(whole, views[1], 1, 2));
+    CHECK(std::equal(samples.begin(), samples.end(), expected.samples().begin(), expected.samples().end()));
   }
 }
 
@@ -164,8 +154,7 @@ TEST_CASE("GPUs divide a picture or join their samples", "[cuda][gpus]") {
   write_soup(folder.file("soup.scree"), true);
   const Scene whole = must_load(folder.file("soup.scree"));
   const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
-  const Result<std::vector<int>> gpus = runtime::gpus_from(runtime::use_gpu()->index, 2);
-  REQUIRE(gpus);
+  const std::vector<int> gpus = must(runtime::gpus_from(runtime::use_gpu()->index, 2));
   const uint64_t all_pages = CudaScene::device_bytes(scene, nullptr, runtime::kDeviceTextureCache);
   for (const uint64_t budget : {uint64_t{0}, all_pages, all_pages - 1}) {
     GpuTeam team;
@@ -174,25 +163,21 @@ TEST_CASE("GPUs divide a picture or join their samples", "[cuda][gpus]") {
     options.threads = 2;
     options.queues.two_pass_groups = 1;  // hints also in a small scene
     options.queues.medium = 64;          // queues that grow
-    const Result<CudaScene> first = team.open(scene, *gpus, options);
-    if (!first) FAIL(first.error().message);
+    const CudaScene first = must(team.open(scene, gpus, options));
     CHECK(team.divides_picture() == (budget != all_pages - 1));
     for (int i = 0; i < 6; ++i) {
       CAPTURE(budget, i);
       const View view = view_of(scene, i);
       const uint64_t count = uint64_t{view.width} * view.height;
-      Result<kernels::DeviceBuffer> samples = kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "a test");
-      REQUIRE(samples);
-      const Result<Frame> expected = Frame::draw(whole, view, 1, 2);
-      REQUIRE(expected);
-      const Result<kernels::FrameStats> drawn = team.draw(view, reinterpret_cast<uint64_t*>(samples->data()));
-      if (!drawn) FAIL(drawn.error().message);
-      CHECK(drawn->instances_drawn == expected->stats().instances_drawn);
+      kernels::DeviceBuffer samples = must(kernels::DeviceBuffer::allocate(count * sizeof(uint64_t), "a test"));
+      const Frame expected = must(Frame::draw(whole, view, 1, 2));
+      const kernels::FrameStats drawn = must(team.draw(view, reinterpret_cast<uint64_t*>(samples.data())));
+      CHECK(drawn.instances_drawn == expected.stats().instances_drawn);
       std::vector<uint64_t> read(count);
       const auto rows_are_equal = [&](uint32_t end) {
-        REQUIRE(cudaMemcpy(read.data(), samples->data(), count * sizeof(uint64_t), cudaMemcpyDeviceToHost) ==
+        REQUIRE(cudaMemcpy(read.data(), samples.data(), count * sizeof(uint64_t), cudaMemcpyDeviceToHost) ==
                 cudaSuccess);
-        return std::equal(read.begin(), read.begin() + uint64_t{end} * view.width, expected->samples().begin());
+        return std::equal(read.begin(), read.begin() + uint64_t{end} * view.width, expected.samples().begin());
       };
       if (team.divides_picture()) {
         CHECK(team.rows(0).first == 0);
@@ -218,32 +203,29 @@ TEST_CASE("scenes of one page, with masks, textures and blending, are drawn by s
     convert.output = folder.file("scene.scree");
     REQUIRE(convert::convert(convert));
     const Scene scene = must_load(convert.output, {.threads = 2, .pages = false});
-    Result<DeviceScene> alone = upload(scene, 1);
-    Result<DeviceScene> team = upload(scene, 2);
-    REQUIRE(alone);
-    if (!team) FAIL(team.error().message);
+    DeviceScene alone = must(upload(scene, 1));
+    DeviceScene team = must(upload(scene, 2));
     const View view = must_view(must_load(convert.output), {.width = 96, .height = 64});
-    const std::vector<uint8_t> expected = picture(scene, *alone, view, {});
-    CHECK(picture(scene, *team, view, {}) == expected);
+    const std::vector<uint8_t> expected = picture(scene, alone, view, {});
+    CHECK(picture(scene, team, view, {}) == expected);
     // Views take turns: each is shaded as its own picture.
-    Result<runtime::DeviceView> one = team->add_view(scene), other = team->add_view(scene);
-    REQUIRE(one);
-    REQUIRE(other);
+    runtime::DeviceView one = must(team.add_view(scene));
+    runtime::DeviceView other = must(team.add_view(scene));
     View seen = view;
     seen.width *= 2;
     seen.height *= 2;
     View elsewhere = seen;
     for (size_t i = 0; i < 3; ++i) elsewhere.eye[i] += 0.3 * seen.right[i] - 0.2 * seen.forward[i];
-    REQUIRE(one->draw(seen));
-    REQUIRE(other->draw(elsewhere));
+    REQUIRE(one.draw(seen));
+    REQUIRE(other.draw(elsewhere));
     std::vector<uint64_t> samples(uint64_t{seen.width} * seen.height), samples_alone = samples;
-    REQUIRE(alone->draw(seen));
-    REQUIRE(alone->read_samples(samples_alone));
-    REQUIRE(one->read_samples(samples));
+    REQUIRE(alone.draw(seen));
+    REQUIRE(alone.read_samples(samples_alone));
+    REQUIRE(one.read_samples(samples));
     CHECK(samples == samples_alone);
-    REQUIRE(other->draw(elsewhere));
+    REQUIRE(other.draw(elsewhere));
     std::vector<uint32_t> pixels(uint64_t{view.width} * view.height);
-    REQUIRE(one->resolve(seen, 2, {}, pixels));
+    REQUIRE(one.resolve(seen, 2, {}, pixels));
     REQUIRE(expected.size() == 4 * pixels.size());
     CHECK(std::memcmp(pixels.data(), expected.data(), expected.size()) == 0);
   }
@@ -254,33 +236,30 @@ TEST_CASE("GPUs that cannot draw together are refused", "[cuda][gpus]") {
   const TempFolder folder;
   write_soup(folder.file("soup.scree"), false);
   const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
-  const auto refusal = [&](uint32_t gpus, uint64_t budget) {
+  const auto message = [&](uint32_t gpus, uint64_t budget) {
     REQUIRE(runtime::use_gpu());
-    const Result<DeviceScene> device = upload(scene, gpus, budget);
-    REQUIRE_FALSE(device);
-    CHECK(device.error().code == ErrorCode::kDevice);
-    return device.error().message;
+    const auto device = refusal(upload(scene, gpus, budget));
+    CHECK(device.code == ErrorCode::kDevice);
+    return device.message;
   };
 #if defined(SCREE_EMULATED_CUDA)
   {
     const EmulatedGpus emulated("9.0,9.0,6.1");
-    CHECK(refusal(3, 0) == "3 GPUs are wanted, and 2 can be used");
+    CHECK(message(3, 0) == "3 GPUs are wanted, and 2 can be used");
     // A scene that exceeds the memory of all is streamed by one.
-    const std::string too_small = refusal(2, 20000);
+    const std::string too_small = message(2, 20000);
     CHECK(too_small.ends_with(" where its chunks are streamed, but 20000 are allowed"));
-    Result<DeviceScene> streamed = upload(scene, 2, least_device_memory(too_small));
-    if (!streamed) FAIL(streamed.error().message);
-    CHECK(streamed->gpu_count() == 1);
-    CHECK(streamed->is_streamed());
-    Result<DeviceScene> all = upload(scene, runtime::kAllGpus);
-    REQUIRE(all);
-    CHECK(all->gpu_count() == 2);
+    DeviceScene streamed = must(upload(scene, 2, least_device_memory(too_small)));
+    CHECK(streamed.gpu_count() == 1);
+    CHECK(streamed.is_streamed());
+    DeviceScene all = must(upload(scene, runtime::kAllGpus));
+    CHECK(all.gpu_count() == 2);
   }
   const EmulatedGpus emulated("9.0,8.0");
-  CHECK(refusal(2, 0) ==
+  CHECK(message(2, 0) ==
         "GPU 0 cannot read the memory of GPU 1 (no peer access), so they cannot draw one scene together");
 #else
-  CHECK(refusal(runtime::kMostGpus, 0).starts_with("16 GPUs are wanted, and "));
+  CHECK(message(runtime::kMostGpus, 0).starts_with("16 GPUs are wanted, and "));
 #endif
 }
 

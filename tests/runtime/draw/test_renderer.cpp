@@ -10,16 +10,16 @@
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/small_scene.h"
 #include "tools/convert/convert.h"
 
-using scree::Error;
 using scree::ErrorCode;
+using scree::must;
 using scree::Result;
 using scree::kernels::ShadeOptions;
 using scree::kernels::View;
-using scree::runtime::CameraOptions;
 using scree::runtime::Frame;
 using scree::runtime::Pick;
 using scree::runtime::Picture;
@@ -47,15 +47,11 @@ View front_view(const Scene& scene, uint32_t width, uint32_t height) {
 }
 
 Frame draw(const Scene& scene, const View& view, uint32_t samples = 1, uint32_t threads = 2) {
-  Result<Frame> frame = Frame::draw(scene, view, samples, threads);
-  if (!frame) FAIL(frame.error().message);
-  return std::move(*frame);
+  return must(Frame::draw(scene, view, samples, threads));
 }
 
 Picture shade(const Frame& frame, const ShadeOptions& options = {}, uint32_t threads = 2) {
-  Result<Picture> picture = frame.shade(options, threads);
-  if (!picture) FAIL(picture.error().message);
-  return std::move(*picture);
+  return must(frame.shade(options, threads));
 }
 
 std::array<uint8_t, 4> pixel(const Picture& picture, uint32_t x, uint32_t y) {
@@ -109,10 +105,9 @@ TEST_CASE("picking returns node, mesh, triangle, source triangle and depth", "[r
     CHECK(low->mesh_triangle == 0);
     CHECK(low->source_triangle == 70u);
     CHECK(low->depth == Approx(2).epsilon(1e-5));
-    const std::optional<Pick> high = *frame.pick(33, 12);
-    REQUIRE(high);
-    CHECK(high->mesh_triangle == 1);
-    CHECK(high->source_triangle == 71u);
+    const Pick high = must(*frame.pick(33, 12));
+    CHECK(high.mesh_triangle == 1);
+    CHECK(high.source_triangle == 71u);
     CHECK_FALSE(*frame.pick(2, 2));
 
     const std::vector<float> depth = *frame.layer<float>(scree::runtime::PixelLayer::kDepth, 2);
@@ -181,10 +176,7 @@ TEST_CASE("a picture above the largest side is refused", "[renderer]") {
   const Scene scene = must_load(SmallScene{});
   View view = front_view(scene, 80, 40);
   view.width = 8193;
-  const Result<Frame> frame = Frame::draw(scene, view, 2, 1);
-  REQUIRE_FALSE(frame);
-  CHECK(frame.error().code == ErrorCode::kRange);
-  CHECK(frame.error().message.find("16386 x 80 samples") != std::string::npos);
+  check_refusal(Frame::draw(scene, view, 2, 1), ErrorCode::kRange, "16386 x 80 samples");
 }
 
 TEST_CASE("compressed pages draw the same picture as raw pages", "[renderer]") {
@@ -228,10 +220,9 @@ TEST_CASE("an image that differs from its record is named", "[renderer]") {
   };
   const ScratchPath path("image.scree");
   small.write(path.string());
-  const Result<Scene> scene = load_file(path.string());
-  REQUIRE_FALSE(scene);
-  CHECK(scene.error().code == ErrorCode::kFormat);
-  CHECK(scene.error().message == path.string() + ": image 0 (wall): the image is 2 x 2, but its record gives 4 x 2");
+  check_refusal(
+      load_file(path.string()),
+      {ErrorCode::kFormat, path.string() + ": image 0 (wall): the image is 2 x 2, but its record gives 4 x 2"});
 }
 
 TEST_CASE("scenes are found by name and by number", "[renderer]") {
@@ -242,18 +233,14 @@ TEST_CASE("scenes are found by name and by number", "[renderer]") {
     tables.scenes.push_back({tables.strings.add("Empty"), 1, 1, 0, 1, 0, 0});
   };
   small.write(path.string());
-  const Result<SceneFile> file = SceneFile::open(path.string());
-  if (!file) FAIL(file.error().message);
-  CHECK(*file->find_scene("") == 1);  // the default
-  CHECK(*file->find_scene("Main") == 0);
-  CHECK(*file->find_scene("0") == 0);
-  const Result<uint32_t> missing = file->find_scene("2");
-  REQUIRE_FALSE(missing);
-  CHECK(missing.error().code == ErrorCode::kUsage);
-  CHECK(missing.error().message == path.string() + ": no scene '2', expected one of 0 (Main), 1 (Empty)");
-  const Result<Scene> empty = load_file(path.string());
-  REQUIRE(empty);
-  const Frame frame = draw(*empty, front_view(*empty, 8, 8));
+  const SceneFile file = must(SceneFile::open(path.string()));
+  CHECK(*file.find_scene("") == 1);  // the default
+  CHECK(*file.find_scene("Main") == 0);
+  CHECK(*file.find_scene("0") == 0);
+  check_refusal(file.find_scene("2"),
+                {ErrorCode::kUsage, path.string() + ": no scene '2', expected one of 0 (Main), 1 (Empty)"});
+  const Scene empty = must(load_file(path.string()));
+  const Frame frame = draw(empty, front_view(empty, 8, 8));
   CHECK(frame.samples()[0] == kernels::kBackground);
   CHECK_FALSE(*frame.pick(4, 4));
 }
@@ -280,11 +267,7 @@ TEST_CASE("a scene with more triangles than there are ids is refused", "[rendere
   };
   const ScratchPath path("many.scree");
   small.write(path.string());
-  const Result<Scene> scene = load_file(path.string());
-  REQUIRE_FALSE(scene);
-  CHECK(scene.error().code == ErrorCode::kRange);
-  INFO(scene.error().message);
-  CHECK(scene.error().message.find("2^36 - 1") != std::string::npos);
+  check_refusal(load_file(path.string()), ErrorCode::kRange, "2^36 - 1");
 }
 
 TEST_CASE("real models are equal with one thread and many, and fill their part of the picture", "[renderer][models]") {
@@ -308,13 +291,11 @@ TEST_CASE("real models are equal with one thread and many, and fill their part o
     convert.input = (models / model.path).string();
     convert.output = path.string();
     convert.threads = 2;
-    const auto report = scree::convert::convert(convert);
-    if (!report) FAIL(report.error().message);
-    const Result<Scene> scene = load_file(path.string());
-    if (!scene) FAIL(scene.error().message);
-    const View view = must_view(*scene, {.width = 160, .height = 120});
-    const Frame one = draw(*scene, view, 2, 1);
-    const Frame many = draw(*scene, view, 2, 7);
+    must(scree::convert::convert(convert));
+    const Scene scene = must(load_file(path.string()));
+    const View view = must_view(scene, {.width = 160, .height = 120});
+    const Frame one = draw(scene, view, 2, 1);
+    const Frame many = draw(scene, view, 2, 7);
     CHECK(std::equal(one.samples().begin(), one.samples().end(), many.samples().begin()));
     const Picture picture = shade(one, {}, 1);
     CHECK(picture.pixels == shade(many, {}, 5).pixels);
@@ -324,9 +305,8 @@ TEST_CASE("real models are equal with one thread and many, and fill their part o
     covered /= 160 * 120;
     CHECK(covered > model.least);
     CHECK(covered < model.most);
-    const std::optional<Pick> pick = *one.pick(80, 60);
-    REQUIRE(pick);
-    CHECK(pick->mesh_triangle < scene->view().meshes[pick->mesh].triangle_count);
-    CHECK(pick->depth > view.z_near);
+    const Pick pick = must(*one.pick(80, 60));
+    CHECK(pick.mesh_triangle < scene.view().meshes[pick.mesh].triangle_count);
+    CHECK(pick.depth > view.z_near);
   }
 }

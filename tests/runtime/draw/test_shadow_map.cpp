@@ -14,7 +14,8 @@
 #include "runtime/draw/renderer.h"
 #include "tests/gpu.h"
 #include "tests/kernels/square.h"
-#include "tests/paths.h"
+#include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 
@@ -124,11 +125,10 @@ struct Sunny {
     scene.light_count = 2;
     REQUIRE(runtime::find_sun(scene) == 1u);
     const float* const d = lights[1].direction;
-    const std::optional<View> map = sun_view({d[0], d[1], d[2]}, runtime::scene_box(scene), view, kSide);
-    REQUIRE(map);
-    texel = 2 * map->half_width / map->width;
-    const std::vector<uint64_t> reached = scree::tests::draw(scene, *map), samples = scree::tests::draw(scene, view);
-    const SunShadow sun{reached.data(), *map, 1};
+    const View map = must(sun_view({d[0], d[1], d[2]}, runtime::scene_box(scene), view, kSide));
+    texel = 2 * map.half_width / map.width;
+    const std::vector<uint64_t> reached = scree::tests::draw(scene, map), samples = scree::tests::draw(scene, view);
+    const SunShadow sun{reached.data(), map, 1};
     ShadeOptions options;
     options.lighting = kernels::Lighting::kScene;
     std::vector<float> all(4 * samples.size()), shadowed(all.size());
@@ -230,11 +230,10 @@ TEST_CASE("the sun's view is no larger than the visible part of the scene", "[sh
   box.add({100, 10, 100});
   // From 2 above the ground straight down: 2 tan(0.25) to each side, and the box above that.
   const View camera = look_at({3, 2, 4}, {3, 0, 4}, 100, 100, 0.1, 0.5);
-  const std::optional<View> map = sun_view({0, -1, 0}, box, camera, 1024);
-  REQUIRE(map);
-  CHECK(map->half_width == Approx(2 * std::tan(0.25)).epsilon(0.01));
-  CHECK(map->half_height == Approx(2 * std::tan(0.25)).epsilon(0.01));
-  CHECK(map->z_far == Approx(10).epsilon(0.01));
+  const View map = must(sun_view({0, -1, 0}, box, camera, 1024));
+  CHECK(map.half_width == Approx(2 * std::tan(0.25)).epsilon(0.01));
+  CHECK(map.half_height == Approx(2 * std::tan(0.25)).epsilon(0.01));
+  CHECK(map.z_far == Approx(10).epsilon(0.01));
   CHECK(!sun_view({0, -1, 0}, WorldBox{}, camera, 1024));
   CHECK(!sun_view({0, -1, 0}, box, look_at({0, 20, 0}, {0, 30, 0}, 100, 100), 1024));
 
@@ -245,18 +244,16 @@ TEST_CASE("the sun's view is no larger than the visible part of the scene", "[sh
   CHECK(!sun_view({0, -1, 0}, box, clipped, 1024));
   clipped.clip_max[0] = 3;
   clipped.clip_max[2] = 4;
-  const std::optional<View> cut = sun_view({0, -1, 0}, box, clipped, 1024);
-  REQUIRE(cut);
-  CHECK(cut->clips);
-  CHECK(cut->clip_max[1] == 2);
-  CHECK(cut->z_far == Approx(2).epsilon(0.01));
+  const View cut = must(sun_view({0, -1, 0}, box, clipped, 1024));
+  CHECK(cut.clips);
+  CHECK(cut.clip_max[1] == 2);
+  CHECK(cut.z_far == Approx(2).epsilon(0.01));
 
   // A single point: it gives no size of a sample.
   WorldBox point;
   point.add({3, 1, 4});
-  const std::optional<View> least = sun_view({0, -1, 0}, point, camera, 64);
-  REQUIRE(least);
-  CHECK(kernels::check_frame(*least, 0));
+  const View least = must(sun_view({0, -1, 0}, point, camera, 64));
+  CHECK(kernels::check_frame(least, 0));
 }
 
 TEST_CASE("a box casts the shadow that ray casting finds, within two samples of its border", "[shadow]") {
@@ -403,15 +400,11 @@ Picture shadowed(const Scene& scene, ShadowMap& map, const View& camera, DeviceS
   ShadeOptions options;
   options.lighting = kernels::Lighting::kScene;
   if (casts) {
-    const Result<const SunShadow*> sun = map.draw(camera, kSide, 2);
-    REQUIRE(sun);
-    options.sun = *sun;
+    const SunShadow* const sun = must(map.draw(camera, kSide, 2));
+    options.sun = sun;
   }
-  const Result<Frame> frame = Frame::draw(scene, camera, 1, 2, device, &options);
-  REQUIRE(frame);
-  Result<Picture> picture = frame->shade(options, 2);
-  REQUIRE(picture);
-  return std::move(*picture);
+  const Frame frame = must(Frame::draw(scene, camera, 1, 2, device, &options));
+  return must(frame.shade(options, 2));
 }
 
 double mean(const Picture& picture) {
@@ -440,11 +433,10 @@ TEST_CASE("a shadow map is drawn anew only where a picture needs another one", "
   runtime::CameraOptions options{.turn_degrees = 30, .rise_degrees = 25, .fov_degrees = 20, .width = 96, .height = 64};
   size_t drawn = 0;
   const auto draw = [&](const View& camera, ShadowFit fit, uint32_t side = kSide) {
-    const Result<const SunShadow*> sun = map.draw(camera, side, 2, fit);
-    REQUIRE(sun);
-    REQUIRE(*sun != nullptr);
+    const SunShadow* const sun = must(map.draw(camera, side, 2, fit));
+    REQUIRE(sun != nullptr);
     drawn += map.draw_time().wall_ms > 0 ? 1 : 0;
-    return (*sun)->view;
+    return sun->view;
   };
   View camera = must_view(scene, options);
   const View exact = draw(camera, ShadowFit::kExact);
@@ -472,13 +464,11 @@ TEST_CASE("a shadow map is drawn anew only where a picture needs another one", "
                .height = 64};
     camera = must_view(scene, options);
     const View kept = draw(camera, ShadowFit::kMoving);
-    const Result<Frame> frame = Frame::draw(scene, camera, 1, 2);
-    REQUIRE(frame);
-    const Result<std::vector<float>> depths = frame->layer<float>(runtime::PixelLayer::kDepth, 2);
-    REQUIRE(depths);
+    const Frame frame = must(Frame::draw(scene, camera, 1, 2));
+    const std::vector<float> depths = must(frame.layer<float>(runtime::PixelLayer::kDepth, 2));
     size_t outside = 0, seen = 0;
     for (uint32_t pixel = 0; pixel < 96 * 64; ++pixel) {
-      const double depth = static_cast<double>((*depths)[pixel]);
+      const double depth = static_cast<double>(depths[pixel]);
       if (!std::isfinite(depth)) continue;
       ++seen;
       const double x = (2 * (pixel % 96 + 0.5) / 96 - 1) * camera.half_width * depth;
@@ -540,14 +530,12 @@ TEST_CASE("pictures with shadows are equal on the CPU and the GPU", "[shadow][cu
     if (has_gpu()) {
       ShadeOptions shade;
       const runtime::PictureNeeds pictures{96, 64, 1, &shade, false, kSide};
-      Result<DeviceScene> uploaded =
-          DeviceScene::upload(scene, budget, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache, 0, pictures);
-      if (!uploaded) FAIL(uploaded.error().message);
-      device = std::move(*uploaded);
+      DeviceScene uploaded = must(
+          DeviceScene::upload(scene, budget, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache, 0, pictures));
+      device = std::move(uploaded);
       CHECK(device->is_streamed() == (round == 1));
-      Result<runtime::DeviceView> first = device->add_view(scene);
-      REQUIRE(first);
-      own = std::move(*first);
+      runtime::DeviceView first = must(device->add_view(scene));
+      own = std::move(first);
       on_gpu.emplace(scene, &*device);
       const Result<DeviceScene> refused =
           DeviceScene::upload(scene, 1, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache, 0, pictures);

@@ -1,6 +1,5 @@
 // Scenes that exceed a GPU's budget, compared with the CPU's frames of the whole scene.
 #include <algorithm>
-#include <cstring>
 #include <iterator>
 #include <numeric>
 #include <optional>
@@ -22,6 +21,7 @@
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
@@ -100,9 +100,8 @@ TEST_CASE("a GPU lists and culls the same chunks as the host", "[cuda]") {
   std::optional<CudaScene> device;
   kernels::CudaVisibleChunks on_device;
   if (has_gpu) {
-    Result<CudaScene> uploaded = CudaScene::upload(scene, 0, 0, 2, Reading::kAuto, 0);
-    REQUIRE(uploaded);
-    device.emplace(std::move(*uploaded));
+    CudaScene uploaded = must(CudaScene::upload(scene, 0, 0, 2, Reading::kAuto, 0));
+    device.emplace(std::move(uploaded));
     REQUIRE(on_device.open(scene.view(), device->view()));
   } else {
     WARN("skipped: no GPU; the host's part alone");
@@ -145,14 +144,12 @@ TEST_CASE("a GPU lists and culls the same chunks as the host", "[cuda]") {
     outside += expected.size() - on_host.near_to_far().size();
     if (!has_gpu) continue;
 
-    const Result<std::span<const uint32_t>> nearest = on_device.find_nearest(view);
-    REQUIRE(nearest);
-    const std::vector<uint32_t> order = runtime::order_by_depth(*nearest);
+    const std::span<const uint32_t> nearest = must(on_device.find_nearest(view));
+    const std::vector<uint32_t> order = runtime::order_by_depth(nearest);
     REQUIRE(std::equal(order.begin(), order.end(), on_host.near_to_far().begin(), on_host.near_to_far().end()));
-    Result<kernels::DeviceBuffer> copy = kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "a test");
-    REQUIRE(copy);
-    REQUIRE(cudaMemcpy(copy->data(), samples.data(), copy->bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
-    REQUIRE(on_device.start_finding_shown(reinterpret_cast<const uint64_t*>(copy->data())));
+    kernels::DeviceBuffer copy = must(kernels::DeviceBuffer::allocate(samples.size() * sizeof(uint64_t), "a test"));
+    REQUIRE(cudaMemcpy(copy.data(), samples.data(), copy.bytes(), cudaMemcpyHostToDevice) == cudaSuccess);
+    REQUIRE(on_device.start_finding_shown(reinterpret_cast<const uint64_t*>(copy.data())));
     REQUIRE(cudaDeviceSynchronize() == cudaSuccess);
     const std::span<const uint32_t> shown = on_device.shown();
     REQUIRE(std::equal(shown.begin(), shown.end(), expected.begin(), expected.end()));
@@ -226,8 +223,7 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
     for (const uint64_t host_memory : {uint64_t{0}, some, lists + 2 * all}) {
       CAPTURE(pool, host_memory);
       if (scree::tests::kEmulatesGpu && (pool != 3 * largest || host_memory != some)) continue;
-      Result<DeviceScene> device = DeviceScene::upload(scene, beside + pool, 2, Reading::kAuto, 0, host_memory);
-      if (!device) FAIL(device.error().message);
+      DeviceScene device = must(DeviceScene::upload(scene, beside + pool, 2, Reading::kAuto, 0, host_memory));
       for (int i = 0; i < 6; ++i) {
         runtime::CameraOptions camera;
         camera.width = 211;
@@ -239,24 +235,21 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
         View on_device = view;
         if (i == 3) {
           view.omitted = omitted.data();
-          const Result<const uint32_t*> brought = device->set_omitted(omitted);
-          REQUIRE(brought);
-          on_device.omitted = *brought;
+          const uint32_t* const brought = must(device.set_omitted(omitted));
+          on_device.omitted = brought;
         }
         ShadeOptions shade;
         shade.show = i % 3 == 2 ? Show::kNormal : Show::kColor;
         shade.ssao = i == 3;
         const uint32_t side = i == 4 ? 2 : 1;
-        const Result<Frame> expected = Frame::draw(whole, view, side, 2);
-        REQUIRE(expected);
-        Result<Frame> frame = Frame::draw(scene, on_device, side, 2, &*device, &shade);
-        if (!frame) FAIL(frame.error().message);
-        REQUIRE(device->stream_stats());
-        const Result<Picture> picture = frame->shade(shade, 2);
-        const Result<Picture> reference = expected->shade(shade, 2);
-        REQUIRE(frame->read_samples());
-        REQUIRE(std::equal(frame->samples().begin(), frame->samples().end(), expected->samples().begin(),
-                           expected->samples().end()));
+        const Frame expected = must(Frame::draw(whole, view, side, 2));
+        Frame frame = must(Frame::draw(scene, on_device, side, 2, &device, &shade));
+        REQUIRE(device.stream_stats());
+        const Result<Picture> picture = frame.shade(shade, 2);
+        const Result<Picture> reference = expected.shade(shade, 2);
+        REQUIRE(frame.read_samples());
+        REQUIRE(std::equal(frame.samples().begin(), frame.samples().end(), expected.samples().begin(),
+                           expected.samples().end()));
         REQUIRE(picture);
         REQUIRE(reference);
         REQUIRE(picture->pixels.size() == reference->pixels.size());
@@ -267,10 +260,8 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
     }
   }
   // The same scene resident on the device: its pictures equal the streamed ones byte for byte.
-  Result<DeviceScene> resident = DeviceScene::upload(scene, 0, 2);
-  Result<DeviceScene> streamed = DeviceScene::upload(scene, beside + all / 4 + largest, 2, Reading::kAuto, 0);
-  REQUIRE(resident);
-  REQUIRE(streamed);
+  DeviceScene resident = must(DeviceScene::upload(scene, 0, 2));
+  DeviceScene streamed = must(DeviceScene::upload(scene, beside + all / 4 + largest, 2, Reading::kAuto, 0));
   runtime::CameraOptions camera;
   if (scree::tests::kEmulatesGpu) {
     camera.width = 120;
@@ -280,16 +271,12 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
   camera.target = runtime::Vec3{0, 0, 0};
   const View view = must_view(whole, camera);
   const ShadeOptions shade;
-  Result<Frame> a = Frame::draw(scene, view, 2, 2, &*resident);
-  Result<Frame> b = Frame::draw(scene, view, 2, 2, &*streamed, &shade);
-  REQUIRE(a);
-  REQUIRE(b);
-  const Result<Picture> from_resident = a->shade(shade, 2);
-  const Result<Picture> from_streamed = b->shade(shade, 2);
-  REQUIRE(from_resident);
-  REQUIRE(from_streamed);
-  CHECK_FALSE(resident->stream_stats());
-  CHECK(from_resident->pixels == from_streamed->pixels);
+  Frame a = must(Frame::draw(scene, view, 2, 2, &resident));
+  Frame b = must(Frame::draw(scene, view, 2, 2, &streamed, &shade));
+  const Picture from_resident = must(a.shade(shade, 2));
+  const Picture from_streamed = must(b.shade(shade, 2));
+  CHECK_FALSE(resident.stream_stats());
+  CHECK(from_resident.pixels == from_streamed.pixels);
 }
 
 TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU", "[cuda][stream]") {
@@ -308,62 +295,54 @@ TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU"
   }
   const Scene whole = must_load(path);
   const Scene scene = must_load(path, {.threads = 2, .pages = false});
-  Result<DeviceScene> resident = DeviceScene::upload(scene, 0, 2);
-  Result<DeviceScene> coming =
-      DeviceScene::upload(scene, 0, 2, Reading::kAuto, runtime::kDeviceTextureCache, 0, {}, nullptr, 1, true);
-  REQUIRE(resident);
-  REQUIRE(coming);
-  CHECK(coming->is_streamed());
+  DeviceScene resident = must(DeviceScene::upload(scene, 0, 2));
+  DeviceScene coming =
+      must(DeviceScene::upload(scene, 0, 2, Reading::kAuto, runtime::kDeviceTextureCache, 0, {}, nullptr, 1, true));
+  CHECK(coming.is_streamed());
   std::vector<runtime::DeviceView> views;
   for (int i = 0; i < 2; ++i) {
-    Result<runtime::DeviceView> added = coming->add_view(scene);
-    REQUIRE(added);
-    views.push_back(std::move(*added));
+    runtime::DeviceView added = must(coming.add_view(scene));
+    views.push_back(std::move(added));
   }
   const View view = must_view(whole, {.width = 90, .height = 60});
   const ShadeOptions shade;
   const auto picture_of = [&](DeviceScene& device) {
-    const Result<Frame> frame = Frame::draw(scene, view, 1, 2, &device, &shade);
-    REQUIRE(frame);
-    const Result<Picture> picture = frame->shade(shade, 2);
-    REQUIRE(picture);
-    return picture->pixels;
+    const Frame frame = must(Frame::draw(scene, view, 1, 2, &device, &shade));
+    return must(frame.shade(shade, 2)).pixels;
   };
-  const std::vector<uint8_t> expected = picture_of(*resident);
+  const std::vector<uint8_t> expected = picture_of(resident);
   // It does not wait, and draws fewer chunks.
-  REQUIRE(coming->draw(view, nullptr, &shade, [] { return true; }));
-  REQUIRE(coming->stream_stats());
-  CHECK(coming->stream_stats()->left_bytes > 0);
+  REQUIRE(coming.draw(view, nullptr, &shade, [] { return true; }));
+  REQUIRE(coming.stream_stats());
+  CHECK(coming.stream_stats()->left_bytes > 0);
   std::vector<uint32_t> pixels(size_t{view.width} * view.height);
-  REQUIRE(coming->resolve(view, 1, shade, pixels));
+  REQUIRE(coming.resolve(view, 1, shade, pixels));
   CHECK(std::all_of(pixels.begin(), pixels.end(), [](uint32_t pixel) { return pixel == 0; }));
   // A picture loads its visible chunks.
-  CHECK(picture_of(*coming) == expected);
-  CHECK(coming->stream_stats()->left_bytes == 0);
+  CHECK(picture_of(coming) == expected);
+  CHECK(coming.stream_stats()->left_bytes == 0);
   uint64_t left = UINT64_MAX;
   while (left != 0) {
-    const Result<uint64_t> less = coming->load_rest([] { return true; });
-    REQUIRE(less);
-    REQUIRE((*less < left || *less == 0));
-    left = *less;
+    const uint64_t less = must(coming.load_rest([] { return true; }));
+    REQUIRE((less < left || less == 0));
+    left = less;
   }
-  CHECK_FALSE(coming->is_streamed());
-  CHECK(coming->load_rest().value() == 0);
-  CHECK_FALSE(coming->resolve(view, 1, shade, pixels));  // its picture was streamed
-  for (int i = 0; i < 2; ++i) CHECK(picture_of(*coming) == expected);
-  CHECK_FALSE(coming->stream_stats());
-  const Result<Frame> on_cpu = Frame::draw(whole, view, 1, 2);
-  REQUIRE(on_cpu);
-  std::vector<uint64_t> samples(on_cpu->samples().size());
+  CHECK_FALSE(coming.is_streamed());
+  CHECK(coming.load_rest().value() == 0);
+  CHECK_FALSE(coming.resolve(view, 1, shade, pixels));  // its picture was streamed
+  for (int i = 0; i < 2; ++i) CHECK(picture_of(coming) == expected);
+  CHECK_FALSE(coming.stream_stats());
+  const Frame on_cpu = must(Frame::draw(whole, view, 1, 2));
+  std::vector<uint64_t> samples(on_cpu.samples().size());
   const std::vector<View> two(2, view);
   for (runtime::DeviceView& drawn : views) {
     REQUIRE(drawn.draw(view));
     REQUIRE(drawn.read_samples(samples));
-    CHECK(std::equal(samples.begin(), samples.end(), on_cpu->samples().begin()));
+    CHECK(std::equal(samples.begin(), samples.end(), on_cpu.samples().begin()));
     REQUIRE(drawn.resolve(view, 1, shade, pixels));
     REQUIRE(drawn.draw_batch(scene, two, nullptr, [](size_t) { return Result<void>(); }));
     REQUIRE(drawn.read_samples(samples));
-    CHECK(std::equal(samples.begin(), samples.end(), on_cpu->samples().begin()));
+    CHECK(std::equal(samples.begin(), samples.end(), on_cpu.samples().begin()));
   }
 }
 
@@ -379,8 +358,7 @@ TEST_CASE("a GPU decodes JPEG textures on demand while chunks are streamed", "[c
   const Scene scene = must_load(options.output, {.threads = 2, .texture_cache = 1, .pages = false});
   const uint64_t slot_bytes = 4 * scene.jpeg_groups().pixels;
   REQUIRE(slot_bytes > 0);
-  Result<DeviceScene> resident = DeviceScene::upload(decoded, 0, 2);
-  REQUIRE(resident);
+  DeviceScene resident = must(DeviceScene::upload(decoded, 0, 2));
   const std::vector<uint64_t> chunks = runtime::ChunkSource(scene).chunk_bytes();
   const uint64_t largest = *std::max_element(chunks.begin(), chunks.end());
   for (const uint64_t cache : {uint64_t{1}, 9 * slot_bytes, uint64_t{1} << 20}) {
@@ -388,8 +366,7 @@ TEST_CASE("a GPU decodes JPEG textures on demand while chunks are streamed", "[c
     const uint64_t budget = CudaScene::device_bytes(scene, &scene.view(), cache) +
                             kernels::CudaFrames::device_bytes(scene.view()) +
                             runtime::CudaStream::device_bytes(scene.view()) + 6 * largest;
-    Result<DeviceScene> streamed = DeviceScene::upload(scene, budget, 2, Reading::kAuto, cache);
-    if (!streamed) FAIL(streamed.error().message);
+    DeviceScene streamed = must(DeviceScene::upload(scene, budget, 2, Reading::kAuto, cache));
     for (int i = 0; i < 3; ++i) {
       CAPTURE(cache, i);
       runtime::CameraOptions camera;
@@ -402,23 +379,18 @@ TEST_CASE("a GPU decodes JPEG textures on demand while chunks are streamed", "[c
       const View view = must_view(decoded, camera);
       const uint32_t side = i == 0 ? 2 : 1;
       const ShadeOptions shade;
-      const Result<Frame> expected = Frame::draw(decoded, view, side, 2, &*resident);
-      const Result<Frame> found = Frame::draw(scene, view, side, 2, &*streamed, &shade);
-      REQUIRE(expected);
-      if (!found) FAIL(found.error().message);
-      REQUIRE(streamed->stream_stats());
-      CHECK(streamed->stream_stats()->streamed_bytes > 0);
-      const Result<Picture> from_resident = expected->shade(shade, 2);
-      const Result<Picture> from_streamed = found->shade(shade, 2);
-      REQUIRE(from_resident);
-      if (!from_streamed) FAIL(from_streamed.error().message);
-      CHECK(from_streamed->pixels == from_resident->pixels);
+      const Frame expected = must(Frame::draw(decoded, view, side, 2, &resident));
+      const Frame found = must(Frame::draw(scene, view, side, 2, &streamed, &shade));
+      REQUIRE(streamed.stream_stats());
+      CHECK(streamed.stream_stats()->streamed_bytes > 0);
+      const Picture from_resident = must(expected.shade(shade, 2));
+      const Picture from_streamed = must(found.shade(shade, 2));
+      CHECK(from_streamed.pixels == from_resident.pixels);
     }
   }
   // The minimum in the error is enough, for any requested cache.
-  const Result<DeviceScene> refused = DeviceScene::upload(scene, 1, 2, Reading::kAuto, uint64_t{1} << 20);
-  REQUIRE_FALSE(refused);
-  const uint64_t least = scree::tests::least_device_memory(refused.error().message);
+  const auto refused = refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, uint64_t{1} << 20));
+  const uint64_t least = scree::tests::least_device_memory(refused.message);
   CHECK(DeviceScene::upload(scene, least, 2, Reading::kAuto, uint64_t{1} << 20));
   CHECK_FALSE(DeviceScene::upload(scene, least - 1, 2, Reading::kAuto, uint64_t{1} << 20));
 }

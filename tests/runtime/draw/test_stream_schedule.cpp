@@ -6,7 +6,6 @@
 #include <optional>
 #include <random>
 #include <set>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -14,6 +13,7 @@
 #include "runtime/stream/streamer.h"
 #include "runtime/threads/job_thread.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -181,9 +181,8 @@ struct Chunks {
     PagedScene paged;
     paged.chunk_triangles = 8;
     paged.write(folder.file("chunks.scree"), {{soup, Encoding{}}});
-    Result<Scene> opened = Scene::open(folder.file("chunks.scree"), {.threads = 1, .pages = false});
-    REQUIRE(opened);
-    scene.emplace(std::move(*opened));
+    Scene opened = must(Scene::open(folder.file("chunks.scree"), {.threads = 1, .pages = false}));
+    scene.emplace(std::move(opened));
     view =
         must_view(*scene, {.eye = runtime::Vec3{0, 0, 5}, .target = runtime::Vec3{0, 0, 0}, .width = 16, .height = 16});
     for (uint64_t c = 0; c < scene->view().chunk_count; ++c) {
@@ -211,8 +210,7 @@ TEST_CASE("a streamer draws each visible chunk once, from its place, whenever lo
   uint64_t merged = 0;
   for (const uint64_t pool : {uint64_t{3500}, chunks.all / 10, chunks.all / 3, chunks.all / 2, 2 * chunks.all}) {
     Account account(pool, static_cast<uint32_t>(pool));
-    Result<Streamer> streamer = Streamer::create(*chunks.scene, pool, chunks.bytes);
-    REQUIRE(streamer);
+    Streamer streamer = must(Streamer::create(*chunks.scene, pool, chunks.bytes));
     std::vector<uint32_t> codes(count);
     std::vector<uint32_t> in_the_end(count);
     for (int frame = 0; frame < 24; ++frame) {
@@ -224,7 +222,7 @@ TEST_CASE("a streamer draws each visible chunk once, from its place, whenever lo
         account.set_view(codes, in_the_end);
       }
       if (frame % 7 == 5) account.fail_at(1 + below(20));
-      const Result<StreamStats> stats = streamer->draw(chunks.view, nullptr, account);
+      const Result<StreamStats> stats = streamer.draw(chunks.view, nullptr, account);
       account.fail_at(0);
       if (!stats) {
         CHECK(stats.error().code == ErrorCode::kDevice);
@@ -257,8 +255,7 @@ TEST_CASE("an ended frame draws the loads it has started, and the other chunks a
   uint64_t ended = 0;
   for (const uint64_t pool : {uint64_t{3500}, chunks.all / 3, 2 * chunks.all}) {
     Account account(pool, static_cast<uint32_t>(pool));
-    Result<Streamer> streamer = Streamer::create(*chunks.scene, pool, chunks.bytes);
-    REQUIRE(streamer);
+    Streamer streamer = must(Streamer::create(*chunks.scene, pool, chunks.bytes));
     std::vector<uint32_t> codes(count);
     for (int frame = 0; frame < 40; ++frame) {
       if (frame % 8 == 0) {
@@ -270,7 +267,7 @@ TEST_CASE("an ended frame draws the loads it has started, and the other chunks a
       // Every eighth frame is not ended; some are, before they load anything.
       uint32_t loads = frame % 8 == 7 ? UINT32_MAX : below(6);
       if (frame % 9 == 5) account.fail_at(1 + below(20));
-      const Result<StreamStats> stats = streamer->draw(chunks.view, nullptr, account, [&] {
+      const Result<StreamStats> stats = streamer.draw(chunks.view, nullptr, account, [&] {
         if (loads != 0) --loads;
         return loads == 0;
       });
@@ -284,7 +281,7 @@ TEST_CASE("an ended frame draws the loads it has started, and the other chunks a
       REQUIRE(account.begin(chunks.view, nullptr));
       if (frame % 16 == 3) account.fail_at(1 + below(5));
       int calls = 0;
-      const Result<Streamer::Rest> rest = streamer->load_rest(account, [&] { return ++calls == 2; });
+      const Result<Streamer::Rest> rest = streamer.load_rest(account, [&] { return ++calls == 2; });
       account.fail_at(0);
       if (!rest) continue;
       uint64_t there = rest->left_bytes;
@@ -292,9 +289,8 @@ TEST_CASE("an ended frame draws the loads it has started, and the other chunks a
       REQUIRE(there == chunks.all);
     }
     REQUIRE(account.begin(chunks.view, nullptr));
-    const Result<Streamer::Rest> rest = streamer->load_rest(account);
-    REQUIRE(rest);
-    CHECK((rest->left_bytes == 0) == (pool >= chunks.all));
+    const Streamer::Rest rest = must(streamer.load_rest(account));
+    CHECK((rest.left_bytes == 0) == (pool >= chunks.all));
   }
   CHECK(ended > 20);
 }
@@ -314,23 +310,20 @@ TEST_CASE("chunks that were visible last are loaded while resident chunks are dr
   const uint64_t pool = needed * 2 / 3;
   Account account(pool, 1);
   account.set_view(codes, in_the_end);
-  Result<Streamer> streamer = Streamer::create(*chunks.scene, pool, chunks.bytes);
-  REQUIRE(streamer);
-  const Result<StreamStats> first = streamer->draw(chunks.view, nullptr, account);
-  REQUIRE(first);
-  CHECK(first->streamed_bytes >= needed);
+  Streamer streamer = must(Streamer::create(*chunks.scene, pool, chunks.bytes));
+  const StreamStats first = must(streamer.draw(chunks.view, nullptr, account));
+  CHECK(first.streamed_bytes >= needed);
   // Without an earlier frame, one batch is loaded before depths are known, and two while they are found.
   CHECK(account.drawn_before_first() == 0);
   CHECK(account.drawn_before_fourth() > 0);
   for (int i = 0; i < 4; ++i) {
-    const Result<StreamStats> again = streamer->draw(chunks.view, nullptr, account);
-    REQUIRE(again);
+    const StreamStats again = must(streamer.draw(chunks.view, nullptr, account));
     account.check_all_drawn();
     for (const uint32_t chunk : account.loaded()) REQUIRE(chunk % 3 != 2);
-    CHECK(again->streamed_bytes == again->needed_bytes);
-    CHECK(again->streamed_bytes < needed / 2);
+    CHECK(again.streamed_bytes == again.needed_bytes);
+    CHECK(again.streamed_bytes < needed / 2);
     // One part makes room for one batch.
-    CHECK(again->batches < 2 * runtime::kBatchShare);
+    CHECK(again.batches < 2 * runtime::kBatchShare);
     CHECK(account.drawn_before_first() < count / 10);
     CHECK(account.drawn_before_fourth() < count / 3);
   }

@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
 using scree::ErrorCode;
@@ -83,10 +84,9 @@ TEST_CASE("a mapped file has the file's bytes and outlives moves", "[mapped_file
   std::string text(10000, 'a');
   text[9999] = 'z';
   std::ofstream(path) << text;
-  for (const Access access : {Access::kNormal, Access::kSequential, Access::kRandom}) {
-    Result<MappedFile> opened = MappedFile::open(path.string(), access);
-    REQUIRE(opened);
-    MappedFile file = std::move(*opened);
+  for (const Access access : {Access::kNormal, Access::kSequential}) {
+    MappedFile opened = must(MappedFile::open(path.string(), access));
+    MappedFile file = std::move(opened);
     MappedFile other;
     other = std::move(file);
     REQUIRE(other.size() == text.size());
@@ -106,23 +106,20 @@ TEST_CASE("a mapped file is read without its map, and errors give its new end", 
   std::string text(10000, 'a');
   for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 256);
   std::ofstream(path, std::ios::binary) << text;
-  const Result<MappedFile> file = MappedFile::open(path.string());
-  REQUIRE(file);
+  const MappedFile file = must(MappedFile::open(path.string()));
   std::filesystem::rename(path, path.string() + "_elsewhere");  // not found by its name
   const std::string elsewhere = path.string() + "_elsewhere";
   std::vector<std::byte> out(10000, std::byte{'#'});
   for (const auto& [offset, size] : {std::pair<uint64_t, size_t>{0, 10000}, {1, 4096}, {9999, 1}, {10000, 0}}) {
-    REQUIRE(file->read(offset, std::span(out).first(size)));
+    REQUIRE(file.read(offset, std::span(out).first(size)));
     CHECK(std::memcmp(out.data(), text.data() + offset, size) == 0);
   }
   std::filesystem::resize_file(elsewhere, 5000);
-  CHECK(file->read(0, std::span(out).first(5000)));
+  CHECK(file.read(0, std::span(out).first(5000)));
   for (const uint64_t offset : {4001u, 4999u, 5000u, 9000u}) {
-    const Result<void> read = file->read(offset, std::span(out).first(1000));
-    REQUIRE_FALSE(read);
-    CHECK(read.error().code == ErrorCode::kFile);
-    CHECK(read.error().message ==
-          "ends at byte " + std::to_string(std::max<uint64_t>(offset, 5000)) + ", but had 10000 when it was opened");
+    check_refusal(file.read(offset, std::span(out).first(1000)),
+                  {ErrorCode::kFile, "ends at byte " + std::to_string(std::max<uint64_t>(offset, 5000)) +
+                                         ", but had 10000 when it was opened"});
   }
   std::filesystem::remove(elsewhere);
 }
@@ -130,10 +127,9 @@ TEST_CASE("a mapped file is read without its map, and errors give its new end", 
 TEST_CASE("an empty file maps to nothing", "[mapped_file]") {
   const auto path = scratch("empty");
   std::ofstream{path};
-  const Result<MappedFile> file = MappedFile::open(path.string());
-  REQUIRE(file);
-  CHECK(file->bytes().empty());
-  file->will_need(0, 1);
+  const MappedFile file = must(MappedFile::open(path.string()));
+  CHECK(file.bytes().empty());
+  file.will_need(0, 1);
   std::filesystem::remove(path);
 }
 
@@ -149,42 +145,33 @@ TEST_CASE("a file above 4 GiB is mapped with 64-bit offsets", "[mapped_file]") {
       return;
     }
   }
-  const Result<MappedFile> file = MappedFile::open(path.string());
-  REQUIRE(file);
-  CHECK(file->size() == size);
-  CHECK(static_cast<char>(file->bytes()[size - 1]) == '!');
+  const MappedFile file = must(MappedFile::open(path.string()));
+  CHECK(file.size() == size);
+  CHECK(static_cast<char>(file.bytes()[size - 1]) == '!');
   std::filesystem::remove(path);
 }
 
 TEST_CASE("bytes cut off the last page read as zeros, and check_size() finds this", "[mapped_file]") {
   const auto path = scratch("cut");
   std::ofstream(path, std::ios::binary) << std::string(10'000, 'x');
-  const Result<MappedFile> file = MappedFile::open(path.string());
-  REQUIRE(file);
-  CHECK(file->check_size());
+  const MappedFile file = must(MappedFile::open(path.string()));
+  CHECK(file.check_size());
   std::filesystem::resize_file(path, 20'000);
-  CHECK(file->check_size());
+  CHECK(file.check_size());
   std::filesystem::resize_file(path, 9'999);
-  CHECK(static_cast<char>(file->bytes()[9'998]) == 'x');
-  CHECK(static_cast<char>(file->bytes()[9'999]) == 0);
-  const Result<void> cut = file->check_size();
-  REQUIRE_FALSE(cut);
-  CHECK(cut.error().code == ErrorCode::kFile);
-  CHECK(cut.error().message == "ends at byte 9999, but had 10000 when it was opened");
+  CHECK(static_cast<char>(file.bytes()[9'998]) == 'x');
+  CHECK(static_cast<char>(file.bytes()[9'999]) == 0);
+  check_refusal(file.check_size(), {ErrorCode::kFile, "ends at byte 9999, but had 10000 when it was opened"});
   std::filesystem::remove(path);
   CHECK(MappedFile().check_size());
 }
 
 TEST_CASE("a file that cannot be mapped is named with the reason", "[mapped_file]") {
   const auto missing = scratch("missing").string();
-  const Result<MappedFile> nothing = MappedFile::open(missing);
-  REQUIRE_FALSE(nothing);
-  CHECK(nothing.error().code == ErrorCode::kFile);
-  CHECK(nothing.error().message == missing + ": cannot open: No such file or directory");
+  check_refusal(MappedFile::open(missing), {ErrorCode::kFile, missing + ": cannot open: No such file or directory"});
 
-  const Result<MappedFile> folder = MappedFile::open(std::filesystem::temp_directory_path().string());
-  REQUIRE_FALSE(folder);
-  CHECK(folder.error().message.find("is a folder") != std::string::npos);
+  CHECK(refusal(MappedFile::open(std::filesystem::temp_directory_path().string())).message.find("is a folder") !=
+        std::string::npos);
 
   const auto pipe = scratch("pipe");
   REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);

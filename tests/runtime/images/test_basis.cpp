@@ -14,6 +14,7 @@
 #include "runtime/images/block_file.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/refused_files.h"
 #include "tests/tools/temp_folder.h"
@@ -165,19 +166,18 @@ TEST_CASE("random UASTC blocks of every mode have the pixels of the official tra
 TEST_CASE("a UASTC file is decoded to RGBA8, cut at the picture's borders", "[basis]") {
   const BlockRecipe recipe{
       .vk_format = 0, .model = 166, .width = 7, .height = 6, .levels = 3, .scheme = 2, .channel = 3};
-  const auto levels = levels_of(make_ktx2(recipe));
-  REQUIRE(levels);
-  REQUIRE(levels->size() == 3);
+  const auto levels = must(levels_of(make_ktx2(recipe)));
+  REQUIRE(levels.size() == 3);
   for (uint32_t l = 0; l < 3; ++l) {
     const uint32_t width = 7u >> l, height = 6u >> l, columns = (width + 3) / 4;
     const FileBytes blocks = level_blocks(recipe, l);
-    REQUIRE((*levels)[l].size() == 4 * width * height);
+    REQUIRE(levels[l].size() == 4 * width * height);
     for (uint32_t y = 0; y < height; ++y)
       for (uint32_t x = 0; x < width; ++x) {
         Texels texels;
         decode_uastc_block(blocks.data() + kUastcBlockBytes * (y / 4 * columns + x / 4), texels);
         uint32_t found;
-        std::memcpy(&found, (*levels)[l].data() + 4 * (y * width + x), 4);
+        std::memcpy(&found, levels[l].data() + 4 * (y * width + x), 4);
         CHECK(found == texels[y % 4 * 4 + x % 4]);
       }
   }
@@ -191,10 +191,9 @@ TEST_CASE("the samples of UASTC and ETC1S give the channels", "[basis]") {
     if (model != 166) bytes[104 + 31] = static_cast<std::byte>(first);
     if (second != 0) bytes[104 + 47] = static_cast<std::byte>(second);
     ImageFile file(bytes);
-    const auto head = open_block_file(file);
-    REQUIRE(head);
-    CHECK(head->format == format::BlockFormat::kRgba8);
-    return head->swizzle;
+    const auto head = must(open_block_file(file));
+    CHECK(head.format == format::BlockFormat::kRgba8);
+    return head.swizzle;
   };
   const uint16_t red = format::make_swizzle(kRed, kZero, kZero, kOne);
   const uint16_t red_alpha = format::make_swizzle(kRed, kAlpha, kZero, kOne);
@@ -221,12 +220,10 @@ TEST_CASE("BasisLZ files of all kinds of blocks are read back", "[basis]") {
                                             .is_grey = seed % 3 == 0,
                                             .has_plain_selectors = seed % 5 == 0,
                                             .seed = seed});
-      const auto levels = levels_of(made.bytes);
-      REQUIRE(levels);
-      CHECK((*levels == made.levels));
-      const auto picture = decode_image(made.bytes);
-      REQUIRE(picture);
-      CHECK(std::memcmp(picture->rgba.data(), made.levels[0].data(), picture->rgba.size()) == 0);
+      const auto levels = must(levels_of(made.bytes));
+      CHECK((levels == made.levels));
+      const auto picture = must(decode_image(made.bytes));
+      CHECK(std::memcmp(picture.rgba.data(), made.levels[0].data(), picture.rgba.size()) == 0);
     }
 }
 
@@ -309,8 +306,7 @@ TEST_CASE("BasisLZ streams that end early or name entries that do not exist are 
   parts.insert(parts.end(), selectors.bytes().begin(), selectors.bytes().end());
   parts.insert(parts.end(), tables.bytes().begin(), tables.bytes().end());
   const auto size = [](const BasisWriter& part) { return static_cast<uint32_t>(part.bytes().size()); };
-  const auto opened = BasisLz::open({2, 2, size(colors), size(selectors), size(tables)}, parts);
-  REQUIRE(opened);
+  const auto opened = must(BasisLz::open({2, 2, size(colors), size(selectors), size(tables)}, parts));
   const auto decodes = [&](uint32_t prediction, uint32_t delta, uint32_t selector, uint32_t run) {
     BasisWriter slice;
     slice.code(prediction, 257);
@@ -319,7 +315,7 @@ TEST_CASE("BasisLZ streams that end early or name entries that do not exist are 
     slice.code(selector, 8);
     if (selector == 3) slice.code(run, 64);
     FileBytes pixels(64);
-    return bool(opened->decode(slice.bytes(), false, 4, 4, pixels));
+    return bool(opened.decode(slice.bytes(), false, 4, 4, pixels));
   };
   CHECK(decodes(3, 1, 1, 0));
   CHECK(decodes(3, 1, 2, 0));        // from the history
@@ -331,7 +327,7 @@ TEST_CASE("BasisLZ streams that end early or name entries that do not exist are 
   CHECK_FALSE(decodes(3, 1, 3, 0));  // a run of 3 blocks, but there is one
   CHECK_FALSE(decodes(256, 0, 1, 0));
   FileBytes pixels(64);
-  CHECK_FALSE(opened->decode({}, false, 4, 4, pixels));
+  CHECK_FALSE(opened.decode({}, false, 4, 4, pixels));
   // A number of colours that the part does not hold.
   CHECK_FALSE(BasisLz::open({200, 2, size(colors), size(selectors), size(tables)}, parts));
 }
@@ -365,10 +361,9 @@ TEST_CASE("real files of UASTC and BasisLZ have the pixels of the official trans
       {"web-texture-tool/dice.ktx2", 0xc09058211234ad32}};
   for (const auto& [name, hash] : files) {
     INFO(name);
-    const auto levels = levels_of(read_bytes(folder / name));
-    REQUIRE(levels);
+    const auto levels = must(levels_of(read_bytes(folder / name)));
     format::Checksum sum;
-    for (const FileBytes& level : *levels) sum.add(level);
+    for (const FileBytes& level : levels) sum.add(level);
     CHECK(sum.value() == hash);
   }
 }

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cstring>
 #include <filesystem>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -13,6 +12,7 @@
 #include "runtime/images/image.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/runtime/images/refused_files.h"
 #include "tests/tools/temp_folder.h"
@@ -42,39 +42,29 @@ TEST_CASE("levels of KTX2 and DDS files are the blocks that were written", "[blo
   for (const uint32_t scheme : {0u, 2u, 3u}) {
     const BlockRecipe recipe{.width = 37, .height = 22, .levels = 6, .scheme = scheme, .seed = scheme};
     const FileBytes ktx2 = make_ktx2(recipe), dds = make_dds(recipe, 98);
-    const auto head = opened(ktx2);
-    REQUIRE(head);
-    CHECK(head->format == BlockFormat::kBc7);
-    CHECK(head->width == 37);
-    CHECK(head->height == 22);
-    REQUIRE(head->levels.size() == 6);
+    const auto head = must(opened(ktx2));
+    CHECK(head.format == BlockFormat::kBc7);
+    CHECK(head.width == 37);
+    CHECK(head.height == 22);
+    REQUIRE(head.levels.size() == 6);
     for (uint32_t l = 0; l < 6; ++l) {
-      const auto blocks = level_of(ktx2, l), same = level_of(dds, l);
-      REQUIRE(blocks);
-      REQUIRE(same);
-      CHECK(*blocks == level_blocks(recipe, l));
-      CHECK(*same == *blocks);
+      CHECK(must(level_of(ktx2, l)) == level_blocks(recipe, l));
+      CHECK(must(level_of(dds, l)) == level_blocks(recipe, l));
     }
-    const auto picture = decode_image(ktx2);
-    REQUIRE(picture);
+    const auto picture = must(decode_image(ktx2));
     const FileBytes blocks = level_blocks(recipe, 0);
     uint32_t pixel;
-    std::memcpy(&pixel, picture->rgba.data() + 4 * (37 * 21 + 30), 4);
+    std::memcpy(&pixel, picture.rgba.data() + 4 * (37 * 21 + 30), 4);
     CHECK(pixel == format::block_image_pixel(BlockFormat::kBc7, format::kPlainSwizzle,
                                              reinterpret_cast<const uint8_t*>(blocks.data()), 37, 30, 21));
-    const auto checked = check_image(ktx2);
-    REQUIRE(checked);
-    CHECK(checked->empty());
+    const auto checked = must(check_image(ktx2));
+    CHECK(checked.empty());
   }
 }
 
 TEST_CASE("KTXswizzle is applied after the order of the format's channels", "[block_file]") {
   using enum format::ChannelSource;
-  const auto swizzle_of = [](BlockRecipe recipe) {
-    const auto head = opened(make_ktx2(recipe));
-    REQUIRE(head);
-    return head->swizzle;
-  };
+  const auto swizzle_of = [](BlockRecipe recipe) { return must(opened(make_ktx2(recipe))).swizzle; };
   BlockRecipe recipe{.orientation = "rd"};
   CHECK(swizzle_of(recipe) == format::kPlainSwizzle);
   recipe.swizzle = "1rg1";
@@ -154,13 +144,10 @@ TEST_CASE("malformed KTX2 and DDS files are refused with the defect", "[block_fi
   // A level with more packed bytes than its pixels need, because skippable zstd frames take space.
   FileBytes padded = make_ktx2({.width = 8, .height = 8, .scheme = 2});
   padded.resize(padded.size() + 4096);
-  const auto skipping = check_image(with(padded, 88, uint64_t{4096}));
-  REQUIRE_FALSE(skipping);
-  CHECK(skipping.error().message == "KTX2: level 0: 4096 packed bytes of 64, expected at most 1096");
+  CHECK(refusal(check_image(with(padded, 88, uint64_t{4096}))).message ==
+        "KTX2: level 0: 4096 packed bytes of 64, expected at most 1096");
   // A picture that so few bytes cannot contain is not unpacked.
-  const auto bomb = check_image(with(with(ktx2, 20, 16384u), 24, 16384u));
-  REQUIRE_FALSE(bomb);
-  CHECK(bomb.error().message.find("pixels") != std::string::npos);
+  CHECK(refusal(check_image(with(with(ktx2, 20, 16384u), 24, 16384u))).message.find("pixels") != std::string::npos);
 }
 
 TEST_CASE("real KTX2 and DDS files are read or refused with one line", "[block_file][models]") {
@@ -189,9 +176,8 @@ TEST_CASE("real KTX2 and DDS files are read or refused with one line", "[block_f
       }
       read += std::string(part) == "ktx2" ? 1 : 0;
       REQUIRE(head);
-      const auto picture = decode_image(bytes);
-      REQUIRE(picture);
-      CHECK(picture->rgba.size() == size_t{4} * head->width * head->height);
+      const auto picture = must(decode_image(bytes));
+      CHECK(picture.rgba.size() == size_t{4} * head->width * head->height);
     }
   }
   CHECK(read == 114);
@@ -207,9 +193,7 @@ TEST_CASE("real files of the same picture decode to equal pictures", "[block_fil
   }
   const auto decoded = [&](const std::string& name) {
     INFO(name);
-    const auto picture = decode_image(read_bytes(folder / name));
-    REQUIRE(picture);
-    return picture->rgba;
+    return must(decode_image(read_bytes(folder / name))).rgba;
   };
   const std::pair<const char*, const char*> equal[] = {
       {"KTX-Software-CTS/valid_R8G8B8A8_UNORM_2D.ktx2", "KTX-Software-CTS/output_R8G8B8A8_UNORM_2D_ZSTD_22.ktx2"},

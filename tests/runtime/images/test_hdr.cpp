@@ -1,12 +1,12 @@
 // Radiance pictures: rows of runs and of pixels, and invalid files of every kind.
 #include "runtime/images/hdr.h"
 
-#include <cmath>
 #include <string>
 #include <vector>
 
 #include "tests/catch.h"
 #include "tests/format/geometry/guarded_bytes.h"
+#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::runtime;
@@ -42,21 +42,19 @@ const std::string kRow = std::string("\2\2\0\x8", 4) + std::string("\3\1\2\3\x85
 }  // namespace
 
 TEST_CASE("hdr: rows of runs and rows of pixels are read", "[hdr]") {
-  const auto runs = read_all(bytes_of(header("-Y 2 +X 8") + kRow + kRow));
-  REQUIRE(runs);
-  REQUIRE(runs->size() == 48);
+  const auto runs = must(read_all(bytes_of(header("-Y 2 +X 8") + kRow + kRow)));
+  REQUIRE(runs.size() == 48);
   // (mantissa + 0.5) / 256 * 2^(exponent - 128).
-  CHECK((*runs)[0] == 1.5f / 128);
-  CHECK((*runs)[3 * 7] == 7.5f / 128);
-  CHECK((*runs)[3 * 7 + 1] == 16.5f / 128);
-  CHECK((*runs)[24 + 2] == 32.5f / 128);
+  CHECK(runs[0] == 1.5f / 128);
+  CHECK(runs[3 * 7] == 7.5f / 128);
+  CHECK(runs[3 * 7 + 1] == 16.5f / 128);
+  CHECK(runs[24 + 2] == 32.5f / 128);
   // 2 pixels, then repeats of the second.
   std::string old = header("-Y 1 +X 4");
   old += std::string("\4\5\6\x80\x08\x09\x0a\x80\1\1\1\2", 12);
-  const auto pixels = read_all(bytes_of(old));
-  REQUIRE(pixels);
-  CHECK((*pixels)[0] == 4.5f / 256);
-  for (size_t x = 1; x < 4; ++x) CHECK((*pixels)[3 * x] == 8.5f / 256);
+  const auto pixels = must(read_all(bytes_of(old)));
+  CHECK(pixels[0] == 4.5f / 256);
+  for (size_t x = 1; x < 4; ++x) CHECK(pixels[3 * x] == 8.5f / 256);
   // Exponent 0 is black for any mantissa.
   CHECK(read_all(bytes_of(header("-Y 1 +X 1") + std::string("\7\7\7\0", 4))).value() == std::vector<float>{0, 0, 0});
 }

@@ -9,7 +9,6 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <iterator>
 #include <limits>
 #include <random>
@@ -22,6 +21,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/flat_images.h"
 #include "tests/tools/temp_folder.h"
 
@@ -131,19 +131,16 @@ TEST_CASE("a PNG comes back as it was written", "[image]") {
       const std::vector<uint8_t> pixels = noise(size_t{width} * height * channels);
       REQUIRE(scree::runtime::write_png(path.string(), {width, height, channels, pixels}));
       const std::vector<std::byte> file = read_bytes(path);
-      const Result<ImageInfo> info = probe_image(file);
-      REQUIRE(info);
-      CHECK(info->codec == ImageCodec::kPng);
-      CHECK(info->width == width);
-      CHECK(info->height == height);
-      CHECK(info->channels == channels);
-      const Result<Image> image = decode_image(file);
-      REQUIRE(image);
-      REQUIRE(image->rgba.size() == size_t{4} * width * height);
+      const ImageInfo info = must(probe_image(file));
+      CHECK(info.codec == ImageCodec::kPng);
+      CHECK(info.width == width);
+      CHECK(info.height == height);
+      CHECK(info.channels == channels);
+      const Image image = must(decode_image(file));
+      REQUIRE(image.rgba.size() == size_t{4} * width * height);
       bool same = true;
       for (size_t i = 0; i < size_t{width} * height; ++i)
-        for (size_t c = 0; c < 4; ++c)
-          same &= image->rgba[4 * i + c] == (c < channels ? pixels[i * channels + c] : 255);
+        for (size_t c = 0; c < 4; ++c) same &= image.rgba[4 * i + c] == (c < channels ? pixels[i * channels + c] : 255);
       CHECK(same);
 
       for (size_t size = 0; size < file.size();
@@ -161,10 +158,7 @@ TEST_CASE("a PNG comes back as it was written", "[image]") {
 TEST_CASE("a picture that cannot be written leaves no file", "[image]") {
   const std::vector<uint8_t> pixels(3, 0);
   const auto path = scratch("no_such_folder") / "a.png";
-  const Result<void> written = scree::runtime::write_png(path.string(), {1, 1, 3, pixels});
-  REQUIRE_FALSE(written);
-  CHECK(written.error().code == ErrorCode::kFile);
-  CHECK(written.error().message.find("No such file") != std::string::npos);
+  check_refusal(scree::runtime::write_png(path.string(), {1, 1, 3, pixels}), ErrorCode::kFile, "No such file");
 
   const auto folder = scratch("folder.png");  // the rename fails
   std::filesystem::create_directories(folder / "x");
@@ -263,9 +257,7 @@ TEST_CASE("a huge picture in a few bytes is refused before memory is allocated",
   REQUIRE_FALSE(image);
   CHECK(image.error().code == ErrorCode::kTruncated);
   CHECK(image.error().message.find("pixels in " + std::to_string(file.size()) + " bytes") != std::string::npos);
-  const Result<std::string> checked = check_image(file);
-  REQUIRE_FALSE(checked);
-  CHECK(checked.error().message == image.error().message);
+  CHECK(refusal(check_image(file)).message == image.error().message);
 }
 
 TEST_CASE("the check accepts exactly the images that decode", "[image]") {
@@ -283,10 +275,9 @@ TEST_CASE("the check accepts exactly the images that decode", "[image]") {
     const std::string text = scree::tests::flat_jpeg(128, kind);
     const auto* const bytes = reinterpret_cast<const std::byte*>(text.data());
     const std::vector<std::byte> file(bytes, bytes + text.size());
-    const Result<Image> image = decode_image(file);
-    REQUIRE(image);
-    CHECK(image->warning.empty());
-    for (const size_t i : {size_t{0}, image->rgba.size() - 4}) CHECK(image->rgba[i] == 128);
+    const Image image = must(decode_image(file));
+    CHECK(image.warning.empty());
+    for (const size_t i : {size_t{0}, image.rgba.size() - 4}) CHECK(image.rgba[i] == 128);
     check_agrees_when_damaged(file, 40);
   }
 }
@@ -300,10 +291,7 @@ TEST_CASE("an image file that cannot be read is a read error", "[image]") {
       std::memcpy(out.data(), file.data() + offset, out.size());
       return {};
     };
-    const Result<std::string> checked = check_image(ImageFile(file.size(), read));
-    REQUIRE_FALSE(checked);
-    CHECK(checked.error().code == ErrorCode::kFile);
-    CHECK(checked.error().message == "the disk has gone");
+    check_refusal(check_image(ImageFile(file.size(), read)), {ErrorCode::kFile, "the disk has gone"});
   }
 }
 
@@ -326,10 +314,9 @@ TEST_CASE("real JPEGs decode, or give the reason", "[image][models]") {
       ++refused;
       continue;
     }
-    const Result<ImageInfo> info = probe_image(file);
-    REQUIRE(info);
-    CHECK(info->width == image->width);
-    CHECK(info->height == image->height);
+    const ImageInfo info = must(probe_image(file));
+    CHECK(info.width == image->width);
+    CHECK(info.height == image->height);
     CHECK(image->rgba.size() == size_t{4} * image->width * image->height);
     ++decoded;
   }
@@ -345,18 +332,16 @@ TEST_CASE("one picture in many codings decodes to the same pixels", "[image][mod
   }
   // go-libjpeg's video-001 family shows one picture. CMYK goes to ink and back without a profile.
   const auto folder = models / "jpeg" / "go-libjpeg";
-  const Result<Image> reference = decode_image(read_bytes(folder / "video-001.jpeg"));
-  REQUIRE(reference);
+  const Image reference = must(decode_image(read_bytes(folder / "video-001.jpeg")));
   for (const char* name : {"video-001.progressive.jpeg", "video-001.q50.420.jpeg", "video-001.q50.444.jpeg",
                            "video-001.rgb.jpeg", "video-001.cmyk.jpeg", "video-001.q50.410.jpeg"}) {
     INFO(name);
-    const Result<Image> image = decode_image(read_bytes(folder / name));
-    REQUIRE(image);
-    REQUIRE(image->rgba.size() == reference->rgba.size());
+    const Image image = must(decode_image(read_bytes(folder / name)));
+    REQUIRE(image.rgba.size() == reference.rgba.size());
     double difference = 0;
-    for (size_t i = 0; i < image->rgba.size(); ++i) difference += std::abs(image->rgba[i] - reference->rgba[i]);
+    for (size_t i = 0; i < image.rgba.size(); ++i) difference += std::abs(image.rgba[i] - reference.rgba[i]);
     const bool is_cmyk = std::string(name).find("cmyk") != std::string::npos;
-    CHECK(difference / static_cast<double>(image->rgba.size()) < (is_cmyk ? 30.0 : 8.0));
+    CHECK(difference / static_cast<double>(image.rgba.size()) < (is_cmyk ? 30.0 : 8.0));
   }
 }
 

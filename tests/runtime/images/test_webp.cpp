@@ -5,7 +5,7 @@
 
 #include "runtime/images/image.h"
 #include "tests/catch.h"
-#include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/images/webp_files.h"
 
 namespace scree::runtime {
@@ -33,24 +33,22 @@ TEST_CASE("a WebP decodes to the encoded picture", "[webp]") {
     for (const auto& [width, height] : {std::pair{1u, 1u}, {37u, 19u}, {300u, 200u}}) {
       const std::vector<uint8_t> pixels = smooth_pixels(width, height, has_alpha);
       const auto exact = make_webp(pixels, width, height);
-      const auto info = probe_image(exact);
-      REQUIRE(info);
-      CHECK(info->is_webp);
-      CHECK(info->codec == format::ImageCodec::kPng);
-      CHECK(info->width == width);
-      CHECK(info->height == height);
-      CHECK(info->channels == (has_alpha && width > 1 ? 4u : 3u));  // the one pixel is opaque
+      const auto info = must(probe_image(exact));
+      CHECK(info.is_webp);
+      CHECK(info.codec == format::ImageCodec::kPng);
+      CHECK(info.width == width);
+      CHECK(info.height == height);
+      CHECK(info.channels == (has_alpha && width > 1 ? 4u : 3u));  // the one pixel is opaque
       for (const auto& image : {decode_image(exact), decode_image(read_from(exact))}) {
         REQUIRE(image);
         CHECK((image->rgba == pixels));
         CHECK(image->warning.empty());
       }
       CHECK(check_image(read_from(exact)));
-      const auto lossy = decode_image(make_webp(pixels, width, height, 95));
-      REQUIRE(lossy);
-      REQUIRE(lossy->rgba.size() == pixels.size());
+      const auto lossy = must(decode_image(make_webp(pixels, width, height, 95)));
+      REQUIRE(lossy.rgba.size() == pixels.size());
       int off = 0;
-      for (size_t i = 0; i < pixels.size(); ++i) off = std::max(off, std::abs(int{lossy->rgba[i]} - int{pixels[i]}));
+      for (size_t i = 0; i < pixels.size(); ++i) off = std::max(off, std::abs(int{lossy.rgba[i]} - int{pixels[i]}));
       CHECK(off <= 12);
     }
 }
@@ -60,9 +58,8 @@ TEST_CASE("malformed WebP files are refused with one line", "[webp][bad]") {
   for (const float quality : {0.0f, 80.0f}) {
     const std::vector<std::byte> whole = make_webp(pixels, 24, 16, quality);
     for (size_t size = 0; size < whole.size(); ++size) {
-      const auto checked = check_image(cut(whole, size));
-      REQUIRE_FALSE(checked);
-      CHECK(checked.error().message.find('\n') == std::string::npos);
+      const auto checked = refusal(check_image(cut(whole, size)));
+      CHECK(checked.message.find('\n') == std::string::npos);
     }
     const auto half = check_image(cut(whole, whole.size() / 2));
     CHECK(half.error().code == ErrorCode::kTruncated);
@@ -84,10 +81,7 @@ TEST_CASE("an animated WebP is refused", "[webp][bad]") {
                                                    'X', 10,  0,   0,   0,  2, 0, 0, 0,   7,   0,   0,   7,   0,   0};
   std::vector<std::byte> file(kHead.size());
   std::memcpy(file.data(), kHead.data(), kHead.size());
-  const auto info = probe_image(file);
-  REQUIRE_FALSE(info);
-  CHECK(info.error().code == ErrorCode::kUnsupported);
-  CHECK(info.error().message == "WebP: an animation, but glTF has still pictures");
+  check_refusal(probe_image(file), {ErrorCode::kUnsupported, "WebP: an animation, but glTF has still pictures"});
 }
 
 TEST_CASE("a large WebP of one colour is read", "[webp]") {

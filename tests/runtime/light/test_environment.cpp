@@ -1,12 +1,12 @@
 // Environments: uniform light stays uniform, directions are right, and the number of threads changes nothing.
 #include "runtime/light/environment.h"
 
-#include <cmath>
 #include <fstream>
 #include <functional>
 
 #include "kernels/shade/environment.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
 using namespace scree;
@@ -36,18 +36,17 @@ constexpr float kBright = 127.5f / 64;
 
 TEST_CASE("environment: uniform light stays uniform at every roughness", "[environment]") {
   const TempFolder folder;
-  const auto made = load_environment(write_panorama(folder, [](int, int) { return true; }), 2);
-  REQUIRE(made);
-  REQUIRE(made->size() == kernels::kEnvironmentFloats);
+  const auto made = must(load_environment(write_panorama(folder, [](int, int) { return true; }), 2));
+  REQUIRE(made.size() == kernels::kEnvironmentFloats);
   for (uint32_t level = 0; level < kernels::kEnvironmentLevels; ++level) {
     const uint32_t side = kernels::environment_side(level);
     for (uint32_t i = 0; i < side * side; ++i)
       for (uint32_t c = 0; c < 3; ++c)
-        REQUIRE((*made)[kernels::environment_offset(level) + 4 * i + c] == Approx(kBright).epsilon(1e-4));
+        REQUIRE(made[kernels::environment_offset(level) + 4 * i + c] == Approx(kBright).epsilon(1e-4));
   }
   for (const std::array<float, 3>& n : {std::array<float, 3>{0, 1, 0}, {0, -1, 0}, {0.6f, 0, -0.8f}}) {
     float rgb[3];
-    kernels::diffuse_environment(made->data(), n.data(), rgb);
+    kernels::diffuse_environment(made.data(), n.data(), rgb);
     CHECK(rgb[1] == Approx(kBright).epsilon(2e-3));
   }
 }
@@ -60,23 +59,20 @@ TEST_CASE("environment: -z is in the middle of the picture, +x on the right, y u
     kernels::reflected_light(made.data(), direction, roughness, rgb);
     return rgb[0];
   };
-  const auto front = load_environment(write_panorama(folder, [](int x, int) { return x >= 24 && x < 40; }), 1);
-  REQUIRE(front);
-  const auto right = load_environment(write_panorama(folder, [](int x, int) { return x >= 40 && x < 56; }), 1);
-  REQUIRE(right);
-  const auto above = load_environment(write_panorama(folder, [](int, int y) { return y < 16; }), 1);
-  REQUIRE(above);
+  const auto front = must(load_environment(write_panorama(folder, [](int x, int) { return x >= 24 && x < 40; }), 1));
+  const auto right = must(load_environment(write_panorama(folder, [](int x, int) { return x >= 40 && x < 56; }), 1));
+  const auto above = must(load_environment(write_panorama(folder, [](int, int y) { return y < 16; }), 1));
   for (const float roughness : {0.0f, 0.2f, 0.5f}) {
-    CHECK(light(*front, 0, 0, -1, roughness) > 10 * light(*front, 0, 0, 1, roughness));
-    CHECK(light(*right, 1, 0, 0, roughness) > 10 * light(*right, -1, 0, 0, roughness));
-    CHECK(light(*above, 0, 1, 0, roughness) > 10 * light(*above, 0, -1, 0, roughness));
+    CHECK(light(front, 0, 0, -1, roughness) > 10 * light(front, 0, 0, 1, roughness));
+    CHECK(light(right, 1, 0, 0, roughness) > 10 * light(right, -1, 0, 0, roughness));
+    CHECK(light(above, 0, 1, 0, roughness) > 10 * light(above, 0, -1, 0, roughness));
   }
-  CHECK(light(*front, 0, 0, -1, 0) == Approx(kBright).epsilon(1e-3));
+  CHECK(light(front, 0, 0, -1, 0) == Approx(kBright).epsilon(1e-3));
   // Higher roughness blurs but loses no light: half of the directions are lit.
-  CHECK(light(*above, 1, 0, 0, 1) == Approx(kBright / 2).epsilon(0.1));
+  CHECK(light(above, 1, 0, 0, 1) == Approx(kBright / 2).epsilon(0.1));
   float rgb[3];
   const float up[3] = {0, 1, 0};
-  kernels::diffuse_environment(above->data(), up, rgb);
+  kernels::diffuse_environment(above.data(), up, rgb);
   CHECK(rgb[0] == Approx(kBright).epsilon(0.05));
 }
 

@@ -2,11 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
-#include <vector>
 
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/small_scene.h"
 
@@ -81,26 +80,24 @@ TEST_CASE("a camera node gives the view, regardless of its scale", "[camera]") {
   options.height = 100;
   for (const char* name : {"Eye", "Eye node", "0"}) {
     options.camera = name;
-    const Result<View> view = view_of(scene, options);
-    REQUIRE(view);
-    check_orthonormal(*view);
-    CHECK_FALSE(view->orthographic);
-    CHECK(view->eye[0] == Approx(9));
-    CHECK(view->eye[1] == Approx(2));
-    CHECK(view->half_height == Approx(std::tan(0.5)));
-    CHECK(view->half_width == Approx(2 * std::tan(0.5)));
-    CHECK(view->z_near == 0.25);
-    const Vec3 ahead = project(*view, {4, 2, 0});
+    const View view = must(view_of(scene, options));
+    check_orthonormal(view);
+    CHECK_FALSE(view.orthographic);
+    CHECK(view.eye[0] == Approx(9));
+    CHECK(view.eye[1] == Approx(2));
+    CHECK(view.half_height == Approx(std::tan(0.5)));
+    CHECK(view.half_width == Approx(2 * std::tan(0.5)));
+    CHECK(view.z_near == 0.25);
+    const Vec3 ahead = project(view, {4, 2, 0});
     CHECK(ahead[0] == Approx(0).margin(1e-12));
     CHECK(ahead[2] == Approx(5));
     // Looking along -x with y up, -z is on the right.
-    CHECK(project(*view, {4, 2, -1})[0] == Approx(1 / (5 * 2 * std::tan(0.5))));
-    CHECK(project(*view, {4, 3, 0})[1] == Approx(1 / (5 * std::tan(0.5))));
+    CHECK(project(view, {4, 2, -1})[0] == Approx(1 / (5 * 2 * std::tan(0.5))));
+    CHECK(project(view, {4, 3, 0})[1] == Approx(1 / (5 * std::tan(0.5))));
   }
   options.fov_degrees = 90;
-  const Result<View> wide = view_of(scene, options);
-  REQUIRE(wide);
-  CHECK(wide->half_height == Approx(1));
+  const View wide = must(view_of(scene, options));
+  CHECK(wide.half_height == Approx(1));
 }
 
 TEST_CASE("a camera's rotation is normalised, as for instances", "[camera]") {
@@ -117,14 +114,12 @@ TEST_CASE("a camera's rotation is normalised, as for instances", "[camera]") {
   for (const char* name : {"Eye", "Flat"}) {
     CameraOptions options;
     options.camera = name;
-    const Result<View> view = view_of(scaled, options);
-    const Result<View> expected = view_of(scene, options);
-    REQUIRE(view);
-    REQUIRE(expected);
+    const View view = must(view_of(scaled, options));
+    const View expected = must(view_of(scene, options));
     for (size_t i = 0; i < 3; ++i) {
-      CHECK(view->forward[i] == Approx(expected->forward[i]).margin(1e-12));
-      CHECK(view->up[i] == Approx(expected->up[i]).margin(1e-12));
-      CHECK(view->eye[i] == Approx(expected->eye[i]).margin(1e-12));
+      CHECK(view.forward[i] == Approx(expected.forward[i]).margin(1e-12));
+      CHECK(view.up[i] == Approx(expected.up[i]).margin(1e-12));
+      CHECK(view.eye[i] == Approx(expected.eye[i]).margin(1e-12));
     }
   }
 }
@@ -135,14 +130,13 @@ TEST_CASE("an orthographic camera keeps its height", "[camera]") {
   options.camera = "Flat";
   options.width = 300;
   options.height = 100;
-  const Result<View> view = view_of(scene, options);
-  REQUIRE(view);
-  CHECK(view->orthographic);
-  CHECK(view->half_height == 3);
-  CHECK(view->half_width == 9);
-  CHECK(view->z_far == 50);
-  CHECK(view->forward[2] == -1);
-  CHECK(view->eye[0] == -1);
+  const View view = must(view_of(scene, options));
+  CHECK(view.orthographic);
+  CHECK(view.half_height == 3);
+  CHECK(view.half_width == 9);
+  CHECK(view.z_far == 50);
+  CHECK(view.forward[2] == -1);
+  CHECK(view.eye[0] == -1);
   options.fov_degrees = 30;
   CHECK_FALSE(view_of(scene, options));
 }
@@ -151,45 +145,37 @@ TEST_CASE("a missing camera is an error that lists the existing ones", "[camera]
   const Scene scene = must_load(with_cameras());
   CameraOptions options;
   options.camera = "7";
-  const Result<View> missing = view_of(scene, options);
-  REQUIRE_FALSE(missing);
-  CHECK(missing.error().code == ErrorCode::kUsage);
-  CHECK(missing.error().message == "no camera '7', expected one of 0 (Eye), 1 (Flat)");
+  check_refusal(view_of(scene, options), {ErrorCode::kUsage, "no camera '7', expected one of 0 (Eye), 1 (Flat)"});
   options.camera = "x";
-  const Result<View> none = view_of(must_load(SmallScene{}), options);
-  REQUIRE_FALSE(none);
-  CHECK(none.error().message == "no camera 'x', but the scene has no cameras");
+  CHECK(refusal(view_of(must_load(SmallScene{}), options)).message == "no camera 'x', but the scene has no cameras");
 }
 
 TEST_CASE("a view from an eye to a target has its up direction at the top", "[camera]") {
   const Scene scene = must_load(SmallScene{});
   CameraOptions options;
   options.eye = Vec3{0, 0, 4};
-  Result<View> view = view_of(scene, options);
-  REQUIRE(view);
-  check_orthonormal(*view);
-  CHECK(view->forward[2] == -1);  // the middle of the quad
-  CHECK(view->half_height == Approx(std::tan(22.5 / 180 * 3.14159265358979)));
-  CHECK(view->z_near > 0);
-  CHECK(view->z_near < 0.5);
+  View view = must(view_of(scene, options));
+  check_orthonormal(view);
+  CHECK(view.forward[2] == -1);  // the middle of the quad
+  CHECK(view.half_height == Approx(std::tan(22.5 / 180 * 3.14159265358979)));
+  CHECK(view.z_near > 0);
+  CHECK(view.z_near < 0.5);
 
   options.eye = Vec3{1, 2, 3};
   options.target = Vec3{-4, 0, 2};
   options.up = Vec3{0, 0, 5};
-  view = view_of(scene, options);
-  REQUIRE(view);
-  check_orthonormal(*view);
-  CHECK(view->up[2] > 0.9);
-  const Vec3 target = project(*view, {-4, 0, 2});
+  view = must(view_of(scene, options));
+  check_orthonormal(view);
+  CHECK(view.up[2] > 0.9);
+  const Vec3 target = project(view, {-4, 0, 2});
   CHECK(target[0] == Approx(0).margin(1e-12));
   CHECK(target[1] == Approx(0).margin(1e-12));
 
   options = {};
   options.eye = Vec3{0, 5, 0};  // straight down
-  view = view_of(scene, options);
-  REQUIRE(view);
-  check_orthonormal(*view);
-  CHECK(view->up[2] == -1);
+  view = must(view_of(scene, options));
+  check_orthonormal(view);
+  CHECK(view.up[2] == -1);
 
   options.up = Vec3{0, 1, 0};
   CHECK_FALSE(view_of(scene, options));
@@ -206,14 +192,12 @@ TEST_CASE("the near plane is tiny inside the scene's box, and larger far away", 
   CameraOptions options;
   options.target = Vec3{0, 0, -1};
   options.eye = Vec3{0.2, 0.2, 0};
-  const Result<View> inside = view_of(scene, options);
-  REQUIRE(inside);
-  CHECK(inside->z_near < 1e-5);
-  CHECK(inside->z_near > 0);
+  const View inside = must(view_of(scene, options));
+  CHECK(inside.z_near < 1e-5);
+  CHECK(inside.z_near > 0);
   options.eye = Vec3{0, 0, 1000};
-  const Result<View> far = view_of(scene, options);
-  REQUIRE(far);
-  CHECK(far->z_near == Approx(10));
+  const View far = must(view_of(scene, options));
+  CHECK(far.z_near == Approx(10));
 }
 
 TEST_CASE("the default view shows the whole scene, tightly and in the middle", "[camera]") {
@@ -236,15 +220,14 @@ TEST_CASE("the default view shows the whole scene, tightly and in the middle", "
         options.width = width;
         options.height = 200;
         options.up = up;
-        const Result<View> view = view_of(scene, options);
-        REQUIRE(view);
-        check_orthonormal(*view);
+        const View view = must(view_of(scene, options));
+        check_orthonormal(view);
         double x_min = 1, x_max = -1, y_min = 1, y_max = -1, nearest = 1e9;
         for (uint64_t i = 0; i < 2; ++i) {
           for (const double x : {-1.0, 1.0}) {
             for (const double y : {-1.0, 1.0}) {
               const format::MatrixRecord& m = scene.view().matrices[scene.view().instances[i].matrix];
-              const Vec3 p = project(*view, {m.rows[0][0] * x + m.rows[0][3], y + m.rows[1][3], m.rows[2][3]});
+              const Vec3 p = project(view, {m.rows[0][0] * x + m.rows[0][3], y + m.rows[1][3], m.rows[2][3]});
               x_min = std::min(x_min, p[0]);
               x_max = std::max(x_max, p[0]);
               y_min = std::min(y_min, p[1]);
@@ -253,7 +236,7 @@ TEST_CASE("the default view shows the whole scene, tightly and in the middle", "
             }
           }
         }
-        CHECK(nearest > view->z_near);
+        CHECK(nearest > view.z_near);
         CHECK(x_min == Approx(-x_max).margin(1e-3));
         CHECK(y_min == Approx(-y_max).margin(1e-3));
         CHECK(std::max(x_max, y_max) == Approx(0.94).margin(1e-3));
@@ -269,10 +252,9 @@ TEST_CASE("an empty scene has a view", "[camera]") {
     tables.scenes[0].instance_count = tables.scenes[0].triangle_count = 0;
   };
   const Scene scene = must_load(small);
-  const Result<View> view = view_of(scene, {});
-  REQUIRE(view);
-  check_orthonormal(*view);
-  CHECK(view->z_near > 0);
+  const View view = must(view_of(scene, {}));
+  check_orthonormal(view);
+  CHECK(view.z_near > 0);
   CameraOptions options;
   options.eye = Vec3{1, 1, 1};
   CHECK(view_of(scene, options));

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <map>
 #include <random>
-#include <utility>
 #include <vector>
 
 #include "tests/catch.h"

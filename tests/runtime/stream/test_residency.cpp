@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstring>
 #include <deque>
-#include <map>
 #include <numeric>
 #include <optional>
 #include <random>
@@ -14,6 +13,7 @@
 
 #include "runtime/stream/shared_room.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/speed.h"
 
 using scree::ErrorCode;
@@ -33,9 +33,8 @@ class Checked {
  public:
   Checked(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes)
       : chunk_bytes_(std::move(chunk_bytes)), seen_(chunk_bytes_.size()), units_(pool_bytes / Residency::kAlignment) {
-    Result<Residency> made = Residency::create(pool_bytes, chunk_bytes_);
-    REQUIRE(made);
-    residency_.emplace(std::move(*made));
+    Residency made = must(Residency::create(pool_bytes, chunk_bytes_));
+    residency_.emplace(std::move(made));
   }
 
   struct Frame {
@@ -301,27 +300,23 @@ TEST_CASE("near chunks stay in a pool that is too small, far chunks are streamed
 }
 
 TEST_CASE("a Residency is empty after forget()", "[residency]") {
-  Result<Residency> made = Residency::create(4096, {1000, 1000, 3000});
-  REQUIRE(made);
+  Residency made = must(Residency::create(4096, {1000, 1000, 3000}));
   const std::vector<uint32_t> visible{0, 1, 2};
-  CHECK(made->begin_frame(visible).empty());
-  CHECK(made->next_batch(4096).loads.size() == 2);
-  made->forget();
-  CHECK_FALSE(made->is_resident(0));
-  CHECK(made->free_bytes() == 4096);
-  CHECK(made->begin_frame(visible).empty());
-  CHECK(made->missing().size() == 3);
+  CHECK(made.begin_frame(visible).empty());
+  CHECK(made.next_batch(4096).loads.size() == 2);
+  made.forget();
+  CHECK_FALSE(made.is_resident(0));
+  CHECK(made.free_bytes() == 4096);
+  CHECK(made.begin_frame(visible).empty());
+  CHECK(made.missing().size() == 3);
 }
 
 TEST_CASE("a chunk larger than the pool is refused with the least pool size", "[residency]") {
-  const Result<Residency> small = Residency::create(1023, {10, 1025, 7});
-  REQUIRE_FALSE(small);
-  CHECK(small.error().code == ErrorCode::kRange);
-  CHECK(small.error().message == "chunk 1 takes 1025 bytes, but the pool of chunks has 768; it needs at least 1280");
+  check_refusal(
+      Residency::create(1023, {10, 1025, 7}),
+      {ErrorCode::kRange, "chunk 1 takes 1025 bytes, but the pool of chunks has 768; it needs at least 1280"});
   CHECK(Residency::create(1280, {10, 1025, 7}));
-  const Result<Residency> huge = Residency::create(~uint64_t{0}, {~uint64_t{0}});
-  REQUIRE_FALSE(huge);
-  CHECK(huge.error().code == ErrorCode::kRange);
+  CHECK(refusal(Residency::create(~uint64_t{0}, {~uint64_t{0}})).code == ErrorCode::kRange);
   // Without chunks no memory is needed; a chunk without bytes still has its own place.
   CHECK(Residency::create(0, {}));
   CHECK_FALSE(Residency::create(0, {0}));
@@ -329,16 +324,15 @@ TEST_CASE("a chunk larger than the pool is refused with the least pool size", "[
 
 TEST_CASE("sizes above 32 bits are kept", "[residency]") {
   const uint64_t gib = uint64_t{1} << 30;
-  Result<Residency> made = Residency::create(100 * gib, {60 * gib, 50 * gib, 30 * gib});
-  REQUIRE(made);
+  Residency made = must(Residency::create(100 * gib, {60 * gib, 50 * gib, 30 * gib}));
   const std::vector<uint32_t> visible{0, 1, 2};
-  made->begin_frame(visible);
-  const Residency::Batch first = made->next_batch(~uint64_t{0});
+  made.begin_frame(visible);
+  const Residency::Batch first = made.next_batch(~uint64_t{0});
   REQUIRE(first.loads.size() == 1);
   CHECK(first.loads[0].bytes == 60 * gib);
-  CHECK(made->next_batch(~uint64_t{0}).loads.empty());
-  made->batch_drawn(first.loads);
-  const Residency::Batch second = made->next_batch(~uint64_t{0});
+  CHECK(made.next_batch(~uint64_t{0}).loads.empty());
+  made.batch_drawn(first.loads);
+  const Residency::Batch second = made.next_batch(~uint64_t{0});
   REQUIRE(second.loads.size() == 2);
   CHECK(second.loads[1].offset + second.loads[1].bytes <= 100 * gib);
 }
@@ -346,9 +340,8 @@ TEST_CASE("sizes above 32 bits are kept", "[residency]") {
 TEST_CASE("give_way_next() sets the order of eviction, and evicted stretches leave contiguous room", "[residency]") {
   constexpr uint64_t kUnit = Residency::kAlignment;
   constexpr uint32_t kChunks = 12;
-  Result<Residency> made = Residency::create(kChunks * kUnit, std::vector<uint64_t>(2 * kChunks, kUnit));
-  REQUIRE(made);
-  Residency residency = std::move(*made);
+  Residency made = must(Residency::create(kChunks * kUnit, std::vector<uint64_t>(2 * kChunks, kUnit)));
+  Residency residency = std::move(made);
   std::vector<uint32_t> first(kChunks);
   std::iota(first.begin(), first.end(), 0u);
   residency.begin_frame(first);
@@ -413,21 +406,20 @@ TEST_CASE("cost of choosing chunks", "[.bench][residency]") {
   std::vector<uint64_t> bytes(kCount);
   for (uint64_t& chunk : bytes) chunk = 250000 + random() % 150000;
   const uint64_t pool = std::accumulate(bytes.begin(), bytes.end(), uint64_t{0}) / 4;
-  Result<Residency> residency = Residency::create(pool, bytes);
-  REQUIRE(residency);
+  Residency residency = must(Residency::create(pool, bytes));
   const auto frame = [&](const std::string& name, const std::vector<uint32_t>& visible) {
     const double start = scree::tests::cpu_seconds();
     uint64_t loaded = 0;
     uint64_t moved = 0;
     uint32_t batches = 0;
-    std::deque<std::vector<Residency::Place>> undrawn{residency->begin_frame(visible)};
-    while (!undrawn.empty() || !residency->missing().empty()) {
-      Residency::Batch batch = residency->next_batch(std::min(pool / 16, uint64_t{128} << 20));
+    std::deque<std::vector<Residency::Place>> undrawn{residency.begin_frame(visible)};
+    while (!undrawn.empty() || !residency.missing().empty()) {
+      Residency::Batch batch = residency.next_batch(std::min(pool / 16, uint64_t{128} << 20));
       for (const Residency::Place& place : batch.loads) loaded += place.bytes;
       for (const Residency::Move& move : batch.moves) moved += move.bytes;
       batches += batch.loads.empty() ? 0 : 1;
       if (!batch.loads.empty()) undrawn.push_back(std::move(batch.loads));
-      residency->batch_drawn(undrawn.front());
+      residency.batch_drawn(undrawn.front());
       undrawn.pop_front();
     }
     char line[160];

@@ -15,13 +15,13 @@
 #include "tests/catch.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/model_maker.h"
 
-using scree::Error;
 using scree::ErrorCode;
 using scree::Result;
 using scree::kernels::ShadeOptions;
@@ -87,9 +87,8 @@ View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint3
   options.fov_degrees = 25 + 90 * unit(random);
   options.width = width;
   options.height = height;
-  const Result<View> made = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
-  if (!made) FAIL(made.error().message);
-  View view = *made;
+  const View made = must(runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options));
+  View view = made;
   if (random() % 4 == 0) {
     double size = 0;
     for (size_t i = 0; i < 3; ++i) size = std::max(size, box.max[i] - box.min[i]);
@@ -126,32 +125,26 @@ class Compared {
   Pool pool() const { return pool_of(paged_); }
 
   std::unique_ptr<CpuStream> stream(uint64_t pool_bytes, uint32_t threads = 2) const {
-    Result<std::unique_ptr<CpuStream>> made = CpuStream::create(paged_, pool_bytes, threads);
-    if (!made) FAIL(made.error().message);
-    return std::move(*made);
+    return must(CpuStream::create(paged_, pool_bytes, threads));
   }
 
   /// Draws both and compares; `view` in pixels.
   StreamStats draw(CpuStream& stream, const View& view, uint32_t samples_per_side, const ShadeOptions& shade) const {
-    const Result<Frame> expected = Frame::draw(whole_, view, samples_per_side, 2);
-    REQUIRE(expected);
+    const Frame expected = must(Frame::draw(whole_, view, samples_per_side, 2));
     View fine = view;
     fine.width *= samples_per_side;
     fine.height *= samples_per_side;
-    const Result<StreamStats> stats = stream.draw_frame(fine, &shade);
-    if (!stats) FAIL(stats.error().message);
-    REQUIRE(std::equal(stream.samples().begin(), stream.samples().end(), expected->samples().begin(),
-                       expected->samples().end()));
-    const Result<Picture> picture = stream.picture(samples_per_side);
-    const Result<Picture> whole = expected->shade(shade, 2);
-    REQUIRE(picture);
-    REQUIRE(whole);
-    REQUIRE(picture->channels == whole->channels);
-    REQUIRE(picture->pixels == whole->pixels);
-    REQUIRE(stats->streamed_bytes + stats->hidden_bytes == stats->missing_bytes);
+    const StreamStats stats = must(stream.draw_frame(fine, &shade));
+    REQUIRE(std::equal(stream.samples().begin(), stream.samples().end(), expected.samples().begin(),
+                       expected.samples().end()));
+    const Picture picture = must(stream.picture(samples_per_side));
+    const Picture whole = must(expected.shade(shade, 2));
+    REQUIRE(picture.channels == whole.channels);
+    REQUIRE(picture.pixels == whole.pixels);
+    REQUIRE(stats.streamed_bytes + stats.hidden_bytes == stats.missing_bytes);
     // Layers of blended surfaces add the chunks that they miss.
-    if (whole_.view().blend_masks == nullptr) REQUIRE(stats->missing_bytes <= stats->seen_bytes);
-    return *stats;
+    if (whole_.view().blend_masks == nullptr) REQUIRE(stats.missing_bytes <= stats.seen_bytes);
+    return stats;
   }
 
  private:
@@ -329,24 +322,22 @@ TEST_CASE("pictures that do not wait for all chunks become the whole picture", "
   convert_layers(folder, options);
   const Compared scene(folder.file("out.scree"));
   const View view = must_view(scene.whole(), {.width = 97, .height = 61});
-  const Result<Frame> whole = Frame::draw(scene.whole(), view, 1, 2);
-  REQUIRE(whole);
+  const Frame whole = must(Frame::draw(scene.whole(), view, 1, 2));
   const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
   const ShadeOptions shade;
   uint64_t left = UINT64_MAX;
   int frames = 0;
   while (left != 0) {
     bool has_asked = false;
-    const Result<StreamStats> stats = stream->draw_frame(view, &shade, [&] { return std::exchange(has_asked, true); });
-    REQUIRE(stats);
-    REQUIRE(stats->left_bytes < left);
-    left = stats->left_bytes;
+    const StreamStats stats = must(stream->draw_frame(view, &shade, [&] { return std::exchange(has_asked, true); }));
+    REQUIRE(stats.left_bytes < left);
+    left = stats.left_bytes;
     // Every sample equals the whole picture's, or lies behind it.
-    REQUIRE(stream->samples().size() == whole->samples().size());
+    REQUIRE(stream->samples().size() == whole.samples().size());
     bool is_behind = false;
-    for (size_t i = 0; i < whole->samples().size(); ++i) {
-      REQUIRE(stream->samples()[i] >= whole->samples()[i]);
-      is_behind = is_behind || stream->samples()[i] != whole->samples()[i];
+    for (size_t i = 0; i < whole.samples().size(); ++i) {
+      REQUIRE(stream->samples()[i] >= whole.samples()[i]);
+      is_behind = is_behind || stream->samples()[i] != whole.samples()[i];
     }
     CHECK((left != 0 || !is_behind));
     if (frames++ == 0) CHECK(is_behind);
@@ -357,20 +348,18 @@ TEST_CASE("pictures that do not wait for all chunks become the whole picture", "
   uint64_t rest = UINT64_MAX;
   int calls = 0;
   while (rest != 0) {
-    const Result<uint64_t> less = stream->load_rest([] { return true; });
-    REQUIRE(less);
-    REQUIRE(*less < rest);
-    rest = *less;
+    const uint64_t less = must(stream->load_rest([] { return true; }));
+    REQUIRE(less < rest);
+    rest = less;
     ++calls;
   }
   CHECK(calls > 0);
   CHECK(scene.draw(*stream, view, 1, shade).missing_bytes == 0);
   // A pool that is too small for all chunks keeps some permanently.
   const std::unique_ptr<CpuStream> small = scene.stream(scene.pool().all / 2);
-  const Result<uint64_t> kept_out = small->load_rest();
-  REQUIRE(kept_out);
-  CHECK(*kept_out > 0);
-  CHECK(*small->load_rest() == *kept_out);
+  const uint64_t kept_out = must(small->load_rest());
+  CHECK(kept_out > 0);
+  CHECK(*small->load_rest() == kept_out);
   scene.draw(*small, view, 1, shade);
 }
 
@@ -511,15 +500,12 @@ TEST_CASE("bad pages end a streamed frame with the same error as loading", "[str
   Scene scene = open_scene(folder.file("bad.scree"), false);
   const View view =
       must_view(scene, {.eye = runtime::Vec3{0, 0, 9}, .target = runtime::Vec3{0, 0, 0}, .width = 64, .height = 64});
-  Result<std::unique_ptr<CpuStream>> stream = CpuStream::create(scene, pool_of(scene).least * 3, 2);
-  REQUIRE(stream);
+  std::unique_ptr<CpuStream> stream = must(CpuStream::create(scene, pool_of(scene).least * 3, 2));
   for (int i = 0; i < 2; ++i) {
-    const Result<StreamStats> drawn = (*stream)->draw_frame(view, nullptr);
-    REQUIRE_FALSE(drawn);
-    const Result<void> loaded = scene.load_pages(2);
-    REQUIRE_FALSE(loaded);
-    CHECK(drawn.error().code == loaded.error().code);
-    CHECK(drawn.error().message == loaded.error().message);
+    const auto drawn = refusal(stream->draw_frame(view, nullptr));
+    const auto loaded = refusal(scene.load_pages(2));
+    CHECK(drawn.code == loaded.code);
+    CHECK(drawn.message == loaded.message);
   }
 }
 
@@ -529,9 +515,6 @@ TEST_CASE("a pool smaller than a chunk is refused with the least size", "[stream
   PagedScene().write(folder.file("a.scree"), {{random_soup(200, random), Encoding{}}});
   const Scene scene = open_scene(folder.file("a.scree"), false);
   const uint64_t least = pool_of(scene).least;
-  const auto small = CpuStream::create(scene, least - 1, 1);
-  REQUIRE_FALSE(small);
-  CHECK(small.error().code == ErrorCode::kRange);
-  CHECK(small.error().message.find("at least " + std::to_string(least)) != std::string::npos);
+  check_refusal(CpuStream::create(scene, least - 1, 1), ErrorCode::kRange, "at least " + std::to_string(least));
   CHECK(CpuStream::create(scene, least, 1));
 }

@@ -5,7 +5,6 @@
 #include <zstd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstring>
@@ -25,6 +24,7 @@
 #include "runtime/files/direct_file.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -193,11 +193,10 @@ Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, u
   CHECK(arrived(second, table.data(), table.size()));
   for (uint64_t i = 0; i < scene.drawn_pages().size(); ++i) {
     std::vector<std::byte> scratch;
-    const auto raw = scene.container().load_page(scene.drawn_pages().page(i), scratch);
-    REQUIRE(raw);
+    const auto raw = must(scene.container().load_page(scene.drawn_pages().page(i), scratch));
     INFO("page " << scene.drawn_pages().page(i));
     CHECK(plan.page_offset(i) % 4096 == 0);
-    CHECK(arrived(plan.page_offset(i), raw->data(), raw->size()));
+    CHECK(arrived(plan.page_offset(i), raw.data(), raw.size()));
   }
   return {done, complaint};
 }
@@ -223,16 +222,15 @@ void for_all_ways(const Body& body) {
 /// Checks that an upload fails like loading the pages for the CPU, with `expected` in the message.
 void check_error(const std::string& path, const std::string& expected) {
   Scene scene = open_scene(path);
-  const Result<void> loaded = scene.load_pages(2);
-  REQUIRE_FALSE(loaded);
-  INFO(loaded.error().message);
-  CHECK(loaded.error().message.find(expected) != std::string::npos);
+  const auto loaded = refusal(scene.load_pages(2));
+  INFO(loaded.message);
+  CHECK(loaded.message.find(expected) != std::string::npos);
   CHECK_FALSE(scene.has_pages());
   for_all_ways([&](const StagingSizes& sizes, Reading reading, uint32_t threads) {
     const Attempt attempt = upload(scene, sizes, reading, threads);
     REQUIRE_FALSE(attempt.result);
-    CHECK(attempt.result.error().code == loaded.error().code);
-    CHECK(path + ": " + attempt.result.error().message == loaded.error().message);
+    CHECK(attempt.result.error().code == loaded.code);
+    CHECK(path + ": " + attempt.result.error().message == loaded.message);
     CHECK(attempt.complaint == "");
   });
 }
@@ -426,14 +424,13 @@ TEST_CASE("direct reads return the file's bytes, even after a rename", "[upload]
   std::string text(3 * 4096 + 100, 'a');
   for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 4096);
   const std::string path = folder.write("bytes", text);
-  const auto map = scree::runtime::MappedFile::open(path);
-  REQUIRE(map);
-  CHECK(map->descriptor() >= 0);
-  CHECK(map->cached_share() >= 0);
-  CHECK(map->cached_share() <= 1);
+  const auto map = must(scree::runtime::MappedFile::open(path));
+  CHECK(map.descriptor() >= 0);
+  CHECK(map.cached_share() >= 0);
+  CHECK(map.cached_share() <= 1);
   std::filesystem::rename(path, folder.file("elsewhere"));
   folder.write("bytes", "another file");
-  const auto file = DirectFile::open(*map);
+  const auto file = DirectFile::open(map);
   if (!file) {
     CHECK(file.error().code == ErrorCode::kUnsupported);
     WARN("the folder for temporary files has no direct reads");
@@ -455,10 +452,8 @@ TEST_CASE("direct reads return the file's bytes, even after a rename", "[upload]
   std::vector<Block> blocks(4);
   REQUIRE(file->read(0, std::as_writable_bytes(std::span(blocks).first(1))));
   for (uint64_t first = 0; first < 4; ++first) {
-    const auto read = file->read(4096 * first, std::as_writable_bytes(std::span(blocks).first(4 - first)));
-    REQUIRE_FALSE(read);
-    CHECK(read.error().code == ErrorCode::kFile);
-    CHECK(read.error().message.find(", but had 12388 when it was opened") != std::string::npos);
+    check_refusal(file->read(4096 * first, std::as_writable_bytes(std::span(blocks).first(4 - first))),
+                  ErrorCode::kFile, ", but had 12388 when it was opened");
   }
 }
 
@@ -499,19 +494,17 @@ TEST_CASE("the cached share of a file decides how it is read", "[upload]") {
   for (uint64_t i = 0; i < plan.pages()->size(); ++i) stored += plan.pages()->record(i).stored_bytes;
   const scree::runtime::MappedFile& map = scene.file().map();
   // Pages that opening read stay, since they are mapped.
-  const Result<double> left = scree::bench::drop_from_cache(path);
-  REQUIRE(left);
-  if (*left > 0.4) {
-    WARN("skipped: this file system keeps " << 100 * *left << "% of a file that is dropped from its cache");
+  const double left = must(scree::bench::drop_from_cache(path));
+  if (left > 0.4) {
+    WARN("skipped: this file system keeps " << 100 * left << "% of a file that is dropped from its cache");
   } else {
     CAPTURE(map.cached_share());
     CHECK(choose_reading(plan, map, Reading::kAuto, stored) == Reading::kDirect);
     CHECK(choose_reading(plan, map, Reading::kAuto, stored + 1) == Reading::kBuffered);
     CHECK(choose_reading(plan, map, Reading::kBuffered, stored) == Reading::kBuffered);
   }
-  const Result<double> brought = scree::bench::bring_to_cache(path);
-  REQUIRE(brought);
-  REQUIRE(*brought > 0.9);
+  const double brought = must(scree::bench::bring_to_cache(path));
+  REQUIRE(brought > 0.9);
   CHECK(choose_reading(plan, map, Reading::kAuto, stored) == Reading::kBuffered);
   CHECK(choose_reading(plan, map, Reading::kDirect, stored) == Reading::kDirect);
 }
@@ -524,13 +517,11 @@ TEST_CASE("a scene opened without its pages loads them on request", "[upload]") 
   CHECK_FALSE(scene.has_pages());
   const uint32_t page = scene.drawn_pages().page(3);  // compressed
   std::vector<std::byte> scratch;
-  const auto read = scene.page(page, scratch);
-  REQUIRE(read);
+  const auto read = must(scene.page(page, scratch));
   REQUIRE(scene.load_pages(2));
   CHECK(scene.has_pages());
   std::vector<std::byte> unused;
-  const auto kept = scene.page(page, unused);
-  REQUIRE(kept);
-  CHECK(kept->data() == scene.view().pages[page]);
-  CHECK(std::equal(kept->begin(), kept->end(), read->begin(), read->end()));
+  const auto kept = must(scene.page(page, unused));
+  CHECK(kept.data() == scene.view().pages[page]);
+  CHECK(std::equal(kept.begin(), kept.end(), read.begin(), read.end()));
 }

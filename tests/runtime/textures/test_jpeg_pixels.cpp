@@ -12,6 +12,7 @@
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tools/convert/images/jpeg_file.h"
 
 using namespace scree;
@@ -24,9 +25,7 @@ using scree::tests::jpeg::Bytes;
 namespace {
 
 JpegIndex must_index(const Bytes& bytes) {
-  auto index = open_jpeg_index(bytes);
-  if (!index) FAIL(index.error().message);
-  return std::move(*index);
+  return must(open_jpeg_index(bytes));
 }
 
 /// libjpeg upsamples only by whole factors.
@@ -45,12 +44,11 @@ bool libjpeg_can_upsample(const JpegIndex& index) {
 std::vector<uint8_t> decode_rgb(const JpegIndex& index) {
   std::vector<uint8_t> rgb;
   uint32_t rows = 0;
-  const auto decoded = decode_jpeg_rows(index, [&](uint32_t y, std::span<const uint8_t> row) {
+  must(decode_jpeg_rows(index, [&](uint32_t y, std::span<const uint8_t> row) {
     REQUIRE(y == rows++);
     REQUIRE(row.size() == size_t{3} * index.width);
     rgb.insert(rgb.end(), row.begin(), row.end());
-  });
-  if (!decoded) FAIL(decoded.error().message);
+  }));
   REQUIRE(rows == index.height);
   return rgb;
 }
@@ -129,10 +127,9 @@ TEST_CASE("samples and colours equal libjpeg's, for every kind of file", "[jpeg_
   for (const auto& recipe : scree::tests::indexable_recipes()) {
     INFO(recipe.name << ", " << recipe.width << " x " << recipe.height);
     const Bytes file = make_jpeg(recipe);
-    const auto indexed = runtime::index_jpeg(file);
-    if (!indexed) FAIL(indexed.error().message);
-    CHECK(indexed->note.empty());
-    const JpegIndex index = must_index(indexed->bytes);
+    const auto indexed = must(runtime::index_jpeg(file));
+    CHECK(indexed.note.empty());
+    const JpegIndex index = must_index(indexed.bytes);
     if (!libjpeg_can_upsample(index)) {
       (void)decode_rgb(index);
       continue;
@@ -152,10 +149,9 @@ TEST_CASE("damaged groups decode within their bytes", "[jpeg_pixels]") {
   for (const auto& recipe : scree::tests::indexable_recipes()) {
     if (recipe.width * recipe.height > 40000) continue;
     INFO(recipe.name << ", " << recipe.width << " x " << recipe.height);
-    const auto indexed = runtime::index_jpeg(make_jpeg(recipe));
-    REQUIRE(indexed);
+    const auto indexed = must(runtime::index_jpeg(make_jpeg(recipe)));
     for (int round = 0; round < 4; ++round) {
-      GuardedBytes bytes(indexed->bytes);
+      GuardedBytes bytes(indexed.bytes);
       for (int i = 0; i < 6; ++i)
         bytes.bytes()[64 + random() % (bytes.bytes().size() - 64)] ^= std::byte(1 + random() % 255);
       const auto index = open_jpeg_index(bytes.bytes());

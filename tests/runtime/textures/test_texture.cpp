@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <map>
 #include <random>
-#include <vector>
 
 #include "runtime/textures/srgb.h"
 #include "tests/catch.h"

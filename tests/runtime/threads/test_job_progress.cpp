@@ -8,6 +8,7 @@
 #include "runtime/threads/job_progress.h"
 #include "runtime/threads/parallel.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 
 namespace scree::tests {
 
@@ -43,13 +44,11 @@ TEST_CASE("a relayed job never waits for its listener", "[threads]") {
 
 TEST_CASE("a relayed job is stopped by its listener, and throws to its caller", "[threads]") {
   JobProgress progress([](const char*, uint64_t, uint64_t) { return false; });
-  const Result<void> stopped = progress.relay([&]() -> Result<void> {
-    progress.begin("stage", 0);
-    for (;;)
-      if (Result<void> going = JobProgress::advance(&progress, 1); !going) return going;
-  });
-  REQUIRE_FALSE(stopped);
-  CHECK(stopped.error().message == "interrupted");
+  CHECK(refusal(progress.relay([&]() -> Result<void> {
+          progress.begin("stage", 0);
+          for (;;)
+            if (Result<void> going = JobProgress::advance(&progress, 1); !going) return going;
+        })).message == "interrupted");
   CHECK(progress.is_stopped());
   CHECK_THROWS_AS(progress.relay([]() -> int { throw std::runtime_error("job"); }), std::runtime_error);
 }

@@ -1,11 +1,11 @@
 // scree bench: the cached share of a file, and the report of a file's loads and frames.
 #include <filesystem>
-#include <span>
 #include <string>
 #include <vector>
 
 #include "tests/catch.h"
 #include "tests/csv.h"
+#include "tests/results.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
@@ -44,17 +44,14 @@ BenchOptions small_options() {
 TEST_CASE("bench: the cached share of a file is measured", "[bench_tool]") {
   const TempFolder folder;
   const std::string path = folder.write("bytes", std::string(300'000, 'x'));
-  const Result<double> brought = bring_to_cache(path);
-  REQUIRE(brought);
-  const Result<double> found = cached_share(path);
-  REQUIRE(found);
-  CHECK(*found == *brought);
-  const Result<double> dropped = drop_from_cache(path);
-  REQUIRE(dropped);
-  CHECK(*dropped >= 0);
-  CHECK(*dropped <= *brought);
-  if (*brought < 1) WARN("the folder for temporary files does not go through the page cache");
-  if (*dropped > 0) WARN("files in the folder for temporary files do not leave the page cache");
+  const double brought = must(bring_to_cache(path));
+  const double found = must(cached_share(path));
+  CHECK(found == brought);
+  const double dropped = must(drop_from_cache(path));
+  CHECK(dropped >= 0);
+  CHECK(dropped <= brought);
+  if (brought < 1) WARN("the folder for temporary files does not go through the page cache");
+  if (dropped > 0) WARN("files in the folder for temporary files do not leave the page cache");
 
   const std::string empty = folder.write("empty", "");
   CHECK(*bring_to_cache(empty) == 0);
@@ -79,56 +76,50 @@ TEST_CASE("bench: median, minimum, maximum and mean of times", "[bench_tool]") {
 
 TEST_CASE("bench: frames are counted, and an error ends them", "[bench_tool]") {
   uint32_t drawn = 0;
-  const auto times = timed_frames(5, 3, [&]() -> Result<float> { return static_cast<float>(drawn++); });
-  REQUIRE(times);
-  CHECK(*times == std::vector<float>{3, 4, 5, 6, 7});
-  const auto failed = timed_frames(5, 0, [&]() -> Result<float> { return Error{ErrorCode::kDevice, "gone"}; });
-  REQUIRE_FALSE(failed);
-  CHECK(failed.error().message == "gone");
+  const auto times = must(timed_frames(5, 3, [&]() -> Result<float> { return static_cast<float>(drawn++); }));
+  CHECK(times == std::vector<float>{3, 4, 5, 6, 7});
+  CHECK(refusal(timed_frames(5, 0, [&]() -> Result<float> {
+          return Error{ErrorCode::kDevice, "gone"};
+        })).message == "gone");
 }
 
 TEST_CASE("bench: a file's loads and frames on the CPU", "[bench_tool]") {
   const TempFolder folder;
   const std::string path = paged_file(folder);
-  const Result<FileResult> file = measure_file(path, small_options(), false);
-  REQUIRE(file);
-  CHECK(file->file_bytes == std::filesystem::file_size(path));
-  CHECK(file->unique_triangles == 2 * (40 * 40 + 25 * 25));
-  CHECK(file->drawn_triangles >= file->unique_triangles);
-  REQUIRE(file->loads.size() == 2);
-  for (const LoadResult& load : file->loads) {
+  const FileResult file = must(measure_file(path, small_options(), false));
+  CHECK(file.file_bytes == std::filesystem::file_size(path));
+  CHECK(file.unique_triangles == 2 * (40 * 40 + 25 * 25));
+  CHECK(file.drawn_triangles >= file.unique_triangles);
+  REQUIRE(file.loads.size() == 2);
+  for (const LoadResult& load : file.loads) {
     CHECK(load.load.median > 0);
     CHECK(load.load.minimum <= load.load.median);
     CHECK(load.first_picture.median > load.load.minimum);
-    CHECK(load.read_bytes == file->file_bytes);
+    CHECK(load.read_bytes == file.file_bytes);
     CHECK(load.device_bytes > load.read_bytes / 2);
     CHECK(load.gb_per_s() > 0);
   }
-  CHECK(file->loads[0].is_cold);
-  CHECK_FALSE(file->loads[1].is_cold);
-  CHECK(file->loads[0].cached_share <= file->loads[1].cached_share);
-  REQUIRE(file->views.size() == 1);
-  const ViewResult& view = file->views[0];
+  CHECK(file.loads[0].is_cold);
+  CHECK_FALSE(file.loads[1].is_cold);
+  CHECK(file.loads[0].cached_share <= file.loads[1].cached_share);
+  REQUIRE(file.views.size() == 1);
+  const ViewResult& view = file.views[0];
   CHECK(view.name == "default");
   CHECK(view.frames == 3);
   CHECK(view.draw.minimum > 0);
   CHECK(view.shade.minimum > 0);
   CHECK(view.first_ms > 0);
   CHECK_FALSE(view.streamed_bytes);
-  const Result<FileResult> again = measure_file(path, small_options(), false);
-  REQUIRE(again);
-  CHECK(again->views[0].picture == view.picture);
+  const FileResult again = must(measure_file(path, small_options(), false));
+  CHECK(again.views[0].picture == view.picture);
   BenchOptions finer = small_options();
   finer.samples_per_side = 2;
-  const Result<FileResult> other = measure_file(path, finer, false);
-  REQUIRE(other);
-  CHECK(other->views[0].picture != view.picture);
+  const FileResult other = must(measure_file(path, finer, false));
+  CHECK(other.views[0].picture != view.picture);
 
   BenchOptions options = small_options();
   options.cameras = {"nowhere"};
-  const Result<FileResult> no_view = measure_file(path, options, false);
-  REQUIRE_FALSE(no_view);
-  CHECK(no_view.error().message.find("nowhere") != std::string::npos);
+  CHECK(refusal(measure_file(path, options, false)).message.find("nowhere") != std::string::npos);
 }
 
 TEST_CASE("bench: the report of loads and frames", "[bench_tool]") {

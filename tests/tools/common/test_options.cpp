@@ -2,6 +2,7 @@
 #include "tools/common/options.h"
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tools/common/progress.h"
 
 using namespace scree;
@@ -22,9 +23,7 @@ TEST_CASE("sizes", "[options]") {
   for (const char* bad :
        {"", "GiB", "-1", "1 2", "1XB", "nan", "inf", "1e30", "9223372036854775808", "0x10", "2GiBs"}) {
     INFO(bad);
-    const Result<uint64_t> parsed = parse_size(bad);
-    REQUIRE_FALSE(parsed);
-    CHECK(parsed.error().code == ErrorCode::kUsage);
+    CHECK(refusal(parse_size(bad)).code == ErrorCode::kUsage);
   }
 }
 
@@ -51,9 +50,7 @@ TEST_CASE("whole numbers", "[options]") {
   CHECK(*parse_whole("18446744073709551615", 0, UINT64_MAX, "--bits") == UINT64_MAX);
   for (const char* bad : {"", "7", "25", "16.0", "-16", "16x", " 16", "99999999999999999999"}) {
     INFO(bad);
-    const Result<uint64_t> parsed = parse_whole(bad, 8, 24, "--bits");
-    REQUIRE_FALSE(parsed);
-    CHECK(parsed.error().message.find("--bits") != std::string::npos);
+    CHECK(refusal(parse_whole(bad, 8, 24, "--bits")).message.find("--bits") != std::string::npos);
   }
 }
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::convert;
@@ -56,9 +57,7 @@ TEST_CASE("the first error in order wins, whichever thread was faster", "[ordere
         ++taken;
         return {};
       };
-      const Result<void> run = run_ordered<int>(pool, 100, {3 * threads, UINT64_MAX}, work, kNoCost, take);
-      REQUIRE_FALSE(run);
-      CHECK(run.error().message == "job 20");
+      CHECK(refusal(run_ordered<int>(pool, 100, {3 * threads, UINT64_MAX}, work, kNoCost, take)).message == "job 20");
       CHECK(taken == 20);
     }
   }
@@ -71,9 +70,7 @@ TEST_CASE("an error of the consumer ends the run", "[ordered_pool]") {
     if (i == 5) return Error{ErrorCode::kFile, "disk full"};
     return {};
   };
-  const Result<void> run = run_ordered<uint64_t>(pool, 1000, {9, UINT64_MAX}, work, kNoCost, take);
-  REQUIRE_FALSE(run);
-  CHECK(run.error().message == "disk full");
+  CHECK(refusal(run_ordered<uint64_t>(pool, 1000, {9, UINT64_MAX}, work, kNoCost, take)).message == "disk full");
 }
 
 TEST_CASE("jobs in flight stay within the limit, which is at least one", "[ordered_pool]") {
@@ -106,9 +103,7 @@ TEST_CASE("an exception of a job is an error", "[ordered_pool]") {
     return 0;
   };
   const auto take = [](uint64_t, int) -> Result<void> { return {}; };
-  const Result<void> run = run_ordered<int>(pool, 10, {4, UINT64_MAX}, work, kNoCost, take);
-  REQUIRE_FALSE(run);
-  CHECK(run.error().code == ErrorCode::kMemory);
+  CHECK(refusal(run_ordered<int>(pool, 10, {4, UINT64_MAX}, work, kNoCost, take)).code == ErrorCode::kMemory);
 }
 
 TEST_CASE("a raised stop flag ends the wait", "[ordered_pool]") {
@@ -122,7 +117,5 @@ TEST_CASE("a raised stop flag ends the wait", "[ordered_pool]") {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
     return {};
   };
-  const Result<void> run = run_ordered<int>(pool, 100000, {6, UINT64_MAX}, work, kNoCost, take);
-  REQUIRE_FALSE(run);
-  CHECK(run.error().message == "interrupted");
+  CHECK(refusal(run_ordered<int>(pool, 100000, {6, UINT64_MAX}, work, kNoCost, take)).message == "interrupted");
 }

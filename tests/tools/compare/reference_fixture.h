@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "tests/catch.h"
+#include "tests/results.h"
 #include "tools/compare/reference.h"
 
 namespace scree::tests {
@@ -48,9 +48,7 @@ inline std::vector<compare::ReferencePixel> draw_reference(const compare::Refere
                                                            std::span<const compare::ReferenceInstance> instances,
                                                            const compare::ReferenceMode& mode = {},
                                                            uint32_t threads = 2) {
-  const auto drawn = compare::draw_reference({&mesh, 1}, instances, view, threads, mode);
-  REQUIRE(drawn);
-  return *drawn;
+  return must(compare::draw_reference({&mesh, 1}, instances, view, threads, mode));
 }
 
 inline uint64_t covered(std::span<const compare::ReferencePixel> pixels) {

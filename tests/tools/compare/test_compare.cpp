@@ -17,6 +17,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/sanitized.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
@@ -121,78 +122,70 @@ uint64_t count(const PixelReport& report, PixelKind kind) {
 TEST_CASE("a scene against its own source has no wrong pixel", "[compare]") {
   Case test;
   const std::vector<Part> parts{{square_at(-12, -4), kOneSquare, {}}, {square_at(0, 0), kOneSquare, {3, -4, 0}}};
-  const auto report = test.pixels(parts, parts);
-  REQUIRE(report);
-  CHECK(report->wrong() == 0);
-  CHECK(count(*report, PixelKind::kSame) == 128);
-  CHECK(count(*report, PixelKind::kBothBackground) == 512 - 128);
-  CHECK(report->same_depth.count() == 128);
-  CHECK(report->same_depth.max() <= 1e-6);
+  const auto report = must(test.pixels(parts, parts));
+  CHECK(report.wrong() == 0);
+  CHECK(count(report, PixelKind::kSame) == 128);
+  CHECK(count(report, PixelKind::kBothBackground) == 512 - 128);
+  CHECK(report.same_depth.count() == 128);
+  CHECK(report.same_depth.max() <= 1e-6);
 }
 
 TEST_CASE("a square shifted by two pixels: its rims against the background, its diagonal to the neighbour",
           "[compare]") {
   Case test;
-  const auto report = test.pixels({{square_at(-4, -4), kOneSquare, {}}}, {{square_at(-2, -4), kOneSquare, {}}});
-  REQUIRE(report);
-  CHECK(count(*report, PixelKind::kBackground) == 2 * 2 * 8);
+  const auto report = must(test.pixels({{square_at(-4, -4), kOneSquare, {}}}, {{square_at(-2, -4), kOneSquare, {}}}));
+  CHECK(count(report, PixelKind::kBackground) == 2 * 2 * 8);
   // Two pixels per row lie between the two diagonals; of these, the six columns that both squares cover have 12.
-  CHECK(count(*report, PixelKind::kNeighbour) == 12);
-  CHECK(count(*report, PixelKind::kSame) == 6 * 8 - 12);
-  CHECK(report->wrong() == 32 + 12);
+  CHECK(count(report, PixelKind::kNeighbour) == 12);
+  CHECK(count(report, PixelKind::kSame) == 6 * 8 - 12);
+  CHECK(report.wrong() == 32 + 12);
 }
 
 TEST_CASE("a square that is a unit nearer: right pixels, wrong depth", "[compare]") {
   Case test;
-  const auto report = test.pixels({{square_at(-4, -4, 0), kOneSquare, {}}}, {{square_at(-4, -4, 2), kOneSquare, {}}});
-  REQUIRE(report);
-  CHECK(report->wrong() == 0);
-  CHECK(report->same_depth.max() == Approx(0.25).epsilon(1e-5));  // 10 instead of 8
-  CHECK(report->same_depth.rms() == Approx(0.25).epsilon(1e-5));
+  const auto report =
+      must(test.pixels({{square_at(-4, -4, 0), kOneSquare, {}}}, {{square_at(-4, -4, 2), kOneSquare, {}}}));
+  CHECK(report.wrong() == 0);
+  CHECK(report.same_depth.max() == Approx(0.25).epsilon(1e-5));  // 10 instead of 8
+  CHECK(report.same_depth.rms() == Approx(0.25).epsilon(1e-5));
 }
 
 TEST_CASE("swapped meshes are other meshes, swapped squares of one mesh share no vertex", "[compare]") {
   Case test;
   const Part left{square_at(0, -4), kOneSquare, {-12, 0, 0}}, right{square_at(0, -4), kOneSquare, {4, 0, 0}};
-  const auto meshes = test.pixels({left, right}, {right, left});
-  REQUIRE(meshes);
-  CHECK(count(*meshes, PixelKind::kOtherMesh) == 128);
-  CHECK(meshes->wrong() == 128);
-  CHECK(meshes->surface_depth.count() == 128);
-  CHECK(meshes->same_depth.count() == 0);
+  const auto meshes = must(test.pixels({left, right}, {right, left}));
+  CHECK(count(meshes, PixelKind::kOtherMesh) == 128);
+  CHECK(meshes.wrong() == 128);
+  CHECK(meshes.surface_depth.count() == 128);
+  CHECK(meshes.same_depth.count() == 0);
   const Points a = square_at(-12, -4), b = square_at(4, -4);
-  const auto squares = test.pixels({{joined(a, b), kTwoSquares, {}}}, {{joined(b, a), kTwoSquares, {}}});
-  REQUIRE(squares);
-  CHECK(count(*squares, PixelKind::kApart) == 128);
-  CHECK(squares->wrong() == 128);
+  const auto squares = must(test.pixels({{joined(a, b), kTwoSquares, {}}}, {{joined(b, a), kTwoSquares, {}}}));
+  CHECK(count(squares, PixelKind::kApart) == 128);
+  CHECK(squares.wrong() == 128);
 }
 
 TEST_CASE("a missing triangle is background, and another number of triangles another source", "[compare]") {
   Case test;
   // The second triangle of the source has no area, so the file's 28 pixels of it are too many.
-  const auto report = test.pixels({{square_at(-4, -4), kOneSquare, {}}}, {{square_at(-4, -4), {0, 1, 2, 0, 3, 3}, {}}});
-  REQUIRE(report);
-  CHECK(count(*report, PixelKind::kBackground) == 28);
-  CHECK(count(*report, PixelKind::kSame) == 36);
-  CHECK(report->wrong() == 28);
-  const auto fewer = test.pixels({{square_at(-4, -4), {0, 1, 2}, {}}}, {{square_at(-4, -4), kOneSquare, {}}});
-  REQUIRE_FALSE(fewer);
-  CHECK(fewer.error().code == ErrorCode::kFormat);
-  CHECK(fewer.error().message.find("1 triangles, but the source has 2") != std::string::npos);
-  const auto meshes = test.pixels({{square_at(-4, -4), kOneSquare, {}}},
-                                  {{square_at(-4, -4), kOneSquare, {}}, {square_at(-4, -4), kOneSquare, {}}});
-  REQUIRE_FALSE(meshes);
-  CHECK(meshes.error().code == ErrorCode::kFormat);
+  const auto report =
+      must(test.pixels({{square_at(-4, -4), kOneSquare, {}}}, {{square_at(-4, -4), {0, 1, 2, 0, 3, 3}, {}}}));
+  CHECK(count(report, PixelKind::kBackground) == 28);
+  CHECK(count(report, PixelKind::kSame) == 36);
+  CHECK(report.wrong() == 28);
+  check_refusal(test.pixels({{square_at(-4, -4), {0, 1, 2}, {}}}, {{square_at(-4, -4), kOneSquare, {}}}),
+                ErrorCode::kFormat, "1 triangles, but the source has 2");
+  CHECK(refusal(test.pixels({{square_at(-4, -4), kOneSquare, {}}},
+                            {{square_at(-4, -4), kOneSquare, {}}, {square_at(-4, -4), kOneSquare, {}}}))
+            .code == ErrorCode::kFormat);
 }
 
 TEST_CASE("either of two coincident triangles is right", "[compare]") {
   Case test;
   // In the source two squares coincide, and the reference shows the first; in the file that one lies behind the other.
-  const auto report = test.pixels({{joined(square_at(-4, -4, -2), square_at(-4, -4)), kTwoSquares, {}}},
-                                  {{joined(square_at(-4, -4), square_at(-4, -4)), kTwoSquares, {}}});
-  REQUIRE(report);
-  CHECK(report->wrong() == 0);
-  CHECK(count(*report, PixelKind::kCoincident) == 64);
+  const auto report = must(test.pixels({{joined(square_at(-4, -4, -2), square_at(-4, -4)), kTwoSquares, {}}},
+                                       {{joined(square_at(-4, -4), square_at(-4, -4)), kTwoSquares, {}}}));
+  CHECK(report.wrong() == 0);
+  CHECK(count(report, PixelKind::kCoincident) == 64);
 }
 
 TEST_CASE("two visibility buffers: kinds and depths", "[compare]") {
@@ -203,40 +196,34 @@ TEST_CASE("two visibility buffers: kinds and depths", "[compare]") {
   convert::ConvertOptions options;
   options.order = convert::Order::kNone;
   REQUIRE(tests::pack(gltf, file, options));
-  auto opened = runtime::SceneFile::open(file);
-  REQUIRE(opened);
-  const auto scene = runtime::Scene::load(std::move(*opened), 0, {false, 1});
-  REQUIRE(scene);
+  auto opened = must(runtime::SceneFile::open(file));
+  const auto scene = must(runtime::Scene::load(std::move(opened), 0, {false, 1}));
 
-  const compare::SceneMatch match(*scene);
+  const compare::SceneMatch match(scene);
   const uint64_t none = kernels::kBackground;
   const auto sample = [](uint64_t id, uint32_t octave = 0) { return kernels::pack_sample(1000 + (octave << 22), id); };
   const std::vector<uint64_t> a{none, none, sample(0), sample(0), sample(0), sample(0), sample(1, 1), sample(2)};
   const std::vector<uint64_t> b{none, sample(3), none, sample(0), sample(1), sample(2), sample(1), sample(5)};
-  const auto known = compare::compare_buffers(a, b, 4, 2, &match);
-  REQUIRE(known);
+  const auto known = must(compare::compare_buffers(a, b, 4, 2, &match));
   const std::vector<PixelKind> expected{PixelKind::kBothBackground, PixelKind::kBackground, PixelKind::kBackground,
                                         PixelKind::kSame,           PixelKind::kNeighbour,  PixelKind::kApart,
                                         PixelKind::kSame,           PixelKind::kOtherMesh};
-  CHECK(known->kinds == expected);
-  CHECK(known->wrong() == 5);
+  CHECK(known.kinds == expected);
+  CHECK(known.wrong() == 5);
   // An octave of depth codes is a factor of two.
-  CHECK(known->same_depth.max() == Approx(1.0).epsilon(1e-6));
-  CHECK(known->same_depth.rms() == Approx(std::sqrt(0.5)).epsilon(1e-6));
-  CHECK(known->surface_depth.count() == 5);
+  CHECK(known.same_depth.max() == Approx(1.0).epsilon(1e-6));
+  CHECK(known.same_depth.rms() == Approx(std::sqrt(0.5)).epsilon(1e-6));
+  CHECK(known.surface_depth.count() == 5);
 
-  const auto unknown = compare::compare_buffers(a, b, 4, 2, nullptr);
-  REQUIRE(unknown);
-  CHECK(count(*unknown, PixelKind::kOtherTriangle) == 3);
-  CHECK(unknown->wrong() == 5);
-  CHECK_FALSE(unknown->tells(PixelKind::kNeighbour));
+  const auto unknown = must(compare::compare_buffers(a, b, 4, 2, nullptr));
+  CHECK(count(unknown, PixelKind::kOtherTriangle) == 3);
+  CHECK(unknown.wrong() == 5);
+  CHECK_FALSE(unknown.tells(PixelKind::kNeighbour));
 
   std::vector<uint64_t> past = a;
   past[4] = sample(6);
-  const auto refused = compare::compare_buffers(past, b, 4, 2, &match);
-  REQUIRE_FALSE(refused);
-  CHECK(refused.error().code == ErrorCode::kRange);
-  CHECK(refused.error().message == "pixel 0,1 of the first buffer: triangle 6, but " + file + " draws 6");
+  check_refusal(compare::compare_buffers(past, b, 4, 2, &match),
+                {ErrorCode::kRange, "pixel 0,1 of the first buffer: triangle 6, but " + file + " draws 6"});
 }
 
 TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[compare]") {
@@ -258,44 +245,36 @@ TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[comp
   convert::ConvertOptions options;
   options.source_ids = true;
   options.normals = convert::Normals::kAlways;
-  const auto packed = tests::pack(folder.file("file.gltf"), folder.file("file.scree"), options);
-  REQUIRE(packed);
+  const auto packed = must(tests::pack(folder.file("file.gltf"), folder.file("file.scree"), options));
 
-  const auto own = convert::import_gltf(folder.file("file.gltf"), {});
-  REQUIRE(own);
-  const auto same = compare::compare_geometry(*own, packed->file);
-  REQUIRE(same);
-  CHECK(same->stored.max() == 0);  // whole numbers lie on the lattice
-  CHECK(same->stored.count() == 4);
-  CHECK(same->triangles == 2);
-  CHECK(same->broken.empty());
-  CHECK(same->normals == 6);
-  CHECK(same->normal_degrees < 0.05);
-  CHECK(same->face_degrees == 0);
+  const auto own = must(convert::import_gltf(folder.file("file.gltf"), {}));
+  const auto same = must(compare::compare_geometry(own, packed.file));
+  CHECK(same.stored.max() == 0);  // whole numbers lie on the lattice
+  CHECK(same.stored.count() == 4);
+  CHECK(same.triangles == 2);
+  CHECK(same.broken.empty());
+  CHECK(same.normals == 6);
+  CHECK(same.normal_degrees < 0.05);
+  CHECK(same.face_degrees == 0);
 
-  const auto other = convert::import_gltf(folder.file("source.gltf"), {});
-  REQUIRE(other);
-  const auto moved = compare::compare_geometry(*other, packed->file);
-  REQUIRE(moved);
-  for (const compare::Distances* distances : {&moved->stored, &moved->source}) {
+  const auto other = must(convert::import_gltf(folder.file("source.gltf"), {}));
+  const auto moved = must(compare::compare_geometry(other, packed.file));
+  for (const compare::Distances* distances : {&moved.stored, &moved.source}) {
     CHECK(distances->count() == 4);
     CHECK(distances->max() == 0.5);
     CHECK(distances->rms() == 0.5);
     CHECK(distances->relative_max() == Approx(0.5 / std::sqrt(128.0)));
     CHECK(distances->relative_rms() == Approx(0.5 / std::sqrt(128.0)));
   }
-  CHECK(moved->axis_error == 0.5);
-  REQUIRE(moved->broken.size() == 1);
-  CHECK(moved->broken[0].error == 0.5);
-  CHECK(moved->missing_triangles == 0);
-  CHECK(moved->normal_degrees == Approx(30).margin(0.05));
+  CHECK(moved.axis_error == 0.5);
+  REQUIRE(moved.broken.size() == 1);
+  CHECK(moved.broken[0].error == 0.5);
+  CHECK(moved.missing_triangles == 0);
+  CHECK(moved.normal_degrees == Approx(30).margin(0.05));
 
   options.source_ids = false;
-  const auto without = tests::pack(folder.file("file.gltf"), folder.file("bare.scree"), options);
-  REQUIRE(without);
-  const auto refused = compare::compare_geometry(*own, without->file);
-  REQUIRE_FALSE(refused);
-  CHECK(refused.error().message.find("--source-ids") != std::string::npos);
+  const auto without = must(tests::pack(folder.file("file.gltf"), folder.file("bare.scree"), options));
+  CHECK(refusal(compare::compare_geometry(own, without.file)).message.find("--source-ids") != std::string::npos);
 }
 
 TEST_CASE("the small models are drawn as by the reference", "[compare]") {
@@ -310,25 +289,21 @@ TEST_CASE("the small models are drawn as by the reference", "[compare]") {
     options.drop_nonfinite = true;
     const auto packed = tests::pack(path.string(), file, options);
     if (!packed) continue;  // test_models.cpp lists the models that may be refused
-    auto opened = runtime::SceneFile::open(file);
-    REQUIRE(opened);
-    const auto number = opened->find_scene("");
+    auto opened = must(runtime::SceneFile::open(file));
+    const auto number = opened.find_scene("");
     if (!number) continue;
-    const auto scene = runtime::Scene::load(std::move(*opened), *number, {false, 2});
-    REQUIRE(scene);
+    const auto scene = must(runtime::Scene::load(std::move(opened), *number, {false, 2}));
     runtime::CameraOptions camera;
     camera.width = 320;
     camera.height = 240;
-    const auto view = runtime::make_view(scene->container(), *number, scene->view(), camera);
-    REQUIRE(view);
-    const auto report = Case::against(file, path.string(), &*view);
-    if (!report) FAIL(report.error().message);
+    const auto view = must(runtime::make_view(scene.container(), *number, scene.view(), camera));
+    const auto report = must(Case::against(file, path.string(), &view));
     // Snapping to 1/256 pixel moves an edge over the centre of at most one pixel in 256 along it.
-    const PixelReport& pixels = report->pixels;
+    const PixelReport& pixels = report.pixels;
     CHECK(pixels.wrong() <= 320 * 240 / 200);
     CHECK(pixels.same_depth.rms() < 1e-3);
     // If the triangle is right, so is the colour. No difference may come from a texture, which the reference lacks.
-    CHECK(report->pictures.differing <= pixels.wrong() + 320 * 240 / 500);
+    CHECK(report.pictures.differing <= pixels.wrong() + 320 * 240 / 500);
     compared += pixels.same_depth.count() > 0 ? 1 : 0;
   }
   CHECK(compared >= 6);
@@ -343,16 +318,15 @@ TEST_CASE("lit pictures against the source: identical pictures are reported as i
   options.source_ids = true;
   const std::string file = test.folder.file("parts.scree");
   REQUIRE(tests::pack(test.folder.file("parts.gltf"), file, options));
-  const auto same = Case::against(file, test.folder.file("parts.gltf"), nullptr);
-  REQUIRE(same);
-  CHECK(same->pictures.differing == 0);
-  CHECK(std::isinf(same->pictures.psnr));
-  CHECK(same->pictures.flip_max == 0);
-  CHECK(compare::text_pictures(same->pictures, true).find("identical") != std::string::npos);
+  const auto same = must(Case::against(file, test.folder.file("parts.gltf"), nullptr));
+  CHECK(same.pictures.differing == 0);
+  CHECK(std::isinf(same.pictures.psnr));
+  CHECK(same.pictures.flip_max == 0);
+  CHECK(compare::text_pictures(same.pictures, true).find("identical") != std::string::npos);
   std::string text;
   tools::JsonWriter json(text);
   json.begin_object();
-  compare::json_pictures(json, same->pictures, true);
+  compare::json_pictures(json, same.pictures, true);
   json.end_object();
   CHECK_FALSE(json.met_non_finite());
   const nlohmann::json read = nlohmann::json::parse(text)["pictures"];
@@ -361,12 +335,11 @@ TEST_CASE("lit pictures against the source: identical pictures are reported as i
   CHECK_FALSE(read.contains("psnr_db"));
 
   // Two rims of 2 x 8 pixels, black against white seen head-on.
-  const auto moved = Case::against(file, test.folder.file("shifted.gltf"), nullptr);
-  REQUIRE(moved);
-  CHECK(moved->pictures.differing == 32);
-  CHECK(moved->pictures.max_levels == 255);
-  CHECK(moved->pictures.psnr == Approx(10 * std::log10(512.0 / 32)));
-  CHECK(moved->pictures.flip_max > 0.9);
+  const auto moved = must(Case::against(file, test.folder.file("shifted.gltf"), nullptr));
+  CHECK(moved.pictures.differing == 32);
+  CHECK(moved.pictures.max_levels == 255);
+  CHECK(moved.pictures.psnr == Approx(10 * std::log10(512.0 / 32)));
+  CHECK(moved.pictures.flip_max > 0.9);
 }
 
 TEST_CASE("masks follow the sampler's minification filter, as in the reference", "[compare][mask]") {
@@ -378,8 +351,7 @@ TEST_CASE("masks follow the sampler's minification filter, as in the reference",
     const double alpha = 128 + 60 * std::sin(0.8 * x + 0.03 * y) + 60 * std::cos(0.7 * y - 0.1 * x);
     texels.insert(texels.end(), {uint8_t{90}, uint8_t{150}, uint8_t{90}, static_cast<uint8_t>(alpha)});
   }
-  const auto png = runtime::encode_png({kSide, kSide, 4, texels});
-  REQUIRE(png);
+  const auto png = must(runtime::encode_png({kSide, kSide, 4, texels}));
   kernels::View view = pixel_view();
   view.width = 320;
   view.height = 160;
@@ -388,7 +360,7 @@ TEST_CASE("masks follow the sampler's minification filter, as in the reference",
   for (const uint16_t filter : std::array<uint16_t, 7>{0, 9728, 9729, 9984, 9985, 9986, 9987}) {
     INFO("minFilter " << filter);
     tests::ModelMaker maker(folder.file("source.gltf"));
-    tools::GltfTexture texture = maker.texture("waves", format::ImageCodec::kPng, *png);
+    tools::GltfTexture texture = maker.texture("waves", format::ImageCodec::kPng, png);
     texture.min_filter = filter;
     tools::GltfMaterial material;
     material.texture = maker.writer().add_texture(texture);
@@ -401,16 +373,14 @@ TEST_CASE("masks follow the sampler's minification filter, as in the reference",
     convert::ConvertOptions options;
     options.source_ids = true;
     REQUIRE(tests::pack(folder.file("source.gltf"), folder.file("file.scree"), options));
-    const auto report = Case::against(folder.file("file.scree"), folder.file("source.gltf"), &view);
-    REQUIRE(report);
+    const auto report = must(Case::against(folder.file("file.scree"), folder.file("source.gltf"), &view));
     // Places on a mask are rounded to 1/256 texel.
-    CHECK(report->pixels.wrong() <= 80 * 80 / 100);
-    CHECK(report->pixels.same_depth.count() > 1000);
-    CHECK(report->pixels.same_depth.count() < 5400);
-    const Result<runtime::Scene> scene = runtime::Scene::open(folder.file("file.scree"), {});
-    REQUIRE(scene);
+    CHECK(report.pixels.wrong() <= 80 * 80 / 100);
+    CHECK(report.pixels.same_depth.count() > 1000);
+    CHECK(report.pixels.same_depth.count() < 5400);
+    const runtime::Scene scene = must(runtime::Scene::open(folder.file("file.scree"), {}));
     pictures[filter].resize(size_t{320} * 160);
-    REQUIRE(kernels::draw_cpu(scene->view(), view, pictures[filter], 2));
+    REQUIRE(kernels::draw_cpu(scene.view(), view, pictures[filter], 2));
   }
   // A mask takes one level; without a filter it is bilinear.
   CHECK((pictures[0] == pictures[9985] && pictures[0] == pictures[9987]));
@@ -446,13 +416,11 @@ TEST_CASE("fewer position bits change the lit picture", "[compare][cli]") {
     psnr = pictures["psnr_db"].get<double>();
     flip = pictures["flip_mean"].get<double>();
     // The picture of the error agrees with the numbers.
-    const auto map = runtime::MappedFile::open(folder.file("flip.png"));
-    REQUIRE(map);
-    const auto image = runtime::decode_image(map->bytes());
-    REQUIRE(image);
-    REQUIRE(image->rgba.size() == 4 * 160 * 120);
+    const auto map = must(runtime::MappedFile::open(folder.file("flip.png")));
+    const auto image = must(runtime::decode_image(map.bytes()));
+    REQUIRE(image.rgba.size() == 4 * 160 * 120);
     double sum = 0;
-    for (size_t i = 0; i < image->rgba.size(); i += 4) sum += image->rgba[i];
+    for (size_t i = 0; i < image.rgba.size(); i += 4) sum += image.rgba[i];
     CHECK(sum / 255 / (160 * 120) == Approx(flip).margin(0.5 / 255));
   }
 }
@@ -521,15 +489,14 @@ void check_stated_errors(const Widths& widths, uint64_t least) {
       options.images.textures = convert::Textures::kRaw;  // indices of JPEGs would take most of the time
       const auto packed = tests::pack(path.string(), output, options);
       if (!packed) break;
-      const auto report = compare::compare_geometry(*source, packed->file);
-      if (!report) FAIL(report.error().message);
-      CHECK(report->broken.empty());
-      CHECK(report->missing_triangles == 0);
-      CHECK(report->unknown_triangles == 0);
-      CHECK(report->axis_error <= report->axis_bound);
+      const auto report = must(compare::compare_geometry(*source, packed->file));
+      CHECK(report.broken.empty());
+      CHECK(report.missing_triangles == 0);
+      CHECK(report.unknown_triangles == 0);
+      CHECK(report.axis_error <= report.axis_bound);
       // Three coordinate errors bound every distance.
-      CHECK(report->stored.max() <= std::sqrt(3.0) * report->axis_error * (1 + 1e-12));
-      CHECK(report->source.max() == report->stored.max());
+      CHECK(report.stored.max() <= std::sqrt(3.0) * report.axis_error * (1 + 1e-12));
+      CHECK(report.source.max() == report.stored.max());
       ++checked;
     }
   }

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -11,6 +10,7 @@
 #include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
@@ -45,13 +45,10 @@ struct Source {
     options.encoding = convert::Encoding::kIndexed;
     options.source_ids = true;
     if (change) change(options);
-    const auto packed = tests::pack(gltf, folder.file(name + ".scree"), options);
-    if (!packed) FAIL(packed.error().message);
+    must(tests::pack(gltf, folder.file(name + ".scree"), options));
     runtime::SceneOptions load;
     load.threads = 2;
-    auto scene = runtime::Scene::open(folder.file(name + ".scree"), load);
-    if (!scene) FAIL(scene.error().message);
-    return std::move(*scene);
+    return must(runtime::Scene::open(folder.file(name + ".scree"), load));
   }
 };
 
@@ -81,23 +78,17 @@ std::vector<uint64_t> draw(const runtime::Scene& scene) {
                                                       .target = runtime::Vec3{1.0, 0.0, 1.0},
                                                       .width = kWidth,
                                                       .height = kHeight});
-  const auto frame = runtime::Frame::draw(scene, view, 1, 2);
-  REQUIRE(frame);
-  return {frame->samples().begin(), frame->samples().end()};
+  const auto frame = must(runtime::Frame::draw(scene, view, 1, 2));
+  return {frame.samples().begin(), frame.samples().end()};
 }
 
 PixelReport compared(const runtime::Scene& a, const runtime::Scene& b) {
-  const auto match = SceneMatch::match(a, b);
-  if (!match) FAIL(match.error().message);
-  const auto report = compare::compare_buffers(draw(a), draw(b), kWidth, kHeight, &*match);
-  if (!report) FAIL(report.error().message);
-  return *report;
+  const auto match = must(SceneMatch::match(a, b));
+  return must(compare::compare_buffers(draw(a), draw(b), kWidth, kHeight, &match));
 }
 
 PixelReport compared_by_id(const runtime::Scene& a, const runtime::Scene& b) {
-  const auto report = compare::compare_buffers(draw(a), draw(b), kWidth, kHeight, nullptr);
-  REQUIRE(report);
-  return *report;
+  return must(compare::compare_buffers(draw(a), draw(b), kWidth, kHeight, nullptr));
 }
 
 uint64_t count_of(const PixelReport& report, PixelKind kind) {
@@ -110,9 +101,8 @@ Error refused(const runtime::Scene& a, const runtime::Scene& b, const std::vecto
   const auto match = SceneMatch::match(a, b);
   if (!match) return match.error();
   const auto width = static_cast<uint32_t>(samples_a.size());
-  const auto report = compare::compare_buffers(samples_a, samples_b, width, 1, &*match);
-  REQUIRE_FALSE(report);
-  return report.error();
+  const auto report = refusal(compare::compare_buffers(samples_a, samples_b, width, 1, &*match));
+  return report;
 }
 
 void check_refused(const Error& error, ErrorCode code, const std::string& words) {
@@ -130,10 +120,9 @@ uint64_t id_of(const runtime::Scene& scene, uint32_t node, uint64_t source) {
     if (view.instances[i].node != node) continue;
     const format::MeshRecord& mesh = view.meshes[view.instances[i].mesh];
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      const auto chunk = reader.read(c, tools::kPartSourceIds);
-      REQUIRE(chunk);
-      for (uint64_t t = 0; t < (*chunk)->source_ids.size(); ++t)
-        if ((*chunk)->source_ids[t] == source) return view.instance_base[i] + view.chunks[c].first_triangle + t;
+      const auto chunk = must(reader.read(c, tools::kPartSourceIds));
+      for (uint64_t t = 0; t < chunk->source_ids.size(); ++t)
+        if (chunk->source_ids[t] == source) return view.instance_base[i] + view.chunks[c].first_triangle + t;
     }
   }
   FAIL("no triangle " << source << " of node " << node);
@@ -260,19 +249,17 @@ TEST_CASE("buffers of two encodings: every kind of pixel is counted", "[compare]
   };
   const std::vector<uint64_t> found{none, none, a(0, 1), a(0, 1), a(0, 1), a(0, 1), a(0, 1), a(2, 1), a(0, 3), a(1, 2)};
   const std::vector<uint64_t> right{none, b(0, 0), none, b(0, 1), b(0, 0), b(0, 2), b(1, 0), b(2, 1), b(1, 3), b(2, 0)};
-  const auto match = SceneMatch::match(first, second);
-  REQUIRE(match);
-  const auto report = compare::compare_buffers(found, right, 5, 2, &*match);
-  if (!report) FAIL(report.error().message);
+  const auto match = must(SceneMatch::match(first, second));
+  const auto report = must(compare::compare_buffers(found, right, 5, 2, &match));
   const std::vector<PixelKind> expected{PixelKind::kBothBackground, PixelKind::kBackground, PixelKind::kBackground,
                                         PixelKind::kSame,           PixelKind::kNeighbour,  PixelKind::kApart,
                                         PixelKind::kOtherMesh,      PixelKind::kSame,       PixelKind::kCoincident,
                                         PixelKind::kOtherMesh};
-  CHECK(report->kinds == expected);
-  CHECK(report->wrong() == 6);
-  CHECK(report->same_depth.count() == 2);
-  CHECK(report->same_depth.max() == Approx(0.5).epsilon(1e-6));  // an octave of depth codes
-  CHECK(report->surface_depth.count() == 7);
+  CHECK(report.kinds == expected);
+  CHECK(report.wrong() == 6);
+  CHECK(report.same_depth.count() == 2);
+  CHECK(report.same_depth.max() == Approx(0.5).epsilon(1e-6));  // an octave of depth codes
+  CHECK(report.surface_depth.count() == 7);
 
   const std::vector<uint64_t> past{kernels::pack_sample(1000, 10)}, one{b(0, 0)};
   check_refused(refused(first, second, past, one), ErrorCode::kRange,

@@ -9,6 +9,7 @@
 #include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/compare/flip.h"
 #include "tools/compare/images.h"
@@ -85,17 +86,15 @@ TEST_CASE("psnr and flip of picture files", "[flip]") {
   };
   write("a.png", a);
   write("b.png", b);
-  const auto report = compare::compare_pictures(folder.file("a.png"), folder.file("b.png"), 67, 2);
-  REQUIRE(report);
-  CHECK(report->differing == 1);
-  CHECK(report->max_levels == 10);
-  CHECK(report->psnr == Approx(10 * std::log10(255.0 * 255.0 / (100.0 / 300))));
-  CHECK(report->flip_max > 0);
-  CHECK(report->flip_mean < report->flip_max);
-  const auto same = compare::compare_pictures(folder.file("a.png"), folder.file("a.png"), 67, 2);
-  REQUIRE(same);
-  CHECK(std::isinf(same->psnr));
-  CHECK(same->flip_max == 0);
+  const auto report = must(compare::compare_pictures(folder.file("a.png"), folder.file("b.png"), 67, 2));
+  CHECK(report.differing == 1);
+  CHECK(report.max_levels == 10);
+  CHECK(report.psnr == Approx(10 * std::log10(255.0 * 255.0 / (100.0 / 300))));
+  CHECK(report.flip_max > 0);
+  CHECK(report.flip_mean < report.flip_max);
+  const auto same = must(compare::compare_pictures(folder.file("a.png"), folder.file("a.png"), 67, 2));
+  CHECK(std::isinf(same.psnr));
+  CHECK(same.flip_max == 0);
 }
 
 TEST_CASE("flip equals the values of the authors' program", "[flip]") {
@@ -114,10 +113,9 @@ TEST_CASE("flip equals the values of the authors' program", "[flip]") {
                            {"anorm.png", "a1.png", 0.830921, 0.991447},
                            {"acol.png", "a1.png", 0.690676, 0.969740}}) {
     INFO(pair.test);
-    const auto report = compare::compare_pictures((folder / pair.test).string(), (folder / pair.reference).string(),
-                                                  compare::kPixelsPerDegree, 2);
-    REQUIRE(report);
-    CHECK(report->flip_mean == Approx(pair.mean).epsilon(0).margin(2e-5));
-    CHECK(report->flip_max == Approx(pair.max).epsilon(0).margin(2e-5));
+    const auto report = must(compare::compare_pictures(
+        (folder / pair.test).string(), (folder / pair.reference).string(), compare::kPixelsPerDegree, 2));
+    CHECK(report.flip_mean == Approx(pair.mean).epsilon(0).margin(2e-5));
+    CHECK(report.flip_max == Approx(pair.max).epsilon(0).margin(2e-5));
   }
 }

@@ -1,6 +1,5 @@
 // The reference rasteriser compared with counts made by hand.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <vector>
 

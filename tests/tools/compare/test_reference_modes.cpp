@@ -1,5 +1,4 @@
 // The reference rasteriser's roundings and colours, and its independence from the code that it judges.
-#include <bit>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -13,6 +12,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/compare/reference_fixture.h"
 #include "tests/tools/packed_file.h"
@@ -169,35 +169,26 @@ TEST_CASE("the reference's colours equal those of kernels/", "[reference]") {
     options.float32 = true;
     options.source_ids = true;
     REQUIRE(tests::pack(source, folder.file("a.scree"), options));
-    auto file = runtime::SceneFile::open(folder.file("a.scree"));
-    REQUIRE(file);
-    const auto scene = runtime::Scene::load(std::move(*file), 0, {false, 2});
-    REQUIRE(scene);
-    const kernels::View view = tests::must_view(*scene, {.width = 96, .height = 64});
-    const auto gltf = convert::import_gltf(source, {});
-    REQUIRE(gltf);
-    const auto model = compare::load_source_model(*gltf, scene->container(), 0);
-    REQUIRE(model);
-    const auto expected = compare::draw_reference(model->views, model->instances, view, 2);
-    REQUIRE(expected);
-    const auto frame = runtime::Frame::draw(*scene, view, 1, 2);
-    REQUIRE(frame);
+    auto file = must(runtime::SceneFile::open(folder.file("a.scree")));
+    const auto scene = must(runtime::Scene::load(std::move(file), 0, {false, 2}));
+    const kernels::View view = tests::must_view(scene, {.width = 96, .height = 64});
+    const auto gltf = must(convert::import_gltf(source, {}));
+    const auto model = must(compare::load_source_model(gltf, scene.container(), 0));
+    const auto expected = must(compare::draw_reference(model.views, model.instances, view, 2));
+    const auto frame = must(runtime::Frame::draw(scene, view, 1, 2));
     kernels::ShadeOptions shading;
     shading.show = kernels::Show::kColor;
     shading.background[3] = 1;
-    const auto picture = frame->shade(shading, 2);
-    REQUIRE(picture);
-    const auto rgb = compare::shade_reference(*model, *expected, view, 1, 2);
-    REQUIRE(rgb);
-    const auto report = compare::compare_frame(*frame, *model, *expected, view, 2);
-    REQUIRE(report);
+    const auto picture = must(frame.shade(shading, 2));
+    const auto rgb = must(compare::shade_reference(model, expected, view, 1, 2));
+    const auto report = must(compare::compare_frame(frame, model, expected, view, 2));
     uint64_t same = 0;
     int largest = 0;
-    for (size_t i = 0; i < report->kinds.size(); ++i) {
-      if (report->kinds[i] != compare::PixelKind::kSame) continue;
+    for (size_t i = 0; i < report.kinds.size(); ++i) {
+      if (report.kinds[i] != compare::PixelKind::kSame) continue;
       ++same;
       for (size_t c = 0; c < 3; ++c)
-        largest = std::max(largest, std::abs(int{(*rgb)[3 * i + c]} - int{picture->pixels[3 * i + c]}));
+        largest = std::max(largest, std::abs(int{rgb[3 * i + c]} - int{picture.pixels[3 * i + c]}));
     }
     CHECK(same > 100);
     CHECK(largest <= 1);
@@ -215,14 +206,12 @@ TEST_CASE("averages of 8 x 8 samples are in linear light", "[reference]") {
   model.instances.push_back(identity());
   kernels::View view = deep_view(16, 16);
   view.width = view.height = 128;
-  const auto samples = compare::draw_reference(model.views, model.instances, view, 2);
-  REQUIRE(samples);
-  const auto rgb = compare::shade_reference(model, *samples, view, 8, 2);
-  REQUIRE(rgb);
-  REQUIRE(rgb->size() == 3 * 16 * 16);
-  CHECK((*rgb)[3 * (8 * 16 + 7)] == 255);
-  CHECK((*rgb)[3 * (8 * 16 + 8)] == 188);
-  CHECK((*rgb)[3 * (8 * 16 + 9)] == 0);
+  const auto samples = must(compare::draw_reference(model.views, model.instances, view, 2));
+  const auto rgb = must(compare::shade_reference(model, samples, view, 8, 2));
+  REQUIRE(rgb.size() == 3 * 16 * 16);
+  CHECK(rgb[3 * (8 * 16 + 7)] == 255);
+  CHECK(rgb[3 * (8 * 16 + 8)] == 188);
+  CHECK(rgb[3 * (8 * 16 + 9)] == 0);
 }
 
 TEST_CASE("the reference uses only a type and a limit of kernels/, no code", "[reference]") {

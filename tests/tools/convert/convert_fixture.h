@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/compare/source_compare.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
@@ -29,9 +30,7 @@ inline convert::ConvertOptions options_of(const TempFolder& folder, const std::s
 }
 
 inline convert::ConvertReport must_convert(const convert::ConvertOptions& options) {
-  const Result<convert::ConvertReport> report = convert::convert(options);
-  if (!report) FAIL(report.error().message);
-  return *report;
+  return must(convert::convert(options));
 }
 
 /// Converts with options.memory = `memory`, or with the minimum from the error message if that is refused. The test
@@ -66,9 +65,7 @@ inline convert::ConvertReport must_match(const convert::ConvertOptions& options)
 }
 
 inline PackedFile must_open(const std::string& path) {
-  Result<PackedFile> file = open_packed(path);
-  if (!file) FAIL(file.error().message);
-  return std::move(*file);
+  return must(open_packed(path));
 }
 
 /// The counts of data that were left out, by their names.

@@ -20,6 +20,7 @@
 #include "runtime/textures/block_image.h"
 #include "runtime/textures/jpeg_image.h"
 #include "tests/gpu.h"
+#include "tests/results.h"
 #include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/runtime/load_scene.h"
@@ -65,26 +66,20 @@ std::vector<FileBytes> all_files() {
 
 std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, runtime::DeviceScene* device = nullptr) {
   const kernels::View view = tests::must_view(scene, {.width = width, .height = width * 2 / 3});
-  const auto frame = runtime::Frame::draw(scene, view, 1, 2, device);
-  if (!frame) FAIL(frame.error().message);
-  const auto picture = frame->shade({}, 2);
-  REQUIRE(picture);
-  return picture->pixels;
+  const auto frame = must(runtime::Frame::draw(scene, view, 1, 2, device));
+  return must(frame.shade({}, 2)).pixels;
 }
 
 std::vector<std::byte> stored_blocks(const format::Container& file, uint32_t image, uint32_t level) {
   std::vector<std::byte> blocks(format::block_rows(file.images()[image], level).bytes());
-  const auto loaded = runtime::load_block_level(file, image, level, blocks);
-  if (!loaded) FAIL(loaded.error().message);
+  must(runtime::load_block_level(file, image, level, blocks));
   return blocks;
 }
 
 uint64_t verify_failures(const std::string& path) {
-  const auto map = runtime::MappedFile::open(path);
-  REQUIRE(map);
-  const auto file = format::Container::open(map->bytes());
-  if (!file) FAIL(file.error().message);
-  return inspect::verify(*file, map->bytes(), 2).failure_count;
+  const auto map = must(runtime::MappedFile::open(path));
+  const auto file = must(format::Container::open(map.bytes()));
+  return inspect::verify(file, map.bytes(), 2).failure_count;
 }
 
 }  // namespace
@@ -104,9 +99,8 @@ TEST_CASE("blocks and levels are stored unchanged", "[block_textures]") {
   options.images.block_zstd_level = GENERATE(0, 3);
   tests::must_convert(options);
   CHECK(verify_failures(options.output) == 0);
-  const auto packed = tests::open_packed(options.output);
-  REQUIRE(packed);
-  const auto images = packed->file.images();
+  const auto packed = must(tests::open_packed(options.output));
+  const auto images = packed.file.images();
   REQUIRE(images.size() == 4);  // equal images once
   for (uint32_t i = 0; i < 4; ++i) {
     const BlockRecipe& recipe = i == 3 ? of_dds : recipes[i];
@@ -117,7 +111,7 @@ TEST_CASE("blocks and levels are stored unchanged", "[block_textures]") {
     CHECK(images[i].channels == 4);
     REQUIRE(images[i].level_count == recipe.levels - 1);
     for (uint32_t l = 0; l < recipe.levels; ++l) {
-      CHECK(stored_blocks(packed->file, i, l) == tests::level_blocks(recipe, l));
+      CHECK(stored_blocks(packed.file, i, l) == tests::level_blocks(recipe, l));
     }
   }
   using enum format::ChannelSource;
@@ -136,13 +130,12 @@ TEST_CASE("a large level lies in several pages, small ones share one", "[block_t
   options.images.block_zstd_level = GENERATE(0, 3);
   tests::must_convert(options);
   CHECK(verify_failures(options.output) == 0);
-  const auto packed = tests::open_packed(options.output);
-  REQUIRE(packed);
-  const auto images = packed->file.images();
+  const auto packed = must(tests::open_packed(options.output));
+  const auto images = packed.file.images();
   REQUIRE(images.size() == 3);
-  CHECK(packed->file.pages()[images[0].page].raw_bytes == 218 * 75 * 16);
+  CHECK(packed.file.pages()[images[0].page].raw_bytes == 218 * 75 * 16);
   const auto pages_of = [&](uint32_t image, uint32_t level) {
-    const runtime::LevelPlace place = runtime::block_level_place(packed->file, image, level);
+    const runtime::LevelPlace place = runtime::block_level_place(packed.file, image, level);
     return std::array{place.page - images[0].page, place.rows.pages()};
   };
   using Pages = std::array<uint32_t, 2>;
@@ -157,7 +150,7 @@ TEST_CASE("a large level lies in several pages, small ones share one", "[block_t
   for (uint32_t i = 0; i < 3; ++i) {
     const BlockRecipe& recipe = i == 0 ? tall : i == 1 ? plain : exact;
     for (uint32_t l = 0; l <= images[i].level_count; ++l)
-      CHECK(stored_blocks(packed->file, i, l) == tests::level_blocks(recipe, l));
+      CHECK(stored_blocks(packed.file, i, l) == tests::level_blocks(recipe, l));
   }
 }
 
@@ -173,16 +166,15 @@ TEST_CASE("pages of blocks are compressed if that saves bytes, unless --zstd dec
     std::vector<std::string> words{"convert", folder.file("in.glb"), "-o", folder.file("out.scree"), "--force", "-q"};
     words.insert(words.end(), more.begin(), more.end());
     CHECK(tests::run_program(words, folder.file("log")).exit_code == 0);
-    const auto packed = tests::open_packed(folder.file("out.scree"));
-    REQUIRE(packed);
-    const auto pages = packed->file.pages();
-    const auto images = packed->file.images();
+    const auto packed = must(tests::open_packed(folder.file("out.scree")));
+    const auto pages = packed.file.pages();
+    const auto images = packed.file.images();
     REQUIRE(images.size() == 2);
     CHECK(pages[images[0].page].codec == format::PageCodec::kRaw);
     const bool has_all = !more.empty() && more.back() != "0";
     for (uint64_t p = 0; p < pages.size(); ++p)
       if (pages[p].kind == format::PageKind::kGeometry) CHECK((pages[p].codec != format::PageCodec::kRaw) == has_all);
-    const std::string text(packed->file.string(packed->file.source().options));
+    const std::string text(packed.file.string(packed.file.source().options));
     CHECK((text.find("--zstd") == std::string::npos) == more.empty());
     return pages[images[1].page].codec;
   };
@@ -245,10 +237,8 @@ TEST_CASE("a block-compressed texture is drawn and exported as its pixels", "[bl
   make_block_model(folder.file("in.glb"), files);
   convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
-  const auto packed = tests::open_packed(options.output);
-  REQUIRE(packed);
-  const auto report = tools::export_gltf(packed->file, folder.file("back.glb"), {});
-  if (!report) FAIL(report.error().message);
+  const auto packed = must(tests::open_packed(options.output));
+  must(tools::export_gltf(packed.file, folder.file("back.glb"), {}));
   convert::ConvertOptions again = options;
   again.input = folder.file("back.glb");
   again.output = folder.file("again.scree");
@@ -278,10 +268,8 @@ TEST_CASE("an unsupported KTX2 is an error of one line, or grey with --keep-goin
         std::pair{cut, "level 0: "}, std::pair{lost, "level 0: BasisLZ: "}}) {
     make_block_model(folder.file("in.glb"), {file});
     convert::ConvertOptions options = tests::options_of(folder);
-    const auto refused = convert::convert(options);
-    REQUIRE_FALSE(refused);
-    INFO(refused.error().message);
-    CHECK(refused.error().message.find("in.glb: image 0 (i0): KTX2: " + std::string(words)) != std::string::npos);
+    CHECK(refusal(convert::convert(options)).message.find("in.glb: image 0 (i0): KTX2: " + std::string(words)) !=
+          std::string::npos);
     options.images.keep_going = true;
     tests::must_convert(options);
     const runtime::Scene scene = tests::must_load(options.output);
@@ -315,11 +303,9 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   REQUIRE(whole.block_pager() == nullptr);
   for (const auto& [width, samples] : {std::pair{60u, 1u}, {60u, 4u}, {700u, 1u}, {500u, 2u}}) {
     const kernels::View view = tests::must_view(whole, {.width = width, .height = width * 2 / 3});
-    const auto frame = runtime::Frame::draw(whole, view, samples, 2);
-    REQUIRE(frame);
-    const auto expected = frame->shade({}, 2);
-    const auto light = frame->linear({}, 2);
-    REQUIRE(expected);
+    const auto frame = must(runtime::Frame::draw(whole, view, samples, 2));
+    const auto expected = must(frame.shade({}, 2));
+    const auto light = frame.linear({}, 2);
     REQUIRE(light);
     uint64_t needed = 0;  // pages read with room for all
     for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{3} << 19}) {
@@ -332,16 +318,14 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
       const uint64_t bytes = pager->all_bytes() + paged.stats().texture_bytes;
       CHECK(bytes <= whole.stats().texture_bytes);
       CHECK(bytes + 16 * 40 > whole.stats().texture_bytes);  // levels in memory begin at multiples of 16
-      const auto again = runtime::Frame::draw(paged, view, samples, 2);
-      REQUIRE(again);
-      const auto found = again->shade({}, 2);
-      if (!found) FAIL(found.error().message);
-      CHECK(found->pixels == expected->pixels);
+      const auto again = must(runtime::Frame::draw(paged, view, samples, 2));
+      const auto found = must(again.shade({}, 2));
+      CHECK(found.pixels == expected.pixels);
       const uint64_t read = pager->stats().read_pages;
       CHECK(pager->resident_bytes() <= memory);
       if (needed == 0) {
         // A still camera's second frame reads nothing.
-        REQUIRE(again->shade({}, 2));
+        REQUIRE(again.shade({}, 2));
         CHECK(pager->stats().read_pages == read);
         CHECK(pager->resident_bytes() == pager->stats().read_bytes);
         const bool is_smaller = pager->stats().stored_bytes < pager->stats().read_bytes;
@@ -350,19 +334,17 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
         needed = read;
       }
       CHECK(read >= needed);
-      CHECK(again->linear({}, 2).value() == *light);
+      CHECK(again.linear({}, 2).value() == *light);
     }
   }
   // Less than a single pixel needs.
   const runtime::Scene small = tests::must_load(options.output, {.texture_memory = 1});
   const kernels::View view = tests::must_view(small, {.width = 1500, .height = 1000});
-  const auto frame = runtime::Frame::draw(small, view, 1, 2);
-  REQUIRE(frame);
-  const auto refused = frame->shade({}, 2);
-  REQUIRE_FALSE(refused);
-  CHECK(refused.error().code == ErrorCode::kMemory);
-  CHECK(refused.error().message.starts_with("a pixel shows pages of textures of "));
-  CHECK(refused.error().message.find(" bytes together, but 1 are allowed for them") != std::string::npos);
+  const auto frame = must(runtime::Frame::draw(small, view, 1, 2));
+  const auto refused = refusal(frame.shade({}, 2));
+  CHECK(refused.code == ErrorCode::kMemory);
+  CHECK(refused.message.starts_with("a pixel shows pages of textures of "));
+  CHECK(refused.message.find(" bytes together, but 1 are allowed for them") != std::string::npos);
 }
 
 TEST_CASE("a picture that does not wait for pages of textures uses pages that fit",
@@ -383,9 +365,8 @@ TEST_CASE("a picture that does not wait for pages of textures uses pages that fi
           tests::must_load(options.output, {.threads = 2, .texture_memory = memory, .device_texture_memory = memory});
       std::optional<runtime::DeviceScene> device;
       if (on_gpu) {
-        auto uploaded = runtime::DeviceScene::upload(scene, 0, 2);
-        if (!uploaded) FAIL(uploaded.error().message);
-        device = std::move(*uploaded);
+        auto uploaded = must(runtime::DeviceScene::upload(scene, 0, 2));
+        device = std::move(uploaded);
       }
       runtime::DeviceScene* const gpu = on_gpu ? &*device : nullptr;
       runtime::BlockPager* const pager = on_gpu ? gpu->block_pager() : scene.block_pager();
@@ -411,12 +392,11 @@ TEST_CASE("pages that were needed longest ago are evicted first", "[block_textur
   make_block_model(folder.file("in.glb"), {make_ktx2({.width = 1024, .height = 1024})});
   const convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
-  const auto file = runtime::SceneFile::open(options.output);
-  REQUIRE(file);
-  const bool is_direct = GENERATE(false, true) && runtime::DirectFile::open(file->map());
-  runtime::HostBlockPager pager(file->map(), file->container(), 2 * format::kBlockPageBytes, 2,
+  const auto file = must(runtime::SceneFile::open(options.output));
+  const bool is_direct = GENERATE(false, true) && runtime::DirectFile::open(file.map());
+  runtime::HostBlockPager pager(file.map(), file.container(), 2 * format::kBlockPageBytes, 2,
                                 is_direct ? runtime::Reading::kDirect : runtime::Reading::kBuffered);
-  for (uint32_t page = 0; page < 4; ++page) pager.add(file->container().images()[0].page + page);
+  for (uint32_t page = 0; page < 4; ++page) pager.add(file.container().images()[0].page + page);
   const auto round = [&](const std::vector<uint64_t>& wanted) {
     pager.begin_round();
     bool are_there = true;
@@ -453,9 +433,8 @@ TEST_CASE("a page of a texture is checked when it is read", "[block_textures][te
   tests::must_convert(options);
   uint64_t offset = 0;
   {
-    const auto packed = tests::open_packed(options.output);
-    REQUIRE(packed);
-    offset = packed->file.pages()[packed->file.images()[0].page + 1].offset;
+    const auto packed = must(tests::open_packed(options.output));
+    offset = packed.file.pages()[packed.file.images()[0].page + 1].offset;
   }
   std::fstream file(options.output, std::ios::in | std::ios::out | std::ios::binary);
   file.seekp(static_cast<std::streamoff>(offset + 100));
@@ -464,13 +443,11 @@ TEST_CASE("a page of a texture is checked when it is read", "[block_textures][te
   CHECK_FALSE(runtime::Scene::open(options.output, {}));
   const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = uint64_t{1} << 30});
   const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
-  const auto frame = runtime::Frame::draw(scene, view, 1, 2);
-  REQUIRE(frame);
+  const auto frame = must(runtime::Frame::draw(scene, view, 1, 2));
   for (int time = 0; time < 2; ++time) {
-    const auto refused = frame->shade({}, 2);
-    REQUIRE_FALSE(refused);
-    CHECK(refused.error().code == ErrorCode::kChecksum);
-    CHECK(refused.error().message.starts_with("page "));
+    const auto refused = refusal(frame.shade({}, 2));
+    CHECK(refused.code == ErrorCode::kChecksum);
+    CHECK(refused.message.starts_with("page "));
   }
 }
 
@@ -482,10 +459,9 @@ TEST_CASE("block-compressed textures are equal on the GPU", "[cuda]") {
   options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   tests::must_convert(options);
   const runtime::Scene scene = tests::must_load(options.output);
-  auto device = runtime::DeviceScene::upload(scene, 0, 2);
-  if (!device) FAIL(device.error().message);
+  auto device = must(runtime::DeviceScene::upload(scene, 0, 2));
   for (const uint32_t width : {60u, tests::kEmulatesGpu ? 150u : 900u}) {
-    const std::vector<uint8_t> on_cpu = draw(scene, width), on_gpu = draw(scene, width, &*device);
+    const std::vector<uint8_t> on_cpu = draw(scene, width), on_gpu = draw(scene, width, &device);
     uint64_t off = 0;
     for (size_t i = 0; i < on_cpu.size(); ++i) off += std::abs(int{on_cpu[i]} - int{on_gpu[i]}) > 1;
     CHECK(off <= on_cpu.size() / 10000);
@@ -501,29 +477,27 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of textures",
   options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
   tests::must_convert(options);
   const runtime::Scene whole = tests::must_load(options.output);
-  auto all_there = runtime::DeviceScene::upload(whole, 0, 2);
-  if (!all_there) FAIL(all_there.error().message);
-  CHECK(all_there->block_pager() == nullptr);
+  auto all_there = must(runtime::DeviceScene::upload(whole, 0, 2));
+  CHECK(all_there.block_pager() == nullptr);
   for (const uint32_t width : {60u, 700u}) {
-    const std::vector<uint8_t> expected = draw(whole, width, &*all_there);
+    const std::vector<uint8_t> expected = draw(whole, width, &all_there);
     for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{5} << 18}) {
       CAPTURE(width, memory);
       const runtime::Scene paged =
           tests::must_load(options.output, {.threads = 2, .texture_memory = memory, .device_texture_memory = memory});
-      auto device = runtime::DeviceScene::upload(paged, 0, 2);
-      if (!device) FAIL(device.error().message);
-      const runtime::BlockPager* const pager = device->block_pager();
+      auto device = must(runtime::DeviceScene::upload(paged, 0, 2));
+      const runtime::BlockPager* const pager = device.block_pager();
       REQUIRE(pager != nullptr);
       CHECK(pager->resident_bytes() == 0);
       const uint64_t spared = pager->all_bytes() - std::min(pager->all_bytes(), memory);
-      CHECK(device->stats().device_bytes + spared < all_there->stats().device_bytes + (uint64_t{1} << 20));
-      CHECK(draw(paged, width, &*device) == expected);
+      CHECK(device.stats().device_bytes + spared < all_there.stats().device_bytes + (uint64_t{1} << 20));
+      CHECK(draw(paged, width, &device) == expected);
       const uint64_t read = pager->stats().read_pages;
       CHECK((read != 0) == (width > 100));
       CHECK(pager->resident_bytes() <= memory);
       CHECK(paged.block_pager()->stats().read_pages == 0);
       if (memory < uint64_t{1} << 40) continue;
-      CHECK(draw(paged, width, &*device) == expected);  // a still camera's second picture reads nothing
+      CHECK(draw(paged, width, &device) == expected);  // a still camera's second picture reads nothing
       CHECK(pager->stats().read_pages == read);
     }
   }
@@ -537,8 +511,7 @@ TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pag
   options.encoding = convert::Encoding::kIndexed;
   tests::must_convert(options);
   const runtime::Scene whole = tests::must_load(options.output);
-  auto all_there = runtime::DeviceScene::upload(whole, 0, 2);
-  if (!all_there) FAIL(all_there.error().message);
+  auto all_there = must(runtime::DeviceScene::upload(whole, 0, 2));
   constexpr uint64_t kUsual = uint64_t{1} << 16;  // less than some pixels show
   for (const uint64_t limit : {~uint64_t{0}, uint64_t{5} << 18}) {
     const runtime::Scene scene = tests::must_load(options.output, {.threads = 2,
@@ -547,15 +520,13 @@ TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pag
                                                                    .device_texture_limit = limit,
                                                                    .pages = false});
     const kernels::ShadeOptions shade;
-    const auto refused = runtime::DeviceScene::upload(scene, 1, 2);
-    REQUIRE_FALSE(refused);
-    const uint64_t least = tests::least_device_memory(refused.error().message);
+    const auto refused = refusal(runtime::DeviceScene::upload(scene, 1, 2));
+    const uint64_t least = tests::least_device_memory(refused.message);
     for (const uint64_t more : {uint64_t{3} << 18, uint64_t{3} << 19}) {
       if (tests::kEmulatesGpu && (more == uint64_t{3} << 18) != (limit == ~uint64_t{0})) continue;
-      auto device = runtime::DeviceScene::upload(scene, least + more, 2);
-      if (!device) FAIL(device.error().message);
-      REQUIRE(device->is_streamed());
-      const runtime::BlockPager& pager = *device->block_pager();
+      auto device = must(runtime::DeviceScene::upload(scene, least + more, 2));
+      REQUIRE(device.is_streamed());
+      const runtime::BlockPager& pager = *device.block_pager();
       const uint64_t first_room = pager.room_bytes();
       std::set<uint64_t> rooms = {first_room};
       for (const bool is_close : {false, true, true, false, false, true}) {
@@ -566,13 +537,10 @@ TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pag
           camera.target = {0.52, 0, 0.42};
         }
         const kernels::View view = tests::must_view(whole, camera);
-        const auto frame = runtime::Frame::draw(scene, view, 1, 2, &*device, &shade);
-        if (!frame) FAIL(frame.error().message);
-        const auto picture = frame->shade(shade, 2);
-        if (!picture) FAIL(picture.error().message);
-        const auto expected = runtime::Frame::draw(whole, view, 1, 2, &*all_there);
-        REQUIRE(expected);
-        CHECK(picture->pixels == expected->shade(shade, 2)->pixels);
+        const auto frame = must(runtime::Frame::draw(scene, view, 1, 2, &device, &shade));
+        const auto picture = must(frame.shade(shade, 2));
+        const auto expected = must(runtime::Frame::draw(whole, view, 1, 2, &all_there));
+        CHECK(picture.pixels == expected.shade(shade, 2)->pixels);
         CHECK(pager.resident_bytes() <= pager.room_bytes());
         CHECK(pager.room_bytes() <= std::max(limit, first_room));
         rooms.insert(pager.room_bytes());
@@ -592,15 +560,12 @@ TEST_CASE("pages of textures that do not fit a GPU or are damaged are errors of 
   const auto refused = [&](uint64_t memory) {
     const runtime::Scene scene =
         tests::must_load(options.output, {.texture_memory = 1, .device_texture_memory = memory});
-    auto device = runtime::DeviceScene::upload(scene, 0, 2);
-    if (!device) FAIL(device.error().message);
+    auto device = must(runtime::DeviceScene::upload(scene, 0, 2));
     const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
-    const auto frame = runtime::Frame::draw(scene, view, 1, 2, &*device);
-    REQUIRE(frame);
-    const auto shaded = frame->shade({}, 2);
-    REQUIRE_FALSE(shaded);
-    CHECK_FALSE(frame->shade({}, 2));
-    return shaded.error();
+    const auto frame = must(runtime::Frame::draw(scene, view, 1, 2, &device));
+    const auto shaded = refusal(frame.shade({}, 2));
+    CHECK_FALSE(frame.shade({}, 2));
+    return shaded;
   };
   const Error small = refused(1);
   CHECK(small.code == ErrorCode::kMemory);

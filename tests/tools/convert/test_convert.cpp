@@ -5,14 +5,13 @@
 #include <array>
 #include <filesystem>
 #include <fstream>
-#include <limits>
 #include <map>
-#include <thread>
 
 #include "format/geometry/chunk_layout.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/compare/source_compare.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -123,13 +122,11 @@ TEST_CASE("source ids change nothing but themselves", "[convert]") {
   REQUIRE(a.file.chunks().size() == b.file.chunks().size());
   tools::ChunkReader read_a(a.file), read_b(b.file);
   for (uint64_t i = 0; i < a.file.chunks().size(); ++i) {
-    const auto chunk_a = read_a.read(i);
-    const auto chunk_b = read_b.read(i);
-    REQUIRE(chunk_a);
-    REQUIRE(chunk_b);
-    CHECK((*chunk_a)->indices == (*chunk_b)->indices);
-    CHECK((*chunk_a)->positions == (*chunk_b)->positions);
-    CHECK((*chunk_b)->source_ids.empty());
+    const auto chunk_a = must(read_a.read(i));
+    const auto chunk_b = must(read_b.read(i));
+    CHECK(chunk_a->indices == chunk_b->indices);
+    CHECK(chunk_a->positions == chunk_b->positions);
+    CHECK(chunk_b->source_ids.empty());
   }
 }
 
@@ -344,10 +341,9 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   {
     ModelMaker maker(folder.file("in.glb"));
     const auto image = [&](const char* name) {
-      const Result<uint32_t> added =
-          maker.writer().add_image(name, format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-      REQUIRE(added);
-      return *added;
+      const uint32_t added =
+          must(maker.writer().add_image(name, format::ImageCodec::kPng, std::as_bytes(std::span(png))));
+      return added;
     };
     tools::GltfTexture first, same, unused;
     first.image = image("first");
@@ -386,9 +382,8 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   CHECK(file.materials()[2].texture == 0);
   CHECK(file.string(file.materials()[file.meshes()[1].material].name) == "textured");
   std::vector<std::byte> scratch;
-  const auto page = file.load_page(file.images()[0].page, scratch);
-  REQUIRE(page);
-  CHECK((std::string(reinterpret_cast<const char*>(page->data()), page->size()) == png));
+  const auto page = must(file.load_page(file.images()[0].page, scratch));
+  CHECK((std::string(reinterpret_cast<const char*>(page.data()), page.size()) == png));
   std::map<std::string, uint64_t> left_out = tests::left_out(file);
   CHECK(left_out["COLOR_0 (all white)"] == 3);
   CHECK(left_out["NORMAL"] >= 3);

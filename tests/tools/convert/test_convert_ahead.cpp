@@ -3,7 +3,6 @@
 #include <cinttypes>
 #include <cstdio>
 #include <filesystem>
-#include <limits>
 #include <numeric>
 #include <string>
 #include <vector>

@@ -4,6 +4,7 @@
 #include "format/geometry/chunk_layout.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
@@ -39,13 +40,12 @@ std::vector<std::array<std::array<float, 3>, 3>> corners_of(const tests::PackedF
   std::vector<std::array<std::array<float, 3>, 3>> out;
   tools::ChunkReader reader(opened.file);
   for (uint64_t i = 0; i < opened.file.chunks().size(); ++i) {
-    const auto chunk = reader.read(i);
-    REQUIRE(chunk);
-    for (size_t t = 0; t < (*chunk)->indices.size(); t += 3) {
+    const auto chunk = must(reader.read(i));
+    for (size_t t = 0; t < chunk->indices.size(); t += 3) {
       std::array<std::array<float, 3>, 3> corners{};
       for (size_t n = 0; n < 3; ++n)
         for (size_t axis = 0; axis < 3; ++axis)
-          corners[n][axis] = (*chunk)->positions[3 * size_t{(*chunk)->indices[t + n]} + axis];
+          corners[n][axis] = chunk->positions[3 * size_t{chunk->indices[t + n]} + axis];
       std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end()), corners.end());
       out.push_back(corners);
     }

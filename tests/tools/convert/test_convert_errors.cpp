@@ -5,7 +5,6 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
-#include <limits>
 #include <span>
 #include <string>
 #include <vector>
@@ -13,6 +12,7 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
@@ -43,10 +43,9 @@ TEST_CASE("a broken image is named and nothing is written", "[convert]") {
     maker.node("a", maker.mesh("a", {maker.grid(spec, material)}));
     maker.finish();
   }
-  const Result<convert::ConvertReport> report = convert::convert(options_of(folder));
-  REQUIRE_FALSE(report);
-  CHECK(report.error().message.find("image 0 (bark)") != std::string::npos);
-  CHECK(exit_code(report.error().code) == 3);
+  const auto report = refusal(convert::convert(options_of(folder)));
+  CHECK(report.message.find("image 0 (bark)") != std::string::npos);
+  CHECK(exit_code(report.code) == 3);
   CHECK(folder.names() == std::vector<std::string>{"a.png", "in.glb"});
 }
 
@@ -86,9 +85,7 @@ TEST_CASE("invalid options are refused", "[convert]") {
   SECTION("output is the input") {
     options.output = options.input;
     const std::string before = tests::read_whole(options.input);
-    const Result<convert::ConvertReport> report = convert::convert(options);
-    REQUIRE_FALSE(report);
-    CHECK(report.error().code == ErrorCode::kUsage);
+    CHECK(refusal(convert::convert(options)).code == ErrorCode::kUsage);
     CHECK((tests::read_whole(options.input) == before));
   }
   SECTION("output is a buffer of the input") {
@@ -97,16 +94,12 @@ TEST_CASE("invalid options are refused", "[convert]") {
     options.output = folder.file("in.bin");
     const std::string before = tests::read_whole(options.output);
     REQUIRE_FALSE(before.empty());
-    const Result<convert::ConvertReport> report = convert::convert(options);
-    REQUIRE_FALSE(report);
-    CHECK(report.error().code == ErrorCode::kUsage);
+    CHECK(refusal(convert::convert(options)).code == ErrorCode::kUsage);
     CHECK((tests::read_whole(options.output) == before));
   }
   SECTION("output is a folder") {
     std::filesystem::create_directory(options.output);
-    const Result<convert::ConvertReport> report = convert::convert(options);
-    REQUIRE_FALSE(report);
-    CHECK(report.error().code == ErrorCode::kFile);
+    CHECK(refusal(convert::convert(options)).code == ErrorCode::kFile);
   }
 }
 
@@ -151,9 +144,7 @@ TEST_CASE("a full disk and an interruption leave nothing behind", "[convert]") {
   SECTION("interruption") {
     const std::atomic<bool> stop{true};
     options.stop = &stop;
-    const Result<convert::ConvertReport> report = convert::convert(options);
-    REQUIRE_FALSE(report);
-    CHECK(report.error().message.find("interrupted") != std::string::npos);
+    CHECK(refusal(convert::convert(options)).message.find("interrupted") != std::string::npos);
   }
   CHECK(folder.names() == std::vector<std::string>{"in.glb"});
 }

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/passes/encode_ahead.h"
@@ -64,9 +65,8 @@ class Model {
     text_ = tests::read_whole(folder_.file("in.gltf"));
     text_.append(1000, ' ');
     folder_.write("in.gltf", text_);
-    Result<SourceScene> scene = import_gltf(folder_.file("in.gltf"), {});
-    REQUIRE(scene);
-    for (const Primitive& primitive : scene->primitives) {
+    SourceScene scene = must(import_gltf(folder_.file("in.gltf"), {}));
+    for (const Primitive& primitive : scene.primitives) {
       std::vector<float> positions(3 * primitive.vertex_count());
       REQUIRE(read_floats(primitive.positions, 0, primitive.vertex_count(), positions));
       boxes_.push_back(box_of(positions));
@@ -132,11 +132,10 @@ std::string reference_of(ConvertOptions options) {
 /// Requires the same error with and without measuring everything first.
 void must_fail_alike(ConvertOptions options, const std::string& words) {
   options.resume = true;
-  const Result<ConvertReport> first = convert::convert(options);
-  REQUIRE_FALSE(first);
-  CHECK(first.error().message.find(words) != std::string::npos);
+  const auto first = refusal(convert::convert(options));
+  CHECK(first.message.find(words) != std::string::npos);
   options.resume = false;
-  tests::must_fail(options, first.error().code, first.error().message);
+  tests::must_fail(options, first.code, first.message);
 }
 
 void overwrite(const std::string& path, uint64_t offset, uint32_t value) {
@@ -257,15 +256,13 @@ TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guess
   ConvertOptions options = options_of(folder, "in.gltf");
   const auto guess = [&](const Box& box, const char* format = "%.9g") {
     model.state({box}, format);
-    const Result<SourceScene> scene = import_gltf(options.input, {});
-    REQUIRE(scene);
-    return guess_mesh(options, *scene, 0, convert::Measured{});
+    const SourceScene scene = must(import_gltf(options.input, {}));
+    return guess_mesh(options, scene, 0, convert::Measured{});
   };
   const Box right = model.boxes()[0];
-  const std::optional<PlannedMesh> mesh = guess(right);
-  REQUIRE(mesh);
-  CHECK(mesh->record.triangle_count == 2 * kLarge.columns * kLarge.rows);
-  CHECK(inside(right, mesh->plan.box));
+  const PlannedMesh mesh = must(guess(right));
+  CHECK(mesh.record.triangle_count == 2 * kLarge.columns * kLarge.rows);
+  CHECK(inside(right, mesh.plan.box));
   CHECK_FALSE(guess(right, "1e300"));
   Box turned = right;
   std::swap(turned.lo, turned.hi);
@@ -282,10 +279,9 @@ TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guess
   const tools::GltfPrimitive half = maker.grid(kLarge);
   maker.node("halves", maker.mesh("halves", {half, half}));
   maker.finish();
-  const Result<SourceScene> scene = import_gltf(options.input, {});
-  REQUIRE(scene);
-  REQUIRE(scene->primitives.size() == 2);
-  for (const Primitive& primitive : scene->primitives) CHECK_FALSE(primitive.stated_box);
+  const SourceScene scene = must(import_gltf(options.input, {}));
+  REQUIRE(scene.primitives.size() == 2);
+  for (const Primitive& primitive : scene.primitives) CHECK_FALSE(primitive.stated_box);
 
   // Boxes of integers are given as stored.
   Accessor accessor;
@@ -386,21 +382,18 @@ TEST_CASE("encode ahead: nothing is left of a giant primitive that fails while i
   model.state(model.boxes());
   ConvertOptions options = fast_options_of(folder);
   options.normals = convert::Normals::kAlways;
-  Result<SourceScene> scene = import_gltf(options.input, {});
-  REQUIRE(scene);
-  Accessor& normals = *scene->primitives[0].normal;
+  SourceScene scene = must(import_gltf(options.input, {}));
+  Accessor& normals = *scene.primitives[0].normal;
   // Within the first or second window, which are awaited before the last is measured.
   const uint64_t vertex = GENERATE(60000, 200000);
   normals.source = std::make_shared<ShortSource>(normals.source, normals.offset + 12 * vertex);
-  Result<format::ContainerWriter> writer = format::ContainerWriter::create(options.output);
-  REQUIRE(writer);
-  Start start(options, *scene, *writer);
-  Result<EncodeAhead::Written> written = start.ahead.finish();
-  REQUIRE(written);
+  format::ContainerWriter writer = must(format::ContainerWriter::create(options.output));
+  Start start(options, scene, writer);
+  EncodeAhead::Written written = must(start.ahead.finish());
   CHECK(start.ahead.is_stopped());
-  CHECK(written->windows.empty());
-  CHECK_FALSE(written->page.is_open);
-  CHECK(writer->page_count() == 0);
+  CHECK(written.windows.empty());
+  CHECK_FALSE(written.page.is_open);
+  CHECK(writer.page_count() == 0);
 }
 
 TEST_CASE("encode ahead: no window of a giant primitive is encoded for which there is no memory", "[convert][guess]") {
@@ -413,16 +406,13 @@ TEST_CASE("encode ahead: no window of a giant primitive is encoded for which the
   WindowNeeds largest = kAnyWindow;
   (GENERATE(true, false) ? largest.vertices : largest.span) = 100000;
   CAPTURE(largest.vertices, largest.span);
-  Result<SourceScene> scene = import_gltf(options.input, {});
-  REQUIRE(scene);
-  Result<format::ContainerWriter> writer = format::ContainerWriter::create(options.output);
-  REQUIRE(writer);
-  Start start(options, *scene, *writer, largest);
-  const Result<EncodeAhead::Written> written = start.ahead.finish();
-  REQUIRE(written);
+  SourceScene scene = must(import_gltf(options.input, {}));
+  format::ContainerWriter writer = must(format::ContainerWriter::create(options.output));
+  Start start(options, scene, writer, largest);
+  const EncodeAhead::Written written = must(start.ahead.finish());
   CHECK(start.ahead.is_stopped());
-  CHECK(written->windows.empty());
-  CHECK(written->discarded == 0);
+  CHECK(written.windows.empty());
+  CHECK(written.discarded == 0);
 }
 
 TEST_CASE("convert --resume: continues after a right or a wrong guess", "[convert][resume][guess]") {
@@ -437,17 +427,14 @@ TEST_CASE("convert --resume: continues after a right or a wrong guess", "[conver
   if (!is_right) stated[0].hi[1] += 3;
   model.state(stated);
   {  // as if the process were killed
-    Result<SourceScene> scene = import_gltf(options.input, {});
-    REQUIRE(scene);
-    Result<format::ContainerWriter> writer = format::ContainerWriter::create(options.output);
-    REQUIRE(writer);
-    writer->keep_part();
-    writer->keep_log(part_id(describe_options(options), source_files(options.input, *scene), {}), 64 << 20);
-    Start start(options, *scene, *writer);
-    Result<EncodeAhead::Written> written = start.ahead.finish();
-    REQUIRE(written);
-    CHECK(written->discarded == (is_right ? 0 : kGiantWindows - 1));
-    CHECK(written->windows.size() == kGiantWindows);
+    SourceScene scene = must(import_gltf(options.input, {}));
+    format::ContainerWriter writer = must(format::ContainerWriter::create(options.output));
+    writer.keep_part();
+    writer.keep_log(part_id(describe_options(options), source_files(options.input, scene), {}), 64 << 20);
+    Start start(options, scene, writer);
+    EncodeAhead::Written written = must(start.ahead.finish());
+    CHECK(written.discarded == (is_right ? 0 : kGiantWindows - 1));
+    CHECK(written.windows.size() == kGiantWindows);
   }
   options.resume = true;
   const ConvertReport report = must_convert(options);

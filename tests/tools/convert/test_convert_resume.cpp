@@ -15,6 +15,7 @@
 #include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/sanitized.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
@@ -242,14 +243,13 @@ TEST_CASE("resume: an entry whose lists differ in length is ignored", "[convert]
   const format::PartId id{1, 2};
   for (const size_t saved : {size_t{2}, size_t{0}, size_t{3}}) {
     {
-      auto writer = format::ContainerWriter::create(path);
-      REQUIRE(writer);
-      writer->keep_part();
-      writer->keep_log(id, 100000);
+      auto writer = must(format::ContainerWriter::create(path));
+      writer.keep_part();
+      writer.keep_log(id, 100000);
       convert::WindowOutcome window;
       window.chunks.resize(2);
       window.saved.resize(saved);
-      convert::log_windows(*writer, 0, {window});
+      convert::log_windows(writer, 0, {window});
     }
     convert::Resumed resumed;
     REQUIRE(format::ContainerWriter::resume(

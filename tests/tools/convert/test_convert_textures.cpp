@@ -1,14 +1,13 @@
 // convert --textures: the stored form of images, and their export.
 #include <algorithm>
-#include <fstream>
 #include <map>
 
-#include "format/container/mip_levels.h"
 #include "format/jpeg/index.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
+#include "tests/results.h"
 #include "tests/tools/compare/compare_scenes.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -115,16 +114,14 @@ TEST_CASE("JPEGs are indexed and keep their coefficients", "[convert][jpeg]") {
   CHECK(std::memcmp(tests::read_whole(options.output).data(), once.data(), once.size()) == 0);
 
   // Exported to glTF and imported again: the coefficients are the same, and so is the file made from it.
-  const auto packed = tests::open_packed(options.output);
-  REQUIRE(packed);
+  const auto packed = must(tests::open_packed(options.output));
   tools::ExportOptions export_options;
   export_options.threads = 1;
-  const auto exported = tools::export_gltf(packed->file, folder.file("back.glb"), export_options);
-  if (!exported) FAIL(exported.error().message);
+  must(tools::export_gltf(packed.file, folder.file("back.glb"), export_options));
   const auto source = convert::import_gltf(options.input, {});
   const auto back = convert::import_gltf(folder.file("back.glb"), {});
   REQUIRE((source && back));
-  for (const std::string& difference : tests::compare_scenes(*source, packed->file, *back)) FAIL_CHECK(difference);
+  for (const std::string& difference : tests::compare_scenes(*source, packed.file, *back)) FAIL_CHECK(difference);
 }
 
 TEST_CASE("other images become JPEGs only on request", "[convert][jpeg]") {
@@ -145,11 +142,9 @@ TEST_CASE("other images become JPEGs only on request", "[convert][jpeg]") {
     for (uint32_t i = 0; i < 3; ++i) {
       CHECK(opened.file.images()[i].codec == format::ImageCodec::kIndexedJpeg);
       std::vector<std::byte> scratch;
-      const auto page = opened.file.load_page(opened.file.images()[i].page, scratch);
-      REQUIRE(page);
-      const auto index = format::open_jpeg_index(*page);
-      REQUIRE(index);
-      if (i < 2) CHECK(index->layout.mcu_blocks == 3);  // 4:4:4
+      const auto page = must(opened.file.load_page(opened.file.images()[i].page, scratch));
+      const auto index = must(format::open_jpeg_index(page));
+      if (i < 2) CHECK(index.layout.mcu_blocks == 3);  // 4:4:4
     }
     CHECK(opened.file.string(opened.file.source().options).find("--textures jpeg:80") != std::string_view::npos);
   }
@@ -161,9 +156,8 @@ TEST_CASE("other images become JPEGs only on request", "[convert][jpeg]") {
     CHECK(opened.file.images()[2].codec == format::ImageCodec::kJpeg);
     CHECK(opened.file.mip_levels().empty());
     std::vector<std::byte> scratch;
-    const auto page = opened.file.load_page(opened.file.images()[2].page, scratch);
-    REQUIRE(page);
-    CHECK(std::equal(page->begin(), page->end(), jpeg.begin(), jpeg.end()));
+    const auto page = must(opened.file.load_page(opened.file.images()[2].page, scratch));
+    CHECK(std::equal(page.begin(), page.end(), jpeg.begin(), jpeg.end()));
   }
   SECTION("a quality that is none") {
     options.images.quality = 0;

@@ -7,6 +7,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/compare/compare_scenes.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -86,18 +87,15 @@ TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates
   CHECK(packed.file.matrices()[repeat.matrix].rows[0][3] == 100);
 
   // The comparison reads the repeated mesh's own vertices, and the export has three nodes of two meshes.
-  const Result<SourceScene> source = import_gltf(options.input, {});
-  REQUIRE(source);
-  const auto geometry = compare::compare_geometry(*source, packed.file);
-  REQUIRE(geometry);
-  CHECK(geometry->meshes == 2);
-  CHECK(geometry->broken.empty());
-  CHECK(geometry->missing_triangles + geometry->unknown_triangles == 0);
+  const SourceScene source = must(import_gltf(options.input, {}));
+  const auto geometry = must(compare::compare_geometry(source, packed.file));
+  CHECK(geometry.meshes == 2);
+  CHECK(geometry.broken.empty());
+  CHECK(geometry.missing_triangles + geometry.unknown_triangles == 0);
   REQUIRE(tools::export_gltf(packed.file, folder.file("back.glb"), {}));
-  const Result<SourceScene> back = import_gltf(folder.file("back.glb"), {});
-  REQUIRE(back);
-  CHECK(back->groups.size() == 2);
-  for (const std::string& line : tests::compare_scenes(*source, packed.file, *back)) FAIL_CHECK(line);
+  const SourceScene back = must(import_gltf(folder.file("back.glb"), {}));
+  CHECK(back.groups.size() == 2);
+  for (const std::string& line : tests::compare_scenes(source, packed.file, back)) FAIL_CHECK(line);
 }
 
 TEST_CASE("duplicates: compare finds meshes that were wrongly taken as equal", "[duplicates][compare]") {
@@ -116,16 +114,12 @@ TEST_CASE("duplicates: compare finds meshes that were wrongly taken as equal", "
   const tests::PackedFile packed = must_open(folder.file("out.scree"));
   REQUIRE(packed.file.meshes().size() == 1);
   const auto judge = [&](const std::string& name) {
-    const Result<SourceScene> source = import_gltf(folder.file(name), {});
-    REQUIRE(source);
-    return compare::load_source_model(*source, packed.file, 0);
+    const SourceScene source = must(import_gltf(folder.file(name), {}));
+    return compare::load_source_model(source, packed.file, 0);
   };
   CHECK(judge("in.glb"));
-  const auto changed = judge("changed.glb");
-  REQUIRE_FALSE(changed);
-  CHECK(changed.error().code == ErrorCode::kFormat);
-  CHECK(changed.error().message.find("glTF mesh 1 of changed.glb is stored as a repeat of 0, but they differ") !=
-        std::string::npos);
+  check_refusal(judge("changed.glb"), ErrorCode::kFormat,
+                "glTF mesh 1 of changed.glb is stored as a repeat of 0, but they differ");
 }
 
 TEST_CASE("duplicates: equality does not depend on the place of the vertices in the source", "[duplicates]") {

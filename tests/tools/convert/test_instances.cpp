@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/compare/source_compare.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
@@ -13,7 +14,6 @@
 #include "tools/convert/plan/scene_tables.h"
 
 using namespace scree;
-using tests::GridSpec;
 using tests::ModelMaker;
 using tests::TempFolder;
 
@@ -55,11 +55,8 @@ tests::PackedFile converted(const TempFolder& folder, uint64_t count, uint64_t e
   options.input = folder.file("in.glb");
   options.output = folder.file("out.scree");
   options.grid = grid;
-  const Result<convert::ConvertReport> report = convert::convert(options);
-  if (!report) FAIL(report.error().message);
-  Result<tests::PackedFile> opened = tests::open_packed(options.output);
-  if (!opened) FAIL(opened.error().message);
-  return std::move(*opened);
+  must(convert::convert(options));
+  return must(tests::open_packed(options.output));
 }
 
 /// Every instance must lie where its node and its index among the node's instances put it.

@@ -10,6 +10,7 @@
 #include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tools/convert/images/jpeg_file.h"
 
 using namespace scree;
@@ -26,36 +27,29 @@ struct Levels {
 };
 
 Levels must_make(const Bytes& file) {
-  auto indexed = runtime::index_jpeg(file);
-  if (!indexed) FAIL(indexed.error().message);
-  const auto index = open_jpeg_index(indexed->bytes);
-  if (!index) FAIL(index.error().message);
-  auto levels = runtime::make_jpeg_levels(*index);
-  if (!levels) FAIL(levels.error().message);
-  return {std::move(indexed->bytes), std::move(*levels)};
+  auto indexed = must(runtime::index_jpeg(file));
+  const auto index = must(open_jpeg_index(indexed.bytes));
+  auto levels = must(runtime::make_jpeg_levels(index));
+  return {std::move(indexed.bytes), std::move(levels)};
 }
 
 Image must_decode(const Bytes& bytes, uint32_t width, uint32_t height, uint32_t channels) {
-  const auto index = runtime::open_jpeg_level(bytes, width, height, channels);
-  if (!index) FAIL(index.error().message);
-  auto image = runtime::decode_jpeg_level(*index);
-  if (!image) FAIL(image.error().message);
-  return std::move(*image);
+  const auto index = must(runtime::open_jpeg_level(bytes, width, height, channels));
+  return must(runtime::decode_jpeg_level(index));
 }
 
 /// PSNR in dB of each stored level against the box filter of the base level.
 std::vector<double> level_quality(const Levels& levels) {
-  const auto base = open_jpeg_index(levels.base);
-  REQUIRE(base);
-  const uint32_t width = base->width;
-  const uint32_t height = base->height;
+  const auto base = must(open_jpeg_index(levels.base));
+  const uint32_t width = base.width;
+  const uint32_t height = base.height;
   REQUIRE(levels.others.size() == stored_level_count(width, height));
-  const runtime::MipChain chain = runtime::make_mips(must_decode(levels.base, width, height, base->component_count));
+  const runtime::MipChain chain = runtime::make_mips(must_decode(levels.base, width, height, base.component_count));
   std::vector<double> quality;
   for (size_t i = 0; i < levels.others.size(); ++i) {
     const auto l = static_cast<uint32_t>(i) + 1;
     const Image image =
-        must_decode(levels.others[i], std::max(1u, width >> l), std::max(1u, height >> l), base->component_count);
+        must_decode(levels.others[i], std::max(1u, width >> l), std::max(1u, height >> l), base.component_count);
     double squares = 0;
     const uint8_t* const expected = chain.texels.data() + 4 * chain.level_offset[l];
     for (size_t k = 0; k < image.rgba.size(); ++k) squares += std::pow(int{image.rgba[k]} - int{expected[k]}, 2);
@@ -124,9 +118,8 @@ TEST_CASE("levels of real files take at most 0.4 of their base levels", "[jpeg_l
     ++files;
     bytes += static_cast<double>(sum);
     base_bytes += static_cast<double>(levels.base.size());
-    const auto base = open_jpeg_index(levels.base);
-    REQUIRE(base);
-    if (uint64_t{base->width} * base->height < 65536) continue;
+    const auto base = must(open_jpeg_index(levels.base));
+    if (uint64_t{base.width} * base.height < 65536) continue;
     large_ratios += ratio;
     worst = std::max(worst, ratio);
     quality += level_quality(levels)[0];

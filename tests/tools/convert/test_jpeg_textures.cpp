@@ -18,6 +18,7 @@
 #include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
@@ -49,11 +50,8 @@ runtime::CameraOptions close_view() {
 std::vector<uint8_t> draw(const runtime::Scene& scene, const runtime::CameraOptions& camera, uint32_t samples,
                           uint32_t threads) {
   const kernels::View view = tests::must_view(scene, camera);
-  const auto frame = runtime::Frame::draw(scene, view, samples, threads);
-  if (!frame) FAIL(frame.error().message);
-  const auto picture = frame->shade({}, threads);
-  if (!picture) FAIL(picture.error().message);
-  return picture->pixels;
+  const auto frame = must(runtime::Frame::draw(scene, view, samples, threads));
+  return must(frame.shade({}, threads)).pixels;
 }
 
 /// An indexed JPEG of that size in pixels, half of it for chrominance.
@@ -147,12 +145,10 @@ TEST_CASE("a picture does not depend on the memory for pages of JPEGs", "[jpeg_t
     }
   }
   const runtime::Scene small = load_cached(options.output, 1, 1);
-  const auto frame = runtime::Frame::draw(small, tests::must_view(small, close_view()), 1, 2);
-  REQUIRE(frame);
-  const auto refused = frame->shade({}, 2);
-  REQUIRE_FALSE(refused);
-  CHECK(refused.error().code == ErrorCode::kMemory);
-  CHECK(refused.error().message.starts_with("a pixel shows pages of textures of "));
+  const auto frame = must(runtime::Frame::draw(small, tests::must_view(small, close_view()), 1, 2));
+  const auto refused = refusal(frame.shade({}, 2));
+  CHECK(refused.code == ErrorCode::kMemory);
+  CHECK(refused.message.starts_with("a pixel shows pages of textures of "));
 }
 
 TEST_CASE("a page of JPEG levels is checked when it is read", "[jpeg_textures][texel_pager][bad]") {
@@ -169,29 +165,27 @@ TEST_CASE("a page of JPEG levels is checked when it is read", "[jpeg_textures][t
   const uint32_t page = container.mip_levels()[image.first_level].page;
   REQUIRE(container.mip_levels()[image.first_level + 1].page == page);
   std::vector<std::byte> scratch;
-  const auto raw = container.load_page(page, scratch);
-  REQUIRE(raw);
+  const auto raw = must(container.load_page(page, scratch));
   const runtime::JpegLevels levels{0, 1, 2};
-  std::vector<std::byte> memory(runtime::jpeg_head_place(raw->size(), image.channels, levels.count));
+  std::vector<std::byte> memory(runtime::jpeg_head_place(raw.size(), image.channels, levels.count));
   const auto write = [&] {
-    return runtime::write_jpeg_heads(container, levels, memory.data(), raw->size(), memory.data());
+    return runtime::write_jpeg_heads(container, levels, memory.data(), raw.size(), memory.data());
   };
-  std::copy(raw->begin(), raw->end(), memory.begin());
+  std::copy(raw.begin(), raw.end(), memory.begin());
   REQUIRE(write());
   for (uint32_t i = 0; i < levels.count; ++i) {
     format::JpegPicture picture;
-    std::memcpy(&picture, memory.data() + runtime::jpeg_head_place(raw->size(), image.channels, i), sizeof picture);
+    std::memcpy(&picture, memory.data() + runtime::jpeg_head_place(raw.size(), image.channels, i), sizeof picture);
     CHECK(picture.width == image.width >> (i + 1));
     CHECK(picture.height == image.height >> (i + 1));
   }
   for (uint32_t i = 0; i < levels.count; ++i) {
     const uint64_t offset = container.mip_levels()[image.first_level + i].offset;
     for (const uint64_t damaged : {offset, offset + 8}) {  // the magic, the width
-      std::copy(raw->begin(), raw->end(), memory.begin());
+      std::copy(raw.begin(), raw.end(), memory.begin());
       memory[damaged] ^= std::byte{1};
-      const auto refused = write();
-      REQUIRE_FALSE(refused);
-      CHECK(refused.error().message.starts_with("image 0: level " + std::to_string(i + 1) + ": indexed JPEG: "));
+      const auto refused = refusal(write());
+      CHECK(refused.message.starts_with("image 0: level " + std::to_string(i + 1) + ": indexed JPEG: "));
     }
   }
   // In the file, the checksum is wrong.
@@ -199,12 +193,10 @@ TEST_CASE("a page of JPEG levels is checked when it is read", "[jpeg_textures][t
   file.seekp(static_cast<std::streamoff>(container.pages()[image.page].offset + 200));
   file.put('!').put('?').put('!');
   file.close();
-  const auto frame = runtime::Frame::draw(scene, tests::must_view(scene, close_view()), 1, 2);
-  REQUIRE(frame);
-  const auto refused = frame->shade({}, 2);
-  REQUIRE_FALSE(refused);
-  CHECK(refused.error().code == ErrorCode::kChecksum);
-  CHECK(refused.error().message.starts_with("page " + std::to_string(image.page) + ": "));
+  const auto frame = must(runtime::Frame::draw(scene, tests::must_view(scene, close_view()), 1, 2));
+  const auto refused = refusal(frame.shade({}, 2));
+  CHECK(refused.code == ErrorCode::kChecksum);
+  CHECK(refused.message.starts_with("page " + std::to_string(image.page) + ": "));
 }
 
 TEST_CASE("groups larger than a cache's slots are decoded where they are sampled", "[jpeg_textures]") {

@@ -11,6 +11,7 @@
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/results.h"
 
 using namespace scree;
 using scree::format::JpegTreatment;
@@ -24,33 +25,28 @@ namespace {
 
 /// Checks that the file can be indexed, and the index opened.
 void check_indexable(const Bytes& file) {
-  const auto header = format::parse_jpeg(file);
-  if (!header) FAIL(header.error().message);
-  const auto bound = format::jpeg_index_bound(*header, file.size());
-  if (!bound) FAIL(bound.error().message);
-  Bytes out(*bound);
-  const auto encoded = format::encode_jpeg_index(out, *header, file);
-  if (!encoded) FAIL(encoded.error().message);
-  CHECK(encoded->dropped_bytes == 0);
-  const auto index = format::open_jpeg_index(std::span<const std::byte>(out).first(encoded->bytes));
-  if (!index) FAIL(index.error().message);
+  const auto header = must(format::parse_jpeg(file));
+  const auto bound = must(format::jpeg_index_bound(header, file.size()));
+  Bytes out(bound);
+  const auto encoded = must(format::encode_jpeg_index(out, header, file));
+  CHECK(encoded.dropped_bytes == 0);
+  must(format::open_jpeg_index(std::span<const std::byte>(out).first(encoded.bytes)));
 }
 
 void check_transcode(const Bytes& file) {
   GuardedBytes guarded(file);
-  const auto transcoded = runtime::transcode_jpeg(guarded.bytes());
-  if (!transcoded) FAIL(transcoded.error().message);
+  const auto transcoded = must(runtime::transcode_jpeg(guarded.bytes()));
   const auto before = scree::tests::read_coefficients(file);
-  const auto after = scree::tests::read_coefficients(transcoded->file);
+  const auto after = scree::tests::read_coefficients(transcoded.file);
   REQUIRE(before.size() == after.size());
   for (size_t c = 0; c < before.size(); ++c) {
     CHECK(before[c].blocks_across == after[c].blocks_across);
     CHECK(before[c].blocks_down == after[c].blocks_down);
     CHECK(before[c].values == after[c].values);
   }
-  CHECK(scree::tests::read_quant_tables(transcoded->file) == scree::tests::read_quant_tables(file));
-  CHECK(scree::tests::read_colour_space(transcoded->file) == scree::tests::read_colour_space(file));
-  check_indexable(transcoded->file);
+  CHECK(scree::tests::read_quant_tables(transcoded.file) == scree::tests::read_quant_tables(file));
+  CHECK(scree::tests::read_colour_space(transcoded.file) == scree::tests::read_colour_space(file));
+  check_indexable(transcoded.file);
 }
 
 JpegRecipe colour_recipe(std::vector<std::pair<int, int>> factors) {
@@ -104,9 +100,8 @@ TEST_CASE("a progressive JPEG cut anywhere is an error and never a picture", "[j
 
 TEST_CASE("JPEGs that cannot be transcoded are refused before memory is allocated", "[jpeg_transcode]") {
   const auto message = [](const Bytes& file) {
-    const auto transcoded = runtime::transcode_jpeg(file);
-    REQUIRE_FALSE(transcoded);
-    return transcoded.error().message;
+    const auto transcoded = refusal(runtime::transcode_jpeg(file));
+    return transcoded.message;
   };
   JpegRecipe recipe = colour_recipe({{1, 1}, {1, 1}, {1, 1}});
   recipe.is_progressive = true;
@@ -133,12 +128,11 @@ TEST_CASE("JPEGs that cannot be transcoded are refused before memory is allocate
 TEST_CASE("CMYK is decoded and encoded again", "[jpeg_transcode]") {
   JpegRecipe recipe = colour_recipe({{1, 1}, {1, 1}, {1, 1}, {1, 1}});
   const Bytes file = make_jpeg(recipe);
-  const auto coded = runtime::reencode_jpeg(file, 95);
-  REQUIRE(coded);
-  CHECK(coded->note == "4 components (CMYK), decoded and encoded again with quality 95");
-  check_indexable(coded->file);
+  const auto coded = must(runtime::reencode_jpeg(file, 95));
+  CHECK(coded.note == "4 components (CMYK), decoded and encoded again with quality 95");
+  check_indexable(coded.file);
   const auto before = runtime::decode_image(file);
-  const auto after = runtime::decode_image(coded->file);
+  const auto after = runtime::decode_image(coded.file);
   REQUIRE((before && after));
   REQUIRE(before->rgba.size() == after->rgba.size());
   double sum = 0;
@@ -158,9 +152,8 @@ TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or
     if (!entry.is_regular_file()) continue;
     INFO(entry.path().filename().string());
     const Bytes file = read_bytes(entry.path());
-    const auto header = format::parse_jpeg(file);
-    REQUIRE(header);
-    switch (format::judge_jpeg(*header).treatment) {
+    const auto header = must(format::parse_jpeg(file));
+    switch (format::judge_jpeg(header).treatment) {
       case JpegTreatment::kAsItIs:
         break;
       case JpegTreatment::kTranscode:
@@ -168,9 +161,8 @@ TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or
         ++transcoded;
         break;
       case JpegTreatment::kReencode: {
-        const auto result = runtime::reencode_jpeg(file, 90);
-        if (!result) FAIL(result.error().message);
-        check_indexable(result->file);
+        const auto result = must(runtime::reencode_jpeg(file, 90));
+        check_indexable(result.file);
         ++coded;
         break;
       }

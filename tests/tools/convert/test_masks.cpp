@@ -9,6 +9,7 @@
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
@@ -35,9 +36,7 @@ std::vector<std::byte> disc_png(uint8_t low, uint8_t high) {
       const bool inside = std::hypot(x - 31.5, y - 23.5) < 15;
       pixels.insert(pixels.end(), {uint8_t{200}, static_cast<uint8_t>(3 * x), uint8_t{90}, inside ? high : low});
     }
-  auto png = runtime::encode_png({64, 48, 4, pixels});
-  REQUIRE(png);
-  return *png;
+  return must(runtime::encode_png({64, 48, 4, pixels}));
 }
 
 /// Adds a grid whose masked material has `png` as its texture.
@@ -57,16 +56,14 @@ void add_masked(ModelMaker& maker, const std::string& name, const std::vector<st
 }
 
 std::vector<uint64_t> picture_of(const std::string& path, double rise_degrees = 20) {
-  const Result<runtime::Scene> scene = runtime::Scene::open(path, {});
-  REQUIRE(scene);
+  const runtime::Scene scene = must(runtime::Scene::open(path, {}));
   runtime::CameraOptions camera;
   camera.width = 200;
   camera.height = 150;
   camera.rise_degrees = rise_degrees;
-  const Result<kernels::View> view = runtime::make_view(*scene, camera);
-  REQUIRE(view);
-  std::vector<uint64_t> samples(size_t{view->width} * view->height);
-  REQUIRE(kernels::draw_cpu(scene->view(), *view, samples, 2));
+  const kernels::View view = must(runtime::make_view(scene, camera));
+  std::vector<uint64_t> samples(size_t{view.width} * view.height);
+  REQUIRE(kernels::draw_cpu(scene.view(), view, samples, 2));
   return samples;
 }
 
@@ -155,11 +152,10 @@ TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[
   CHECK(opened.file.materials()[opened.file.masks()[0].material].flags ==
         (format::kMaterialAlphaBlend | format::kMaterialDoubleSided));
   // Glass has no mask, but blends. Wood and images without an alpha below 1 do not blend.
-  const auto scene = runtime::Scene::open(options_of(folder).output, {});
-  REQUIRE(scene);
+  const auto scene = must(runtime::Scene::open(options_of(folder).output, {}));
   uint64_t blended = 0;
-  for (uint64_t m = 0; m < scene->view().mesh_count; ++m)
-    blended += kernels::may_blend(scene->view(), scene->view().meshes[m]) ? 1 : 0;
+  for (uint64_t m = 0; m < scene.view().mesh_count; ++m)
+    blended += kernels::may_blend(scene.view(), scene.view().meshes[m]) ? 1 : 0;
   CHECK(blended == 3);
 }
 

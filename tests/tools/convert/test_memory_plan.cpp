@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tools/convert/passes/memory_plan.h"
 
 using namespace scree;
@@ -59,11 +60,9 @@ TEST_CASE("memory plan: windows of indexed triangles count one vertex per triang
   const auto largest = [&](uint64_t memory) {
     ConvertOptions options;
     options.memory = memory;
-    const Result<MemoryPlan> plan = MemoryPlan::make(options, scene, std::vector<bool>(kPrimitives, true), 0, 1);
-    REQUIRE(plan);
-    const std::optional<AheadLimits> limits = plan->ahead();
-    REQUIRE(limits);
-    return limits->window;
+    const MemoryPlan plan = must(MemoryPlan::make(options, scene, std::vector<bool>(kPrimitives, true), 0, 1));
+    const AheadLimits limits = must(plan.ahead());
+    return limits.window;
   };
   constexpr uint64_t kSlack = uint64_t{16} << 20;  // process memory varies
   const uint64_t least = least_ahead(scene);

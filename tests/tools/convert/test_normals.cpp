@@ -1,9 +1,9 @@
 // Normals are stored if they change the picture.
 #include <cmath>
-#include <fstream>
 #include <map>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_files.h"
 #include "tests/tools/model_maker.h"
@@ -131,9 +131,8 @@ TEST_CASE("normals of 8-bit components equal the faces' within a degree", "[conv
       maker.node("", maker.mesh("", {ground(maker, 3, [&](uint32_t) { return degrees; })}));
       maker.finish();
     }
-    const auto scene = import_gltf(folder.file("in.glb"), {});
-    REQUIRE(scene);
-    const Primitive& primitive = scene->primitives[0];
+    const auto scene = must(import_gltf(folder.file("in.glb"), {}));
+    const Primitive& primitive = scene.primitives[0];
     Window window;
     REQUIRE(window.load(primitive, 0, primitive.triangle_count(), false, Window::Find::kTriangles));
     std::vector<float> normals;

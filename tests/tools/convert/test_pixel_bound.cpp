@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "tests/catch.h"
-#include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
@@ -59,12 +59,10 @@ void make_textured_scene(const std::string& path) {
 /// none that takes more than as floats.
 void check_bounds_and_table(const convert::ConvertOptions& options, const convert::ConvertReport& report,
                             const tests::PackedFile& file) {
-  const auto source = convert::import_gltf(options.input, {});
-  REQUIRE(source);
-  const auto geometry = compare::compare_geometry(*source, file.file);
-  REQUIRE(geometry);
-  CHECK(geometry->broken.empty());
-  CHECK(geometry->missing_triangles == 0);
+  const auto source = must(convert::import_gltf(options.input, {}));
+  const auto geometry = must(compare::compare_geometry(source, file.file));
+  CHECK(geometry.broken.empty());
+  CHECK(geometry.missing_triangles == 0);
   uint64_t counted = 0, triangles = 0;
   for (const auto& [bits, row] : report.positions.rows()) {
     counted += row.meshes;
@@ -198,12 +196,10 @@ TEST_CASE("pixel bound: drawn vertices keep it, measured from their exact positi
   options.pixel_bound = {1, 3, 800, 600, 60};
   must_convert(options);
   const tests::PackedFile file = tests::must_open(options.output);
-  const auto source = convert::import_gltf(options.input, {});
-  REQUIRE(source);
-  const auto geometry = compare::compare_geometry(*source, file.file);
-  REQUIRE(geometry);
+  const auto source = must(convert::import_gltf(options.input, {}));
+  const auto geometry = must(compare::compare_geometry(source, file.file));
   // The largest distance between a stored vertex and its source, in the mesh without scale: at most 1 pixel at 3 units.
-  const double error = geometry->axis_error;
+  const double error = geometry.axis_error;
   CHECK(error > 0);
   Vector at = corner(options.pixel_bound), to = at;
   for (size_t k = 0; k < 3; ++k) to[k] += (k == 2 ? -1 : 1) * error;

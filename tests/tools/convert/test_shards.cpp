@@ -9,6 +9,7 @@
 #include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
@@ -75,8 +76,7 @@ class Sharded {
 
   std::string one_run(ConvertOptions options) const {
     options.output = folder_.file("one.scree");
-    const auto report = convert::convert(options);
-    if (!report) FAIL(report.error().message);
+    must(convert::convert(options));
     return tests::read_whole(options.output);
   }
 
@@ -87,8 +87,7 @@ class Sharded {
       options.shard = i;
       options.threads = 1 + i % 3;
       options.output = shard(i + 1);
-      const auto report = convert::convert(options);
-      if (!report) FAIL(report.error().message);
+      must(convert::convert(options));
       names.push_back(options.output);
     }
     return names;
@@ -104,21 +103,19 @@ class Sharded {
 
   void check_same(const ConvertOptions& options, uint32_t count) const {
     const std::string expected = one_run(options);
-    const auto merged = merge(make_shards(options, count), count % 3 + 1);
-    if (!merged) FAIL(merged.error().message);
+    const auto merged = must(merge(make_shards(options, count), count % 3 + 1));
     CHECK(tests::read_whole(folder_.file("merged.scree")) == expected);
-    CHECK(merged->output_bytes == expected.size());
+    CHECK(merged.output_bytes == expected.size());
   }
 
   /// The message of a merge that is refused, and leaves nothing behind.
   std::string refusal(const std::vector<std::string>& shards, ErrorCode code) const {
     fs::remove(folder_.file("merged.scree"));
-    const auto merged = merge(shards);
-    REQUIRE_FALSE(merged);
-    CHECK(merged.error().code == code);
+    const auto merged = scree::refusal(merge(shards));
+    CHECK(merged.code == code);
     CHECK_FALSE(fs::exists(folder_.file("merged.scree")));
     CHECK_FALSE(fs::exists(folder_.file("merged.scree.part")));
-    return merged.error().message;
+    return merged.message;
   }
 
  private:
@@ -267,17 +264,14 @@ TEST_CASE("a damaged shard is refused and nothing is left", "[convert][shards]")
 TEST_CASE("all data of a shard are checked against the source", "[convert][shards]") {
   const Sharded scene;
   (void)scene.make_shards(scene.options(), 1);
-  const auto opened = convert::open_shards({scene.shard(1)});
-  REQUIRE(opened);
-  const std::vector<std::byte> plan = convert::pack_plan(opened->plan);
-  const std::vector<std::byte> share = convert::pack_share(opened->files[0].share);
+  const auto opened = must(convert::open_shards({scene.shard(1)}));
+  const std::vector<std::byte> plan = convert::pack_plan(opened.plan);
+  const std::vector<std::byte> share = convert::pack_share(opened.files[0].share);
   // Unpacking returns the packed plan; every shorter text is refused.
-  const auto again = convert::unpack_plan(plan);
-  REQUIRE(again);
-  CHECK(convert::pack_plan(*again) == plan);
-  const auto share_again = convert::unpack_share(share);
-  REQUIRE(share_again);
-  CHECK(convert::pack_share(*share_again) == share);
+  const auto again = must(convert::unpack_plan(plan));
+  CHECK(convert::pack_plan(again) == plan);
+  const auto share_again = must(convert::unpack_share(share));
+  CHECK(convert::pack_share(share_again) == share);
   for (size_t size = 0; size < plan.size(); size += 1 + size / 64)
     CHECK_FALSE(
         convert::unpack_plan(std::vector<std::byte>(plan.begin(), plan.begin() + static_cast<ptrdiff_t>(size))));

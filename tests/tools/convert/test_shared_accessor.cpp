@@ -1,5 +1,4 @@
 // Primitives that share one accessor and use only small parts of it, as in models of buildings.
-#include <filesystem>
 #include <fstream>
 #include <string>
 

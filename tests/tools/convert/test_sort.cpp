@@ -16,17 +16,16 @@
 #include "format/container/part_file.h"
 #include "tests/catch.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
-#include "tools/convert/passes/sort_scattered.h"
 #include "tools/convert/sort/sort_primitive.h"
 #include "tools/convert/windows/locality.h"
 #include "tools/gltf/byte_source.h"
 
 using namespace scree;
 using namespace scree::convert;
-using tests::GridSpec;
 using tests::ModelMaker;
 using tests::must_convert;
 using tests::must_convert_within;
@@ -120,10 +119,9 @@ std::vector<uint32_t> all_corners(const Primitive& primitive) {
 }
 
 std::shared_ptr<const format::PartFile> make_file(const TempFolder& folder) {
-  Result<format::PartFile> file = format::PartFile::create(folder.file("sorted"));
-  REQUIRE(file);
-  REQUIRE(file->hide());
-  return std::make_shared<const format::PartFile>(std::move(*file));
+  format::PartFile file = must(format::PartFile::create(folder.file("sorted")));
+  REQUIRE(file.hide());
+  return std::make_shared<const format::PartFile>(std::move(file));
 }
 
 Primitive must_sort(const TempFolder& folder, const Primitive& primitive, uint32_t first, const SortLimits& limits,
@@ -131,13 +129,12 @@ Primitive must_sort(const TempFolder& folder, const Primitive& primitive, uint32
   const std::shared_ptr<const format::PartFile> shared = make_file(folder);
   const uint64_t vertices = primitive.vertex_count() - first;
   uint64_t last = 0;
-  Result<Primitive> copy = sort_primitive(primitive, {0, first, vertices}, true, limits, shared, offset, nullptr,
-                                          [&](uint64_t done) { last = done; });
-  if (!copy) FAIL(copy.error().message);
-  CHECK(last == 2 * (vertices + copy->triangle_count()));
+  Primitive copy = must(sort_primitive(primitive, {0, first, vertices}, true, limits, shared, offset, nullptr,
+                                       [&](uint64_t done) { last = done; }));
+  CHECK(last == 2 * (vertices + copy.triangle_count()));
   CHECK(shared->size().value() == offset + sort_needs(primitive, vertices, true).kept_file_bytes);
   CHECK(std::filesystem::is_empty(folder.path()));
-  return *copy;
+  return copy;
 }
 
 /// Checks that `copy` has all triangles of the source, each once and with its vertices' values. `degenerate`: including
@@ -327,11 +324,8 @@ TEST_CASE("sort: a source that changed is noticed", "[sort]") {
   const Primitive primitive = shuffled(12, 4, PrimitiveMode::kTriangles);
   const std::shared_ptr<const format::PartFile> file = make_file(folder);
   for (const ScatteredPrimitive& measured : {ScatteredPrimitive{0, 5, 143}, ScatteredPrimitive{0, 4, 143}}) {
-    const Result<Primitive> copy =
-        sort_primitive(primitive, measured, true, {1, UINT64_MAX}, file, 0, nullptr, [](uint64_t) {});
-    REQUIRE_FALSE(copy);
-    CHECK(copy.error().code == ErrorCode::kFormat);
-    CHECK(copy.error().message == "mesh 0 primitive 0 changed while it was converted");
+    check_refusal(sort_primitive(primitive, measured, true, {1, UINT64_MAX}, file, 0, nullptr, [](uint64_t) {}),
+                  {ErrorCode::kFormat, "mesh 0 primitive 0 changed while it was converted"});
   }
 }
 

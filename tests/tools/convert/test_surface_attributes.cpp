@@ -1,15 +1,14 @@
 // Second texture coordinates and tangents: the rule for storing them, their precision, and their export.
-#include <array>
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <utility>
 #include <vector>
 
 #include "format/geometry/tangent_codec.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
@@ -42,9 +41,8 @@ format::SurfaceRecord plain_surface() {
 
 uint32_t white_texture(tests::ModelMaker& maker) {
   const std::vector<uint8_t> white(4 * 4 * 4, 255);
-  const auto png = runtime::encode_png({4, 4, 4, white});
-  REQUIRE(png);
-  return maker.writer().add_texture(maker.texture("white", format::ImageCodec::kPng, *png));
+  const auto png = must(runtime::encode_png({4, 4, 4, white}));
+  return maker.writer().add_texture(maker.texture("white", format::ImageCodec::kPng, png));
 }
 
 /// A strip of `n` squares along x, bent around x by `bend` radians per square, with normals and tangents of the
@@ -108,9 +106,8 @@ void for_each_vertex(const tests::PackedFile& file, uint64_t mesh, const Strip& 
   const format::MeshRecord& record = file.file.meshes()[mesh];
   uint64_t count = 0;
   for (uint64_t c = record.first_chunk; c < record.first_chunk + record.chunk_count; ++c) {
-    const auto read = reader.read(c);
-    if (!read) FAIL(read.error().message);
-    const tools::DecodedChunk& chunk = **read;
+    const auto read = must(reader.read(c));
+    const tools::DecodedChunk& chunk = *read;
     for (size_t v = 0; v < chunk.positions.size() / 3; ++v) {
       size_t best = 0;
       double least = 1e30;
@@ -189,18 +186,16 @@ TEST_CASE("second texture coordinates are stored if a material uses both sets", 
       // Export writes them as TEXCOORD_1, and a material for the mesh that has none.
       const std::string back = folder.file("back.glb");
       std::filesystem::remove(back);
-      const auto exported = tools::export_gltf(file.file, back, {});
-      if (!exported) FAIL(exported.error().message);
-      const auto scene = import_gltf(back, {});
-      if (!scene) FAIL(scene.error().message);
-      CHECK(scene->warnings.empty());
-      REQUIRE(scene->primitives.size() == 4);
-      CHECK(scene->primitives[0].second_uv() != nullptr);
-      for (const size_t i : {1, 2, 3}) CHECK(scene->primitives[i].second_uv() == nullptr);
-      const NamedMaterial& without = scene->materials[scene->primitives[3].material];
+      must(tools::export_gltf(file.file, back, {}));
+      const auto scene = must(import_gltf(back, {}));
+      CHECK(scene.warnings.empty());
+      REQUIRE(scene.primitives.size() == 4);
+      CHECK(scene.primitives[0].second_uv() != nullptr);
+      for (const size_t i : {1, 2, 3}) CHECK(scene.primitives[i].second_uv() == nullptr);
+      const NamedMaterial& without = scene.materials[scene.primitives[3].material];
       CHECK(without.record.texture != format::kNone);
       CHECK(without.surface->textures[kOcclusion].texture == format::kNone);
-      CHECK(scene->materials[scene->primitives[0].material].surface->second_uv == 1u << kOcclusion);
+      CHECK(scene.materials[scene.primitives[0].material].surface->second_uv == 1u << kOcclusion);
     }
   }
 }
@@ -260,8 +255,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
 
   // Export gives them back: converted again, the codes are the same.
   const std::string back = folder.file("back.glb");
-  const auto exported = tools::export_gltf(file.file, back, {});
-  if (!exported) FAIL(exported.error().message);
+  must(tools::export_gltf(file.file, back, {}));
   ConvertOptions again = auto_options(folder);
   again.input = back;
   again.output = folder.file("again.scree");

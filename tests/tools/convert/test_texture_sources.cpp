@@ -5,6 +5,7 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/runtime/load_scene.h"
@@ -28,9 +29,7 @@ void write_file(const TempFolder& folder, const std::string& name, const FileByt
 
 FileBytes png_of(uint32_t side) {
   const std::vector<uint8_t> pixels(size_t{3} * side * side, 90);
-  const auto png = runtime::encode_png({side, side, 3, pixels});
-  REQUIRE(png);
-  return *png;
+  return must(runtime::encode_png({side, side, 3, pixels}));
 }
 
 FileBytes unreadable() {
@@ -56,10 +55,9 @@ format::ImageRecord stored_image(const TempFolder& folder) {
   convert::ConvertOptions options = tests::options_of(folder, "in.gltf");
   options.existing = format::Existing::kReplace;
   tests::must_convert(options);
-  const auto packed = tests::open_packed(options.output);
-  REQUIRE(packed);
-  REQUIRE(packed->file.images().size() == 1);
-  return packed->file.images()[0];
+  const auto packed = must(tests::open_packed(options.output));
+  REQUIRE(packed.file.images().size() == 1);
+  return packed.file.images()[0];
 }
 
 }  // namespace
@@ -128,9 +126,8 @@ TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_source
     options.existing = format::Existing::kReplace;
     options.images.textures = textures;
     tests::must_convert(options);
-    const auto packed = tests::open_packed(options.output);
-    REQUIRE(packed);
-    const format::ImageRecord image = packed->file.images()[0];
+    const auto packed = must(tests::open_packed(options.output));
+    const format::ImageRecord image = packed.file.images()[0];
     CHECK(image.width == 60);
     CHECK(image.height == 40);
     (void)tests::must_load(options.output);
@@ -141,12 +138,10 @@ TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_source
     REQUIRE(image.codec == ImageCodec::kPng);
     CHECK(image.channels == (has_alpha ? 4 : 3));
     std::vector<std::byte> scratch;
-    const auto page = packed->file.load_page(image.page, scratch);
-    REQUIRE(page);
-    const auto decoded = runtime::decode_image(*page);
-    REQUIRE(decoded);
-    CHECK((decoded->rgba == pixels));
-    CHECK_FALSE(runtime::probe_image(*page)->is_webp);
+    const auto page = must(packed.file.load_page(image.page, scratch));
+    const auto decoded = must(runtime::decode_image(page));
+    CHECK((decoded.rgba == pixels));
+    CHECK_FALSE(runtime::probe_image(page)->is_webp);
   }
 #endif
 }
@@ -161,8 +156,7 @@ TEST_CASE("a real WebP texture is drawn", "[texture_sources][webp][models]") {
   convert::ConvertOptions options = tests::options_of(folder);
   options.input = model.string();
   tests::must_convert(options);
-  const auto packed = tests::open_packed(options.output);
-  REQUIRE(packed);
-  REQUIRE(packed->file.images().size() == 1);
-  CHECK(packed->file.images()[0].codec == ImageCodec::kPng);
+  const auto packed = must(tests::open_packed(options.output));
+  REQUIRE(packed.file.images().size() == 1);
+  CHECK(packed.file.images()[0].codec == ImageCodec::kPng);
 }

@@ -1,7 +1,6 @@
 // Equal vertices are stored once: the classes compared with brute force, and convert's output.
 #include <bit>
 #include <cstdint>
-#include <cstring>
 #include <random>
 #include <vector>
 

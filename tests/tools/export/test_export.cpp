@@ -9,6 +9,7 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/sanitized.h"
 #include "tests/tools/compare/compare_scenes.h"
 #include "tests/tools/packed_file.h"
@@ -75,16 +76,15 @@ bool round_trip(const fs::path& source_path, size_t number, const std::string& e
   for (uint64_t i = 0; i < packed->file.meshes().size(); ++i) triangles += packed->file.meshes()[i].triangle_count;
   CHECK(summary->triangles == triangles);
 
-  const auto source = convert::import_gltf(source_path.string(), {});
+  const auto source = must(convert::import_gltf(source_path.string(), {}));
   const auto back = convert::import_gltf(exported, {});
-  REQUIRE(source);
   if (!back) {
     FAIL_CHECK(back.error().message);
     return true;
   }
   for (uint64_t i = 0; i < packed->file.left_out().size(); ++i)  // data that are not stored cannot be exported
     if (packed->file.string(packed->file.left_out()[i].what) == "primitives their alpha masks hide") return true;
-  for (const std::string& line : tests::compare_scenes(*source, packed->file, *back)) FAIL_CHECK(line);
+  for (const std::string& line : tests::compare_scenes(source, packed->file, *back)) FAIL_CHECK(line);
   return true;
 }
 
@@ -148,13 +148,12 @@ TEST_CASE("export: a textured material on a primitive without texture coordinate
     "bufferViews": [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 24}],
     "buffers": [{"uri": "a.bin", "byteLength": 60}]})");
   CHECK(round_trip(folder.path() / "a.gltf", 0, exports.file("a.glb"), folder));
-  const auto back = convert::import_gltf(exports.file("a.glb"), {});
-  REQUIRE(back);
-  REQUIRE(back->materials.size() == 2);  // one copy for both
-  CHECK(back->materials[0].record.texture != format::kNone);
-  CHECK(back->materials[1].record.texture == format::kNone);
-  CHECK(back->materials[1].record.base_color[0] == 1.0f);
-  CHECK(back->materials[1].record.base_color[1] == 0.5f);
+  const auto back = must(convert::import_gltf(exports.file("a.glb"), {}));
+  REQUIRE(back.materials.size() == 2);  // one copy for both
+  CHECK(back.materials[0].record.texture != format::kNone);
+  CHECK(back.materials[1].record.texture == format::kNone);
+  CHECK(back.materials[1].record.base_color[0] == 1.0f);
+  CHECK(back.materials[1].record.base_color[1] == 0.5f);
   const tests::ValidatorRun run = tests::run_validator(exports.path());
   if (!tests::validator_result_is_there(run)) return;
   INFO(run.output);
@@ -163,10 +162,9 @@ TEST_CASE("export: a textured material on a primitive without texture coordinate
 
 TEST_CASE("export: the validator check can fail", "[export]") {
   const tests::TempFolder folder;
-  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"));
-  REQUIRE(packed);
+  const auto packed = must(tests::pack(small_model().string(), folder.file("a.scree")));
   const std::string path = folder.file("a.glb");
-  REQUIRE(tools::export_gltf(packed->file, path, {}));
+  REQUIRE(tools::export_gltf(packed.file, path, {}));
   std::string bytes = tests::read_whole(path);
   const size_t place = bytes.find("\"POSITION\"");
   REQUIRE(place != std::string::npos);
@@ -182,10 +180,9 @@ TEST_CASE("export: the same bytes for any number of threads", "[export]") {
   const tests::TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 3;
-  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
-  REQUIRE(packed);
-  REQUIRE(tools::export_gltf(packed->file, folder.file("one.glb"), with_threads(1)));
-  REQUIRE(tools::export_gltf(packed->file, folder.file("many.glb"), with_threads(7)));
+  const auto packed = must(tests::pack(small_model().string(), folder.file("a.scree"), options));
+  REQUIRE(tools::export_gltf(packed.file, folder.file("one.glb"), with_threads(1)));
+  REQUIRE(tools::export_gltf(packed.file, folder.file("many.glb"), with_threads(7)));
   const std::string one = tests::read_whole(folder.file("one.glb"));
   CHECK(!one.empty());
   CHECK(one == tests::read_whole(folder.file("many.glb")));
@@ -195,27 +192,24 @@ TEST_CASE("export: a mesh with more vertices than an index can address is cut be
   const tests::TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 2;
-  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
-  REQUIRE(packed);
-  const format::MeshRecord& mesh = packed->file.meshes()[0];
+  const auto packed = must(tests::pack(small_model().string(), folder.file("a.scree"), options));
+  const format::MeshRecord& mesh = packed.file.meshes()[0];
   REQUIRE(mesh.chunk_count >= 3);
-  auto writer = tools::GltfWriter::create(folder.file("cut.glb"));
-  REQUIRE(writer);
+  auto writer = must(tools::GltfWriter::create(folder.file("cut.glb")));
   const uint64_t limit = mesh.vertex_count / 2 + 1;
-  const auto cut = tools::write_primitives(packed->file, *writer, with_threads(2), limit);
-  REQUIRE(cut);
-  CHECK(cut->size() > packed->file.meshes().size());
+  const auto cut = must(tools::write_primitives(packed.file, writer, with_threads(2), limit));
+  CHECK(cut.size() > packed.file.meshes().size());
   uint64_t triangles = 0, vertices = 0;
-  for (const tools::ExportedPrimitive& primitive : *cut) {
+  for (const tools::ExportedPrimitive& primitive : cut) {
     CHECK(primitive.vertices <= limit);
     CHECK(primitive.primitive.indices != format::kNone);
     triangles += primitive.triangles;
     vertices += primitive.vertices;
   }
   uint64_t all_triangles = 0, all_vertices = 0;
-  for (uint64_t i = 0; i < packed->file.meshes().size(); ++i) {
-    all_triangles += packed->file.meshes()[i].triangle_count;
-    all_vertices += packed->file.meshes()[i].vertex_count;
+  for (uint64_t i = 0; i < packed.file.meshes().size(); ++i) {
+    all_triangles += packed.file.meshes()[i].triangle_count;
+    all_vertices += packed.file.meshes()[i].vertex_count;
   }
   CHECK(triangles == all_triangles);
   CHECK(vertices == all_vertices);
@@ -226,8 +220,7 @@ TEST_CASE("export: progress is reported, the input's pages are released, and a s
   const tests::TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 2;
-  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
-  REQUIRE(packed);
+  const auto packed = must(tests::pack(small_model().string(), folder.file("a.scree"), options));
   std::vector<uint64_t> done;
   uint64_t released = 0;
   tools::ExportOptions watched = with_threads(1);
@@ -238,20 +231,19 @@ TEST_CASE("export: progress is reported, the input's pages are released, and a s
     written = bytes;
   };
   watched.is_done_with = [&](uint64_t offset, uint64_t bytes) {
-    CHECK(offset + bytes <= packed->map.size());
+    CHECK(offset + bytes <= packed.map.size());
     ++released;
   };
-  const auto summary = tools::export_gltf(packed->file, folder.file("a.glb"), watched);
-  REQUIRE(summary);
+  const auto summary = must(tools::export_gltf(packed.file, folder.file("a.glb"), watched));
   REQUIRE(!done.empty());
   CHECK(std::is_sorted(done.begin(), done.end()));
-  CHECK(done.back() == summary->triangles);
+  CHECK(done.back() == summary.triangles);
   CHECK(released == done.size());
-  CHECK(written < summary->bytes);
+  CHECK(written < summary.bytes);
 
   const std::atomic<bool> stop{true};
   watched.stop = &stop;
-  const auto stopped = tools::export_gltf(packed->file, folder.file("b.glb"), watched);
+  const auto stopped = tools::export_gltf(packed.file, folder.file("b.glb"), watched);
   REQUIRE(!stopped);
   CHECK(stopped.error().message.find("interrupted") != std::string::npos);
   size_t files = 0;
@@ -263,25 +255,22 @@ TEST_CASE("export: a failed write is an error and leaves nothing behind", "[expo
   const tests::TempFolder folder;
   const std::string scree = folder.file("a.scree");
   {
-    const auto packed = tests::pack(small_model().string(), scree);
-    REQUIRE(packed);
-    const auto wrong_name = tools::export_gltf(packed->file, folder.file("a.obj"), {});
+    const auto packed = must(tests::pack(small_model().string(), scree));
+    const auto wrong_name = tools::export_gltf(packed.file, folder.file("a.obj"), {});
     REQUIRE(!wrong_name);
     CHECK(wrong_name.error().code == ErrorCode::kUsage);
-    const auto no_folder = tools::export_gltf(packed->file, folder.file("missing/a.glb"), {});
+    const auto no_folder = tools::export_gltf(packed.file, folder.file("missing/a.glb"), {});
     REQUIRE(!no_folder);
     CHECK(no_folder.error().code == ErrorCode::kFile);
   }
   std::string bytes = tests::read_whole(scree);
-  const auto opened = tests::open_packed(scree);
-  REQUIRE(opened);
-  const uint64_t place = opened->file.pages()[0].offset;
+  const auto opened = must(tests::open_packed(scree));
+  const uint64_t place = opened.file.pages()[0].offset;
   bytes[place] = static_cast<char>(bytes[place] ^ 16);
   tests::write_file(folder.file("bad.scree"), bytes);
-  const auto bad = tests::open_packed(folder.file("bad.scree"));
-  REQUIRE(bad);
+  const auto bad = must(tests::open_packed(folder.file("bad.scree")));
   for (const char* name : {"bad.glb", "bad.gltf"}) {
-    const auto broken = tools::export_gltf(bad->file, folder.file(name), {});
+    const auto broken = tools::export_gltf(bad.file, folder.file(name), {});
     REQUIRE(!broken);
     CHECK(broken.error().code == ErrorCode::kChecksum);
     CHECK(broken.error().message.find("page 0") != std::string::npos);

@@ -4,14 +4,13 @@
 #include <sys/resource.h>
 
 #include <csignal>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 
 #include "format/bytes.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/common/json_writer.h"
@@ -32,21 +31,19 @@ std::span<const std::byte> bytes_of(std::string_view text) {
 /// Adds one of everything.
 void fill(GltfWriter& writer) {
   const float positions[9] = {0, 0, 0, 0.1f, 0, 0, 0, 1e-7f, -0.0f};
-  const Result<uint64_t> offset = writer.append(std::as_bytes(std::span(positions)), 16);
-  REQUIRE(offset);
+  const uint64_t offset = must(writer.append(std::as_bytes(std::span(positions)), 16));
   REQUIRE(writer.append(bytes_of("abc"), 1));  // leaves an unaligned end
-  const uint32_t view = writer.add_buffer_view({*offset, sizeof positions, 0, GltfTarget::kVertices});
+  const uint32_t view = writer.add_buffer_view({offset, sizeof positions, 0, GltfTarget::kVertices});
   GltfAccessor accessor;
   accessor.buffer_view = view;
   accessor.count = 3;
   accessor.min = {0, 0, -0.0};
   accessor.max = {0.1f, 1e-7f, 0};
   const uint32_t position = writer.add_accessor(accessor);
-  const Result<uint32_t> image = writer.add_image("a/b ü", format::ImageCodec::kPng, bytes_of("PNG"));
-  REQUIRE(image);
+  const uint32_t image = must(writer.add_image("a/b ü", format::ImageCodec::kPng, bytes_of("PNG")));
   REQUIRE(writer.add_image("A/B ü", format::ImageCodec::kPng, bytes_of("PNG2")));
   GltfTexture texture;
-  texture.image = *image;
+  texture.image = image;
   texture.wrap_t = format::Wrap::kClamp;
   GltfMaterial material;
   material.name = "quote \" back \\ bell \a \xff umlaut ü";
@@ -87,11 +84,10 @@ void check_document(const json& document) {
 
 TEST_CASE("a .gltf, its .bin and its images", "[gltf_writer]") {
   const TempFolder folder;
-  Result<GltfWriter> writer = GltfWriter::create(folder.file("a b%.gltf"));
-  REQUIRE(writer);
-  fill(*writer);
+  GltfWriter writer = must(GltfWriter::create(folder.file("a b%.gltf")));
+  fill(writer);
   for (const std::string& name : folder.names()) CHECK(std::filesystem::path(name).extension() == ".part");
-  REQUIRE(writer->finish());
+  REQUIRE(writer.finish());
   CHECK(folder.names() == std::vector<std::string>{"a b%.bin", "a b%.gltf", "a b%_A_B____2.png", "a b%_a_b___.png"});
   const json document = json::parse(read_whole(folder.file("a b%.gltf")));
   check_document(document);
@@ -104,15 +100,14 @@ TEST_CASE("a .gltf, its .bin and its images", "[gltf_writer]") {
 TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_writer]") {
   const TempFolder folder;
   const auto written = [&](uint64_t most) {
-    Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
-    REQUIRE(writer);
-    fill(*writer);
-    writer->set_most_version_2_bytes(most);
-    REQUIRE(writer->finish());
+    GltfWriter writer = must(GltfWriter::create(folder.file("x.glb")));
+    fill(writer);
+    writer.set_most_version_2_bytes(most);
+    REQUIRE(writer.finish());
     const std::string file = read_whole(folder.file("x.glb"));
-    CHECK(file.size() == writer->total_bytes());
+    CHECK(file.size() == writer.total_bytes());
     CHECK(folder.names() == std::vector<std::string>{"x.glb"});
-    CHECK(writer->is_version_3() == (static_cast<unsigned char>(file[4]) == 3));
+    CHECK(writer.is_version_3() == (static_cast<unsigned char>(file[4]) == 3));
     return file;
   };
   const std::string narrow = written(uint64_t{1} << 32);
@@ -143,22 +138,20 @@ TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_wri
   maker.node("node", maker.mesh("mesh", {maker.primitive({0, 0, 0, 0.1f, 0, 0, 0, 1, 0}, {0, 1, 2})}));
   maker.finish();
   CHECK(maker.writer().is_version_3());
-  const auto scene = convert::import_gltf(folder.file("y.glb"), {});
-  if (!scene) FAIL(scene.error().message);
+  const auto scene = must(convert::import_gltf(folder.file("y.glb"), {}));
   std::vector<float> positions(9);
-  REQUIRE(read_floats(scene->primitives.at(0).positions, 0, 3, positions));
+  REQUIRE(read_floats(scene.primitives.at(0).positions, 0, 3, positions));
   CHECK(positions[3] == 0.1f);
 }
 
 TEST_CASE("a .glb", "[gltf_writer]") {
   const TempFolder folder;
-  Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
-  REQUIRE(writer);
-  fill(*writer);
-  REQUIRE(writer->finish());
+  GltfWriter writer = must(GltfWriter::create(folder.file("x.glb")));
+  fill(writer);
+  REQUIRE(writer.finish());
   CHECK(folder.names() == std::vector<std::string>{"x.glb"});
   const std::string file = read_whole(folder.file("x.glb"));
-  CHECK(file.size() == writer->total_bytes());
+  CHECK(file.size() == writer.total_bytes());
   const auto u32 = [&](size_t place) {
     return format::load<uint32_t>(reinterpret_cast<const std::byte*>(&file[place]));
   };
@@ -179,9 +172,8 @@ TEST_CASE("a .glb", "[gltf_writer]") {
 TEST_CASE("an unfinished glTF leaves nothing behind", "[gltf_writer]") {
   const TempFolder folder;
   for (const char* name : {"x.gltf", "x.glb"}) {
-    Result<GltfWriter> writer = GltfWriter::create(folder.file(name));
-    REQUIRE(writer);
-    fill(*writer);
+    GltfWriter writer = must(GltfWriter::create(folder.file(name)));
+    fill(writer);
   }
   CHECK(folder.names().empty());
 }
@@ -191,29 +183,26 @@ TEST_CASE("the writer refuses invalid input", "[gltf_writer]") {
   CHECK(GltfWriter::create(folder.file("x.obj")).error().code == ErrorCode::kUsage);
   CHECK(GltfWriter::create(folder.file("missing/x.glb")).error().code == ErrorCode::kFile);
   {
-    Result<GltfWriter> writer = GltfWriter::create(folder.file("x.glb"));
-    REQUIRE(writer);
-    REQUIRE(writer->reserve(uint64_t{1} << 62));
-    const Result<uint64_t> past = writer->reserve(100);
+    GltfWriter writer = must(GltfWriter::create(folder.file("x.glb")));
+    REQUIRE(writer.reserve(uint64_t{1} << 62));
+    const Result<uint64_t> past = writer.reserve(100);
     REQUIRE(!past);
     CHECK(past.error().code == ErrorCode::kRange);
     CHECK(past.error().message.find("a buffer of more than 2^62 bytes") != std::string::npos);
   }
   {
-    Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));
-    REQUIRE(writer);
+    GltfWriter writer = must(GltfWriter::create(folder.file("x.gltf")));
     GltfNode node;
     node.local[1] = std::numeric_limits<double>::quiet_NaN();
-    writer->add_node(node);
-    CHECK(writer->finish().error().code == ErrorCode::kRange);
+    writer.add_node(node);
+    CHECK(writer.finish().error().code == ErrorCode::kRange);
   }
   // The document can no longer take its name, so the buffer, which was already renamed, is removed.
   {
-    Result<GltfWriter> writer = GltfWriter::create(folder.file("dir.gltf"));
-    REQUIRE(writer);
-    fill(*writer);
+    GltfWriter writer = must(GltfWriter::create(folder.file("dir.gltf")));
+    fill(writer);
     std::filesystem::create_directory(folder.file("dir.gltf"));
-    CHECK(writer->finish().error().code == ErrorCode::kFile);
+    CHECK(writer.finish().error().code == ErrorCode::kFile);
   }
   CHECK(folder.names() == std::vector<std::string>{"dir.gltf"});
   CHECK(GltfWriter::create(folder.file("dir.gltf")).error().message.find("dir.gltf: is a folder") != std::string::npos);

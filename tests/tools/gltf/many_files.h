@@ -1,7 +1,6 @@
 // A scene with more buffer files than are kept open.
 #pragma once
 
-#include <cstdint>
 #include <cstring>
 #include <string>
 #include <vector>

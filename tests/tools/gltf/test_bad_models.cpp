@@ -9,6 +9,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/gltf/draco_source.h"
 #include "tools/gltf/source.h"
@@ -242,6 +243,8 @@ const Change kChanges[] = {
     {R"(,"scene":0)",
      R"(,"scene":0,"cameras":[{"type":"orthographic","orthographic":{"xmag":1,"ymag":1,"znear":2,"zfar":1}}])",
      ErrorCode::kRange, "camera 0: zfar is not past znear"},
+    {R"(,"scene":0)", R"(,"scene":0,"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":0}}])",
+     ErrorCode::kRange, "camera 0: znear is not positive"},
     {R"(,"scene":0)", R"(,"scene":0,"textures":[{"source":3}])", ErrorCode::kRange,
      "texture 0: image 3 does not exist"},
     {R"(,"scene":0)", R"(,"scene":0,"textures":[{"sampler":3}])", ErrorCode::kRange,
@@ -374,16 +377,15 @@ TEST_CASE("long documents keep their indices over batches", "[import]") {
   text = tests::replaced(text, R"({"nodes":[0]})", R"({"nodes":[)" + roots + "]}");
   const tests::TempFolder folder;
   const std::string path = folder.write("long.gltf", text);
-  const auto scene = import_gltf(path, {});
-  if (!scene) FAIL(scene.error().message);
-  REQUIRE(scene->primitives.size() == kCount);
-  REQUIRE(scene->nodes.size() == kCount);
+  const auto scene = must(import_gltf(path, {}));
+  REQUIRE(scene.primitives.size() == kCount);
+  REQUIRE(scene.nodes.size() == kCount);
   bool right = true;
   for (uint32_t i = 0; i < kCount; ++i) {
-    const Primitive& primitive = scene->primitives[i];
+    const Primitive& primitive = scene.primitives[i];
     right = right && primitive.indices.has_value() == (i % 3 != 0) && primitive.mesh == i &&
-            scene->groups[i].name == "m" + std::to_string(i) && scene->nodes[i].group == i &&
-            scene->nodes[i].name == "indices";
+            scene.groups[i].name == "m" + std::to_string(i) && scene.nodes[i].group == i &&
+            scene.nodes[i].name == "indices";
   }
   CHECK(right);
 
@@ -402,13 +404,12 @@ TEST_CASE("long chains of nodes and many scenes take time in proportion", "[impo
     scenes += std::string(i == 0 ? "" : ",") + R"({"nodes":[)" + std::to_string(kCount - 1) + "]}";
   const tests::TempFolder folder;
   const auto start = std::chrono::steady_clock::now();
-  const auto scene = import_gltf(folder.write("chain.gltf", R"({"asset":{"version":"2.0"},"nodes":[)" + nodes +
-                                                                R"({"name":"last"}],"scenes":[)" + scenes + "]}"),
-                                 {});
-  if (!scene) FAIL(scene.error().message);
-  CHECK(scene->nodes.size() == kCount);
-  CHECK(scene->nodes.back().name == "last");
-  CHECK(scene->scenes.size() == 2000);
+  const auto scene = must(import_gltf(folder.write("chain.gltf", R"({"asset":{"version":"2.0"},"nodes":[)" + nodes +
+                                                                     R"({"name":"last"}],"scenes":[)" + scenes + "]}"),
+                                      {}));
+  CHECK(scene.nodes.size() == kCount);
+  CHECK(scene.nodes.back().name == "last");
+  CHECK(scene.scenes.size() == 2000);
   CHECK(std::chrono::steady_clock::now() - start < std::chrono::seconds(60));
 }
 
@@ -501,8 +502,7 @@ TEST_CASE("real scenes import, except for unsupported features", "[import][model
       continue;
     if (reason == kRefusedScenes.end()) {
       if (!scene) FAIL(scene.error().message);
-      const auto read = read_everything(*scene);
-      if (!read) FAIL(read.error().message);
+      must(read_everything(*scene));
     } else {
       REQUIRE_FALSE(scene);
       INFO(scene.error().message);

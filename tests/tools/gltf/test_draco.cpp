@@ -9,6 +9,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/gltf/draco_streams.h"
 #include "tests/tools/model_files.h"
 #include "tests/tools/temp_folder.h"
@@ -87,11 +88,10 @@ TEST_CASE("Draco geometry equals the encoded twin", "[draco]") {
           const DracoRecipe recipe{is_sequential, speed, bits, has_uv, has_uv};
           const auto stream = make_draco(grid, recipe);
           const auto scene =
-              import_document(folder, tests::draco_document({stream}, grid.triangles(), grid.vertices(), recipe));
-          if (!scene) FAIL(scene.error().message);
-          REQUIRE(scene->primitives.size() == 1);
-          CHECK(scene->primitives[0].uv.has_value() == has_uv);
-          const auto found = triangles_of(scene->primitives[0]);
+              must(import_document(folder, tests::draco_document({stream}, grid.triangles(), grid.vertices(), recipe)));
+          REQUIRE(scene.primitives.size() == 1);
+          CHECK(scene.primitives[0].uv.has_value() == has_uv);
+          const auto found = triangles_of(scene.primitives[0]);
           const auto expected = triangles_of(grid.positions, has_uv ? grid.uvs : std::vector<float>(), grid.corners);
           REQUIRE(found.size() == expected.size());
           if (bits == 0) {
@@ -131,18 +131,17 @@ TEST_CASE("threads read primitives of Draco streams at once, in little memory", 
   const auto stream = make_draco(grid, recipe);
   ImportOptions options;
   options.kept_view_bytes = GENERATE(uint64_t{0}, uint64_t{1} << 30);
-  const auto scene = import_document(
-      folder, tests::draco_document({stream, stream, stream}, grid.triangles(), grid.vertices(), recipe), options);
-  REQUIRE(scene);
-  CHECK(scene->view_memory.reader_bytes > 12u * grid.triangles());
+  const auto scene = must(import_document(
+      folder, tests::draco_document({stream, stream, stream}, grid.triangles(), grid.vertices(), recipe), options));
+  CHECK(scene.view_memory.reader_bytes > 12u * grid.triangles());
   const uint64_t unpacked = 3 * 12u * (grid.triangles() + grid.vertices());
-  CHECK(scene->view_memory.kept_bytes >= std::min(options.kept_view_bytes, unpacked));
+  CHECK(scene.view_memory.kept_bytes >= std::min(options.kept_view_bytes, unpacked));
   const auto expected = triangles_of(grid.positions, {}, grid.corners);
   std::vector<std::thread> threads;
   std::array<bool, 6> good{};
   for (size_t i = 0; i < good.size(); ++i)
     threads.emplace_back([&, i] {
-      const Primitive& primitive = scene->primitives[i % 3];
+      const Primitive& primitive = scene.primitives[i % 3];
       std::vector<float> positions(3 * primitive.vertex_count());
       std::vector<uint32_t> corners(3 * primitive.triangle_count());
       good[i] = read_floats(primitive.positions, 0, primitive.vertex_count(), positions) &&
@@ -159,17 +158,15 @@ TEST_CASE("a Draco primitive that does not fit into --memory is refused with its
   const std::string text = tests::draco_document({make_draco(DracoGrid(4), recipe)}, 100'000'000, 50'000'000, recipe);
   ImportOptions options;
   options.memory = uint64_t{1} << 30;
-  const auto scene = import_document(folder, text, options);
-  REQUIRE_FALSE(scene);
-  INFO(scene.error().message);
-  CHECK(scene.error().code == ErrorCode::kUsage);
+  const auto scene = refusal(import_document(folder, text, options));
+  INFO(scene.message);
+  CHECK(scene.code == ErrorCode::kUsage);
   CHECK(
-      scene.error().message.find(
+      scene.message.find(
           "draco.gltf: mesh 0 primitive 0: --memory: 1.00 GiB, but unpacking its 100000000 triangles (Draco) takes ") !=
       std::string::npos);
   // Without a limit it is opened, and its header is refused before such a size is allocated.
-  const auto unbound = import_document(folder, text);
-  REQUIRE(unbound);
+  must(import_document(folder, text));
 }
 
 TEST_CASE("Draco streams of other sizes than their accessors state are refused", "[draco][bad]") {
@@ -182,11 +179,10 @@ TEST_CASE("Draco streams of other sizes than their accessors state are refused",
     const auto refused = [&](const auto& change, ErrorCode code, const std::string& words) {
       DracoPrimitive other = stated;
       change(other);
-      const auto done = decode(other, stream);
-      REQUIRE_FALSE(done);
-      INFO(done.error().message);
-      CHECK(done.error().code == code);
-      CHECK(done.error().message.find(words) != std::string::npos);
+      const auto done = refusal(decode(other, stream));
+      INFO(done.message);
+      CHECK(done.code == code);
+      CHECK(done.message.find(words) != std::string::npos);
     };
     refused([](DracoPrimitive& p) { ++p.triangles; }, ErrorCode::kRange,
             "72 triangles, but the accessor of its indices has 73");
@@ -248,10 +244,9 @@ TEST_CASE("real scenes of Draco convert", "[draco][models]") {
     options.output = out.file("out.scree");
     options.existing = format::Existing::kReplace;
     options.threads = 2;
-    const auto report = convert(options);
-    if (!report) FAIL(report.error().message);
-    CHECK(report->triangles > 0);
-    if (triangles != 0) CHECK(report->triangles == triangles);
+    const auto report = must(convert(options));
+    CHECK(report.triangles > 0);
+    if (triangles != 0) CHECK(report.triangles == triangles);
   }
 }
 

@@ -12,6 +12,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/sanitized.h"
 #include "tests/tools/gltf/many_files.h"
 #include "tests/tools/temp_folder.h"
@@ -79,9 +80,8 @@ TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[imp
            glb(chunk("JSON", padded("\xef\xbb\xbf" + kDocument)) + bin),
            glb(chunk("JSON", kDocument + (kDocument.size() % 4 == 0 ? " " : "")) + bin),  // length not a multiple of 4
        }) {
-    const auto positions = positions_of(folder.write("good.glb", good));
-    if (!positions) FAIL(positions.error().message);
-    CHECK(*positions == expected);
+    const auto positions = must(positions_of(folder.write("good.glb", good)));
+    CHECK(positions == expected);
   }
 
   std::string many;
@@ -155,15 +155,13 @@ TEST_CASE("a GLB above 4 GiB has its lengths modulo 2^32", "[import][glb]") {
   head += chunk("JSON", json);
   append(head, static_cast<uint32_t>(bin_bytes));
   head += kBin;
-  const auto positions = positions_of(sparse_file(folder, "large.glb", size, {{0, head}, {bin_at + last, kTriangle}}));
-  if (!positions) FAIL(positions.error().message);
-  CHECK((*positions)[3] == 1.0f);
-  CHECK((*positions)[7] == 1.0f);
+  const auto positions =
+      must(positions_of(sparse_file(folder, "large.glb", size, {{0, head}, {bin_at + last, kTriangle}})));
+  CHECK(positions[3] == 1.0f);
+  CHECK(positions[7] == 1.0f);
 
   // If the header's length differs from the file's, it is taken as the length, and the file then ends early.
-  const auto longer = positions_of(sparse_file(folder, "longer.glb", size + 8, {{0, head}}));
-  REQUIRE_FALSE(longer);
-  CHECK(longer.error().code == ErrorCode::kTrailing);
+  CHECK(refusal(positions_of(sparse_file(folder, "longer.glb", size + 8, {{0, head}}))).code == ErrorCode::kTrailing);
 }
 
 // Version 3, of the draft of glTF 2.1: lengths of 64 bits, a chunk's type before them, chunks at multiples of 8.
@@ -193,9 +191,8 @@ TEST_CASE("a GLB of version 3 has chunks of 64-bit lengths in any order", "[impo
        {wide_glb(json + bin), wide_glb(json + bin + wide_chunk("XYZ ", "12345", 7)), wide_glb(bin + named),
         wide_glb(bin + wide_chunk("XYZ ", "1") + named + bin + wide_chunk("JSON", "{}")),
         wide_glb(json + bin) + std::string(100, '\0')}) {
-    const auto positions = positions_of(folder.write("good.glb", good));
-    if (!positions) FAIL(positions.error().message);
-    CHECK((*positions)[3] == 1.0f);
+    const auto positions = must(positions_of(folder.write("good.glb", good)));
+    CHECK(positions[3] == 1.0f);
   }
   struct Bad {
     std::string bytes;
@@ -223,11 +220,10 @@ TEST_CASE("a GLB of version 3 has chunks of 64-bit lengths in any order", "[impo
            {wide_glb(many), ErrorCode::kFormat, "GLB chunk 4096: at most 4096 are read"},
        }) {
     INFO(bad.words);
-    const auto scene = positions_of(folder.write("bad.glb", bad.bytes));
-    REQUIRE_FALSE(scene);
-    INFO(scene.error().message);
-    CHECK(scene.error().code == bad.code);
-    CHECK(scene.error().message.find(bad.words) != std::string::npos);
+    const auto scene = refusal(positions_of(folder.write("bad.glb", bad.bytes)));
+    INFO(scene.message);
+    CHECK(scene.code == bad.code);
+    CHECK(scene.message.find(bad.words) != std::string::npos);
   }
 }
 
@@ -245,9 +241,8 @@ TEST_CASE("a GLB of version 3 above 4 GiB is read at its true offsets", "[import
   const uint64_t size = head.size() + bin_bytes;
   for (uint32_t i = 0; i < 8; ++i) head[8 + i] = static_cast<char>(size >> 8 * i);
   const auto positions =
-      positions_of(sparse_file(folder, "large.glb", size, {{0, head}, {head.size() + last, kTriangle}}));
-  if (!positions) FAIL(positions.error().message);
-  CHECK((*positions)[7] == 1.0f);
+      must(positions_of(sparse_file(folder, "large.glb", size, {{0, head}, {head.size() + last, kTriangle}})));
+  CHECK(positions[7] == 1.0f);
 }
 
 /// The most bytes resident since tools::reset_peak(), without the bytes of `before`; nullopt if the system does not
@@ -261,16 +256,12 @@ std::optional<uint64_t> most_resident_since(const tools::MemoryUse& before) {
 TEST_CASE("JSON that is cut off while it is read is an error", "[import]") {
   const tests::TempFolder folder;
   const std::string path = folder.write("a.gltf", kDocument);
-  const auto source = open_file_source(path);
-  REQUIRE(source);
-  const uint64_t bytes = (*source)->size();
-  const auto whole = read_json_text(**source, 0, bytes);
-  REQUIRE(whole);
-  CHECK(std::string(whole->begin(), whole->end()) == kDocument);
+  const auto source = must(open_file_source(path));
+  const uint64_t bytes = source->size();
+  const auto whole = must(read_json_text(*source, 0, bytes));
+  CHECK(std::string(whole.begin(), whole.end()) == kDocument);
   std::filesystem::resize_file(path, bytes / 2);
-  const auto cut = read_json_text(**source, 0, bytes);
-  REQUIRE_FALSE(cut);
-  CHECK(cut.error().code == ErrorCode::kTruncated);
+  CHECK(refusal(read_json_text(*source, 0, bytes)).code == ErrorCode::kTruncated);
 }
 
 TEST_CASE("a 40 GB buffer is opened and read without being kept in memory", "[import]") {
@@ -287,12 +278,11 @@ TEST_CASE("a 40 GB buffer is opened and read without being kept in memory", "[im
 
   tools::reset_peak();
   const tools::MemoryUse before = tools::memory_use();
-  const auto scene = import_gltf(path, {});
-  if (!scene) FAIL(scene.error().message);
-  REQUIRE(scene->primitives.size() == 1);
-  const Primitive& primitive = scene->primitives[0];
+  const auto scene = must(import_gltf(path, {}));
+  REQUIRE(scene.primitives.size() == 1);
+  const Primitive& primitive = scene.primitives[0];
   CHECK(primitive.triangle_count() == kVertices / 3);
-  CHECK(scene->buffer_bytes == kBytes);
+  CHECK(scene.buffer_bytes == kBytes);
   std::vector<float> values(9);
   REQUIRE(read_floats(primitive.positions, kVertices - 3, 3, values));
   CHECK(values[3] == 1.0f);
@@ -323,13 +313,12 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   const std::string path = folder.write("nodes.gltf", json);
   tools::reset_peak();
   const tools::MemoryUse before = tools::memory_use();
-  const auto scene = import_gltf(path, {});
+  const auto scene = must(import_gltf(path, {}));
   const std::optional<uint64_t> most = most_resident_since(before);
-  if (!scene) FAIL(scene.error().message);
-  CHECK(scene->nodes.size() == 120000);
-  REQUIRE(scene->scenes.size() == 1);
-  CHECK(scene->scenes[0].roots.size() == 120000);
-  CHECK(scene->warnings.size() == 1);
+  CHECK(scene.nodes.size() == 120000);
+  REQUIRE(scene.scenes.size() == 1);
+  CHECK(scene.scenes[0].roots.size() == 120000);
+  CHECK(scene.warnings.size() == 1);
   // Freed memory that the sanitizer keeps.
   constexpr uint64_t kQuarantine = tests::kIsSanitized ? uint64_t{256} << 20 : 0;
   if (most) CHECK(*most < 15 * json.size() + (uint64_t{64} << 20) + kQuarantine);
@@ -358,9 +347,8 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
        {"here.bin", "./here.bin", "deep/er/there.bin", "deep/../here.bin", "deep//er/there.bin",
         "with%20space%20%231.bin", "with space #1.bin", "h%65re.bin", "link.bin", "./a:b.bin", "up/scene/here.bin"}) {
     INFO(good);
-    const auto positions = import_uri(good);
-    if (!positions) FAIL(positions.error().message);
-    CHECK((*positions)[3] == 1.0f);
+    const auto positions = must(import_uri(good));
+    CHECK(positions[3] == 1.0f);
   }
   // The folder itself may be reached through a link.
   CHECK(import_uri("here.bin", "same/again.gltf"));
@@ -394,20 +382,18 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
            {"loop.bin", ErrorCode::kFile, "loop.bin"},
        }) {
     INFO(bad.uri);
-    const auto positions = import_uri(bad.uri);
-    REQUIRE_FALSE(positions);
-    INFO(positions.error().message);
-    CHECK(positions.error().code == bad.code);
-    CHECK(positions.error().message.find(bad.message) != std::string::npos);
-    CHECK(positions.error().message.find("buffer 0: ") != std::string::npos);
+    const auto positions = refusal(import_uri(bad.uri));
+    INFO(positions.message);
+    CHECK(positions.code == bad.code);
+    CHECK(positions.message.find(bad.message) != std::string::npos);
+    CHECK(positions.message.find("buffer 0: ") != std::string::npos);
   }
   // Files outside the folder are read on request, and the refusal gives the option.
   for (const char* outside :
        {"../outside.bin", "..%2Foutside.bin", "../scene/here.bin", "escape.bin", "up/outside.bin"}) {
     INFO(outside);
-    const auto refused = import_uri(outside);
-    REQUIRE_FALSE(refused);
-    CHECK(refused.error().message.ends_with("; --allow-outside reads it"));
+    const auto refused = refusal(import_uri(outside));
+    CHECK(refused.message.ends_with("; --allow-outside reads it"));
     ImportOptions options;
     options.allow_outside = true;
     CHECK(import_gltf(folder.file("scene/scene.gltf"), options));
@@ -440,30 +426,27 @@ TEST_CASE("images stay inside the scene's folder", "[import][uri]") {
 {"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}]})"),
         {});
   };
-  const auto good = import_image("here.png");
-  if (!good) FAIL(good.error().message);
-  REQUIRE(good->images.size() == 1);
+  const auto good = must(import_image("here.png"));
+  REQUIRE(good.images.size() == 1);
   for (const std::string& uri :
        {std::string("../outside.png"), std::string("%2e%2e/outside.png"), std::string("escape.png"),
         (folder.path() / "outside.png").string(), "file://" + (folder.path() / "outside.png").string()}) {
     INFO(uri);
-    const auto refused = import_image(uri);
-    REQUIRE_FALSE(refused);
-    INFO(refused.error().message);
-    CHECK(refused.error().code == ErrorCode::kUnsupported);
-    CHECK(refused.error().message.find("image 0: ") != std::string::npos);
+    const auto refused = refusal(import_image(uri));
+    INFO(refused.message);
+    CHECK(refused.code == ErrorCode::kUnsupported);
+    CHECK(refused.message.find("image 0: ") != std::string::npos);
   }
 }
 
 TEST_CASE("a scene may have more buffer files than a process may open", "[import]") {
   const tests::TempFolder folder;
   constexpr int kFiles = 1500;
-  const auto scene = import_gltf(tests::write_many_files(folder, tests::many_triangles(kFiles)), {});
-  if (!scene) FAIL(scene.error().message);
-  REQUIRE(scene->primitives.size() == kFiles);
+  const auto scene = must(import_gltf(tests::write_many_files(folder, tests::many_triangles(kFiles)), {}));
+  REQUIRE(scene.primitives.size() == kFiles);
   for (int i = 0; i < kFiles; ++i) {
     std::array<float, 3> first;
-    REQUIRE(read_floats(scene->primitives[static_cast<size_t>(i)].positions, 0, 1, first));
+    REQUIRE(read_floats(scene.primitives[static_cast<size_t>(i)].positions, 0, 1, first));
     CHECK(first[0] == static_cast<float>(i));
   }
 }
@@ -471,11 +454,10 @@ TEST_CASE("a scene may have more buffer files than a process may open", "[import
 TEST_CASE("a reopened buffer file must be the same file", "[import]") {
   const tests::TempFolder folder;
   constexpr size_t kFiles = 600, kKept = 512;
-  const auto scene = import_gltf(tests::write_many_files(folder, tests::many_triangles(kFiles)), {});
-  if (!scene) FAIL(scene.error().message);
+  const auto scene = must(import_gltf(tests::write_many_files(folder, tests::many_triangles(kFiles)), {}));
   const auto read = [&](size_t number) {
     std::array<float, 3> first;
-    return read_floats(scene->primitives.at(number).positions, 0, 1, first);
+    return read_floats(scene.primitives.at(number).positions, 0, 1, first);
   };
   const auto must_fail = [&](size_t number, const std::string& words) {
     const auto failed = read(number);
@@ -523,17 +505,14 @@ TEST_CASE("a file that shrinks after it was opened is an error", "[import]") {
   if (!scene) FAIL(scene.error().message);
   REQUIRE(::truncate(bin.c_str(), 20) == 0);
   std::vector<float> values(9);
-  const auto read = read_floats(scene->primitives.at(0).positions, 0, 3, values);
-  REQUIRE_FALSE(read);
-  CHECK(read.error().code == ErrorCode::kTruncated);
-  CHECK(read.error().message.find("shrinks.bin: ends at byte 20") != std::string::npos);
+  check_refusal(read_floats(scene->primitives.at(0).positions, 0, 3, values), ErrorCode::kTruncated,
+                "shrinks.bin: ends at byte 20");
 }
 
 TEST_CASE("data: URIs are base64 or percent-coded", "[import][uri]") {
   const auto text_of = [](std::string_view uri) {
-    const auto bytes = decode_data_uri(uri);
-    if (!bytes) FAIL(bytes.error().message);
-    return std::string(reinterpret_cast<const char*>(bytes->data()), bytes->size());
+    const auto bytes = must(decode_data_uri(uri));
+    return std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   };
   CHECK(text_of("data:,a%20b") == "a b");
   CHECK(text_of("DATA:text/plain;charset=x,%41") == "A");
@@ -556,31 +535,29 @@ TEST_CASE("data: URIs are base64 or percent-coded", "[import][uri]") {
 TEST_CASE("the scanner cuts a document at members and elements", "[import][json]") {
   std::string text =
       R"( {"a":[1,"]}",{"b":"\\\"]"}] , "n\u006fdes" : [ {"extras":{"x":[1,2]}} ,2,[3]],"extras":[[5]],"c":"\\" } )";
-  const auto members = split_document(text);
-  if (!members) FAIL(members.error().message);
-  REQUIRE(members->size() == 4);
+  const auto members = must(split_document(text));
+  REQUIRE(members.size() == 4);
   const auto value = [&](size_t i) {
-    const JsonRange range = (*members)[i].value;
+    const JsonRange range = members[i].value;
     return text.substr(range.begin, range.end - range.begin);
   };
-  CHECK((*members)[1].key == "nodes");
+  CHECK(members[1].key == "nodes");
   CHECK(value(0) == R"([1,"]}",{"b":"\\\"]"}])");
   CHECK(value(1) == R"([ {"extras":{         }} ,2,[3]])");
   CHECK(value(2) == "[   ]");
   CHECK(value(3) == R"("\\")");
 
-  JsonElements elements(text, (*members)[1].value);
+  JsonElements elements(text, members[1].value);
   std::vector<std::string> found;
   for (uint64_t first = 0;; ++first) {
-    const auto batch = elements.next(1);
-    if (!batch) FAIL(batch.error().message);
-    if (batch->count == 0) break;
-    CHECK(batch->count == 1);
-    CHECK(batch->first == first);
-    found.push_back(text.substr(batch->elements.begin, batch->elements.end - batch->elements.begin));
+    const auto batch = must(elements.next(1));
+    if (batch.count == 0) break;
+    CHECK(batch.count == 1);
+    CHECK(batch.first == first);
+    found.push_back(text.substr(batch.elements.begin, batch.elements.end - batch.elements.begin));
   }
   CHECK(found == std::vector<std::string>{R"({"extras":{         }})", "2", "[3]"});
-  JsonElements together(text, (*members)[1].value);
+  JsonElements together(text, members[1].value);
   CHECK(together.next(1 << 20)->count == 3);
 
   for (const char* bad : {"", "{", "}", "[]", "{]", "{\"a\"}", "{\"a\":}", "{\"a\":1,}", "{,}", "{\"a\" 1}",

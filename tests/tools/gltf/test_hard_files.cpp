@@ -18,6 +18,7 @@
 #include "tests/gpu.h"
 #include "tests/kernels/raster/hard_cases.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 
@@ -83,13 +84,11 @@ void make_room(const std::string& path) {
 /// Background pixels seen by 100 cameras in the room that look in random directions. Every such pixel is a crack.
 /// `on_gpu`: draws on a GPU.
 uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
-  const auto scene = runtime::Scene::open(path, {false, 2});
-  REQUIRE(scene);
+  const auto scene = must(runtime::Scene::open(path, {false, 2}));
   std::optional<runtime::DeviceScene> device;
   if (on_gpu) {
-    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(*scene, 0, 2);
-    REQUIRE(uploaded);
-    device.emplace(std::move(*uploaded));
+    runtime::DeviceScene uploaded = must(runtime::DeviceScene::upload(scene, 0, 2));
+    device.emplace(std::move(uploaded));
   }
   std::mt19937 random(71);
   std::uniform_real_distribution<double> unit(-1, 1);
@@ -98,11 +97,10 @@ uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
     const std::array<double, 3> eye{4 * unit(random), 4 * unit(random), 4 * unit(random)};
     const kernels::View view =
         tests::look_at(eye, {eye[0] + unit(random), eye[1] + unit(random), eye[2] + unit(random)}, 320, 240, 0.01, 1.2);
-    auto frame = runtime::Frame::draw(*scene, view, 1, 2, device ? &*device : nullptr);
-    REQUIRE(frame);
-    REQUIRE(frame->read_samples());
+    auto frame = must(runtime::Frame::draw(scene, view, 1, 2, device ? &*device : nullptr));
+    REQUIRE(frame.read_samples());
     const auto is_background = [](uint64_t sample) { return sample == kernels::kBackground; };
-    cracks += static_cast<uint64_t>(std::count_if(frame->samples().begin(), frame->samples().end(), is_background));
+    cracks += static_cast<uint64_t>(std::count_if(frame.samples().begin(), frame.samples().end(), is_background));
   }
   return cracks;
 }
@@ -112,9 +110,8 @@ std::vector<double> decoded(const std::string& path) {
   tools::ChunkReader reader(packed.file);
   std::vector<double> out;
   for (uint64_t i = 0; i < packed.file.chunks().size(); ++i) {
-    const auto chunk = reader.read(i);
-    REQUIRE(chunk);
-    out.insert(out.end(), (*chunk)->positions.begin(), (*chunk)->positions.end());
+    const auto chunk = must(reader.read(i));
+    out.insert(out.end(), chunk->positions.begin(), chunk->positions.end());
   }
   return out;
 }
@@ -258,26 +255,20 @@ TEST_CASE("hard: a GPU shades texture coordinates in the thousands as the CPU do
     make_far_textured(folder.file("in.glb"), offset);
     const convert::ConvertOptions options = options_of(folder);
     must_convert(options);
-    const auto scene = runtime::Scene::open(options.output, {true, 2});
-    REQUIRE(scene);
-    Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(*scene, 0, 2);
-    REQUIRE(device);
+    const auto scene = must(runtime::Scene::open(options.output, {true, 2}));
+    runtime::DeviceScene device = must(runtime::DeviceScene::upload(scene, 0, 2));
     const kernels::View view = tests::look_at({0.5, 1.2, 1.5}, {0.5, 0, 0.5}, 320, 240, 0.01, 1.2);
-    const auto on_cpu = runtime::Frame::draw(*scene, view, 1, 2);
-    const auto on_gpu = runtime::Frame::draw(*scene, view, 1, 2, &*device);
-    REQUIRE(on_cpu);
-    REQUIRE(on_gpu);
-    const auto expected = on_cpu->shade({}, 2);
-    const auto found = on_gpu->shade({}, 2);
-    REQUIRE(expected);
-    REQUIRE(found);
-    REQUIRE(expected->pixels.size() == found->pixels.size());
+    const auto on_cpu = must(runtime::Frame::draw(scene, view, 1, 2));
+    const auto on_gpu = must(runtime::Frame::draw(scene, view, 1, 2, &device));
+    const auto expected = must(on_cpu.shade({}, 2));
+    const auto found = must(on_gpu.shade({}, 2));
+    REQUIRE(expected.pixels.size() == found.pixels.size());
     size_t differing = 0;
-    for (size_t i = 0; i < expected->pixels.size(); ++i)
-      differing += std::abs(expected->pixels[i] - found->pixels[i]) > 1 ? 1 : 0;
+    for (size_t i = 0; i < expected.pixels.size(); ++i)
+      differing += std::abs(expected.pixels[i] - found.pixels[i]) > 1 ? 1 : 0;
     tests::note("texture coordinates at " + std::to_string(static_cast<int>(offset)) + " on the GPU",
-                std::to_string(differing) + " of " + std::to_string(expected->pixels.size()) +
+                std::to_string(differing) + " of " + std::to_string(expected.pixels.size()) +
                     " bytes differ from the CPU's by more than one level");
-    CHECK(differing <= expected->pixels.size() / 10000);
+    CHECK(differing <= expected.pixels.size() / 10000);
   }
 }

@@ -4,9 +4,7 @@
 #include <sys/wait.h>
 
 #include <cstdlib>
-#include <span>
 #include <string>
-#include <vector>
 
 #include "format/bytes.h"
 #include "format/layout.h"

@@ -9,6 +9,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/compare/compare_scenes.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/gltf/source.h"
@@ -30,8 +31,7 @@ SourceScene import_data(const char* name, const ImportOptions& options = {}) {
 
 Triangles all_triangles(const Primitive& primitive) {
   Triangles out(primitive.triangle_count() * 3);
-  const auto read = read_triangles(primitive, 0, primitive.triangle_count(), out);
-  if (!read) FAIL(read.error().message);
+  must(read_triangles(primitive, 0, primitive.triangle_count(), out));
   // Reading triangle by triangle gives the same result: strips reverse every other triangle, wherever a window starts.
   for (uint64_t i = 0; i < primitive.triangle_count(); ++i) {
     std::array<uint32_t, 3> one;
@@ -43,8 +43,7 @@ Triangles all_triangles(const Primitive& primitive) {
 
 std::vector<float> all_floats(const Accessor& accessor) {
   std::vector<float> out(accessor.count * accessor.components);
-  const auto read = read_floats(accessor, 0, accessor.count, out);
-  if (!read) FAIL(read.error().message);
+  must(read_floats(accessor, 0, accessor.count, out));
   return out;
 }
 
@@ -402,9 +401,7 @@ TEST_CASE("the option --exclude drops matching nodes and all nodes below them", 
   options.exclude = "no such name";
   CHECK(warns(import_data("nodes.gltf", options), "matches no node"));
   options.exclude = "[unclosed";
-  const auto bad = import_gltf(tests::data_path("nodes.gltf").string(), options);
-  REQUIRE_FALSE(bad);
-  CHECK(bad.error().code == ErrorCode::kUsage);
+  CHECK(refusal(import_gltf(tests::data_path("nodes.gltf").string(), options)).code == ErrorCode::kUsage);
 }
 
 TEST_CASE("primitives with nothing to draw are left out, the others are kept", "[import]") {
@@ -449,6 +446,19 @@ TEST_CASE("left-out data are listed with count and bytes", "[import]") {
   CHECK(warns(scene, "morph targets of 1 primitive"));
   REQUIRE(scene.primitives.size() == 1);
   CHECK(scene.primitives[0].color);
+}
+
+TEST_CASE("a left-out accessor that two attributes share is counted once", "[import]") {
+  const tests::TempFolder folder;
+  std::string text = tests::read_whole(tests::data_path("data_uri.gltf").string());
+  text = tests::replaced(text, R"("type":"SCALAR"}])",
+                         R"("type":"SCALAR"},{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"}])");
+  text = tests::replaced(text, R"("POSITION":0})", R"("POSITION":0,"_A":2,"_B":2})");
+  const SourceScene scene = import_file(folder.write("shared.gltf", text));
+  REQUIRE(scene.left_out.size() == 1);
+  CHECK(scene.left_out[0].what == "application-specific attributes");
+  CHECK(scene.left_out[0].count == 1);
+  CHECK(scene.left_out[0].source_bytes == 48);
 }
 
 TEST_CASE("gathering a list of elements equals reading them one by one", "[import]") {

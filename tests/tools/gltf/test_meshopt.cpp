@@ -14,6 +14,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/gltf/meshopt_streams.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
@@ -96,9 +97,8 @@ Error error_of(const std::string& path) {
 
 TEST_CASE("every mode unpacks to the packed data", "[meshopt]") {
   for (const Packed& packed : one_of_each()) {
-    const auto bytes = unpacked(packed);
-    REQUIRE(bytes);
-    CHECK(*bytes == packed.raw);
+    const auto bytes = must(unpacked(packed));
+    CHECK(bytes == packed.raw);
   }
   // 16-bit indices, which the codecs also write.
   Packed small = pack_triangles(grid_indices(20), 441);
@@ -110,9 +110,8 @@ TEST_CASE("every mode unpacks to the packed data", "[meshopt]") {
   }
   small.stated.stride = 2;
   small.raw = bytes_of(narrow);
-  const auto bytes = unpacked(small);
-  REQUIRE(bytes);
-  CHECK(*bytes == small.raw);
+  const auto bytes = must(unpacked(small));
+  CHECK(bytes == small.raw);
 }
 
 TEST_CASE("filters are undone after unpacking", "[meshopt]") {
@@ -132,11 +131,10 @@ TEST_CASE("filters are undone after unpacking", "[meshopt]") {
     meshopt_encodeFilterQuat(filtered.data(), count, 8, 16, units.data());
     Packed packed = pack_attributes(filtered, 8);
     packed.stated.filter = Filter::kQuaternion;
-    const auto bytes = unpacked(packed);
-    REQUIRE(bytes);
+    const auto bytes = must(unpacked(packed));
     for (size_t i = 0; i < count; ++i) {
       std::array<int16_t, 4> q;
-      std::memcpy(q.data(), bytes->data() + 8 * i, 8);
+      std::memcpy(q.data(), bytes.data() + 8 * i, 8);
       double dot = 0;
       for (size_t c = 0; c < 4; ++c) dot += q[c] / 32767.0 * static_cast<double>(units[4 * i + c]);
       CHECK(std::abs(dot) > 0.9999);
@@ -154,12 +152,11 @@ TEST_CASE("filters are undone after unpacking", "[meshopt]") {
       meshopt_encodeFilterOct(filtered.data(), count, stride, stride == 4 ? 8 : 16, normals.data());
       Packed packed = pack_attributes(filtered, stride);
       packed.stated.filter = Filter::kOctahedral;
-      const auto bytes = unpacked(packed);
-      REQUIRE(bytes);
+      const auto bytes = must(unpacked(packed));
       for (size_t i = 0; i < count; ++i) {
         double dot = 0, length = 0;
         for (size_t c = 0; c < 3; ++c) {
-          const std::byte* const at = bytes->data() + stride * i + stride / 4 * c;
+          const std::byte* const at = bytes.data() + stride * i + stride / 4 * c;
           int16_t value = static_cast<int8_t>(*at);
           if (stride == 8) std::memcpy(&value, at, 2);
           dot += value * static_cast<double>(normals[4 * i + c]);
@@ -176,11 +173,10 @@ TEST_CASE("filters are undone after unpacking", "[meshopt]") {
     meshopt_encodeFilterExp(filtered.data(), count, 16, 24, wide.data());
     Packed packed = pack_attributes(filtered, 16);
     packed.stated.filter = Filter::kExponential;
-    const auto bytes = unpacked(packed);
-    REQUIRE(bytes);
+    const auto bytes = must(unpacked(packed));
     for (size_t i = 0; i < wide.size(); ++i) {
       float value;
-      std::memcpy(&value, bytes->data() + 4 * i, 4);
+      std::memcpy(&value, bytes.data() + 4 * i, 4);
       CHECK(std::abs(value - wide[i]) < 1e-3f);
     }
   }
@@ -205,17 +201,11 @@ TEST_CASE("streams that are cut, longer, of another kind or version are errors",
 
     Packed other = whole;
     other.stream[0] = std::byte{0x50};
-    const auto not_one = unpacked(other);
-    REQUIRE_FALSE(not_one);
-    CHECK(not_one.error().code == ErrorCode::kFormat);
-    CHECK(not_one.error().message.find(std::string("not a stream of ") +
-                                       names[static_cast<size_t>(whole.stated.mode)]) != std::string::npos);
+    check_refusal(unpacked(other), ErrorCode::kFormat,
+                  std::string("not a stream of ") + names[static_cast<size_t>(whole.stated.mode)]);
     Packed newer = whole;
     newer.stream[0] = (whole.stream[0] & std::byte{0xf0}) | std::byte{7};
-    const auto version = unpacked(newer);
-    REQUIRE_FALSE(version);
-    CHECK(version.error().code == ErrorCode::kUnsupported);
-    CHECK(version.error().message.find("of version 7, but at most") != std::string::npos);
+    check_refusal(unpacked(newer), ErrorCode::kUnsupported, "of version 7, but at most");
 
     // Random bytes are unpacked or refused, and nothing else.
     std::mt19937 random(5);
@@ -252,15 +242,14 @@ TEST_CASE("a compressed document equals the plain one", "[meshopt]") {
   for (const Packed& indices : {pack_triangles(grid_indices(40), 1681), pack_indices(grid_indices(40), 1681)}) {
     for (const char* extension : {"EXT_meshopt_compression", "KHR_meshopt_compression"}) {
       const std::string path = folder.write("packed.gltf", meshopt_document(folder, indices, positions, extension));
-      const auto scene = import_gltf(path, {});
-      REQUIRE(scene);
-      REQUIRE(scene->primitives.size() == 1);
-      CHECK(scene->primitives[0].triangle_count() == 3200);
+      const auto scene = must(import_gltf(path, {}));
+      REQUIRE(scene.primitives.size() == 1);
+      CHECK(scene.primitives[0].triangle_count() == 3200);
       std::vector<float> values(3 * 1681);
-      REQUIRE(read_floats(scene->primitives[0].positions, 0, 1681, values));
+      REQUIRE(read_floats(scene.primitives[0].positions, 0, 1681, values));
       CHECK(values == grid_positions(40));
       std::vector<uint32_t> corners(3 * 3200);
-      REQUIRE(read_triangles(scene->primitives[0], 0, 3200, corners));
+      REQUIRE(read_triangles(scene.primitives[0], 0, 3200, corners));
       CHECK(bytes_of(corners) == indices.raw);
       CHECK(tests::pack(path, folder.file("packed.scree")));
     }
@@ -356,13 +345,11 @@ TEST_CASE("real compressed scenes have the triangles of their unpacked twins", "
       continue;
     }
     INFO(packed);
-    const auto one = import_gltf((folder / packed).string(), {});
-    const auto other = import_gltf((folder / plain).string(), {});
-    REQUIRE(one);
-    REQUIRE(other);
-    const auto triangles = all_triangles(*one);
+    const auto one = must(import_gltf((folder / packed).string(), {}));
+    const auto other = must(import_gltf((folder / plain).string(), {}));
+    const auto triangles = all_triangles(one);
     CHECK(triangles.size() > 10);
-    CHECK((triangles == all_triangles(*other)));
+    CHECK((triangles == all_triangles(other)));
   }
 }
 
@@ -379,10 +366,9 @@ TEST_CASE("a fallback buffer has the bytes that its views unpack to", "[meshopt]
   const auto packed = import_gltf(copy.write("packed.gltf", text), {});
   // Without the extension only the fallback remains.
   for (size_t at = 0; (at = text.find("EXT_meshopt", at)) != std::string::npos; ++at) text.replace(at, 3, "NOT");
-  const auto plain = import_gltf(copy.write("plain.gltf", text), {});
+  const auto plain = must(import_gltf(copy.write("plain.gltf", text), {}));
   REQUIRE(packed);
-  REQUIRE(plain);
-  CHECK((all_triangles(*packed) == all_triangles(*plain)));
+  CHECK((all_triangles(*packed) == all_triangles(plain)));
 }
 
 }  // namespace scree::convert

@@ -12,6 +12,7 @@
 
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/gltf/meshopt_streams.h"
 #include "tests/tools/packed_file.h"
 #include "tools/gltf/byte_source.h"
@@ -98,9 +99,8 @@ TEST_CASE("meshopt streams of both versions decode to the current library's byte
     INFO(stored.stated.count << " x " << stored.stated.stride << " bytes, filter "
                              << static_cast<int>(stored.stated.filter) << ", version " << version);
     for (const uint64_t window : {MeshoptCache::kWindowBytes, uint64_t{1}}) {  // all at once, block by block
-      const auto bytes = unpacked(stored, window);
-      REQUIRE(bytes);
-      CHECK(crc_of(*bytes) == stored.crc);
+      const auto bytes = must(unpacked(stored, window));
+      CHECK(crc_of(bytes) == stored.crc);
     }
   }
   CHECK(versions[0] >= 10);
@@ -165,9 +165,8 @@ TEST_CASE("real files of both extensions and versions have the values of their d
     const std::string path = entry.path().string();
     if (!path.ends_with(".glb") || path.ends_with("-decoded.glb")) continue;
     INFO(path);
-    const auto scene = import_gltf(path, {});
-    REQUIRE(scene);
-    const std::vector<std::vector<float>> values = all_values(*scene);
+    const auto scene = must(import_gltf(path, {}));
+    const std::vector<std::vector<float>> values = all_values(scene);
     ++files;
     std::string twin = path.substr(0, path.size() - 4) + "-decoded.glb";
     const std::string stem = entry.path().parent_path().filename().string();
@@ -178,9 +177,8 @@ TEST_CASE("real files of both extensions and versions have the values of their d
       twin = (entry.path().parent_path() / twin).string();
     }
     INFO(twin);
-    const auto plain = import_gltf(twin, {});
-    REQUIRE(plain);
-    CHECK((all_values(*plain) == values));
+    const auto plain = must(import_gltf(twin, {}));
+    CHECK((all_values(plain) == values));
   }
   CHECK(files >= 25);
 }

@@ -5,6 +5,7 @@
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/temp_folder.h"
@@ -67,19 +68,18 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
           R"("emissiveFactor":[0.5,1,0],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4},)"
           R"("KHR_materials_ior":{"ior":1.25},"KHR_materials_specular":{"specularFactor":0.5,)"
           R"("specularColorFactor":[1,2,3],"specularColorTexture":{"index":1,"texCoord":1}}}})"));
-  const auto scene = import_gltf(path, {});
-  if (!scene) FAIL(scene.error().message);
-  REQUIRE(scene->materials.size() == 4);
-  REQUIRE(scene->materials[0].surface);  // glTF's defaults, beside surfaces
-  CHECK(scene->materials[0].surface->metallic == 1);
-  CHECK(scene->materials[0].surface->roughness == 1);
-  CHECK(!scene->materials[2].surface);
-  REQUIRE(scene->materials[1].surface);
-  CHECK(scene->materials[1].surface->metallic == 0);
-  CHECK(scene->materials[1].surface->roughness == 0.5f);
-  CHECK(scene->materials[1].surface->ior == 1.5f);
-  REQUIRE(scene->materials[3].surface);
-  const format::SurfaceRecord& all = *scene->materials[3].surface;
+  const auto scene = must(import_gltf(path, {}));
+  REQUIRE(scene.materials.size() == 4);
+  REQUIRE(scene.materials[0].surface);  // glTF's defaults, beside surfaces
+  CHECK(scene.materials[0].surface->metallic == 1);
+  CHECK(scene.materials[0].surface->roughness == 1);
+  CHECK(!scene.materials[2].surface);
+  REQUIRE(scene.materials[1].surface);
+  CHECK(scene.materials[1].surface->metallic == 0);
+  CHECK(scene.materials[1].surface->roughness == 0.5f);
+  CHECK(scene.materials[1].surface->ior == 1.5f);
+  REQUIRE(scene.materials[3].surface);
+  const format::SurfaceRecord& all = *scene.materials[3].surface;
   CHECK(all.metallic == 1);
   CHECK(all.normal_scale == 0.25f);
   CHECK(all.occlusion_strength == 0.75f);
@@ -97,7 +97,7 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
   CHECK(all.second_uv == 1u << 2);  // only occlusion uses the second coordinates
   CHECK(all.textures[3].texture == format::kNone);
   CHECK(all.textures[5].texture == all.textures[0].texture);
-  CHECK(scene->warnings.empty());
+  CHECK(scene.warnings.empty());
 
   ConvertOptions options;
   options.input = path;
@@ -108,12 +108,11 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
   CHECK(packed.file.surfaces()[1].material == 1);
   CHECK(packed.file.surfaces()[2].material == 3);
   CHECK(tests::read_whole(options.output)[8] == 2);  // the major version, for the second coordinates
-  const auto loaded = runtime::Scene::open(options.output, {});
-  if (!loaded) FAIL(loaded.error().message);
-  CHECK(loaded->view().surface_count == 3);
-  CHECK(loaded->view().surface_of[3] == 2);
-  CHECK(loaded->view().surface_of[2] == format::kNone);
-  CHECK(loaded->view().environment != nullptr);
+  const auto loaded = must(runtime::Scene::open(options.output, {}));
+  CHECK(loaded.view().surface_count == 3);
+  CHECK(loaded.view().surface_of[3] == 2);
+  CHECK(loaded.view().surface_of[2] == format::kNone);
+  CHECK(loaded.view().environment != nullptr);
 
   // A file with base colours only has version 1.0, and loading it makes no environment.
   options.input = write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
@@ -121,10 +120,9 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
   must_convert(options);
   CHECK(tests::read_whole(options.output)[8] == 1);
   CHECK(tests::read_whole(options.output)[10] == 0);
-  const auto plain = runtime::Scene::open(options.output, {});
-  REQUIRE(plain);
-  CHECK(plain->view().surface_count == 0);
-  CHECK(plain->view().environment == nullptr);
+  const auto plain = must(runtime::Scene::open(options.output, {}));
+  CHECK(plain.view().surface_count == 0);
+  CHECK(plain.view().environment == nullptr);
 }
 
 TEST_CASE("surfaces: lights are at their nodes", "[gltf][surfaces]") {
@@ -144,10 +142,9 @@ TEST_CASE("surfaces: lights are at their nodes", "[gltf][surfaces]") {
   CHECK(packed.file.lights()[0].kind == format::LightKind::kSpot);
   CHECK(packed.file.lights()[0].node == 1);
   CHECK(packed.file.lights()[0].outer_cone == 0.5f);
-  const auto scene = runtime::Scene::open(options.output, {});
-  if (!scene) FAIL(scene.error().message);
-  REQUIRE(scene->view().light_count == 2);
-  const kernels::PlacedLight* const lights = scene->view().lights;
+  const auto scene = must(runtime::Scene::open(options.output, {}));
+  REQUIRE(scene.view().light_count == 2);
+  const kernels::PlacedLight* const lights = scene.view().lights;
   CHECK(lights[0].position[1] == 2);
   CHECK(lights[0].direction[2] == -1);
   CHECK(lights[0].range == 7);

@@ -2,7 +2,6 @@
 #include <cstring>
 #include <filesystem>
 #include <functional>
-#include <memory>
 #include <new>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -12,13 +11,12 @@
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tools/common/text_table.h"
 #include "tools/convert/encode/encode.h"
 #include "tools/inspect/inspect.h"
-#include "tools/inspect/report.h"
-#include "tools/inspect/stats.h"
 #include "tools/inspect/verify.h"
 
 namespace scree {
@@ -107,23 +105,20 @@ void rewrite(const format::Container& file, const std::string& path, const Chang
   std::vector<std::vector<std::byte>> pages;
   std::vector<std::byte> scratch;
   for (uint32_t i = 0; i < file.pages().size(); ++i) {
-    const auto raw = file.load_page(i, scratch);
-    REQUIRE(raw);
-    pages.emplace_back(raw->begin(), raw->end());
+    const auto raw = must(file.load_page(i, scratch));
+    pages.emplace_back(raw.begin(), raw.end());
   }
   change(tables, pages);
-  auto writer = format::ContainerWriter::create(path);
-  REQUIRE(writer);
+  auto writer = must(format::ContainerWriter::create(path));
   for (uint32_t i = 0; i < pages.size(); ++i)
-    REQUIRE(writer->append(format::seal_page(file.pages()[i].kind, pages[i], 0)));
-  REQUIRE(writer->finish(tables));
+    REQUIRE(writer.append(format::seal_page(file.pages()[i].kind, pages[i], 0)));
+  REQUIRE(writer.finish(tables));
 }
 
 /// The failures of a file whose tables are valid.
 std::vector<std::string> failures_of(const std::string& path) {
-  const auto packed = tests::open_packed(path);
-  if (!packed) FAIL(packed.error().message);
-  const inspect::VerifyReport report = inspect::verify(packed->file, packed->map.bytes(), 2);
+  const auto packed = must(tests::open_packed(path));
+  const inspect::VerifyReport report = inspect::verify(packed.file, packed.map.bytes(), 2);
   std::vector<std::string> lines;
   for (const auto& failure : report.failures) lines.push_back(failure.error.message);
   return lines;
@@ -261,9 +256,8 @@ TEST_CASE("inspect: --verify finds a flipped bit in every byte", "[inspect][veri
     const AlignedBytes copy(tests::read_whole(path));
     const std::span<std::byte> bytes = copy.bytes();
     {
-      const auto whole = format::Container::open(bytes);
-      REQUIRE(whole);
-      REQUIRE(inspect::verify(*whole, bytes, 1).failure_count == 0);
+      const auto whole = must(format::Container::open(bytes));
+      REQUIRE(inspect::verify(whole, bytes, 1).failure_count == 0);
     }
     std::vector<size_t> missed;
     for (size_t i = 0; i < bytes.size(); ++i) {
@@ -282,9 +276,8 @@ TEST_CASE("inspect: --verify finds damage that checksums cannot", "[inspect][ver
   const tests::TempFolder folder;
   convert::ConvertOptions options;
   options.encoding = convert::Encoding::kIndexed;
-  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"), options);
-  REQUIRE(packed);
-  const format::Container& file = packed->file;
+  const auto packed = must(tests::pack(small_model().string(), folder.file("a.scree"), options));
+  const format::Container& file = packed.file;
   const std::string path = folder.file("b.scree");
 
   rewrite(file, path, [](auto&, auto&) {});
@@ -331,9 +324,8 @@ TEST_CASE("inspect: --verify decodes every level of an indexed JPEG", "[inspect]
     maker.node("a", maker.mesh("a", {maker.grid(spec, material)}));
     maker.finish();
   }
-  const auto packed = tests::pack(folder.file("a.glb"), folder.file("a.scree"));
-  REQUIRE(packed);
-  const format::Container& file = packed->file;
+  const auto packed = must(tests::pack(folder.file("a.glb"), folder.file("a.scree")));
+  const format::Container& file = packed.file;
   REQUIRE(file.mip_levels().size() == 2);
   const uint32_t base = file.images()[0].page;
   const uint32_t levels = file.mip_levels()[0].page;
@@ -366,10 +358,9 @@ TEST_CASE("inspect: a failure is printed and ends in an error", "[inspect][verif
   const tests::TempFolder folder;
   const std::string path = folder.file("a.scree");
   REQUIRE(tests::pack(small_model().string(), path));
-  const auto packed = tests::open_packed(path);
-  REQUIRE(packed);
+  const auto packed = must(tests::open_packed(path));
   std::string bytes = tests::read_whole(path);
-  const uint64_t offset = packed->file.pages()[0].offset;
+  const uint64_t offset = packed.file.pages()[0].offset;
   bytes[offset + 5] = static_cast<char>(bytes[offset + 5] ^ 1);
   const std::string bad = folder.file("bad.scree");
   tests::write_file(bad, bytes);
@@ -397,11 +388,10 @@ TEST_CASE("inspect: a failure is printed and ends in an error", "[inspect][verif
 
 TEST_CASE("inspect: names cannot break the JSON or the terminal", "[inspect]") {
   const tests::TempFolder folder;
-  const auto packed = tests::pack(small_model().string(), folder.file("a.scree"));
-  REQUIRE(packed);
+  const auto packed = must(tests::pack(small_model().string(), folder.file("a.scree")));
   const std::string name = "a \"b\" \\ \n\t\x1b[31m red \x7f \xc3\xbc \xe5\xb1\xb1 \xf0\x9f\xaa\xa8";
   const std::string path = folder.file("b.scree");
-  rewrite(packed->file, path, [&](format::TableSet& tables, auto&) {
+  rewrite(packed.file, path, [&](format::TableSet& tables, auto&) {
     tables.groups[0].name = tables.strings.add(name);
     tables.scenes[0].name = tables.strings.add("\xff\xfe bad");
   });

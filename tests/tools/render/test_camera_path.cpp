@@ -3,6 +3,7 @@
 #include <string>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tools/render/path_frames.h"
 
 using scree::ErrorCode;
@@ -16,15 +17,11 @@ std::string path_of(const std::string& keys, const std::string& more = "") {
 }
 
 CameraPath must_parse(const std::string& text, std::optional<double> fps = {}) {
-  const Result<CameraPath> path = CameraPath::parse(text, fps);
-  if (!path) FAIL(path.error().message);
-  return *path;
+  return must(CameraPath::parse(text, fps));
 }
 
 std::string refusal(const std::string& text) {
-  const Result<CameraPath> path = CameraPath::parse(text);
-  REQUIRE_FALSE(path);
-  return path.error().message;
+  return refusal(CameraPath::parse(text)).message;
 }
 
 const std::string kEye = R"("eye": [4, 2, 6], "target": [0, 1, 0])";
@@ -110,17 +107,15 @@ TEST_CASE("an error in a path is named with its place", "[path]") {
 }
 
 TEST_CASE("every frame belongs to one share", "[path]") {
-  const Result<FrameRange> all = parse_frame_range("5:17");
-  REQUIRE(all);
-  CHECK(all->count() == 12);
-  CHECK(all->frame(11) == 16);
+  const FrameRange all = must(parse_frame_range("5:17"));
+  CHECK(all.count() == 12);
+  CHECK(all.frame(11) == 16);
   for (const uint64_t parts : {1, 2, 5, 12, 20}) {
     std::vector<int> drawn(17);
     for (uint64_t part = 1; part <= parts; ++part) {
-      const Result<FrameRange> share = parse_frame_range("5:17," + std::to_string(part) + "/" + std::to_string(parts));
-      REQUIRE(share);
+      const FrameRange share = must(parse_frame_range("5:17," + std::to_string(part) + "/" + std::to_string(parts)));
       for (uint64_t rank = 0; rank < 3; ++rank) {
-        const FrameRange mine = share->share(rank, 3);
+        const FrameRange mine = share.share(rank, 3);
         for (uint64_t i = 0; i < mine.count(); ++i) ++drawn[mine.frame(i)];
       }
     }
@@ -130,9 +125,7 @@ TEST_CASE("every frame belongs to one share", "[path]") {
   for (const char* text : {"", "600", "1:", ":5", "5:5", "6:5", "-1:5", "0:99999999999999999999", "0/3", "4/3", "1/0",
                            "0:5,", "0:5,1", "1/3,0:5", "0:5/1", "0 :5", "a:b"}) {
     INFO(text);
-    const Result<FrameRange> range = parse_frame_range(text);
-    REQUIRE_FALSE(range);
-    CHECK(range.error().code == ErrorCode::kUsage);
+    CHECK(refusal(parse_frame_range(text)).code == ErrorCode::kUsage);
   }
 }
 

@@ -23,6 +23,7 @@
 #include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/paths.h"
+#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
@@ -244,19 +245,17 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
   options.input = folder.file("grids.gltf");
   options.output = folder.file("quad.scree");
   options.float32 = true;  // larger, so that there are pages to share
-  const auto report = scree::convert::convert(options);
-  if (!report) FAIL(report.error().message);
-  CHECK(report->geometry_bytes > 5 << 20);
+  const auto report = must(scree::convert::convert(options));
+  CHECK(report.geometry_bytes > 5 << 20);
 }
 
 /// Offsets of the pages of geometry, which go to the ranks in this order.
 std::vector<uint64_t> places_of_pages(const TempFolder& folder) {
-  const auto file = scree::runtime::SceneFile::open(folder.file("quad.scree"));
-  REQUIRE(file);
+  const auto file = must(scree::runtime::SceneFile::open(folder.file("quad.scree")));
   std::vector<uint64_t> places;
-  for (uint64_t i = 0; i < file->container().pages().size(); ++i)
-    if (file->container().pages()[i].kind == scree::format::PageKind::kGeometry)
-      places.push_back(file->container().pages()[i].offset);
+  for (uint64_t i = 0; i < file.container().pages().size(); ++i)
+    if (file.container().pages()[i].kind == scree::format::PageKind::kGeometry)
+      places.push_back(file.container().pages()[i].offset);
   return places;
 }
 

@@ -1,13 +1,12 @@
 #include "tools/render/render_options.h"
 
 #include <fstream>
-#include <memory>
 #include <string>
 #include <vector>
 
-#include "kernels/visbuffer.h"
 #include "runtime/images/image.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 #include "tools/common/command.h"
 
@@ -48,33 +47,29 @@ Result<void> run_render(std::vector<std::string> arguments) {
 TEST_CASE("without an output the picture is written beside the file", "[render]") {
   RenderWords words;
   words.file = "folder/town.scree";
-  Result<RenderOptions> options = parse_render_options(words);
-  REQUIRE(options);
-  CHECK(options->output == "folder/town.png");
-  CHECK(options->threads >= 1);
+  RenderOptions options = must(parse_render_options(words));
+  CHECK(options.output == "folder/town.png");
+  CHECK(options.threads >= 1);
   words.picks = {"1,2"};
-  options = parse_render_options(words);
-  REQUIRE(options);
-  CHECK(options->output.empty());
-  CHECK(options->picks[0].y == 2);
+  options = must(parse_render_options(words));
+  CHECK(options.output.empty());
+  CHECK(options.picks[0].y == 2);
 }
 
 TEST_CASE("ambient occlusion and eye-dome lighting darken a picture", "[render]") {
   RenderWords words;
   words.file = "a.scree";
-  Result<RenderOptions> options = parse_render_options(words);
-  REQUIRE(options);
-  CHECK_FALSE(options->shade.ssao);
-  CHECK_FALSE(options->shade.edl);
+  RenderOptions options = must(parse_render_options(words));
+  CHECK_FALSE(options.shade.ssao);
+  CHECK_FALSE(options.shade.edl);
   words.ssao = words.edl = true;
   words.edl_strength = "2.5";
   words.edl_radius = "3";
-  options = parse_render_options(words);
-  REQUIRE(options);
-  CHECK(options->shade.ssao);
-  CHECK(options->shade.edl);
-  CHECK(options->shade.edl_strength == 2.5f);
-  CHECK(options->shade.edl_radius == 3);
+  options = must(parse_render_options(words));
+  CHECK(options.shade.ssao);
+  CHECK(options.shade.edl);
+  CHECK(options.shade.edl_strength == 2.5f);
+  CHECK(options.shade.edl_radius == 3);
 }
 
 TEST_CASE("an error for a bad value gives the allowed values", "[render]") {
@@ -141,15 +136,13 @@ TEST_CASE("render writes picture, depth and visibility buffer", "[render]") {
   const ScratchPath visibility("tool.bin");
   SmallScene{}.write(file.string());
   // Vectors may begin with a minus, and must not be taken for options.
-  const Result<void> done = run_render({file.string(), "-o", picture.string(), "--depth", depth.string(), "--visbuffer",
-                                        visibility.string(), "--size", "32x16", "--eye", "-0.5,0,3", "--target",
-                                        "-0.5,-0.25,0", "--samples", "2", "--background", "none", "-q"});
-  if (!done) FAIL(done.error().message);
-  const Result<scree::runtime::Image> image = scree::runtime::decode_image(scree::tests::read_bytes(picture.path()));
-  REQUIRE(image);
-  CHECK(image->width == 32);
-  CHECK(image->rgba[3] == 0);
-  CHECK(image->rgba[4 * (8 * 32 + 16) + 3] == 255);
+  must(run_render({file.string(), "-o", picture.string(), "--depth", depth.string(), "--visbuffer", visibility.string(),
+                   "--size", "32x16", "--eye", "-0.5,0,3", "--target", "-0.5,-0.25,0", "--samples", "2", "--background",
+                   "none", "-q"}));
+  const scree::runtime::Image image = must(scree::runtime::decode_image(scree::tests::read_bytes(picture.path())));
+  CHECK(image.width == 32);
+  CHECK(image.rgba[3] == 0);
+  CHECK(image.rgba[4 * (8 * 32 + 16) + 3] == 255);
   CHECK(scree::tests::read_bytes(depth.path()).size() == std::string("Pf\n32 16\n-1.0\n").size() + 4 * 32 * 16);
   CHECK(scree::tests::read_bytes(visibility.path()).size() == 8 * 64 * 32);
 }
@@ -157,19 +150,15 @@ TEST_CASE("render writes picture, depth and visibility buffer", "[render]") {
 TEST_CASE("render refuses to overwrite its input", "[render]") {
   const ScratchPath file("self.scree");
   SmallScene{}.write(file.string());
-  const Result<void> done = run_render({file.string(), "--depth", file.string()});
-  REQUIRE_FALSE(done);
-  CHECK(done.error().code == ErrorCode::kUsage);
+  CHECK(refusal(run_render({file.string(), "--depth", file.string()})).code == ErrorCode::kUsage);
 }
 
 TEST_CASE("render names a file that is missing or no .scree file", "[render]") {
-  const Result<void> missing = run_render({"no_such.scree", "--pick", "1,1"});
-  REQUIRE_FALSE(missing);
-  CHECK(missing.error().message == "no_such.scree: cannot open: No such file or directory");
+  CHECK(refusal(run_render({"no_such.scree", "--pick", "1,1"})).message ==
+        "no_such.scree: cannot open: No such file or directory");
   const ScratchPath other("other.scree");
   std::ofstream(other.path()) << "solid cube\nfacet normal 0 0 1\n";
-  const Result<void> foreign = run_render({other.string(), "--pick", "1,1"});
-  REQUIRE_FALSE(foreign);
-  CHECK(foreign.error().message.find(other.string() + ": ") == 0);
-  CHECK(scree::exit_code(foreign.error().code) == 3);
+  const auto foreign = refusal(run_render({other.string(), "--pick", "1,1"}));
+  CHECK(foreign.message.find(other.string() + ": ") == 0);
+  CHECK(scree::exit_code(foreign.code) == 3);
 }

@@ -6,7 +6,6 @@
 #include <set>
 #include <vector>
 
-#include "format/jpeg/picture.h"
 #include "kernels/shade/resolve_rounds.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/renderer.h"
@@ -15,9 +14,9 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
-#include "tools/convert/images/jpeg_file.h"
 
 #ifdef SCREE_HAS_CUDA
 #include "kernels/cuda/check.h"
@@ -164,9 +163,8 @@ runtime::CameraOptions camera_of(uint32_t width) {
 std::vector<kernels::View> views_of(const runtime::Scene& scene) {
   std::vector<kernels::View> views;
   const auto add = [&](const runtime::CameraOptions& camera) {
-    const auto view = runtime::make_view(scene.container(), 0, scene.view(), camera);
-    if (!view) FAIL(view.error().message);
-    views.push_back(*view);
+    const auto view = must(runtime::make_view(scene.container(), 0, scene.view(), camera));
+    views.push_back(view);
   };
   add(camera_of(60));
   add(camera_of(240));
@@ -362,47 +360,39 @@ TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of an
     const runtime::Scene scene = load_cached(options.output, 1);
     const uint64_t slot_bytes = 4 * scene.jpeg_groups().pixels;
     REQUIRE(slot_bytes > 0);
-    auto of_whole = runtime::DeviceScene::upload(whole, 0, 2);
-    REQUIRE(of_whole);
-    REQUIRE_FALSE(of_whole->texture_counts()->has_value());
+    auto of_whole = must(runtime::DeviceScene::upload(whole, 0, 2));
+    REQUIRE_FALSE(of_whole.texture_counts()->has_value());
     const std::vector<kernels::View> views = views_of(whole);
     for (const uint64_t bytes : {uint64_t{1}, 7 * slot_bytes, 8 * slot_bytes, uint64_t{100000}, uint64_t{1} << 20,
                                  runtime::kDeviceTextureCache}) {
       if (tests::kEmulatesGpu && bytes != 8 * slot_bytes && bytes != runtime::kDeviceTextureCache) continue;
-      auto device = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, bytes);
-      if (!device) FAIL(device.error().message);
+      auto device = must(runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, bytes));
       uint64_t most_left = 0;  // tiles that decoded by themselves
       for (uint32_t frame = 0; frame < 2 * views.size(); ++frame) {
         INFO(input << ", " << bytes << " bytes, frame " << frame);
         const kernels::View& view = views[frame % views.size()];
         for (const uint32_t side : {1u, 2u}) {
           const auto draw_on = [&](runtime::DeviceScene& on, const runtime::Scene& from) {
-            const auto drawn = runtime::Frame::draw(from, view, side, 2, &on);
-            REQUIRE(drawn);
-            const auto picture = drawn->shade({}, 2);
-            if (!picture) FAIL(picture.error().message);
-            return picture->pixels;
+            const auto drawn = must(runtime::Frame::draw(from, view, side, 2, &on));
+            return must(drawn.shade({}, 2)).pixels;
           };
-          const std::vector<uint8_t> expected = draw_on(*of_whole, whole);
-          const std::vector<uint8_t> found = draw_on(*device, scene);
+          const std::vector<uint8_t> expected = draw_on(of_whole, whole);
+          const std::vector<uint8_t> found = draw_on(device, scene);
           CHECK(found == expected);
-          const auto counts = device->texture_counts();
-          REQUIRE(counts);
-          REQUIRE(counts->has_value());
-          most_left = std::max<uint64_t>(most_left, (*counts)->tiles);
-          if (bytes == runtime::kDeviceTextureCache) CHECK((*counts)->tiles == 0);
+          const auto counts = must(device.texture_counts());
+          REQUIRE(counts.has_value());
+          most_left = std::max<uint64_t>(most_left, counts->tiles);
+          if (bytes == runtime::kDeviceTextureCache) CHECK(counts->tiles == 0);
         }
         if (bytes != runtime::kDeviceTextureCache) continue;
         // Blocks used twice are in the cache: nothing is decoded.
-        const auto again = runtime::Frame::draw(scene, view, 1, 2, &*device);
-        REQUIRE(again);
-        REQUIRE(again->shade({}, 2));
-        CHECK((*device->texture_counts())->asked == 0);
+        const auto again = must(runtime::Frame::draw(scene, view, 1, 2, &device));
+        REQUIRE(again.shade({}, 2));
+        CHECK((*device.texture_counts())->asked == 0);
         // It equals the CPU's picture to one level.
-        const auto on_cpu = runtime::Frame::draw(scene, view, 1, 2);
-        REQUIRE(on_cpu);
-        const auto cpu_pixels = on_cpu->shade({}, 2)->pixels;
-        const auto gpu_pixels = again->shade({}, 2)->pixels;
+        const auto on_cpu = must(runtime::Frame::draw(scene, view, 1, 2));
+        const auto cpu_pixels = on_cpu.shade({}, 2)->pixels;
+        const auto gpu_pixels = again.shade({}, 2)->pixels;
         uint64_t off = 0;
         for (size_t i = 0; i < cpu_pixels.size(); ++i) off += std::abs(int{cpu_pixels[i]} - int{gpu_pixels[i]}) > 1;
         CHECK(off <= cpu_pixels.size() / 10000);
@@ -419,15 +409,11 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of JPEGs", "[
   const convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
   const auto draw_on = [](runtime::DeviceScene* on, const runtime::Scene& from, const kernels::View& view) {
-    const auto drawn = runtime::Frame::draw(from, view, 1, 2, on);
-    REQUIRE(drawn);
-    const auto picture = drawn->shade({}, 2);
-    if (!picture) FAIL(picture.error().message);
-    return picture->pixels;
+    const auto drawn = must(runtime::Frame::draw(from, view, 1, 2, on));
+    return must(drawn.shade({}, 2)).pixels;
   };
   const runtime::Scene whole = load_cached(options.output, 1);
-  auto of_whole = runtime::DeviceScene::upload(whole, 0, 2);
-  REQUIRE(of_whole);
+  auto of_whole = must(runtime::DeviceScene::upload(whole, 0, 2));
   const uint64_t all = load_cached(options.output, 1, 1).block_pager()->all_bytes();
   for (const uint64_t memory : {uint64_t{1} << 40, all / 2}) {
     // 64 KiB of pinned memory take none of the large pages.
@@ -435,18 +421,17 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of JPEGs", "[
       for (const uint64_t cache : {uint64_t{1}, runtime::kDeviceTextureCache}) {
         if (tests::kEmulatesGpu && (host_memory == 0) != (cache == 1)) continue;
         const runtime::Scene scene = load_cached(options.output, 1, memory);
-        auto device = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, cache, host_memory);
-        if (!device) FAIL(device.error().message);
-        const runtime::BlockPager* const pager = device->block_pager();
+        auto device = must(runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, cache, host_memory));
+        const runtime::BlockPager* const pager = device.block_pager();
         REQUIRE(pager != nullptr);
         for (const kernels::View& view : views_of(scene)) {
           CAPTURE(memory, host_memory, cache, view.width);
-          const auto expected = draw_on(&*of_whole, whole, view);
-          CHECK(draw_on(&*device, scene, view) == expected);
+          const auto expected = draw_on(&of_whole, whole, view);
+          CHECK(draw_on(&device, scene, view) == expected);
           CHECK(pager->resident_bytes() <= memory);
           if (memory != uint64_t{1} << 40) continue;
           const uint64_t read = pager->stats().read_pages;
-          CHECK(draw_on(&*device, scene, view) == expected);
+          CHECK(draw_on(&device, scene, view) == expected);
           CHECK(pager->stats().read_pages == read);
         }
         CHECK(pager->stats().read_pages != 0);
@@ -462,12 +447,11 @@ TEST_CASE("the GPU and the CPU decode every group of a JPEG to the same samples"
   tests::make_jpeg_model(folder.file("in.glb"));
   tests::must_convert(tests::options_of(folder));
   const runtime::Scene scene = load_cached(folder.file("out.scree"), 1);
-  auto device = runtime::DeviceScene::upload(scene, 0, 2);
-  REQUIRE(device);
+  auto device = must(runtime::DeviceScene::upload(scene, 0, 2));
   const uint32_t slot_bytes = scene.jpeg_slot_bytes();
   const std::vector<JpegLevel> levels = levels_of(scene);
   std::vector<kernels::TextureView> textures(scene.view().texture_count);
-  REQUIRE(kernels::cuda_check(cudaMemcpy(textures.data(), device->device_view().textures,
+  REQUIRE(kernels::cuda_check(cudaMemcpy(textures.data(), device.device_view().textures,
                                          textures.size() * sizeof textures[0], cudaMemcpyDeviceToHost),
                               "reading the textures"));
   uint64_t looked = 0;
@@ -478,13 +462,12 @@ TEST_CASE("the GPU and the CPU decode every group of a JPEG to the same samples"
       std::vector<uint8_t> expected(size_t{groups} * slot_bytes, 0);
       for (uint32_t group = 0; group < groups; ++group)
         format::decode_jpeg_group(picture, group, expected.data() + size_t{group} * slot_bytes);
-      auto out = kernels::DeviceBuffer::allocate(expected.size(), "allocating samples");
-      REQUIRE(out);
-      REQUIRE(kernels::cuda_check(cudaMemset(out->data(), 0, expected.size()), "clearing samples"));
-      REQUIRE(kernels::CudaTextureCache::decode(textures[t].jpeg + l, groups, reinterpret_cast<uint8_t*>(out->data()),
+      auto out = must(kernels::DeviceBuffer::allocate(expected.size(), "allocating samples"));
+      REQUIRE(kernels::cuda_check(cudaMemset(out.data(), 0, expected.size()), "clearing samples"));
+      REQUIRE(kernels::CudaTextureCache::decode(textures[t].jpeg + l, groups, reinterpret_cast<uint8_t*>(out.data()),
                                                 slot_bytes, nullptr));
       std::vector<uint8_t> found(expected.size());
-      REQUIRE(kernels::cuda_check(cudaMemcpy(found.data(), out->data(), found.size(), cudaMemcpyDeviceToHost),
+      REQUIRE(kernels::cuda_check(cudaMemcpy(found.data(), out.data(), found.size(), cudaMemcpyDeviceToHost),
                                   "reading samples"));
       INFO("texture " << t << ", level " << l);
       CHECK(found == expected);

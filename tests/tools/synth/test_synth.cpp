@@ -9,14 +9,12 @@
 #include <csignal>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
-#include <random>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 #include "tests/tools/validator.h"
-#include "tools/synth/slope.h"
 #include "tools/synth/textured.h"
 #include "tools/synth/textures.h"
 
@@ -46,10 +44,9 @@ struct Expected {
 void check_sums(const Expected& expected) {
   SynthOptions options = scene_options(expected.scene, expected.order);
   options.checks = true;
-  const Result<SynthReport> report = synthesize(options);
-  REQUIRE(report);
-  CHECK(report->position_sum == expected.positions);
-  CHECK(report->index_sum == expected.indices);
+  const SynthReport report = must(synthesize(options));
+  CHECK(report.position_sum == expected.positions);
+  CHECK(report.index_sum == expected.indices);
 }
 
 /// A written scene, read back without the importer.
@@ -167,14 +164,13 @@ TEST_CASE("a written scene has the definition's vertices, indices, instances and
     if (hall) options.scale = 1;
     options.checks = true;
     options.output = folder.file(std::string(name) + ".gltf");
-    const Result<SynthReport> report = synthesize(options);
-    REQUIRE(report);
+    const SynthReport report = must(synthesize(options));
     const Scene scene = name[0] == 'A'   ? terrain_scene(order, options.scale)
                         : name[0] == 'B' ? lantern_scene(order, options.scale)
                         : zorahlike      ? zorahlike_scene(order, options.scale)
                                          : sponzalike_scene(options.scale);
     const Document document(options.output);
-    CHECK(report->file_bytes == document.buffer.size() + std::filesystem::file_size(options.output));
+    CHECK(report.file_bytes == document.buffer.size() + std::filesystem::file_size(options.output));
 
     // The sums over the file's content.
     uint64_t position_sum = 0, index_sum = 0;
@@ -208,8 +204,8 @@ TEST_CASE("a written scene has the definition's vertices, indices, instances and
     }
     CHECK(bounds_right);
     CHECK(indices_right);
-    CHECK(position_sum == report->position_sum);
-    CHECK(index_sum == report->index_sum);
+    CHECK(position_sum == report.position_sum);
+    CHECK(index_sum == report.index_sum);
 
     // The nodes: one root that converts z up to y up, then instances and cameras.
     const json& nodes = document.root["nodes"];
@@ -365,10 +361,9 @@ TEST_CASE("the slope", "[synth]") {
   options.scale = 0.02;
   options.texture_size = 128;
   options.output = folder.file("slope.gltf");
-  const Result<SynthReport> report = synthesize(options);
-  REQUIRE(report);
-  CHECK(report->unique_triangles <= 300000);
-  CHECK(report->instances > 200);
+  const SynthReport report = must(synthesize(options));
+  CHECK(report.unique_triangles <= 300000);
+  CHECK(report.instances > 200);
   const Document document(options.output);
   CHECK(document.root["images"].size() == 4);
   for (const json& image : document.root["images"]) {
@@ -415,9 +410,8 @@ TEST_CASE("the forest", "[synth][mask]") {
   options.scale = 0.002;
   options.texture_size = 128;
   options.output = folder.file("forest.gltf");
-  const Result<SynthReport> report = synthesize(options);
-  REQUIRE(report);
-  CHECK(report->instances == 101);
+  const SynthReport report = must(synthesize(options));
+  CHECK(report.instances == 101);
   const Document document(options.output);
   REQUIRE(document.root["meshes"].size() == 21);
   uint64_t masked = 0;
@@ -555,10 +549,9 @@ TEST_CASE("the textured scene has detailed textures, the same for any number of 
   options.stone = 256;
   options.threads = 1;
   options.output = folder.file("a.gltf");
-  const Result<TexturedReport> report = write_textured(options);
-  if (!report) FAIL(report.error().message);
-  CHECK(report->triangles == 7 * 2 * 256 * 256);
-  const double bits = 8.0 * static_cast<double>(report->texture_bytes) / (7.0 * 512 * 512);
+  const TexturedReport report = must(write_textured(options));
+  CHECK(report.triangles == 7 * 2 * 256 * 256);
+  const double bits = 8.0 * static_cast<double>(report.texture_bytes) / (7.0 * 512 * 512);
   CHECK(bits > 1.5);
   CHECK(bits < 4);
   options.threads = 4;
@@ -574,8 +567,6 @@ TEST_CASE("the textured scene has detailed textures, the same for any number of 
   }
   for (const uint32_t size : {0u, 100u, 65536u}) {
     options.size = size;
-    const Result<TexturedReport> refused = write_textured(options);
-    REQUIRE_FALSE(refused);
-    CHECK(refused.error().code == ErrorCode::kUsage);
+    CHECK(refusal(write_textured(options)).code == ErrorCode::kUsage);
   }
 }

@@ -17,6 +17,7 @@
 #include "runtime/images/image.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/packed_file.h"
@@ -47,8 +48,7 @@ json written(const TempFolder& folder, const ZorahPlan& plan, uint32_t threads =
   SynthOptions options;
   options.threads = threads;
   options.output = folder.file(plan.name + ".gltf");
-  const Result<SynthReport> report = write_zorah(plan, options);
-  if (!report) FAIL(report.error().message);
+  const SynthReport report = must(write_zorah(plan, options));
   const json document = json::parse(read_whole(options.output));
   uint64_t bytes = std::filesystem::file_size(options.output);
   for (const char* kind : {"buffers", "images"}) {
@@ -56,7 +56,7 @@ json written(const TempFolder& folder, const ZorahPlan& plan, uint32_t threads =
     for (const json& file : document[kind])
       if (file.contains("uri")) bytes += std::filesystem::file_size(folder.file(file["uri"].get<std::string>()));
   }
-  CHECK(report->file_bytes == bytes);
+  CHECK(report.file_bytes == bytes);
   return document;
 }
 
@@ -109,30 +109,25 @@ void check_packed(const TempFolder& folder, const std::string& scene, const json
     for (const json& primitive : document["meshes"][m]["primitives"])
       drawn += draws[m] * triangles_of(document, primitive);
   }
-  const auto packed = tests::open_packed(options.output);
-  REQUIRE(packed);
-  const auto map = runtime::MappedFile::open(options.output);
-  REQUIRE(map);
-  CHECK(inspect::verify(packed->file, map->bytes(), 2).failure_count == 0);
-  if (document.contains("images")) CHECK(packed->file.images().size() <= document["images"].size());
+  const auto packed = must(tests::open_packed(options.output));
+  const auto map = must(runtime::MappedFile::open(options.output));
+  CHECK(inspect::verify(packed.file, map.bytes(), 2).failure_count == 0);
+  if (document.contains("images")) CHECK(packed.file.images().size() <= document["images"].size());
 
   const runtime::Scene loaded = tests::must_load(options.output);
   runtime::CameraOptions camera;
   camera.width = 160;
   camera.height = 90;
   camera.camera = "view";
-  const auto view = runtime::make_view(loaded.container(), 0, loaded.view(), camera);
-  if (!view) FAIL(view.error().message);
-  const auto frame = runtime::Frame::draw(loaded, *view, 1, 2, nullptr);
-  if (!frame) FAIL(frame.error().message);
-  const auto picture = frame->shade({}, 2);
-  REQUIRE(picture);
+  const auto view = must(runtime::make_view(loaded.container(), 0, loaded.view(), camera));
+  const auto frame = must(runtime::Frame::draw(loaded, view, 1, 2, nullptr));
+  const auto picture = must(frame.shade({}, 2));
   std::set<std::array<uint8_t, 3>> colors;
-  for (size_t i = 0; i + 3 < picture->pixels.size(); i += 4)
-    colors.insert({picture->pixels[i], picture->pixels[i + 1], picture->pixels[i + 2]});
+  for (size_t i = 0; i + 3 < picture.pixels.size(); i += 4)
+    colors.insert({picture.pixels[i], picture.pixels[i + 1], picture.pixels[i + 2]});
   CHECK(colors.size() > 100);
   CHECK(report.triangles_drawn == drawn);
-  CHECK(packed->file.instances().size() == instances);
+  CHECK(packed.file.instances().size() == instances);
 }
 
 }  // namespace
@@ -354,24 +349,21 @@ TEST_CASE("generated textures are KTX2 files with all levels", "[synth][zorah]")
                {BlockPicture::kSpecular, format::make_swizzle(kOne, kOne, kOne, kRed)}};
   for (const auto& [picture, swizzle] : kinds) {
     const BlockTexture texture{picture, 128, 132, 7};
-    const auto bytes = make_block_file(texture);
-    if (!bytes) FAIL(bytes.error().message);
-    runtime::ImageFile file(*bytes);
-    auto head = runtime::open_block_file(file);
-    if (!head) FAIL(head.error().message);
-    CHECK(head->width == 128);
-    CHECK(head->height == 132);
-    CHECK(head->format == block_format_of(picture));
-    CHECK(head->swizzle == swizzle);
-    CHECK(head->packing == runtime::BlockFile::Packing::kZstd);
-    REQUIRE(head->levels.size() == 8);
+    const auto bytes = must(make_block_file(texture));
+    runtime::ImageFile file(bytes);
+    auto head = must(runtime::open_block_file(file));
+    CHECK(head.width == 128);
+    CHECK(head.height == 132);
+    CHECK(head.format == block_format_of(picture));
+    CHECK(head.swizzle == swizzle);
+    CHECK(head.packing == runtime::BlockFile::Packing::kZstd);
+    REQUIRE(head.levels.size() == 8);
     std::vector<double> mean;
     bool is_opaque = true;
     for (uint32_t l = 0; l < 8; ++l) {
-      const auto blocks = runtime::read_block_level(file, *head, l);
-      if (!blocks) FAIL(blocks.error().message);
-      const runtime::Image image = runtime::decode_block_level(head->format, head->swizzle, std::max(1u, 128u >> l),
-                                                               std::max(1u, 132u >> l), blocks->data());
+      const auto blocks = must(runtime::read_block_level(file, head, l));
+      const runtime::Image image = runtime::decode_block_level(head.format, head.swizzle, std::max(1u, 128u >> l),
+                                                               std::max(1u, 132u >> l), blocks.data());
       double sum = 0;
       for (size_t i = 0; i < image.rgba.size(); i += 4) {
         sum += image.rgba[i + 1];
@@ -479,8 +471,7 @@ TEST_CASE("zorah-textured has as many files as NVIDIA's", "[zorah][.slow]") {
   options.scene = "zorah-textured";
   options.scale = 2e-5;
   options.output = folder.file("t.gltf");
-  const Result<SynthReport> report = synthesize(options);
-  if (!report) FAIL(report.error().message);
+  must(synthesize(options));
   const json document = json::parse(read_whole(options.output));
   CHECK(document["buffers"].size() == 1 + 2034 + 1);
   CHECK(document["images"].size() == 4418);
@@ -490,9 +481,8 @@ TEST_CASE("zorah-textured has as many files as NVIDIA's", "[zorah][.slow]") {
 TEST_CASE("zorah refuses options of other scenes", "[synth][zorah]") {
   const TempFolder folder;
   const auto refused = [&](const SynthOptions& options) {
-    const Result<SynthReport> report = synthesize(options);
-    REQUIRE_FALSE(report);
-    return report.error().code == ErrorCode::kUsage;
+    const auto report = refusal(synthesize(options));
+    return report.code == ErrorCode::kUsage;
   };
   SynthOptions options;
   options.scene = "zorah";

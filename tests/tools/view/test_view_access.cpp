@@ -4,17 +4,17 @@
 #include <string>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 
 using namespace scree::tools::view;
 
 TEST_CASE("tokens are random, and all characters are compared", "[view][view-access]") {
   std::set<std::string> tokens;
   for (int i = 0; i < 100; ++i) {
-    const auto token = make_token();
-    REQUIRE(token);
-    CHECK(token->size() == 32);
-    CHECK(token->find_first_not_of("0123456789abcdef") == std::string::npos);
-    tokens.insert(*token);
+    const auto token = must(make_token());
+    CHECK(token.size() == 32);
+    CHECK(token.find_first_not_of("0123456789abcdef") == std::string::npos);
+    tokens.insert(token);
   }
   CHECK(tokens.size() == 100);
   CHECK(is_same_token("abc", "abc"));

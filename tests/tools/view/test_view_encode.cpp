@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <vector>
 
 #include "runtime/images/image.h"
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tools/view/adaptation.h"
 
 using namespace scree::tools::view;
@@ -33,10 +33,9 @@ TestPicture make_picture(uint32_t width, uint32_t height, uint32_t channels) {
 }
 
 Image decoded(const std::vector<std::byte>& file) {
-  const auto image = scree::runtime::decode_image(file);
-  if (!image) FAIL(image.error().message);
-  CHECK(image->warning.empty());
-  return *image;
+  const auto image = must(scree::runtime::decode_image(file));
+  CHECK(image.warning.empty());
+  return image;
 }
 
 }  // namespace
@@ -46,10 +45,8 @@ TEST_CASE("a JPEG in strips equals the JPEG of one strip", "[view][view-encode]"
   for (const bool is_sharp : {false, true}) {
     for (const auto& [width, height] : {std::pair{1u, 1u}, {17u, 200u}, {331u, 257u}, {8192u, 40u}, {1280u, 720u}}) {
       const TestPicture picture = make_picture(width, height, 3);
-      const auto a = encode_jpeg(picture.view, 90, is_sharp, one), b = encode_jpeg(picture.view, 90, is_sharp, three);
-      REQUIRE(a);
-      REQUIRE(b);
-      const Image left = decoded(*a), right = decoded(*b);
+      const Image left = decoded(must(encode_jpeg(picture.view, 90, is_sharp, one)));
+      const Image right = decoded(must(encode_jpeg(picture.view, 90, is_sharp, three)));
       REQUIRE(left.height == height);
       if (is_sharp) CHECK(left.rgba == right.rgba);  // for 4:2:0 the decoder smooths across the borders of strips
       double squares = 0;

@@ -11,6 +11,7 @@
 #include "runtime/images/image.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
+#include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 
 using namespace scree::tools::view;
@@ -210,23 +211,19 @@ TEST_CASE("a hub whose file cannot be drawn reports it once", "[view][view-hub]"
 TEST_CASE("a GPU's JPEG of a view shows its pixels", "[view][view-hub][cuda]") {
   if (!scree::tests::has_gpu()) return;
   const ScratchPath path("session.scree");
-  auto session = ViewSession::open(small_scene(path, scree::tools::BackendChoice::kCuda));
-  REQUIRE(session);
+  auto session = must(ViewSession::open(small_scene(path, scree::tools::BackendChoice::kCuda)));
   const PictureRequest wanted = request(1, 0);
   for (const bool is_sharp : {false, true}) {
-    const auto with_pixels = session->draw(1, wanted, wanted.width, wanted.height, 1, {});
-    REQUIRE(with_pixels);
-    const std::vector<uint8_t> pixels(with_pixels->pixels.bytes.begin(), with_pixels->pixels.bytes.end());
+    const auto with_pixels = must(session.draw(1, wanted, wanted.width, wanted.height, 1, {}));
+    const std::vector<uint8_t> pixels(with_pixels.pixels.bytes.begin(), with_pixels.pixels.bytes.end());
     REQUIRE(pixels.size() == size_t{4} * wanted.width * wanted.height);
     const JpegKind kind{100, is_sharp};
-    const auto coded = session->draw(1, wanted, wanted.width, wanted.height, 1, {}, &kind);
-    REQUIRE(coded);
-    const auto image = scree::runtime::decode_image(coded->jpeg);
-    REQUIRE(image);
-    REQUIRE(image->rgba.size() == pixels.size());
+    const auto coded = must(session.draw(1, wanted, wanted.width, wanted.height, 1, {}, &kind));
+    const auto image = must(scree::runtime::decode_image(coded.jpeg));
+    REQUIRE(image.rgba.size() == pixels.size());
     double sum = 0;
     for (size_t i = 0; i < pixels.size(); ++i)
-      if (i % 4 != 3) sum += std::abs(int{image->rgba[i]} - int{pixels[i]});
+      if (i % 4 != 3) sum += std::abs(int{image.rgba[i]} - int{pixels[i]});
     CHECK(sum / static_cast<double>(pixels.size()) < (is_sharp ? 1.0 : 4.0));
   }
 }

@@ -3,10 +3,10 @@
 #include <string>
 
 #include "tests/catch.h"
+#include "tests/results.h"
 #include "tests/tools/view/page_client.h"
 
 using namespace scree::tools::view;
-using scree::ErrorCode;
 using scree::Result;
 using scree::tests::replaced;
 using scree::tests::view_text;
@@ -14,10 +14,9 @@ using scree::tests::view_text;
 namespace {
 
 PictureRequest must_be_view(const std::string& text) {
-  const Result<Message> message = parse_message(text);
-  if (!message) FAIL(message.error().message);
-  REQUIRE(std::holds_alternative<PictureRequest>(*message));
-  return std::get<PictureRequest>(*message);
+  const Message message = must(parse_message(text));
+  REQUIRE(std::holds_alternative<PictureRequest>(message));
+  return std::get<PictureRequest>(message);
 }
 
 std::string error_of(const std::string& text) {

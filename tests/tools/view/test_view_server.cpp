@@ -8,6 +8,7 @@
 #include "runtime/images/image.h"
 #include "tests/catch.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/sanitized.h"
 #include "tests/tools/run_program.h"
 #include "tests/tools/view/page_client.h"
@@ -15,6 +16,7 @@
 #include "tools/view/server.h"
 
 using namespace scree::tests;
+using scree::must;
 
 namespace {
 
@@ -42,9 +44,7 @@ uint16_t close_code(PageClient& client) {
 }
 
 std::vector<uint8_t> rgba_of(const std::string& file) {
-  const auto image = scree::runtime::decode_image(std::as_bytes(std::span(file)));
-  REQUIRE(image);
-  return image->rgba;
+  return must(scree::runtime::decode_image(std::as_bytes(std::span(file)))).rgba;
 }
 
 }  // namespace
@@ -124,16 +124,14 @@ TEST_CASE("scree view draws the same as scree render", "[view][view-server]") {
   PageClient client(server.port());
   client.join(server);
   client.send(view_text(5, 160, 90, 0.5, false, 4));
-  auto picture = client.receive_picture();
-  REQUIRE(picture);
-  CHECK_FALSE(picture->is_exact());
-  CHECK(picture->number("seq") == 5);
+  auto picture = must(client.receive_picture());
+  CHECK_FALSE(picture.is_exact());
+  CHECK(picture.number("seq") == 5);
   for (const uint32_t samples : {1u, 2u, 4u}) {
-    client.acknowledge(*picture);
-    picture = client.receive_picture();
-    REQUIRE(picture);
-    CHECK(picture->is_exact());
-    CHECK(picture->number("samples") == samples);
+    client.acknowledge(picture);
+    picture = must(client.receive_picture());
+    CHECK(picture.is_exact());
+    CHECK(picture.number("samples") == samples);
     const std::string file = server.folder().file("render.png");
     const ProgramRun run = run_program(
         {"render", server.scene(), "--size", "160x90", "--eye=0.5,0.25,2.5", "--target=0,0,0", "--up=0,1,0", "--fov",
@@ -141,7 +139,7 @@ TEST_CASE("scree view draws the same as scree render", "[view][view-server]") {
         server.folder().file("render.log"));
     INFO(run.output);
     REQUIRE(run.exit_code == 0);
-    CHECK(rgba_of(picture->file) == rgba_of(read_whole(file)));
+    CHECK(rgba_of(picture.file) == rgba_of(read_whole(file)));
   }
 
   client.send("{\"type\":\"pick\",\"id\":3,\"x\":80,\"y\":45}");
@@ -155,18 +153,16 @@ TEST_CASE("scree view draws the same as scree render", "[view][view-server]") {
   client.send("{\"type\":\"nodes\"}");
   CHECK(holds(client.receive_text("nodes"), "\"names\":["));
   client.send("{\"type\":\"screenshot\",\"id\":9,\"width\":33,\"height\":21,\"samples\":2}");
-  const auto shot = client.receive_picture();
-  REQUIRE(shot);
-  CHECK(holds(shot->head, "screenshot"));
-  CHECK(rgba_of(shot->file).size() == 33 * 21 * 4);
+  const auto shot = must(client.receive_picture());
+  CHECK(holds(shot.head, "screenshot"));
+  CHECK(rgba_of(shot.file).size() == 33 * 21 * 4);
 
   client.send("{\"type\":\"hide\",\"hidden\":[0],\"only\":[]}");
   do {
-    picture = client.receive_picture();
-    REQUIRE(picture);
-    client.acknowledge(*picture);
-  } while (!picture->is_exact());
-  const std::vector<uint8_t> empty = rgba_of(picture->file);
+    picture = must(client.receive_picture());
+    client.acknowledge(picture);
+  } while (!picture.is_exact());
+  const std::vector<uint8_t> empty = rgba_of(picture.file);
   CHECK(std::equal(empty.begin() + 4, empty.end(), empty.begin()));  // only background
   client.send("{\"type\":\"pick\",\"id\":4,\"x\":80,\"y\":45}");
   CHECK(holds(client.receive_text("pick"), "\"hit\":false"));
@@ -184,12 +180,11 @@ TEST_CASE("scree view reports the number of layers of its pictures", "[view][vie
     client.join(server);
     client.send(view_text(1, 64, 36));
     for (bool is_exact = false; !is_exact;) {
-      const auto picture = client.receive_picture();
-      REQUIRE(picture);
-      client.acknowledge(*picture);
-      CHECK(picture->number("blendedLayers") == most);
-      CHECK((picture->number("samplesWithMoreLayers") > 0) == (most == 16));
-      is_exact = picture->is_exact();
+      const auto picture = must(client.receive_picture());
+      client.acknowledge(picture);
+      CHECK(picture.number("blendedLayers") == most);
+      CHECK((picture.number("samplesWithMoreLayers") > 0) == (most == 16));
+      is_exact = picture.is_exact();
     }
   }
 }
@@ -209,10 +204,9 @@ TEST_CASE("a page that never acknowledges does not slow the others", "[view][vie
   for (uint64_t i = 1; i <= 60; ++i) {
     dead.send(view_text(100 + i, 320, 180, -0.01 * static_cast<double>(i), true));
     alive.send(view_text(i, 64, 36, 0.01 * static_cast<double>(i), true));
-    const auto picture = alive.receive_picture();
-    REQUIRE(picture);
-    alive.acknowledge(*picture);
-    shown = picture->number("seq");
+    const auto picture = must(alive.receive_picture());
+    alive.acknowledge(picture);
+    shown = picture.number("seq");
   }
   CHECK(shown >= 55);
   // ASan keeps up to 256 MiB of freed memory.
@@ -265,14 +259,13 @@ TEST_CASE("acknowledgements of pictures do not count as messages", "[view][view-
   PageClient client(server.port());
   client.join(server);
   client.send(view_text(1, 64, 36));
-  const auto moving = client.receive_picture(), exact = client.receive_picture();
-  REQUIRE(moving);
-  REQUIRE(exact);
+  const auto moving = must(client.receive_picture());
+  const auto exact = must(client.receive_picture());
   std::this_thread::sleep_for(std::chrono::milliseconds(1100));  // the next message starts a new second
   for (uint32_t i = 1; i < scree::tools::view::kMaxMessagesPerSecond; ++i)
     client.send("{\"type\":\"probe\",\"x\":0,\"y\":0}");
-  client.acknowledge(*moving);
-  client.acknowledge(*exact);
+  client.acknowledge(moving);
+  client.acknowledge(exact);
   client.send(view_text(2, 64, 36, 0.25));
   CHECK(client.receive_picture());
 }

@@ -11,6 +11,7 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
+#include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/run_program.h"
 
@@ -27,9 +28,7 @@ ViewSession open(const std::string& path, tools::BackendChoice choice, const too
   options.threads = 2;
   options.backend.choice = choice;
   options.quiet = true;
-  Result<ViewSession> session = ViewSession::open(options);
-  if (!session) FAIL(session.error().message);
-  return std::move(*session);
+  return must(ViewSession::open(options));
 }
 
 using Rgb = std::vector<uint8_t>;
@@ -47,9 +46,8 @@ Rgb draw(ViewSession& session, const Visibility& visibility, uint32_t viewer = 0
   request.camera.eye = {3.75, 1.25, 9};
   request.camera.target = {3.75, 1.25, 0};
   request.shade.background[3] = 1;
-  const Result<Drawn> drawn = session.draw(viewer, request, 120, 60, 1, visibility);
-  if (!drawn) FAIL(drawn.error().message);
-  return rgb(drawn->pixels);
+  const Drawn drawn = must(session.draw(viewer, request, 120, 60, 1, visibility));
+  return rgb(drawn.pixels);
 }
 
 /// The picture of sun.glb from a camera at `x`, at rest or while it moves.
@@ -63,10 +61,9 @@ Drawn draw_sun(ViewSession& session, double x, bool shadows, bool moves = false,
   request.shadows = shadows;
   request.clip_box = clip_box;
   const JpegKind jpeg{90, true};
-  Result<Drawn> drawn = session.draw(0, request, 120, 80, 1, visibility, moves ? &jpeg : nullptr);
-  if (!drawn) FAIL(drawn.error().message);
-  CHECK(drawn->left_bytes == 0);
-  return std::move(*drawn);
+  Drawn drawn = must(session.draw(0, request, 120, 80, 1, visibility, moves ? &jpeg : nullptr));
+  CHECK(drawn.left_bytes == 0);
+  return drawn;
 }
 
 /// The number of channels that differ by more than one level, the tolerance of shading with floats.
@@ -93,20 +90,18 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
   for (size_t i = 1; i + 1 < expected.size(); ++i) CHECK(differing(expected[i], expected[i - 1]) > 100);
   // The node's name and its instance's number are those of the whole scene.
   draw(cpu, {{0, 1}, {}});
-  const auto picked = cpu.pick({75, 20});
-  REQUIRE(picked);
-  REQUIRE(picked->has_value());
-  CHECK((*picked)->node == 6);
-  CHECK((*picked)->instance == 6);
+  const auto picked = must(cpu.pick({75, 20}));
+  REQUIRE(picked.has_value());
+  CHECK(picked->node == 6);
+  CHECK(picked->instance == 6);
   if (!tests::has_gpu()) return;
   ViewSession gpu = open(options.output, tools::BackendChoice::kCuda);
   std::vector<Rgb> found;
   for (size_t i = 0; i < all_kinds.size(); ++i) {
     INFO("visibility " << i);
     if (i == 3) {  // from now on the scene is resident
-      const Result<uint64_t> left = gpu.load_rest({});
-      REQUIRE(left);
-      CHECK(*left == 0);
+      const uint64_t left = must(gpu.load_rest({}));
+      CHECK(left == 0);
     }
     found.push_back(draw(gpu, all_kinds[i]));
     CHECK(differing(found[i], expected[i]) == 0);
@@ -122,12 +117,11 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
     CHECK(draw(gpu, all_kinds[2], 2) == found[2]);
     const auto at_hidden = gpu.pick({75, 20});
     draw(gpu, {{0, 1}, {}}, 1);
-    const auto at_shown = gpu.pick({75, 20});
+    const auto at_shown = must(gpu.pick({75, 20}));
     REQUIRE(at_hidden);
-    REQUIRE(at_shown);
     CHECK(!at_hidden->has_value());
-    REQUIRE(at_shown->has_value());
-    CHECK((*at_shown)->node == 6);
+    REQUIRE(at_shown.has_value());
+    CHECK(at_shown->node == 6);
   }
 }
 
@@ -173,11 +167,10 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
     INFO(run.output);
     REQUIRE(run.exit_code == 0);
     const std::string bytes = tests::read_whole(png);
-    const auto image = runtime::decode_image(std::as_bytes(std::span(bytes)));
-    REQUIRE(image);
+    const auto image = must(runtime::decode_image(std::as_bytes(std::span(bytes))));
     Rgb out;
-    for (size_t i = 0; i < image->rgba.size(); ++i)
-      if (i % 4 < 3) out.push_back(image->rgba[i]);
+    for (size_t i = 0; i < image.rgba.size(); ++i)
+      if (i % 4 < 3) out.push_back(image.rgba[i]);
     return out;
   };
   const Rgb expected = rendered({"--shadows", "--shadow-size", "300"}), plain = rendered({});
@@ -200,9 +193,8 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   draw_at(-4, true, false, {}, {}, kernels::Show::kDepth);
   CHECK(maps == 1);
   if (on_gpu) {  // from now on the scene is resident
-    const Result<uint64_t> left = session.load_rest({});
-    REQUIRE(left);
-    CHECK(*left == 0);
+    const uint64_t left = must(session.load_rest({}));
+    CHECK(left == 0);
   }
   CHECK(draw_at(-4, true, false) == expected);
 
