@@ -93,22 +93,20 @@ class Values {
     static_assert(sizeof(T) <= sizeof(uint64_t) && std::is_trivially_copyable_v<T>);
     uint64_t bits = 0;
     std::memcpy(&bits, &value, sizeof value);
-    bits_ = exchange_in_warp(what, mask, bits);
+    bits_ = exchange_in_warp(what, mask, bits).values.data();
   }
 
   T operator[](uint32_t lane) const {
     if ((mask_ >> lane & 1u) == 0) fail("%s(0x%08x) asks lane %u, which is not in it", what_, mask_, lane);
-    T value;
-    std::memcpy(&value, bits_ + lane, sizeof value);
-    return value;
+    return value_of(lane);
   }
 
   /// All values of the mask, joined one after another.
   template <class Join>
   T joined(Join join) const {
-    T all = (*this)[static_cast<uint32_t>(std::countr_zero(mask_))];
+    T all = value_of(static_cast<uint32_t>(std::countr_zero(mask_)));
     for (uint32_t rest = mask_ & (mask_ - 1); rest != 0; rest &= rest - 1)
-      all = join(all, (*this)[static_cast<uint32_t>(std::countr_zero(rest))]);
+      all = join(all, value_of(static_cast<uint32_t>(std::countr_zero(rest))));
     return all;
   }
 
@@ -117,11 +115,17 @@ class Values {
   uint32_t lanes_where(Choose is_chosen) const {
     uint32_t bits = 0;
     for (uint32_t rest = mask_; rest != 0; rest &= rest - 1)
-      if (is_chosen((*this)[static_cast<uint32_t>(std::countr_zero(rest))])) bits |= rest & -rest;
+      if (is_chosen(value_of(static_cast<uint32_t>(std::countr_zero(rest))))) bits |= rest & -rest;
     return bits;
   }
 
  private:
+  T value_of(uint32_t lane) const {
+    T value;
+    std::memcpy(&value, bits_ + lane, sizeof value);
+    return value;
+  }
+
   const char* what_;
   uint32_t mask_;
   const uint64_t* bits_;
@@ -161,7 +165,7 @@ T __shfl_up_sync(uint32_t mask, T value, uint32_t delta) {
   return lane < delta ? value : values[lane - delta];
 }
 inline uint32_t __ballot_sync(uint32_t mask, bool value) {
-  return scree::emulator::Values<bool>("__ballot_sync", mask, value).lanes_where([](bool one) { return one; });
+  return scree::emulator::exchange_in_warp("__ballot_sync", mask, value).odd;
 }
 template <class T>
 uint32_t __match_any_sync(uint32_t mask, T value) {

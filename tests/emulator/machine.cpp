@@ -26,25 +26,31 @@ using boost::context::fiber;
 
 constexpr uint32_t kResidentBlocks = 3;  // blocks that take turns
 constexpr size_t kStackBytes = size_t{256} * 1024;
+// No multiple of a large power of two: the tops of all stacks would share one set of each cache.
+constexpr size_t kStackStep = kStackBytes + 1088;
 constexpr size_t kFirstFrameBytes = 4096;
 constexpr uint64_t kStackEnd = 0x5ca1ab1e5ca1ab1e;  // stored at the far end of each stack
 
-/// The stacks of all lanes that may run. A page takes memory once it is used.
-class Stacks {
- public:
-  std::byte* stack(uint32_t number) {
-    if (stacks_ == nullptr) {
-      void* made = mmap(nullptr, kResidentBlocks * kMaxThreads * kStackBytes, PROT_READ | PROT_WRITE,
-                        MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-      if (made == MAP_FAILED) fail("no memory for the lanes' stacks");
-      stacks_ = static_cast<std::byte*>(made);
-    }
-    return stacks_ + number * kStackBytes;
-  }
-
- private:
-  std::byte* stacks_ = nullptr;
+/// A stack for the address sanitizer.
+struct Stack {
+  const void* begin = nullptr;
+  size_t bytes = 0;
+  void* fake = nullptr;
 };
+[[maybe_unused]] thread_local Stack thread_stack;
+Stack lane_stacks;  // of all lanes that may run, one behind another
+
+/// The stack of a lane. A page takes memory once it is used.
+std::byte* stack_of_lane(uint32_t number) {
+  static std::byte* const stacks = [] {
+    const size_t bytes = kResidentBlocks * kMaxThreads * kStackStep;
+    void* made = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (made == MAP_FAILED) fail("no memory for the lanes' stacks");
+    lane_stacks = {made, bytes};
+    return static_cast<std::byte*>(made);
+  }();
+  return stacks + number * kStackStep;
+}
 
 /// A stack allocator for Boost.Context. The stacks are kept.
 struct StackOf {
@@ -65,7 +71,7 @@ struct Barrier {
   uint32_t mask = 0;
   uint32_t arrived = 0;  // mask of arrived lanes; for a block: their number
   uint64_t ended = 0;    // number of times this barrier was completed
-  std::array<std::array<uint64_t, kWarpLanes>, 2> values{};
+  std::array<Passed, 2> passed{};
 };
 
 /// A copy that a lane has requested and not waited for yet.
@@ -100,7 +106,6 @@ struct Lane {
   bool has_ended = false;
   std::vector<LaterCopy> copies;
   uint64_t copy_group = 0;
-  void* fake_stack = nullptr;
 };
 
 /// The order in which the lanes of a block run, each until it waits or ends.
@@ -127,25 +132,28 @@ struct Block {
 thread_local Lane* current = nullptr;   // null: the thread's own code, run(), runs
 thread_local Lane* previous = nullptr;  // ran before `current`
 
-// The thread's own code while a lane runs, and its stack.
-thread_local fiber outer;
-thread_local void* outer_fake_stack = nullptr;
-thread_local const void* outer_stack = nullptr;
-thread_local size_t outer_bytes = 0;
+thread_local fiber outer;  // the thread's own code while a lane runs
 
-/// Tells the address sanitizer that the next lane's code begins; `fake`: null if the running lane has ended.
-void announce([[maybe_unused]] void** fake, [[maybe_unused]] const Lane* next) {
+/// Called before a switch from `previous` to `current`. For the address sanitizer the stacks of all lanes are one: only
+/// switches to and from the thread's own stack concern it. Between lanes there are millions per test.
+void announce() {
 #if defined(SCREE_LANES_ARE_CHECKED)
-  __sanitizer_start_switch_fiber(fake, next == nullptr ? outer_stack : next->stack,
-                                 next == nullptr ? outer_bytes : kStackBytes);
+  if (previous == nullptr) {
+    __sanitizer_start_switch_fiber(&thread_stack.fake, lane_stacks.begin, lane_stacks.bytes);
+  } else if (current == nullptr) {
+    __sanitizer_start_switch_fiber(&lane_stacks.fake, thread_stack.begin, thread_stack.bytes);
+  }
 #endif
 }
 
 /// Called by code that continues; `from` is the code that ran before, empty if that has ended.
-void arrive([[maybe_unused]] void* fake, fiber&& from) {
+void arrive(fiber&& from) {
 #if defined(SCREE_LANES_ARE_CHECKED)
-  const bool is_outer = previous == nullptr;
-  __sanitizer_finish_switch_fiber(fake, is_outer ? &outer_stack : nullptr, is_outer ? &outer_bytes : nullptr);
+  if (previous == nullptr) {
+    __sanitizer_finish_switch_fiber(lane_stacks.fake, &thread_stack.begin, &thread_stack.bytes);
+  } else if (current == nullptr) {
+    __sanitizer_finish_switch_fiber(thread_stack.fake, nullptr, nullptr);
+  }
 #endif
   (previous == nullptr ? outer : previous->here) = std::move(from);
 }
@@ -195,12 +203,12 @@ void end(Lane& lane) {
 fiber& code_of(Lane* lane);
 
 fiber run_lane(Lane& lane, fiber&& from) {
-  arrive(nullptr, std::move(from));
+  arrive(std::move(from));
   lane.block->grid->lane();
   end(lane);
   previous = &lane;
   current = next_of_turn(*lane.block);
-  announce(nullptr, current);
+  announce();
   return std::move(code_of(current));
 }
 
@@ -221,11 +229,9 @@ void switch_to_next(Block& block) {
   if (next == current) return;  // the thread's own code, and no lane can run
   previous = current;
   current = next;
-  void** const fake = previous == nullptr ? &outer_fake_stack : &previous->fake_stack;
   fiber& code = code_of(next);
-  announce(fake, next);
-  fiber from = std::move(code).resume();
-  arrive(*fake, std::move(from));
+  announce();
+  arrive(std::move(code).resume());
 }
 
 /// Runs each lane of `block` that can run until it waits or ends. Returns the number of lanes that could.
@@ -256,7 +262,7 @@ uint64_t count_of(const dim3& size) {
 }
 
 /// `block` has ended, or never begun.
-void begin_block(Block& block, const Grid& grid, uint64_t number, uint32_t slot, Stacks& stacks) {
+void begin_block(Block& block, const Grid& grid, uint64_t number, uint32_t slot) {
   block.grid = &grid;
   block.index = place_of(number, grid.blocks);
   block.shared.clear();
@@ -276,13 +282,27 @@ void begin_block(Block& block, const Grid& grid, uint64_t number, uint32_t slot,
     lane.warp = &block.warps[i / kWarpLanes];
     lane.number = i % kWarpLanes;
     lane.thread = place_of(i, grid.threads);
-    lane.stack = stacks.stack(slot * kMaxThreads + i);
+    lane.stack = stack_of_lane(slot * kMaxThreads + i);
 #if defined(SCREE_LANES_ARE_CHECKED)
     // The first frames of the lane that had this stack never returned and have poisoned their memory.
     __asan_unpoison_memory_region(lane.stack + kStackBytes - kFirstFrameBytes, kFirstFrameBytes);
 #endif
     std::memcpy(lane.stack, &kStackEnd, sizeof kStackEnd);
   }
+}
+
+/// The barrier of `mask`, which moves to the front of the warp's list: most masks are used again soon.
+Barrier& barrier_of(Warp& warp, uint32_t mask) {
+  std::forward_list<Barrier>& all = warp.barriers;
+  auto before = all.before_begin();
+  auto place = all.begin();
+  while (place != all.end() && place->mask != mask) before = place++;
+  if (place == all.end()) {
+    all.emplace_front().mask = mask;
+  } else {
+    all.splice_after(all.before_begin(), all, before);
+  }
+  return all.front();
 }
 
 }  // namespace
@@ -317,7 +337,7 @@ void* dynamic_shared_memory() {
   return current->block->dynamic.get();
 }
 
-const uint64_t* exchange_in_warp(const char* what, uint32_t mask, uint64_t value) {
+const Passed& exchange_in_warp(const char* what, uint32_t mask, uint64_t value) {
   Lane& lane = *current;
   Warp& warp = *lane.warp;
   const char* const kernel = lane.block->grid->name;
@@ -326,29 +346,28 @@ const uint64_t* exchange_in_warp(const char* what, uint32_t mask, uint64_t value
     fail("%s: lane %u in %s(0x%08x) would wait for lanes 0x%08x that have ended", kernel, lane.number, what, mask,
          mask & warp.ended);
   }
-  auto barrier =
-      std::find_if(warp.barriers.begin(), warp.barriers.end(), [&](const Barrier& m) { return m.mask == mask; });
-  if (barrier == warp.barriers.end()) {
-    barrier = warp.barriers.emplace_after(warp.barriers.before_begin());
-    barrier->mask = mask;
+  Barrier* const barrier = &barrier_of(warp, mask);
+  Passed& passed = barrier->passed[barrier->ended % 2];
+  if (barrier->arrived == 0) {
+    barrier->what = what;
+    passed.odd = 0;
   }
-  if (barrier->arrived == 0) barrier->what = what;
   if (barrier->what != what && std::strcmp(barrier->what, what) != 0) {
     fail("%s: of one warp, lane %u is in %s(0x%08x), others in %s", kernel, lane.number, what, mask, barrier->what);
   }
-  const auto& values = barrier->values[barrier->ended % 2];
-  barrier->values[barrier->ended % 2][lane.number] = value;
+  passed.values[lane.number] = value;
+  passed.odd |= static_cast<uint32_t>(value & 1u) << lane.number;
   barrier->arrived |= 1u << lane.number;
   if (barrier->arrived == mask) {
     barrier->arrived = 0;
     ++barrier->ended;
     if (random_below(8) == 0) switch_to_next(*lane.block);
   } else {
-    lane.waits = &*barrier;
+    lane.waits = barrier;
     lane.since = barrier->ended;
     switch_to_next(*lane.block);
   }
-  return values.data();
+  return passed;
 }
 
 void sync_block() {
@@ -396,7 +415,6 @@ uint32_t random_below(uint32_t bound) {
 }
 
 void run(const Grid& grid) {
-  static Stacks stacks;
   static std::array<Block, kResidentBlocks> resident;  // their memory serves many blocks
   if (current != nullptr) fail("%s: launched by a kernel", grid.name);
   const uint64_t count = count_of(grid.blocks);
@@ -408,7 +426,7 @@ void run(const Grid& grid) {
       Block& block = resident[slot];
       if (block.grid == nullptr) {
         if (begun == count) continue;
-        begin_block(block, grid, backwards ? count - 1 - begun : begun, slot, stacks);
+        begin_block(block, grid, backwards ? count - 1 - begun : begun, slot);
         ++begun;
       }
       runs = true;

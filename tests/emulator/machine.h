@@ -20,6 +20,7 @@
 
 #include <cuda_runtime.h>
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -44,9 +45,14 @@ void* shared_memory(uint32_t declaration, size_t bytes);
 /// The dynamic shared memory of the launch.
 void* dynamic_shared_memory();
 
-/// Passes `value` to the lanes of `mask` and waits for their values. Returns 32 values; only those of the mask are set.
-/// Valid until the lane's next call. `what`: the collective's name.
-const uint64_t* exchange_in_warp(const char* what, uint32_t mask, uint64_t value);
+/// The values that the lanes of a mask passed; the other lanes' are not set.
+struct Passed {
+  std::array<uint64_t, kWarpLanes> values{};
+  uint32_t odd = 0;  // the lanes whose value is odd, a bit each
+};
+/// Passes `value` to the lanes of `mask` and waits for theirs, which are valid until the lane's next call. `what`: the
+/// collective's name.
+const Passed& exchange_in_warp(const char* what, uint32_t mask, uint64_t value);
 void sync_block();
 
 /// Requests a copy of 4, 8 or 16 bytes for the running lane, ends a group of copies, and waits for all groups except

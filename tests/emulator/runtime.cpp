@@ -283,7 +283,7 @@ cudaError_t submit_copies(std::vector<Copy> copies, cudaMemcpyKind kind, cudaStr
   }
   const Point end = submit(stream_of(stream), [copies = std::move(copies)] {
     for (const Copy& copy : copies)
-      if (copy.bytes != 0) std::memmove(copy.to, copy.from, copy.bytes);
+      if (copy.bytes != 0) std::memcpy(copy.to, copy.from, copy.bytes);
   });
   if (waits) reach(end);
   return cudaSuccess;

@@ -11,10 +11,10 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <utility>
 
 #include "tests/faults/own_commands.h"
+#include "tests/tools/temp_folder.h"
 
 int scree_main(int argc, char** argv);  // tools/main.cpp
 
@@ -36,11 +36,6 @@ namespace {
 
 constexpr unsigned kHangSeconds = 20;
 constexpr const char* kEarlier = "what was there before";
-
-std::string read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 bool is_part(const std::string& name) {
   return name.ends_with(".part");
@@ -74,7 +69,7 @@ Run Experiment::run_again() const {
 }
 
 std::string Experiment::left_part() const {
-  return read_file(part_path());
+  return tests::read_whole(part_path());
 }
 
 Run Experiment::run_in_place(const Plan& plan) const {
@@ -159,10 +154,10 @@ void Experiment::lay_out() const {
 
 void Experiment::collect(Run& run) const {
   run.live = live_count();
-  run.errors = read_file(log());
+  run.errors = tests::read_whole(log());
   for (const auto& group : outputs_) {
     run.outputs.emplace_back();
-    for (const std::string& name : group) run.outputs.back() += read_file(path(name));
+    for (const std::string& name : group) run.outputs.back() += tests::read_whole(path(name));
   }
   run.names = names_in(folder_);
 }
