@@ -172,6 +172,11 @@ void ClusterPacker::gather(std::span<const uint32_t> triangles) {
     slots[vertices_[v]] = kFree;
     __builtin_prefetch(&offsets_[3 * size_t{vertices_[v]}]);
   }
+  if (limit == kMaxClusterVertices) {  // the usual case: no triangle has two corners at one vertex
+    for (uint32_t t = 0; t < triangle_count; ++t)
+      for (const uint8_t corner : corners_[t]) at_vertex_[corner].ones[t / 64] |= uint64_t{1} << (t % 64);
+    return;
+  }
   for (uint32_t t = 0; t < triangle_count; ++t) {
     const uint64_t bit = uint64_t{1} << (t % 64);
     for (const uint8_t corner : corners_[t]) {

@@ -99,6 +99,12 @@ class WindowedView final : public MeshoptView {
             windows_ * (capacity_ + KeptWindows::kEntryBytes)};
   }
 
+  void unpack_ahead(uint64_t offset, uint64_t bytes) const override {
+    const uint64_t end = std::min((offset + bytes + window_bytes_ - 1) / window_bytes_, windows_);
+    while (reached_.load(std::memory_order_acquire) < end)
+      if (!reach_next(end)) return;
+  }
+
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
     if (!format::range_within(offset, out.size(), size_))
       return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " +
@@ -125,12 +131,9 @@ class WindowedView final : public MeshoptView {
 
   Result<Window> unpacked(uint64_t index) const {
     while (reached_.load(std::memory_order_acquire) <= index) {
-      // Locked for one window at a time, because another thread's window may be ready before this one.
-      const std::lock_guard<std::mutex> lock(reaching_);
-      const uint64_t next = reached_.load(std::memory_order_relaxed);
-      if (next > index) break;
-      auto window = reach(next);
-      if (!window || next == index) return window;
+      auto window = reach_next(index + 1);
+      if (!window) return window.error();
+      if (window->first == index) return window->second;
     }
     Window window = take(index);
     const std::lock_guard<std::mutex> lock(window->mutex);  // other threads that need it wait
@@ -138,6 +141,17 @@ class WindowedView final : public MeshoptView {
     MeshoptPlace at = places_[index];
     if (auto done = unpack(index, at, *window); !done) return done.error();
     return window;
+  }
+
+  /// Unpacks the first window that was never unpacked, if its number is below `end`. Returns the number and the window.
+  /// Locks for one window at a time, because another thread's window may be ready before this one.
+  Result<std::pair<uint64_t, Window>> reach_next(uint64_t end) const {
+    const std::lock_guard<std::mutex> lock(reaching_);
+    const uint64_t next = reached_.load(std::memory_order_relaxed);
+    if (next >= end) return std::pair<uint64_t, Window>(next, nullptr);
+    Result<Window> window = reach(next);
+    if (!window) return window.error();
+    return std::pair(next, std::move(*window));
   }
 
   /// Unpacks the first window that was never unpacked. Only that finds the beginning of the next window.

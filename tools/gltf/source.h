@@ -28,6 +28,9 @@ class ByteSource {
   virtual Result<void> read(uint64_t offset, std::span<std::byte> out) const = 0;
   /// A hint that bytes will be read soon. The range may pass the end. It may have no effect.
   virtual void will_need(uint64_t /*offset*/, uint64_t /*bytes*/) const {}
+  /// Unpacks bytes of a compressed source that will be read soon, as far as only one thread at a time can do that. The
+  /// range may pass the end. Errors are left to the read. May throw std::bad_alloc.
+  virtual void unpack_ahead(uint64_t /*offset*/, uint64_t /*bytes*/) const {}
   /// The file of the bytes; empty if they are in memory.
   virtual const std::string& path() const;
 };

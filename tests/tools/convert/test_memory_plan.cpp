@@ -92,3 +92,23 @@ TEST_CASE("memory plan: compressed views take the memory of their index, readers
   CHECK(kept + kSlack > kGiB / 16);
   CHECK(kept < kGiB / 16 + kSlack);
 }
+
+TEST_CASE(
+    "memory plan: the default memory suffices for 16 threads and windows that wait between measuring and encoding",
+    "[convert][memory][meshopt]") {
+  SourceScene scene = make_planned_scene(false);
+  scene.primitives.resize(60);  // as the largest one of Zorah; together more triangles than Zorah has
+  for (Primitive& primitive : scene.primitives) {
+    primitive.positions.count = 16'005'261;
+    primitive.indices->count = 3 * uint64_t{32'054'609};
+  }
+  scene.view_memory = {700'000, uint64_t{24} << 20, uint64_t{256} << 20};
+  const Result<MemoryPlan> plan =
+      MemoryPlan::make(ConvertOptions{}, scene, std::vector<bool>(scene.primitives.size(), true), 0, 16);
+  REQUIRE(plan);
+  const std::optional<AheadLimits> limits = plan->ahead();
+  REQUIRE(limits);
+  CHECK(limits->threads == 16);
+  // A window takes 12 bytes per triangle, and 16 per vertex if it has half as many.
+  CHECK(limits->held_bytes >= 16 * 20 * kWindowTriangles);
+}

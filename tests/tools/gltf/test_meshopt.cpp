@@ -236,6 +236,34 @@ TEST_CASE("views that the cache has evicted are unpacked again", "[meshopt]") {
   }
 }
 
+TEST_CASE("views that are unpacked ahead have the same bytes and errors", "[meshopt]") {
+  for (const Packed& packed : one_of_each()) {
+    const uint64_t size = packed.raw.size();
+    for (const uint64_t kept : {uint64_t{0}, MeshoptCache::kKeptBytes}) {
+      const auto source = MeshoptCache(kept, 3000).view(packed.stated, memory_source(packed.stream));
+      source->unpack_ahead(0, 1);
+      source->unpack_ahead(size / 2, 5000);
+      Bytes whole(size);
+      REQUIRE(source->read(0, whole));
+      CHECK(whole == packed.raw);
+      source->unpack_ahead(size - 1, 100'000);  // nothing is left
+      REQUIRE(source->read(0, whole));
+      CHECK(whole == packed.raw);
+    }
+    Packed cut = packed;
+    cut.stream.resize(cut.stream.size() - 1);
+    const auto shorter = MeshoptCache(MeshoptCache::kKeptBytes, 3000).view(cut.stated, memory_source(cut.stream));
+    Bytes whole(size);
+    const Result<void> read = shorter->read(0, whole);
+    REQUIRE_FALSE(read);
+    const auto again = MeshoptCache(MeshoptCache::kKeptBytes, 3000).view(cut.stated, memory_source(cut.stream));
+    again->unpack_ahead(0, size);
+    const Result<void> after = again->read(0, whole);
+    REQUIRE_FALSE(after);
+    CHECK(after.error().message == read.error().message);
+  }
+}
+
 TEST_CASE("a compressed document equals the plain one", "[meshopt]") {
   const tests::TempFolder folder;
   const Packed positions = pack_attributes(bytes_of(grid_positions(40)), 12);

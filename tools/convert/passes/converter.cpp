@@ -601,8 +601,9 @@ class Converter {
     }
 
     WorkerPool pool(limits.threads, options_.stop);
-    EncodePass pass(options_, scene_, pool, writer, {kEncodeJobsPerThread * pool.threads(), limits.flight_bytes},
-                    times_, std::move(start));
+    std::vector<EncodeScratch> scratch(pool.threads());
+    EncodePass pass(options_, scene_, pool, scratch, writer,
+                    {kEncodeJobsPerThread * pool.threads(), limits.flight_bytes}, times_, std::move(start));
     const uint64_t done_before = times_.encoded_triangles;
     uint64_t number = resumed_.whole_windows;
     const auto take_one = [&]() -> Result<void> {

@@ -40,7 +40,8 @@ EncodeAhead::EncodeAhead(const ConvertOptions& options, const SourceScene& scene
       progress_(std::move(progress)),
       most_waiting_(kWaitingPerThread * pool.threads()),
       largest_(limits.window),
-      held_(limits.held_bytes) {
+      held_(limits.held_bytes),
+      scratch_(pool.threads()) {
   start_pass({});
 }
 
@@ -120,7 +121,7 @@ Result<EncodeAhead::Written> EncodeAhead::finish() {
 }
 
 void EncodeAhead::start_pass(EncodeStart start) {
-  pass_.emplace(options_, scene_, pool_, writer_, in_flight_, times_, std::move(start));
+  pass_.emplace(options_, scene_, pool_, scratch_, writer_, in_flight_, times_, std::move(start));
 }
 
 /// Starts encoding a primitive at its first window, with the values that its document states. Does nothing if such

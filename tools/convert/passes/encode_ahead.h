@@ -33,6 +33,7 @@ class EncodeAhead final : public MeasureListener {
               std::function<void(uint64_t)> progress);
 
   HeldBudget& budget() override { return held_; }
+  Window& window(uint32_t worker) override { return scratch_[worker].window; }
   bool is_ready() const override { return !has_failed_ && pass_->ready_locked(); }
 
   /// Errors of GeometryWriter::add (kFile, kRange, kMemory). Any other error ends encoding ahead.
@@ -106,6 +107,7 @@ class EncodeAhead final : public MeasureListener {
   uint64_t guessed_windows_ = 0;
   uint64_t discarded_windows_ = 0;
   uint64_t discarded_triangles_ = 0;
+  std::vector<EncodeScratch> scratch_;
   std::optional<EncodePass> pass_;  // always set
 };
 

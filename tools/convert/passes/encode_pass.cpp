@@ -15,7 +15,8 @@ uint64_t cost_of(const std::vector<EncodeItem>& batch) {
 }  // namespace
 
 EncodePass::EncodePass(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool,
-                       format::ContainerWriter& writer, InFlight limit, StageTimes& times, EncodeStart start)
+                       std::span<EncodeScratch> scratch, format::ContainerWriter& writer, InFlight limit,
+                       StageTimes& times, EncodeStart start)
     : scene_(scene),
       writer_(writer),
       options_{options.order, options.clusters, options.chunk_triangles, options.drop_nonfinite, options.weld},
@@ -25,9 +26,9 @@ EncodePass::EncodePass(const ConvertOptions& options, const SourceScene& scene, 
       mesh_(start.mesh),
       triangle_(start.triangle),
       placed_(std::move(start.placed)),
-      scratch_(pool.threads()),
+      scratch_(scratch),
       geometry_(pool, writer, options.zstd_level, times, std::move(start.page)),
-      results_(pool, false) {}
+      results_(pool, true) {}
 
 bool EncodePass::has_room(const std::vector<EncodeItem>& batch) const {
   return results_.size() == 0 || (results_.size() < limit_.jobs && results_.cost() + cost_of(batch) <= limit_.cost);

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <deque>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "format/container/container.h"
@@ -42,9 +43,11 @@ struct EncodeStart {
 /// Used by one thread, except ready_locked(). Destroy it before the pool.
 class EncodePass {
  public:
-  /// `limit`: the most batches and encoded bytes in flight.
-  EncodePass(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool, format::ContainerWriter& writer,
-             InFlight limit, StageTimes& times, EncodeStart start);
+  /// `scratch`: one for each thread of the pool; must outlive this. `limit`: the most batches and encoded bytes in
+  /// flight.
+  EncodePass(const ConvertOptions& options, const SourceScene& scene, WorkerPool& pool,
+             std::span<EncodeScratch> scratch, format::ContainerWriter& writer, InFlight limit, StageTimes& times,
+             EncodeStart start);
 
   /// Whether a batch may be submitted now. If none is in flight, any batch may.
   bool has_room(const std::vector<EncodeItem>& batch) const;
@@ -90,7 +93,7 @@ class EncodePass {
   uint32_t mesh_;
   uint64_t triangle_;
   std::vector<format::ChunkRecord> placed_;
-  std::vector<EncodeScratch> scratch_;
+  std::span<EncodeScratch> scratch_;
   GeometryWriter geometry_;
   std::deque<std::shared_ptr<Items>> batches_;
   OrderedResults<std::vector<EncodedWindow>> results_;

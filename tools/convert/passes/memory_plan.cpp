@@ -13,6 +13,7 @@
 #include "tools/convert/plan/scene_tables.h"
 #include "tools/convert/windows/held_windows.h"
 #include "tools/convert/windows/locality.h"
+#include "tools/convert/windows/read_ahead.h"
 #include "tools/gltf/meshopt_source.h"
 
 namespace scree::convert {
@@ -144,7 +145,8 @@ Result<MemoryPlan> MemoryPlan::make(const ConvertOptions& options, const SourceS
 
 StageLimits MemoryPlan::measure() const {
   const uint64_t a_thread = measure_thread_bytes(most_) + views_.reader_bytes;
-  return {static_cast<uint32_t>(std::clamp<uint64_t>(free_bytes() / a_thread, 1, threads_)), 0};
+  const uint64_t left = free_bytes(unpacking_threads(threads_) * views_.reader_bytes);
+  return {static_cast<uint32_t>(std::clamp<uint64_t>(left / a_thread, 1, threads_)), 0};
 }
 
 SortLimits MemoryPlan::sort(const SortNeeds& needs) const {
@@ -214,16 +216,18 @@ std::optional<AheadLimits> MemoryPlan::ahead_of(const WindowNeeds& window) const
                             group_windows_ * kWaitingBytes;
   // One page is being filled, one is being written, and one is copied for a rollback.
   const uint64_t tables = table_bytes(window) + 2 * outcomes + 3 * page_bytes(window);
-  const uint64_t left = free_bytes(tables);
+  const uint64_t left = free_bytes(tables + unpacking_threads(threads_) * views_.reader_bytes);
   const uint64_t a_result = encoded_bytes(window);
-  const uint64_t a_thread =
-      measure_thread_bytes(most_) + encode_thread_bytes(window) + views_.reader_bytes + 2 * page_bytes(window);
+  // A thread measures and encodes in the same window.
+  const uint64_t a_thread = measure_thread_bytes(most_) + encode_thread_bytes(window) - window_bytes(window) -
+                            kThreadBytes + views_.reader_bytes + 2 * page_bytes(window);
   const uint64_t threads = std::min<uint64_t>(left / (a_thread + a_result), threads_);
   if (4 * threads < 3 * uint64_t{measure().threads}) return std::nullopt;
   const uint64_t rest = left - threads * (a_thread + a_result);
+  const uint64_t held = std::min(rest / 4 * 3, kHeldBytesPerThread * threads);
   return AheadLimits{static_cast<uint32_t>(threads),
-                     threads * a_result + std::min(rest / 2, kFlightBytes + kFlightBytesPerThread * threads),
-                     std::min(rest / 2, kHeldBytesPerThread * threads), window};
+                     threads * a_result + std::min(rest - held, kFlightBytes + kFlightBytesPerThread * threads), held,
+                     window};
 }
 
 /// The vectors of Window. They keep the size of the largest window, and windows are numbered in three ways

@@ -32,28 +32,29 @@ class HeldBudget {
   std::atomic<uint64_t> taken_{0};
 };
 
-/// Memory for a window that is loaded with Window::Find::kTriangles.
+/// A window that was loaded with Window::Find::kTriangles.
 class HeldWindow {
  public:
-  /// `bytes`: at least the window's size; already taken from `budget`, which must outlive this.
-  HeldWindow(HeldBudget& budget, uint64_t bytes) : budget_(budget), bytes_(bytes) {}
+  /// Moves the window's content here if `budget`, which must outlive this, has room for it; else returns null and
+  /// leaves the window as it is.
+  static std::unique_ptr<HeldWindow> keep(HeldBudget& budget, Window& window) {
+    constexpr uint64_t kOverhead = 512;  // for windows of few triangles
+    const uint64_t bytes = kOverhead + window.most_released_bytes();
+    if (!budget.take(bytes)) return nullptr;
+    return std::make_unique<HeldWindow>(budget, bytes, window.release());
+  }
+
+  HeldWindow(HeldBudget& budget, uint64_t bytes, WindowContent held)
+      : content(std::move(held)), budget_(budget), bytes_(bytes) {}
   ~HeldWindow() { budget_.give_back(bytes_); }
   HeldWindow(const HeldWindow&) = delete;
   HeldWindow& operator=(const HeldWindow&) = delete;
-
-  /// Moves the window's content here, and gives back unneeded bytes.
-  void keep(Window& window) {
-    content = window.release();
-    const uint64_t needed = std::min(bytes_, sizeof *this + content.bytes());
-    budget_.give_back(bytes_ - needed);
-    bytes_ = needed;
-  }
 
   WindowContent content;
 
  private:
   HeldBudget& budget_;
-  uint64_t bytes_;
+  const uint64_t bytes_;
 };
 
 }  // namespace scree::convert

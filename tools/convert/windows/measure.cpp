@@ -40,7 +40,7 @@ struct WindowFacts {
 };
 
 struct Scratch {
-  Window window;
+  Window* window = nullptr;
   std::vector<float> colors;
   std::vector<float> floats;
   std::vector<float> uvs;
@@ -58,7 +58,7 @@ void add_values(ContentHasher& hasher, std::span<const T> values) {
 /// A hash of the triangles and of the vertices they use, except for normals and tangents. The number of the first
 /// vertex in the source does not affect it.
 Result<ContentHash> hash_window(const Primitive& primitive, Scratch& scratch) {
-  const Window& window = scratch.window;
+  const Window& window = *scratch.window;
   ContentHasher hasher;
   add_values(hasher, window.kept());
   if (primitive.numbers) add_values(hasher, window.numbers());
@@ -94,14 +94,6 @@ ContentHash joined(const ContentHash& before, const ContentHash& window) {
   return hasher.value();
 }
 
-/// Memory for a window, or null if the budget has no more.
-std::unique_ptr<HeldWindow> reserve(HeldBudget* budget, const Primitive& primitive, const WindowPlan& plan) {
-  constexpr uint64_t kOverhead = 512;  // for windows of few triangles
-  const uint64_t bytes = kOverhead + 20 * plan.count + 16 * std::min(3 * plan.count, primitive.vertex_count());
-  if (budget == nullptr || !budget->take(bytes)) return nullptr;
-  return std::make_unique<HeldWindow>(*budget, bytes);
-}
-
 /// Options of measuring one window.
 struct WindowTask {
   bool may_wait;               // the window may be postponed if its vertices lie too far apart
@@ -110,13 +102,13 @@ struct WindowTask {
                                // false, it is not checked again
   const format::SurfaceRecord* surface;     // the primitive's material if tangents may be stored, else null
   std::atomic<bool>* has_derived_tangents;  // as is_flat
-  HeldBudget* budget;                       // memory for windows that are held; may be null
+  HeldBudget* budget;                       // memory for windows that are held; null: none is held
 };
 
 /// Reads a window's normals and tangents, finds out whether they must be stored, and hashes them.
 Result<void> measure_directions(const Primitive& primitive, const WindowTask& task, bool looks, bool is_hashed,
                                 Scratch& scratch, WindowFacts& facts) {
-  const Window& window = scratch.window;
+  const Window& window = *scratch.window;
   const auto read = [&](const Accessor& accessor, std::vector<float>& out) {
     return read_vertices(accessor, window.vertices(), out);
   };
@@ -139,11 +131,10 @@ Result<void> measure_directions(const Primitive& primitive, const WindowTask& ta
 
 Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan& plan, const MeasureOptions& options,
                                    const WindowTask& task, Scratch& scratch) {
-  Window& window = scratch.window;
-  std::unique_ptr<HeldWindow> held = reserve(task.budget, primitive, plan);
+  Window& window = *scratch.window;
   const bool is_hashed = !options.hashed.empty() && options.hashed[plan.primitive];
   const bool looks = task.has_normals && options.normals == Normals::kAuto && *task.is_flat;
-  const Window::Find find = held || looks || (task.surface != nullptr && *task.has_derived_tangents)
+  const Window::Find find = task.budget != nullptr || looks || (task.surface != nullptr && *task.has_derived_tangents)
                                 ? Window::Find::kTriangles
                                 : Window::Find::kVertices;
   if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, find); !loaded)
@@ -180,10 +171,7 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
     if (!content) return content.error();
     facts.content = *content;
   }
-  if (held && facts.kept > 0) {
-    held->keep(window);
-    facts.held = std::move(held);
-  }
+  if (task.budget != nullptr && facts.kept > 0) facts.held = HeldWindow::keep(*task.budget, window);
   return facts;
 }
 
@@ -194,10 +182,13 @@ class Measurer {
         options_(options),
         run_(run),
         listener_(run.listener),
+        windows_(listener_ == nullptr ? run.pool.threads() : 0),
         scratch_(run.pool.threads()),
         is_flat_(scene.primitives.size()),
         has_derived_tangents_(scene.primitives.size()) {
     out_.primitives.resize(scene.primitives.size());
+    for (uint32_t worker = 0; worker < scratch_.size(); ++worker)
+      scratch_[worker].window = listener_ == nullptr ? &windows_[worker] : &listener_->window(worker);
     for (std::atomic<bool>& is_flat : is_flat_) is_flat = true;
     for (std::atomic<bool>& has_derived : has_derived_tangents_) has_derived = true;
   }
@@ -240,8 +231,8 @@ class Measurer {
     const bool is_any_hashed = std::find(options_.hashed.begin(), options_.hashed.end(), true) != options_.hashed.end();
     std::optional<ReadAhead> ahead;
     if (run_.ahead_bytes > 0)
-      ahead.emplace(scene_, windows, run_.ahead_bytes, listener_ != nullptr || is_any_hashed,
-                    options_.normals != Normals::kNever);
+      ahead.emplace(scene_, windows, AheadBytes{run_.ahead_bytes, unpacked_bytes()},
+                    listener_ != nullptr || is_any_hashed, options_.normals != Normals::kNever);
     HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
       const TimedWork timed(run_.times.measuring);
@@ -276,6 +267,11 @@ class Measurer {
     const uint64_t most_jobs = kJobsPerThread * run_.pool.threads();
     return run_ordered<std::vector<WindowFacts>>(run_.pool, batches.size(), {most_jobs, UINT64_MAX}, work, no_cost,
                                                  take, run_.listener);
+  }
+
+  /// Bytes of each kind, indices and positions, that are unpacked ahead.
+  uint64_t unpacked_bytes() const {
+    return unpacking_threads(run_.pool.threads()) == 0 ? 0 : scene_.view_memory.kept_bytes / 4;
   }
 
   const format::SurfaceRecord* surface_of_tangents(uint32_t primitive) const {
@@ -377,6 +373,7 @@ class Measurer {
   std::set<uint32_t> waiting_;          // primitives with postponed windows
   uint64_t done_ = 0;
   std::vector<std::unique_ptr<HeldWindow>> held_;  // windows that the listener has not taken
+  std::vector<Window> windows_;                    // by worker, if there is no listener
   std::vector<Scratch> scratch_;
   std::vector<std::atomic<bool>> is_flat_;               // by primitive, over its windows so far
   std::vector<std::atomic<bool>> has_derived_tangents_;  // the same

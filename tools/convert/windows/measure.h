@@ -99,6 +99,9 @@ class MeasureListener : public OtherResults {
   /// Windows are held while the budget has bytes left.
   virtual HeldBudget& budget() = 0;
 
+  /// The window that a worker of the pool uses for one job after another, whether it measures or not.
+  virtual Window& window(uint32_t worker) = 0;
+
   /// Receives the windows of a primitive or group that is not completely measured yet, one by one in order.
   /// `primitives`: measured up to this window. A window that is taken from `held` is not passed to take_measured()
   /// again. May block, and has errors, like take_measured().

@@ -4,18 +4,21 @@
 #include <deque>
 #include <exception>
 #include <new>
+#include <utility>
 
 #include "tools/convert/windows/locality.h"
 
 namespace scree::convert {
 namespace {
 
-/// Starts the read-ahead of elements [first, end) and returns their bytes.
-uint64_t ask_elements(const Accessor& accessor, uint64_t first, uint64_t end) {
+using Hint = void (ByteSource::*)(uint64_t offset, uint64_t bytes) const;
+
+/// Prepares elements [first, end) and returns their bytes.
+uint64_t prepare_elements(const Accessor& accessor, uint64_t first, uint64_t end, Hint hint) {
   end = std::min(end, accessor.count);
   if (accessor.source == nullptr || first >= end) return 0;
   const uint64_t bytes = (end - first - 1) * accessor.stride + accessor.element_bytes();
-  accessor.source->will_need(accessor.offset + first * accessor.stride, bytes);
+  (accessor.source.get()->*hint)(accessor.offset + first * accessor.stride, bytes);
   return bytes;
 }
 
@@ -25,20 +28,41 @@ uint64_t share(uint64_t count, uint64_t part, uint64_t whole) {
   return static_cast<uint64_t>(static_cast<double>(count) * static_cast<double>(part) / static_cast<double>(whole));
 }
 
+uint64_t prepare_indices(const Primitive& primitive, const WindowPlan& window, Hint hint) {
+  if (!primitive.indices) return 0;
+  const uint64_t corners = primitive.mode == PrimitiveMode::kTriangles ? 3 : 1;
+  return prepare_elements(*primitive.indices, corners * window.first, corners * (window.first + window.count) + 2,
+                          hint);
+}
+
+/// Calls `visit(accessor)` for the accessors whose vertices are prepared, and adds up the bytes.
+template <class Visit>
+uint64_t prepare_vertices(const Primitive& primitive, const WindowPlan& window, Hint hint, const Visit& visit) {
+  const uint64_t vertices = primitive.vertex_count(), triangles = primitive.triangle_count();
+  if (vertices > kMostVertices * triangles)
+    return 0;  // most vertices belong to other primitives, and it is not known which belong to this one
+  const uint64_t first = share(vertices, window.first, triangles);
+  const uint64_t end = share(vertices, window.first + window.count, triangles) + 1;
+  uint64_t bytes = 0;
+  visit([&](const Accessor& accessor) { bytes += prepare_elements(accessor, first, end, hint); });
+  return bytes;
+}
+
 }  // namespace
 
-ReadAhead::ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& windows, uint64_t most_bytes,
+ReadAhead::ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& windows, const AheadBytes& bytes,
                      bool attributes, bool normals)
-    : scene_(scene), windows_(windows), most_bytes_(most_bytes), attributes_(attributes), normals_(normals) {
-  try {
-    thread_ = std::thread([this] {
-      try {
-        run();
-      } catch (const std::bad_alloc&) {  // handled like a thread that cannot start
-      }
-    });
-  } catch (const std::exception&) {  // without this thread, measuring is only slower
-  }
+    : scene_(scene), windows_(windows), attributes_(attributes), normals_(normals) {
+  start(bytes.files, [this](const WindowPlan& window) { return ask(window); });
+  if (bytes.unpacked == 0) return;
+  start(bytes.unpacked, [this](const WindowPlan& window) {
+    return prepare_indices(scene_.primitives[window.primitive], window, &ByteSource::unpack_ahead);
+  });
+  start(bytes.unpacked, [this](const WindowPlan& window) {
+    const Primitive& primitive = scene_.primitives[window.primitive];
+    return prepare_vertices(primitive, window, &ByteSource::unpack_ahead,
+                            [&](const auto& prepare) { prepare(primitive.positions); });
+  });
 }
 
 ReadAhead::~ReadAhead() {
@@ -47,7 +71,7 @@ ReadAhead::~ReadAhead() {
     closing_ = true;
   }
   changed_.notify_all();
-  if (thread_.joinable()) thread_.join();
+  for (std::thread& thread : threads_) thread.join();
 }
 
 void ReadAhead::reached(uint64_t window) {
@@ -58,49 +82,52 @@ void ReadAhead::reached(uint64_t window) {
   changed_.notify_all();
 }
 
-void ReadAhead::run() {
-  std::deque<uint64_t> asked;  // bytes of the windows from number `first` on
+void ReadAhead::start(uint64_t most_bytes, Prepare prepare) {
+  try {
+    threads_.emplace_back([this, most_bytes, prepare = std::move(prepare)] {
+      try {
+        run(most_bytes, prepare);
+      } catch (const std::bad_alloc&) {  // handled like a thread that cannot start
+      }
+    });
+  } catch (const std::exception&) {  // without this thread, measuring is only slower
+  }
+}
+
+void ReadAhead::run(uint64_t most_bytes, const Prepare& prepare) {
+  std::deque<uint64_t> prepared;  // bytes of the windows from number `first` on
   uint64_t first = 0, bytes = 0;
   std::unique_lock<std::mutex> hold(lock_);
-  while (!closing_ && first + asked.size() < windows_.size()) {
+  while (!closing_ && first + prepared.size() < windows_.size()) {
     for (; first < reached_; ++first) {
-      if (asked.empty()) continue;
-      bytes -= asked.front();
-      asked.pop_front();
+      if (prepared.empty()) continue;
+      bytes -= prepared.front();
+      prepared.pop_front();
     }
-    const uint64_t next = first + asked.size();
-    if (bytes >= most_bytes_ || next >= windows_.size()) {
+    const uint64_t next = first + prepared.size();
+    if (bytes >= most_bytes || next >= windows_.size()) {
       if (next < windows_.size()) changed_.wait(hold, [&] { return closing_ || reached_ > first; });
       continue;
     }
     hold.unlock();
-    asked.push_back(ask(windows_[next]));
-    bytes += asked.back();
+    prepared.push_back(prepare(windows_[next]));
+    bytes += prepared.back();
     hold.lock();
   }
 }
 
 uint64_t ReadAhead::ask(const WindowPlan& window) const {
   const Primitive& primitive = scene_.primitives[window.primitive];
-  const uint64_t end = window.first + window.count;
-  const uint64_t corners = primitive.mode == PrimitiveMode::kTriangles ? 3 : 1;
-  uint64_t bytes = 0;
-  if (primitive.indices) bytes += ask_elements(*primitive.indices, corners * window.first, corners * end + 2);
-  const uint64_t vertices = primitive.vertex_count(), triangles = primitive.triangle_count();
-  if (vertices > kMostVertices * triangles)
-    return bytes;  // most vertices belong to other primitives, and it is not known which belong to this one
-  const uint64_t first_vertex = share(vertices, window.first, triangles);
-  const uint64_t end_vertex = share(vertices, end, triangles) + 1;
-  bytes += ask_elements(primitive.positions, first_vertex, end_vertex);
-  const auto ask_vertices = [&](const Accessor& accessor) {
-    bytes += ask_elements(accessor, first_vertex, end_vertex);
-  };
-  if (attributes_) {
-    visit_attributes(primitive, normals_, ask_vertices);
-  } else if (primitive.color) {
-    ask_vertices(*primitive.color);
-  }
-  return bytes;
+  constexpr Hint kHint = &ByteSource::will_need;
+  return prepare_indices(primitive, window, kHint) +
+         prepare_vertices(primitive, window, kHint, [&](const auto& prepare) {
+           prepare(primitive.positions);
+           if (attributes_) {
+             visit_attributes(primitive, normals_, prepare);
+           } else if (primitive.color) {
+             prepare(*primitive.color);
+           }
+         });
 }
 
 }  // namespace scree::convert

@@ -16,6 +16,9 @@ namespace {
 /// A window with a larger span than this many vertex numbers per corner counts as scattered.
 constexpr uint64_t kScatteredSpanPerCorner = 4;
 
+/// Vectors of a released window have room for at most their size divided by this more values.
+constexpr size_t kSpareShare = 8;
+
 /// The number in the source of a primitive's vertex.
 Result<uint32_t> source_vertex(const Primitive& primitive, uint32_t vertex) {
   if (!primitive.numbers) return vertex;
@@ -69,15 +72,15 @@ Result<void> Window::load_positions(const Primitive& primitive, bool drop_nonfin
   return check_positions(primitive, drop_nonfinite);
 }
 
-uint64_t WindowContent::bytes() const {
-  return 4 *
-         (indices_.capacity() + kept_.capacity() + numbers_.capacity() + vertices_.capacity() + positions_.capacity());
+uint64_t Window::most_released_bytes() const {
+  const uint64_t values = indices_.size() + kept_.size() + numbers_.size() + vertices_.size() + positions_.size();
+  return 4 * (values + values / kSpareShare);
 }
 
 WindowContent Window::release() {
   // The vectors have room for every vertex number between the first and the last, or for a larger window before.
   const auto shrink = [](auto& values) {
-    if (values.capacity() > values.size() + values.size() / 8) values.shrink_to_fit();
+    if (values.capacity() > values.size() + values.size() / kSpareShare) values.shrink_to_fit();
   };
   shrink(indices_);
   shrink(kept_);

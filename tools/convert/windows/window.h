@@ -66,9 +66,6 @@ class WindowContent {
   /// For a sorted copy: the source's numbers of all triangles that were read; else empty.
   std::span<const uint32_t> numbers() const { return numbers_; }
 
-  /// Memory of the content, bytes.
-  uint64_t bytes() const;
-
  protected:
   uint64_t first_ = 0;
   uint64_t span_ = 0;
@@ -108,7 +105,9 @@ class Window : public WindowContent {
   /// kTriangles.
   void merge(std::span<const uint32_t> firsts);
 
-  /// release() moves the content out and frees unneeded memory. restore() takes over the content of another window.
+  /// release() moves the content out and frees unneeded memory; it then takes at most most_released_bytes(). restore()
+  /// takes over the content of another window.
+  uint64_t most_released_bytes() const;
   WindowContent release();
   void restore(WindowContent content) { static_cast<WindowContent&>(*this) = std::move(content); }
 
