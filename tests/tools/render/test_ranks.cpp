@@ -434,12 +434,19 @@ TEST_CASE("a film whose geometry is shared is refused as other films are", "[ren
 
 namespace {
 
-/// The command of ranks that each have a GPU of their own, or all the first GPU.
-std::string render_on_gpus(int ranks, const std::string& more, bool own_gpus = true) {
+enum class RankPlaces { kOwnGpus, kOneGpu, kOwnHosts };
+
+/// The command of ranks that each have a GPU of their own, or all the first GPU. kOwnHosts: also as if each had a host
+/// of its own, so that NCCL connects them by TCP.
+std::string render_on_gpus(int ranks, const std::string& more, RankPlaces places = RankPlaces::kOwnGpus) {
   std::string line = SCREE_MPIEXEC;
-  for (int rank = 0; rank < ranks; ++rank)
-    line += std::string(rank == 0 ? "" : " :") + " -n 1 '" + scree::tests::kProgram +
-            "' render quad.scree --threads 1 --device " + std::to_string(own_gpus ? rank : 0) + " " + more;
+  for (int rank = 0; rank < ranks; ++rank) {
+    const std::string number = std::to_string(rank);
+    line += std::string(rank == 0 ? "" : " :") + " -n 1 ";
+    if (places == RankPlaces::kOwnHosts) line += "env NCCL_HOSTID=" + number + " NCCL_SOCKET_IFNAME=lo ";
+    line += std::string("'") + scree::tests::kProgram + "' render quad.scree --threads 1 --device " +
+            (places == RankPlaces::kOneGpu ? "0" : number) + " " + more;
+  }
   return line;
 }
 
@@ -497,13 +504,12 @@ TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU",
     const std::string film = "--path path.json --size 60x40 -q -f " + more;
     Launch of_one(render(1, film + " -o f_%d.png --depth f_%d.pfm --visbuffer f_%d.bin"), folder);
     REQUIRE(of_one.wait(60) == 0);
-    for (const std::string exchange : {"nccl", "mpi"}) {
-      INFO(more << ", " << exchange);
-      Launch of_all(render_on_gpus(2, film +
-                                          " --share geometry -o g_%d.png --depth g_%d.pfm --visbuffer g_%d.bin "
-                                          "--exchange " +
-                                          exchange),
-                    folder);
+    for (const auto& [exchange, places] :
+         {std::pair{"nccl", RankPlaces::kOwnGpus}, {"nccl", RankPlaces::kOwnHosts}, {"mpi", RankPlaces::kOwnGpus}}) {
+      if (places == RankPlaces::kOwnHosts && scree::tests::kEmulatesGpu) continue;  // the emulator's NCCL has no hosts
+      INFO(more << ", " << exchange << ", " << static_cast<int>(places));
+      const std::string files = " --share geometry -o g_%d.png --depth g_%d.pfm --visbuffer g_%d.bin --exchange ";
+      Launch of_all(render_on_gpus(2, film + files + exchange, places), folder);
       REQUIRE(of_all.wait(240) == 0);
       for (const std::string frame : {"_0", "_1", "_2", "_3"})
         CHECK(files_of(folder, "g" + frame) == files_of(folder, "f" + frame));
@@ -548,12 +554,13 @@ TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render
   const std::string some = films("some") + "--json ";
   is_by("nccl", render_on_gpus(2, some), 0);
   is_by("mpi", render_on_gpus(2, some + "--exchange mpi"), 0);
-  is_by("mpi", render_on_gpus(2, some, false), 0);
+  is_by("mpi", render_on_gpus(2, some, RankPlaces::kOneGpu), 0);
   is_by("mpi", render(2, some), 0);  // no GPU draws
   std::string short_film = some;
   short_film.replace(0, std::string("--frames 16").size(), "--frames 15");
   is_by("mpi", render_on_gpus(2, short_film), 0);
-  fails(render_on_gpus(2, "-q -o no.png --exchange nccl", false), 4, "--exchange nccl: ranks 0 and 1 share a GPU");
+  fails(render_on_gpus(2, "-q -o no.png --exchange nccl", RankPlaces::kOneGpu), 4,
+        "--exchange nccl: ranks 0 and 1 share a GPU");
   fails(render(2, "-q -o no.png --exchange nccl"), 4, "--exchange nccl: no GPU draws here");
   fails(render(1, "-q -o no.png --exchange by_post"), 1, "--exchange: 'by_post' is not one of auto, mpi, nccl");
   if (!scree::tests::kEmulatesGpu) return;
