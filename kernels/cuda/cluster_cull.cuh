@@ -10,82 +10,29 @@
 
 namespace scree::kernels {
 
-/// The input of a thread of the two kernels below: one of the kDrawInstances instances of a candidate.
-struct CandidateInstance {
-  CandidateDraw candidate;
-  uint32_t index;  // index in the mesh's list of visible instances
-
-  __device__ CandidateInstance(const ClusterList& clusters, uint64_t thread)
-      : candidate(clusters.candidates[thread / kDrawInstances]),
-        index(candidate.first + static_cast<uint32_t>(thread % kDrawInstances)) {}
-
-  __device__ uint32_t instance(const DrawList& list, uint32_t mesh) const {
-    return list.visible[list.mesh_first[mesh] + index];
-  }
-};
-
 /// Counts one draw of a clustered chunk, above its work: its number of groups of clusters.
-__device__ inline uint64_t packed_count(const format::ChunkRecord& chunk) {
+__device__ inline uint64_t packed_count(const ClusterChunk& chunk) {
   return (uint64_t{1} << kWorkBits) + (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
 }
 
-/// Clears the sums of a block's draws by bucket, in shared memory.
-__device__ inline void clear_buckets(uint64_t* buckets) {
-  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) buckets[i] = 0;
-  __syncthreads();
-}
-
-/// Finds the draws and counts them by bucket. Stores each draw's bucket in ClusterList::draw_bucket. Without `sorts`
-/// all draws share one bucket.
-template <bool kClips>
-__global__ void __launch_bounds__(kCullThreads)
-    cull_clustered_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
-                          const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters,
-                          bool sorts) {
-  __shared__ uint64_t in_bucket[kNearBuckets];
-  clear_buckets(in_bucket);
-  const uint32_t lane = threadIdx.x % kWarpLanes;
-  const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
-  const bool inside = thread < uint64_t{clusters.candidate_count} * kDrawInstances;
-  uint32_t bucket = kNearBuckets;
-  uint64_t triangles = 0;
-  if (inside) {
-    const CandidateInstance at(clusters, thread);
-    const format::ChunkRecord& chunk = scene.chunks[at.candidate.chunk];
-    const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-    if (at.index < list.visible_count[chunk.mesh] && scene.pages[chunk.page] != nullptr) {
-      const Transform& transform = list.transforms[at.instance(list, chunk.mesh)];
-      const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
-      // A mesh of one chunk has been tested with its instance.
-      if (mesh.chunk_count == 1 || may_be_drawn<kClips>(transform, view, box, drawn_rows(view))) {
-        bucket = sorts ? near_bucket(nearness(transform.w, view, box), view.orthographic, clusters.farthest) : 0;
-        triangles = chunk.triangle_count;
-        atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), packed_count(chunk));
-      }
-    }
-    clusters.draw_bucket[thread] = static_cast<uint16_t>(bucket);
+/// The part of a chunk's record that its boxes are made of.
+__device__ inline format::ChunkRecord record_of_box(const ClusterChunk& chunk) {
+  format::ChunkRecord record;
+  for (int i = 0; i < 3; ++i) {
+    record.position_min[i] = chunk.position_min[i];
+    record.position_bits[i] = chunk.position_bits[i];
   }
-  __syncthreads();
-  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) {
-    if (in_bucket[i] != 0) WarpTeam::add(list.counters->in_bucket + i, in_bucket[i]);
-  }
-  const auto seen = static_cast<uint32_t>(__popc(__ballot_sync(~0u, bucket != kNearBuckets)));
-  uint64_t all_triangles;
-  sum_before(triangles, lane, all_triangles);
-  if (lane == 0 && seen != 0) {
-    WarpTeam::add(&list.counters->queues.draws, uint64_t{seen});
-    WarpTeam::add(&list.counters->queues.triangles, all_triangles);
-  }
+  return record;
 }
 
 __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const FrameView& view,
                                                 const ClusterList& clusters, const Transform& transform,
-                                                uint32_t chunk_number, uint32_t instance, uint64_t work_before) {
-  const format::ChunkRecord& chunk = scene.chunks[chunk_number];
-  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
-  const TransformError error = error_of(transform, rounded_chunk_box(mesh, chunk, transform));
+                                                const format::MeshRecord& mesh, const ClusterChunk& chunk,
+                                                uint32_t chunk_number, uint32_t instance) {
+  const format::ChunkRecord record = record_of_box(chunk);
+  const TransformError error = error_of(transform, rounded_chunk_box(mesh, record, transform));
   ClusterDraw draw{};
-  draw.filter = make_coverage_filter(view, transform, error, lattice_box(transform, mesh, chunk));
+  draw.filter = make_coverage_filter(view, transform, error, lattice_box(transform, mesh, record));
   bool narrow = true;
   for (int i = 0; i < 4; ++i) {
     draw.x[i] = transform.x[i];
@@ -102,8 +49,7 @@ __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const Fr
   draw.flags = (transform.mirrored ? ClusterDraw::kMirrored : 0u) | (narrow ? 0u : ClusterDraw::kFarAway) |
                (is_double_sided(scene, mesh) ? ClusterDraw::kDoubleSided : 0u);
   draw.first_id = scene.instance_base[instance] + chunk.first_triangle;
-  draw.work_before = work_before;
-  draw.hint_offset = clusters.hint_offset[instance] + clusters.chunk_hint_offset[chunk_number];
+  draw.hint_offset = clusters.hint_offset[instance] + chunk.hint_offset;
   draw.payload = scene.pages[chunk.page] + chunk.offset;
   draw.chunk = chunk_number;
   draw.instance = instance;
@@ -114,48 +60,109 @@ __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const Fr
   return draw;
 }
 
-/// Writes the draws in the order of buckets, and their prefix sum. Has as many threads as cull_clustered_chunks().
+/// One thread per pair of a visible instance and a chunk. Makes the draws in any order, counts them by bucket and
+/// stores their places. Without `sorts` all draws share one bucket. Threads with chunks of one instance read the same
+/// transform. A warp writes its draws together: if each thread wrote its own, the stores would touch many times the
+/// sectors.
+template <bool kClips>
 __global__ void __launch_bounds__(kCullThreads)
-    place_cluster_draws(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
-                        const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters) {
-  __shared__ uint64_t first_of_bucket[kNearBuckets];  // sums over the buckets before: number of draws above their work
-  __shared__ uint64_t in_bucket[kNearBuckets];        // this block's sums; then the index of its first draw
-  __shared__ uint64_t before_warp[kCullWarps];
-  clear_buckets(in_bucket);
+    cull_clustered_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
+                          const __grid_constant__ DrawList list, const __grid_constant__ ClusterList clusters,
+                          bool sorts) {
+  __shared__ ClusterDraw staged[kCullThreads];
+  __shared__ uint64_t in_bucket[kNearBuckets];  // this block's sums; then the sums of the blocks before
+  __shared__ uint64_t in_block;                 // number of draws above their work
+  __shared__ uint64_t before_block;
+  __shared__ uint64_t triangles_in_block;
+  for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) in_bucket[i] = 0;
+  if (threadIdx.x == 0) in_block = triangles_in_block = 0;
+  __syncthreads();
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint64_t thread = uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
-  const bool inside = thread < uint64_t{clusters.candidate_count} * kDrawInstances;
-  const uint32_t bucket = inside ? clusters.draw_bucket[thread] : kNearBuckets;
-  const CandidateInstance at(clusters, inside ? thread : 0);
-  const format::ChunkRecord& chunk = scene.chunks[at.candidate.chunk];
+  ClusterDraw draw;
+  uint64_t packed = 0;
+  uint64_t triangles = 0;
+  uint32_t bucket = kNearBuckets;  // none
+  if (thread < uint64_t{clusters.candidate_count} * kDrawInstances) {
+    const CandidateDraw candidate = clusters.candidates[thread / kDrawInstances];
+    const uint32_t mesh_number = scene.chunks[candidate.chunk].mesh;
+    const format::MeshRecord& mesh = scene.meshes[mesh_number];
+    const auto first_chunk = static_cast<uint32_t>(mesh.first_chunk);
+    const auto chunk_count = static_cast<uint32_t>(mesh.chunk_count);
+    const uint32_t ahead = candidate.chunk - first_chunk + static_cast<uint32_t>(thread % kDrawInstances);
+    const uint32_t index = candidate.first + ahead / chunk_count;
+    const uint32_t chunk_number = first_chunk + ahead % chunk_count;
+    const ClusterChunk chunk = clusters.chunks[chunk_number];
+    if (index < list.visible_count[mesh_number] && chunk.cluster_count != 0 && scene.pages[chunk.page] != nullptr) {
+      const uint32_t instance = list.visible[list.mesh_first[mesh_number] + index];
+      const Transform& transform = list.transforms[instance];
+      const RoundedBox box = rounded_chunk_box(mesh, record_of_box(chunk), transform);
+      // A mesh of one chunk has been tested with its instance.
+      if (chunk_count == 1 || may_be_drawn<kClips>(transform, view, box, drawn_rows(view))) {
+        bucket = sorts ? near_bucket(nearness(transform.w, view, box), view.orthographic, clusters.farthest) : 0;
+        packed = packed_count(chunk);
+        triangles = chunk.triangle_count;
+        draw = make_cluster_draw(scene, view, clusters, transform, mesh, chunk, chunk_number, instance);
+      }
+    }
+  }
   const bool seen = bucket != kNearBuckets;
-  uint64_t in_block = 0;
-  if (seen) in_block = atomicAdd(reinterpret_cast<unsigned long long*>(in_bucket + bucket), packed_count(chunk));
-
-  constexpr uint32_t kPerThread = kNearBuckets / kCullThreads;
-  const uint64_t* const mine = list.counters->in_bucket + threadIdx.x * kPerThread;
-  uint64_t sum = 0;
-  for (uint32_t i = 0; i < kPerThread; ++i) sum += mine[i];
   uint64_t of_warp;
-  uint64_t before = sum_before(sum, lane, of_warp);
-  if (lane == 0) before_warp[threadIdx.x / kWarpLanes] = of_warp;
-  __syncthreads();
-  for (uint32_t i = 0; i < threadIdx.x / kWarpLanes; ++i) before += before_warp[i];
-  for (uint32_t i = 0; i < kPerThread; ++i) {
-    first_of_bucket[threadIdx.x * kPerThread + i] = before;
-    before += mine[i];
+  uint64_t triangles_of_warp;
+  const auto rank = static_cast<uint32_t>(sum_before(packed, lane, of_warp) >> kWorkBits);
+  sum_before(triangles, lane, triangles_of_warp);
+  ClusterDraw* const of_this_warp = staged + (threadIdx.x - lane);
+  if (seen) of_this_warp[rank] = draw;
+  uint64_t warp_before = 0;
+  if (lane == 0 && of_warp != 0) {
+    warp_before = WarpTeam::add(&in_block, of_warp);
+    WarpTeam::add(&triangles_in_block, triangles_of_warp);
   }
-  if (blockIdx.x == 0 && threadIdx.x == kCullThreads - 1) list.counters->draws = before;
+  const auto first_in_block = static_cast<uint32_t>(__shfl_sync(~0u, warp_before, 0) >> kWorkBits);
+  const uint64_t before = seen ? WarpTeam::add(in_bucket + bucket, packed) : 0;
+  __syncthreads();
+  if (in_block == 0) return;
   for (uint32_t i = threadIdx.x; i < kNearBuckets; i += kCullThreads) {
-    if (in_bucket[i] != 0) in_bucket[i] = WarpTeam::add(list.counters->placed + i, in_bucket[i]);
+    if (in_bucket[i] != 0) in_bucket[i] = WarpTeam::add(list.counters->in_bucket + i, in_bucket[i]);
+  }
+  if (threadIdx.x == 0) {
+    before_block = WarpTeam::add(&list.counters->draws, in_block);
+    WarpTeam::add(&list.counters->queues.triangles, triangles_in_block);
   }
   __syncthreads();
-  if (!seen) return;
+  const uint64_t first = (before_block >> kWorkBits) + first_in_block;
+  if (seen) clusters.places[first + rank] = {in_bucket[bucket] + before, bucket};
+  constexpr uint32_t kPieces = sizeof(ClusterDraw) / sizeof(uint4);
+  const auto* from = reinterpret_cast<const uint4*>(of_this_warp);
+  auto* to = reinterpret_cast<uint4*>(clusters.draws + first);
+  const uint32_t pieces = static_cast<uint32_t>(of_warp >> kWorkBits) * kPieces;
+  for (uint32_t i = lane; i < pieces; i += kWarpLanes) to[i] = from[i];
+}
 
-  const uint64_t base = first_of_bucket[bucket] + in_bucket[bucket] + in_block;
-  const uint32_t instance = at.instance(list, chunk.mesh);
-  clusters.draws[base >> kWorkBits] = make_cluster_draw(scene, view, clusters, list.transforms[instance],
-                                                        at.candidate.chunk, instance, base & kWorkMask);
+inline constexpr uint32_t kPlaceThreads = kNearBuckets;
+
+/// Orders the draws by their buckets, and stores the prefix sum of their work. One thread per draw; to begin with, one
+/// per bucket.
+__global__ void __launch_bounds__(kPlaceThreads)
+    place_cluster_draws(const FrameCounters* counters, const DrawPlace* places, OrderedDraw* order) {
+  __shared__ uint64_t first_of_bucket[kNearBuckets];  // sums over the buckets before: number of draws above their work
+  __shared__ uint64_t of_warp[kPlaceThreads / kWarpLanes];
+  const uint64_t draw_count = counters->draws >> kWorkBits;
+  if (uint64_t{blockIdx.x} * kPlaceThreads >= draw_count) return;
+  const uint32_t lane = threadIdx.x % kWarpLanes;
+  const uint32_t warp = threadIdx.x / kWarpLanes;
+  const uint32_t draw = blockIdx.x * kPlaceThreads + threadIdx.x;
+  const DrawPlace place = draw < draw_count ? places[draw] : DrawPlace{};
+  uint64_t all;
+  uint64_t before = sum_before(counters->in_bucket[threadIdx.x], lane, all);
+  if (lane == 0) of_warp[warp] = all;
+  __syncthreads();
+  for (uint32_t i = 0; i < warp; ++i) before += of_warp[i];
+  first_of_bucket[threadIdx.x] = before;
+  __syncthreads();
+  if (draw >= draw_count) return;
+  const uint64_t base = first_of_bucket[place.bucket] + place.before;
+  order[base >> kWorkBits] = {base & kWorkMask, draw};
 }
 
 /// The tests of clusters. A cluster that fails one is culled.
@@ -232,6 +239,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   const uint64_t first_item = clusters_before(counters, cull.pass);
   const WorkRange work = work_of_round(counters.draws & kWorkMask, cull.round, cull.rounds);
   const ClusterDraw* const draws = cull.list.draws;
+  const OrderedDraw* const order = cull.list.order;
   uint32_t tested = 0;
   uint32_t groups_tested = 0;
   // With few groups, each warp takes one: its clusters are tested one group after the other.
@@ -243,15 +251,15 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
     if (lane == 0) taken = static_cast<uint32_t>(WarpTeam::add(&counters.next_run[cull.pass], uint64_t{1}));
     const uint64_t end = min_of(start + most, work.end);
     // 32 consecutive groups belong to at most 32 consecutive draws.
-    const uint32_t first_draw = find_draw(draw_count, start, lane, [&](uint32_t i) { return draws[i].work_before; });
-    const uint64_t work_before = first_draw + lane < draw_count ? draws[first_draw + lane].work_before : ~uint64_t{0};
+    const uint32_t first_draw = find_draw(draw_count, start, lane, [&](uint32_t i) { return order[i].work_before; });
+    const OrderedDraw mine = first_draw + lane < draw_count ? order[first_draw + lane] : OrderedDraw{~uint64_t{0}, 0};
     const uint64_t work_index = start + lane;
     uint32_t ahead = 0;
     for (uint32_t step = kWarpLanes / 2; step != 0; step /= 2) {
-      if (__shfl_sync(~0u, work_before, static_cast<int>(ahead + step)) <= work_index) ahead += step;
+      if (__shfl_sync(~0u, mine.work_before, static_cast<int>(ahead + step)) <= work_index) ahead += step;
     }
-    const uint32_t draw_number = first_draw + ahead;
-    const auto group = static_cast<uint32_t>(work_index - __shfl_sync(~0u, work_before, static_cast<int>(ahead)));
+    const uint32_t draw_number = __shfl_sync(~0u, mine.draw, static_cast<int>(ahead));
+    const auto group = static_cast<uint32_t>(work_index - __shfl_sync(~0u, mine.work_before, static_cast<int>(ahead)));
     bool shows = work_index < end;
     const bool looked_at = shows;
     uint32_t old_hints = 0;  // of the last frame

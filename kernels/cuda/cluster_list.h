@@ -9,8 +9,7 @@
 
 namespace scree::kernels {
 
-/// A clustered chunk drawn for one instance. Its work is the number of its groups of 32 clusters. In a small scene each
-/// group has a draw of its own.
+/// A clustered chunk drawn for one instance. In a small scene each group of 32 clusters has a draw of its own.
 struct alignas(16) ClusterDraw {
   CoverageFilter filter;
   float x[4];  // rows of the instance's transform
@@ -19,14 +18,12 @@ struct alignas(16) ClusterDraw {
   int32_t base[3];  // lattice coordinate of the chunk's position_min minus the transform's reference
   uint32_t flags;
   uint64_t first_id;     // id of the chunk's triangle 0
-  uint64_t work_before;  // sum of the work of the draws before; 0 in a small scene
   uint64_t hint_offset;  // index in ClusterList::hints of its group 0
   const std::byte* payload;
   uint32_t chunk;
   uint32_t instance;
   uint32_t cluster_count;
   float error[3];  // of x, y and w: error_of()
-  uint32_t reserved[2];
 
   static constexpr uint32_t kMirrored = 1;
   static constexpr uint32_t kFarAway = 2;  // base + offset does not fit int32
@@ -44,7 +41,34 @@ struct alignas(16) ClusterDraw {
   }
   SCREE_HD const uint32_t* data() const { return reinterpret_cast<const uint32_t*>(clusters() + cluster_count); }
 };
-static_assert(sizeof(ClusterDraw) == 192);
+// An odd number of 16 bytes: lanes that each write one to shared memory do not meet in a bank.
+static_assert(sizeof(ClusterDraw) == 176);
+
+/// The parts of a clustered chunk's record that culling reads, so that a lane reads them as three times 16 bytes. All
+/// zero for other chunks. Made once.
+struct alignas(16) ClusterChunk {
+  uint32_t position_min[3];
+  uint8_t position_bits[3];
+  uint8_t reserved;
+  uint32_t page;
+  uint32_t cluster_count;
+  uint32_t triangle_count;
+  uint32_t hint_offset;  // groups of the mesh's chunks before it
+  uint64_t offset;
+  uint64_t first_triangle;
+};
+
+/// Where a draw goes in the order of buckets.
+struct alignas(16) DrawPlace {
+  uint64_t before;  // number of draws above their work, in its bucket
+  uint32_t bucket;
+};
+
+/// An entry of the draws' order from near to far. A draw's work is the number of its groups of 32 clusters.
+struct alignas(16) OrderedDraw {
+  uint64_t work_before;  // sum of the work of the entries before
+  uint32_t draw;         // index in ClusterList::draws
+};
 
 /// A group of 32 clusters of a chunk of an instance. In a small scene a warp culls it. Made once.
 struct ClusterGroup {
@@ -77,16 +101,19 @@ struct ClipItem {
 /// Device memory.
 struct ClusterList {
   // Per scene:
-  const CandidateDraw* candidates;    // clustered chunks
-  const uint32_t* chunk_hint_offset;  // by chunk: groups of the mesh's chunks before it
-  const uint64_t* hint_offset;        // by instance: groups of the instances before it
+  // Each candidate stands for kDrawInstances pairs of a visible instance and a chunk of a mesh, from its own pair on.
+  // After a mesh's last chunk its next instance follows.
+  const CandidateDraw* candidates;
+  const ClusterChunk* chunks;   // by chunk
+  const uint64_t* hint_offset;  // by instance: groups of the instances before it
   uint32_t candidate_count;
   // Kept from frame to frame: one bit per cluster of each instance, set if it was not hidden when last tested. Null:
   // one pass draws every cluster that is not outside the picture.
   uint32_t* hints;
   // Per frame:
-  uint16_t* draw_bucket;  // by thread, kDrawInstances per candidate: bucket number, or kNearBuckets if it is not drawn
-  ClusterDraw* draws;     // room for DrawTables::cluster_draws, from near to far; in a small scene one per ClusterGroup
+  ClusterDraw* draws;  // room for DrawTables::cluster_draws, in any order; in a small scene one per ClusterGroup
+  DrawPlace* places;   // by draw
+  OrderedDraw* order;
   ClusterItem* items;
   uint64_t item_capacity;  // below 2^32
   ClipItem* to_clip;

@@ -69,7 +69,6 @@ struct FrameCounters {
   uint64_t to_clip_drawn;
   // Not for the host:
   uint64_t in_bucket[kNearBuckets];  // number of draws above their work
-  uint64_t placed[kNearBuckets];     // of these, already placed
 };
 
 /// The number of clusters in the queue from the passes before `pass`.

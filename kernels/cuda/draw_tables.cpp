@@ -46,27 +46,42 @@ CandidateCounts count_candidates(const SceneView& scene) {
   for_each_drawn_mesh(scene, instances, [&](uint64_t m, uint64_t count) {
     const uint64_t parts = (count + kDrawInstances - 1) / kDrawInstances;
     const format::MeshRecord& mesh = scene.meshes[m];
+    bool has_clustered = false;
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      (is_clustered(scene, c) ? counts.clustered : counts.indexed) += parts;
-      if (!is_clustered(scene, c)) continue;
+      if (!is_clustered(scene, c)) {
+        counts.indexed += parts;
+        continue;
+      }
+      has_clustered = true;
       counts.cluster_draws += count;
       counts.cluster_groups += count * cluster_group_count(scene.chunks[c]);
     }
+    if (has_clustered) counts.clustered += (count * mesh.chunk_count + kDrawInstances - 1) / kDrawInstances;
   });
   return counts;
 }
 
 namespace {
 
-/// Lays out the hints of each instance: tables.chunk_hint_offset and hint_offset.
+/// Lays out the hints of each instance: tables.cluster_chunks and hint_offset.
 void place_hints(const SceneView& scene, DrawTables& tables) {
-  tables.chunk_hint_offset.resize(scene.chunk_count);
+  tables.cluster_chunks.resize(scene.chunk_count);
   std::vector<uint64_t> mesh_groups(scene.mesh_count);
   for (uint64_t m = 0; m < scene.mesh_count; ++m) {
     const format::MeshRecord& mesh = scene.meshes[m];
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      tables.chunk_hint_offset[c] = static_cast<uint32_t>(mesh_groups[m]);
-      if (is_clustered(scene, c)) mesh_groups[m] += cluster_group_count(scene.chunks[c]);
+      if (!is_clustered(scene, c)) continue;
+      const format::ChunkRecord& chunk = scene.chunks[c];
+      tables.cluster_chunks[c] = {{chunk.position_min[0], chunk.position_min[1], chunk.position_min[2]},
+                                  {chunk.position_bits[0], chunk.position_bits[1], chunk.position_bits[2]},
+                                  0,
+                                  chunk.page,
+                                  chunk.cluster_count,
+                                  chunk.triangle_count,
+                                  static_cast<uint32_t>(mesh_groups[m]),
+                                  chunk.offset,
+                                  chunk.first_triangle};
+      mesh_groups[m] += cluster_group_count(chunk);
     }
   }
   uint64_t word = 0;
@@ -160,16 +175,21 @@ Result<DrawTables> make_draw_tables(const SceneView& scene) {
     const format::MeshRecord& mesh = scene.meshes[m];
     tables.mesh_first[m] = place;
     place += static_cast<uint32_t>(count);
+    bool has_clustered = false;
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      const bool clustered = is_clustered(scene, c);
-      if (!clustered) {
-        (mesh.position_encoding == format::PositionEncoding::kFloat32 ? tables.has_float32 : tables.has_lattice) = true;
-        tables.has_instances = tables.has_instances || count > 1;
+      if (is_clustered(scene, c)) {
+        has_clustered = true;
+        continue;
       }
-      for (uint64_t first = 0; first < count; first += kDrawInstances) {
-        (clustered ? tables.cluster_candidates : tables.candidates)
-            .push_back({static_cast<uint32_t>(c), static_cast<uint32_t>(first)});
-      }
+      (mesh.position_encoding == format::PositionEncoding::kFloat32 ? tables.has_float32 : tables.has_lattice) = true;
+      tables.has_instances = tables.has_instances || count > 1;
+      for (uint64_t first = 0; first < count; first += kDrawInstances)
+        tables.candidates.push_back({static_cast<uint32_t>(c), static_cast<uint32_t>(first)});
+    }
+    if (!has_clustered) return;
+    for (uint64_t pair = 0; pair < count * mesh.chunk_count; pair += kDrawInstances) {
+      tables.cluster_candidates.push_back({static_cast<uint32_t>(mesh.first_chunk + pair % mesh.chunk_count),
+                                           static_cast<uint32_t>(pair / mesh.chunk_count)});
     }
   });
   tables.order.resize(place);

@@ -30,7 +30,7 @@ struct DrawTables {
   std::vector<uint32_t> mesh_first;
   std::vector<CandidateDraw> candidates;
   std::vector<CandidateDraw> cluster_candidates;  // clustered chunks
-  std::vector<uint32_t> chunk_hint_offset;        // as in ClusterList; empty if no chunk is clustered
+  std::vector<ClusterChunk> cluster_chunks;       // as in ClusterList; empty if no chunk is clustered
   std::vector<uint64_t> hint_offset;
   uint64_t cluster_draws = 0;   // clustered chunks, counted per instance
   uint64_t cluster_groups = 0;  // their groups of clusters, counted per instance

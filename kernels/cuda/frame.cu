@@ -361,11 +361,12 @@ struct CudaFrames::Impl {
   FrameQueues queues;
   // Clustered chunks:
   DeviceArray<CandidateDraw> cluster_candidates;
-  DeviceArray<uint32_t> chunk_hint_offset;
+  DeviceArray<ClusterChunk> cluster_chunks;
   DeviceArray<uint64_t> hint_offset;
   DeviceArray<uint32_t> hints;
-  DeviceArray<uint16_t> draw_bucket;
   DeviceArray<ClusterDraw> draws;
+  DeviceArray<DrawPlace> draw_places;
+  DeviceArray<OrderedDraw> draw_order;
   DeviceArray<ClusterGroup> small_scene_groups;  // for scenes that are drawn in one pass and have no other chunks
   DeviceArray<uint32_t> pyramid_codes;
   DepthPyramid pyramid{};
@@ -425,7 +426,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   tables.mesh_first = {};
   tables.candidates = {};
   tables.cluster_candidates = {};
-  tables.chunk_hint_offset = {};
+  tables.cluster_chunks = {};
   tables.hint_offset = {};
   return done;
 }
@@ -438,13 +439,14 @@ Result<void> CudaFrames::Impl::find_all_bounds() {
 
 Result<void> CudaFrames::Impl::open_clusters(const SceneView& host, const CudaQueueSizes& sizes) {
   Result<void> done = cluster_candidates.fill(tables.cluster_candidates, "allocating the draw list");
-  if (done) done = chunk_hint_offset.fill(tables.chunk_hint_offset, "allocating the draw list");
+  if (done) done = cluster_chunks.fill(tables.cluster_chunks, "allocating the draw list");
   if (done) done = hint_offset.fill(tables.hint_offset, "allocating the draw list");
-  if (done) {
-    done = draw_bucket.allocate(tables.cluster_candidates.size() * kDrawInstances, "allocating the draw list");
-  }
-  if (done && is_small_scene(tables.candidates.size(), tables.cluster_groups, sizes))
+  if (done && is_small_scene(tables.candidates.size(), tables.cluster_groups, sizes)) {
     done = small_scene_groups.fill(list_cluster_groups(host), "allocating the draw list");
+  } else {
+    if (done) done = draw_places.allocate(tables.cluster_draws, "allocating the draw list");
+    if (done) done = draw_order.allocate(tables.cluster_draws, "allocating the draw list");
+  }
   if (done) done = draws.allocate(max_of(tables.cluster_draws, small_scene_groups.count()), "allocating the draw list");
   if (done && in_two_passes()) {
     done = hints.allocate(tables.cluster_groups, "allocating a bit for each cluster");
@@ -498,12 +500,13 @@ Result<void> CudaFrames::Impl::prepare_alpha() {
 
 ClusterList CudaFrames::Impl::cluster_list() const {
   return {cluster_candidates.data(),
-          chunk_hint_offset.data(),
+          cluster_chunks.data(),
           hint_offset.data(),
           static_cast<uint32_t>(cluster_candidates.count()),
           hints.data(),
-          draw_bucket.data(),
           draws.data(),
+          draw_places.data(),
+          draw_order.data(),
           queues.items.data(),
           queues.items.count(),
           queues.to_clip.data(),
@@ -534,7 +537,8 @@ void CudaFrames::Impl::submit_culling(const DrawList& list, const SamplesToClear
     const ClusterList clusters = cluster_list();
     launch(kMain, cull_clustered_chunks<kClips>, blocks, kCullThreads, 0, scene, frame, list, clusters,
            in_two_passes());
-    launch(kMain, place_cluster_draws, blocks, kCullThreads, 0, scene, frame, list, clusters);
+    launch(kMain, place_cluster_draws, static_cast<uint32_t>((tables.cluster_draws - 1) / kPlaceThreads + 1),
+           kPlaceThreads, 0, list.counters, draw_places.data(), draw_order.data());
   }
 }
 
@@ -820,9 +824,10 @@ uint64_t CudaFrames::device_bytes(const SceneView& host, const CudaQueueSizes& s
   const bool is_small = is_small_scene(candidates.indexed, candidates.cluster_groups, sizes);
   const uint64_t small_scene_groups = is_small ? candidates.cluster_groups : 0;
   if (candidates.clustered != 0) {
-    bytes += candidates.clustered * (sizeof(CandidateDraw) + kDrawInstances * sizeof(uint16_t)) +
+    bytes += candidates.clustered * sizeof(CandidateDraw) +
+             (is_small ? 0 : candidates.cluster_draws * (sizeof(DrawPlace) + sizeof(OrderedDraw))) +
              max_of(candidates.cluster_draws, small_scene_groups) * sizeof(ClusterDraw) +
-             small_scene_groups * sizeof(ClusterGroup) + host.chunk_count * sizeof(uint32_t) +
+             small_scene_groups * sizeof(ClusterGroup) + host.chunk_count * sizeof(ClusterChunk) +
              host.instance_count * sizeof(uint64_t) + candidates.cluster_groups * sizeof(uint32_t) +
              first_items(candidates.cluster_groups, sizes) * sizeof(ClusterItem) + sizes.to_clip * sizeof(ClipItem) +
              2 * sizes.clipped * sizeof(Triangle) + sizes.tiles * sizeof(TileItem);
@@ -913,7 +918,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
   FrameStats stats{};
   if (impl_->options.part != FramePart::kPreviouslyVisible) {  // otherwise kRest counts them
     stats.instances_drawn = counters.instances_drawn;
-    stats.draws = counters.draws;
+    stats.draws = counters.draws + (impl_->handed_over->counters.draws >> kWorkBits);
     stats.triangles = counters.triangles;
   }
   stats.triangles_small = counters.triangles_small;

@@ -85,8 +85,8 @@ struct CudaQueueSizes {
 class CudaFrames {
  public:
   /// `host`: the scene's records in host memory (pages and texels are not read), needed only during the call. `device`:
-  /// the same scene; every pointer is on the current device, and outlives this. Errors kRange: 2^32 instances, or 2^28
-  /// groups of 16 instances of a chunk; kDevice: a CUDA call failed (which and for what), or no memory is left.
+  /// the same records; every pointer is on the current device, and outlives this. Errors kRange: 2^32 instances, or
+  /// 2^28 groups of 16 instances of a chunk; kDevice: a CUDA call failed (which and for what), or no memory is left.
   static Result<CudaFrames> create(const SceneView& host, const SceneView& device, const CudaQueueSizes& sizes = {});
   CudaFrames(CudaFrames&&) noexcept;
   CudaFrames& operator=(CudaFrames&&) noexcept;

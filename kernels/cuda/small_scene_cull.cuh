@@ -35,8 +35,8 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
   if (is_omitted(view, at.instance)) return;
   FrameCounters& counters = *in.cull.counters;
   const format::InstanceRecord& instance = scene.instances[at.instance];
-  const format::ChunkRecord& chunk = scene.chunks[at.chunk];
-  const format::MeshRecord& mesh = scene.meshes[chunk.mesh];
+  const ClusterChunk& chunk = in.cull.list.chunks[at.chunk];
+  const format::MeshRecord& mesh = scene.meshes[instance.mesh];
   constexpr bool kFloat32 = false;  // clusters lie on a lattice
   const Transform transform = make_transform(view, scene.matrices[instance.matrix], mesh.lattice_exponent, kFloat32);
   if (!may_be_drawn<kClips>(transform, view, mesh_box(mesh, transform), all_rows(view))) return;
@@ -46,13 +46,14 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
   }
   if (scene.pages[chunk.page] == nullptr) return;
   if (mesh.chunk_count != 1 &&
-      !may_be_drawn<kClips>(transform, view, rounded_chunk_box(mesh, chunk, transform), drawn_rows(view)))
+      !may_be_drawn<kClips>(transform, view, rounded_chunk_box(mesh, record_of_box(chunk), transform),
+                            drawn_rows(view)))
     return;
   if (lane == 0 && at.group == 0) {
     WarpTeam::add(&counters.queues.draws, 1);
     WarpTeam::add(&counters.queues.triangles, uint64_t{chunk.triangle_count});
   }
-  const ClusterDraw draw = make_cluster_draw(scene, view, in.cull.list, transform, at.chunk, at.instance, 0);
+  const ClusterDraw draw = make_cluster_draw(scene, view, in.cull.list, transform, mesh, chunk, at.chunk, at.instance);
   if (lane == 0) WarpTeam::add(&counters.groups_tested, 1);
   if (may_show<kOrthographic, false, kClips>(in.cull, draw.filter, load_bounds(draw.group_bounds() + at.group)) !=
       BoxCoverage::kCenters)

@@ -67,7 +67,9 @@ bool DeviceView::Impl::open_second(const kernels::SceneView& host) {
   if (scene.streaming() != nullptr || !has_room_for_second) return false;
   std::optional<kernels::CudaFrames>& second = picture == 0 ? second_frames : frames;
   if (second) return true;
-  Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.scene.view());
+  // A scene that was streamed has chunk records of its own, on the device too.
+  const kernels::SceneView& records = scene.stream != nullptr ? scene.stream->view() : host;
+  Result<kernels::CudaFrames> made = kernels::CudaFrames::create(records, scene.scene.view());
   has_room_for_second = static_cast<bool>(made);
   if (made) second = std::move(*made);
   return has_room_for_second;

@@ -2,10 +2,13 @@
 // visibility buffers must be equal bit for bit, with queues that hold everything and queues that have to grow.
 #include <algorithm>
 #include <cstdint>
+#include <map>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "kernels/cuda/draw_tables.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/cuda/crowd.h"
@@ -276,6 +279,34 @@ struct MixedScene {
 };
 
 }  // namespace
+
+TEST_CASE("every pair of an instance and a clustered chunk is a candidate once, beside indexed chunks", "[clusters]") {
+  SceneBuilder builder;
+  Encoding clustered;
+  clustered.chunk_triangles = 900;
+  clustered.clusters = Clusters::kClustered;
+  for (const uint32_t mesh : {builder.mesh(grid(60, 0.2), clustered), builder.mesh(grid(1, 0), clustered)})
+    for (int i = 0; i < 21; ++i) builder.instance(mesh, builder.identity());
+  builder.chunks[1].encoding = format::ChunkEncoding::kIndexed;
+  const kernels::SceneView scene = builder.view();
+  const auto tables = kernels::make_draw_tables(scene);
+  REQUIRE(tables);
+  const kernels::CandidateCounts counts = kernels::count_candidates(scene);
+  CHECK(tables->candidates.size() == counts.indexed);
+  CHECK(tables->cluster_candidates.size() == counts.clustered);
+  CHECK(counts.cluster_draws == 21 * (scene.chunk_count - 1));
+  std::map<std::pair<uint64_t, uint64_t>, int> seen;  // chunk, index of the instance
+  for (const kernels::CandidateDraw& candidate : tables->cluster_candidates) {
+    const format::MeshRecord& mesh = scene.meshes[scene.chunks[candidate.chunk].mesh];
+    for (uint64_t i = 0; i < kernels::kDrawInstances; ++i) {
+      const uint64_t ahead = candidate.chunk - mesh.first_chunk + i;
+      const uint64_t index = candidate.first + ahead / mesh.chunk_count;
+      if (index < 21) ++seen[{mesh.first_chunk + ahead % mesh.chunk_count, index}];
+    }
+  }
+  CHECK(seen.size() == 21 * scene.chunk_count);
+  for (const auto& [pair, times] : seen) CHECK(times == 1);
+}
 
 TEST_CASE("scenes of clustered and other chunks are equal on the GPU, frame after frame", "[cuda][clusters]") {
   const bool is_clustered = GENERATE(false, true);
