@@ -93,6 +93,24 @@ std::vector<uint8_t> without_alpha(const uint8_t* rgba, size_t count) {
   return rgb;
 }
 
+/// A deflater of raw data, without zlib's header, with a window of 32 KiB.
+class Deflater {
+ public:
+  explicit Deflater(int level)
+      : is_open_(deflateInit2(&stream, level, Z_DEFLATED, -15, 8, Z_DEFAULT_STRATEGY) == Z_OK) {}
+  Deflater(const Deflater&) = delete;
+  Deflater& operator=(const Deflater&) = delete;
+  ~Deflater() {
+    if (is_open_) deflateEnd(&stream);
+  }
+  bool is_open() const { return is_open_; }  // false: no memory
+
+  z_stream stream{};
+
+ private:
+  const bool is_open_;
+};
+
 /// Filters and deflates rows [first, first + count). Returns false if zlib has no memory.
 bool deflate_strip(const PixelView& picture, uint32_t channels, uint32_t first, uint32_t count, bool is_small,
                    Strip& out) {
@@ -112,9 +130,9 @@ bool deflate_strip(const PixelView& picture, uint32_t channels, uint32_t first, 
   }
   out.raw_bytes = raw.size();
   out.adler = static_cast<uint32_t>(adler32_z(1, raw.data(), raw.size()));
-  z_stream stream{};
-  constexpr int kRaw = -15;  // no zlib header; a window of 32 KiB
-  if (deflateInit2(&stream, is_small ? 3 : 1, Z_DEFLATED, kRaw, 8, Z_DEFAULT_STRATEGY) != Z_OK) return false;
+  Deflater deflater(is_small ? 3 : 1);
+  if (!deflater.is_open()) return false;
+  z_stream& stream = deflater.stream;
   const bool is_last = first + count == picture.height;
   out.data.resize(deflateBound(&stream, static_cast<uLong>(raw.size())) + 16);
   stream.next_in = raw.data();
@@ -124,7 +142,6 @@ bool deflate_strip(const PixelView& picture, uint32_t channels, uint32_t first, 
   const int status = deflate(&stream, is_last ? Z_FINISH : Z_FULL_FLUSH);
   const bool is_done = status == (is_last ? Z_STREAM_END : Z_OK) && stream.avail_in == 0 && stream.avail_out > 0;
   out.data.resize(stream.total_out);
-  deflateEnd(&stream);
   return is_done;
 }
 
