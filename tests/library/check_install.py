@@ -33,7 +33,7 @@ with tempfile.TemporaryDirectory() as temporary:
     lib = next(prefix.glob("**/scree.pc")).parent.parent
     environment = {**os.environ, "PKG_CONFIG_PATH": str(lib / "pkgconfig"), "LD_LIBRARY_PATH": str(lib)}
 
-    run("cmake", "-S", source / "tests/library/consumer", "-B", consumer, f"-DCMAKE_PREFIX_PATH={prefix}")
+    run("cmake", "-G", "Ninja", "-S", source / "tests/library/consumer", "-B", consumer, f"-DCMAKE_PREFIX_PATH={prefix}")
     run("cmake", "--build", consumer)
     names = ("consumer_c", "consumer_cpp", "consumer_static", "consumer_static_cpp")
     programs = [consumer / name for name in names if (consumer / name).exists()]
