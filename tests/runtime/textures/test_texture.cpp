@@ -84,8 +84,8 @@ TEST_CASE("a texture's filters are glTF's", "[texture]") {
   for (const uint16_t mag : std::array<uint16_t, 3>{0, 9728, 9729}) {
     for (const auto& [min, expected] : minified) {
       INFO(mag << " and " << min);
-      const kernels::TextureView view =
-          texture_view(chain, {0, 0, format::Wrap::kRepeat, format::Wrap::kRepeat, mag, min});
+      constexpr auto kRepeat = scree::format::Wrap::kRepeat;
+      const auto view = scree::runtime::texture_view(chain, {0, 0, kRepeat, kRepeat, mag, min});
       CHECK(view.magnified_nearest == (mag == 9728));
       CHECK((std::array{view.minified_nearest, view.one_level, view.finest_level} == expected));
     }
