@@ -173,9 +173,9 @@ Error out_of_memory() {
   return {ErrorCode::kMemory, "no memory left to encode a picture"};
 }
 
-/// Passes the bytes of the file to take(), piece by piece. Returns whether the picture was not abandoned.
+/// Passes the bytes of the file to take(), piece by piece; none if the picture was abandoned.
 template <class Take>
-Result<bool> make_png(const PixelView& picture, const PngOptions& options, const Take& take) try {
+Result<void> make_png(const PixelView& picture, const PngOptions& options, const Take& take) try {
   assert(picture.channels == 3 || picture.channels == 4);
   assert(picture.bytes.size() == uint64_t{picture.width} * picture.height * picture.channels);
   const uint32_t channels = options.has_alpha ? picture.channels : 3;
@@ -195,7 +195,7 @@ Result<bool> make_png(const PixelView& picture, const PngOptions& options, const
   } else {
     for (uint64_t i = 0; i < strips.size(); ++i) make_strip(i);
   }
-  if (is_left) return false;
+  if (is_left) return {};
   if (has_failed) return out_of_memory();
 
   Bytes head;
@@ -219,9 +219,7 @@ Result<bool> make_png(const PixelView& picture, const PngOptions& options, const
     taken = take(make_chunk("IDAT", {begin, strip.data, end}));
     strip.data = {};
   }
-  if (taken) taken = take(make_chunk("IEND", {}));
-  if (!taken) return taken.error();
-  return true;
+  return taken ? take(make_chunk("IEND", {})) : taken;
 } catch (const std::bad_alloc&) {
   return out_of_memory();
 }
@@ -230,7 +228,7 @@ Result<bool> make_png(const PixelView& picture, const PngOptions& options, const
 
 Result<Bytes> encode_png(const PixelView& picture, const PngOptions& options) {
   Bytes file;
-  const Result<bool> made = make_png(picture, options, [&](const Bytes& more) -> Result<void> {
+  const Result<void> made = make_png(picture, options, [&](const Bytes& more) -> Result<void> {
     file.insert(file.end(), more.begin(), more.end());
     return {};
   });
@@ -243,13 +241,13 @@ Result<void> write_png(const std::string& path, const PixelView& picture, const 
   Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
   if (!file) return file.error();
   uint64_t end = 0;
-  const Result<bool> made = make_png(picture, options, [&](const Bytes& more) {
+  const Result<void> made = make_png(picture, options, [&](const Bytes& more) {
     const Result<void> done = file->write_at(end, more);
     end += more.size();
     return done;
   });
   if (!made) return made.error().code == ErrorCode::kFile ? made.error() : at(path, made.error());
-  return *made ? file->commit() : Result<void>();
+  return end != 0 ? file->commit() : Result<void>();
 }
 
 }  // namespace scree::runtime

@@ -14,8 +14,9 @@ namespace scree::tools::view {
 using runtime::IsAbandoned;
 using runtime::PixelView;
 
-/// A baseline JPEG with a restart marker after each strip. The number of threads does not change its bytes. `quality`:
-/// 1 to 100. `is_sharp`: colour in full resolution (4:4:4) instead of a quarter (4:2:0). Errors kMemory.
+/// A baseline JPEG with a restart marker after each strip, without alpha. The number of threads decides the strips, but
+/// changes no coefficient. `quality`: 1 to 100. `is_sharp`: colour in full resolution (4:4:4) instead of a quarter
+/// (4:2:0). Errors kMemory.
 Result<std::vector<std::byte>> encode_jpeg(const PixelView& picture, int quality, bool is_sharp,
                                            runtime::Workers& workers, const IsAbandoned& is_abandoned = {});
 

@@ -21,14 +21,14 @@ struct TestPicture {
 };
 
 /// A smooth picture, which JPEG hardly changes, with a step between strips that would reveal a wrong position.
-TestPicture make_picture(uint32_t width, uint32_t height, uint32_t channels) {
+TestPicture make_picture(uint32_t width, uint32_t height) {
   TestPicture out;
   for (uint32_t y = 0; y < height; ++y)
     for (uint32_t x = 0; x < width; ++x)
-      for (uint32_t c = 0; c < channels; ++c)
+      for (uint32_t c = 0; c < 3; ++c)
         out.bytes.push_back(
             static_cast<uint8_t>(127 + 90 * std::sin(0.02 * x + 0.05 * y * (c + 1)) + (c == 0 ? x % 7 : 0)));
-  out.view = {width, height, channels, out.bytes};
+  out.view = {width, height, 3, out.bytes};
   return out;
 }
 
@@ -44,7 +44,7 @@ TEST_CASE("a JPEG in strips equals the JPEG of one strip", "[view][view-encode]"
   Workers one(1), three(3);
   for (const bool is_sharp : {false, true}) {
     for (const auto& [width, height] : {std::pair{1u, 1u}, {17u, 200u}, {331u, 257u}, {8192u, 40u}, {1280u, 720u}}) {
-      const TestPicture picture = make_picture(width, height, 3);
+      const TestPicture picture = make_picture(width, height);
       const Image left = decoded(must(encode_jpeg(picture.view, 90, is_sharp, one)));
       const Image right = decoded(must(encode_jpeg(picture.view, 90, is_sharp, three)));
       REQUIRE(left.height == height);
@@ -59,7 +59,7 @@ TEST_CASE("a JPEG in strips equals the JPEG of one strip", "[view][view-encode]"
 
 TEST_CASE("an encoder stops when its picture is no longer needed", "[view][view-encode]") {
   Workers workers(2);
-  const TestPicture picture = make_picture(640, 360, 3);
+  const TestPicture picture = make_picture(640, 360);
   const auto yes = [] { return true; };
   CHECK(encode_jpeg(picture.view, 80, false, workers, yes)->empty());
 }
