@@ -1,5 +1,5 @@
-// What a test expects of a Result: must() for its value, refusal() and check_refusal() for its error. If the
-// expectation fails, they print the error and the place of the call.
+// Expectations of a Result in tests: must() takes its value, refusal() and check_refusal() its error. A failed one
+// prints the error and the place of the call.
 #pragma once
 
 #include <optional>

@@ -1,4 +1,4 @@
-// What DeviceScene and DeviceView hold where the program is built with CUDA.
+// The data of DeviceScene and DeviceView in a program that is built with CUDA.
 #pragma once
 
 #include <cstddef>
