@@ -1,6 +1,7 @@
 // The size of geometry in each encoding.
 #include <algorithm>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "lab/sizes.h"
@@ -14,7 +15,7 @@ using namespace scree::lab;
 
 namespace {
 
-const SizeRow& row_of(const std::vector<SizeRow>& rows, const std::string& content, const std::string& encoding,
+const SizeRow& row_of(const std::vector<SizeRow>& rows, std::string_view content, std::string_view encoding,
                       int level) {
   const auto found = std::find_if(rows.begin(), rows.end(), [&](const SizeRow& row) {
     return row.content == content && row.encoding == encoding && row.zstd_level == level;
