@@ -15,24 +15,14 @@ __device__ inline uint64_t packed_count(const ClusterChunk& chunk) {
   return (uint64_t{1} << kWorkBits) + (chunk.cluster_count + format::kGroupClusters - 1) / format::kGroupClusters;
 }
 
-/// The part of a chunk's record that its boxes are made of.
-__device__ inline format::ChunkRecord record_of_box(const ClusterChunk& chunk) {
-  format::ChunkRecord record;
-  for (int i = 0; i < 3; ++i) {
-    record.position_min[i] = chunk.position_min[i];
-    record.position_bits[i] = chunk.position_bits[i];
-  }
-  return record;
-}
-
+/// The draw of a clustered chunk of an instance. `box`: the chunk's rounded_chunk_box().
 __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const FrameView& view,
                                                 const ClusterList& clusters, const Transform& transform,
                                                 const format::MeshRecord& mesh, const ClusterChunk& chunk,
-                                                uint32_t chunk_number, uint32_t instance) {
-  const format::ChunkRecord record = record_of_box(chunk);
-  const TransformError error = error_of(transform, rounded_chunk_box(mesh, record, transform));
+                                                const RoundedBox& box, uint32_t chunk_number, uint32_t instance) {
+  const TransformError error = error_of(transform, box);
   ClusterDraw draw{};
-  draw.filter = make_coverage_filter(view, transform, error, lattice_box(transform, mesh, record));
+  draw.filter = make_coverage_filter(view, transform, error, lattice_box(transform, mesh, chunk));
   bool narrow = true;
   for (int i = 0; i < 4; ++i) {
     draw.x[i] = transform.x[i];
@@ -96,13 +86,13 @@ __global__ void __launch_bounds__(kCullThreads)
     if (index < list.visible_count[mesh_number] && chunk.cluster_count != 0 && scene.pages[chunk.page] != nullptr) {
       const uint32_t instance = list.visible[list.mesh_first[mesh_number] + index];
       const Transform& transform = list.transforms[instance];
-      const RoundedBox box = rounded_chunk_box(mesh, record_of_box(chunk), transform);
+      const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
       // A mesh of one chunk has been tested with its instance.
       if (chunk_count == 1 || may_be_drawn<kClips>(transform, view, box, drawn_rows(view))) {
         bucket = sorts ? near_bucket(nearness(transform.w, view, box), view.orthographic, clusters.farthest) : 0;
         packed = packed_count(chunk);
         triangles = chunk.triangle_count;
-        draw = make_cluster_draw(scene, view, clusters, transform, mesh, chunk, chunk_number, instance);
+        draw = make_cluster_draw(scene, view, clusters, transform, mesh, chunk, box, chunk_number, instance);
       }
     }
   }

@@ -46,14 +46,16 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
   }
   if (scene.pages[chunk.page] == nullptr) return;
   if (mesh.chunk_count != 1 &&
-      !may_be_drawn<kClips>(transform, view, rounded_chunk_box(mesh, record_of_box(chunk), transform),
-                            drawn_rows(view)))
+      !may_be_drawn<kClips>(transform, view, rounded_chunk_box(mesh, chunk, transform), drawn_rows(view)))
     return;
   if (lane == 0 && at.group == 0) {
     WarpTeam::add(&counters.queues.draws, 1);
     WarpTeam::add(&counters.queues.triangles, uint64_t{chunk.triangle_count});
   }
-  const ClusterDraw draw = make_cluster_draw(scene, view, in.cull.list, transform, mesh, chunk, at.chunk, at.instance);
+  // Made again: if this box were kept, the kernel would take two registers more.
+  const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
+  const ClusterDraw draw =
+      make_cluster_draw(scene, view, in.cull.list, transform, mesh, chunk, box, at.chunk, at.instance);
   if (lane == 0) WarpTeam::add(&counters.groups_tested, 1);
   if (may_show<kOrthographic, false, kClips>(in.cull, draw.filter, load_bounds(draw.group_bounds() + at.group)) !=
       BoxCoverage::kCenters)

@@ -58,9 +58,10 @@ struct StoredBox {
   bool known;        // false: no error bound holds
 };
 
-/// The StoredBox of a chunk on a lattice. Codes are exact as floats.
-SCREE_HD inline StoredBox lattice_box(const Transform& transform, const format::MeshRecord& mesh,
-                                      const format::ChunkRecord& chunk) {
+/// The StoredBox of a chunk on a lattice. Codes are exact as floats. `chunk`: any record with its position_min and
+/// position_bits.
+template <typename Chunk>
+SCREE_HD StoredBox lattice_box(const Transform& transform, const format::MeshRecord& mesh, const Chunk& chunk) {
   constexpr auto kFarthest = static_cast<int64_t>(kReferenceLimit);
   StoredBox out;
   out.known = true;

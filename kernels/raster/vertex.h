@@ -367,9 +367,10 @@ SCREE_HD inline RelativeBox chunk_box(const format::MeshRecord& mesh, const form
   return box;
 }
 
-/// chunk_box() of a chunk on a lattice, in single precision.
-SCREE_HD inline RoundedBox rounded_chunk_box(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
-                                             const Transform& transform) {
+/// chunk_box() of a chunk on a lattice, in single precision. `chunk`: any record with its position_min and
+/// position_bits.
+template <typename Chunk>
+SCREE_HD RoundedBox rounded_chunk_box(const format::MeshRecord& mesh, const Chunk& chunk, const Transform& transform) {
   RoundedBox box;
   for (int i = 0; i < 3; ++i) {
     const int64_t low = wrapping_sub(wrapping_add(mesh.lattice_min[i], static_cast<int64_t>(chunk.position_min[i])),
