@@ -127,7 +127,8 @@ class Converter {
 
   Result<void> plan_memory() {
     Result<MemoryPlan> plan = MemoryPlan::make(
-        options_, scene_, wanted_, std::max(largest_image_bytes(scene_, options_.images), largest_mask_bytes(scene_)),
+        options_, scene_, wanted_,
+        std::max(largest_image_bytes(scene_, options_.images, report_.threads_asked), largest_mask_bytes(scene_)),
         report_.threads_asked);
     if (!plan) return plan.error();
     memory_ = *plan;
