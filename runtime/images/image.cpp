@@ -7,6 +7,7 @@
 #include <new>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "format/blocks/format.h"
 #include "format/container/part_file.h"
@@ -39,6 +40,22 @@ Result<ImageInfo> probe_blocks(ImageFile& file) {
   info.is_decoded = head->coding == BlockFile::Coding::kUastc || head->coding == BlockFile::Coding::kBasisLz;
   info.codebook_bytes = head->basis_lz.memory();
   return info;
+}
+
+/// Decodes level 0 of a block image in bands.
+Result<void> decode_block_rows(ImageFile& file, const std::function<bool(const Image&)>& take) {
+  constexpr uint32_t kRows = 64;  // a multiple of every block's side
+  Result<BlockFile> head = open_block_file(file);
+  if (!head) return head.error();
+  const Result<std::vector<std::byte>> blocks = read_block_level(file, *head, 0);
+  if (!blocks) return blocks.error();
+  const std::byte* from = blocks->data();
+  for (uint32_t y = 0; y < head->height; y += kRows) {
+    const uint32_t rows = std::min(kRows, head->height - y);
+    if (!take(decode_block_level(head->format, head->swizzle, head->width, rows, from))) break;
+    from += format::block_level_bytes(head->format, head->width, rows);
+  }
+  return {};
 }
 
 Result<Image> decode_blocks(ImageFile& file) {
@@ -144,6 +161,24 @@ Result<Image> decode_image(ImageFile file) {
   } catch (const std::bad_alloc&) {
     return out_of_memory(*info);
   }
+}
+
+Result<ImageInfo> decode_rows(ImageFile file, const std::function<bool(const Image& rows)>& take) {
+  const Result<ImageInfo> info = probe_within_limits(file);
+  if (!info) return info.error();
+  if (info->codec != format::ImageCodec::kBlocks) {
+    const Result<Image> image = decode_image(std::move(file));
+    if (!image) return image.error();
+    take(*image);
+    return info;
+  }
+  try {
+    const Result<void> done = decode_block_rows(file, take);
+    if (!done) return done.error();
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(*info);
+  }
+  return info;
 }
 
 Result<std::string> check_image(ImageFile file) {

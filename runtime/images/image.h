@@ -110,6 +110,10 @@ constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
 /// kMaxDecodedSide), kUnsupported, kMemory, and errors of reading the file. Reentrant.
 Result<Image> decode_image(ImageFile file);
 
+/// The same, but calls `take(rows)` with some rows after another, from the top, and stops early if it returns false.
+/// Returns the facts of the file. Block images are decoded in bands, other pictures are taken whole.
+Result<ImageInfo> decode_rows(ImageFile file, const std::function<bool(const Image& rows)>& take);
+
 /// Makes the checks of decode_image(). Returns its error or its warning, which is empty for a good file. Decodes the
 /// whole file without holding the picture, except that of a WebP; see image_check_bytes.
 Result<std::string> check_image(ImageFile file);

@@ -7,6 +7,7 @@
 #include <functional>
 #include <new>
 #include <set>
+#include <thread>
 
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
@@ -40,6 +41,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
   if (const Result<void> checked = check_options(options); !checked) return checked.error();
   ConvertReport report;
   report.output = options.output;
+  report.threads_asked = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
   if (report.output.empty())
     report.output = std::filesystem::path(options.input)
                         .replace_extension(options.shards > 0 ? std::to_string(options.shard + 1) + ".part" : "scree")
@@ -55,6 +57,7 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
   import_options.keep_going = options.images.keep_going;
   import_options.kept_view_bytes = kept_view_bytes(options.memory);
   import_options.memory = options.memory;
+  import_options.threads = report.threads_asked;
   Result<SourceScene> scene = import_gltf(options.input, import_options);
   if (!scene) return scene.error();
   report.warnings = scene->warnings;

@@ -68,12 +68,16 @@ class FileSource final : public ByteSource {
   }
 
   void will_need(uint64_t offset, uint64_t bytes) const override {
-    if (descriptor_ < 0) return;
+    if (offset >= size()) return;
+    bytes = std::min(bytes, size() - offset);
+    const int descriptor = descriptor_ >= 0 ? descriptor_ : open_read_only(path_);
+    if (descriptor < 0) return;
     // Per call, Linux reads ahead at most the bytes of one disk request, or of its own read-ahead.
     constexpr uint64_t kPiece = 512 << 10;
     for (uint64_t done = 0; done < bytes; done += kPiece)
-      ::posix_fadvise(descriptor_, static_cast<off_t>(offset + done),
-                      static_cast<off_t>(std::min(kPiece, bytes - done)), POSIX_FADV_WILLNEED);
+      ::posix_fadvise(descriptor, static_cast<off_t>(offset + done), static_cast<off_t>(std::min(kPiece, bytes - done)),
+                      POSIX_FADV_WILLNEED);
+    if (descriptor != descriptor_) ::close(descriptor);
   }
 
  private:

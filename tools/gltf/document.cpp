@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <span>
 #include <string_view>
+#include <utility>
 
+#include "runtime/threads/parallel.h"
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
 #include "tools/gltf/schema.h"
@@ -17,6 +20,10 @@ namespace {
 // Bytes of text per call of tinygltf: enough to hide the fixed cost of a call, and few enough that its DOM (about 12.6
 // bytes per byte of text) and model stay within a few MiB.
 constexpr uint64_t kBatchBytes = 256 << 10;
+
+// More threads would take more memory, and a document of several MiB is read in a tenth of a second then.
+constexpr uint32_t kMostThreads = 8;
+constexpr uint64_t kMemoryPerThread = uint64_t{128} << 20;  // of all memory; a batch takes up to 8 MiB
 
 void sort_unique(std::vector<int32_t>& numbers) {
   std::sort(numbers.begin(), numbers.end());
@@ -64,8 +71,9 @@ DocMeshopt read_meshopt(const nlohmann::json& source) {
 
 // Reads the compression of a batch's buffer views, which the schema has checked. tinygltf cannot be used, because it
 // keeps integers of extensions in 32 bits.
-void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& document) {
-  if (batch.find("_meshopt_compression") == std::string::npos) return;
+std::vector<DocMeshopt> read_meshopts(const std::string& batch, uint64_t first) {
+  std::vector<DocMeshopt> all;
+  if (batch.find("_meshopt_compression") == std::string::npos) return all;
   const auto json = nlohmann::json::parse(batch, nullptr, false);
   uint64_t view = first;
   for (const auto& element : json.at("bufferViews")) {
@@ -73,16 +81,17 @@ void take_meshopt(const std::string& batch, uint64_t first, GltfDocument& docume
     if (extensions != element.end() && extensions->is_object()) {
       for (const bool is_khr : {false, true}) {
         const char* const name = is_khr ? "KHR_meshopt_compression" : "EXT_meshopt_compression";
-        if (!has_member(*extensions, name) || document.views[view].meshopt != kAbsent) continue;
+        if (!has_member(*extensions, name)) continue;
         DocMeshopt meshopt = read_meshopt(extensions->at(name));
         meshopt.view = view;
         meshopt.is_khr = is_khr;
-        document.views[view].meshopt = static_cast<int32_t>(document.meshopt.size());
-        document.meshopt.push_back(std::move(meshopt));
+        all.push_back(std::move(meshopt));
+        break;
       }
     }
     ++view;
   }
+  return all;
 }
 
 /// Checks the memory of the process while it reads the document. Records take more than three times as much per byte of
@@ -115,28 +124,67 @@ class MemoryLimit {
   uint64_t next_ = kLargeDocument;
 };
 
-// Reads the elements of a top-level array through tinygltf, a batch at a time.
-Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array, MemoryLimit& limit) {
+/// A batch that is parsed, but not part of the document yet.
+struct ParsedBatch {
+  ParsedElements elements;
+  std::vector<DocMeshopt> meshopts;
+
+  void add_to(GltfDocument& document) {
+    elements.add_to(document);
+    for (DocMeshopt& meshopt : meshopts) {
+      document.views[meshopt.view].meshopt = static_cast<int32_t>(document.meshopt.size());
+      document.meshopt.push_back(std::move(meshopt));
+    }
+  }
+};
+
+Result<ParsedBatch> parse_batch(std::span<const char> text, const std::string& section,
+                                const JsonElements::Batch& batch) {
+  std::string json = "{\"" + section + "\":[";
+  json.append(text.data() + batch.elements.begin, batch.elements.end - batch.elements.begin);
+  json += "]}";
+  auto checked = check_schema(section, json, batch.first, batch.elements.begin);
+  if (!checked) return checked.error();
+  // tinygltf immediately looks up the accessor of every primitive's "indices", but the accessors are in other batches.
+  // So the member is hidden from it. The schema check reads the member and passes it on.
+  if (section == "meshes") hide_primitive_indices(json);
+  auto elements = ParsedElements::parse(json, std::move(checked->primitive_indices));
+  if (!elements) {
+    const std::string place = std::string(singular(section)) + " " + std::to_string(batch.first) +
+                              (batch.count > 1 ? " to " + std::to_string(batch.first + batch.count - 1) : "");
+    return at(place, elements.error());
+  }
+  ParsedBatch parsed{std::move(*elements), {}};
+  if (section == "bufferViews") parsed.meshopts = read_meshopts(json, batch.first);
+  return parsed;
+}
+
+/// Reads the elements of a top-level array through tinygltf, a batch per thread at a time.
+Result<void> read_section(GltfDocument& document, const std::string& section, JsonRange array, uint32_t threads,
+                          MemoryLimit& limit) {
   const std::span<const char> text = document.text;
   JsonElements elements(text, array);
-  while (true) {
-    auto batch = elements.next(kBatchBytes);
-    if (!batch) return batch.error();
-    if (batch->count == 0) return {};
-    std::string json = "{\"" + section + "\":[";
-    json.append(text.data() + batch->elements.begin, batch->elements.end - batch->elements.begin);
-    json += "]}";
-    auto checked = check_schema(section, json, batch->first, batch->elements.begin);
-    if (!checked) return checked.error();
-    // tinygltf immediately looks up the accessor of every primitive's "indices", but the accessors are in other
-    // batches. So the member is hidden from it. The schema check reads the member and passes it on.
-    if (section == "meshes") hide_primitive_indices(json);
-    const std::string place = std::string(singular(section)) + " " + std::to_string(batch->first) +
-                              (batch->count > 1 ? " to " + std::to_string(batch->first + batch->count - 1) : "");
-    if (auto added = add_elements(json, checked->primitive_indices, document); !added) return at(place, added.error());
-    if (section == "bufferViews") take_meshopt(json, batch->first, document);
-    if (auto fits = limit.read(batch->elements.end - batch->elements.begin); !fits) return fits;
+  for (bool is_more = true; is_more;) {
+    std::vector<JsonElements::Batch> batches;
+    Result<void> split;  // an error comes after the errors of the batches before it
+    while (is_more && batches.size() < threads) {
+      const auto batch = elements.next(kBatchBytes);
+      if (!batch) split = batch.error();
+      is_more = batch && batch->count > 0;
+      if (is_more) batches.push_back(*batch);
+    }
+    std::vector<std::optional<Result<ParsedBatch>>> parsed(batches.size());
+    runtime::parallel_for(batches.size(), threads,
+                          [&](uint64_t i) { parsed[i].emplace(parse_batch(text, section, batches[i])); });
+    for (size_t i = 0; i < batches.size(); ++i) {
+      if (!*parsed[i]) return parsed[i]->error();
+      (*parsed[i])->add_to(document);
+      parsed[i].reset();
+      if (auto fits = limit.read(batches[i].elements.end - batches[i].elements.begin); !fits) return fits;
+    }
+    if (!split) return split;
   }
+  return {};
 }
 
 // Buffers and images are hidden from tinygltf, which would read their files. They are read one at a time, because a
@@ -255,7 +303,7 @@ Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estim
                                  std::to_string(needed_bytes >> 20) + " MiB"};
 }
 
-Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
+Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint32_t threads) {
   GltfDocument document;
   document.text = std::move(json);
   const std::span<char> text = document.text;
@@ -273,6 +321,7 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
       "materials",      "textures",           "samplers",    "cameras",   "skins",  "animations", "buffers",
       "images"};
   MemoryLimit limit(memory, text.size());
+  threads = static_cast<uint32_t>(std::clamp<uint64_t>(memory / kMemoryPerThread, 1, std::min(threads, kMostThreads)));
   for (const JsonMember& member : *members) {
     const std::string_view value(text.data() + member.value.begin, member.value.end - member.value.begin);
     if (member.key == "asset") continue;
@@ -288,7 +337,7 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory) {
     } else if (member.key == "buffers" || member.key == "images") {
       read = read_uris(document, member.key, member.value);
     } else {
-      read = read_section(document, member.key, member.value, limit);
+      read = read_section(document, member.key, member.value, threads, limit);
     }
     if (!read) return read.error();
   }

@@ -137,6 +137,11 @@ class TriangleStream final : public MeshoptStream {
 
   uint64_t granularity() const override { return 3; }
 
+  void will_need(uint64_t first, uint64_t end) const override {
+    source().will_need(stated().offset + 1 + first / 3, (end - first) / 3);
+    hint_part(1 + stated().count / 3, first, end);
+  }
+
   Result<void> unpack(MeshoptPlace& at, uint64_t first, std::span<std::byte> out) const override {
     const uint64_t bytes = 3 * stated().stride, count = out.size() / bytes;
     const uint64_t codes_at = stated().offset + 1 + first / 3;

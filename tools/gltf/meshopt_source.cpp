@@ -99,6 +99,11 @@ class WindowedView final : public MeshoptView {
             windows_ * (capacity_ + KeptWindows::kEntryBytes)};
   }
 
+  void will_need(uint64_t offset, uint64_t bytes) const override {
+    const uint64_t count = size_ / stride_, first = std::min(offset / stride_, count);
+    stream_->will_need(first, first + std::min(bytes / stride_ + 1, count - first));
+  }
+
   void unpack_ahead(uint64_t offset, uint64_t bytes) const override {
     const uint64_t end = std::min((offset + bytes + window_bytes_ - 1) / window_bytes_, windows_);
     while (reached_.load(std::memory_order_acquire) < end)

@@ -101,6 +101,19 @@ Result<MeshoptPlace> MeshoptStream::begin() const {
   return start(version);
 }
 
+void MeshoptStream::will_need(uint64_t first, uint64_t end) const {
+  hint_part(0, first, end);
+}
+
+void MeshoptStream::hint_part(uint64_t begin, uint64_t first, uint64_t end) const {
+  if (first >= end || begin >= stated_.bytes) return;
+  // Floating point, because the product of two numbers from a file may exceed 64 bits.
+  const double bytes = static_cast<double>(stated_.bytes - begin) / static_cast<double>(stated_.count);
+  const uint64_t from = begin + static_cast<uint64_t>(bytes * static_cast<double>(first));
+  const uint64_t to = begin + static_cast<uint64_t>(bytes * static_cast<double>(end)) + 1;
+  source_->will_need(stated_.offset + from, to - from);
+}
+
 void MeshoptStream::undo_filter(std::span<std::byte> elements) const {
   const size_t count = elements.size() / stated_.stride;
   switch (stated_.filter) {

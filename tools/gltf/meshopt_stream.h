@@ -53,6 +53,10 @@ class MeshoptStream {
   /// divided.
   virtual Result<void> unpack(MeshoptPlace& at, uint64_t first, std::span<std::byte> out) const = 0;
 
+  /// A hint that elements [first, end) will be unpacked soon; `end` is at most the stream's count. The bytes of
+  /// elements are assumed to lie evenly in the stream.
+  virtual void will_need(uint64_t first, uint64_t end) const;
+
   /// Undoes the filter of any elements.
   void undo_filter(std::span<std::byte> elements) const;
 
@@ -69,6 +73,8 @@ class MeshoptStream {
   const DocMeshopt& stated() const { return stated_; }
   const ByteSource& source() const { return *source_; }
   uint64_t end() const { return stated_.offset + stated_.bytes; }  // in source()
+  /// The same hint for a part of the stream, from byte `begin` on, in which the bytes of all elements lie evenly.
+  void hint_part(uint64_t begin, uint64_t first, uint64_t end) const;
   Error ends_early() const;
   Error has_more() const;
 

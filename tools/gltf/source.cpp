@@ -560,7 +560,7 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   SourceScene scene;
   scene.file_name = path.substr(path.rfind('/') == std::string::npos ? 0 : path.rfind('/') + 1);
   scene.json_bytes = layout->json_bytes;
-  auto document = read_document(std::move(text).value(), options.memory);
+  auto document = read_document(std::move(text).value(), options.memory, options.threads);
   if (!document) return document.error();
   std::vector<std::shared_ptr<const ByteSource>> chunks;
   for (const GlbChunk& chunk : layout->chunks)

@@ -268,6 +268,7 @@ struct ImportOptions {
   bool allow_outside = false;    // reads files that URIs name by "../" or symbolic links outside the scene's folder
   bool keep_going = false;       // a texture whose image file cannot be opened is left out, with a warning
   uint64_t memory = UINT64_MAX;  // the most bytes that the process may take while it reads the document
+  uint32_t threads = 1;
 };
 
 /// Opens a .gltf or .glb. Errors kFile, kFormat, kTruncated, kRange, kUnsupported (an unsupported required extension),

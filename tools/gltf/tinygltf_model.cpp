@@ -4,6 +4,8 @@
 #include <exception>
 #include <new>
 #include <nlohmann/json.hpp>
+#include <span>
+#include <utility>
 
 #include "tools/gltf/schema.h"
 
@@ -332,17 +334,26 @@ std::string one_line(std::string text) {
   return text.substr(0, 300);
 }
 
-Result<void> add_elements(const std::string& batch, std::span<const int32_t> primitive_indices,
-                          GltfDocument& document) {
-  const Result<tinygltf::Model> model = parse(batch);
+struct ParsedElements::Impl {
+  tinygltf::Model model;
+  std::vector<int32_t> primitive_indices;
+};
+
+Result<ParsedElements> ParsedElements::parse(const std::string& batch, std::vector<int32_t> primitive_indices) {
+  Result<tinygltf::Model> model = convert::parse(batch);
   if (!model) return model.error();
   size_t primitives = 0;
   for (const auto& mesh : model->meshes) primitives += mesh.primitives.size();
   if (primitives != primitive_indices.size())
     return Error{ErrorCode::kFormat, "the parser read " + std::to_string(primitives) + " primitives of " +
                                          std::to_string(primitive_indices.size())};
-  take_model(*model, primitive_indices, document);
-  return {};
+  ParsedElements elements;
+  elements.impl_ = std::make_shared<const Impl>(Impl{std::move(*model), std::move(primitive_indices)});
+  return elements;
+}
+
+void ParsedElements::add_to(GltfDocument& document) const {
+  take_model(impl_->model, impl_->primitive_indices, document);
 }
 
 Result<void> read_asset(GltfDocument& document, JsonRange range) {

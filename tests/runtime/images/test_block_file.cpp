@@ -62,6 +62,24 @@ TEST_CASE("levels of KTX2 and DDS files are the blocks that were written", "[blo
   }
 }
 
+TEST_CASE("a block image decodes in bands to the same picture", "[block_file]") {
+  for (const uint32_t height : {1u, 63u, 64u, 65u, 150u}) {
+    const FileBytes file = make_ktx2({.width = 37, .height = height, .seed = height});
+    const auto whole = must(decode_image(file));
+    std::vector<uint8_t> rgba;
+    const auto info = must(decode_rows(file, [&](const Image& rows) {
+      CHECK(rows.width == 37);
+      rgba.insert(rgba.end(), rows.rgba.begin(), rows.rgba.end());
+      return true;
+    }));
+    CHECK(info.height == height);
+    CHECK(rgba == whole.rgba);
+    uint32_t bands = 0;
+    REQUIRE(decode_rows(file, [&](const Image&) { return ++bands < 2; }));
+    CHECK(bands == std::min(2u, (height + 63) / 64));
+  }
+}
+
 TEST_CASE("KTXswizzle is applied after the order of the format's channels", "[block_file]") {
   using enum format::ChannelSource;
   const auto swizzle_of = [](BlockRecipe recipe) { return must(opened(make_ktx2(recipe))).swizzle; };

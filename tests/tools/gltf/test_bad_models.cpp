@@ -377,22 +377,41 @@ TEST_CASE("long documents keep their indices over batches", "[import]") {
   text = tests::replaced(text, R"({"nodes":[0]})", R"({"nodes":[)" + roots + "]}");
   const tests::TempFolder folder;
   const std::string path = folder.write("long.gltf", text);
-  const auto scene = must(import_gltf(path, {}));
-  REQUIRE(scene.primitives.size() == kCount);
-  REQUIRE(scene.nodes.size() == kCount);
-  bool right = true;
-  for (uint32_t i = 0; i < kCount; ++i) {
-    const Primitive& primitive = scene.primitives[i];
-    right = right && primitive.indices.has_value() == (i % 3 != 0) && primitive.mesh == i &&
-            scene.groups[i].name == "m" + std::to_string(i) && scene.nodes[i].group == i &&
-            scene.nodes[i].name == "indices";
+  const auto with_threads = [](uint32_t threads) {
+    ImportOptions options;
+    options.threads = threads;
+    return options;
+  };
+  for (const uint32_t threads : {1u, 3u, 8u}) {
+    const auto scene = must(import_gltf(path, with_threads(threads)));
+    REQUIRE(scene.primitives.size() == kCount);
+    REQUIRE(scene.nodes.size() == kCount);
+    bool right = true;
+    for (uint32_t i = 0; i < kCount; ++i) {
+      const Primitive& primitive = scene.primitives[i];
+      right = right && primitive.indices.has_value() == (i % 3 != 0) && primitive.mesh == i &&
+              scene.groups[i].name == "m" + std::to_string(i) && scene.nodes[i].group == i &&
+              scene.nodes[i].name == "indices";
+    }
+    CHECK(right);
   }
-  CHECK(right);
 
-  const std::string last = std::to_string(kCount - 1);
-  const Error error = import_error(
-      folder.write("long.gltf", tests::replaced(text, R"({"mesh":)" + last, R"({"mesh":)" + last + R"(,"skin":-2)")));
-  CHECK(error.message.find("node " + last + ": skin is -2") != std::string::npos);
+  // The first error of the document is reported, whichever thread finds one first.
+  const std::string last = std::to_string(kCount - 1), middle = std::to_string(kCount / 2);
+  const auto broken = [&](const std::string& before, const std::string& node, const char* member) {
+    return tests::replaced(before, R"({"mesh":)" + node + ",", R"({"mesh":)" + node + member);
+  };
+  const std::string late = broken(text, last, R"(,"skin":-2,)");
+  const auto message = [&](const std::string& changed, uint32_t threads) {
+    const auto scene = import_gltf(folder.write("long.gltf", changed), with_threads(threads));
+    return scene ? std::string() : scene.error().message;
+  };
+  CHECK(message(late, 8).find("node " + last + ": skin is -2") != std::string::npos);
+  for (const char* member : {R"(,"skin":-3,)", ",,"}) {
+    const std::string both = broken(late, middle, member);
+    CHECK(message(both, 1).find("node " + last) == std::string::npos);
+    CHECK(message(both, 8) == message(both, 1));
+  }
 }
 
 TEST_CASE("long chains of nodes and many scenes take time in proportion", "[import][bad]") {

@@ -6,8 +6,10 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <initializer_list>
 #include <memory>
 #include <random>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -265,6 +267,35 @@ TEST_CASE("views that are unpacked ahead have the same bytes and errors", "[mesh
     const Result<void> after = again->read(0, whole);
     REQUIRE_FALSE(after);
     CHECK(after.error().message == read.error().message);
+  }
+}
+
+TEST_CASE("hints for a compressed view lie in its stream and cover it", "[meshopt]") {
+  /// Notes the bytes that hints name.
+  class Hinted final : public ByteSource {
+   public:
+    explicit Hinted(uint64_t bytes) : named(bytes) {}
+    uint64_t size() const override { return named.size(); }
+    Result<void> read(uint64_t, std::span<std::byte>) const override { return {}; }
+    void will_need(uint64_t offset, uint64_t bytes) const override {
+      REQUIRE(offset <= named.size());
+      std::fill_n(named.begin() + static_cast<ptrdiff_t>(offset), std::min(bytes, named.size() - offset), true);
+    }
+    mutable std::vector<bool> named;
+  };
+  for (const Packed& packed : one_of_each()) {
+    const uint64_t size = packed.raw.size();
+    const auto hinted = [&](std::initializer_list<std::pair<uint64_t, uint64_t>> ranges) {
+      const auto stream = std::make_shared<Hinted>(packed.stream.size());
+      const auto view = MeshoptCache(0, 3000).view(packed.stated, stream);
+      for (const auto& [offset, bytes] : ranges) view->will_need(offset, bytes);
+      return std::count(stream->named.begin(), stream->named.end(), true);
+    };
+    // The first byte of some streams is only their header.
+    CHECK(hinted({{0, size}}) >= static_cast<ptrdiff_t>(packed.stream.size()) - 1);
+    CHECK(hinted({{0, size / 2}, {size / 2, size}}) >= static_cast<ptrdiff_t>(packed.stream.size()) - 1);
+    CHECK(hinted({{size / 4, size / 4}}) < static_cast<ptrdiff_t>(packed.stream.size()) / 2);
+    CHECK(hinted({{size, 1}, {size + 100, ~uint64_t{0}}}) <= 1);
   }
 }
 

@@ -25,10 +25,10 @@ enum class Textures {
 
 struct ImageOptions {
   Textures textures = Textures::kKeep;
-  int quality = 90;                       // for kJpeg, 1 to 100 on libjpeg's scale, 4:4:4
-  bool keep_going = false;                // an image that is damaged or of an unsupported kind becomes grey
-  int block_zstd_level = 3;               // 1 to 22, for pages of blocks; 0: not compressed
-  uint64_t memory = uint64_t{256} << 20;  // limit for images in flight while they are checked or indexed, bytes
+  int quality = 90;                     // for kJpeg, 1 to 100 on libjpeg's scale, 4:4:4
+  bool keep_going = false;              // an image that is damaged or of an unsupported kind becomes grey
+  int block_zstd_level = 3;             // 1 to 22, for pages of blocks; 0: not compressed
+  uint64_t memory = uint64_t{1} << 30;  // limit for images in flight while they are checked or stored, bytes
 };
 
 struct ImagePlan {
@@ -52,8 +52,9 @@ struct StoredImageRecord {
   std::string warning;
 };
 
-/// Largest memory for checking or storing one image of the scene, bytes.
-uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options);
+/// Largest memory for checking or storing one image of the scene, bytes. Reads the images' heads on up to `threads`
+/// threads. Throws std::bad_alloc.
+uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options, uint32_t threads);
 
 /// "city.gltf: image 3 (bark)".
 std::string image_place(const SourceScene& scene, uint32_t image);

@@ -29,16 +29,18 @@ runtime::ImageFile file_of(const SourceImage& image) {
           }};
 }
 
+/// Whether the image becomes opaque in place of this error.
+bool is_tolerated(const Error& error, bool keep_going) {
+  return keep_going && error.code != ErrorCode::kFile && error.code != ErrorCode::kMemory;
+}
+
 Result<Alpha> decode_alpha(const SourceScene& scene, uint32_t number, bool keep_going) {
   const SourceImage& image = scene.images[number];
   Alpha alpha;
   if (image.codec == format::ImageCodec::kJpeg) return alpha;
   const Result<runtime::Image> decoded = runtime::decode_image(file_of(image));
-  if (!decoded) {
-    const ErrorCode code = decoded.error().code;
-    if (keep_going && code != ErrorCode::kFile && code != ErrorCode::kMemory) return alpha;
-    return at(image_place(scene, number), decoded.error());
-  }
+  if (!decoded && is_tolerated(decoded.error(), keep_going)) return alpha;
+  if (!decoded) return at(image_place(scene, number), decoded.error());
   alpha.width = decoded->width;
   alpha.height = decoded->height;
   alpha.codes.resize(decoded->rgba.size() / 4);
@@ -57,6 +59,36 @@ MaskKind kind_of(uint32_t least, uint32_t most, const PlannedMask& mask) {
   const uint32_t threshold = mask.threshold;
   if (uint64_t{least} * 65536 >= threshold) return MaskKind::kOpaque;
   return uint64_t{most} * 65536 < threshold ? MaskKind::kClear : MaskKind::kMixed;
+}
+
+/// The smallest and the largest alpha of an image's texels; by default those of one opaque texel.
+struct AlphaRange {
+  uint32_t width = 1;
+  uint32_t height = 1;
+  uint32_t least = 255;
+  uint32_t most = 255;
+};
+
+/// The range of the first rows of an image, until `suffices(range)` returns true.
+template <class Suffices>
+Result<AlphaRange> find_alpha_range(const SourceScene& scene, uint32_t number, bool keep_going,
+                                    const Suffices& suffices) {
+  const SourceImage& image = scene.images[number];
+  if (image.codec == format::ImageCodec::kJpeg) return AlphaRange{};
+  AlphaRange range;
+  range.most = 0;
+  const Result<runtime::ImageInfo> info = runtime::decode_rows(file_of(image), [&](const runtime::Image& rows) {
+    for (size_t i = 3; i < rows.rgba.size(); i += 4) {
+      range.least = std::min<uint32_t>(range.least, rows.rgba[i]);
+      range.most = std::max<uint32_t>(range.most, rows.rgba[i]);
+    }
+    return !suffices(range);
+  });
+  if (!info && is_tolerated(info.error(), keep_going)) return AlphaRange{};
+  if (!info) return at(image_place(scene, number), info.error());
+  range.width = info->width;
+  range.height = info->height;
+  return range;
 }
 
 bool has_alpha(const Primitive& primitive) {
@@ -189,31 +221,30 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
     if (record.texture != kNone && has_places[i] && mask.plain == MaskKind::kOpaque && mask.threshold > 0)
       materials_of[scene.textures[record.texture].record.image].push_back(i);
   }
-  struct Seen {
-    uint32_t width, height;
-    uint32_t least, most;
-  };
   std::vector<uint32_t> images;
   for (const auto& entry : materials_of) images.push_back(entry.first);
-  const auto work = [&](uint64_t i, uint32_t) -> Result<Seen> {
-    const Result<Alpha> alpha = decode_alpha(scene, images[i], options.keep_going);
-    if (!alpha) return alpha.error();
-    const auto [least, most] = std::minmax_element(alpha->codes.begin(), alpha->codes.end());
-    return Seen{alpha->width, alpha->height, *least, *most};
+  const std::vector<PlannedMask> masks = plan.materials;  // take() changes the plan
+  const auto work = [&](uint64_t i, uint32_t) -> Result<AlphaRange> {
+    // Once a mask hides some texels but not all, the other texels change nothing.
+    return find_alpha_range(scene, images[i], options.keep_going, [&](const AlphaRange& range) {
+      return std::ranges::all_of(materials_of.at(images[i]), [&](size_t material) {
+        return kind_of(range.least, range.most, masks[material]) == MaskKind::kMixed;
+      });
+    });
   };
   const auto cost = [&](uint64_t i) { return mask_cost(scene.images[images[i]]); };
-  const auto take = [&](uint64_t i, Seen seen) -> Result<void> {
+  const auto take = [&](uint64_t i, const AlphaRange& range) -> Result<void> {
     for (const size_t material : materials_of[images[i]]) {
       PlannedMask& mask = plan.materials[material];
-      mask.textured = kind_of(seen.least, seen.most, mask);
-      mask.width = seen.width;
-      mask.height = seen.height;
+      mask.textured = kind_of(range.least, range.most, mask);
+      mask.width = range.width;
+      mask.height = range.height;
     }
     progress(i + 1);
     return {};
   };
   const Result<void> run =
-      run_ordered<Seen>(pool, images.size(), {2 * uint64_t{pool.threads()}, options.memory}, work, cost, take);
+      run_ordered<AlphaRange>(pool, images.size(), {2 * uint64_t{pool.threads()}, options.memory}, work, cost, take);
   if (!run) return run.error();
   for (size_t i = 0; i < plan.materials.size(); ++i) {
     PlannedMask& mask = plan.materials[i];

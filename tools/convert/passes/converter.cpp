@@ -7,7 +7,6 @@
 #include <map>
 #include <optional>
 #include <set>
-#include <thread>
 #include <utility>
 
 #include "format/container/container.h"
@@ -109,8 +108,6 @@ class Converter {
   /// Finds the alpha masks that hide some texels but not all. A primitive that its mask hides everywhere is no longer
   /// wanted.
   Result<void> find_masks() {
-    report_.threads_asked =
-        options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
     WorkerPool pool(report_.threads_asked, options_.stop);
     ImageOptions image_options = options_.images;
     image_options.memory = std::min(image_options.memory, options_.memory / 2);
@@ -127,7 +124,8 @@ class Converter {
 
   Result<void> plan_memory() {
     Result<MemoryPlan> plan = MemoryPlan::make(
-        options_, scene_, wanted_, std::max(largest_image_bytes(scene_, options_.images), largest_mask_bytes(scene_)),
+        options_, scene_, wanted_,
+        std::max(largest_image_bytes(scene_, options_.images, report_.threads_asked), largest_mask_bytes(scene_)),
         report_.threads_asked);
     if (!plan) return plan.error();
     memory_ = *plan;

@@ -231,10 +231,11 @@ class Measurer {
     const bool is_any_hashed = std::find(options_.hashed.begin(), options_.hashed.end(), true) != options_.hashed.end();
     std::optional<ReadAhead> ahead;
     if (run_.ahead_bytes > 0)
-      ahead.emplace(scene_, windows, AheadBytes{run_.ahead_bytes, unpacked_bytes()},
+      ahead.emplace(scene_, windows, AheadBytes{run_.ahead_bytes, unpacked_bytes()}, run_.pool.threads(),
                     listener_ != nullptr || is_any_hashed, options_.normals != Normals::kNever);
     HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
+      if (ahead) ahead->begun(batches[batch].first);
       const TimedWork timed(run_.times.measuring);
       std::vector<WindowFacts> facts;
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
@@ -257,7 +258,6 @@ class Measurer {
         held_.push_back(std::move(facts[i].held));
         if (const Result<void> given = give(windows, batches[batch].first + i + 1); !given) return given;
       }
-      if (ahead) ahead->reached(batches[batch].first + batches[batch].count);
       done_ += batches[batch].triangles;
       run_.times.measured_triangles += batches[batch].triangles;
       run_.progress(done_);
@@ -269,10 +269,8 @@ class Measurer {
                                                  take, run_.listener);
   }
 
-  /// Bytes of each kind, indices and positions, that are unpacked ahead.
-  uint64_t unpacked_bytes() const {
-    return unpacking_threads(run_.pool.threads()) == 0 ? 0 : scene_.view_memory.kept_bytes / 4;
-  }
+  /// The kept memory has to hold these windows, as many that were read lately, and the ones that are being read.
+  uint64_t unpacked_bytes() const { return scene_.view_memory.kept_bytes / 3; }
 
   const format::SurfaceRecord* surface_of_tangents(uint32_t primitive) const {
     const Primitive& source = scene_.primitives[primitive];

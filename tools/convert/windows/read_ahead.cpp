@@ -13,14 +13,10 @@ namespace {
 
 using Hint = void (ByteSource::*)(uint64_t offset, uint64_t bytes) const;
 
-/// Prepares elements [first, end) and returns their bytes.
-uint64_t prepare_elements(const Accessor& accessor, uint64_t first, uint64_t end, Hint hint) {
-  end = std::min(end, accessor.count);
-  if (accessor.source == nullptr || first >= end) return 0;
-  const uint64_t bytes = (end - first - 1) * accessor.stride + accessor.element_bytes();
-  (accessor.source.get()->*hint)(accessor.offset + first * accessor.stride, bytes);
-  return bytes;
-}
+struct Elements {
+  uint64_t first = 0;
+  uint64_t end = 0;
+};
 
 /// part / whole of `count`, which is below 2^32. Computed in floating point, because the product of two counts from a
 /// file may exceed 64 bits.
@@ -28,41 +24,53 @@ uint64_t share(uint64_t count, uint64_t part, uint64_t whole) {
   return static_cast<uint64_t>(static_cast<double>(count) * static_cast<double>(part) / static_cast<double>(whole));
 }
 
-uint64_t prepare_indices(const Primitive& primitive, const WindowPlan& window, Hint hint) {
-  if (!primitive.indices) return 0;
+Elements indices_of(const Primitive& primitive, const WindowPlan& window) {
   const uint64_t corners = primitive.mode == PrimitiveMode::kTriangles ? 3 : 1;
-  return prepare_elements(*primitive.indices, corners * window.first, corners * (window.first + window.count) + 2,
-                          hint);
+  return {corners * window.first, corners * (window.first + window.count) + 2};
 }
 
-/// Calls `visit(accessor)` for the accessors whose vertices are prepared, and adds up the bytes.
-template <class Visit>
-uint64_t prepare_vertices(const Primitive& primitive, const WindowPlan& window, Hint hint, const Visit& visit) {
+/// None if most vertices belong to other primitives, because it is not known which belong to this one.
+Elements vertices_of(const Primitive& primitive, const WindowPlan& window) {
   const uint64_t vertices = primitive.vertex_count(), triangles = primitive.triangle_count();
-  if (vertices > kMostVertices * triangles)
-    return 0;  // most vertices belong to other primitives, and it is not known which belong to this one
-  const uint64_t first = share(vertices, window.first, triangles);
-  const uint64_t end = share(vertices, window.first + window.count, triangles) + 1;
-  uint64_t bytes = 0;
-  visit([&](const Accessor& accessor) { bytes += prepare_elements(accessor, first, end, hint); });
-  return bytes;
+  if (vertices > kMostVertices * triangles) return {};
+  return {share(vertices, window.first, triangles), share(vertices, window.first + window.count, triangles) + 1};
+}
+
+uint64_t bytes_of(const Accessor& accessor, Elements elements) {
+  const uint64_t end = std::min(elements.end, accessor.count);
+  if (accessor.source == nullptr || elements.first >= end) return 0;
+  return (end - elements.first - 1) * accessor.stride + accessor.element_bytes();
+}
+
+void give_hint(const Accessor& accessor, Elements elements, Hint hint) {
+  const uint64_t bytes = bytes_of(accessor, elements);
+  if (bytes > 0) (accessor.source.get()->*hint)(accessor.offset + elements.first * accessor.stride, bytes);
 }
 
 }  // namespace
 
 ReadAhead::ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& windows, const AheadBytes& bytes,
-                     bool attributes, bool normals)
+                     uint32_t threads, bool attributes, bool normals)
     : scene_(scene), windows_(windows), attributes_(attributes), normals_(normals) {
-  start(bytes.files, [this](const WindowPlan& window) { return ask(window); });
-  if (bytes.unpacked == 0) return;
-  start(bytes.unpacked, [this](const WindowPlan& window) {
-    return prepare_indices(scene_.primitives[window.primitive], window, &ByteSource::unpack_ahead);
+  start(bytes.files, [this](const WindowPlan& window) {
+    visit(window,
+          [](const Accessor& accessor, Elements elements) { give_hint(accessor, elements, &ByteSource::will_need); });
   });
-  start(bytes.unpacked, [this](const WindowPlan& window) {
-    const Primitive& primitive = scene_.primitives[window.primitive];
-    return prepare_vertices(primitive, window, &ByteSource::unpack_ahead,
-                            [&](const auto& prepare) { prepare(primitive.positions); });
-  });
+  // Threads of one kind share the primitives, because a view is unpacked by one thread at a time.
+  const uint32_t shares = unpacking_threads(threads) / 2;
+  for (uint32_t share = 0; share < shares; ++share) {
+    const auto start_unpacking = [&](const auto& unpack) {
+      start(bytes.unpacked, [this, unpack, share, shares](const WindowPlan& window) {
+        if (window.primitive % shares == share) unpack(scene_.primitives[window.primitive], window);
+      });
+    };
+    start_unpacking([](const Primitive& primitive, const WindowPlan& window) {
+      if (primitive.indices) give_hint(*primitive.indices, indices_of(primitive, window), &ByteSource::unpack_ahead);
+    });
+    start_unpacking([](const Primitive& primitive, const WindowPlan& window) {
+      give_hint(primitive.positions, vertices_of(primitive, window), &ByteSource::unpack_ahead);
+    });
+  }
 }
 
 ReadAhead::~ReadAhead() {
@@ -74,10 +82,10 @@ ReadAhead::~ReadAhead() {
   for (std::thread& thread : threads_) thread.join();
 }
 
-void ReadAhead::reached(uint64_t window) {
+void ReadAhead::begun(uint64_t window) {
   {
     const std::lock_guard<std::mutex> hold(lock_);
-    reached_ = window;
+    begun_ = std::max(begun_, window);
   }
   changed_.notify_all();
 }
@@ -99,35 +107,43 @@ void ReadAhead::run(uint64_t most_bytes, const Prepare& prepare) {
   uint64_t first = 0, bytes = 0;
   std::unique_lock<std::mutex> hold(lock_);
   while (!closing_ && first + prepared.size() < windows_.size()) {
-    for (; first < reached_; ++first) {
+    for (; first < begun_; ++first) {
       if (prepared.empty()) continue;
       bytes -= prepared.front();
       prepared.pop_front();
     }
     const uint64_t next = first + prepared.size();
     if (bytes >= most_bytes || next >= windows_.size()) {
-      if (next < windows_.size()) changed_.wait(hold, [&] { return closing_ || reached_ > first; });
+      if (next < windows_.size()) changed_.wait(hold, [&] { return closing_ || begun_ > first; });
       continue;
     }
     hold.unlock();
-    prepared.push_back(prepare(windows_[next]));
+    prepare(windows_[next]);
+    prepared.push_back(bytes_of(windows_[next]));
     bytes += prepared.back();
     hold.lock();
   }
 }
 
-uint64_t ReadAhead::ask(const WindowPlan& window) const {
+/// Calls visit(accessor, elements) for the data of a window.
+template <class Visit>
+void ReadAhead::visit(const WindowPlan& window, const Visit& visit) const {
   const Primitive& primitive = scene_.primitives[window.primitive];
-  constexpr Hint kHint = &ByteSource::will_need;
-  return prepare_indices(primitive, window, kHint) +
-         prepare_vertices(primitive, window, kHint, [&](const auto& prepare) {
-           prepare(primitive.positions);
-           if (attributes_) {
-             visit_attributes(primitive, normals_, prepare);
-           } else if (primitive.color) {
-             prepare(*primitive.color);
-           }
-         });
+  if (primitive.indices) visit(*primitive.indices, indices_of(primitive, window));
+  const Elements vertices = vertices_of(primitive, window);
+  const auto visit_vertices = [&](const Accessor& accessor) { visit(accessor, vertices); };
+  visit_vertices(primitive.positions);
+  if (attributes_) {
+    visit_attributes(primitive, normals_, visit_vertices);
+  } else if (primitive.color) {
+    visit_vertices(*primitive.color);
+  }
+}
+
+uint64_t ReadAhead::bytes_of(const WindowPlan& window) const {
+  uint64_t bytes = 0;
+  visit(window, [&](const Accessor& accessor, Elements elements) { bytes += convert::bytes_of(accessor, elements); });
+  return bytes;
 }
 
 }  // namespace scree::convert

@@ -14,39 +14,41 @@
 
 namespace scree::convert {
 
-/// Bytes to prepare ahead of the measured windows.
+/// The data of this many bytes of windows are prepared ahead of the newest window that is being measured.
 struct AheadBytes {
-  uint64_t files = 0;     // in the page cache
-  uint64_t unpacked = 0;  // of compressed indices, and of compressed positions; 0: none are unpacked ahead
+  uint64_t files = 0;     // read into the page cache
+  uint64_t unpacked = 0;  // unpacked, as far as their views are compressed
 };
 
-/// The number of threads that unpack ahead, one for indices and one for positions, beside `threads` that measure. A few
-/// threads seldom wait for each other.
+/// The number of threads that unpack ahead, half of them indices and half positions, beside `threads` that measure. A
+/// few threads seldom wait for each other.
 constexpr uint32_t unpacking_threads(uint32_t threads) {
-  return threads < 6 ? 0 : 2;
+  return threads < 6 ? 0 : threads < 12 ? 2 : 4;
 }
 
 /// Threads that prepare windows in order. No thread waits for them, and the results do not depend on them. A window's
 /// vertices are assumed to have the same relative position among all vertices as its triangles among all triangles.
 class ReadAhead {
  public:
-  /// `windows` (primitive, first and count are used) and `scene` must outlive this. `attributes`: attributes will be
-  /// read too; `normals`: including normals.
-  ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& windows, const AheadBytes& bytes, bool attributes,
-            bool normals);
+  /// `windows` (primitive, first and count are used) and `scene` must outlive this. `threads`: that measure.
+  /// `attributes`: attributes will be read too; `normals`: including normals.
+  ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& windows, const AheadBytes& bytes, uint32_t threads,
+            bool attributes, bool normals);
   ~ReadAhead();
   ReadAhead(const ReadAhead&) = delete;
   ReadAhead& operator=(const ReadAhead&) = delete;
 
-  /// Reports that all windows before number `window` are measured.
-  void reached(uint64_t window);
+  /// Reports that a thread begins to measure window number `window`. Any thread may call it.
+  void begun(uint64_t window);
 
  private:
-  using Prepare = std::function<uint64_t(const WindowPlan&)>;  // returns the window's bytes
+  using Prepare = std::function<void(const WindowPlan&)>;
 
   void start(uint64_t most_bytes, Prepare prepare);
   void run(uint64_t most_bytes, const Prepare& prepare);
-  uint64_t ask(const WindowPlan& window) const;
+  template <class Visit>
+  void visit(const WindowPlan& window, const Visit& visit) const;
+  uint64_t bytes_of(const WindowPlan& window) const;
 
   const SourceScene& scene_;
   const std::vector<WindowPlan>& windows_;
@@ -54,7 +56,7 @@ class ReadAhead {
   const bool normals_;
   std::mutex lock_;
   std::condition_variable changed_;
-  uint64_t reached_ = 0;
+  uint64_t begun_ = 0;
   bool closing_ = false;
   std::vector<std::thread> threads_;
 };
