@@ -12,8 +12,8 @@
 #include "format/bytes.h"
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/cluster_page.h"
-#include "format/geometry/recent_vertices.h"
 #include "format/geometry/offset_box.h"
+#include "format/geometry/recent_vertices.h"
 #include "format/geometry/split_streams.h"
 #include "format/geometry/word_writer.h"
 
