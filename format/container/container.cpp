@@ -328,8 +328,8 @@ Result<uint64_t> check_frame(uint32_t page, const PageRecord& record, std::span<
 }
 
 /// Unpacks a page whose frame was checked and has a content of `content` bytes.
-Result<void> unpack_content(uint32_t page, const PageRecord& record, uint64_t content, std::span<std::byte> raw,
-                            std::span<const std::byte> stored) {
+Result<void> unpack_frame(uint32_t page, const PageRecord& record, uint64_t content, std::span<std::byte> raw,
+                          std::span<const std::byte> stored) {
   if (record.codec != PageCodec::kSplit) return decompress(page, raw, stored);
   const std::unique_ptr<std::byte[]> memory(new (std::nothrow) std::byte[content]);
   if (!memory) return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", content, " bytes");
@@ -457,7 +457,16 @@ Result<void> Container::unpack_page(uint32_t page, std::span<const std::byte> st
   const PageRecord& record = pages()[page];
   const auto content = check_frame(page, record, stored);
   if (!content) return content.error();
-  return unpack_content(page, record, *content, raw, stored);
+  return unpack_frame(page, record, *content, raw, stored);
+}
+
+Result<uint64_t> Container::content_bytes(uint32_t page, std::span<const std::byte> stored) const {
+  return check_frame(page, pages()[page], stored);
+}
+
+Result<void> Container::unpack_content(uint32_t page, std::span<const std::byte> stored,
+                                       std::span<std::byte> content) const {
+  return decompress(page, content, stored);
 }
 
 Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vector<std::byte>& scratch) const {
@@ -481,7 +490,7 @@ Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vect
   } catch (const std::length_error&) {
     return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", record.raw_bytes, " bytes");
   }
-  if (auto done = unpack_content(page, record, *content, scratch, stored); !done) return done.error();
+  if (auto done = unpack_frame(page, record, *content, scratch, stored); !done) return done.error();
   return std::span<const std::byte>(scratch);
 }
 

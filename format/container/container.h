@@ -93,6 +93,10 @@ class Container {
   /// Unpacks a compressed page. `stored`: its stored bytes. `raw`: raw_bytes bytes for the result. Safe on any bytes;
   /// reentrant. Errors kFormat, kTruncated, kTrailing, kRange, kReserved, kMemory as load_page.
   Result<void> unpack_page(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> raw) const;
+  /// The same in two steps, for callers that join split pages themselves: bytes of a compressed page's frame, and the
+  /// frame's content, exactly as many bytes.
+  Result<uint64_t> content_bytes(uint32_t page, std::span<const std::byte> stored) const;
+  Result<void> unpack_content(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> content) const;
 
  private:
   struct Views;  // where the tables lie in the file

@@ -312,19 +312,6 @@ class Decoder {
 
 }  // namespace
 
-ClusterBounds bounds_of(const OffsetBox& box, const uint32_t origin[3]) {
-  ClusterBounds bounds{};
-  uint32_t widest = 0;
-  for (int i = 0; i < 3; ++i) widest = std::max(widest, box.max[i] - box.min[i]);
-  bounds.shift = widest < 256 ? 0u : static_cast<uint32_t>(std::bit_width(widest)) - 8;
-  for (int i = 0; i < 3; ++i) {
-    const uint32_t min = box.min[i] - origin[i];
-    assert(min < 1u << 24);
-    bounds.axis[i] = min | ((box.max[i] - box.min[i]) >> bounds.shift) << 24;
-  }
-  return bounds;
-}
-
 ClusterStreams cluster_streams_of(const MeshRecord& mesh, const ChunkRecord& chunk,
                                   std::span<const std::byte> payload) {
   const ChunkStreams streams = chunk_streams(mesh, chunk);

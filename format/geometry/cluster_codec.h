@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "format/geometry/cluster_layout.h"
+#include "format/geometry/offset_box.h"
 #include "format/geometry/position_codec.h"
 #include "format/layout.h"
 #include "format/result.h"
@@ -50,15 +51,6 @@ Result<void> decode_clusters(const ClusterStreams& streams, const ClusterOutput&
 
 /// The same checks without the output, for validating a page.
 Result<void> check_clusters(const ClusterStreams& streams);
-
-/// A box of lattice offsets.
-struct OffsetBox {
-  uint32_t min[3];
-  uint32_t max[3];
-};
-
-/// The finest bounds that hold `box`, relative to `origin`. The box must lie within 2^24 of `origin`.
-ClusterBounds bounds_of(const OffsetBox& box, const uint32_t origin[3]);
 
 /// A packed cluster of a ClusterSet.
 struct PackedCluster {

@@ -12,6 +12,8 @@
 #include "format/bytes.h"
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/cluster_page.h"
+#include "format/geometry/offset_box.h"
+#include "format/geometry/recent_vertices.h"
 #include "format/geometry/split_streams.h"
 #include "format/geometry/word_writer.h"
 
@@ -53,10 +55,6 @@ struct Form {
   uint32_t axis;  // predicted, or kNotPredicted
 };
 
-Error broken(ErrorCode code, const std::string& what) {
-  return Error{code, "split page: " + what};
-}
-
 /// Reads values from a stream.
 class Cursor {
  public:
@@ -85,7 +83,7 @@ class Joiner {
     if (const auto opened = open(split); !opened) return opened;
     while (in_[kParts].left() != 0) {
       const std::byte* part = in_[kParts].take(8);
-      if (part == nullptr) return broken(kTruncated, "half a part");
+      if (part == nullptr) return Error{kTruncated, "half a part"};
       const auto clusters = load<uint32_t>(part);
       if (clusters != 0)
         if (const auto joined = join_part(clusters); !joined) return joined;
@@ -97,43 +95,30 @@ class Joiner {
       done_ += plain;
     }
     if (done_ != page_.size()) {
-      return broken(kTruncated,
-                    "it makes " + std::to_string(done_) + " bytes, expected " + std::to_string(page_.size()));
+      return Error{kTruncated,
+                   "it makes " + std::to_string(done_) + " bytes, expected " + std::to_string(page_.size())};
     }
     for (uint32_t i = 0; i < kStreams; ++i) {
       const uint64_t left = i == kResiduals ? (residual_count_ - residual_) : in_[i].left();
-      if (left != 0) return broken(kTrailing, std::string("bytes of ") + kNames[i] + " are left over");
+      if (left != 0) return Error{kTrailing, std::string("bytes of ") + kNames[i] + " are left over"};
     }
     return {};
   }
 
  private:
   Result<void> open(std::span<const std::byte> split) {
-    if (split.size() < kHeaderBytes) return broken(kTruncated, "no header");
-    planes_ = load<uint32_t>(split.data());
-    if (planes_ < 1 || planes_ > kMaxPlanes)
-      return broken(kRange, "residuals of " + std::to_string(planes_) + " bytes, expected 1 to 3");
-    uint64_t at = kHeaderBytes;
-    for (uint32_t i = 0; i < kStreams; ++i) {
-      const uint64_t bytes = load<uint32_t>(split.data() + 4 * (1 + uint64_t{i}));
-      if (bytes > split.size() - at) return ends(i);
-      in_[i] = Cursor(split.subspan(at, bytes));
-      if (i == kResiduals) {
-        if (bytes % (3 * planes_) != 0) return broken(kTrailing, "part of a residual");
-        residual_count_ = bytes / (3 * planes_);
-        residuals_ = split.data() + at;
-      }
-      at += bytes;
-    }
-    if (at != split.size()) return broken(kTrailing, "bytes after the last stream");
+    const Result<SplitStreams> streams = open_streams(split);
+    if (!streams) return streams.error();
+    planes_ = streams->planes;
+    residual_count_ = streams->residual_count();
+    residuals_ = streams->bytes[kResiduals].data();
+    for (uint32_t i = 0; i < kStreams; ++i) in_[i] = Cursor(streams->bytes[i]);
     return {};
   }
 
-  static Error ends(uint32_t stream) { return broken(kTruncated, std::string("its ") + kNames[stream] + " end early"); }
-
   Result<void> make_room(uint64_t bytes) const {
     if (bytes <= page_.size() - done_) return {};
-    return broken(kTrailing, "it makes more than the page's " + std::to_string(page_.size()) + " bytes");
+    return Error{kTrailing, "it makes more than the page's " + std::to_string(page_.size()) + " bytes"};
   }
 
   /// Writes the four streams of a chunk of clusters.
@@ -153,7 +138,7 @@ class Joiner {
     OffsetBox group{};
     for (uint64_t i = 0; i < clusters; ++i) {
       ClusterRecord record = next;
-      OffsetBox box;
+      OffsetBox box{};
       const Result<uint32_t> words = join_cluster(record, box);
       if (!words) return words.error();
       store(records + i * sizeof record, record);
@@ -167,7 +152,7 @@ class Joiner {
       if (i % kGroupClusters == kGroupClusters - 1 || i + 1 == clusters)
         store(group_bounds + i / kGroupClusters * sizeof(ClusterBounds), bounds_of(group, origin));
       next.place += *words;
-      if (next.place >= kMaxClusterWords) return broken(kRange, "more than 2^29 words of a chunk");
+      if (next.place >= kMaxClusterWords) return Error{kRange, "more than 2^29 words of a chunk"};
       next.first_triangle += form_.triangle_count;
       next.first_vertex += form_.vertex_count;
     }
@@ -193,9 +178,9 @@ class Joiner {
     form_.distance_bits = bits & 7;
     form_.wide_steps = (bits >> 3 & 1) != 0;
     form_.axis = bits >> 4 & 3;
-    if (bits >> 6 != 0) return broken(kReserved, "a reserved bit of a form is set");
+    if (bits >> 6 != 0) return Error{kReserved, "a reserved bit of a form is set"};
     if (form_.triangle_count > kMaxClusterTriangles || form_.vertex_count > kMaxClusterVertices)
-      return broken(kRange, "more than 128 triangles or vertices of a cluster");
+      return Error{kRange, "more than 128 triangles or vertices of a cluster"};
     return {};
   }
 
@@ -204,7 +189,7 @@ class Joiner {
   Result<uint32_t> join_cluster(ClusterRecord& record, OffsetBox& box) {
     if (const auto taken = take_form(); !taken) return taken.error();
     if (const auto taken = take_triangles(); !taken) return taken.error();
-    if (!place_vertices(box)) return broken(kRange, "a vertex that is not there, or too few residuals");
+    if (!place_vertices(box)) return Error{kRange, "a vertex that is not there, or too few residuals"};
     std::array<uint32_t, kMostClusterWords + kWriterSlack> words;
     uint32_t* const steps = words.data() + (form_.axis != kNotPredicted ? 2 : 0);
     const Result<uint32_t*> end = put_positions(box, words.data(), put_distances(put_steps(steps)), record);
@@ -227,7 +212,7 @@ class Joiner {
     if (pairs_ == nullptr) return ends(kDistances);
     places_ = in_[kPlaces].take(form_.vertex_count);
     if (places_ == nullptr) return ends(kPlaces);
-    if (!sum_steps() || !unpack_distances()) return broken(kRange, "a triangle with vertices that its cluster lacks");
+    if (!sum_steps() || !unpack_distances()) return Error{kRange, "a triangle with vertices that its cluster lacks"};
     return {};
   }
 
@@ -452,7 +437,7 @@ class Joiner {
       const std::byte* slopes = in_[kSlopes].take(4);
       if (slopes == nullptr) return ends(kSlopes);
       if (std::max(bits[u], bits[v]) > kMaxPredictorBits)
-        return broken(kRange, "a cluster too large to predict an axis");
+        return Error{kRange, "a cluster too large to predict an axis"};
       const auto slope_u = load<int16_t>(slopes);
       const auto slope_v = load<int16_t>(slopes + 2);
       int32_t smallest = INT32_MAX;
@@ -464,7 +449,7 @@ class Joiner {
       }
       for (uint32_t i = 0; i < count; ++i) codes[axis][i] -= smallest;
       bits[axis] = static_cast<uint32_t>(std::bit_width(static_cast<uint32_t>(largest - smallest)));
-      if (bits[axis] > kMaxPositionBits) return broken(kRange, "more than 24 bits of an axis");
+      if (bits[axis] > kMaxPositionBits) return Error{kRange, "more than 24 bits of an axis"};
       prediction[0] = load<uint32_t>(slopes);
       prediction[1] = static_cast<uint32_t>(smallest);
     }
@@ -507,7 +492,8 @@ Result<void> join_page(std::span<const std::byte> split, std::span<std::byte> pa
   thread_local std::unique_ptr<SplitMemory> memory;
   if (!memory) memory.reset(new (std::nothrow) SplitMemory);
   if (!memory) return Error{kMemory, "no memory to put clusters together"};
-  return Joiner(page, *memory).run(split);
+  const Result<void> joined = Joiner(page, *memory).run(split);
+  return joined ? joined : Result<void>(at("split page", joined.error()));
 }
 
 }  // namespace scree::format

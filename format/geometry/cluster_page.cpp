@@ -13,6 +13,7 @@
 #include "format/bytes.h"
 #include "format/geometry/cluster_codec.h"
 #include "format/geometry/cluster_read.h"
+#include "format/geometry/recent_vertices.h"
 #include "format/geometry/split_streams.h"
 
 namespace scree::format {

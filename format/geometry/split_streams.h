@@ -1,11 +1,13 @@
-// The streams of a split page, and the earlier vertices to which it can refer. Source: spec/codecs.md, split pages.
+// The streams of a split page, and its parts, which can be joined side by side. Source: spec/codecs.md, split pages.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
-#include <cstring>
+#include <optional>
+#include <span>
+#include <vector>
 
-#include "format/geometry/cluster_layout.h"
-#include "format/geometry/vertex_predictor.h"
+#include "format/result.h"
 
 namespace scree::format::split_streams {
 
@@ -33,50 +35,40 @@ inline constexpr uint32_t kShortDistance = 4;  // distances of at most this many
 inline constexpr uint32_t kFarPlace = 255;
 inline constexpr uint32_t kMostBack = 65535;  // vertices
 
-/// Values in RecentVertices: a power of two, so that a modulo without a branch keeps any index within bounds.
-inline constexpr uint32_t kMostValues = 1u << 17;
+/// The bytes of each stream.
+struct SplitStreams {
+  uint32_t planes = 0;  // bytes per residual
+  std::span<const std::byte> bytes[kStreams];
 
-/// The vertices of a part, numbered from 0 in the part; the oldest that nothing can refer to any more are forgotten.
-/// They lie in one array behind the residuals of a cluster, so that one index selects a vertex or a residual.
-class RecentVertices {
- public:
-  void clear() {
-    used_ = 0;
-    forgotten_ = 0;
-  }
-  /// Number of vertices.
-  uint32_t count() const { return forgotten_ + used_; }
-  /// Returns where the caller writes the vertices of the next cluster before it calls add().
-  Offsets* make_room() {
-    if (used_ + kMaxClusterVertices > kRoom) {
-      forgotten_ += used_ - kMostBack;
-      std::memmove(vertices(), vertices() + used_ - kMostBack, kMostBack * sizeof(Offsets));
-      used_ = kMostBack;
-    }
-    return vertices() + used_;
-  }
-  void add(uint32_t vertices) { used_ += vertices; }
-
-  /// Room for kMaxClusterVertices residuals, then the vertices.
-  Offsets* values() { return values_; }
-  /// Vertex n has index (first_index() + n) modulo 2^32 in values().
-  uint32_t first_index() const { return kMaxClusterVertices - forgotten_; }
-  Offsets at(uint32_t number) const { return values_[first_index() + number]; }
-
- private:
-  static constexpr uint32_t kRoom = kMostValues - kMaxClusterVertices;  // each vertex moves once
-
-  Offsets* vertices() { return values_ + kMaxClusterVertices; }
-
-  uint32_t used_ = 0;
-  uint32_t forgotten_ = 0;
-  Offsets values_[kMostValues];
+  uint64_t residual_count() const { return bytes[kResiduals].size() / (3 * planes); }
 };
 
-/// Memory that splitting and joining need beside the page.
-struct SplitMemory {
-  RecentVertices recent;
-  VertexPredictor predictor;
+/// Finds the streams. Errors kTruncated, kTrailing, kRange.
+Result<SplitStreams> open_streams(std::span<const std::byte> split);
+
+/// The error of a stream that ends early.
+Error ends(uint32_t stream);
+
+/// Clusters of a chunk and the plain bytes after them. No part needs values of another one.
+struct SplitPart {
+  uint32_t cluster_count;  // 0: plain bytes only
+  uint32_t plain_bytes;
+  uint64_t triangle_count;
+  uint64_t vertex_count;
+  uint32_t first[kStreams];  // offset of its first value in the split page; of residuals: the number of the first
 };
+
+/// All parts of a split page.
+struct SplitParts {
+  uint32_t planes = 0;
+  uint32_t residual_count = 0;
+  uint32_t residuals = 0;  // offset of the stream in the split page
+  std::vector<SplitPart> parts;
+};
+
+/// Finds the parts, by counting what their clusters take of each stream. nullopt: join_page() would refuse the page's
+/// streams or forms, or the page has 4 GiB or more. If it returns parts, the values of every cluster are there. Throws
+/// std::bad_alloc.
+std::optional<SplitParts> locate_parts(std::span<const std::byte> split);
 
 }  // namespace scree::format::split_streams

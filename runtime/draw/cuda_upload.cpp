@@ -2,13 +2,17 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstring>
 #include <map>
+#include <mutex>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "format/bytes.h"
+#include "kernels/cuda/join.h"
 #include "kernels/shade/environment.h"
 
 namespace scree::runtime {
@@ -18,8 +22,28 @@ using kernels::DeviceBuffer;
 
 namespace {
 
+/// Memory of a slot for joining split pages: on the device a copy of the slot, tasks and vertices; in pinned memory the
+/// tasks and whether they failed. Clusters take 4 bytes per vertex or more, and a task has rarely less than 1 KiB;
+/// other jobs are joined on the CPU.
+struct JoinSizes {
+  uint64_t slot_bytes;
+  uint64_t task_bytes;  // a multiple of 256
+  uint64_t vertex_bytes;
+
+  explicit JoinSizes(const StagingSizes& sizes)
+      : slot_bytes(sizes.slot_bytes),
+        task_bytes(sizes.slot_bytes / 16),
+        vertex_bytes(sizes.job_bytes() / 4 * kernels::kJoinVertexBytes) {}
+
+  static constexpr uint64_t kFlagBytes = 256;
+  uint64_t pinned_bytes() const { return task_bytes + kFlagBytes; }
+  uint64_t device_bytes() const { return slot_bytes + task_bytes + vertex_bytes; }
+  JoinRoom room() const { return {task_bytes / sizeof(kernels::JoinTask), vertex_bytes / kernels::kJoinVertexBytes}; }
+};
+
 /// The ring in pinned memory, with one event per slot. Copies go out on a few streams, so that one copies while the
-/// next is set up.
+/// next is set up. A join takes longer than a copy, and its pages are few blocks. So several slots are copied and
+/// joined together, and some such batches at the same time.
 class PinnedRing final : public UploadTarget {
  public:
   PinnedRing() = default;
@@ -38,8 +62,12 @@ class PinnedRing final : public UploadTarget {
   Result<void> open(const StagingSizes& sizes, std::byte* arena) {
     slot_bytes_ = sizes.slot_bytes;
     arena_ = arena;
+    if (sizes.joins) join_sizes_.emplace(sizes);
     if (auto done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU"); !done) return done;
     if (auto done = memory_.allocate(sizes.bytes(), "allocating pinned memory"); !done) return done;
+    if (sizes.joins)
+      if (auto done = open_joins(sizes.slots); !done) return done;
+    streams_.resize(sizes.joins ? kJoinStreams : kCopyStreams);
     for (cudaStream_t& stream : streams_)
       if (auto done = cuda_check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "making a stream"); !done)
         return done;
@@ -55,35 +83,110 @@ class PinnedRing final : public UploadTarget {
   std::byte* slot(uint32_t slot) override { return memory_.data() + slot * slot_bytes_; }
 
   Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) override {
-    // The current device is each thread's own.
-    if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
-    const cudaStream_t stream = streams_[slot % kStreams];
-    if (auto done = cuda_check(cudaMemcpyAsync(arena_ + to, this->slot(slot), bytes, cudaMemcpyHostToDevice, stream),
-                               "copying to the device");
-        !done)
-      return done;
-    return cuda_check(cudaEventRecord(copied_[slot], stream), "recording a copy");
+    const cudaStream_t stream = streams_[slot % streams_.size()];
+    if (auto done = send(arena_ + to, this->slot(slot), bytes, stream); !done) return done;
+    return record(slot, stream);
   }
 
   Result<void> wait(uint32_t slot) override {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      const auto is_it = [slot](const WaitingJoin& join) { return join.slot == slot; };
+      if (std::any_of(waiting_.begin(), waiting_.end(), is_it))
+        if (auto done = start_joins(); !done) return done;
+    }
     return cuda_check(cudaEventSynchronize(copied_[slot]), "waiting for a copy");
   }
 
+  JoinRoom join_room() const override { return join_sizes_ ? join_sizes_->room() : JoinRoom{}; }
+
+  Result<void> join(uint32_t slot, uint64_t bytes, std::span<const kernels::JoinTask> tasks) override {
+    std::memcpy(join_pinned_.data() + slot * join_sizes_->pinned_bytes(), tasks.data(), tasks.size_bytes());
+    *flag_of(slot) = 0;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    waiting_.push_back({slot, bytes, static_cast<uint32_t>(tasks.size())});
+    return waiting_.size() < most_waiting_ ? Result<void>() : start_joins();
+  }
+
+  bool has_joined(uint32_t slot) override { return *flag_of(slot) == 0; }
+
  private:
-  static constexpr uint32_t kStreams = 2;
+  static constexpr uint32_t kCopyStreams = 2;
+  static constexpr uint32_t kJoinStreams = 4;
+
+  struct WaitingJoin {
+    uint32_t slot;
+    uint64_t bytes;
+    uint32_t tasks;
+  };
+
+  /// Copies and joins all waiting slots. Called with the mutex held.
+  Result<void> start_joins() {
+    const std::vector<WaitingJoin> joins = std::exchange(waiting_, {});
+    const cudaStream_t stream = streams_[batch_++ % streams_.size()];
+    std::vector<kernels::JoinSlot> slots;
+    for (const WaitingJoin& join : joins) {
+      std::byte* const device = join_device_.data() + join.slot * join_sizes_->device_bytes();
+      std::byte* const tasks = device + join_sizes_->slot_bytes;
+      if (auto done = send(device, slot(join.slot), join.bytes, stream); !done) return done;
+      if (auto done = send(tasks, join_pinned_.data() + join.slot * join_sizes_->pinned_bytes(),
+                           join.tasks * sizeof(kernels::JoinTask), stream);
+          !done)
+        return done;
+      slots.push_back({reinterpret_cast<const kernels::JoinTask*>(tasks), join.tasks, device,
+                       reinterpret_cast<uint32_t*>(tasks + join_sizes_->task_bytes), flag_of(join.slot)});
+    }
+    if (auto done = kernels::join_parts(slots, arena_, stream); !done) return done;
+    for (const WaitingJoin& join : joins)
+      if (auto done = record(join.slot, stream); !done) return done;
+    return {};
+  }
+
+  Result<void> open_joins(uint32_t slots) {
+    if (auto done = join_pinned_.allocate(slots * join_sizes_->pinned_bytes(), "allocating pinned memory"); !done)
+      return done;
+    Result<DeviceBuffer> device =
+        DeviceBuffer::allocate(slots * join_sizes_->device_bytes(), "allocating memory to join pages");
+    if (!device) return device.error();
+    join_device_ = std::move(*device);
+    most_waiting_ = std::clamp(slots / (2 * kJoinStreams), 1u, kernels::kMostJoinSlots);
+    return {};
+  }
+
+  uint32_t* flag_of(uint32_t slot) const {
+    return reinterpret_cast<uint32_t*>(join_pinned_.data() + slot * join_sizes_->pinned_bytes() +
+                                       join_sizes_->task_bytes);
+  }
+
+  Result<void> send(std::byte* to, const std::byte* from, uint64_t bytes, cudaStream_t stream) {
+    // The current device is each thread's own.
+    if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
+    return cuda_check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream), "copying to the device");
+  }
+  Result<void> record(uint32_t slot, cudaStream_t stream) {
+    return cuda_check(cudaEventRecord(copied_[slot], stream), "recording a copy");
+  }
 
   kernels::PinnedBuffer memory_;
   uint64_t slot_bytes_ = 0;
   std::byte* arena_ = nullptr;
   int device_ = 0;
-  cudaStream_t streams_[kStreams] = {};
+  std::optional<JoinSizes> join_sizes_;
+  kernels::PinnedBuffer join_pinned_;
+  DeviceBuffer join_device_;
+  std::mutex mutex_;
+  std::vector<WaitingJoin> waiting_;
+  uint32_t most_waiting_ = 1;
+  uint32_t batch_ = 0;
+  std::vector<cudaStream_t> streams_;
   std::vector<cudaEvent_t> copied_;
 };
 
-Result<void> check_budget(uint64_t needed, uint64_t budget_bytes) {
+/// The rest of the budget.
+Result<uint64_t> check_budget(uint64_t needed, uint64_t budget_bytes) {
   const Result<uint64_t> budget = device_budget(budget_bytes);
   if (!budget) return budget.error();
-  if (needed <= *budget) return {};
+  if (needed <= *budget) return *budget - needed;
   return Error{ErrorCode::kDevice, "the scene takes " + std::to_string(needed) + " bytes of device memory, but " +
                                        std::to_string(*budget) + " are " +
                                        (*budget == budget_bytes ? "allowed" : "free")};
@@ -240,6 +343,20 @@ StagingSizes staging_within(uint64_t host_memory) {
   return most;
 }
 
+/// The ring for a plan. The device joins its split pages if `free_bytes` hold the memory for that; then slots are left
+/// out, so that the pinned memory stays within `most`.
+StagingSizes ring_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most,
+                      uint64_t free_bytes) {
+  if (has_split_pages(plan)) {
+    StagingSizes sizes = staging_for(plan, reading, threads, most, true);
+    const JoinSizes joins(sizes);
+    const uint64_t slots = std::min<uint64_t>(sizes.slots, most.bytes() / (sizes.slot_bytes + joins.pinned_bytes()));
+    sizes.slots = static_cast<uint32_t>(slots);
+    if (slots != 0 && joins.room().tasks != 0 && slots * joins.device_bytes() <= free_bytes) return sizes;
+  }
+  return staging_for(plan, reading, threads, most);
+}
+
 kernels::JpegGroups groups_of(const Scene& scene, const PageShare* share) {
   return is_shaded(share) ? scene.jpeg_groups() : kernels::JpegGroups{};
 }
@@ -330,7 +447,8 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   const kernels::JpegGroups groups = groups_of(scene, share);
   const uint64_t room = own_room(scene, streamed, share) + more_texture_room;
   const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache, share) + room + reserved_bytes;
-  if (Result<void> fits = check_budget(needed, budget_bytes); !fits) return fits.error();
+  const Result<uint64_t> left = check_budget(needed, budget_bytes);
+  if (!left) return left.error();
   Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
   if (!arena) return arena.error();
   std::byte* const base = arena->data();
@@ -350,7 +468,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
 
   const MappedFile& map = scene.file().map();
   const Reading chosen = choose_reading(plan, map, reading);
-  const StagingSizes sizes = staging_for(plan, chosen, threads, staging_within(host_memory));
+  const StagingSizes sizes = ring_for(plan, chosen, threads, staging_within(host_memory), *left);
   PinnedRing ring;
   if (Result<void> opened = ring.open(sizes, base); !opened) return opened.error();
   const Result<UploadCounts> counts = run_upload(plan, map, ring, sizes, chosen, threads, progress);

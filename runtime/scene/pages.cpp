@@ -32,27 +32,13 @@ std::string chunk_place(const format::Container& container, uint64_t index) {
          std::to_string(chunk.offset) + ")";
 }
 
-Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> page) {
-  const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
-  if (streams.bytes != chunk.bytes || !format::range_within(chunk.offset, chunk.bytes, page.size()))
-    return Error{ErrorCode::kRange, std::to_string(chunk.bytes) + " bytes at " + std::to_string(chunk.offset) +
-                                        " of a page of " + std::to_string(page.size()) + ", but its streams take " +
-                                        std::to_string(streams.bytes)};
-  const std::span<const std::byte> payload = page.subspan(chunk.offset, chunk.bytes);
-  const auto bytes_of = [&](const ChunkStream& stream) { return payload.subspan(stream.offset, stream.bytes); };
+namespace {
 
+/// Checks the streams of vertices' attributes and of source numbers. `bytes_of`: returns the bytes of a stream.
+template <class BytesOf>
+Result<void> check_attributes(const MeshRecord& mesh, const ChunkRecord& chunk, const format::ChunkStreams& streams,
+                              const BytesOf& bytes_of) {
   Result<void> checked = {};
-  if (chunk.encoding == format::ChunkEncoding::kClustered) {
-    checked = format::check_clusters(format::cluster_streams_of(mesh, chunk, payload));
-    if (!checked) return at("clusters", checked.error());
-  } else {
-    checked = format::check_indices(uint64_t{3} * chunk.triangle_count, chunk.vertex_count,
-                                    {chunk.index_min, chunk.index_bits}, bytes_of(streams.indices));
-    if (!checked) return at("indices", checked.error());
-    checked = format::check_positions(chunk.vertex_count, format::lattice_of(mesh), format::position_range_of(chunk),
-                                      bytes_of(streams.positions));
-    if (!checked) return at("positions", checked.error());
-  }
   if (mesh.attributes & format::kHasUv) {
     const format::UvRange range{
         chunk.uv_exponent, {chunk.uv_min[0], chunk.uv_min[1]}, {chunk.uv_bits[0], chunk.uv_bits[1]}};
@@ -83,6 +69,42 @@ Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::
     if (!checked) return at("source triangle numbers", checked.error());
   }
   return {};
+}
+
+}  // namespace
+
+Result<void> check_chunk(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> page) {
+  const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
+  if (streams.bytes != chunk.bytes || !format::range_within(chunk.offset, chunk.bytes, page.size()))
+    return Error{ErrorCode::kRange, std::to_string(chunk.bytes) + " bytes at " + std::to_string(chunk.offset) +
+                                        " of a page of " + std::to_string(page.size()) + ", but its streams take " +
+                                        std::to_string(streams.bytes)};
+  const std::span<const std::byte> payload = page.subspan(chunk.offset, chunk.bytes);
+  const auto bytes_of = [&](const ChunkStream& stream) { return payload.subspan(stream.offset, stream.bytes); };
+
+  Result<void> checked = {};
+  if (chunk.encoding == format::ChunkEncoding::kClustered) {
+    checked = format::check_clusters(format::cluster_streams_of(mesh, chunk, payload));
+    if (!checked) return at("clusters", checked.error());
+  } else {
+    checked = format::check_indices(uint64_t{3} * chunk.triangle_count, chunk.vertex_count,
+                                    {chunk.index_min, chunk.index_bits}, bytes_of(streams.indices));
+    if (!checked) return at("indices", checked.error());
+    checked = format::check_positions(chunk.vertex_count, format::lattice_of(mesh), format::position_range_of(chunk),
+                                      bytes_of(streams.positions));
+    if (!checked) return at("positions", checked.error());
+  }
+  return check_attributes(mesh, chunk, streams, bytes_of);
+}
+
+Result<void> check_behind_clusters(const MeshRecord& mesh, const ChunkRecord& chunk, std::span<const std::byte> rest) {
+  const format::ChunkStreams streams = format::chunk_streams(mesh, chunk);
+  if (rest.size() != streams.bytes - streams.uvs.offset)
+    return Error{ErrorCode::kRange, std::to_string(rest.size()) + " bytes behind clusters, but its streams take " +
+                                        std::to_string(streams.bytes - streams.uvs.offset)};
+  return check_attributes(mesh, chunk, streams, [&](const ChunkStream& stream) {
+    return rest.subspan(stream.offset - streams.uvs.offset, stream.bytes);
+  });
 }
 
 DrawnPages::DrawnPages(const format::Container& container, const std::vector<bool>& drawn) : container_(container) {

@@ -23,6 +23,10 @@ std::string chunk_place(const format::Container& container, uint64_t chunk);
 Result<void> check_chunk(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
                          std::span<const std::byte> page);
 
+/// The same checks of the streams behind a chunk's clusters. `rest`: the chunk's bytes after its cluster data.
+Result<void> check_behind_clusters(const format::MeshRecord& mesh, const format::ChunkRecord& chunk,
+                                   std::span<const std::byte> rest);
+
 /// The pages that hold chunks of drawn meshes, in file order, each with those chunks.
 class DrawnPages {
  public:
@@ -49,6 +53,9 @@ class DrawnPages {
   uint32_t page(uint64_t index) const { return chunks_[first_chunk_[index]].page; }
   const format::PageRecord& record(uint64_t index) const { return container_.pages()[page(index)]; }
   const format::Container& container() const { return container_; }
+  /// The numbers of the drawn chunks of the page with that index, in ascending order.
+  uint64_t chunk_count(uint64_t index) const { return first_chunk_[index + 1] - first_chunk_[index]; }
+  uint64_t chunk(uint64_t index, uint64_t i) const { return chunks_[first_chunk_[index] + i].chunk; }
 
   /// Checks the drawn chunks of the page with that index (not page number). `raw`: the page's raw bytes. Thread-safe.
   /// Errors as check_chunk, with mesh, chunk and page.

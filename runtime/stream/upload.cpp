@@ -13,6 +13,7 @@
 
 #include "format/bytes.h"
 #include "runtime/files/direct_file.h"
+#include "runtime/stream/join_plan.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
@@ -78,7 +79,7 @@ std::vector<Job> jobs_of(const UploadPlan& plan, uint64_t slot_bytes) {
 /// many slots as threads are always enough.
 class SlotRing {
  public:
-  SlotRing(UploadTarget& target, uint32_t slots) : target_(target) {
+  SlotRing(UploadTarget& target, uint32_t slots) : target_(target), joined_(slots, kNoJob) {
     for (uint32_t i = 0; i < slots; ++i) free_.push_back(i);
   }
 
@@ -95,7 +96,7 @@ class SlotRing {
       slot = copying_.front();
       copying_.pop_front();
     }
-    if (Result<void> done = target_.wait(slot); !done) {
+    if (Result<void> done = finish(slot); !done) {
       give_back(slot);
       return done.error();
     }
@@ -109,31 +110,58 @@ class SlotRing {
   }
 
   /// Starts a copy out of a taken slot.
-  Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) {
-    Result<void> started = target_.copy(slot, to, bytes);
-    if (!started) {
+  Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) { return started(slot, target_.copy(slot, to, bytes)); }
+
+  /// Starts a join out of a taken slot. `job`: its number.
+  Result<void> join(uint32_t slot, uint64_t bytes, std::span<const kernels::JoinTask> tasks, uint64_t job) {
+    joined_[slot] = job;
+    return started(slot, target_.join(slot, bytes, tasks));
+  }
+
+  /// Waits for all copies, also after an error, because the slots' memory is about to be freed.
+  Result<void> drain() {
+    Result<void> result;
+    for (const uint32_t slot : copying_) {
+      if (Result<void> done = finish(slot); !done && result) result = done;
+      free_.push_back(slot);
+    }
+    copying_.clear();
+    return result;
+  }
+
+  /// The jobs whose pages the device refused, among the joins that are done. Called by one thread alone.
+  std::vector<uint64_t> take_refused() { return std::exchange(refused_, {}); }
+
+ private:
+  static constexpr uint64_t kNoJob = UINT64_MAX;
+
+  Result<void> started(uint32_t slot, Result<void> result) {
+    if (!result) {
+      joined_[slot] = kNoJob;
       give_back(slot);
-      return started;
+      return result;
     }
     const std::lock_guard<std::mutex> lock(mutex_);
     copying_.push_back(slot);
     return {};
   }
 
-  /// Waits for all copies, also after an error, because the slots' memory is about to be freed.
-  Result<void> drain() {
-    Result<void> result;
-    for (const uint32_t slot : copying_)
-      if (Result<void> done = target_.wait(slot); !done && result) result = done;
-    copying_.clear();
-    return result;
+  /// Waits for a slot's copy or join.
+  Result<void> finish(uint32_t slot) {
+    const uint64_t job = std::exchange(joined_[slot], kNoJob);
+    if (Result<void> done = target_.wait(slot); !done) return done;
+    if (job == kNoJob || target_.has_joined(slot)) return {};
+    const std::lock_guard<std::mutex> lock(mutex_);
+    refused_.push_back(job);
+    return {};
   }
 
- private:
   UploadTarget& target_;
   std::mutex mutex_;
   std::deque<uint32_t> free_;
   std::deque<uint32_t> copying_;
+  std::vector<uint64_t> joined_;  // by slot: the job whose pages are joined, or kNoJob
+  std::vector<uint64_t> refused_;
 };
 
 class Uploader {
@@ -146,8 +174,9 @@ class Uploader {
         sizes_(sizes),
         is_mapped_(is_mapped),
         progress_(progress),
-        jobs_(jobs_of(plan, sizes.slot_bytes)),
-        ring_(target, sizes.slots) {
+        jobs_(jobs_of(plan, sizes.job_bytes())),
+        ring_(target, sizes.slots),
+        joins_(sizes.joins) {
     bounce_.reserve(sizes.slots);  // room for all buffers, so that giving one back allocates nothing
   }
 
@@ -179,7 +208,8 @@ class Uploader {
       (void)ring_.drain();
       throw;
     }
-    const Result<void> drained = ring_.drain();
+    Result<void> drained = ring_.drain();
+    if (drained) drained = redo(ring_.take_refused(), failure);
     if (failure.any()) return failure.error();
     if (!drained) return drained.error();
     return counts();
@@ -226,6 +256,16 @@ class Uploader {
     map_.will_need(first.offset, last.offset + last.stored_bytes - first.offset);
   }
 
+  /// Does jobs again, without the device's help, which gives the errors of their pages.
+  Result<void> redo(const std::vector<uint64_t>& jobs, FirstError& failure) {
+    joins_ = false;
+    for (const uint64_t job : jobs) {
+      if (failure.is_superseded(job)) continue;
+      if (Result<void> done = run(jobs_[job]); !done) failure.report(job, done.error());
+    }
+    return ring_.drain();
+  }
+
   Result<void> run(const Job& job) {
     switch (job.kind) {
       case Job::Kind::kMemory:
@@ -248,15 +288,32 @@ class Uploader {
     return ring_.copy(*slot, offset, bytes);
   }
 
+  /// A slot that the pages of a job are read into.
+  struct SlotPages {
+    const Job* job;
+    std::byte* memory;
+    bool joins;           // pages lie one after the other, and `plan` makes the job's bytes of them on the device
+    JoinPlan plan{};      // if `joins`
+    uint64_t end = 0;     // of the pages in the slot so far
+    uint64_t joined = 0;  // pages
+  };
+
   Result<void> copy_pages(const Job& job) {
     const Result<uint32_t> slot = ring_.take();
     if (!slot) return slot.error();
-    std::byte* const memory = target_.slot(*slot);
-    Result<void> done;
-    if (is_direct_) done = read_pages(job, memory);
-    // If the memory or the file system does not support direct reads, they are not tried again.
-    if (!done && done.error().code == ErrorCode::kUnsupported) is_direct_ = false;
-    if (!is_direct_) done = take_pages(job, memory);
+    SlotPages pages{&job, target_.slot(*slot), joins_ && has_split(job)};
+    Result<void> done = fill(pages);
+    if (pages.joins) {
+      const std::vector<kernels::JoinTask>& tasks = pages.plan.tasks();
+      const JoinRoom room = target_.join_room();
+      if (done && tasks.size() <= room.tasks && pages.plan.vertices() <= room.vertices) {
+        joined_pages_ += pages.joined;
+        return ring_.join(*slot, pages.end, tasks, static_cast<uint64_t>(&job - jobs_.data()));
+      }
+      // A page before one with an error may be bad too, which only the device would find.
+      pages.joins = false;
+      done = fill(pages);
+    }
     if (!done) {
       ring_.give_back(*slot);
       return done;
@@ -264,12 +321,35 @@ class Uploader {
     return ring_.copy(*slot, job.offset, job.bytes);
   }
 
+  bool has_split(const Job& job) const {
+    for (uint64_t i = job.first; i < job.last; ++i)
+      if (plan_.pages()->record(i).codec == format::PageCodec::kSplit) return true;
+    return false;
+  }
+
+  Result<void> fill(SlotPages& slot) {
+    Result<void> done;
+    if (is_direct_) done = read_pages(slot);
+    // If the memory or the file system does not support direct reads, they are not tried again.
+    if (!done && done.error().code == ErrorCode::kUnsupported) {
+      is_direct_ = false;
+      slot = {slot.job, slot.memory, slot.joins};
+    }
+    if (!is_direct_) done = take_pages(slot);
+    return done;
+  }
+
+  /// Where the next page goes: a multiple of format::kPageAlignment.
+  std::byte* place_of(const SlotPages& slot, uint64_t index) const {
+    return slot.memory + (slot.joins ? slot.end : plan_.page_offset(index) - slot.job->offset);
+  }
+
   /// Reads the pages of a job into a slot, through the page cache.
-  Result<void> take_pages(const Job& job, std::byte* slot) {
+  Result<void> take_pages(SlotPages& slot) {
     const DrawnPages& pages = *plan_.pages();
-    for (uint64_t i = job.first; i < job.last; ++i) {
+    for (uint64_t i = slot.job->first; i < slot.job->last; ++i) {
       std::span<const std::byte> padded = pages.container().padded_page(pages.page(i));
-      std::byte* const to = slot + plan_.page_offset(i) - job.offset;
+      std::byte* const to = place_of(slot, i);
       const bool is_raw = pages.record(i).codec == format::PageCodec::kRaw;
       if (is_raw && !padded.empty()) {
         if (is_mapped_)
@@ -278,7 +358,7 @@ class Uploader {
           return read;
         padded = {to, padded.size()};
       }
-      if (Result<void> done = finish_page(i, padded, to); !done) return done;
+      if (Result<void> done = finish_page(i, padded, to, slot); !done) return done;
       if (is_mapped_ || !is_raw) map_.release(pages.record(i).offset, pages.record(i).stored_bytes);
     }
     return {};
@@ -286,12 +366,12 @@ class Uploader {
 
   /// Reads the pages of a job into a slot, past the page cache. Raw pages that are adjacent in the file are adjacent in
   /// the slot.
-  Result<void> read_pages(const Job& job, std::byte* slot) {
+  Result<void> read_pages(SlotPages& slot) {
     const DrawnPages& pages = *plan_.pages();
-    for (uint64_t i = job.first; i < job.last;) {
+    for (uint64_t i = slot.job->first; i < slot.job->last;) {
       const bool is_raw = pages.record(i).codec == format::PageCodec::kRaw;
       uint64_t last = i + 1;
-      while (last < job.last && pages.page(last) == pages.page(last - 1) + 1 &&
+      while (last < slot.job->last && pages.page(last) == pages.page(last - 1) + 1 &&
              (pages.record(last).codec == format::PageCodec::kRaw) == is_raw)
         ++last;
       const uint64_t begin = pages.record(i).offset;
@@ -299,30 +379,65 @@ class Uploader {
       const uint64_t bytes = format::align_up(end - begin, DirectFile::kAlignment);
       // Compressed pages are smaller than unpacked ones, so all pages of a job fit a buffer of a slot's size.
       BounceBuffer bounce(is_raw ? nullptr : this);
-      std::byte* const to = is_raw ? slot + plan_.page_offset(i) - job.offset : bounce.data();
-      if (Result<void> done = direct_->read(begin, {to, bytes}); !done) return done;
+      std::byte* const from = is_raw ? place_of(slot, i) : bounce.data();
+      if (Result<void> done = direct_->read(begin, {from, bytes}); !done) return done;
       direct_bytes_ += bytes;
       for (; i < last; ++i) {
-        const std::span<const std::byte> padded(to + (pages.record(i).offset - begin),
-                                                pages.container().padded_page(pages.page(i)).size());
-        if (Result<void> done = finish_page(i, padded, slot + plan_.page_offset(i) - job.offset); !done) return done;
+        std::byte* const page = from + (pages.record(i).offset - begin);
+        const std::span<const std::byte> padded(page, pages.container().padded_page(pages.page(i)).size());
+        if (Result<void> done = finish_page(i, padded, is_raw ? page : place_of(slot, i), slot); !done) return done;
       }
     }
     return {};
   }
 
-  /// Checks a page, and unpacks it to `raw` if it is compressed. A raw page already lies in `raw`.
-  Result<void> finish_page(uint64_t index, std::span<const std::byte> padded, std::byte* raw) {
+  /// Checks a page, and unpacks it to `to` if it is compressed. A raw page already lies there.
+  Result<void> finish_page(uint64_t index, std::span<const std::byte> padded, std::byte* to, SlotPages& slot) {
     const DrawnPages& pages = *plan_.pages();
+    const format::Container& container = pages.container();
     const format::PageRecord& record = pages.record(index);
     const uint32_t page = pages.page(index);
-    if (Result<void> checked = pages.container().check_page(page, padded); !checked) return checked;
-    const std::span<std::byte> room(raw, record.raw_bytes);
-    if (record.codec != format::PageCodec::kRaw) {
-      const auto stored = padded.first(record.stored_bytes);
-      if (Result<void> done = pages.container().unpack_page(page, stored, room); !done) return done;
+    if (Result<void> checked = container.check_page(page, padded); !checked) return checked;
+    const auto stored = padded.first(record.stored_bytes);
+    if (slot.joins && record.codec == format::PageCodec::kSplit) {
+      const Result<bool> is_left = leave_split(index, stored, to, slot);
+      if (!is_left) return is_left.error();
+      if (*is_left) return {};
+    }
+    const std::span<std::byte> room(to, record.raw_bytes);
+    if (record.codec != format::PageCodec::kRaw)
+      if (Result<void> done = container.unpack_page(page, stored, room); !done) return done;
+    if (slot.joins) {
+      slot.plan.add_copy({offset_in(slot, to), plan_.page_offset(index)}, record.raw_bytes);
+      slot.end = format::align_up(offset_in(slot, to) + record.raw_bytes, format::kPageAlignment);
     }
     return pages.check(index, room);
+  }
+
+  static uint32_t offset_in(const SlotPages& slot, const std::byte* place) {
+    return static_cast<uint32_t>(place - slot.memory);
+  }
+
+  /// Unpacks the frame of a split page to `to`. Returns whether the device can join it.
+  Result<bool> leave_split(uint64_t index, std::span<const std::byte> stored, std::byte* to, SlotPages& slot) {
+    const DrawnPages& pages = *plan_.pages();
+    const format::Container& container = pages.container();
+    const uint32_t page = pages.page(index);
+    const Result<uint64_t> content = container.content_bytes(page, stored);  // at most twice the page's room
+    if (!content) return content.error();
+    const std::span<std::byte> split(to, *content);
+    if (Result<void> done = container.unpack_content(page, stored, split); !done) return done.error();
+    std::vector<JoinChunk> chunks;
+    for (uint64_t i = 0; i < pages.chunk_count(index); ++i) {
+      const format::ChunkRecord& chunk = container.chunks()[pages.chunk(index, i)];
+      chunks.push_back({&container.meshes()[chunk.mesh], &chunk});
+    }
+    if (!slot.plan.add_split(split, pages.record(index).raw_bytes, chunks,
+                             {offset_in(slot, to), plan_.page_offset(index)}))
+      return false;
+    slot.end = format::align_up(offset_in(slot, to) + *content, format::kPageAlignment);
+    ++slot.joined;
+    return true;
   }
 
   Result<void> check_large(const Job& job) {
@@ -357,6 +472,7 @@ class Uploader {
   UploadCounts counts() const {
     UploadCounts counts;
     counts.direct_bytes = direct_bytes_;
+    counts.joined_pages = joined_pages_;
     for (const Job& job : jobs_)
       if (job.kind != Job::Kind::kCheck) counts.copied_bytes += job.bytes;
     if (plan_.pages() == nullptr) return counts;
@@ -377,6 +493,8 @@ class Uploader {
   JobProgress* progress_;
   std::vector<Job> jobs_;
   SlotRing ring_;
+  bool joins_;  // the device joins split pages
+  std::atomic<uint64_t> joined_pages_{0};
   std::mutex large_mutex_;
   std::optional<DirectFile> direct_;
   std::atomic<bool> is_direct_{false};
@@ -386,6 +504,14 @@ class Uploader {
 };
 
 }  // namespace
+
+Result<void> UploadTarget::join(uint32_t, uint64_t, std::span<const kernels::JoinTask>) {
+  return Error{ErrorCode::kUnsupported, "the device does not join split pages"};
+}
+
+bool UploadTarget::has_joined(uint32_t) {
+  return false;
+}
 
 uint64_t UploadPlan::add(const void* from, uint64_t bytes) {
   const uint64_t offset = bytes_;
@@ -412,7 +538,14 @@ Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wa
   return bytes >= least_bytes && map.cached_share() < 0.5 ? Reading::kDirect : Reading::kBuffered;
 }
 
-StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most) {
+bool has_split_pages(const UploadPlan& plan) {
+  for (uint64_t i = 0; plan.pages() != nullptr && i < plan.pages()->size(); ++i)
+    if (plan.pages()->record(i).codec == format::PageCodec::kSplit) return true;
+  return false;
+}
+
+StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most,
+                         bool joins) {
   const bool is_direct = reading == Reading::kDirect;
   StagingSizes sizes = most;
   if (!is_direct) {
@@ -422,10 +555,15 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
       if (const uint64_t room = page_room(*plan.pages(), i); room <= most.slot_bytes)
         sizes.slot_bytes = std::max(sizes.slot_bytes, room);
   }
-  const uint64_t jobs = jobs_of(plan, sizes.slot_bytes).size();
+  sizes.joins = joins;
+  if (joins && !is_direct) sizes.slot_bytes = std::min(format::kMaxSplitRatio * sizes.slot_bytes, most.slot_bytes);
+  const uint64_t jobs = jobs_of(plan, sizes.job_bytes()).size();
   const uint32_t workers = std::max(threads, is_direct ? kDirectThreads : 1u);
-  // Two slots per thread: one is filled while the other is copied.
-  sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(std::min(jobs, 2 * uint64_t{workers}), 1, most.slots));
+  // Two slots per thread: one is filled while the other is copied. Joins take longer than copies, so they get more
+  // slots.
+  const uint64_t slots = (joins ? 4 : 2) * uint64_t{workers};
+  const uint64_t limit = joins ? std::max<uint64_t>(most.bytes() / sizes.slot_bytes, 1) : most.slots;
+  sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(std::min(jobs, slots), 1, limit));
   return sizes;
 }
 

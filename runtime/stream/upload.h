@@ -4,9 +4,12 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
+#include "format/geometry/cluster_page.h"
 #include "format/result.h"
+#include "kernels/join_task.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/files/reading.h"
 #include "runtime/scene/pages.h"
@@ -20,8 +23,17 @@ namespace scree::runtime {
 struct StagingSizes {
   uint64_t slot_bytes = uint64_t{4} << 20;
   uint32_t slots = 32;
+  bool joins = false;  // the device joins split pages, which may take twice the bytes of the joined ones
 
   uint64_t bytes() const { return slot_bytes * slots; }
+  /// The most bytes of the arena that are made of a slot.
+  uint64_t job_bytes() const { return joins ? slot_bytes / format::kMaxSplitRatio : slot_bytes; }
+};
+
+/// The most tasks and vertices of a join.
+struct JoinRoom {
+  uint64_t tasks = 0;
+  uint64_t vertices = 0;
 };
 
 /// Staging memory and a device that copies out of it. Called by several threads at once, each with a different slot.
@@ -32,8 +44,16 @@ class UploadTarget {
   virtual std::byte* slot(uint32_t slot) = 0;
   /// Starts copying the slot's first `bytes` to offset `to` of the device's arena. Errors kDevice.
   virtual Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) = 0;
-  /// Waits until the last copy out of the slot is done. Errors kDevice.
+  /// Waits until the last copy or join out of the slot is done. Errors kDevice.
   virtual Result<void> wait(uint32_t slot) = 0;
+
+  /// The next three functions are called if StagingSizes::joins is set.
+  virtual JoinRoom join_room() const { return {}; }
+  /// Starts copying the slot's first `bytes` to the device and doing `tasks` there: from the slot to the arena
+  /// (JoinPlan). Errors kDevice.
+  virtual Result<void> join(uint32_t slot, uint64_t bytes, std::span<const kernels::JoinTask> tasks);
+  /// After wait(): whether the device found the parts of the slot's last join() good.
+  virtual bool has_joined(uint32_t slot);
 
  protected:
   ~UploadTarget() = default;
@@ -73,6 +93,9 @@ class UploadPlan {
   uint64_t bytes_ = 0;
 };
 
+/// Whether any of the pages is split.
+bool has_split_pages(const UploadPlan& plan);
+
 /// Resolves kAuto for these pages. `least_bytes`: bytes of pages from which on kDirect is chosen.
 Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wanted,
                        uint64_t least_bytes = kDirectBytes);
@@ -83,7 +106,8 @@ Reading choose_reading(const UploadPlan& plan, const MappedFile& map, Reading wa
 inline constexpr uint64_t kCachedSlotBytes = uint64_t{1} << 20;
 
 /// Staging memory that `plan` can use, at most `most`. `reading`: not kAuto.
-StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most = {});
+StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threads, const StagingSizes& most = {},
+                         bool joins = false);
 
 struct UploadCounts {
   uint64_t pages = 0;
@@ -91,6 +115,7 @@ struct UploadCounts {
   uint64_t unpacked_bytes = 0;  // of the compressed pages
   uint64_t copied_bytes = 0;    // to the device
   uint64_t direct_bytes = 0;    // read past the page cache
+  uint64_t joined_pages = 0;    // by the device
 };
 
 struct UploadStats {
@@ -105,9 +130,10 @@ struct UploadStats {
 /// Uploads `plan` on up to `threads` threads and returns when all of it lies on the device. With kDirect, threads wait
 /// for the disk, so at least kDirectThreads are used. `reading`: not kAuto. A page is checked in its slot before it is
 /// copied (checksum, padding, frame, the streams of its drawn chunks). Only a raw page larger than a slot is checked in
-/// the map. Used pages are dropped from the map's resident memory. `map`: the file that the pages' container was opened
-/// on. Errors: as load_pages, and kFile; the error of the first bad page, for any number of threads; kDevice.
-/// `progress`: receives the bytes of the arena, and may stop the upload (kFile).
+/// the map. A split page is joined and its clusters are checked by the device, if it can; a page that the device
+/// refuses is unpacked and checked here after all. Used pages are dropped from the map's resident memory. `map`: the
+/// file that the pages' container was opened on. Errors: as load_pages, and kFile; the error of the first bad page, for
+/// any number of threads; kDevice. `progress`: receives the bytes of the arena, and may stop the upload (kFile).
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
                                 const StagingSizes& sizes, Reading reading, uint32_t threads,
                                 JobProgress* progress = nullptr);

@@ -225,6 +225,10 @@ T atomicOr(T* at, std::type_identity_t<T> value) {
   return atomic_change(at, [&](T was) { return was | value; });
 }
 template <class T>
+T atomicExch(T* at, std::type_identity_t<T> value) {
+  return atomic_change(at, [&](T) { return value; });
+}
+template <class T>
 T atomicCAS(T* at, std::type_identity_t<T> expected, std::type_identity_t<T> value) {
   scree::emulator::pause_at_atomic();
   std::atomic_ref(*at).compare_exchange_strong(expected, value);

@@ -16,8 +16,8 @@
 namespace scree::tests {
 
 /// Writes one mesh per soup, drawn once. Chunks lie in pages of about `page_bytes` (a longer chunk has its own page).
-/// Every `zstd_every`th page is compressed, and an image page follows every `image_every`th. `change` may alter page
-/// `number` before it is written.
+/// Every `zstd_every`th page is compressed, split if it has clusters, and an image page follows every `image_every`th.
+/// `change` may alter page `number` before it is written.
 struct PagedScene {
   uint64_t page_bytes = 9000;
   uint32_t zstd_every = 3;
@@ -35,8 +35,9 @@ struct PagedScene {
     format::ContainerWriter writer = must(format::ContainerWriter::create(path));
     format::TableSet tables;
     uint32_t pages = 0;
+    std::vector<format::PageClusters> clusters;
     const auto append = [&](format::PageKind kind, std::vector<std::byte> raw, int level) {
-      format::SealedPage page = format::seal_page(kind, std::move(raw), level);
+      format::SealedPage page = format::seal_page(kind, std::move(raw), level, std::exchange(clusters, {}));
       if (change) change(pages, page);
       REQUIRE(writer.append(page));
       ++pages;
@@ -53,6 +54,7 @@ struct PagedScene {
       if (raw.size() + chunk.bytes > page_bytes) flush();
       chunk.page = pages;
       chunk.offset = raw.size();
+      if (chunk.encoding == format::ChunkEncoding::kClustered) clusters.push_back({raw.size(), chunk.cluster_count});
       raw.insert(raw.end(), payload.begin(), payload.begin() + static_cast<ptrdiff_t>(chunk.bytes));
     }
     flush();

@@ -21,6 +21,7 @@
 
 #include "format/bytes.h"
 #include "format/container/checksum.h"
+#include "format/geometry/split_streams.h"
 #include "runtime/files/direct_file.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
@@ -35,6 +36,7 @@ using scree::ErrorCode;
 using scree::Result;
 using scree::format::SealedPage;
 using scree::runtime::DirectFile;
+using scree::runtime::JoinRoom;
 using scree::runtime::Reading;
 using scree::runtime::Scene;
 using scree::runtime::StagingSizes;
@@ -88,11 +90,23 @@ class SlowDevice final : public scree::runtime::UploadTarget {
     return {};
   }
 
+  /// A device that joins finds everything bad.
+  JoinRoom join_room() const override { return {1000, 1 << 20}; }
+  Result<void> join(uint32_t, uint64_t, std::span<const scree::kernels::JoinTask> tasks) override {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (tasks.empty()) complain("nothing to join");
+    ++joins_;
+    return {};
+  }
+  bool has_joined(uint32_t) override { return false; }
+
   Result<void> wait(uint32_t slot) override {
     std::unique_lock<std::mutex> lock(mutex_);
     changed_.wait(lock, [&] { return !pending_[slot]; });
     return {};
   }
+
+  uint64_t join_count() const { return joins_; }
 
   /// The first misuse of the device; empty if there was none.
   std::string complaint() {
@@ -149,6 +163,7 @@ class SlowDevice final : public scree::runtime::UploadTarget {
   std::deque<Copy> queue_;
   std::string complaint_;
   uint64_t copies_ = 0;
+  uint64_t joins_ = 0;
   bool stopping_ = false;
   std::byte* ring_;
   std::thread worker_;
@@ -169,11 +184,12 @@ Scene open_scene(const std::string& path) {
 struct Attempt {
   Result<UploadCounts> result;
   std::string complaint;
+  uint64_t joins = 0;
 };
 
 /// Uploads the pages of `scene` and `table`, and compares the uploaded bytes with the file.
 Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, uint32_t threads,
-               uint64_t failing_copy = kNever) {
+               uint64_t failing_copy = kNever, bool joins = false) {
   std::vector<std::byte> table(50000);
   std::mt19937 random(1);
   for (std::byte& byte : table) byte = static_cast<std::byte>(random());
@@ -182,10 +198,12 @@ Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, u
   const uint64_t second = plan.add(table.data(), table.size());
   CHECK(plan.add(nullptr, 0) % 256 == 0);
   plan.add_pages(scene.drawn_pages());
-  SlowDevice device(plan.bytes(), sizes, failing_copy);
-  Result<UploadCounts> done = run_upload(plan, scene.file().map(), device, sizes, reading, threads);
+  StagingSizes used = sizes;
+  used.joins = joins;
+  SlowDevice device(plan.bytes(), used, failing_copy);
+  Result<UploadCounts> done = run_upload(plan, scene.file().map(), device, used, reading, threads);
   const std::string complaint = device.complaint();
-  if (!done) return {done, complaint};
+  if (!done) return {done, complaint, device.join_count()};
   const auto arrived = [&](uint64_t offset, const std::byte* from, uint64_t bytes) {
     return std::memcmp(device.arena().data() + offset, from, bytes) == 0 && device.writes(offset, bytes) == 1;
   };
@@ -198,7 +216,7 @@ Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, u
     CHECK(plan.page_offset(i) % 4096 == 0);
     CHECK(arrived(plan.page_offset(i), raw.data(), raw.size()));
   }
-  return {done, complaint};
+  return {done, complaint, device.join_count()};
 }
 
 /// All ways to divide the work: pages larger and smaller than a slot, more and fewer slots than threads.
@@ -219,7 +237,8 @@ void for_all_ways(const Body& body) {
   }
 }
 
-/// Checks that an upload fails like loading the pages for the CPU, with `expected` in the message.
+/// Checks that an upload fails like loading the pages for the CPU, with `expected` in the message, also if the device
+/// is to join split pages.
 void check_error(const std::string& path, const std::string& expected) {
   Scene scene = open_scene(path);
   const auto loaded = refusal(scene.load_pages(2));
@@ -227,11 +246,13 @@ void check_error(const std::string& path, const std::string& expected) {
   CHECK(loaded.message.find(expected) != std::string::npos);
   CHECK_FALSE(scene.has_pages());
   for_all_ways([&](const StagingSizes& sizes, Reading reading, uint32_t threads) {
-    const Attempt attempt = upload(scene, sizes, reading, threads);
-    REQUIRE_FALSE(attempt.result);
-    CHECK(attempt.result.error().code == loaded.code);
-    CHECK(path + ": " + attempt.result.error().message == loaded.message);
-    CHECK(attempt.complaint == "");
+    for (const bool joins : {false, true}) {
+      const Attempt attempt = upload(scene, sizes, reading, threads, kNever, joins);
+      REQUIRE_FALSE(attempt.result);
+      CHECK(attempt.result.error().code == loaded.code);
+      CHECK(path + ": " + attempt.result.error().message == loaded.message);
+      CHECK(attempt.complaint == "");
+    }
   });
 }
 
@@ -387,6 +408,48 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
       check_error(path, "page 1: the checksum differs");
     }
   }
+}
+
+TEST_CASE("pages that a device does not join are joined before they are copied", "[upload]") {
+  const TempFolder folder;
+  const std::string path = folder.file("split.scree");
+  PagedScene scene;
+  scene.zstd_every = 2;
+  scree::tests::Encoding clustered;
+  clustered.clusters = scree::tests::Clusters::kClustered;
+  std::vector<std::pair<Soup, Encoding>> meshes = some_meshes();
+  meshes[0].second = clustered;
+  meshes[2].second = clustered;
+  uint32_t split_pages = 0;
+  scene.change = [&](uint32_t, SealedPage& page) {
+    split_pages += page.record.codec == scree::format::PageCodec::kSplit;
+  };
+  scene.write(path, meshes);
+  REQUIRE(split_pages > 2);
+  const Scene file = open_scene(path);
+  for_all_ways([&](const StagingSizes& sizes, Reading reading, uint32_t threads) {
+    const Attempt attempt = upload(file, sizes, reading, threads, kNever, true);
+    REQUIRE(attempt.result);
+    CHECK(attempt.complaint == "");
+    // Pages have up to 9,000 bytes, in slots of which half is for jobs.
+    CHECK((attempt.joins != 0) == (sizes.slot_bytes > 4096));
+    if (sizes.slot_bytes > 16384) CHECK(attempt.result->joined_pages == split_pages);
+  });
+  // An error of a page that only the device would have checked.
+  scene.change = [&](uint32_t number, SealedPage& page) {
+    if (page.record.codec != scree::format::PageCodec::kSplit || number < 3) return;
+    std::vector<std::byte> split(ZSTD_getFrameContentSize(page.stored.data(), page.stored.size()));
+    REQUIRE(ZSTD_decompress(split.data(), split.size(), page.stored.data(), page.stored.size()) == split.size());
+    const auto streams = must(scree::format::split_streams::open_streams(split));
+    const auto& steps = streams.bytes[scree::format::split_streams::kSteps];
+    split[static_cast<size_t>(steps.data() - split.data())] = std::byte{0xff};
+    page.stored.resize(ZSTD_compressBound(split.size()));
+    page.stored.resize(ZSTD_compress(page.stored.data(), page.stored.size(), split.data(), split.size(), 1));
+    page.record.stored_bytes = page.stored.size();
+    page.record.checksum = scree::format::checksum(page.stored);
+  };
+  scene.write(path, meshes);
+  check_error(path, ": split page: a triangle with vertices that its cluster lacks");
 }
 
 TEST_CASE("a failing device ends an upload with its error and no copy under way", "[upload]") {

@@ -1,0 +1,26 @@
+// The work of joining split pages on a GPU (kernels/cuda/join.h): which clusters and bytes go where.
+#pragma once
+
+#include <cstdint>
+
+#include "format/geometry/split_streams.h"
+
+namespace scree::kernels {
+
+/// Joins the clusters of a part, or copies bytes. Sources lie in a slot, results in an arena. Whoever makes a task
+/// checks that both are there (runtime/stream/join_plan.h).
+struct JoinTask {
+  uint64_t to = 0;                                       // offset in the arena; for clusters a multiple of 4
+  uint32_t from = 0;                                     // offset in the slot: of the split page, or of the bytes
+  uint32_t bytes = 0;                                    // to copy; 0: joins clusters
+  uint32_t cluster_count = 0;                            // of the part
+  uint32_t first[format::split_streams::kStreams] = {};  // as SplitPart::first
+  uint32_t planes = 0;                                   // bytes per residual of the page
+  uint32_t residual_count = 0;                           // of the page
+  uint32_t residuals = 0;                                // offset of the stream in the page
+  uint32_t cluster_words = 0;                            // that the clusters' data must take
+  uint32_t largest[3] = {};                              // largest offset of a vertex, from the chunk's position_min
+  uint32_t first_vertex = 0;                             // place of the part's vertices among those of the slot
+};
+
+}  // namespace scree::kernels

@@ -1,0 +1,46 @@
+// Plans how a device joins the split pages of a slot (kernels/cuda/join.h).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "format/layout.h"
+#include "kernels/join_task.h"
+
+namespace scree::runtime {
+
+/// A drawn chunk of a page.
+struct JoinChunk {
+  const format::MeshRecord* mesh;
+  const format::ChunkRecord* chunk;
+};
+
+/// Where a page lies: in a slot, and in the arena.
+struct JoinPlaces {
+  uint32_t from = 0;
+  uint64_t to = 0;
+};
+
+class JoinPlan {
+ public:
+  /// Adds the tasks that join a split page of `page_bytes` raw bytes with these drawn chunks. Checks everything that
+  /// the device does not check (kernels/cuda/join.h), so that the device reads the split page's bytes alone, and writes
+  /// the page's alone. Returns false if the page has to be joined and checked here instead: it is damaged, some of its
+  /// clusters are not drawn, or its chunks are not in the order of their offsets. Throws std::bad_alloc.
+  bool add_split(std::span<const std::byte> split, uint64_t page_bytes, std::span<const JoinChunk> chunks,
+                 const JoinPlaces& places);
+  /// Adds tasks that copy bytes, such as a raw page.
+  void add_copy(const JoinPlaces& places, uint64_t bytes);
+
+  const std::vector<kernels::JoinTask>& tasks() const { return tasks_; }
+  /// Vertices of all parts.
+  uint64_t vertices() const { return vertices_; }
+
+ private:
+  std::vector<kernels::JoinTask> tasks_;
+  uint64_t vertices_ = 0;
+};
+
+}  // namespace scree::runtime
