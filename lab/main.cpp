@@ -8,6 +8,7 @@
 #include "lab/judge/judge_run.h"
 #include "lab/options.h"
 #include "lab/sizes.h"
+#include "tools/common/command.h"
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
 #include "tools/common/suggest.h"
@@ -15,56 +16,45 @@
 namespace scree::lab {
 namespace {
 
+using tools::add_value;
+
 void add_options(CLI::App& app, LabWords& words) {
-  app.add_option("files", words.files,
-                 "A .scree file, instead of --scene; with --reference, --curves or --sizes .gltf and .glb models")
-      ->type_name("FILES");
-  app.add_option("--scene", words.scenes,
-                 "A, B, C, D, lantern (B's mesh once) or A60 (A with 60 M triangles), separated by commas\n"
-                 "(default: A,B,C,D); or textured: JPEG textures, decoded as they are drawn")
-      ->type_name("NAMES");
-  app.add_option("--view", words.views,
-                 "Views by name: overview, closeup (A, B, C), inside, corner (D), or a file's cameras (default: all)")
-      ->type_name("NAMES");
-  app.add_option("--positions", words.positions, "Encodings of generated scenes: 8 to 24 (bits per axis), float32")
-      ->capture_default_str()
-      ->type_name("LIST");
-  app.add_option("--indices", words.indices,
-                 "packed, 32, clustered (clusters, not chunks of indices), or auto: 32 bits with float32 positions, "
-                 "else packed")
-      ->capture_default_str()
-      ->type_name("LIST");
-  app.add_option("--order", words.order, "Order of triangles and vertices: row, or block (A, B, C)")
-      ->capture_default_str()
-      ->type_name("ORDER");
-  app.add_option("--scale", words.scale, "Share of the triangles of A, B and C to keep, above 0 to 1, as in synth")
-      ->capture_default_str()
-      ->type_name("SHARE");
-  app.add_option("--samples", words.samples, "Samples per pixel along each side: 1, 2, 4")
-      ->capture_default_str()
-      ->type_name("LIST");
-  app.add_option("--sampleless", words.sampleless,
-                 "Dropping triangles that cover no pixel centre early: on, off; the picture is the same")
-      ->capture_default_str()
-      ->type_name("LIST");
-  app.add_option("--culling", words.culling,
-                 "Culling of clusters: all, bounds (keeps hidden clusters), none; the picture is the same")
-      ->capture_default_str()
-      ->type_name("LIST");
-  app.add_option("--effects", words.effects, "none, ssao (ambient occlusion), edl (eye-dome lighting), ssao+edl")
-      ->capture_default_str()
-      ->type_name("LIST");
-  app.add_option("--size", words.size, "Image size in pixels (default: the scene's; for a file 1920x1080)")
-      ->type_name("WxH");
-  app.add_option(
-         "--near", words.near,
-         "The near plane's distance as a share of the scene's diagonal (default: 0.1 units, or a camera's own);\n"
-         "render uses 1e-6 if the eye is inside the scene")
-      ->type_name("SHARE");
-  app.add_option("--frames", words.frames, "Frames measured")->capture_default_str()->type_name("N");
-  app.add_option("--warmup", words.warmup, "Frames drawn before the measured ones")
-      ->capture_default_str()
-      ->type_name("N");
+  add_value(app, "files", "FILES", words.files,
+            "A .scree file, instead of --scene; with --reference, --curves or --sizes .gltf and .glb models");
+  add_value(app, "--scene", "NAMES", words.scenes,
+            "A, B, C, D, lantern (B's mesh once) or A60 (A with 60 M triangles), separated by commas\n"
+            "(default: A,B,C,D); or textured: JPEG textures, decoded as they are drawn");
+  add_value(app, "--view", "NAMES", words.views,
+            "Views by name: overview, closeup (A, B, C), inside, corner (D), or a file's cameras (default: all)");
+  add_value(app, "--positions", "LIST", words.positions,
+            "Encodings of generated scenes: 8 to 24 (bits per axis), float32")
+      ->capture_default_str();
+  add_value(app, "--indices", "LIST", words.indices,
+            "packed, 32, clustered (clusters, not chunks of indices), or auto: 32 bits with float32 positions, "
+            "else packed")
+      ->capture_default_str();
+  add_value(app, "--order", "ORDER", words.order, "Order of triangles and vertices: row, or block (A, B, C)")
+      ->capture_default_str();
+  add_value(app, "--scale", "SHARE", words.scale,
+            "Share of the triangles of A, B and C to keep, above 0 to 1, as in synth")
+      ->capture_default_str();
+  add_value(app, "--samples", "LIST", words.samples, "Samples per pixel along each side: 1, 2, 4")
+      ->capture_default_str();
+  add_value(app, "--sampleless", "LIST", words.sampleless,
+            "Dropping triangles that cover no pixel centre early: on, off; the picture is the same")
+      ->capture_default_str();
+  add_value(app, "--culling", "LIST", words.culling,
+            "Culling of clusters: all, bounds (keeps hidden clusters), none; the picture is the same")
+      ->capture_default_str();
+  add_value(app, "--effects", "LIST", words.effects,
+            "none, ssao (ambient occlusion), edl (eye-dome lighting), ssao+edl")
+      ->capture_default_str();
+  add_value(app, "--size", "WxH", words.size, "Image size in pixels (default: the scene's; for a file 1920x1080)");
+  add_value(app, "--near", "SHARE", words.near,
+            "The near plane's distance as a share of the scene's diagonal (default: 0.1 units, or a camera's own);\n"
+            "render uses 1e-6 if the eye is inside the scene");
+  add_value(app, "--frames", "N", words.frames, "Frames measured")->capture_default_str();
+  add_value(app, "--warmup", "N", words.warmup, "Frames drawn before the measured ones")->capture_default_str();
   app.add_flag("--stages", words.stages,
                "Time the stages of small scenes too. This makes them slower: otherwise a frame is one submission");
   app.add_flag("--path", words.path,
@@ -72,10 +62,9 @@ void add_options(CLI::App& app, LabWords& words) {
   app.add_flag("--sweep", words.sweep,
                "Speed, size and error against float32 positions, for all --indices and --positions (default:\n"
                "8,10,12,14,16,18,20,24)");
-  app.add_option("--peer", words.peer,
-                 "vulkan: also draw each view by the GPU's own rasteriser, with indexed draws (VK-ID) and with vertex\n"
-                 "shaders that read indices and positions themselves (VK-PIP), and compare the pictures with float32's")
-      ->type_name("NAME");
+  add_value(app, "--peer", "NAME", words.peer,
+            "vulkan: also draw each view by the GPU's own rasteriser, with indexed draws (VK-ID) and with vertex\n"
+            "shaders that read indices and positions themselves (VK-PIP), and compare the pictures with float32's");
   app.add_flag("--reference", words.reference,
                "Judge the pictures of --scene (default: D) and of models, as convert packs them with --positions and\n"
                "--indices, by a double-precision reference that draws every triangle of the source by brute force, so\n"
@@ -85,16 +74,13 @@ void add_options(CLI::App& app, LabWords& words) {
   app.add_flag("--sizes", words.sizes,
                "Size of geometry, and seconds to encode and decode it: models (.gltf, .glb) as convert packs them,\n"
                "in meshoptimizer's codecs, and in the glTF");
-  app.add_option("--textures", words.textures, "Textured: number of textures")->capture_default_str()->type_name("N");
-  app.add_option("--texture-size", words.texture_size, "Textured: texels per side")
-      ->capture_default_str()
-      ->type_name("N");
-  app.add_option("--texture-cache", words.texture_cache, "Textured: memory for decoded blocks (default: 256MiB)")
-      ->type_name("SIZE");
-  app.add_option("--device", words.device,
-                 "The GPU, by index or UUID as scree devices lists them (default: the first usable one)")
-      ->type_name("N|UUID");
-  app.add_option("--csv", words.csv, "Append a row per case to this file")->type_name("FILE");
+  add_value(app, "--textures", "N", words.textures, "Textured: number of textures")->capture_default_str();
+  add_value(app, "--texture-size", "N", words.texture_size, "Textured: texels per side")->capture_default_str();
+  add_value(app, "--texture-cache", "SIZE", words.texture_cache,
+            "Textured: memory for decoded blocks (default: 256MiB)");
+  add_value(app, "--device", "N|UUID", words.device,
+            "The GPU, by index or UUID as scree devices lists them (default: the first usable one)");
+  add_value(app, "--csv", "FILE", words.csv, "Append a row per case to this file");
 }
 
 Result<void> measure(const LabWords& words) {

@@ -172,14 +172,12 @@ class ModelSizes {
 
  private:
   SizeRow row(const std::string& encoding, int level) const {
-    SizeRow row;
-    row.model = file_name(model_);
-    row.encoding = encoding;
-    row.content = normals_ ? "normals" : "geometry";
-    row.zstd_level = level;
-    row.triangles = triangles_;
-    row.vertices = vertices_;
-    return row;
+    return {.model = file_name(model_),
+            .encoding = encoding,
+            .content = normals_ ? "normals" : "geometry",
+            .zstd_level = level,
+            .triangles = triangles_,
+            .vertices = vertices_};
   }
 
   convert::ConvertOptions options() const {

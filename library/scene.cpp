@@ -101,8 +101,7 @@ scree_status scree_load(scree_file* file, const scree_load_options* options, scr
     if (const scree_status checked = take(options, taken, "scree_load_options"); checked != SCREE_OK) return checked;
     runtime::LoadOptions load;
     if (const scree_status checked = translate(taken, load); checked != SCREE_OK) return checked;
-    scree::kernels::ShadeOptions shade;
-    shade.ssao = true;
+    scree::kernels::ShadeOptions shade{.ssao = true};
     if (load.pictures.width != 0) load.pictures.shade = &shade;
     runtime::JobProgress progress([&](const char* stage, uint64_t done, uint64_t total) {
       return taken.progress(taken.user, stage, done, total) == 0;
@@ -147,9 +146,7 @@ scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats)
     out.gpu_name = ready.gpu() ? ready.gpu()->name.c_str() : "";
     out.why_cpu = ready.why_cpu().c_str();
     out.lights = view.light_count;
-    scree::kernels::ShadeOptions shade;
-    shade.lighting = ready.lighting();
-    out.light = static_cast<scree_light>(scree::kernels::lighting_of(view, shade));
+    out.light = static_cast<scree_light>(scree::kernels::lighting_of(view, {.lighting = ready.lighting()}));
     give(stats, out);
     return SCREE_OK;
   });

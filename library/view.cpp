@@ -29,9 +29,7 @@ runtime::Vec3 vector_of(const double (&v)[3]) {
 /// Translates the camera for the engine, without its clipping box.
 scree_status make_whole_view(const runtime::LoadedScene& scene, const scree_camera& camera, uint32_t width,
                              uint32_t height, View& out) {
-  runtime::CameraOptions options;
-  options.width = width;
-  options.height = height;
+  runtime::CameraOptions options{.width = width, .height = height};
   if (camera.fov_degrees != 0) {
     if (!(camera.fov_degrees > 0 && camera.fov_degrees < 180))
       return fail(SCREE_ERROR_ARGUMENT, "scree_camera::fov_degrees is " + std::to_string(camera.fov_degrees) +

@@ -28,11 +28,10 @@ struct Frames::Impl {
   uint32_t* device_pixels() const { return reinterpret_cast<uint32_t*>(pixels.data()); }
 
   Result<kernels::FrameStats> raster(const kernels::View& view, const FrameOptions& options, FrameMs& ms) {
-    kernels::DrawOptions draw;
-    draw.sampleless_test = options.sampleless_test;
-    draw.cluster_bounds = options.culling.bounds;
-    draw.occlusion = options.culling.occlusion;
-    draw.stage_times = options.stage_times;
+    const kernels::DrawOptions draw{.sampleless_test = options.sampleless_test,
+                                    .cluster_bounds = options.culling.bounds,
+                                    .occlusion = options.culling.occlusion,
+                                    .stage_times = options.stage_times};
     kernels::FrameTimes times{};
     const runtime::Stopwatch watch;
     Result<kernels::FrameStats> stats = frames->draw(view, device_samples(), draw, &times);
@@ -77,9 +76,7 @@ Result<kernels::FrameStats> Frames::draw(const kernels::View& view, const FrameO
   if (done) done = impl_->timer.start();
   if (!done) return done.error();
   ms = FrameMs{};
-  kernels::ShadeOptions shade;
-  shade.ssao = options.effects.ssao;
-  shade.edl = options.effects.edl;
+  const kernels::ShadeOptions shade{.ssao = options.effects.ssao, .edl = options.effects.edl};
   Result<kernels::FrameStats> stats = impl_->raster(view, options, ms);
   if (!stats) return stats;
   kernels::ResolveTimes times;

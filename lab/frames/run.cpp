@@ -261,12 +261,13 @@ class Runner {
                                            {size.width * samples, size.height * samples}, threads);
       if (!views) return views.error();
       for (const bench::FileView& view : *views) {
-        CaseResult result;
-        result.scene = file_name(path);
-        result.order = result.positions = result.indices = "file";
-        result.width = size.width;
-        result.height = size.height;
-        result.samples_per_side = samples;
+        CaseResult result{.scene = file_name(path),
+                          .order = "file",
+                          .positions = "file",
+                          .indices = "file",
+                          .width = size.width,
+                          .height = size.height,
+                          .samples_per_side = samples};
         add_sizes(*resident, result);
         if (Result<void> done = measure_view(*resident, *frames, {view.name, {view.view}}, std::move(result)); !done)
           return done;
@@ -283,12 +284,11 @@ class Runner {
     result.frames = view.frames.size() > 1 ? static_cast<uint32_t>(view.frames.size()) : options_.frames;
     Series series;
     FrameMs ms;
-    FrameOptions frame;
-    frame.samples_per_side = result.samples_per_side;
-    frame.sampleless_test = result.sampleless_test;
-    frame.stage_times = options_.stage_times;
-    frame.culling = culling;
-    frame.effects = effects;
+    const FrameOptions frame{.samples_per_side = result.samples_per_side,
+                             .sampleless_test = result.sampleless_test,
+                             .culling = culling,
+                             .effects = effects,
+                             .stage_times = options_.stage_times};
     for (uint32_t i = 0; i < options_.warmup; ++i) {
       if (const auto stats = frames.draw(view.frames.front(), frame, ms); !stats) return stats.error();
     }

@@ -155,8 +155,7 @@ class TexturedBench {
     kernels::CudaTextureCache* const cache = copy_.texture_cache();
     if (cold)
       if (auto done = cache->clear(nullptr); !done) return done.error();
-    kernels::ShadeOptions shade;
-    shade.show = show;
+    const kernels::ShadeOptions shade{.show = show};
     kernels::ResolveTimes times;
     if (auto done = resolver_.resolve(copy_.view(), view, 1, samples, frames_->transforms(), shade,
                                       reinterpret_cast<uint32_t*>(pixels_.data()), nullptr, &times, cache);

@@ -32,10 +32,7 @@ Result<PackedScene> PackedScene::make(const std::string& source, const std::stri
   packed.settings_ = settings;
   packed.position_error_ = report->position_error;
   packed.position_bound_ = report->position_error_bound;
-  runtime::SceneOptions load;
-  load.textures = false;
-  load.threads = settings.threads;
-  Result<runtime::Scene> scene = runtime::Scene::open(path, load);
+  Result<runtime::Scene> scene = runtime::Scene::open(path, {.textures = false, .threads = settings.threads});
   if (!scene) return scene.error();
   packed.scene_ = std::make_unique<runtime::Scene>(std::move(*scene));
   if (settings.gpu) {

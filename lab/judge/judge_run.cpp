@@ -75,10 +75,8 @@ class JudgeRun {
     std::error_code failed;
     std::filesystem::create_directories(folder_.file(kSceneFolder), failed);
     if (failed) return Error{ErrorCode::kFile, folder_.file(kSceneFolder) + ": " + failed.message()};
-    synth::SynthOptions synth;
-    synth.scene = name;
-    synth.output = folder_.file(std::string(kSceneFolder) + "/scene.gltf");
-    synth.threads = settings_.threads;
+    const synth::SynthOptions synth{
+        .scene = name, .output = folder_.file(std::string(kSceneFolder) + "/scene.gltf"), .threads = settings_.threads};
     const Result<synth::SynthReport> written = synth::write_scene(scene, synth);
     if (!written) return written.error();
     Source source{name, synth.output, scene_scale(name, options_.scale), {}};
@@ -146,12 +144,11 @@ class JudgeRun {
 
   JudgedCase describe(const Source& source, const SourceJudge::ReferencePicture& reference,
                       const PackedScene& packed) const {
-    JudgedCase row;
-    row.scene = source.name;
-    row.scale = source.scale;
-    row.view = reference.name;
-    row.width = reference.view.width;
-    row.height = reference.view.height;
+    JudgedCase row{.scene = source.name,
+                   .scale = source.scale,
+                   .view = reference.name,
+                   .width = reference.view.width,
+                   .height = reference.view.height};
     packed.describe(row);
     return row;
   }

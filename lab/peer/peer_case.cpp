@@ -11,21 +11,19 @@ namespace {
 
 /// The columns that hold for a peer's frame too; the others stay empty.
 CaseResult begin_case(const Peer& peer, PeerDrawing drawing, const CaseResult& scree) {
-  CaseResult result;
-  result.scene = scree.scene;
-  result.order = scree.order;
-  result.scale = scree.scale;
-  result.positions = scree.positions;
-  result.indices = peer_name(drawing);
-  result.view = scree.view;
-  result.width = scree.width;
-  result.height = scree.height;
-  result.samples_per_side = scree.samples_per_side;
-  result.unique_triangles = scree.unique_triangles;
-  result.drawn_triangles = scree.drawn_triangles;
-  result.geometry_bytes = peer.geometry_bytes();
-  result.device_bytes = peer.device_bytes();
-  return result;
+  return {.scene = scree.scene,
+          .order = scree.order,
+          .scale = scree.scale,
+          .positions = scree.positions,
+          .indices = peer_name(drawing),
+          .view = scree.view,
+          .width = scree.width,
+          .height = scree.height,
+          .samples_per_side = scree.samples_per_side,
+          .unique_triangles = scree.unique_triangles,
+          .drawn_triangles = scree.drawn_triangles,
+          .geometry_bytes = peer.geometry_bytes(),
+          .device_bytes = peer.device_bytes()};
 }
 
 Result<void> measure(Peer& peer, PeerDrawing drawing, uint32_t frames, uint32_t warmup, CaseResult& result) {

@@ -293,8 +293,7 @@ Result<void> VulkanDevice::allocate(const VkMemoryRequirements& needs, VulkanMem
 }
 
 Result<VulkanBuffer> VulkanDevice::make_buffer(uint64_t bytes, VkBufferUsageFlags usage, VulkanMemory memory) const {
-  VulkanBuffer buffer;
-  buffer.bytes = bytes;
+  VulkanBuffer buffer{.bytes = bytes};
   const bool has_address = (usage & VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT) != 0;
   const VkBufferCreateInfo info{.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
                                 .size = bytes,

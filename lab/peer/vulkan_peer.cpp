@@ -486,8 +486,7 @@ Result<void> VulkanPeer::record_reading() {
 Result<Peer::Ms> VulkanPeer::draw(PeerDrawing drawing) {
   const runtime::Stopwatch watch;
   if (auto done = gpu_->run(drawings_[static_cast<size_t>(drawing)]); !done) return done.error();
-  Ms ms;
-  ms.wall = static_cast<float>(watch.elapsed().wall_ms);
+  Ms ms{.wall = static_cast<float>(watch.elapsed().wall_ms)};
   uint64_t stamps[2] = {};
   if (auto done =
           vulkan_check(vk_.vkGetQueryPoolResults(gpu_->handle(), queries_, 0, 2, sizeof stamps, stamps,

@@ -56,8 +56,7 @@ std::vector<std::byte> encode(const synth::MeshRecipe& recipe, const ChunkPlan& 
 
 Result<ClusteredScene> encode_clustered(const synth::Scene& scene, std::span<const ChunkPlan> plans, SceneTables tables,
                                         uint32_t threads) {
-  ClusteredScene out;
-  out.tables = std::move(tables);
+  ClusteredScene out{.tables = std::move(tables)};
   std::vector<format::ChunkRecord>& chunks = out.tables.chunks;
   try {
     out.payloads.resize(plans.size());

@@ -28,11 +28,10 @@ ChunkBox whole_box(std::span<const ChunkBox> boxes) {
 }
 
 Result<format::MeshRecord> make_mesh(const synth::MeshRecipe& recipe, const ChunkBox& box, const Encoding& encoding) {
-  format::MeshRecord mesh{};
-  mesh.triangle_count = synth::triangle_count(recipe);
-  mesh.source_vertex_count = synth::vertex_count(recipe);
-  mesh.material = format::kNone;
-  mesh.group = format::kNone;
+  format::MeshRecord mesh{.triangle_count = synth::triangle_count(recipe),
+                          .source_vertex_count = synth::vertex_count(recipe),
+                          .material = format::kNone,
+                          .group = format::kNone};
   if (encoding.float32) {
     mesh.position_encoding = format::PositionEncoding::kFloat32;
     for (int axis = 0; axis < 3; ++axis) {
@@ -57,11 +56,10 @@ Result<format::MeshRecord> make_mesh(const synth::MeshRecipe& recipe, const Chun
 
 format::ChunkRecord make_chunk(const synth::MeshRecipe& recipe, const ChunkPlan& plan, const format::MeshRecord& mesh,
                                const ChunkBox& box, const Encoding& encoding) {
-  format::ChunkRecord chunk{};
-  chunk.first_triangle = 2 * chunk_first_quad(recipe, plan);
-  chunk.mesh = plan.mesh;
-  chunk.triangle_count = 2 * chunk_quads(recipe, plan);
-  chunk.vertex_count = chunk_vertices(recipe, plan);
+  format::ChunkRecord chunk{.first_triangle = 2 * chunk_first_quad(recipe, plan),
+                            .mesh = plan.mesh,
+                            .triangle_count = 2 * chunk_quads(recipe, plan),
+                            .vertex_count = chunk_vertices(recipe, plan)};
   // Every vertex of the chunk's grids is used, including the first.
   chunk.index_min = 0;
   chunk.index_bits =

@@ -122,9 +122,7 @@ Result<std::vector<std::byte>> read_block_level(ImageFile& file, BlockFile& head
 
 Image decode_block_level(format::BlockFormat format, uint16_t swizzle, uint32_t width, uint32_t height,
                          const std::byte* blocks) {
-  Image image;
-  image.width = width;
-  image.height = height;
+  Image image{.width = width, .height = height};
   image.rgba.resize(uint64_t{4} * width * height);
   uint8_t* out = image.rgba.data();
   for (uint32_t y = 0; y < height; ++y)

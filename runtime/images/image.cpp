@@ -31,15 +31,14 @@ Error out_of_memory(const ImageInfo& info) {
 Result<ImageInfo> probe_blocks(ImageFile& file) {
   const Result<BlockFile> head = open_block_file(file);
   if (!head) return head.error();
-  ImageInfo info{};
-  info.codec = format::ImageCodec::kBlocks;
-  info.width = head->width;
-  info.height = head->height;
-  info.channels = format::block_channels(head->format);
-  info.block_bytes = format::block_level_bytes(head->format, head->width, head->height);
-  info.is_decoded = head->coding == BlockFile::Coding::kUastc || head->coding == BlockFile::Coding::kBasisLz;
-  info.codebook_bytes = head->basis_lz.memory();
-  return info;
+  return ImageInfo{
+      .codec = format::ImageCodec::kBlocks,
+      .width = head->width,
+      .height = head->height,
+      .channels = format::block_channels(head->format),
+      .block_bytes = format::block_level_bytes(head->format, head->width, head->height),
+      .is_decoded = head->coding == BlockFile::Coding::kUastc || head->coding == BlockFile::Coding::kBasisLz,
+      .codebook_bytes = head->basis_lz.memory()};
 }
 
 /// Decodes level 0 of a block image in bands.

@@ -247,9 +247,7 @@ Result<ImageInfo> probe_jpeg(ImageFile& file) {
 Result<Image> decode_jpeg(ImageFile& file, const ImageInfo& info) {
   JpegReader reader(file);
   if (const Result<void> opened = reader.open(info); !opened) return opened.error();
-  Image image;
-  image.width = info.width;
-  image.height = info.height;
+  Image image{.width = info.width, .height = info.height};
   image.rgba.resize(size_t{4} * info.width * info.height);
   if (!reader.read_rows(image.rgba.data(), size_t{4} * info.width)) return reader.failure();
   if (reader.is_cmyk()) convert_cmyk(image.rgba, reader.holds_light());

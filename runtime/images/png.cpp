@@ -180,10 +180,7 @@ Result<ImageInfo> probe_png(ImageFile& file) {
       return Error{ErrorCode::kFormat, "PNG: bytes 4 to 7 of the signature were changed"};
   if (big_endian(file, kSignatureBytes) != 13 || !chunk_is(file, kSignatureBytes, "IHDR"))
     return Error{ErrorCode::kFormat, "PNG: the first chunk is not an IHDR of 13 bytes"};
-  ImageInfo info{};
-  info.codec = format::ImageCodec::kPng;
-  info.width = big_endian(file, 16);
-  info.height = big_endian(file, 20);
+  ImageInfo info{.codec = format::ImageCodec::kPng, .width = big_endian(file, 16), .height = big_endian(file, 20)};
   if (info.width == 0 || info.height == 0 || info.width > 0x7fffffff || info.height > 0x7fffffff)
     return Error{ErrorCode::kFormat, "PNG: " + std::to_string(info.width) + " x " + std::to_string(info.height) +
                                          " pixels, expected 1 to 2^31 - 1 per side"};
@@ -210,9 +207,7 @@ Result<ImageInfo> probe_png(ImageFile& file) {
 }
 
 Result<Image> decode_png(ImageFile& file, const ImageInfo& info) {
-  Image image;
-  image.width = info.width;
-  image.height = info.height;
+  Image image{.width = info.width, .height = info.height};
   const Result<void> read = read_png(file, info, [&](size_t row_bytes) {
     image.rgba.resize(row_bytes * info.height);
     return std::pair(image.rgba.data(), row_bytes);

@@ -145,11 +145,6 @@ bool deflate_strip(const PixelView& picture, uint32_t channels, uint32_t first, 
   return is_done;
 }
 
-template <class... Values>
-void append_bytes(Bytes& out, Values... values) {
-  (out.push_back(static_cast<std::byte>(values)), ...);
-}
-
 void append_big_endian(Bytes& out, uint32_t value) {
   append_bytes(out, value >> 24, value >> 16, value >> 8, value);
 }

@@ -36,6 +36,12 @@ struct PngOptions {
 /// bytes, which are 0.2% more. Errors kMemory.
 Result<std::vector<std::byte>> encode_png(const PixelView& picture, const PngOptions& options = {});
 
+/// For encoders of pictures: appends the lowest 8 bits of each value.
+template <class... Values>
+void append_bytes(std::vector<std::byte>& out, Values... values) {
+  (out.push_back(static_cast<std::byte>(values)), ...);
+}
+
 /// Writes a PNG to a file. Errors kFile, kMemory.
 Result<void> write_png(const std::string& path, const PixelView& picture, const PngOptions& options = {},
                        format::Existing existing = format::Existing::kReplace);

@@ -49,13 +49,11 @@ Result<ImageInfo> probe_webp(ImageFile& file) {
   if (features.has_animation != 0)
     return Error{ErrorCode::kUnsupported, "WebP: an animation, but glTF has still pictures"};
   if (features.width <= 0 || features.height <= 0) return fail(VP8_STATUS_BITSTREAM_ERROR);
-  ImageInfo info{};
-  info.codec = format::ImageCodec::kPng;
-  info.is_webp = true;
-  info.width = static_cast<uint32_t>(features.width);
-  info.height = static_cast<uint32_t>(features.height);
-  info.channels = features.has_alpha != 0 ? 4 : 3;
-  return info;
+  return ImageInfo{.codec = format::ImageCodec::kPng,
+                   .is_webp = true,
+                   .width = static_cast<uint32_t>(features.width),
+                   .height = static_cast<uint32_t>(features.height),
+                   .channels = features.has_alpha != 0 ? 4u : 3u};
 }
 
 Result<Image> decode_webp(ImageFile& file, const ImageInfo& info) {
@@ -74,9 +72,7 @@ Result<Image> decode_webp(ImageFile& file, const ImageInfo& info) {
   // The probe read only the header. libwebp checks more when it has the whole file.
   if (config.input.width != static_cast<int>(info.width) || config.input.height != static_cast<int>(info.height))
     return fail(VP8_STATUS_BITSTREAM_ERROR);
-  Image image;
-  image.width = info.width;
-  image.height = info.height;
+  Image image{.width = info.width, .height = info.height};
   image.rgba.resize(size_t{4} * info.width * info.height);
   config.output.colorspace = MODE_RGBA;
   config.output.is_external_memory = 1;

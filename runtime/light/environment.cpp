@@ -249,9 +249,7 @@ Result<std::vector<float>> load_environment(const std::string& path, uint32_t th
   if (!map) return map.error();
   const Result<HdrSize> size = read_hdr_size(map->bytes());
   if (!size) return at(path, size.error());
-  Panorama panorama;
-  panorama.width = std::min(size->width, kMostWidth);
-  panorama.height = std::min(size->height, kMostWidth / 2);
+  Panorama panorama{.width = std::min(size->width, kMostWidth), .height = std::min(size->height, kMostWidth / 2)};
   // Rows of larger pictures are averaged as they are read.
   std::vector<double> sums(size_t{4} * panorama.width * panorama.height);
   const Result<void> read = read_hdr(map->bytes(), [&](uint32_t y, std::span<const float> row) {

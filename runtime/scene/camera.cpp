@@ -355,9 +355,7 @@ Result<View> default_view(const kernels::SceneView& drawn, const WorldBox& box, 
 template <class Box>
 Result<View> view_with(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
                        const CameraOptions& options, const Box& box) {
-  View view{};
-  view.width = options.width;
-  view.height = options.height;
+  View view{.width = options.width, .height = options.height};
   if (options.clip_box) {
     view.clips = true;
     std::copy(options.clip_box->min.begin(), options.clip_box->min.end(), view.clip_min);
@@ -471,9 +469,7 @@ Result<View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint
   const bool is_affine = m[12] == 0 && m[13] == 0 && m[14] == 0 && m[15] == 1;
   if (!is_rotation || !is_affine || !std::isfinite(m[3] + m[7] + m[11]))
     return Error{ErrorCode::kUsage, "the view is no rotation and translation from world to camera, rows first"};
-  View view{};
-  view.width = width;
-  view.height = height;
+  View view{.width = width, .height = height};
   (void)orient(view, *normalized(-1.0 * back), up);
   Vec3 eye{};
   for (size_t i = 0; i < 3; ++i) eye[i] = -m[3] * view.right[i] - m[7] * view.up[i] + m[11] * view.forward[i];

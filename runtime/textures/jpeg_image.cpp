@@ -79,9 +79,7 @@ Result<Image> decode_jpeg_level(const format::JpegIndex& level) {
     return Error{ErrorCode::kRange,
                  std::to_string(pixels) + " pixels, but at most " + std::to_string(kMaxImagePixels) + " in all"};
   }
-  Image image;
-  image.width = level.width;
-  image.height = level.height;
+  Image image{.width = level.width, .height = level.height};
   image.rgba.resize(4 * pixels);
   uint8_t* out = image.rgba.data();
   const auto decoded = format::decode_jpeg_rows(level, [&](uint32_t, std::span<const uint8_t> rgb) {
@@ -126,9 +124,7 @@ Result<MipChain> JpegImage::decode_tail(TexelCoding coding) const {
 Result<MipChain> JpegImage::decode(TexelCoding coding) const {
   const Result<MipChain> tail = decode_tail(coding);
   if (!tail) return tail.error();
-  MipChain chain;
-  chain.width = levels_.front().width;
-  chain.height = levels_.front().height;
+  MipChain chain{.width = levels_.front().width, .height = levels_.front().height};
   const auto stored = static_cast<uint32_t>(levels_.size()) - 1;  // levels before the tail
   for (uint32_t l = 0; l < stored; ++l) {
     const Result<Image> image = decode_jpeg_level(levels_[l]);

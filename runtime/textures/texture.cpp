@@ -37,10 +37,8 @@ void encode_texels(std::span<const Texel> texels, TexelCoding coding, uint8_t* r
 
 MipChain make_mips(Image image, TexelCoding coding) {
   assert(image.width >= 1 && image.height >= 1 && image.width <= kMaxDecodedSide && image.height <= kMaxDecodedSide);
-  MipChain chain;
-  chain.width = image.width;
-  chain.height = image.height;
-  chain.level_count = mip_level_count(image.width, image.height);
+  MipChain chain{
+      .width = image.width, .height = image.height, .level_count = mip_level_count(image.width, image.height)};
   uint64_t texels = 0;
   for (uint32_t level = 0; level < chain.level_count; ++level) {
     chain.level_offset[level] = texels;
@@ -62,8 +60,7 @@ MipChain make_mips(Image image, TexelCoding coding) {
 }
 
 kernels::TextureView texture_view(const MipChain& chain, const format::TextureRecord& record) {
-  kernels::TextureView view{};
-  view.texels = chain.texels.data();
+  kernels::TextureView view{.texels = chain.texels.data()};
   std::copy(std::begin(chain.level_offset), std::end(chain.level_offset), std::begin(view.level_offset));
   view.width = chain.width;
   view.height = chain.height;

@@ -14,6 +14,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <sstream>
 #include <string>
@@ -118,6 +119,11 @@ std::vector<Gpu> listed_gpus() {
   return gpus;
 }
 
+std::optional<Gpu> listed_gpu(int number) {
+  const std::vector<Gpu> gpus = listed_gpus();
+  return number >= 0 && static_cast<size_t>(number) < gpus.size() ? std::optional(gpus[number]) : std::nullopt;
+}
+
 int driver_version() {
   const char* const text = std::getenv("SCREE_EMULATED_DRIVER");
   return text != nullptr ? std::atoi(text) : CUDART_VERSION;
@@ -132,8 +138,9 @@ struct Kernel {
 /// State that the calls share. One call runs at a time.
 struct Device {
   std::recursive_mutex mutex;
-  std::map<int, CUstream_st> null_streams;           // by GPU
-  std::deque<std::unique_ptr<CUstream_st>> streams;  // including destroyed ones
+  std::map<int, CUstream_st> null_streams;  // by GPU
+  std::deque<std::unique_ptr<CUstream_st>> streams;
+  std::deque<std::unique_ptr<CUstream_st>> destroyed_streams;  // events may still refer to them
   std::map<uintptr_t, Allocation> allocations;
   std::map<const void*, Kernel> kernels;
   std::map<int, scree::emulator::MemoryInUse> in_use;  // by GPU; pinned memory is under kPinned
@@ -221,12 +228,9 @@ cudaError_t allocate(void** out, size_t bytes, bool is_device) {
   Device& all = device();
   const std::lock_guard lock(all.mutex);
   *out = nullptr;
-  const std::vector<Gpu> gpus = listed_gpus();
   scree::emulator::MemoryInUse& in_use = all.in_use[is_device ? current_gpu : kPinned];
-  if (is_device) {
-    const size_t most = static_cast<size_t>(current_gpu) < gpus.size() ? gpus[current_gpu].bytes : kDeviceBytes;
-    if (bytes > most - in_use.now) return failed(cudaErrorMemoryAllocation);
-  }
+  if (is_device && bytes > listed_gpu(current_gpu).value_or(Gpu{}).bytes - in_use.now)
+    return failed(cudaErrorMemoryAllocation);
   if (bytes == 0) return cudaSuccess;
   void* made = nullptr;
   if (posix_memalign(&made, kAlignment, bytes) != 0) return failed(cudaErrorMemoryAllocation);
@@ -393,8 +397,7 @@ cudaError_t cudaPointerGetAttributes(cudaPointerAttributes* out, const void* at)
 
 cudaError_t cudaMemGetInfo(size_t* free_bytes, size_t* total) {
   const std::lock_guard lock(device().mutex);
-  const std::vector<Gpu> gpus = listed_gpus();
-  *total = static_cast<size_t>(current_gpu) < gpus.size() ? gpus[current_gpu].bytes : kDeviceBytes;
+  *total = listed_gpu(current_gpu).value_or(Gpu{}).bytes;
   *free_bytes = *total - device().in_use[current_gpu].now;
   return cudaSuccess;
 }
@@ -438,14 +441,13 @@ cudaError_t cudaSetDevice(int number) {
   return cudaSuccess;
 }
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* out, int number) {
-  const std::vector<Gpu> gpus = listed_gpus();
-  if (number < 0 || static_cast<size_t>(number) >= gpus.size()) return failed(cudaErrorInvalidDevice);
-  const Gpu& gpu = gpus[number];
+  const std::optional<Gpu> gpu = listed_gpu(number);
+  if (!gpu) return failed(cudaErrorInvalidDevice);
   *out = cudaDeviceProp{};
   std::snprintf(out->name, sizeof out->name, "emulated GPU");
-  out->major = gpu.major;
-  out->minor = gpu.minor;
-  out->totalGlobalMem = gpu.bytes;
+  out->major = gpu->major;
+  out->minor = gpu->minor;
+  out->totalGlobalMem = gpu->bytes;
   for (size_t i = 0; i < sizeof out->uuid.bytes; ++i) out->uuid.bytes[i] = static_cast<char>(0xe0 + number);
   out->multiProcessorCount = scree::emulator::kMultiprocessors;
   out->warpSize = static_cast<int>(scree::emulator::kWarpLanes);
@@ -478,10 +480,9 @@ cudaError_t cudaDeviceSynchronize() {
 
 /// GPUs of one kind read each other's memory.
 cudaError_t cudaDeviceCanAccessPeer(int* can, int number, int peer) {
-  const std::vector<Gpu> gpus = listed_gpus();
-  const auto is_listed = [&](int gpu) { return gpu >= 0 && static_cast<size_t>(gpu) < gpus.size(); };
-  if (!is_listed(number) || !is_listed(peer)) return failed(cudaErrorInvalidDevice);
-  *can = number != peer && gpus[number].major == gpus[peer].major && gpus[number].minor == gpus[peer].minor ? 1 : 0;
+  const std::optional<Gpu> gpu = listed_gpu(number), other = listed_gpu(peer);
+  if (!gpu || !other) return failed(cudaErrorInvalidDevice);
+  *can = number != peer && gpu->major == other->major && gpu->minor == other->minor ? 1 : 0;
   return cudaSuccess;
 }
 cudaError_t cudaDeviceEnablePeerAccess(int peer, unsigned) {
@@ -505,6 +506,10 @@ cudaError_t cudaStreamDestroy(cudaStream_t stream) {
   const std::lock_guard lock(device().mutex);
   reach(stream_of(stream)->end());
   stream->is_destroyed = true;
+  std::deque<std::unique_ptr<CUstream_st>>& all = device().streams;
+  const auto place = std::find_if(all.begin(), all.end(), [&](const auto& one) { return one.get() == stream; });
+  device().destroyed_streams.push_back(std::move(*place));
+  all.erase(place);
   return cudaSuccess;
 }
 /// Visible to nccl.cpp.
@@ -626,11 +631,9 @@ cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t begin, cudaEvent_t end) 
 }
 
 cudaError_t cudaFuncGetAttributes(cudaFuncAttributes* out, const void*) {
-  const std::vector<Gpu> gpus = listed_gpus();
   *out = {};
-  if (static_cast<size_t>(current_gpu) < gpus.size() && gpus[current_gpu].major < kLeastMajor)
-    return failed(cudaErrorNoKernelImageForDevice);
-  return cudaSuccess;
+  return listed_gpu(current_gpu).value_or(Gpu{}).major < kLeastMajor ? failed(cudaErrorNoKernelImageForDevice)
+                                                                     : cudaSuccess;
 }
 cudaError_t cudaFuncSetAttribute(const void* function, cudaFuncAttribute attribute, int value) {
   const std::lock_guard lock(device().mutex);

@@ -103,8 +103,7 @@ void Experiment::stay_here() const {
 Run Experiment::run_here(const Plan& plan) const {
   lay_out();
   if (::ftruncate(STDERR_FILENO, 0) != 0) ::_exit(99);
-  Run run;
-  run.code = call(plan);
+  Run run{.code = call(plan)};
   ::alarm(0);
   std::fflush(nullptr);
   if (__lsan_do_recoverable_leak_check != nullptr) (void)__lsan_do_recoverable_leak_check();

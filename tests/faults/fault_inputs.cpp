@@ -106,8 +106,7 @@ void write_giant(const TempFolder& folder) {
 void write_blocks(const TempFolder& folder) {
   ModelMaker maker(folder.file("blocks.gltf"));
   for (uint32_t i = 0; i < 2; ++i) {
-    GridSpec spec;
-    spec.uv = true;
+    const GridSpec spec{.uv = true};
     const FileBytes file = make_ktx2({.width = 160, .height = 160, .seed = i});
     const uint32_t blocks = maker.textured("blocks" + std::to_string(i), format::ImageCodec::kBlocks, file);
     maker.node("a", maker.mesh("grid", {maker.grid(spec, blocks)}), {1.1 * i, 0, 0});
@@ -117,9 +116,7 @@ void write_blocks(const TempFolder& folder) {
 
 /// Grids around the origin, in front of and beside each other, so that some hide others.
 void write_many(const TempFolder& folder, uint32_t scale) {
-  JpegRecipe recipe;
-  recipe.width = recipe.height = 40;
-  recipe.factors = {{1, 1}, {1, 1}, {1, 1}};
+  const JpegRecipe recipe{.width = 40, .height = 40, .factors = {{1, 1}, {1, 1}, {1, 1}}};
   ModelMaker maker(folder.file("many.gltf"));
   const uint32_t jpeg = maker.textured("many", format::ImageCodec::kJpeg, make_jpeg(recipe));
   for (uint32_t i = 0; i < 6; ++i) {
@@ -137,21 +134,15 @@ void write_many(const TempFolder& folder, uint32_t scale) {
 }  // namespace
 
 FaultInputs::FaultInputs() {
-  JpegRecipe recipe;
-  recipe.width = recipe.height = 70;
-  recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
-  recipe.quality = 30;
-  {
-    ModelMaker maker(folder_.file("in.gltf"));
-    GridSpec spec;
-    spec.uv = spec.color = spec.normal = true;
+  const JpegRecipe recipe{.width = 70, .height = 70, .factors = {{2, 2}, {1, 1}, {1, 1}}, .quality = 30};
+  tests::make_model(folder_.file("in.gltf"), [&](ModelMaker& maker) {
+    const GridSpec spec{.uv = true, .color = true, .normal = true};
     const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, make_jpeg(recipe));
     const std::string png = read_whole(data_path("checker.png").string());
     const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
     maker.node("a", maker.mesh("a", {maker.grid(spec, jpeg), maker.grid(spec, checker)}));
     maker.node("b", maker.mesh("b", {maker.grid(GridSpec{})}), {1.5, 0, 0});
-    maker.finish();
-  }
+  });
   write_scattered(folder_);
   write_shuffled(folder_);
   write_blocks(folder_);

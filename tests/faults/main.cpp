@@ -256,8 +256,7 @@ void run_all(const Options& options, const std::vector<uint64_t>& sites, const f
 std::optional<std::string> make_part(faults::Experiment& experiment) {
   const faults::Run good = experiment.run({});
   for (uint64_t number = faults::call_count(); good.code == 0 && number > 0; --number) {
-    faults::Plan plan;
-    plan.number = number;
+    const faults::Plan plan{.number = number};
     if (experiment.run(plan).code == 0) continue;
     const std::string part = experiment.left_part();
     if (part.empty()) continue;

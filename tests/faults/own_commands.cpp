@@ -46,11 +46,8 @@ Result<void> stream(const std::string& path, uint64_t part, uint32_t threads, co
   // A view of everything, a near one, and the first one again: chunks are evicted and loaded again.
   const kernels::ShadeOptions shade;
   for (const double distance : {4.0, 0.5, 4.0}) {
-    runtime::CameraOptions camera;
-    camera.width = kWidth;
-    camera.height = kHeight;
-    camera.eye = runtime::Vec3{0, 0, distance};
-    camera.target = runtime::Vec3{0, 0, 0};
+    const runtime::CameraOptions camera{
+        .eye = runtime::Vec3{0, 0, distance}, .target = runtime::Vec3{0, 0, 0}, .width = kWidth, .height = kHeight};
     const Result<kernels::View> view =
         runtime::make_view(scene->container(), scene->scene_index(), scene->view(), camera);
     if (!view) return view.error();

@@ -282,8 +282,7 @@ TEST_CASE("faults: every call fails once while two GPUs draw", "[cuda][gpus][fau
   inputs.add_many(12);  // more than a page
   // With memory for all pages the GPUs divide the picture. With a little less they share the pages.
   const runtime::Scene scene = must_load(inputs.folder().file("many.scree"), {.threads = 2, .pages = false});
-  kernels::ShadeOptions shade;
-  shade.show = kernels::Show::kNormal;
+  kernels::ShadeOptions shade{.show = kernels::Show::kNormal};
   const auto alone = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache, 0,
                                                   {64, 96, 1, &shade});
   REQUIRE(alone);

@@ -41,6 +41,14 @@ size_t moved(const char* what, const void* site, int file, size_t size) {
 
 extern "C" {
 
+/// A call that sets errno to `error` and returns `failed` where it fails.
+#define SCREE_WRAP(type, name, error, failed, parameters, arguments)           \
+  type __real_##name parameters;                                               \
+  type __wrap_##name parameters {                                              \
+    if (fails(Kind::kFile, #name, SCREE_SITE)) return errno = (error), failed; \
+    return __real_##name arguments;                                            \
+  }
+
 int __real_open(const char* path, int flags, ...);
 int __wrap_open(const char* path, int flags, ...) {
   if (fails(Kind::kFile, "open", SCREE_SITE)) return errno = EMFILE, -1;
@@ -71,11 +79,8 @@ ssize_t __wrap_pread(int file, void* out, size_t size, off_t offset) {
 }
 
 /// For reads that need cached pages: a kernel or a file system without RWF_NOWAIT.
-ssize_t __real_preadv2(int file, const iovec* parts, int count, off_t offset, int flags);
-ssize_t __wrap_preadv2(int file, const iovec* parts, int count, off_t offset, int flags) {
-  if (fails(Kind::kFile, "preadv2", SCREE_SITE)) return errno = EOPNOTSUPP, -1;
-  return __real_preadv2(file, parts, count, offset, flags);
-}
+SCREE_WRAP(ssize_t, preadv2, EOPNOTSUPP, -1, (int file, const iovec* parts, int count, off_t offset, int flags),
+           (file, parts, count, offset, flags))
 
 ssize_t __real_write(int file, const void* bytes, size_t size);
 ssize_t __wrap_write(int file, const void* bytes, size_t size) {
@@ -89,90 +94,24 @@ ssize_t __wrap_pwrite(int file, const void* bytes, size_t size, off_t offset) {
   return __real_pwrite(file, bytes, moved("pwrite", SCREE_SITE, file, size), offset);
 }
 
-int __real_ftruncate(int file, off_t size);
-int __wrap_ftruncate(int file, off_t size) {
-  if (fails(Kind::kFile, "ftruncate", SCREE_SITE)) return errno = EIO, -1;
-  return __real_ftruncate(file, size);
-}
-
-int __real_fsync(int file);
-int __wrap_fsync(int file) {
-  if (fails(Kind::kFile, "fsync", SCREE_SITE)) return errno = EIO, -1;
-  return __real_fsync(file);
-}
-
-int __real_flock(int file, int operation);
-int __wrap_flock(int file, int operation) {
-  if (fails(Kind::kFile, "flock", SCREE_SITE)) return errno = ENOLCK, -1;
-  return __real_flock(file, operation);
-}
-
-int __real_fstat(int file, struct stat* out);
-int __wrap_fstat(int file, struct stat* out) {
-  if (fails(Kind::kFile, "fstat", SCREE_SITE)) return errno = EIO, -1;
-  return __real_fstat(file, out);
-}
-
-int __real_stat(const char* path, struct stat* out);
-int __wrap_stat(const char* path, struct stat* out) {
-  if (fails(Kind::kFile, "stat", SCREE_SITE)) return errno = EACCES, -1;
-  return __real_stat(path, out);
-}
-
-int __real_lstat(const char* path, struct stat* out);
-int __wrap_lstat(const char* path, struct stat* out) {
-  if (fails(Kind::kFile, "lstat", SCREE_SITE)) return errno = EACCES, -1;
-  return __real_lstat(path, out);
-}
-
-int __real_rename(const char* from, const char* to);
-int __wrap_rename(const char* from, const char* to) {
-  if (fails(Kind::kFile, "rename", SCREE_SITE)) return errno = EIO, -1;
-  return __real_rename(from, to);
-}
-
+SCREE_WRAP(int, ftruncate, EIO, -1, (int file, off_t size), (file, size))
+SCREE_WRAP(int, fsync, EIO, -1, (int file), (file))
+SCREE_WRAP(int, flock, ENOLCK, -1, (int file, int operation), (file, operation))
+SCREE_WRAP(int, fstat, EIO, -1, (int file, struct stat* out), (file, out))
+SCREE_WRAP(int, stat, EACCES, -1, (const char* path, struct stat* out), (path, out))
+SCREE_WRAP(int, lstat, EACCES, -1, (const char* path, struct stat* out), (path, out))
+SCREE_WRAP(int, rename, EIO, -1, (const char* from, const char* to), (from, to))
 /// EINVAL: a file system without RENAME_NOREPLACE, for which link() is the replacement.
-int __real_renameat2(int from_folder, const char* from, int to_folder, const char* to, unsigned flags);
-int __wrap_renameat2(int from_folder, const char* from, int to_folder, const char* to, unsigned flags) {
-  if (fails(Kind::kFile, "renameat2", SCREE_SITE)) return errno = EINVAL, -1;
-  return __real_renameat2(from_folder, from, to_folder, to, flags);
-}
-
-int __real_fchmod(int file, mode_t mode);
-int __wrap_fchmod(int file, mode_t mode) {
-  if (fails(Kind::kFile, "fchmod", SCREE_SITE)) return errno = EPERM, -1;
-  return __real_fchmod(file, mode);
-}
-
-int __real_link(const char* from, const char* to);
-int __wrap_link(const char* from, const char* to) {
-  if (fails(Kind::kFile, "link", SCREE_SITE)) return errno = EPERM, -1;
-  return __real_link(from, to);
-}
-
-int __real_unlink(const char* path);
-int __wrap_unlink(const char* path) {
-  if (fails(Kind::kFile, "unlink", SCREE_SITE)) return errno = EIO, -1;
-  return __real_unlink(path);
-}
-
-int __real_access(const char* path, int mode);
-int __wrap_access(const char* path, int mode) {
-  if (fails(Kind::kFile, "access", SCREE_SITE)) return errno = EACCES, -1;
-  return __real_access(path, mode);
-}
-
-char* __real_realpath(const char* path, char* out);
-char* __wrap_realpath(const char* path, char* out) {
-  if (fails(Kind::kFile, "realpath", SCREE_SITE)) return errno = EIO, nullptr;
-  return __real_realpath(path, out);
-}
-
-void* __real_mmap(void* at, size_t size, int protection, int flags, int file, off_t offset);
-void* __wrap_mmap(void* at, size_t size, int protection, int flags, int file, off_t offset) {
-  if (fails(Kind::kFile, "mmap", SCREE_SITE)) return errno = ENOMEM, MAP_FAILED;
-  return __real_mmap(at, size, protection, flags, file, offset);
-}
+SCREE_WRAP(int, renameat2, EINVAL, -1,
+           (int from_folder, const char* from, int to_folder, const char* to, unsigned flags),
+           (from_folder, from, to_folder, to, flags))
+SCREE_WRAP(int, fchmod, EPERM, -1, (int file, mode_t mode), (file, mode))
+SCREE_WRAP(int, link, EPERM, -1, (const char* from, const char* to), (from, to))
+SCREE_WRAP(int, unlink, EIO, -1, (const char* path), (path))
+SCREE_WRAP(int, access, EACCES, -1, (const char* path, int mode), (path, mode))
+SCREE_WRAP(char*, realpath, EIO, nullptr, (const char* path, char* out), (path, out))
+SCREE_WRAP(void*, mmap, ENOMEM, MAP_FAILED, (void* at, size_t size, int protection, int flags, int file, off_t offset),
+           (at, size, protection, flags, file, offset))
 
 int __real_munmap(void* at, size_t size);
 int __wrap_munmap(void* at, size_t size) {
@@ -181,11 +120,7 @@ int __wrap_munmap(void* at, size_t size) {
   return done;
 }
 
-int __real_madvise(void* at, size_t size, int advice);
-int __wrap_madvise(void* at, size_t size, int advice) {
-  if (fails(Kind::kFile, "madvise", SCREE_SITE)) return errno = EAGAIN, -1;
-  return __real_madvise(at, size, advice);
-}
+SCREE_WRAP(int, madvise, EAGAIN, -1, (void* at, size_t size, int advice), (at, size, advice))
 
 int __real_sync_file_range(int file, off_t offset, off_t size, unsigned int flags);
 int __wrap_sync_file_range(int file, off_t offset, off_t size, unsigned int flags) {
@@ -199,29 +134,11 @@ int __wrap_posix_fadvise(int file, off_t offset, off_t size, int advice) {
   return __real_posix_fadvise(file, offset, size, advice);
 }
 
-int __real_mincore(void* at, size_t size, unsigned char* out);
-int __wrap_mincore(void* at, size_t size, unsigned char* out) {
-  if (fails(Kind::kFile, "mincore", SCREE_SITE)) return errno = EAGAIN, -1;
-  return __real_mincore(at, size, out);
-}
-
-FILE* __real_fopen(const char* path, const char* mode);
-FILE* __wrap_fopen(const char* path, const char* mode) {
-  if (fails(Kind::kFile, "fopen", SCREE_SITE)) return errno = EMFILE, nullptr;
-  return __real_fopen(path, mode);
-}
-
-int __real_fflush(FILE* file);
-int __wrap_fflush(FILE* file) {
-  if (fails(Kind::kFile, "fflush", SCREE_SITE)) return errno = ENOSPC, EOF;
-  return __real_fflush(file);
-}
-
-long __real_sysconf(int name);
-long __wrap_sysconf(int name) {
-  if (fails(Kind::kFile, "sysconf", SCREE_SITE)) return errno = EINVAL, -1;
-  return __real_sysconf(name);
-}
+SCREE_WRAP(int, mincore, EAGAIN, -1, (void* at, size_t size, unsigned char* out), (at, size, out))
+SCREE_WRAP(FILE*, fopen, EMFILE, nullptr, (const char* path, const char* mode), (path, mode))
+SCREE_WRAP(int, fflush, ENOSPC, EOF, (FILE * file), (file))
+SCREE_WRAP(long, sysconf, EINVAL, -1, (int name), (name))
+#undef SCREE_WRAP
 
 /// std::thread::hardware_concurrency(): 0 if it is unknown.
 unsigned __real__ZNSt6thread20hardware_concurrencyEv();

@@ -11,9 +11,7 @@
 namespace scree::tests {
 
 inline kernels::QueueSizes nothing_left_out() {
-  kernels::QueueSizes sizes;
-  sizes.cluster_bounds = sizes.occlusion = false;
-  return sizes;
+  return {.cluster_bounds = false, .occlusion = false};
 }
 
 struct Drawn {

@@ -52,9 +52,7 @@ struct Encoding {
 };
 
 inline Encoding float32() {
-  Encoding encoding;
-  encoding.float32 = true;
-  return encoding;
+  return {.float32 = true};
 }
 
 class SceneBuilder {
@@ -111,8 +109,7 @@ class SceneBuilder {
   void instance(uint32_t mesh, uint32_t matrix) { instances.push_back({mesh, 0, matrix, 0}); }
 
   uint32_t material(uint32_t flags) {
-    format::MaterialRecord record{};
-    record.texture = format::kNone;
+    format::MaterialRecord record{.texture = format::kNone};
     for (float& c : record.base_color) c = 1;
     record.uv_scale[0] = record.uv_scale[1] = 1;
     record.flags = flags;
@@ -228,12 +225,11 @@ class SceneBuilder {
       format::quantize_positions(coordinates, positions, lattice);
     }
 
-    format::ChunkRecord record{};
-    record.first_triangle = first;
-    record.page = static_cast<uint32_t>(pages.size());
-    record.mesh = static_cast<uint32_t>(meshes.size());
-    record.triangle_count = static_cast<uint32_t>(count);
-    record.vertex_count = static_cast<uint32_t>(used.size());
+    format::ChunkRecord record{.first_triangle = first,
+                               .page = static_cast<uint32_t>(pages.size()),
+                               .mesh = static_cast<uint32_t>(meshes.size()),
+                               .triangle_count = static_cast<uint32_t>(count),
+                               .vertex_count = static_cast<uint32_t>(used.size())};
     const format::ClusterRun run{0, clusters.clusters.size(), 0};
     std::vector<std::byte> cluster_bytes;
     if (encoding.clusters != Clusters::kNone) {

@@ -1,8 +1,6 @@
 // scree-lab without a GPU: its options, its statistics, its files, and its comparison of pictures.
-#include <sys/resource.h>
 
 #include <cmath>
-#include <csignal>
 #include <fstream>
 #include <limits>
 #include <sstream>
@@ -16,6 +14,7 @@
 #include "lab/setup/views.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
+#include "tests/full_disk.h"
 #include "tests/lab/refused.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
@@ -203,16 +202,7 @@ TEST_CASE("lab: rows are not put under other columns", "[lab]") {
   // A row that does not fit on the disk leaves nothing.
   const std::string full = folder.file("full.csv");
   REQUIRE(bench::append_csv(full, {{"a", "1"}}));
-  rlimit limit{};
-  REQUIRE(::getrlimit(RLIMIT_FSIZE, &limit) == 0);
-  rlimit least = limit;
-  least.rlim_cur = 6;
-  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
-  REQUIRE(::setrlimit(RLIMIT_FSIZE, &least) == 0);
-  const Result<void> half = bench::append_csv(full, {{"a", "12345"}});
-  REQUIRE(::setrlimit(RLIMIT_FSIZE, &limit) == 0);
-  std::signal(SIGXFSZ, handler);
-  CHECK_FALSE(half);
+  CHECK_FALSE(tests::on_full_disk(6, [&] { return bench::append_csv(full, {{"a", "12345"}}); }));
   CHECK(tests::read_whole(full) == "a\n1\n");
 
   CHECK(refusal(bench::append_csv(folder.file("none/rows.csv"), {{"a", "1"}})).code == ErrorCode::kFile);

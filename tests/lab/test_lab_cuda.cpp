@@ -68,8 +68,7 @@ struct Drawn {
 };
 
 Drawn draw(Frames& frames, const kernels::View& view, const Culling& culling) {
-  FrameOptions options;
-  options.culling = culling;
+  const FrameOptions options{.culling = culling};
   FrameMs ms;
   const kernels::FrameStats stats = must(frames.draw(view, options, ms));
   std::vector<uint64_t> samples = must(frames.samples());
@@ -174,9 +173,7 @@ TEST_CASE("a first frame culls clusters that earlier clusters hide", "[cuda]") {
   const double scale = tests::kEmulatesGpu ? 0.001 : 0.2;  // more clusters than are drawn at a time
   const synth::Scene scene = synth::lantern_scene(synth::MeshOrder::kRow, scale);
   const ResidentScene resident = must(ResidentScene::generate(scene, kClustered[0]));
-  kernels::CudaQueueSizes sizes;
-  sizes.two_pass_groups = 1;
-  sizes.round_groups = ~uint64_t{0};
+  const kernels::CudaQueueSizes sizes{.two_pass_groups = 1, .round_groups = ~uint64_t{0}};
   std::mt19937 random(1);
   for (int i = 0; i < 2; ++i) {
     Frames frames = must(Frames::create(resident, sizes));

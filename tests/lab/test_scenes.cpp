@@ -144,12 +144,8 @@ void check_sums(const char* name, const synth::Scene& scene, double scale) {
                                    static_cast<uint32_t>(number[local]));
     }
   }
-  synth::SynthOptions options;
-  options.scene = name;
-  options.scale = scale;
-  options.order = scene.meshes[0].order;
-  options.checks = true;
-  const synth::SynthReport expected = must(synth::synthesize(options));
+  const synth::SynthReport expected =
+      must(synth::synthesize({.scene = name, .scale = scale, .order = scene.meshes[0].order, .checks = true}));
   CHECK(positions == expected.position_sum);
   CHECK(indices == expected.index_sum);
 }
@@ -159,10 +155,7 @@ void check_sums(const char* name, const synth::Scene& scene, double scale) {
 void check_picture(const char* name, const synth::Scene& scene, double scale, bool float32) {
   INFO(name << (float32 ? " float32" : " 16 bits"));
   const tests::TempFolder folder;
-  synth::SynthOptions synth_options;
-  synth_options.scene = name;
-  synth_options.scale = scale;
-  synth_options.output = folder.file("scene.gltf");
+  const synth::SynthOptions synth_options{.scene = name, .output = folder.file("scene.gltf"), .scale = scale};
   REQUIRE(synth::synthesize(synth_options));
   convert::ConvertOptions convert_options;
   convert_options.input = synth_options.output;
@@ -174,9 +167,7 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
   REQUIRE(convert::convert(convert_options));
   runtime::SceneFile file = must(runtime::SceneFile::open(convert_options.output));
   const runtime::Scene converted = must(runtime::Scene::load(std::move(file), 0, {true, 2}));
-  Encoding encoding;
-  encoding.float32 = float32;
-  Generated made(scene, encoding);
+  Generated made(scene, {.float32 = float32});
   // glTF has y up, so the file is rotated: the same matrices with exchanged rows.
   for (size_t i = 0; i < made.tables.instances.size(); ++i) {
     const kernels::SceneView& view = converted.view();

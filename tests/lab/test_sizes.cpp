@@ -27,10 +27,7 @@ const SizeRow& row_of(const std::vector<SizeRow>& rows, std::string_view content
 
 TEST_CASE("sizes of a model in every encoding", "[lab]") {
   const tests::TempFolder folder;
-  tests::GridSpec spec;
-  spec.columns = spec.rows = 60;
-  spec.normal = true;
-  tests::make_model(folder.file("in.glb"), spec);
+  tests::make_model(folder.file("in.glb"), {.columns = 60, .rows = 60, .normal = true});
   const auto rows = must(measure_sizes({folder.file("in.glb")}));
   for (const SizeRow& row : rows) {
     INFO(row.content << ", " << row.encoding << ", zstd " << row.zstd_level);

@@ -26,8 +26,7 @@ struct Drawn {
 };
 
 Drawn color_of(scree_view* view) {
-  Drawn out;
-  out.color = layer_of(view, SCREE_COLOR);
+  Drawn out{.color = layer_of(view, SCREE_COLOR)};
   auto stats = sized<scree_frame_stats>();
   must(scree_get_frame_stats(view, &stats));
   out.shadow_ms = stats.shadow_ms;

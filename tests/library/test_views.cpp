@@ -582,8 +582,7 @@ TEST_CASE("views of a scene larger than the GPU's memory", "[library][cuda]") {
     }
     meshes.emplace_back(cloud, float32());
   }
-  PagedScene paged;
-  paged.chunk_triangles = 1500;  // few parts per frame
+  const PagedScene paged{.chunk_triangles = 1500};  // few parts per frame
   paged.write(path, meshes);
   scree_file* file = nullptr;
   must(scree_open(path.c_str(), &file));

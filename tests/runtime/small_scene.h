@@ -73,10 +73,7 @@ struct SmallScene {
     const format::UvRange uv_range = format::choose_uv_range(uvs);
     const format::SourceIdRange source_range = format::source_id_range(sources);
 
-    format::MeshRecord mesh{};
-    mesh.triangle_count = 2;
-    mesh.vertex_count = mesh.source_vertex_count = 4;
-    mesh.chunk_count = 1;
+    format::MeshRecord mesh{.triangle_count = 2, .vertex_count = 4, .source_vertex_count = 4, .chunk_count = 1};
     format::ChunkRecord chunk{};
     for (size_t i = 0; i < 3; ++i) {
       mesh.lattice_min[i] = lattice.min[i];
@@ -121,8 +118,7 @@ struct SmallScene {
         {0, 1, format::ImageCodec::kPng, 2, 2, 3, format::BlockFormat::kNoBlocks, 0, format::kNone, 0});
     tables.textures.push_back(
         {0, 0, format::Wrap::kClamp, format::Wrap::kClamp, static_cast<uint16_t>(nearest ? 9728 : 9729), 0});
-    format::MaterialRecord material{};
-    material.texture = 0;
+    format::MaterialRecord material{.texture = 0};
     for (float& factor : material.base_color) factor = 1;
     material.uv_scale[0] = material.uv_scale[1] = 1;
     material.flags = format::kMaterialUnlit;

@@ -12,11 +12,7 @@
 namespace scree::tests {
 
 inline JpegRecipe jpeg_recipe(int width, int height, std::vector<std::pair<int, int>> factors) {
-  JpegRecipe made;
-  made.width = width;
-  made.height = height;
-  made.factors = std::move(factors);
-  return made;
+  return {.width = width, .height = height, .factors = std::move(factors)};
 }
 
 /// Grids side by side, of `side` quads per side, each with another JPEG, wrapping, filter and transform; some with many
@@ -47,10 +43,10 @@ inline void make_jpeg_model(const std::string& path, uint32_t side = 4, double a
     material.transform.scale[1] = i == 2 ? 0.05 : 1.3;
     material.transform.offset[0] = -0.37 * static_cast<double>(i);
     material.transform.rotation = 0.3 * static_cast<double>(i);
-    GridSpec spec;
-    spec.columns = spec.rows = side;
-    spec.uv = true;
-    spec.origin = {1.05f * static_cast<float>(i % 3), 0, 1.05f * static_cast<float>(i / 3)};
+    const GridSpec spec{.columns = side,
+                        .rows = side,
+                        .origin = {1.05f * static_cast<float>(i % 3), 0, 1.05f * static_cast<float>(i / 3)},
+                        .uv = true};
     const uint32_t mesh =
         maker.mesh("m" + std::to_string(i), {maker.grid(spec, maker.writer().add_material(material))});
     maker.node("n" + std::to_string(i), mesh);

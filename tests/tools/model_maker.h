@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <numeric>
@@ -40,11 +41,10 @@ class ModelMaker {
 
   uint32_t floats(const std::vector<float>& values, tools::GltfType type, bool bounds = false) {
     const uint32_t components = type == tools::GltfType::kScalar ? 1 : 2 + static_cast<uint32_t>(type) - 1;
-    tools::GltfAccessor accessor;
-    accessor.buffer_view = view(std::as_bytes(std::span(values)), tools::GltfTarget::kVertices);
-    accessor.component = tools::GltfComponent::kFloat32;
-    accessor.type = type;
-    accessor.count = values.size() / components;
+    tools::GltfAccessor accessor{.buffer_view = view(std::as_bytes(std::span(values)), tools::GltfTarget::kVertices),
+                                 .component = tools::GltfComponent::kFloat32,
+                                 .type = type,
+                                 .count = values.size() / components};
     if (bounds) {
       accessor.min.assign(components, 0);
       accessor.max.assign(components, 0);  // wrong on purpose: files may lie, and no code may rely on it
@@ -53,11 +53,11 @@ class ModelMaker {
   }
 
   uint32_t indices(const std::vector<uint32_t>& values) {
-    tools::GltfAccessor accessor;
-    accessor.buffer_view = view(std::as_bytes(std::span(values)), tools::GltfTarget::kIndices);
-    accessor.component = tools::GltfComponent::kUint32;
-    accessor.type = tools::GltfType::kScalar;
-    accessor.count = values.size();
+    const tools::GltfAccessor accessor{
+        .buffer_view = view(std::as_bytes(std::span(values)), tools::GltfTarget::kIndices),
+        .component = tools::GltfComponent::kUint32,
+        .type = tools::GltfType::kScalar,
+        .count = values.size()};
     return writer_.add_accessor(accessor);
   }
 
@@ -112,30 +112,21 @@ class ModelMaker {
   /// A texture of an image file's bytes.
   tools::GltfTexture texture(const std::string& name, format::ImageCodec codec, std::span<const std::byte> bytes) {
     const uint32_t image = must(writer_.add_image(name, codec, bytes));
-    tools::GltfTexture out;
-    out.image = image;
-    return out;
+    return {.image = image};
   }
 
   /// A material with that texture.
   uint32_t textured(const std::string& name, format::ImageCodec codec, std::span<const std::byte> bytes) {
-    tools::GltfMaterial material;
-    material.texture = writer_.add_texture(texture(name, codec, bytes));
-    return writer_.add_material(material);
+    return writer_.add_material({.texture = writer_.add_texture(texture(name, codec, bytes))});
   }
 
   uint32_t mesh(const std::string& name, std::vector<tools::GltfPrimitive> primitives) {
-    tools::GltfMesh out;
-    out.name = name;
-    out.primitives = std::move(primitives);
-    return writer_.add_mesh(out);
+    return writer_.add_mesh({.name = name, .primitives = std::move(primitives)});
   }
 
   /// A root node that draws `mesh` at a position.
   uint32_t node(const std::string& name, uint32_t mesh, std::array<double, 3> place = {0, 0, 0}) {
-    tools::GltfNode out;
-    out.name = name;
-    out.mesh = mesh;
+    tools::GltfNode out{.name = name, .mesh = mesh};
     for (size_t i = 0; i < 3; ++i) out.local[i] = place[i];
     const uint32_t number = writer_.add_node(out);
     roots_.push_back(number);
@@ -144,10 +135,7 @@ class ModelMaker {
 
   void finish(bool with_scene = true) {
     if (with_scene) {
-      tools::GltfScene scene;
-      scene.name = "all";
-      scene.nodes = roots_;
-      writer_.add_scene(scene);
+      writer_.add_scene({.name = "all", .nodes = roots_});
     }
     must(writer_.finish());
   }
@@ -163,6 +151,14 @@ class ModelMaker {
   tools::GltfWriter writer_;
   std::vector<uint32_t> roots_;
 };
+
+/// A file that fill(maker) fills.
+template <std::invocable<ModelMaker&> Fill>
+void make_model(const std::string& path, const Fill& fill) {
+  ModelMaker maker(path);
+  fill(maker);
+  maker.finish();
+}
 
 /// A file with one node of one mesh of the given primitives.
 inline void make_model(const std::string& path, const GridSpec& spec) {
@@ -190,18 +186,12 @@ inline tools::GltfPrimitive shuffled_squares(ModelMaker& maker, uint32_t side) {
 /// Grids with every attribute, without an index buffer, and flat.
 inline void make_grids(const std::string& path) {
   ModelMaker maker(path);
-  GridSpec all;
-  all.columns = 60;
-  all.rows = 40;
-  all.uv = all.color = all.normal = true;
+  const GridSpec all{.columns = 60, .rows = 40, .uv = true, .color = true, .normal = true};
   GridSpec loose = all;  // no index buffer, far from the origin, not in the material's texture
   loose.columns = 31;
   loose.indexed = false;
   loose.origin = {1000, -3, 0.25f};
-  GridSpec flat;
-  flat.flat = true;
-  flat.size = 30;
-  maker.node("a", maker.mesh("a", {maker.grid(all), maker.grid(flat)}));
+  maker.node("a", maker.mesh("a", {maker.grid(all), maker.grid({.size = 30, .flat = true})}));
   maker.node("b", maker.mesh("b", {maker.grid(loose)}), {5, 0, 0});
   maker.finish();
 }

@@ -35,10 +35,8 @@ class LoadedScene {
   explicit LoadedScene(const BenchOptions& options) : options_(options) {}
 
   Result<void> load(const std::string& path, bool on_gpu) {
-    runtime::SceneOptions load;
-    load.threads = options_.threads;
-    load.pages = !on_gpu;
-    load.texture_cache = runtime::kHostTextureCache;
+    runtime::SceneOptions load{
+        .threads = options_.threads, .texture_cache = runtime::kHostTextureCache, .pages = !on_gpu};
     Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
     if (!file) return file.error();
     if (const auto sized = runtime::set_texture_memory(*file, 0, on_gpu, options_.device_memory, load); !sized)
@@ -218,8 +216,7 @@ class FileBench {
   }
 
   Result<ViewResult> measure_view(const FileView& view) {
-    ViewResult result;
-    result.name = view.name;
+    ViewResult result{.name = view.name};
     std::vector<float> shade;
     const auto draw_one = [&]() -> Result<float> {
       const auto ms = loaded_->draw(view.view);

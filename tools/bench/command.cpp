@@ -30,27 +30,23 @@ Command add_bench(CLI::App& parent) {
   bench::BenchOptions& options = words->options;
   CLI::App* app = parent.add_subcommand(
       "bench", "Times how fast .scree files load, from the disk and from the page cache, and how fast they are drawn");
-  app->add_option("files", options.files, "The scenes: .scree files")->required()->type_name("FILES");
-  app->add_option(
-         "--camera", options.cameras,
-         "A camera of the files, by name, node name or number; repeatable (default: all cameras of a file, or the "
-         "default view of render)")
+  add_value(*app, "files", "FILES", options.files, "The scenes: .scree files")->required();
+  add_value(*app, "--camera", "NAME", options.cameras,
+            "A camera of the files, by name, node name or number; repeatable (default: all cameras of a file, or the "
+            "default view of render)")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next argument is a file
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->type_name("NAME");
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   add_picture_options(*app, *words);
-  app->add_option("--frames", options.frames, "Frames per view; fewer if they take over two seconds")
-      ->capture_default_str()
-      ->type_name("N");
-  app->add_option("--warmup", options.warmup, "Frames before the measured ones")->capture_default_str()->type_name("N");
-  app->add_option("--repeats", options.repeats, "Loads from the disk, and as many from the page cache")
-      ->capture_default_str()
-      ->type_name("N");
+  add_value(*app, "--frames", "N", options.frames, "Frames per view; fewer if they take over two seconds")
+      ->capture_default_str();
+  add_value(*app, "--warmup", "N", options.warmup, "Frames before the measured ones")->capture_default_str();
+  add_value(*app, "--repeats", "N", options.repeats, "Loads from the disk, and as many from the page cache")
+      ->capture_default_str();
   add_device_options(*app, *words);
   add_reading_options(*app, *words);
-  app->add_option("--csv", options.csv, "Append a row per view to this file")->type_name("FILE");
+  add_value(*app, "--csv", "FILE", options.csv, "Append a row per view to this file");
   app->add_flag("--json", options.json, "Print one JSON object instead of tables");
   app->add_flag("-q,--quiet", options.quiet, "No progress and no warnings");
   return {app, [words] {

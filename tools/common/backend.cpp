@@ -9,8 +9,7 @@
 namespace scree::tools {
 
 Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device, const std::string& gpus) {
-  BackendOptions options;
-  options.device = device;
+  BackendOptions options{.device = device};
   if (const Result<void> chosen =
           parse_choice(backend, "--backend", options.choice,
                        {{"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}});

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <string>
 
 #include <CLI/CLI.hpp>
 
@@ -15,6 +16,12 @@ struct Command {
   CLI::App* app = nullptr;
   std::function<Result<void>()> run;
 };
+
+/// Adds an option with a value, which the help shows as `value`.
+template <class Word>
+CLI::Option* add_value(CLI::App& app, const char* names, const char* value, Word& word, const std::string& help) {
+  return app.add_option(names, word, help)->type_name(value);
+}
 
 Command add_convert(CLI::App& parent);
 Command add_merge(CLI::App& parent);

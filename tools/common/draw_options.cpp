@@ -13,87 +13,71 @@
 
 #include "kernels/visbuffer.h"
 #include "runtime/draw/shadow_map.h"
+#include "tools/common/command.h"
 
 namespace scree::tools {
 
 void add_picture_options(CLI::App& app, DrawWords& words) {
-  app.add_option("--size", words.size, "Pixels, WxH (default: 1920x1080)")->type_name("WxH");
-  app.add_option("--samples", words.samples, "Samples per pixel along each side: 1 (default), 2 or 4")->type_name("N");
+  add_value(app, "--size", "WxH", words.size, "Pixels, WxH (default: 1920x1080)");
+  add_value(app, "--samples", "N", words.samples, "Samples per pixel along each side: 1 (default), 2 or 4");
 }
 
 void add_device_options(CLI::App& app, DeviceWords& words) {
-  app.add_option("--threads", words.threads, "Threads; 0: one per processor (default)")->type_name("N");
-  app.add_option("--backend", words.backend,
-                 "cpu, cuda, or auto (default): the GPU if one is usable, else the CPU and one line with the reason")
-      ->type_name("NAME");
-  app.add_option("--device", words.device,
-                 "The GPU, by index or UUID as scree devices lists them (default: the first usable one)")
-      ->type_name("N|UUID");
-  app.add_option(
-         "--gpus", words.gpus,
-         "Number of GPUs that draw the scene together, from --device on, or all; each keeps only a part of the scene "
-         "if its memory cannot hold all of it (default: 1)")
-      ->type_name("N|all");
-  app.add_option(
-         "--device-memory", words.device_memory,
-         "Limit of a GPU's memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
-         "that do not fit are streamed")
-      ->type_name("SIZE");
+  add_value(app, "--threads", "N", words.threads, "Threads; 0: one per processor (default)");
+  add_value(app, "--backend", "NAME", words.backend,
+            "cpu, cuda, or auto (default): the GPU if one is usable, else the CPU and one line with the reason");
+  add_value(app, "--device", "N|UUID", words.device,
+            "The GPU, by index or UUID as scree devices lists them (default: the first usable one)");
+  add_value(
+      app, "--gpus", "N|all", words.gpus,
+      "Number of GPUs that draw the scene together, from --device on, or all; each keeps only a part of the scene "
+      "if its memory cannot hold all of it (default: 1)");
+  add_value(app, "--device-memory", "SIZE", words.device_memory,
+            "Limit of a GPU's memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
+            "that do not fit are streamed");
 }
 
 void add_reading_options(CLI::App& app, DrawWords& words) {
-  app.add_option("--host-memory", words.host_memory,
-                 "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks that the GPU's "
-                 "memory cannot hold (default and 0: no limit, chunks come from the file)")
-      ->type_name("SIZE");
-  app.add_option("--read", words.read,
-                 "How pages are read for the GPU: mapped; buffered (through the page cache); direct (past it); auto "
-                 "(default): direct for large uncached files, else buffered")
-      ->type_name("NAME");
+  add_value(app, "--host-memory", "SIZE", words.host_memory,
+            "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks that the GPU's "
+            "memory cannot hold (default and 0: no limit, chunks come from the file)");
+  add_value(app, "--read", "NAME", words.read,
+            "How pages are read for the GPU: mapped; buffered (through the page cache); direct (past it); auto "
+            "(default): direct for large uncached files, else buffered");
 }
 
 void add_texture_options(CLI::App& app, TextureWords& words) {
-  app.add_option(
-         "--texture-cache", words.cache,
-         "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
-         "64MiB, on a GPU 256MiB)")
-      ->type_name("SIZE");
-  app.add_option(
-         "--texture-memory", words.memory,
-         "The most memory for pages of KTX2, DDS and JPEG textures, such as 8GiB; pages are read from the file when "
-         "pixels show them, and the picture does not depend on this limit (default: 2GiB on the CPU; on a GPU textures "
-         "that fit are loaded whole, else they share its memory with geometry)")
-      ->type_name("SIZE");
+  add_value(app, "--texture-cache", "SIZE", words.cache,
+            "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
+            "64MiB, on a GPU 256MiB)");
+  add_value(
+      app, "--texture-memory", "SIZE", words.memory,
+      "The most memory for pages of KTX2, DDS and JPEG textures, such as 8GiB; pages are read from the file when "
+      "pixels show them, and the picture does not depend on this limit (default: 2GiB on the CPU; on a GPU textures "
+      "that fit are loaded whole, else they share its memory with geometry)");
 }
 
 void add_light_options(CLI::App& app, LightWords& words) {
-  app.add_option(
-         "--light", words.light,
-         "Where light comes from: camera: from the eye, on matt surfaces; environment: from all around; scene: "
-         "the file's own lights (default: environment where materials have more than a base colour, else camera)")
-      ->type_name("NAME");
-  app.add_option("--environment", words.environment,
-                 "The surroundings for --light environment, which it implies: a Radiance picture (.hdr) of all "
-                 "directions (default: a clear sky)")
-      ->type_name("FILE");
-  app.add_option("--exposure", words.exposure,
-                 "Exposure in stops, -20 to 20 (default: 0); the camera's light ignores it")
-      ->type_name("STOPS");
-  app.add_option("--blend-layers", words.blend_layers,
-                 "The most layers of blended surfaces, such as glass, that are drawn per sample, 0 to 65535 (default: "
-                 "16); a warning counts samples with more")
-      ->type_name("N");
+  add_value(app, "--light", "NAME", words.light,
+            "Where light comes from: camera: from the eye, on matt surfaces; environment: from all around; scene: "
+            "the file's own lights (default: environment where materials have more than a base colour, else camera)");
+  add_value(app, "--environment", "FILE", words.environment,
+            "The surroundings for --light environment, which it implies: a Radiance picture (.hdr) of all "
+            "directions (default: a clear sky)");
+  add_value(app, "--exposure", "STOPS", words.exposure,
+            "Exposure in stops, -20 to 20 (default: 0); the camera's light ignores it");
+  add_value(app, "--blend-layers", "N", words.blend_layers,
+            "The most layers of blended surfaces, such as glass, that are drawn per sample, 0 to 65535 (default: "
+            "16); a warning counts samples with more");
   app.add_flag("--shadows", words.shadows,
                "With --light scene: the first directional light casts shadows; blended surfaces cast none");
-  app.add_option("--shadow-size", words.shadow_size,
-                 "Samples along the longer side of the shadow map, 64 to 16384 (default: 4096)")
-      ->type_name("N");
+  add_value(app, "--shadow-size", "N", words.shadow_size,
+            "Samples along the longer side of the shadow map, 64 to 16384 (default: 4096)");
 }
 
 Result<LightOptions> parse_light_options(const LightWords& words) {
   const auto usage = [](std::string message) { return Error{ErrorCode::kUsage, std::move(message)}; };
-  LightOptions options;
-  options.environment = words.environment;
+  LightOptions options{.environment = words.environment};
   const LightWords defaults;
   for (const auto& [name, word] :
        {std::pair("--light", &LightWords::light), std::pair("--environment", &LightWords::environment),

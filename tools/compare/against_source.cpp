@@ -62,9 +62,7 @@ Result<PixelReport> judge_pixels(const SourceModel& model, std::span<const Refer
     std::optional<Error> failed;
   };
   try {
-    PixelReport report;
-    report.width = view.width;
-    report.height = view.height;
+    PixelReport report{.width = view.width, .height = view.height};
     report.kinds.resize(reference.size());
     const Judge judge(model, view);
     std::vector<Row> rows(view.height);

@@ -143,10 +143,7 @@ Result<std::vector<uint64_t>> read_visibility(const std::string& path, uint32_t 
 
 Result<PixelReport> compare_buffers(std::span<const uint64_t> a, std::span<const uint64_t> b, uint32_t width,
                                     uint32_t height, const SceneMatch* match) {
-  PixelReport report;
-  report.width = width;
-  report.height = height;
-  report.triangles_known = match != nullptr;
+  PixelReport report{.width = width, .height = height, .triangles_known = match != nullptr};
   report.kinds.resize(a.size());
   for (uint64_t i = 0; i < a.size(); ++i) {
     const bool empty_a = a[i] == kernels::kBackground, empty_b = b[i] == kernels::kBackground;

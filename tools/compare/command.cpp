@@ -127,10 +127,7 @@ Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& 
   if (!file) return file.error();
   const Result<uint32_t> scene = file->find_scene(options.scene);
   if (!scene) return scene.error();
-  runtime::SceneOptions load;
-  load.textures = false;
-  load.threads = options.threads;
-  load.pages = pages;
+  const runtime::SceneOptions load{.textures = false, .threads = options.threads, .pages = pages};
   return runtime::Scene::load(std::move(*file), *scene, load);
 }
 
@@ -151,10 +148,8 @@ Result<void> check_memory(const CompareArguments& words, const std::string& sour
 
 Result<Findings> compare_scene(const CompareArguments& words, const std::string& file, const std::string& source,
                                const RenderOptions& options) {
-  convert::ImportOptions import;
-  import.exclude = words.exclude;
-  import.allow_outside = words.allow_outside;
-  const Result<convert::SourceScene> gltf = convert::import_gltf(source, import);
+  const Result<convert::SourceScene> gltf =
+      convert::import_gltf(source, {.exclude = words.exclude, .allow_outside = words.allow_outside});
   if (!gltf) return gltf.error();
   if (const Result<void> fits = check_memory(words, source, source_model_bytes(*gltf)); !fits) return fits.error();
   const Result<runtime::Scene> scene = load_scene(file, options, true);
@@ -201,9 +196,7 @@ Result<Findings> compare_two_buffers(const CompareArguments& words, const Render
   if (!report) return report.error();
   for (const runtime::Scene& scene : scenes)
     if (const Result<void> whole = check_not_cut(scene.file().map()); !whole) return whole.error();
-  Findings findings;
-  findings.pixels = std::move(*report);
-  return findings;
+  return Findings{.pixels = std::move(*report)};
 }
 
 Result<Findings> find(const CompareArguments& words, const RenderOptions& options) {
@@ -221,9 +214,7 @@ Result<Findings> find(const CompareArguments& words, const RenderOptions& option
     Result<PictureReport> report =
         compare_pictures(words.render.file, words.other, words.pixels_per_degree, options.threads);
     if (!report) return report.error();
-    Findings findings;
-    findings.pictures = std::move(*report);
-    return findings;
+    return Findings{.pictures = std::move(*report)};
   }
   if (*a == FileKind::kScene && *b == FileKind::kSource)
     return compare_scene(words, words.render.file, words.other, options);
@@ -306,37 +297,32 @@ Command add_compare(CLI::App& parent) {
       "textures (PSNR and FLIP).");
   app->add_option("A", render.file, "A PNG, a visibility buffer, or a .scree file")->required();
   app->add_option("B", words->other, "The reference: a PNG, a visibility buffer, a .gltf or .glb")->required();
-  app->add_option("-o,--output", render.output,
-                  "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
-                  "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two\n"
-                  "PNGs the FLIP error, black 0 to white 1")
-      ->type_name("FILE");
-  app->add_option("--flip", words->flip,
-                  "A picture of the FLIP error, a .png, black 0 to white 1: of two PNGs, or of the lit pictures of a\n"
-                  ".scree file and its glTF")
-      ->type_name("FILE");
-  app->add_option("--size", render.size, "Pixels, WxH (default: 1920x1080)")->type_name("WxH");
+  add_value(*app, "-o,--output", "FILE", render.output,
+            "A picture of the difference, a .png: right surfaces grey, background against surface blue, other\n"
+            "mesh or triangle red, triangle sharing no vertex orange, neighbouring triangle green; of two\n"
+            "PNGs the FLIP error, black 0 to white 1");
+  add_value(*app, "--flip", "FILE", words->flip,
+            "A picture of the FLIP error, a .png, black 0 to white 1: of two PNGs, or of the lit pictures of a\n"
+            ".scree file and its glTF");
+  add_value(*app, "--size", "WxH", render.size, "Pixels, WxH (default: 1920x1080)");
   add_camera_options(*app, render);
-  app->add_option("--of", words->of,
-                  "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
-                  "first, if the two differ in encoding (needs convert --source-ids)")
-      ->type_name("FILE")
+  add_value(*app, "--of", "FILE", words->of,
+            "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
+            "first, if the two differ in encoding (needs convert --source-ids)")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next argument is an input file
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  app->add_option("--exclude", words->exclude, "The --exclude that the .scree file was converted with")
-      ->type_name("REGEX");
+  add_value(*app, "--exclude", "REGEX", words->exclude, "The --exclude that the .scree file was converted with");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_option(
          "--ppd", words->pixels_per_degree,
          "Pixels per degree of the viewer's eye for FLIP (default: 67, a 3840-pixel screen viewed from its width)")
       ->check(CLI::Range(1.0, 1000.0));
-  app->add_option("--memory", words->memory,
-                  "Limit of memory for the glTF's vertices and triangles, all held at once, such as 8GiB (default: "
-                  "available memory)")
-      ->type_name("SIZE");
-  app->add_option("--threads", render.threads, "Threads; 0: one per processor (default)")->type_name("N");
+  add_value(*app, "--memory", "SIZE", words->memory,
+            "Limit of memory for the glTF's vertices and triangles, all held at once, such as 8GiB (default: "
+            "available memory)");
+  add_value(*app, "--threads", "N", render.threads, "Threads; 0: one per processor (default)");
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--json", words->json, "One JSON object");
   return {app, [words] { return run(*words); }};

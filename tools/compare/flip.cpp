@@ -203,9 +203,8 @@ Seen look_at(const RgbView& picture, double ppd, uint32_t threads) {
     for (size_t c = 0; c < 3; ++c) channels[c][i] = static_cast<float>(ycc[c]);
     lightness[i] = static_cast<float>((ycc[0] + 16) / 116);
   }
-  Seen seen;
-  seen.edges = feature(lightness, size, false, ppd, threads);
-  seen.points = feature(lightness, size, true, ppd, threads);
+  Seen seen{.edges = feature(lightness, size, false, ppd, threads),
+            .points = feature(lightness, size, true, ppd, threads)};
   for (size_t c = 0; c < 3; ++c) channels[c] = seen_channel(channels[c], size, kSensitivities[c], ppd, threads);
   for (uint64_t i = 0; i < size.pixels(); ++i) {
     Triple linear = linear_of_ycc({channels[0][i], channels[1][i], channels[2][i]});

@@ -45,9 +45,7 @@ Result<PictureReport> compare_pictures(const std::string& a_path, const std::str
 }
 
 PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_degree, uint32_t threads) {
-  PictureReport report;
-  report.width = a.width;
-  report.height = a.height;
+  PictureReport report{.width = a.width, .height = a.height};
   uint64_t squares = 0;  // sum over at most 2^28 pixels of at most 3 * 255^2
   for (size_t i = 0; i < a.rgb.size(); i += 3) {
     uint32_t largest = 0;

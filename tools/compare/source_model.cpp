@@ -158,8 +158,7 @@ Result<void> add_mask(const convert::SourceScene& scene, const convert::MaskPlan
 
 Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t primitive_number) {
   const convert::Primitive& primitive = scene.primitives[primitive_number];
-  SourceMesh mesh;
-  mesh.primitive = primitive_number;
+  SourceMesh mesh{.primitive = primitive_number};
   mesh.positions.resize(3 * primitive.vertex_count());
   if (const Result<void> read = convert::read_floats(primitive.positions, 0, primitive.vertex_count(), mesh.positions);
       !read)
@@ -207,8 +206,7 @@ Result<void> MeshMatcher::find_stored_groups() {
 
 Result<void> MeshMatcher::find_masks() {
   convert::WorkerPool pool(1, nullptr);
-  convert::ImageOptions options;
-  options.keep_going = true;
+  const convert::ImageOptions options{.keep_going = true};
   Result<convert::MaskPlan> masks =
       convert::plan_masks(scene_, std::vector<bool>(scene_.primitives.size(), true), options, pool, [](uint64_t) {});
   if (!masks) return masks.error();

@@ -231,80 +231,63 @@ Command add_convert(CLI::App& parent) {
   const auto words = std::make_shared<ConvertArguments>();
   CLI::App* app = parent.add_subcommand("convert", "Packs a glTF scene into a .scree file");
   app->add_option("input", words->input, "The scene: .gltf or .glb")->required();
-  app->add_option("-o,--output", words->output, "The file to write (default: the input with the extension .scree)")
-      ->type_name("FILE");
-  CLI::Option* positions = app->add_option("--positions", words->positions,
-                                           "Bits per axis of positions, 8 to 24, or float32 (unchanged) (default: 16)")
-                               ->type_name("BITS");
-  app->add_option("--max-error", words->max_error,
-                  "Largest position error per axis, in model units (0.5mm, 1e-3; a unit is a metre). Chooses the step "
-                  "instead of --positions. Meshes for which 24 bits are not enough keep their floats")
-      ->type_name("LENGTH");
-  app->add_option("--max-error-pixels", words->max_error_pixels,
-                  "Choose for each mesh the fewest bits that move no vertex by more than N pixels when it is "
-                  "--at-distance or farther from the eye's plane (formula: docs/format.md)")
-      ->type_name("N");
-  app->add_option("--at-distance", words->at_distance,
-                  "D of --max-error-pixels in world units (2m, 1e3; a unit is a metre)")
-      ->type_name("D");
-  app->add_option("--at-size", words->at_size, "Size of the picture of --max-error-pixels (default: 1920x1080)")
-      ->type_name("WxH");
-  app->add_option("--at-fov", words->at_fov, "Vertical field of view of that picture in degrees (default: 45)")
-      ->type_name("DEGREES");
-  app->add_option("--grid", words->grid,
-                  "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest")
-      ->type_name("NAME");
-  app->add_option("--order", words->order,
-                  "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source")
-      ->type_name("NAME");
-  app->add_option("--encoding", words->encoding,
-                  "clustered (default): clusters of up to 128 triangles, half the bytes, drawn far faster on a GPU; "
-                  "indexed: vertices and indices. Meshes with float32 positions are always indexed, as are chunks that "
-                  "would exceed float32 size under an error bound")
-      ->type_name("NAME");
-  app->add_option("--clusters", words->clusters,
-                  "fast (default): clusters in the order of --order; best: smaller files, many times slower")
-      ->type_name("NAME");
-  app->add_option("--chunk-triangles", words->chunk_triangles,
-                  "Largest number of triangles per chunk, 1 to 65536 (default: 65536); 0: one chunk per mesh, which "
-                  "needs memory for the whole largest mesh")
-      ->type_name("N");
-  app->add_option("--zstd", words->zstd,
-                  "Compress pages with zstd at this level, 1 to 22; 0: not at all (default: only blocks of textures, "
-                  "at level 3)")
-      ->type_name("N");
-  app->add_option(
-         "--textures", words->textures,
-         "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels (UASTC and BasisLZ "
-         "become RGBA8), PNGs stay as they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): other images become JPEGs "
-         "too, 4:4:4, without alpha; raw: as keep, but JPEGs stay as they are too")
-      ->type_name("NAME");
+  add_value(*app, "-o,--output", "FILE", words->output,
+            "The file to write (default: the input with the extension .scree)");
+  CLI::Option* positions = add_value(*app, "--positions", "BITS", words->positions,
+                                     "Bits per axis of positions, 8 to 24, or float32 (unchanged) (default: 16)");
+  add_value(*app, "--max-error", "LENGTH", words->max_error,
+            "Largest position error per axis, in model units (0.5mm, 1e-3; a unit is a metre). Chooses the step "
+            "instead of --positions. Meshes for which 24 bits are not enough keep their floats");
+  add_value(*app, "--max-error-pixels", "N", words->max_error_pixels,
+            "Choose for each mesh the fewest bits that move no vertex by more than N pixels when it is "
+            "--at-distance or farther from the eye's plane (formula: docs/format.md)");
+  add_value(*app, "--at-distance", "D", words->at_distance,
+            "D of --max-error-pixels in world units (2m, 1e3; a unit is a metre)");
+  add_value(*app, "--at-size", "WxH", words->at_size, "Size of the picture of --max-error-pixels (default: 1920x1080)");
+  add_value(*app, "--at-fov", "DEGREES", words->at_fov,
+            "Vertical field of view of that picture in degrees (default: 45)");
+  add_value(*app, "--grid", "NAME", words->grid,
+            "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest");
+  add_value(*app, "--order", "NAME", words->order,
+            "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source");
+  add_value(*app, "--encoding", "NAME", words->encoding,
+            "clustered (default): clusters of up to 128 triangles, half the bytes, drawn far faster on a GPU; "
+            "indexed: vertices and indices. Meshes with float32 positions are always indexed, as are chunks that "
+            "would exceed float32 size under an error bound");
+  add_value(*app, "--clusters", "NAME", words->clusters,
+            "fast (default): clusters in the order of --order; best: smaller files, many times slower");
+  add_value(*app, "--chunk-triangles", "N", words->chunk_triangles,
+            "Largest number of triangles per chunk, 1 to 65536 (default: 65536); 0: one chunk per mesh, which "
+            "needs memory for the whole largest mesh");
+  add_value(*app, "--zstd", "N", words->zstd,
+            "Compress pages with zstd at this level, 1 to 22; 0: not at all (default: only blocks of textures, "
+            "at level 3)");
+  add_value(
+      *app, "--textures", "NAME", words->textures,
+      "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels (UASTC and BasisLZ "
+      "become RGBA8), PNGs stay as they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): other images become JPEGs "
+      "too, 4:4:4, without alpha; raw: as keep, but JPEGs stay as they are too");
   app->add_flag("--keep-going", words->keep_going,
                 "An image that is damaged or of an unsupported kind becomes grey instead of an error");
-  app->add_option("--normals", words->normals,
-                  "Normals to store, with 12 bits per axis of the octahedral map: auto (default): of meshes whose "
-                  "normals differ "
-                  "from those of their faces; always (also --normals alone); never")
-      ->type_name("WHICH");
+  add_value(*app, "--normals", "WHICH", words->normals,
+            "Normals to store, with 12 bits per axis of the octahedral map: auto (default): of meshes whose "
+            "normals differ "
+            "from those of their faces; always (also --normals alone); never");
   app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
-  app->add_option("--exclude", words->exclude,
-                  "Leave out nodes whose name matches this regular expression, and their children")
-      ->type_name("REGEX");
+  add_value(*app, "--exclude", "REGEX", words->exclude,
+            "Leave out nodes whose name matches this regular expression, and their children");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_flag("--drop-nonfinite", words->drop_nonfinite,
                 "Leave out triangles with a position that is NaN or infinite instead of failing");
   app->add_flag("--no-weld", words->no_weld, "Do not merge vertices whose stored data are equal bit for bit");
   app->add_flag("--no-share", words->no_share,
                 "Store equal meshes, textures and materials as often as the source has them");
-  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
-  app->add_option("--memory", words->memory,
-                  "Limit of memory (default: 2GiB); a lower limit allows fewer threads, but the output stays the same")
-      ->type_name("SIZE");
-  app->add_option(
-         "--shard", words->shard,
-         "Convert only share I of N (counted from 1) into a file of its own (default: the input with the extension "
-         ".I.part); scree merge joins the shares into the file of one run (docs/scale.md)")
-      ->type_name("I/N");
+  add_value(*app, "--threads", "N", words->threads, "Threads; 0: one per processor (default)");
+  add_value(*app, "--memory", "SIZE", words->memory,
+            "Limit of memory (default: 2GiB); a lower limit allows fewer threads, but the output stays the same");
+  add_value(*app, "--shard", "I/N", words->shard,
+            "Convert only share I of N (counted from 1) into a file of its own (default: the input with the extension "
+            ".I.part); scree merge joins the shares into the file of one run (docs/scale.md)");
   app->add_flag("--resume", words->resume,
                 "Continue a killed run from OUTPUT.part (same input and options, same bytes); keep OUTPUT.part if this "
                 "run stops or fails");

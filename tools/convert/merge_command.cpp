@@ -70,9 +70,9 @@ Command add_merge(CLI::App& parent) {
   CLI::App* app = parent.add_subcommand(
       "merge", "Joins the shards of a conversion (scree convert --shard) into the .scree file of one run");
   app->add_option("shards", words->shards, "All shards, in any order; their source must be unchanged")->required();
-  app->add_option("-o,--output", words->output, "The file to write")->required()->type_name("FILE");
-  app->add_option("--threads", words->threads, "Threads; 0: one per processor (default)")->type_name("N");
-  app->add_option("--memory", words->memory, "Limit of memory (default: 2GiB)")->type_name("SIZE");
+  add_value(*app, "-o,--output", "FILE", words->output, "The file to write")->required();
+  add_value(*app, "--threads", "N", words->threads, "Threads; 0: one per processor (default)");
+  add_value(*app, "--memory", "SIZE", words->memory, "Limit of memory (default: 2GiB)");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_flag("-f,--force", words->force, kForceHelp);
   app->add_flag("--json", words->json, "Print one JSON object instead of the closing lines");

@@ -69,8 +69,7 @@ class Materials {
  private:
   GltfMaterial material(uint32_t number) const {
     const format::MaterialRecord& record = file_.materials()[number];
-    GltfMaterial material;
-    material.name = file_.string(record.name);
+    GltfMaterial material{.name = std::string(file_.string(record.name))};
     for (size_t i = 0; i < 4; ++i) material.base_color[i] = static_cast<double>(record.base_color[i]);
     material.texture = record.texture;
     if (record.texture != kNone) {
@@ -207,28 +206,24 @@ Result<void> add_images(const format::Container& file, GltfWriter& writer, const
 void add_textures(const format::Container& file, GltfWriter& writer) {
   const auto textures = file.textures();
   for (uint32_t i = 0; i < textures.size(); ++i) {
-    GltfTexture texture;
-    texture.name = file.string(textures[i].name);
-    texture.image = textures[i].image;
-    texture.wrap_s = textures[i].wrap_s;
-    texture.wrap_t = textures[i].wrap_t;
-    texture.mag_filter = textures[i].mag_filter;
-    texture.min_filter = textures[i].min_filter;
-    writer.add_texture(std::move(texture));
+    writer.add_texture({.name = std::string(file.string(textures[i].name)),
+                        .image = textures[i].image,
+                        .wrap_s = textures[i].wrap_s,
+                        .wrap_t = textures[i].wrap_t,
+                        .mag_filter = textures[i].mag_filter,
+                        .min_filter = textures[i].min_filter});
   }
 }
 
 void add_cameras(const format::Container& file, GltfWriter& writer) {
   const auto cameras = file.cameras();
   for (uint32_t i = 0; i < cameras.size(); ++i) {
-    GltfCamera camera;
-    camera.name = file.string(cameras[i].name);
-    camera.kind = cameras[i].kind;
-    camera.x = cameras[i].x;
-    camera.y = cameras[i].y;
-    camera.z_near = cameras[i].z_near;
-    camera.z_far = cameras[i].z_far;
-    writer.add_camera(std::move(camera));
+    writer.add_camera({.name = std::string(file.string(cameras[i].name)),
+                       .kind = cameras[i].kind,
+                       .y = cameras[i].y,
+                       .x = cameras[i].x,
+                       .z_near = cameras[i].z_near,
+                       .z_far = cameras[i].z_far});
   }
 }
 
@@ -240,8 +235,7 @@ std::vector<uint32_t> add_meshes(const format::Container& file, GltfWriter& writ
   std::vector<uint32_t> numbers(groups.size(), kNone);
   for (size_t first = 0, last = 0; first < primitives.size(); first = last) {
     const uint32_t group = file.meshes()[primitives[first].mesh].group;
-    GltfMesh mesh;
-    mesh.name = file.string(groups[group].name);
+    GltfMesh mesh{.name = std::string(file.string(groups[group].name))};
     for (; last < primitives.size() && file.meshes()[primitives[last].mesh].group == group; ++last) {
       ExportedPrimitive& exported = primitives[last];
       exported.primitive.material =
@@ -287,14 +281,10 @@ Result<void> add_node_instances(const format::Container& file, GltfWriter& write
     const auto bytes = std::as_bytes(std::span(values));
     const auto offset = writer.append(bytes);
     if (!offset) return offset.error();
-    GltfBufferView view;
-    view.offset = *offset;
-    view.bytes = bytes.size();
-    GltfAccessor accessor;
-    accessor.buffer_view = writer.add_buffer_view(view);
-    accessor.type = attribute.type;
-    accessor.count = count;
-    node.instancing.emplace_back(attribute.name, writer.add_accessor(std::move(accessor)));
+    const GltfBufferView view{.offset = *offset, .bytes = bytes.size()};
+    node.instancing.emplace_back(
+        attribute.name,
+        writer.add_accessor({.buffer_view = writer.add_buffer_view(view), .type = attribute.type, .count = count}));
   }
   return {};
 }
@@ -304,7 +294,7 @@ Result<void> add_nodes(const format::Container& file, GltfWriter& writer, const 
   for (uint32_t i = 0; i < nodes.size(); ++i) {
     const format::NodeRecord& record = nodes[i];
     GltfNode node;
-    node.name = file.string(record.name);
+    node.name = std::string(file.string(record.name));
     node.camera = record.camera;
     if (record.group != kNone) node.mesh = mesh_of_group[record.group];
     node.has_matrix = record.flags & format::kNodeHasMatrix;
@@ -324,8 +314,7 @@ Result<void> add_scenes(const format::Container& file, GltfWriter& writer) {
   const auto scenes = file.scenes();
   const auto roots = file.scene_roots();
   for (uint32_t i = 0; i < scenes.size(); ++i) {
-    GltfScene scene;
-    scene.name = file.string(scenes[i].name);
+    GltfScene scene{.name = std::string(file.string(scenes[i].name))};
     for (uint64_t place = 0; place < scenes[i].root_count; ++place) {
       const uint32_t root = roots[scenes[i].first_root + place];
       if (const uint32_t parent = file.nodes()[root].parent; parent != kNone) {
@@ -425,8 +414,7 @@ Result<ExportSummary> export_gltf(const format::Container& file, const std::stri
 
   auto primitives = write_primitives(file, writer, options, kMaxPrimitiveVertices);
   if (!primitives) return primitives.error();
-  ExportSummary summary;
-  summary.primitives = primitives->size();
+  ExportSummary summary{.primitives = primitives->size()};
   for (const ExportedPrimitive& primitive : *primitives) {
     summary.vertices += primitive.vertices;
     summary.triangles += primitive.triangles;
@@ -457,15 +445,12 @@ Command add_export(CLI::App& parent) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* app = parent.add_subcommand("export", "Decodes a .scree file to glTF");
   app->add_option("FILE", arguments->input, "The .scree file")->required();
-  app->add_option("-o,--output", arguments->output, "Output: .glb, or .gltf with .bin and images beside it")
-      ->type_name("FILE")
+  add_value(*app, "-o,--output", "FILE", arguments->output, "Output: .glb, or .gltf with .bin and images beside it")
       ->required();
   app->add_flag("-f,--force", arguments->force, kForceHelp);
   app->add_flag("--json", arguments->json, "Print one JSON object instead of the closing line");
   app->add_flag("-q,--quiet", arguments->quiet, "No progress and no closing line");
-  app->add_option("--threads", arguments->threads, "Threads; 0: one per processor")
-      ->type_name("N")
-      ->capture_default_str();
+  add_value(*app, "--threads", "N", arguments->threads, "Threads; 0: one per processor")->capture_default_str();
   return {app, [arguments] { return run_export(*arguments); }};
 }
 

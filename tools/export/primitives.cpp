@@ -137,10 +137,7 @@ Plan make_plan(const format::Container& file, uint64_t max_vertices) {
         continue;
       }
       if (!open || plan.parts.back().vertices + piece.vertex_count > max_vertices) {
-        Part part;
-        part.mesh = mesh;
-        part.first_chunk = chunk;
-        plan.parts.push_back(part);
+        plan.parts.push_back({.mesh = mesh, .first_chunk = chunk});
         open = true;
       }
       Part& part = plan.parts.back();
@@ -173,9 +170,7 @@ Result<void> place_batch(const format::Container& file, GltfWriter& writer, std:
     const auto offset = writer.reserve(bytes);
     if (!offset) return offset.error();
     const bool is_vertex = kStreams[stream].attribute != nullptr;
-    GltfBufferView view;
-    view.offset = *offset;
-    view.bytes = bytes;
+    GltfBufferView view{.offset = *offset, .bytes = bytes};
     view.stride =
         is_vertex && users > 1 ? kStreams[stream].element_bytes : 0;  // glTF requires it if accessors share a view
     view.target = is_vertex ? GltfTarget::kVertices : GltfTarget::kIndices;
@@ -355,22 +350,20 @@ Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container&
   primitives.reserve(plan.parts.size());
   for (const Part& part : plan.parts) {
     const uint32_t attributes = file.meshes()[part.mesh].attributes;
-    ExportedPrimitive exported;
-    exported.mesh = part.mesh;
-    exported.has_uv = attributes & format::kHasUv;
-    exported.has_second_uv = attributes & format::kHasSecondUv;
-    exported.vertices = part.vertices;
-    exported.triangles = part.triangles;
+    ExportedPrimitive exported{.mesh = part.mesh,
+                               .has_uv = (attributes & format::kHasUv) != 0,
+                               .has_second_uv = (attributes & format::kHasSecondUv) != 0,
+                               .vertices = part.vertices,
+                               .triangles = part.triangles};
     for (size_t stream = 0; stream < kStreamCount; ++stream) {
       const uint64_t elements = part.elements(static_cast<Stream>(stream), attributes);
       if (elements == 0) continue;
-      GltfAccessor accessor;
-      accessor.buffer_view = part.view[stream];
-      accessor.offset = part.view_offset[stream];
-      accessor.component = kStreams[stream].component;
-      accessor.type = kStreams[stream].type;
-      accessor.normalized = kStreams[stream].normalized;
-      accessor.count = elements;
+      GltfAccessor accessor{.buffer_view = part.view[stream],
+                            .offset = part.view_offset[stream],
+                            .component = kStreams[stream].component,
+                            .type = kStreams[stream].type,
+                            .normalized = kStreams[stream].normalized,
+                            .count = elements};
       if (stream == kPositions) {
         accessor.min.assign(part.box.min.begin(), part.box.min.end());
         accessor.max.assign(part.box.max.begin(), part.box.max.end());

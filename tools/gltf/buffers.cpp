@@ -189,13 +189,12 @@ Result<void> GltfBuffers::read_sparse(size_t slot, Accessor& accessor) {
   auto values = view(stated.value_view);
   if (!values) return at("values", values.error());
 
-  Accessor::Sparse sparse;
-  sparse.count = stated.count;
-  sparse.index_type = static_cast<ComponentType>(stated.index_type);
-  sparse.index_source = indices->source;
-  sparse.index_offset = indices->offset + stated.index_offset;
-  sparse.value_source = values->source;
-  sparse.value_offset = values->offset + stated.value_offset;
+  Accessor::Sparse sparse{.count = stated.count,
+                          .index_type = static_cast<ComponentType>(stated.index_type),
+                          .index_source = indices->source,
+                          .index_offset = indices->offset + stated.index_offset,
+                          .value_source = values->source,
+                          .value_offset = values->offset + stated.value_offset};
 
   if (!sparse_checked_[slot]) {
     if (auto ascend = check_ascending(sparse, accessor.count); !ascend) return ascend;

@@ -42,8 +42,7 @@ Result<void> make_lights(const GltfDocument& document, const NodePlan& plan, Sou
     const auto fail = [&](const std::string& what) {
       return Error{ErrorCode::kRange, "light " + std::to_string(number) + ": " + what};
     };
-    NamedLight light;
-    light.name = from.name;
+    NamedLight light{.name = from.name};
     format::LightRecord& to = light.record;
     to.node = place;
     to.kind = from.type == "directional" ? format::LightKind::kDirectional

@@ -40,12 +40,11 @@ DocMeshopt read_meshopt(const nlohmann::json& source) {
   const auto size = [&](const char* key) {
     return has_member(source, key) ? source.at(key).get<uint64_t>() : uint64_t{0};
   };
-  DocMeshopt meshopt;
-  meshopt.buffer = source.at("buffer").get<int32_t>();
-  meshopt.offset = size("byteOffset");
-  meshopt.bytes = size("byteLength");
-  meshopt.stride = size("byteStride");
-  meshopt.count = size("count");
+  DocMeshopt meshopt{.buffer = source.at("buffer").get<int32_t>(),
+                     .offset = size("byteOffset"),
+                     .bytes = size("byteLength"),
+                     .stride = size("byteStride"),
+                     .count = size("count")};
   const std::string mode = source.at("mode").get<std::string>();
   if (mode == "TRIANGLES") {
     meshopt.mode = DocMeshopt::Mode::kTriangles;
@@ -209,11 +208,7 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
     const bool is_data = is_data_uri(uri);
     if (is_data) uri.clear();
     if (section == "images") {
-      DocImage image;
-      image.name = text_member("name");
-      image.uri = std::move(uri);
-      image.is_data = is_data;
-      image.json = batch->elements;
+      DocImage image{.name = text_member("name"), .uri = std::move(uri), .is_data = is_data, .json = batch->elements};
       if (const auto view = json.find("bufferView"); view != json.end() && view->is_number())
         image.view = view->get<int32_t>();
       document.images.push_back(std::move(image));
@@ -304,8 +299,7 @@ Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estim
 }
 
 Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint32_t threads) {
-  GltfDocument document;
-  document.text = std::move(json);
+  GltfDocument document{.text = std::move(json)};
   const std::span<char> text = document.text;
   auto members = split_document(text);
   if (!members) return members.error();

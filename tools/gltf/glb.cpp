@@ -48,8 +48,7 @@ Result<void> check_padding(const ByteSource& file, uint64_t from) {
 
 /// Version 3: chunks may come in any order, and the first JSON chunk is the document.
 Result<GlbLayout> read_wide_layout(const ByteSource& file) {
-  GlbLayout layout;
-  layout.is_glb = true;
+  GlbLayout layout{.is_glb = true};
   std::array<std::byte, kWideHeaderBytes> header;
   if (file.size() < kWideHeaderBytes)
     return Error{ErrorCode::kTruncated, "GLB header: the file ends after " + std::to_string(file.size()) + " bytes"};

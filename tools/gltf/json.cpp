@@ -205,8 +205,7 @@ Result<std::vector<JsonMember>> split_document(std::span<char> text) {
 }
 
 Result<JsonElements::Batch> JsonElements::next(uint64_t max_bytes) {
-  Batch batch;
-  batch.first = index_;
+  Batch batch{.first = index_};
   uint64_t at = skip_space(text_.first(end_), at_);
   if (at >= end_) return batch;
   batch.elements.begin = at;

@@ -73,8 +73,7 @@ class MaterialMaker {
   using UvSets = std::array<uint32_t, 2>;
 
   Result<format::MaterialRecord> record(const DocMaterial& from, UvSets& sets) {
-    format::MaterialRecord to{};
-    to.texture = kNone;
+    format::MaterialRecord to{.texture = kNone};
     for (size_t i = 0; i < 4; ++i) to.base_color[i] = static_cast<float>(from.base_color[i]);
     to.uv_scale[0] = to.uv_scale[1] = 1.0f;
     // Programs without blending draw a blended surface where its alpha is at least one half.
@@ -196,8 +195,7 @@ class MaterialMaker {
   }
 
   Result<uint32_t> make_texture(const DocTexture& from) {
-    NamedTexture to;
-    to.name = from.name;
+    NamedTexture to{.name = from.name};
     DocSampler sampler;
     if (from.sampler != kAbsent) sampler = document_.samplers[static_cast<size_t>(from.sampler)];
     const auto wrap_s = wrap_of(sampler.wrap_s);
@@ -302,13 +300,12 @@ class MaterialMaker {
       reason = std::string(kind.name);
       return std::optional<SourceImage>();
     }
-    SourceImage image;
-    image.name = from.name.empty() && !from.is_data ? from.uri : from.name;
-    image.codec = *kind.codec;
-    image.is_webp = kind.is_webp;
-    image.source = bytes->source;
-    image.offset = bytes->offset;
-    image.bytes = bytes->bytes;
+    SourceImage image{.name = from.name.empty() && !from.is_data ? from.uri : from.name,
+                      .codec = *kind.codec,
+                      .is_webp = kind.is_webp,
+                      .source = bytes->source,
+                      .offset = bytes->offset,
+                      .bytes = bytes->bytes};
     return std::optional(std::move(image));
   }
 

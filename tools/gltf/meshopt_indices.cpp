@@ -169,8 +169,7 @@ class TriangleStream final : public MeshoptStream {
   Result<MeshoptPlace> start(uint32_t version) const override {
     const uint64_t triangles = stated().count / 3;
     if (stated().bytes < kTableBytes + 1 || stated().bytes - kTableBytes - 1 < triangles) return ends_early();
-    MeshoptPlace at{};
-    at.offset = 1 + triangles;
+    MeshoptPlace at{.offset = 1 + triangles};
     TriangleState state{};
     state.edges.fill(~uint64_t{0});
     state.vertices.fill(~0u);
@@ -231,9 +230,7 @@ class IndexStream final : public MeshoptStream {
  private:
   Result<MeshoptPlace> start(uint32_t /*version*/) const override {
     if (stated().bytes < kTailBytes + 1 || stated().bytes - kTailBytes - 1 < stated().count) return ends_early();
-    MeshoptPlace at{};
-    at.offset = 1;
-    return at;
+    return MeshoptPlace{.offset = 1};
   }
 };
 

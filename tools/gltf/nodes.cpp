@@ -246,8 +246,7 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
   auto pattern = compile(exclude);
   if (!pattern) return pattern.error();
 
-  NodePlan plan;
-  plan.parent = std::move(trees->parent);
+  NodePlan plan{.parent = std::move(trees->parent)};
   if (scenes->empty() && count > 0) {
     plan.implied_scene = true;
     scenes->emplace_back();
@@ -350,8 +349,7 @@ Result<std::vector<SourceNode>> make_nodes(const GltfDocument& document, const N
   for (const uint32_t number : plan.order) {
     const DocNode& from = document.nodes[number];
     const std::string place = node_place(number);
-    SourceNode node;
-    node.name = from.name;
+    SourceNode node{.name = from.name};
     const uint32_t parent = plan.parent[number];
     node.parent = parent == kNone ? kNone : plan.place[parent];
     if (from.mesh != kAbsent) node.group = group[static_cast<size_t>(from.mesh)];

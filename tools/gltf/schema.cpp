@@ -404,9 +404,7 @@ class Checker {
 
   bool start_array(std::size_t) {
     const Member& member = expected();
-    Frame frame;
-    frame.array = true;
-    frame.length = member.length;
+    Frame frame{.array = true, .length = member.length};
     switch (member.kind) {
       case Kind::kAny:
         frame.each = &kAnyMember;

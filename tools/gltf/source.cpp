@@ -181,11 +181,10 @@ class Importer {
       return {};
     }
 
-    Primitive to;
-    to.group = static_cast<uint32_t>(scene_.groups.size());
-    to.place = place;
-    to.mesh = mesh;
-    to.mode = static_cast<PrimitiveMode>(from.mode);
+    Primitive to{.group = static_cast<uint32_t>(scene_.groups.size()),
+                 .place = place,
+                 .mesh = mesh,
+                 .mode = static_cast<PrimitiveMode>(from.mode)};
     auto positions = attribute("POSITION", position, kNone);
     if (!positions) return positions.error();
     to.positions = std::move(positions).value();
@@ -348,9 +347,7 @@ class Importer {
                                           std::to_string(to.indices->count) +
                                           " elements, expected a multiple of 3 (Draco)"};
     const DocDraco& stated = document_.draco[static_cast<size_t>(from.draco)];
-    DracoPrimitive packed;
-    packed.triangles = to.indices->count / 3;
-    packed.vertices = to.positions.count;
+    DracoPrimitive packed{.triangles = to.indices->count / 3, .vertices = to.positions.count};
     for (const auto& [name, accessor] : empty) {
       const int32_t id = find(stated.attributes, name);
       if (id == kAbsent)
@@ -557,9 +554,8 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   auto text = read_json_text(**file, layout->json_offset, layout->json_bytes);
   if (!text) return text.error();
 
-  SourceScene scene;
-  scene.file_name = path.substr(path.rfind('/') == std::string::npos ? 0 : path.rfind('/') + 1);
-  scene.json_bytes = layout->json_bytes;
+  SourceScene scene{.file_name = path.substr(path.rfind('/') == std::string::npos ? 0 : path.rfind('/') + 1),
+                    .json_bytes = layout->json_bytes};
   auto document = read_document(std::move(text).value(), options.memory, options.threads);
   if (!document) return document.error();
   std::vector<std::shared_ptr<const ByteSource>> chunks;

@@ -83,9 +83,7 @@ uint32_t component_count(int type) {
 }
 
 DocTextureUse texture_use(int index, int uv_set, const tinygltf::Value* transform) {
-  DocTextureUse use;
-  use.texture = index;
-  use.uv_set = static_cast<uint32_t>(std::max(uv_set, 0));
+  DocTextureUse use{.texture = index, .uv_set = static_cast<uint32_t>(std::max(uv_set, 0))};
   if (transform == nullptr) return use;
   read_numbers(transform, "offset", use.offset);
   read_numbers(transform, "scale", use.scale);
@@ -142,8 +140,7 @@ void read_surface(const tinygltf::Material& source, DocMaterial& material) {
 }
 
 DocMaterial read_material(const tinygltf::Material& source) {
-  DocMaterial material;
-  material.name = source.name;
+  DocMaterial material{.name = source.name};
   const tinygltf::PbrMetallicRoughness& pbr = source.pbrMetallicRoughness;
   if (pbr.baseColorFactor.size() == 4) std::copy_n(pbr.baseColorFactor.begin(), 4, material.base_color.begin());
   material.base_texture = texture_use(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord,
@@ -179,21 +176,18 @@ DocMaterial read_material(const tinygltf::Material& source) {
 }
 
 DocTexture read_texture(const tinygltf::Texture& source) {
-  DocTexture texture;
-  texture.name = source.name;
-  texture.sampler = source.sampler;
+  DocTexture texture{.name = source.name, .sampler = source.sampler};
   const auto of = [&](const char* extension) { return index_member(member(source.extensions, extension), "source"); };
   texture.sources = {of("KHR_texture_basisu"), of("MSFT_texture_dds"), source.source, of("EXT_texture_webp")};
   return texture;
 }
 
 DocNode read_node(const tinygltf::Node& source) {
-  DocNode node;
-  node.name = source.name;
-  node.mesh = source.mesh;
-  node.camera = source.camera;
-  node.skin = source.skin;
-  node.has_matrix = source.matrix.size() == 16;
+  DocNode node{.name = source.name,
+               .mesh = source.mesh,
+               .camera = source.camera,
+               .skin = source.skin,
+               .has_matrix = source.matrix.size() == 16};
   if (node.has_matrix || !source.translation.empty() || !source.rotation.empty() || !source.scale.empty()) {
     LocalTransform::Values local{};
     if (node.has_matrix) {
@@ -219,14 +213,10 @@ DocNode read_node(const tinygltf::Node& source) {
 }
 
 DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices, GltfDocument& document) {
-  DocMesh mesh;
-  mesh.name = source.name;
+  DocMesh mesh{.name = source.name};
   for (size_t i = 0; i < source.primitives.size(); ++i) {
     const tinygltf::Primitive& from = source.primitives[i];
-    DocPrimitive primitive;
-    primitive.mode = from.mode;
-    primitive.indices = indices[i];
-    primitive.material = from.material;
+    DocPrimitive primitive{.mode = from.mode, .indices = indices[i], .material = from.material};
     if (const tinygltf::Value* packed = member(from.extensions, "KHR_draco_mesh_compression")) {
       primitive.draco = static_cast<int32_t>(document.draco.size());
       DocDraco& draco = document.draco.emplace_back();
@@ -247,8 +237,7 @@ DocMesh read_mesh(const tinygltf::Mesh& source, std::span<const int32_t> indices
 
 void read_bounds(const tinygltf::Accessor& source, GltfDocument& document) {
   if (source.count < kLeastBounded || source.minValues.size() != 3 || source.maxValues.size() != 3) return;
-  DocBounds bounds;
-  bounds.accessor = static_cast<uint32_t>(document.accessors.size());
+  DocBounds bounds{.accessor = static_cast<uint32_t>(document.accessors.size())};
   for (size_t axis = 0; axis < 3; ++axis) {
     for (const double value : {source.minValues[axis], source.maxValues[axis]})
       if (!(std::abs(value) <= static_cast<double>(std::numeric_limits<float>::max()))) return;
@@ -260,13 +249,12 @@ void read_bounds(const tinygltf::Accessor& source, GltfDocument& document) {
 
 void read_accessor(const tinygltf::Accessor& source, GltfDocument& document) {
   read_bounds(source, document);
-  DocAccessor accessor;
-  accessor.view = source.bufferView;
-  accessor.type = source.componentType;
-  accessor.components = component_count(source.type);
-  accessor.normalized = source.normalized;
-  accessor.offset = source.byteOffset;
-  accessor.count = source.count;
+  DocAccessor accessor{.view = source.bufferView,
+                       .type = source.componentType,
+                       .components = component_count(source.type),
+                       .normalized = source.normalized,
+                       .offset = source.byteOffset,
+                       .count = source.count};
   if (source.sparse.isSparse) {
     accessor.sparse = static_cast<int32_t>(document.sparse.size());
     DocSparse sparse;

@@ -45,10 +45,8 @@ std::optional<Error> bound_error(const compare::GeometryReport& report, const In
 }
 
 Result<compare::GeometryReport> measure_against(const format::Container& file, const InspectOptions& options) {
-  convert::ImportOptions import;
-  import.exclude = options.exclude;
-  import.allow_outside = options.allow_outside;
-  const Result<convert::SourceScene> source = convert::import_gltf(options.source, import);
+  const Result<convert::SourceScene> source =
+      convert::import_gltf(options.source, {.exclude = options.exclude, .allow_outside = options.allow_outside});
   if (!source) return source.error();
   try {
     return compare::compare_geometry(*source, file);
@@ -71,8 +69,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     uint64_t triangles = 0;
     for (uint64_t i = 0; i < file->meshes().size(); ++i) triangles += file->meshes()[i].triangle_count;
     progress.stage("verify", triangles);
-    VerifyHooks hooks;
-    hooks.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); };
+    VerifyHooks hooks{.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); }};
     // Checked parts of the file are released, since the file may be larger than memory.
     hooks.is_done_with = [&](uint64_t offset, uint64_t bytes) { map->release(offset, bytes); };
     verified = verify(*file, map->bytes(), options.threads, hooks);
@@ -127,15 +124,13 @@ Command add_inspect(CLI::App& parent) {
   app->add_flag("--verify", options.verify,
                 "Check every checksum and decode everything; also show the share of indices in clusters");
   app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
-  app->add_option("--source", options.source,
-                  "Measure the true position error against this .gltf or .glb (needs convert --source-ids)")
-      ->type_name("FILE");
-  app->add_option("--exclude", options.exclude, "The --exclude that the file was converted with, for --source")
-      ->type_name("REGEX");
+  add_value(*app, "--source", "FILE", options.source,
+            "Measure the true position error against this .gltf or .glb (needs convert --source-ids)");
+  add_value(*app, "--exclude", "REGEX", options.exclude,
+            "The --exclude that the file was converted with, for --source");
   app->add_flag("--allow-outside", options.allow_outside, convert::kAllowOutsideHelp);
-  app->add_option("--top", options.top, "Meshes and images to list by name")->type_name("N")->capture_default_str();
-  app->add_option("--threads", options.threads, "Threads of --verify; 0: one per processor")
-      ->type_name("N")
+  add_value(*app, "--top", "N", options.top, "Meshes and images to list by name")->capture_default_str();
+  add_value(*app, "--threads", "N", options.threads, "Threads of --verify; 0: one per processor")
       ->capture_default_str();
   const auto quiet = std::make_shared<bool>(false);
   app->add_flag("-q,--quiet", *quiet, "No progress");

@@ -447,9 +447,7 @@ uint64_t Stats::container_bytes() const {
 }
 
 Stats gather(const format::Container& file, std::span<const std::byte> bytes, uint32_t top, bool reads_pages) {
-  Stats stats;
-  stats.has_split = reads_pages;
-  stats.file_bytes = bytes.size();
+  Stats stats{.file_bytes = bytes.size(), .has_split = reads_pages};
   count_container(file, bytes, stats);
 
   const auto pages = file.pages();

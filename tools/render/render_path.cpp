@@ -204,12 +204,11 @@ class PathRenderer {
     Result<runtime::SceneFile> file = runtime::SceneFile::open(options_.file);
     if (!file) return file.error();
     const bool has_color = !options_.output.empty();
-    runtime::LoadOptions load;
-    load.scene = options_.scene;
-    load.on = on;
-    load.gpu = gpu_of_rank(options_.backend, ranks_.rank_on_host());
-    load.gpus = options_.backend.gpus;
-    load.threads = options_.threads;
+    runtime::LoadOptions load{.scene = options_.scene,
+                              .on = on,
+                              .gpu = gpu_of_rank(options_.backend, ranks_.rank_on_host()),
+                              .gpus = options_.backend.gpus,
+                              .threads = options_.threads};
     const runtime::SceneOptions wanted = options_.scene_options();
     load.textures = wanted.textures;
     load.lighting = wanted.lighting;
@@ -326,8 +325,7 @@ class PathRenderer {
     draw_ms_ += renderer_->draw_time().wall_ms;
     shadow_ms_ += renderer_->shadow_time().wall_ms;
     const Stopwatch watch;
-    DrawnFrame drawn;
-    drawn.frame = frame;
+    DrawnFrame drawn{.frame = frame};
     for (const Output& output : outputs_) {
       std::vector<std::byte>& bytes = drawn.layers.emplace_back(take_buffer(renderer_->layer_bytes(output.layer)));
       if (const Result<void> read = renderer_->read(output.layer, bytes); !read) return read.error();
@@ -340,8 +338,7 @@ class PathRenderer {
   /// The same with all ranks, for wanted_[number]. Ranks that do not write the frame get no outputs.
   Result<DrawnFrame> draw_shared(size_t number) {
     const WantedFrame& wanted = wanted_[number];
-    DrawnFrame drawn;
-    drawn.frame = wanted.frame;
+    DrawnFrame drawn{.frame = wanted.frame};
     const Result<kernels::View> view = view_of(wanted.frame);
     if (!view) return view.error();
     std::optional<kernels::View> next;

@@ -76,8 +76,7 @@ void add_card(Part& part, const Vec3& foot, const Vec3& up, const Vec3& side, do
 
 /// Leaves of plant number `plant`, whose foot is at the origin.
 Part make_leaves(uint32_t plant, uint32_t material) {
-  Part part;
-  part.material = material;
+  Part part{.material = material};
   Chance chance(1000 + plant);
   const bool is_tree = plant < kTrees, is_grass = plant >= kTrees + kBushes;
   const double height = is_tree ? chance.between(6, 14) : is_grass ? 0.7 : chance.between(1.2, 2.2);
@@ -107,8 +106,7 @@ Part make_leaves(uint32_t plant, uint32_t material) {
 /// A trunk of 5 rings of 6 sides, a little crooked.
 Part make_trunk(uint32_t plant, uint32_t material) {
   constexpr uint32_t kSides = 6, kRings = 5;
-  Part part;
-  part.material = material;
+  Part part{.material = material};
   Chance chance(1000 + plant);
   const double height = 0.8 * chance.between(6, 14);
   for (uint32_t ring = 0; ring <= kRings; ++ring) {
@@ -132,8 +130,7 @@ Part make_trunk(uint32_t plant, uint32_t material) {
 
 Part make_ground(double side, uint32_t material) {
   constexpr uint32_t kQuads = 160;
-  Part part;
-  part.material = material;
+  Part part{.material = material};
   for (uint32_t j = 0; j <= kQuads; ++j)
     for (uint32_t i = 0; i <= kQuads; ++i) {
       const double x = side * (static_cast<double>(i) / kQuads - 0.5),
@@ -210,10 +207,8 @@ std::vector<uint8_t> make_atlas(uint32_t atlas, uint32_t size, uint32_t threads)
 }
 
 Result<GltfPrimitive> add_part(GltfWriter& writer, const Part& part) {
-  GltfPrimitive primitive;
-  primitive.material = part.material;
-  GltfAccessor accessor;
-  accessor.count = part.vertex_count();
+  GltfPrimitive primitive{.material = part.material};
+  GltfAccessor accessor{.count = part.vertex_count()};
   accessor.min.assign(3, std::numeric_limits<double>::infinity());
   accessor.max.assign(3, -std::numeric_limits<double>::infinity());
   for (size_t i = 0; i < part.positions.size(); ++i) {
@@ -245,8 +240,7 @@ Result<void> add_materials(GltfWriter& writer, const SynthOptions& options) {
     const std::vector<uint8_t> rgba = make_atlas(atlas, size, options.threads);
     const Result<std::vector<std::byte>> png = runtime::encode_png({size, size, 4, rgba}, {.is_small = true});
     if (!png) return png.error();
-    GltfMaterial material;
-    material.name = atlas == 0 ? "leaves" : "blades";
+    GltfMaterial material{.name = atlas == 0 ? "leaves" : "blades"};
     const Result<uint32_t> image = writer.add_image(material.name, format::ImageCodec::kPng, *png);
     if (!image) return image.error();
     GltfTexture texture;
@@ -262,8 +256,7 @@ Result<void> add_materials(GltfWriter& writer, const SynthOptions& options) {
   }
   for (const auto& [name, color] :
        {std::pair<const char*, Vec3>{"bark", {0.11, 0.08, 0.05}}, {"ground", {0.09, 0.08, 0.04}}}) {
-    GltfMaterial material;
-    material.name = name;
+    GltfMaterial material{.name = name};
     std::copy(color.begin(), color.end(), material.base_color);
     writer.add_material(std::move(material));
   }
@@ -299,10 +292,7 @@ std::vector<Placement> scatter(uint32_t count, double side, uint32_t seed) {
 }
 
 uint32_t add_camera(GltfWriter& writer, const char* name, const Vec3& eye, const Vec3& target) {
-  GltfCamera lens;
-  lens.name = name;
-  lens.y = std::numbers::pi / 3;
-  lens.x = 16.0 / 9.0;
+  const GltfCamera lens{.name = name, .y = std::numbers::pi / 3, .x = 16.0 / 9.0};
   const Vec3 back = normalized({eye[0] - target[0], eye[1] - target[1], eye[2] - target[2]});
   const Vec3 right = normalized(cross({0, 1, 0}, back)), up = cross(back, right);
   GltfNode node;
@@ -327,8 +317,7 @@ Result<SynthReport> write_forest(const SynthOptions& options) {
   SynthReport report;
   std::vector<uint64_t> triangles;
   const auto add_mesh = [&](const std::string& name, const std::vector<Part>& parts) -> Result<void> {
-    GltfMesh mesh;
-    mesh.name = name;
+    GltfMesh mesh{.name = name};
     triangles.push_back(0);
     for (const Part& part : parts) {
       Result<GltfPrimitive> primitive = add_part(*writer, part);
@@ -363,9 +352,7 @@ Result<SynthReport> write_forest(const SynthOptions& options) {
     if (Result<void> added = add_instanced_nodes(*writer, placements, children); !added) return added.error();
   } else {
     for (const Placement& placement : placements) {
-      GltfNode node;
-      node.name = "plant";
-      node.mesh = placement.mesh;
+      GltfNode node{.name = "plant", .mesh = placement.mesh};
       std::copy(placement.translation.begin(), placement.translation.end(), node.local.begin());
       std::copy(placement.rotation.begin(), placement.rotation.end(), node.local.begin() + 3);
       std::copy(placement.scale.begin(), placement.scale.end(), node.local.begin() + 7);
@@ -377,10 +364,7 @@ Result<SynthReport> write_forest(const SynthOptions& options) {
   children.push_back(add_camera(*writer, "within", {0, hills(0, 0) + 1.7, 0}, {10, hills(10, -30) + 3, -30}));
   children.push_back(
       add_camera(*writer, "clearing", {0.4 * edge, hills(0.4 * edge, 0) + 9, 0}, {-0.2 * edge, 2, -0.3 * edge}));
-  GltfNode root;
-  root.name = "forest";
-  root.children = std::move(children);
-  writer->add_scene({"forest", {writer->add_node(std::move(root))}});
+  writer->add_scene({"forest", {writer->add_node({.name = "forest", .children = std::move(children)})}});
   if (Result<void> finished = writer->finish(); !finished) return finished.error();
   report.file_bytes = writer->total_bytes();
   return report;

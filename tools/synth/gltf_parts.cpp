@@ -26,15 +26,11 @@ Result<void> add_instanced_nodes(GltfWriter& writer, std::span<const Placement> 
     for (const double part : placement.scale) streams.scales.push_back(static_cast<float>(part));
   }
   for (const auto& [mesh, streams] : of_mesh) {
-    GltfNode node;
-    node.name = "instances of mesh" + std::to_string(mesh);
-    node.mesh = mesh;
+    GltfNode node{.name = "instances of mesh" + std::to_string(mesh), .mesh = mesh};
     const auto attribute = [&](const char* semantic, const std::vector<float>& values, GltfType type,
                                uint64_t components) -> Result<void> {
-      GltfAccessor accessor;
-      accessor.type = type;
-      accessor.count = values.size() / components;
-      const Result<uint32_t> added = append_stream(writer, values, std::move(accessor), GltfTarget::kNone);
+      const Result<uint32_t> added =
+          append_stream(writer, values, {.type = type, .count = values.size() / components}, GltfTarget::kNone);
       if (!added) return added.error();
       node.instancing.emplace_back(semantic, *added);
       return {};

@@ -48,8 +48,7 @@ Result<GltfPrimitive> add_pane(GltfWriter& writer, double distance, double phase
       for (const uint32_t index : {corner, below, below + 1, corner, below + 1, corner + 1}) indices.push_back(index);
     }
   }
-  GltfAccessor accessor;
-  accessor.count = positions.size() / 3;
+  GltfAccessor accessor{.count = positions.size() / 3};
   accessor.min.assign(3, std::numeric_limits<double>::infinity());
   accessor.max.assign(3, -std::numeric_limits<double>::infinity());
   for (size_t i = 0; i < positions.size(); ++i) {
@@ -121,8 +120,7 @@ Result<SynthReport> write_panes(const SynthOptions& options) {
   // The last one is the wall.
   for (uint32_t i = 0; i <= panes; ++i) {
     const bool is_wall = i == panes;
-    GltfMaterial material;
-    material.name = is_wall ? "wall" : "pane " + std::to_string(i);
+    GltfMaterial material{.name = is_wall ? "wall" : "pane " + std::to_string(i)};
     const double tone = static_cast<double>(i) / kMostPanes;
     const double color[3] = {0.9 - 0.8 * tone, 0.3 + 0.6 * std::abs(2 * tone - 1), 0.1 + 0.8 * tone};
     std::copy(color, color + 3, material.base_color);
@@ -130,26 +128,16 @@ Result<SynthReport> write_panes(const SynthOptions& options) {
     if (!is_wall) material.alpha = GltfAlpha::kBlend;
     if (!is_wall && !is_textured) material.base_color[3] = 0.2;
     if (!is_wall) material.texture = streaks;
-    GltfMesh mesh;
-    mesh.name = material.name;
+    GltfMesh mesh{.name = material.name};
     Result<GltfPrimitive> primitive =
         add_pane(*writer, kNearestPane + kPaneStep * (is_wall ? kMostPanes : i), i, is_textured && !is_wall);
     if (!primitive) return primitive.error();
     primitive->material = writer->add_material(std::move(material));
     mesh.primitives.push_back(std::move(*primitive));
-    GltfNode node;
-    node.name = mesh.name;
-    node.mesh = writer->add_mesh(std::move(mesh));
-    children.push_back(writer->add_node(std::move(node)));
+    children.push_back(writer->add_node({.name = mesh.name, .mesh = writer->add_mesh(std::move(mesh))}));
   }
-  GltfCamera lens;
-  lens.name = "through";
-  lens.y = kPaneAngle;
-  lens.x = kPaneAspect;
-  GltfNode camera;
-  camera.name = lens.name;
-  camera.camera = writer->add_camera(lens);
-  children.push_back(writer->add_node(std::move(camera)));
+  const GltfCamera lens{.name = "through", .y = kPaneAngle, .x = kPaneAspect};
+  children.push_back(writer->add_node({.name = lens.name, .camera = writer->add_camera(lens)}));
   writer->add_scene({"panes", std::move(children)});
   if (Result<void> finished = writer->finish(); !finished) return finished.error();
   SynthReport report;

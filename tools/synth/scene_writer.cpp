@@ -247,10 +247,8 @@ Result<std::vector<MeshPlace>> reserve_streams(GltfWriter& writer, const Scene& 
 void add_mesh(GltfWriter& writer, uint32_t number, const MeshRecipe& mesh, const MeshPlace& place, const Bounds& bounds,
               const SynthOptions& options, uint32_t material) {
   const uint64_t vertices = vertex_count(mesh), indices = triangle_count(mesh) * 3;
-  GltfPrimitive primitive;
-  primitive.material = material;
-  GltfAccessor accessor;
-  accessor.count = vertices;
+  GltfPrimitive primitive{.material = material};
+  GltfAccessor accessor{.count = vertices};
   if (options.normals)
     primitive.attributes.emplace_back(
         "NORMAL", add_stream(writer, place.normals, vertices * 12, accessor, GltfTarget::kVertices));
@@ -287,10 +285,7 @@ std::vector<Placement> placements_of(const Scene& scene) {
 
 void add_plain_nodes(GltfWriter& writer, const Scene& scene, std::vector<uint32_t>& children) {
   for (uint32_t i = 0; i < scene.instances.size(); ++i) {
-    GltfNode node;
-    node.name = "instance" + std::to_string(i);
-    node.mesh = scene.instances[i].mesh;
-    node.has_matrix = true;
+    GltfNode node{.name = "instance" + std::to_string(i), .mesh = scene.instances[i].mesh, .has_matrix = true};
     std::copy(scene.instances[i].matrix.begin(), scene.instances[i].matrix.end(), node.local.begin());
     children.push_back(writer.add_node(std::move(node)));
   }
@@ -298,26 +293,21 @@ void add_plain_nodes(GltfWriter& writer, const Scene& scene, std::vector<uint32_
 
 void add_cameras(GltfWriter& writer, const Scene& scene, std::vector<uint32_t>& children) {
   for (const SceneCamera& camera : scene.cameras) {
-    GltfCamera lens;
-    lens.name = camera.name;
-    lens.y = std::numbers::pi / 3;
-    lens.x = static_cast<double>(scene.width) / scene.height;
-    lens.z_near = 0.1;
-    GltfNode node;
-    node.name = camera.name;
-    node.camera = writer.add_camera(lens);
-    node.has_matrix = true;
-    node.local = camera_to_world(camera);
-    children.push_back(writer.add_node(std::move(node)));
+    const GltfCamera lens{.name = camera.name,
+                          .y = std::numbers::pi / 3,
+                          .x = static_cast<double>(scene.width) / scene.height,
+                          .z_near = 0.1};
+    children.push_back(writer.add_node({.name = camera.name,
+                                        .camera = writer.add_camera(lens),
+                                        .has_matrix = true,
+                                        .local = camera_to_world(camera)}));
   }
 }
 
 }  // namespace
 
 Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options) {
-  SynthReport report;
-  report.unique_triangles = scene.unique_triangles();
-  report.drawn_triangles = scene.drawn_triangles();
+  SynthReport report{.unique_triangles = scene.unique_triangles(), .drawn_triangles = scene.drawn_triangles()};
   for (const MeshRecipe& mesh : scene.meshes) report.vertices += vertex_count(mesh);
   report.instances = scene.instances.size();
 
@@ -353,11 +343,8 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
     add_mesh(*writer, m, scene.meshes[m], (*places)[m], bounds[m], options, material);
 
   // The definition has z up, glTF has y up: (x, y, z) -> (x, z, -y), exactly.
-  GltfNode root;
-  root.name = scene.name;
-  root.has_matrix = true;
-  root.local = {1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1};
-  const uint32_t root_node = writer->add_node(std::move(root));
+  const uint32_t root_node = writer->add_node(
+      {.name = scene.name, .has_matrix = true, .local = {1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1}});
   std::vector<uint32_t> children;
   if (options.gpu_instancing) {
     if (Result<void> added = add_instanced_nodes(*writer, placements_of(scene), children); !added) return added.error();

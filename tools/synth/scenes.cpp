@@ -26,16 +26,14 @@ uint32_t scaled(uint32_t n, double scale, uint32_t step) {
 
 MeshRecipe blob(uint32_t n, MeshOrder order, uint32_t seed, uint32_t round8, double amplitude, double frequency,
                 uint32_t octaves) {
-  MeshRecipe mesh;
-  mesh.kind = MeshKind::kBlob;
-  mesh.n = n;
-  mesh.order = order;
-  mesh.seed = seed;
-  mesh.round8 = round8;
-  mesh.amplitude = amplitude;
-  mesh.frequency = frequency;
-  mesh.octaves = octaves;
-  return mesh;
+  return MeshRecipe{.kind = MeshKind::kBlob,
+                    .n = n,
+                    .order = order,
+                    .seed = seed,
+                    .round8 = round8,
+                    .octaves = octaves,
+                    .amplitude = amplitude,
+                    .frequency = frequency};
 }
 
 /// n of the 100 classes of scene C; each class has 20 meshes.
@@ -85,18 +83,12 @@ uint64_t Scene::drawn_triangles() const {
 }
 
 Scene terrain_scene(MeshOrder order, double scale) {
-  Scene scene;
-  scene.name = "terrain400";
+  Scene scene{.name = "terrain400"};
   const uint32_t n = scaled(kTerrainQuads, scale, 8);
   const double stretch = static_cast<double>(kTerrainQuads) / n;
   for (uint32_t ty = 0; ty < kTerrainTilesY; ++ty)
     for (uint32_t tx = 0; tx < kTerrainTilesX; ++tx) {
-      MeshRecipe mesh;
-      mesh.kind = MeshKind::kTerrain;
-      mesh.n = n;
-      mesh.order = order;
-      mesh.tile_x = tx;
-      mesh.tile_y = ty;
+      const MeshRecipe mesh{.kind = MeshKind::kTerrain, .n = n, .order = order, .tile_x = tx, .tile_y = ty};
       scene.instances.push_back(place(static_cast<uint32_t>(scene.meshes.size()), {stretch, stretch, 1}, {}));
       scene.meshes.push_back(mesh);
     }
@@ -109,8 +101,7 @@ Scene terrain_scene(MeshOrder order, double scale) {
 }
 
 Scene lantern_scene(MeshOrder order, double scale) {
-  Scene scene;
-  scene.name = "lantern3000";
+  Scene scene{.name = "lantern3000"};
   scene.meshes.push_back(blob(scaled(288, scale, 8), order, 4242u, 8, 0.10, 2.0, 6));
   for (int ix = 0; ix < 50; ++ix)
     for (int iy = 0; iy < 60; ++iy) scene.instances.push_back(place(0, {10, 10, 10}, {30.0 * ix, 30.0 * iy, 0}));
@@ -120,10 +111,7 @@ Scene lantern_scene(MeshOrder order, double scale) {
 }
 
 Scene zorahlike_scene(MeshOrder order, double scale) {
-  Scene scene;
-  scene.name = "zorahlike";
-  scene.width = 3840;
-  scene.height = 2160;
+  Scene scene{.name = "zorahlike", .width = 3840, .height = 2160};
   const double eye_x = -50, eye_y = -10;  // of the close-up camera; props have a distance of at least 4 units from it
   uint32_t q = 0;                         // number of the instance
   for (uint32_t m = 0; m < kZorahMeshes; ++m) {
@@ -182,8 +170,7 @@ Scene zorahlike_scene(MeshOrder order, double scale) {
 }
 
 Scene sponzalike_scene(double scale) {
-  Scene scene;
-  scene.name = "sponzalike";
+  Scene scene{.name = "sponzalike"};
   uint32_t seed = 600000u;
   const auto add = [&](uint32_t n, uint32_t round8, double amplitude, uint32_t octaves, std::array<double, 3> size,
                        std::array<double, 3> at) {

@@ -216,9 +216,7 @@ std::vector<Placement> place_stones(const std::vector<Stone>& stones, uint32_t s
     turn[1] = 0;
     if (dot(turn, turn) < 1e-6) turn[0] = 1;
     turn = normalized(turn);
-    Placement placement;
-    placement.mesh = stone.kind;
-    placement.rotation = upright(up, turn[0], turn[2]);
+    Placement placement{.mesh = stone.kind, .rotation = upright(up, turn[0], turn[2])};
     const double flat = random.between(0.75, 1.1);
     placement.scale = {stone.radius * random.between(0.85, 1.15), stone.radius * flat,
                        stone.radius * random.between(0.85, 1.15)};
@@ -248,8 +246,7 @@ Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
   const Vec3 shape{random.between(0.9, 1.25), random.between(0.5, 0.85), random.between(0.75, 1.0)};
   const uint32_t seed = 1000 + 131 * kind;
 
-  Mesh mesh;
-  mesh.name = (n == kBoulderQuads ? "boulder" : "stone") + std::to_string(kind);
+  Mesh mesh{.name = (n == kBoulderQuads ? "boulder" : "stone") + std::to_string(kind)};
   for (uint32_t face = 0; face < 6; ++face)
     for (uint32_t y = 0; y <= n; ++y)
       for (uint32_t x = 0; x <= n; ++x) {
@@ -279,8 +276,7 @@ Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
         mesh.add_vertex({d[0] * r * shape[0], d[1] * r * shape[1], d[2] * r * shape[2]},
                         repeat * (0.5 * u + 0.5) + 0.37 * face, repeat * (0.5 - 0.5 * v) + 0.21 * face, light);
       }
-  MeshRecipe grid;
-  grid.n = n;
+  const MeshRecipe grid{.n = n};
   for (uint32_t quad = 0; quad < 6 * n * n; ++quad) {
     uint32_t corners[6];
     quad_indices(grid, quad, corners);
@@ -342,8 +338,7 @@ Mesh make_ground(const std::vector<Stone>& stones, uint32_t threads) {
       rows[j].light.push_back(shade.at(x, s) * (0.95 + 0.4 * fbm(14, 3, x / 7.0, s / 7.0, 0.5)));
     }
   });
-  Mesh mesh;
-  mesh.name = "ground";
+  Mesh mesh{.name = "ground"};
   for (uint32_t j = 0; j <= kGroundRows; ++j)
     for (uint32_t i = 0; i <= kGroundColumns; ++i) {
       const Vec3& p = rows[j].points[i];
@@ -360,8 +355,7 @@ Mesh make_ground(const std::vector<Stone>& stones, uint32_t threads) {
 
 /// A wall with ribs, ledges and gullies behind the top of the slope.
 Mesh make_cliff() {
-  Mesh mesh;
-  mesh.name = "cliff";
+  Mesh mesh{.name = "cliff"};
   const double width = half_width(kCliffFoot) + 30.0;
   for (uint32_t j = 0; j <= kCliffRows; ++j)
     for (uint32_t i = 0; i <= kGroundColumns; ++i) {
@@ -390,10 +384,8 @@ Mesh make_cliff() {
 // ---- The document ----
 
 Result<void> add_mesh(GltfWriter& writer, const Mesh& mesh) {
-  GltfPrimitive primitive;
-  primitive.material = mesh.material;
-  GltfAccessor accessor;
-  accessor.count = mesh.vertex_count();
+  GltfPrimitive primitive{.material = mesh.material};
+  GltfAccessor accessor{.count = mesh.vertex_count()};
   const double infinity = std::numeric_limits<double>::infinity();
   accessor.min.assign(3, infinity);
   accessor.max.assign(3, -infinity);
@@ -470,9 +462,7 @@ Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
     textures.push_back(*texture);
   }
   for (const Look& look : kLooks) {
-    GltfMaterial material;
-    material.name = look.name;
-    material.texture = textures[look.texture];
+    GltfMaterial material{.name = look.name, .texture = textures[look.texture]};
     std::copy(look.tint.begin(), look.tint.end(), material.base_color);
     writer.add_material(std::move(material));
   }
@@ -480,11 +470,7 @@ Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
 }
 
 GltfNode camera_node(GltfWriter& writer) {
-  GltfCamera lens;
-  lens.name = "view";
-  lens.y = std::numbers::pi / 4;
-  lens.x = 16.0 / 9.0;
-  lens.z_near = 0.1;
+  const GltfCamera lens{.name = "view", .y = std::numbers::pi / 4, .x = 16.0 / 9.0, .z_near = 0.1};
   const Vec3 eye{0.5, ground_height(0.5, -16.0) + 2.6, 16.0};
   const Vec3 target{-2.0, 14.5, -40.0};
   const Vec3 back = normalized(eye - target), right = normalized(cross({0, 1, 0}, back)), up = cross(back, right);
@@ -527,10 +513,7 @@ Result<SynthReport> write_slope(const SynthOptions& options) {
   }
   std::vector<uint32_t> children;
   for (uint32_t mesh = kBoulderKinds + kStoneKinds; mesh < meshes.size(); ++mesh) {
-    GltfNode node;
-    node.name = meshes[mesh].name;
-    node.mesh = mesh;
-    children.push_back(writer->add_node(std::move(node)));
+    children.push_back(writer->add_node({.name = meshes[mesh].name, .mesh = mesh}));
     report.drawn_triangles += meshes[mesh].indices.size() / 3;
   }
   for (const Placement& placement : placements) report.drawn_triangles += meshes[placement.mesh].indices.size() / 3;
@@ -539,9 +522,7 @@ Result<SynthReport> write_slope(const SynthOptions& options) {
     if (Result<void> added = add_instanced_nodes(*writer, placements, children); !added) return added.error();
   } else {
     for (const Placement& placement : placements) {
-      GltfNode node;
-      node.name = meshes[placement.mesh].name;
-      node.mesh = placement.mesh;
+      GltfNode node{.name = meshes[placement.mesh].name, .mesh = placement.mesh};
       std::copy(placement.translation.begin(), placement.translation.end(), node.local.begin());
       std::copy(placement.rotation.begin(), placement.rotation.end(), node.local.begin() + 3);
       std::copy(placement.scale.begin(), placement.scale.end(), node.local.begin() + 7);
@@ -549,10 +530,7 @@ Result<SynthReport> write_slope(const SynthOptions& options) {
     }
   }
   children.push_back(writer->add_node(camera_node(*writer)));
-  GltfNode root;
-  root.name = "slope";
-  root.children = std::move(children);
-  writer->add_scene({"slope", {writer->add_node(std::move(root))}});
+  writer->add_scene({"slope", {writer->add_node({.name = "slope", .children = std::move(children)})}});
   if (Result<void> finished = writer->finish(); !finished) return finished.error();
   report.file_bytes = writer->total_bytes();
   return report;

@@ -140,27 +140,24 @@ Command add_synth(CLI::App& parent) {
       "masks, 8 panes of glass that fill the picture one behind another, or scenes with the counts of NVIDIA's\n"
       "Zorah: zorah (geometry behind EXT_meshopt_compression, 10 GB) and zorah-textured (also 4,418 KTX2 textures,\n"
       "78 GB).");
-  app->add_option("scene", options->scene, "A, B, C, D, slope, forest, panes, panes-textured, zorah or zorah-textured")
-      ->required()
-      ->type_name("SCENE");
-  app->add_option(
-         "-o,--output", options->output,
-         "FILE.gltf, with FILE.bin and others beside it, or FILE.glb (not for zorah; a .glb past 4 GiB has version 3,\n"
-         "which few programs read)")
-      ->type_name("FILE");
-  app->add_option(
-         "--scale", options->scale,
-         "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
-         "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the\n"
-         "forest fewer plants, zorah fewer triangles per primitive and texels per texture, and there are fewer\n"
-         "panes")
-      ->capture_default_str()
-      ->type_name("SHARE");
+  add_value(*app, "scene", "SCENE", options->scene,
+            "A, B, C, D, slope, forest, panes, panes-textured, zorah or zorah-textured")
+      ->required();
+  add_value(
+      *app, "-o,--output", "FILE", options->output,
+      "FILE.gltf, with FILE.bin and others beside it, or FILE.glb (not for zorah; a .glb past 4 GiB has version 3,\n"
+      "which few programs read)");
+  add_value(*app, "--scale", "SHARE", options->scale,
+            "Share of the triangles to keep, above 0 to 1: A to D have coarser grids (n * sqrt(scale)) under\n"
+            "the same cameras (A's tiles are stretched to cover the same ground), the slope fewer stones, the\n"
+            "forest fewer plants, zorah fewer triangles per primitive and texels per texture, and there are fewer\n"
+            "panes")
+      ->capture_default_str();
   const auto order = std::make_shared<std::string>("row");
-  app->add_option("--order", *order, "Order of triangles and vertices: row, or block: blocks of 8 x 8 quads (A, B, C)")
+  add_value(*app, "--order", "ORDER", *order,
+            "Order of triangles and vertices: row, or block: blocks of 8 x 8 quads (A, B, C)")
       ->check(CLI::IsMember({"row", "block"}))
-      ->capture_default_str()
-      ->type_name("ORDER");
+      ->capture_default_str();
   app->add_flag("--normals", options->normals, "A to D: add normals");
   app->add_flag("--uvs", options->uvs, "A to D: add texture coordinates and a texture");
   app->add_flag("--gpu-instancing", options->gpu_instancing,
@@ -168,17 +165,12 @@ Command add_synth(CLI::App& parent) {
   app->add_flag(
       "--checks", options->checks,
       "A to D: print scene, order, 0 and the order-independent sums of positions and indices (-o is not needed)");
-  app->add_option("--threads", options->threads, "Threads; 0: one per processor")
-      ->capture_default_str()
-      ->type_name("N");
-  app->add_option("--seed", options->seed, "Slope, forest: seed of the positions of stones or plants")
-      ->capture_default_str()
-      ->type_name("N");
-  app->add_option(
-         "--texture-size", options->texture_size,
-         "Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192 (default: 1024, for the\n"
-         "forest 4096)")
-      ->type_name("N");
+  add_value(*app, "--threads", "N", options->threads, "Threads; 0: one per processor")->capture_default_str();
+  add_value(*app, "--seed", "N", options->seed, "Slope, forest: seed of the positions of stones or plants")
+      ->capture_default_str();
+  add_value(*app, "--texture-size", "N", options->texture_size,
+            "Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192 (default: 1024, for the\n"
+            "forest 4096)");
   const auto force = std::make_shared<bool>(false);
   app->add_flag("-f,--force", *force, kForceHelp);
   app->add_flag("--json", options->json,

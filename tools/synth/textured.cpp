@@ -62,8 +62,7 @@ Result<void> add_tile(GltfWriter& writer, uint32_t number, uint32_t material) {
       indices.insert(indices.end(), {corner, corner + 1, below + 1, corner, below + 1, below});
     }
   }
-  GltfPrimitive primitive;
-  primitive.material = material;
+  GltfPrimitive primitive{.material = material};
   accessor.count = uvs.size() / 2;
   const auto add = [&](const auto& values, GltfTarget target) {
     return append_stream(writer, values, accessor, target);
@@ -145,8 +144,7 @@ Result<TexturedReport> write_textured(const TexturedOptions& options) {
     Result<GltfWriter> writer = GltfWriter::create(options.output);
     if (!writer) return writer.error();
     TexturedReport report;
-    GltfScene scene;
-    scene.name = "textured";
+    GltfScene scene{.name = "textured"};
     for (uint32_t i = 0; i < options.meshes; ++i) {
       if (!files[i]) return files[i].error();
       report.texture_bytes += files[i]->size();
@@ -159,14 +157,10 @@ Result<TexturedReport> write_textured(const TexturedOptions& options) {
       texture.wrap_s = texture.wrap_t = format::Wrap::kClamp;
       texture.mag_filter = 9729;  // linear
       texture.min_filter = 9987;  // linear between mip levels too
-      GltfMaterial material;
-      material.texture = writer->add_texture(std::move(texture));
+      GltfMaterial material{.texture = writer->add_texture(std::move(texture))};
       if (const Result<void> added = add_tile(*writer, i, writer->add_material(std::move(material))); !added)
         return added.error();
-      GltfNode node;
-      node.name = "tile " + std::to_string(i);
-      node.mesh = i;
-      scene.nodes.push_back(writer->add_node(std::move(node)));
+      scene.nodes.push_back(writer->add_node({.name = "tile " + std::to_string(i), .mesh = i}));
       report.triangles += uint64_t{2} * kQuads * kQuads;
     }
     writer->add_scene(std::move(scene));

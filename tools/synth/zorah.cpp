@@ -91,9 +91,7 @@ struct Encoded {
 
 SheetShape shape_of(uint32_t group, ZorahKind kind) {
   const uint32_t hash = hash2(9501u, group, 0);
-  SheetShape shape;
-  shape.seed = 60000u + 131u * group;
-  shape.frequency = 2.0 + hash % 4u;
+  SheetShape shape{.seed = 60000u + 131u * group, .frequency = 2.0 + hash % 4u};
   switch (kind) {
     case ZorahKind::kFloor:
     case ZorahKind::kWall:
@@ -147,8 +145,7 @@ Result<uint32_t> add_encoded(GltfWriter& writer, const ZorahGroup& group, Stream
   const Result<uint64_t> offset = writer.append(encoded.bytes);
   if (!offset) return offset.error();
   const bool is_indices = stream == Stream::kIndices;
-  GltfAccessor accessor;
-  accessor.count = is_indices ? group.triangles * 3 : group.vertices;
+  GltfAccessor accessor{.count = is_indices ? group.triangles * 3 : group.vertices};
   constexpr GltfType kTypes[] = {GltfType::kVec3, GltfType::kVec3, GltfType::kVec2, GltfType::kVec4, GltfType::kScalar};
   accessor.type = kTypes[static_cast<size_t>(stream)];
   if (is_indices) accessor.component = GltfComponent::kUint32;
@@ -301,8 +298,7 @@ std::array<double, 4> yaw(double turn) {
 Placement place(const ZorahPlan& plan, uint32_t mesh, uint32_t number, uint32_t of_mesh) {
   const auto chance = [&](uint32_t i) { return unit24(hash2(9701u, number, i)); };
   const uint32_t hash = hash2(9702u, number, 0);
-  Placement at;
-  at.mesh = mesh;
+  Placement at{.mesh = mesh};
   switch (plan.meshes[mesh].kind) {
     case ZorahKind::kFloor: {
       // Tiles of 4 x 4 units. A mesh that is drawn often covers most of the ground.
@@ -365,9 +361,7 @@ const char* kind_name(ZorahKind kind) {
 }
 
 GltfNode node_of(const Placement& at, std::string name) {
-  GltfNode node;
-  node.name = std::move(name);
-  node.mesh = at.mesh;
+  GltfNode node{.name = std::move(name), .mesh = at.mesh};
   std::copy(at.translation.begin(), at.translation.end(), node.local.begin());
   std::copy(at.rotation.begin(), at.rotation.end(), node.local.begin() + 3);
   std::copy(at.scale.begin(), at.scale.end(), node.local.begin() + 7);
@@ -376,16 +370,9 @@ GltfNode node_of(const Placement& at, std::string name) {
 
 /// Adds the camera and its node; y is up. Returns the node.
 uint32_t add_camera(GltfWriter& writer, const SceneCamera& camera) {
-  GltfCamera lens;
-  lens.name = camera.name;
-  lens.y = std::numbers::pi / 3;
-  lens.x = 16.0 / 9.0;
-  lens.z_near = 0.02;
-  lens.z_far = 29999.998;
-  GltfNode node;
-  node.name = camera.name;
-  node.camera = writer.add_camera(lens);
-  node.has_matrix = true;
+  const GltfCamera lens{
+      .name = camera.name, .y = std::numbers::pi / 3, .x = 16.0 / 9.0, .z_near = 0.02, .z_far = 29999.998};
+  GltfNode node{.name = camera.name, .camera = writer.add_camera(lens), .has_matrix = true};
   const Vec3 back = normalized(camera.eye - camera.target), right = normalized(cross({0, 1, 0}, back)),
              up = cross(back, right);
   node.local = {right[0], right[1], right[2], 0, up[0],         up[1],         up[2],         0,
@@ -403,8 +390,7 @@ Parents add_parents(GltfWriter& writer, uint32_t count) {
   Parents parents;
   for (uint32_t i = 0; i < count; ++i) {
     const Vec3 step{unit24(hash2(9801u, i, 0)) - 0.5, 0, unit24(hash2(9801u, i, 1)) - 0.5};
-    GltfNode node;
-    node.name = "group" + std::to_string(i);
+    GltfNode node{.name = "group" + std::to_string(i)};
     std::copy(step.begin(), step.end(), node.local.begin());
     parents.nodes.push_back(writer.add_node(std::move(node)));
     parents.places.push_back(i == 0 ? step : parents.places[(i - 1) / 4] + step);
@@ -475,8 +461,7 @@ Result<SynthReport> write_zorah(const ZorahPlan& plan, const SynthOptions& optio
   if (Result<void> written = write_textures(*writer, plan, {progress, pool}); !written) return written.error();
   for (uint32_t i = 0; i < plan.materials.size(); ++i) add_material(*writer, plan.materials[i], i);
   for (uint32_t m = 0; m < plan.meshes.size(); ++m) {
-    GltfMesh mesh;
-    mesh.name = kind_name(plan.meshes[m].kind) + ("_mesh" + std::to_string(m));
+    GltfMesh mesh{.name = kind_name(plan.meshes[m].kind) + ("_mesh" + std::to_string(m))};
     for (uint32_t i = 0; i < plan.meshes[m].materials.size(); ++i) {
       const GroupAccessors& group = (*accessors)[plan.meshes[m].first_group + i];
       mesh.primitives.push_back({group.attributes, group.indices, plan.meshes[m].materials[i]});
@@ -486,13 +471,11 @@ Result<SynthReport> write_zorah(const ZorahPlan& plan, const SynthOptions& optio
   writer->add_scene({plan.name, std::move(*roots)});
   if (Result<void> finished = writer->finish(); !finished) return finished.error();
 
-  SynthReport report;
-  report.unique_triangles = plan.unique_triangles();
-  report.drawn_triangles = plan.drawn_triangles();
-  report.vertices = plan.vertices();
-  report.instances = plan.drawn_meshes();
-  report.file_bytes = writer->total_bytes();
-  return report;
+  return SynthReport{.unique_triangles = plan.unique_triangles(),
+                     .drawn_triangles = plan.drawn_triangles(),
+                     .vertices = plan.vertices(),
+                     .instances = plan.drawn_meshes(),
+                     .file_bytes = writer->total_bytes()};
 }
 
 }  // namespace scree::synth

@@ -138,9 +138,7 @@ ZorahKind kind_of(uint32_t mesh) {
 }
 
 ZorahMaterial plain_material() {
-  ZorahMaterial material;
-  material.color = material.surface = material.normals = material.specular_texture = material.emission = kNone;
-  return material;
+  return {.color = kNone, .surface = kNone, .normals = kNone, .specular_texture = kNone, .emission = kNone};
 }
 
 }  // namespace
@@ -192,9 +190,8 @@ uint64_t ZorahPlan::drawn_triangles() const {
 
 ZorahPlan zorah_plan(double scale) {
   using namespace main_file;
-  ZorahPlan plan;
-  plan.name = "zorah";
-  plan.camera = {"view", {55.34291, 6.4527273, 0.32432523}, {46.38051, 5.7994967, 0.5308178}};
+  ZorahPlan plan{.name = "zorah",
+                 .camera = {"view", {55.34291, 6.4527273, 0.32432523}, {46.38051, 5.7994967, 0.5308178}}};
 
   // Meshes by class: 5 mountains, the floor, 548 meshes with several primitives (547 with three, one with two); the
   // others have one.
@@ -273,12 +270,11 @@ void plan_textures(ZorahPlan& plan, double scale) {
     return std::max(4u, 4 * static_cast<uint32_t>(std::lround(texels / 4 * std::sqrt(scale))));
   };
   for (uint32_t i = 0; i < kTextures; ++i) {
-    BlockTexture texture;
-    texture.seed = i;
-    texture.picture = i < kColors               ? BlockPicture::kColor
-                      : i < kColors + kSurfaces ? BlockPicture::kSurface
-                      : i < kWide               ? BlockPicture::kNormals
-                                                : BlockPicture::kSpecular;
+    BlockTexture texture{.picture = i < kColors               ? BlockPicture::kColor
+                                    : i < kColors + kSurfaces ? BlockPicture::kSurface
+                                    : i < kWide               ? BlockPicture::kNormals
+                                                              : BlockPicture::kSpecular,
+                         .seed = i};
     uint32_t width = 4096, height = 4096, below = i < kWide ? rank[i] : kTextures;
     const auto is_next = [&](uint32_t count) {
       const bool is = below < count;
@@ -331,10 +327,9 @@ void plan_materials(ZorahPlan& plan) {
 
 ZorahPlan zorah_textured_plan(double scale) {
   using namespace textured_file;
-  ZorahPlan plan;
-  plan.name = "zorah-textured";
-  plan.camera = {"view", {7.729439, 2.278318, -11.146186}, {-0.484482, 4.163491, -8.020232}};
-  plan.parents = kParents;
+  ZorahPlan plan{.name = "zorah-textured",
+                 .parents = kParents,
+                 .camera = {"view", {7.729439, 2.278318, -11.146186}, {-0.484482, 4.163491, -8.020232}}};
 
   // There are 2,812 meshes: 1,653 with three primitives, the others with two. 623 of the meshes with three are variants
   // of others with different materials: 88 meshes have seven variants, one has six, one has one.

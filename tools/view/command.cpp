@@ -209,25 +209,21 @@ Command add_view(CLI::App& parent) {
   const auto words = std::make_shared<ViewWords>();
   CLI::App* app = parent.add_subcommand("view", "Serves a scene to browsers: look around, pick, measure");
   app->add_option("file", words->file, "The scene: a .scree file")->required();
-  app->add_option("--scene", words->scene, "Scene of the file, by name or number (default: the file's default)")
-      ->type_name("NAME");
+  add_value(*app, "--scene", "NAME", words->scene,
+            "Scene of the file, by name or number (default: the file's default)");
   app->add_flag("--open", words->open, "Open the page in this machine's browser");
-  app->add_option("--host", words->host,
-                  "The address to listen on (default: 127.0.0.1, reachable only from this machine)")
-      ->type_name("HOST");
-  app->add_option("--port", words->port,
-                  "The port to listen on; 0: any that is free (default: 8080, or the next of 20 that is free)")
-      ->type_name("N");
-  app->add_option("--base-path", words->base_path, "Path under which a proxy serves the page, such as /scree")
-      ->type_name("PATH");
-  app->add_option("--allow-host", words->allowed_hosts,
-                  "Host name that browsers may use, such as a proxy's; repeatable")
-      ->type_name("HOST")
+  add_value(*app, "--host", "HOST", words->host,
+            "The address to listen on (default: 127.0.0.1, reachable only from this machine)");
+  add_value(*app, "--port", "N", words->port,
+            "The port to listen on; 0: any that is free (default: 8080, or the next of 20 that is free)");
+  add_value(*app, "--base-path", "PATH", words->base_path, "Path under which a proxy serves the page, such as /scree");
+  add_value(*app, "--allow-host", "HOST", words->allowed_hosts,
+            "Host name that browsers may use, such as a proxy's; repeatable")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  app->add_option("--viewers", words->viewers, "The most pages at once, 1 to 32 (default: 8)")->type_name("N");
+  add_value(*app, "--viewers", "N", words->viewers, "The most pages at once, 1 to 32 (default: 8)");
   add_device_options(*app, *words);
   add_texture_options(*app, words->textures);
   add_light_options(*app, words->light);

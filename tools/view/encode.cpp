@@ -12,6 +12,8 @@
 namespace scree::tools::view {
 namespace {
 
+using runtime::append_bytes;
+
 using Bytes = std::vector<std::byte>;
 
 /// Rows per strip: at least `least`, and few enough for a few strips per thread, so that no thread waits long for the
@@ -23,11 +25,6 @@ uint32_t rows_per_strip(uint32_t rows, uint32_t threads, uint32_t least) {
 
 void append(Bytes& out, std::span<const std::byte> more) {
   out.insert(out.end(), more.begin(), more.end());
-}
-
-template <class... Values>
-void append_bytes(Bytes& out, Values... values) {
-  (out.push_back(static_cast<std::byte>(values)), ...);
 }
 
 struct TurboFree {

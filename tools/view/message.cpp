@@ -156,12 +156,11 @@ kernels::ShadeOptions read_shade(Members& in) {
 }
 
 PictureRequest read_picture(Members& in) {
-  PictureRequest out;
-  out.sequence = in.whole("seq", 0, kMaxNumber);
-  out.camera.eye = in.vector("eye");
-  out.camera.target = in.vector("target");
-  out.camera.up = in.vector("up");
-  out.camera.fov_degrees = in.number("fov", 0.001, 179.9);
+  PictureRequest out{.sequence = in.whole("seq", 0, kMaxNumber),
+                     .camera = {.eye = in.vector("eye"),
+                                .target = in.vector("target"),
+                                .up = in.vector("up"),
+                                .fov_degrees = in.number("fov", 0.001, 179.9)}};
   read_size(in, out.width, out.height);
   out.shade = read_shade(in);
   out.shadows = in.flag("shadows");
@@ -183,8 +182,7 @@ Message read(std::string_view type, Members& in) {
   if (type == "probe") return Probe{read_pixel(in)};
   if (type == "pick") return PickRequest{in.whole("id", 0, kMaxNumber), read_pixel(in)};
   if (type == "screenshot") {
-    Screenshot out;
-    out.id = in.whole("id", 0, kMaxNumber);
+    Screenshot out{.id = in.whole("id", 0, kMaxNumber)};
     read_size(in, out.width, out.height);
     out.samples = read_samples(in);
     return out;

@@ -125,11 +125,8 @@ struct ViewSession::Impl {
   std::vector<uint32_t> device_pixels;
 
   Result<void> upload() {
-    runtime::PictureNeeds pictures;
-    pictures.width = 3840;
-    pictures.height = 2160;
-    kernels::ShadeOptions shade;
-    shade.ssao = shade.edl = true;
+    runtime::PictureNeeds pictures{.width = 3840, .height = 2160};
+    kernels::ShadeOptions shade{.ssao = true, .edl = true};
     pictures.shade = &shade;
     pictures.is_encoded = true;
     const uint64_t each = runtime::DeviceScene::view_bytes(scene, pictures);
@@ -262,9 +259,7 @@ struct ViewSession::Impl {
   Result<PixelView> shade_buffer(const kernels::ShadeOptions& shade, bool reads_pixels) {
     Picture& picture = *last;
     const uint32_t side = picture.samples_per_side;
-    PixelView out;
-    out.width = picture.view.width / side;
-    out.height = picture.view.height / side;
+    PixelView out{.width = picture.view.width / side, .height = picture.view.height / side};
     const size_t count = size_t{out.width} * out.height;
     if (picture.device) {
       out.channels = 4;
@@ -301,8 +296,7 @@ struct ViewSession::Impl {
 
   Result<Drawn> draw_now(const BufferKey& wanted, kernels::ShadeOptions shade, bool has_shadows, const JpegKind* jpeg,
                          const Patience& patience) {
-    Drawn out;
-    out.samples = wanted.samples;
+    Drawn out{.samples = wanted.samples};
     // A streamed frame keeps only the colours of a part, so other shading needs another frame.
     const bool is_streamed = device && device->is_streamed();
     Picture& picture = *last;
@@ -373,11 +367,10 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   if (!scene_index) return scene_index.error();
   const Result<std::optional<runtime::Gpu>> gpu = choose_gpu("view", options.backend, options.quiet);
   if (!gpu) return at(options.file, gpu.error());
-  runtime::SceneOptions load;
-  load.threads = options.threads;
-  load.lighting = options.light.lighting;
-  load.environment = options.light.environment;
-  load.pages = !gpu->has_value();
+  runtime::SceneOptions load{.threads = options.threads,
+                             .lighting = options.light.lighting,
+                             .environment = options.light.environment,
+                             .pages = !gpu->has_value()};
   const Result<void> sized =
       runtime::set_texture_memory(*file, options.textures.memory, gpu->has_value(), options.device_memory, load);
   if (!sized) return at(options.file, sized.error());
@@ -524,9 +517,7 @@ Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
 }
 
 Result<Camera> ViewSession::home(uint32_t width, uint32_t height) const {
-  runtime::CameraOptions options;
-  options.width = width;
-  options.height = height;
+  const runtime::CameraOptions options{.width = width, .height = height};
   const runtime::Scene& scene = impl_->scene;
   const Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
   if (!view) return view.error();

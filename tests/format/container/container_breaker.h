@@ -2,7 +2,10 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <limits>
+#include <string>
 
 #include "format/bytes.h"
 #include "format/container/container.h"
@@ -26,15 +29,32 @@ class Breaker {
     if (error) FAIL(error->message);
   }
 
-  template <class Record, class Change>
-  void record(format::TableKind kind, uint64_t index, Change change, const char* message,
-              ErrorCode code = ErrorCode::kRange) const {
-    expect(patched<Record>(file_, kind, index, change), message, code);
+  /// Breaks rules of one table: changes record `index`, and expects that message.
+  template <class Record>
+  class Records {
+   public:
+    using Change = std::function<void(Record&)>;
+
+    Records(const Bytes& file, format::TableKind kind) : file_(file), kind_(kind) {}
+    void operator()(uint64_t index, ErrorCode code, const std::string& message, const Change& change) const {
+      expect(patched<Record>(file_, kind_, index, change), message, code);
+    }
+    void operator()(uint64_t index, const std::string& message, const Change& change) const {
+      (*this)(index, ErrorCode::kRange, message, change);
+    }
+
+   private:
+    const Bytes& file_;
+    format::TableKind kind_;
+  };
+  template <class Record>
+  Records<Record> records(format::TableKind kind) const {
+    return {file_, kind};
   }
 
   /// Changes the file's header and updates its checksum, unless `seal` is false.
-  template <class Change>
-  void header(Change change, const char* message, ErrorCode code, bool seal = true) const {
+  void header(ErrorCode code, const std::string& message, const std::function<void(format::FileHeader&)>& change,
+              bool seal = true) const {
     Bytes file = file_;
     auto header = format::load<format::FileHeader>(file.data());
     change(header);
@@ -43,8 +63,8 @@ class Breaker {
     expect(file, message, code);
   }
 
-  template <class Change>
-  void toc(format::TableKind kind, Change change, const char* message, ErrorCode code = ErrorCode::kRange) const {
+  using TocChange = std::function<void(format::TocEntry&)>;
+  void toc(format::TableKind kind, ErrorCode code, const std::string& message, const TocChange& change) const {
     Bytes file = file_;
     const size_t offset = toc_entry_offset(file, kind);
     auto entry = format::load<format::TocEntry>(file.data() + offset);
@@ -53,8 +73,21 @@ class Breaker {
     reseal(file);
     expect(file, message, code);
   }
+  void toc(format::TableKind kind, const std::string& message, const TocChange& change) const {
+    toc(kind, ErrorCode::kRange, message, change);
+  }
 
-  static void expect(const Bytes& file, const char* message, ErrorCode code) {
+  /// The bytes of the string table, and the message about a name that is `at` a byte past it.
+  uint32_t string_bytes() const {
+    const size_t entry = toc_entry_offset(file_, format::TableKind::kStrings);
+    return static_cast<uint32_t>(format::load<format::TocEntry>(file_.data() + entry).record_count);
+  }
+  std::string bad_string(const std::string& place, uint32_t at) const {
+    return place + ": string at " + std::to_string(at) + ", but the strings take " + std::to_string(string_bytes()) +
+           " bytes";
+  }
+
+  static void expect(const Bytes& file, const std::string& message, ErrorCode code) {
     INFO("expected: " << message);
     const auto error = must(verify_copy(file));
     CHECK(error.message == message);

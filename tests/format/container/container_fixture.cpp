@@ -27,14 +27,11 @@ MatrixRecord identity() {
 }
 
 NodeRecord node_of(uint32_t name, uint32_t parent, uint32_t group) {
-  NodeRecord node{};
-  node.name = name;
-  node.parent = parent;
-  node.group = group;
-  node.camera = kNone;
-  node.local[6] = 1;                                  // rotation w
-  node.local[7] = node.local[8] = node.local[9] = 1;  // scale
-  return node;
+  return {.name = name,
+          .parent = parent,
+          .group = group,
+          .camera = kNone,
+          .local = {0, 0, 0, /* rotation */ 0, 0, 0, 1, /* scale */ 1, 1, 1}};
 }
 
 /// Places the chunk at the end of a page and adds its bytes to the page.
@@ -55,47 +52,28 @@ Parts tiny_parts() {
                         0x18, 0x01, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   parts.pages.push_back(seal_page(PageKind::kGeometry, raw, 0));
 
-  MeshRecord mesh{};
-  mesh.triangle_count = 1;
-  mesh.vertex_count = 3;
-  mesh.source_vertex_count = 3;
-  mesh.chunk_count = 1;
-  mesh.bounds_max[0] = 0.75f;
-  mesh.bounds_max[1] = 0.25f;
-  mesh.max_position_error = 0.125 + std::ldexp(1, -25);
-  mesh.lattice_exponent = -2;
-  mesh.lattice_bits[0] = 2;
-  mesh.lattice_bits[1] = 1;
-  tables.meshes.push_back(mesh);
-
-  ChunkRecord chunk{};
-  chunk.bytes = 32;
-  chunk.triangle_count = 1;
-  chunk.vertex_count = 3;
-  chunk.index_bits = 2;
-  chunk.position_bits[0] = 2;
-  chunk.position_bits[1] = 1;
-  tables.chunks.push_back(chunk);
+  tables.meshes.push_back({.triangle_count = 1,
+                           .vertex_count = 3,
+                           .source_vertex_count = 3,
+                           .chunk_count = 1,
+                           .bounds_max = {0.75f, 0.25f, 0},
+                           .max_position_error = 0.125 + std::ldexp(1, -25),
+                           .lattice_exponent = -2,
+                           .lattice_bits = {2, 1, 0}});
+  tables.chunks.push_back(
+      {.bytes = 32, .triangle_count = 1, .vertex_count = 3, .index_bits = 2, .position_bits = {2, 1, 0}});
 
   tables.groups.push_back({tables.strings.add("stone"), 0, 1, 0});
   tables.nodes.push_back(node_of(tables.strings.add("here"), kNone, 0));
   tables.instances.push_back({0, 0, 0, 0});
   tables.matrices.push_back(identity());
-  MaterialRecord material{};
-  material.name = tables.strings.add("slate");
-  material.texture = kNone;
-  material.base_color[0] = material.base_color[1] = material.base_color[2] = 0.5f;
-  material.base_color[3] = 1;
-  material.uv_scale[0] = material.uv_scale[1] = 1;
-  material.alpha_cutoff = 0.5f;
-  material.flags = kMaterialDoubleSided;
-  tables.materials.push_back(material);
-  SceneRecord scene{};
-  scene.flags = 1;
-  scene.instance_count = 1;
-  scene.root_count = 1;
-  scene.triangle_count = 1;
-  tables.scenes.push_back(scene);
+  tables.materials.push_back({.name = tables.strings.add("slate"),
+                              .texture = kNone,
+                              .base_color = {0.5f, 0.5f, 0.5f, 1},
+                              .uv_scale = {1, 1},
+                              .alpha_cutoff = 0.5f,
+                              .flags = kMaterialDoubleSided});
+  tables.scenes.push_back({.flags = 1, .instance_count = 1, .root_count = 1, .triangle_count = 1});
   tables.scene_roots.push_back(0);
   tables.source.json_bytes = 700;
   tables.source.buffer_bytes = 42;
@@ -129,19 +107,16 @@ Parts full_parts() {
   floats.material = kNone;
   floats.source_vertex_count = 100;
   floats.bounds_max[2] = 1000;
-  MeshRecord empty{};
-  empty.material = 0;
-  empty.group = 1;
+  MeshRecord empty{.material = 0, .group = 1};
 
   Bytes first_page, second_page;
   uint64_t triangles = 0;
   for (uint32_t c = 0; c < 2; ++c) {
-    ChunkRecord chunk{};
-    chunk.first_triangle = triangles;
-    chunk.triangle_count = 100 + 28 * c;
-    chunk.vertex_count = 90;
-    chunk.index_min = 3;
-    chunk.index_bits = 7;
+    ChunkRecord chunk{.first_triangle = triangles,
+                      .triangle_count = 100 + 28 * c,
+                      .vertex_count = 90,
+                      .index_min = 3,
+                      .index_bits = 7};
     for (int axis = 0; axis < 3; ++axis) {
       chunk.position_min[axis] = 5;
       chunk.position_bits[axis] = static_cast<uint8_t>(12 + axis);
@@ -161,11 +136,7 @@ Parts full_parts() {
   }
   all.chunk_count = 2;
   {
-    ChunkRecord chunk{};
-    chunk.mesh = 1;
-    chunk.triangle_count = 98;
-    chunk.vertex_count = 100;
-    chunk.index_bits = 7;
+    ChunkRecord chunk{.mesh = 1, .triangle_count = 98, .vertex_count = 100, .index_bits = 7};
     for (uint8_t& bits : chunk.position_bits) bits = 32;
     place(floats, chunk, 1, second_page);
     tables.chunks.push_back(chunk);
@@ -192,10 +163,7 @@ Parts full_parts() {
   tables.matrices = {identity(), identity()};
   tables.instances = {{0, 1, 0, 0}, {0, 2, 0, 0}, {0, 2, 1, 1}, {1, 1, 0, 0}, {1, 1, 1, 0}, {2, 3, 0, 0}};
 
-  MaterialRecord material{};
-  material.name = name("gneiss");
-  material.texture = kNone;
-  material.uv_scale[0] = material.uv_scale[1] = 1;
+  const MaterialRecord material{.name = name("gneiss"), .texture = kNone, .uv_scale = {1, 1}};
   tables.materials = {material, material};
   tables.materials[1].texture = 0;
   tables.materials[1].flags = kMaterialDoubleSided | kMaterialUnlit | kMaterialAlphaMask | kMaterialAlphaBlend;

@@ -19,40 +19,37 @@ using namespace scree::format;
 TEST_CASE("container rules: header", "[container]") {
   const Breaker b(tiny_parts());
   using H = FileHeader;
-  b.header([](H& h) { h.magic[0] = 'S'; }, "not a scree file", ErrorCode::kFormat);
-  b.header([](H& h) { h.version_major = 0; }, "the file has version 0.0, but this program reads versions 1 and 2",
-           ErrorCode::kVersion);
-  b.header([](H& h) { h.file_bytes = 0; }, "header: the checksum differs", ErrorCode::kChecksum, false);
-  b.header([](H& h) { h.header_bytes = 72; }, "header: 72 bytes, expected 64", ErrorCode::kRange);
-  b.header([](H& h) { h.reserved = 1; }, "header: a reserved field is set", ErrorCode::kReserved);
-  b.header([](H& h) { h.reserved2 = uint64_t{1} << 63; }, "header: a reserved field is set", ErrorCode::kReserved);
-  b.header([](H& h) { h.toc_checksum ^= 1; }, "table of contents: the checksum differs", ErrorCode::kChecksum);
+  b.header(ErrorCode::kFormat, "not a scree file", [](H& h) { h.magic[0] = 'S'; });
+  b.header(ErrorCode::kVersion, "the file has version 0.0, but this program reads versions 1 and 2",
+           [](H& h) { h.version_major = 0; });
+  b.header(
+      ErrorCode::kChecksum, "header: the checksum differs", [](H& h) { h.file_bytes = 0; }, false);
+  b.header(ErrorCode::kRange, "header: 72 bytes, expected 64", [](H& h) { h.header_bytes = 72; });
+  b.header(ErrorCode::kReserved, "header: a reserved field is set", [](H& h) { h.reserved = 1; });
+  b.header(ErrorCode::kReserved, "header: a reserved field is set", [](H& h) { h.reserved2 = uint64_t{1} << 63; });
+  b.header(ErrorCode::kChecksum, "table of contents: the checksum differs", [](H& h) { h.toc_checksum ^= 1; });
   const std::string size = std::to_string(b.file().size());
-  b.header([](H& h) { h.file_bytes = UINT64_MAX; },
-           ("the file has " + size + " bytes, but its header gives 18446744073709551615").c_str(),
-           ErrorCode::kTruncated);
-  b.header([](H& h) { h.file_bytes -= 1; },
-           ("the file has " + size + " bytes, but its header gives " + std::to_string(b.file().size() - 1)).c_str(),
-           ErrorCode::kTrailing);
+  b.header(ErrorCode::kTruncated, "the file has " + size + " bytes, but its header gives 18446744073709551615",
+           [](H& h) { h.file_bytes = UINT64_MAX; });
+  b.header(ErrorCode::kTrailing,
+           "the file has " + size + " bytes, but its header gives " + std::to_string(b.file().size() - 1),
+           [](H& h) { h.file_bytes -= 1; });
   for (const uint64_t offset :
        {uint64_t{0}, uint64_t{64}, uint64_t{4097}, uint64_t{b.file().size()}, UINT64_MAX - 63}) {
     b.header(
-        [&](H& h) { h.toc_offset = offset; },
-        ("table of contents: 12 entries at byte " + std::to_string(offset) + ", but the file has " + size + " bytes")
-            .c_str(),
-        ErrorCode::kRange);
+        ErrorCode::kRange,
+        "table of contents: 12 entries at byte " + std::to_string(offset) + ", but the file has " + size + " bytes",
+        [&](H& h) { h.toc_offset = offset; });
   }
   const uint64_t toc = load<FileHeader>(b.file().data()).toc_offset;
   b.header(
-      [](H& h) { h.toc_count = UINT32_MAX; },
-      ("table of contents: 4294967295 entries at byte " + std::to_string(toc) + ", but the file has " + size + " bytes")
-          .c_str(),
-      ErrorCode::kRange);
-  b.header([](H& h) { h.toc_count -= 1; },
-           ("table of contents: ends at byte " + std::to_string(b.file().size() - 32) + ", but the file has " + size +
-            " bytes")
-               .c_str(),
-           ErrorCode::kTrailing);
+      ErrorCode::kRange,
+      "table of contents: 4294967295 entries at byte " + std::to_string(toc) + ", but the file has " + size + " bytes",
+      [](H& h) { h.toc_count = UINT32_MAX; });
+  b.header(ErrorCode::kTrailing,
+           "table of contents: ends at byte " + std::to_string(b.file().size() - 32) + ", but the file has " + size +
+               " bytes",
+           [](H& h) { h.toc_count -= 1; });
   Breaker::expect({}, "the file has 0 bytes, but its header takes 64", ErrorCode::kTruncated);
   Breaker::expect(Bytes(10, std::byte{'x'}), "not a scree file", ErrorCode::kFormat);
   Breaker::expect(Bytes(1000, std::byte{'x'}), "not a scree file", ErrorCode::kFormat);
@@ -64,41 +61,30 @@ TEST_CASE("container rules: table of contents", "[container]") {
   const auto start = std::to_string(load<FileHeader>(b.file().data()).toc_offset);
   const auto entry = load<TocEntry>(b.file().data() + toc_entry_offset(b.file(), TableKind::kMeshes));
   const auto at = std::to_string(entry.offset);
+  b.toc(TableKind::kMeshes, "table 1: kind 0", [](T& t) { t.kind = TableKind{0}; });
+  b.toc(TableKind::kMeshes, ErrorCode::kFormat, "table 1: a second page table",
+        [](T& t) { t.kind = TableKind::kPages; });
+  b.toc(TableKind::kMeshes, "mesh table: records of 112 bytes, expected 120", [](T& t) { t.record_bytes = 112; });
+  b.toc(TableKind::kMeshes, "mesh table: records of 0 bytes, expected 120", [](T& t) { t.record_bytes = 0; });
+  b.toc(TableKind::kMeshes, "table 2: at byte " + std::to_string(entry.offset + 128) + ", expected " + at,
+        [](T& t) { t.record_count = 0; });
+  b.toc(TableKind::kMeshes,
+        "table 1: 1152921504606846976 records of 120 bytes at byte " + at +
+            ", but the table of contents starts at byte " + start,
+        [](T& t) { t.record_count = uint64_t{1} << 60; });
   b.toc(
-      TableKind::kMeshes, [](T& t) { t.kind = TableKind{0}; }, "table 1: kind 0");
-  b.toc(
-      TableKind::kMeshes, [](T& t) { t.kind = TableKind::kPages; }, "table 1: a second page table", ErrorCode::kFormat);
-  b.toc(
-      TableKind::kMeshes, [](T& t) { t.record_bytes = 112; }, "mesh table: records of 112 bytes, expected 120");
-  b.toc(
-      TableKind::kMeshes, [](T& t) { t.record_bytes = 0; }, "mesh table: records of 0 bytes, expected 120");
-  b.toc(
-      TableKind::kMeshes, [](T& t) { t.record_count = 0; },
-      ("table 2: at byte " + std::to_string(entry.offset + 128) + ", expected " + at).c_str());
-  b.toc(
-      TableKind::kMeshes, [](T& t) { t.record_count = uint64_t{1} << 60; },
-      ("table 1: 1152921504606846976 records of 120 bytes at byte " + at +
-       ", but the table of contents starts at byte " + start)
-          .c_str());
-  b.toc(
-      TableKind::kMeshes, [](T& t) { t.offset = UINT64_MAX; },
-      ("table 1: 1 records of 120 bytes at byte 18446744073709551615, but the table of contents starts at byte " +
-       start)
-          .c_str());
-  b.toc(
-      TableKind::kMeshes, [](T& t) { t.offset += 8; },
-      ("table 1: at byte " + std::to_string(entry.offset + 8) + ", expected " + at).c_str());
-  b.toc(
-      TableKind::kPages, [](T& t) { t.offset = 64; }, "table 0: at byte 64, expected a multiple of 64 from 4096 on");
-  b.toc(
-      TableKind::kPages, [](T& t) { t.offset += 8; },
-      ("table 0: at byte " + std::to_string(entry.offset - 64 + 8) + ", expected a multiple of 64 from 4096 on")
-          .c_str());
-  b.toc(
-      TableKind::kStrings, [](T& t) { t.kind = TableKind{99}; }, "the file has no string table", ErrorCode::kFormat);
-  b.toc(
-      TableKind::kSource, [](T& t) { t.kind = TableKind{99}; }, "source table: 0 records, expected 1",
-      ErrorCode::kFormat);
+      TableKind::kMeshes,
+      "table 1: 1 records of 120 bytes at byte 18446744073709551615, but the table of contents starts at byte " + start,
+      [](T& t) { t.offset = UINT64_MAX; });
+  b.toc(TableKind::kMeshes, "table 1: at byte " + std::to_string(entry.offset + 8) + ", expected " + at,
+        [](T& t) { t.offset += 8; });
+  b.toc(TableKind::kPages, "table 0: at byte 64, expected a multiple of 64 from 4096 on", [](T& t) { t.offset = 64; });
+  b.toc(TableKind::kPages,
+        "table 0: at byte " + std::to_string(entry.offset - 64 + 8) + ", expected a multiple of 64 from 4096 on",
+        [](T& t) { t.offset += 8; });
+  b.toc(TableKind::kStrings, ErrorCode::kFormat, "the file has no string table", [](T& t) { t.kind = TableKind{99}; });
+  b.toc(TableKind::kSource, ErrorCode::kFormat, "source table: 0 records, expected 1",
+        [](T& t) { t.kind = TableKind{99}; });
 
   // The last table, shortened: the table of contents no longer follows it directly.
   RawFile raw(b.file());
@@ -113,7 +99,7 @@ TEST_CASE("container rules: table of contents", "[container]") {
   Breaker::expect(flipped, "mesh table: the checksum differs", ErrorCode::kChecksum);
   flipped = b.file();
   flipped[entry.offset + 121] = std::byte{1};
-  Breaker::expect(flipped, ("byte " + std::to_string(entry.offset + 121) + " is padding, but not zero").c_str(),
+  Breaker::expect(flipped, "byte " + std::to_string(entry.offset + 121) + " is padding, but not zero",
                   ErrorCode::kReserved);
   flipped = b.file();
   flipped[64] = std::byte{1};
@@ -142,56 +128,40 @@ TEST_CASE("container rules: pages", "[container]") {
   const auto first = load<PageRecord>(b.file().data() + record_offset(b.file(), k, 0));
   const auto second = load<PageRecord>(b.file().data() + record_offset(b.file(), k, 1));
   const auto tables = std::to_string(load<TocEntry>(b.file().data() + toc_entry_offset(b.file(), k)).offset);
-  b.record<P>(
-      k, 0, [](P& p) { p.offset = 0; }, "page 0: at byte 0, expected 4096");
-  b.record<P>(
-      k, 1, [](P& p) { p.offset += 4096; },
-      ("page 1: at byte " + std::to_string(second.offset + 4096) + ", expected " + std::to_string(second.offset))
-          .c_str());
-  b.record<P>(
-      k, 1, [](P& p) { p.offset -= 4096; },
-      ("page 1: at byte " + std::to_string(second.offset - 4096) + ", expected " + std::to_string(second.offset))
-          .c_str());
-  b.record<P>(
-      k, 0, [](P& p) { p.stored_bytes = UINT64_MAX; },
-      ("page 0: 18446744073709551615 bytes at byte 4096, but the tables start at byte " + tables).c_str());
-  b.record<P>(
-      k, 0, [](P& p) { p.raw_bytes += 16; },
-      ("page 0: " + std::to_string(first.raw_bytes + 16) + " raw bytes, but " + std::to_string(first.raw_bytes) +
-       " are stored raw")
-          .c_str());
-  b.record<P>(
-      k, 1, [](P& p) { p.raw_bytes = p.stored_bytes; },
-      ("page 1: " + std::to_string(second.stored_bytes) + " bytes compressed to " + std::to_string(second.stored_bytes))
-          .c_str());
-  b.record<P>(
-      k, 1, [](P& p) { p.raw_bytes = uint64_t{1} << 32; },
-      ("page 1: 4294967296 bytes compressed to " + std::to_string(second.stored_bytes) +
-       ", which is more than is allowed")
-          .c_str());
-  b.record<P>(
-      k, 1, [](P& p) { p.raw_bytes = UINT64_MAX; },
-      ("page 1: 18446744073709551615 bytes compressed to " + std::to_string(second.stored_bytes) +
-       ", which is more than is allowed")
-          .c_str());
-  b.record<P>(
-      k, 2, [](P& p) { p.codec = PageCodec{3}; }, "page 2: codec 3");
-  b.record<P>(
-      k, 2, [](P& p) { p.codec = PageCodec::kSplit; }, "page 2: split, but of kind 2");
-  b.record<P>(
-      k, 2, [](P& p) { p.stored_bytes = p.raw_bytes = 3; }, "page 2: the checksum differs", ErrorCode::kChecksum);
-  b.record<P>(
-      k, 2, [](P& p) { p.checksum ^= 1; }, "page 2: the checksum differs", ErrorCode::kChecksum);
-  b.record<P>(
-      k, 2, [](P& p) { p.kind = PageKind::kGeometry; }, "image 0: page 2 is of kind 1, which holds no image");
-  b.record<P>(
-      k, 1, [](P& p) { p.kind = PageKind::kImage; }, "chunk 2: page 1 is of kind 2, which holds no chunks");
-  b.record<P>(
-      k, 1, [](P& p) { p.raw_bytes += 1; },
-      ("page 1: the zstd frame holds " + std::to_string(second.raw_bytes) + " bytes, expected " +
-       std::to_string(second.raw_bytes + 1))
-          .c_str(),
-      ErrorCode::kFormat);
+  const auto pages = b.records<P>(k);
+  pages(0, "page 0: at byte 0, expected 4096", [](P& p) { p.offset = 0; });
+  pages(1, "page 1: at byte " + std::to_string(second.offset + 4096) + ", expected " + std::to_string(second.offset),
+        [](P& p) { p.offset += 4096; });
+  pages(1, "page 1: at byte " + std::to_string(second.offset - 4096) + ", expected " + std::to_string(second.offset),
+        [](P& p) { p.offset -= 4096; });
+  pages(0, "page 0: 18446744073709551615 bytes at byte 4096, but the tables start at byte " + tables,
+        [](P& p) { p.stored_bytes = UINT64_MAX; });
+  pages(0,
+        "page 0: " + std::to_string(first.raw_bytes + 16) + " raw bytes, but " + std::to_string(first.raw_bytes) +
+            " are stored raw",
+        [](P& p) { p.raw_bytes += 16; });
+  pages(
+      1,
+      "page 1: " + std::to_string(second.stored_bytes) + " bytes compressed to " + std::to_string(second.stored_bytes),
+      [](P& p) { p.raw_bytes = p.stored_bytes; });
+  pages(1,
+        "page 1: 4294967296 bytes compressed to " + std::to_string(second.stored_bytes) +
+            ", which is more than is allowed",
+        [](P& p) { p.raw_bytes = uint64_t{1} << 32; });
+  pages(1,
+        "page 1: 18446744073709551615 bytes compressed to " + std::to_string(second.stored_bytes) +
+            ", which is more than is allowed",
+        [](P& p) { p.raw_bytes = UINT64_MAX; });
+  pages(2, "page 2: codec 3", [](P& p) { p.codec = PageCodec{3}; });
+  pages(2, "page 2: split, but of kind 2", [](P& p) { p.codec = PageCodec::kSplit; });
+  pages(2, ErrorCode::kChecksum, "page 2: the checksum differs", [](P& p) { p.stored_bytes = p.raw_bytes = 3; });
+  pages(2, ErrorCode::kChecksum, "page 2: the checksum differs", [](P& p) { p.checksum ^= 1; });
+  pages(2, "image 0: page 2 is of kind 1, which holds no image", [](P& p) { p.kind = PageKind::kGeometry; });
+  pages(1, "chunk 2: page 1 is of kind 2, which holds no chunks", [](P& p) { p.kind = PageKind::kImage; });
+  pages(1, ErrorCode::kFormat,
+        "page 1: the zstd frame holds " + std::to_string(second.raw_bytes) + " bytes, expected " +
+            std::to_string(second.raw_bytes + 1),
+        [](P& p) { p.raw_bytes += 1; });
 
   // The tables must start where the last page ends.
   RawFile raw(b.file());
@@ -199,9 +169,8 @@ TEST_CASE("container rules: pages", "[container]") {
   const Bytes gap = raw.build();
   const auto third = load<PageRecord>(b.file().data() + record_offset(b.file(), k, 2));
   Breaker::expect(gap,
-                  ("the pages end at byte " + std::to_string(third.offset + third.stored_bytes) +
-                   ", but the tables start at byte " + std::to_string(std::stoull(tables) + 64))
-                      .c_str(),
+                  "the pages end at byte " + std::to_string(third.offset + third.stored_bytes) +
+                      ", but the tables start at byte " + std::to_string(std::stoull(tables) + 64),
                   ErrorCode::kRange);
 }
 
@@ -225,9 +194,8 @@ TEST_CASE("container rules: a zstd page is one frame of its size", "[container]"
   Bytes trailing = frame;
   trailing.push_back(std::byte{0});
   Breaker::expect(with_frame(trailing, raw_bytes),
-                  ("page 1: the zstd frame takes " + std::to_string(frame.size()) + " of " +
-                   std::to_string(frame.size() + 1) + " bytes")
-                      .c_str(),
+                  "page 1: the zstd frame takes " + std::to_string(frame.size()) + " of " +
+                      std::to_string(frame.size() + 1) + " bytes",
                   ErrorCode::kTrailing);
   Bytes twice = frame;
   twice.insert(twice.end(), frame.begin(), frame.end());
@@ -271,9 +239,8 @@ TEST_CASE("container rules: a split page has at most twice its bytes, and yields
     return with_frame(frame, raw_bytes, PageCodec::kSplit);
   };
   Breaker::expect(zeros(2 * raw_bytes + 1),
-                  ("page 1: the zstd frame holds " + std::to_string(2 * raw_bytes + 1) + " bytes, expected at most " +
-                   std::to_string(2 * raw_bytes))
-                      .c_str(),
+                  "page 1: the zstd frame holds " + std::to_string(2 * raw_bytes + 1) + " bytes, expected at most " +
+                      std::to_string(2 * raw_bytes),
                   ErrorCode::kFormat);
   Breaker::expect(zeros(2 * raw_bytes), "page 1: split page: residuals of 0 bytes, expected 1 to 3", ErrorCode::kRange);
   Breaker::expect(zeros(1), "page 1: split page: no header", ErrorCode::kTruncated);
@@ -295,8 +262,7 @@ TEST_CASE("container rules: the limit of a compressed page's raw bytes", "[conta
   frame.resize(ZSTD_compress(frame.data(), frame.size(), zeros.data(), zeros.size(), 3));
   Breaker::expect(
       with_frame(frame, zeros.size()),
-      ("page 1: 1048577 bytes compressed to " + std::to_string(frame.size()) + ", which is more than is allowed")
-          .c_str(),
+      "page 1: 1048577 bytes compressed to " + std::to_string(frame.size()) + ", which is more than is allowed",
       ErrorCode::kRange);
   // Past 1 MiB, but not 16 to 1.
   Bytes half(3 << 20);

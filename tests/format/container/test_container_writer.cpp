@@ -2,17 +2,16 @@
 // worked examples of spec/container.md.
 #include <fcntl.h>
 #include <sys/file.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <csignal>
 #include <sstream>
 
 #include "format/bytes.h"
 #include "format/container/container.h"
 #include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
+#include "tests/full_disk.h"
 #include "tests/paths.h"
 #include "tests/results.h"
 
@@ -39,29 +38,6 @@ SealedPage noise_page(size_t bytes) {
   return seal_page(PageKind::kImage, std::move(raw), 0);
 }
 
-/// While it exists, files cannot grow past `bytes`; exceeding that gives an error instead of a signal.
-class FileSizeLimit {
- public:
-  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
-    ::getrlimit(RLIMIT_FSIZE, &before_);
-    rlimit limit = before_;
-    limit.rlim_cur = bytes;
-    limited_ = ::setrlimit(RLIMIT_FSIZE, &limit) == 0;
-  }
-  ~FileSizeLimit() {
-    ::setrlimit(RLIMIT_FSIZE, &before_);
-    std::signal(SIGXFSZ, handler_);
-  }
-  FileSizeLimit(const FileSizeLimit&) = delete;
-  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
-  bool limited() const { return limited_; }
-
- private:
-  rlimit before_{};
-  bool limited_ = false;
-  void (*handler_)(int);
-};
-
 TEST_CASE("container writer: a page written piece by piece equals the page in memory", "[container]") {
   const TempFolder folder;
   for (const size_t bytes : {size_t{1}, size_t{1} << 20, (size_t{1} << 20) + 1, size_t{3000000}}) {
@@ -84,9 +60,7 @@ TEST_CASE("container writer: a page written piece by piece equals the page in me
   }
   auto writer = must(ContainerWriter::create(folder.file("failed")));
   const auto fail = [](uint64_t, std::span<std::byte>) { return Result<void>(Error{ErrorCode::kTruncated, "gone"}); };
-  const auto failed = writer.append_raw(PageKind::kImage, 10, fail);
-  REQUIRE(!failed);
-  CHECK(failed.error().message == "gone");
+  CHECK(refusal(writer.append_raw(PageKind::kImage, 10, fail)).message == "gone");
 }
 
 TEST_CASE("container writer: the name appears at the end, and the .part disappears", "[container]") {
@@ -152,10 +126,7 @@ TEST_CASE("container writer: a stale .part is taken over, a locked one is not", 
   // Longer than the written file, so that leftovers would show.
   std::ofstream(path + ".part", std::ios::binary) << std::string(100000, 'x');
   auto first = must(ContainerWriter::create(path));
-  const auto second = ContainerWriter::create(path);
-  REQUIRE(!second);
-  CHECK(second.error().code == ErrorCode::kFile);
-  CHECK(second.error().message == path + ".part: another program is writing it");
+  check_refusal(ContainerWriter::create(path), {ErrorCode::kFile, path + ".part: another program is writing it"});
   REQUIRE(first.append(noise_page(100)));
   REQUIRE(first.finish({}));
   CHECK(!verify_copy(read_bytes(path)));
@@ -197,15 +168,12 @@ TEST_CASE("container writer: a full disk", "[container]") {
     const SealedPage page = noise_page(8192);
     std::string message;
     {
-      const FileSizeLimit full(limit);
-      REQUIRE(full.limited());
+      const FullDisk full(limit);
       const auto appended = writer.append(page);
       if (!appended) {
         CHECK(appended.error().code == ErrorCode::kFile);
         message = appended.error().message;
-        const auto again = writer.append(page);
-        REQUIRE(!again);
-        CHECK(again.error().code == ErrorCode::kFile);
+        CHECK(refusal(writer.append(page)).code == ErrorCode::kFile);
       }
       const auto finished = writer.finish({});
       REQUIRE(!finished);

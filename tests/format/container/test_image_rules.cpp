@@ -44,102 +44,64 @@ TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") 
   const Breaker b(parts);
 
   using I = ImageRecord;
-  constexpr TableKind i = TableKind::kImages;
-  b.record<I>(
-      i, 2, [](I& r) { r.width = 65536; }, "image 2: 65536 x 130 pixels, expected 1 to 65535");
-  b.record<I>(
-      i, 1, [](I& r) { r.channels = 2; }, "image 1: 2 channels");
-  b.record<I>(
-      i, 1, [](I& r) { r.channels = 4; }, "image 1: 4 channels");
-  b.record<I>(
-      i, 2, [](I& r) { r.level_count = 1; }, "image 2: 1 mip levels, expected 2");
-  b.record<I>(
-      i, 2, [](I& r) { r.level_count = UINT32_MAX; }, "image 2: 4294967295 mip levels, expected 2");
-  b.record<I>(
-      i, 2, [](I& r) { r.first_level = 1; }, "image 2: mip levels from 1, expected 0");
-  b.record<I>(
-      i, 1, [](I& r) { r.first_level = 0; }, "image 1: mip levels from 0, expected 4294967295");
-  b.record<I>(
-      i, 2, [](I& r) { r.width = 127, r.height = 1, r.level_count = 0, r.first_level = kNone; },
-      "mip level 0: belongs to no image");
-  b.record<I>(
-      i, 2, [](I& r) { r.width = 600, r.level_count = 3; }, "image 2: mip level 2, but the file has 2 mip levels");
+  const auto images = b.records<I>(TableKind::kImages);
+  images(2, "image 2: 65536 x 130 pixels, expected 1 to 65535", [](I& r) { r.width = 65536; });
+  images(1, "image 1: 2 channels", [](I& r) { r.channels = 2; });
+  images(1, "image 1: 4 channels", [](I& r) { r.channels = 4; });
+  images(2, "image 2: 1 mip levels, expected 2", [](I& r) { r.level_count = 1; });
+  images(2, "image 2: 4294967295 mip levels, expected 2", [](I& r) { r.level_count = UINT32_MAX; });
+  images(2, "image 2: mip levels from 1, expected 0", [](I& r) { r.first_level = 1; });
+  images(1, "image 1: mip levels from 0, expected 4294967295", [](I& r) { r.first_level = 0; });
+  images(2, "mip level 0: belongs to no image",
+         [](I& r) { r.width = 127, r.height = 1, r.level_count = 0, r.first_level = kNone; });
+  images(2, "image 2: mip level 2, but the file has 2 mip levels", [](I& r) { r.width = 600, r.level_count = 3; });
 
   using L = MipLevelRecord;
-  constexpr TableKind l = TableKind::kMipLevels;
-  b.record<L>(
-      l, 1, [](L& r) { r.image = 1; }, "mip level 1: image 1, expected 2");
-  b.record<L>(
-      l, 0, [](L& r) { r.page = 4; }, "mip level 0: page 4, but the file has 4 pages");
-  b.record<L>(
-      l, 0, [](L& r) { r.page = 0; }, "mip level 0: page 0 is of kind 1, which holds no image");
-  b.record<L>(
-      l, 0, [](L& r) { r.offset = 8; }, "mip level 0: 64 bytes at byte 8 of page 3, which has 96");
-  b.record<L>(
-      l, 1, [](L& r) { r.bytes = 33; }, "mip level 1: 33 bytes at byte 64 of page 3, which has 96");
-  b.record<L>(
-      l, 1, [](L& r) { r.bytes = UINT64_MAX; },
-      "mip level 1: 18446744073709551615 bytes at byte 64 of page 3, which has 96");
+  const auto levels = b.records<L>(TableKind::kMipLevels);
+  levels(1, "mip level 1: image 1, expected 2", [](L& r) { r.image = 1; });
+  levels(0, "mip level 0: page 4, but the file has 4 pages", [](L& r) { r.page = 4; });
+  levels(0, "mip level 0: page 0 is of kind 1, which holds no image", [](L& r) { r.page = 0; });
+  levels(0, "mip level 0: 64 bytes at byte 8 of page 3, which has 96", [](L& r) { r.offset = 8; });
+  levels(1, "mip level 1: 33 bytes at byte 64 of page 3, which has 96", [](L& r) { r.bytes = 33; });
+  levels(1, "mip level 1: 18446744073709551615 bytes at byte 64 of page 3, which has 96",
+         [](L& r) { r.bytes = UINT64_MAX; });
 }
 
 TEST_CASE("container rules: surfaces and lights", "[container]") {
   scree::tests::Parts parts = full_parts();
-  SurfaceRecord surface{};
-  surface.ior = 1.5f;
+  SurfaceRecord surface{.ior = 1.5f};
   for (SurfaceTexture& use : surface.textures) use = {kNone, {0, 0}, {1, 1}, 0};
   parts.tables.surfaces = {surface, surface};
   parts.tables.surfaces[1].material = 1;
   parts.tables.surfaces[1].textures[2].texture = 0;
-  LightRecord spot{};
-  spot.kind = LightKind::kSpot;
-  spot.outer_cone = 1;
+  const LightRecord spot{.kind = LightKind::kSpot, .outer_cone = 1};
   parts.tables.lights = {spot};
   const Breaker b(parts);
 
   using S = SurfaceRecord;
-  constexpr TableKind s = TableKind::kSurfaces;
-  b.record<S>(
-      s, 0, [](S& r) { r.material = 2; }, "surface 0: material 2, but the file has 2 materials");
-  b.record<S>(
-      s, 1, [](S& r) { r.material = 0; }, "surface 1: material 0, expected 1 or more");
-  b.record<S>(
-      s, 0, [](S& r) { r.second_uv = 1; }, "surface 0: second uv of textures 1", ErrorCode::kReserved);
-  b.record<S>(
-      s, 0, [](S& r) { r.specular_color[2] = kInfinity; }, "surface 0: a factor that is not finite");
-  b.record<S>(
-      s, 0, [](S& r) { r.metallic = 1.5f; }, "surface 0: a factor of 1.5, expected 0 to 1");
-  b.record<S>(
-      s, 0, [](S& r) { r.occlusion_strength = -1; }, "surface 0: a factor of -1, expected 0 to 1");
-  b.record<S>(
-      s, 0, [](S& r) { r.emission[1] = -1; }, "surface 0: a colour below 0");
-  b.record<S>(
-      s, 0, [](S& r) { r.ior = 0.5f; }, "surface 0: index of refraction 0.5, expected 0, or 1 or more");
-  b.record<S>(
-      s, 1, [](S& r) { r.textures[2].texture = 1; }, "surface 1: texture 1, but the file has 1 textures");
-  b.record<S>(
-      s, 1, [](S& r) { r.textures[5].uv_rotation = float(kNan); }, "surface 1: a texture transform that is not finite");
+  const auto surfaces = b.records<S>(TableKind::kSurfaces);
+  surfaces(0, "surface 0: material 2, but the file has 2 materials", [](S& r) { r.material = 2; });
+  surfaces(1, "surface 1: material 0, expected 1 or more", [](S& r) { r.material = 0; });
+  surfaces(0, ErrorCode::kReserved, "surface 0: second uv of textures 1", [](S& r) { r.second_uv = 1; });
+  surfaces(0, "surface 0: a factor that is not finite", [](S& r) { r.specular_color[2] = kInfinity; });
+  surfaces(0, "surface 0: a factor of 1.5, expected 0 to 1", [](S& r) { r.metallic = 1.5f; });
+  surfaces(0, "surface 0: a factor of -1, expected 0 to 1", [](S& r) { r.occlusion_strength = -1; });
+  surfaces(0, "surface 0: a colour below 0", [](S& r) { r.emission[1] = -1; });
+  surfaces(0, "surface 0: index of refraction 0.5, expected 0, or 1 or more", [](S& r) { r.ior = 0.5f; });
+  surfaces(1, "surface 1: texture 1, but the file has 1 textures", [](S& r) { r.textures[2].texture = 1; });
+  surfaces(1, "surface 1: a texture transform that is not finite",
+           [](S& r) { r.textures[5].uv_rotation = float(kNan); });
 
   using L = LightRecord;
-  constexpr TableKind l = TableKind::kLights;
-  b.record<L>(
-      l, 0, [](L& r) { r.name = kNone; },
-      ("light 0: string at 4294967295, but the strings take " + std::to_string(parts.tables.strings.bytes().size()) +
-       " bytes")
-          .c_str());
-  b.record<L>(
-      l, 0, [](L& r) { r.node = 4; }, "light 0: node 4, but the file has 4 nodes");
-  b.record<L>(
-      l, 0, [](L& r) { r.kind = LightKind{4}; }, "light 0: kind 4");
-  b.record<L>(
-      l, 0, [](L& r) { r.reserved2 = 1; }, "light 0: a reserved field is set", ErrorCode::kReserved);
-  b.record<L>(
-      l, 0, [](L& r) { r.range = kInfinity; }, "light 0: a number that is not finite");
-  b.record<L>(
-      l, 0, [](L& r) { r.intensity = -2; }, "light 0: -2, expected 0 or more");
-  b.record<L>(
-      l, 0, [](L& r) { r.inner_cone = 1; }, "light 0: a cone from 1 to 1");
-  b.record<L>(
-      l, 0, [](L& r) { r.kind = LightKind::kPoint; }, "light 0: a cone from 0 to 1");
+  const auto lights = b.records<L>(TableKind::kLights);
+  lights(0, b.bad_string("light 0", kNone), [](L& r) { r.name = kNone; });
+  lights(0, "light 0: node 4, but the file has 4 nodes", [](L& r) { r.node = 4; });
+  lights(0, "light 0: kind 4", [](L& r) { r.kind = LightKind{4}; });
+  lights(0, ErrorCode::kReserved, "light 0: a reserved field is set", [](L& r) { r.reserved2 = 1; });
+  lights(0, "light 0: a number that is not finite", [](L& r) { r.range = kInfinity; });
+  lights(0, "light 0: -2, expected 0 or more", [](L& r) { r.intensity = -2; });
+  lights(0, "light 0: a cone from 1 to 1", [](L& r) { r.inner_cone = 1; });
+  lights(0, "light 0: a cone from 0 to 1", [](L& r) { r.kind = LightKind::kPoint; });
 }
 
 TEST_CASE("container rules: masks", "[container][mask]") {
@@ -163,39 +125,23 @@ TEST_CASE("container rules: masks", "[container][mask]") {
   const Breaker b(parts);
 
   using M = MaskRecord;
-  constexpr TableKind m = TableKind::kMasks;
-  b.record<M>(
-      m, 1, [](M& r) { r.material = 2; }, "mask 1: material 2, but the file has 2 materials");
-  b.record<M>(
-      m, 1, [](M& r) { r.material = 0; }, "mask 1: material 0 after material 0, expected ascending order");
-  b.record<M>(
-      m, 0, [](M& r) { r.page = 4; }, "mask 0: page 4, but the file has 4 pages");
-  b.record<M>(
-      m, 0, [](M& r) { r.page = 2; }, "mask 0: page 2 is of kind 2, which holds no mask");
-  b.record<M>(
-      m, 0, [](M& r) { r.width = 0; }, "mask 0: 0 x 3 texels, expected 1 to 65536");
-  b.record<M>(
-      m, 0, [](M& r) { r.height = 65537; }, "mask 0: 5 x 65537 texels, expected 1 to 65536");
-  b.record<M>(
-      m, 0, [](M& r) { r.level_count = 0; }, "mask 0: 0 levels, expected 1 to 3");
-  b.record<M>(
-      m, 0, [](M& r) { r.level_count = 4; }, "mask 0: 4 levels, expected 1 to 3");
-  b.record<M>(
-      m, 0, [](M& r) { r.level_count = UINT32_MAX; }, "mask 0: 4294967295 levels, expected 1 to 3");
-  b.record<M>(
-      m, 0, [](M& r) { r.level_count = 2; }, "mask 0: page 3 has 18 bytes, expected 17");
-  b.record<M>(
-      m, 0, [](M& r) { r.width = r.height = 65536; }, "mask 0: page 3 has 18 bytes, expected 5637144576");
-  b.record<M>(
-      m, 0, [](M& r) { r.threshold = 0; }, "mask 0: threshold 0, expected 1 to 16711680");
-  b.record<M>(
-      m, 0, [](M& r) { r.threshold = kMaxMaskThreshold + 1; }, "mask 0: threshold 16711681, expected 1 to 16711680");
-  b.record<M>(
-      m, 0, [](M& r) { r.wrap_t = Wrap{3}; }, "mask 0: wrap 2 and 3");
-  b.record<M>(
-      m, 0, [](M& r) { r.flags = 4; }, "mask 0: flags 4", ErrorCode::kReserved);
-  b.record<M>(
-      m, 1, [](M& r) { r.place[1][2] = kInfinity; }, "mask 1: a transform that is not finite");
+  const auto masks = b.records<M>(TableKind::kMasks);
+  masks(1, "mask 1: material 2, but the file has 2 materials", [](M& r) { r.material = 2; });
+  masks(1, "mask 1: material 0 after material 0, expected ascending order", [](M& r) { r.material = 0; });
+  masks(0, "mask 0: page 4, but the file has 4 pages", [](M& r) { r.page = 4; });
+  masks(0, "mask 0: page 2 is of kind 2, which holds no mask", [](M& r) { r.page = 2; });
+  masks(0, "mask 0: 0 x 3 texels, expected 1 to 65536", [](M& r) { r.width = 0; });
+  masks(0, "mask 0: 5 x 65537 texels, expected 1 to 65536", [](M& r) { r.height = 65537; });
+  masks(0, "mask 0: 0 levels, expected 1 to 3", [](M& r) { r.level_count = 0; });
+  masks(0, "mask 0: 4 levels, expected 1 to 3", [](M& r) { r.level_count = 4; });
+  masks(0, "mask 0: 4294967295 levels, expected 1 to 3", [](M& r) { r.level_count = UINT32_MAX; });
+  masks(0, "mask 0: page 3 has 18 bytes, expected 17", [](M& r) { r.level_count = 2; });
+  masks(0, "mask 0: page 3 has 18 bytes, expected 5637144576", [](M& r) { r.width = r.height = 65536; });
+  masks(0, "mask 0: threshold 0, expected 1 to 16711680", [](M& r) { r.threshold = 0; });
+  masks(0, "mask 0: threshold 16711681, expected 1 to 16711680", [](M& r) { r.threshold = kMaxMaskThreshold + 1; });
+  masks(0, "mask 0: wrap 2 and 3", [](M& r) { r.wrap_t = Wrap{3}; });
+  masks(0, ErrorCode::kReserved, "mask 0: flags 4", [](M& r) { r.flags = 4; });
+  masks(1, "mask 1: a transform that is not finite", [](M& r) { r.place[1][2] = kInfinity; });
 }
 
 TEST_CASE("container rules: block images and their mip levels", "[container]") {
@@ -208,34 +154,22 @@ TEST_CASE("container rules: block images and their mip levels", "[container]") {
   const Breaker b(parts);
 
   using I = ImageRecord;
-  constexpr TableKind i = TableKind::kImages;
-  b.record<I>(
-      i, 1, [](I& r) { r.block_format = BlockFormat::kNoBlocks; }, "image 1: block format 0, swizzle 2696");
-  b.record<I>(
-      i, 1, [](I& r) { r.block_format = BlockFormat{6}; }, "image 1: block format 6, swizzle 2696");
-  b.record<I>(
-      i, 1, [](I& r) { r.block_format = BlockFormat{11}; }, "image 1: block format 11, swizzle 2696");
-  b.record<I>(
-      i, 1, [](I& r) { r.swizzle = 6; }, "image 1: block format 1, swizzle 6");
-  b.record<I>(
-      i, 1, [](I& r) { r.swizzle |= 0x8000; }, "image 1: block format 1, swizzle 35464");
-  b.record<I>(
-      i, 1, [](I& r) { r.channels = 3; }, "image 1: 3 channels, but BC1 has 4");
-  b.record<I>(
-      i, 1, [](I& r) { r.width = 13; }, "image 1: page 3 has 48 bytes, expected 64");
-  b.record<I>(
-      i, 1, [](I& r) { r.width = 65537; }, "image 1: 65537 x 6 pixels, expected 1 to 65536");
-  b.record<I>(
-      i, 1, [](I& r) { r.level_count = 4; }, "image 1: 4 mip levels, expected at most 3");
-  b.record<I>(
-      i, 1, [](I& r) { r.level_count = 3; }, "image 1: mip level 2, but the file has 2 mip levels");
+  const auto images = b.records<I>(TableKind::kImages);
+  images(1, "image 1: block format 0, swizzle 2696", [](I& r) { r.block_format = BlockFormat::kNoBlocks; });
+  images(1, "image 1: block format 6, swizzle 2696", [](I& r) { r.block_format = BlockFormat{6}; });
+  images(1, "image 1: block format 11, swizzle 2696", [](I& r) { r.block_format = BlockFormat{11}; });
+  images(1, "image 1: block format 1, swizzle 6", [](I& r) { r.swizzle = 6; });
+  images(1, "image 1: block format 1, swizzle 35464", [](I& r) { r.swizzle |= 0x8000; });
+  images(1, "image 1: 3 channels, but BC1 has 4", [](I& r) { r.channels = 3; });
+  images(1, "image 1: page 3 has 48 bytes, expected 64", [](I& r) { r.width = 13; });
+  images(1, "image 1: 65537 x 6 pixels, expected 1 to 65536", [](I& r) { r.width = 65537; });
+  images(1, "image 1: 4 mip levels, expected at most 3", [](I& r) { r.level_count = 4; });
+  images(1, "image 1: mip level 2, but the file has 2 mip levels", [](I& r) { r.level_count = 3; });
 
   using L = MipLevelRecord;
-  constexpr TableKind l = TableKind::kMipLevels;
-  b.record<L>(
-      l, 1, [](L& r) { r.bytes = 7; }, "mip level 1: 7 bytes, expected 8");
-  b.record<L>(
-      l, 0, [](L& r) { r.bytes = 16; }, "mip level 0: 16 bytes, expected 8");
+  const auto levels = b.records<L>(TableKind::kMipLevels);
+  levels(1, "mip level 1: 7 bytes, expected 8", [](L& r) { r.bytes = 7; });
+  levels(0, "mip level 0: 16 bytes, expected 8", [](L& r) { r.bytes = 16; });
 }
 
 TEST_CASE("container rules: levels of blocks in several pages", "[container]") {
@@ -252,24 +186,18 @@ TEST_CASE("container rules: levels of blocks in several pages", "[container]") {
   const Breaker b(parts);
 
   using I = ImageRecord;
-  constexpr TableKind i = TableKind::kImages;
-  b.record<I>(
-      i, 1, [](I& r) { r.page = 4; }, "image 1: page 11 has 8192 bytes, expected 262144");
-  b.record<I>(
-      i, 1, [](I& r) { r.page = 12; }, "image 1: page 14 has 4096 bytes, expected 262144");
-  b.record<I>(
-      i, 1, [](I& r) { r.height = 1032; }, "image 1: page 11 has 8192 bytes, expected 16384");
+  const auto images = b.records<I>(TableKind::kImages);
+  images(1, "image 1: page 11 has 8192 bytes, expected 262144", [](I& r) { r.page = 4; });
+  images(1, "image 1: page 14 has 4096 bytes, expected 262144", [](I& r) { r.page = 12; });
+  images(1, "image 1: page 11 has 8192 bytes, expected 16384", [](I& r) { r.height = 1032; });
   using L = MipLevelRecord;
-  constexpr TableKind l = TableKind::kMipLevels;
-  b.record<L>(
-      l, 0, [](L& r) { r.page = 13; }, "mip level 0: page 14 has 4096 bytes, expected 262144");
-  b.record<L>(
-      l, 0, [](L& r) { r.offset = 16; }, "mip level 0: at byte 16 of its first page");
-  b.record<L>(
-      l, 0, [](L& r) { r.bytes = 4096; }, "mip level 0: 4096 bytes, expected 528384");
+  const auto levels = b.records<L>(TableKind::kMipLevels);
+  levels(0, "mip level 0: page 14 has 4096 bytes, expected 262144", [](L& r) { r.page = 13; });
+  levels(0, "mip level 0: at byte 16 of its first page", [](L& r) { r.offset = 16; });
+  levels(0, "mip level 0: 4096 bytes, expected 528384", [](L& r) { r.bytes = 4096; });
   using P = PageRecord;
-  b.record<P>(
-      TableKind::kPages, 8, [](P& r) { r.kind = PageKind{7}; }, "image 1: page 8 is of kind 7, which holds no image");
+  const auto pages = b.records<P>(TableKind::kPages);
+  pages(8, "image 1: page 8 is of kind 7, which holds no image", [](P& r) { r.kind = PageKind{7}; });
 }
 
 }  // namespace

@@ -1,11 +1,14 @@
 // The checks that every codec's stream must pass.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "format/result.h"
 #include "tests/catch.h"
@@ -15,30 +18,34 @@ namespace scree::tests {
 
 /// An error's kind as a word for comparing.
 inline std::string word_of(ErrorCode code) {
-  switch (code) {
-    case ErrorCode::kTruncated:
-      return "truncated";
-    case ErrorCode::kTrailing:
-      return "trailing";
-    case ErrorCode::kRange:
-      return "range";
-    case ErrorCode::kFormat:
-      return "format";
-    case ErrorCode::kVersion:
-      return "version";
-    case ErrorCode::kReserved:
-      return "reserved";
-    case ErrorCode::kUnsupported:
-      return "unsupported";
-    default:
-      return "other";
-  }
+  static const std::map<ErrorCode, std::string> words{
+      {ErrorCode::kTruncated, "truncated"},    {ErrorCode::kTrailing, "trailing"}, {ErrorCode::kRange, "range"},
+      {ErrorCode::kFormat, "format"},          {ErrorCode::kVersion, "version"},   {ErrorCode::kReserved, "reserved"},
+      {ErrorCode::kUnsupported, "unsupported"}};
+  const auto word = words.find(code);
+  return word == words.end() ? "other" : word->second;
 }
 
 /// The outcome of a call: "ok" or the kind of error.
 template <class T>
 std::string outcome(const Result<T>& result) {
   return result ? "ok" : word_of(result.error().code);
+}
+
+/// The outcome of decoding a stream and of only checking it, which must be equal.
+template <class Decoded>
+std::string outcome_of_both(const Result<Decoded>& decoded, const Result<void>& checked) {
+  return outcome(decoded) == outcome(checked) ? outcome(decoded) : outcome(decoded) + " and " + outcome(checked);
+}
+
+/// The bytes that `write` writes into a buffer of `size` bytes that ends at a guard page. The encoder must clear unused
+/// bytes.
+template <class Write>
+std::vector<std::byte> encoded(uint64_t size, const Write& write) {
+  GuardedBytes guarded(size);
+  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});
+  write(guarded.bytes());
+  return {guarded.bytes().begin(), guarded.bytes().end()};
 }
 
 /// `decode`: Result<void>(std::span<const std::byte>). `valid`: a stream that it accepts, with `data_bits` of data.

@@ -14,24 +14,13 @@
 #include "tests/results.h"
 
 using namespace scree::format;
-using scree::tests::check_stream_limits;
-using scree::tests::GuardedBytes;
-using scree::tests::outcome;
+using namespace scree::tests;
 
 namespace {
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr double kDegrees = 57.29577951308232;
-
-/// The bytes that `write` writes into a buffer of `size` bytes that ends at a guard page.
-template <class Write>
-std::vector<std::byte> encoded(uint64_t size, Write&& write) {
-  GuardedBytes guarded(size);
-  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});
-  write(guarded.bytes());
-  return {guarded.bytes().begin(), guarded.bytes().end()};
-}
 
 std::vector<std::byte> encode(const std::vector<float>& uvs, const UvRange& range) {
   return encoded(uv_stream_bytes(uvs.size() / 2, range), [&](auto out) { encode_uvs(out, uvs, range); });
@@ -173,10 +162,7 @@ TEST_CASE("texture coordinates survive every width and length", "[attribute_code
   for (uint8_t u_bits = 0; u_bits <= 24; ++u_bits) {
     for (const uint8_t v_bits : {uint8_t{0}, uint8_t{1}, uint8_t{16}, uint8_t{24}}) {
       for (const size_t count : {0, 1, 7, 8, 9, 33}) {
-        UvRange range;
-        range.exponent = -12;
-        range.min = {-77, 4096};
-        range.bits = {u_bits, v_bits};
+        const UvRange range{.exponent = -12, .min = {-77, 4096}, .bits = {u_bits, v_bits}};
         std::vector<float> uvs(2 * count);
         for (size_t i = 0; i < uvs.size(); ++i) {
           const int64_t code = random() & ((1u << range.bits[i % 2]) - 1);
@@ -203,9 +189,7 @@ TEST_CASE("a texture coordinate decoder stays inside its bytes and checks its ra
                       [&](std::span<const std::byte> stream) { return check_uvs(3, range, stream); });
   std::vector<float> out(6);
   const auto both = [&](const UvRange& with) {
-    const std::string decoded = outcome(decode_uvs(out, with, bytes));
-    const std::string checked = outcome(check_uvs(3, with, bytes));
-    return decoded == checked ? decoded : decoded + " and " + checked;
+    return outcome_of_both(decode_uvs(out, with, bytes), check_uvs(3, with, bytes));
   };
   CHECK(both(range) == "ok");
   UvRange changed = range;
@@ -231,8 +215,8 @@ TEST_CASE("random bytes and ranges never take a texture coordinate decoder past 
   int accepted = 0;
   for (int round = 0; round < 10000; ++round) {
     const size_t count = random() % 12;
-    UvRange range;
-    range.exponent = random() % 8 == 0 ? static_cast<int32_t>(random()) : static_cast<int32_t>(random() % 281) - 151;
+    UvRange range{.exponent =
+                      random() % 8 == 0 ? static_cast<int32_t>(random()) : static_cast<int32_t>(random() % 281) - 151};
     for (size_t axis = 0; axis < 2; ++axis) {
       range.min[axis] = static_cast<int64_t>(random()) >> (random() % 8 == 0 ? 0 : 12 + random() % 52);
       range.bits[axis] = static_cast<uint8_t>(random() % 8 == 0 ? random() : random() % 26);

@@ -18,8 +18,6 @@
 #include "tools/clusters/cluster_builder.h"
 
 using namespace scree::format;
-using scree::tests::GuardedBytes;
-using scree::tests::outcome;
 using scree::tools::ClusterEffort;
 using namespace scree::tests;
 

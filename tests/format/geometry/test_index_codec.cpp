@@ -11,21 +11,15 @@
 #include "tests/format/geometry/stream_checks.h"
 
 using namespace scree::format;
+using namespace scree::tests;
 using scree::Result;
-using scree::tests::check_stream_limits;
-using scree::tests::GuardedBytes;
-using scree::tests::outcome;
-using scree::tests::SparseBytes;
 
 namespace {
 
 constexpr uint32_t kMostVertices = std::numeric_limits<uint32_t>::max();
 
 std::vector<std::byte> encode(const std::vector<uint32_t>& indices, IndexRange range) {
-  GuardedBytes guarded(packed_bytes(indices.size(), range.bits));
-  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});  // the encoder must clear unused bytes
-  encode_indices(guarded.bytes(), indices, range);
-  return {guarded.bytes().begin(), guarded.bytes().end()};
+  return encoded(packed_bytes(indices.size(), range.bits), [&](auto out) { encode_indices(out, indices, range); });
 }
 
 /// Decodes into a buffer that ends at a guard page.

@@ -17,26 +17,17 @@
 #include "tests/results.h"
 
 using namespace scree::format;
-using scree::tests::check_stream_limits;
-using scree::tests::GuardedBytes;
-using scree::tests::outcome;
-using scree::tests::SparseBytes;
+using namespace scree::tests;
 
 namespace {
 
 std::vector<std::byte> encode(const std::vector<uint32_t>& offsets, const PositionRange& range) {
-  GuardedBytes guarded(position_stream_bytes(offsets.size() / 3, range));
-  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});
-  encode_positions(guarded.bytes(), offsets, range);
-  return {guarded.bytes().begin(), guarded.bytes().end()};
+  return encoded(position_stream_bytes(offsets.size() / 3, range),
+                 [&](auto out) { encode_positions(out, offsets, range); });
 }
 
 MeshLattice lattice_with_bits(uint8_t x, uint8_t y, uint8_t z) {
-  MeshLattice lattice;
-  lattice.exponent = -8;
-  lattice.min = {-1000, 0, 123456789};
-  lattice.bits = {x, y, z};
-  return lattice;
+  return {.exponent = -8, .min = {-1000, 0, 123456789}, .bits = {x, y, z}};
 }
 
 /// Whether the offsets decode to the values of their lattice points.
@@ -79,8 +70,7 @@ TEST_CASE("lattices of the spec", "[position_codec][spec]") {
 TEST_CASE("position streams of the spec", "[position_codec][spec]") {
   for (const auto& vector : scree::tests::spec_vectors("positions.txt")) {
     INFO(vector.text("name"));
-    MeshLattice lattice;
-    lattice.exponent = vector.integer<int32_t>("lattice_exponent");
+    MeshLattice lattice{.exponent = vector.integer<int32_t>("lattice_exponent")};
     PositionRange range;
     for (size_t axis = 0; axis < 3; ++axis) {
       lattice.min[axis] = vector.integers<int64_t>("lattice_min").at(axis);
@@ -101,9 +91,9 @@ TEST_CASE("position streams of the spec", "[position_codec][spec]") {
     CHECK(outcome(check_positions(positions.size() / 3, lattice, range, bytes)) == "ok");
     CHECK(decoded == positions);
     if (range.is_float32()) {
-      std::vector<std::byte> encoded(position_stream_bytes(positions.size() / 3, range));
-      encode_positions_float32(encoded, positions);
-      CHECK(encoded == bytes);
+      std::vector<std::byte> floats(position_stream_bytes(positions.size() / 3, range));
+      encode_positions_float32(floats, positions);
+      CHECK(floats == bytes);
       continue;
     }
     const auto offsets = vector.integers<uint32_t>("offsets");
@@ -132,8 +122,7 @@ TEST_CASE("positions survive every width and length", "[position_codec]") {
   widths.push_back({24, 24, 10});  // 58
   for (const auto& bits : widths) {
     for (const size_t count : {0, 1, 2, 7, 8, 9, 40}) {
-      PositionRange range;
-      range.bits = bits;
+      PositionRange range{.bits = bits};
       std::vector<uint32_t> offsets(3 * count);
       for (size_t axis = 0; axis < 3; ++axis) {
         const uint32_t mask = (1u << bits[axis]) - 1;
@@ -161,8 +150,7 @@ TEST_CASE("a position decoder stays inside its bytes and refuses other sizes", "
                                             {24, 24, 9},
                                             {24, 24, 10}}) {
     for (const size_t count : {1, 3, 8}) {
-      PositionRange range;
-      range.bits = bits;
+      const PositionRange range{.bits = bits};
       std::vector<uint32_t> offsets(3 * count);
       for (size_t i = 0; i < offsets.size(); ++i)
         offsets[i] = static_cast<uint32_t>(random()) & ((1u << bits[i % 3]) - 1);
@@ -180,8 +168,7 @@ TEST_CASE("a position decoder stays inside its bytes and refuses other sizes", "
 }
 
 TEST_CASE("float32 positions are kept to the bit and checked", "[position_codec]") {
-  PositionRange range;
-  range.bits = {32, 32, 32};
+  const PositionRange range{.bits = {32, 32, 32}};
   std::mt19937 random(3);
   for (const size_t count : {0, 1, 3, 4, 5, 9}) {
     std::vector<float> positions(3 * count);
@@ -241,9 +228,7 @@ TEST_CASE("hostile position ranges and lattices are refused", "[position_codec]"
   const MeshLattice lattice = lattice_with_bits(4, 4, 4);
   std::vector<float> out(6);
   const auto both = [&](const MeshLattice& on, const PositionRange& with, std::span<const std::byte> stream) {
-    const std::string decoded = outcome(decode_positions(out, on, with, stream));
-    const std::string checked = outcome(check_positions(2, on, with, stream));
-    return decoded == checked ? decoded : decoded + " and " + checked;
+    return outcome_of_both(decode_positions(out, on, with, stream), check_positions(2, on, with, stream));
   };
   CHECK(both(lattice, range, bytes) == "ok");
 
@@ -294,8 +279,7 @@ TEST_CASE("hostile position ranges and lattices are refused", "[position_codec]"
 
   CHECK(outcome(check_positions(std::numeric_limits<uint64_t>::max(), lattice, range, bytes)) == "range");
   CHECK(outcome(check_positions(uint64_t{1} << 58, lattice, range, bytes)) == "truncated");
-  PositionRange floats;
-  floats.bits = {32, 32, 32};
+  const PositionRange floats{.bits = {32, 32, 32}};
   CHECK(outcome(check_positions(uint64_t{1} << 62, lattice, floats, bytes)) == "range");
   CHECK(outcome(check_positions(uint64_t{1} << 56, lattice, floats, bytes)) == "truncated");
   CHECK(outcome(check_positions(uint64_t{1} << 60, lattice_with_bits(4, 4, 4), PositionRange{}, {})) == "ok");
@@ -303,8 +287,7 @@ TEST_CASE("hostile position ranges and lattices are refused", "[position_codec]"
 
 TEST_CASE("a position stream of more than 2^32 bits is measured in 64 bits", "[position_codec]") {
   const uint64_t count = (uint64_t{1} << 27) + 3;
-  PositionRange range;
-  range.bits = {16, 16, 16};
+  const PositionRange range{.bits = {16, 16, 16}};
   SparseBytes sparse(position_stream_bytes(count, range));
   if (!sparse) {
     WARN("no room for a sparse 800 MiB: skipped");

@@ -17,17 +17,13 @@
 #include "tests/results.h"
 
 using namespace scree::format;
-using scree::tests::check_stream_limits;
-using scree::tests::GuardedBytes;
-using scree::tests::outcome;
+using namespace scree::tests;
 
 namespace {
 
 std::vector<std::byte> encode(const std::vector<float>& tangents, const std::vector<float>& normals, uint32_t bits) {
-  GuardedBytes guarded(tangent_stream_bytes(tangents.size() / 4, bits));
-  std::fill(guarded.bytes().begin(), guarded.bytes().end(), std::byte{0xaa});
-  encode_tangents(guarded.bytes(), tangents, normals, bits);
-  return {guarded.bytes().begin(), guarded.bytes().end()};
+  return encoded(tangent_stream_bytes(tangents.size() / 4, bits),
+                 [&](auto out) { encode_tangents(out, tangents, normals, bits); });
 }
 
 using Vector = std::array<double, 3>;

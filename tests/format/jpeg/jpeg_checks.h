@@ -58,12 +58,7 @@ inline bool decode_mcu(const JpegView& view, uint32_t mcu, Blocks& blocks) {
 }
 
 inline JpegRecipe recipe_of(int width, int height, std::vector<std::pair<int, int>> factors, int restart = 0) {
-  JpegRecipe recipe;
-  recipe.width = width;
-  recipe.height = height;
-  recipe.factors = std::move(factors);
-  recipe.restart = restart;
-  return recipe;
+  return {.width = width, .height = height, .factors = std::move(factors), .restart = restart};
 }
 
 inline std::vector<std::filesystem::path> jpeg_files(const std::filesystem::path& folder) {

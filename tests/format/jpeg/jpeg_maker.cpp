@@ -144,22 +144,17 @@ std::vector<JpegRecipe> indexable_recipes() {
   std::vector<JpegRecipe> recipes;
   for (const auto& [name, factors] : kinds) {
     for (const auto& [width, height] : {std::pair{1, 1}, {16, 16}, {33, 17}, {227, 149}}) {
-      JpegRecipe recipe;
-      recipe.name = name + " " + std::to_string(width) + "x" + std::to_string(height);
-      recipe.width = width;
-      recipe.height = height;
-      recipe.factors = factors;
-      recipes.push_back(recipe);
+      recipes.push_back({.name = name + " " + std::to_string(width) + "x" + std::to_string(height),
+                         .width = width,
+                         .height = height,
+                         .factors = factors});
     }
     JpegRecipe restarts = recipes.back();
     restarts.name += " restart 5";
     restarts.restart = 5;
     recipes.push_back(restarts);
   }
-  JpegRecipe base;
-  base.width = 151;
-  base.height = 103;
-  base.factors = kinds[5].second;
+  const JpegRecipe base{.width = 151, .height = 103, .factors = kinds[5].second};
   const auto add = [&](const char* name, auto change) {
     JpegRecipe recipe = base;
     recipe.name = name;

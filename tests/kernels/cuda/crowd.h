@@ -13,8 +13,7 @@ inline constexpr uint32_t kCrowdSide = 320;  // instances along the ground
 /// Leaves, and one ball per 64 instances, stand over a square of two units in four layers, each rotated and some
 /// mirrored. Most are smaller than a pixel of the tests' pictures, or hidden.
 inline void build_crowd(SceneBuilder& builder) {
-  Encoding encoding;
-  encoding.clusters = Clusters::kClustered;
+  const Encoding encoding{.clusters = Clusters::kClustered};
   Encoding open = encoding;
   open.material = builder.material(format::kMaterialDoubleSided);
   const uint32_t leaf = builder.mesh(grid(3, 0.4), open);

@@ -113,9 +113,7 @@ class DeviceCopy {
       pictures.push_back(picture(view, [&](uint64_t* samples) {
         for (const Part& part : parts) {
           show_pages(part.has_page);
-          kernels::DrawOptions options;
-          options.part = part.part;
-          REQUIRE(frames.draw(view, samples, options));
+          REQUIRE(frames.draw(view, samples, {.part = part.part}));
         }
       }));
     }
@@ -170,16 +168,12 @@ class DeviceCopy {
 
 /// Two passes even for a small scene, the second pass in rounds.
 inline kernels::CudaQueueSizes in_two_passes() {
-  kernels::CudaQueueSizes sizes;
-  sizes.two_pass_groups = sizes.round_groups = 1;
-  return sizes;
+  return {.two_pass_groups = 1, .round_groups = 1};
 }
 
 /// In one pass, with a warp per cluster as in larger scenes.
 inline kernels::CudaQueueSizes by_warps() {
-  kernels::CudaQueueSizes sizes;
-  sizes.few_groups = 0;
-  return sizes;
+  return {.few_groups = 0};
 }
 
 /// Queues that have to grow.
@@ -191,10 +185,7 @@ inline void check_drawn_alike(const DeviceCopy& device, const std::vector<kernel
                               const std::vector<std::vector<uint64_t>>& expected) {
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), by_warps(), in_two_passes(), kNoRoom})
     CHECK((device.draw_in_turn(views, sizes) == expected));
-  kernels::DrawOptions by_kernel;
-  by_kernel.stage_times = true;
-  by_kernel.sampleless_test = false;
-  CHECK((device.draw_in_turn(views, {}, by_kernel) == expected));
+  CHECK((device.draw_in_turn(views, {}, {.sampleless_test = false, .stage_times = true}) == expected));
 }
 
 }  // namespace scree::tests

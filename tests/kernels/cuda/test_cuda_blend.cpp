@@ -60,11 +60,8 @@ class GpuLayers {
     REQUIRE(opaque_->draw(view, opaque));
     const std::vector<uint64_t> before = read(opaque, count);
     const auto draw = [&](uint64_t* to, const uint64_t* peeled, const kernels::FragmentSlots& slots) -> Result<void> {
-      kernels::DrawOptions options;
-      options.part = kernels::FramePart::kPart;
-      options.peeled = peeled;
-      options.fragments = slots;
-      const Result<kernels::FrameStats> drawn = layers_->draw(view, to, options);
+      const Result<kernels::FrameStats> drawn =
+          layers_->draw(view, to, {.part = kernels::FramePart::kPart, .peeled = peeled, .fragments = slots});
       return drawn ? Result<void>() : drawn.error();
     };
     const auto shade = [&](const uint64_t* layer, float* colors) {

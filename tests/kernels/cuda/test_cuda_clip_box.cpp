@@ -59,8 +59,7 @@ TEST_CASE("clipping boxes cut on the GPU as on the CPU", "[cuda][clip]") {
 
 TEST_CASE("triangles outside a clipping box are culled on the GPU", "[cuda][clip]") {
   SceneBuilder builder;
-  Encoding clustered;
-  clustered.clusters = Clusters::kClustered;
+  const Encoding clustered{.clusters = Clusters::kClustered};
   const bool has_others = GENERATE(false, true);
   const uint32_t mesh = builder.mesh(sphere(40, 0.05), clustered);
   const uint32_t other = has_others ? builder.mesh(grid(30, 0.1), {}) : mesh;

@@ -42,8 +42,7 @@ void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t lea
     CHECK((device.draw(views[i]) == expected[i]));  // a picture may be too large to be printed
     CHECK((device.draw(views[i], {1, 1, 1, 1, 1, 1}) == expected[i]));
     CHECK((device.draw(views[i], {}, {false}) == expected[i]));
-    kernels::DrawOptions by_kernel;
-    by_kernel.stage_times = true;
+    const kernels::DrawOptions by_kernel{.stage_times = true};
     CHECK((device.draw(views[i], {}, by_kernel) == expected[i]));
   }
   CHECK((device.draw_in_turn(views) == expected));
@@ -81,8 +80,7 @@ Soup flat_soup(int flat) {
 TEST_CASE("scenes that mix lattice and float32 meshes are equal on the GPU", "[cuda]") {
   SceneBuilder builder;
   const uint32_t both_sides = builder.material(format::kMaterialDoubleSided);
-  Encoding lattice;
-  lattice.chunk_triangles = 500;
+  const Encoding lattice{.chunk_triangles = 500};
   Encoding floats = float32();
   floats.chunk_triangles = 333;
   Encoding open_lattice = lattice;
@@ -107,8 +105,7 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
   for (const int kind : {0, 1, 2}) {
     SceneBuilder builder;
     if (kind != 0) add_masked_meshes(builder, kind == 2);
-    Encoding clustered;
-    clustered.clusters = Clusters::kClustered;
+    const Encoding clustered{.clusters = Clusters::kClustered};
     Encoding floats = float32();
     floats.chunk_triangles = 200;
     builder.instance(builder.mesh(sphere(24, 0.2), clustered), builder.matrix({1, 0, 0, 0.3, 0, 1, 0, 0, 0, 0, 1, -1}));
@@ -211,8 +208,7 @@ TEST_CASE("float32 positions with an orthographic camera are equal on the GPU", 
 
 TEST_CASE("chunks with widths of 0 bits are equal on the GPU", "[cuda]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.material = builder.material(format::kMaterialDoubleSided);
+  const Encoding encoding{.material = builder.material(format::kMaterialDoubleSided)};
   for (const int flat : {0, 1, 2, 3}) {
     const uint32_t mesh = builder.mesh(flat_soup(flat), encoding);
     builder.instance(mesh, builder.identity());
@@ -243,8 +239,7 @@ namespace {
 /// twice, the second time with all hints; then the views come again in reverse order, with jumps.
 struct MixedScene {
   explicit MixedScene(bool is_clustered) {
-    Encoding lattice;
-    lattice.chunk_triangles = 900;
+    const Encoding lattice{.chunk_triangles = 900};
     Encoding clustered = lattice;
     clustered.clusters = Clusters::kClustered;
     Encoding open_clustered = clustered;
@@ -282,9 +277,7 @@ struct MixedScene {
 
 TEST_CASE("every pair of an instance and a clustered chunk is a candidate once, beside indexed chunks", "[clusters]") {
   SceneBuilder builder;
-  Encoding clustered;
-  clustered.chunk_triangles = 900;
-  clustered.clusters = Clusters::kClustered;
+  const Encoding clustered{.chunk_triangles = 900, .clusters = Clusters::kClustered};
   for (const uint32_t mesh : {builder.mesh(grid(60, 0.2), clustered), builder.mesh(grid(1, 0), clustered)})
     for (int i = 0; i < 21; ++i) builder.instance(mesh, builder.identity());
   builder.chunks[1].encoding = format::ChunkEncoding::kIndexed;
@@ -316,9 +309,8 @@ TEST_CASE("scenes of clustered and other chunks are equal on the GPU, frame afte
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes{}, by_warps(), in_two_passes(), kNoRoom}) {
     for (const bool occlusion : {true, false}) {
       if (scree::tests::kEmulatesGpu && !occlusion) continue;
-      kernels::DrawOptions options;
-      options.occlusion = occlusion;
-      const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(mixed.views, sizes, options);
+      const std::vector<std::vector<uint64_t>> pictures =
+          device.draw_in_turn(mixed.views, sizes, {.occlusion = occlusion});
       for (size_t i = 0; i < mixed.views.size(); ++i) {
         INFO("frame " << i << " two passes from " << sizes.two_pass_groups << " groups, occlusion " << occlusion);
         CHECK(pictures[i] == mixed.expected[i]);
@@ -364,8 +356,7 @@ TEST_CASE("the small scene's kernel finds the same clusters as the kernels of la
   const MixedScene mixed(true);
   if (!has_gpu()) return;
   const DeviceCopy device(mixed.scene, mixed.builder.pages);
-  kernels::DrawOptions in_one_pass;
-  in_one_pass.occlusion = false;
+  const kernels::DrawOptions in_one_pass{.occlusion = false};
   for (const View& view : all_views()) {
     const kernels::FrameStats few = device.stats(view, {}, in_one_pass);
     const kernels::FrameStats many = device.stats(view, in_two_passes(), in_one_pass);
@@ -382,11 +373,9 @@ TEST_CASE("the small scene's kernel finds the same clusters as the kernels of la
 TEST_CASE("clusters that the near plane cuts everywhere are equal on the GPU", "[cuda][clusters]") {
   const Clusters clusters = GENERATE(Clusters::kClustered, Clusters::kNone);
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.exponent = -16;
-  encoding.clusters = clusters;
-  builder.instance(builder.mesh(rough_field(scree::tests::kEmulatesGpu ? 60 : 400, 0.01), encoding),
-                   builder.identity());
+  builder.instance(
+      builder.mesh(rough_field(scree::tests::kEmulatesGpu ? 60 : 400, 0.01), {.exponent = -16, .clusters = clusters}),
+      builder.identity());
   // From above, with the field at the near plane; slanting through it; close, with little left after clipping; and from
   // within, where some triangles leave the guard band too. Each view comes twice: whether there is much to clip is
   // known from the previous frame.
@@ -415,9 +404,7 @@ TEST_CASE("a hundred thousand instances of clusters are equal on the GPU, frame 
   const DeviceCopy device(scene, builder.pages);
   for (const bool occlusion : {true, false}) {
     if (scree::tests::kEmulatesGpu && !occlusion) continue;
-    kernels::DrawOptions options;
-    options.occlusion = occlusion;
-    const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(views, {}, options);
+    const std::vector<std::vector<uint64_t>> pictures = device.draw_in_turn(views, {}, {.occlusion = occlusion});
     for (size_t i = 0; i < views.size(); ++i) {
       INFO("frame " << i << ", occlusion " << occlusion);
       CHECK(pictures[i] == expected[i]);
@@ -457,10 +444,7 @@ TEST_CASE("hard: triangles side by side cover each pixel once on the GPU", "[cud
 TEST_CASE("hard: ids past 2^32, to the last, on the GPU", "[cuda][hard]") {
   for (const Clusters clusters : {Clusters::kNone, Clusters::kClustered}) {
     SceneBuilder builder;
-    Encoding encoding;
-    encoding.chunk_triangles = 10;
-    encoding.clusters = clusters;
-    const uint32_t mesh = builder.mesh(grid(5, 0.1), encoding);
+    const uint32_t mesh = builder.mesh(grid(5, 0.1), {.chunk_triangles = 10, .clusters = clusters});
     builder.instance(mesh, builder.matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));
     builder.instance(mesh, builder.matrix({1, 0, 0, 0, 0, 1, 0, 0.3, 0, 0, 1, 0}));
     const View view = look_at({0, 1, 2}, {0, 0, 0}, 120, 90);
@@ -490,8 +474,7 @@ void compare_spans(const std::vector<uint32_t>& spans) {
     // Every vertex is used, and the last triangle ends with the last vertex. The first triangle spans all vertices.
     soup.triangle(0, spans[i] / 2, spans[i]);
     for (uint32_t v = 0; v <= spans[i]; v += 3) soup.triangle(v, std::min(v + 1, spans[i]), std::min(v + 2, spans[i]));
-    Encoding whole;
-    whole.chunk_triangles = UINT32_MAX;
+    const Encoding whole{.chunk_triangles = UINT32_MAX};
     const double x = i % kColumns - 3.5, y = i / kColumns - 3.0;
     builder.instance(builder.mesh(soup, whole), builder.matrix({1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, 0}));
     CHECK(builder.chunks.back().vertex_count == spans[i] + 1);

@@ -30,8 +30,7 @@ format::ClusterBounds bounds_of_codes(const std::vector<std::array<uint32_t, 3>>
     }
     widest = std::max(widest, high[axis] - low[axis]);
   }
-  format::ClusterBounds bounds{};
-  bounds.shift = widest < 256 ? 0 : static_cast<uint32_t>(std::bit_width(widest)) - 8;
+  format::ClusterBounds bounds{.shift = widest < 256 ? 0 : static_cast<uint32_t>(std::bit_width(widest)) - 8};
   for (size_t axis = 0; axis < 3; ++axis)
     bounds.axis[axis] = low[axis] | (high[axis] - low[axis]) >> bounds.shift << 24;
   return bounds;

@@ -61,10 +61,7 @@ TEST_CASE("clusters: the picture equals that of indexed chunks in the same order
   const Soup soup = mixed();
   for (const int32_t exponent : {-6, -12, -18}) {
     for (const uint32_t chunk_triangles : {65536u, 1000u, 77u}) {
-      Encoding encoding;
-      encoding.exponent = exponent;
-      encoding.chunk_triangles = chunk_triangles;
-      encoding.clusters = Clusters::kClustered;
+      Encoding encoding{.exponent = exponent, .chunk_triangles = chunk_triangles, .clusters = Clusters::kClustered};
       SceneBuilder clustered;
       build(clustered, soup, encoding);
       encoding.clusters = Clusters::kUndone;
@@ -92,9 +89,7 @@ TEST_CASE("clusters: the picture equals that of indexed chunks in the same order
 
 TEST_CASE("clusters: shading and picking find the triangle and its vertices", "[shade][clusters]") {
   const Soup soup = mixed();
-  Encoding encoding;
-  encoding.chunk_triangles = 2000;
-  encoding.clusters = Clusters::kClustered;
+  Encoding encoding{.chunk_triangles = 2000, .clusters = Clusters::kClustered};
   SceneBuilder clustered;
   build(clustered, soup, encoding);
   encoding.clusters = Clusters::kUndone;
@@ -105,8 +100,7 @@ TEST_CASE("clusters: shading and picking find the triangle and its vertices", "[
   for (const View& view : cameras()) {
     const std::vector<uint64_t> samples = draw(scene, view);
     for (const Show show : {Show::kColor, Show::kTexture, Show::kUv, Show::kNormal, Show::kStage, Show::kMesh}) {
-      ShadeOptions options;
-      options.show = show;
+      const ShadeOptions options{.show = show};
       std::vector<float> found(4 * samples.size());
       std::vector<float> expected(found.size());
       REQUIRE(shade_cpu(scene, view, samples, options, found, 2));
@@ -114,8 +108,7 @@ TEST_CASE("clusters: shading and picking find the triangle and its vertices", "[
       CHECK(found == expected);
     }
     // Each visible cluster has its own colour.
-    ShadeOptions options;
-    options.show = Show::kCluster;
+    const ShadeOptions options{.show = Show::kCluster};
     std::vector<float> rgba(4 * samples.size());
     REQUIRE(shade_cpu(scene, view, samples, options, rgba, 2));
     std::map<std::pair<uint64_t, uint32_t>, std::set<std::array<float, 3>>> colors;  // by chunk and cluster

@@ -18,10 +18,7 @@ namespace {
 
 /// Rounds of few triangles: a pyramid before almost every round.
 QueueSizes many_rounds() {
-  QueueSizes sizes;
-  sizes.round_triangles = 64;
-  sizes.block_triangles = 500;
-  return sizes;
+  return {.block_triangles = 500, .round_triangles = 64};
 }
 
 /// A wall of two triangles at z = 1, `half` units around the origin.
@@ -38,10 +35,8 @@ Soup wall(double half) {
 /// A hundred spheres in four layers, and a wall in front of them. (A chunk's box is up to twice as large as its
 /// content.)
 void build_rows(SceneBuilder& builder, Clusters clusters) {
-  Encoding encoding;
-  encoding.clusters = clusters;
-  encoding.chunk_triangles = 1500;
-  encoding.material = builder.material(format::kMaterialDoubleSided);
+  const Encoding encoding{
+      .chunk_triangles = 1500, .material = builder.material(format::kMaterialDoubleSided), .clusters = clusters};
   const uint32_t screen = builder.mesh(wall(1.2), encoding);
   const uint32_t ball = builder.mesh(sphere(40, 0.3), encoding);
   builder.instance(screen, builder.identity());
@@ -73,8 +68,7 @@ TEST_CASE("culling: pictures of random cameras equal pictures of all triangles, 
                   33 + static_cast<uint32_t>(random() % 90), 17 + static_cast<uint32_t>(random() % 70), 0.05);
       if (i % 5 == 0) view = orthographic(view, 0.5 + std::abs(place(random)), 0.1, 12);
       const Drawn expected = draw_counted(scene, view, nothing_left_out());
-      QueueSizes bounds_alone;
-      bounds_alone.occlusion = false;
+      const QueueSizes bounds_alone{.occlusion = false};
       for (const QueueSizes& sizes : {QueueSizes{}, many_rounds(), bounds_alone}) {
         const Drawn found = draw_counted(scene, view, sizes);
         CHECK(found.samples == expected.samples);
@@ -127,9 +121,7 @@ TEST_CASE("culling: a picture of many tiles equals that of all triangles", "[ras
   const SceneView scene = builder.view();
   const View view = look_at({1.7, 0.9, 1.1}, {0, 0, -2}, 1402, 611);
   const Drawn all = draw_counted(scene, view, nothing_left_out());
-  QueueSizes sizes;
-  sizes.round_triangles = 20000;
-  const Drawn found = draw_counted(scene, view, sizes, 2);
+  const Drawn found = draw_counted(scene, view, {.round_triangles = 20000}, 2);
   CHECK(found.samples == all.samples);
   CHECK(found.stats.clusters_drawn < all.stats.clusters_drawn);
 }
@@ -142,9 +134,7 @@ TEST_CASE("culling: triangles behind a wall are not drawn", "[raster][clusters]"
     // The wall fills the picture, in front of 100 spheres.
     const View view = look_at({0, 0, 2}, {0, 0, 0}, 64, 40);
     const Drawn all = draw_counted(scene, view, nothing_left_out());
-    QueueSizes sizes;
-    sizes.round_triangles = 1;
-    const Drawn found = draw_counted(scene, view, sizes);
+    const Drawn found = draw_counted(scene, view, {.round_triangles = 1});
     CHECK(found.samples == all.samples);
     REQUIRE(all.stats.triangles_small > 2000);
     CHECK(found.stats.triangles_small == 0);
@@ -159,9 +149,7 @@ TEST_CASE("culling: triangles behind a wall are not drawn", "[raster][clusters]"
 
 TEST_CASE("culling: clusters of one object hide clusters behind them without a pyramid", "[raster][clusters]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.clusters = Clusters::kClustered;
-  const uint32_t ball = builder.mesh(sphere(150, 1), encoding);
+  const uint32_t ball = builder.mesh(sphere(150, 1), {.clusters = Clusters::kClustered});
   builder.instance(ball, builder.identity());
   const SceneView scene = builder.view();
   const View view = look_at({0, 0, 9}, {0, 0, 0}, 64, 64);
@@ -235,8 +223,7 @@ TEST_CASE("culling: single precision keeps every box that double precision keeps
                           std::pow(10.0, -3 + 2 * unit(random)) * distance);
     if (i % 4 == 0) camera = orthographic(camera, distance * std::abs(unit(random)), 0.1 * distance, 2 * distance);
     const FrameView view = make_frame_view(camera);
-    format::MeshRecord mesh{};
-    mesh.lattice_exponent = -static_cast<int32_t>(random() % 24);
+    format::MeshRecord mesh{.lattice_exponent = -static_cast<int32_t>(random() % 24)};
     format::ChunkRecord chunk{};
     format::MatrixRecord matrix{};
     for (int row = 0; row < 3; ++row) {
@@ -291,8 +278,7 @@ TEST_CASE("culling: a box with a point in a row of the picture is kept for it", 
                           1 + static_cast<uint32_t>(random() % 400), 0.01);
     if (i % 4 == 0) camera = orthographic(camera, 0.1 + std::abs(unit(random)), 0.1, 3);
     FrameView view = make_frame_view(camera);
-    format::MeshRecord mesh{};
-    mesh.lattice_exponent = -12;
+    format::MeshRecord mesh{.lattice_exponent = -12};
     format::ChunkRecord chunk{};
     format::MatrixRecord matrix{};
     for (int row = 0; row < 3; ++row) {

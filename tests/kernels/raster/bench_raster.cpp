@@ -46,8 +46,7 @@ Soup ground(uint32_t columns, uint32_t rows) {
 
 TEST_CASE("bench: small triangles", "[.bench]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.exponent = -10;
+  Encoding encoding{.exponent = -10};
   const uint32_t material = builder.material(0);
   encoding.material = material;
   builder.instance(builder.mesh(ground(1632, 1224), encoding), builder.identity());
@@ -91,10 +90,8 @@ TEST_CASE("bench: small triangles", "[.bench]") {
 #ifdef NDEBUG
 TEST_CASE("speed: 15 M small triangles per second and core at 1920 x 1080", "[speed]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.exponent = -10;
-  encoding.material = builder.material(0);
-  builder.instance(builder.mesh(ground(1632, 1224), encoding), builder.identity());
+  builder.instance(builder.mesh(ground(1632, 1224), {.exponent = -10, .material = builder.material(0)}),
+                   builder.identity());
   const SceneView scene = builder.view();
   const View view = look_at({0, 64, 32}, {0, 0, 0}, 1920, 1080, 0.1, 1.0471975511965976);
   std::vector<uint64_t> samples(1920 * 1080);

@@ -19,9 +19,7 @@ using kernels::View;
 constexpr double kPi = 3.14159265358979323846;
 
 Encoding lattice(int32_t exponent) {
-  Encoding encoding;
-  encoding.exponent = exponent;
-  return encoding;
+  return {.exponent = exponent};
 }
 
 /// 100 pixels per unit, from above, with the origin at a pixel corner in the picture's middle.
@@ -442,9 +440,8 @@ CoverCount count_covers(SceneBuilder& builder, const View& view, const Draws& dr
   uint64_t triangles = 0;
   for (const format::ChunkRecord& record : builder.chunks) {
     const format::ChunkStreams streams = format::chunk_streams(builder.meshes[record.mesh], record);
-    Chunk chunk;
-    chunk.range = {record.index_min, record.index_bits};
-    chunk.stream = std::span(builder.pages[record.page]).subspan(streams.indices.offset, streams.indices.bytes);
+    Chunk chunk{.stream = std::span(builder.pages[record.page]).subspan(streams.indices.offset, streams.indices.bytes),
+                .range = {record.index_min, record.index_bits}};
     chunk.indices.resize(3 * size_t{record.triangle_count});
     chunk.first = triangles;
     REQUIRE(record.encoding == format::ChunkEncoding::kIndexed);
@@ -500,9 +497,7 @@ void check_closed(const std::string& name, const Soup& soup, const View& view, d
     if (turned)
       for (size_t i = 0; i < facing.indices.size(); i += 3) std::swap(facing.indices[i + 1], facing.indices[i + 2]);
     SceneBuilder builder;
-    Encoding encoding;
-    encoding.exponent = -16;
-    builder.instance(builder.mesh(facing, encoding), builder.identity());
+    builder.instance(builder.mesh(facing, {.exponent = -16}), builder.identity());
     counts[turned] = count_covers(builder, view, draws);
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

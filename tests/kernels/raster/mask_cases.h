@@ -56,8 +56,7 @@ struct SceneEncodings {
 
 /// Clusters, a lattice and floats; `clustered_alone`: clusters in the place of the other two.
 inline SceneEncodings encodings_of_scene(bool clustered_alone) {
-  Encoding lattice;
-  lattice.chunk_triangles = 700;
+  const Encoding lattice{.chunk_triangles = 700};
   Encoding clustered = lattice;
   clustered.clusters = Clusters::kClustered;
   Encoding floats = float32();

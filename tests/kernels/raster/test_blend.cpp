@@ -23,10 +23,8 @@ std::vector<uint64_t> draw_instance(SceneView scene, const View& view, uint64_t 
   scene.instances += i;
   scene.instance_base += i;
   scene.instance_count = 1;
-  kernels::BlendTargets at{};
-  at.sample_count = static_cast<uint32_t>(samples.size());
-  at.drawn = samples.data();
-  REQUIRE(kernels::draw_layer_cpu(scene, view, at, nullptr, 1));
+  REQUIRE(kernels::draw_layer_cpu(
+      scene, view, {.sample_count = static_cast<uint32_t>(samples.size()), .drawn = samples.data()}, nullptr, 1));
   return samples;
 }
 
@@ -45,9 +43,8 @@ std::vector<uint8_t> picture(const SceneView& scene, const View& view, const Sha
 struct Stack {
   SceneBuilder builder;
   void add(uint32_t material, double height) {
-    Encoding encoding;
-    encoding.material = material;
-    builder.instance(builder.mesh(grid(1, 0), encoding), builder.matrix({1, 0, 0, 0, 0, 1, 0, height, 0, 0, 1, 0}));
+    builder.instance(builder.mesh(grid(1, 0), {.material = material}),
+                     builder.matrix({1, 0, 0, 0, 0, 1, 0, height, 0, 0, 1, 0}));
   }
   uint32_t color(float alpha, float red, float green, float blue) {
     const uint32_t material = builder.blended_material(alpha);
@@ -129,8 +126,7 @@ TEST_CASE("blended colours are laid over what lies behind them", "[blend]") {
   stack.add(stack.color(0.25f, 0, 1, 0), 1);
   const uint32_t blue = stack.builder.material(0);
   stack.builder.materials[blue].base_color[0] = stack.builder.materials[blue].base_color[1] = 0;
-  ShadeOptions options;
-  options.light = false;
+  ShadeOptions options{.light = false};
   std::fill_n(options.background, 4, 1.0f);
   const auto code = [](double light) {
     const double srgb = light <= 0.0031308 ? 12.92 * light : 1.055 * std::pow(light, 1 / 2.4) - 0.055;
@@ -192,9 +188,9 @@ TEST_CASE("blended surfaces of alpha 1 are in the opaque picture, transparent on
   const kernels::MaskView texture = mask_view(16, 16, 1, 0);
   const uint32_t code = GENERATE(0u, 254u, 255u);
   const std::vector<uint8_t> levels(256, static_cast<uint8_t>(code));
-  Encoding encoding;
-  encoding.material = stack.builder.blended_material(1, texture, levels);
-  stack.builder.instance(stack.builder.mesh(with_uvs(grid(1, 0), 1), encoding), stack.builder.identity());
+  stack.builder.instance(
+      stack.builder.mesh(with_uvs(grid(1, 0), 1), {.material = stack.builder.blended_material(1, texture, levels)}),
+      stack.builder.identity());
   const SceneView scene = stack.builder.view();
   const std::vector<uint64_t> opaque = draw(scene, kAbove);
   CHECK((opaque[0] != kBackground) == (code == 255));

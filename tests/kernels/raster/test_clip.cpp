@@ -44,10 +44,7 @@ void tally(const ClipVertex v[3], const FrameView& view, Tally& sums) {
 }
 
 FrameView small_view() {
-  FrameView view{};
-  view.width = 640;
-  view.height = 360;
-  return view;
+  return {.width = 640, .height = 360};
 }
 
 }  // namespace

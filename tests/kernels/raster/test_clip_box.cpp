@@ -110,8 +110,7 @@ Cast cast(const CastScene& scene, const View& view, uint32_t x, uint32_t y, uint
 
 TEST_CASE("pictures with a clipping box equal a ray caster's", "[raster][clip]") {
   CastScene scene;
-  Encoding lattice;
-  lattice.chunk_triangles = 100;
+  const Encoding lattice{.chunk_triangles = 100};
   scene.add(on_lattice(sphere(9, 0)), lattice, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0});
   scene.add(on_lattice(sphere(5, 0.2)), float32(), {0.5, 0, 0.1, 0.2, 0, 0.6, 0, 0.1, -0.1, 0, 0.5, -0.1});
   scene.add(on_lattice(grid(4, 0.2)), lattice, {2, 0, 0, 0, 0, 1, 0, -0.4, 0, 0, 2, 0});
@@ -279,9 +278,7 @@ TEST_CASE("layers of blended surfaces end at a clipping box", "[raster][clip][bl
 
 TEST_CASE("triangles outside a clipping box are culled", "[raster][clip]") {
   SceneBuilder builder;
-  Encoding clustered;
-  clustered.clusters = Clusters::kClustered;
-  const uint32_t mesh = builder.mesh(sphere(60, 0.05), clustered);
+  const uint32_t mesh = builder.mesh(sphere(60, 0.05), {.clusters = Clusters::kClustered});
   const uint32_t indexed = builder.mesh(grid(60, 0.1), {});
   for (int i = 0; i < 8; ++i) builder.instance(mesh, builder.matrix({1, 0, 0, 3.0 * i, 0, 1, 0, 0, 0, 0, 1, 0}));
   for (int i = 0; i < 8; ++i) builder.instance(indexed, builder.matrix({1, 0, 0, 3.0 * i, 0, 1, 0, -2, 0, 0, 1, 0}));

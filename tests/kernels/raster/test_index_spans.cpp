@@ -73,13 +73,10 @@ Pictures pictures(const SceneView& scene) {
     const std::vector<uint64_t> samples = draw(scene, view);
     CHECK(covered(samples) > 300);
     CHECK(draw(scene, view, 2) == samples);
-    kernels::QueueSizes sizes;
-    sizes.block_triangles = 50;
-    CHECK(draw_with(scene, view, 2, kernels::InstructionSet::kBaseline, sizes) == samples);
+    CHECK(draw_with(scene, view, 2, kernels::InstructionSet::kBaseline, {.block_triangles = 50}) == samples);
     out.samples.insert(out.samples.end(), samples.begin(), samples.end());
     for (const kernels::Show show : {kernels::Show::kColor, kernels::Show::kUv, kernels::Show::kNormal}) {
-      kernels::ShadeOptions options;
-      options.show = show;
+      const kernels::ShadeOptions options{.show = show};
       std::vector<float> shaded(4 * samples.size());
       REQUIRE(shade_cpu(scene, view, samples, options, shaded, 1));
       out.shaded.insert(out.shaded.end(), shaded.begin(), shaded.end());

@@ -106,9 +106,7 @@ TEST_CASE("lanes: a team draws the same pixels as a thread", "[lanes]") {
   // Many small instances in chunks of few triangles: tiles with one chunk, with some, and with more than are searched
   // together.
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.chunk_triangles = 7;
-  const uint32_t ball = builder.mesh(sphere(8, 0.2), encoding);
+  const uint32_t ball = builder.mesh(sphere(8, 0.2), {.chunk_triangles = 7});
   const uint32_t ground = builder.mesh(grid(3, 0.3), Encoding{});
   builder.instance(ground, builder.identity());
   for (int i = 0; i < 60; ++i) {
@@ -129,8 +127,7 @@ TEST_CASE("lanes: a team draws the same pixels as a thread", "[lanes]") {
     }
     const SrgbTables tables = make_srgb_tables();
     for (const Show show : {Show::kTexture, Show::kMesh, Show::kTriangle}) {
-      ShadeOptions options;
-      options.show = show;
+      const ShadeOptions options{.show = show};
       std::vector<uint8_t> expected(size_t{4} * width * height);
       REQUIRE(resolve_cpu(scene, view, side, samples, options, 4, expected, 1));
       std::vector<uint8_t> pixels(expected.size());

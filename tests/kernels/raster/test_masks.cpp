@@ -124,8 +124,7 @@ TEST_CASE("a masked quad has the holes that ray casting finds", "[mask]") {
   SceneBuilder masked;
   MaskView mask = mask_view(64, 32, 6, (slope > 0 ? 65 : 120) * 65536);
   const std::vector<uint8_t> levels = noisy_levels(64, 32, 6, 5);
-  Encoding encoding;
-  encoding.material = masked.masked_material(format::kMaterialDoubleSided, mask, levels);
+  const Encoding encoding{.material = masked.masked_material(format::kMaterialDoubleSided, mask, levels)};
   mask.alpha = levels.data();
   for (const uint32_t n : {1u, 60u}) {
     Soup soup = with_uvs(grid(n, 0), repeats);
@@ -163,8 +162,7 @@ TEST_CASE("a masked quad has the holes that ray casting finds", "[mask]") {
 }
 
 TEST_CASE("the alpha of vertex colours scales that of a mask", "[mask]") {
-  Encoding encoding;
-  encoding.clusters = GENERATE(Clusters::kNone, Clusters::kClustered);
+  Encoding encoding{.clusters = GENERATE(Clusters::kNone, Clusters::kClustered)};
   /// `alpha`: of all vertices; below 0: they have no colours.
   const auto picture = [&](const View& view, float alpha, uint32_t threshold) {
     SceneBuilder builder;
@@ -191,14 +189,10 @@ TEST_CASE("masked scenes are one picture in every way of drawing", "[mask]") {
   const SceneView scene = builder.view();
   SceneView opaque = scene;
   opaque.masks = nullptr;
-  QueueSizes tiny;
-  tiny.blocks = tiny.medium = tiny.large = tiny.tiles = 1;
-  tiny.block_triangles = 100;
-  tiny.blocks_at_a_time = 3;
-  QueueSizes all;
-  all.occlusion = all.cluster_bounds = false;
-  QueueSizes rounds;
-  rounds.round_triangles = 500;
+  const QueueSizes tiny{
+      .blocks = 1, .medium = 1, .large = 1, .tiles = 1, .blocks_at_a_time = 3, .block_triangles = 100};
+  const QueueSizes all{.cluster_bounds = false, .occlusion = false};
+  const QueueSizes rounds{.round_triangles = 500};
   for (const View& view : masked_views()) {
     INFO(view.width << " samples wide");
     const std::vector<uint64_t> expected = draw(scene, view);

@@ -124,11 +124,10 @@ TEST_CASE("raster: every pixel equals a loop over all triangles and pixels", "[r
   std::mt19937 random(7);
   for (int round = 0; round < 24; ++round) {
     SceneBuilder builder;
-    Encoding encoding;
-    encoding.float32 = round % 3 == 0;
-    encoding.exponent = round % 3 == 1 ? -6 : -14;
-    encoding.chunk_triangles = 17;
-    encoding.material = builder.material(round % 2 ? uint32_t{format::kMaterialDoubleSided} : 0u);
+    const Encoding encoding{.float32 = round % 3 == 0,
+                            .exponent = round % 3 == 1 ? -6 : -14,
+                            .chunk_triangles = 17,
+                            .material = builder.material(round % 2 ? uint32_t{format::kMaterialDoubleSided} : 0u)};
     const uint32_t mesh = builder.mesh(random_soup(random, 60), encoding);
     builder.instance(mesh, builder.identity());
     builder.instance(mesh, builder.matrix({-0.5, 0.1, 0, 0.3, 0, 0.7, 0.2, -0.2, 0.1, 0, 0.6, 1}));
@@ -152,8 +151,7 @@ TEST_CASE("raster: every pixel equals a loop over all triangles and pixels", "[r
 
 TEST_CASE("raster: a picture does not depend on threads, instruction set or sizes of queues", "[raster]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.chunk_triangles = 500;
+  Encoding encoding{.chunk_triangles = 500};
   const uint32_t ground = builder.mesh(grid(60, 0.3), encoding);
   encoding.float32 = true;
   encoding.material = builder.material(format::kMaterialDoubleSided);
@@ -199,9 +197,7 @@ TEST_CASE("raster: triangles of all three sizes are counted in their stages", "[
   CHECK(drawn.triangles_large == 1);
   CHECK(drawn.triangles_clipped == 0);
   std::vector<float> rgba(4 * samples.size());
-  ShadeOptions options;
-  options.show = Show::kStage;
-  REQUIRE(shade_cpu(builder.view(), view, samples, options, rgba, 2));
+  REQUIRE(shade_cpu(builder.view(), view, samples, {.show = Show::kStage}, rgba, 2));
   for (size_t i = 0; i < samples.size(); ++i) {
     if (samples[i] == kBackground) continue;
     for (size_t c = 0; c < 3; ++c) REQUIRE((rgba[4 * i + c] == 1.0f) == (sample_id(samples[i]) == c));
@@ -211,8 +207,7 @@ TEST_CASE("raster: triangles of all three sizes are counted in their stages", "[
 TEST_CASE("raster: centres on an edge belong to the triangle below or to the right", "[raster]") {
   // 64 samples per unit, with the image's centre on a corner of samples: centres lie at odd multiples of 1 / 128.
   const View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 64, 64), 0.5, 0, 2);
-  Encoding encoding;
-  encoding.exponent = -7;
+  const Encoding encoding{.exponent = -7};
   const auto rows_and_columns = [&](std::initializer_list<std::array<int, 2>> corners) {
     SceneBuilder builder;
     Soup soup;
@@ -306,8 +301,7 @@ TEST_CASE("raster: every pixel of a fan of random triangles belongs to exactly o
     }
     Soup all = patch;
     all.indices = quads;
-    Encoding encoding;
-    encoding.exponent = -7;
+    const Encoding encoding{.exponent = -7};
     SceneBuilder together;
     together.instance(together.mesh(all, encoding), together.identity());
     const std::vector<uint64_t> whole = draw(together.view(), view);
@@ -352,9 +346,7 @@ TEST_CASE("raster: equal lattice points in different meshes and chunks leave no 
     return out;
   };
   for (uint32_t cut : {7u, 65536u}) {
-    Encoding encoding;
-    encoding.exponent = -11;
-    encoding.chunk_triangles = cut;
+    const Encoding encoding{.exponent = -11, .chunk_triangles = cut};
     SceneBuilder one;
     one.instance(one.mesh(whole, encoding), one.identity());
     SceneBuilder two;

@@ -3,6 +3,7 @@
 #include "kernels/cpu/backend.h"
 #include "kernels/shade/locate.h"
 #include "tests/kernels/square.h"
+#include "tests/results.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -50,9 +51,7 @@ TEST_CASE("raster: coordinates far beyond 2^30 steps from the eye take the wide 
           "[raster]") {
   const FrameView view = make_frame_view(look_at({0, 0, 5}, {0, 0, 0}, 100, 100));
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.exponent = -12;
-  builder.mesh(grid(4, 0.1), encoding);
+  builder.mesh(grid(4, 0.1), {.exponent = -12});
   builder.identity();
   const SceneView scene = builder.view();
   const Transform transform = make_transform(view, scene.matrices[0], -12, false);
@@ -192,8 +191,8 @@ TEST_CASE("raster: facing, mirroring and double-sided materials", "[raster]") {
     for (bool mirrored : {false, true}) {
       for (bool behind : {false, true}) {
         SceneBuilder builder;
-        Encoding encoding;
-        encoding.material = builder.material(double_sided ? uint32_t{format::kMaterialDoubleSided} : 0u);
+        const Encoding encoding{.material =
+                                    builder.material(double_sided ? uint32_t{format::kMaterialDoubleSided} : 0u)};
         const double s = mirrored ? -1 : 1;
         builder.instance(builder.mesh(soup, encoding), builder.matrix({s, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));
         const View view = look_at({0, 0, behind ? -2.0 : 2.0}, {0, 0, 0}, 64, 64);
@@ -210,9 +209,7 @@ TEST_CASE("raster: matrices without an inverse, huge, tiny and infinite numbers"
   std::uniform_int_distribution<size_t> pick(0, std::size(huge) - 1);
   for (int round = 0; round < 200; ++round) {
     SceneBuilder builder;
-    Encoding encoding;
-    encoding.float32 = round % 2 == 1;
-    encoding.material = builder.material(format::kMaterialDoubleSided);
+    const Encoding encoding{.float32 = round % 2 == 1, .material = builder.material(format::kMaterialDoubleSided)};
     Soup soup = sphere(4, 0.1);
     if (round % 4 == 1) {
       for (float& p : soup.positions) p *= 3e38f;
@@ -230,17 +227,14 @@ TEST_CASE("raster: matrices without an inverse, huge, tiny and infinite numbers"
     REQUIRE(draw_with(scene, view, 2, best_instruction_set(), QueueSizes{}) == samples);
     std::vector<float> rgba(4 * samples.size());
     for (Show show : {Show::kTexture, Show::kNormal, Show::kStage, Show::kDepth}) {
-      ShadeOptions options;
-      options.show = show;
-      REQUIRE(shade_cpu(scene, view, samples, options, rgba, 1));
+      REQUIRE(shade_cpu(scene, view, samples, {.show = show}, rgba, 1));
       for (float value : rgba) REQUIRE((value >= 0 && value <= 1));
     }
   }
   // A flattened mesh (a shadow): its matrix is singular, and it is drawn in its plane.
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.material = builder.material(format::kMaterialDoubleSided);
-  builder.instance(builder.mesh(sphere(10, 0), encoding), builder.matrix({1, 0, 0, 0, 0, 0, 0, 0.5, 0, 0, 1, 0}));
+  builder.instance(builder.mesh(sphere(10, 0), {.material = builder.material(format::kMaterialDoubleSided)}),
+                   builder.matrix({1, 0, 0, 0, 0, 0, 0, 0.5, 0, 0, 1, 0}));
   const View view = look_at({0, 3, 0.001}, {0, 0, 0}, 200, 200, 0.1, 1.0);
   const double radius = 100 / 2.5 / std::tan(0.5);
   CHECK(static_cast<double>(covered(draw(builder.view(), view))) == Approx(3.14159 * radius * radius).epsilon(0.05));
@@ -259,8 +253,7 @@ TEST_CASE("raster: slivers and points", "[raster]") {
   whole.add(1, -0.8, 0);
   whole.add(1, 0.8, 0);
   whole.triangle(0, 1, 2);
-  Encoding encoding;
-  encoding.exponent = -20;
+  Encoding encoding{.exponent = -20};
   for (int round = 0; round < 4; ++round) {
     const View view = look_at({0.3 * round, 0.2 * round, 2}, {0, 0, 0}, 190, 140);
     SceneBuilder slivers;
@@ -315,9 +308,7 @@ TEST_CASE("raster: images of 16384 samples per side", "[raster]") {
 
 TEST_CASE("raster: ids past 2^32", "[raster]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.chunk_triangles = 10;
-  const uint32_t mesh = builder.mesh(grid(5, 0.1), encoding);
+  const uint32_t mesh = builder.mesh(grid(5, 0.1), {.chunk_triangles = 10});
   builder.instance(mesh, builder.matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}));
   builder.instance(mesh, builder.matrix({1, 0, 0, 0, 0, 1, 0, 0.3, 0, 0, 1, 0}));
   const View view = look_at({0, 1, 2}, {0, 0, 0}, 120, 90);
@@ -329,15 +320,12 @@ TEST_CASE("raster: ids past 2^32", "[raster]") {
       REQUIRE(samples[i] == (expected[i] == kBackground ? kBackground : expected[i] + first));
   }
   std::vector<uint64_t> samples(120 * 90);
-  const auto refused = draw_cpu(builder.view(kIdMask - 99), view, samples, 1);
-  REQUIRE(!refused);
-  CHECK(refused.error().code == ErrorCode::kRange);
+  CHECK(refusal(draw_cpu(builder.view(kIdMask - 99), view, samples, 1)).code == ErrorCode::kRange);
 }
 
 TEST_CASE("raster: the triangle of an id, with empty meshes and chunks in between", "[raster]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.chunk_triangles = 7;
+  const Encoding encoding{.chunk_triangles = 7};
   const uint32_t some = builder.mesh(grid(4, 0.1), encoding);  // 32 triangles, 5 chunks
   const uint32_t none = builder.mesh(Soup{{0, 0, 0}, {}, {}, {}, {}, {}, {}}, encoding);
   const uint32_t one = builder.mesh(Soup{{0, 0, 0, 1, 0, 0, 0, 1, 0}, {0, 1, 2}, {}, {}, {}, {}, {}}, encoding);
@@ -393,9 +381,7 @@ TEST_CASE("raster: depth codes", "[raster]") {
 
 TEST_CASE("raster: absent pages are left out, wrong sizes are refused", "[raster]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.chunk_triangles = 16;
-  builder.instance(builder.mesh(grid(8, 0), encoding), builder.identity());
+  builder.instance(builder.mesh(grid(8, 0), {.chunk_triangles = 16}), builder.identity());
   SceneView scene = builder.view();
   const View view = look_at({0, 2, 0.1}, {0, 0, 0}, 80, 60);
   const uint64_t all = covered(draw(scene, view));
@@ -434,8 +420,7 @@ TEST_CASE("raster: one chunk of more triangles than a block, and vertices far ap
   }
   const View view = look_at({0, 1.2, 0.8}, {0, 0, 0}, 400, 300);
   for (const Soup& soup : {field, shuffled}) {
-    Encoding small;
-    small.chunk_triangles = 1000;
+    const Encoding small{.chunk_triangles = 1000};
     Encoding large = small;
     large.chunk_triangles = UINT32_MAX;
     SceneBuilder cut;

@@ -145,10 +145,8 @@ TEST_CASE("watertight: outside, inside and across the near plane", "[raster][wat
   EdgeTally tally;
   for (int round = 0; round < 40; ++round) {
     const Soup soup = sphere(6 + static_cast<uint32_t>(round) % 5, round % 2 ? 0.2 : 0.0);
-    Encoding encoding;
-    encoding.float32 = round % 4 == 3;
-    encoding.exponent = -10 - round % 4;
-    encoding.chunk_triangles = round % 3 ? 50 : 65536;
+    const Encoding encoding{
+        .float32 = round % 4 == 3, .exponent = -10 - round % 4, .chunk_triangles = round % 3 ? 50u : 65536u};
     // Distances from the centre with the camera inside, with the near plane through the surface, or with the whole
     // surface in view.
     const double distance = std::array<double, 4>{0.3, 1.05, 1.3, 3.0}[static_cast<size_t>(round % 4)];
@@ -177,8 +175,7 @@ TEST_CASE("watertight: outside, inside and across the near plane", "[raster][wat
 TEST_CASE("watertight: an eye on a vertex, on an edge and on a face", "[raster][watertight]") {
   EdgeTally tally;
   const Soup soup = sphere(8, 0.1);
-  Encoding encoding;
-  encoding.exponent = -12;
+  const Encoding encoding{.exponent = -12};
   const std::vector<double> stored = stored_positions(soup, encoding);
   const auto corner = [&](size_t triangle, size_t k) {
     const size_t v = soup.indices[3 * triangle + k];
@@ -215,9 +212,7 @@ TEST_CASE("watertight: huge triangles, far beyond the guard band and behind the 
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(-1, 1);
   for (int round = 0; round < 24; ++round) {
-    Encoding encoding;
-    encoding.float32 = round % 2 == 1;
-    encoding.exponent = 2;
+    const Encoding encoding{.float32 = round % 2 == 1, .exponent = 2};
     const double reach = round % 3 == 0 ? 9999.5 : 3000.0;
     const std::array<double, 3> eye = {reach, reach * unit(random), reach * unit(random)};
     const View view =
@@ -251,8 +246,7 @@ TEST_CASE("watertight: triangles along the planes of the view, from far ahead to
       soup.add(p[0], p[1], p[2]);
     }
     soup.triangle(0, 1, 2);
-    Encoding encoding;
-    encoding.float32 = true;
+    const Encoding encoding{.float32 = true};
     INFO("round " << round);
     check_picture(soup, encoding, kIdentity, view, tally);
   }

@@ -33,14 +33,10 @@ Factors factors(const SceneView& scene, View view, const ShadeOptions& options, 
 }
 
 ShadeOptions ssao() {
-  ShadeOptions options;
-  options.ssao = true;
-  return options;
+  return {.ssao = true};
 }
 ShadeOptions edl() {
-  ShadeOptions options;
-  options.edl = true;
-  return options;
+  return {.edl = true};
 }
 ShadeOptions both() {
   ShadeOptions options = ssao();
@@ -80,9 +76,8 @@ TEST_CASE("occlusion: a tilted plane does not occlude itself", "[occlusion]") {
       soup.triangle(a, a + 1, a + 2);
       soup.triangle(a, a + 2, a + 3);
       SceneBuilder builder;
-      Encoding encoding;
-      encoding.material = builder.material(format::kMaterialDoubleSided);
-      builder.instance(builder.mesh(soup, encoding), builder.identity());
+      builder.instance(builder.mesh(soup, {.material = builder.material(format::kMaterialDoubleSided)}),
+                       builder.identity());
       const Factors found = factors(builder.view(), camera(flat, 200, 100), ssao());
       for (const float value : found.values) REQUIRE(value == 1.0f);
     }
@@ -155,10 +150,9 @@ TEST_CASE("occlusion: a corner is darkest in its crease, at any scale", "[occlus
         soup.triangle(a, a + 2, a + 3);
       }
       SceneBuilder builder;
-      Encoding encoding;
-      encoding.material = builder.material(format::kMaterialDoubleSided);
-      encoding.exponent = scale > 1 ? -2 : -12;
-      builder.instance(builder.mesh(soup, encoding), builder.identity());
+      builder.instance(builder.mesh(soup, {.exponent = scale > 1 ? -2 : -12,
+                                           .material = builder.material(format::kMaterialDoubleSided)}),
+                       builder.identity());
       View view = look_at({0, 0, 10 * scale}, {0, 0, 0}, 401, 401, 0.5 * scale, 2 * std::atan(0.5));
       if (flat) view = orthographic(view, 5 * scale, 0.5 * scale, 30 * scale);
       found.push_back(factors(builder.view(), view, ssao()));

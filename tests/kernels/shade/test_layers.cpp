@@ -184,9 +184,7 @@ TEST_CASE("layers of packed chunks equal those of floats within the lattice's er
   const std::vector<uint64_t> samples = draw(exact.view(), view);
   const Layers expected = layers_of(exact.view(), view, 1, samples);
   for (const Clusters clusters : {Clusters::kNone, Clusters::kClustered}) {
-    Encoding encoding;
-    encoding.exponent = -18;
-    encoding.clusters = clusters;
+    const Encoding encoding{.exponent = -18, .clusters = clusters};
     SceneBuilder builder;
     builder.instance(builder.mesh(soup, encoding), builder.identity());
     const std::vector<uint64_t> packed = draw(builder.view(), view);

@@ -106,8 +106,7 @@ TEST_CASE("resolve: a pixel is the mean of its samples' light, for every kind of
   const NoiseTexture texture(64);
   Soup soup = sphere(20, 0.2);
   add_uvs(soup, 1.5f);
-  Encoding encoding;
-  encoding.material = builder.material(0);
+  const Encoding encoding{.material = builder.material(0)};
   builder.materials[0].texture = 0;
   builder.textures.push_back(texture.view);
   const uint32_t mesh = builder.mesh(soup, encoding);
@@ -235,9 +234,7 @@ TEST_CASE("resolve: single precision is within a level of double", "[resolve]") 
             for (float c : soup.positions) soup.normals.push_back(c);
           for (size_t v = 0; v < soup.positions.size() / 3; ++v)
             soup.colors.insert(soup.colors.end(), {0.3f, 0.1f * static_cast<float>(v % 10), 1, 1});
-          Encoding encoding;
-          encoding.float32 = float32;
-          encoding.material = builder.material(0);
+          const Encoding encoding{.float32 = float32, .material = builder.material(0)};
           builder.materials[0].texture = 0;
           builder.materials[0].uv_rotation = 0.3f;
           builder.materials[0].uv_offset[0] = 11;
@@ -268,10 +265,9 @@ TEST_CASE("resolve: a wide ground of two triangles is as sharp as in double prec
     add_uvs(soup, 1);
     for (const bool float32 : {false, true}) {
       SceneBuilder builder;
-      Encoding encoding;
-      encoding.float32 = float32;
-      encoding.exponent = -9;
-      encoding.material = builder.material(format::kMaterialDoubleSided | format::kMaterialUnlit);
+      const Encoding encoding{.float32 = float32,
+                              .exponent = -9,
+                              .material = builder.material(format::kMaterialDoubleSided | format::kMaterialUnlit)};
       builder.materials[0].texture = 0;
       builder.textures.push_back(texture.view);
       builder.instance(builder.mesh(soup, encoding), builder.identity());
@@ -309,10 +305,7 @@ TEST_CASE("resolve: real models are within a level of double", "[resolve][models
     runtime::SceneFile file = must(runtime::SceneFile::open(options.output));
     const Result<runtime::Scene> scene = runtime::Scene::load(std::move(file), 0, {true, 2});
     if (!scene || scene->view().blend_masks != nullptr) continue;  // test_blend.cpp has layers
-    runtime::CameraOptions camera;
-    camera.width = 320;
-    camera.height = 200;
-    const Result<View> view = runtime::make_view(scene->container(), 0, scene->view(), camera);
+    const Result<View> view = runtime::make_view(scene->container(), 0, scene->view(), {.width = 320, .height = 200});
     if (!view) continue;
     SceneView plain = scene->view();  // base colours under the camera's light, which the reference has
     plain.surface_count = 0;

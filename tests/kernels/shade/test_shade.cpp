@@ -254,11 +254,9 @@ TEST_CASE("shade: perspective, clipped and edge-on: texture coordinates at the i
     floor.positions[3 * v + 1] = 0;
   }
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.material = builder.material(format::kMaterialDoubleSided);
-  builder.instance(builder.mesh(floor, encoding), builder.identity());
-  ShadeOptions options;
-  options.show = Show::kUv;
+  builder.instance(builder.mesh(floor, {.material = builder.material(format::kMaterialDoubleSided)}),
+                   builder.identity());
+  const ShadeOptions options{.show = Show::kUv};
   for (double height : {1.0, 0.01, -0.5}) {
     const View view = look_at({0.3, height, 3}, {0.2, height - 0.1, 0}, 120, 80, 0.01, 1.2);
     const std::vector<float> rgba = shaded(builder.view(), view, options);
@@ -287,8 +285,7 @@ TEST_CASE("shade: perspective, clipped and edge-on: texture coordinates at the i
 
 TEST_CASE("shade: factors, vertex colours, light and background", "[shade]") {
   SceneBuilder builder;
-  Encoding encoding;
-  encoding.material = builder.material(0);
+  const Encoding encoding{.material = builder.material(0)};
   builder.materials[0].base_color[0] = 0.5f;
   builder.materials[0].base_color[1] = 0.25f;
   Soup soup = square(0, 0, 1, 1);
@@ -326,8 +323,7 @@ TEST_CASE("shade: normals of faces and of vertices, also under mirroring and str
   for (bool stored : {false, true}) {
     for (bool mirrored : {false, true}) {
       SceneBuilder builder;
-      Encoding encoding;
-      encoding.material = builder.material(format::kMaterialDoubleSided);
+      const Encoding encoding{.material = builder.material(format::kMaterialDoubleSided)};
       Soup soup;  // the plane x + z = 0, rotated a little: normal (1, 0, 1)
       soup.add(-1, -1, 1);
       soup.add(1, -1, -1);
@@ -338,8 +334,7 @@ TEST_CASE("shade: normals of faces and of vertices, also under mirroring and str
       }
       const double x = mirrored ? -2 : 2;  // scaled by (x, 1, 1): the normal becomes (1 / x, 0, 1)
       builder.instance(builder.mesh(soup, encoding), builder.matrix({x, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, -2}));
-      ShadeOptions options;
-      options.show = Show::kNormal;
+      const ShadeOptions options{.show = Show::kNormal};
       View view = front(41);
       view.z_far = 10;
       view.half_width = view.half_height = 3;

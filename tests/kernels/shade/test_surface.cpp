@@ -31,11 +31,10 @@ Float3 narrow(const Vector& a) {
 }
 
 Vector share_of(const Material& material, const Vector& viewer, const Vector& light) {
-  SurfaceValues values;
-  values.metallic = static_cast<float>(material.metallic);
-  values.roughness = static_cast<float>(material.roughness);
-  values.specular = static_cast<float>(material.specular);
-  values.specular_color = narrow(material.specular_color);
+  const SurfaceValues values{.metallic = static_cast<float>(material.metallic),
+                             .roughness = static_cast<float>(material.roughness),
+                             .specular = static_cast<float>(material.specular),
+                             .specular_color = narrow(material.specular_color)};
   SurfacePoint at{};
   set_reflectance(values, narrow(material.base), static_cast<float>(material.ior), at);
   at.normal = {0, 0, 1};
@@ -85,10 +84,7 @@ struct LitSquare {
 
   void set_texture(format::SurfaceUse use, const std::array<uint8_t, 4>& rgba) {
     texel = rgba;
-    TextureView view{};
-    view.width = view.height = view.level_count = 1;
-    view.texels = texel.data();
-    builder.textures.push_back(view);
+    builder.textures.push_back({.texels = texel.data(), .width = 1, .height = 1, .level_count = 1});
     surface.textures[static_cast<size_t>(use)].texture = static_cast<uint32_t>(builder.textures.size() - 1);
   }
 
@@ -141,9 +137,7 @@ std::vector<View> cameras() {
 }
 
 ShadeOptions lit_by(Lighting lighting) {
-  ShadeOptions options;
-  options.lighting = lighting;
-  return options;
+  return {.lighting = lighting};
 }
 
 }  // namespace
@@ -296,12 +290,12 @@ TEST_CASE("surface: a texture with second coordinates is sampled at them", "[sur
         Soup made = soup;
         if (!has_second) made.second_uvs.clear();
         LitSquare scene(made);
-        TextureView texture{};
-        texture.width = 2;
-        texture.height = texture.level_count = 1;
-        texture.texels = texels.data();
-        texture.wrap_s = texture.wrap_t = format::Wrap::kRepeat;
-        scene.builder.textures.push_back(texture);
+        scene.builder.textures.push_back({.texels = texels.data(),
+                                          .width = 2,
+                                          .height = 1,
+                                          .level_count = 1,
+                                          .wrap_s = format::Wrap::kRepeat,
+                                          .wrap_t = format::Wrap::kRepeat});
         format::SurfaceTexture& use = scene.surface.textures[static_cast<size_t>(format::SurfaceUse::kEmission)];
         use.texture = 0;
         use.uv_scale[1] = static_cast<float>(exact_scale);
@@ -388,8 +382,7 @@ TEST_CASE("surface: scenes of base colours are lit by the camera unless another 
   CHECK(!shades_surfaces(view, lit_by(Lighting::kCamera)));
   CHECK(!shades_surfaces(view, lit_by(Lighting::kEnvironment)));  // there is none
   CHECK(shades_surfaces(view, lit_by(Lighting::kScene)));
-  ShadeOptions color;
-  color.show = Show::kColor;
+  const ShadeOptions color{.show = Show::kColor};
   SceneView with = view;
   with.surface_count = 1;
   CHECK(shades_surfaces(with, {}));

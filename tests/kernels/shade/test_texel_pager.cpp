@@ -201,11 +201,13 @@ TEST_CASE("the next coarser level is sampled if a page is absent", "[texel_pager
   }
   float table[256];
   for (uint32_t i = 0; i < 256; ++i) table[i] = static_cast<float>(i);
-  kernels::TextureView texture{};
-  texture.width = texture.height = kSide;
-  texture.level_count = texture.block_level_count = texture.paged_level_count = 3;
-  texture.block_format = format::BlockFormat::kR8;
-  texture.swizzle = format::kPlainSwizzle;
+  kernels::TextureView texture{.width = kSide,
+                               .height = kSide,
+                               .level_count = 3,
+                               .block_level_count = 3,
+                               .paged_level_count = 3,
+                               .block_format = format::BlockFormat::kR8,
+                               .swizzle = format::kPlainSwizzle};
   for (uint32_t level = 0; level < 3; ++level) texture.level_offset[level] = level;
   const auto sample = [&](uint32_t present, bool takes_coarser, float footprint, float& value) {
     const uint8_t* blocks[3];

@@ -113,9 +113,8 @@ TEST_CASE("panes of glass are equal on the CPU and the GPU", "[cuda][blend]") {
   REQUIRE(synth::synthesize(panes));
   const Scene scene = converted(folder, panes.output);
   CHECK(compare(scene, kCameras, kWidth, kHeight) >= 5);
-  ShadeOptions options;
-  options.blend_layers = 4;
-  options.lighting = kernels::Lighting::kScene;  // none: full materials, in the dark
+  // The scene has no lights: full materials, in the dark.
+  const ShadeOptions options{.lighting = kernels::Lighting::kScene, .blend_layers = 4};
   CHECK(compare(scene, 1, kWidth, kHeight, options) == 4);
 }
 

@@ -106,9 +106,8 @@ TEST_CASE("the GPU draws the same as the CPU", "[cuda]") {
       if (!scree::convert::convert(convert)) continue;
       const Scene scene = must_load(convert.output);
       DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
-      scree::runtime::CameraOptions camera;
-      camera.width = scree::tests::kEmulatesGpu ? 101 : 321;
-      camera.height = scree::tests::kEmulatesGpu ? 61 : 123;
+      const scree::runtime::CameraOptions camera{.width = scree::tests::kEmulatesGpu ? 101 : 321,
+                                                 .height = scree::tests::kEmulatesGpu ? 61 : 123};
       const View view = must(scree::runtime::make_view(scene.container(), 0, scene.view(), camera));
       for (const uint32_t samples : {1u, 2u, 4u})
         if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, device, view, samples);
@@ -144,10 +143,8 @@ TEST_CASE("pages that only the GPU has are drawn and picked as on the CPU", "[cu
       const Scene scene = must_load(path, {.threads = 2, .pages = false});
       DeviceScene device = must(DeviceScene::upload(scene, 0, 3));
       CHECK(device.stats().counts.pages == scene.drawn_pages().size());
-      scree::runtime::CameraOptions camera;
-      camera.width = 333;
-      camera.height = 222;
-      const View view = must(scree::runtime::make_view(whole.container(), 0, whole.view(), camera));
+      const View view =
+          must(scree::runtime::make_view(whole.container(), 0, whole.view(), {.width = 333, .height = 222}));
       const Frame cpu = must(Frame::draw(whole, view, 1, 2));
       Frame gpu = must(Frame::draw(scene, view, 1, 2, &device));
       REQUIRE(gpu.read_samples());
@@ -164,10 +161,8 @@ TEST_CASE("pages that only the GPU has are drawn and picked as on the CPU", "[cu
 
 TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one and in batches", "[cuda][omitted]") {
   const scree::tests::TempFolder folder;
-  scree::tests::Encoding clustered;
-  clustered.clusters = scree::tests::Clusters::kClustered;
-  scree::tests::PagedScene paged;
-  paged.drawn_twice = true;
+  const scree::tests::Encoding clustered{.clusters = scree::tests::Clusters::kClustered};
+  const scree::tests::PagedScene paged{.drawn_twice = true};
   paged.write(folder.file("paged.scree"), {{scree::tests::grid(9, 0.2), clustered},
                                            {scree::tests::sphere(12, 0.1), clustered},
                                            {scree::tests::grid(3, 0.5), clustered}});
@@ -177,12 +172,10 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
   std::vector<int64_t> expected;
   std::vector<uint64_t> first;  // samples of the first view
   for (uint32_t i = 0; i < 5; ++i) {
-    scree::runtime::CameraOptions camera;
-    camera.width = 64;
-    camera.height = 48;
-    camera.eye = scree::runtime::Vec3{2.0 - 0.5 * i, 1.5, 2};
-    camera.target = scree::runtime::Vec3{0, 0, 0};
-    views.push_back(scree::tests::must_view(scene, camera));
+    views.push_back(scree::tests::must_view(scene, {.eye = scree::runtime::Vec3{2.0 - 0.5 * i, 1.5, 2},
+                                                    .target = scree::runtime::Vec3{0, 0, 0},
+                                                    .width = 64,
+                                                    .height = 48}));
     const Frame frame = must(Frame::draw(scene, scree::tests::omitting(views[i], bits[0].data()), 1, 2));
     const std::vector<int64_t> ids = must(frame.layer<int64_t>(scree::runtime::PixelLayer::kTriangle, 2));
     expected.insert(expected.end(), ids.begin(), ids.end());
@@ -258,11 +251,10 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
   std::vector<View> views;
   std::vector<decltype(outputs(views[0]))> expected;
   for (uint32_t i = 0; i < 4; ++i) {
-    scree::runtime::CameraOptions camera;
-    camera.width = 60 + 20 * i;
-    camera.height = 50;
-    camera.eye = scree::runtime::Vec3{2.0 - 0.9 * i, 1.5, 2};
-    camera.target = scree::runtime::Vec3{0, 0, 0};
+    const scree::runtime::CameraOptions camera{.eye = scree::runtime::Vec3{2.0 - 0.9 * i, 1.5, 2},
+                                               .target = scree::runtime::Vec3{0, 0, 0},
+                                               .width = 60 + 20 * i,
+                                               .height = 50};
     views.push_back(scree::tests::must_view(scene, camera));
     REQUIRE(drawn.draw(views[i]));
     expected.push_back(outputs(views[i]));
@@ -305,10 +297,8 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
   DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
   // A cube that fills the picture: large triangles, many tiles, and medium triangles in the smaller picture.
   for (const uint32_t width : {700u, 60u}) {
-    scree::runtime::CameraOptions camera;
-    camera.width = width;
-    camera.height = width;
-    const View view = must(scree::runtime::make_view(scene.container(), 0, scene.view(), camera));
+    const View view =
+        must(scree::runtime::make_view(scene.container(), 0, scene.view(), {.width = width, .height = width}));
     const Frame cpu = must(Frame::draw(scene, view, 1, 2));
     scree::kernels::CudaFrames frames =
         must(scree::kernels::CudaFrames::create(scene.view(), device.device_view(), {1, 1, 1}));

@@ -23,10 +23,7 @@ namespace {
 using runtime::Gpu;
 
 std::vector<Gpu> two_gpus() {
-  Gpu a;
-  a.index = 0;
-  a.name = "first";
-  a.uuid = "GPU-5fd4f087-86f3-7a43-b711-4771313afc50";
+  const Gpu a{.index = 0, .name = "first", .uuid = "GPU-5fd4f087-86f3-7a43-b711-4771313afc50"};
   Gpu b = a;
   b.index = 1;
   b.name = "second";

@@ -186,11 +186,8 @@ TEST_CASE("views draw on their scene's GPU, and the caller's GPU stays current",
   size_t heard = 0;
   runtime::JobProgress progress([&](const char*, uint64_t, uint64_t) { return ++heard != 0; });
   for (runtime::JobProgress* const listens : {static_cast<runtime::JobProgress*>(nullptr), &progress}) {
-    runtime::LoadOptions options;
-    options.on = runtime::DrawOn::kGpu;
-    options.gpu = "1";
-    options.progress = listens;
-    const auto scene = must(runtime::LoadedScene::load(*runtime::SceneFile::open(folder.file("a.scree")), options));
+    const auto scene = must(runtime::LoadedScene::load(*runtime::SceneFile::open(folder.file("a.scree")),
+                                                       {.on = runtime::DrawOn::kGpu, .gpu = "1", .progress = listens}));
     CHECK(runtime::current_gpu()->index == 0);
     for (int i = 0; i < 2; ++i) {  // the second view has buffers of its own
       const auto first = must(runtime::ViewRenderer::create(scene));
@@ -213,8 +210,7 @@ TEST_CASE("the progress function of one scene's loading draws another scene", "[
   const TempFolder folder;
   PagedScene{}.write(folder.file("a.scree"), {{sphere(20, 0.1), {}}});
   const runtime::SceneFile file = *runtime::SceneFile::open(folder.file("a.scree"));
-  runtime::LoadOptions options;
-  options.on = runtime::DrawOn::kGpu;
+  runtime::LoadOptions options{.on = runtime::DrawOn::kGpu};
   const auto first = must(runtime::LoadedScene::load(file, options));
   std::vector<std::string> stages;
   bool draws = true;

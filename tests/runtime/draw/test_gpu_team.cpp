@@ -45,8 +45,7 @@ void write_soup(const std::string& path, bool all_clustered) {
     if (all_clustered || i % 3 == 1) encoding.clusters = Clusters::kClustered;
     meshes.emplace_back(triangles_around(1200, random), encoding);
   }
-  PagedScene paged;
-  paged.drawn_twice = true;
+  const PagedScene paged{.drawn_twice = true};
   paged.write(path, meshes);
 }
 

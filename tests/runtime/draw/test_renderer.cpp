@@ -155,8 +155,7 @@ TEST_CASE("bands of rows have the same colours as the whole picture", "[renderer
   const View view = front_view(scene, 53, 31);
   const Frame frame = draw(scene, view);
   for (const kernels::Show show : {kernels::Show::kTexture, kernels::Show::kDepth, kernels::Show::kStage}) {
-    ShadeOptions options;
-    options.show = show;
+    const ShadeOptions options{.show = show};
     std::vector<float> whole(size_t{4} * 53 * 31);
     REQUIRE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, whole, 2));
     std::vector<float> bands(whole.size());
@@ -180,8 +179,7 @@ TEST_CASE("a picture above the largest side is refused", "[renderer]") {
 }
 
 TEST_CASE("compressed pages draw the same picture as raw pages", "[renderer]") {
-  SmallScene packed;
-  packed.zstd_level = 19;
+  const SmallScene packed{.zstd_level = 19};
   const Scene raw = must_load(SmallScene{});
   const Scene decoded = must_load(packed);
   const View view = front_view(raw, 80, 40);
@@ -213,11 +211,10 @@ TEST_CASE("loading finds a flipped bit in any page", "[renderer]") {
 }
 
 TEST_CASE("an image that differs from its record is named", "[renderer]") {
-  SmallScene small;
-  small.change = [](format::TableSet& tables) {
+  const SmallScene small{.change = [](format::TableSet& tables) {
     tables.images[0].width = 4;
     tables.images[0].name = tables.strings.add("wall");
-  };
+  }};
   const ScratchPath path("image.scree");
   small.write(path.string());
   check_refusal(
@@ -227,11 +224,10 @@ TEST_CASE("an image that differs from its record is named", "[renderer]") {
 
 TEST_CASE("scenes are found by name and by number", "[renderer]") {
   const ScratchPath path("scenes.scree");
-  SmallScene small;
-  small.change = [](format::TableSet& tables) {
+  const SmallScene small{.change = [](format::TableSet& tables) {
     tables.scenes[0].flags = 0;
     tables.scenes.push_back({tables.strings.add("Empty"), 1, 1, 0, 1, 0, 0});
-  };
+  }};
   small.write(path.string());
   const SceneFile file = must(SceneFile::open(path.string()));
   CHECK(*file.find_scene("") == 1);  // the default
@@ -253,10 +249,7 @@ TEST_CASE("a scene with more triangles than there are ids is refused", "[rendere
     mesh.attributes = 0;
     mesh.chunk_count = mesh.vertex_count = 1024;
     mesh.triangle_count = uint64_t{1024} << 16;
-    format::ChunkRecord chunk{};
-    chunk.vertex_count = 1;
-    chunk.triangle_count = 1u << 16;
-    tables.chunks.assign(1024, chunk);
+    tables.chunks.assign(1024, {.triangle_count = 1u << 16, .vertex_count = 1});
     for (uint64_t i = 0; i < 1024; ++i) tables.chunks[i].first_triangle = i << 16;
     for (uint32_t i = 0; i < 1024; ++i) {
       tables.nodes.push_back(SmallScene::node(tables, "Again", 0, 0, format::kNone));

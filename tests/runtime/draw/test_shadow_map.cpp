@@ -113,9 +113,9 @@ struct Sunny {
 
   void add(const Soup& soup) { builder.instance(builder.mesh(soup, matt), builder.identity()); }
   void add_masked(const Soup& soup, const kernels::MaskView& mask, std::vector<uint8_t> alpha) {
-    Encoding encoding;
-    encoding.material = builder.masked_material(format::kMaterialDoubleSided, mask, std::move(alpha));
-    builder.instance(builder.mesh(soup, encoding), builder.identity());
+    builder.instance(
+        builder.mesh(soup, {.material = builder.masked_material(format::kMaterialDoubleSided, mask, std::move(alpha))}),
+        builder.identity());
   }
 
   /// The pixels that the sun lights if nothing casts a shadow on them.
@@ -129,8 +129,7 @@ struct Sunny {
     texel = 2 * map.half_width / map.width;
     const std::vector<uint64_t> reached = scree::tests::draw(scene, map), samples = scree::tests::draw(scene, view);
     const SunShadow sun{reached.data(), map, 1};
-    ShadeOptions options;
-    options.lighting = kernels::Lighting::kScene;
+    ShadeOptions options{.lighting = kernels::Lighting::kScene};
     std::vector<float> all(4 * samples.size()), shadowed(all.size());
     REQUIRE(kernels::shade_cpu(scene, view, samples, options, all, 2));
     options.sun = &sun;
@@ -397,8 +396,7 @@ Scene converted(const TempFolder& folder, const char* name) {
 }
 
 Picture shadowed(const Scene& scene, ShadowMap& map, const View& camera, DeviceScene* device, bool casts = true) {
-  ShadeOptions options;
-  options.lighting = kernels::Lighting::kScene;
+  ShadeOptions options{.lighting = kernels::Lighting::kScene};
   if (casts) {
     const SunShadow* const sun = must(map.draw(camera, kSide, 2));
     options.sun = sun;
@@ -419,10 +417,8 @@ TEST_CASE("a scene without a sun has no shadows", "[shadow]") {
   const TempFolder folder;
   const Scene scene = converted(folder, "textured_cube.glb");
   CHECK(!runtime::find_sun(scene.view()));
-  const auto map = ShadowMap(scene, nullptr).draw(must_view(scene, {}), kSide, 2);
-  REQUIRE(!map);
-  CHECK(map.error().code == ErrorCode::kUsage);
-  CHECK(map.error().message == "the scene has no directional light");
+  check_refusal(ShadowMap(scene, nullptr).draw(must_view(scene, {}), kSide, 2),
+                {ErrorCode::kUsage, "the scene has no directional light"});
 }
 
 TEST_CASE("a shadow map is drawn anew only where a picture needs another one", "[shadow]") {

@@ -61,8 +61,7 @@ void write_soup(const std::string& path) {
     if (i % 3 == 1) encoding.clusters = scree::tests::Clusters::kClustered;
     meshes.emplace_back(scree::tests::triangles_around(1500, random), encoding);
   }
-  PagedScene paged;
-  paged.drawn_twice = true;
+  const PagedScene paged{.drawn_twice = true};
   paged.write(path, meshes);
 }
 
@@ -225,9 +224,7 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
       if (scree::tests::kEmulatesGpu && (pool != 3 * largest || host_memory != some)) continue;
       DeviceScene device = must(DeviceScene::upload(scene, beside + pool, 2, Reading::kAuto, 0, host_memory));
       for (int i = 0; i < 6; ++i) {
-        runtime::CameraOptions camera;
-        camera.width = 211;
-        camera.height = 140;
+        runtime::CameraOptions camera{.width = 211, .height = 140};
         const double turn = i / 2;  // every view twice
         camera.eye = runtime::Vec3{4 - 3 * turn, 1 - turn, 6 - 2 * turn};
         camera.target = runtime::Vec3{0, 0, 0};
@@ -238,9 +235,7 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
           const uint32_t* const brought = must(device.set_omitted(omitted));
           on_device.omitted = brought;
         }
-        ShadeOptions shade;
-        shade.show = i % 3 == 2 ? Show::kNormal : Show::kColor;
-        shade.ssao = i == 3;
+        ShadeOptions shade{.show = i % 3 == 2 ? Show::kNormal : Show::kColor, .ssao = i == 3};
         const uint32_t side = i == 4 ? 2 : 1;
         const Frame expected = must(Frame::draw(whole, view, side, 2));
         Frame frame = must(Frame::draw(scene, on_device, side, 2, &device, &shade));
@@ -369,9 +364,7 @@ TEST_CASE("a GPU decodes JPEG textures on demand while chunks are streamed", "[c
     DeviceScene streamed = must(DeviceScene::upload(scene, budget, 2, Reading::kAuto, cache));
     for (int i = 0; i < 3; ++i) {
       CAPTURE(cache, i);
-      runtime::CameraOptions camera;
-      camera.width = 60;
-      camera.height = 40;
+      runtime::CameraOptions camera{.width = 60, .height = 40};
       if (i == 1) {
         camera.eye = runtime::Vec3{0.3, 0.4, 0.2};
         camera.target = runtime::Vec3{0.9, 0, 0.8};

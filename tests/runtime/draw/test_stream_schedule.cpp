@@ -178,8 +178,7 @@ struct Chunks {
       for (uint32_t& c : corner) c = soup.add(unit(random), unit(random), unit(random));
       soup.triangle(corner[0], corner[1], corner[2]);
     }
-    PagedScene paged;
-    paged.chunk_triangles = 8;
+    const PagedScene paged{.chunk_triangles = 8};
     paged.write(folder.file("chunks.scree"), {{soup, Encoding{}}});
     Scene opened = must(Scene::open(folder.file("chunks.scree"), {.threads = 1, .pages = false}));
     scene.emplace(std::move(opened));

@@ -1,11 +1,8 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 
-#include <sys/resource.h>
-
 #include <array>
 #include <cmath>
-#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
@@ -20,6 +17,7 @@
 #include <unistd.h>
 
 #include "tests/catch.h"
+#include "tests/full_disk.h"
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/flat_images.h"
@@ -34,6 +32,7 @@ using scree::runtime::Image;
 using scree::runtime::ImageFile;
 using scree::runtime::ImageInfo;
 using scree::runtime::probe_image;
+using scree::tests::on_full_disk;
 using scree::tests::read_bytes;
 
 namespace {
@@ -166,25 +165,13 @@ TEST_CASE("a picture that cannot be written leaves no file", "[image]") {
   CHECK_FALSE(std::filesystem::exists(folder.string() + ".part"));
   std::filesystem::remove_all(folder);
 
-  // Past the limit, write() fails as on a full disk, because SIGXFSZ is ignored.
   const auto full = scratch("full.pfm");
   const std::vector<float> values(100, 1.0f);
-  const auto before = std::signal(SIGXFSZ, SIG_IGN);
-  rlimit limit{};
-  REQUIRE(getrlimit(RLIMIT_FSIZE, &limit) == 0);
-  rlimit low = limit;
-  low.rlim_cur = 100;
-  REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
-  const Result<void> pfm = scree::runtime::write_pfm(full.string(), 10, 10, values);
-  low.rlim_cur = 10;
-  REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
-  const Result<void> png = scree::runtime::write_png(full.string(), {10, 10, 3, std::vector<uint8_t>(300, 7)});
-  setrlimit(RLIMIT_FSIZE, &limit);
-  std::signal(SIGXFSZ, before);
-  REQUIRE_FALSE(pfm);
-  CHECK(pfm.error().message.find("full.pfm.part: write: File too large") != std::string::npos);
-  REQUIRE_FALSE(png);
-  CHECK(png.error().message.find("File too large") != std::string::npos);
+  const auto write_floats = [&] { return scree::runtime::write_pfm(full.string(), 10, 10, values); };
+  check_refusal(on_full_disk(100, write_floats), ErrorCode::kFile, "full.pfm.part: write: File too large");
+  const std::vector<uint8_t> rgb(300, 7);
+  const auto write_bytes = [&] { return scree::runtime::write_png(full.string(), {10, 10, 3, rgb}); };
+  check_refusal(on_full_disk(10, write_bytes), ErrorCode::kFile, "File too large");
   CHECK_FALSE(std::filesystem::exists(full));
   CHECK_FALSE(std::filesystem::exists(full.string() + ".part"));
 }

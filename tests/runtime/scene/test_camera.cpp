@@ -75,9 +75,7 @@ SmallScene with_cameras() {
 
 TEST_CASE("a camera node gives the view, regardless of its scale", "[camera]") {
   const Scene scene = must_load(with_cameras());
-  CameraOptions options;
-  options.width = 200;
-  options.height = 100;
+  CameraOptions options{.width = 200, .height = 100};
   for (const char* name : {"Eye", "Eye node", "0"}) {
     options.camera = name;
     const View view = must(view_of(scene, options));
@@ -112,8 +110,7 @@ TEST_CASE("a camera's rotation is normalised, as for instances", "[camera]") {
   const Scene scaled = must_load(small);
   const Scene scene = must_load(with_cameras());
   for (const char* name : {"Eye", "Flat"}) {
-    CameraOptions options;
-    options.camera = name;
+    const CameraOptions options{.camera = name};
     const View view = must(view_of(scaled, options));
     const View expected = must(view_of(scene, options));
     for (size_t i = 0; i < 3; ++i) {
@@ -126,10 +123,7 @@ TEST_CASE("a camera's rotation is normalised, as for instances", "[camera]") {
 
 TEST_CASE("an orthographic camera keeps its height", "[camera]") {
   const Scene scene = must_load(with_cameras());
-  CameraOptions options;
-  options.camera = "Flat";
-  options.width = 300;
-  options.height = 100;
+  CameraOptions options{.camera = "Flat", .width = 300, .height = 100};
   const View view = must(view_of(scene, options));
   CHECK(view.orthographic);
   CHECK(view.half_height == 3);
@@ -143,8 +137,7 @@ TEST_CASE("an orthographic camera keeps its height", "[camera]") {
 
 TEST_CASE("a missing camera is an error that lists the existing ones", "[camera]") {
   const Scene scene = must_load(with_cameras());
-  CameraOptions options;
-  options.camera = "7";
+  CameraOptions options{.camera = "7"};
   check_refusal(view_of(scene, options), {ErrorCode::kUsage, "no camera '7', expected one of 0 (Eye), 1 (Flat)"});
   options.camera = "x";
   CHECK(refusal(view_of(must_load(SmallScene{}), options)).message == "no camera 'x', but the scene has no cameras");
@@ -152,8 +145,7 @@ TEST_CASE("a missing camera is an error that lists the existing ones", "[camera]
 
 TEST_CASE("a view from an eye to a target has its up direction at the top", "[camera]") {
   const Scene scene = must_load(SmallScene{});
-  CameraOptions options;
-  options.eye = Vec3{0, 0, 4};
+  CameraOptions options{.eye = Vec3{0, 0, 4}};
   View view = must(view_of(scene, options));
   check_orthonormal(view);
   CHECK(view.forward[2] == -1);  // the middle of the quad
@@ -189,9 +181,7 @@ TEST_CASE("a view from an eye to a target has its up direction at the top", "[ca
 
 TEST_CASE("the near plane is tiny inside the scene's box, and larger far away", "[camera]") {
   const Scene scene = must_load(SmallScene{});
-  CameraOptions options;
-  options.target = Vec3{0, 0, -1};
-  options.eye = Vec3{0.2, 0.2, 0};
+  CameraOptions options{.eye = Vec3{0.2, 0.2, 0}, .target = Vec3{0, 0, -1}};
   const View inside = must(view_of(scene, options));
   CHECK(inside.z_near < 1e-5);
   CHECK(inside.z_near > 0);
@@ -202,8 +192,7 @@ TEST_CASE("the near plane is tiny inside the scene's box, and larger far away", 
 
 TEST_CASE("the default view shows the whole scene, tightly and in the middle", "[camera]") {
   for (const double stretch : {1.0, 40.0, 0.01}) {
-    SmallScene small;
-    small.change = [&](format::TableSet& tables) {
+    const SmallScene small{.change = [&](format::TableSet& tables) {
       tables.matrices[0].rows[0][0] = stretch;
       tables.matrices[0].rows[2][3] = 123;
       tables.matrices.push_back(SmallScene::identity());
@@ -212,15 +201,11 @@ TEST_CASE("the default view shows the whole scene, tightly and in the middle", "
       tables.instances.push_back({0, 2, 1, 0});
       tables.scenes[0].instance_count = 2;
       tables.scenes[0].triangle_count = 4;
-    };
+    }};
     const Scene scene = must_load(small);
     for (const auto& up : {Vec3{0, 1, 0}, Vec3{0, 0, 1}, Vec3{1, 0, 0}}) {
       for (const uint32_t width : {100u, 400u}) {
-        CameraOptions options;
-        options.width = width;
-        options.height = 200;
-        options.up = up;
-        const View view = must(view_of(scene, options));
+        const View view = must(view_of(scene, {.up = up, .width = width, .height = 200}));
         check_orthonormal(view);
         double x_min = 1, x_max = -1, y_min = 1, y_max = -1, nearest = 1e9;
         for (uint64_t i = 0; i < 2; ++i) {
@@ -246,16 +231,12 @@ TEST_CASE("the default view shows the whole scene, tightly and in the middle", "
 }
 
 TEST_CASE("an empty scene has a view", "[camera]") {
-  SmallScene small;
-  small.change = [](format::TableSet& tables) {
+  const Scene scene = must_load({.change = [](format::TableSet& tables) {
     tables.instances.clear();
     tables.scenes[0].instance_count = tables.scenes[0].triangle_count = 0;
-  };
-  const Scene scene = must_load(small);
+  }});
   const View view = must(view_of(scene, {}));
   check_orthonormal(view);
   CHECK(view.z_near > 0);
-  CameraOptions options;
-  options.eye = Vec3{1, 1, 1};
-  CHECK(view_of(scene, options));
+  CHECK(view_of(scene, {.eye = Vec3{1, 1, 1}}));
 }

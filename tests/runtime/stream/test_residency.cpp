@@ -372,12 +372,11 @@ TEST_CASE("give_way_next() sets the order of eviction, and evicted stretches lea
 
 TEST_CASE("memory is divided by the bytes that a picture showed, within its limits", "[residency]") {
   constexpr uint64_t kUnit = 4096;
-  SharedRoom room;
-  room.bytes = 1000 * kUnit;
-  room.room = 250 * kUnit;
-  room.least_room = 10 * kUnit;
-  room.most_room = 900 * kUnit;
-  room.least_pool = 50 * kUnit;
+  SharedRoom room{.bytes = 1000 * kUnit,
+                  .room = 250 * kUnit,
+                  .least_room = 10 * kUnit,
+                  .most_room = 900 * kUnit,
+                  .least_pool = 50 * kUnit};
   const auto balanced = [&](uint64_t chunks, uint64_t pages) {
     return room.balanced(chunks * kUnit, pages * kUnit, kUnit) / kUnit;
   };

@@ -194,17 +194,11 @@ Totals compare_paths(const Compared& scene, uint32_t seed, uint32_t views = 4) {
 /// Textured, coloured and plain grids, near and far, over and behind each other, some drawn many times.
 void make_layers(const std::string& path) {
   ModelMaker maker(path);
-  GridSpec spec;
-  spec.columns = spec.rows = 30;
-  spec.uv = spec.color = spec.normal = true;
+  const GridSpec spec{.columns = 30, .rows = 30, .uv = true, .color = true, .normal = true};
   const uint32_t pictured = maker.textured("t", format::ImageCodec::kPng, scree::tests::four_colors_png());
   const uint32_t hills = maker.mesh("hills", {maker.grid(spec, pictured)});
   for (int i = 0; i < 9; ++i) maker.node("h" + std::to_string(i), hills, {1.0 * (i % 3), -0.02 * i, 1.0 * (i / 3)});
-  GridSpec ground;
-  ground.columns = ground.rows = 12;
-  ground.size = 6;
-  ground.flat = true;
-  ground.origin = {-1.5f, -1, -1.5f};
+  const GridSpec ground{.columns = 12, .rows = 12, .size = 6, .origin = {-1.5f, -1, -1.5f}, .flat = true};
   maker.node("ground", maker.mesh("ground", {maker.grid(ground)}));
   GridSpec deep = ground;
   deep.columns = deep.rows = 40;
@@ -280,9 +274,7 @@ TEST_CASE("streamed pictures equal the whole scene's: mixed encodings in pages o
     meshes.emplace_back(random_soup(500, random), encoding);
   }
   const TempFolder folder;
-  PagedScene paged;
-  paged.drawn_twice = true;
-  paged.chunk_triangles = 120;
+  const PagedScene paged{.chunk_triangles = 120, .drawn_twice = true};
   paged.write(folder.file("mixed.scree"), meshes);
   CHECK(compare_paths(Compared(folder.file("mixed.scree")), 5).streamed > 0);
 }
@@ -416,10 +408,7 @@ TEST_CASE("chunks that are already loaded are not streamed again along a path", 
   // About half of the scene is visible at a time on one turn around it.
   uint64_t streamed = 0;
   uint64_t seen = 0;
-  runtime::CameraOptions camera;
-  camera.width = 120;
-  camera.height = 80;
-  camera.fov_degrees = 50;
+  runtime::CameraOptions camera{.fov_degrees = 50, .width = 120, .height = 80};
   constexpr int kSteps = 24;
   for (int i = 0; i < kSteps; ++i) {
     const double angle = 2 * std::numbers::pi * i / kSteps;
@@ -443,11 +432,8 @@ TEST_CASE("hidden chunks are not loaded, in later frames either", "[streamer]") 
   options.chunk_triangles = 60;
   convert_layers(folder, options);
   const Compared scene(folder.file("out.scree"));
-  runtime::CameraOptions camera;
-  camera.width = 120;
-  camera.height = 80;
-  camera.eye = runtime::Vec3{1.5, 9, 1.5};
-  camera.target = runtime::Vec3{1.5, 0, 1.49};
+  runtime::CameraOptions camera{
+      .eye = runtime::Vec3{1.5, 9, 1.5}, .target = runtime::Vec3{1.5, 0, 1.49}, .width = 120, .height = 80};
   const View view = must_view(scene.whole(), camera);
   const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
   const StreamStats first = scene.draw(*stream, view, 2, shade_options(0));
@@ -490,12 +476,10 @@ TEST_CASE("a still camera with a small pool streams the missing chunks, and near
 TEST_CASE("bad pages end a streamed frame with the same error as loading", "[streamer]") {
   std::mt19937 random(9);
   const TempFolder folder;
-  PagedScene paged;
-  paged.chunk_triangles = 60;
-  paged.page_bytes = 2500;
-  paged.change = [](uint32_t number, format::SealedPage& page) {
-    if (number == 2) page.stored[17] ^= std::byte{1};
-  };
+  const PagedScene paged{
+      .page_bytes = 2500, .chunk_triangles = 60, .change = [](uint32_t number, format::SealedPage& page) {
+        if (number == 2) page.stored[17] ^= std::byte{1};
+      }};
   paged.write(folder.file("bad.scree"), {{random_soup(900, random), Encoding{}}});
   Scene scene = open_scene(folder.file("bad.scree"), false);
   const View view =

@@ -301,12 +301,8 @@ TEST_CASE("a chunk larger than a megabyte is uploaded in parts", "[upload]") {
   const TempFolder folder;
   for (const uint32_t zstd_every : {1u, 1000u}) {
     const std::string path = folder.file("large.scree");
-    PagedScene large;
-    large.chunk_triangles = 1u << 20;
-    large.zstd_every = zstd_every;
-    Encoding floats;
-    floats.float32 = true;
-    floats.chunk_triangles = 1u << 20;
+    const PagedScene large{.zstd_every = zstd_every, .chunk_triangles = 1u << 20};
+    const Encoding floats{.float32 = true, .chunk_triangles = 1u << 20};
     // The first page is compressed in both files.
     large.write(path, {{scree::tests::grid(2, 0), {}}, {scree::tests::grid(300, 0.2), floats}});
     const Scene scene = open_scene(path);
@@ -543,9 +539,7 @@ TEST_CASE("the cached share of a file decides how it is read", "[upload]") {
   for (uint32_t i = 0; i < 200'000; ++i) soup.triangle(3 * i, 3 * i + 1, 3 * i + 2);
   const TempFolder folder;
   const std::string path = folder.file("large.scree");
-  PagedScene paged;
-  paged.page_bytes = 1 << 20;
-  paged.chunk_triangles = 8192;
+  const PagedScene paged{.page_bytes = 1 << 20, .chunk_triangles = 8192};
   paged.write(path, {{soup, scree::tests::float32()}});
   const uint64_t bytes = std::filesystem::file_size(path);
   REQUIRE(bytes > 6 << 20);

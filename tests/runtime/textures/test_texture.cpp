@@ -18,9 +18,7 @@ using scree::runtime::srgb_of_linear;
 namespace {
 
 Image picture(uint32_t width, uint32_t height) {
-  Image image;
-  image.width = width;
-  image.height = height;
+  Image image{.width = width, .height = height};
   image.rgba.resize(size_t{4} * width * height);
   return image;
 }

@@ -11,15 +11,15 @@ namespace {
 
 /// Made-up rates: two threads; all stages work for the same time, and each second of a thread does two units of work.
 StageRates even_rates() {
-  StageRates rates;
-  rates.read_bytes = uint64_t{4} << 30;
-  rates.measured_triangles = 300'000'000;
-  rates.encoded_triangles = 20'000'000;
-  rates.written_bytes = uint64_t{3} << 20;
-  rates.read_seconds = rates.measure_seconds = rates.encode_seconds = 4;
-  rates.write_seconds = 2;
-  rates.threads = 2;
-  return rates;
+  return {.measured_triangles = 300'000'000,
+          .encoded_triangles = 20'000'000,
+          .read_bytes = uint64_t{4} << 30,
+          .written_bytes = uint64_t{3} << 20,
+          .read_seconds = 4,
+          .measure_seconds = 4,
+          .encode_seconds = 4,
+          .write_seconds = 2,
+          .threads = 2};
 }
 
 std::string limit(const StageRates& rates) {

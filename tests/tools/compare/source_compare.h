@@ -146,9 +146,7 @@ inline std::string compare_mesh(const convert::Primitive& primitive, const Sourc
 inline Comparison compare_with_source(const std::string& gltf, const std::string& scree,
                                       const std::string& exclude = {}) {
   Comparison out;
-  convert::ImportOptions import_options;
-  import_options.exclude = exclude;
-  const Result<convert::SourceScene> scene = convert::import_gltf(gltf, import_options);
+  const Result<convert::SourceScene> scene = convert::import_gltf(gltf, {.exclude = exclude});
   if (!scene) return {scene.error().message, 0, 0};
   const Result<PackedFile> opened = open_packed(scree);
   if (!opened) return {opened.error().message, 0, 0};
@@ -163,8 +161,7 @@ inline Comparison compare_with_source(const std::string& gltf, const std::string
       return {"nodes of one mesh draw several", 0, 0};
   }
   convert::WorkerPool pool(1, nullptr);
-  convert::ImageOptions images;
-  images.keep_going = true;
+  const convert::ImageOptions images{.keep_going = true};
   const std::vector<bool> all(scene->primitives.size(), true);
   const Result<convert::MaskPlan> masks = convert::plan_masks(*scene, all, images, pool, [](uint64_t) {});
   if (!masks) return {masks.error().message, 0, 0};

@@ -19,6 +19,7 @@
 #include "tests/paths.h"
 #include "tests/results.h"
 #include "tests/sanitized.h"
+#include "tests/tools/compare/reference_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tests/tools/run_program.h"
@@ -65,17 +66,8 @@ void make(const std::string& path, const std::vector<Part>& parts) {
 
 /// 32 x 16 pixels of one unit each, with the origin in the middle of the picture, seen from z = 10.
 kernels::View pixel_view() {
-  kernels::View view{};
+  kernels::View view = tests::pixel_view(32, 16);
   view.eye[2] = 10;
-  view.right[0] = view.up[1] = 1;
-  view.forward[2] = -1;
-  view.orthographic = true;
-  view.half_width = 16;
-  view.half_height = 8;
-  view.z_near = 1;
-  view.z_far = 100;
-  view.width = 32;
-  view.height = 16;
   return view;
 }
 
@@ -293,10 +285,7 @@ TEST_CASE("the small models are drawn as by the reference", "[compare]") {
     const auto number = opened.find_scene("");
     if (!number) continue;
     const auto scene = must(runtime::Scene::load(std::move(opened), *number, {false, 2}));
-    runtime::CameraOptions camera;
-    camera.width = 320;
-    camera.height = 240;
-    const auto view = must(runtime::make_view(scene.container(), *number, scene.view(), camera));
+    const auto view = must(runtime::make_view(scene.container(), *number, scene.view(), {.width = 320, .height = 240}));
     const auto report = must(Case::against(file, path.string(), &view));
     // Snapping to 1/256 pixel moves an edge over the centre of at most one pixel in 256 along it.
     const PixelReport& pixels = report.pixels;
@@ -362,9 +351,8 @@ TEST_CASE("masks follow the sampler's minification filter, as in the reference",
     tests::ModelMaker maker(folder.file("source.gltf"));
     tools::GltfTexture texture = maker.texture("waves", format::ImageCodec::kPng, png);
     texture.min_filter = filter;
-    tools::GltfMaterial material;
-    material.texture = maker.writer().add_texture(texture);
-    material.alpha = tools::GltfAlpha::kMask;
+    const tools::GltfMaterial material{.texture = maker.writer().add_texture(texture),
+                                       .alpha = tools::GltfAlpha::kMask};
     tools::GltfPrimitive square = maker.primitive(square_at(-4, -4), kOneSquare);
     square.attributes.emplace_back("TEXCOORD_0", maker.floats({0, 1, 1, 1, 1, 0, 0, 0}, tools::GltfType::kVec2));
     square.material = maker.writer().add_material(material);

@@ -46,19 +46,14 @@ struct Source {
     options.source_ids = true;
     if (change) change(options);
     must(tests::pack(gltf, folder.file(name + ".scree"), options));
-    runtime::SceneOptions load;
-    load.threads = 2;
-    return must(runtime::Scene::open(folder.file(name + ".scree"), load));
+    return must(runtime::Scene::open(folder.file(name + ".scree"), {.threads = 2}));
   }
 };
 
 /// Two equal meshes, which --no-share keeps apart. Between them lies a mesh whose triangles share no vertex until it is
 /// welded. Two primitives each.
 void fill_with_grids(tests::ModelMaker& maker) {
-  tests::GridSpec grid;
-  grid.columns = 40;
-  grid.rows = 30;
-  grid.normal = true;
+  const tests::GridSpec grid{.columns = 40, .rows = 30, .normal = true};
   tests::GridSpec loose = grid;
   loose.indexed = false;
   loose.origin = {1, 0.125f, 0};

@@ -56,13 +56,13 @@ TEST_CASE("a square's pixel centres on its diagonal belong to one triangle, by t
 TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
   const kernels::View view = pixel_view(16, 12);
   const std::vector<float> uvs{0, 1, 1, 1, 1, 0, 0, 0};
-  compare::ReferenceMask mask;
-  mask.place = {{{1, 0, 0}, {0, 1, 0}}};
-  mask.wrap = {format::Wrap::kClamp, format::Wrap::kClamp};
-  mask.width = mask.height = 2;
-  mask.levels = {{255, 0, 0, 200}};
-  mask.cutoff = 127.5;
-  mask.magnified_nearest = true;
+  compare::ReferenceMask mask{.place = {{{1, 0, 0}, {0, 1, 0}}},
+                              .wrap = {format::Wrap::kClamp, format::Wrap::kClamp},
+                              .width = 2,
+                              .height = 2,
+                              .levels = {{255, 0, 0, 200}},
+                              .cutoff = 127.5,
+                              .magnified_nearest = true};
   ReferenceMesh mesh{kSquare, kSquareCorners, nullptr, false, &mask, uvs};
   const auto pixels = draw(mesh, view);
   for (uint32_t y = 0; y < 12; ++y)

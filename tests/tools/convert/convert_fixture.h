@@ -78,11 +78,7 @@ inline std::map<std::string, uint64_t> left_out(const format::Container& file) {
 
 /// Requires an error of `code` whose message contains `words`, and no output file.
 inline void must_fail(const convert::ConvertOptions& options, ErrorCode code, const std::string& words) {
-  const Result<convert::ConvertReport> report = convert::convert(options);
-  REQUIRE_FALSE(report);
-  INFO(report.error().message);
-  CHECK(report.error().code == code);
-  CHECK(report.error().message.find(words) != std::string::npos);
+  check_refusal(convert::convert(options), code, words);
   CHECK_FALSE(std::filesystem::exists(options.output));
   CHECK_FALSE(std::filesystem::exists(options.output + ".part"));
 }

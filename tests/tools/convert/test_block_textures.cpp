@@ -32,13 +32,9 @@
 #include "tools/inspect/verify.h"
 
 using namespace scree;
+using namespace scree::tests;
 using format::BlockFormat;
 using format::ImageCodec;
-using tests::BlockRecipe;
-using tests::FileBytes;
-using tests::make_dds;
-using tests::make_ktx2;
-using tests::TempFolder;
 
 namespace {
 

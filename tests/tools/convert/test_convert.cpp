@@ -19,20 +19,7 @@
 #include "tools/common/ordered_pool.h"
 
 using namespace scree;
-using tests::GridSpec;
-using tests::kInf;
-using tests::kNan;
-using tests::make_grids;
-using tests::ModelMaker;
-using tests::must_convert;
-using tests::must_convert_within;
-using tests::must_fail;
-using tests::must_match;
-using tests::must_open;
-using tests::options_of;
-using tests::TempFolder;
-
-namespace {}  // namespace
+using namespace scree::tests;
 
 TEST_CASE("every option keeps the triangles and the stated error", "[convert]") {
   const TempFolder folder;
@@ -108,9 +95,7 @@ TEST_CASE("every option keeps the triangles and the stated error", "[convert]") 
 
 TEST_CASE("source ids change nothing but themselves", "[convert]") {
   const TempFolder folder;
-  GridSpec spec;
-  spec.columns = spec.rows = 200;
-  tests::make_model(folder.file("in.glb"), spec);
+  tests::make_model(folder.file("in.glb"), {.columns = 200, .rows = 200});
   convert::ConvertOptions with = options_of(folder);
   convert::ConvertOptions without = with;
   without.source_ids = false;
@@ -132,21 +117,17 @@ TEST_CASE("source ids change nothing but themselves", "[convert]") {
 
 TEST_CASE("the bytes depend neither on threads nor on memory", "[convert]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     GridSpec large;  // three windows
     large.columns = 700;
     large.rows = 400;
     large.color = true;
     maker.node("large", maker.mesh("large", {maker.grid(large)}));
     for (int i = 0; i < 300; ++i) {  // more than a batch of small meshes
-      GridSpec small;
-      small.columns = 1 + static_cast<uint32_t>(i) % 7;
-      small.size = 1 + static_cast<float>(i);
+      const GridSpec small{.columns = 1 + static_cast<uint32_t>(i) % 7, .size = 1 + static_cast<float>(i)};
       maker.node("small " + std::to_string(i), maker.mesh("small", {maker.grid(small)}));
     }
-    maker.finish();
-  }
+  });
   convert::ConvertOptions options = options_of(folder);
   options.zstd_level = GENERATE(0, 1);
   options.threads = 1;
@@ -197,18 +178,13 @@ TEST_CASE("pages and chunks stay within their limits", "[convert]") {
 
 TEST_CASE("neighbours under --grid scene share their border points", "[convert]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
-    GridSpec wide;
-    wide.size = 100;
-    GridSpec fine;
-    fine.size = 3;
-    fine.origin = {100, 0, 0};
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
+    const GridSpec wide{.size = 100};
+    const GridSpec fine{.size = 3, .origin = {100, 0, 0}};
     maker.node("wide", maker.mesh("wide", {maker.grid(wide)}));
     maker.node("fine", maker.mesh("fine", {maker.grid(fine)}));
     maker.node("elsewhere", maker.mesh("elsewhere", {maker.grid(wide)}), {0, 50, 0});
-    maker.finish();
-  }
+  });
   convert::ConvertOptions options = options_of(folder);
   must_match(options);
   {
@@ -222,15 +198,10 @@ TEST_CASE("neighbours under --grid scene share their border points", "[convert]"
   CHECK(opened.file.meshes()[0].lattice_bits[0] > 16);
   CHECK(opened.file.meshes()[2].lattice_exponent > opened.file.meshes()[1].lattice_exponent);
 
-  {
-    ModelMaker maker(folder.file("in.glb"));
-    GridSpec wide;
-    wide.size = 1e6f;
-    GridSpec fine;
-    fine.size = 1;
-    maker.node("both", maker.mesh("both", {maker.grid(wide), maker.grid(fine)}));
-    maker.finish();
-  }
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
+    const GridSpec wide{.size = 1e6f};
+    maker.node("both", maker.mesh("both", {maker.grid(wide), maker.grid({.size = 1})}));
+  });
   std::filesystem::remove(options.output);
   must_fail(options, ErrorCode::kRange, "mesh 0 primitive 0");
 }
@@ -239,15 +210,13 @@ TEST_CASE("positions that are not finite", "[convert]") {
   const TempFolder folder;
   // By index, because Catch2 2.13 loses the last value when gcc optimises.
   const float bad = std::array{kNan, kInf, -kInf}[GENERATE(size_t{0}, size_t{1}, size_t{2})];
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     // Vertex 4 is bad and used by one of three triangles; vertex 5 is bad and unused.
     const std::vector<float> points{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 2, bad, 0, bad, bad, bad};
     maker.node("good", maker.mesh("good", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
     maker.node("bad", maker.mesh("bad", {maker.primitive(points, {0, 1, 2, 1, 3, 4, 2, 1, 3})}));
     maker.node("worse", maker.mesh("worse", {maker.primitive({bad, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
-    maker.finish();
-  }
+  });
   convert::ConvertOptions options = options_of(folder);
   options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
   must_fail(options, ErrorCode::kRange, "mesh 1 primitive 0: vertex 4: position (2, ");
@@ -285,15 +254,13 @@ TEST_CASE("strips lose only their degenerate joining triangles", "[convert]") {
 
 TEST_CASE("a list keeps its degenerate and duplicate triangles", "[convert]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     maker.node("a", maker.mesh("a", {maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0},
                                                      {0, 1, 2, 0, 1, 2, 2, 2, 2, 0, 1, 2, 1, 2, 0, 0, 0, 1})}));
     // A single point: every stream of the chunk has 0 bytes.
     maker.node("b", maker.mesh("b", {maker.primitive({7, 8, 9}, {0, 0, 0})}));
     maker.node("c", maker.mesh("c", {maker.primitive({7, 8, 9, 1, 1, 1, 2, 2, 2}, {0, 1, 2})}));
-    maker.finish();
-  }
+  });
   convert::ConvertOptions options = options_of(folder);
   options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
   options.source_ids = true;
@@ -304,8 +271,7 @@ TEST_CASE("a list keeps its degenerate and duplicate triangles", "[convert]") {
 
 TEST_CASE("scattered vertices and wide index ranges", "[convert]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     std::vector<float> points;
     for (uint32_t i = 0; i < 40000; ++i) {
       const float x = static_cast<float>(i);
@@ -314,8 +280,7 @@ TEST_CASE("scattered vertices and wide index ranges", "[convert]") {
     std::vector<uint32_t> corners;
     for (uint32_t i = 0; i < 300; ++i) corners.push_back(i * 7919 % 40000);
     maker.node("a", maker.mesh("a", {maker.primitive(points, corners)}));
-    maker.finish();
-  }
+  });
   convert::ConvertOptions options = options_of(folder);
   options.order = GENERATE(convert::Order::kFifo, convert::Order::kNone);
   CHECK(must_match(options).triangles == 100);
@@ -325,11 +290,9 @@ TEST_CASE("scattered vertices and wide index ranges", "[convert]") {
 TEST_CASE("extents at the limits of float32", "[convert]") {
   const TempFolder folder;
   const float size = GENERATE(1e-42f, 1e-30f, 1e30f, 3e38f);
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     maker.node("a", maker.mesh("a", {maker.primitive({-size, 0, 0, size, size, 0, 0, size / 3, 0}, {0, 1, 2})}));
-    maker.finish();
-  }
+  });
   must_match(options_of(folder));
 }
 
@@ -338,8 +301,7 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
   REQUIRE(runtime::write_png(folder.file("a.png"), {4, 4, 3, pixels}));
   const std::string png = tests::read_whole(folder.file("a.png"));
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     const auto image = [&](const char* name) {
       const uint32_t added =
           must(maker.writer().add_image(name, format::ImageCodec::kPng, std::as_bytes(std::span(png))));
@@ -359,13 +321,11 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
     const uint32_t plain_number = maker.writer().add_material(plain);
     const uint32_t textured_number = maker.writer().add_material(textured);
     const uint32_t also_number = maker.writer().add_material(also);
-    GridSpec spec;
-    spec.uv = spec.white = spec.normal = true;
+    const GridSpec spec{.uv = true, .white = true, .normal = true};
     maker.node("a", maker.mesh("a", {maker.grid(spec, plain_number), maker.grid(spec, textured_number),
                                      maker.grid(spec, also_number)}));
     maker.mesh("nobody draws this", {maker.grid(spec, nobodys_number)});
-    maker.finish();
-  }
+  });
   const convert::ConvertOptions options = options_of(folder);
   must_match(options);
   const tests::PackedFile opened = must_open(options.output);
@@ -394,8 +354,7 @@ TEST_CASE("attributes that are not finite are repaired and counted", "[convert]"
   const std::vector<uint8_t> pixels(4 * 4 * 3, 200);
   REQUIRE(runtime::write_png(folder.file("a.png"), {4, 4, 3, pixels}));
   const std::string png = tests::read_whole(folder.file("a.png"));
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     tools::GltfPrimitive primitive = maker.primitive({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, {0, 1, 2, 1, 3, 2});
     primitive.material = maker.textured("a", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
     primitive.attributes.emplace_back("TEXCOORD_0",
@@ -405,8 +364,7 @@ TEST_CASE("attributes that are not finite are repaired and counted", "[convert]"
     primitive.attributes.emplace_back(
         "NORMAL", maker.floats({0, 0, 0, kNan, 0, 0, 0, 1, 0, 0, 3e38f, 3e38f}, tools::GltfType::kVec3));
     maker.node("a", maker.mesh("a", {primitive}));
-    maker.finish();
-  }
+  });
   convert::ConvertOptions options = options_of(folder);
   options.normals = convert::Normals::kAlways;
   const convert::ConvertReport report = must_match(options);
@@ -420,26 +378,18 @@ TEST_CASE("attributes that are not finite are repaired and counted", "[convert]"
 
 TEST_CASE("nodes, world matrices, instances and scenes", "[convert]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     GridSpec spec;
     const uint32_t two = maker.mesh("two", {maker.grid(spec), maker.grid(spec)});
     const uint32_t one = maker.mesh("one", {maker.grid(spec)});
-    tools::GltfNode child;
-    child.mesh = one;
-    child.local = {0, 2, 0, 0, 0, 0, 1, 3, 3, -3};
-    const uint32_t child_number = maker.writer().add_node(child);
+    const uint32_t child_number = maker.writer().add_node({.mesh = one, .local = {0, 2, 0, 0, 0, 0, 1, 3, 3, -3}});
     const uint32_t root = maker.node("root", two, {1, 0, 0});
     maker.writer().node(root).children.push_back(child_number);
     maker.node("again", two, {1, 0, 0});  // the same world matrix
     const std::vector<float> places{0, 0, 0, 0, 0, 9, 0, 0, 18};
     const uint32_t many = maker.node("many", one, {0, 5, 0});
     maker.writer().node(many).instancing.emplace_back("TRANSLATION", maker.floats(places, tools::GltfType::kVec3));
-    tools::GltfScene only_child;
-    only_child.name = "again";
-    only_child.nodes = {root + 1};
-    maker.finish();
-  }
+  });
   const convert::ConvertOptions options = options_of(folder);
   const convert::ConvertReport report = must_match(options);
   const tests::PackedFile opened = must_open(options.output);
@@ -492,12 +442,10 @@ TEST_CASE("a document without scenes draws all its roots", "[convert]") {
 
 TEST_CASE("the option --exclude leaves out nodes and data that only they use", "[convert]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     maker.node("FogCard 1", maker.mesh("fog", {maker.grid({})}));
     maker.node("rock", maker.mesh("rock", {maker.grid({})}));
-    maker.finish();
-  }
+  });
   convert::ConvertOptions options = options_of(folder);
   options.exclude = "FogCard|Plane";
   CHECK(must_match(options).meshes == 1);
@@ -508,9 +456,7 @@ TEST_CASE("the option --exclude leaves out nodes and data that only they use", "
 
 TEST_CASE("the report describes the result", "[convert]") {
   const TempFolder folder;
-  GridSpec spec;
-  spec.columns = spec.rows = 50;
-  tests::make_model(folder.file("in.glb"), spec);
+  tests::make_model(folder.file("in.glb"), {.columns = 50, .rows = 50});
   convert::ConvertOptions options = options_of(folder);
   const convert::ConvertReport report = must_match(options);
   CHECK(report.input_bytes > 51 * 51 * 12 + 5000 * 12);

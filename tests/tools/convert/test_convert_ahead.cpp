@@ -17,21 +17,12 @@
 
 using namespace scree;
 using namespace scree::convert;
-using tests::GridSpec;
-using tests::kNan;
-using tests::ModelMaker;
-using tests::must_convert;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
 GridSpec grid_of(uint32_t side, float size) {
-  GridSpec spec;
-  spec.columns = spec.rows = side;
-  spec.size = size;
-  spec.uv = spec.color = true;
-  return spec;
+  return {.columns = side, .rows = side, .size = size, .uv = true, .color = true};
 }
 
 enum Kind { kPlain, kShuffled, kApart, kWide, kImages };

@@ -13,13 +13,7 @@
 #include "tools/inspect/verify.h"
 
 using namespace scree;
-using tests::GridSpec;
-using tests::make_grids;
-using tests::must_convert;
-using tests::must_match;
-using tests::must_open;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
@@ -126,12 +120,8 @@ TEST_CASE("float32 positions have no clusters", "[convert][clusters]") {
 
 TEST_CASE("clustered pages stay within their limit, for any number of threads", "[convert][clusters]") {
   const TempFolder folder;
-  GridSpec spec;
-  spec.columns = 400;
-  spec.rows = 400;
-  spec.indexed = GENERATE(true, false);
-  spec.color = spec.normal = true;
-  tests::make_model(folder.file("in.glb"), spec);
+  tests::make_model(folder.file("in.glb"),
+                    {.columns = 400, .rows = 400, .color = true, .normal = true, .indexed = GENERATE(true, false)});
   convert::ConvertOptions options = clustered(folder);
   options.normals = convert::Normals::kAlways;
   options.threads = 1;

@@ -17,10 +17,7 @@
 #include "tests/tools/temp_folder.h"
 
 using namespace scree;
-using tests::GridSpec;
-using tests::start_program;
-using tests::TempFolder;
-using tests::wait_for;
+using namespace scree::tests;
 
 TEST_CASE("the convert command: exit codes, one line for an error, two for the result", "[convert]") {
   const TempFolder folder;
@@ -61,10 +58,7 @@ TEST_CASE("the convert command: exit codes, one line for an error, two for the r
 
 TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
   const TempFolder folder;
-  GridSpec spec;
-  spec.columns = 700;
-  spec.rows = 400;
-  tests::make_model(folder.file("in.glb"), spec);
+  tests::make_model(folder.file("in.glb"), {.columns = 700, .rows = 400});
   // Level 22 takes seconds, so the signal arrives during the work.
   const pid_t child = start_program(
       {"convert", folder.file("in.glb"), "-o", folder.file("out.scree"), "--zstd", "22", "--threads", "1"},
@@ -81,10 +75,7 @@ TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
 TEST_CASE("convert: an input that is cut or deleted meanwhile", "[convert]") {
   const TempFolder folder;
   const bool shrinks = GENERATE(true, false);
-  GridSpec spec;
-  spec.columns = 700;
-  spec.rows = shrinks ? 2000 : 400;
-  tests::make_model(folder.file("in.gltf"), spec);
+  tests::make_model(folder.file("in.gltf"), {.columns = 700, .rows = shrinks ? 2000u : 400u});
   folder.write("out.scree", "earlier");
   // Everything is measured, and the first of several windows is being encoded: this level takes half a second per
   // window.
@@ -158,10 +149,7 @@ TEST_CASE("convert: a reopened buffer file that was deleted or replaced meanwhil
 
 TEST_CASE("convert: progress on a terminal names the limiting stage", "[convert]") {
   const TempFolder folder;
-  GridSpec spec;
-  spec.columns = 700;
-  spec.rows = 400;
-  tests::make_model(folder.file("in.glb"), spec);
+  tests::make_model(folder.file("in.glb"), {.columns = 700, .rows = 400});
   const int terminal = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   REQUIRE(terminal >= 0);
   REQUIRE(grantpt(terminal) == 0);

@@ -1,8 +1,6 @@
 // convert() refuses unsupported input, and an error leaves no files behind.
-#include <sys/resource.h>
 
 #include <atomic>
-#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <span>
@@ -12,6 +10,7 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tests/catch.h"
+#include "tests/full_disk.h"
 #include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
@@ -19,13 +18,7 @@
 #include "tools/convert/convert.h"
 
 using namespace scree;
-using tests::GridSpec;
-using tests::kNan;
-using tests::ModelMaker;
-using tests::must_fail;
-using tests::must_match;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {}  // namespace
 
@@ -35,14 +28,10 @@ TEST_CASE("a broken image is named and nothing is written", "[convert]") {
   REQUIRE(runtime::write_png(folder.file("a.png"), {16, 16, 3, pixels}));
   std::string png = tests::read_whole(folder.file("a.png"));
   png.resize(png.size() - 20);
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     const uint32_t material = maker.textured("bark", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-    GridSpec spec;
-    spec.uv = true;
-    maker.node("a", maker.mesh("a", {maker.grid(spec, material)}));
-    maker.finish();
-  }
+    maker.node("a", maker.mesh("a", {maker.grid({.uv = true}, material)}));
+  });
   const auto report = refusal(convert::convert(options_of(folder)));
   CHECK(report.message.find("image 0 (bark)") != std::string::npos);
   CHECK(exit_code(report.code) == 3);
@@ -108,11 +97,9 @@ TEST_CASE("an earlier output survives an error and is replaced after success", "
   tests::make_model(folder.file("in.glb"), {});
   const convert::ConvertOptions options = options_of(folder);
   std::ofstream(options.output) << "earlier";
-  {
-    ModelMaker maker(folder.file("bad.glb"));
+  tests::make_model(folder.file("bad.glb"), [&](ModelMaker& maker) {
     maker.node("bad", maker.mesh("bad", {maker.primitive({kNan, 0, 0, 1, 0, 0, 0, 1, 0}, {})}));
-    maker.finish();
-  }
+  });
   convert::ConvertOptions bad = options;
   bad.input = folder.file("bad.glb");
   CHECK_FALSE(convert::convert(bad));
@@ -122,24 +109,11 @@ TEST_CASE("an earlier output survives an error and is replaced after success", "
 
 TEST_CASE("a full disk and an interruption leave nothing behind", "[convert]") {
   const TempFolder folder;
-  GridSpec spec;
-  spec.columns = spec.rows = 300;
-  tests::make_model(folder.file("in.glb"), spec);
+  tests::make_model(folder.file("in.glb"), {.columns = 300, .rows = 300});
   convert::ConvertOptions options = options_of(folder);
   SECTION("disk") {
-    // If SIGXFSZ is ignored, write() fails past the limit as on a full disk.
-    const auto before = std::signal(SIGXFSZ, SIG_IGN);
-    rlimit limit{};
-    REQUIRE(getrlimit(RLIMIT_FSIZE, &limit) == 0);
-    rlimit low = limit;
-    low.rlim_cur = 100000;
-    REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
-    const Result<convert::ConvertReport> report = convert::convert(options);
-    setrlimit(RLIMIT_FSIZE, &limit);
-    std::signal(SIGXFSZ, before);
-    REQUIRE_FALSE(report);
-    CHECK(report.error().code == ErrorCode::kFile);
-    CHECK(report.error().message.find("out.scree") != std::string::npos);
+    const auto report = tests::on_full_disk(100000, [&] { return convert::convert(options); });
+    check_refusal(report, ErrorCode::kFile, "out.scree");
   }
   SECTION("interruption") {
     const std::atomic<bool> stop{true};

@@ -25,20 +25,12 @@
 
 using namespace scree;
 using namespace scree::convert;
-using tests::GridSpec;
-using tests::ModelMaker;
-using tests::must_convert;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
 GridSpec rectangle_of(uint32_t columns, uint32_t rows, float size = 1) {
-  GridSpec spec;
-  spec.columns = columns;
-  spec.rows = rows;
-  spec.size = size;
-  return spec;
+  return {.columns = columns, .rows = rows, .size = size};
 }
 
 /// Five windows, so that with one thread some of them are in the file before all are measured.
@@ -284,8 +276,7 @@ TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guess
   for (const Primitive& primitive : scene.primitives) CHECK_FALSE(primitive.stated_box);
 
   // Boxes of integers are given as stored.
-  Accessor accessor;
-  accessor.type = ComponentType::kInt16;
+  Accessor accessor{.type = ComponentType::kInt16};
   CHECK(float_of(accessor, -300) == -300);
   accessor.normalized = true;
   CHECK(float_of(accessor, -32768) == -1);

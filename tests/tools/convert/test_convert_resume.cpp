@@ -23,28 +23,20 @@
 #include "tools/convert/passes/resume.h"
 
 using namespace scree;
-using tests::GridSpec;
-using tests::ModelMaker;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
 /// Two images, five windows in three meshes: 9 MB.
 void make_resumed_scene(const std::string& path) {
   ModelMaker maker(path);
-  tests::JpegRecipe recipe;
-  recipe.width = recipe.height = 200;
-  recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
-  const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
+  const uint32_t jpeg =
+      maker.textured("jpeg", format::ImageCodec::kJpeg,
+                     tests::make_jpeg({.width = 200, .height = 200, .factors = {{2, 2}, {1, 1}, {1, 1}}}));
   const std::string png = tests::read_whole(tests::data_path("checker.png").string());
   const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
-  GridSpec large;
-  large.columns = 600;
-  large.rows = 500;
-  large.uv = true;
-  GridSpec small;
-  small.uv = small.color = true;
-  maker.node("a", maker.mesh("a", {maker.grid(large, jpeg), maker.grid(small, checker)}));
+  GridSpec large{.columns = 600, .rows = 500, .uv = true};
+  maker.node("a", maker.mesh("a", {maker.grid(large, jpeg), maker.grid({.uv = true, .color = true}, checker)}));
   large.rows = 300;
   large.color = true;
   maker.node("b", maker.mesh("b", {maker.grid(large)}), {1.5, 0, 0});

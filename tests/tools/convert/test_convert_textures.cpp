@@ -32,11 +32,7 @@ namespace {
 using Bytes = std::vector<std::byte>;
 
 JpegRecipe recipe(std::vector<std::pair<int, int>> factors) {
-  JpegRecipe made;
-  made.width = 301;
-  made.height = 203;
-  made.factors = std::move(factors);
-  return made;
+  return {.width = 301, .height = 203, .factors = std::move(factors)};
 }
 
 Bytes png_of(const TempFolder& folder, uint32_t channels) {
@@ -54,9 +50,7 @@ void make_model(const std::string& path, const std::vector<std::pair<format::Ima
   std::vector<uint32_t> primitives;
   for (size_t i = 0; i < images.size(); ++i) {
     const uint32_t material = maker.textured("image" + std::to_string(i), images[i].first, images[i].second);
-    tests::GridSpec spec;
-    spec.uv = true;
-    maker.node("n" + std::to_string(i), maker.mesh("m" + std::to_string(i), {maker.grid(spec, material)}));
+    maker.node("n" + std::to_string(i), maker.mesh("m" + std::to_string(i), {maker.grid({.uv = true}, material)}));
   }
   maker.finish();
 }
@@ -115,9 +109,7 @@ TEST_CASE("JPEGs are indexed and keep their coefficients", "[convert][jpeg]") {
 
   // Exported to glTF and imported again: the coefficients are the same, and so is the file made from it.
   const auto packed = must(tests::open_packed(options.output));
-  tools::ExportOptions export_options;
-  export_options.threads = 1;
-  must(tools::export_gltf(packed.file, folder.file("back.glb"), export_options));
+  must(tools::export_gltf(packed.file, folder.file("back.glb"), {.threads = 1}));
   const auto source = convert::import_gltf(options.input, {});
   const auto back = convert::import_gltf(folder.file("back.glb"), {});
   REQUIRE((source && back));

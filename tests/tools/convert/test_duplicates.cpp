@@ -52,18 +52,14 @@ void two(tests::ModelMaker& maker, std::vector<tools::GltfPrimitive> a, std::vec
 
 TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates]") {
   const TempFolder folder;
-  tests::GridSpec spec;
-  spec.columns = 400;
-  spec.rows = 350;  // 280,000 triangles: two windows
+  const tests::GridSpec spec{.columns = 400, .rows = 350};  // 280,000 triangles: two windows
   tests::GridSpec other = spec;
   other.origin = {0, 1, 0};
-  {
-    tests::ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
     maker.node("first", maker.mesh("first", {maker.grid(spec)}));
     maker.node("other", maker.mesh("other", {maker.grid(other)}), {50, 0, 0});
     maker.node("repeat", maker.mesh("repeat", {maker.grid(spec)}), {100, 0, 0});
-    maker.finish();
-  }
+  });
   ConvertOptions options = options_of(folder);
   const ConvertReport report = must_match(options);
   CHECK(report.triangles == 2 * 280000);
@@ -190,8 +186,7 @@ TEST_CASE("duplicates: meshes that differ in stored data stay apart", "[duplicat
   SECTION("materials") {
     const auto make = [&](double red, const char* name) {
       return stored_meshes([&](tests::ModelMaker& maker) {
-        tools::GltfMaterial material;
-        material.name = "paint";
+        tools::GltfMaterial material{.name = "paint"};
         tools::GltfPrimitive a = quad(maker), b = a;
         a.material = maker.writer().add_material(material);
         material.name = name;
@@ -220,8 +215,7 @@ TEST_CASE("duplicates: equal images give one texture, one material, one mesh", "
     const auto textured = [&](format::Wrap wrap) {
       tools::GltfTexture texture = maker.texture("", format::ImageCodec::kPng, checker);
       texture.wrap_s = wrap;
-      tools::GltfMaterial material;
-      material.texture = maker.writer().add_texture(texture);
+      const tools::GltfMaterial material{.texture = maker.writer().add_texture(texture)};
       tools::GltfPrimitive out = maker.primitive(kQuad, kQuadCorners);
       out.attributes.emplace_back("TEXCOORD_0", maker.floats({0, 0, 1, 0, 0, 1, 1, 1}, tools::GltfType::kVec2));
       out.material = maker.writer().add_material(material);

@@ -120,9 +120,7 @@ void make_error_scene(const std::string& path) {
   const auto add = [&](const std::string& name, tools::GltfPrimitive primitive) {
     maker.node(name, maker.mesh(name, {std::move(primitive)}));
   };
-  tests::GridSpec grid;
-  grid.columns = grid.rows = 30;
-  grid.uv = grid.normal = grid.color = true;
+  tests::GridSpec grid{.columns = 30, .rows = 30, .uv = true, .color = true, .normal = true};
   add("grid", maker.grid(grid));
   grid = {};
   grid.columns = 180;

@@ -50,11 +50,7 @@ void check_transcode(const Bytes& file) {
 }
 
 JpegRecipe colour_recipe(std::vector<std::pair<int, int>> factors) {
-  JpegRecipe recipe;
-  recipe.width = 151;
-  recipe.height = 103;
-  recipe.factors = std::move(factors);
-  return recipe;
+  return {.width = 151, .height = 103, .factors = std::move(factors)};
 }
 
 }  // namespace

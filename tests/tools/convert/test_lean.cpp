@@ -43,10 +43,9 @@ void make_lean_scene(const std::string& path, bool with_ballast) {
     maker.textured("nobody's", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
   }
   for (uint32_t i = 0; i <= 300; ++i) {
-    GridSpec spec;
-    spec.columns = i == 300 ? 500 : 1 + i % 7;
-    spec.rows = i == 300 ? 400 : 1 + i % 5;
-    spec.size = 1 + 0.01f * static_cast<float>(i);
+    const GridSpec spec{.columns = i == 300 ? 500 : 1 + i % 7,
+                        .rows = i == 300 ? 400 : 1 + i % 5,
+                        .size = 1 + 0.01f * static_cast<float>(i)};
     tools::GltfPrimitive grid = maker.grid(spec, material);
     if (with_ballast) {
       const size_t vertices = (spec.columns + 1) * (spec.rows + 1);
@@ -264,17 +263,13 @@ TEST_CASE("lean: left-out data are listed with their bytes in the source and in 
 TEST_CASE("lean: duplicates are listed with the bytes that storing them would take", "[lean][inspect]") {
   const TempFolder folder;
   const std::string png = tests::read_whole(tests::data_path("checker.png").string());
-  {
-    tests::ModelMaker maker(folder.file("in.glb"));
-    GridSpec spec;
-    spec.uv = true;
-    spec.indexed = false;
+  tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
+    const GridSpec spec{.uv = true, .indexed = false};
     for (int i = 0; i < 3; ++i) {
       const uint32_t material = maker.textured("", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
       maker.node("", maker.mesh("", {maker.grid(spec, material)}), {2.0 * i, 0, 0});
     }
-    maker.finish();
-  }
+  });
   const auto convert = [&](const char* output, bool merge) {
     convert::ConvertOptions options = options_of(folder);
     options.encoding = convert::Encoding::kIndexed;

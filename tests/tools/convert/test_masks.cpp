@@ -20,11 +20,7 @@
 #include "tools/inspect/verify.h"
 
 using namespace scree;
-using tests::ModelMaker;
-using tests::must_convert;
-using tests::must_open;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
@@ -49,19 +45,13 @@ void add_masked(ModelMaker& maker, const std::string& name, const std::vector<st
   material.alpha_cutoff = cutoff;
   material.base_color[3] = factor;
   material.double_sided = true;
-  tests::GridSpec spec;
-  spec.uv = uv;
-  spec.flat = true;
-  maker.node(name, maker.mesh(name, {maker.grid(spec, maker.writer().add_material(material))}));
+  maker.node(name, maker.mesh(name, {maker.grid({.flat = true, .uv = uv}, maker.writer().add_material(material))}));
 }
 
 std::vector<uint64_t> picture_of(const std::string& path, double rise_degrees = 20) {
   const runtime::Scene scene = must(runtime::Scene::open(path, {}));
-  runtime::CameraOptions camera;
-  camera.width = 200;
-  camera.height = 150;
-  camera.rise_degrees = rise_degrees;
-  const kernels::View view = must(runtime::make_view(scene, camera));
+  const kernels::View view =
+      must(runtime::make_view(scene, {.rise_degrees = rise_degrees, .width = 200, .height = 150}));
   std::vector<uint64_t> samples(size_t{view.width} * view.height);
   REQUIRE(kernels::draw_cpu(scene.view(), view, samples, 2));
   return samples;
@@ -123,8 +113,7 @@ TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
 
 TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[convert][mask][blend]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     using tools::GltfAlpha;
     add_masked(maker, "leaf", disc_png(20, 240), 0.9, 1, true, GltfAlpha::kBlend);
     add_masked(maker, "film", disc_png(20, 240), 0.9, 0.25, true, GltfAlpha::kBlend);
@@ -133,8 +122,7 @@ TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[
     add_masked(maker, "glass", disc_png(20, 240), 0.9, 0.2, false, GltfAlpha::kBlend);
     add_masked(maker, "air", disc_png(20, 240), 0.9, 0, false, GltfAlpha::kBlend);
     add_masked(maker, "clear", disc_png(0, 0), 0.9, 1, true, GltfAlpha::kBlend);
-    maker.finish();
-  }
+  });
   const convert::ConvertReport report = must_convert(options_of(folder));
   CHECK(report.masks == 1);
   CHECK(report.opaque_masks == 0);
@@ -161,8 +149,7 @@ TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[
 
 TEST_CASE("masks are stored if they hide something, and drawn", "[convert][mask]") {
   const TempFolder folder;
-  {
-    ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     add_masked(maker, "disc", disc_png(20, 240), 0.5, 1);
     add_masked(maker, "disc again", disc_png(20, 240), 0.5, 1);
     add_masked(maker, "less of it", disc_png(20, 240), 0.5, 0.8);
@@ -170,8 +157,7 @@ TEST_CASE("masks are stored if they hide something, and drawn", "[convert][mask]
     add_masked(maker, "clear", disc_png(20, 100), 0.5, 1);
     add_masked(maker, "clear by its factor", disc_png(20, 240), 0.5, 0.3);
     add_masked(maker, "no coordinates", disc_png(20, 240), 0.5, 1, false);
-    maker.finish();
-  }
+  });
   for (const convert::Textures textures : {convert::Textures::kKeep, convert::Textures::kJpeg}) {
     convert::ConvertOptions options = options_of(folder);
     options.images.textures = textures;
@@ -242,19 +228,16 @@ TEST_CASE("the alpha of vertex colours cuts if the mask's texture cuts nothing",
   const bool has_texture = GENERATE(false, true);
   const auto picture = [&](double cutoff, bool has_alpha) {
     ModelMaker maker(folder.file("in.glb"));
-    tools::GltfMaterial material;
-    material.name = "fading";
+    tools::GltfMaterial material{.name = "fading"};
     if (has_texture)
       material.texture =
           maker.writer().add_texture(maker.texture("opaque", format::ImageCodec::kPng, disc_png(255, 255)));
     material.alpha = tools::GltfAlpha::kMask;
     material.alpha_cutoff = cutoff;
     material.double_sided = true;
-    tests::GridSpec spec;
-    spec.uv = has_texture;
-    spec.flat = spec.color = true;
-    spec.fading = has_alpha;
-    maker.node("grid", maker.mesh("grid", {maker.grid(spec, maker.writer().add_material(material))}));
+    maker.node("grid",
+               maker.mesh("grid", {maker.grid({.flat = true, .uv = has_texture, .color = true, .fading = has_alpha},
+                                              maker.writer().add_material(material))}));
     maker.finish();
     convert::ConvertOptions options = options_of(folder);
     options.encoding = encoding;

@@ -18,12 +18,9 @@ constexpr uint64_t kTriangles = uint64_t{1} << 31;  // of each primitive
 
 /// Primitives of one glTF mesh, or each in its own. Their accessors are never read.
 SourceScene make_planned_scene(bool in_one_mesh) {
-  SourceScene scene;
-  scene.file_name = "huge.gltf";
+  SourceScene scene{.file_name = "huge.gltf"};
   for (uint32_t i = 0; i < kPrimitives; ++i) {
-    Primitive primitive;
-    primitive.group = in_one_mesh ? 0 : i;
-    primitive.positions.count = 1000;
+    Primitive primitive{.group = in_one_mesh ? 0 : i, .positions = {.count = 1000}};
     primitive.indices.emplace().count = 3 * kTriangles;
     scene.primitives.push_back(primitive);
   }

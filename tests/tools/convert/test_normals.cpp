@@ -13,11 +13,7 @@
 
 using namespace scree;
 using namespace scree::convert;
-using tests::left_out;
-using tests::must_convert;
-using tests::must_open;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
@@ -78,8 +74,7 @@ bool has_normals(const format::Container& file, uint64_t mesh) {
 
 TEST_CASE("normals: a mesh's normals are stored unless they equal its faces'", "[convert][normals]") {
   const TempFolder folder;
-  {
-    tests::ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
     const auto add = [&](const char* name, tools::GltfPrimitive primitive) {
       maker.node(name, maker.mesh(name, {std::move(primitive)}));
     };
@@ -92,12 +87,9 @@ TEST_CASE("normals: a mesh's normals are stored unless they equal its faces'", "
     add("far away", ground(
                         maker, 6, [](uint32_t) { return 10.0; }, 4e6f));
     tools::GltfPrimitive unlit = ground(maker, 6, [](uint32_t) { return 30.0; });
-    tools::GltfMaterial material;
-    material.unlit = true;
-    unlit.material = maker.writer().add_material(material);
+    unlit.material = maker.writer().add_material({.unlit = true});
     add("unlit", std::move(unlit));
-    maker.finish();
-  }
+  });
   ConvertOptions options = auto_options(folder);
   options.share = false;
   must_convert(options);
@@ -126,11 +118,9 @@ TEST_CASE("normals: a mesh's normals are stored unless they equal its faces'", "
 TEST_CASE("normals of 8-bit components equal the faces' within a degree", "[convert][normals]") {
   const TempFolder folder;
   for (const double degrees : {0.0, 0.9, 1.1}) {
-    {
-      tests::ModelMaker maker(folder.file("in.glb"));
+    tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
       maker.node("", maker.mesh("", {ground(maker, 3, [&](uint32_t) { return degrees; })}));
-      maker.finish();
-    }
+    });
     const auto scene = must(import_gltf(folder.file("in.glb"), {}));
     const Primitive& primitive = scene.primitives[0];
     Window window;
@@ -153,12 +143,10 @@ TEST_CASE("normals: the result depends neither on threads nor on the place of th
   const TempFolder folder;
   constexpr uint32_t kSide = 400;  // 320,000 triangles: two windows
   for (const uint32_t odd : {0u, 2 * kSide * kSide - 1, UINT32_MAX}) {
-    {
-      tests::ModelMaker maker(folder.file("in.glb"));
+    tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
       maker.node(
           "", maker.mesh("", {ground(maker, kSide, [&](uint32_t triangle) { return triangle == odd ? 3.0 : 0.0; })}));
-      maker.finish();
-    }
+    });
     std::string first;
     for (const uint32_t threads : {1u, 4u}) {
       for (const uint64_t memory : {uint64_t{2} << 30, uint64_t{96} << 20}) {
@@ -177,12 +165,10 @@ TEST_CASE("normals: the result depends neither on threads nor on the place of th
 TEST_CASE("normals: meshes that differ only in dropped normals are duplicates", "[convert][normals][duplicates]") {
   const TempFolder folder;
   const auto stored = [&](double a, double b) {
-    {
-      tests::ModelMaker maker(folder.file("in.glb"));
+    tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
       maker.node("a", maker.mesh("a", {ground(maker, 4, [&](uint32_t) { return a; })}));
       maker.node("b", maker.mesh("b", {ground(maker, 4, [&](uint32_t) { return b; })}));
-      maker.finish();
-    }
+    });
     const ConvertOptions options = auto_options(folder);
     must_convert(options);
     return must_open(options.output).file.meshes().size();

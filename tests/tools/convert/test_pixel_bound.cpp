@@ -14,9 +14,8 @@
 #include "tools/convert/plan/pixel_bound.h"
 
 using namespace scree;
+using namespace scree::tests;
 using convert::PixelBound;
-using tests::must_convert;
-using tests::options_of;
 
 namespace {
 
@@ -42,8 +41,7 @@ Vector corner(const PixelBound& bound) {
 /// Three meshes: a plain one, one under a node that scales it by 100, and one of single floats far from the origin.
 void make_textured_scene(const std::string& path) {
   tests::ModelMaker maker(path);
-  tests::GridSpec grid;
-  grid.columns = grid.rows = 24;
+  tests::GridSpec grid{.columns = 24, .rows = 24};
   maker.node("plain", maker.mesh("plain", {maker.grid(grid)}));
   grid.columns = 20;
   const uint32_t large = maker.node("large", maker.mesh("large", {maker.grid(grid)}), {3, 0, 0});

@@ -16,10 +16,8 @@
 #include "tools/convert/passes/shard.h"
 
 using namespace scree;
+using namespace scree::tests;
 using convert::ConvertOptions;
-using tests::GridSpec;
-using tests::ModelMaker;
-using tests::TempFolder;
 namespace fs = std::filesystem;
 
 namespace {
@@ -27,21 +25,15 @@ namespace {
 /// Three images, two of them equal; a mesh of several windows, two equal ones, many small ones, one that is not drawn.
 void make_sharded_scene(const std::string& path, bool is_large) {
   ModelMaker maker(path);
-  tests::JpegRecipe recipe;
-  recipe.width = recipe.height = 100;
-  recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
+  tests::JpegRecipe recipe{.width = 100, .height = 100, .factors = {{2, 2}, {1, 1}, {1, 1}}};
   const uint32_t jpeg = maker.textured("jpeg", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
   const std::string png = tests::read_whole(tests::data_path("checker.png").string());
   const uint32_t checker = maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
   const uint32_t again = maker.textured("again", format::ImageCodec::kPng, std::as_bytes(std::span(png)));
   recipe.width = 72;
   const uint32_t other = maker.textured("other", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
-  GridSpec large;
-  large.columns = is_large ? 600 : 60;
-  large.rows = 500;
-  large.uv = true;
-  GridSpec small;
-  small.uv = small.color = true;
+  const GridSpec large{.columns = is_large ? 600u : 60u, .rows = 500, .uv = true};
+  GridSpec small{.uv = true, .color = true};
   maker.node("large", maker.mesh("large", {maker.grid(large, jpeg), maker.grid(small, checker)}));
   maker.node("small", maker.mesh("small", {maker.grid(small, again)}), {2, 0, 0});
   maker.node("equal", maker.mesh("equal", {maker.grid(small, checker)}), {3, 0, 0});

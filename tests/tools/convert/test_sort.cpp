@@ -26,22 +26,13 @@
 
 using namespace scree;
 using namespace scree::convert;
-using tests::ModelMaker;
-using tests::must_convert;
-using tests::must_convert_within;
-using tests::must_fail;
-using tests::must_match;
-using tests::options_of;
-using tests::TempFolder;
+using namespace scree::tests;
 
 namespace {
 
 template <class T>
 Accessor accessor_of(const std::vector<T>& values, uint32_t components, ComponentType type, uint64_t stride = 0) {
-  Accessor out;
-  out.components = components;
-  out.type = type;
-  out.count = values.size() / components;
+  Accessor out{.count = values.size() / components, .type = type, .components = components};
   const uint64_t bytes = components * sizeof(T);
   out.stride = stride == 0 ? bytes : stride;
   std::vector<std::byte> data(out.count * out.stride);
@@ -83,18 +74,17 @@ Primitive shuffled(uint32_t side, uint32_t first, PrimitiveMode mode, uint64_t j
   std::vector<uint32_t> corners;
   for (const auto& triangle : triangles) corners.insert(corners.end(), triangle.begin(), triangle.end());
   for (uint64_t i = 0; i < joined; ++i) corners.push_back(number[random() % number.size()]);
-  Primitive out;
-  out.mode = mode;
-  out.positions = accessor_of(positions, 3, ComponentType::kFloat32, 20);
-  out.uv = accessor_of(uvs, 2, ComponentType::kUint16);
+  Primitive out{.mode = mode,
+                .positions = accessor_of(positions, 3, ComponentType::kFloat32, 20),
+                .uv = accessor_of(uvs, 2, ComponentType::kUint16)};
   out.uv->normalized = true;
   out.color = accessor_of(colors, 3, ComponentType::kUint8, 4);
   out.normal = accessor_of(normals, 3, ComponentType::kFloat32);
   // The sparse accessor moves vertex number[3] away from its element's position.
-  Accessor::Sparse sparse;
-  sparse.count = 1;
-  sparse.index_source = accessor_of(std::vector<uint32_t>{number[3]}, 1, ComponentType::kUint32).source;
-  sparse.value_source = accessor_of(std::vector<float>{40, 50, 60}, 3, ComponentType::kFloat32).source;
+  const Accessor::Sparse sparse{
+      .count = 1,
+      .index_source = accessor_of(std::vector<uint32_t>{number[3]}, 1, ComponentType::kUint32).source,
+      .value_source = accessor_of(std::vector<float>{40, 50, 60}, 3, ComponentType::kFloat32).source};
   out.positions.sparse = sparse;
   out.indices = accessor_of(corners, 1, ComponentType::kUint32);
   return out;

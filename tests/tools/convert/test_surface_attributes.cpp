@@ -30,10 +30,8 @@ namespace {
 constexpr double kDegree = 3.14159265358979323846 / 180;
 
 format::SurfaceRecord plain_surface() {
-  format::SurfaceRecord surface{};
-  surface.roughness = 0.5f;
-  surface.normal_scale = surface.occlusion_strength = surface.specular = 1;
-  surface.ior = 1.5f;
+  format::SurfaceRecord surface{
+      .roughness = 0.5f, .normal_scale = 1, .occlusion_strength = 1, .ior = 1.5f, .specular = 1};
   std::fill_n(surface.specular_color, 3, 1.0f);
   for (format::SurfaceTexture& use : surface.textures) use = {format::kNone, {0, 0}, {1, 1}, 0};
   return surface;
@@ -130,8 +128,7 @@ TEST_CASE("second texture coordinates are stored if a material uses both sets", 
   const TempFolder folder;
   const Strip made = strip(20, 0.1, 0, 1, 1);
   constexpr uint32_t kOcclusion = static_cast<uint32_t>(format::SurfaceUse::kOcclusion);
-  {
-    tests::ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
     const uint32_t white = white_texture(maker);
     tools::GltfMaterial both, first, second;
     both.texture = white;
@@ -149,8 +146,7 @@ TEST_CASE("second texture coordinates are stored if a material uses both sets", 
     add("first only", maker.writer().add_material(first), true);
     add("second only", maker.writer().add_material(second), true);
     add("without", with_both, false);
-    maker.finish();
-  }
+  });
   for (const Encoding encoding : {Encoding::kIndexed, Encoding::kClustered}) {
     for (const bool float32 : {false, true}) {
       if (float32 && encoding == Encoding::kClustered) continue;
@@ -215,8 +211,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
                           {"other hand", strip(8, 0, 0, 1, -1), true, true},
                           {"turned", strip(8, 0.2, 120, -1, 1), true, true},
                           {"turned without a normal map", strip(8, 0.2, 120, -1, 1), false}};
-  {
-    tests::ModelMaker maker(folder.file("in.glb"));
+  tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
     tools::GltfMaterial plain, mapped;
     plain.texture = white_texture(maker);
     plain.surface = plain_surface();
@@ -225,8 +220,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
     const uint32_t materials[] = {maker.writer().add_material(plain), maker.writer().add_material(mapped)};
     for (const Case& c : cases)
       maker.node(c.name, maker.mesh(c.name, {primitive_of(maker, c.strip, materials[c.is_mapped], false, true)}));
-    maker.finish();
-  }
+  });
   ConvertOptions options = auto_options(folder);
   must_convert(options);
   const tests::PackedFile file = must_open(options.output);

@@ -100,9 +100,7 @@ TEST_CASE("weld: classes equal brute force, for every set of attributes", "[weld
 
 TEST_CASE("weld: a mesh without indices takes as many bytes as with indices", "[weld]") {
   const TempFolder folder;
-  tests::GridSpec spec;
-  spec.columns = 512;
-  spec.rows = 300;  // 307,200 triangles: two windows
+  tests::GridSpec spec{.columns = 512, .rows = 300};  // 307,200 triangles: two windows
   const auto encoding = GENERATE(Encoding::kIndexed, Encoding::kClustered);
   const auto order = GENERATE(Order::kNone, Order::kFifo);
   if (tests::kIsSanitized && (encoding == Encoding::kClustered) != (order == Order::kFifo)) return;
@@ -135,10 +133,7 @@ TEST_CASE("weld: a mesh without indices takes as many bytes as with indices", "[
 TEST_CASE("weld: --no-weld keeps every vertex of the source, and any number of threads gives the same bytes",
           "[weld]") {
   const TempFolder folder;
-  tests::GridSpec spec;
-  spec.columns = spec.rows = 400;
-  spec.indexed = false;
-  tests::make_model(folder.file("in.glb"), spec);
+  tests::make_model(folder.file("in.glb"), {.columns = 400, .rows = 400, .indexed = false});
   ConvertOptions options = options_of(folder);
   std::string first;
   for (const uint32_t threads : {1u, 2u, 5u}) {

@@ -1,15 +1,13 @@
 // The glTF writer: its output is valid JSON with the given content, and a failed write leaves no files.
 #include "tools/gltf/writer.h"
 
-#include <sys/resource.h>
-
-#include <csignal>
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
 
 #include "format/bytes.h"
 #include "tests/catch.h"
+#include "tests/full_disk.h"
 #include "tests/results.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
@@ -34,17 +32,11 @@ void fill(GltfWriter& writer) {
   const uint64_t offset = must(writer.append(std::as_bytes(std::span(positions)), 16));
   REQUIRE(writer.append(bytes_of("abc"), 1));  // leaves an unaligned end
   const uint32_t view = writer.add_buffer_view({offset, sizeof positions, 0, GltfTarget::kVertices});
-  GltfAccessor accessor;
-  accessor.buffer_view = view;
-  accessor.count = 3;
-  accessor.min = {0, 0, -0.0};
-  accessor.max = {0.1f, 1e-7f, 0};
-  const uint32_t position = writer.add_accessor(accessor);
+  const uint32_t position =
+      writer.add_accessor({.buffer_view = view, .count = 3, .min = {0, 0, -0.0}, .max = {0.1f, 1e-7f, 0}});
   const uint32_t image = must(writer.add_image("a/b ü", format::ImageCodec::kPng, bytes_of("PNG")));
   REQUIRE(writer.add_image("A/B ü", format::ImageCodec::kPng, bytes_of("PNG2")));
-  GltfTexture texture;
-  texture.image = image;
-  texture.wrap_t = format::Wrap::kClamp;
+  const GltfTexture texture{.image = image, .wrap_t = format::Wrap::kClamp};
   GltfMaterial material;
   material.name = "quote \" back \\ bell \a \xff umlaut ü";
   material.texture = writer.add_texture(texture);
@@ -57,10 +49,8 @@ void fill(GltfWriter& writer) {
   node.mesh = mesh_index;
   node.local[0] = 0.1f;
   const uint32_t leaf = writer.add_node(node);
-  GltfNode root;
-  root.has_matrix = true;
-  root.local = {1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 1e300, 0, 0, 1};
-  root.children = {leaf};
+  const GltfNode root{
+      .has_matrix = true, .local = {1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 1e300, 0, 0, 1}, .children = {leaf}};
   writer.add_camera({});
   writer.add_scene({"scene", {writer.add_node(root)}});
 }
@@ -185,10 +175,7 @@ TEST_CASE("the writer refuses invalid input", "[gltf_writer]") {
   {
     GltfWriter writer = must(GltfWriter::create(folder.file("x.glb")));
     REQUIRE(writer.reserve(uint64_t{1} << 62));
-    const Result<uint64_t> past = writer.reserve(100);
-    REQUIRE(!past);
-    CHECK(past.error().code == ErrorCode::kRange);
-    CHECK(past.error().message.find("a buffer of more than 2^62 bytes") != std::string::npos);
+    check_refusal(writer.reserve(100), ErrorCode::kRange, "a buffer of more than 2^62 bytes");
   }
   {
     GltfWriter writer = must(GltfWriter::create(folder.file("x.gltf")));
@@ -209,28 +196,17 @@ TEST_CASE("the writer refuses invalid input", "[gltf_writer]") {
 }
 
 TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
-  // A file-size limit makes writes fail like a full disk.
   const TempFolder folder;
-  rlimit before{};
-  REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
-  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
-  rlimit limited = before;
-  limited.rlim_cur = 64 << 10;
-  REQUIRE(setrlimit(RLIMIT_FSIZE, &limited) == 0);
   Result<uint64_t> offset = uint64_t{0};
   Result<void> finished;
-  {
+  tests::on_full_disk(64 << 10, [&] {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));
     if (writer) offset = writer->append(std::vector<std::byte>(65 << 10));
     Result<GltfWriter> glb = GltfWriter::create(folder.file("y.glb"));  // each part fits, but not both
     if (glb && glb->append(std::vector<std::byte>(64 << 10))) finished = glb->finish();
-  }
-  setrlimit(RLIMIT_FSIZE, &before);
-  std::signal(SIGXFSZ, handler);
-  REQUIRE(!offset);
-  CHECK(offset.error().code == ErrorCode::kFile);
-  REQUIRE(!finished);
-  CHECK(finished.error().code == ErrorCode::kFile);
+  });
+  CHECK(refusal(offset).code == ErrorCode::kFile);
+  CHECK(refusal(finished).code == ErrorCode::kFile);
   CHECK(folder.names().empty());
 }
 

@@ -36,11 +36,7 @@ struct Packed {
 };
 
 inline Packed packed(Mode mode, uint64_t count, uint64_t stride, const unsigned char* stream, size_t bytes, Bytes raw) {
-  Packed out;
-  out.stated.mode = mode;
-  out.stated.count = count;
-  out.stated.stride = stride;
-  out.stated.bytes = bytes;
+  Packed out{.stated = {.mode = mode, .bytes = bytes, .stride = stride, .count = count}};
   out.stream.resize(bytes);
   std::memcpy(out.stream.data(), stream, bytes);
   out.raw = std::move(raw);

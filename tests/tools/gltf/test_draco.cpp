@@ -57,9 +57,7 @@ std::vector<Triangle> triangles_of(const Primitive& primitive) {
 }
 
 DracoPrimitive stated_of(const DracoGrid& grid, const DracoRecipe& recipe) {
-  DracoPrimitive stated;
-  stated.triangles = grid.triangles();
-  stated.vertices = grid.vertices();
+  DracoPrimitive stated{.triangles = grid.triangles(), .vertices = grid.vertices()};
   stated.arrays.push_back({"POSITION", tests::kDracoPosition, ComponentType::kFloat32, 3});
   if (recipe.has_uv) stated.arrays.push_back({"TEXCOORD_0", tests::kDracoUv, ComponentType::kFloat32, 2});
   return stated;
@@ -129,8 +127,7 @@ TEST_CASE("threads read primitives of Draco streams at once, in little memory", 
   const DracoGrid grid(30);
   const DracoRecipe recipe{.has_uv = false};
   const auto stream = make_draco(grid, recipe);
-  ImportOptions options;
-  options.kept_view_bytes = GENERATE(uint64_t{0}, uint64_t{1} << 30);
+  const ImportOptions options{.kept_view_bytes = GENERATE(uint64_t{0}, uint64_t{1} << 30)};
   const auto scene = must(import_document(
       folder, tests::draco_document({stream, stream, stream}, grid.triangles(), grid.vertices(), recipe), options));
   CHECK(scene.view_memory.reader_bytes > 12u * grid.triangles());
@@ -156,9 +153,7 @@ TEST_CASE("a Draco primitive that does not fit into --memory is refused with its
   const TempFolder folder;
   const DracoRecipe recipe{.has_uv = false};
   const std::string text = tests::draco_document({make_draco(DracoGrid(4), recipe)}, 100'000'000, 50'000'000, recipe);
-  ImportOptions options;
-  options.memory = uint64_t{1} << 30;
-  const auto scene = refusal(import_document(folder, text, options));
+  const auto scene = refusal(import_document(folder, text, {.memory = uint64_t{1} << 30}));
   INFO(scene.message);
   CHECK(scene.code == ErrorCode::kUsage);
   CHECK(

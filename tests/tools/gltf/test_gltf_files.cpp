@@ -394,15 +394,11 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
     INFO(outside);
     const auto refused = refusal(import_uri(outside));
     CHECK(refused.message.ends_with("; --allow-outside reads it"));
-    ImportOptions options;
-    options.allow_outside = true;
-    CHECK(import_gltf(folder.file("scene/scene.gltf"), options));
+    CHECK(import_gltf(folder.file("scene/scene.gltf"), {.allow_outside = true}));
   }
   for (const char* never : {"/etc/hostname", "file:///etc/hostname"}) {
     REQUIRE_FALSE(import_uri(never));
-    ImportOptions options;
-    options.allow_outside = true;
-    CHECK_FALSE(import_gltf(folder.file("scene/scene.gltf"), options));
+    CHECK_FALSE(import_gltf(folder.file("scene/scene.gltf"), {.allow_outside = true}));
   }
   CHECK(import_gltf((folder.path() / "none.gltf").string(), {}).error().code == ErrorCode::kFile);
   CHECK(import_gltf(folder.path().string(), {}).error().message.find("not a regular file") != std::string::npos);

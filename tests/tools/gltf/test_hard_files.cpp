@@ -47,9 +47,7 @@ std::array<float, 3> room_point(const std::array<int, 3>& at) {
 /// A closed room of 96 meshes, double-sided.
 void make_room(const std::string& path) {
   tests::ModelMaker maker(path);
-  tools::GltfMaterial material;
-  material.double_sided = true;
-  const uint32_t both_sides = maker.writer().add_material(material);
+  const uint32_t both_sides = maker.writer().add_material({.double_sided = true});
   for (size_t axis = 0; axis < 3; ++axis) {
     for (const int side : {0, kSide}) {
       for (size_t a = 0; a + 1 < kCuts.size(); ++a) {
@@ -214,8 +212,7 @@ namespace {
 std::vector<float> make_far_textured(const std::string& path, double offset) {
   const std::string png = tests::read_whole(std::string(tests::kDataFolder) + "/checker.png");
   tests::ModelMaker maker(path);
-  tests::GridSpec spec;
-  spec.columns = spec.rows = 20;
+  const tests::GridSpec spec{.columns = 20, .rows = 20};
   tools::GltfPrimitive grid =
       maker.grid(spec, maker.textured("checker", format::ImageCodec::kPng, std::as_bytes(std::span(png))));
   std::vector<float> uvs;

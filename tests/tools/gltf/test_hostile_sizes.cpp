@@ -39,12 +39,11 @@ void must_refuse(const TempFolder& folder, const std::string& words) {
 
 /// A picture with 16383 x 16383 pixels in its header.
 Bytes huge_jpeg(bool is_progressive, bool is_arithmetic) {
-  JpegRecipe recipe;
-  recipe.width = recipe.height = 8;
-  recipe.factors = {{1, 1}, {1, 1}, {1, 1}};
-  recipe.is_progressive = is_progressive;
-  recipe.is_arithmetic = is_arithmetic;
-  Bytes file = make_jpeg(recipe);
+  Bytes file = make_jpeg({.width = 8,
+                          .height = 8,
+                          .factors = {{1, 1}, {1, 1}, {1, 1}},
+                          .is_progressive = is_progressive,
+                          .is_arithmetic = is_arithmetic});
   const uint32_t frame = is_arithmetic ? (is_progressive ? 0xca : 0xc9) : is_progressive ? 0xc2 : 0xc0;
   const size_t at = jpeg::find_marker(file, frame);
   file[at + 5] = file[at + 7] = std::byte{0x3f};
@@ -61,9 +60,7 @@ Bytes huge_png() {
 
 void make_textured(const TempFolder& folder, ImageCodec codec, const Bytes& image) {
   ModelMaker maker(folder.file("in.glb"));
-  GridSpec spec;
-  spec.uv = true;
-  maker.node("node", maker.mesh("mesh", {maker.grid(spec, maker.textured("image", codec, image))}));
+  maker.node("node", maker.mesh("mesh", {maker.grid({.uv = true}, maker.textured("image", codec, image))}));
   maker.finish();
 }
 

@@ -375,8 +375,7 @@ TEST_CASE("nodes are ordered parents first, with cameras and scenes", "[import]"
 }
 
 TEST_CASE("the option --exclude drops matching nodes and all nodes below them", "[import]") {
-  ImportOptions options;
-  options.exclude = "^FogCard|Plane";
+  ImportOptions options{.exclude = "^FogCard|Plane"};
   const SourceScene scene = import_data("nodes.gltf", options);
   CHECK(scene.nodes.size() == 7);
   REQUIRE(find_left_out(scene, "excluded nodes") != nullptr);

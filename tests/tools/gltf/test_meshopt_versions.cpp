@@ -40,12 +40,11 @@ std::vector<StoredStream> stored_streams() {
     } head;
     std::memcpy(&head, file.data() + at, sizeof(head));
     at += sizeof(head);
-    StoredStream stored;
-    stored.stated.count = head.count;
-    stored.stated.stride = head.stride;
-    stored.stated.filter = static_cast<Filter>(head.filter);
-    stored.stated.bytes = head.bytes;
-    stored.crc = head.crc;
+    StoredStream stored{.stated = {.filter = static_cast<Filter>(head.filter),
+                                   .bytes = head.bytes,
+                                   .stride = head.stride,
+                                   .count = head.count},
+                        .crc = head.crc};
     stored.stream.resize(head.bytes);
     std::memcpy(stored.stream.data(), file.data() + at, head.bytes);
     at += head.bytes;

@@ -231,8 +231,7 @@ TEST_CASE("streams of random bytes give the library's result", "[meshopt][bad]")
   std::mt19937 random(17);
   int taken[2] = {};  // triangles, indices
   for (int round = 0; round < 3000; ++round) {
-    Packed packed;
-    packed.stated.mode = round % 2 == 0 ? Mode::kTriangles : Mode::kIndices;
+    Packed packed{.stated = {.mode = round % 2 == 0 ? Mode::kTriangles : Mode::kIndices}};
     const bool is_triangles = packed.stated.mode == Mode::kTriangles;
     packed.stated.stride = round % 4 < 2 ? 4 : 2;
     packed.stated.count = 3 * (1 + random() % 60);

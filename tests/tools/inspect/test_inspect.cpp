@@ -216,9 +216,7 @@ TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
 
 TEST_CASE("inspect: the bytes of duplicate vertices in clusters are unknown", "[inspect][lean]") {
   const tests::TempFolder folder;
-  tests::GridSpec grid;
-  grid.indexed = false;
-  tests::make_model(folder.file("in.glb"), grid);
+  tests::make_model(folder.file("in.glb"), {.indexed = false});
   for (const convert::Encoding encoding : {convert::Encoding::kIndexed, convert::Encoding::kClustered}) {
     convert::ConvertOptions options;
     options.encoding = encoding;
@@ -312,18 +310,12 @@ TEST_CASE("inspect: --verify finds damage that checksums cannot", "[inspect][ver
 
 TEST_CASE("inspect: --verify decodes every level of an indexed JPEG", "[inspect][verify][jpeg]") {
   const tests::TempFolder folder;
-  {
-    tests::ModelMaker maker(folder.file("a.glb"));
-    tests::JpegRecipe recipe;
-    recipe.width = 300;
-    recipe.height = 150;
-    recipe.factors = {{2, 2}, {1, 1}, {1, 1}};
-    const uint32_t material = maker.textured("bark", format::ImageCodec::kJpeg, tests::make_jpeg(recipe));
-    tests::GridSpec spec;
-    spec.uv = true;
-    maker.node("a", maker.mesh("a", {maker.grid(spec, material)}));
-    maker.finish();
-  }
+  tests::make_model(folder.file("a.glb"), [&](tests::ModelMaker& maker) {
+    const uint32_t material =
+        maker.textured("bark", format::ImageCodec::kJpeg,
+                       tests::make_jpeg({.width = 300, .height = 150, .factors = {{2, 2}, {1, 1}, {1, 1}}}));
+    maker.node("a", maker.mesh("a", {maker.grid({.uv = true}, material)}));
+  });
   const auto packed = must(tests::pack(folder.file("a.glb"), folder.file("a.scree")));
   const format::Container& file = packed.file;
   REQUIRE(file.mip_levels().size() == 2);

@@ -241,11 +241,10 @@ void stream_frames(const std::string& path, const Ready& ready) {
   const auto stream = runtime::CpuStream::create(*scene, all / 3, 2);
   if (!stream) return;
   for (uint64_t frame = 0;; ++frame) {
-    runtime::CameraOptions camera;
-    camera.width = 160;
-    camera.height = 120;
-    camera.eye = runtime::Vec3{250, 1200, frame % 2 == 0 ? 750.0 : -250.0};
-    camera.target = runtime::Vec3{250, 0, 250};
+    const runtime::CameraOptions camera{.eye = runtime::Vec3{250, 1200, frame % 2 == 0 ? 750.0 : -250.0},
+                                        .target = runtime::Vec3{250, 0, 250},
+                                        .width = 160,
+                                        .height = 120};
     const Result<kernels::View> view =
         runtime::make_view(scene->container(), scene->scene_index(), scene->view(), camera);
     if (!view) return;
@@ -305,13 +304,12 @@ TEST_CASE("a file cut within its last page while it is exported leaves no output
   const CutFile file(0);
   const PackedFile opened = must_open(file.path());
   file.folder().write("out.glb", "earlier");
-  tools::ExportOptions options;
-  options.check_source = [&] {
+  const tools::ExportOptions options{.check_source = [&] {
     CHECK(read_whole(file.folder().file("out.glb")) == "earlier");
     CHECK(tools::check_not_cut(opened.map));
     cut_last_byte(file.path());
     return tools::check_not_cut(opened.map);
-  };
+  }};
   const auto exported = refusal(tools::export_gltf(opened.file, file.folder().file("out.glb"), options));
   CHECK(exported.code == ErrorCode::kFile);
   CHECK("scree render: " + exported.message + "\n" == line_of(file.path()));

@@ -1,15 +1,14 @@
 // .exr files that cannot be written. tests/library/test_exr.cpp tests written files.
 #include "tools/render/exr.h"
 
-#include <sys/resource.h>
-
 #include <cmath>
-#include <csignal>
 #include <filesystem>
 #include <string>
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/full_disk.h"
+#include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
 using namespace scree::tests;
@@ -27,20 +26,10 @@ TEST_CASE("an .exr that cannot be written whole leaves nothing behind", "[render
   REQUIRE(write());
   const auto whole = fs::file_size(path);
   fs::remove(path);
-  const auto before = std::signal(SIGXFSZ, SIG_IGN);
-  rlimit limit{};
-  REQUIRE(getrlimit(RLIMIT_FSIZE, &limit) == 0);
   // In the header, among the pixels, and one byte before the end.
   for (const uint64_t bytes : {uint64_t{20}, uint64_t{9000}, uint64_t{whole - 1}}) {
-    rlimit low = limit;
-    low.rlim_cur = bytes;
-    REQUIRE(setrlimit(RLIMIT_FSIZE, &low) == 0);
-    const scree::Result<void> written = write();
-    setrlimit(RLIMIT_FSIZE, &limit);
-    REQUIRE_FALSE(written);
-    CHECK(written.error().message.find("full.exr.part: write: File too large") != std::string::npos);
+    check_refusal(on_full_disk(bytes, write), scree::ErrorCode::kFile, "full.exr.part: write: File too large");
     CHECK_FALSE(fs::exists(path));
     CHECK_FALSE(fs::exists(path + ".part"));
   }
-  std::signal(SIGXFSZ, before);
 }

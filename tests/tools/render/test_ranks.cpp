@@ -222,8 +222,7 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
   glass.texture =
       maker.writer().add_texture(maker.texture("film", format::ImageCodec::kPng, std::as_bytes(std::span(png))));
   const uint32_t film = maker.writer().add_material(glass);
-  scree::tests::GridSpec grid;
-  grid.uv = grid.color = true;
+  scree::tests::GridSpec grid{.uv = true, .color = true};
   for (int i = 0; i < 6; ++i) {
     grid.columns = static_cast<uint32_t>(150 + 40 * i);
     grid.rows = 120;

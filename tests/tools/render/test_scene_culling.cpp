@@ -34,12 +34,8 @@ TEST_CASE("culling: pictures of scenes A to D equal pictures of all triangles", 
                           {"D", 1, synth::sponzalike_scene(1)}};
   for (const Share& share : shares) {
     const tests::TempFolder folder;
-    synth::SynthOptions written;
-    written.scene = share.name;
-    written.order = order;
-    written.scale = share.scale;
-    written.output = folder.file("in.gltf");
-    REQUIRE(synth::synthesize(written));
+    REQUIRE(synth::synthesize(
+        {.scene = share.name, .output = folder.file("in.gltf"), .scale = share.scale, .order = order}));
     for (const convert::Encoding encoding : {convert::Encoding::kClustered, convert::Encoding::kIndexed}) {
       convert::ConvertOptions options = tests::options_of(folder, "in.gltf");
       options.encoding = encoding;

@@ -19,11 +19,7 @@ using namespace scree;
 TEST_CASE("a streamed frame loads few chunks that its picture does not need, a still frame none", "[streamer]") {
   constexpr double kScale = 0.001;
   const tests::TempFolder folder;
-  synth::SynthOptions written;
-  written.scene = "C";
-  written.scale = kScale;
-  written.output = folder.file("in.gltf");
-  REQUIRE(synth::synthesize(written));
+  REQUIRE(synth::synthesize({.scene = "C", .output = folder.file("in.gltf"), .scale = kScale}));
   convert::ConvertOptions options = tests::options_of(folder, "in.gltf");
   options.chunk_triangles = static_cast<uint64_t>(format::kMaxChunkTriangles * kScale);
   tests::must_convert(options);

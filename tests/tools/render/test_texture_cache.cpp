@@ -153,10 +153,7 @@ class HostCache {
 };
 
 runtime::CameraOptions camera_of(uint32_t width) {
-  runtime::CameraOptions camera;
-  camera.width = width;
-  camera.height = width * 2 / 3;
-  return camera;
+  return {.width = width, .height = width * 2 / 3};
 }
 
 /// From far away, near, and a jump to close above one corner and back.

@@ -1,17 +1,15 @@
 // The measured scenes equal their definition bit for bit, and the files equal them for any number of threads.
 #include "tools/synth/synth.h"
 
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <csignal>
 #include <cstring>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "tests/catch.h"
+#include "tests/full_disk.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 #include "tests/tools/validator.h"
@@ -27,10 +25,7 @@ using tests::TempFolder;
 namespace {
 
 SynthOptions scene_options(const char* scene, MeshOrder order = MeshOrder::kRow) {
-  SynthOptions options;
-  options.scene = scene;
-  options.order = order;
-  return options;
+  return {.scene = scene, .order = order};
 }
 
 /// The sums of the definition, by scene and order: positions, indices.
@@ -118,12 +113,7 @@ TEST_CASE("the measured scenes have the stated sizes", "[synth]") {
 }
 
 TEST_CASE("block order is a permutation of row order", "[synth]") {
-  MeshRecipe mesh;
-  mesh.seed = 7;
-  mesh.octaves = 2;
-  mesh.amplitude = 0.1;
-  mesh.frequency = 2;
-  mesh.n = 24;
+  const MeshRecipe mesh{.n = 24, .seed = 7, .octaves = 2, .amplitude = 0.1, .frequency = 2};
   MeshRecipe blocks = mesh;
   blocks.order = MeshOrder::kBlock;
   const auto triangles = [](const MeshRecipe& recipe) {
@@ -519,36 +509,20 @@ TEST_CASE("synth refuses invalid options", "[synth]") {
 
 TEST_CASE("a full disk ends synth and leaves nothing behind", "[synth]") {
   const TempFolder folder;
-  rlimit before{};
-  REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
-  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
-  rlimit limited = before;
-  limited.rlim_cur = 1 << 20;
-  REQUIRE(setrlimit(RLIMIT_FSIZE, &limited) == 0);
-  std::vector<ErrorCode> codes;
   for (const char* name : {"B", "slope"}) {
     SynthOptions options = scene_options(name);
     options.threads = 3;
     options.texture_size = 64;
     options.scale = name[0] == 'B' ? 1 : 0.01;
     options.output = folder.file(std::string(name) + ".gltf");
-    const Result<SynthReport> report = synthesize(options);
-    codes.push_back(report ? ErrorCode::kUsage : report.error().code);
+    CHECK(refusal(tests::on_full_disk(1 << 20, [&] { return synthesize(options); })).code == ErrorCode::kFile);
   }
-  setrlimit(RLIMIT_FSIZE, &before);
-  std::signal(SIGXFSZ, handler);
-  CHECK(codes == std::vector<ErrorCode>{ErrorCode::kFile, ErrorCode::kFile});
   CHECK(std::filesystem::is_empty(folder.path()));
 }
 
 TEST_CASE("the textured scene has detailed textures, the same for any number of threads", "[synth]") {
   const TempFolder folder;
-  TexturedOptions options;
-  options.meshes = 7;
-  options.size = 512;
-  options.stone = 256;
-  options.threads = 1;
-  options.output = folder.file("a.gltf");
+  TexturedOptions options{.output = folder.file("a.gltf"), .meshes = 7, .size = 512, .stone = 256, .threads = 1};
   const TexturedReport report = must(write_textured(options));
   CHECK(report.triangles == 7 * 2 * 256 * 256);
   const double bits = 8.0 * static_cast<double>(report.texture_bytes) / (7.0 * 512 * 512);

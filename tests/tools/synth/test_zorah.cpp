@@ -45,9 +45,7 @@ double gib_of_levels(const ZorahPlan& plan, uint32_t longest) {
 
 /// Writes a scene and returns its document.
 json written(const TempFolder& folder, const ZorahPlan& plan, uint32_t threads = 2) {
-  SynthOptions options;
-  options.threads = threads;
-  options.output = folder.file(plan.name + ".gltf");
+  const SynthOptions options{.output = folder.file(plan.name + ".gltf"), .threads = threads};
   const SynthReport report = must(write_zorah(plan, options));
   const json document = json::parse(read_whole(options.output));
   uint64_t bytes = std::filesystem::file_size(options.output);
@@ -115,11 +113,8 @@ void check_packed(const TempFolder& folder, const std::string& scene, const json
   if (document.contains("images")) CHECK(packed.file.images().size() <= document["images"].size());
 
   const runtime::Scene loaded = tests::must_load(options.output);
-  runtime::CameraOptions camera;
-  camera.width = 160;
-  camera.height = 90;
-  camera.camera = "view";
-  const auto view = must(runtime::make_view(loaded.container(), 0, loaded.view(), camera));
+  const auto view =
+      must(runtime::make_view(loaded.container(), 0, loaded.view(), {.camera = "view", .width = 160, .height = 90}));
   const auto frame = must(runtime::Frame::draw(loaded, view, 1, 2, nullptr));
   const auto picture = must(frame.shade({}, 2));
   std::set<std::array<uint8_t, 3>> colors;
@@ -467,10 +462,7 @@ TEST_CASE("zorah-textured is written, converted and drawn", "[synth][zorah]") {
 
 TEST_CASE("zorah-textured has as many files as NVIDIA's", "[zorah][.slow]") {
   const TempFolder folder;
-  SynthOptions options;
-  options.scene = "zorah-textured";
-  options.scale = 2e-5;
-  options.output = folder.file("t.gltf");
+  const SynthOptions options{.scene = "zorah-textured", .output = folder.file("t.gltf"), .scale = 2e-5};
   must(synthesize(options));
   const json document = json::parse(read_whole(options.output));
   CHECK(document["buffers"].size() == 1 + 2034 + 1);
@@ -484,9 +476,7 @@ TEST_CASE("zorah refuses options of other scenes", "[synth][zorah]") {
     const auto report = refusal(synthesize(options));
     return report.code == ErrorCode::kUsage;
   };
-  SynthOptions options;
-  options.scene = "zorah";
-  options.output = folder.file("z.glb");
+  SynthOptions options{.scene = "zorah", .output = folder.file("z.glb")};
   CHECK(refused(options));
   options.output = folder.file("z.gltf");
   for (const int which : {0, 1, 2, 3, 4}) {

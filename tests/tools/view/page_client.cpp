@@ -167,8 +167,7 @@ std::optional<PageClient::Received> PageClient::receive(Clock::time_point until)
       if ((head[0] & 128) != 0) return parts;
       continue;
     }
-    Received out;
-    out.is_text = opcode == 1;
+    Received out{.is_text = opcode == 1};
     if (opcode == 8 && bytes.size() >= 2)
       out.close_code =
           static_cast<uint16_t>(static_cast<unsigned char>(bytes[0]) << 8 | static_cast<unsigned char>(bytes[1]));

@@ -131,9 +131,7 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   options.input = tests::data_path("sun.glb").string();
   options.normals = convert::Normals::kAuto;
   tests::must_convert(options);
-  tools::LightOptions light;
-  light.lighting = kernels::Lighting::kScene;
-  light.shadow_side = 300;
+  const tools::LightOptions light{.lighting = kernels::Lighting::kScene, .shadow_side = 300};
   const bool on_gpu = GENERATE(false, true);
   if (on_gpu && !tests::has_gpu()) return;
   CAPTURE(on_gpu);
