@@ -84,10 +84,10 @@ inline ChunkKinds kinds_of(std::span<const format::MeshRecord> meshes, std::span
 }
 
 /// A texture with its mip levels. Level l is max(1, width >> l) by max(1, height >> l) texels. The first levels may be
-/// JPEGs, the first of which may be paged, or blocks that begin `level_offset[l]` bytes from `blocks`. The first levels
-/// of blocks may be paged: their rows lie in the pages of SceneView::pager from number `level_offset[l]` on
-/// (format::block_rows()). The others are decoded: 4 bytes per texel (RGBA8, sRGB-coded colour, linear alpha), rows top
-/// to bottom, `level_offset[l]` texels from `texels`.
+/// JPEGs, the first of which may be paged, and `level_offset[l]` is then JpegLevel::first_group; or blocks that begin
+/// `level_offset[l]` bytes from `blocks`. The first levels of blocks may be paged: their rows lie in the pages of
+/// SceneView::pager from number `level_offset[l]` on (format::block_rows()). The others are decoded: 4 bytes per texel
+/// (RGBA8, sRGB-coded colour, linear alpha), rows top to bottom, `level_offset[l]` texels from `texels`.
 struct TextureView {
   static constexpr uint32_t kMaxLevels = 17;  // 65536 x 65536
   const uint8_t* texels;
@@ -108,6 +108,21 @@ struct TextureView {
   bool minified_nearest;   // and where it covers more
   bool one_level;          // the nearest level alone, not two
   bool finest_level;       // level 0 alone
+};
+
+/// A material's surface and textures. The textures are in bundles: those of a bundle have their texels at the same
+/// places, so that a sample finds the places once for all of them (shade/material_views.h makes these records).
+struct MaterialView {
+  static constexpr uint32_t kMostBundles = format::kSurfaceUses + 1;
+  static constexpr uint32_t kBaseUse = format::kSurfaceUses;  // the use of the base colour's texture
+  static constexpr uint32_t kSamePoint = 0x80;
+
+  uint32_t surface = format::kNone;
+  bool is_packed = false;  // occlusion lies in the picture of metalness and roughness, at the same places
+  uint8_t uses = 0;        // the bits of all bundles
+  /// By bundle: one bit per use, SurfaceUse or kBaseUse; 0 after the last bundle. kSamePoint: the bundle differs from
+  /// the bundle before, but has the same point and footprint on its textures.
+  uint8_t bundles[kMostBundles] = {};
 };
 
 /// A light of the drawn scene, in world space.
@@ -131,11 +146,11 @@ struct SceneView {
   const format::MatrixRecord* matrices;
   const format::MaterialRecord* materials;
   const format::SurfaceRecord* surfaces;
-  const uint32_t* surface_of;     // by material: its surface, or kNone; null if there are no surfaces
-  const PlacedLight* lights;      // the drawn scene's
-  const float* environment;       // shade/environment.h; null if there is none
-  const TextureView* textures;    // by texture record
-  const std::byte* const* pages;  // raw bytes by page number, 16-byte aligned; null: not a geometry page
+  const MaterialView* material_views;  // by material
+  const PlacedLight* lights;           // the drawn scene's
+  const float* environment;            // shade/environment.h; null if there is none
+  const TextureView* textures;         // by texture record
+  const std::byte* const* pages;       // raw bytes by page number, 16-byte aligned; null: not a geometry page
   uint64_t mesh_count;
   uint64_t chunk_count;
   uint64_t instance_count;

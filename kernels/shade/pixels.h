@@ -109,15 +109,35 @@ struct Resolve {
     tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { finish(team, x, y, inside, state); });
   }
 
+  /// Finishes a tile that shows nothing, with a pixel per lane; otherwise returns false. Such tiles need none of the
+  /// values that a GPU computes, and moves to memory, before it shades a tile.
+  template <class Team>
+  SCREE_HD bool finish_background(uint32_t item, Team team) const {
+    if constexpr (Team::size() != kPixelTileSize || HasLayers<Shader>) {
+      return false;
+    } else {
+      bool is_background = false;
+      tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) {
+        const uint64_t row_samples = static_cast<uint64_t>(shader.in.view.width);
+        bool shows = false;
+        for (uint32_t i = 0; inside && i < side * side; ++i)
+          shows = shows || samples[(y * side + i / side) * row_samples + x * side + i % side] != kBackground;
+        is_background = team.ballot(shows) == 0;
+        constexpr float kNone[3] = {0, 0, 0};
+        if (is_background && inside) write(x, y, kNone, kNone, static_cast<float>(side * side), 0);
+      });
+      return is_background;
+    }
+  }
+
   /// Finishes one pixel. All lanes of a team must call it. `inside`: whether the lane has a pixel. If texels were
   /// missing, state.texels.missed is set and nothing is written.
   template <class Team>
   SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
-    const ShadeInputs& in = shader.in;
-    const uint64_t row_samples = static_cast<uint64_t>(in.view.width);
+    const uint64_t row_samples = static_cast<uint64_t>(shader.in.view.width);
     float light[3] = {0, 0, 0};
-    [[maybe_unused]] float layers[3] = {0, 0, 0};  // their light
-    float background = 0;                          // number of background samples
+    float layers[3] = {0, 0, 0};  // their light
+    float background = 0;         // number of background samples
     float surface = 0;
     for (uint32_t j = 0; j < side; ++j) {
       for (uint32_t i = 0; i < side; ++i) {
@@ -147,6 +167,15 @@ struct Resolve {
     if (!inside) return;
     if constexpr (Shader::Texels::kMayMiss)
       if (state.texels.missed) return;
+    write(x, y, light, layers, background, surface);
+  }
+
+ private:
+  /// Codes a pixel from the sums over its samples: `light` of the surfaces, `layers` over them, and the shares of
+  /// background and of surfaces.
+  SCREE_HD void write(uint32_t x, uint32_t y, const float light[3], [[maybe_unused]] const float layers[3],
+                      float background, float surface) const {
+    const ShadeInputs& in = shader.in;
     const float factor = visibility != nullptr ? visibility[uint64_t{y} * tiles.width + x] : 1.0f;
     const float behind = background * in.options.background[3];
     const float alpha = surface + behind;

@@ -426,12 +426,10 @@ SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, cons
 }
 
 /// The point where the ray hits the triangle's plane, in texture coordinates, and how far from it the rays of the
-/// samples to the right and below hit. `transform`, `is_second`: as for texture_corners().
+/// samples to the right and below hit.
 template <bool kOrthographic, class Real>
-SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
-                                           const float* transform, bool is_second, float width, float height,
-                                           const PlaneHit<Real>& m, const Real weights[3]) {
-  const TextureCorners<Real> corners = texture_corners<Real>(at, vertex, transform, is_second);
+SCREE_HD inline TexturePlace texture_place(const ShadeInputs& in, const TextureCorners<Real>& corners, float width,
+                                           float height, const PlaneHit<Real>& m, const Real weights[3]) {
   const Real(*const edge)[2] = corners.edge;
   TexturePlace place{};
   place.u = corners.first[0] + texture_point(weights[1] * edge[0][0] + weights[2] * edge[1][0]);
@@ -562,39 +560,46 @@ struct Shader {
     }
   }
 
-  /// `transform`, `is_second`: as for texture_corners(). Only surfaces have second texture coordinates, so other
-  /// shaders have no code for them.
-  SCREE_HD TexturePlace find_place(const PlacedChunk& at, const uint32_t vertex[3], const float* transform, float width,
-                                   float height, const PlaneHit<float>& m, const float weights[3], float x, float y,
-                                   bool is_second = false) const {
-    const TexturePlace place =
-        texture_place<kOrthographic>(in, at, vertex, transform, is_second, width, height, m, weights);
+  /// `corners`: from texture_corners(); `transform` and `is_second` are its.
+  SCREE_HD TexturePlace find_place(const PlacedChunk& at, const TextureCorners<float>& corners, const float* transform,
+                                   bool is_second, float width, float height, const PlaneHit<float>& m,
+                                   const float weights[3], float x, float y) const {
+    const TexturePlace place = texture_place<kOrthographic>(in, corners, width, height, m, weights);
     if (place.exact) return place;
-    const uint64_t chunk = static_cast<uint64_t>(&at.chunk - in.scene.chunks);
-    if constexpr (kShow == Show::kSurface) {
-      if (is_second)
-        return exact_place<true>(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], transform,
-                                 width, height, x, y);
-    }
-    return exact_place<false>(in, chunk, at.triangle, &at.transform, vertex[0], vertex[1], vertex[2], transform, width,
-                              height, x, y);
+    return place_alone<double>(in, chunk_number(at), at.triangle, &at.transform, transform, is_second, width, height, x,
+                               y);
+  }
+
+  /// find_place() for callers that no longer have the corners.
+  SCREE_HD TexturePlace find_place_again(const PlacedChunk& at, const float* transform, bool is_second, float width,
+                                         float height, float x, float y) const {
+    const TexturePlace place =
+        place_alone<float>(in, chunk_number(at), at.triangle, &at.transform, transform, is_second, width, height, x, y);
+    if (place.exact) return place;
+    return place_alone<double>(in, chunk_number(at), at.triangle, &at.transform, transform, is_second, width, height, x,
+                               y);
+  }
+
+  SCREE_HD uint64_t chunk_number(const PlacedChunk& at) const {
+    return static_cast<uint64_t>(&at.chunk - in.scene.chunks);
   }
 
   /// Rarely called, and takes many registers. A call that takes only values, so that on a GPU the caller's values stay
-  /// in registers.
-  template <bool kSecond>
-  [[gnu::noinline]] SCREE_HD static TexturePlace exact_place(const ShadeInputs& in, uint64_t chunk, uint32_t triangle,
-                                                             const Transform* transform, uint32_t vertex0,
-                                                             uint32_t vertex1, uint32_t vertex2,
-                                                             const float* transform_uv, float width, float height,
-                                                             float x, float y) {
+  /// in registers. Only surfaces have second texture coordinates, so other shaders have no code for them.
+  template <class Real>
+  [[gnu::noinline]] SCREE_HD static TexturePlace place_alone(const ShadeInputs& in, uint64_t chunk, uint32_t triangle,
+                                                             const Transform* transform, const float* transform_uv,
+                                                             bool is_second, float width, float height, float x,
+                                                             float y) {
     const PlacedChunk at = place_chunk<kKinds>(in.scene, chunk, triangle, *transform);
-    const uint32_t vertex[3] = {vertex0, vertex1, vertex2};
-    const PlaneHit<double> m = intersect_plane<kOrthographic>(at.transform, fetch_corners<double>(at.reader, vertex),
-                                                              static_cast<double>(x), static_cast<double>(y));
-    double weights[3];
+    uint32_t vertex[3];
+    fetch_triangle(at.reader, triangle, vertex);
+    const PlaneHit<Real> m = intersect_plane<kOrthographic>(at.transform, fetch_corners<Real>(at.reader, vertex),
+                                                            static_cast<Real>(x), static_cast<Real>(y));
+    Real weights[3];
     hit_weights(m, weights);
-    return texture_place<kOrthographic>(in, at, vertex, transform_uv, kSecond, width, height, m, weights);
+    const auto corners = texture_corners<Real>(at, vertex, transform_uv, kShow == Show::kSurface && is_second);
+    return texture_place<kOrthographic>(in, corners, width, height, m, weights);
   }
 
   /// Multiplies `rgb` by the colours of the vertices.
@@ -624,7 +629,8 @@ struct Shader {
     } else if constexpr (kShow == Show::kUv) {
       rgb[0] = rgb[1] = rgb[2] = 0;
       if ((at.mesh.attributes & format::kHasUv) == 0) return;
-      const TexturePlace place = find_place(at, vertex, nullptr, 1.0f, 1.0f, m, weights, x, y);
+      const auto uv = texture_corners<float>(at, vertex, nullptr, false);
+      const TexturePlace place = find_place(at, uv, nullptr, false, 1.0f, 1.0f, m, weights, x, y);
       rgb[0] = srgb_to_linear(static_cast<float>(static_cast<uint32_t>(place.u)) * (1.0f / 4294967296.0f));
       rgb[1] = srgb_to_linear(static_cast<float>(static_cast<uint32_t>(place.v)) * (1.0f / 4294967296.0f));
     } else if constexpr (kShow == Show::kSurface) {
@@ -640,9 +646,10 @@ struct Shader {
           if ((at.mesh.attributes & format::kHasUv) != 0 && material->texture != format::kNone) {
             const TextureView& texture = in.scene.textures[material->texture];
             if (texture.level_count != 0) {
+              const float* const transform = uv_transform(*material);
               const TexturePlace place =
-                  find_place(at, vertex, uv_transform(*material), static_cast<float>(texture.width),
-                             static_cast<float>(texture.height), m, weights, x, y);
+                  find_place(at, texture_corners<float>(at, vertex, transform, false), transform, false,
+                             static_cast<float>(texture.width), static_cast<float>(texture.height), m, weights, x, y);
               sample_texture(texels, lane, texture, in.srgb->linear, place.u, place.v, place.footprint, rgb);
             }
           }

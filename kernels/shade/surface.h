@@ -204,73 +204,60 @@ SCREE_HD inline Float3 punctual_light(const ShadeInputs& in, const SurfacePoint&
 /// As LinearCodes; with a null table the values are the codes.
 struct SurfaceCodes {
   const float* linear;
-  SCREE_HD void read(const uint32_t texels[4], uint32_t shift, float values[4]) const {
-    if (linear != nullptr) return LinearCodes{linear}.read(texels, shift, values);
-    for (uint32_t i = 0; i < 4; ++i) values[i] = static_cast<float>(texels[i] >> shift & 255u);
+  SCREE_HD void read(const uint32_t texels[4], float values[3][4]) const {
+    if (linear != nullptr) return LinearCodes{linear}.read(texels, values);
+    for (uint32_t c = 0; c < 3; ++c)
+      for (uint32_t i = 0; i < 4; ++i) values[c][i] = static_cast<float>(texels[i] >> 8 * c & 255u);
   }
 };
-
-/// Whether two textures of one size have the same places for equal texture coordinates. `a`, `b`: uv_transform().
-SCREE_HD inline bool same_transform(const float* a, const float* b) {
-  bool same = true;
-  for (uint32_t i = 0; i < 5; ++i) same = same && a[i] == b[i];
-  return same;
-}
 
 /// Whether a texture of a surface uses the mesh's second texture coordinates.
 SCREE_HD inline bool uses_second(const format::SurfaceRecord& surface, uint32_t use) {
   return (surface.second_uv >> use & 1u) != 0;
 }
 
-/// The direction of the mesh's tangents at the sample, in view space, around `normal`; the result's length is 0 if they
-/// have none there. `focal`: as for view_normal(). Sets `bitangent` too.
-SCREE_HD inline Float3 stored_tangent(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
-                                      const float weights[3], float focal, const Float3& normal, Float3& bitangent) {
+/// The axes of a normal map at a sample, in view space.
+struct NormalAxes {
+  Float3 normal;   // unit; of the front
+  Float3 tangent;  // unit, or 0: the normal map has no direction there
+  float side;      // 1 or -1; the bitangent is this times cross(normal, tangent)
+};
+
+/// Sets the tangent to the mesh's own, around the normal. `focal`: as for view_normal().
+SCREE_HD inline void set_stored_tangent(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
+                                        const float weights[3], float focal, NormalAxes& axes) {
   float object[3];
-  const float sign = vertex_tangent(at, vertex, weights, object) * (at.transform.mirrored ? -1.0f : 1.0f);
+  axes.side = vertex_tangent(at, vertex, weights, object) * (at.transform.mirrored ? -1.0f : 1.0f);
   Float3 along = grey(0);
   for (int j = 0; j < 3; ++j)
     along = along + Float3{at.transform.x[j], at.transform.y[j] * in.aspect, at.transform.w[j] * focal} * object[j];
   along = unit_or(along, grey(0));
-  const Float3 tangent = unit_or(along - normal * dot(normal, along), grey(0));
-  bitangent = cross(normal, tangent) * sign;
-  return tangent;
+  axes.tangent = unit_or(along - axes.normal * dot(axes.normal, along), grey(0));
 }
 
-/// The normal that a normal map's `code` gives around `normal` (unit length, of the front). The tangent is the mesh's
-/// or, if it stores none, comes from the triangle's transformed texture coordinates. Then it is constant on a triangle,
-/// while MikkTSpace's is averaged at its corners.
-SCREE_HD inline Float3 mapped_normal(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
-                                     const float weights[3], const format::SurfaceRecord& surface, const Float3& code,
-                                     const Float3 edge[2], float focal, const Float3& normal) {
-  constexpr uint32_t kUse = static_cast<uint32_t>(format::SurfaceUse::kNormalMap);
-  Float3 tangent;
-  Float3 bitangent;
-  if (has_tangents(at)) {
-    tangent = stored_tangent(in, at, vertex, weights, focal, normal, bitangent);
-  } else {
-    const TextureCorners<float> corners =
-        texture_corners<float>(at, vertex, uv_transform(surface.textures[kUse]), uses_second(surface, kUse));
-    const float(*d)[2] = corners.edge;
-    const float side = d[0][0] * d[1][1] - d[1][0] * d[0][1] >= 0 ? 1.0f : -1.0f;
-    const Float3 along_u = unit_or((edge[0] * d[1][1] - edge[1] * d[0][1]) * side, grey(0));
-    const Float3 along_v = (edge[1] * d[0][0] - edge[0] * d[1][0]) * side;
-    tangent = unit_or(along_u - normal * dot(normal, along_u), grey(0));
-    bitangent = cross(normal, tangent);
-    if (dot(bitangent, along_v) > 0) bitangent = bitangent * -1.0f;  // green is up, v goes down
-  }
-  const float bump_x = (2.0f * code.x - 1.0f) * surface.normal_scale;
-  const float bump_y = (2.0f * code.y - 1.0f) * surface.normal_scale;
+/// Sets the tangent to that of the triangle's transformed texture coordinates. It is constant on a triangle, while
+/// MikkTSpace's is averaged at its corners. `d`: TextureCorners::edge; `edge`: of the triangle, in view space.
+SCREE_HD inline void set_flat_tangent(const float d[2][2], const Float3 edge[2], NormalAxes& axes) {
+  const float side = d[0][0] * d[1][1] - d[1][0] * d[0][1] >= 0 ? 1.0f : -1.0f;
+  const Float3 along_u = unit_or((edge[0] * d[1][1] - edge[1] * d[0][1]) * side, grey(0));
+  const Float3 along_v = (edge[1] * d[0][0] - edge[0] * d[1][0]) * side;
+  axes.tangent = unit_or(along_u - axes.normal * dot(axes.normal, along_u), grey(0));
+  axes.side = dot(cross(axes.normal, axes.tangent), along_v) > 0 ? -1.0f : 1.0f;  // green is up, v goes down
+}
+
+/// Turns the normal as a normal map's `code` says.
+SCREE_HD inline void bend_normal(const Float3& code, float scale, NormalAxes& axes) {
+  if (dot(axes.tangent, axes.tangent) == 0) return;  // the triangle has no area in the texture
+  const float bump_x = (2.0f * code.x - 1.0f) * scale;
+  const float bump_y = (2.0f * code.y - 1.0f) * scale;
   const float bump_z = 2.0f * code.z - 1.0f;
-  if (dot(tangent, tangent) == 0) return normal;  // the triangle has no area in the texture
-  return unit_or(tangent * bump_x + bitangent * bump_y + normal * bump_z, normal);
+  const Float3 bitangent = cross(axes.normal, axes.tangent) * axes.side;
+  axes.normal = unit_or(axes.tangent * bump_x + bitangent * bump_y + axes.normal * bump_z, axes.normal);
 }
 
 /// A material at a sample: its factors times its textures.
 struct SurfaceValues {
   Float3 base{1, 1, 1};
-  Float3 bump{0, 0, 0};  // the normal map's code
-  bool has_bump = false;
   float metallic = 0;  // a material without a surface is matt
   float roughness = 1;
   float occlusion = 1;
@@ -293,11 +280,11 @@ SCREE_HD inline void set_reflectance(const SurfaceValues& values, const Float3& 
   out.coat_f90 = values.specular;
 }
 
-/// One bit per use of a texture: the uses of SurfaceUse, and after them the base colour.
+/// One bit per use of a texture, as in MaterialView.
 SCREE_HD constexpr uint32_t use_bit(format::SurfaceUse use) {
   return 1u << static_cast<uint32_t>(use);
 }
-inline constexpr uint32_t kBaseUse = format::kSurfaceUses;
+inline constexpr uint32_t kBaseUse = MaterialView::kBaseUse;
 inline constexpr uint32_t kCameraUses = use_bit(format::SurfaceUse::kNormalMap) |
                                         use_bit(format::SurfaceUse::kOcclusion) |
                                         use_bit(format::SurfaceUse::kEmission);  // visible in the camera's light
@@ -308,125 +295,148 @@ inline constexpr uint32_t kColorUses = [] {
   return bits;
 }();
 
-/// Multiplies a material's textures into `out`, which holds its factors. `surface`: null if there is only a base
-/// colour. It is one loop over all textures, so that the kernel contains one sampler; with seven, nvcc took minutes to
-/// compile it.
-template <class Shader>
-SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
-                                   const format::MaterialRecord& material, const format::SurfaceRecord* surface,
-                                   const PlaneHit<float>& m, const float weights[3], float x, float y,
-                                   typename Shader::Texels::Lane& lane, SurfaceValues& out) {
+/// Multiplies three channels of a texture into `out`, or turns the normal. `code`: the channels, linear.
+/// `occlusion_too`: an occlusion lies in the red of metalness and roughness.
+SCREE_HD inline void use_texture(uint32_t use, const float code[3], const format::SurfaceRecord* surface,
+                                 bool occlusion_too, SurfaceValues& out, NormalAxes& axes) {
   using Use = format::SurfaceUse;
+  const Float3 color{code[0], code[1], code[2]};
+  const auto occlusion = [&] { return 1.0f + surface->occlusion_strength * (code[0] - 1.0f); };
+  if (use == kBaseUse) {
+    out.base = color;
+  } else if (use == static_cast<uint32_t>(Use::kMetallicRoughness)) {
+    out.roughness *= code[1];
+    out.metallic *= code[2];
+    if (occlusion_too) out.occlusion = occlusion();
+  } else if (use == static_cast<uint32_t>(Use::kNormalMap)) {
+    bend_normal(color, surface->normal_scale, axes);
+  } else if (use == static_cast<uint32_t>(Use::kOcclusion)) {
+    out.occlusion = occlusion();
+  } else if (use == static_cast<uint32_t>(Use::kEmission)) {
+    out.emission = out.emission * color;
+  } else if (use == static_cast<uint32_t>(Use::kSpecular)) {
+    out.specular *= code[0];  // the alpha
+  } else {
+    out.specular_color = out.specular_color * color;
+  }
+}
+
+/// The textures that a sample reads.
+struct MaterialTextures {
+  const format::MaterialRecord* material;  // null if there is none
+  const format::SurfaceRecord* surface;    // null if there is only a base colour
+  const MaterialView* view;
+  uint32_t uses = 0;       // bits of the textures
+  bool is_packed = false;  // occlusion is read with metalness and roughness, and has no bit
+  uint32_t first = 0;      // the first bundle that is read
+
+  SCREE_HD uint32_t number_of(uint32_t use) const {
+    return use == kBaseUse ? material->texture : surface->textures[use].texture;
+  }
+  SCREE_HD const float* transform_of(uint32_t use) const {
+    return use == kBaseUse ? uv_transform(*material) : uv_transform(surface->textures[use]);
+  }
+  SCREE_HD bool is_second_of(uint32_t use) const { return use != kBaseUse && uses_second(*surface, use); }
+};
+
+SCREE_HD inline MaterialTextures textures_of(const ShadeInputs& in, const format::MeshRecord& mesh) {
+  using Use = format::SurfaceUse;
+  if (mesh.material == format::kNone) return {nullptr, nullptr, nullptr};
+  const format::MaterialRecord& material = in.scene.materials[mesh.material];
+  const MaterialView& view = in.scene.material_views[mesh.material];
+  MaterialTextures out{&material, nullptr, &view};
+  constexpr uint32_t kBaseBit = 1u << kBaseUse;
+  uint32_t uses = kBaseBit;
+  if ((material.flags & format::kMaterialUnlit) == 0 && view.surface != format::kNone) {
+    const format::SurfaceRecord& surface = in.scene.surfaces[view.surface];
+    out.surface = &surface;
+    uses |= in.light.lighting == Lighting::kCamera ? kCameraUses : kBaseBit - 1u;
+    const float* const emission = surface.emission;
+    if (!(max_of(emission[0], max_of(emission[1], emission[2])) > 0)) uses &= ~use_bit(Use::kEmission);
+    if ((mesh.attributes & format::kHasSecondUv) == 0) uses &= ~surface.second_uv | kBaseBit;
+  }
+  uses &= (mesh.attributes & format::kHasUv) != 0 ? view.uses : 0u;
+  out.is_packed = view.is_packed && (uses & use_bit(Use::kMetallicRoughness)) != 0;
+  out.uses = out.is_packed ? uses & ~use_bit(Use::kOcclusion) : uses;
+  while (out.uses != 0 && (view.bundles[out.first] & out.uses) == 0) ++out.first;
+  return out;
+}
+
+/// Multiplies a material's textures into `out`, which holds its factors. `place`: of the first bundle. The textures of
+/// a bundle share the places of their texels. They are read in a loop, so that the kernel contains one sampler; with
+/// seven, nvcc took minutes to compile it.
+template <class Shader>
+SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, const MaterialTextures& textures,
+                                   TexturePlace place, float x, float y, typename Shader::Texels::Lane& lane,
+                                   SurfaceValues& out, NormalAxes& axes) {
   const ShadeInputs& in = shader.in;
-  uint32_t uses = 1u << kBaseUse;
-  if (surface != nullptr) uses |= in.light.lighting == Lighting::kCamera ? kCameraUses : (1u << kBaseUse) - 1u;
-  if ((uses & use_bit(Use::kEmission)) != 0 && !(largest_of(out.emission) > 0)) uses &= ~use_bit(Use::kEmission);
-  const auto number_of = [&](uint32_t use) {
-    return use == kBaseUse ? material.texture : surface->textures[use].texture;
-  };
-  const auto transform_of = [&](uint32_t use) {
-    return use == kBaseUse ? uv_transform(material) : uv_transform(surface->textures[use]);
-  };
-  const auto is_second_of = [&](uint32_t use) { return use != kBaseUse && uses_second(*surface, use); };
-  // Metalness, roughness and occlusion often lie in one picture, which is then read once.
-  constexpr uint32_t kRough = static_cast<uint32_t>(Use::kMetallicRoughness);
-  constexpr uint32_t kOcclusion = static_cast<uint32_t>(Use::kOcclusion);
-  constexpr uint32_t kPacked = 1u << kRough | 1u << kOcclusion;
-  const bool is_packed = (uses & kPacked) == kPacked && number_of(kRough) == number_of(kOcclusion) &&
-                         is_second_of(kRough) == is_second_of(kOcclusion) &&
-                         same_transform(transform_of(kRough), transform_of(kOcclusion));
-  if (is_packed) uses &= ~(1u << kOcclusion);
-  const auto occlusion_of = [&](float code) { return 1.0f + surface->occlusion_strength * (code - 1.0f); };
-  TexturePlace place{};
-  uint32_t placed = format::kNone;  // the use of the texture whose place was computed last
+  bool is_placed = true;
+  uint32_t rest = textures.uses;
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
-  for (uint32_t i = 0; i <= kBaseUse; ++i) {
-    if ((uses >> i & 1u) == 0) continue;
-    const uint32_t number = number_of(i);
-    if (number == format::kNone) continue;
-    const TextureView& texture = in.scene.textures[number];
-    const Use use = static_cast<Use>(i);
-    if (texture.level_count == 0) continue;
-    const bool is_second = is_second_of(i);
-    if (is_second && (at.mesh.attributes & format::kHasSecondUv) == 0) continue;
-    if (use == Use::kSpecular && texture.jpeg_level_count != 0) continue;  // no alpha in JPEGs
-    const float* const transform = transform_of(i);
-    // Most textures of a material have the same place.
-    const TextureView& other = in.scene.textures[number_of(placed != format::kNone ? placed : i)];
-    if (placed == format::kNone || texture.width != other.width || texture.height != other.height ||
-        is_second != is_second_of(placed) || !same_transform(transform, transform_of(placed))) {
-      place = shader.find_place(at, vertex, transform, static_cast<float>(texture.width),
-                                static_cast<float>(texture.height), m, weights, x, y, is_second);
-      placed = i;
-    }
-    float code[3];
-    const bool is_color = (kColorUses >> i & 1u) != 0;
-    sample_channels(shader.texels, lane, texture, SurfaceCodes{is_color ? in.srgb->linear : nullptr},
-                    use == Use::kSpecular ? 24u : 0u, place.u, place.v, place.footprint, code);
-    if (!is_color)
-      for (float& channel : code) channel *= 1.0f / 255.0f;
-    const Float3 color{code[0], code[1], code[2]};
-    if (i == kBaseUse) {
-      out.base = color;
-    } else if (use == Use::kMetallicRoughness) {
-      out.roughness *= code[1];
-      out.metallic *= code[2];
-      if (is_packed) out.occlusion = occlusion_of(code[0]);
-    } else if (use == Use::kNormalMap) {
-      out.bump = color;
-      out.has_bump = true;
-    } else if (use == Use::kOcclusion) {
-      out.occlusion = occlusion_of(code[0]);
-    } else if (use == Use::kEmission) {
-      out.emission = out.emission * color;
-    } else if (use == Use::kSpecular) {
-      out.specular *= code[0];  // the alpha
-    } else {
-      out.specular_color = out.specular_color * color;
+  for (uint32_t b = textures.first; rest != 0; ++b) {
+    const uint32_t bundle = textures.view->bundles[b];
+    if (b != textures.first && (bundle & MaterialView::kSamePoint) == 0) is_placed = false;
+    uint32_t left = bundle & rest;
+    rest &= ~bundle;
+    if (left == 0) continue;
+    const uint32_t first = lowest_bit(left);
+    const TextureView& layout = in.scene.textures[textures.number_of(first)];
+    if (!is_placed)
+      place = shader.find_place_again(at, textures.transform_of(first), textures.is_second_of(first),
+                                      static_cast<float>(layout.width), static_cast<float>(layout.height), x, y);
+    is_placed = true;
+    const SampledLevels levels = sampled_levels(layout, place.footprint);
+    const uint32_t u = wrap_point(place.u, layout.wrap_s);
+    const uint32_t v = wrap_point(place.v, layout.wrap_t);
+    LevelPoint points[2];
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+    for (uint32_t i = 0; i < levels.count(); ++i)
+      place_level(shader.texels, lane, layout, levels.fine + i, u, v, levels.nearest, points[i]);
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+    for (; left != 0; left &= left - 1) {
+      const uint32_t use = lowest_bit(left);
+      const TextureView& texture = in.scene.textures[textures.number_of(use)];
+      const bool is_color = (kColorUses >> use & 1u) != 0;
+      const uint32_t first_bit = use == static_cast<uint32_t>(format::SurfaceUse::kSpecular) ? 24 : 0;
+      float code[3] = {0, 0, 0};
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+      for (uint32_t i = 0; i < levels.count(); ++i) {
+        float some[3];
+        sample_level(shader.texels, lane, texture, SurfaceCodes{is_color ? in.srgb->linear : nullptr}, first_bit,
+                     points[i], some);
+        mix_level(i, some, levels.between, code);
+      }
+      if (!is_color)
+        for (float& channel : code) channel *= 1.0f / 255.0f;
+      use_texture(use, code, textures.surface, textures.is_packed, out, axes);
     }
   }
 }
 
-/// See shade.h.
-template <bool kOrthographic, class Shader>
-SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
-                            const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
-                            float y, typename Shader::Texels::Lane& lane, float rgb[3]) {
-  const ShadeInputs& in = shader.in;
-  const Lighting lighting = in.light.lighting;
-  const uint32_t number = at.mesh.material;
-  const format::MaterialRecord* const material = number != format::kNone ? in.scene.materials + number : nullptr;
-  const bool unlit = material != nullptr && (material->flags & format::kMaterialUnlit) != 0;
-  const format::SurfaceRecord* surface = nullptr;
-  if (material != nullptr && !unlit && in.scene.surface_of != nullptr && in.scene.surface_of[number] != format::kNone)
-    surface = in.scene.surfaces + in.scene.surface_of[number];
+/// Everything of a sample that depends on its triangle. It is computed before textures are read, so that a GPU need not
+/// keep the triangle in registers meanwhile.
+struct SampleFrame {
+  NormalAxes axes;
+  Float3 to_viewer;  // unit
+  Float3 place;      // relative to the eye, as for punctual_light()
+  float sun;         // likewise
+  bool is_back;      // the viewer looks at the triangle's back
+};
 
-  // The only value of the corners that is needed from here on, so that a GPU keeps few registers.
-  float depth = at.transform.w[3];
-  for (int i = 0; i < 3; ++i)
-    depth = multiply_add(at.transform.w[i],
-                         corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
-  SurfaceValues values;
-  if (surface != nullptr) {
-    values.metallic = surface->metallic;
-    values.roughness = surface->roughness;
-    values.emission = {surface->emission[0], surface->emission[1], surface->emission[2]};
-    values.specular = surface->specular;
-    values.specular_color = {surface->specular_color[0], surface->specular_color[1], surface->specular_color[2]};
-  }
-  if (material != nullptr) {
-    if ((at.mesh.attributes & format::kHasUv) != 0)
-      read_textures(shader, at, vertex, *material, surface, m, weights, x, y, lane, values);
-    values.base = values.base * Float3{material->base_color[0], material->base_color[1], material->base_color[2]};
-  }
-  rgb[0] = values.base.x;
-  rgb[1] = values.base.y;
-  rgb[2] = values.base.z;
-  if ((at.mesh.attributes & format::kHasColor) != 0) Shader::vertex_color(at, vertex, weights, rgb);
-  if (unlit) return;
-
+/// `uv`: of the first bundle of textures. `depth`: the w of the sample.
+template <bool kOrthographic>
+SCREE_HD inline SampleFrame sample_frame(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
+                                         const PlaneHit<float>& m, const float weights[3], float x, float y,
+                                         float depth, const MaterialTextures& textures,
+                                         const TextureCorners<float>& uv) {
   // The triangle's plane, and the ray that hits it.
   const float focal = kOrthographic ? -in.focal : in.focal;  // the depth row of an orthographic camera decreases
   Float3 edge[2];
@@ -436,36 +446,91 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
                                      multiply_add(y, m.edge_w[n], m.edge_y[n]) * in.aspect, m.edge_w[n] * focal};
   }
   const Float3 ray = kOrthographic ? Float3{0, 0, 1} : Float3{x, y * in.aspect, focal};
-  SurfacePoint point;
-  point.to_viewer = unit_or(ray * -1.0f, {0, 0, -1});
+  SampleFrame out;
+  out.to_viewer = unit_or(ray * -1.0f, {0, 0, -1});
   const float hand = at.transform.mirrored ? -1.0f : 1.0f;
-  const Float3 face = unit_or(cross(unit_or(edge[0], grey(0)), unit_or(edge[1], grey(0))) * hand, point.to_viewer);
-  Float3 normal = face;
+  const Float3 face = unit_or(cross(unit_or(edge[0], grey(0)), unit_or(edge[1], grey(0))) * hand, out.to_viewer);
+  out.is_back = dot(face, out.to_viewer) < 0;
+  out.axes = {face, grey(0), 1.0f};
   if (has_vertex_normals(at)) {
     float object[3];
     float turned[3];
     vertex_normal(at, vertex, weights, object);
     view_normal(in, at, object, focal, turned);
-    normal = unit_or(Float3{turned[0], turned[1], turned[2]} * hand, face);
+    out.axes.normal = unit_or(Float3{turned[0], turned[1], turned[2]} * hand, face);
   }
-  if (values.has_bump) normal = mapped_normal(in, at, vertex, weights, *surface, values.bump, edge, focal, normal);
-  if (dot(face, point.to_viewer) < 0) normal = normal * -1.0f;
-  point.normal = normal;
-  point.occlusion = values.occlusion;
-  const Float3 base{rgb[0], rgb[1], rgb[2]};
-  Float3 light;
-  if (lighting == Lighting::kCamera) {
-    const float cosine = unit_range(dot(point.normal, point.to_viewer));
-    light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + values.emission;
-  } else {
-    set_reflectance(values, base, surface != nullptr ? surface->ior : 1.5f, point);
-    if (lighting == Lighting::kEnvironment) {
-      light = environment_light(in, point);
+  constexpr uint32_t kUse = static_cast<uint32_t>(format::SurfaceUse::kNormalMap);
+  if ((textures.uses >> kUse & 1u) != 0) {
+    if (has_tangents(at)) {
+      set_stored_tangent(in, at, vertex, weights, focal, out.axes);
     } else {
-      const Float3 place = kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * focal} : ray * depth;
-      light = punctual_light(in, point, place, in.sun.samples != nullptr ? sun_share(in.sun, place, face) : 1.0f);
+      const bool is_first = (textures.view->bundles[textures.first] >> kUse & 1u) != 0;
+      const auto own =
+          is_first ? uv : texture_corners<float>(at, vertex, textures.transform_of(kUse), textures.is_second_of(kUse));
+      set_flat_tangent(own.edge, edge, out.axes);
     }
-    light = (light + values.emission) * in.options.exposure;
+  }
+  out.place = grey(0);
+  out.sun = 1.0f;
+  if (in.light.lighting == Lighting::kScene) {
+    out.place = kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * focal} : ray * depth;
+    if (in.sun.samples != nullptr) out.sun = sun_share(in.sun, out.place, face);
+  }
+  return out;
+}
+
+/// See shade.h.
+template <bool kOrthographic, class Shader>
+SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const uint32_t vertex[3],
+                            const PlaneHit<float>& m, const Corners<float>& corners, const float weights[3], float x,
+                            float y, typename Shader::Texels::Lane& lane, float rgb[3]) {
+  const ShadeInputs& in = shader.in;
+  const Lighting lighting = in.light.lighting;
+  float depth = at.transform.w[3];
+  for (int i = 0; i < 3; ++i)
+    depth = multiply_add(at.transform.w[i],
+                         corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
+  float tint[3] = {1, 1, 1};
+  if ((at.mesh.attributes & format::kHasColor) != 0) Shader::vertex_color(at, vertex, weights, tint);
+  const MaterialTextures textures = textures_of(in, at.mesh);
+  TextureCorners<float> uv{};
+  TexturePlace place{};
+  if (textures.uses != 0) {
+    const uint32_t use = lowest_bit(textures.view->bundles[textures.first] & textures.uses);
+    const TextureView& texture = in.scene.textures[textures.number_of(use)];
+    uv = texture_corners<float>(at, vertex, textures.transform_of(use), textures.is_second_of(use));
+    place = shader.find_place(at, uv, textures.transform_of(use), textures.is_second_of(use),
+                              static_cast<float>(texture.width), static_cast<float>(texture.height), m, weights, x, y);
+  }
+  SampleFrame frame = sample_frame<kOrthographic>(in, at, vertex, m, weights, x, y, depth, textures, uv);
+  SurfaceValues values;
+  const format::SurfaceRecord* const surface = textures.surface;
+  if (surface != nullptr) {
+    values.metallic = surface->metallic;
+    values.roughness = surface->roughness;
+    values.emission = {surface->emission[0], surface->emission[1], surface->emission[2]};
+    values.specular = surface->specular;
+    values.specular_color = {surface->specular_color[0], surface->specular_color[1], surface->specular_color[2]};
+  }
+  read_textures(shader, at, textures, place, x, y, lane, values, frame.axes);
+  if (const format::MaterialRecord* const material = textures.material)
+    values.base = values.base * Float3{material->base_color[0], material->base_color[1], material->base_color[2]};
+  const Float3 base = values.base * Float3{tint[0], tint[1], tint[2]};
+  Float3 light = base;
+  if (textures.material == nullptr || (textures.material->flags & format::kMaterialUnlit) == 0) {
+    SurfacePoint point;
+    point.to_viewer = frame.to_viewer;
+    point.normal = frame.is_back ? frame.axes.normal * -1.0f : frame.axes.normal;
+    point.occlusion = values.occlusion;
+    if (lighting == Lighting::kCamera) {
+      const float cosine = unit_range(dot(point.normal, point.to_viewer));
+      light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + values.emission;
+    } else {
+      set_reflectance(values, base, surface != nullptr ? surface->ior : 1.5f, point);
+      light = lighting == Lighting::kEnvironment ? environment_light(in, point)
+                                                 : punctual_light(in, point, frame.place, frame.sun);
+      light = (light + values.emission) * in.options.exposure;
+    }
   }
   rgb[0] = light.x;
   rgb[1] = light.y;

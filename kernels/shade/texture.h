@@ -63,9 +63,9 @@ SCREE_HD inline const format::JpegPicture* want_jpeg(const TexelPages& pages, co
   return page == nullptr ? nullptr : jpeg_of(level, page);
 }
 
-SCREE_HD inline bool absent_texels(uint32_t texels[4]) {
-  for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;
-  return false;
+/// The picture of a JPEG level whose page is present.
+SCREE_HD inline const format::JpegPicture* present_jpeg(const TexelPages& pages, const JpegLevel& level) {
+  return jpeg_of(level, level.page == JpegLevel::kNotPaged ? nullptr : pages.blocks[level.page]);
 }
 
 /// The four bytes of a decoded texel, which is 4-byte aligned.
@@ -79,46 +79,92 @@ SCREE_HD inline uint32_t load_texel(const uint8_t* texel) {
 #endif
 }
 
-/// The four texels of two columns and two rows, row by row, as coded: red in the low byte, alpha in the high one. For
-/// levels that are not JPEGs. Returns whether they are present; texels of levels that are not paged always are.
-/// `kMayBePaged`: whether the level may lie in pages.
+/// Where four texels of a level lie, row by row. Textures of the same layout (material_views.h) have the same places.
+struct TexelPlaces {
+  // A texel's group of a JPEG; or its row of blocks times 2^16, plus its block's number in the row. Sources that look
+  // groups up by pixels store the two columns and the two rows here.
+  uint32_t group[4];
+  uint32_t pixel[4];  // the texel's number in its group, in its block, or in a decoded level
+};
+
+/// `pair`s as a source that looks groups up by pixels keeps them.
+SCREE_HD inline void keep_pairs(const TexelPair& column, const TexelPair& row, TexelPlaces& out) {
+  out.group[0] = column.first;
+  out.group[1] = column.second;
+  out.group[2] = row.first;
+  out.group[3] = row.second;
+}
+
+/// The pages of a paged level of blocks that hold the texels' upper and lower row.
+struct PagesOfRows {
+  uint32_t rows_per_page;  // of blocks
+  uint32_t page[2];
+};
+SCREE_HD inline PagesOfRows pages_of_rows(const TextureView& texture, uint32_t level, const TexelPlaces& at) {
+  const uint32_t per_page =
+      format::block_rows(texture.block_format, max_of(texture.width >> level, 1u), max_of(texture.height >> level, 1u))
+          .rows_per_page;
+  return {per_page, {(at.group[0] >> 16) / per_page, (at.group[2] >> 16) / per_page}};
+}
+
+/// Sets the places of the texels of two columns and two rows of a level that is not a JPEG. Returns whether they are
+/// present, and marks their pages; texels of levels that are not paged always are. `kMayBePaged`: whether the level may
+/// lie in pages.
 template <bool kMayBePaged>
-SCREE_HD inline bool stored_texels(const TexelPages& pages, const TextureView& texture, uint32_t level,
-                                   const TexelPair& column, const TexelPair& row, uint32_t texels[4]) {
-  const uint32_t width = max_of(texture.width >> level, 1u);
-  if (level >= texture.block_level_count) {
-    const uint8_t* first = texture.texels + 4 * texture.level_offset[level];
-    for (uint32_t i = 0; i < 4; ++i) {
-      const uint64_t x = i % 2 == 0 ? column.first : column.second;
-      const uint64_t y = i < 2 ? row.first : row.second;
-      texels[i] = load_texel(first + 4 * (y * width + x));
-    }
-    return true;
+SCREE_HD inline bool place_stored(const TexelPages& pages, const TextureView& texture, uint32_t level,
+                                  const TexelPair& column, const TexelPair& row, TexelPlaces& out) {
+  const bool is_block = level < texture.block_level_count;
+  const uint32_t shift = is_block ? format::block_side_log(texture.block_format) : 0;
+  const uint32_t inside = (1u << shift) - 1;
+  const uint32_t width = is_block ? 4 : max_of(texture.width >> level, 1u);
+  for (uint32_t i = 0; i < 4; ++i) {
+    const uint32_t x = i % 2 == 0 ? column.first : column.second;
+    const uint32_t y = i < 2 ? row.first : row.second;
+    out.group[i] = y >> shift << 16 | x >> shift;
+    out.pixel[i] = is_block ? (y & inside) * width + (x & inside) : y * width + x;
   }
-  // The blocks that hold each row, and the row's number counted from their top.
+  if (!kMayBePaged || level >= texture.paged_level_count) return true;
+  const PagesOfRows rows = pages_of_rows(texture, level, out);
+  bool is_present = true;
+  for (uint32_t i = 0; i < 2; ++i)
+    if (i == 0 || rows.page[1] != rows.page[0])
+      is_present = want_page(pages, texture.level_offset[level] + rows.page[i]) != nullptr && is_present;
+  return is_present;
+}
+
+/// The texels at places from place_stored(), as coded: red in the low byte, alpha in the high one.
+template <bool kMayBePaged>
+SCREE_HD inline void stored_texels(const TexelPages& pages, const TextureView& texture, uint32_t level,
+                                   const TexelPlaces& at, uint32_t texels[4]) {
+  if (level >= texture.block_level_count) {
+    const uint8_t* const first = texture.texels + 4 * texture.level_offset[level];
+    for (uint32_t i = 0; i < 4; ++i) texels[i] = load_texel(first + 4 * uint64_t{at.pixel[i]});
+    return;
+  }
+  // The blocks that hold each row, and the number of the row of blocks counted from there.
   const uint8_t* blocks[2];
-  uint32_t y[2] = {row.first, row.second};
+  uint32_t row[2] = {at.group[0] >> 16, at.group[2] >> 16};
   if (kMayBePaged && level < texture.paged_level_count) {
-    const format::BlockRows rows = format::block_rows(texture.block_format, width, max_of(texture.height >> level, 1u));
-    const uint32_t page_height = rows.rows_per_page * format::block_side(texture.block_format);
-    const uint32_t page[2] = {y[0] / page_height, y[1] / page_height};
+    const PagesOfRows rows = pages_of_rows(texture, level, at);
     for (uint32_t i = 0; i < 2; ++i) {
-      y[i] -= page[i] * page_height;
-      blocks[i] = i == 1 && page[1] == page[0] ? blocks[0] : want_page(pages, texture.level_offset[level] + page[i]);
+      blocks[i] = pages.blocks[texture.level_offset[level] + rows.page[i]];
+      row[i] -= rows.page[i] * rows.rows_per_page;
     }
-    if (blocks[0] == nullptr || blocks[1] == nullptr) return absent_texels(texels);
   } else {
     blocks[0] = blocks[1] = texture.blocks + texture.level_offset[level];
   }
+  const uint32_t side = format::block_side(texture.block_format);
+  const uint32_t across = (max_of(texture.width >> level, 1u) + side - 1) / side;
   uint32_t found[4];  // in memory, since the loop is not unrolled
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
-  for (uint32_t i = 0; i < 4; ++i)
-    found[i] = format::block_image_pixel(texture.block_format, texture.swizzle, i < 2 ? blocks[0] : blocks[1], width,
-                                         i % 2 == 0 ? column.first : column.second, i < 2 ? y[0] : y[1]);
+  for (uint32_t i = 0; i < 4; ++i) {
+    const uint64_t number = uint64_t{i < 2 ? row[0] : row[1]} * across + (at.group[i] & 0xffffu);
+    const uint8_t* const block = (i < 2 ? blocks[0] : blocks[1]) + number * format::block_bytes(texture.block_format);
+    found[i] = format::swizzled(format::block_pixel(texture.block_format, block, at.pixel[i]), texture.swizzle);
+  }
   for (uint32_t i = 0; i < 4; ++i) texels[i] = found[i];
-  return true;
 }
 
 /// The source of a sample's texels: the decoded levels, and on a CPU the scene's block cache and pages. Only texels of
@@ -136,105 +182,143 @@ struct SceneTexels {
   BlockCache* blocks;  // SceneView::blocks
   TexelPages pages{};
 
-  /// Returns whether the texels' pages are present.
-  SCREE_HD bool fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
+  /// Sets the places of the texels of two columns and two rows. Returns whether their pages are present.
+  SCREE_HD bool place(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
+                      TexelPlaces& out) const {
+#if !defined(__CUDA_ARCH__)
+    if (level < texture.jpeg_level_count) {
+      keep_pairs(column, row, out);
+      return want_jpeg(pages, texture.jpeg[level]) != nullptr;
+    }
+#endif
+    return place_stored<kMayMiss>(pages, texture, level, column, row, out);
+  }
+
+  SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPlaces& at,
                       uint32_t texels[4]) const {
 #if !defined(__CUDA_ARCH__)
     if (level < texture.jpeg_level_count) {
-      const uint32_t x[2] = {column.first, column.second};
-      const uint32_t y[2] = {row.first, row.second};
       const JpegLevel& jpeg = texture.jpeg[level];
-      const format::JpegPicture* const picture = want_jpeg(pages, jpeg);
-      if (picture == nullptr) return absent_texels(texels);
-      blocks->fetch(*picture, jpeg.number, x, y, texels);
-      return true;
+      blocks->fetch(*present_jpeg(pages, jpeg), jpeg.number, at.group, at.group + 2, texels);
+      return;
     }
 #endif
-    return stored_texels<kMayMiss>(pages, texture, level, column, row, texels);
+    stored_texels<kMayMiss>(pages, texture, level, at, texels);
   }
 };
 
-/// Linear light of four 8-bit codes, `shift` bits from the low end of their texels.
+/// Linear light of the 8-bit codes of four texels, by channel.
 struct LinearCodes {
   const float* table;
-  SCREE_HD void read(const uint32_t texels[4], uint32_t shift, float values[4]) const {
-    for (uint32_t i = 0; i < 4; ++i) values[i] = table[texels[i] >> shift & 255u];
+  SCREE_HD void read(const uint32_t texels[4], float values[3][4]) const {
+    for (uint32_t c = 0; c < 3; ++c)
+      for (uint32_t i = 0; i < 4; ++i) values[c][i] = table[texels[i] >> 8 * c & 255u];
   }
 };
 
-/// Three channels of a level from bit `first` of its texels on. `codes`: as LinearCodes. Returns whether the texels'
-/// pages are present.
-template <class Texels, class Codes>
-SCREE_HD inline bool sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                  const Codes& codes, uint32_t first, uint32_t level, uint32_t u, uint32_t v,
-                                  bool nearest, float out[3]) {
-  const uint32_t width = max_of(texture.width >> level, 1u);
-  const uint32_t height = max_of(texture.height >> level, 1u);
-  TexelPair column = texel_pair(u, width, texture.wrap_s);
-  TexelPair row = texel_pair(v, height, texture.wrap_t);
-  if (nearest) {
-    column.weight = column.weight < 0.5f ? 0.0f : 1.0f;
-    row.weight = row.weight < 0.5f ? 0.0f : 1.0f;
-  }
-  uint32_t texels[4];
-  const bool is_present = source.fetch(lane, texture, level, column, row, texels);
-  for (uint32_t i = 0; i < 4; ++i) texels[i] >>= first;
-  for (uint32_t c = 0; c < 3; ++c) {
-    float value[4];
-    codes.read(texels, 8 * c, value);
-    const float above = multiply_add(value[1] - value[0], column.weight, value[0]);
-    const float below = multiply_add(value[3] - value[2], column.weight, value[2]);
-    out[c] = multiply_add(below - above, row.weight, above);
-  }
-  return is_present;
-}
+/// The mip levels of a sample: `fine` and, if `between` is above 0, `fine + 1`.
+struct SampledLevels {
+  uint32_t fine;
+  float between;
+  bool nearest;  // one texel of each level, not four
 
-/// Three channels at (u, v); 1 if there is no picture. `codes`, `first`: as for sample_level().
-/// `footprint`: the square of the larger side of a pixel in texels of level 0; selects the mip levels.
-template <class Texels, class Codes>
-SCREE_HD inline void sample_channels(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
-                                     const Codes& codes, uint32_t first, TexturePoint u, TexturePoint v,
-                                     float footprint, float out[3]) {
-  for (uint32_t c = 0; c < 3; ++c) out[c] = 1.0f;
-  if (texture.level_count == 0) return;
-  const uint32_t wrapped_u = wrap_point(u, texture.wrap_s);
-  const uint32_t wrapped_v = wrap_point(v, texture.wrap_t);
+  SCREE_HD uint32_t count() const { return between > 0 ? 2 : 1; }
+};
+
+/// `footprint`: the square of the larger side of a pixel in texels of level 0. The texture must have levels.
+SCREE_HD inline SampledLevels sampled_levels(const TextureView& texture, float footprint) {
   const bool is_magnified = footprint <= 1.0f;
-  const bool nearest = is_magnified ? texture.magnified_nearest : texture.minified_nearest;
   const uint32_t level_count = texture.finest_level ? 1 : texture.level_count;
   const float last = static_cast<float>(level_count - 1);
   // NaN and infinite footprints (a plane seen edge-on) take the last level.
   float level = is_magnified ? 0.0f : footprint < 1e18f ? min_of(0.5f * logarithm(footprint), last) : last;
   if (texture.one_level) level = static_cast<float>(nearest_level(footprint, level_count));
   const uint32_t fine = static_cast<uint32_t>(level);
-  const float between = level - static_cast<float>(fine);
-  // A loop, so that a kernel contains one sampler: with two it was larger than the GPU's cache of instructions.
-  uint32_t coarser = 0;  // levels that absent pages are away from the wanted one
-#if defined(__CUDA_ARCH__)
-#pragma unroll 1
-#endif
-  for (uint32_t i = 0; i == 0 || (i == 1 && between > 0);) {
-    float some[3];
-    const uint32_t at = fine + i + coarser;
-    if (!sample_level(source, lane, texture, codes, first, at, wrapped_u, wrapped_v, nearest, some)) {
-      if (!source.pages.takes_coarser) {
-        lane.missed = true;
-      } else if (at + 1 < texture.level_count) {
-        ++coarser;
-        continue;
-      }
+  return {fine, level - static_cast<float>(fine), is_magnified ? texture.magnified_nearest : texture.minified_nearest};
+}
+
+/// A point on a mip level: its four texels, and the weights of the second column and of the second row.
+struct alignas(16) LevelPoint {
+  TexelPlaces texels;
+  float column_weight;
+  float row_weight;
+  uint32_t level;  // or kAbsent: pages are absent
+
+  static constexpr uint32_t kAbsent = ~uint32_t{0};
+};
+
+/// Finds a point on a level. `u`, `v`: from wrap_point(). If a page is absent, either the next coarser level is taken,
+/// or lane.missed is set.
+template <class Texels>
+SCREE_HD inline void place_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+                                 uint32_t level, uint32_t u, uint32_t v, bool nearest, LevelPoint& out) {
+  for (;; ++level) {
+    TexelPair column = texel_pair(u, max_of(texture.width >> level, 1u), texture.wrap_s);
+    TexelPair row = texel_pair(v, max_of(texture.height >> level, 1u), texture.wrap_t);
+    if (nearest) {
+      column.weight = column.weight < 0.5f ? 0.0f : 1.0f;
+      row.weight = row.weight < 0.5f ? 0.0f : 1.0f;
     }
-    for (uint32_t c = 0; c < 3; ++c) out[c] = i == 0 ? some[c] : multiply_add(some[c] - out[c], between, out[c]);
-    coarser = 0;
-    ++i;
+    out.column_weight = column.weight;
+    out.row_weight = row.weight;
+    out.level = level;
+    if (source.place(lane, texture, level, column, row, out.texels)) return;
+    if (source.pages.takes_coarser && level + 1 < texture.level_count) continue;
+    if (!source.pages.takes_coarser) lane.missed = true;
+    out.level = LevelPoint::kAbsent;
+    return;
   }
 }
 
-/// The colour at (u, v). `table`: linear light of the 256 sRGB codes.
+/// Three channels of a texture at a point on a level, from bit `first` of its texels on. The point may be of another
+/// texture of the same layout. `codes`: as LinearCodes.
+template <class Texels, class Codes>
+SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
+                                  const Codes& codes, uint32_t first, const LevelPoint& at, float out[3]) {
+  uint32_t texels[4];
+  if (at.level == LevelPoint::kAbsent) {
+    for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;
+  } else {
+    source.fetch(lane, texture, at.level, at.texels, texels);
+  }
+  if (first != 0)
+    for (uint32_t i = 0; i < 4; ++i) texels[i] >>= first;
+  float values[3][4];
+  codes.read(texels, values);
+  for (uint32_t c = 0; c < 3; ++c) {
+    const float* const value = values[c];
+    const float above = multiply_add(value[1] - value[0], at.column_weight, value[0]);
+    const float below = multiply_add(value[3] - value[2], at.column_weight, value[2]);
+    out[c] = multiply_add(below - above, at.row_weight, above);
+  }
+}
+
+/// Adds level `i` (0 or 1) of a sample to `out`.
+SCREE_HD inline void mix_level(uint32_t i, const float channels[3], float between, float out[3]) {
+  for (uint32_t c = 0; c < 3; ++c) out[c] = i == 0 ? channels[c] : multiply_add(channels[c] - out[c], between, out[c]);
+}
+
+/// The colour at (u, v); white if there is no picture. `table`: linear light of the 256 sRGB codes. `footprint`: as for
+/// sampled_levels().
 template <class Texels>
 SCREE_HD inline void sample_texture(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                     const float* table, TexturePoint u, TexturePoint v, float footprint, float rgb[3]) {
-  sample_channels(source, lane, texture, LinearCodes{table}, 0, u, v, footprint, rgb);
+  for (uint32_t c = 0; c < 3; ++c) rgb[c] = 1.0f;
+  if (texture.level_count == 0) return;
+  const uint32_t wrapped_u = wrap_point(u, texture.wrap_s);
+  const uint32_t wrapped_v = wrap_point(v, texture.wrap_t);
+  const SampledLevels levels = sampled_levels(texture, footprint);
+  // A loop, so that a kernel contains one sampler: with two it was larger than the GPU's cache of instructions.
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+  for (uint32_t i = 0; i < levels.count(); ++i) {
+    LevelPoint at;
+    place_level(source, lane, texture, levels.fine + i, wrapped_u, wrapped_v, levels.nearest, at);
+    float some[3];
+    sample_level(source, lane, texture, LinearCodes{table}, 0, at, some);
+    mix_level(i, some, levels.between, rgb);
+  }
 }
 
 }  // namespace SCREE_ISA

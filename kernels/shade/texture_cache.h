@@ -130,6 +130,7 @@ struct TextureCache {
 /// Texels of JPEG levels from the cache only, and of paged levels from the pages that are there.
 struct CachedTexels {
   static constexpr bool kMayMiss = true;
+  static constexpr uint32_t kNoGroup = ~uint32_t{0};  // in the first place: the cache cannot hold the level's groups
   struct Lane {
     bool missed = false;  // a group or a page was absent, for the current pixel
   };
@@ -139,48 +140,56 @@ struct CachedTexels {
   uint32_t now;
   TexelPages pages;
 
-  /// Returns whether the texels' pages are present.
-  SCREE_HD bool fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
-                      const TexelPair& row, uint32_t texels[4]) const {
-    if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
+  /// Sets the places of the texels of two columns and two rows. Returns whether their pages are present.
+  SCREE_HD bool place(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
+                      const TexelPair& row, TexelPlaces& out) const {
+    if (level >= texture.jpeg_level_count) return place_stored<true>(pages, texture, level, column, row, out);
     const JpegLevel& jpeg = texture.jpeg[level];
     const format::JpegPicture* const there = want_jpeg(pages, jpeg);
-    if (there == nullptr) return absent_texels(texels);
+    if (there == nullptr) return false;
     const format::JpegPicture& picture = *there;
-    if (!cache.holds(jpeg, picture)) {
-      lane.missed = true;  // its pixels decode it themselves
-      absent_texels(texels);
-      return true;
-    }
     const format::JpegLine columns[2] = {jpeg_column(picture, column.first), jpeg_column(picture, column.second)};
     const format::JpegLine rows[2] = {jpeg_row(picture, row.first), jpeg_row(picture, row.second)};
-    uint32_t group[4];
-    uint32_t pixel[4];
     for (uint32_t i = 0; i < 4; ++i) {
       const format::JpegPlace place = jpeg_place(picture, columns[i % 2], rows[i / 2]);
-      group[i] = place.group;
-      pixel[i] = jpeg_pixel(picture, place);
+      out.group[i] = place.group;
+      out.pixel[i] = jpeg_pixel(picture, place);
     }
+    if (!cache.holds(jpeg, picture)) {
+      lane.missed = true;  // its pixels decode it themselves
+      out.group[0] = kNoGroup;
+    }
+    return true;
+  }
+
+  SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPlaces& at,
+                      uint32_t texels[4]) const {
+    if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, at, texels);
+    if (at.group[0] == kNoGroup) {
+      for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;
+      return;
+    }
+    const uint64_t first_group = texture.level_offset[level];
     // The texels lie in one group, in two at a border, or in up to four at a corner. Two look-ups by all lanes are
     // faster than four. They are also faster than a loop over the groups, in which lanes diverge.
-    const auto find = [&](uint32_t i) { return cache.lookup(jpeg.first_group + group[i], now); };
+    const auto find = [&](uint32_t i) { return cache.lookup(first_group + at.group[i], now); };
     const uint32_t* from[4];
     from[0] = find(0);
     from[3] = find(3);
     for (uint32_t i = 1; i < 3; ++i) {
-      from[i] = group[i] == group[0] ? from[0] : from[3];
-      if (group[i] != group[0] && group[i] != group[3]) from[i] = find(i);
+      from[i] = at.group[i] == at.group[0] ? from[0] : from[3];
+      if (at.group[i] != at.group[0] && at.group[i] != at.group[3]) from[i] = find(i);
     }
     bool is_whole = true;
     for (uint32_t i = 0; i < 4; ++i) {
       is_whole = is_whole && from[i] != nullptr;
-      texels[i] = (from[i] != nullptr ? from[i] : cache.colours)[pixel[i]];  // any colour, if the pixel has to wait
+      texels[i] = (from[i] != nullptr ? from[i] : cache.colours)[at.pixel[i]];  // any colour, if the pixel has to wait
     }
-    if (is_whole) return true;
+    if (is_whole) return;
     lane.missed = true;
     for (uint32_t i = 0; i < 4; ++i)
-      if (from[i] == nullptr) cache.request_group({jpeg.first_group + group[i], jpeg.number, group[i]}, counters);
-    return true;
+      if (from[i] == nullptr)
+        cache.request_group({first_group + at.group[i], texture.jpeg[level].number, at.group[i]}, counters);
   }
 };
 
@@ -196,19 +205,23 @@ struct FallbackTexels {
   uint32_t now;
   TexelPages pages;
 
+  /// Sets the places of the texels of two columns and two rows. Returns whether their pages are present.
+  SCREE_HD bool place(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column, const TexelPair& row,
+                      TexelPlaces& out) const {
+    if (level >= texture.jpeg_level_count) return place_stored<true>(pages, texture, level, column, row, out);
+    keep_pairs(column, row, out);
+    return want_jpeg(pages, texture.jpeg[level]) != nullptr;
+  }
+
   /// A call, so that the decoder is compiled once and not in every kernel.
-  /// Returns whether the texels' pages are present.
-  [[gnu::noinline]] SCREE_HD bool fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPair& column,
-                                        const TexelPair& row, uint32_t texels[4]) const {
-    if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, column, row, texels);
+  [[gnu::noinline]] SCREE_HD void fetch(Lane&, const TextureView& texture, uint32_t level, const TexelPlaces& at,
+                                        uint32_t texels[4]) const {
+    if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, at, texels);
     const JpegLevel& jpeg = texture.jpeg[level];
-    const format::JpegPicture* const picture = want_jpeg(pages, jpeg);
-    if (picture == nullptr) return absent_texels(texels);
+    const format::JpegPicture* const picture = present_jpeg(pages, jpeg);
     const bool is_held = cache.holds(jpeg, *picture);
     format::JpegPlace places[4];
-    for (uint32_t i = 0; i < 4; ++i)
-      places[i] =
-          format::jpeg_place(*picture, i % 2 == 0 ? column.first : column.second, i < 2 ? row.first : row.second);
+    for (uint32_t i = 0; i < 4; ++i) places[i] = format::jpeg_place(*picture, at.group[i % 2], at.group[2 + i / 2]);
     uint32_t left = 15;
     while (left != 0) {
       const uint32_t group = places[lowest_bit(left)].group;
@@ -224,7 +237,6 @@ struct FallbackTexels {
       }
       left &= ~mine;
     }
-    return true;
   }
 };
 
@@ -258,8 +270,7 @@ struct DecodeGroups {
 
   SCREE_HD const format::JpegPicture& picture_of(const GroupRequest& request) const {
     const JpegLevel& level = cache.levels[request.level];
-    // The page of a group that was requested is present.
-    return *jpeg_of(level, level.page == JpegLevel::kNotPaged ? nullptr : pages.blocks[level.page]);
+    return *present_jpeg(pages, level);  // the page of a group that was requested is present
   }
 
   /// Returns the slot that holds the group's samples, or kNoSlot.

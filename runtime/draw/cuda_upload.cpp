@@ -265,7 +265,7 @@ struct ArenaLayout {
     matrices = plan.add_array(host.matrices, host.matrix_count);
     materials = plan.add_array(host.materials, host.material_count);
     surfaces = plan.add_array(host.surfaces, host.surface_count);
-    surface_of = plan.add_array(host.surface_of, host.surface_count != 0 ? host.material_count : 0);
+    material_views = plan.add_array(host.material_views, host.material_count);
     lights = plan.add_array(host.lights, host.light_count);
     environment = plan.add_array(host.environment, host.environment != nullptr ? kernels::kEnvironmentFloats : 0);
     texture_views = plan.add_array(textures.data(), textures.size());
@@ -325,7 +325,7 @@ struct ArenaLayout {
   uint64_t matrices;
   uint64_t materials;
   uint64_t surfaces;
-  uint64_t surface_of;
+  uint64_t material_views;
   uint64_t lights;
   uint64_t environment;
   uint64_t texture_views;
@@ -502,8 +502,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   copy.view_.matrices = reinterpret_cast<const format::MatrixRecord*>(base + layout.matrices);
   copy.view_.materials = reinterpret_cast<const format::MaterialRecord*>(base + layout.materials);
   copy.view_.surfaces = reinterpret_cast<const format::SurfaceRecord*>(base + layout.surfaces);
-  if (scene.view().surface_of != nullptr)
-    copy.view_.surface_of = reinterpret_cast<const uint32_t*>(base + layout.surface_of);
+  copy.view_.material_views = reinterpret_cast<const kernels::MaterialView*>(base + layout.material_views);
   copy.view_.lights = reinterpret_cast<const kernels::PlacedLight*>(base + layout.lights);
   if (scene.view().environment != nullptr)
     copy.view_.environment = reinterpret_cast<const float*>(base + layout.environment);

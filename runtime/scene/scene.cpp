@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "kernels/shade/material_views.h"
 #include "kernels/visbuffer.h"
 #include "runtime/images/image.h"
 #include "runtime/light/environment.h"
@@ -149,6 +150,7 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
     const Stopwatch texture_watch;
     if (const Result<void> loaded = scene.load_masks(); !loaded) return at(path, loaded.error());
     if (const Result<void> loaded = scene.load_textures(options); !loaded) return at(path, loaded.error());
+    kernels::bundle_textures(view, scene.material_views_);
     scene.stats_.textures = texture_watch.elapsed();
     if (const Result<void> loaded = scene.load_light(options); !loaded) return loaded.error();
   } catch (const std::bad_alloc&) {
@@ -366,8 +368,8 @@ void Scene::visit_drawn_textures(const Visit& visit) const {
     const uint32_t material = view_.meshes[m].material;
     if (!mesh_drawn_[m] || material == format::kNone || !(view_.meshes[m].attributes & format::kHasUv)) continue;
     if (const uint32_t texture = view_.materials[material].texture; texture != format::kNone) visit(texture, true);
-    if (surface_of_.empty() || surface_of_[material] == format::kNone) continue;
-    const format::SurfaceRecord& surface = view_.surfaces[surface_of_[material]];
+    if (material_views_[material].surface == format::kNone) continue;
+    const format::SurfaceRecord& surface = view_.surfaces[material_views_[material].surface];
     for (uint32_t use = 0; use < format::kSurfaceUses; ++use)
       if (const uint32_t texture = surface.textures[use].texture; texture != format::kNone)
         visit(texture, format::is_color(static_cast<format::SurfaceUse>(use)));
@@ -377,17 +379,16 @@ void Scene::visit_drawn_textures(const Visit& visit) const {
 /// Finds the surface of each material. If no drawn mesh has one, the view gets none, and is shaded with base colours
 /// only.
 void Scene::find_surfaces() {
+  material_views_.resize(view_.material_count);
+  view_.material_views = material_views_.data();
   const auto surfaces = container().surfaces();
-  std::vector<uint32_t> of(surfaces.empty() ? 0 : view_.material_count, format::kNone);
-  for (uint32_t i = 0; i < surfaces.size(); ++i) of[surfaces[i].material] = i;
-  bool is_drawn = false;
-  for (uint64_t m = 0; m < view_.mesh_count && !of.empty(); ++m) {
-    const uint32_t material = view_.meshes[m].material;
-    if (mesh_drawn_[m] && material != format::kNone && of[material] != format::kNone) is_drawn = true;
-  }
-  if (!is_drawn) return;
-  surface_of_ = std::move(of);
-  view_.surface_of = surface_of_.data();
+  std::vector<bool> is_drawn(view_.material_count, false);
+  for (uint64_t m = 0; m < view_.mesh_count; ++m)
+    if (mesh_drawn_[m] && view_.meshes[m].material != format::kNone) is_drawn[view_.meshes[m].material] = true;
+  bool any = false;
+  for (uint32_t i = 0; i < surfaces.size() && !any; ++i) any = is_drawn[surfaces[i].material];
+  if (!any) return;
+  for (uint32_t i = 0; i < surfaces.size(); ++i) material_views_[surfaces[i].material].surface = i;
   view_.surface_count = surfaces.size();
 }
 

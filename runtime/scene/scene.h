@@ -171,7 +171,7 @@ class Scene {
   std::vector<format::MatrixRecord> matrices_;
   std::vector<format::MaterialRecord> materials_;
   std::vector<format::SurfaceRecord> surfaces_;
-  std::vector<uint32_t> surface_of_;
+  std::vector<kernels::MaterialView> material_views_;
   std::vector<kernels::PlacedLight> lights_;
   std::vector<float> environment_;
   std::vector<uint64_t> instance_base_;

@@ -214,6 +214,7 @@ kernels::TextureView JpegTexture::view(const format::TextureRecord& record) cons
   // The tail's level l is level `stored` + l of the view.
   std::copy_backward(view.level_offset, view.level_offset + view.level_count,
                      view.level_offset + stored + view.level_count);
+  for (uint32_t l = 0; l < stored; ++l) view.level_offset[l] = levels_[l].first_group;
   view.level_count += stored;
   view.width = width_;
   view.height = height_;

@@ -14,6 +14,7 @@
 #include "format/geometry/position_codec.h"
 #include "format/geometry/tangent_codec.h"
 #include "kernels/cpu/backend.h"
+#include "kernels/shade/material_views.h"
 #include "tests/catch.h"
 #include "tests/results.h"
 #include "tools/clusters/cluster_builder.h"
@@ -176,6 +177,9 @@ class SceneBuilder {
     }
     scene.masks = masks.empty() ? nullptr : masks.data();
     scene.blend_masks = blend_masks.empty() ? nullptr : blend_masks.data();
+    material_views.assign(materials.size(), {});
+    kernels::bundle_textures(scene, material_views);
+    scene.material_views = material_views.data();
     return scene;
   }
 
@@ -186,10 +190,11 @@ class SceneBuilder {
   std::vector<format::MatrixRecord> matrices;
   std::vector<format::MaterialRecord> materials;
   std::vector<kernels::TextureView> textures;
-  std::vector<kernels::MaskView> masks;        // by material, or none
-  std::vector<kernels::MaskView> blend_masks;  // likewise
-  std::vector<std::vector<uint8_t>> alphas;    // by material, likewise
-  std::deque<std::vector<std::byte>> pages;    // one per chunk; operator new aligns them to 16
+  std::vector<kernels::MaterialView> material_views;  // by material; without surfaces
+  std::vector<kernels::MaskView> masks;               // by material, or none
+  std::vector<kernels::MaskView> blend_masks;         // likewise
+  std::vector<std::vector<uint8_t>> alphas;           // by material, likewise
+  std::deque<std::vector<std::byte>> pages;           // one per chunk; operator new aligns them to 16
   std::vector<const std::byte*> page_pointers;
 
  private:

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <random>
 
+#include "kernels/shade/material_views.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/kernels/square.h"
 
@@ -92,8 +93,11 @@ struct LitSquare {
   std::array<float, 3> middle(const View& view, const ShadeOptions& options) {
     SceneView scene = builder.view();
     scene.surfaces = &surface;
-    scene.surface_of = &surface_of;
     scene.surface_count = 1;
+    MaterialView material;
+    material.surface = 0;
+    bundle_textures(scene, {&material, 1});
+    scene.material_views = &material;
     scene.lights = lights.data();
     scene.light_count = static_cast<uint32_t>(lights.size());
     scene.environment = environment.empty() ? nullptr : environment.data();
@@ -107,7 +111,6 @@ struct LitSquare {
   SceneBuilder builder;
   Encoding encoding;
   format::SurfaceRecord surface{};
-  uint32_t surface_of = 0;
   std::vector<PlacedLight> lights;
   std::vector<float> environment;
   std::array<uint8_t, 4> texel{};

@@ -214,7 +214,9 @@ TEST_CASE("stored levels are sampled as blocks, the others are made from the las
                 4);
           }
           uint32_t texels[4];
-          REQUIRE(kernels::stored_texels<false>({}, texture, l, {x, x, 0}, {y, y, 0}, texels));
+          kernels::TexelPlaces places;
+          REQUIRE(kernels::place_stored<false>({}, texture, l, {x, x, 0}, {y, y, 0}, places));
+          kernels::stored_texels<false>({}, texture, l, places, texels);
           REQUIRE((texels[0] & 0xffffff) == (expected & 0xffffff));
         }
     }

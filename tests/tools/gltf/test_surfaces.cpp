@@ -110,8 +110,8 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
   CHECK(tests::read_whole(options.output)[8] == 2);  // the major version, for the second coordinates
   const auto loaded = must(runtime::Scene::open(options.output, {}));
   CHECK(loaded.view().surface_count == 3);
-  CHECK(loaded.view().surface_of[3] == 2);
-  CHECK(loaded.view().surface_of[2] == format::kNone);
+  CHECK(loaded.view().material_views[3].surface == 2);
+  CHECK(loaded.view().material_views[2].surface == format::kNone);
   CHECK(loaded.view().environment != nullptr);
 
   // A file with base colours only has version 1.0, and loading it makes no environment.
