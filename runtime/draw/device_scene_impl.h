@@ -41,6 +41,11 @@ struct DeviceView::Impl {
   /// The stream of all work on the picture that was drawn last: from the first start() on, its own.
   cudaStream_t stream() const { return beside; }
 
+  /// Makes later work on pictures and layers wait for the copies of read_later().
+  Result<void> order_after_reads() const {
+    return reads == nullptr ? Result<void>() : cuda_check(cudaStreamWaitEvent(stream(), was_read), "ordering a stream");
+  }
+
   /// Copies once the queued work is done, and waits for the copy.
   Result<void> copy(void* to, const void* from, uint64_t bytes, cudaMemcpyKind kind, const char* what) const {
     const Result<void> done = cuda_check(cudaMemcpyAsync(to, from, bytes, kind, stream()), what);
@@ -71,6 +76,8 @@ struct DeviceView::Impl {
   std::optional<kernels::View> ahead;  // of the picture between start() and finish(), into second_samples
   bool joins_ahead = false;            // with DrawOptions::join
   cudaStream_t beside = nullptr;
+  cudaStream_t reads = nullptr;    // of read_later(), once it was called
+  cudaEvent_t was_read = nullptr;  // likewise: its copies up to now
   std::optional<StreamStats> streamed;
 
   uint32_t width = 0;  // of the picture that draw() made last, in samples
@@ -78,6 +85,9 @@ struct DeviceView::Impl {
   std::optional<kernels::View> drawn_by_team;  // that picture's, if several GPUs drew it
 
   ~Impl() {
+    if (reads != nullptr) (void)cudaStreamSynchronize(reads);
+    if (reads != nullptr) (void)cudaStreamDestroy(reads);
+    if (was_read != nullptr) (void)cudaEventDestroy(was_read);
     if (beside != nullptr) (void)cudaStreamDestroy(beside);
     if (queued != nullptr) (void)cudaEventDestroy(queued);
   }

@@ -80,6 +80,10 @@ bool DeviceScene::is_streamed() const {
   return false;
 }
 
+HostMemory HostMemory::pinned(uint64_t bytes) {
+  return plain(bytes);
+}
+
 struct DeviceView::Impl {};
 
 DeviceView::DeviceView(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -187,6 +191,14 @@ std::shared_ptr<const void> DeviceView::hold(const std::byte*) const {
 }
 
 Result<void> DeviceView::read(const void*, std::span<std::byte>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::read_later(const void*, std::span<std::byte>) {
+  return current_gpu().error();
+}
+
+Result<void> DeviceView::end_reads() {
   return current_gpu().error();
 }
 

@@ -14,6 +14,7 @@
 #include "kernels/frame.h"
 #include "kernels/frame_parts.h"
 #include "kernels/shade/layers.h"
+#include "runtime/draw/host_memory.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/streamer.h"
 
@@ -167,6 +168,12 @@ class DeviceView {
 
   /// Waits for the queued work, then copies from device memory. Error kDevice.
   Result<void> read(const void* device, std::span<std::byte> host);
+  /// The same without waiting, from memory of this view: the copy runs beside work that is queued later. `host` is
+  /// complete after end_reads(); if it is not HostMemory::pinned(), this may wait. Later pictures and layers of this
+  /// view are written once the copy has ended. Error kDevice.
+  Result<void> read_later(const void* device, std::span<std::byte> host);
+  /// Waits for the copies of read_later(). Error kDevice.
+  Result<void> end_reads();
   /// Makes a stream of the caller's, a cudaStream_t, wait for the work that is queued now. Error kDevice.
   Result<void> order_before(void* stream);
   /// Makes all work that is queued from now on wait for the caller's work on that stream. Error kDevice.

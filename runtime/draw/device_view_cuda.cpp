@@ -1,4 +1,5 @@
 // DeviceView where the program is built with CUDA; device_scene_none.cpp stands in elsewhere.
+#include <algorithm>
 #include <cassert>
 #include <chrono>
 #include <optional>
@@ -20,6 +21,14 @@ namespace {
 constexpr int kMostPriority = -100;
 
 }  // namespace
+
+HostMemory HostMemory::pinned(uint64_t bytes) {
+  void* memory = nullptr;
+  if (cudaMallocHost(&memory, std::max<uint64_t>(bytes, 1)) == cudaSuccess)
+    return {static_cast<std::byte*>(memory), bytes, [](std::byte* pinned) { (void)cudaFreeHost(pinned); }};
+  (void)cudaGetLastError();
+  return plain(bytes);
+}
 
 /// Errors kRange: draw() made no picture of this size.
 Result<void> DeviceView::Impl::check_drawn(const kernels::View& view) {
@@ -190,6 +199,7 @@ Result<uint32_t*> DeviceView::resolve_colors(const kernels::View& view, uint32_t
   Impl& own = *impl_;
   Result<void> done = own.check_drawn(view);
   if (done) done = kernels::check_resolve(view, samples_per_side);
+  if (done) done = own.order_after_reads();
   if (done && own.colors.bytes() < uint64_t{3} * view.width * view.height * sizeof(float))
     done = Error{ErrorCode::kRange, "the picture's samples have no colours yet"};
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
@@ -334,6 +344,7 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   Impl& impl = *impl_;
   if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
   if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked;
+  if (const Result<void> ordered = impl.order_after_reads(); !ordered) return ordered;
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
   if (out == nullptr)
     if (auto reserved = impl.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
@@ -411,6 +422,7 @@ Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples
     return Error{ErrorCode::kUnsupported, "normals and texture coordinates are not made beside another picture"};
   if (reads_chunks && impl.scene.streaming() != nullptr)
     return Error{ErrorCode::kUnsupported,
+  if (const Result<void> ordered = impl.order_after_reads(); !ordered) return ordered;
                  "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
                  "budget of it has to hold the scene, or the CPU draws it"};
   const Result<uint64_t*> samples = impl.whole_samples();
@@ -522,6 +534,27 @@ std::shared_ptr<const void> DeviceView::hold(const std::byte* data) const {
     for (const DeviceBuffer& buffer : buffers)
       if (buffer.data() == data) return buffer.hold();
   return nullptr;
+}
+
+Result<void> DeviceView::read_later(const void* device, std::span<std::byte> host) {
+  Impl& own = *impl_;
+  Result<void> done;
+  if (own.was_read == nullptr)
+    done = cuda_check(cudaEventCreateWithFlags(&own.was_read, cudaEventDisableTiming), "making an event");
+  if (done && own.reads == nullptr)
+    done = cuda_check(cudaStreamCreateWithFlags(&own.reads, cudaStreamNonBlocking), "making a stream");
+  if (done) done = own.order(own.stream(), own.reads);
+  if (done)
+    done = cuda_check(cudaMemcpyAsync(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, own.reads),
+                      "reading a layer");
+  if (done) done = cuda_check(cudaEventRecord(own.was_read, own.reads), "recording an event");
+  // The next picture's samples overwrite these. Its pixels and layers are ordered when they are made.
+  return done && device == own.samples.data() ? own.order_after_reads() : done;
+}
+
+Result<void> DeviceView::end_reads() {
+  if (impl_->reads == nullptr) return {};
+  return cuda_check(cudaStreamSynchronize(impl_->reads), "reading a layer");
 }
 
 Result<void> DeviceView::read(const void* device, std::span<std::byte> host) {

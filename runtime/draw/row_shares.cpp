@@ -1,6 +1,7 @@
 #include "runtime/draw/row_shares.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 namespace scree::runtime {
@@ -22,19 +23,23 @@ void RowShares::divide(uint32_t height, std::span<const float> ms) {
   if (first_row_.size() != count + 1 || first_row_.back() != height) {
     cost_.assign(steps, 1.0f);
   } else {
-    const float most = *std::max_element(ms.begin(), ms.end());
-    if (++pictures_ < kSettled || most * static_cast<float>(count) <= (1 + kTolerance) * sum(ms)) return;
+    if (++pictures_ < kSettled) return;
+    const auto measured = static_cast<float>(std::min(pictures_ - kSettled + 1, kMeanOf));
+    for (size_t i = 0; i < count; ++i) mean_ms_[i] += (ms[i] - mean_ms_[i]) / measured;
+    const float most = *std::max_element(mean_ms_.begin(), mean_ms_.end());
+    if (most * static_cast<float>(count) <= (1 + kVariation / std::sqrt(measured)) * sum(mean_ms_)) return;
     // One factor per share makes the sum of its steps' costs the measured time. The ratios between the steps stay: they
     // come from pictures whose shares ended elsewhere.
     for (size_t i = 0; i < count; ++i) {
       const auto costs = std::span(cost_).subspan(first_row_[i] / kStep).first(steps_of(rows(i).end - rows(i).first));
       const float estimated = sum(costs);
-      for (float& cost : costs) cost *= std::max(ms[i], kLeastMs) / estimated;
+      for (float& cost : costs) cost *= std::max(mean_ms_[i], kLeastMs) / estimated;
     }
   }
   const float all = sum(cost_);
   const size_t not_empty = std::min<size_t>(count, steps);
   pictures_ = 0;
+  mean_ms_.assign(count, 0.0f);
   first_row_.assign(count + 1, height);
   first_row_[0] = 0;
   float before = 0;

@@ -404,11 +404,27 @@ Result<std::span<const std::byte>> ViewRenderer::layer(Layer layer) {
   return std::span<const std::byte>(host.bytes).first(bytes);
 }
 
-Result<void> ViewRenderer::read(Layer layer, std::span<std::byte> out) {
+Result<void> ViewRenderer::check_size(Layer layer, std::span<const std::byte> out) const {
   if (Result<void> checked = check_frame(); !checked) return checked;
-  if (out.size() != layer_bytes(layer))
-    return Error{ErrorCode::kRange,
-                 std::to_string(out.size()) + " bytes, but the layer has " + std::to_string(layer_bytes(layer))};
+  if (out.size() == layer_bytes(layer)) return {};
+  return Error{ErrorCode::kRange,
+               std::to_string(out.size()) + " bytes, but the layer has " + std::to_string(layer_bytes(layer))};
+}
+
+Result<void> ViewRenderer::read_later(Layer layer, std::span<std::byte> out) {
+  if (!device_ || layer == Layer::kLinear || host_[static_cast<size_t>(layer)].is_made) return read(layer, out);
+  if (Result<void> checked = check_size(layer, out); !checked) return checked;
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+  const Result<const std::byte*> made = make_on_gpu(layer);
+  return made ? device_->read_later(*made, out) : made.error();
+}
+
+Result<void> ViewRenderer::end_reads() {
+  return device_ ? on_device([&] { return device_->end_reads(); }) : Result<void>();
+}
+
+Result<void> ViewRenderer::read(Layer layer, std::span<std::byte> out) {
+  if (Result<void> checked = check_size(layer, out); !checked) return checked;
   const HostLayer& host = host_[static_cast<size_t>(layer)];
   if (!host.is_made) return make(layer, out);
   std::copy_n(host.bytes.begin(), out.size(), out.begin());

@@ -84,6 +84,12 @@ class ViewRenderer {
   /// Copies a layer to `out`, which has layer_bytes().
   Result<void> read(Layer layer, std::span<std::byte> out);
 
+  /// The same without waiting, if a GPU draws: the copy runs beside later work, also that of the next draw(). `out` is
+  /// complete after end_reads(), and should be HostMemory::pinned(). Errors as layer().
+  Result<void> read_later(Layer layer, std::span<std::byte> out);
+  /// Waits for the copies of read_later(). Error kDevice.
+  Result<void> end_reads();
+
   /// A layer in the GPU's memory, without a copy. `stream`, a cudaStream_t, waits until it is written. Valid until the
   /// next draw() or set_shade() or the view's end. Errors as layer(); kDevice: the CPU draws; kUnsupported: kLinear.
   Result<const std::byte*> device_layer(Layer layer, void* stream);
@@ -122,6 +128,7 @@ class ViewRenderer {
   explicit ViewRenderer(std::shared_ptr<const LoadedScene> scene) : scene_(std::move(scene)) {}
   Result<void> check_frame() const;
   Result<void> check_single() const;
+  Result<void> check_size(Layer layer, std::span<const std::byte> out) const;
   Result<void> begin(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
   Result<void> begin_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
                            const kernels::ShadeOptions& shade, uint32_t layers);

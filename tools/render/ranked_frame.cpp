@@ -117,6 +117,7 @@ Result<void> RankedFrame::upload() {
 Result<void> RankedFrame::falls_back(const Error& error) {
   if (error.code != ErrorCode::kDevice || options_.backend.choice != BackendChoice::kAuto || joins_ != 0)
     return at(options_.file, with_cpu_advice(error));
+  if (const Result<void> ended = end_reads(); !ended) return ended;  // of a frame that is not drawn again
   if (!options_.quiet) warn_of_cpu("render", ranks_.named(error).message);
   sun_on_gpu_.reset();
   on_gpu_.reset();
@@ -472,15 +473,29 @@ Result<void> RankedFrame::read_picture(std::span<uint32_t> rgba) {
   const std::span<uint8_t> bytes(reinterpret_cast<uint8_t*>(rgba.data()), rgba.size_bytes());
   const bool is_shaded = kernels::shades_from_chunks(options_.shade.show);
   Result<void> done;
-  if (is_by_nccl_)
-    done =
-        is_shaded ? on_gpu_->read(pixels_, std::as_writable_bytes(rgba)) : on_gpu_->resolve(view_, side, shade_, rgba);
-  else
+  if (is_by_nccl_) {
+    if (!is_shaded) done = on_gpu_->resolve(view_, side, shade_, {});
+    if (done) done = on_gpu_->read_later(is_shaded ? pixels_ : on_gpu_->pixels(), std::as_writable_bytes(rgba));
+  } else {
     done = is_shaded
                ? kernels::resolve_colors_cpu(view_, side, samples_, colors_, over_, options_.shade, 4, bytes,
                                              options_.threads)
                : kernels::resolve_cpu(scene_view_, view_, side, samples_, options_.shade, 4, bytes, options_.threads);
+  }
   times_.shade += watch.elapsed().wall_ms;
+  return done ? done : at(options_.file, done.error());
+}
+
+Result<void> RankedFrame::read_depth(std::span<std::byte> out) {
+  if (!is_by_nccl_) return read(runtime::PixelLayer::kDepth, out);
+  const Result<const std::byte*> made =
+      on_gpu_->make_layer(view_, options_.samples_per_side, runtime::PixelLayer::kDepth);
+  const Result<void> queued = made ? on_gpu_->read_later(*made, out) : made.error();
+  return queued ? queued : at(options_.file, queued.error());
+}
+
+Result<void> RankedFrame::end_reads() {
+  const Result<void> done = on_gpu_ ? on_gpu_->end_reads() : Result<void>();
   return done ? done : at(options_.file, done.error());
 }
 

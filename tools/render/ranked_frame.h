@@ -47,10 +47,12 @@ class RankedFrame {
   Result<FrameLayers> layers();
 
   // At the root:
-  /// The picture, after shade(): RGBA8, row by row from the top.
+  /// The picture, after shade(): RGBA8, row by row from the top. Complete after end_reads(), as by
+  /// ViewRenderer::read_later().
   Result<void> read_picture(std::span<uint32_t> rgba);
-  /// The distances of the frame that draw() made last.
-  Result<void> read_depth(std::span<std::byte> out) { return read(runtime::PixelLayer::kDepth, out); }
+  /// The distances of the frame that draw() made last. Likewise.
+  Result<void> read_depth(std::span<std::byte> out);
+  Result<void> end_reads();
   /// Its samples, if `options` request an output that is made from them.
   std::span<const uint64_t> samples() const { return samples_; }
 

@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "runtime/draw/host_memory.h"
 #include "runtime/draw/view_renderer.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
@@ -30,6 +31,7 @@
 namespace scree::tools {
 namespace {
 
+using runtime::HostMemory;
 using runtime::Layer;
 using runtime::LoadedScene;
 using runtime::Stopwatch;
@@ -52,13 +54,13 @@ struct WantedFrame {
 /// The number of a drawn frame, and its outputs.
 struct DrawnFrame {
   uint64_t frame = 0;
-  std::vector<std::vector<std::byte>> layers;  // one per output
+  std::vector<HostMemory> layers;  // one per output
 };
 
 /// After writing a frame.
 struct WrittenFrame {
   double wall_ms;
-  std::vector<std::vector<std::byte>> layers;  // free to be used again
+  std::vector<HostMemory> layers;  // free to be used again
 };
 
 class PathRenderer {
@@ -291,93 +293,120 @@ class PathRenderer {
       progress_.update(++done_, 0);
       return {};
     };
-    for (size_t next = 0; next < wanted_.size() || written.size() > 0;) {
+    // The last frame that was drawn, while its outputs are copied from a GPU beside the drawing of the next one.
+    std::optional<DrawnFrame> read;
+    struct EndReads {
+      PathRenderer& path;
+      ~EndReads() { (void)path.end_reads(); }
+    } const at_end{*this};  // before the memory of `read` is freed
+    const auto write_last = [&]() -> Result<void> {
+      if (!read) return {};
+      if (const Result<void> whole = check_not_cut(scene().file().map()); !whole) return whole;
+      const auto job = std::make_shared<DrawnFrame>(std::move(*read));
+      read.reset();
+      written.submit([this, job](uint32_t) { return write(*job); }, 0);
+      return {};
+    };
+    for (size_t next = 0; next < wanted_.size() || read || written.size() > 0;) {
       const bool is_stopped = StopOnSignal::flag()->load();
-      if (is_stopped && written.size() == 0) return Error{ErrorCode::kFile, "interrupted"};
-      if (is_stopped || next == wanted_.size() || written.size() >= most_waiting_ || written.ready()) {
+      if (is_stopped && !read && written.size() == 0) return Error{ErrorCode::kFile, "interrupted"};
+      const bool is_full = written.size() + (read ? 1 : 0) >= most_waiting_;
+      const bool draws = !is_stopped && next < wanted_.size() && !is_full;
+      if (written.ready() || (!draws && !read)) {
         if (const Result<void> taken = take(); !taken) return taken;
         continue;
       }
-      const WantedFrame& wanted = wanted_[next];
-      Result<DrawnFrame> drawn = shared_ ? draw_shared(next) : draw(wanted.frame);
-      if (!drawn && !shared_ && drawn.error().code == ErrorCode::kDevice &&
+      std::optional<DrawnFrame> drawn;
+      const Result<void> done = draws ? draw(next, drawn) : end_reads();
+      if (!done && !shared_ && done.error().code == ErrorCode::kDevice &&
           options_.backend.choice == BackendChoice::kAuto) {
-        // If the GPU fails, the CPU draws the same pictures.
-        if (!options_.quiet) warn_of_cpu("render", drawn.error().message);
+        // If the GPU fails, the CPU draws the same pictures, also the last one, which may not be read whole.
+        if (!options_.quiet) warn_of_cpu("render", done.error().message);
         if (const Result<void> opened = open(runtime::DrawOn::kCpu); !opened) return opened;
+        if (read) --next;
+        read.reset();
         continue;
       }
-      if (!drawn) return shared_ ? drawn.error() : at(options_.file, with_cpu_advice(drawn.error()));
+      if (!done) return shared_ ? done : at(options_.file, with_cpu_advice(done.error()));
+      if (const Result<void> written_last = write_last(); !written_last) return written_last;
+      if (!draws) continue;
       ++next;
-      if (wanted.rank != ranks_.rank()) continue;
-      if (const Result<void> whole = check_not_cut(scene().file().map()); !whole) return whole;
-      const auto job = std::make_shared<DrawnFrame>(std::move(*drawn));
-      written.submit([this, job](uint32_t) { return write(*job); }, 0);
+      read = std::move(drawn);
+      if (!reads_later())
+        if (const Result<void> at_once = write_last(); !at_once) return at_once;
     }
     return {};
   }
 
-  Result<DrawnFrame> draw(uint64_t frame) {
-    const Result<kernels::View> view = view_of(frame);
-    if (!view) return view.error();
-    if (const Result<void> done = renderer_->draw(*view, options_.samples_per_side, options_.shade); !done)
-      return done.error();
-    draw_ms_ += renderer_->draw_time().wall_ms;
-    shadow_ms_ += renderer_->shadow_time().wall_ms;
-    const Stopwatch watch;
-    DrawnFrame drawn{.frame = frame};
-    for (const Output& output : outputs_) {
-      std::vector<std::byte>& bytes = drawn.layers.emplace_back(take_buffer(renderer_->layer_bytes(output.layer)));
-      if (const Result<void> read = renderer_->read(output.layer, bytes); !read) return read.error();
-    }
-    shade_ms_ += watch.elapsed().wall_ms;
-    if (renderer_->blended().samples_left_out != 0) ++frames_with_more_layers_;
-    return drawn;
+  /// Whether outputs are copied beside the next frame. A CPU has them at once.
+  bool reads_later() const { return shared_ ? shared_->has_gpu() : scene_->gpu().has_value(); }
+  Result<void> end_reads() {
+    if (shared_) return shared_->end_reads();
+    return renderer_ != nullptr ? renderer_->end_reads() : Result<void>();
   }
 
-  /// The same with all ranks, for wanted_[number]. Ranks that do not write the frame get no outputs.
-  Result<DrawnFrame> draw_shared(size_t number) {
+  /// Draws wanted_[number], and begins to read its outputs into `drawn`, if this rank writes the frame. The outputs of
+  /// the frame before are then read whole.
+  Result<void> draw(size_t number, std::optional<DrawnFrame>& drawn) {
     const WantedFrame& wanted = wanted_[number];
-    DrawnFrame drawn{.frame = wanted.frame};
     const Result<kernels::View> view = view_of(wanted.frame);
     if (!view) return view.error();
+    Result<void> done = shared_ ? draw_shared(*view, number) : draw_alone(*view);
+    if (!done || wanted.rank != ranks_.rank()) return done;
+    const Stopwatch watch;
+    drawn.emplace().frame = wanted.frame;
+    for (const Output& output : outputs_)
+      drawn->layers.push_back(take_memory(output.layer == Layer::kSamples ? samples() * 8 : pixels() * 4));
+    for (size_t i = 0; i < outputs_.size() && done; ++i) {
+      const std::span<std::byte> out = drawn->layers[i].bytes();
+      done = shared_ ? read_shared(outputs_[i].layer, out) : renderer_->read_later(outputs_[i].layer, out);
+    }
+    if (!done) (void)end_reads();  // before the memory is freed
+    shade_ms_ += watch.elapsed().wall_ms;
+    const kernels::BlendCounts& blended = shared_ ? shared_->blended() : renderer_->blended();
+    if (blended.samples_left_out != 0) ++frames_with_more_layers_;
+    return done;
+  }
+
+  Result<void> draw_alone(const kernels::View& view) {
+    if (const Result<void> done = renderer_->draw(view, options_.samples_per_side, options_.shade); !done) return done;
+    draw_ms_ += renderer_->draw_time().wall_ms;
+    shadow_ms_ += renderer_->shadow_time().wall_ms;
+    return end_reads();
+  }
+
+  /// The same with all ranks, for wanted_[number].
+  Result<void> draw_shared(const kernels::View& view, size_t number) {
     std::optional<kernels::View> next;
     if (number + 1 < wanted_.size()) {
       const Result<kernels::View> after = view_of(wanted_[number + 1].frame);
       if (!after) return after.error();
       next = *after;
     }
-    Result<void> done = shared_->draw(*view, wanted.rank, next);
+    Result<void> done = shared_->draw(view, wanted_[number].rank, next);
+    if (done) done = end_reads();
     if (done) done = shared_->shade();
-    if (!done) return done.error();
+    if (!done) return done;
     // Means over the ranks, when the report adds them up.
     draw_ms_ += shared_->times().draw / ranks_.count();
     shade_ms_ += shared_->times().shade / ranks_.count();
     exchange_ms_ += shared_->times().exchange / ranks_.count();
-    if (wanted.rank != ranks_.rank()) return drawn;
-    const Stopwatch watch;
-    for (const Output& output : outputs_) {
-      if (output.layer == Layer::kSamples) {
-        const std::span<const std::byte> bytes = std::as_bytes(shared_->samples());
-        std::copy(bytes.begin(), bytes.end(), drawn.layers.emplace_back(take_buffer(bytes.size())).begin());
-        continue;
-      }
-      std::vector<std::byte>& bytes = drawn.layers.emplace_back(take_buffer(pixels() * 4));
-      done = output.layer == Layer::kDepth
-                 ? shared_->read_depth(bytes)
-                 : shared_->read_picture({reinterpret_cast<uint32_t*>(bytes.data()), pixels()});
-      if (!done) return done.error();
-    }
-    shade_ms_ += watch.elapsed().wall_ms;
-    if (shared_->blended().samples_left_out != 0) ++frames_with_more_layers_;
-    return drawn;
+    return {};
   }
 
-  /// Memory with any contents, if possible that of a frame before: clearing new memory can take longer than drawing.
-  std::vector<std::byte> take_buffer(uint64_t bytes) {
+  Result<void> read_shared(Layer layer, std::span<std::byte> out) {
+    if (layer == Layer::kDepth) return shared_->read_depth(out);
+    if (layer == Layer::kColor) return shared_->read_picture({reinterpret_cast<uint32_t*>(out.data()), pixels()});
+    const std::span<const std::byte> bytes = std::as_bytes(shared_->samples());
+    std::copy(bytes.begin(), bytes.end(), out.begin());
+    return {};
+  }
+
+  /// Memory for an output, if possible that of a frame before.
+  HostMemory take_memory(uint64_t bytes) {
     const auto found = std::find_if(free_.begin(), free_.end(), [&](const auto& one) { return one.size() == bytes; });
-    if (found == free_.end()) return std::vector<std::byte>(bytes);
-    std::vector<std::byte> taken = std::move(*found);
+    if (found == free_.end()) return reads_later() ? HostMemory::pinned(bytes) : HostMemory::plain(bytes);
+    HostMemory taken = std::move(*found);
     free_.erase(found);
     return taken;
   }
@@ -388,7 +417,7 @@ class PathRenderer {
     const format::Existing existing = options_.path->resume ? format::Existing::kReplace : options_.existing;
     for (size_t i = 0; i < outputs_.size(); ++i) {
       const std::string name = outputs_[i].pattern.name(drawn.frame);
-      const std::vector<std::byte>& bytes = drawn.layers[i];
+      const std::span<const std::byte> bytes = drawn.layers[i].bytes();
       Result<void> done;
       if (outputs_[i].layer == Layer::kColor) {
         done = write_color(name, bytes, existing);
@@ -518,7 +547,7 @@ class PathRenderer {
   std::unique_ptr<ViewRenderer> renderer_;
   std::optional<RankedFrame> shared_;  // instead, if the ranks share the geometry
   uint64_t most_waiting_ = 1;
-  std::vector<std::vector<std::byte>> free_;  // memory of frames that are written
+  std::vector<HostMemory> free_;  // memory of frames that are written
   uint64_t done_ = 0;
   uint64_t frames_with_more_layers_ = 0;  // frames with more layers of blended surfaces than are drawn
   Stopwatch watch_;

@@ -70,6 +70,7 @@ class RankedPicture {
     if (!options_.output.empty() && !options_.writes_exr()) {
       std::vector<uint32_t> rgba(uint64_t{width()} * height());
       if (const Result<void> read = frame_.read_picture(rgba); !read) return read;
+      if (const Result<void> ended = frame_.end_reads(); !ended) return ended;
       runtime::Picture& picture = outputs_.picture.emplace();
       picture.width = width();
       picture.height = height();

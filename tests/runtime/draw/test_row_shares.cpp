@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <random>
 #include <vector>
 
 #include "tests/catch.h"
@@ -84,6 +85,27 @@ TEST_CASE("rows stay where they are while times differ little", "[gpus]") {
     ms = {1.0f, frame % 2 == 0 ? 1.03f : 0.97f};
   }
   ms = {1.0f, 1.1f};
-  shares.divide(1080, ms);
+  for (int frame = 0; frame < 6; ++frame) shares.divide(1080, ms);
   CHECK(shares.rows(0).end > 540);
+}
+
+TEST_CASE("a small difference between shares of rows is found among times that vary", "[gpus]") {
+  std::mt19937 random(7);
+  std::normal_distribution<float> noise(1.0f, 0.02f);
+  RowShares shares;
+  std::vector<float> ms(2);
+  uint32_t moves = 0;
+  double excess = 0;
+  constexpr uint32_t kHeight = 2160, kFrames = 400, kLast = 200;
+  for (uint32_t frame = 0; frame < kFrames; ++frame) {
+    const uint32_t before = frame == 0 ? 0 : shares.rows(0).end;
+    shares.divide(kHeight, ms);
+    moves += before != shares.rows(0).end ? 1 : 0;
+    // The second share's rows take 3% longer.
+    const double real[2] = {1.0 * shares.rows(0).end, 1.03 * (kHeight - shares.rows(0).end)};
+    for (size_t i = 0; i < 2; ++i) ms[i] = static_cast<float>(real[i]) * noise(random);
+    if (frame >= kFrames - kLast) excess += 2 * std::max(real[0], real[1]) / (real[0] + real[1]) - 1;
+  }
+  CHECK(excess / kLast < 0.005);
+  CHECK(moves < 8);
 }

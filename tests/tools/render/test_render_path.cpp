@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "tests/catch.h"
+#include "tests/gpu.h"
 #include "tests/runtime/small_scene.h"
 #include "tools/common/command.h"
 
@@ -43,7 +44,7 @@ class PathRun {
   }
 
   Result<void> draw(const std::vector<std::string>& more, const std::string& pattern = "f_%02d",
-                    const std::string& size = "40x30") const {
+                    const std::string& size = "40x30", const std::string& backend = "cpu") const {
     std::vector<std::string> all{name("quad.scree"),
                                  "--path",
                                  name("path.json"),
@@ -51,7 +52,7 @@ class PathRun {
                                  size,
                                  "-q",
                                  "--backend",
-                                 "cpu",
+                                 backend,
                                  "-o",
                                  name(pattern + ".png"),
                                  "--depth",
@@ -124,6 +125,32 @@ TEST_CASE("shares of a path draw the same frames as one run", "[render][path]") 
             read_bytes(path.name("g_" + std::to_string(frame) + extension)));
   REQUIRE(path.draw({"--frames", "7/9"}, "h_%d"));  // a share of nothing
   CHECK(path.files() == 2 + 2 * 15);
+}
+
+TEST_CASE("GPUs draw the frames of a path that the CPU draws", "[cuda][gpus][render][path]") {
+  if (!scree::tests::has_gpu()) return;
+  const scree::tests::EmulatedGpus emulated("9.0,9.0");
+  const PathRun path;
+  for (const std::string samples : {"1", "2"}) {
+    const std::vector<std::string> drawing{"--samples", samples, "--show", "normal", "--force"};
+    REQUIRE(path.draw(drawing));
+    // Outputs of a frame are copied beside the drawing of the next one, unless memory holds only one frame.
+    const std::vector<std::vector<std::string>> ways{
+        {"--threads", "4"},
+        {"--threads", "1"},
+        {"--threads", "4", "--host-memory", samples == "1" ? "70000" : "150000"},
+        {"--threads", "4", "--gpus", "2"}};
+    for (std::vector<std::string> way : ways) {
+      if (way.back() == "2" && !scree::tests::has_gpus(2)) continue;
+      CAPTURE(samples, way);
+      way.insert(way.end(), drawing.begin(), drawing.end());
+      REQUIRE(path.draw(way, "g_%02d", "40x30", "cuda"));
+      for (int frame = 0; frame < 5; ++frame)
+        for (const std::string extension : {".png", ".pfm", ".bin"})
+          CHECK(read_bytes(path.name("f_0" + std::to_string(frame) + extension)) ==
+                read_bytes(path.name("g_0" + std::to_string(frame) + extension)));
+    }
+  }
 }
 
 TEST_CASE("a resumed path draws missing and incomplete frames", "[render][path]") {
