@@ -175,7 +175,7 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
   const float* visibility = nullptr;
   if (Result<void> begun = impl.begin(view, samples_per_side, samples, options, stream, times, visibility); !begun)
     return begun;
-  const PixelTiles tiles{view.width / samples_per_side, 0, view.height / samples_per_side};
+  const uint32_t width = view.width / samples_per_side;
 
   if (!impl.make_transforms(scene, view, transforms, stream)) return impl.error;
   if (options.show == Show::kDepth) {
@@ -184,23 +184,23 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
     if (!impl.run(FindDepthRange{samples, view.width, impl.depth_range()}, view.height, stream)) return impl.error;
   }
   const ShadeInputs inputs = make_shade_inputs(scene, view, options, transforms, impl.tables, impl.depth_range());
-  if (cache != nullptr && options.show == Show::kTexture) {
-    if (Result<void> resolved = cache->resolve(inputs, tiles, samples, samples_per_side, visibility, pixels, stream);
-        !resolved)
-      return resolved;
-  } else {
-    const RowRange all{0, tiles.row_count};
-    if (rows.empty()) rows = {&all, 1};
-    for (const RowRange& range : rows) {
-      const PixelTiles band{tiles.width, range.first, range.end - range.first};
-      auto* const out = reinterpret_cast<uint8_t*>(pixels + uint64_t{range.first} * tiles.width);
-      bool started = false;
-      visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
-        started = impl.run(Resolve<Shader>{shader, band, samples, samples_per_side, visibility, 4, out}, band.count(),
-                           stream);
-      });
-      if (!started) return impl.error;
+  const RowRange all{0, view.height / samples_per_side};
+  if (rows.empty()) rows = {&all, 1};
+  for (const RowRange& range : rows) {
+    const PixelTiles band{width, range.first, range.end - range.first};
+    uint32_t* const out = pixels + uint64_t{range.first} * width;
+    if (cache != nullptr && options.show == Show::kTexture) {
+      Result<void> done = cache->resolve(inputs, band, samples, samples_per_side, visibility, out, stream);
+      if (!done) return done;
+      continue;
     }
+    bool started = false;
+    visit_shader<true>(inputs, [&]<class Shader>(const Shader& shader) {
+      started = impl.run(
+          Resolve<Shader>{shader, band, samples, samples_per_side, visibility, 4, reinterpret_cast<uint8_t*>(out)},
+          band.count(), stream);
+    });
+    if (!started) return impl.error;
   }
 
   if (!impl.end(stream, times)) return impl.error;

@@ -30,8 +30,7 @@ class CudaResolver {
   /// - `pixels`: one RGBA8 word per pixel, red in the low byte.
   /// - `cache`: the cache made for the scene's JPEG levels, if its textures have any. The picture does not depend on
   ///   its size.
-  /// - `rows`: the ranges of rows of pixels that are written, one launch per range. All rows are written if there are
-  ///   none, or if the cache is used.
+  /// - `rows`: the ranges of rows of pixels that are written, one after the other. All rows if there are none.
   /// - Everything is queued on `stream`. The call waits only if the picture is larger than all before (for scratch
   ///   memory), and if `times` is given.
   /// Errors kRange (as resolve_cpu), kDevice (a CUDA call failed; which and for what).

@@ -198,11 +198,6 @@ uint64_t texel_bytes(const kernels::TextureView& texture) {
               uint64_t{std::max(texture.width >> last, 1u)} * std::max(texture.height >> last, 1u));
 }
 
-/// Whether textures go to the device. `share`: as for CudaScene::upload.
-bool is_shaded(const PageShare* share) {
-  return share == nullptr || share->has_textures;
-}
-
 /// The scene's JPEG levels by number, on their way to the device. Paged levels have their bytes in pages.
 class UploadedJpegs {
  public:
@@ -255,7 +250,7 @@ struct ArenaLayout {
   ArenaLayout(const Scene& scene, const kernels::SceneView* streamed, const PageShare* share) {
     const kernels::SceneView& host = streamed != nullptr ? *streamed : scene.view();
     pages.resize(streamed != nullptr ? host.chunk_count : scene.container().pages().size());
-    if (is_shaded(share)) textures.assign(host.textures, host.textures + host.texture_count);
+    textures.assign(host.textures, host.textures + host.texture_count);
     for (const kernels::MaskView* const of : {host.masks, host.blend_masks})
       if (of != nullptr) masks.insert(masks.end(), of, of + host.material_count);
     meshes = plan.add_array(host.meshes, host.mesh_count);
@@ -275,13 +270,13 @@ struct ArenaLayout {
       texel_offset[texture.texels] = plan.add(texture.texels, texel_bytes(texture));
     }
     for (const BlockTexture& image : scene.block_textures())
-      if (is_shaded(share) && !image.empty())
+      if (!image.empty())
         block_offset[reinterpret_cast<const uint8_t*>(image.blocks().data())] =
             plan.add(image.blocks().data(), image.blocks().size());
     for (const std::span<const std::byte> page : scene.mask_pages())
       mask_offset[reinterpret_cast<const uint8_t*>(page.data())] = plan.add(page.data(), page.size());
     mask_views = plan.add_array(masks.data(), masks.size());
-    if (is_shaded(share)) levels.add_to(plan, scene);
+    levels.add_to(plan, scene);
     if (streamed != nullptr) return;
     if (share != nullptr)
       own_pages = scene.drawn_pages().subset([&](uint64_t i) { return share->owners[i] == share->owner; });
@@ -357,26 +352,18 @@ StagingSizes ring_for(const UploadPlan& plan, Reading reading, uint32_t threads,
   return staging_for(plan, reading, threads, most);
 }
 
-kernels::JpegGroups groups_of(const Scene& scene, const PageShare* share) {
-  return is_shaded(share) ? scene.jpeg_groups() : kernels::JpegGroups{};
-}
-
-bool has_texel_pages(const Scene& scene, const PageShare* share) {
-  return is_shaded(share) && scene.block_pager() != nullptr;
-}
-
 /// Device memory of the texture cache and the pager, without the room for pages.
-uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache, const PageShare* share) {
-  const kernels::JpegGroups groups = groups_of(scene, share);
-  const bool has_pages = has_texel_pages(scene, share);
+uint64_t cache_bytes_of(const Scene& scene, uint64_t texture_cache) {
+  const kernels::JpegGroups groups = scene.jpeg_groups();
+  const bool has_pages = scene.block_pager() != nullptr;
   if (groups.count == 0 && !has_pages) return 0;
   return kernels::CudaTextureCache::device_bytes(texture_cache, groups) +
          (has_pages ? DeviceBlockPager::table_bytes(scene) : 0);
 }
 
 /// The least room for pages of textures beside a resident scene. A streamed one shares memory with chunks.
-uint64_t own_room(const Scene& scene, const kernels::SceneView* streamed, const PageShare* share) {
-  return streamed == nullptr && has_texel_pages(scene, share) ? DeviceBlockPager::usual_room(scene) : 0;
+uint64_t own_room(const Scene& scene, const kernels::SceneView* streamed) {
+  return streamed == nullptr ? DeviceBlockPager::usual_room(scene) : 0;
 }
 
 }  // namespace
@@ -391,8 +378,8 @@ Result<uint64_t> device_budget(uint64_t budget_bytes) {
 
 uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* streamed, uint64_t texture_cache,
                                  const PageShare* share) {
-  return ArenaLayout(scene, streamed, share).plan.bytes() + cache_bytes_of(scene, texture_cache, share) +
-         own_room(scene, streamed, share);
+  return ArenaLayout(scene, streamed, share).plan.bytes() + cache_bytes_of(scene, texture_cache) +
+         own_room(scene, streamed);
 }
 
 Result<void> CudaScene::add_pages_of(std::span<const CudaScene> others) {
@@ -444,9 +431,9 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   const auto start = std::chrono::steady_clock::now();
   ArenaLayout layout(scene, streamed, share);
   const UploadPlan& plan = layout.plan;
-  const kernels::JpegGroups groups = groups_of(scene, share);
-  const uint64_t room = own_room(scene, streamed, share) + more_texture_room;
-  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache, share) + room + reserved_bytes;
+  const kernels::JpegGroups groups = scene.jpeg_groups();
+  const uint64_t room = own_room(scene, streamed) + more_texture_room;
+  const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache) + room + reserved_bytes;
   const Result<uint64_t> left = check_budget(needed, budget_bytes);
   if (!left) return left.error();
   Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
@@ -476,7 +463,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   if (!counts) return at(scene.file().path(), counts.error());
 
   CudaScene copy;
-  if (has_texel_pages(scene, share)) {
+  if (scene.block_pager() != nullptr) {
     Result<std::unique_ptr<DeviceBlockPager>> pager =
         DeviceBlockPager::create(scene, threads, host_memory, reading, room);
     if (!pager) return pager.error();
@@ -486,7 +473,7 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
     Result<kernels::CudaTextureCache> cache =
         kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, groups, copy.pager_.get());
     if (!cache) return cache.error();
-    copy.cache_ = std::move(*cache);
+    copy.cache_ = std::make_unique<kernels::CudaTextureCache>(std::move(*cache));
     copy.jpeg_levels_ = layout.levels.table(base);
   }
   copy.arena_ = std::move(*arena);

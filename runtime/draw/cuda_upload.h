@@ -4,7 +4,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -58,9 +57,9 @@ class CudaScene {
 
   /// The view of the uploaded scene; all its pointers are to device memory.
   const kernels::SceneView& view() const { return view_; }
-  /// The cache of the textures' JPEG and paged levels; null if there are none.
-  kernels::CudaTextureCache* texture_cache() { return cache_ ? &*cache_ : nullptr; }
-  /// The pages of block images that are read when pixels show them; null if there are none.
+  /// The cache of the textures' JPEG and paged levels; null if there are none. Stays at its place if this is moved.
+  kernels::CudaTextureCache* texture_cache() const { return cache_.get(); }
+  /// The pages of block images that are read when pixels show them; null if there are none. Likewise.
   DeviceBlockPager* block_pager() const { return pager_.get(); }
   /// A JPEG level by number, in device memory. Requires that the scene has JPEG levels.
   const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
@@ -77,7 +76,7 @@ class CudaScene {
   uint64_t page_bytes_ = 0;
   kernels::DeviceBuffer copied_pages_;  // of other devices
   std::unique_ptr<DeviceBlockPager> pager_;
-  std::optional<kernels::CudaTextureCache> cache_;
+  std::unique_ptr<kernels::CudaTextureCache> cache_;
   const kernels::JpegLevel* jpeg_levels_ = nullptr;
   kernels::SceneView view_{};
   std::vector<const std::byte*> pages_;  // as view_.pages, in host memory

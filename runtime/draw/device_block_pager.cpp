@@ -27,6 +27,10 @@ uint64_t DeviceBlockPager::most_room(const Scene& scene) {
   return room_within(scene, scene.device_texture_limit());
 }
 
+uint64_t DeviceBlockPager::more_room(const Scene& scene, uint64_t rest) {
+  return std::min(most_room(scene) - usual_room(scene), rest / 2 / kUnit * kUnit);
+}
+
 uint64_t DeviceBlockPager::table_bytes(const Scene& scene) {
   return scene.block_pager()->size() * (sizeof(uint8_t*) + sizeof(uint64_t));
 }

@@ -93,11 +93,12 @@ class DeviceScene : public DeviceView {
 
   const UploadStats& stats() const;
 
-  /// The pages of textures that are read when pixels show them; null if there are none.
-  BlockPager* block_pager() const;
+  /// The pages of textures that are read when pixels show them, to one of the GPUs; null if there are none. `gpu`:
+  /// below gpu_count().
+  BlockPager* block_pager(uint32_t gpu = 0) const;
 
-  /// Counts of the picture that resolve() made last. Nothing if no texture has JPEG levels, or if the scene is streamed
-  /// and shaded part by part. Errors kDevice.
+  /// Counts of the picture that resolve() made last; if several GPUs shaded it, of the rows that the first GPU shaded
+  /// last. Nothing if no texture has JPEG levels, or if the scene is streamed and shaded part by part. Errors kDevice.
   Result<std::optional<kernels::TextureCacheCounts>> texture_counts() const;
 
   /// For callers that draw into device memory themselves: the frames, and the scene that they draw, in device memory.
@@ -111,6 +112,16 @@ class DeviceScene : public DeviceView {
   explicit DeviceScene(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
+
+/// The pages of textures of each processor that shades pictures, `device` or, if it is null, the CPU. Empty if no
+/// texture has pages. Throws std::bad_alloc.
+inline std::vector<BlockPager*> block_pagers(const Scene& scene, const DeviceScene* device) {
+  if (scene.block_pager() == nullptr) return {};
+  if (device == nullptr) return {scene.block_pager()};
+  std::vector<BlockPager*> all;
+  for (uint32_t gpu = 0; gpu < device->gpu_count(); ++gpu) all.push_back(device->block_pager(gpu));
+  return all;
+}
 
 /// Decides whether the block images and JPEGs of a scene of `file` are loaded whole or page by page, and sets the room
 /// for pages, in host and in device memory, in `options`. `wanted`: the most room in bytes. On the CPU 0 is

@@ -58,6 +58,16 @@ uint64_t tile_list_bytes(uint64_t width, uint64_t height) {
   return uint64_t{2} * tiles.count() * sizeof(kernels::UnfinishedTile);
 }
 
+/// Whether textured pictures of a scene are shaded in rounds.
+bool has_rounds(const Scene& scene) {
+  return scene.jpeg_groups().count != 0 || scene.block_pager() != nullptr;
+}
+
+/// Device memory of the rounds of resident pictures.
+uint64_t round_bytes(const PictureNeeds& needs, const Scene& scene) {
+  return has_rounds(scene) ? tile_list_bytes(needs.width, needs.height) : 0;
+}
+
 /// The number of words of DeviceScene::set_omitted().
 uint64_t omitted_words(const kernels::SceneView& scene) {
   return (scene.instance_count + 31) / 32;
@@ -72,7 +82,6 @@ uint64_t frames_bytes(const kernels::SceneView& host) {
 
 /// Device memory of the pictures beside the scene, its frames and the pool of chunks.
 uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool streamed) {
-  const bool has_rounds = scene.jpeg_groups().count != 0 || scene.block_pager() != nullptr;
   const uint64_t pixels = uint64_t{needs.width} * needs.height;
   const uint64_t width = uint64_t{needs.width} * needs.samples_per_side;
   const uint64_t height = uint64_t{needs.height} * needs.samples_per_side;
@@ -83,7 +92,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
     bytes += pyramid_bytes(width, height) + kResolverBytes + 256 + tile_list_bytes(1, 1);
     if (needs.shade != nullptr && kernels::shades_from_chunks(needs.shade->show)) {
       bytes += 3 * samples * sizeof(float);
-      if (has_rounds) bytes += tile_list_bytes(width, height);
+      if (has_rounds(scene)) bytes += tile_list_bytes(width, height);
     }
   }
   if (needs.starts_next) {
@@ -100,7 +109,7 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
     bytes += kernels::CudaBlend::device_bytes(samples) + pyramid_bytes(width, height);
   bytes += pixels * sizeof(uint32_t) + resolver_bytes(needs);
   if (needs.is_encoded) bytes += kernels::CudaJpegCoder::device_bytes(needs.width, needs.height);
-  if (has_rounds && !streamed) bytes += tile_list_bytes(needs.width, needs.height);
+  if (!streamed) bytes += round_bytes(needs, scene);
   return bytes;
 }
 
@@ -151,8 +160,8 @@ Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts()
   return std::optional<kernels::TextureCacheCounts>(*counts);
 }
 
-BlockPager* DeviceScene::block_pager() const {
-  return impl_->scene.block_pager();
+BlockPager* DeviceScene::block_pager(uint32_t gpu) const {
+  return gpu == 0 ? impl_->scene.block_pager() : impl_->team->block_pager(gpu);
 }
 
 kernels::CudaFrames& DeviceScene::frames() {
@@ -263,7 +272,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::max(uint64_t{pictures.width} * pictures.height * pictures.samples_per_side * pictures.samples_per_side,
                  uint64_t{pictures.shadow_side} * pictures.shadow_side) *
         sizeof(uint64_t);
-    const uint64_t resolver = pictures.shade != nullptr ? resolver_bytes(pictures) : 0;
+    const uint64_t resolver = pictures.shade != nullptr ? resolver_bytes(pictures) + round_bytes(pictures, scene) : 0;
     const GpuTeam::Options options{
         budget,  beside + own_frames, own_frames + samples + resolver, threads, reading, texture_cache, host_memory,
         progress};
@@ -289,11 +298,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
-  // Pages of textures get half of the rest. The other half is for blended surfaces and for queues that grow.
-  uint64_t more = 0;
-  if (share == nullptr)
-    more = std::min(DeviceBlockPager::most_room(scene) - DeviceBlockPager::usual_room(scene),
-                    (budget - resident) / 2 / DeviceBlockPager::kUnit * DeviceBlockPager::kUnit);
+  const uint64_t more = share == nullptr ? DeviceBlockPager::more_room(scene, budget - resident) : 0;
   Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr,
                                              host_memory, progress, share, more);
   if (!copy) return copy.error();

@@ -103,8 +103,6 @@ struct DeviceView::Impl {
     std::swap(samples, second_samples);
     picture = number;
   }
-  /// Whether shading reads the cache of the first GPU's textures.
-  bool uses_texture_cache(const kernels::ShadeOptions& options) const;
   /// The transforms of the picture that draw() made last. Null if they are gone.
   const kernels::Transform* transforms() const;
   bool open_second(const kernels::SceneView& host);

@@ -43,7 +43,7 @@ Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts()
   return current_gpu().error();
 }
 
-BlockPager* DeviceScene::block_pager() const {
+BlockPager* DeviceScene::block_pager(uint32_t) const {
   return nullptr;
 }
 

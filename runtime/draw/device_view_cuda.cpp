@@ -61,10 +61,6 @@ Result<uint64_t*> DeviceView::Impl::whole_samples() {
   return sample_data();
 }
 
-bool DeviceView::Impl::uses_texture_cache(const kernels::ShadeOptions& options) const {
-  return options.show == kernels::Show::kTexture && scene.scene.texture_cache() != nullptr;
-}
-
 const kernels::Transform* DeviceView::Impl::transforms() const {
   if (drawn_by_team) return scene.team->transforms();
   return frames && !ahead ? frames->transforms() : nullptr;
@@ -199,11 +195,11 @@ Result<uint32_t*> DeviceView::resolve_colors(const kernels::View& view, uint32_t
   Impl& own = *impl_;
   Result<void> done = own.check_drawn(view);
   if (done) done = kernels::check_resolve(view, samples_per_side);
-  if (done) done = own.order_after_reads();
   if (done && own.colors.bytes() < uint64_t{3} * view.width * view.height * sizeof(float))
     done = Error{ErrorCode::kRange, "the picture's samples have no colours yet"};
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
   if (done) done = own.pixels.reserve(count * sizeof(uint32_t), "allocating the picture");
+  if (done) done = own.order_after_reads();
   auto* const pixels = reinterpret_cast<uint32_t*>(own.pixels.data());
   if (done)
     done = own.resolver.resolve_colors(view, samples_per_side, own.sample_data(),
@@ -344,11 +340,11 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   Impl& impl = *impl_;
   if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
   if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked;
-  if (const Result<void> ordered = impl.order_after_reads(); !ordered) return ordered;
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
   if (out == nullptr)
     if (auto reserved = impl.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
       return reserved.error();
+  if (const Result<void> ordered = impl.order_after_reads(); !ordered) return ordered;
   uint32_t* const device_pixels = out != nullptr ? out : reinterpret_cast<uint32_t*>(impl.pixels.data());
   const CudaStream* const stream = impl.scene.streaming();
   const bool from_colors = stream != nullptr && kernels::shades_from_chunks(options.show);
@@ -376,7 +372,7 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
       const std::chrono::duration<float, std::milli> taken = std::chrono::steady_clock::now() - start;
       times->resolve_ms = taken.count() - times->occlusion_ms;
     }
-  } else if (impl.drawn_by_team && out == nullptr && !impl.uses_texture_cache(options)) {
+  } else if (impl.drawn_by_team && out == nullptr) {
     // Other GPUs might not reach the caller's memory, which another allocator may have mapped for one GPU.
     if (auto done = impl.scene.team->resolve(view, samples_per_side, options, device_pixels, times); !done) return done;
   } else {
@@ -422,11 +418,11 @@ Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples
     return Error{ErrorCode::kUnsupported, "normals and texture coordinates are not made beside another picture"};
   if (reads_chunks && impl.scene.streaming() != nullptr)
     return Error{ErrorCode::kUnsupported,
-  if (const Result<void> ordered = impl.order_after_reads(); !ordered) return ordered;
                  "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
                  "budget of it has to hold the scene, or the CPU draws it"};
   const Result<uint64_t*> samples = impl.whole_samples();
   if (!samples) return samples.error();
+  if (const Result<void> ordered = impl.order_after_reads(); !ordered) return ordered;
   return kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, *samples,
                                reads_chunks ? impl.transforms() : nullptr, out, impl.stream());
 }
@@ -536,6 +532,10 @@ std::shared_ptr<const void> DeviceView::hold(const std::byte* data) const {
   return nullptr;
 }
 
+Result<void> DeviceView::read(const void* device, std::span<std::byte> host) {
+  return impl_->copy(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, "reading a layer");
+}
+
 Result<void> DeviceView::read_later(const void* device, std::span<std::byte> host) {
   Impl& own = *impl_;
   Result<void> done;
@@ -555,10 +555,6 @@ Result<void> DeviceView::read_later(const void* device, std::span<std::byte> hos
 Result<void> DeviceView::end_reads() {
   if (impl_->reads == nullptr) return {};
   return cuda_check(cudaStreamSynchronize(impl_->reads), "reading a layer");
-}
-
-Result<void> DeviceView::read(const void* device, std::span<std::byte> host) {
-  return impl_->copy(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, "reading a layer");
 }
 
 Result<void> DeviceView::order_before(void* stream) {

@@ -42,7 +42,7 @@ void add(UploadCounts& sum, const UploadCounts& one) {
 bool GpuTeam::fits(const Scene& scene, uint32_t gpus, const Options& options) {
   const std::vector<uint32_t> owners = owners_of_pages(scene.drawn_pages(), gpus);
   for (uint32_t i = 0; i < gpus; ++i) {
-    const PageShare share{owners, i, i == 0};
+    const PageShare share{owners, i};
     const uint64_t beside = i == 0 ? options.beside : options.beside_others;
     if (CudaScene::device_bytes(scene, nullptr, options.texture_cache, &share) + beside > options.budget) return false;
   }
@@ -54,6 +54,7 @@ GpuTeam::~GpuTeam() {
   for (Member& member : members_) {
     (void)make_current(member);
     member.frames.reset();
+    member.scene = CudaScene();
     for (cudaEvent_t event : {member.drawn, member.joined, member.shaded_part})
       if (event != nullptr) (void)cudaEventDestroy(event);
   }
@@ -106,10 +107,18 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   workers_->for_each(size(), [&](uint64_t i) {
     uploaded[i] = make_current(members_[i]);
     if (!uploaded[i]) return;
-    const PageShare share{owners, static_cast<uint32_t>(i), i == 0};
-    Result<CudaScene> made = CudaScene::upload(scene, options.budget, i == 0 ? options.beside : options.beside_others,
-                                               threads, options.reading, options.texture_cache, nullptr, host_memory,
-                                               i == 0 ? options.progress : nullptr, &share);
+    const Result<uint64_t> budget = device_budget(options.budget);
+    if (!budget) {
+      uploaded[i] = budget.error();
+      return;
+    }
+    const PageShare share{owners, static_cast<uint32_t>(i)};
+    const uint64_t beside = i == 0 ? options.beside : options.beside_others;
+    const uint64_t whole = CudaScene::device_bytes(scene, nullptr, options.texture_cache) + beside;
+    const uint64_t more = DeviceBlockPager::more_room(scene, *budget - std::min(*budget, whole));
+    Result<CudaScene> made =
+        CudaScene::upload(scene, options.budget, beside, threads, options.reading, options.texture_cache, nullptr,
+                          host_memory, i == 0 ? options.progress : nullptr, &share, more);
     if (made)
       scenes[i] = std::move(*made);
     else
@@ -148,8 +157,8 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
     if (!divides_picture_) done = scenes[i].add_pages_of(scenes);
     if (!done) return done.error();
     member.shaded = scenes[i].view();
-    member.shaded.textures = scenes[0].view().textures;
-    member.shaded.texture_count = scenes[0].view().texture_count;
+    member.textures = scenes[i].texture_cache();
+    member.pager = scenes[i].block_pager();
   }
   if (const Result<void> back = make_current(members_[0]); !back) return back.error();
   CudaScene first = std::move(scenes[0]);
@@ -326,30 +335,42 @@ std::span<const kernels::RowRange> GpuTeam::shaded_rows(uint32_t index, uint32_t
   return out.first(count);
 }
 
-/// The first GPU starts last, because it waits for the others. The others wait for its earlier work with `pixels`.
+/// Shades a GPU's rows, by a thread per GPU at the same time, because rounds of shading wait.
+Result<void> GpuTeam::shade_rows(uint32_t index, const kernels::View& view, uint32_t samples_per_side,
+                                 const kernels::ShadeOptions& options, uint32_t* pixels, kernels::ResolveTimes* times) {
+  Member& member = members_[index];
+  kernels::RowRange room[kBandsPerGpu];
+  const std::span<const kernels::RowRange> rows =
+      shaded_rows(index, view.height / samples_per_side, samples_per_side, room);
+  if (rows.empty()) return {};
+  Result<void> done = make_current(member);
+  if (done && index != 0)
+    done = cuda_check(cudaStreamWaitEvent(nullptr, members_[0].shaded_part, 0), "ordering the GPUs");
+  if (done)
+    done = member.resolver.resolve(member.shaded, view, samples_per_side, buffers_.of[index],
+                                   member.frames->transforms(), options, pixels, nullptr, times, member.textures, rows);
+  if (done && index != 0) done = cuda_check(cudaEventRecord(member.shaded_part, nullptr), "recording an event");
+  return done;
+}
+
+/// The other GPUs wait for the first one's earlier work with `pixels`, and its later work waits for them.
 Result<void> GpuTeam::start_resolve(const kernels::View& view, uint32_t samples_per_side,
                                     const kernels::ShadeOptions& options, uint32_t* pixels,
                                     kernels::ResolveTimes* times) {
-  Member& first = members_[0];
   Result<void> done;
   // Other pictures need no rows of other GPUs.
   if (options.ssao || options.edl || options.show == kernels::Show::kDepth)
     for (uint32_t i = 0; i < size() && done; ++i) done = gather_at(i);
-  if (done) done = make_current(first);
-  if (done) done = cuda_check(cudaEventRecord(first.shaded_part, nullptr), "recording an event");
-  for (uint32_t i = size(); i-- > 0 && done;) {
-    Member& member = members_[i];
-    kernels::RowRange shaded[kBandsPerGpu];
-    const std::span<const kernels::RowRange> bands =
-        shaded_rows(i, view.height / samples_per_side, samples_per_side, shaded);
-    if (bands.empty()) continue;
-    done = make_current(member);
-    if (done && i != 0) done = cuda_check(cudaStreamWaitEvent(nullptr, first.shaded_part, 0), "ordering the GPUs");
-    if (done)
-      done = member.resolver.resolve(member.shaded, view, samples_per_side, buffers_.of[i], member.frames->transforms(),
-                                     options, pixels, nullptr, i == 0 ? times : nullptr, nullptr, bands);
-    if (done && i != 0) done = cuda_check(cudaEventRecord(member.shaded_part, nullptr), "recording an event");
-  }
+  if (done) done = make_current(members_[0]);
+  if (done) done = cuda_check(cudaEventRecord(members_[0].shaded_part, nullptr), "recording an event");
+  if (!done) return done;
+  std::vector<Result<void>> shaded(size());
+  workers_->for_each(size(), [&](uint64_t i) {
+    shaded[i] = shade_rows(static_cast<uint32_t>(i), view, samples_per_side, options, pixels, i == 0 ? times : nullptr);
+  });
+  for (const Result<void>& each : shaded)
+    if (!each) return each;
+  done = make_current(members_[0]);
   for (uint32_t i = 1; i < size() && done; ++i)
     done = cuda_check(cudaStreamWaitEvent(nullptr, members_[i].shaded_part, 0), "ordering the GPUs");
   return done;

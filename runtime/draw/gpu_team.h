@@ -1,7 +1,8 @@
 // GPUs of one machine that draw a scene together, so that the picture is that of one GPU. If every GPU's memory holds
 // all pages, each draws and shades rows of its own. Otherwise each has and draws a part of the pages, and their samples
 // are joined over the links between them. Then each shades a part of the picture, for which it reads the others' pages.
-// Only in programs that are built with CUDA.
+// Each has all textures, with a texture cache and a room for their pages of its own. Only in programs that are built
+// with CUDA.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -51,9 +52,9 @@ class GpuTeam {
 
   /// Lets every GPU read and write the others' memory, and uploads to each its share of `scene`, to all at the same
   /// time. `gpus`: 2 to kMostGpus, by CUDA's numbers; the first is the current device, before and after. Returns the
-  /// scene of the first GPU, which outlives this. It has all records and textures, and all pages, which this GPU can
-  /// read. Errors kDevice: two GPUs that cannot read each other's memory; kMemory: no thread for each GPU; and the
-  /// errors of CudaScene::upload(), with the GPU named.
+  /// scene of the first GPU, which outlives this. It has all records, and all pages, which this GPU can read. Errors
+  /// kDevice: two GPUs that cannot read each other's memory; kMemory: no thread for each GPU; and the errors of
+  /// CudaScene::upload(), with the GPU named.
   Result<CudaScene> open(const Scene& scene, std::span<const int> gpus, const Options& options);
 
   /// As CudaFrames::draw() of a whole frame, on all GPUs, into `samples` of the first.
@@ -68,10 +69,13 @@ class GpuTeam {
   Result<void> gather() { return gather_at(0); }
 
   /// As CudaResolver::resolve() of the picture that draw() made last, into `pixels` of the first GPU, with the work of
-  /// all GPUs ordered with its default stream. Not for textures that need a CudaTextureCache. `times`: null, or filled
-  /// in by the host's clock after waiting. Errors kDevice.
+  /// all GPUs ordered with its default stream. `times`: null, or filled in by the host's clock after waiting. Errors as
+  /// CudaResolver::resolve().
   Result<void> resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                        uint32_t* pixels, kernels::ResolveTimes* times);
+
+  /// As CudaScene::block_pager() of GPU `index`.
+  DeviceBlockPager* block_pager(size_t index) const { return members_[index].pager; }
 
   uint32_t size() const { return static_cast<uint32_t>(members_.size()); }
   /// Whether every GPU has all pages and draws rows of its own.
@@ -91,8 +95,10 @@ class GpuTeam {
 
   struct Member {
     int gpu = 0;
-    CudaScene scene;              // of the others; the first's belongs to the caller
-    kernels::SceneView shaded{};  // the scene with the pages of all, and the first GPU's textures
+    CudaScene scene;                                // of the others; the first's belongs to the caller
+    kernels::SceneView shaded{};                    // the scene with the pages of all
+    kernels::CudaTextureCache* textures = nullptr;  // of the scene
+    DeviceBlockPager* pager = nullptr;              // likewise
     std::optional<kernels::CudaFrames> frames;
     kernels::CudaResolver resolver;
     kernels::DeviceBuffer samples;  // of the others
@@ -114,6 +120,8 @@ class GpuTeam {
                                                  std::span<kernels::RowRange, kBandsPerGpu> out) const;
   Result<void> start_resolve(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& options,
                              uint32_t* pixels, kernels::ResolveTimes* times);
+  Result<void> shade_rows(uint32_t index, const kernels::View& view, uint32_t samples_per_side,
+                          const kernels::ShadeOptions& options, uint32_t* pixels, kernels::ResolveTimes* times);
   void wait_for_all() const;
 
   std::vector<Member> members_;

@@ -81,7 +81,6 @@ std::vector<uint32_t> owners_of_pages(const DrawnPages& pages, uint32_t owners);
 struct PageShare {
   std::span<const uint32_t> owners;  // owners_of_pages()
   uint32_t owner = 0;                // of the pages that it gets
-  bool has_textures = true;
 };
 
 /// Raw bytes by page number; null where a page was not loaded.

@@ -26,6 +26,14 @@ struct PagerStats {
   uint64_t read_bytes = 0;
   uint64_t stored_bytes = 0;  // of these pages, in the file
   uint64_t direct_pages = 0;  // of these pages, past the page cache
+
+  PagerStats& operator+=(const PagerStats& other) {
+    read_pages += other.read_pages;
+    read_bytes += other.read_bytes;
+    stored_bytes += other.stored_bytes;
+    direct_pages += other.direct_pages;
+    return *this;
+  }
 };
 
 /// Decides which pages are in memory. A derived class owns that memory.

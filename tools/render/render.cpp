@@ -68,7 +68,7 @@ struct Times {
   std::optional<runtime::StreamStats> streamed;
   std::optional<kernels::TextureCacheCounts> looked;  // of a GPU's JPEG textures
   uint64_t texel_page_bytes = 0;                      // of all texture pages
-  uint64_t texel_room_bytes = 0;                      // room for these pages in the memory from which they are sampled
+  uint64_t texel_room_bytes = 0;                      // room for these pages where they are sampled, of all GPUs
   runtime::PagerStats texel_pages;                    // of the texture pages in the picture
   kernels::BlendCounts blended;
   std::optional<Duration> shadows;  // of drawing the shadow map
@@ -306,10 +306,10 @@ Result<Drawn> draw(RenderOptions options, const runtime::Scene& scene, const ker
     times.blended = shaded->blended;
     drawn.outputs.picture = std::move(*shaded);
   }
-  if (const runtime::BlockPager* pager = device != nullptr ? device->block_pager() : scene.block_pager()) {
+  for (const runtime::BlockPager* const pager : runtime::block_pagers(scene, device)) {
     times.texel_page_bytes = pager->all_bytes();
-    times.texel_room_bytes = pager->room_bytes();
-    times.texel_pages = pager->stats();
+    times.texel_room_bytes += pager->room_bytes();
+    times.texel_pages += pager->stats();
   }
   if (device == nullptr) return Result<Drawn>(std::move(drawn));
   times.upload = device->stats();

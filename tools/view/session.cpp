@@ -282,15 +282,18 @@ struct ViewSession::Impl {
 
   Result<Drawn> draw(const BufferKey& wanted, const kernels::ShadeOptions& shade, bool has_shadows,
                      const JpegKind* jpeg, const Patience& patience) {
-    runtime::BlockPager* const pager = device ? device->block_pager() : scene.block_pager();
-    if (pager == nullptr || !patience.textures) return draw_now(wanted, shade, has_shadows, jpeg, patience);
-    struct Reset {
-      runtime::BlockPager& pager;
-      ~Reset() { pager.set_patience({}); }
-    } const reset{*pager};
-    pager->set_patience(patience.textures);
+    if (!patience.textures) return draw_now(wanted, shade, has_shadows, jpeg, patience);
+    struct Pagers {
+      std::vector<runtime::BlockPager*> all;
+      ~Pagers() { set_patience({}); }
+      void set_patience(const runtime::IsOver& is_over) const {
+        for (runtime::BlockPager* const pager : all) pager->set_patience(is_over);
+      }
+    } const pagers{runtime::block_pagers(scene, device ? &*device : nullptr)};
+    pagers.set_patience(patience.textures);
     Result<Drawn> drawn = draw_now(wanted, shade, has_shadows, jpeg, patience);
-    if (drawn) drawn->left_bytes += pager->missing_bytes();
+    for (const runtime::BlockPager* const pager : pagers.all)
+      if (drawn) drawn->left_bytes += pager->missing_bytes();
     return drawn;
   }
 

@@ -18,9 +18,12 @@
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/images/block_files.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
+#include "tests/tools/jpeg_model.h"
+#include "tests/tools/model_maker.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
@@ -58,14 +61,62 @@ View view_of(const Scene& scene, int frame) {
                            .height = 77});
 }
 
-Result<DeviceScene> upload(const Scene& scene, uint32_t gpus, uint64_t budget = 0) {
-  return DeviceScene::upload(scene, budget, 2, Reading::kAuto, runtime::kDeviceTextureCache, 0, {}, nullptr, gpus);
+Result<DeviceScene> upload(const Scene& scene, uint32_t gpus, uint64_t budget = 0,
+                           uint64_t texture_cache = runtime::kDeviceTextureCache) {
+  return DeviceScene::upload(scene, budget, 2, Reading::kAuto, texture_cache, 0, {}, nullptr, gpus);
 }
 
 std::vector<uint8_t> picture(const Scene& scene, DeviceScene& device, const View& view,
-                             const kernels::ShadeOptions& options) {
-  const Frame frame = must(Frame::draw(scene, view, 2, 2, &device, &options));
+                             const kernels::ShadeOptions& options, uint32_t samples_per_side = 2) {
+  const Frame frame = must(Frame::draw(scene, view, samples_per_side, 2, &device, &options));
   return must(frame.shade(options, 2)).pixels;
+}
+
+/// Grids of `side` quads per side with textures of BC7, BC1 and plain texels.
+void make_block_model(const std::string& path, uint32_t side) {
+  using format::BlockFormat;
+  const FileBytes files[] = {
+      make_ktx2({.width = 1024, .height = 1024, .levels = 11, .scheme = 2}),
+      make_dds({.format = BlockFormat::kBc1, .width = 700, .height = 1300, .levels = 3, .seed = 2}, 71),
+      make_ktx2({.vk_format = 37, .model = 1, .format = BlockFormat::kRgba8, .width = 300, .height = 301, .seed = 3})};
+  ModelMaker maker(path);
+  for (size_t i = 0; i < std::size(files); ++i) {
+    GridSpec spec;
+    spec.columns = spec.rows = side;
+    spec.uv = true;
+    spec.origin = {1.1f * static_cast<float>(i), 0, 0};
+    const std::string number = std::to_string(i);
+    const uint32_t material = maker.textured("i" + number, format::ImageCodec::kBlocks, files[i]);
+    maker.node("n" + number, maker.mesh("m" + number, {maker.grid(spec, material)}));
+  }
+  maker.finish();
+}
+
+/// Draws `scene` on `team` and on one GPU: from afar, twice, and close. `whole`: the same scene with its pages.
+void check_pictures(const Scene& whole, const Scene& scene, DeviceScene& alone, DeviceScene& team) {
+  const runtime::CameraOptions far{.width = 90, .height = 58};
+  runtime::CameraOptions close = far;
+  close.eye = {0.5, 0.12, 0.5};
+  close.target = {0.52, 0, 0.42};
+  for (const runtime::CameraOptions& camera : {far, far, close}) {
+    const View view = must_view(whole, camera);
+    for (const uint32_t side : {1u, 2u}) {
+      CAPTURE(camera.eye.has_value(), side);
+      CHECK(picture(scene, team, view, {}, side) == picture(scene, alone, view, {}, side));
+    }
+    std::vector<std::byte> of_one(uint64_t{view.width} * view.height *
+                                  runtime::layer_bytes(runtime::PixelLayer::kDepth));
+    std::vector<std::byte> of_team(of_one.size());
+    std::vector<uint64_t> samples(uint64_t{view.width} * view.height), samples_of_team = samples;
+    for (DeviceScene* const device : {&alone, &team}) {
+      const bool is_team = device == &team;
+      REQUIRE(device->draw(view));
+      REQUIRE(device->read_layer(view, 1, runtime::PixelLayer::kDepth, is_team ? of_team : of_one));
+      REQUIRE(device->read_samples(is_team ? samples_of_team : samples));
+    }
+    CHECK(of_team == of_one);
+    CHECK(samples_of_team == samples);
+  }
 }
 
 }  // namespace
@@ -227,6 +278,59 @@ TEST_CASE("scenes of one page, with masks, textures and blending, are drawn by s
     REQUIRE(one.resolve(seen, 2, {}, pixels));
     REQUIRE(expected.size() == 4 * pixels.size());
     CHECK(std::memcmp(pixels.data(), expected.data(), expected.size()) == 0);
+  }
+}
+
+TEST_CASE("each of several GPUs shades with textures of its own", "[cuda][gpus][texel_pager]") {
+  if (!has_gpu()) return;
+  const EmulatedGpus emulated("9.0,9.0,9.0");
+  const TempFolder folder;
+  convert::ConvertOptions convert;
+  convert.input = folder.file("in.glb");
+  convert.output = folder.file("out.scree");
+  convert.float32 = true;  // more bytes
+  const std::string kind = GENERATE("JPEGs", "decoded JPEGs", "blocks");
+  constexpr uint32_t kSide = 110;  // two pages of geometry
+  if (kind == "blocks")
+    make_block_model(convert.input, kSide);
+  else
+    make_jpeg_model(convert.input, kSide);
+  if (kind == "decoded JPEGs") convert.images.textures = convert::Textures::kRaw;
+  REQUIRE(convert::convert(convert));
+  const Scene whole = must_load(convert.output);
+  for (const uint64_t room : {uint64_t{0}, uint64_t{5} << 18}) {
+    if (room != 0 && kind == "decoded JPEGs") continue;
+    const Scene scene = must_load(convert.output, {.threads = 2,
+                                                   .texture_cache = kind == "decoded JPEGs" ? uint64_t{0} : 1,
+                                                   .texture_memory = room,
+                                                   .device_texture_memory = room,
+                                                   .pages = false});
+    CHECK((scene.block_pager() != nullptr) == (room != 0));
+    const uint64_t cache = room != 0 ? uint64_t{100000} : runtime::kDeviceTextureCache;
+    DeviceScene alone = must(upload(scene, 1, 0, cache));
+    const uint64_t too_little_for_all =
+        alone.stats().device_bytes + kernels::CudaFrames::device_bytes(scene.view()) - 1;
+    uint64_t with_all_pages = 0;
+    for (const auto& [count, budget] : {std::pair<uint32_t, uint64_t>{2, 0}, {2, too_little_for_all}, {3, 0}}) {
+      if (!has_gpus(count)) continue;
+      CAPTURE(kind, room, count, budget);
+      DeviceScene team = must(upload(scene, count, budget, cache));
+      REQUIRE(team.gpu_count() == count);
+      if (budget == 0)
+        with_all_pages = team.stats().device_bytes;
+      else
+        CHECK(team.stats().device_bytes < with_all_pages);  // they share the pages
+      check_pictures(whole, scene, alone, team);
+      const std::vector<runtime::BlockPager*> pagers = runtime::block_pagers(scene, &team);
+      CHECK(pagers.size() == (room != 0 ? count : 0));
+      for (const runtime::BlockPager* const pager : pagers) CHECK(pager->resident_bytes() <= room);
+      // Every GPU takes coarser levels where it will not wait, and waits again afterwards.
+      const View view = must_view(whole, {.width = 160, .height = 120});
+      for (runtime::BlockPager* const pager : pagers) pager->set_patience([] { return true; });
+      CHECK(picture(scene, team, view, {}, 1).size() == uint64_t{160} * 120 * 4);
+      for (runtime::BlockPager* const pager : pagers) pager->set_patience({});
+      CHECK(picture(scene, team, view, {}, 1) == picture(scene, alone, view, {}, 1));
+    }
   }
 }
 
