@@ -39,6 +39,10 @@ using runtime::ViewRenderer;
 
 constexpr uint64_t kMostWaitingBytes = uint64_t{4} << 30;  // of drawn frames that are not written yet
 
+/// Frames whose outputs are copied from a GPU to pinned memory, which takes long to make. If more frames wait to be
+/// written, writing is slower than any copy.
+constexpr uint64_t kPinnedFrames = 6;
+
 /// A file that is written per frame.
 struct Output {
   Layer layer;
@@ -405,7 +409,11 @@ class PathRenderer {
   /// Memory for an output, if possible that of a frame before.
   HostMemory take_memory(uint64_t bytes) {
     const auto found = std::find_if(free_.begin(), free_.end(), [&](const auto& one) { return one.size() == bytes; });
-    if (found == free_.end()) return reads_later() ? HostMemory::pinned(bytes) : HostMemory::plain(bytes);
+    if (found == free_.end()) {
+      if (!reads_later() || pinned_ >= kPinnedFrames * outputs_.size()) return HostMemory::plain(bytes);
+      ++pinned_;
+      return HostMemory::pinned(bytes);
+    }
     HostMemory taken = std::move(*found);
     free_.erase(found);
     return taken;
@@ -548,6 +556,7 @@ class PathRenderer {
   std::optional<RankedFrame> shared_;  // instead, if the ranks share the geometry
   uint64_t most_waiting_ = 1;
   std::vector<HostMemory> free_;  // memory of frames that are written
+  uint64_t pinned_ = 0;           // number of outputs that have pinned memory
   uint64_t done_ = 0;
   uint64_t frames_with_more_layers_ = 0;  // frames with more layers of blended surfaces than are drawn
   Stopwatch watch_;
