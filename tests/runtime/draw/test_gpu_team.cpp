@@ -312,13 +312,15 @@ TEST_CASE("each of several GPUs shades with textures of its own", "[cuda][gpus][
         alone.stats().device_bytes + kernels::CudaFrames::device_bytes(scene.view()) - 1;
     uint64_t with_all_pages = 0;
     for (const auto& [count, budget] : {std::pair<uint32_t, uint64_t>{2, 0}, {2, too_little_for_all}, {3, 0}}) {
+      // Emulated GPUs would draw for minutes: they share the pages, or each reads its own blocks.
+      if (scree::tests::kEmulatesGpu && (room == 0 ? budget == 0 : count != 3)) continue;
       if (!has_gpus(count)) continue;
       CAPTURE(kind, room, count, budget);
       DeviceScene team = must(upload(scene, count, budget, cache));
       REQUIRE(team.gpu_count() == count);
       if (budget == 0)
         with_all_pages = team.stats().device_bytes;
-      else
+      else if (with_all_pages != 0)
         CHECK(team.stats().device_bytes < with_all_pages);  // they share the pages
       check_pictures(whole, scene, alone, team);
       const std::vector<runtime::BlockPager*> pagers = runtime::block_pagers(scene, &team);
