@@ -113,13 +113,14 @@ TEST_CASE("a GPU joins the split pages of a scene", "[cuda][upload]") {
 
 TEST_CASE("a GPU joins the split pages of real models", "[cuda][upload]") {
   if (!has_gpu()) return;
-  if (models_path().empty()) {
-    WARN("the models are not there");
+  const std::vector<std::filesystem::path> models = model_files(models_path() / "scenes");
+  if (models.empty()) {
+    WARN("skipped: the models are not there");
     return;
   }
   const TempFolder folder;
   uint64_t pages = 0;
-  for (const std::filesystem::path& model : model_files(models_path() / "scenes")) {
+  for (const std::filesystem::path& model : models) {
     convert::ConvertOptions options;
     options.input = model.string();
     options.output = folder.file("model.scree");
