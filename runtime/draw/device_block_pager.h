@@ -36,8 +36,8 @@ class DeviceBlockPager final : public BlockPager {
   /// The room for SceneOptions::device_texture_memory and device_texture_limit, in bytes: not more than all pages take.
   static uint64_t usual_room(const Scene& scene);
   static uint64_t most_room(const Scene& scene);
-  /// What pages get in addition to usual_room() beside a resident scene that leaves `rest` bytes: half of it. The other
-  /// half is for blended surfaces and for queues that grow.
+  /// The room that pages get in addition to usual_room(), if a resident scene leaves `rest` bytes: half of them. The
+  /// other half is for blended surfaces and for queues that grow.
   static uint64_t more_room(const Scene& scene, uint64_t rest);
   /// The device memory of create() beside the room.
   static uint64_t table_bytes(const Scene& scene);

@@ -187,6 +187,8 @@ class PathRenderer {
 
   uint64_t pixels() const { return uint64_t{width()} * height(); }
   uint64_t samples() const { return pixels() * options_.samples_per_side * options_.samples_per_side; }
+  /// Bytes of a layer of a frame, as it is read.
+  uint64_t bytes_of(Layer layer) const { return layer == Layer::kSamples ? samples() * 8 : pixels() * 4; }
 
   runtime::DrawOn draw_on() const {
     switch (options_.backend.choice) {
@@ -252,7 +254,7 @@ class PathRenderer {
   Result<uint64_t> share_host_memory() {
     uint64_t bytes = 0;
     for (const Output& output : outputs_)
-      bytes += output.layer == Layer::kSamples ? samples() * 8 : pixels() * (output.layer == Layer::kColor ? 8 : 4);
+      bytes += bytes_of(output.layer) + (output.layer == Layer::kColor ? pixels() * 4 : 0);
     const uint64_t side = options_.light.shadow_side;
     const uint64_t own = (samples() + side * side) * sizeof(uint64_t) + pixels() * 3 * sizeof(float);  // renderer
     const uint64_t allowed = options_.host_memory;
@@ -359,8 +361,7 @@ class PathRenderer {
     if (!done || wanted.rank != ranks_.rank()) return done;
     const Stopwatch watch;
     drawn.emplace().frame = wanted.frame;
-    for (const Output& output : outputs_)
-      drawn->layers.push_back(take_memory(output.layer == Layer::kSamples ? samples() * 8 : pixels() * 4));
+    for (const Output& output : outputs_) drawn->layers.push_back(take_memory(bytes_of(output.layer)));
     for (size_t i = 0; i < outputs_.size() && done; ++i) {
       const std::span<std::byte> out = drawn->layers[i].bytes();
       done = shared_ ? read_shared(outputs_[i].layer, out) : renderer_->read_later(outputs_[i].layer, out);
