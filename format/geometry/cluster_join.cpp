@@ -15,6 +15,7 @@
 #include "format/geometry/offset_box.h"
 #include "format/geometry/recent_vertices.h"
 #include "format/geometry/split_streams.h"
+#include "format/geometry/split_triangles.h"
 #include "format/geometry/word_writer.h"
 
 namespace scree::format {
@@ -32,15 +33,6 @@ Offsets modulo_sum(const Offsets& a, const Offsets& b) {
   const Unsigned sum = __builtin_convertvector(a, Unsigned) + __builtin_convertvector(b, Unsigned);
   return __builtin_convertvector(sum & Unsigned{kMask, kMask, kMask, 0}, Offsets);
 }
-
-/// For each byte of steps, eight bytes: the number of ones up to each bit.
-constexpr auto kOnesUpTo = [] {
-  std::array<uint64_t, 256> ones{};
-  for (uint32_t byte = 0; byte < 256; ++byte)
-    for (uint32_t bit = 0; bit < 8; ++bit)
-      ones[byte] |= static_cast<uint64_t>(std::popcount(byte & ((2u << bit) - 1))) << 8 * bit;
-  return ones;
-}();
 
 uint32_t unzigzag(uint32_t code) {
   return code >> 1 ^ (0u - (code & 1));
@@ -212,53 +204,12 @@ class Joiner {
     if (pairs_ == nullptr) return ends(kDistances);
     places_ = in_[kPlaces].take(form_.vertex_count);
     if (places_ == nullptr) return ends(kPlaces);
-    if (!sum_steps() || !unpack_distances()) return Error{kRange, "a triangle with vertices that its cluster lacks"};
+    if (!read_triangles({steps_, pairs_, count, form_.distance_bits, form_.wide_steps}, form_.vertex_count, triangles_))
+      return Error{kRange, "a triangle with vertices that its cluster lacks"};
     return {};
   }
 
   uint32_t step_bytes() const { return (form_.triangle_count + 7) / 8; }
-
-  /// Computes the largest vertex of each triangle. Returns whether all are below vertex_count.
-  bool sum_steps() {
-    std::byte* const largest = reinterpret_cast<std::byte*>(triangles_.largest.data());
-    uint32_t sum = 2;
-    for (uint32_t i = 0; i < step_bytes(); ++i) {
-      if (sum >= form_.vertex_count) return false;  // from 127 on, eight steps of 3 stay within a byte
-      uint64_t eight = sum * 0x0101010101010101u + kOnesUpTo[std::to_integer<uint32_t>(steps_[i])];
-      if (form_.wide_steps) eight += 2 * kOnesUpTo[std::to_integer<uint32_t>(steps_[step_bytes() + i])];
-      store(largest + 8 * i, eight);
-      sum = static_cast<uint32_t>(eight >> 56);
-    }
-    return triangles_.largest[form_.triangle_count - 1] < form_.vertex_count;
-  }
-
-  /// Returns whether all distances are in range.
-  bool unpack_distances() {
-    const uint32_t count = form_.triangle_count;
-    const bool is_short = form_.distance_bits <= kShortDistance;
-    const std::byte* const pairs = pairs_;
-    uint8_t* const first = triangles_.back[0].data();
-    uint8_t* const second = triangles_.back[1].data();
-    for (uint32_t i = 0; i < count && is_short; ++i) {
-      first[i] = std::to_integer<uint8_t>(pairs[i] & std::byte{15});
-      second[i] = std::to_integer<uint8_t>(pairs[i] >> 4);
-    }
-    for (uint32_t i = 0; i < count && !is_short; ++i) {
-      first[i] = std::to_integer<uint8_t>(pairs[2 * i]);
-      second[i] = std::to_integer<uint8_t>(pairs[2 * i + 1]);
-    }
-    const uint8_t* const largest = triangles_.largest.data();
-    uint8_t all = 0;
-    uint8_t past = 0;
-    for (uint32_t i = 0; i < count; ++i) {
-      const uint8_t further = std::max(first[i], second[i]);
-      all |= further;
-      past |= static_cast<uint8_t>(std::max(further, largest[i]) ^ largest[i]);
-    }
-    triangles_.count = count;
-    triangles_.distance_bits = form_.distance_bits;
-    return past == 0 && all >> form_.distance_bits == 0;
-  }
 
   /// Computes the vertices' offsets. Returns false if a reference or a residual is missing or out of range.
   bool place_vertices(OffsetBox& box) {

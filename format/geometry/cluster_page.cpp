@@ -15,6 +15,7 @@
 #include "format/geometry/cluster_read.h"
 #include "format/geometry/recent_vertices.h"
 #include "format/geometry/split_streams.h"
+#include "format/geometry/split_triangles.h"
 
 namespace scree::format {
 namespace {
@@ -25,21 +26,26 @@ uint32_t zigzag(uint32_t value) {
   return value << 1 ^ static_cast<uint32_t>(static_cast<int32_t>(value) >> 31);
 }
 
-/// Splits clusters.
+/// Splits clusters. Each step handles a whole cluster, mostly without branches, as in cluster_join.cpp.
 class Splitter {
  public:
-  void part(const std::byte* payload, uint32_t clusters) {
+  Splitter() { latest_.fill(kNone); }
+
+  /// Returns false if join_page() would refuse a cluster.
+  bool part(const std::byte* payload, uint32_t clusters) {
     memory_.recent.clear();
-    std::fill(latest_.begin(), latest_.end(), kNone);
+    start_ = end_;
     named_ = 0;
     first_ = Offsets{};
     const std::byte* const bounds = payload + group_count(clusters) * sizeof(ClusterBounds);
     const std::byte* const records = bounds + clusters * sizeof(ClusterBounds);
     const std::byte* const data = records + clusters * sizeof(ClusterRecord);
     for (uint64_t i = 0; i < clusters; ++i) {
-      cluster(make_cluster_reader(load<ClusterRecord>(records + i * sizeof(ClusterRecord)),
-                                  load<ClusterBounds>(bounds + i * sizeof(ClusterBounds)), data));
+      if (!cluster(make_cluster_reader(load<ClusterRecord>(records + i * sizeof(ClusterRecord)),
+                                       load<ClusterBounds>(bounds + i * sizeof(ClusterBounds)), data)))
+        return false;
     }
+    return true;
   }
 
   void put_part(uint32_t clusters, std::span<const std::byte> plain) {
@@ -50,12 +56,15 @@ class Splitter {
 
   SplitPage finish() {
     uint32_t all = 0;
-    for (const auto& residual : residuals_)
-      for (const uint32_t code : residual) all |= code;
+    for (const auto& codes : residuals_)
+      for (const uint32_t code : codes) all |= code;
     const uint32_t planes = (static_cast<uint32_t>(std::bit_width(all | 1)) + 7) / 8;
-    for (uint32_t plane = 0; plane < planes; ++plane)
-      for (size_t axis = 0; axis < 3; ++axis)
-        for (const auto& residual : residuals_) put(kResiduals, static_cast<uint8_t>(residual[axis] >> 8 * plane));
+    for (uint32_t plane = 0; plane < planes; ++plane) {
+      for (const auto& codes : residuals_) {
+        std::byte* const to = grow(kResiduals, codes.size());
+        for (size_t i = 0; i < codes.size(); ++i) to[i] = static_cast<std::byte>(codes[i] >> 8 * plane);
+      }
+    }
     SplitPage page;
     uint64_t bytes = kHeaderBytes;
     for (const auto& stream : out_) bytes += stream.size();
@@ -74,76 +83,127 @@ class Splitter {
  private:
   static constexpr uint32_t kSlotBits = 17;
 
-  void put(Stream stream, uint8_t value) { out_[stream].push_back(std::byte{value}); }
+  /// Room for more bytes of a stream, until the stream grows again.
+  std::byte* grow(Stream stream, size_t bytes) {
+    std::vector<std::byte>& out = out_[stream];
+    out.resize(out.size() + bytes);
+    return out.data() + out.size() - bytes;
+  }
   template <class T>
   void put(Stream stream, T value) {
-    const auto* bytes = reinterpret_cast<const std::byte*>(&value);
-    out_[stream].insert(out_[stream].end(), bytes, bytes + sizeof value);
+    store(grow(stream, sizeof value), value);
   }
 
-  void cluster(const ClusterReader& reader) {
+  bool cluster(const ClusterReader& reader) {
     const ClusterLayout& layout = reader.layout;
     put(kTriangles, static_cast<uint8_t>(layout.triangle_count - 1));
     put(kVertices, static_cast<uint8_t>(layout.vertex_count - 1));
     put(kForms, static_cast<uint8_t>(layout.distance_bits | (layout.wide_steps ? 8 : 0) | layout.predicted_axis << 4));
     if (layout.predicted_axis != kNotPredicted) put(kSlopes, reader.word(layout.prediction));
-    const uint32_t step_bytes = (layout.triangle_count + 7) / 8;
-    const uint32_t step_words = (layout.triangle_count + 31) / 32;
-    for (uint32_t half = 0; half < (layout.wide_steps ? 2u : 1u); ++half) {
-      const std::byte* steps = reader.data + 4 * uint64_t{layout.steps + half * step_words};
-      out_[kSteps].insert(out_[kSteps].end(), steps, steps + step_bytes);
-    }
+    const TriangleBytes bytes = put_triangles(reader);
     ClusterTriangles triangles;
-    triangles.count = layout.triangle_count;
-    triangles.distance_bits = layout.distance_bits;
-    for (uint32_t i = 0; i < layout.triangle_count; ++i) {
-      uint32_t back[2];
-      reader.distances(i, back);
-      if (layout.distance_bits <= kShortDistance) {
-        put(kDistances, static_cast<uint8_t>(back[0] | back[1] << 4));
-      } else {
-        put(kDistances, static_cast<uint8_t>(back[0]));
-        put(kDistances, static_cast<uint8_t>(back[1]));
-      }
-      triangles.largest[i] = static_cast<uint8_t>(reader.largest(i));
-      for (size_t k = 0; k < 2; ++k) triangles.back[k][i] = static_cast<uint8_t>(back[k]);
-    }
+    if (!read_triangles(bytes, layout.vertex_count, triangles)) return false;
+    const Offsets* const at = read_vertices(reader);
     memory_.predictor.begin(triangles, layout.vertex_count);
-    Offsets* const at = memory_.recent.make_room();
-    for (uint32_t v = 0; v < layout.vertex_count; ++v) {
-      uint32_t offset[3];
-      reader.offset(v, offset);
-      at[v] =
-          Offsets{static_cast<int32_t>(offset[0]), static_cast<int32_t>(offset[1]), static_cast<int32_t>(offset[2]), 0};
-      place_vertex(memory_.recent.count() + v, at[v], v == 0 ? first_ : memory_.predictor.expected(v, at));
-    }
-    memory_.recent.add(layout.vertex_count);
-    first_ = at[0];
+    put_vertices(at, layout.vertex_count);
+    return true;
   }
 
-  void place_vertex(uint32_t number, const Offsets& offsets, const Offsets& expected) {
-    RecentVertices& recent = memory_.recent;
-    uint32_t& latest = latest_[slot(offsets)];
-    if (latest != kNone && number - latest <= kMostBack && is_equal(recent.at(latest), offsets)) {
-      const uint32_t place = zigzag(latest - named_) + 1;
-      if (place < kFarPlace) {
-        put(kPlaces, static_cast<uint8_t>(place));
-      } else {
-        put(kPlaces, static_cast<uint8_t>(kFarPlace));
-        put(kFar, static_cast<uint16_t>(number - latest));
-      }
-      named_ = latest;
+  TriangleBytes put_triangles(const ClusterReader& reader) {
+    const ClusterLayout& layout = reader.layout;
+    const uint32_t count = layout.triangle_count;
+    const uint32_t halves = layout.wide_steps ? 2 : 1;
+    const uint32_t step_bytes = (count + 7) / 8;
+    const uint32_t step_words = (count + 31) / 32;
+    const bool is_short = layout.distance_bits <= kShortDistance;
+    std::byte* const steps = grow(kSteps, halves * step_bytes);
+    std::byte* const pairs = grow(kDistances, is_short ? count : 2 * count);
+    for (uint32_t half = 0; half < halves; ++half)
+      std::memcpy(steps + half * step_bytes, reader.data + 4 * uint64_t{layout.steps + half * step_words}, step_bytes);
+    if (layout.distance_bits == kShortDistance) {  // most often; pairs are packed as they are
+      std::memcpy(pairs, reader.data + 4 * uint64_t{layout.distances}, count);
     } else {
-      put(kPlaces, uint8_t{0});
-      const Offsets left = (offsets - expected) << 8 >> 8;  // modulo 2^24, the representative nearest to 0
-      std::array<uint32_t, 3> codes;
-      for (int axis = 0; axis < 3; ++axis) codes[static_cast<size_t>(axis)] = zigzag(static_cast<uint32_t>(left[axis]));
-      residuals_.push_back(codes);
+      for (uint32_t i = 0; i < count; ++i) {
+        uint32_t back[2];
+        reader.distances(i, back);
+        pairs[is_short ? i : 2 * i] = static_cast<std::byte>(is_short ? back[0] | back[1] << 4 : back[0]);
+        if (!is_short) pairs[2 * i + 1] = static_cast<std::byte>(back[1]);
+      }
     }
-    latest = number;
+    return {steps, pairs, count, layout.distance_bits, layout.wide_steps};
   }
 
-  static bool is_equal(const Offsets& a, const Offsets& b) { return std::memcmp(&a, &b, sizeof a) == 0; }
+  /// Reads a cluster's vertices behind the recent ones, and their slots. Returns the vertices.
+  const Offsets* read_vertices(const ClusterReader& reader) {
+    const uint32_t count = reader.layout.vertex_count;
+    const uint32_t* const bits = reader.layout.position_bits;
+    const ClusterPredictor& predictor = reader.predictor;
+    int32_t codes[3][kMaxClusterVertices];
+    uint64_t bit = uint64_t{reader.layout.positions} * 32;
+    for (uint32_t v = 0; v < count; ++v)
+      for (size_t axis = 0; axis < 3; bit += bits[axis++])
+        codes[axis][v] = static_cast<int32_t>(unpack(reader.data, bit, bits[axis]));
+    if (predictor.axis != kNotPredicted) {
+      int32_t* const sums = codes[predictor.axis];
+      const int32_t* const u = codes[(predictor.axis + 1) % 3];
+      const int32_t* const w = codes[(predictor.axis + 2) % 3];
+      for (uint32_t v = 0; v < count; ++v) {
+        const int32_t predicted = (predictor.slope_u * u[v] + predictor.slope_v * w[v]) >> kPredictorShift;
+        sums[v] =
+            static_cast<int32_t>(static_cast<uint32_t>(sums[v]) + static_cast<uint32_t>(predicted) + predictor.bias);
+      }
+    }
+    const Offsets min{static_cast<int32_t>(reader.min[0]), static_cast<int32_t>(reader.min[1]),
+                      static_cast<int32_t>(reader.min[2]), 0};
+    Offsets* const at = memory_.recent.make_room();
+    for (uint32_t v = 0; v < count; ++v) at[v] = Offsets{codes[0][v], codes[1][v], codes[2][v], 0} + min;
+    for (uint32_t v = 0; v < count; ++v) {  // most of the table is not in the fastest cache
+      slots_[v] = slot(at[v]);
+      __builtin_prefetch(&latest_[slots_[v]]);
+    }
+    return at;
+  }
+
+  /// Writes the places and the residuals of the vertices at `at`.
+  void put_vertices(const Offsets* at, uint32_t count) {
+    RecentVertices& recent = memory_.recent;
+    const Offsets* const values = recent.values();
+    const uint32_t first_index = recent.first_index();
+    const uint32_t first_number = recent.count();
+    uint8_t places[kMaxClusterVertices];
+    uint16_t far[kMaxClusterVertices];
+    uint32_t codes[3][kMaxClusterVertices];
+    uint32_t far_count = 0;
+    uint32_t new_count = 0;
+    uint32_t named = named_;
+    for (uint32_t v = 0; v < count; ++v) {
+      const uint32_t number = first_number + v;
+      const Offsets offsets = at[v];
+      uint32_t& latest = latest_[slots_[v]];
+      const uint32_t back = start_ + number - latest;  // an earlier part's vertex lies before the part's first
+      latest = start_ + number;
+      // Garbage if the vertex lies too far back.
+      const Offsets& earlier = values[(first_index + number - back) % kMostValues];
+      const bool is_known = back <= std::min(number, kMostBack) && std::memcmp(&earlier, &offsets, sizeof offsets) == 0;
+      const uint32_t place = is_known ? zigzag(number - back - named) + 1 : 0;
+      places[v] = static_cast<uint8_t>(std::min(place, kFarPlace));
+      far[far_count] = static_cast<uint16_t>(back);
+      far_count += place >= kFarPlace;
+      named = is_known ? number - back : named;
+      const Offsets expected = v == 0 ? first_ : memory_.predictor.expected(v, at);
+      const Offsets left = (offsets - expected) << 8 >> 8;  // modulo 2^24, the representative nearest to 0
+      for (int axis = 0; axis < 3; ++axis) codes[axis][new_count] = zigzag(static_cast<uint32_t>(left[axis]));
+      new_count += !is_known;
+    }
+    named_ = named;
+    first_ = at[0];
+    recent.add(count);
+    end_ = start_ + first_number + count;
+    std::memcpy(grow(kPlaces, count), places, count);
+    if (far_count != 0) std::memcpy(grow(kFar, 2 * far_count), far, 2 * far_count);
+    for (size_t axis = 0; axis < 3; ++axis)
+      residuals_[axis].insert(residuals_[axis].end(), codes[axis], codes[axis] + new_count);
+  }
 
   static uint32_t slot(const Offsets& offsets) {
     uint64_t hash = 0;
@@ -152,11 +212,15 @@ class Splitter {
   }
 
   SplitMemory memory_;
-  std::array<uint32_t, 1u << kSlotBits> latest_;  // latest vertex of the part with that hash
+  // The latest vertex with each hash. Vertices count over all parts.
+  std::array<uint32_t, 1u << kSlotBits> latest_;
+  std::array<uint32_t, kMaxClusterVertices> slots_;  // of the cluster's vertices
+  uint32_t start_ = 0;                               // the part's first vertex
+  uint32_t end_ = 0;                                 // behind the latest vertex
   uint32_t named_ = 0;
   Offsets first_{};
   std::array<std::vector<std::byte>, kStreams> out_;
-  std::vector<std::array<uint32_t, 3>> residuals_;
+  std::array<std::vector<uint32_t>, 3> residuals_;  // codes per axis
 };
 
 /// Bytes of the streams of a chunk's clusters.
@@ -170,13 +234,13 @@ uint64_t cluster_bytes(const std::byte* payload, uint32_t clusters) {
 
 SplitPage split_page(std::span<const std::byte> page, std::span<const PageClusters> clusters) try {
   if (page.size() > UINT32_MAX / kMaxSplitRatio) return {};
-  const auto splitter = std::make_unique_for_overwrite<Splitter>();
+  const auto splitter = std::make_unique<Splitter>();
   uint64_t done = 0;
   uint32_t before = 0;  // clusters of the part whose plain bytes come next
   for (const PageClusters& part : clusters) {
     assert(part.cluster_count != 0 && part.offset >= done);
     if (part.offset != done || before != 0) splitter->put_part(before, page.subspan(done, part.offset - done));
-    splitter->part(page.data() + part.offset, part.cluster_count);
+    if (!splitter->part(page.data() + part.offset, part.cluster_count)) return {};
     before = part.cluster_count;
     done = part.offset + cluster_bytes(page.data() + part.offset, part.cluster_count);
   }
