@@ -35,6 +35,12 @@ bool parse_share(std::string_view text, size_t slash, FrameRange& range) {
 
 }  // namespace
 
+uint32_t rank_of_frame(uint64_t index, uint64_t frames, uint64_t ranks) {
+  constexpr uint64_t kRun = 8, kMostRuns = 1024;
+  const uint64_t runs = ranks * std::clamp<uint64_t>(frames / (kRun * ranks), 1, kMostRuns);
+  return static_cast<uint32_t>(index * runs / frames % ranks);
+}
+
 Result<FrameRange> parse_frame_range(std::string_view text) {
   FrameRange range;
   const size_t comma = text.find(',');

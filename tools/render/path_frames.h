@@ -22,9 +22,12 @@ struct FrameRange {
   }
   /// `index`: below count().
   uint64_t frame(uint64_t index) const { return first + part + index * parts; }
-  /// Part `index` of `count` of these frames.
-  FrameRange share(uint64_t index, uint64_t count) const { return {first, end, part + parts * index, parts * count}; }
 };
+
+/// The rank below `ranks` that draws frame `index` of `frames` frames. A rank has runs of about eight neighbouring frames
+/// or more, because a GPU draws faster if the camera has moved little. All ranks have as many runs, so that parts of a
+/// path that take longer are shared. `frames`: at most 2^32, `ranks`: at most 2^20.
+uint32_t rank_of_frame(uint64_t index, uint64_t frames, uint64_t ranks);
 
 /// Parses "0:600" (frames 0 to 599), "3/8" (the third of eight shares, counted from 1), or both, "0:600,3/8". Errors
 /// kUsage.

@@ -111,13 +111,19 @@ class PathRenderer {
 
   /// For frames that all ranks draw: fills wanted_. Each rank has looked for its own share of the files, and writes it.
   Result<void> want_frames_of_all() {
-    std::vector<uint64_t> is_there(of_all_ranks_.count());
+    std::vector<uint64_t> is_there(range_.count());
     for (uint64_t i = 0; i < is_there.size(); ++i)
-      is_there[i] = std::binary_search(frames_.begin(), frames_.end(), of_all_ranks_.frame(i)) ? 0 : 1;
+      is_there[i] = std::binary_search(frames_.begin(), frames_.end(), range_.frame(i)) ? 0 : 1;
     if (const Result<void> done = ranks_.least(is_there); !done) return done;
     for (uint64_t i = 0; i < is_there.size(); ++i)
-      if (is_there[i] == 0) wanted_.push_back({of_all_ranks_.frame(i), static_cast<uint32_t>(i % ranks_.count())});
+      if (is_there[i] == 0) wanted_.push_back({range_.frame(i), writer(i)});
     return {};
+  }
+
+  /// The rank that writes frame `index` of range_.
+  uint32_t writer(uint64_t index) const {
+    if (options_.path->shares_geometry) return static_cast<uint32_t>(index % ranks_.count());
+    return rank_of_frame(index, range_.count(), ranks_.count());
   }
 
   /// Fills frames_ with the frames that this rank writes.
@@ -137,9 +143,8 @@ class PathRenderer {
       return Error{ErrorCode::kUsage, "--frames: " + options_.path->file + " has " + std::to_string(count) +
                                           " frames, from 0 on, at " + number(path_.frames_per_second()) +
                                           " per second"};
-    of_all_ranks_ = range_;
-    range_ = range_.share(ranks_.rank(), ranks_.count());
     for (uint64_t i = 0; i < range_.count(); ++i) {
+      if (writer(i) != ranks_.rank()) continue;
       const uint64_t frame = range_.frame(i);
       const Result<bool> is_there = is_done(frame);
       if (!is_there) return is_there.error();
@@ -481,7 +486,7 @@ class PathRenderer {
     if (!ranks_.is_first()) return {};
     const double frames = sums[0];
     const auto drawn = static_cast<uint64_t>(frames);
-    const uint64_t count = of_all_ranks_.count(), there = count - drawn;
+    const uint64_t count = range_.count(), there = count - drawn;
     const auto with_more_layers = static_cast<uint64_t>(sums[5]);
     if (!options_.quiet)
       warn_of_layers("render", options_.file, with_more_layers, "frame", options_.shade.blend_layers);
@@ -538,7 +543,7 @@ class PathRenderer {
   }
 
   std::string names_of(const Output& output) const {
-    const FrameRange& all = of_all_ranks_;
+    const FrameRange& all = range_;
     const std::string first = output.pattern.name(all.frame(0));
     return all.count() == 1 ? first : first + " to " + output.pattern.name(all.frame(all.count() - 1));
   }
@@ -548,8 +553,7 @@ class PathRenderer {
   Ranks& ranks_;
   Progress progress_;
   std::vector<Output> outputs_;
-  FrameRange of_all_ranks_;
-  FrameRange range_;                 // of this rank
+  FrameRange range_;                 // of all ranks
   std::vector<uint64_t> frames_;     // those to write
   std::vector<WantedFrame> wanted_;  // the frames to draw: these, or those of all ranks
   std::shared_ptr<LoadedScene> scene_;

@@ -114,10 +114,7 @@ TEST_CASE("every frame belongs to one share", "[path]") {
     std::vector<int> drawn(17);
     for (uint64_t part = 1; part <= parts; ++part) {
       const FrameRange share = must(parse_frame_range("5:17," + std::to_string(part) + "/" + std::to_string(parts)));
-      for (uint64_t rank = 0; rank < 3; ++rank) {
-        const FrameRange mine = share.share(rank, 3);
-        for (uint64_t i = 0; i < mine.count(); ++i) ++drawn[mine.frame(i)];
-      }
+      for (uint64_t i = 0; i < share.count(); ++i) ++drawn[share.frame(i)];
     }
     CHECK(drawn == std::vector<int>{0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1});
   }
@@ -127,6 +124,23 @@ TEST_CASE("every frame belongs to one share", "[path]") {
     INFO(text);
     CHECK(refusal(parse_frame_range(text)).code == ErrorCode::kUsage);
   }
+}
+
+TEST_CASE("ranks draw runs of frames, and equally many", "[path]") {
+  for (const uint64_t ranks : {1, 2, 3, 7, 64})
+    for (const uint64_t frames : {1, 2, 15, 120, 121, 600, 100000}) {
+      CAPTURE(ranks, frames);
+      std::vector<uint64_t> drawn(ranks);
+      uint64_t runs = 1;
+      for (uint64_t i = 0; i < frames; ++i) {
+        ++drawn.at(rank_of_frame(i, frames, ranks));
+        runs += i != 0 && rank_of_frame(i, frames, ranks) != rank_of_frame(i - 1, frames, ranks);
+      }
+      const auto [least, most] = std::minmax_element(drawn.begin(), drawn.end());
+      CHECK(*most - *least <= std::max<uint64_t>(frames / (8 * ranks), 1));  // a frame per run
+      if (ranks > 1 && frames >= 8 * ranks) CHECK(runs <= frames / 8);
+      if (ranks > 1) CHECK(runs >= std::min<uint64_t>(frames, ranks));
+    }
 }
 
 TEST_CASE("a frame's number is written into its name once", "[path]") {
