@@ -243,6 +243,16 @@ void set_flag(scree_draw_options& options, bool is_set, uint32_t bit) {
   options.flags |= is_set ? bit : 0u;
 }
 
+template <uint32_t kBit>
+void flag(scree_draw_options& options, const py::handle& value) {
+  set_flag(options, value.cast<bool>(), kBit);
+}
+
+template <auto kMember>
+void number(scree_draw_options& options, const py::handle& value) {
+  options.*kMember = value.cast<std::decay_t<decltype(options.*kMember)>>();
+}
+
 constexpr std::array<Shading, 11> kShading{{
     {"show",
      [](scree_draw_options& options, const py::handle& value) {
@@ -253,24 +263,18 @@ constexpr std::array<Shading, 11> kShading{{
        if (py::isinstance<py::bool_>(value)) return set_flag(options, !value.cast<bool>(), SCREE_NO_LIGHT);
        options.light = static_cast<scree_light>(number_of(kLights, value.cast<std::string>(), "light"));
      }},
-    {"exposure", [](scree_draw_options& options, const py::handle& value) { options.exposure = value.cast<double>(); }},
+    {"exposure", number<&scree_draw_options::exposure>},
     {"blend_layers",
      [](scree_draw_options& options, const py::handle& value) {
        options.blend_layers = value.cast<uint32_t>();
        set_flag(options, options.blend_layers == 0, SCREE_NO_BLEND);
      }},
-    {"shadows", [](scree_draw_options& options,
-                   const py::handle& value) { set_flag(options, value.cast<bool>(), SCREE_SHADOWS); }},
-    {"shadow_size",
-     [](scree_draw_options& options, const py::handle& value) { options.shadow_size = value.cast<uint64_t>(); }},
-    {"ssao",
-     [](scree_draw_options& options, const py::handle& value) { set_flag(options, value.cast<bool>(), SCREE_SSAO); }},
-    {"edl",
-     [](scree_draw_options& options, const py::handle& value) { set_flag(options, value.cast<bool>(), SCREE_EDL); }},
-    {"edl_strength",
-     [](scree_draw_options& options, const py::handle& value) { options.edl_strength = value.cast<float>(); }},
-    {"edl_radius",
-     [](scree_draw_options& options, const py::handle& value) { options.edl_radius = value.cast<uint32_t>(); }},
+    {"shadows", flag<SCREE_SHADOWS>},
+    {"shadow_size", number<&scree_draw_options::shadow_size>},
+    {"ssao", flag<SCREE_SSAO>},
+    {"edl", flag<SCREE_EDL>},
+    {"edl_strength", number<&scree_draw_options::edl_strength>},
+    {"edl_radius", number<&scree_draw_options::edl_radius>},
     {"background",
      [](scree_draw_options& options, const py::handle& value) {
        const auto background = value.cast<std::array<float, 4>>();
@@ -304,43 +308,66 @@ scree_draw_options draw_options(uint32_t width, uint32_t height, uint32_t sample
   return options;
 }
 
-/// A Python function as a scree_progress. The call raises its exception again.
-struct Progress {
-  py::object function;
-  std::exception_ptr raised;
+/// Progress and warnings of loading and converting.
+class Heard {
+ public:
+  /// `progress`: a Python function as a scree_progress, or None.
+  explicit Heard(py::object progress) : progress_(std::move(progress)) {}
 
+  /// Calls `call` without the GIL, with `options` that hear. Raises the exception of `progress` again.
+  template <class Options, class Call>
+  void listen(Options& options, const Call& call) {
+    options.user = this;
+    if (!progress_.is_none()) options.progress = &Heard::hear;
+    options.warning = &Heard::warn;
+    try {
+      without_gil(call);
+    } catch (const scree::Error&) {
+      if (!raised_) throw;
+    }
+    if (raised_) std::rethrow_exception(raised_);
+  }
+
+  const std::vector<std::string>& warnings() const { return warnings_; }
+
+ private:
   static int hear(void* user, const char* stage, uint64_t done, uint64_t total) {
-    auto& progress = *static_cast<Progress*>(user);
+    auto& heard = *static_cast<Heard*>(user);
     const py::gil_scoped_acquire acquire;
     try {
-      const py::object answer = progress.function(stage, done, total);
+      const py::object answer = heard.progress_(stage, done, total);
       return !answer.is_none() && !answer.cast<bool>() ? 1 : 0;
     } catch (...) {
-      progress.raised = std::current_exception();
+      heard.raised_ = std::current_exception();
       return 1;
     }
   }
-  void raise() const {
-    if (raised) std::rethrow_exception(raised);
-  }
+  static void warn(void* user, const char* line) { static_cast<Heard*>(user)->warnings_.emplace_back(line); }
+
+  py::object progress_;
+  std::exception_ptr raised_;
+  std::vector<std::string> warnings_;
 };
 
-/// Progress and warnings of loading and converting.
-struct Heard {
-  Progress progress;
-  std::vector<std::string> warnings;
+template <class T, size_t kSize>
+std::array<T, kSize> array_of(const T (&values)[kSize]) {
+  std::array<T, kSize> out{};
+  std::copy(values, values + kSize, out.begin());
+  return out;
+}
 
-  static int hear(void* user, const char* stage, uint64_t done, uint64_t total) {
-    return Progress::hear(&static_cast<Heard*>(user)->progress, stage, done, total);
-  }
-  static void warn(void* user, const char* line) { static_cast<Heard*>(user)->warnings.emplace_back(line); }
-};
+/// A list of `count` records.
+template <class Record>
+std::vector<py::dict> listed(uint32_t count, const Record& record) {
+  std::vector<py::dict> out;
+  for (uint32_t i = 0; i < count; ++i) out.push_back(record(i));
+  return out;
+}
 
 py::dict stats_of(const scree::Scene& scene) {
   const scree_scene_stats stats = scene.stats();
   return py::dict("triangles"_a = stats.triangles, "instances"_a = stats.instances,
-                  "box_min"_a = std::array<double, 3>{stats.box_min[0], stats.box_min[1], stats.box_min[2]},
-                  "box_max"_a = std::array<double, 3>{stats.box_max[0], stats.box_max[1], stats.box_max[2]},
+                  "box_min"_a = array_of(stats.box_min), "box_max"_a = array_of(stats.box_max),
                   "on_gpu"_a = stats.on_gpu != 0, "gpu"_a = stats.gpu, "gpu_name"_a = stats.gpu_name,
                   "why_cpu"_a = stats.why_cpu, "streamed"_a = stats.streamed != 0, "scene"_a = stats.scene,
                   "device_bytes"_a = stats.device_bytes, "load_ms"_a = stats.load_ms, "lights"_a = stats.lights,
@@ -371,7 +398,7 @@ py::object pick_of(const scree::View& view, uint32_t x, uint32_t y) {
   return py::dict("mesh"_a = info.mesh, "node"_a = info.node, "node_instance"_a = info.node_instance,
                   "instance"_a = info.instance, "triangle"_a = info.triangle, "mesh_triangle"_a = info.mesh_triangle,
                   "source_triangle"_a = info.source_triangle, "depth"_a = info.depth,
-                  "position"_a = std::array<double, 3>{info.position[0], info.position[1], info.position[2]});
+                  "position"_a = array_of(info.position));
 }
 
 py::dict stats_of(const scree::View& view) {
@@ -384,53 +411,42 @@ py::dict stats_of(const scree::View& view) {
 }
 
 std::vector<py::dict> scenes_of(const scree::File& file) {
-  std::vector<py::dict> out;
-  for (uint32_t i = 0; i < file.info().scenes; ++i) {
+  return listed(file.info().scenes, [&](uint32_t i) {
     const scree_scene_info info = file.scene(i);
-    out.push_back(py::dict("name"_a = info.name, "triangles"_a = info.triangles, "instances"_a = info.instances,
-                           "cameras"_a = info.cameras));
-  }
-  return out;
+    return py::dict("name"_a = info.name, "triangles"_a = info.triangles, "instances"_a = info.instances,
+                    "cameras"_a = info.cameras);
+  });
 }
 
 std::vector<py::dict> meshes_of(const scree::File& file) {
-  std::vector<py::dict> out;
-  for (uint32_t i = 0; i < file.info().meshes; ++i) {
+  return listed(file.info().meshes, [&](uint32_t i) {
     const scree_mesh_info info = file.mesh(i);
-    out.push_back(py::dict("name"_a = info.name, "triangles"_a = info.triangles, "vertices"_a = info.vertices,
-                           "box_min"_a = std::array<float, 3>{info.box_min[0], info.box_min[1], info.box_min[2]},
-                           "box_max"_a = std::array<float, 3>{info.box_max[0], info.box_max[1], info.box_max[2]},
-                           "max_position_error"_a = info.max_position_error, "material"_a = info.material,
-                           "has_uv"_a = (info.attributes & 1) != 0, "has_color"_a = (info.attributes & 2) != 0,
-                           "has_normal"_a = (info.attributes & 4) != 0));
-  }
-  return out;
+    return py::dict("name"_a = info.name, "triangles"_a = info.triangles, "vertices"_a = info.vertices,
+                    "box_min"_a = array_of(info.box_min), "box_max"_a = array_of(info.box_max),
+                    "max_position_error"_a = info.max_position_error, "material"_a = info.material,
+                    "has_uv"_a = (info.attributes & 1) != 0, "has_color"_a = (info.attributes & 2) != 0,
+                    "has_normal"_a = (info.attributes & 4) != 0);
+  });
 }
 
 std::vector<py::dict> materials_of(const scree::File& file) {
-  std::vector<py::dict> out;
-  for (uint32_t i = 0; i < file.info().materials; ++i) {
+  return listed(file.info().materials, [&](uint32_t i) {
     const scree_material_info info = file.material(i);
-    std::array<float, 4> color{};
-    std::copy(info.base_color, info.base_color + 4, color.begin());
-    out.push_back(py::dict("name"_a = info.name, "base_color"_a = color, "texture"_a = info.texture,
-                           "double_sided"_a = (info.flags & 1) != 0, "unlit"_a = (info.flags & 2) != 0));
-  }
-  return out;
+    return py::dict("name"_a = info.name, "base_color"_a = array_of(info.base_color), "texture"_a = info.texture,
+                    "double_sided"_a = (info.flags & 1) != 0, "unlit"_a = (info.flags & 2) != 0);
+  });
 }
 
 std::vector<py::dict> cameras_of(const scree::File& file, uint32_t scene) {
-  std::vector<py::dict> out;
-  for (uint32_t i = 0; i < file.scene(scene).cameras; ++i) {
+  return listed(file.scene(scene).cameras, [&](uint32_t i) {
     const scree_camera_info info = file.camera(scene, i);
     py::array_t<double> world(std::vector<py::ssize_t>{3, 4});
     std::copy(info.world, info.world + 12, world.mutable_data());
-    out.push_back(py::dict("name"_a = info.name, "node_name"_a = info.node_name, "camera"_a = info.camera,
-                           "orthographic"_a = info.orthographic != 0, "fov"_a = info.fov_degrees,
-                           "half_height"_a = info.half_height, "z_near"_a = info.z_near, "z_far"_a = info.z_far,
-                           "world"_a = world));
-  }
-  return out;
+    return py::dict("name"_a = info.name, "node_name"_a = info.node_name, "camera"_a = info.camera,
+                    "orthographic"_a = info.orthographic != 0, "fov"_a = info.fov_degrees,
+                    "half_height"_a = info.half_height, "z_near"_a = info.z_near, "z_far"_a = info.z_far,
+                    "world"_a = world);
+  });
 }
 
 std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<std::string>& scene,
@@ -458,23 +474,12 @@ std::shared_ptr<scree::Scene> load(const scree::File& file, const std::optional<
   options.environment = environment ? environment->c_str() : nullptr;
   options.light = static_cast<scree_light>(number_of(kLights, light, "light"));
   options.reading = static_cast<scree_reading>(number_of(kReadings, read, "read"));
-  Heard heard{{progress, nullptr}, {}};
-  options.user = &heard;
-  if (!progress.is_none()) options.progress = &Heard::hear;
-  options.warning = &Heard::warn;
+  Heard heard(progress);
   std::shared_ptr<scree::Scene> loaded;
-  std::optional<scree::Error> error;
-  {
-    const py::gil_scoped_release release;
-    try {
-      loaded = std::shared_ptr<scree::Scene>(new scree::Scene(file.handle(), options), &end<scree::Scene>);
-    } catch (const scree::Error& failed) {
-      error = failed;
-    }
-  }
-  heard.progress.raise();
-  if (error) throw *error;
-  for (const std::string& line : heard.warnings) warnings.append(line);
+  heard.listen(options, [&] {
+    loaded = std::shared_ptr<scree::Scene>(new scree::Scene(file.handle(), options), &end<scree::Scene>);
+  });
+  for (const std::string& line : heard.warnings()) warnings.append(line);
   return loaded;
 }
 
@@ -502,26 +507,13 @@ py::dict convert(const std::string& input, const std::optional<std::string>& out
   options.exclude = exclude ? exclude->c_str() : nullptr;
   options.threads = threads;
   options.memory = memory;
-  Heard heard{{progress, nullptr}, {}};
-  options.user = &heard;
-  if (!progress.is_none()) options.progress = &Heard::hear;
-  options.warning = &Heard::warn;
-  scree_convert_report report;
-  std::optional<scree::Error> error;
-  {
-    const py::gil_scoped_release release;
-    try {
-      report = scree::convert(input, output.value_or(""), options);
-    } catch (const scree::Error& failed) {
-      error = failed;
-    }
-  }
-  heard.progress.raise();
-  if (error) throw *error;
+  Heard heard(progress);
+  scree_convert_report report{};
+  heard.listen(options, [&] { report = scree::convert(input, output.value_or(""), options); });
   return py::dict("input_bytes"_a = report.input_bytes, "output_bytes"_a = report.output_bytes,
                   "triangles"_a = report.triangles, "meshes"_a = report.meshes,
                   "position_error"_a = report.position_error, "seconds"_a = report.seconds,
-                  "warnings"_a = heard.warnings);
+                  "warnings"_a = heard.warnings());
 }
 
 PyObject* error_class = nullptr;  // lives as long as the interpreter

@@ -202,18 +202,16 @@ namespace {
 
 Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                              const uint64_t* peeled, bool clear, uint32_t threads, InstructionSet set,
-                             const QueueSizes& sizes) {
+                             const QueueSizes& sizes) try {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
   const uint64_t triangles = scene.instance_count == 0 ? 0 : scene.instance_base[scene.instance_count];
   if (auto checked = check_frame(view, triangles); !checked) return checked.error();
-  try {
-    ThreadPool pool(threads);
-    FrameStats stats{};
-    if (!passes_for(set).draw(pool, scene, view, samples.data(), peeled, clear, sizes, stats)) return out_of_memory();
-    return stats;
-  } catch (const std::bad_alloc&) {
-    return out_of_memory();
-  }
+  ThreadPool pool(threads);
+  FrameStats stats{};
+  if (!passes_for(set).draw(pool, scene, view, samples.data(), peeled, clear, sizes, stats)) return out_of_memory();
+  return stats;
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
 }
 
 }  // namespace
@@ -240,7 +238,7 @@ Result<void> draw_layer_cpu(const SceneView& scene, const View& view, const Blen
 }
 
 Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
-                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads, uint32_t first_row) {
+                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads, uint32_t first_row) try {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
   const uint64_t row_values = uint64_t{4} * view.width;
   const uint64_t row_count = rgba.size() / row_values;
@@ -250,15 +248,13 @@ Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const
                                         std::to_string(view.height)};
   if (auto checked = check_view(view); !checked) return checked.error();
   assert(scene.pager == nullptr);
-  try {
-    ThreadPool pool(threads);
-    passes_for(best_instruction_set())
-        .shade(pool, scene, view, samples.data(), options, srgb_tables(), first_row, static_cast<uint32_t>(row_count),
-               rgba.data());
-    return {};
-  } catch (const std::bad_alloc&) {
-    return out_of_memory();
-  }
+  ThreadPool pool(threads);
+  passes_for(best_instruction_set())
+      .shade(pool, scene, view, samples.data(), options, srgb_tables(), first_row, static_cast<uint32_t>(row_count),
+             rgba.data());
+  return {};
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
 }
 
 Result<void> check_resolve(const View& view, uint32_t samples_per_side) {
@@ -292,24 +288,22 @@ Result<void> shade_tiles(const SceneView& scene, uint32_t width, uint32_t height
 template <class Run>
 Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
                           const ShadeOptions& options, uint32_t channels, std::span<uint8_t> pixels, uint32_t threads,
-                          const Run& run) {
+                          const Run& run) try {
   if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
   if ((channels != 3 && channels != 4) || pixels.size() != count * channels)
     return Error{ErrorCode::kRange, std::to_string(pixels.size()) + " bytes of " + std::to_string(channels) +
                                         " channels, but the picture has " + std::to_string(count) + " pixels"};
-  try {
-    std::vector<float> visibility;
-    if (options.ssao || options.edl) {
-      visibility.resize(count);
-      if (auto done = occlusion_cpu(view, samples_per_side, samples, options, visibility, threads); !done) return done;
-    }
-    ThreadPool pool(threads);
-    return run(pool, visibility.empty() ? nullptr : visibility.data());
-  } catch (const std::bad_alloc&) {
-    return out_of_memory();
+  std::vector<float> visibility;
+  if (options.ssao || options.edl) {
+    visibility.resize(count);
+    if (auto done = occlusion_cpu(view, samples_per_side, samples, options, visibility, threads); !done) return done;
   }
+  ThreadPool pool(threads);
+  return run(pool, visibility.empty() ? nullptr : visibility.data());
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
 }
 
 }  // namespace
@@ -343,19 +337,17 @@ Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samp
 }
 
 Result<void> shade_part_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
-                            const ShadeOptions& options, std::span<float> colors, uint32_t threads) {
+                            const ShadeOptions& options, std::span<float> colors, uint32_t threads) try {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
   if (auto checked = check_picture(view, colors.size(), 3, "values of colours"); !checked) return checked;
   if (auto checked = check_view(view); !checked) return checked;
-  try {
-    ThreadPool pool(threads);
-    return shade_tiles(scene, view.width, view.height, [&](const TileRound& round) {
-      return passes_for(best_instruction_set())
-          .shade_part(pool, scene, view, samples.data(), options, srgb_tables(), colors.data(), round);
-    });
-  } catch (const std::bad_alloc&) {
-    return out_of_memory();
-  }
+  ThreadPool pool(threads);
+  return shade_tiles(scene, view.width, view.height, [&](const TileRound& round) {
+    return passes_for(best_instruction_set())
+        .shade_part(pool, scene, view, samples.data(), options, srgb_tables(), colors.data(), round);
+  });
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
 }
 
 Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
@@ -375,53 +367,49 @@ Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std
 }
 
 Result<void> shade_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* samples,
-                             const ShadeOptions& options, uint32_t threads) {
+                             const ShadeOptions& options, uint32_t threads) try {
   const uint64_t count = at.sample_count;
   if (auto shaded = shade_part_cpu(scene, view, {samples, count}, options, {at.colors, 3 * count}, threads); !shaded)
     return shaded;
-  try {
-    ThreadPool pool(threads);
-    passes_for(best_instruction_set()).find_alphas(pool, scene, view, samples, at.alphas);
-    return {};
-  } catch (const std::bad_alloc&) {
-    return out_of_memory();
-  }
+  ThreadPool pool(threads);
+  passes_for(best_instruction_set()).find_alphas(pool, scene, view, samples, at.alphas);
+  return {};
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
 }
 
 Result<std::vector<float>> blend_cpu(const View& view, std::span<const uint64_t> samples, uint32_t most,
-                                     const LayerSource& source, uint32_t threads, BlendCounts& counts) {
+                                     const LayerSource& source, uint32_t threads, BlendCounts& counts) try {
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
-  try {
-    std::vector<uint64_t> drawn(samples.size());
-    std::vector<uint64_t> layer(samples.size());
-    std::vector<float> colors(3 * samples.size());
-    std::vector<float> alphas(samples.size());
-    std::vector<float> over(4 * samples.size());
-    const BlendTargets at{static_cast<uint32_t>(samples.size()),
-                          samples.data(),
-                          drawn.data(),
-                          layer.data(),
-                          colors.data(),
-                          alphas.data(),
-                          over.data()};
-    const CpuPasses& passes = passes_for(best_instruction_set());
-    ThreadPool pool(threads);
-    const Result<void> done = draw_layers(
-        at, most, source, counts,
-        [&](bool is_first) {
-          passes.begin_layer(pool, at, is_first);
-          return Result<void>();
-        },
-        [&] { return Result<uint64_t>(passes.end_layer(pool, at)); },
-        [&] {
-          passes.lay_under(pool, at);
-          return Result<void>();
-        });
-    if (!done) return done.error();
-    return over;
-  } catch (const std::bad_alloc&) {
-    return out_of_memory();
-  }
+  std::vector<uint64_t> drawn(samples.size());
+  std::vector<uint64_t> layer(samples.size());
+  std::vector<float> colors(3 * samples.size());
+  std::vector<float> alphas(samples.size());
+  std::vector<float> over(4 * samples.size());
+  const BlendTargets at{static_cast<uint32_t>(samples.size()),
+                        samples.data(),
+                        drawn.data(),
+                        layer.data(),
+                        colors.data(),
+                        alphas.data(),
+                        over.data()};
+  const CpuPasses& passes = passes_for(best_instruction_set());
+  ThreadPool pool(threads);
+  const Result<void> done = draw_layers(
+      at, most, source, counts,
+      [&](bool is_first) {
+        passes.begin_layer(pool, at, is_first);
+        return Result<void>();
+      },
+      [&] { return Result<uint64_t>(passes.end_layer(pool, at)); },
+      [&] {
+        passes.lay_under(pool, at);
+        return Result<void>();
+      });
+  if (!done) return done.error();
+  return over;
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
 }
 
 Result<std::vector<float>> blend_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
@@ -436,37 +424,33 @@ Result<std::vector<float>> blend_cpu(const SceneView& scene, const View& view, s
 }
 
 Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
-                           const ShadeOptions& options, std::span<float> visibility, uint32_t threads) {
+                           const ShadeOptions& options, std::span<float> visibility, uint32_t threads) try {
   if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
   if (visibility.size() != count)
     return Error{ErrorCode::kRange, std::to_string(visibility.size()) + " factors, but the picture has " +
                                         std::to_string(count) + " pixels"};
-  try {
-    std::fill(visibility.begin(), visibility.end(), 1.0f);
-    std::vector<float> depth(count);
-    std::vector<float> open(options.ssao ? count : 0);
-    ThreadPool pool(threads);
-    passes_for(best_instruction_set())
-        .occlude(pool, view, samples_per_side, samples.data(), options, depth.data(), open.data(), visibility.data());
-    return {};
-  } catch (const std::bad_alloc&) {
-    return out_of_memory();
-  }
+  std::fill(visibility.begin(), visibility.end(), 1.0f);
+  std::vector<float> depth(count);
+  std::vector<float> open(options.ssao ? count : 0);
+  ThreadPool pool(threads);
+  passes_for(best_instruction_set())
+      .occlude(pool, view, samples_per_side, samples.data(), options, depth.data(), open.data(), visibility.data());
+  return {};
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
 }
 
 Result<void> layers_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
-                        std::span<const uint64_t> samples, const LayerTargets& out, uint32_t threads) {
+                        std::span<const uint64_t> samples, const LayerTargets& out, uint32_t threads) try {
   if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
   if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
-  try {
-    ThreadPool pool(threads);
-    passes_for(best_instruction_set()).layers(pool, scene, view, samples_per_side, samples.data(), out);
-    return {};
-  } catch (const std::bad_alloc&) {
-    return out_of_memory();
-  }
+  ThreadPool pool(threads);
+  passes_for(best_instruction_set()).layers(pool, scene, view, samples_per_side, samples.data(), out);
+  return {};
+} catch (const std::bad_alloc&) {
+  return out_of_memory();
 }
 
 SrgbTables make_srgb_tables() {

@@ -215,7 +215,7 @@ class JudgeRun {
 
 }  // namespace
 
-Result<void> judge_scenes(const LabOptions& options) {
+Result<void> judge_scenes(const LabOptions& options) try {
   DrawSettings settings;
   const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("lab", options.backend);
   if (!gpu) return gpu.error();
@@ -227,11 +227,9 @@ Result<void> judge_scenes(const LabOptions& options) {
   if (!machine) return machine.error();
   Result<WorkFolder> folder = WorkFolder::make();
   if (!folder) return folder.error();
-  try {
-    return JudgeRun(options, std::move(*machine), settings, std::move(*folder)).run();
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for the reference; a smaller --scale or --size needs less"};
-  }
+  return JudgeRun(options, std::move(*machine), settings, std::move(*folder)).run();
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for the reference; a smaller --scale or --size needs less"};
 }
 
 }  // namespace scree::lab

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "format/vec3.h"
 #include "kernels/raster/transform.h"
 #include "lab/scenes/scene_tables.h"
 
@@ -13,14 +14,7 @@ namespace scree::lab {
 namespace {
 
 /// A point of the screen in homogeneous coordinates: pixels times w, pixels times w, w. w is 1 on the near plane.
-using Point = std::array<double, 3>;
-
-Point cross(const Point& a, const Point& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-double dot(const Point& a, const Point& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+using Point = Vec3;
 
 /// How a triangle lies about a sample.
 struct Place {

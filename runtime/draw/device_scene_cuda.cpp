@@ -191,16 +191,14 @@ Result<uint64_t> DeviceScene::load_rest(const IsOver& is_over) {
   return left;
 }
 
-Result<DeviceView> DeviceScene::add_view(const Scene& scene) {
+Result<DeviceView> DeviceScene::add_view(const Scene& scene) try {
   if (impl_->own.use_count() == 2) return DeviceView(impl_->own);  // nobody else has it but this, as a view
-  try {
-    auto view = std::make_shared<DeviceView::Impl>(*impl_);
-    if (impl_->stream == nullptr)  // otherwise make_ready() makes the frames
-      if (const Result<void> made = impl_->make_frames(*view, scene.view()); !made) return made.error();
-    return DeviceView(std::move(view));
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for another view"};
-  }
+  auto view = std::make_shared<DeviceView::Impl>(*impl_);
+  if (impl_->stream == nullptr)  // otherwise make_ready() makes the frames
+    if (const Result<void> made = impl_->make_frames(*view, scene.view()); !made) return made.error();
+  return DeviceView(std::move(view));
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for another view"};
 }
 
 uint64_t DeviceScene::view_bytes(const Scene& scene, const PictureNeeds& pictures) {

@@ -31,22 +31,28 @@ Result<std::optional<uint64_t>> source_triangle(const Scene& scene, const kernel
 
 }  // namespace
 
-Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
-                          DeviceView* device, const kernels::ShadeOptions* shade) {
-  assert(samples_per_side == 1 || samples_per_side == 2 || samples_per_side == 4);
-  assert(device != nullptr || scene.has_pages());
+Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_side) {
   const uint64_t width = uint64_t{view.width} * samples_per_side;
   const uint64_t height = uint64_t{view.height} * samples_per_side;
   if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
     return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
                                         " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
                                         " a side"};
+  view.width = static_cast<uint32_t>(width);
+  view.height = static_cast<uint32_t>(height);
+  return view;
+}
+
+Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
+                          DeviceView* device, const kernels::ShadeOptions* shade) {
+  assert(samples_per_side == 1 || samples_per_side == 2 || samples_per_side == 4);
+  assert(device != nullptr || scene.has_pages());
+  const Result<kernels::View> in_samples = view_of_samples(view, samples_per_side);
+  if (!in_samples) return in_samples.error();
   Frame frame;
   frame.scene_ = &scene;
   frame.device_ = device;
-  frame.view_ = view;
-  frame.view_.width = static_cast<uint32_t>(width);
-  frame.view_.height = static_cast<uint32_t>(height);
+  frame.view_ = *in_samples;
   frame.samples_per_side_ = samples_per_side;
   if (device == nullptr)
     if (const Result<void> done = frame.make_room(); !done) return done.error();
@@ -60,14 +66,12 @@ Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_
   return frame;
 }
 
-Result<void> Frame::make_room() {
-  const uint64_t count = uint64_t{view_.width} * view_.height;
-  try {
-    samples_.resize(count);
-    return {};
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(count) + " samples"};
-  }
+Result<void> Frame::make_room() try {
+  samples_.resize(uint64_t{view_.width} * view_.height);
+  return {};
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory,
+               "no memory left for " + std::to_string(uint64_t{view_.width} * view_.height) + " samples"};
 }
 
 Result<void> Frame::read_samples() {
@@ -85,28 +89,26 @@ void pack_pixels(std::span<const uint32_t> rgba, uint32_t threads, Picture& pict
   });
 }
 
-Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t threads) const {
-  try {
-    Picture picture;
-    picture.width = width();
-    picture.height = height();
-    picture.channels = picture_channels(options);
-    picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
-    if (device_ == nullptr) {
-      const Result<void> resolved = kernels::resolve_cpu(scene_->view(), view_, samples_per_side_, samples_, options,
-                                                         picture.channels, picture.pixels, threads, &picture.blended);
-      if (!resolved) return resolved.error();
-      return picture;
-    }
-    std::vector<uint32_t> rgba(uint64_t{picture.width} * picture.height);
-    if (const Result<void> resolved = device_->resolve(view_, samples_per_side_, options, rgba); !resolved)
-      return resolved.error();
-    picture.blended = device_->blended();
-    pack_pixels(rgba, threads, picture);
+Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t threads) const try {
+  Picture picture;
+  picture.width = width();
+  picture.height = height();
+  picture.channels = picture_channels(options);
+  picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
+  if (device_ == nullptr) {
+    const Result<void> resolved = kernels::resolve_cpu(scene_->view(), view_, samples_per_side_, samples_, options,
+                                                       picture.channels, picture.pixels, threads, &picture.blended);
+    if (!resolved) return resolved.error();
     return picture;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for the picture"};
   }
+  std::vector<uint32_t> rgba(uint64_t{picture.width} * picture.height);
+  if (const Result<void> resolved = device_->resolve(view_, samples_per_side_, options, rgba); !resolved)
+    return resolved.error();
+  picture.blended = device_->blended();
+  pack_pixels(rgba, threads, picture);
+  return picture;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for the picture"};
 }
 
 PictureLight light_of_cpu(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
@@ -180,22 +182,20 @@ Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View
 }
 
 Result<std::vector<float>> Frame::linear(const kernels::ShadeOptions& options, uint32_t threads,
-                                         kernels::BlendCounts* blended) const {
+                                         kernels::BlendCounts* blended) const try {
   assert(!samples_.empty() || !kernels::shades_from_chunks(options.show));
-  try {
-    std::vector<float> out(uint64_t{4} * width() * height());
-    const PictureLight light = device_ != nullptr
-                                   ? light_of(*device_, view_, samples_per_side_, options)
-                                   : light_of_cpu(scene_->view(), view_, samples_per_side_, samples_, options, threads);
-    kernels::BlendCounts counts;
-    const Result<void> made =
-        linear_picture(scene_->view(), view_, samples_per_side_, samples_, options, threads, light, out, counts);
-    if (!made) return made.error();
-    if (blended != nullptr) *blended = counts;
-    return out;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for the picture"};
-  }
+  std::vector<float> out(uint64_t{4} * width() * height());
+  const PictureLight light = device_ != nullptr
+                                 ? light_of(*device_, view_, samples_per_side_, options)
+                                 : light_of_cpu(scene_->view(), view_, samples_per_side_, samples_, options, threads);
+  kernels::BlendCounts counts;
+  const Result<void> made =
+      linear_picture(scene_->view(), view_, samples_per_side_, samples_, options, threads, light, out, counts);
+  if (!made) return made.error();
+  if (blended != nullptr) *blended = counts;
+  return out;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for the picture"};
 }
 
 Result<void> Frame::read_layer(PixelLayer layer, std::span<std::byte> out, uint32_t threads) const {

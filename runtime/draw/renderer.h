@@ -17,6 +17,9 @@
 
 namespace scree::runtime {
 
+/// The view whose pixels are the samples of `view`. Errors kRange: a side of 0 or over kernels::kMaxImageSide.
+Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_side);
+
 /// 8-bit sRGB pixels, rows top to bottom.
 struct Picture {
   uint32_t width = 0;
@@ -115,15 +118,13 @@ class Frame {
   /// A layer (kernels::LayerTargets lists values and types), rows top to bottom. Errors kMemory, and the errors of
   /// kernels::layers_cpu and DeviceView::read_layer.
   template <class T>
-  Result<std::vector<T>> layer(PixelLayer layer, uint32_t threads) const {
-    try {
-      std::vector<T> values(uint64_t{width()} * height() * layer_bytes(layer) / sizeof(T));
-      if (const Result<void> read = read_layer(layer, std::as_writable_bytes(std::span(values)), threads); !read)
-        return read.error();
-      return values;
-    } catch (const std::bad_alloc&) {
-      return Error{ErrorCode::kMemory, "no memory left for a layer of the picture"};
-    }
+  Result<std::vector<T>> layer(PixelLayer layer, uint32_t threads) const try {
+    std::vector<T> values(uint64_t{width()} * height() * layer_bytes(layer) / sizeof(T));
+    if (const Result<void> read = read_layer(layer, std::as_writable_bytes(std::span(values)), threads); !read)
+      return read.error();
+    return values;
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "no memory left for a layer of the picture"};
   }
 
   /// The bytes of layer().

@@ -13,17 +13,9 @@ using kernels::View;
 
 constexpr double kMarginSamples = 2;  // of a map beside what is seen
 
-double dot(const Vec3& a, const Vec3& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
 Vec3 normalized(const Vec3& a) {
-  const double length = std::hypot(a[0], a[1], a[2]);
-  return {a[0] / length, a[1] / length, a[2] / length};
+  const double size = length(a);
+  return {a[0] / size, a[1] / size, a[2] / size};
 }
 
 Vec3 vector_of(const double (&v)[3]) {

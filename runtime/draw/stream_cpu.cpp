@@ -21,15 +21,13 @@ CpuStream::CpuStream(const Scene& scene, Streamer streamer, uint32_t threads)
   scene_.pages = pages_.data();
 }
 
-Result<std::unique_ptr<CpuStream>> CpuStream::create(const Scene& scene, uint64_t pool_bytes, uint32_t threads) {
-  try {
-    const ChunkSource source(scene);
-    Result<Streamer> streamer = Streamer::create(scene, pool_bytes, source.chunk_bytes());
-    if (!streamer) return streamer.error();
-    return std::unique_ptr<CpuStream>(new CpuStream(scene, std::move(*streamer), threads));
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, scene.file().path() + ": no memory left for a pool of chunks"};
-  }
+Result<std::unique_ptr<CpuStream>> CpuStream::create(const Scene& scene, uint64_t pool_bytes, uint32_t threads) try {
+  const ChunkSource source(scene);
+  Result<Streamer> streamer = Streamer::create(scene, pool_bytes, source.chunk_bytes());
+  if (!streamer) return streamer.error();
+  return std::unique_ptr<CpuStream>(new CpuStream(scene, std::move(*streamer), threads));
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, scene.file().path() + ": no memory left for a pool of chunks"};
 }
 
 Result<StreamStats> CpuStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,
@@ -66,24 +64,22 @@ Result<void> CpuStream::draw_layers(StreamStats& stats, const IsOver& is_over) {
   return {};
 }
 
-Result<Picture> CpuStream::picture(uint32_t samples_per_side) const {
+Result<Picture> CpuStream::picture(uint32_t samples_per_side) const try {
   if (!shade_) return Error{ErrorCode::kRange, "the frame was not drawn to be shaded"};
-  try {
-    Picture picture;
-    picture.width = view_.width / samples_per_side;
-    picture.height = view_.height / samples_per_side;
-    picture.channels = picture_channels(*shade_);
-    picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
-    const Result<void> resolved = kernels::shades_from_chunks(shade_->show)
-                                      ? kernels::resolve_colors_cpu(view_, samples_per_side, samples_, colors_, over_,
-                                                                    *shade_, picture.channels, picture.pixels, threads_)
-                                      : kernels::resolve_cpu(scene_, view_, samples_per_side, samples_, *shade_,
-                                                             picture.channels, picture.pixels, threads_);
-    if (!resolved) return resolved.error();
-    return picture;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for the picture"};
-  }
+  Picture picture;
+  picture.width = view_.width / samples_per_side;
+  picture.height = view_.height / samples_per_side;
+  picture.channels = picture_channels(*shade_);
+  picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
+  const Result<void> resolved = kernels::shades_from_chunks(shade_->show)
+                                    ? kernels::resolve_colors_cpu(view_, samples_per_side, samples_, colors_, over_,
+                                                                  *shade_, picture.channels, picture.pixels, threads_)
+                                    : kernels::resolve_cpu(scene_, view_, samples_per_side, samples_, *shade_,
+                                                           picture.channels, picture.pixels, threads_);
+  if (!resolved) return resolved.error();
+  return picture;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for the picture"};
 }
 
 Result<void> CpuStream::begin(const kernels::View& view, const kernels::ShadeOptions* shade) {

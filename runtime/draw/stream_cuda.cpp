@@ -200,15 +200,13 @@ Result<void> CudaStream::divide_memory() {
 }
 
 /// Gives pages of textures `bytes` of the shared memory, and chunks the rest, between two frames.
-Result<void> CudaStream::set_room(uint64_t bytes) {
+Result<void> CudaStream::set_room(uint64_t bytes) try {
   if (Result<void> done = cuda_check(cudaDeviceSynchronize(), "waiting for the last frame"); !done) return done;
-  try {
-    streamer_.resize_pool(room_.bytes - bytes);
-    room_.room = bytes;
-    return pager_->use_room(room_end(), bytes);
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left to divide the GPU's memory"};
-  }
+  streamer_.resize_pool(room_.bytes - bytes);
+  room_.room = bytes;
+  return pager_->use_room(room_end(), bytes);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left to divide the GPU's memory"};
 }
 
 Result<uint64_t> CudaStream::load_rest(const IsOver& is_over) {

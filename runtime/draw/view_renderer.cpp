@@ -45,21 +45,19 @@ Error out_of_memory(uint64_t bytes) {
 
 }  // namespace
 
-Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const LoadedScene> scene) {
-  try {
-    std::unique_ptr<ViewRenderer> renderer(new ViewRenderer(std::move(scene)));
-    if (DeviceScene* const device = renderer->scene_->device()) {
-      const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-      if (const Result<void> done = set_current_gpu(renderer->scene_->gpu()->index); !done) return done.error();
-      Result<DeviceView> view = device->add_view(renderer->scene_->scene());
-      if (!view) return view.error();
-      renderer->device_ = std::move(*view);
-    }
-    renderer->shadows_.emplace(renderer->scene_->scene(), renderer->scene_->device());
-    return renderer;
-  } catch (const std::bad_alloc&) {
-    return out_of_memory(sizeof(ViewRenderer));
+Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const LoadedScene> scene) try {
+  std::unique_ptr<ViewRenderer> renderer(new ViewRenderer(std::move(scene)));
+  if (DeviceScene* const device = renderer->scene_->device()) {
+    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+    if (const Result<void> done = set_current_gpu(renderer->scene_->gpu()->index); !done) return done.error();
+    Result<DeviceView> view = device->add_view(renderer->scene_->scene());
+    if (!view) return view.error();
+    renderer->device_ = std::move(*view);
   }
+  renderer->shadows_.emplace(renderer->scene_->scene(), renderer->scene_->device());
+  return renderer;
+} catch (const std::bad_alloc&) {
+  return out_of_memory(sizeof(ViewRenderer));
 }
 
 ViewRenderer::~ViewRenderer() {
@@ -103,14 +101,10 @@ Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per
   shadow_time_ = {};
   blended_ = {};
   shade_ = shade;
-  const uint64_t width = uint64_t{view.width} * samples_per_side;
-  const uint64_t height = uint64_t{view.height} * samples_per_side;
-  if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
-    return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
-                                        " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
-                                        " a side"};
+  const Result<kernels::View> in_samples = view_of_samples(view, samples_per_side);
+  if (!in_samples) return in_samples.error();
   samples_per_side_ = samples_per_side;
-  view_ = in_samples(view);
+  view_ = *in_samples;
   return kernels::check_resolve(view_, samples_per_side);
 }
 
@@ -447,29 +441,26 @@ Result<void> ViewRenderer::make_on_cpu(Layer layer, std::span<std::byte> out) {
   return make_of(layer, view_, samples, scene_->threads(), out);
 }
 
-Result<void> ViewRenderer::make_linear(std::span<std::byte> out) {
+Result<void> ViewRenderer::make_linear(std::span<std::byte> out) try {
   const kernels::SceneView& scene = scene_->scene().view();
   const std::span<float> pixels(reinterpret_cast<float*>(out.data()), out.size() / sizeof(float));
   const uint64_t count = uint64_t{view_.width} * view_.height;
-  try {
-    if (!device_) {
-      const auto samples = std::span<const uint64_t>(samples_).first(count);
-      return linear_picture(scene, view_, samples_per_side_, samples, shade_, scene_->threads(),
-                            light_of_cpu(scene, view_, samples_per_side_, samples, shade_, scene_->threads()), pixels,
-                            blended_);
-    }
-    if (scene_->is_streamed())
-      return Error{ErrorCode::kUnsupported,
-                   "a streamed frame has no linear colours: its chunks are not there any more"};
-    std::vector<uint64_t> samples(count);
-    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-    if (Result<void> done = device_->make_current(); !done) return done;
-    if (Result<void> done = device_->read_samples(samples); !done) return done;
+  if (!device_) {
+    const auto samples = std::span<const uint64_t>(samples_).first(count);
     return linear_picture(scene, view_, samples_per_side_, samples, shade_, scene_->threads(),
-                          light_of(*device_, view_, samples_per_side_, shade_), pixels, blended_);
-  } catch (const std::bad_alloc&) {
-    return out_of_memory(12 * count);
+                          light_of_cpu(scene, view_, samples_per_side_, samples, shade_, scene_->threads()), pixels,
+                          blended_);
   }
+  if (scene_->is_streamed())
+    return Error{ErrorCode::kUnsupported, "a streamed frame has no linear colours: its chunks are not there any more"};
+  std::vector<uint64_t> samples(count);
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+  if (Result<void> done = device_->make_current(); !done) return done;
+  if (Result<void> done = device_->read_samples(samples); !done) return done;
+  return linear_picture(scene, view_, samples_per_side_, samples, shade_, scene_->threads(),
+                        light_of(*device_, view_, samples_per_side_, shade_), pixels, blended_);
+} catch (const std::bad_alloc&) {
+  return out_of_memory(12 * uint64_t{view_.width} * view_.height);
 }
 
 /// Makes a layer of one frame from its samples, on the CPU.
@@ -522,26 +513,24 @@ Result<const std::byte*> ViewRenderer::device_layer(Layer layer, void* stream) {
   return made;
 }
 
-Result<std::shared_ptr<const void>> ViewRenderer::hold(const std::byte* data) const {
+Result<std::shared_ptr<const void>> ViewRenderer::hold(const std::byte* data) const try {
   const Error gone{ErrorCode::kRange, "the view has drawn to other memory since"};
   if (data == nullptr) return gone;
   for (const HostLayer& layer : host_)
     if (layer.bytes.data() == data) return layer.bytes.hold();
   if (reinterpret_cast<const std::byte*>(samples_.data()) == data) return samples_.hold();
   if (!device_) return gone;
-  try {
-    const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-    std::shared_ptr<const void> memory = device_->hold(data);
-    if (!memory) return gone;
-    // Device memory is freed under the same conditions as all GPU work: with the lock held and its device current.
-    return std::shared_ptr<const void>(data, [memory, gpu = scene_->gpu()->index](const void*) mutable {
-      const LoadedScene::GpuLock freeing = LoadedScene::gpu_lock();
-      (void)set_current_gpu(gpu);
-      memory.reset();
-    });
-  } catch (const std::bad_alloc&) {
-    return out_of_memory(sizeof(std::shared_ptr<const void>));
-  }
+  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
+  std::shared_ptr<const void> memory = device_->hold(data);
+  if (!memory) return gone;
+  // Device memory is freed under the same conditions as all GPU work: with the lock held and its device current.
+  return std::shared_ptr<const void>(data, [memory, gpu = scene_->gpu()->index](const void*) mutable {
+    const LoadedScene::GpuLock freeing = LoadedScene::gpu_lock();
+    (void)set_current_gpu(gpu);
+    memory.reset();
+  });
+} catch (const std::bad_alloc&) {
+  return out_of_memory(sizeof(std::shared_ptr<const void>));
 }
 
 Result<std::optional<Pick>> ViewRenderer::pick(uint32_t x, uint32_t y) {

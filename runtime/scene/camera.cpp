@@ -24,25 +24,6 @@ using kernels::View;
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-Vec3 operator+(const Vec3& a, const Vec3& b) {
-  return {a[0] + b[0], a[1] + b[1], a[2] + b[2]};
-}
-Vec3 operator-(const Vec3& a, const Vec3& b) {
-  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-Vec3 operator*(double s, const Vec3& a) {
-  return {s * a[0], s * a[1], s * a[2]};
-}
-double dot(const Vec3& a, const Vec3& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-double length(const Vec3& a) {
-  return std::hypot(a[0], a[1], a[2]);
-}
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
 /// Returns nullopt for a vector without a direction.
 std::optional<Vec3> normalized(const Vec3& a) {
   const double size = length(a);

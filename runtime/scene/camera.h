@@ -10,12 +10,13 @@
 
 #include "format/container/container.h"
 #include "format/result.h"
+#include "format/vec3.h"
 #include "kernels/frame.h"
 #include "kernels/scene_view.h"
 
 namespace scree::runtime {
 
-using Vec3 = std::array<double, 3>;
+using scree::Vec3;
 
 /// An axis-aligned box in world space; empty where min > max.
 struct WorldBox {

@@ -148,36 +148,35 @@ std::vector<uint32_t> owners_of_pages(const DrawnPages& pages, uint32_t owners) 
   return owner_of;
 }
 
-Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads, JobProgress* progress) {
-  try {
-    PageSet set;
-    const format::Container& container = pages.container();
-    set.raw.assign(container.pages().size(), nullptr);
-    set.decoded.resize(container.pages().size());
-    set.page_count = pages.size();
-    for (uint64_t i = 0; i < set.page_count; ++i) set.stored_bytes += pages.record(i).stored_bytes;
-    if (progress != nullptr) progress->begin("geometry", set.stored_bytes);
-    FirstError failure;
-    parallel_for(set.page_count, threads, [&](uint64_t i) {
-      if (failure.is_superseded(i)) return;
-      const uint32_t page = pages.page(i);
-      const format::PageRecord& record = pages.record(i);
-      map.will_need(record.offset, record.stored_bytes);
-      const Result<std::span<const std::byte>> raw = container.load_page(page, set.decoded[page]);
-      if (!raw) return failure.report(i, raw.error());
-      // The stored bytes of a decompressed page are not read again, so they need not stay resident.
-      if (record.codec != format::PageCodec::kRaw) map.release(record.offset, record.stored_bytes);
-      if (const Result<void> checked = pages.check(i, *raw); !checked) return failure.report(i, checked.error());
-      set.raw[page] = raw->data();
-      if (const Result<void> going = JobProgress::advance(progress, record.stored_bytes); !going)
-        failure.report(i, going.error());
-    });
-    if (failure.any()) return failure.error();
-    for (uint64_t i = 0; i < set.page_count; ++i) set.decoded_bytes += set.decoded[pages.page(i)].size();
-    return set;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for its pages"};
-  }
+Result<PageSet> load_pages(const DrawnPages& pages, const MappedFile& map, uint32_t threads,
+                           JobProgress* progress) try {
+  PageSet set;
+  const format::Container& container = pages.container();
+  set.raw.assign(container.pages().size(), nullptr);
+  set.decoded.resize(container.pages().size());
+  set.page_count = pages.size();
+  for (uint64_t i = 0; i < set.page_count; ++i) set.stored_bytes += pages.record(i).stored_bytes;
+  if (progress != nullptr) progress->begin("geometry", set.stored_bytes);
+  FirstError failure;
+  parallel_for(set.page_count, threads, [&](uint64_t i) {
+    if (failure.is_superseded(i)) return;
+    const uint32_t page = pages.page(i);
+    const format::PageRecord& record = pages.record(i);
+    map.will_need(record.offset, record.stored_bytes);
+    const Result<std::span<const std::byte>> raw = container.load_page(page, set.decoded[page]);
+    if (!raw) return failure.report(i, raw.error());
+    // The stored bytes of a decompressed page are not read again, so they need not stay resident.
+    if (record.codec != format::PageCodec::kRaw) map.release(record.offset, record.stored_bytes);
+    if (const Result<void> checked = pages.check(i, *raw); !checked) return failure.report(i, checked.error());
+    set.raw[page] = raw->data();
+    if (const Result<void> going = JobProgress::advance(progress, record.stored_bytes); !going)
+      failure.report(i, going.error());
+  });
+  if (failure.any()) return failure.error();
+  for (uint64_t i = 0; i < set.page_count; ++i) set.decoded_bytes += set.decoded[pages.page(i)].size();
+  return set;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for its pages"};
 }
 
 }  // namespace scree::runtime

@@ -32,38 +32,36 @@ std::vector<uint64_t> ChunkSource::chunk_bytes() const {
 }
 
 Result<void> ChunkSource::read(std::span<const Residency::Place> places, std::byte* memory, Reader reader,
-                               Workers& workers) {
-  try {
-    const format::ChunkRecord* const chunks = scene_.view().chunks;
-    std::vector<Residency::Place> sorted(places.begin(), places.end());
-    std::sort(sorted.begin(), sorted.end(), [&](const Residency::Place& a, const Residency::Place& b) {
-      const format::ChunkRecord& first = chunks[a.chunk];
-      const format::ChunkRecord& second = chunks[b.chunk];
-      return first.page != second.page ? first.page < second.page : first.offset < second.offset;
-    });
-    std::vector<Job> jobs;
-    for (size_t i = 0; i < sorted.size(); ++i) {
-      const uint32_t page = chunks[sorted[i].chunk].page;
-      if (jobs.empty() || jobs.back().page != page) jobs.push_back({page, i, i});
-      jobs.back().last = i + 1;
-    }
-    const auto ask_for = [&](size_t i) {
-      if (i >= jobs.size() || scene_.has_pages()) return;
-      const format::PageRecord& record = scene_.container().pages()[jobs[i].page];
-      scene_.file().map().will_need(record.offset, record.stored_bytes);
-    };
-    for (size_t i = 0; i < workers.count(); ++i) ask_for(i);
-    FirstError failure;
-    workers.for_each(jobs.size(), [&](uint64_t i) {
-      if (failure.is_superseded(i)) return;
-      ask_for(i + workers.count());
-      if (const Result<void> done = read(jobs[i], sorted, memory, reader); !done) failure.report(i, done.error());
-    });
-    if (failure.any()) return at(scene_.file().path(), failure.error());
-    return {};
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, scene_.file().path() + ": no memory left to read its chunks"};
+                               Workers& workers) try {
+  const format::ChunkRecord* const chunks = scene_.view().chunks;
+  std::vector<Residency::Place> sorted(places.begin(), places.end());
+  std::sort(sorted.begin(), sorted.end(), [&](const Residency::Place& a, const Residency::Place& b) {
+    const format::ChunkRecord& first = chunks[a.chunk];
+    const format::ChunkRecord& second = chunks[b.chunk];
+    return first.page != second.page ? first.page < second.page : first.offset < second.offset;
+  });
+  std::vector<Job> jobs;
+  for (size_t i = 0; i < sorted.size(); ++i) {
+    const uint32_t page = chunks[sorted[i].chunk].page;
+    if (jobs.empty() || jobs.back().page != page) jobs.push_back({page, i, i});
+    jobs.back().last = i + 1;
   }
+  const auto ask_for = [&](size_t i) {
+    if (i >= jobs.size() || scene_.has_pages()) return;
+    const format::PageRecord& record = scene_.container().pages()[jobs[i].page];
+    scene_.file().map().will_need(record.offset, record.stored_bytes);
+  };
+  for (size_t i = 0; i < workers.count(); ++i) ask_for(i);
+  FirstError failure;
+  workers.for_each(jobs.size(), [&](uint64_t i) {
+    if (failure.is_superseded(i)) return;
+    ask_for(i + workers.count());
+    if (const Result<void> done = read(jobs[i], sorted, memory, reader); !done) failure.report(i, done.error());
+  });
+  if (failure.any()) return at(scene_.file().path(), failure.error());
+  return {};
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, scene_.file().path() + ": no memory left to read its chunks"};
 }
 
 Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place> places, std::byte* memory,

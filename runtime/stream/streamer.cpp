@@ -11,19 +11,6 @@
 namespace scree::runtime {
 namespace {
 
-void add(kernels::FrameStats& sum, const kernels::FrameStats& part) {
-  sum.instances_drawn += part.instances_drawn;
-  sum.draws += part.draws;
-  sum.triangles += part.triangles;
-  sum.triangles_small += part.triangles_small;
-  sum.triangles_medium += part.triangles_medium;
-  sum.triangles_large += part.triangles_large;
-  sum.triangles_clipped += part.triangles_clipped;
-  sum.groups_tested += part.groups_tested;
-  sum.clusters_tested += part.clusters_tested;
-  sum.clusters_drawn += part.clusters_drawn;
-}
-
 uint64_t wanted_batch_bytes(const Residency& residency, uint64_t most) {
   return std::min({residency.pool_bytes() / kBatchShare, kMostBatchBytes, most});
 }
@@ -77,15 +64,13 @@ Streamer::Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes
 }
 
 Result<Streamer> Streamer::create(const Scene& scene, uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes,
-                                  uint64_t most_batch_bytes) {
-  try {
-    Result<Residency> residency = Residency::create(pool_bytes, std::move(chunk_bytes));
-    if (!residency) return at(scene.file().path(), residency.error());
-    const uint64_t batch_bytes = wanted_batch_bytes(*residency, most_batch_bytes);
-    return Result<Streamer>(Streamer(scene, std::move(*residency), batch_bytes));
-  } catch (const std::bad_alloc&) {
-    return at(scene.file().path(), no_memory("to list its chunks"));
-  }
+                                  uint64_t most_batch_bytes) try {
+  Result<Residency> residency = Residency::create(pool_bytes, std::move(chunk_bytes));
+  if (!residency) return at(scene.file().path(), residency.error());
+  const uint64_t batch_bytes = wanted_batch_bytes(*residency, most_batch_bytes);
+  return Result<Streamer>(Streamer(scene, std::move(*residency), batch_bytes));
+} catch (const std::bad_alloc&) {
+  return at(scene.file().path(), no_memory("to list its chunks"));
 }
 
 uint64_t Streamer::most_batch_bytes() const {
@@ -380,7 +365,7 @@ Result<void> Streamer::Frame::draw_part(Part part) {
   const Timed timed(stats_.draw_ms);
   const Result<StreamTarget::Drawn> drawn = target_.finish_drawing();
   if (!drawn) return drawn.error();
-  add(stats_.drawn, drawn->stats);
+  stats_.drawn += drawn->stats;
   stats_.drawing_ms += drawn->ms;
   ++stats_.parts;
   has_depths_ = has_depths_ || finds_depths;

@@ -568,15 +568,14 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
 }
 
 Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, UploadTarget& target,
-                                const StagingSizes& sizes, Reading reading, uint32_t threads, JobProgress* progress) {
-  try {
-    Uploader uploader(plan, map, target, sizes, reading == Reading::kMapped, progress);
-    if (reading == Reading::kDirect)
-      if (Result<void> opened = uploader.open_direct(); !opened) return opened.error();
-    return uploader.run(threads);
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for its pages"};
-  }
+                                const StagingSizes& sizes, Reading reading, uint32_t threads,
+                                JobProgress* progress) try {
+  Uploader uploader(plan, map, target, sizes, reading == Reading::kMapped, progress);
+  if (reading == Reading::kDirect)
+    if (Result<void> opened = uploader.open_direct(); !opened) return opened.error();
+  return uploader.run(threads);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for its pages"};
 }
 
 }  // namespace scree::runtime

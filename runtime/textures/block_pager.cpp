@@ -37,68 +37,66 @@ uint64_t BlockPager::page_bytes(uint64_t number) const {
   return jpeg.count == 0 ? raw_bytes : jpeg_head_place(raw_bytes, container_.images()[jpeg.image].channels, jpeg.count);
 }
 
-Result<bool> BlockPager::bring(bool must) {
-  try {
-    const Result<std::span<const uint64_t>> last = wanted();
-    if (!last) return last.error();
-    std::vector<uint32_t> shown;
-    std::vector<uint32_t> missing;
-    uint64_t shown_bytes = 0;
-    uint64_t present_bytes = 0;
-    for (uint32_t number = 0; number < size(); ++number) {
-      if ((*last)[number] != pages_.round) continue;
-      shown.push_back(number);
-      shown_bytes += bytes_of(number);
-      if (blocks_[number] == nullptr) {
-        missing.push_back(number);
-      } else {
-        present_bytes += bytes_of(number);
-      }
+Result<bool> BlockPager::bring(bool must) try {
+  const Result<std::span<const uint64_t>> last = wanted();
+  if (!last) return last.error();
+  std::vector<uint32_t> shown;
+  std::vector<uint32_t> missing;
+  uint64_t shown_bytes = 0;
+  uint64_t present_bytes = 0;
+  for (uint32_t number = 0; number < size(); ++number) {
+    if ((*last)[number] != pages_.round) continue;
+    shown.push_back(number);
+    shown_bytes += bytes_of(number);
+    if (blocks_[number] == nullptr) {
+      missing.push_back(number);
+    } else {
+      present_bytes += bytes_of(number);
     }
-    const bool fits = shown_bytes <= room_bytes_;
-    refused_bytes_ = !fits && must ? shown_bytes : 0;
-    if (!fits && must)
-      return Error{ErrorCode::kMemory, "a pixel shows pages of textures of " + std::to_string(shown_bytes) +
-                                           " bytes together, but " + std::to_string(room_bytes_) +
-                                           " are allowed for them"};
-    if (!fits && !has_patience()) return false;
-    if (!fits) {
-      // The picture will not wait for all of them, so as many come as there is room for.
-      size_t count = 0;
-      for (uint64_t left = room_bytes_ - present_bytes; count < missing.size(); left -= bytes_of(missing[count++]))
-        if (bytes_of(missing[count]) > left) break;
-      missing.resize(count);
-    }
-    if (!take_all(missing, *last)) {
-      if (!fits) return false;
-      // The free room lies in pieces between pages that are wanted.
-      for (uint32_t number = 0; number < size(); ++number)
-        if (blocks_[number] != nullptr) drop(number);
-      missing = shown;
-      for (const uint32_t number : missing) (void)take_next(number);
-    }
-    const Result<void> done = [&]() -> Result<void> {
-      try {
-        return load(missing);
-      } catch (const std::bad_alloc&) {
-        return no_memory();
-      }
-    }();
-    // Pages that were read before an error, or before the patience ended, are kept for later.
-    for (const uint32_t number : missing) {
-      if (blocks_[number] == nullptr) {
-        drop(number);
-        continue;
-      }
-      ++stats_.read_pages;
-      stats_.read_bytes += record(number).raw_bytes;
-      stats_.stored_bytes += record(number).stored_bytes;
-    }
-    if (!done) return done.error();
-    return fits;
-  } catch (const std::bad_alloc&) {
-    return no_memory();
   }
+  const bool fits = shown_bytes <= room_bytes_;
+  refused_bytes_ = !fits && must ? shown_bytes : 0;
+  if (!fits && must)
+    return Error{ErrorCode::kMemory, "a pixel shows pages of textures of " + std::to_string(shown_bytes) +
+                                         " bytes together, but " + std::to_string(room_bytes_) +
+                                         " are allowed for them"};
+  if (!fits && !has_patience()) return false;
+  if (!fits) {
+    // The picture will not wait for all of them, so as many come as there is room for.
+    size_t count = 0;
+    for (uint64_t left = room_bytes_ - present_bytes; count < missing.size(); left -= bytes_of(missing[count++]))
+      if (bytes_of(missing[count]) > left) break;
+    missing.resize(count);
+  }
+  if (!take_all(missing, *last)) {
+    if (!fits) return false;
+    // The free room lies in pieces between pages that are wanted.
+    for (uint32_t number = 0; number < size(); ++number)
+      if (blocks_[number] != nullptr) drop(number);
+    missing = shown;
+    for (const uint32_t number : missing) (void)take_next(number);
+  }
+  const Result<void> done = [&]() -> Result<void> {
+    try {
+      return load(missing);
+    } catch (const std::bad_alloc&) {
+      return no_memory();
+    }
+  }();
+  // Pages that were read before an error, or before the patience ended, are kept for later.
+  for (const uint32_t number : missing) {
+    if (blocks_[number] == nullptr) {
+      drop(number);
+      continue;
+    }
+    ++stats_.read_pages;
+    stats_.read_bytes += record(number).raw_bytes;
+    stats_.stored_bytes += record(number).stored_bytes;
+  }
+  if (!done) return done.error();
+  return fits;
+} catch (const std::bad_alloc&) {
+  return no_memory();
 }
 
 Result<uint64_t> BlockPager::wanted_bytes(uint64_t first) {

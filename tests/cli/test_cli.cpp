@@ -98,11 +98,8 @@ TEST_CASE("the command line passes the scripts of tests/cli", "[cli]") {
   REQUIRE(!files.empty());
   for (const fs::path& file : files) {
     DYNAMIC_SECTION(file.stem().string()) {
-      std::string pattern = (fs::temp_directory_path() / "scree_cli_XXXXXX").string();
-      REQUIRE(mkdtemp(pattern.data()) != nullptr);
-      const fs::path folder = pattern;
-      for (const Step& step : parse_steps(file)) run_step(step, folder);
-      fs::remove_all(folder);
+      const scree::tests::TempFolder folder;
+      for (const Step& step : parse_steps(file)) run_step(step, folder.path());
     }
   }
 }

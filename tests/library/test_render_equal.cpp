@@ -9,8 +9,8 @@
 
 #include "runtime/images/image.h"
 #include "tests/library/handles.h"
+#include "tests/models.h"
 #include "tests/sanitized.h"
-#include "tests/tools/model_files.h"
 #include "tests/tools/run_program.h"
 
 using namespace scree::tests;
@@ -260,11 +260,8 @@ TEST_CASE("a frame of the library equals the output of scree render", "[library]
 }
 
 TEST_CASE("a frame of every small real model equals the output of scree render", "[library][models]") {
-  const fs::path models = models_path();
-  if (models.empty()) {
-    WARN("the models are not there: skipped");
-    return;
-  }
+  const fs::path models = real_models("");
+  if (models.empty()) return;
   CHECK(compare_all(models / "scenes", kIsSanitized ? 30000 : 2000000) >= 10);
   CHECK(compare_all(models / "scenes-material", kIsSanitized ? 30000 : 200000) >= 3);
 }

@@ -22,24 +22,6 @@
 
 namespace scree::tests {
 
-/// A file name of this process in the folder for temporary files. The file is removed in the destructor.
-class ScratchPath {
- public:
-  explicit ScratchPath(const std::string& name)
-      : path_(std::filesystem::temp_directory_path() / ("scree_" + std::to_string(::getpid()) + "_" + name)) {}
-  ScratchPath(const ScratchPath&) = delete;
-  ScratchPath& operator=(const ScratchPath&) = delete;
-  ~ScratchPath() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  std::string string() const { return path_.string(); }
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
-
 /// A PNG of 2 x 2 texels: red, green over blue, white.
 inline std::vector<std::byte> four_colors_png() {
   const std::vector<uint8_t> pixels{255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255};

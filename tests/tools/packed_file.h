@@ -1,12 +1,8 @@
-// Shared by the tests of export and inspect: a temporary folder, and a glTF that is converted and opened.
+// A glTF that is converted and opened.
 #pragma once
 
-#include <algorithm>
-#include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <string>
-#include <vector>
+#include <utility>
 
 #include "format/container/container.h"
 #include "format/result.h"
@@ -39,21 +35,6 @@ inline Result<PackedFile> pack(const std::string& input, const std::string& outp
   const auto report = convert::convert(options);
   if (!report) return report.error();
   return open_packed(output);
-}
-
-/// All .gltf and .glb files below `folder`, in the order of their paths.
-inline std::vector<std::filesystem::path> gltf_files(const std::filesystem::path& folder) {
-  std::vector<std::filesystem::path> files;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
-    const auto extension = entry.path().extension();
-    if (entry.is_regular_file() && (extension == ".gltf" || extension == ".glb")) files.push_back(entry.path());
-  }
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
-inline void write_file(const std::filesystem::path& path, const std::string& bytes) {
-  std::ofstream(path, std::ios::binary) << bytes;
 }
 
 }  // namespace scree::tests

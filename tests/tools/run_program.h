@@ -7,11 +7,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <vector>
 
 #include "tests/catch.h"
@@ -42,6 +44,23 @@ inline int wait_for(pid_t child) {
   int status = 0;
   REQUIRE(waitpid(child, &status, 0) == child);
   return status;
+}
+
+/// Whether a child has ended; its status can still be read.
+inline bool has_ended(pid_t child) {
+  siginfo_t ended{};
+  REQUIRE(waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
+  return ended.si_pid != 0;
+}
+
+/// Waits until is_so() is true, at most that long. Returns whether it is.
+template <class Condition>
+bool wait_until(const Condition& is_so, std::chrono::milliseconds longest = std::chrono::seconds(60)) {
+  const auto end = std::chrono::steady_clock::now() + longest;
+  bool is = is_so();
+  for (; !is && std::chrono::steady_clock::now() < end; is = is_so())
+    std::this_thread::sleep_for(std::chrono::microseconds(500));
+  return is;
 }
 
 struct ProgramRun {

@@ -2,11 +2,14 @@
 #pragma once
 
 #include <stdlib.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <span>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -43,6 +46,10 @@ class TempFolder {
     return path.string();
   }
 
+  std::string write(const std::string& name, std::span<const std::byte> bytes) const {
+    return write(name, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+  }
+
   /// Names of the folder's entries, sorted.
   std::vector<std::string> names() const {
     std::vector<std::string> found;
@@ -53,6 +60,18 @@ class TempFolder {
   }
 
  private:
+  std::filesystem::path path_;
+};
+
+/// A name of a file or folder, in a folder of its own.
+class ScratchPath {
+ public:
+  explicit ScratchPath(const std::string& name) : path_(folder_.path() / name) {}
+  std::string string() const { return path_.string(); }
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  TempFolder folder_;
   std::filesystem::path path_;
 };
 
@@ -67,6 +86,21 @@ inline std::vector<std::byte> read_bytes(const std::filesystem::path& path) {
   const std::string text = read_whole(path);
   const auto* const bytes = reinterpret_cast<const std::byte*>(text.data());
   return {bytes, bytes + text.size()};
+}
+
+/// The bytes that a file takes on the disk; 0 if there is none.
+inline uint64_t disk_bytes(const std::string& path) {
+  struct stat status {};
+  return ::stat(path.c_str(), &status) == 0 ? static_cast<uint64_t>(status.st_blocks) * 512 : 0;
+}
+
+/// Changes the byte at `offset` of a file.
+inline void damage(const std::string& path, uint64_t offset) {
+  std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+  file.seekg(static_cast<std::streamoff>(offset));
+  const int byte = file.get();
+  file.seekp(static_cast<std::streamoff>(offset));
+  if (byte < 0 || !file.put(static_cast<char>(byte ^ 1)).flush()) throw std::runtime_error("cannot damage " + path);
 }
 
 /// `text` with the first `from` replaced by `to`. `from` must occur.

@@ -9,7 +9,6 @@
 #include "tests/paths.h"
 #include "tests/sanitized.h"
 #include "tests/tools/compare/source_compare.h"
-#include "tests/tools/model_files.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
@@ -52,11 +51,8 @@ TEST_CASE("the small models are converted within the stated error", "[models]") 
 }
 
 TEST_CASE("every model is converted within the stated error", "[models]") {
-  const std::vector<fs::path> files = tests::model_files(tests::models_path() / "scenes");
-  if (files.empty()) {
-    WARN("the models are not there: skipped");
-    return;
-  }
+  const std::vector<fs::path> files = tests::model_files(tests::real_models("scenes"));
+  if (files.empty()) return;
   const tests::TempFolder folder;
   const std::string output = folder.file("model.scree");
   uint64_t converted = 0, triangles = 0;

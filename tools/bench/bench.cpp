@@ -256,12 +256,10 @@ class FileBench {
 
 }  // namespace
 
-Result<FileResult> measure_file(const std::string& path, const BenchOptions& options, bool has_gpu) {
-  try {
-    return FileBench(path, options, has_gpu).run();
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, path + ": no memory left to load or draw it"};
-  }
+Result<FileResult> measure_file(const std::string& path, const BenchOptions& options, bool has_gpu) try {
+  return FileBench(path, options, has_gpu).run();
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, path + ": no memory left to load or draw it"};
 }
 
 Result<void> run_bench(const BenchOptions& options) {

@@ -13,7 +13,7 @@ uint64_t now() {
   return static_cast<uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(since).count());
 }
 
-// Nanoseconds that this thread spent in TimedRead.
+// Nanoseconds that this thread spent in Spent::kReading.
 thread_local uint64_t thread_read = 0;
 
 double rate(uint64_t amount, double seconds) {
@@ -41,25 +41,14 @@ std::string describe(const StageRates& rates) {
   return text + (measure > encode ? ": measuring limits" : ": encoding limits");
 }
 
-Timed::Timed(std::atomic<uint64_t>& nanoseconds) : nanoseconds_(nanoseconds), start_(now()) {}
+Timed::Timed(std::atomic<uint64_t>& nanoseconds, Spent on)
+    : nanoseconds_(nanoseconds), on_(on), start_(now()), read_before_(thread_read) {}
 
 Timed::~Timed() {
-  nanoseconds_.fetch_add(now() - start_, std::memory_order_relaxed);
-}
-
-TimedRead::TimedRead(std::atomic<uint64_t>& nanoseconds) : nanoseconds_(nanoseconds), start_(now()) {}
-
-TimedRead::~TimedRead() {
   const uint64_t taken = now() - start_;
-  nanoseconds_.fetch_add(taken, std::memory_order_relaxed);
-  thread_read += taken;
-}
-
-TimedWork::TimedWork(std::atomic<uint64_t>& nanoseconds)
-    : nanoseconds_(nanoseconds), start_(now()), read_before_(thread_read) {}
-
-TimedWork::~TimedWork() {
-  nanoseconds_.fetch_add(now() - start_ - (thread_read - read_before_), std::memory_order_relaxed);
+  const uint64_t left_out = on_ == Spent::kNotReading ? thread_read - read_before_ : 0;
+  nanoseconds_.fetch_add(taken - left_out, std::memory_order_relaxed);
+  if (on_ == Spent::kReading) thread_read += taken;
 }
 
 }  // namespace scree::convert

@@ -35,44 +35,25 @@ struct StageTimes {
 /// rate counts only the time in which it works, as if all threads worked on that stage.
 std::string describe(const StageRates& rates);
 
+/// The time that is measured.
+enum class Spent : uint8_t {
+  kAny,
+  kReading,     // read calls
+  kNotReading,  // without this thread's time in kReading
+};
+
 /// Adds the time from construction to destruction to `nanoseconds`, in any thread.
 class Timed {
  public:
-  explicit Timed(std::atomic<uint64_t>& nanoseconds);
+  explicit Timed(std::atomic<uint64_t>& nanoseconds, Spent on = Spent::kAny);
   ~Timed();
   Timed(const Timed&) = delete;
   Timed& operator=(const Timed&) = delete;
 
  private:
   std::atomic<uint64_t>& nanoseconds_;
-  uint64_t start_;
-};
-
-/// The same for read calls, whose time TimedWork excludes.
-class TimedRead {
- public:
-  explicit TimedRead(std::atomic<uint64_t>& nanoseconds);
-  ~TimedRead();
-  TimedRead(const TimedRead&) = delete;
-  TimedRead& operator=(const TimedRead&) = delete;
-
- private:
-  std::atomic<uint64_t>& nanoseconds_;
-  uint64_t start_;
-};
-
-/// The same without this thread's time in TimedRead.
-class TimedWork {
- public:
-  explicit TimedWork(std::atomic<uint64_t>& nanoseconds);
-  ~TimedWork();
-  TimedWork(const TimedWork&) = delete;
-  TimedWork& operator=(const TimedWork&) = delete;
-
- private:
-  std::atomic<uint64_t>& nanoseconds_;
-  uint64_t start_;
-  uint64_t read_before_;
+  const Spent on_;
+  const uint64_t start_, read_before_;
 };
 
 }  // namespace scree::convert

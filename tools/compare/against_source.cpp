@@ -56,47 +56,44 @@ class Judge {
 /// not change them. `found(x, y)`: a Result of the triangle drawn there; instance kNone for the background.
 template <class Find>
 Result<PixelReport> judge_pixels(const SourceModel& model, std::span<const ReferencePixel> reference,
-                                 const kernels::View& view, uint32_t threads, const Find& found) {
+                                 const kernels::View& view, uint32_t threads, const Find& found) try {
   struct Row {
     DepthError same, surface;
     std::optional<Error> failed;
   };
-  try {
-    PixelReport report{.width = view.width, .height = view.height};
-    report.kinds.resize(reference.size());
-    const Judge judge(model, view);
-    std::vector<Row> rows(view.height);
-    runtime::parallel_for(view.height, threads, [&](uint64_t row_number) {
-      const auto y = static_cast<uint32_t>(row_number);
-      Row& row = rows[y];
-      for (uint32_t x = 0; x < view.width; ++x) {
-        const uint64_t at = uint64_t{y} * view.width + x;
-        const ReferencePixel& expected = reference[at];
-        const Result<ReferencePixel> drawn = found(x, y);
-        if (!drawn) {
-          row.failed = drawn.error();
-          return;
-        }
-        PixelKind& kind = report.kinds[at];
-        if (drawn->is_background() || expected.is_background()) {
-          kind =
-              drawn->is_background() && expected.is_background() ? PixelKind::kBothBackground : PixelKind::kBackground;
-          continue;
-        }
-        kind = judge.kind({drawn->instance, drawn->triangle}, expected, x, y);
-        row.surface.add(drawn->depth, expected.depth);
-        if (kind == PixelKind::kSame) row.same.add(drawn->depth, expected.depth);
+  PixelReport report{.width = view.width, .height = view.height};
+  report.kinds.resize(reference.size());
+  const Judge judge(model, view);
+  std::vector<Row> rows(view.height);
+  runtime::parallel_for(view.height, threads, [&](uint64_t row_number) {
+    const auto y = static_cast<uint32_t>(row_number);
+    Row& row = rows[y];
+    for (uint32_t x = 0; x < view.width; ++x) {
+      const uint64_t at = uint64_t{y} * view.width + x;
+      const ReferencePixel& expected = reference[at];
+      const Result<ReferencePixel> drawn = found(x, y);
+      if (!drawn) {
+        row.failed = drawn.error();
+        return;
       }
-    });
-    for (const Row& row : rows) {
-      if (row.failed) return *row.failed;
-      report.same_depth.add(row.same);
-      report.surface_depth.add(row.surface);
+      PixelKind& kind = report.kinds[at];
+      if (drawn->is_background() || expected.is_background()) {
+        kind = drawn->is_background() && expected.is_background() ? PixelKind::kBothBackground : PixelKind::kBackground;
+        continue;
+      }
+      kind = judge.kind({drawn->instance, drawn->triangle}, expected, x, y);
+      row.surface.add(drawn->depth, expected.depth);
+      if (kind == PixelKind::kSame) row.same.add(drawn->depth, expected.depth);
     }
-    return report;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left to compare pictures"};
+  });
+  for (const Row& row : rows) {
+    if (row.failed) return *row.failed;
+    report.same_depth.add(row.same);
+    report.surface_depth.add(row.surface);
   }
+  return report;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left to compare pictures"};
 }
 
 /// Shades a frame like the reference: by the faces' normals, even if the file has vertex normals. Throws
@@ -150,7 +147,7 @@ kernels::ShadeOptions shading_of_reference() {
 }
 
 Result<SourceReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
-                                         const kernels::View& view, double pixels_per_degree, uint32_t threads) {
+                                         const kernels::View& view, double pixels_per_degree, uint32_t threads) try {
   const Result<runtime::Frame> frame = runtime::Frame::draw(scene, view, 1, threads);
   if (!frame) return frame.error();
   const Result<std::vector<ReferencePixel>> reference = draw_reference(model.views, model.instances, view, threads);
@@ -159,15 +156,13 @@ Result<SourceReport> compare_with_source(const runtime::Scene& scene, const Sour
   if (!pixels) return pixels.error();
   const Result<std::vector<uint8_t>> expected = shade_reference(model, *reference, view, 1, threads);
   if (!expected) return expected.error();
-  try {
-    const Result<std::vector<uint8_t>> picture = shade_faces(scene, view, *frame, threads);
-    if (!picture) return picture.error();
-    return SourceReport{std::move(*pixels),
-                        compare_rgb({view.width, view.height, *picture}, {view.width, view.height, *expected},
-                                    pixels_per_degree, threads)};
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left to compare pictures"};
-  }
+  const Result<std::vector<uint8_t>> picture = shade_faces(scene, view, *frame, threads);
+  if (!picture) return picture.error();
+  return SourceReport{std::move(*pixels),
+                      compare_rgb({view.width, view.height, *picture}, {view.width, view.height, *expected},
+                                  pixels_per_degree, threads)};
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left to compare pictures"};
 }
 
 }  // namespace scree::compare

@@ -264,7 +264,7 @@ Result<void> write_outputs(const CompareArguments& words, const Findings& findin
   return written;
 }
 
-Result<void> run(const CompareArguments& words) {
+Result<void> run(const CompareArguments& words) try {
   RenderWords render = words.render;
   render.file.clear();
   render.list_cameras = true;  // without any output, render would choose one beside its file
@@ -274,14 +274,12 @@ Result<void> run(const CompareArguments& words) {
     return Error{ErrorCode::kUsage, "--ppd: nan, expected 1 to 1000"};
   if (const Result<void> checked = check_outputs(words); !checked) return checked.error();
   report_sigbus("compare", words.render.file);
-  try {
-    const Result<Findings> findings = find(words, *options);
-    if (!findings) return findings.error();
-    if (const Result<void> written = write_outputs(words, *findings); !written) return written.error();
-    return print(words, *findings);
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left to compare " + words.render.file + " with " + words.other};
-  }
+  const Result<Findings> findings = find(words, *options);
+  if (!findings) return findings.error();
+  if (const Result<void> written = write_outputs(words, *findings); !written) return written.error();
+  return print(words, *findings);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left to compare " + words.render.file + " with " + words.other};
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "format/vec3.h"
 #include "runtime/textures/srgb.h"
 #include "runtime/threads/parallel.h"
 
@@ -12,7 +13,7 @@ namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 
-using Triple = std::array<double, 3>;
+using Triple = Vec3;
 using Plane = std::vector<float>;
 
 struct Size {
@@ -36,17 +37,14 @@ const Triple& white() {
 Triple linear_of_xyz(const Triple& xyz) {
   static const std::array<Triple, 3> kRows = [] {
     const std::array<Triple, 3> c{xyz_of_linear({1, 0, 0}), xyz_of_linear({0, 1, 0}), xyz_of_linear({0, 0, 1})};
-    const auto cross = [](const Triple& a, const Triple& b) {
-      return Triple{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-    };
-    std::array<Triple, 3> rows{cross(c[1], c[2]), cross(c[2], c[0]), cross(c[0], c[1])};
-    const double det = c[0][0] * rows[0][0] + c[0][1] * rows[0][1] + c[0][2] * rows[0][2];
+    std::array<Triple, 3> rows{scree::cross(c[1], c[2]), scree::cross(c[2], c[0]), scree::cross(c[0], c[1])};
+    const double det = dot(c[0], rows[0]);
     for (Triple& row : rows)
       for (double& value : row) value /= det;
     return rows;
   }();
   Triple out;
-  for (size_t i = 0; i < 3; ++i) out[i] = kRows[i][0] * xyz[0] + kRows[i][1] * xyz[1] + kRows[i][2] * xyz[2];
+  for (size_t i = 0; i < 3; ++i) out[i] = dot(kRows[i], xyz);
   return out;
 }
 

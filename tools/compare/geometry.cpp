@@ -7,54 +7,41 @@
 #include <optional>
 #include <span>
 
+#include "format/vec3.h"
 #include "tools/common/chunk_decode.h"
 #include "tools/compare/source_model.h"
 
 namespace scree::compare {
 namespace {
 
-using Vector = std::array<double, 3>;
-
 constexpr double kDegrees = 180 / 3.14159265358979323846;
 
-Vector vector_at(std::span<const float> values, uint64_t place) {
+Vec3 vector_at(std::span<const float> values, uint64_t place) {
   return {values[3 * place], values[3 * place + 1], values[3 * place + 2]};
-}
-
-Vector minus(const Vector& a, const Vector& b) {
-  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-
-double length(const Vector& a) {
-  return std::hypot(a[0], a[1], a[2]);
-}
-
-Vector cross(const Vector& a, const Vector& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
 /// The angle in degrees; nothing if a vector has no direction. The arc tangent is exact for small angles, unlike the
 /// arc cosine.
-std::optional<double> angle(const Vector& a, const Vector& b) {
+std::optional<double> angle(const Vec3& a, const Vec3& b) {
   const double size_a = length(a), size_b = length(b);
   if (!(size_a > 0 && size_b > 0) || !std::isfinite(size_a) || !std::isfinite(size_b)) return std::nullopt;
-  const Vector u{a[0] / size_a, a[1] / size_a, a[2] / size_a}, v{b[0] / size_b, b[1] / size_b, b[2] / size_b};
-  return std::atan2(length(cross(u, v)), u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) * kDegrees;
+  const Vec3 u{a[0] / size_a, a[1] / size_a, a[2] / size_a}, v{b[0] / size_b, b[1] / size_b, b[2] / size_b};
+  return std::atan2(length(scree::cross(u, v)), dot(u, v)) * kDegrees;
 }
 
 double diagonal_of(const SourceMesh& mesh) {
-  Vector lo{INFINITY, INFINITY, INFINITY}, hi{-INFINITY, -INFINITY, -INFINITY};
+  Vec3 lo{INFINITY, INFINITY, INFINITY}, hi{-INFINITY, -INFINITY, -INFINITY};
   for (uint64_t t = 0; t < mesh.kept.size(); ++t) {
     if (!mesh.kept[t]) continue;
     for (size_t n = 0; n < 3; ++n) {
-      const Vector p = vector_at(mesh.positions, mesh.corners[3 * t + n]);
+      const Vec3 p = vector_at(mesh.positions, mesh.corners[3 * t + n]);
       for (size_t axis = 0; axis < 3; ++axis) {
         lo[axis] = std::min(lo[axis], p[axis]);
         hi[axis] = std::max(hi[axis], p[axis]);
       }
     }
   }
-  return length(minus(hi, lo));
+  return length(hi - lo);
 }
 
 /// Compares the triangles of one mesh, one after another.
@@ -102,8 +89,8 @@ class MeshComparison {
     for (size_t turn = 0; turn < 3; ++turn) {
       double sum = 0;
       for (size_t n = 0; n < 3; ++n) {
-        const Vector difference = minus(vector_at(chunk.positions, chunk.indices[3 * triangle + (n + turn) % 3]),
-                                        vector_at(source_.positions, source_.corners[3 * id + n]));
+        const Vec3 difference = vector_at(chunk.positions, chunk.indices[3 * triangle + (n + turn) % 3]) -
+                                vector_at(source_.positions, source_.corners[3 * id + n]);
         sum += length(difference) * length(difference);
       }
       if (sum >= least) continue;
@@ -114,13 +101,13 @@ class MeshComparison {
   }
 
   void add_triangle(const tools::DecodedChunk& chunk, size_t triangle, uint64_t id) {
-    std::array<Vector, 3> found{}, expected{};
+    std::array<Vec3, 3> found{}, expected{};
     const size_t turn = turn_of(chunk, triangle, id);
     for (size_t n = 0; n < 3; ++n) {
       const uint64_t to = chunk.indices[3 * triangle + (n + turn) % 3], from = source_.corners[3 * id + n];
       found[n] = vector_at(chunk.positions, to);
       expected[n] = vector_at(source_.positions, from);
-      const Vector difference = minus(found[n], expected[n]);
+      const Vec3 difference = found[n] - expected[n];
       for (const double axis : difference) axis_error_ = std::max(axis_error_, std::abs(axis));
       const double distance = length(difference);
       stored_[to] = std::max(stored_[to], distance);
@@ -131,7 +118,7 @@ class MeshComparison {
         report_.normal_degrees = std::max(report_.normal_degrees, *degrees);
       }
     }
-    const auto normal = [](const std::array<Vector, 3>& p) { return cross(minus(p[1], p[0]), minus(p[2], p[0])); };
+    const auto normal = [](const std::array<Vec3, 3>& p) { return scree::cross(p[1] - p[0], p[2] - p[0]); };
     if (const auto degrees = angle(normal(found), normal(expected))) {
       ++report_.faces;
       report_.face_degrees = std::max(report_.face_degrees, *degrees);

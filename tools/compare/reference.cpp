@@ -154,44 +154,42 @@ void draw_rows(const View& view, const SeenTriangle& seen, const ReferenceMesh& 
 
 Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh> meshes,
                                                    std::span<const ReferenceInstance> instances, const View& view,
-                                                   uint32_t threads, const ReferenceMode& mode) {
+                                                   uint32_t threads, const ReferenceMode& mode) try {
   if (view.width < 1 || view.height < 1 || std::max(view.width, view.height) > kernels::kMaxImageSide)
     return Error{ErrorCode::kRange, "a picture of " + std::to_string(view.width) + " x " + std::to_string(view.height) +
                                         " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
                                         " per side"};
-  try {
-    std::vector<ReferencePixel> pixels(uint64_t{view.width} * view.height);
-    std::vector<bool> mirrored(instances.size());
-    for (size_t i = 0; i < instances.size(); ++i) mirrored[i] = is_mirrored(instances[i]);
-    const uint32_t bands = std::min(view.height, 4 * std::max(threads, 1u));
-    for_each_group(meshes, instances, [&](const std::vector<Block>& blocks) {
-      // Finds the triangles that may be visible, then draws them; each thread draws some rows of the picture.
-      std::vector<std::vector<SeenTriangle>> seen(blocks.size());
-      runtime::parallel_for(blocks.size(), threads, [&](uint64_t b) {
-        const Block& block = blocks[b];
-        const ReferenceInstance& instance = instances[block.instance];
-        const ReferenceMesh& mesh = meshes[instance.mesh];
-        for (uint64_t t = block.first; t < block.first + block.count; ++t) {
-          if (mesh.kept != nullptr && !(*mesh.kept)[t]) continue;
-          SeenTriangle triangle{seen_corners(view, mesh, instance, t), {}, block.instance, t};
-          triangle.box = box_of(view, triangle.corners, mode);
-          if (!triangle.box.is_empty()) seen[b].push_back(triangle);
-        }
-      });
-      runtime::parallel_for(bands, threads, [&](uint64_t band) {
-        const auto first = static_cast<uint32_t>(band * view.height / bands);
-        const auto last = static_cast<uint32_t>((band + 1) * view.height / bands - 1);
-        for (const std::vector<SeenTriangle>& block : seen)
-          for (const SeenTriangle& triangle : block)
-            if (triangle.box.y0 <= last && triangle.box.y1 >= first)
-              draw_rows(view, triangle, meshes[instances[triangle.instance].mesh], mirrored[triangle.instance], mode,
-                        first, last, pixels);
-      });
+  std::vector<ReferencePixel> pixels(uint64_t{view.width} * view.height);
+  std::vector<bool> mirrored(instances.size());
+  for (size_t i = 0; i < instances.size(); ++i) mirrored[i] = is_mirrored(instances[i]);
+  const uint32_t bands = std::min(view.height, 4 * std::max(threads, 1u));
+  for_each_group(meshes, instances, [&](const std::vector<Block>& blocks) {
+    // Finds the triangles that may be visible, then draws them; each thread draws some rows of the picture.
+    std::vector<std::vector<SeenTriangle>> seen(blocks.size());
+    runtime::parallel_for(blocks.size(), threads, [&](uint64_t b) {
+      const Block& block = blocks[b];
+      const ReferenceInstance& instance = instances[block.instance];
+      const ReferenceMesh& mesh = meshes[instance.mesh];
+      for (uint64_t t = block.first; t < block.first + block.count; ++t) {
+        if (mesh.kept != nullptr && !(*mesh.kept)[t]) continue;
+        SeenTriangle triangle{seen_corners(view, mesh, instance, t), {}, block.instance, t};
+        triangle.box = box_of(view, triangle.corners, mode);
+        if (!triangle.box.is_empty()) seen[b].push_back(triangle);
+      }
     });
-    return pixels;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for the reference picture"};
-  }
+    runtime::parallel_for(bands, threads, [&](uint64_t band) {
+      const auto first = static_cast<uint32_t>(band * view.height / bands);
+      const auto last = static_cast<uint32_t>((band + 1) * view.height / bands - 1);
+      for (const std::vector<SeenTriangle>& block : seen)
+        for (const SeenTriangle& triangle : block)
+          if (triangle.box.y0 <= last && triangle.box.y1 >= first)
+            draw_rows(view, triangle, meshes[instances[triangle.instance].mesh], mirrored[triangle.instance], mode,
+                      first, last, pixels);
+    });
+  });
+  return pixels;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for the reference picture"};
 }
 
 std::optional<double> reference_depth(const ReferenceMesh& mesh, const ReferenceInstance& instance, uint64_t triangle,

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <new>
 
+#include "format/vec3.h"
 #include "runtime/threads/parallel.h"
 #include "tools/compare/reference_geometry.h"
 
@@ -12,42 +13,37 @@ namespace scree::compare {
 namespace {
 
 using kernels::View;
-using Vector = std::array<double, 3>;
 
 constexpr double kAmbient = 0.2;  // ambient share of the light; the camera's light is the rest
 
-double dot(const Vector& a, const Vector& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-Vector minus(const SeenPoint& a, const SeenPoint& b) {
+Vec3 minus(const SeenPoint& a, const SeenPoint& b) {
   return {a.x - b.x, a.y - b.y, a.z - b.z};
 }
 
 /// `v` with length 1, so that the cross product of two tiny edges does not underflow. 0 stays 0.
-Vector unit(Vector v) {
-  const double length = std::hypot(v[0], v[1], v[2]);
-  for (double& part : v) part = length > 0 ? part / length : 0;
+Vec3 unit(Vec3 v) {
+  const double size = length(v);
+  for (double& part : v) part = size > 0 ? part / size : 0;
   return v;
 }
 
 double cosine(const View& view, const std::array<SeenPoint, 3>& corners, Ray at) {
-  const Vector a = unit(minus(corners[1], corners[0])), b = unit(minus(corners[2], corners[0]));
-  const Vector normal = unit({a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]});
-  const Vector ray = view.orthographic ? Vector{0, 0, 1} : unit({at.x, at.y, 1});
+  const Vec3 a = unit(minus(corners[1], corners[0])), b = unit(minus(corners[2], corners[0]));
+  const Vec3 normal = unit(scree::cross(a, b));
+  const Vec3 ray = view.orthographic ? Vec3{0, 0, 1} : unit({at.x, at.y, 1});
   return std::min(std::abs(dot(normal, ray)), 1.0);
 }
 
 /// The vertex colour at the point where the ray hits the triangle. If a rounding mode drew the triangle beside that
 /// point, the weights are moved to the nearest valid ones.
-Vector vertex_color(const SourceMesh& mesh, uint64_t triangle, std::array<double, 3> weights) {
+Vec3 vertex_color(const SourceMesh& mesh, uint64_t triangle, std::array<double, 3> weights) {
   const double orientation = weights[0] + weights[1] + weights[2] < 0 ? -1 : 1;
   double sum = 0;
   for (double& weight : weights) {
     weight = std::max(orientation * weight, 0.0);
     sum += weight;
   }
-  Vector color{};
+  Vec3 color{};
   for (size_t n = 0; n < 3; ++n) {
     const float* const corner = &mesh.colors[3 * uint64_t{mesh.corners[3 * triangle + n]}];
     for (size_t c = 0; c < 3; ++c) color[c] += weights[n] / sum * static_cast<double>(corner[c]);
@@ -56,15 +52,15 @@ Vector vertex_color(const SourceMesh& mesh, uint64_t triangle, std::array<double
 }
 
 /// The colour of a sample in linear light.
-Vector shade(const SourceModel& model, const ReferencePixel& sample, const View& view, uint32_t x, uint32_t y) {
+Vec3 shade(const SourceModel& model, const ReferencePixel& sample, const View& view, uint32_t x, uint32_t y) {
   if (sample.is_background()) return {};
   const ReferenceInstance& instance = model.instances[sample.instance];
   const SourceMesh& mesh = model.meshes[instance.mesh];
   const std::array<SeenPoint, 3> corners = seen_corners(view, model.views[instance.mesh], instance, sample.triangle);
   const Ray ray = ray_of(view, x, y);
-  Vector light = mesh.base_color;
+  Vec3 light = mesh.base_color;
   if (!mesh.colors.empty()) {
-    const Vector color = vertex_color(mesh, sample.triangle, corner_weights(view, corners, ray));
+    const Vec3 color = vertex_color(mesh, sample.triangle, corner_weights(view, corners, ray));
     for (size_t c = 0; c < 3; ++c) light[c] *= color[c];
   }
   const double lit = mesh.unlit ? 1 : kAmbient + (1 - kAmbient) * cosine(view, corners, ray);
@@ -80,28 +76,26 @@ uint8_t srgb_code(double linear) {
 }  // namespace
 
 Result<std::vector<uint8_t>> shade_reference(const SourceModel& model, std::span<const ReferencePixel> samples,
-                                             const View& view, uint32_t samples_per_side, uint32_t threads) {
+                                             const View& view, uint32_t samples_per_side, uint32_t threads) try {
   const uint32_t side = samples_per_side;
   const uint32_t width = view.width / side, height = view.height / side;
-  try {
-    std::vector<uint8_t> pixels(uint64_t{3} * width * height);
-    runtime::parallel_for(height, threads, [&](uint64_t row) {
-      for (uint32_t column = 0; column < width; ++column) {
-        Vector sum{};
-        for (uint32_t j = 0; j < side; ++j) {
-          for (uint32_t i = 0; i < side; ++i) {
-            const uint32_t x = column * side + i, y = static_cast<uint32_t>(row) * side + j;
-            const Vector light = shade(model, samples[uint64_t{y} * view.width + x], view, x, y);
-            for (size_t c = 0; c < 3; ++c) sum[c] += light[c];
-          }
+  std::vector<uint8_t> pixels(uint64_t{3} * width * height);
+  runtime::parallel_for(height, threads, [&](uint64_t row) {
+    for (uint32_t column = 0; column < width; ++column) {
+      Vec3 sum{};
+      for (uint32_t j = 0; j < side; ++j) {
+        for (uint32_t i = 0; i < side; ++i) {
+          const uint32_t x = column * side + i, y = static_cast<uint32_t>(row) * side + j;
+          const Vec3 light = shade(model, samples[uint64_t{y} * view.width + x], view, x, y);
+          for (size_t c = 0; c < 3; ++c) sum[c] += light[c];
         }
-        for (size_t c = 0; c < 3; ++c) pixels[3 * (row * width + column) + c] = srgb_code(sum[c] / (side * side));
       }
-    });
-    return pixels;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for the reference picture"};
-  }
+      for (size_t c = 0; c < 3; ++c) pixels[3 * (row * width + column) + c] = srgb_code(sum[c] / (side * side));
+    }
+  });
+  return pixels;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for the reference picture"};
 }
 
 }  // namespace scree::compare

@@ -85,20 +85,16 @@ Result<convert::PixelBound> parse_pixel_bound(const ConvertArguments& words) {
   if (words.max_error_pixels.empty() || words.at_distance.empty())
     return Error{ErrorCode::kUsage, "--max-error-pixels and --at-distance need each other"};
   convert::PixelBound bound;
-  const Result<double> pixels = parse_positive(words.max_error_pixels, "--max-error-pixels");
-  if (!pixels) return pixels.error();
-  bound.pixels = *pixels;
-  const Result<double> distance = parse_length(words.at_distance);
-  if (!distance) return at("--at-distance", distance.error());
-  bound.distance = *distance;
+  Result<void> done = assign(bound.pixels, parse_positive(words.max_error_pixels, "--max-error-pixels"));
+  if (!done) return done.error();
+  if (done = assign(bound.distance, parse_length(words.at_distance)); !done) return at("--at-distance", done.error());
   const Result<ImageSize> size = parse_image_size(words.at_size, "--at-size");
   if (!size) return size.error();
   bound.width = size->width;
   bound.height = size->height;
-  const Result<double> fov = parse_positive(words.at_fov, "--at-fov");
-  if (!fov) return fov.error();
-  if (*fov >= 180) return Error{ErrorCode::kUsage, "--at-fov: '" + words.at_fov + "' is not below 180 degrees"};
-  bound.fov_degrees = *fov;
+  if (done = assign(bound.fov_degrees, parse_positive(words.at_fov, "--at-fov")); !done) return done.error();
+  if (bound.fov_degrees >= 180)
+    return Error{ErrorCode::kUsage, "--at-fov: '" + words.at_fov + "' is not below 180 degrees"};
   return bound;
 }
 
@@ -165,20 +161,15 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
     if (!bound) return bound.error();
     options.pixel_bound = *bound;
   }
-  if (const Result<void> chosen = parse_choices(words, options); !chosen) return chosen.error();
-  const Result<uint64_t> chunk = parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles");
-  if (!chunk) return chunk.error();
-  options.chunk_triangles = *chunk;
-  const Result<uint64_t> threads = parse_whole(words.threads, 0, 4096, "--threads");
-  if (!threads) return threads.error();
-  options.threads = static_cast<uint32_t>(*threads);
-  const Result<uint64_t> memory = parse_size(words.memory);
-  if (!memory) return at("--memory", memory.error());
-  options.memory = *memory;
+  Result<void> done = parse_choices(words, options);
+  if (done)
+    done = assign(options.chunk_triangles,
+                  parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles"));
+  if (done) done = assign(options.threads, parse_whole(words.threads, 0, 4096, "--threads"));
+  if (done) done = assign(options.images, parse_textures(words.textures));
+  if (!done) return done.error();
+  if (done = assign(options.memory, parse_size(words.memory)); !done) return at("--memory", done.error());
   options.exclude = words.exclude;
-  const Result<convert::ImageOptions> images = parse_textures(words.textures);
-  if (!images) return images.error();
-  options.images = *images;
   if (!words.zstd.empty()) {
     const Result<uint64_t> level = parse_whole(words.zstd, 0, 22, "--zstd");
     if (!level) return level.error();

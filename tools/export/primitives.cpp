@@ -315,14 +315,12 @@ class JobRunner {
     }
   }
 
-  Result<void> write(JobWriter& writer, const Job& job, Box& box) const {
+  Result<void> write(JobWriter& writer, const Job& job, Box& box) const try {
     if (options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed))
       return Error{ErrorCode::kFile, "interrupted"};
-    try {
-      return writer.write(job, plan_.parts[job.part], box);
-    } catch (const std::bad_alloc&) {
-      return Error{ErrorCode::kMemory, "mesh " + std::to_string(plan_.parts[job.part].mesh) + ": out of memory"};
-    }
+    return writer.write(job, plan_.parts[job.part], box);
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "mesh " + std::to_string(plan_.parts[job.part].mesh) + ": out of memory"};
   }
 
   const format::Container& file_;

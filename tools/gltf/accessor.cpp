@@ -7,23 +7,13 @@
 #include <type_traits>
 
 #include "format/bytes.h"
+#include "tools/gltf/check.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {
 
 uint64_t component_bytes(ComponentType type) {
-  switch (type) {
-    case ComponentType::kInt8:
-    case ComponentType::kUint8:
-      return 1;
-    case ComponentType::kInt16:
-    case ComponentType::kUint16:
-      return 2;
-    case ComponentType::kUint32:
-    case ComponentType::kFloat32:
-      break;
-  }
-  return 4;
+  return component_bytes(static_cast<int32_t>(type));
 }
 
 namespace {

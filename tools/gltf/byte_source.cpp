@@ -53,10 +53,8 @@ class FileSource final : public ByteSource {
   const std::string& path() const override { return path_; }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (!format::range_within(offset, out.size(), size()))
-      return Error{ErrorCode::kTruncated, path_ + ": read of " + std::to_string(out.size()) + " bytes at " +
-                                              std::to_string(offset) + ", but the file has " + std::to_string(size())};
-    const TimedRead timed(nanoseconds_read);
+    if (Result<void> there = check_read(offset, out, size(), "file"); !there) return at(path_, there.error());
+    const Timed timed(nanoseconds_read, Spent::kReading);
     bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
     if (descriptor_ >= 0) return read_from(descriptor_, offset, out);
     const int descriptor = open_read_only(path_);
@@ -124,9 +122,7 @@ class WindowSource final : public ByteSource {
   const std::string& path() const override { return whole_->path(); }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (!format::range_within(offset, out.size(), size_))
-      return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " +
-                                              std::to_string(offset) + ", but the chunk has " + std::to_string(size_)};
+    if (Result<void> there = check_read(offset, out, size_, "chunk"); !there) return there;
     return whole_->read(offset_ + offset, out);
   }
 
@@ -146,7 +142,7 @@ class PartSource final : public ByteSource {
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
     assert(format::range_within(offset, out.size(), size_));
-    const TimedRead timed(nanoseconds_read);
+    const Timed timed(nanoseconds_read, Spent::kReading);
     bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
     return file_->read_at(offset, out);
   }
@@ -163,10 +159,7 @@ class MemorySource final : public ByteSource {
   uint64_t size() const override { return bytes_.size(); }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (!format::range_within(offset, out.size(), bytes_.size()))
-      return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " +
-                                              std::to_string(offset) + ", but the data: URI has " +
-                                              std::to_string(bytes_.size())};
+    if (Result<void> there = check_read(offset, out, bytes_.size(), "data: URI"); !there) return there;
     if (!out.empty()) std::memcpy(out.data(), bytes_.data() + offset, out.size());
     return {};
   }
@@ -176,6 +169,12 @@ class MemorySource final : public ByteSource {
 };
 
 }  // namespace
+
+Result<void> check_read(uint64_t offset, std::span<const std::byte> out, uint64_t size, const char* what) {
+  if (format::range_within(offset, out.size(), size)) return {};
+  return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " + std::to_string(offset) +
+                                          ", but the " + what + " has " + std::to_string(size)};
+}
 
 const std::string& ByteSource::path() const {
   static const std::string none;

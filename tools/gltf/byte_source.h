@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,9 @@ namespace scree::convert {
 /// read, so that a scene of thousands of .bin files works within the usual limit of 1024. Such a read fails with kFile
 /// if the path names another file by then, or if the file's size or time of change differs. Errors kFile.
 Result<std::shared_ptr<const ByteSource>> open_file_source(const std::string& path);
+
+/// Error kTruncated if a read of `out` at `offset` passes the end of a source of `size` bytes; `what` names it.
+Result<void> check_read(uint64_t offset, std::span<const std::byte> out, uint64_t size, const char* what);
 
 /// Totals of all reads of files and of part_source() since the program began, in all threads.
 struct ReadTotals {

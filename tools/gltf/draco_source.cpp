@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "tools/gltf/byte_source.h"
 
 namespace scree::convert {
 namespace {
@@ -25,27 +26,22 @@ class DracoSource final : public ByteSource {
   uint64_t size() const override { return size_; }
   const std::string& path() const override { return stream_->path(); }
 
-  Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (!format::range_within(offset, out.size(), size_))
-      return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " +
-                                              std::to_string(offset) + ", but the primitive has " +
-                                              std::to_string(size_)};
-    try {
-      const std::shared_ptr<MeshoptWindow> window = kept_->take(this, 0, size_, size_);
-      {
-        const std::lock_guard<std::mutex> lock(window->mutex);  // other threads that need it wait
-        if (!window->is_unpacked) {
-          std::vector<std::byte> stream(bytes_);
-          if (auto done = stream_->read(offset_, stream); !done) return done;
-          if (auto done = decode_draco(primitive_, stream, window->all()); !done) return at("Draco", done.error());
-          window->is_unpacked = true;
-        }
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const override try {
+    if (Result<void> there = check_read(offset, out, size_, "primitive"); !there) return there;
+    const std::shared_ptr<MeshoptWindow> window = kept_->take(this, 0, size_, size_);
+    {
+      const std::lock_guard<std::mutex> lock(window->mutex);  // other threads that need it wait
+      if (!window->is_unpacked) {
+        std::vector<std::byte> stream(bytes_);
+        if (auto done = stream_->read(offset_, stream); !done) return done;
+        if (auto done = decode_draco(primitive_, stream, window->all()); !done) return at("Draco", done.error());
+        window->is_unpacked = true;
       }
-      std::memcpy(out.data(), window->bytes.get() + offset, out.size());
-    } catch (const std::bad_alloc&) {
-      return Error{ErrorCode::kMemory, "Draco: no memory to unpack it"};
     }
+    std::memcpy(out.data(), window->bytes.get() + offset, out.size());
     return {};
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, "Draco: no memory to unpack it"};
   }
 
  private:

@@ -153,14 +153,12 @@ Result<std::string> decoded_key(std::span<const char> text, JsonRange range) {
 
 }  // namespace
 
-Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes) {
-  try {
-    std::vector<char> text(bytes);
-    if (auto read = source.read(offset, std::as_writable_bytes(std::span(text))); !read) return read.error();
-    return text;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory for " + std::to_string(bytes) + " bytes of JSON"};
-  }
+Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes) try {
+  std::vector<char> text(bytes);
+  if (auto read = source.read(offset, std::as_writable_bytes(std::span(text))); !read) return read.error();
+  return text;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory for " + std::to_string(bytes) + " bytes of JSON"};
 }
 
 Result<std::vector<JsonMember>> split_document(std::span<char> text) {

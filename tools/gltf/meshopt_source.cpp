@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "tools/gltf/byte_source.h"
 #include "tools/gltf/meshopt_stream.h"
 #include "tools/gltf/meshopt_windows.h"
 
@@ -110,25 +111,20 @@ class WindowedView final : public MeshoptView {
       if (!reach_next(end)) return;
   }
 
-  Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (!format::range_within(offset, out.size(), size_))
-      return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " +
-                                              std::to_string(offset) + ", but the buffer view has " +
-                                              std::to_string(size_)};
-    try {
-      while (!out.empty()) {
-        const auto window = unpacked(offset / window_bytes_);
-        if (!window) return window.error();
-        const auto from = (*window)->all().subspan(offset % window_bytes_);
-        const size_t bytes = std::min(out.size(), from.size());
-        std::memcpy(out.data(), from.data(), bytes);
-        offset += bytes;
-        out = out.subspan(bytes);
-      }
-    } catch (const std::bad_alloc&) {
-      return Error{ErrorCode::kMemory, stream_->name() + ": no memory to unpack it"};
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const override try {
+    if (Result<void> there = check_read(offset, out, size_, "buffer view"); !there) return there;
+    while (!out.empty()) {
+      const auto window = unpacked(offset / window_bytes_);
+      if (!window) return window.error();
+      const auto from = (*window)->all().subspan(offset % window_bytes_);
+      const size_t bytes = std::min(out.size(), from.size());
+      std::memcpy(out.data(), from.data(), bytes);
+      offset += bytes;
+      out = out.subspan(bytes);
     }
     return {};
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorCode::kMemory, stream_->name() + ": no memory to unpack it"};
   }
 
  private:

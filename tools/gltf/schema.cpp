@@ -27,239 +27,187 @@ enum class Kind : uint8_t {
   kIndexMaps,  // array of these
 };
 
-struct ObjectRule;
+enum class Presence : bool { kOptional, kRequired };
+using enum Presence;
 
 struct Member {
+  constexpr Member() = default;
+  constexpr Member(std::string_view its_name, Kind its_kind, Presence its_presence = kOptional)
+      : name(its_name), kind(its_kind), presence(its_presence) {}
+  /// An array of numbers.
+  constexpr Member(std::string_view its_name, Kind its_kind, uint32_t its_length)
+      : name(its_name), kind(its_kind), length(its_length) {}
+  /// An object or an array of objects, with rules for its members: at most 32.
+  template <size_t kCount>
+  constexpr Member(std::string_view its_name, Kind its_kind, const Member (&its_members)[kCount],
+                   Presence its_presence = kOptional)
+      : name(its_name), kind(its_kind), members(its_members), member_count(kCount), presence(its_presence) {}
+
   std::string_view name;
   Kind kind = Kind::kAny;
-  const ObjectRule* object = nullptr;  // kObject, kObjects
-  uint32_t length = 0;                 // kNumbers: exact length; 0: any
-  bool required = false;
+  const Member* members = nullptr;  // kObject, kObjects
+  uint32_t member_count = 0;
+  uint32_t length = 0;  // kNumbers: exact length; 0: any
+  Presence presence = kOptional;
 };
 
-struct ObjectRule {
-  std::span<const Member> members;  // at most 32
-};
-
-constexpr bool kRequired = true;
 constexpr size_t kMaxNames = 256;  // of attributes; the search is linear
 
 // Materials, texture information, and extensions that scree reads.
-constexpr Member kTransformMembers[] = {{"offset", Kind::kNumbers, nullptr, 2},
-                                        {"scale", Kind::kNumbers, nullptr, 2},
-                                        {"rotation", Kind::kNumber},
-                                        {"texCoord", Kind::kIndex}};
-constexpr ObjectRule kTransform{kTransformMembers};
-constexpr Member kTextureInfoExtensionMembers[] = {{"KHR_texture_transform", Kind::kObject, &kTransform}};
-constexpr ObjectRule kTextureInfoExtensions{kTextureInfoExtensionMembers};
-constexpr Member kTextureInfoMembers[] = {{"index", Kind::kIndex, nullptr, 0, kRequired},
-                                          {"texCoord", Kind::kIndex},
-                                          {"extensions", Kind::kObject, &kTextureInfoExtensions}};
-constexpr ObjectRule kTextureInfo{kTextureInfoMembers};
-constexpr Member kNormalTextureMembers[] = {{"index", Kind::kIndex, nullptr, 0, kRequired},
-                                            {"texCoord", Kind::kIndex},
-                                            {"scale", Kind::kNumber},
-                                            {"extensions", Kind::kObject, &kTextureInfoExtensions}};
-constexpr ObjectRule kNormalTexture{kNormalTextureMembers};
-constexpr Member kOcclusionTextureMembers[] = {{"index", Kind::kIndex, nullptr, 0, kRequired},
-                                               {"texCoord", Kind::kIndex},
-                                               {"strength", Kind::kNumber},
-                                               {"extensions", Kind::kObject, &kTextureInfoExtensions}};
-constexpr ObjectRule kOcclusionTexture{kOcclusionTextureMembers};
-constexpr Member kPbrMembers[] = {{"baseColorFactor", Kind::kNumbers, nullptr, 4},
-                                  {"baseColorTexture", Kind::kObject, &kTextureInfo},
-                                  {"metallicRoughnessTexture", Kind::kObject, &kTextureInfo},
-                                  {"metallicFactor", Kind::kNumber},
-                                  {"roughnessFactor", Kind::kNumber}};
-constexpr ObjectRule kPbr{kPbrMembers};
-constexpr Member kSpecularGlossinessMembers[] = {{"diffuseFactor", Kind::kNumbers, nullptr, 4},
-                                                 {"diffuseTexture", Kind::kObject, &kTextureInfo},
-                                                 {"specularFactor", Kind::kNumbers, nullptr, 3},
-                                                 {"glossinessFactor", Kind::kNumber}};
-constexpr ObjectRule kSpecularGlossiness{kSpecularGlossinessMembers};
-constexpr Member kEmissiveStrengthMembers[] = {{"emissiveStrength", Kind::kNumber}};
-constexpr ObjectRule kEmissiveStrength{kEmissiveStrengthMembers};
-constexpr Member kIorMembers[] = {{"ior", Kind::kNumber}};
-constexpr ObjectRule kIor{kIorMembers};
-constexpr Member kSpecularMembers[] = {{"specularFactor", Kind::kNumber},
-                                       {"specularTexture", Kind::kObject, &kTextureInfo},
-                                       {"specularColorFactor", Kind::kNumbers, nullptr, 3},
-                                       {"specularColorTexture", Kind::kObject, &kTextureInfo}};
-constexpr ObjectRule kSpecular{kSpecularMembers};
-constexpr Member kMaterialExtensionMembers[] = {
-    {"KHR_materials_unlit", Kind::kAny},
-    {"KHR_materials_emissive_strength", Kind::kObject, &kEmissiveStrength},
-    {"KHR_materials_ior", Kind::kObject, &kIor},
-    {"KHR_materials_specular", Kind::kObject, &kSpecular},
-    {"KHR_materials_pbrSpecularGlossiness", Kind::kObject, &kSpecularGlossiness}};
-constexpr ObjectRule kMaterialExtensions{kMaterialExtensionMembers};
-constexpr Member kMaterialMembers[] = {{"name", Kind::kString},
-                                       {"pbrMetallicRoughness", Kind::kObject, &kPbr},
-                                       {"normalTexture", Kind::kObject, &kNormalTexture},
-                                       {"occlusionTexture", Kind::kObject, &kOcclusionTexture},
-                                       {"emissiveTexture", Kind::kObject, &kTextureInfo},
-                                       {"emissiveFactor", Kind::kNumbers, nullptr, 3},
-                                       {"alphaMode", Kind::kString},
-                                       {"alphaCutoff", Kind::kNumber},
-                                       {"doubleSided", Kind::kBool},
-                                       {"extensions", Kind::kObject, &kMaterialExtensions}};
+constexpr Member kTransform[] = {{"offset", Kind::kNumbers, 2},
+                                 {"scale", Kind::kNumbers, 2},
+                                 {"rotation", Kind::kNumber},
+                                 {"texCoord", Kind::kIndex}};
+constexpr Member kTextureInfoExtensions[] = {{"KHR_texture_transform", Kind::kObject, kTransform}};
+constexpr Member kTextureInfo[] = {{"index", Kind::kIndex, kRequired},
+                                   {"texCoord", Kind::kIndex},
+                                   {"extensions", Kind::kObject, kTextureInfoExtensions}};
+constexpr Member kNormalTexture[] = {{"index", Kind::kIndex, kRequired},
+                                     {"texCoord", Kind::kIndex},
+                                     {"scale", Kind::kNumber},
+                                     {"extensions", Kind::kObject, kTextureInfoExtensions}};
+constexpr Member kOcclusionTexture[] = {{"index", Kind::kIndex, kRequired},
+                                        {"texCoord", Kind::kIndex},
+                                        {"strength", Kind::kNumber},
+                                        {"extensions", Kind::kObject, kTextureInfoExtensions}};
+constexpr Member kPbr[] = {{"baseColorFactor", Kind::kNumbers, 4},
+                           {"baseColorTexture", Kind::kObject, kTextureInfo},
+                           {"metallicRoughnessTexture", Kind::kObject, kTextureInfo},
+                           {"metallicFactor", Kind::kNumber},
+                           {"roughnessFactor", Kind::kNumber}};
+constexpr Member kSpecularGlossiness[] = {{"diffuseFactor", Kind::kNumbers, 4},
+                                          {"diffuseTexture", Kind::kObject, kTextureInfo},
+                                          {"specularFactor", Kind::kNumbers, 3},
+                                          {"glossinessFactor", Kind::kNumber}};
+constexpr Member kEmissiveStrength[] = {{"emissiveStrength", Kind::kNumber}};
+constexpr Member kIor[] = {{"ior", Kind::kNumber}};
+constexpr Member kSpecular[] = {{"specularFactor", Kind::kNumber},
+                                {"specularTexture", Kind::kObject, kTextureInfo},
+                                {"specularColorFactor", Kind::kNumbers, 3},
+                                {"specularColorTexture", Kind::kObject, kTextureInfo}};
+constexpr Member kMaterialExtensions[] = {{"KHR_materials_unlit", Kind::kAny},
+                                          {"KHR_materials_emissive_strength", Kind::kObject, kEmissiveStrength},
+                                          {"KHR_materials_ior", Kind::kObject, kIor},
+                                          {"KHR_materials_specular", Kind::kObject, kSpecular},
+                                          {"KHR_materials_pbrSpecularGlossiness", Kind::kObject, kSpecularGlossiness}};
+constexpr Member kMaterial[] = {{"name", Kind::kString},
+                                {"pbrMetallicRoughness", Kind::kObject, kPbr},
+                                {"normalTexture", Kind::kObject, kNormalTexture},
+                                {"occlusionTexture", Kind::kObject, kOcclusionTexture},
+                                {"emissiveTexture", Kind::kObject, kTextureInfo},
+                                {"emissiveFactor", Kind::kNumbers, 3},
+                                {"alphaMode", Kind::kString},
+                                {"alphaCutoff", Kind::kNumber},
+                                {"doubleSided", Kind::kBool},
+                                {"extensions", Kind::kObject, kMaterialExtensions}};
 
-constexpr Member kSourceMembers[] = {{"source", Kind::kIndex}};
-constexpr ObjectRule kSource{kSourceMembers};
-constexpr Member kTextureExtensionMembers[] = {{"EXT_texture_webp", Kind::kObject, &kSource},
-                                               {"KHR_texture_basisu", Kind::kObject, &kSource},
-                                               {"MSFT_texture_dds", Kind::kObject, &kSource}};
-constexpr ObjectRule kTextureExtensions{kTextureExtensionMembers};
-constexpr Member kTextureMembers[] = {{"name", Kind::kString},
-                                      {"sampler", Kind::kIndex},
-                                      {"source", Kind::kIndex},
-                                      {"extensions", Kind::kObject, &kTextureExtensions}};
-constexpr Member kSamplerMembers[] = {{"name", Kind::kString},
-                                      {"magFilter", Kind::kIndex},
-                                      {"minFilter", Kind::kIndex},
-                                      {"wrapS", Kind::kIndex},
-                                      {"wrapT", Kind::kIndex}};
-constexpr Member kImageMembers[] = {
+constexpr Member kSource[] = {{"source", Kind::kIndex}};
+constexpr Member kTextureExtensions[] = {{"EXT_texture_webp", Kind::kObject, kSource},
+                                         {"KHR_texture_basisu", Kind::kObject, kSource},
+                                         {"MSFT_texture_dds", Kind::kObject, kSource}};
+constexpr Member kTexture[] = {{"name", Kind::kString},
+                               {"sampler", Kind::kIndex},
+                               {"source", Kind::kIndex},
+                               {"extensions", Kind::kObject, kTextureExtensions}};
+constexpr Member kSampler[] = {{"name", Kind::kString},
+                               {"magFilter", Kind::kIndex},
+                               {"minFilter", Kind::kIndex},
+                               {"wrapS", Kind::kIndex},
+                               {"wrapT", Kind::kIndex}};
+constexpr Member kImage[] = {
     {"name", Kind::kString}, {"uri", Kind::kString}, {"mimeType", Kind::kString}, {"bufferView", Kind::kIndex}};
 
 // Geometry.
-constexpr Member kMeshoptFallbackMembers[] = {{"fallback", Kind::kBool}};
-constexpr ObjectRule kMeshoptFallback{kMeshoptFallbackMembers};
-constexpr Member kBufferExtensionMembers[] = {{"EXT_meshopt_compression", Kind::kObject, &kMeshoptFallback},
-                                              {"KHR_meshopt_compression", Kind::kObject, &kMeshoptFallback}};
-constexpr ObjectRule kBufferExtensions{kBufferExtensionMembers};
-constexpr Member kBufferMembers[] = {{"name", Kind::kString},
-                                     {"uri", Kind::kString},
-                                     {"byteLength", Kind::kSize, nullptr, 0, kRequired},
-                                     {"chunk", Kind::kIndex},
-                                     {"extensions", Kind::kObject, &kBufferExtensions}};
-constexpr Member kMeshoptMembers[] = {{"buffer", Kind::kIndex, nullptr, 0, kRequired},
-                                      {"byteOffset", Kind::kSize},
-                                      {"byteLength", Kind::kSize, nullptr, 0, kRequired},
-                                      {"byteStride", Kind::kSize, nullptr, 0, kRequired},
-                                      {"count", Kind::kSize, nullptr, 0, kRequired},
-                                      {"mode", Kind::kString, nullptr, 0, kRequired},
-                                      {"filter", Kind::kString}};
-constexpr ObjectRule kMeshopt{kMeshoptMembers};
-constexpr Member kBufferViewExtensionMembers[] = {{"EXT_meshopt_compression", Kind::kObject, &kMeshopt},
-                                                  {"KHR_meshopt_compression", Kind::kObject, &kMeshopt}};
-constexpr ObjectRule kBufferViewExtensions{kBufferViewExtensionMembers};
-constexpr Member kBufferViewMembers[] = {{"name", Kind::kString},
-                                         {"buffer", Kind::kIndex, nullptr, 0, kRequired},
-                                         {"byteOffset", Kind::kSize},
-                                         {"byteLength", Kind::kSize, nullptr, 0, kRequired},
-                                         {"byteStride", Kind::kSize},
-                                         {"target", Kind::kIndex},
-                                         {"extensions", Kind::kObject, &kBufferViewExtensions}};
-constexpr Member kSparseIndicesMembers[] = {{"bufferView", Kind::kIndex, nullptr, 0, kRequired},
-                                            {"byteOffset", Kind::kSmallSize},
-                                            {"componentType", Kind::kIndex, nullptr, 0, kRequired}};
-constexpr ObjectRule kSparseIndices{kSparseIndicesMembers};
-constexpr Member kSparseValuesMembers[] = {{"bufferView", Kind::kIndex, nullptr, 0, kRequired},
-                                           {"byteOffset", Kind::kSmallSize}};
-constexpr ObjectRule kSparseValues{kSparseValuesMembers};
-constexpr Member kSparseMembers[] = {{"count", Kind::kSmallSize, nullptr, 0, kRequired},
-                                     {"indices", Kind::kObject, &kSparseIndices, 0, kRequired},
-                                     {"values", Kind::kObject, &kSparseValues, 0, kRequired}};
-constexpr ObjectRule kSparse{kSparseMembers};
-constexpr Member kAccessorMembers[] = {{"name", Kind::kString},
-                                       {"bufferView", Kind::kIndex},
-                                       {"byteOffset", Kind::kSize},
-                                       {"componentType", Kind::kIndex, nullptr, 0, kRequired},
-                                       {"count", Kind::kSize, nullptr, 0, kRequired},
-                                       {"type", Kind::kString, nullptr, 0, kRequired},
-                                       {"normalized", Kind::kBool},
-                                       {"min", Kind::kNumbers},
-                                       {"max", Kind::kNumbers},
-                                       {"sparse", Kind::kObject, &kSparse}};
-constexpr Member kDracoMembers[] = {{"bufferView", Kind::kIndex, nullptr, 0, kRequired},
-                                    {"attributes", Kind::kIndexMap}};
-constexpr ObjectRule kDraco{kDracoMembers};
-constexpr Member kPrimitiveExtensionMembers[] = {{"KHR_draco_mesh_compression", Kind::kObject, &kDraco}};
-constexpr ObjectRule kPrimitiveExtensions{kPrimitiveExtensionMembers};
-constexpr Member kPrimitiveMembers[] = {{"attributes", Kind::kIndexMap, nullptr, 0, kRequired},
-                                        {"indices", Kind::kIndex},
-                                        {"material", Kind::kIndex},
-                                        {"mode", Kind::kIndex},
-                                        {"targets", Kind::kIndexMaps},
-                                        {"extensions", Kind::kObject, &kPrimitiveExtensions}};
-constexpr ObjectRule kPrimitive{kPrimitiveMembers};
-constexpr Member kMeshMembers[] = {
-    {"name", Kind::kString}, {"primitives", Kind::kObjects, &kPrimitive, 0, kRequired}, {"weights", Kind::kNumbers}};
+constexpr Member kMeshoptFallback[] = {{"fallback", Kind::kBool}};
+constexpr Member kBufferExtensions[] = {{"EXT_meshopt_compression", Kind::kObject, kMeshoptFallback},
+                                        {"KHR_meshopt_compression", Kind::kObject, kMeshoptFallback}};
+constexpr Member kBuffer[] = {{"name", Kind::kString},
+                              {"uri", Kind::kString},
+                              {"byteLength", Kind::kSize, kRequired},
+                              {"chunk", Kind::kIndex},
+                              {"extensions", Kind::kObject, kBufferExtensions}};
+constexpr Member kMeshopt[] = {{"buffer", Kind::kIndex, kRequired},
+                               {"byteOffset", Kind::kSize},
+                               {"byteLength", Kind::kSize, kRequired},
+                               {"byteStride", Kind::kSize, kRequired},
+                               {"count", Kind::kSize, kRequired},
+                               {"mode", Kind::kString, kRequired},
+                               {"filter", Kind::kString}};
+constexpr Member kBufferViewExtensions[] = {{"EXT_meshopt_compression", Kind::kObject, kMeshopt},
+                                            {"KHR_meshopt_compression", Kind::kObject, kMeshopt}};
+constexpr Member kBufferView[] = {{"name", Kind::kString},
+                                  {"buffer", Kind::kIndex, kRequired},
+                                  {"byteOffset", Kind::kSize},
+                                  {"byteLength", Kind::kSize, kRequired},
+                                  {"byteStride", Kind::kSize},
+                                  {"target", Kind::kIndex},
+                                  {"extensions", Kind::kObject, kBufferViewExtensions}};
+constexpr Member kSparseIndices[] = {{"bufferView", Kind::kIndex, kRequired},
+                                     {"byteOffset", Kind::kSmallSize},
+                                     {"componentType", Kind::kIndex, kRequired}};
+constexpr Member kSparseValues[] = {{"bufferView", Kind::kIndex, kRequired}, {"byteOffset", Kind::kSmallSize}};
+constexpr Member kSparse[] = {{"count", Kind::kSmallSize, kRequired},
+                              {"indices", Kind::kObject, kSparseIndices, kRequired},
+                              {"values", Kind::kObject, kSparseValues, kRequired}};
+constexpr Member kAccessor[] = {{"name", Kind::kString},           {"bufferView", Kind::kIndex},
+                                {"byteOffset", Kind::kSize},       {"componentType", Kind::kIndex, kRequired},
+                                {"count", Kind::kSize, kRequired}, {"type", Kind::kString, kRequired},
+                                {"normalized", Kind::kBool},       {"min", Kind::kNumbers},
+                                {"max", Kind::kNumbers},           {"sparse", Kind::kObject, kSparse}};
+constexpr Member kDraco[] = {{"bufferView", Kind::kIndex, kRequired}, {"attributes", Kind::kIndexMap}};
+constexpr Member kPrimitiveExtensions[] = {{"KHR_draco_mesh_compression", Kind::kObject, kDraco}};
+constexpr Member kPrimitive[] = {{"attributes", Kind::kIndexMap, kRequired},
+                                 {"indices", Kind::kIndex},
+                                 {"material", Kind::kIndex},
+                                 {"mode", Kind::kIndex},
+                                 {"targets", Kind::kIndexMaps},
+                                 {"extensions", Kind::kObject, kPrimitiveExtensions}};
+constexpr Member kMesh[] = {
+    {"name", Kind::kString}, {"primitives", Kind::kObjects, kPrimitive, kRequired}, {"weights", Kind::kNumbers}};
 
 // Scenes.
-constexpr Member kInstancingMembers[] = {{"attributes", Kind::kIndexMap, nullptr, 0, kRequired}};
-constexpr ObjectRule kInstancing{kInstancingMembers};
-constexpr Member kNodeLightMembers[] = {{"light", Kind::kIndex, nullptr, 0, kRequired}};
-constexpr ObjectRule kNodeLight{kNodeLightMembers};
-constexpr Member kNodeExtensionMembers[] = {{"EXT_mesh_gpu_instancing", Kind::kObject, &kInstancing},
-                                            {"KHR_lights_punctual", Kind::kObject, &kNodeLight}};
-constexpr ObjectRule kNodeExtensions{kNodeExtensionMembers};
-constexpr Member kNodeMembers[] = {{"name", Kind::kString},
-                                   {"children", Kind::kIndices},
-                                   {"mesh", Kind::kIndex},
-                                   {"camera", Kind::kIndex},
-                                   {"skin", Kind::kIndex},
-                                   {"matrix", Kind::kNumbers, nullptr, 16},
-                                   {"translation", Kind::kNumbers, nullptr, 3},
-                                   {"rotation", Kind::kNumbers, nullptr, 4},
-                                   {"scale", Kind::kNumbers, nullptr, 3},
-                                   {"weights", Kind::kNumbers},
-                                   {"extensions", Kind::kObject, &kNodeExtensions}};
-constexpr Member kSceneMembers[] = {{"name", Kind::kString}, {"nodes", Kind::kIndices}};
-constexpr Member kPerspectiveMembers[] = {{"yfov", Kind::kNumber, nullptr, 0, kRequired},
-                                          {"znear", Kind::kNumber, nullptr, 0, kRequired},
-                                          {"zfar", Kind::kNumber},
-                                          {"aspectRatio", Kind::kNumber}};
-constexpr ObjectRule kPerspective{kPerspectiveMembers};
-constexpr Member kOrthographicMembers[] = {{"xmag", Kind::kNumber, nullptr, 0, kRequired},
-                                           {"ymag", Kind::kNumber, nullptr, 0, kRequired},
-                                           {"znear", Kind::kNumber, nullptr, 0, kRequired},
-                                           {"zfar", Kind::kNumber, nullptr, 0, kRequired}};
-constexpr ObjectRule kOrthographic{kOrthographicMembers};
-constexpr Member kCameraMembers[] = {{"name", Kind::kString},
-                                     {"type", Kind::kString, nullptr, 0, kRequired},
-                                     {"perspective", Kind::kObject, &kPerspective},
-                                     {"orthographic", Kind::kObject, &kOrthographic}};
-constexpr Member kSkinMembers[] = {
-    {"name", Kind::kString}, {"inverseBindMatrices", Kind::kIndex}, {"joints", Kind::kIndices, nullptr, 0, kRequired}};
-constexpr Member kAnimationSamplerMembers[] = {{"input", Kind::kIndex, nullptr, 0, kRequired},
-                                               {"output", Kind::kIndex, nullptr, 0, kRequired}};
-constexpr ObjectRule kAnimationSampler{kAnimationSamplerMembers};
-constexpr Member kAnimationMembers[] = {{"name", Kind::kString},
-                                        {"samplers", Kind::kObjects, &kAnimationSampler, 0, kRequired}};
-constexpr Member kSpotMembers[] = {{"innerConeAngle", Kind::kNumber}, {"outerConeAngle", Kind::kNumber}};
-constexpr ObjectRule kSpot{kSpotMembers};
-constexpr Member kLightMembers[] = {{"name", Kind::kString},
-                                    {"type", Kind::kString, nullptr, 0, kRequired},
-                                    {"color", Kind::kNumbers, nullptr, 3},
-                                    {"intensity", Kind::kNumber},
-                                    {"range", Kind::kNumber},
-                                    {"spot", Kind::kObject, &kSpot}};
-constexpr ObjectRule kLight{kLightMembers};
-constexpr Member kLightsMembers[] = {{"lights", Kind::kObjects, &kLight}};
-constexpr ObjectRule kLights{kLightsMembers};
-constexpr Member kDocumentExtensionMembers[] = {{"KHR_lights_punctual", Kind::kObject, &kLights}};
-constexpr ObjectRule kDocumentExtensions{kDocumentExtensionMembers};
-constexpr Member kAssetMembers[] = {{"version", Kind::kString, nullptr, 0, kRequired},
-                                    {"minVersion", Kind::kString},
-                                    {"copyright", Kind::kString},
-                                    {"generator", Kind::kString}};
-
-constexpr ObjectRule kMaterial{kMaterialMembers};
-constexpr ObjectRule kTexture{kTextureMembers};
-constexpr ObjectRule kSampler{kSamplerMembers};
-constexpr ObjectRule kImage{kImageMembers};
-constexpr ObjectRule kBuffer{kBufferMembers};
-constexpr ObjectRule kBufferView{kBufferViewMembers};
-constexpr ObjectRule kAccessor{kAccessorMembers};
-constexpr ObjectRule kMesh{kMeshMembers};
-constexpr ObjectRule kNode{kNodeMembers};
-constexpr ObjectRule kScene{kSceneMembers};
-constexpr ObjectRule kCamera{kCameraMembers};
-constexpr ObjectRule kSkin{kSkinMembers};
-constexpr ObjectRule kAnimation{kAnimationMembers};
-constexpr ObjectRule kAsset{kAssetMembers};
+constexpr Member kInstancing[] = {{"attributes", Kind::kIndexMap, kRequired}};
+constexpr Member kNodeLight[] = {{"light", Kind::kIndex, kRequired}};
+constexpr Member kNodeExtensions[] = {{"EXT_mesh_gpu_instancing", Kind::kObject, kInstancing},
+                                      {"KHR_lights_punctual", Kind::kObject, kNodeLight}};
+constexpr Member kNode[] = {{"name", Kind::kString},
+                            {"children", Kind::kIndices},
+                            {"mesh", Kind::kIndex},
+                            {"camera", Kind::kIndex},
+                            {"skin", Kind::kIndex},
+                            {"matrix", Kind::kNumbers, 16},
+                            {"translation", Kind::kNumbers, 3},
+                            {"rotation", Kind::kNumbers, 4},
+                            {"scale", Kind::kNumbers, 3},
+                            {"weights", Kind::kNumbers},
+                            {"extensions", Kind::kObject, kNodeExtensions}};
+constexpr Member kScene[] = {{"name", Kind::kString}, {"nodes", Kind::kIndices}};
+constexpr Member kPerspective[] = {{"yfov", Kind::kNumber, kRequired},
+                                   {"znear", Kind::kNumber, kRequired},
+                                   {"zfar", Kind::kNumber},
+                                   {"aspectRatio", Kind::kNumber}};
+constexpr Member kOrthographic[] = {{"xmag", Kind::kNumber, kRequired},
+                                    {"ymag", Kind::kNumber, kRequired},
+                                    {"znear", Kind::kNumber, kRequired},
+                                    {"zfar", Kind::kNumber, kRequired}};
+constexpr Member kCamera[] = {{"name", Kind::kString},
+                              {"type", Kind::kString, kRequired},
+                              {"perspective", Kind::kObject, kPerspective},
+                              {"orthographic", Kind::kObject, kOrthographic}};
+constexpr Member kSkin[] = {
+    {"name", Kind::kString}, {"inverseBindMatrices", Kind::kIndex}, {"joints", Kind::kIndices, kRequired}};
+constexpr Member kAnimationSampler[] = {{"input", Kind::kIndex, kRequired}, {"output", Kind::kIndex, kRequired}};
+constexpr Member kAnimation[] = {{"name", Kind::kString}, {"samplers", Kind::kObjects, kAnimationSampler, kRequired}};
+constexpr Member kSpot[] = {{"innerConeAngle", Kind::kNumber}, {"outerConeAngle", Kind::kNumber}};
+constexpr Member kLight[] = {{"name", Kind::kString},      {"type", Kind::kString, kRequired},
+                             {"color", Kind::kNumbers, 3}, {"intensity", Kind::kNumber},
+                             {"range", Kind::kNumber},     {"spot", Kind::kObject, kSpot}};
+constexpr Member kLights[] = {{"lights", Kind::kObjects, kLight}};
+constexpr Member kDocumentExtensions[] = {{"KHR_lights_punctual", Kind::kObject, kLights}};
+constexpr Member kAsset[] = {{"version", Kind::kString, kRequired},
+                             {"minVersion", Kind::kString},
+                             {"copyright", Kind::kString},
+                             {"generator", Kind::kString}};
 
 struct Section {
   Member member;
@@ -267,23 +215,23 @@ struct Section {
 };
 
 constexpr Section kSections[] = {
-    {{"materials", Kind::kObjects, &kMaterial}, "material"},
-    {{"textures", Kind::kObjects, &kTexture}, "texture"},
-    {{"samplers", Kind::kObjects, &kSampler}, "sampler"},
-    {{"images", Kind::kObjects, &kImage}, "image"},
-    {{"buffers", Kind::kObjects, &kBuffer}, "buffer"},
-    {{"bufferViews", Kind::kObjects, &kBufferView}, "buffer view"},
-    {{"accessors", Kind::kObjects, &kAccessor}, "accessor"},
-    {{"meshes", Kind::kObjects, &kMesh}, "mesh"},
-    {{"nodes", Kind::kObjects, &kNode}, "node"},
-    {{"scenes", Kind::kObjects, &kScene}, "scene"},
-    {{"cameras", Kind::kObjects, &kCamera}, "camera"},
-    {{"skins", Kind::kObjects, &kSkin}, "skin"},
-    {{"animations", Kind::kObjects, &kAnimation}, "animation"},
+    {{"materials", Kind::kObjects, kMaterial}, "material"},
+    {{"textures", Kind::kObjects, kTexture}, "texture"},
+    {{"samplers", Kind::kObjects, kSampler}, "sampler"},
+    {{"images", Kind::kObjects, kImage}, "image"},
+    {{"buffers", Kind::kObjects, kBuffer}, "buffer"},
+    {{"bufferViews", Kind::kObjects, kBufferView}, "buffer view"},
+    {{"accessors", Kind::kObjects, kAccessor}, "accessor"},
+    {{"meshes", Kind::kObjects, kMesh}, "mesh"},
+    {{"nodes", Kind::kObjects, kNode}, "node"},
+    {{"scenes", Kind::kObjects, kScene}, "scene"},
+    {{"cameras", Kind::kObjects, kCamera}, "camera"},
+    {{"skins", Kind::kObjects, kSkin}, "skin"},
+    {{"animations", Kind::kObjects, kAnimation}, "animation"},
     {{"extensionsUsed", Kind::kStrings}, "extensionsUsed"},
     {{"extensionsRequired", Kind::kStrings}, "extensionsRequired"},
-    {{"asset", Kind::kObject, &kAsset}, "asset"},
-    {{"extensions", Kind::kObject, &kDocumentExtensions}, "extensions"},
+    {{"asset", Kind::kObject, kAsset}, "asset"},
+    {{"extensions", Kind::kObject, kDocumentExtensions}, "extensions"},
 };
 
 const Section* find_section(std::string_view name) {
@@ -293,7 +241,7 @@ const Section* find_section(std::string_view name) {
   return nullptr;
 }
 
-constexpr Member kAnyMember{};
+constexpr Member kAnyMember;
 constexpr Member kIndexMember{"", Kind::kIndex};
 constexpr Member kNumberMember{"", Kind::kNumber};
 constexpr Member kStringMember{"", Kind::kString};
@@ -344,8 +292,9 @@ class Checker {
   Checker(const Section* section, uint64_t first, uint64_t json_byte, uint64_t head_bytes)
       : section_(section), first_(first), json_byte_(json_byte), head_bytes_(head_bytes) {
     if (section == nullptr) return;
-    root_rule_.members = {&section->member, 1};
-    root_ = {"", Kind::kObject, &root_rule_, 0, false};
+    root_.kind = Kind::kObject;
+    root_.members = &section->member;
+    root_.member_count = 1;
   }
   Checker(const Checker&) = delete;
   Checker& operator=(const Checker&) = delete;
@@ -367,7 +316,8 @@ class Checker {
     const Kind kind = expected().kind;
     const bool fits = kind == Kind::kNumber || (kind == Kind::kSize && value <= kMaxSize) ||
                       ((kind == Kind::kIndex || kind == Kind::kSmallSize) && value <= kMaxInt);
-    if (fits && !frames_.empty() && frames_.back().rule == &kPrimitive && frames_.back().member->name == "indices")
+    if (fits && !frames_.empty() && frames_.back().rules.data() == kPrimitive &&
+        frames_.back().member->name == "indices")
       frames_.back().indices = static_cast<int32_t>(value);
     return fits ? leaf("", true) : leaf(std::to_string(value));
   }
@@ -388,8 +338,8 @@ class Checker {
         frame.each = &kAnyMember;
         break;
       case Kind::kObject:
-        frame.rule = member.object;
-        if (member.object == nullptr) frame.each = &kAnyMember;
+        frame.rules = {member.members, member.member_count};
+        if (frame.rules.empty()) frame.each = &kAnyMember;
         break;
       case Kind::kIndexMap:
         frame.each = &kIndexMember;
@@ -410,7 +360,7 @@ class Checker {
         frame.each = &kAnyMember;
         break;
       case Kind::kObjects:
-        frame.element_rule = member.object;
+        frame.element_rules = {member.members, member.member_count};
         break;
       case Kind::kIndices:
         frame.each = &kIndexMember;
@@ -442,9 +392,8 @@ class Checker {
         return fail(ErrorCode::kRange, "is past the limit of " + std::to_string(kMaxNames) + " names");
       frame.names.push_back(name);
     }
-    if (frame.rule == nullptr) return true;
-    for (size_t i = 0; i < frame.rule->members.size(); ++i) {
-      const Member& member = frame.rule->members[i];
+    for (size_t i = 0; i < frame.rules.size(); ++i) {
+      const Member& member = frame.rules[i];
       if (member.name != name) continue;
       if ((frame.seen >> i & 1u) != 0) return fail(ErrorCode::kFormat, "appears twice");
       frame.seen |= 1u << i;
@@ -456,14 +405,12 @@ class Checker {
 
   bool end_object() {
     const Frame frame = frames_.back();
-    if (frame.rule != nullptr) {
-      for (size_t i = 0; i < frame.rule->members.size(); ++i) {
-        if (!frame.rule->members[i].required || (frame.seen >> i & 1u) != 0) continue;
-        frames_.back().key = std::string(frame.rule->members[i].name);
-        return fail(ErrorCode::kFormat, "is missing");
-      }
-      if (frame.rule == &kPrimitive) outcome.primitive_indices.push_back(frame.indices);
+    for (size_t i = 0; i < frame.rules.size(); ++i) {
+      if (frame.rules[i].presence == kOptional || (frame.seen >> i & 1u) != 0) continue;
+      frames_.back().key = std::string(frame.rules[i].name);
+      return fail(ErrorCode::kFormat, "is missing");
     }
+    if (frame.rules.data() == kPrimitive) outcome.primitive_indices.push_back(frame.indices);
     frames_.pop_back();
     count_element();
     return true;
@@ -496,10 +443,10 @@ class Checker {
 
  private:
   struct Frame {
-    const ObjectRule* rule = nullptr;          // an object with rules
-    const ObjectRule* element_rule = nullptr;  // an array of objects with rules
-    const Member* each = nullptr;              // the rule of every element or member
-    const Member* member = &kAnyMember;        // of the current key
+    std::span<const Member> rules;          // of an object's members
+    std::span<const Member> element_rules;  // of the members of an array's objects
+    const Member* each = nullptr;           // the rule of every element or member
+    const Member* member = &kAnyMember;     // of the current key
     bool array = false;
     bool map = false;                // names have no rules, but each may occur once
     std::vector<std::string> names;  // of a map
@@ -513,8 +460,10 @@ class Checker {
   const Member& expected() {
     if (frames_.empty()) return root_;
     const Frame& frame = frames_.back();
-    if (frame.element_rule != nullptr) {
-      element_ = {"", Kind::kObject, frame.element_rule, 0, false};
+    if (!frame.element_rules.empty()) {
+      element_.kind = Kind::kObject;
+      element_.members = frame.element_rules.data();
+      element_.member_count = static_cast<uint32_t>(frame.element_rules.size());
       return element_;
     }
     if (frame.each != nullptr) return *frame.each;
@@ -529,10 +478,10 @@ class Checker {
   bool leaf(const std::string& found, bool fits = false) {
     const Member& member = expected();
     const bool absent = fits && found == "null" && !frames_.empty() && !frames_.back().array;
-    if (absent && frames_.back().rule != nullptr && member.kind != Kind::kAny) {
-      const auto& members = frames_.back().rule->members;
-      for (size_t i = 0; i < members.size(); ++i) {
-        if (&members[i] == &member) frames_.back().seen &= ~(1u << i);
+    if (const auto rules = frames_.empty() ? std::span<const Member>() : frames_.back().rules;
+        absent && !rules.empty() && member.kind != Kind::kAny) {
+      for (size_t i = 0; i < rules.size(); ++i) {
+        if (&rules[i] == &member) frames_.back().seen &= ~(1u << i);
       }
       return true;
     }
@@ -567,8 +516,7 @@ class Checker {
   const uint64_t first_;
   const uint64_t json_byte_;
   const uint64_t head_bytes_;
-  Member root_{};  // the batch document: an object whose one member is the section
-  ObjectRule root_rule_{};
+  Member root_;  // the batch document: an object whose one member is the section
   Member element_;
   std::vector<Frame> frames_;
 };

@@ -44,15 +44,13 @@ std::optional<Error> bound_error(const compare::GeometryReport& report, const In
   return std::nullopt;
 }
 
-Result<compare::GeometryReport> measure_against(const format::Container& file, const InspectOptions& options) {
+Result<compare::GeometryReport> measure_against(const format::Container& file, const InspectOptions& options) try {
   const Result<convert::SourceScene> source =
       convert::import_gltf(options.source, {.exclude = options.exclude, .allow_outside = options.allow_outside});
   if (!source) return source.error();
-  try {
-    return compare::compare_geometry(*source, file);
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left to compare it with " + options.source};
-  }
+  return compare::compare_geometry(*source, file);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left to compare it with " + options.source};
 }
 
 }  // namespace

@@ -2,18 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <utility>
 #include <vector>
 
+#include "format/vec3.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "runtime/threads/parallel.h"
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/scene_functions.h"
-#include "tools/synth/vec3.h"
 
 namespace scree::synth {
 namespace {
@@ -49,34 +48,22 @@ double hills(double x, double z) {
   return 3.0 * std::sin(0.021 * x + 1) * std::cos(0.017 * z) + 0.8 * std::sin(0.09 * x) * std::sin(0.083 * z + 2);
 }
 
-struct Part {
-  std::vector<float> positions, uvs;
-  std::vector<uint32_t> indices;
-  uint32_t material = 0;
-
-  uint32_t vertex_count() const { return static_cast<uint32_t>(positions.size() / 3); }
-  void vertex(const Vec3& at, double u, double v) {
-    for (const double part : at) positions.push_back(static_cast<float>(part));
-    uvs.insert(uvs.end(), {static_cast<float>(u), static_cast<float>(v)});
-  }
-};
-
 /// A card that shows one sprig of the atlas: its stem begins at `foot` and goes along `up`, `size` long.
-void add_card(Part& part, const Vec3& foot, const Vec3& up, const Vec3& side, double size, uint32_t sprig) {
-  const uint32_t first = part.vertex_count();
+void add_card(Mesh& part, const Vec3& foot, const Vec3& up, const Vec3& side, double size, uint32_t sprig) {
+  const auto first = static_cast<uint32_t>(part.vertex_count());
   const double u = (sprig % kCells) / double{kCells}, v = (sprig / kCells % kCells) / double{kCells};
   for (uint32_t corner = 0; corner < 4; ++corner) {
     const double across = (corner == 1 || corner == 2) ? 0.5 : -0.5, along = corner < 2 ? 0.0 : 1.0;
     Vec3 at;
     for (size_t i = 0; i < 3; ++i) at[i] = foot[i] + size * (across * side[i] + along * up[i]);
-    part.vertex(at, u + (0.5 + across) / kCells, v + (1 - along) / kCells);
+    part.add_vertex(at, u + (0.5 + across) / kCells, v + (1 - along) / kCells);
   }
-  part.indices.insert(part.indices.end(), {first, first + 1, first + 2, first, first + 2, first + 3});
+  part.add_quad(first, first + 1, first + 2, first + 3);
 }
 
 /// Leaves of plant number `plant`, whose foot is at the origin.
-Part make_leaves(uint32_t plant, uint32_t material) {
-  Part part{.material = material};
+Mesh make_leaves(uint32_t plant, uint32_t material) {
+  Mesh part{.material = material};
   Chance chance(1000 + plant);
   const bool is_tree = plant < kTrees, is_grass = plant >= kTrees + kBushes;
   const double height = is_tree ? chance.between(6, 14) : is_grass ? 0.7 : chance.between(1.2, 2.2);
@@ -104,9 +91,9 @@ Part make_leaves(uint32_t plant, uint32_t material) {
 }
 
 /// A trunk of 5 rings of 6 sides, a little crooked.
-Part make_trunk(uint32_t plant, uint32_t material) {
+Mesh make_trunk(uint32_t plant, uint32_t material) {
   constexpr uint32_t kSides = 6, kRings = 5;
-  Part part{.material = material};
+  Mesh part{.material = material};
   Chance chance(1000 + plant);
   const double height = 0.8 * chance.between(6, 14);
   for (uint32_t ring = 0; ring <= kRings; ++ring) {
@@ -115,33 +102,29 @@ Part make_trunk(uint32_t plant, uint32_t material) {
                  shift_z = 0.02 * height * t * chance.between(-1, 1);
     for (uint32_t side = 0; side < kSides; ++side) {
       const double angle = 2 * std::numbers::pi * side / kSides;
-      part.vertex({shift_x + radius * std::cos(angle), -0.2 + t * height, shift_z + radius * std::sin(angle)},
-                  static_cast<double>(side) / kSides, t);
+      part.add_vertex({shift_x + radius * std::cos(angle), -0.2 + t * height, shift_z + radius * std::sin(angle)},
+                      static_cast<double>(side) / kSides, t);
     }
   }
   for (uint32_t ring = 0; ring < kRings; ++ring) {
     for (uint32_t side = 0; side < kSides; ++side) {
       const uint32_t a = ring * kSides + side, b = ring * kSides + (side + 1) % kSides;
-      part.indices.insert(part.indices.end(), {a, a + kSides, b + kSides, a, b + kSides, b});
+      part.add_quad(a, a + kSides, b + kSides, b);
     }
   }
   return part;
 }
 
-Part make_ground(double side, uint32_t material) {
+Mesh make_ground(double side, uint32_t material) {
   constexpr uint32_t kQuads = 160;
-  Part part{.material = material};
+  Mesh part{.material = material};
   for (uint32_t j = 0; j <= kQuads; ++j)
     for (uint32_t i = 0; i <= kQuads; ++i) {
       const double x = side * (static_cast<double>(i) / kQuads - 0.5),
                    z = side * (static_cast<double>(j) / kQuads - 0.5);
-      part.vertex({x, hills(x, z), z}, x, z);
+      part.add_vertex({x, hills(x, z), z}, x, z);
     }
-  for (uint32_t j = 0; j < kQuads; ++j)
-    for (uint32_t i = 0; i < kQuads; ++i) {
-      const uint32_t a = j * (kQuads + 1) + i, b = a + kQuads + 1;
-      part.indices.insert(part.indices.end(), {a, b, b + 1, a, b + 1, a + 1});
-    }
+  part.add_grid(kQuads, kQuads, Mesh::Rows::kDown);
   return part;
 }
 
@@ -206,33 +189,6 @@ std::vector<uint8_t> make_atlas(uint32_t atlas, uint32_t size, uint32_t threads)
   return rgba;
 }
 
-Result<GltfPrimitive> add_part(GltfWriter& writer, const Part& part) {
-  GltfPrimitive primitive{.material = part.material};
-  GltfAccessor accessor{.count = part.vertex_count()};
-  accessor.min.assign(3, std::numeric_limits<double>::infinity());
-  accessor.max.assign(3, -std::numeric_limits<double>::infinity());
-  for (size_t i = 0; i < part.positions.size(); ++i) {
-    accessor.min[i % 3] = std::min(accessor.min[i % 3], double{part.positions[i]});
-    accessor.max[i % 3] = std::max(accessor.max[i % 3], double{part.positions[i]});
-  }
-  Result<uint32_t> added = append_stream(writer, part.positions, accessor, GltfTarget::kVertices);
-  if (!added) return added.error();
-  primitive.attributes.emplace_back("POSITION", *added);
-  accessor.min.clear();
-  accessor.max.clear();
-  accessor.type = GltfType::kVec2;
-  added = append_stream(writer, part.uvs, accessor, GltfTarget::kVertices);
-  if (!added) return added.error();
-  primitive.attributes.emplace_back("TEXCOORD_0", *added);
-  accessor.type = GltfType::kScalar;
-  accessor.component = GltfComponent::kUint32;
-  accessor.count = part.indices.size();
-  added = append_stream(writer, part.indices, accessor, GltfTarget::kIndices);
-  if (!added) return added.error();
-  primitive.indices = *added;
-  return primitive;
-}
-
 /// Materials 0 and 1: the atlases; 2 and 3: bark and ground.
 Result<void> add_materials(GltfWriter& writer, const SynthOptions& options) {
   for (uint32_t atlas = 0; atlas < 2; ++atlas) {
@@ -243,13 +199,7 @@ Result<void> add_materials(GltfWriter& writer, const SynthOptions& options) {
     GltfMaterial material{.name = atlas == 0 ? "leaves" : "blades"};
     const Result<uint32_t> image = writer.add_image(material.name, format::ImageCodec::kPng, *png);
     if (!image) return image.error();
-    GltfTexture texture;
-    texture.name = material.name;
-    texture.image = *image;
-    texture.wrap_s = texture.wrap_t = format::Wrap::kClamp;
-    texture.mag_filter = 9729;  // linear
-    texture.min_filter = 9987;  // linear between mip levels too
-    material.texture = writer.add_texture(std::move(texture));
+    material.texture = writer.add_texture(trilinear(*image, material.name, format::Wrap::kClamp));
     material.alpha = GltfAlpha::kMask;
     material.double_sided = true;
     writer.add_material(std::move(material));
@@ -291,17 +241,8 @@ std::vector<Placement> scatter(uint32_t count, double side, uint32_t seed) {
   return placements;
 }
 
-uint32_t add_camera(GltfWriter& writer, const char* name, const Vec3& eye, const Vec3& target) {
-  const GltfCamera lens{.name = name, .y = std::numbers::pi / 3, .x = 16.0 / 9.0};
-  const Vec3 back = normalized({eye[0] - target[0], eye[1] - target[1], eye[2] - target[2]});
-  const Vec3 right = normalized(cross({0, 1, 0}, back)), up = cross(back, right);
-  GltfNode node;
-  node.name = name;
-  node.camera = writer.add_camera(lens);
-  node.has_matrix = true;
-  node.local = {right[0], right[1], right[2], 0, up[0],  up[1],  up[2],  0,
-                back[0],  back[1],  back[2],  0, eye[0], eye[1], eye[2], 1};
-  return writer.add_node(std::move(node));
+uint32_t add_view(GltfWriter& writer, const char* name, const Vec3& eye, const Vec3& target) {
+  return add_camera(writer, {.name = name, .y = std::numbers::pi / 3, .x = 16.0 / 9.0}, eye, target);
 }
 
 }  // namespace
@@ -316,11 +257,11 @@ Result<SynthReport> write_forest(const SynthOptions& options) {
   const double side = std::sqrt(count * kArea);
   SynthReport report;
   std::vector<uint64_t> triangles;
-  const auto add_mesh = [&](const std::string& name, const std::vector<Part>& parts) -> Result<void> {
+  const auto add_mesh = [&](const std::string& name, const std::vector<Mesh>& parts) -> Result<void> {
     GltfMesh mesh{.name = name};
     triangles.push_back(0);
-    for (const Part& part : parts) {
-      Result<GltfPrimitive> primitive = add_part(*writer, part);
+    for (const Mesh& part : parts) {
+      Result<GltfPrimitive> primitive = append_primitive(*writer, part);
       if (!primitive) return primitive.error();
       mesh.primitives.push_back(std::move(*primitive));
       report.vertices += part.vertex_count();
@@ -332,7 +273,7 @@ Result<SynthReport> write_forest(const SynthOptions& options) {
   };
   for (uint32_t plant = 0; plant < kPlants; ++plant) {
     const bool is_tree = plant < kTrees;
-    std::vector<Part> parts{make_leaves(plant, plant < kTrees + kBushes ? 0 : 1)};
+    std::vector<Mesh> parts{make_leaves(plant, plant < kTrees + kBushes ? 0 : 1)};
     if (is_tree) parts.push_back(make_trunk(plant, 2));
     const char* const kind = is_tree ? "tree " : plant < kTrees + kBushes ? "bush " : "grass ";
     if (Result<void> added = add_mesh(kind + std::to_string(plant), parts); !added) return added.error();
@@ -341,29 +282,20 @@ Result<SynthReport> write_forest(const SynthOptions& options) {
 
   const std::vector<Placement> placements = scatter(count, side, options.seed);
   std::vector<uint32_t> children;
-  GltfNode ground;
-  ground.name = "ground";
-  ground.mesh = kPlants;
-  children.push_back(writer->add_node(std::move(ground)));
+  children.push_back(writer->add_node({.name = "ground", .mesh = kPlants}));
   report.drawn_triangles = triangles[kPlants];
   for (const Placement& placement : placements) report.drawn_triangles += triangles[placement.mesh];
   report.instances = placements.size() + 1;
   if (options.gpu_instancing) {
     if (Result<void> added = add_instanced_nodes(*writer, placements, children); !added) return added.error();
   } else {
-    for (const Placement& placement : placements) {
-      GltfNode node{.name = "plant", .mesh = placement.mesh};
-      std::copy(placement.translation.begin(), placement.translation.end(), node.local.begin());
-      std::copy(placement.rotation.begin(), placement.rotation.end(), node.local.begin() + 3);
-      std::copy(placement.scale.begin(), placement.scale.end(), node.local.begin() + 7);
-      children.push_back(writer->add_node(std::move(node)));
-    }
+    for (const Placement& placement : placements) children.push_back(writer->add_node(node_of(placement, "plant")));
   }
   const double edge = side / 2;
-  children.push_back(add_camera(*writer, "overview", {0, 0.3 * edge + 12, 1.1 * edge}, {0, 0, 0}));
-  children.push_back(add_camera(*writer, "within", {0, hills(0, 0) + 1.7, 0}, {10, hills(10, -30) + 3, -30}));
+  children.push_back(add_view(*writer, "overview", {0, 0.3 * edge + 12, 1.1 * edge}, {0, 0, 0}));
+  children.push_back(add_view(*writer, "within", {0, hills(0, 0) + 1.7, 0}, {10, hills(10, -30) + 3, -30}));
   children.push_back(
-      add_camera(*writer, "clearing", {0.4 * edge, hills(0.4 * edge, 0) + 9, 0}, {-0.2 * edge, 2, -0.3 * edge}));
+      add_view(*writer, "clearing", {0.4 * edge, hills(0.4 * edge, 0) + 9, 0}, {-0.2 * edge, 2, -0.3 * edge}));
   writer->add_scene({"forest", {writer->add_node({.name = "forest", .children = std::move(children)})}});
   if (Result<void> finished = writer->finish(); !finished) return finished.error();
   report.file_bytes = writer->total_bytes();

@@ -1,15 +1,48 @@
-// Parts that the scene writers share: streams, instances, row-parallel loops.
+// Parts that the scene writers share: meshes, textures, instances, cameras, row-parallel loops.
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "format/result.h"
+#include "format/vec3.h"
 #include "tools/gltf/writer.h"
 
 namespace scree::synth {
+
+inline Vec3 normalized(const Vec3& a) {
+  return a * (1.0 / std::sqrt(dot(a, a)));
+}
+
+/// Triangles with one material, in the form of glTF.
+struct Mesh {
+  std::string name;
+  std::vector<float> positions;  // 3 per vertex
+  std::vector<float> uvs;        // 2 per vertex, or none
+  std::vector<uint8_t> colors;   // 4 per vertex, or none: linear, multiplied with the base colour
+  std::vector<uint32_t> indices;
+  uint32_t material = format::kNone;
+  bool may_have_short_indices = false;  // of 16 bits, if they suffice
+
+  uint64_t vertex_count() const { return positions.size() / 3; }
+  void add_vertex(const Vec3& at, double u, double v);
+  /// The triangles a, b, c and a, c, d.
+  void add_quad(uint32_t a, uint32_t b, uint32_t c, uint32_t d);
+  /// The quads of a grid that consists of the first `rows` + 1 times `columns` + 1 vertices, row after row. Their
+  /// triangles are counter-clockwise for an eye that sees columns go to the right and rows go up, or down.
+  enum class Rows : uint8_t { kUp, kDown };
+  void add_grid(uint32_t columns, uint32_t rows, Rows direction);
+};
+
+/// Appends the mesh's streams to the buffer.
+Result<tools::GltfPrimitive> append_primitive(tools::GltfWriter& writer, const Mesh& mesh);
+
+/// A texture that is filtered trilinearly.
+tools::GltfTexture trilinear(uint32_t image, std::string name = {}, format::Wrap wrap = format::Wrap::kRepeat);
 
 /// An instance of a mesh: scaled, rotated (quaternion xyzw), then translated.
 struct Placement {
@@ -32,6 +65,12 @@ Result<uint32_t> append_stream(tools::GltfWriter& writer, const std::vector<T>& 
   if (!offset) return offset.error();
   return add_stream(writer, *offset, bytes.size(), std::move(accessor), target);
 }
+
+/// A node with the placement's mesh and transform.
+tools::GltfNode node_of(const Placement& placement, std::string name);
+
+/// Adds a camera, and a node that takes it to `eye` and turns it to `target`; y is up. Returns the node.
+uint32_t add_camera(tools::GltfWriter& writer, const tools::GltfCamera& lens, const Vec3& eye, const Vec3& target);
 
 /// Adds one node per placed mesh, with EXT_mesh_gpu_instancing (float translations, quaternions and scales), and the
 /// nodes' indices to `nodes`.

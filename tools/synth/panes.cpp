@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <string>
 #include <utility>
@@ -30,50 +29,20 @@ constexpr double kPaneWaves = 0.12;  // height of the waves; neighbouring panes 
 
 /// Adds a grid at `distance`, whose waves have the given phase.
 Result<GltfPrimitive> add_pane(GltfWriter& writer, double distance, double phase, bool has_uvs) {
-  std::vector<float> positions;
-  std::vector<float> uvs;
-  std::vector<uint32_t> indices;
+  Mesh mesh;
   const double half_height = kPaneMargin * (distance + kPaneWaves) * std::tan(kPaneAngle / 2);
   for (uint32_t y = 0; y <= kPaneQuads; ++y) {
     for (uint32_t x = 0; x <= kPaneQuads; ++x) {
       const double u = static_cast<double>(x) / kPaneQuads;
       const double v = static_cast<double>(y) / kPaneQuads;
       const double wave = kPaneWaves * std::sin(9 * u + phase) * std::sin(7 * v + 2 * phase);
-      for (const double value : {(2 * u - 1) * half_height * kPaneAspect, (1 - 2 * v) * half_height, wave - distance})
-        positions.push_back(static_cast<float>(value));
-      for (const double value : {4 * u, 4 * v}) uvs.push_back(static_cast<float>(value));
-      if (x == kPaneQuads || y == kPaneQuads) continue;
-      const uint32_t corner = y * (kPaneQuads + 1) + x;
-      const uint32_t below = corner + kPaneQuads + 1;
-      for (const uint32_t index : {corner, below, below + 1, corner, below + 1, corner + 1}) indices.push_back(index);
+      mesh.add_vertex({(2 * u - 1) * half_height * kPaneAspect, (1 - 2 * v) * half_height, wave - distance}, 4 * u,
+                      4 * v);
     }
   }
-  GltfAccessor accessor{.count = positions.size() / 3};
-  accessor.min.assign(3, std::numeric_limits<double>::infinity());
-  accessor.max.assign(3, -std::numeric_limits<double>::infinity());
-  for (size_t i = 0; i < positions.size(); ++i) {
-    accessor.min[i % 3] = std::min(accessor.min[i % 3], double{positions[i]});
-    accessor.max[i % 3] = std::max(accessor.max[i % 3], double{positions[i]});
-  }
-  GltfPrimitive primitive;
-  Result<uint32_t> added = append_stream(writer, positions, accessor, GltfTarget::kVertices);
-  if (!added) return added.error();
-  primitive.attributes.emplace_back("POSITION", *added);
-  accessor.min.clear();
-  accessor.max.clear();
-  if (has_uvs) {
-    accessor.type = GltfType::kVec2;
-    added = append_stream(writer, uvs, accessor, GltfTarget::kVertices);
-    if (!added) return added.error();
-    primitive.attributes.emplace_back("TEXCOORD_0", *added);
-  }
-  accessor.type = GltfType::kScalar;
-  accessor.component = GltfComponent::kUint32;
-  accessor.count = indices.size();
-  added = append_stream(writer, indices, accessor, GltfTarget::kIndices);
-  if (!added) return added.error();
-  primitive.indices = *added;
-  return primitive;
+  mesh.add_grid(kPaneQuads, kPaneQuads, Mesh::Rows::kDown);
+  if (!has_uvs) mesh.uvs.clear();
+  return append_primitive(writer, mesh);
 }
 
 /// Adds a texture with streaks in its alpha.
@@ -94,12 +63,7 @@ Result<uint32_t> add_streaks(GltfWriter& writer, uint32_t size) {
   if (!png) return png.error();
   const Result<uint32_t> image = writer.add_image("streaks", format::ImageCodec::kPng, *png);
   if (!image) return image.error();
-  GltfTexture texture;
-  texture.name = "streaks";
-  texture.image = *image;
-  texture.mag_filter = 9729;  // linear
-  texture.min_filter = 9987;  // linear between mip levels too
-  return writer.add_texture(std::move(texture));
+  return writer.add_texture(trilinear(*image, "streaks"));
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "tools/synth/gltf_parts.h"
+
 namespace scree::synth {
 namespace {
 

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "format/vec3.h"
 #include "tools/synth/scene_functions.h"
-#include "tools/synth/vec3.h"
 
 namespace scree::synth {
 

@@ -4,17 +4,17 @@
 #include <array>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <numbers>
 #include <string>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
+#include "format/vec3.h"
 #include "runtime/threads/parallel.h"
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/textures.h"
-#include "tools/synth/vec3.h"
 
 namespace scree::synth {
 namespace {
@@ -55,28 +55,11 @@ class Random {
   uint32_t count_ = 0;
 };
 
-/// Triangles with one material, in the form of glTF.
-struct Mesh {
-  std::string name;
-  std::vector<float> positions;  // 3 per vertex
-  std::vector<float> uvs;        // 2
-  std::vector<uint8_t> colors;   // 4: linear, multiplied with the base colour
-  std::vector<uint32_t> indices;
-  uint32_t material = 0;
-
-  uint32_t vertex_count() const { return static_cast<uint32_t>(positions.size() / 3); }
-  void add_vertex(const Vec3& p, double u, double v, double light) {
-    for (const double part : p) positions.push_back(static_cast<float>(part));
-    uvs.push_back(static_cast<float>(u));
-    uvs.push_back(static_cast<float>(v));
-    const uint8_t level = static_cast<uint8_t>(std::clamp(light, 0.0, 1.0) * 255.0 + 0.5);
-    for (const uint8_t part : {level, level, level, uint8_t{255}}) colors.push_back(part);
-  }
-  /// The two triangles of a quad, with corners as in quad_indices.
-  void add_quad(uint32_t corner00, uint32_t corner10, uint32_t corner11, uint32_t corner01) {
-    for (const uint32_t index : {corner00, corner10, corner11, corner00, corner11, corner01}) indices.push_back(index);
-  }
-};
+void add_vertex(Mesh& mesh, const Vec3& at, double u, double v, double light) {
+  mesh.add_vertex(at, u, v);
+  const uint8_t level = static_cast<uint8_t>(std::clamp(light, 0.0, 1.0) * 255.0 + 0.5);
+  mesh.colors.insert(mesh.colors.end(), {level, level, level, 255});
+}
 
 // ---- The ground: s metres up the slope (towards -z), x to the right ----
 
@@ -273,8 +256,8 @@ Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
         // The four sides share one strip of the texture, which is seamless around; u runs to the right, seen from
         // outside.
         const double u = positive != 0 ? a : b, v = positive != 0 ? b : a;
-        mesh.add_vertex({d[0] * r * shape[0], d[1] * r * shape[1], d[2] * r * shape[2]},
-                        repeat * (0.5 * u + 0.5) + 0.37 * face, repeat * (0.5 - 0.5 * v) + 0.21 * face, light);
+        add_vertex(mesh, {d[0] * r * shape[0], d[1] * r * shape[1], d[2] * r * shape[2]},
+                   repeat * (0.5 * u + 0.5) + 0.37 * face, repeat * (0.5 - 0.5 * v) + 0.21 * face, light);
       }
   const MeshRecipe grid{.n = n};
   for (uint32_t quad = 0; quad < 6 * n * n; ++quad) {
@@ -343,13 +326,9 @@ Mesh make_ground(const std::vector<Stone>& stones, uint32_t threads) {
     for (uint32_t i = 0; i <= kGroundColumns; ++i) {
       const Vec3& p = rows[j].points[i];
       // Metres along the slope, so that the texture is not stretched where it is steep.
-      mesh.add_vertex(p, p[0] / 5.0, (p[2] - 0.6 * p[1]) / 5.5, rows[j].light[i]);
+      add_vertex(mesh, p, p[0] / 5.0, (p[2] - 0.6 * p[1]) / 5.5, rows[j].light[i]);
     }
-  for (uint32_t j = 0; j < kGroundRows; ++j)
-    for (uint32_t i = 0; i < kGroundColumns; ++i) {
-      const uint32_t first = j * (kGroundColumns + 1) + i;
-      mesh.add_quad(first, first + 1, first + kGroundColumns + 2, first + kGroundColumns + 1);
-    }
+  mesh.add_grid(kGroundColumns, kGroundRows, Mesh::Rows::kUp);
   return mesh;
 }
 
@@ -371,62 +350,13 @@ Mesh make_cliff() {
       const double s = kCliffFoot - 1.0 + back;
       const Vec3 p{x0 + 1.2 * block, slope_profile(kCliffFoot) + y, -s};
       const double light = 0.74 + 0.2 * rib + 0.5 * block + 0.3 * ledge;
-      mesh.add_vertex(p, x0 / 11.0, -y / 11.0 - 0.05 * back, light);
+      add_vertex(mesh, p, x0 / 11.0, -y / 11.0 - 0.05 * back, light);
     }
-  for (uint32_t j = 0; j < kCliffRows; ++j)
-    for (uint32_t i = 0; i < kGroundColumns; ++i) {
-      const uint32_t first = j * (kGroundColumns + 1) + i;
-      mesh.add_quad(first, first + 1, first + kGroundColumns + 2, first + kGroundColumns + 1);
-    }
+  mesh.add_grid(kGroundColumns, kCliffRows, Mesh::Rows::kUp);
   return mesh;
 }
 
 // ---- The document ----
-
-Result<void> add_mesh(GltfWriter& writer, const Mesh& mesh) {
-  GltfPrimitive primitive{.material = mesh.material};
-  GltfAccessor accessor{.count = mesh.vertex_count()};
-  const double infinity = std::numeric_limits<double>::infinity();
-  accessor.min.assign(3, infinity);
-  accessor.max.assign(3, -infinity);
-  for (uint64_t i = 0; i < mesh.positions.size(); ++i) {
-    accessor.min[i % 3] = std::min(accessor.min[i % 3], double{mesh.positions[i]});
-    accessor.max[i % 3] = std::max(accessor.max[i % 3], double{mesh.positions[i]});
-  }
-  const auto attribute = [&](const char* semantic, const auto& values) -> Result<void> {
-    const Result<uint32_t> added = append_stream(writer, values, accessor, GltfTarget::kVertices);
-    if (!added) return added.error();
-    primitive.attributes.emplace_back(semantic, *added);
-    accessor.min.clear();
-    accessor.max.clear();
-    return {};
-  };
-  Result<void> added = attribute("POSITION", mesh.positions);
-  accessor.type = GltfType::kVec2;
-  if (added) added = attribute("TEXCOORD_0", mesh.uvs);
-  accessor.type = GltfType::kVec4;
-  accessor.component = GltfComponent::kUint8;
-  accessor.normalized = true;
-  if (added) added = attribute("COLOR_0", mesh.colors);
-  if (!added) return added;
-
-  accessor.type = GltfType::kScalar;
-  accessor.normalized = false;
-  accessor.count = mesh.indices.size();
-  Result<uint32_t> indices = uint32_t{0};
-  if (mesh.vertex_count() <= 65535) {
-    accessor.component = GltfComponent::kUint16;
-    const std::vector<uint16_t> shorts(mesh.indices.begin(), mesh.indices.end());
-    indices = append_stream(writer, shorts, accessor, GltfTarget::kIndices);
-  } else {
-    accessor.component = GltfComponent::kUint32;
-    indices = append_stream(writer, mesh.indices, accessor, GltfTarget::kIndices);
-  }
-  if (!indices) return indices.error();
-  primitive.indices = *indices;
-  writer.add_mesh({mesh.name, {std::move(primitive)}});
-  return {};
-}
 
 /// A stone's appearance: a texture and a tint.
 struct Look {
@@ -469,20 +399,6 @@ Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
   return {};
 }
 
-GltfNode camera_node(GltfWriter& writer) {
-  const GltfCamera lens{.name = "view", .y = std::numbers::pi / 4, .x = 16.0 / 9.0, .z_near = 0.1};
-  const Vec3 eye{0.5, ground_height(0.5, -16.0) + 2.6, 16.0};
-  const Vec3 target{-2.0, 14.5, -40.0};
-  const Vec3 back = normalized(eye - target), right = normalized(cross({0, 1, 0}, back)), up = cross(back, right);
-  GltfNode node;
-  node.name = "view";
-  node.camera = writer.add_camera(lens);
-  node.has_matrix = true;
-  node.local = {right[0], right[1], right[2], 0, up[0],  up[1],  up[2],  0,
-                back[0],  back[1],  back[2],  0, eye[0], eye[1], eye[2], 1};
-  return node;
-}
-
 }  // namespace
 
 Result<SynthReport> write_slope(const SynthOptions& options) {
@@ -506,8 +422,11 @@ Result<SynthReport> write_slope(const SynthOptions& options) {
   meshes.back().material = kCliffLook;
 
   SynthReport report;
+  for (Mesh& mesh : meshes) mesh.may_have_short_indices = true;
   for (const Mesh& mesh : meshes) {
-    if (Result<void> added = add_mesh(*writer, mesh); !added) return added.error();
+    Result<GltfPrimitive> primitive = append_primitive(*writer, mesh);
+    if (!primitive) return primitive.error();
+    writer->add_mesh({mesh.name, {std::move(*primitive)}});
     report.vertices += mesh.vertex_count();
     report.unique_triangles += mesh.indices.size() / 3;
   }
@@ -521,15 +440,11 @@ Result<SynthReport> write_slope(const SynthOptions& options) {
   if (options.gpu_instancing) {
     if (Result<void> added = add_instanced_nodes(*writer, placements, children); !added) return added.error();
   } else {
-    for (const Placement& placement : placements) {
-      GltfNode node{.name = meshes[placement.mesh].name, .mesh = placement.mesh};
-      std::copy(placement.translation.begin(), placement.translation.end(), node.local.begin());
-      std::copy(placement.rotation.begin(), placement.rotation.end(), node.local.begin() + 3);
-      std::copy(placement.scale.begin(), placement.scale.end(), node.local.begin() + 7);
-      children.push_back(writer->add_node(std::move(node)));
-    }
+    for (const Placement& placement : placements)
+      children.push_back(writer->add_node(node_of(placement, meshes[placement.mesh].name)));
   }
-  children.push_back(writer->add_node(camera_node(*writer)));
+  children.push_back(add_camera(*writer, {.name = "view", .y = std::numbers::pi / 4, .x = 16.0 / 9.0, .z_near = 0.1},
+                                {0.5, ground_height(0.5, -16.0) + 2.6, 16.0}, {-2.0, 14.5, -40.0}));
   writer->add_scene({"slope", {writer->add_node({.name = "slope", .children = std::move(children)})}});
   if (Result<void> finished = writer->finish(); !finished) return finished.error();
   report.file_bytes = writer->total_bytes();

@@ -4,7 +4,6 @@
 #include <array>
 #include <bit>
 #include <cstddef>
-#include <limits>
 #include <new>
 #include <span>
 #include <utility>
@@ -36,53 +35,16 @@ Result<void> add_tile(GltfWriter& writer, uint32_t number, uint32_t material) {
   const int first_i = static_cast<int>(number % kAcross * kQuads);
   const int first_j = static_cast<int>(number / kAcross * kQuads);
   constexpr double kStep = kTileSide / kQuads;
-  std::vector<float> positions;
-  std::vector<float> uvs;
-  GltfAccessor accessor;
-  accessor.min.assign(3, std::numeric_limits<double>::infinity());
-  accessor.max.assign(3, -std::numeric_limits<double>::infinity());
+  Mesh mesh{.name = "tile " + std::to_string(number), .material = material};
   for (int j = 0; j <= static_cast<int>(kQuads); ++j) {
-    for (int i = 0; i <= static_cast<int>(kQuads); ++i) {
-      const double place[3] = {(first_i + i) * kStep, (first_j + j) * kStep, height(first_i + i, first_j + j)};
-      for (size_t axis = 0; axis < 3; ++axis) {
-        const auto value = static_cast<float>(place[axis]);
-        positions.push_back(value);
-        accessor.min[axis] = std::min(accessor.min[axis], double{value});
-        accessor.max[axis] = std::max(accessor.max[axis], double{value});
-      }
-      uvs.push_back(static_cast<float>(i) / kQuads);
-      uvs.push_back(static_cast<float>(j) / kQuads);
-    }
+    for (int i = 0; i <= static_cast<int>(kQuads); ++i)
+      mesh.add_vertex({(first_i + i) * kStep, (first_j + j) * kStep, height(first_i + i, first_j + j)},
+                      static_cast<double>(i) / kQuads, static_cast<double>(j) / kQuads);
   }
-  std::vector<uint32_t> indices;
-  for (uint32_t j = 0; j < kQuads; ++j) {
-    for (uint32_t i = 0; i < kQuads; ++i) {
-      const uint32_t corner = j * (kQuads + 1) + i;
-      const uint32_t below = corner + kQuads + 1;
-      indices.insert(indices.end(), {corner, corner + 1, below + 1, corner, below + 1, below});
-    }
-  }
-  GltfPrimitive primitive{.material = material};
-  accessor.count = uvs.size() / 2;
-  const auto add = [&](const auto& values, GltfTarget target) {
-    return append_stream(writer, values, accessor, target);
-  };
-  Result<uint32_t> added = add(positions, GltfTarget::kVertices);
-  if (!added) return added.error();
-  primitive.attributes.emplace_back("POSITION", *added);
-  accessor.min.clear();
-  accessor.max.clear();
-  accessor.type = GltfType::kVec2;
-  added = add(uvs, GltfTarget::kVertices);
-  if (!added) return added.error();
-  primitive.attributes.emplace_back("TEXCOORD_0", *added);
-  accessor.type = GltfType::kScalar;
-  accessor.component = GltfComponent::kUint32;
-  accessor.count = indices.size();
-  added = add(indices, GltfTarget::kIndices);
-  if (!added) return added.error();
-  primitive.indices = *added;
-  writer.add_mesh({"tile " + std::to_string(number), {std::move(primitive)}});
+  mesh.add_grid(kQuads, kQuads, Mesh::Rows::kUp);
+  Result<GltfPrimitive> primitive = append_primitive(writer, mesh);
+  if (!primitive) return primitive.error();
+  writer.add_mesh({mesh.name, {std::move(*primitive)}});
   return {};
 }
 
@@ -126,49 +88,42 @@ std::array<SceneCamera, 2> textured_cameras() {
           SceneCamera{"closeup", {210, 160, 34}, {280, 230, 8}}};
 }
 
-Result<TexturedReport> write_textured(const TexturedOptions& options) {
+Result<TexturedReport> write_textured(const TexturedOptions& options) try {
   if (options.meshes == 0 || options.size == 0 || options.size > 32768 || options.stone < 32 ||
       !std::has_single_bit(options.stone) || options.size % options.stone != 0)
     return Error{ErrorCode::kUsage, std::to_string(options.meshes) + " textures of " + std::to_string(options.size) +
                                         " texels per side, expected 1 or more of a multiple of " +
                                         std::to_string(options.stone) + ", at most 32768"};
-  try {
-    const uint32_t threads = thread_count(options.threads, options.meshes);
-    std::vector<std::vector<uint8_t>> stones;
-    for (const TextureKind kind :
-         {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround})
-      stones.push_back(make_texture(kind, options.stone, options.threads));
-    std::vector<Result<std::vector<std::byte>>> files(options.meshes, std::vector<std::byte>());
-    runtime::parallel_for(files.size(), threads,
-                          [&](uint64_t i) { files[i] = make_jpeg(static_cast<uint32_t>(i), options, stones); });
-    Result<GltfWriter> writer = GltfWriter::create(options.output);
-    if (!writer) return writer.error();
-    TexturedReport report;
-    GltfScene scene{.name = "textured"};
-    for (uint32_t i = 0; i < options.meshes; ++i) {
-      if (!files[i]) return files[i].error();
-      report.texture_bytes += files[i]->size();
-      const std::string name = "texture" + std::to_string(i);
-      const Result<uint32_t> image = writer->add_image(name, format::ImageCodec::kJpeg, *files[i]);
-      if (!image) return image.error();
-      files[i] = std::vector<std::byte>{};
-      GltfTexture texture;
-      texture.image = *image;
-      texture.wrap_s = texture.wrap_t = format::Wrap::kClamp;
-      texture.mag_filter = 9729;  // linear
-      texture.min_filter = 9987;  // linear between mip levels too
-      GltfMaterial material{.texture = writer->add_texture(std::move(texture))};
-      if (const Result<void> added = add_tile(*writer, i, writer->add_material(std::move(material))); !added)
-        return added.error();
-      scene.nodes.push_back(writer->add_node({.name = "tile " + std::to_string(i), .mesh = i}));
-      report.triangles += uint64_t{2} * kQuads * kQuads;
-    }
-    writer->add_scene(std::move(scene));
-    if (const Result<void> finished = writer->finish(); !finished) return finished.error();
-    return report;
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(options.meshes) + " textures"};
+  const uint32_t threads = thread_count(options.threads, options.meshes);
+  std::vector<std::vector<uint8_t>> stones;
+  for (const TextureKind kind :
+       {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround})
+    stones.push_back(make_texture(kind, options.stone, options.threads));
+  std::vector<Result<std::vector<std::byte>>> files(options.meshes, std::vector<std::byte>());
+  runtime::parallel_for(files.size(), threads,
+                        [&](uint64_t i) { files[i] = make_jpeg(static_cast<uint32_t>(i), options, stones); });
+  Result<GltfWriter> writer = GltfWriter::create(options.output);
+  if (!writer) return writer.error();
+  TexturedReport report;
+  GltfScene scene{.name = "textured"};
+  for (uint32_t i = 0; i < options.meshes; ++i) {
+    if (!files[i]) return files[i].error();
+    report.texture_bytes += files[i]->size();
+    const std::string name = "texture" + std::to_string(i);
+    const Result<uint32_t> image = writer->add_image(name, format::ImageCodec::kJpeg, *files[i]);
+    if (!image) return image.error();
+    files[i] = std::vector<std::byte>{};
+    GltfMaterial material{.texture = writer->add_texture(trilinear(*image, {}, format::Wrap::kClamp))};
+    if (const Result<void> added = add_tile(*writer, i, writer->add_material(std::move(material))); !added)
+      return added.error();
+    scene.nodes.push_back(writer->add_node({.name = "tile " + std::to_string(i), .mesh = i}));
+    report.triangles += uint64_t{2} * kQuads * kQuads;
   }
+  writer->add_scene(std::move(scene));
+  if (const Result<void> finished = writer->finish(); !finished) return finished.error();
+  return report;
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(options.meshes) + " textures"};
 }
 
 }  // namespace scree::synth

@@ -221,12 +221,7 @@ Result<uint32_t> add_texture(tools::GltfWriter& writer, const TextureRecipe& rec
   if (!file) return at("texture " + recipe.name, file.error());
   const Result<uint32_t> image = writer.add_image(recipe.name, recipe.codec, *file);
   if (!image) return image.error();
-  tools::GltfTexture texture;
-  texture.name = recipe.name;
-  texture.image = *image;
-  texture.mag_filter = 9729;  // linear
-  texture.min_filter = 9987;  // linear between mip levels too
-  return writer.add_texture(std::move(texture));
+  return writer.add_texture(trilinear(*image, recipe.name));
 }
 
 }  // namespace scree::synth

@@ -360,26 +360,6 @@ const char* kind_name(ZorahKind kind) {
   return kNames[static_cast<size_t>(kind)];
 }
 
-GltfNode node_of(const Placement& at, std::string name) {
-  GltfNode node{.name = std::move(name), .mesh = at.mesh};
-  std::copy(at.translation.begin(), at.translation.end(), node.local.begin());
-  std::copy(at.rotation.begin(), at.rotation.end(), node.local.begin() + 3);
-  std::copy(at.scale.begin(), at.scale.end(), node.local.begin() + 7);
-  return node;
-}
-
-/// Adds the camera and its node; y is up. Returns the node.
-uint32_t add_camera(GltfWriter& writer, const SceneCamera& camera) {
-  const GltfCamera lens{
-      .name = camera.name, .y = std::numbers::pi / 3, .x = 16.0 / 9.0, .z_near = 0.02, .z_far = 29999.998};
-  GltfNode node{.name = camera.name, .camera = writer.add_camera(lens), .has_matrix = true};
-  const Vec3 back = normalized(camera.eye - camera.target), right = normalized(cross({0, 1, 0}, back)),
-             up = cross(back, right);
-  node.local = {right[0], right[1], right[2], 0, up[0],         up[1],         up[2],         0,
-                back[0],  back[1],  back[2],  0, camera.eye[0], camera.eye[1], camera.eye[2], 1};
-  return writer.add_node(std::move(node));
-}
-
 /// Nodes without a mesh in a tree with four children per node, and their world positions.
 struct Parents {
   std::vector<uint32_t> nodes;
@@ -438,7 +418,9 @@ Result<std::vector<uint32_t>> add_nodes(GltfWriter& writer, const ZorahPlan& pla
     if (Result<void> added = add_instanced_nodes(writer, placements.instances, instanced); !added) return added.error();
     for (const uint32_t node : instanced) attach(node);
   }
-  roots.push_back(add_camera(writer, plan.camera));
+  const GltfCamera lens{
+      .name = plan.camera.name, .y = std::numbers::pi / 3, .x = 16.0 / 9.0, .z_near = 0.02, .z_far = 29999.998};
+  roots.push_back(add_camera(writer, lens, plan.camera.eye, plan.camera.target));
   return roots;
 }
 

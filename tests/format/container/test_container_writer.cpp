@@ -21,16 +21,6 @@ namespace {
 using namespace scree::format;
 namespace fs = std::filesystem;
 
-size_t file_count(const TempFolder& folder) {
-  size_t count = 0;
-  for ([[maybe_unused]] const auto& entry : fs::directory_iterator(folder.path())) ++count;
-  return count;
-}
-
-void write_text(const std::string& path, const char* text) {
-  std::ofstream(path, std::ios::binary) << text;
-}
-
 SealedPage noise_page(size_t bytes) {
   Bytes raw(bytes);
   uint32_t state = 7;
@@ -65,8 +55,7 @@ TEST_CASE("container writer: a page written piece by piece equals the page in me
 
 TEST_CASE("container writer: the name appears at the end, and the .part disappears", "[container]") {
   const TempFolder folder;
-  const std::string path = folder.file("a.scree");
-  write_text(path, "the earlier file");
+  const std::string path = folder.write("a.scree", "the earlier file");
   {
     auto writer = must(ContainerWriter::create(path));
     CHECK(fs::exists(path + ".part"));
@@ -76,7 +65,7 @@ TEST_CASE("container writer: the name appears at the end, and the .part disappea
     CHECK(writer.bytes() == size);
     CHECK(fs::file_size(path) == size);
     CHECK(!fs::exists(path + ".part"));
-    CHECK(file_count(folder) == 1);
+    CHECK(folder.names().size() == 1);
     const auto again = writer.finish({});
     REQUIRE(!again);
     CHECK(again.error().message == path + ".part: is not open any more");
@@ -107,8 +96,7 @@ TEST_CASE("container writer: pages that are dropped leave nothing", "[container]
 
 TEST_CASE("container writer: destroyed before finish(), it leaves nothing", "[container]") {
   const TempFolder folder;
-  const std::string path = folder.file("a.scree");
-  write_text(path, "the earlier file");
+  const std::string path = folder.write("a.scree", "the earlier file");
   {
     auto writer = must(ContainerWriter::create(path));
     REQUIRE(writer.append(noise_page(100)));
@@ -116,7 +104,7 @@ TEST_CASE("container writer: destroyed before finish(), it leaves nothing", "[co
     REQUIRE(moved.append(noise_page(100)));
     REQUIRE(*moved.append(noise_page(100)) == 2);
   }
-  CHECK(file_count(folder) == 1);
+  CHECK(folder.names().size() == 1);
   CHECK(read_bytes(path).size() == 16);
 }
 
@@ -124,7 +112,7 @@ TEST_CASE("container writer: a stale .part is taken over, a locked one is not", 
   const TempFolder folder;
   const std::string path = folder.file("a.scree");
   // Longer than the written file, so that leftovers would show.
-  std::ofstream(path + ".part", std::ios::binary) << std::string(100000, 'x');
+  folder.write("a.scree.part", std::string(100000, 'x'));
   auto first = must(ContainerWriter::create(path));
   check_refusal(ContainerWriter::create(path), {ErrorCode::kFile, path + ".part: another program is writing it"});
   REQUIRE(first.append(noise_page(100)));
@@ -163,7 +151,7 @@ TEST_CASE("container writer: a full disk", "[container]") {
   for (const rlim_t limit : {rlim_t{4096 + 3000}, rlim_t{4096 + 8192 + 10}}) {
     const TempFolder folder;
     const std::string path = folder.file("a.scree");
-    write_text(path, "the earlier file");
+    folder.write("a.scree", "the earlier file");
     auto writer = must(ContainerWriter::create(path));
     const SealedPage page = noise_page(8192);
     std::string message;
@@ -180,7 +168,7 @@ TEST_CASE("container writer: a full disk", "[container]") {
       if (message.empty()) message = finished.error().message;
     }
     CHECK(message == path + ".part: write: File too large");
-    CHECK(file_count(folder) == 1);  // removed at once, not only by the writer's destructor
+    CHECK(folder.names().size() == 1);  // removed at once, not only by the writer's destructor
     CHECK(read_bytes(path).size() == 16);
   }
 }

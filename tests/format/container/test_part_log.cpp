@@ -32,11 +32,6 @@ void append(ContainerWriter& writer, uint32_t first, uint32_t last) {
   }
 }
 
-void write_bytes(const std::string& path, const Bytes& bytes) {
-  std::ofstream(path, std::ios::binary)
-      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-}
-
 class Unfinished {
  public:
   Unfinished() {
@@ -53,7 +48,7 @@ class Unfinished {
 
   /// Continues with `bytes` as the .part, and returns the number of pages kept; also 0 if it has to start again.
   uint32_t finish(const Bytes& bytes) {
-    write_bytes(path + ".part", bytes);
+    folder.write("a.scree.part", bytes);
     std::vector<uint32_t> notes;
     auto writer = ContainerWriter::resume(path, kId, [&](uint32_t kind, std::span<const std::byte> entry) {
       CHECK(kind == kNote);
@@ -100,7 +95,7 @@ TEST_CASE("part log: a cut or damaged .part is continued to the same bytes", "[c
   // Page 1 is damaged, and the run that wrote it again was killed too.
   Bytes damaged = part;
   damaged[2 * kPageAlignment + 5] ^= std::byte{1};
-  write_bytes(unfinished.path + ".part", damaged);
+  unfinished.folder.write("a.scree.part", damaged);
   {
     auto writer = must(ContainerWriter::resume(unfinished.path, kId, [](uint32_t, std::span<const std::byte>) {}));
     REQUIRE(writer.page_count() == 1);

@@ -10,12 +10,14 @@
 #include "format/bitpack.h"
 #include "format/geometry/attribute_codec.h"
 #include "format/layout.h"
+#include "format/vec3.h"
 #include "tests/catch.h"
 #include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
 #include "tests/results.h"
 
+using namespace scree;
 using namespace scree::format;
 using namespace scree::tests;
 
@@ -26,15 +28,7 @@ std::vector<std::byte> encode(const std::vector<float>& tangents, const std::vec
                  [&](auto out) { encode_tangents(out, tangents, normals, bits); });
 }
 
-using Vector = std::array<double, 3>;
-
-double dot(const Vector& a, const Vector& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-Vector cross(const Vector& a, const Vector& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-Vector wide(const float* values) {
+Vec3 wide(const float* values) {
   return {double{values[0]}, double{values[1]}, double{values[2]}};
 }
 
@@ -77,7 +71,7 @@ TEST_CASE("tangents keep their angle and their sign", "[tangent_codec]") {
     REQUIRE(decode_tangents(decoded, normals, bits, encode(tangents, normals, bits)));
     double worst = 0;
     for (size_t i = 0; i < count; ++i) {
-      const Vector n = wide(&normals[3 * i]), t = wide(&tangents[4 * i]), d = wide(&decoded[4 * i]);
+      const Vec3 n = wide(&normals[3 * i]), t = wide(&tangents[4 * i]), d = wide(&decoded[4 * i]);
       REQUIRE(dot(d, d) == Approx(1).epsilon(1e-6));
       REQUIRE(std::abs(dot(d, n)) < 1e-6);
       REQUIRE(decoded[4 * i + 3] == (tangents[4 * i + 3] < 0 ? -1.0f : 1.0f));

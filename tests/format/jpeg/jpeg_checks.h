@@ -61,14 +61,6 @@ inline JpegRecipe recipe_of(int width, int height, std::vector<std::pair<int, in
   return {.width = width, .height = height, .factors = std::move(factors), .restart = restart};
 }
 
-inline std::vector<std::filesystem::path> jpeg_files(const std::filesystem::path& folder) {
-  std::vector<std::filesystem::path> paths;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
-    if (entry.is_regular_file()) paths.push_back(entry.path());
-  std::sort(paths.begin(), paths.end());
-  return paths;
-}
-
 /// Offset of the first segment of kind `marker`.
 inline size_t find_marker(const Bytes& file, uint32_t marker) {
   for (size_t i = 2; i + 1 < file.size(); ++i)

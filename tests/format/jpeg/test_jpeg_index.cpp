@@ -145,12 +145,10 @@ TEST_CASE("the index takes at most a quarter of a bit per pixel", "[jpeg_index]"
 }
 
 TEST_CASE("real JPEG files are indexed without loss", "[jpeg_index]") {
-  if (scree::tests::models_path().empty()) {
-    WARN("no models: skipped");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("jpeg");
+  if (folder.empty()) return;
   uint32_t indexed = 0;
-  for (const auto& path : jpeg_files(scree::tests::models_path() / "jpeg")) {
+  for (const auto& path : scree::tests::files_below(folder)) {
     INFO(path.filename().string());
     const Bytes file = read_bytes(path);
     const auto header = must(parse_jpeg(file));

@@ -22,11 +22,7 @@ void add_opaque_meshes(SceneBuilder& builder, bool clustered_alone) {
                              builder.mesh(grid(1, 0), with(third, both_sides)),
                              builder.mesh(grid(3, 0.2), with(clustered, both_sides)),
                              builder.mesh(sphere(6, 0), with(third, both_sides))};
-  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
-                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),
-                               builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -0.7, 0, 0, 1, 0.3})};
-  for (const uint32_t mesh : meshes)
-    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+  place_all(builder, meshes, {1, 0, 0, 0.2, 0, 1, 0, -0.7, 0, 0, 1, 0.3});
 }
 
 }  // namespace

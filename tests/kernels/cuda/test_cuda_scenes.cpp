@@ -91,11 +91,7 @@ TEST_CASE("scenes that mix lattice and float32 meshes are equal on the GPU", "[c
   const uint32_t meshes[] = {builder.mesh(grid(40, 0.2), lattice), builder.mesh(sphere(30, 0.1), floats),
                              builder.mesh(grid(31, 0.3), open_floats), builder.mesh(sphere(12, 0), open_lattice),
                              builder.mesh(grid(3, 0.1), floats)};
-  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
-                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
-                               builder.matrix({0, 0.2, 0, -0.2, 0.2, 0, 0, 0.5, 0, 0.1, 0.2, 0.3})};
-  for (const uint32_t mesh : meshes)
-    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+  place_all(builder, meshes, {0, 0.2, 0, -0.2, 0.2, 0, 0, 0.5, 0, 0.1, 0.2, 0.3});
   compare(builder, all_views(), 5000);
 }
 
@@ -249,12 +245,7 @@ struct MixedScene {
                                builder.mesh(sphere(30, 0.2), is_clustered ? clustered : lattice),
                                builder.mesh(grid(31, 0.3), is_clustered ? clustered : float32()),
                                builder.mesh(grid(1, 0), clustered)};
-    const uint32_t matrices[] = {builder.identity(),
-                                 builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
-                                 builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
-                                 builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -1.5, 0, 0, 1, 0.3})};        // behind others
-    for (const uint32_t mesh : meshes)
-      for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+    place_all(builder, meshes, {1, 0, 0, 0.2, 0, 1, 0, -1.5, 0, 0, 1, 0.3});  // behind others
     scene = builder.view();
     CHECK((scene.chunk_kinds == kernels::ChunkKinds::kMixed) != is_clustered);
     std::vector<View> once = all_views();

@@ -94,11 +94,7 @@ void add_meshes(SceneBuilder& builder) {
   fine.exponent = -22;
   const uint32_t meshes[] = {builder.mesh(grid(40, 0.2), encoding), builder.mesh(sphere(20, 0.1), encoding),
                              builder.mesh(grid(1, 0), open), builder.mesh(grid(5, 0.3), open)};
-  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
-                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),
-                               builder.matrix({80, 0, 0, 0.2, 0, 80, 0, -0.7, 0, 0, 80, 0.3})};
-  for (const uint32_t mesh : meshes)
-    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+  place_all(builder, meshes, {80, 0, 0, 0.2, 0, 80, 0, -0.7, 0, 0, 80, 0.3});
   builder.instance(builder.mesh(sphere(6, 0), fine), builder.matrix({3e-3, 0, 0, 0, 0, 3e-3, 0, 0.1, 0, 0, 3e-3, 0}));
 }
 

@@ -127,25 +127,10 @@ TEST_CASE("a cluster's affine filter keeps every triangle that covers a pixel ce
     const uint32_t mesh =
         scene.mesh(soup, {false, -6 - round % 17, round % 5 == 0 ? 500u : 65536u, format::kNone, Clusters::kClustered});
     const double distance = std::pow(10.0, 1.3 + 1.2 * unit(random));
-    const double origin = round % 4 == 0 ? 1e6 * unit(random) : 0.0;
-    add_turned_instance(scene, mesh, round, origin, [&] { return unit(random); });
-    const uint32_t width = round % 6 == 0 ? 16384 : 60 + static_cast<uint32_t>(round);
-    const uint32_t height = round % 6 == 0 ? 9001 : 40 + static_cast<uint32_t>(round * 7 % 31);
-    const double around = unit(random) * 3;
-    const View camera = look_at({origin + distance * std::cos(around), -origin + 0.3 * distance * unit(random),
-                                 origin + distance * std::sin(around)},
-                                {origin + 0.2 * unit(random), -origin, origin}, width, height, distance * 1e-3);
-    Tally one;
-    tally_scene(scene.view(), camera, one);
+    const View camera = place_randomly(scene, mesh, round, distance, distance * 1e-3, 60, [&] { return unit(random); });
+    tally_scene(scene.view(), camera, sum);
     INFO("round " << round);
-    CHECK(one.wrong == 0);
-    sum.clusters += one.clusters;
-    sum.linear += one.linear;
-    sum.predicted += one.predicted;
-    sum.triangles += one.triangles;
-    sum.covering += one.covering;
-    sum.kept += one.kept;
-    sum.kept_by_filter += one.kept_by_filter;
+    CHECK(sum.wrong == 0);
   }
   CAPTURE(sum.clusters, sum.linear, sum.predicted, sum.triangles, sum.covering, sum.kept, sum.kept_by_filter);
   CHECK(sum.linear > sum.clusters / 3);

@@ -107,17 +107,9 @@ TEST_CASE("no triangle that covers a pixel centre is filtered out", "[sample_fil
     const Soup soup = round % 2 == 0 ? sphere(40, 0.2) : grid(60, 0.3);
     const bool float32 = round % 3 == 0;
     const uint32_t mesh = scene.mesh(soup, {float32, -6 - round % 17, round % 5 == 0 ? 500u : 65536u});
-    // From far away to inside the mesh; with the world's origin near or a million units away.
+    // From far away to inside the mesh.
     const double distance = std::pow(10.0, 3 * unit(random));
-    const double origin = round % 4 == 0 ? 1e6 * unit(random) : 0.0;
-    add_turned_instance(scene, mesh, round, origin, [&] { return unit(random); });
-    // Odd and even sizes, from small to the largest.
-    const uint32_t width = round % 6 == 0 ? 16384 : 100 + static_cast<uint32_t>(round);
-    const uint32_t height = round % 6 == 0 ? 9001 : 80 + static_cast<uint32_t>(round * 7 % 31);
-    const double around = unit(random) * 3;
-    View camera = look_at({origin + distance * std::cos(around), -origin + 0.3 * distance * unit(random),
-                           origin + distance * std::sin(around)},
-                          {origin + 0.2 * unit(random), -origin, origin}, width, height, distance * 1e-3);
+    View camera = place_randomly(scene, mesh, round, distance, distance * 1e-3, 100, [&] { return unit(random); });
     if (round % 8 == 5) camera = orthographic(camera, 0.3 + std::abs(unit(random)), 0.1 * distance, 2 * distance);
     const FilterTally one = tally(scene.view(), camera);
     INFO("round " << round);

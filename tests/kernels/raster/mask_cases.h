@@ -1,8 +1,10 @@
 // Scenes with alpha masks, for the tests of the CPU and the GPU.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <random>
+#include <span>
 #include <vector>
 
 #include "format/container/mip_levels.h"
@@ -69,6 +71,15 @@ inline Encoding with(Encoding encoding, uint32_t material) {
   return encoding;
 }
 
+/// Places each of the meshes as it is, smaller, mirrored, and by `more`.
+inline void place_all(SceneBuilder& builder, std::span<const uint32_t> meshes, const std::array<double, 12>& more) {
+  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
+                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),
+                               builder.matrix(more)};
+  for (const uint32_t mesh : meshes)
+    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+}
+
 /// Adds masked and opaque meshes with small and large triangles and every wrap mode. They hide each other in part, and
 /// some instances are mirrored. `clustered_alone`: all encodings are clustered.
 inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
@@ -98,11 +109,7 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
                              builder.mesh(with_colors(with_uvs(grid(3, 0.2), 1)), with(second, materials[0])),
                              builder.mesh(grid(12, 0.1), with(second, materials[0])),  // no texture coordinates: opaque
                              builder.mesh(with_uvs(grid(9, 0.1), 1), clustered)};      // no material
-  const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
-                               builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),  // mirrored
-                               builder.matrix({1, 0, 0, 0.2, 0, 1, 0, -0.7, 0, 0, 1, 0.3})};        // behind others
-  for (const uint32_t mesh : meshes)
-    for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
+  place_all(builder, meshes, {1, 0, 0, 0.2, 0, 1, 0, -0.7, 0, 0, 1, 0.3});             // behind others
 }
 
 /// Views from far, near (the near plane cuts triangles), inside and above, and two orthographic ones; 1 / `share` as

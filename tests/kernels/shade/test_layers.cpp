@@ -3,6 +3,7 @@
 #include <cmath>
 #include <random>
 
+#include "format/vec3.h"
 #include "tests/kernels/scene_builder.h"
 
 using namespace scree;
@@ -11,17 +12,8 @@ using namespace scree::tests;
 
 namespace {
 
-using Vector = std::array<double, 3>;
+using Vector = Vec3;
 
-Vector operator-(const Vector& a, const Vector& b) {
-  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-Vector cross(const Vector& a, const Vector& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-double dot(const Vector& a, const Vector& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 Vector unit(const Vector& a) {
   const double length = std::sqrt(dot(a, a));
   return {a[0] / length, a[1] / length, a[2] / length};

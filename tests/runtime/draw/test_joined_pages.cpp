@@ -18,7 +18,6 @@
 #include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
-#include "tests/tools/model_files.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
@@ -113,11 +112,8 @@ TEST_CASE("a GPU joins the split pages of a scene", "[cuda][upload]") {
 
 TEST_CASE("a GPU joins the split pages of real models", "[cuda][upload]") {
   if (!has_gpu()) return;
-  const std::vector<std::filesystem::path> models = model_files(models_path() / "scenes");
-  if (models.empty()) {
-    WARN("skipped: the models are not there");
-    return;
-  }
+  const std::vector<std::filesystem::path> models = model_files(real_models("scenes"));
+  if (models.empty()) return;
   const TempFolder folder;
   uint64_t pages = 0;
   for (const std::filesystem::path& model : models) {

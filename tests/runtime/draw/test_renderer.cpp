@@ -264,11 +264,8 @@ TEST_CASE("a scene with more triangles than there are ids is refused", "[rendere
 }
 
 TEST_CASE("real models are equal with one thread and many, and fill their part of the picture", "[renderer][models]") {
-  const auto models = scree::tests::models_path();
-  if (models.empty()) {
-    WARN("no models beside the checkout");
-    return;
-  }
+  const std::filesystem::path models = scree::tests::real_models("scenes");
+  if (models.empty()) return;
   struct Model {
     const char* path;
     double least, most;  // share of the picture that is not background, in the default view

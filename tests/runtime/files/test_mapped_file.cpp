@@ -23,18 +23,13 @@ using scree::ErrorCode;
 using scree::Result;
 using scree::runtime::Access;
 using scree::runtime::MappedFile;
-
-namespace {
-
-std::filesystem::path scratch(const std::string& name) {
-  return std::filesystem::temp_directory_path() / ("scree_" + std::to_string(::getpid()) + "_" + name);
-}
-
-}  // namespace
+using scree::tests::TempFolder;
 
 TEST_CASE("cached_share() is right for a user who may only read the file", "[mapped_file]") {
   if (::geteuid() != 0) return;  // only root can become another user
-  const auto path = scratch("readable");
+  const TempFolder folder;
+  REQUIRE(::chmod(folder.path().c_str(), 0755) == 0);
+  const std::string path = folder.file("readable");
   {
     std::ofstream out(path, std::ios::binary);
     const std::string block(1 << 20, 'x');
@@ -49,7 +44,7 @@ TEST_CASE("cached_share() is right for a user who may only read the file", "[map
     const pid_t child = ::fork();
     if (child == 0) {
       if (!is_root && ::setresuid(65534, 65534, 65534) != 0) ::_exit(201);
-      const Result<MappedFile> map = MappedFile::open(path.string());
+      const Result<MappedFile> map = MappedFile::open(path);
       if (!map) ::_exit(202);
       if (map->mincore_is_true() != is_root) ::_exit(203);
       ::_exit(static_cast<int>(100 * map->cached_share()));
@@ -76,16 +71,16 @@ TEST_CASE("cached_share() is right for a user who may only read the file", "[map
   const std::string bytes = scree::tests::read_whole(path);
   CHECK(bytes.size() == 16u << 20);
   CHECK(share_of(false) > 90);
-  std::filesystem::remove(path);
 }
 
 TEST_CASE("a mapped file has the file's bytes and outlives moves", "[mapped_file]") {
-  const auto path = scratch("bytes");
+  const TempFolder folder;
+  const std::string path = folder.file("bytes");
   std::string text(10000, 'a');
   text[9999] = 'z';
   std::ofstream(path) << text;
   for (const Access access : {Access::kNormal, Access::kSequential}) {
-    MappedFile opened = must(MappedFile::open(path.string(), access));
+    MappedFile opened = must(MappedFile::open(path, access));
     MappedFile file = std::move(opened);
     MappedFile other;
     other = std::move(file);
@@ -98,17 +93,17 @@ TEST_CASE("a mapped file has the file's bytes and outlives moves", "[mapped_file
     CHECK(static_cast<char>(other.bytes()[9998]) == 'a');  // released bytes come back from the file
     CHECK(static_cast<char>(other.bytes()[9999]) == 'z');
   }
-  std::filesystem::remove(path);
 }
 
 TEST_CASE("a mapped file is read without its map, and errors give its new end", "[mapped_file]") {
-  const auto path = scratch("read");
+  const TempFolder folder;
+  const std::string path = folder.file("read");
   std::string text(10000, 'a');
   for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 256);
   std::ofstream(path, std::ios::binary) << text;
-  const MappedFile file = must(MappedFile::open(path.string()));
-  std::filesystem::rename(path, path.string() + "_elsewhere");  // not found by its name
-  const std::string elsewhere = path.string() + "_elsewhere";
+  const MappedFile file = must(MappedFile::open(path));
+  std::filesystem::rename(path, path + "_elsewhere");  // not found by its name
+  const std::string elsewhere = path + "_elsewhere";
   std::vector<std::byte> out(10000, std::byte{'#'});
   for (const auto& [offset, size] : {std::pair<uint64_t, size_t>{0, 10000}, {1, 4096}, {9999, 1}, {10000, 0}}) {
     REQUIRE(file.read(offset, std::span(out).first(size)));
@@ -121,20 +116,19 @@ TEST_CASE("a mapped file is read without its map, and errors give its new end", 
                   {ErrorCode::kFile, "ends at byte " + std::to_string(std::max<uint64_t>(offset, 5000)) +
                                          ", but had 10000 when it was opened"});
   }
-  std::filesystem::remove(elsewhere);
 }
 
 TEST_CASE("an empty file maps to nothing", "[mapped_file]") {
-  const auto path = scratch("empty");
-  std::ofstream{path};
-  const MappedFile file = must(MappedFile::open(path.string()));
+  const TempFolder folder;
+  const std::string path = folder.write("empty", "");
+  const MappedFile file = must(MappedFile::open(path));
   CHECK(file.bytes().empty());
   file.will_need(0, 1);
-  std::filesystem::remove(path);
 }
 
 TEST_CASE("a file above 4 GiB is mapped with 64-bit offsets", "[mapped_file]") {
-  const auto path = scratch("sparse");
+  const TempFolder folder;
+  const std::string path = folder.file("sparse");
   const uint64_t size = (uint64_t{5} << 30) + 3;
   {
     std::ofstream file(path, std::ios::binary);
@@ -145,16 +139,15 @@ TEST_CASE("a file above 4 GiB is mapped with 64-bit offsets", "[mapped_file]") {
       return;
     }
   }
-  const MappedFile file = must(MappedFile::open(path.string()));
+  const MappedFile file = must(MappedFile::open(path));
   CHECK(file.size() == size);
   CHECK(static_cast<char>(file.bytes()[size - 1]) == '!');
-  std::filesystem::remove(path);
 }
 
 TEST_CASE("bytes cut off the last page read as zeros, and check_size() finds this", "[mapped_file]") {
-  const auto path = scratch("cut");
-  std::ofstream(path, std::ios::binary) << std::string(10'000, 'x');
-  const MappedFile file = must(MappedFile::open(path.string()));
+  const TempFolder folder;
+  const std::string path = folder.write("cut", std::string(10'000, 'x'));
+  const MappedFile file = must(MappedFile::open(path));
   CHECK(file.check_size());
   std::filesystem::resize_file(path, 20'000);
   CHECK(file.check_size());
@@ -162,21 +155,19 @@ TEST_CASE("bytes cut off the last page read as zeros, and check_size() finds thi
   CHECK(static_cast<char>(file.bytes()[9'998]) == 'x');
   CHECK(static_cast<char>(file.bytes()[9'999]) == 0);
   check_refusal(file.check_size(), {ErrorCode::kFile, "ends at byte 9999, but had 10000 when it was opened"});
-  std::filesystem::remove(path);
   CHECK(MappedFile().check_size());
 }
 
 TEST_CASE("a file that cannot be mapped is named with the reason", "[mapped_file]") {
-  const auto missing = scratch("missing").string();
+  const TempFolder folder;
+  const std::string missing = folder.file("missing");
   check_refusal(MappedFile::open(missing), {ErrorCode::kFile, missing + ": cannot open: No such file or directory"});
 
-  CHECK(refusal(MappedFile::open(std::filesystem::temp_directory_path().string())).message.find("is a folder") !=
-        std::string::npos);
+  check_refusal(MappedFile::open(folder.path().string()), ErrorCode::kFile, "is a folder");
 
-  const auto pipe = scratch("pipe");
+  const std::string pipe = folder.file("pipe");
   REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
-  const Result<MappedFile> fifo = MappedFile::open(pipe.string());  // must not wait for a writer
+  const Result<MappedFile> fifo = MappedFile::open(pipe);  // must not wait for a writer
   REQUIRE_FALSE(fifo);
   CHECK(fifo.error().message.find("not a regular file") != std::string::npos);
-  std::filesystem::remove(pipe);
 }

@@ -333,11 +333,8 @@ TEST_CASE("BasisLZ streams that end early or name entries that do not exist are 
 }
 
 TEST_CASE("real files of UASTC and BasisLZ have the pixels of the official transcoder", "[basis][models]") {
-  const std::filesystem::path folder = tests::models_path() / "ktx2";
-  if (tests::models_path().empty() || !std::filesystem::exists(folder)) {
-    WARN("no folder of real models");
-    return;
-  }
+  const std::filesystem::path folder = tests::real_models("ktx2");
+  if (folder.empty()) return;
   // Hashes of all levels, one behind another; they equal those of basis_universal, as three.js 0.187 has it. It does
   // not read zlib.
   const std::pair<const char*, uint64_t> files[] = {

@@ -169,14 +169,10 @@ TEST_CASE("malformed KTX2 and DDS files are refused with the defect", "[block_fi
 }
 
 TEST_CASE("real KTX2 and DDS files are read or refused with one line", "[block_file][models]") {
-  const std::filesystem::path folder = tests::models_path();
-  if (folder.empty() || !std::filesystem::exists(folder / "ktx2")) {
-    WARN("no folder of real models");
-    return;
-  }
+  if (tests::real_models("ktx2").empty()) return;
   size_t read = 0, refused = 0, malformed = 0;
   for (const char* part : {"ktx2", "bad-ktx2"}) {
-    for (const auto& entry : std::filesystem::recursive_directory_iterator(folder / part)) {
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(tests::models_path() / part)) {
       const std::string extension = entry.path().extension().string();
       if (extension != ".ktx2" && extension != ".dds") continue;
       INFO(entry.path().string());
@@ -204,11 +200,8 @@ TEST_CASE("real KTX2 and DDS files are read or refused with one line", "[block_f
 }
 
 TEST_CASE("real files of the same picture decode to equal pictures", "[block_file][models]") {
-  const std::filesystem::path folder = tests::models_path() / "ktx2";
-  if (tests::models_path().empty() || !std::filesystem::exists(folder)) {
-    WARN("no folder of real models");
-    return;
-  }
+  const std::filesystem::path folder = tests::real_models("ktx2");
+  if (folder.empty()) return;
   const auto decoded = [&](const std::string& name) {
     INFO(name);
     return must(decode_image(read_bytes(folder / name))).rgba;

@@ -13,10 +13,8 @@
 #include <string>
 #include <vector>
 
-#include <jpeglib.h>
-#include <unistd.h>
-
 #include "tests/catch.h"
+#include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/full_disk.h"
 #include "tests/models.h"
 #include "tests/results.h"
@@ -32,21 +30,13 @@ using scree::runtime::Image;
 using scree::runtime::ImageFile;
 using scree::runtime::ImageInfo;
 using scree::runtime::probe_image;
+using scree::tests::files_below;
 using scree::tests::on_full_disk;
 using scree::tests::read_bytes;
+using scree::tests::ScratchPath;
+using scree::tests::TempFolder;
 
 namespace {
-
-std::filesystem::path scratch(const std::string& name) {
-  return std::filesystem::temp_directory_path() / ("scree_" + std::to_string(::getpid()) + "_" + name);
-}
-
-std::vector<std::filesystem::path> files_below(const std::filesystem::path& folder) {
-  std::vector<std::filesystem::path> files;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
-    if (entry.is_regular_file()) files.push_back(entry.path());
-  return files;
-}
 
 std::vector<uint8_t> noise(size_t size) {
   std::mt19937 random(7);
@@ -75,36 +65,13 @@ void check_agrees(const std::vector<std::byte>& file) {
   }
 }
 
-/// A JPEG of smooth noise made by libjpeg.
-std::vector<std::byte> make_jpeg(uint32_t width, uint32_t height, int components, bool is_progressive) {
-  jpeg_compress_struct jpeg{};
-  jpeg_error_mgr errors{};
-  jpeg.err = jpeg_std_error(&errors);
-  jpeg_create_compress(&jpeg);
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;
-  jpeg_mem_dest(&jpeg, &bytes, &size);
-  jpeg.image_width = width;
-  jpeg.image_height = height;
-  jpeg.input_components = components;
-  jpeg.in_color_space = components == 1 ? JCS_GRAYSCALE : components == 3 ? JCS_RGB : JCS_CMYK;
-  jpeg_set_defaults(&jpeg);
-  jpeg_set_quality(&jpeg, 90, TRUE);
-  jpeg.restart_in_rows = 3;
-  if (is_progressive) jpeg_simple_progression(&jpeg);
-  jpeg_start_compress(&jpeg, TRUE);
-  std::vector<uint8_t> row = noise(size_t{width} * static_cast<size_t>(components));
-  for (uint32_t y = 0; y < height; ++y) {
-    for (uint8_t& value : row) value = static_cast<uint8_t>(value + y);
-    JSAMPROW first = row.data();
-    jpeg_write_scanlines(&jpeg, &first, 1);
-  }
-  jpeg_finish_compress(&jpeg);
-  const auto* const begin = reinterpret_cast<const std::byte*>(bytes);
-  std::vector<std::byte> file(begin, begin + size);
-  jpeg_destroy_compress(&jpeg);
-  std::free(bytes);
-  return file;
+/// A JPEG with restart markers.
+std::vector<std::byte> make_jpeg(int width, int height, size_t components, bool is_progressive) {
+  return scree::tests::make_jpeg({.width = width,
+                                  .height = height,
+                                  .factors = std::vector(components, std::pair(1, 1)),
+                                  .restart = 20,
+                                  .is_progressive = is_progressive});
 }
 
 /// Checks the file, truncated copies and copies with flipped bits.
@@ -124,11 +91,12 @@ void check_agrees_when_damaged(const std::vector<std::byte>& file, int times) {
 }  // namespace
 
 TEST_CASE("a PNG comes back as it was written", "[image]") {
-  const auto path = scratch("round.png");
+  const ScratchPath scratch("round.png");
+  const std::string path = scratch.string();
   for (const uint32_t channels : {3u, 4u}) {
     for (const auto& [width, height] : {std::array{1u, 1u}, std::array{7u, 5u}, std::array{300u, 2u}}) {
       const std::vector<uint8_t> pixels = noise(size_t{width} * height * channels);
-      REQUIRE(scree::runtime::write_png(path.string(), {width, height, channels, pixels}));
+      REQUIRE(scree::runtime::write_png(path, {width, height, channels, pixels}));
       const std::vector<std::byte> file = read_bytes(path);
       const ImageInfo info = must(probe_image(file));
       CHECK(info.codec == ImageCodec::kPng);
@@ -150,36 +118,34 @@ TEST_CASE("a PNG comes back as it was written", "[image]") {
       }
     }
   }
-  CHECK_FALSE(std::filesystem::exists(path.string() + ".part"));
-  std::filesystem::remove(path);
+  CHECK_FALSE(std::filesystem::exists(path + ".part"));
 }
 
 TEST_CASE("a picture that cannot be written leaves no file", "[image]") {
   const std::vector<uint8_t> pixels(3, 0);
-  const auto path = scratch("no_such_folder") / "a.png";
-  check_refusal(scree::runtime::write_png(path.string(), {1, 1, 3, pixels}), ErrorCode::kFile, "No such file");
+  const TempFolder folder;
+  check_refusal(scree::runtime::write_png(folder.file("none/a.png"), {1, 1, 3, pixels}), ErrorCode::kFile,
+                "No such file");
 
-  const auto folder = scratch("folder.png");  // the rename fails
-  std::filesystem::create_directories(folder / "x");
-  CHECK_FALSE(scree::runtime::write_png(folder.string(), {1, 1, 3, pixels}));
-  CHECK_FALSE(std::filesystem::exists(folder.string() + ".part"));
-  std::filesystem::remove_all(folder);
+  folder.write("folder.png/x", "");  // the rename fails
+  CHECK_FALSE(scree::runtime::write_png(folder.file("folder.png"), {1, 1, 3, pixels}));
+  CHECK(folder.names().size() == 1);
 
-  const auto full = scratch("full.pfm");
+  const std::string full = folder.file("full.pfm");
   const std::vector<float> values(100, 1.0f);
-  const auto write_floats = [&] { return scree::runtime::write_pfm(full.string(), 10, 10, values); };
+  const auto write_floats = [&] { return scree::runtime::write_pfm(full, 10, 10, values); };
   check_refusal(on_full_disk(100, write_floats), ErrorCode::kFile, "full.pfm.part: write: File too large");
   const std::vector<uint8_t> rgb(300, 7);
-  const auto write_bytes = [&] { return scree::runtime::write_png(full.string(), {10, 10, 3, rgb}); };
+  const auto write_bytes = [&] { return scree::runtime::write_png(full, {10, 10, 3, rgb}); };
   check_refusal(on_full_disk(10, write_bytes), ErrorCode::kFile, "File too large");
-  CHECK_FALSE(std::filesystem::exists(full));
-  CHECK_FALSE(std::filesystem::exists(full.string() + ".part"));
+  CHECK(folder.names().size() == 1);
 }
 
 TEST_CASE("a PFM has its rows bottom to top, little-endian", "[image]") {
-  const auto path = scratch("depth.pfm");
+  const ScratchPath scratch("depth.pfm");
+  const std::string path = scratch.string();
   const std::vector<float> values{1.0f, 2.0f, 3.0f, 4.0f, 5.0f, std::numeric_limits<float>::infinity()};
-  REQUIRE(scree::runtime::write_pfm(path.string(), 2, 3, values));
+  REQUIRE(scree::runtime::write_pfm(path, 2, 3, values));
   const std::vector<std::byte> file = read_bytes(path);
   const std::string head = "Pf\n2 3\n-1.0\n";
   REQUIRE(file.size() == head.size() + 24);
@@ -191,17 +157,16 @@ TEST_CASE("a PFM has its rows bottom to top, little-endian", "[image]") {
   CHECK(rows[2] == 3.0f);
   CHECK(rows[4] == 1.0f);
   CHECK(rows[5] == 2.0f);
-  std::filesystem::remove(path);
 }
 
 TEST_CASE("a visibility buffer file has its words and nothing else", "[image]") {
-  const auto path = scratch("visibility.bin");
+  const ScratchPath scratch("visibility.bin");
+  const std::string path = scratch.string();
   const std::vector<uint64_t> samples{0x0123456789abcdefu, ~uint64_t{0}};
-  REQUIRE(scree::runtime::write_visibility(path.string(), samples));
+  REQUIRE(scree::runtime::write_visibility(path, samples));
   const std::vector<std::byte> file = read_bytes(path);
   REQUIRE(file.size() == 16);
   CHECK(std::memcmp(file.data(), samples.data(), 16) == 0);
-  std::filesystem::remove(path);
 }
 
 TEST_CASE("a file that is no image is named", "[image]") {
@@ -216,8 +181,9 @@ TEST_CASE("a file that is no image is named", "[image]") {
 }
 
 TEST_CASE("a huge picture in a few bytes is refused before memory is allocated", "[image]") {
-  const auto path = scratch("bomb.png");
-  REQUIRE(scree::runtime::write_png(path.string(), {2, 2, 3, noise(12)}));
+  const ScratchPath scratch("bomb.png");
+  const std::string path = scratch.string();
+  REQUIRE(scree::runtime::write_png(path, {2, 2, 3, noise(12)}));
   std::vector<std::byte> file = read_bytes(path);
   file[16] = file[20] = std::byte{0};
   file[17] = file[21] = std::byte{0};
@@ -229,7 +195,6 @@ TEST_CASE("a huge picture in a few bytes is refused before memory is allocated",
   image = decode_image(file);
   REQUIRE_FALSE(image);
   CHECK(image.error().code == ErrorCode::kRange);
-  std::filesystem::remove(path);
 
   // A JPEG may lack some data, but not all.
   const std::string flat = scree::tests::flat_jpeg(64, scree::tests::JpegKind::kBaseline);
@@ -248,16 +213,15 @@ TEST_CASE("a huge picture in a few bytes is refused before memory is allocated",
 }
 
 TEST_CASE("the check accepts exactly the images that decode", "[image]") {
-  for (const int components : {1, 3, 4})
+  for (const size_t components : {1u, 3u, 4u})
     for (const bool is_progressive : {false, true})
       check_agrees_when_damaged(make_jpeg(173, 91, components, is_progressive), 40);
-  const auto path = scratch("check.png");
-  REQUIRE(scree::runtime::write_png(path.string(), {301, 200, 4, noise(size_t{301} * 200 * 4)}));
+  const ScratchPath scratch("check.png");
+  const std::string path = scratch.string();
+  REQUIRE(scree::runtime::write_png(path, {301, 200, 4, noise(size_t{301} * 200 * 4)}));
   check_agrees_when_damaged(read_bytes(path), 40);
-  std::filesystem::remove(path);
-  scree::tests::write_flat_png(path.string(), 203, true);
+  scree::tests::write_flat_png(path, 203, true);
   check_agrees_when_damaged(read_bytes(path), 40);
-  std::filesystem::remove(path);
   for (const auto kind : {scree::tests::JpegKind::kBaseline, scree::tests::JpegKind::kProgressive}) {
     const std::string text = scree::tests::flat_jpeg(128, kind);
     const auto* const bytes = reinterpret_cast<const std::byte*>(text.data());
@@ -283,15 +247,12 @@ TEST_CASE("an image file that cannot be read is a read error", "[image]") {
 }
 
 TEST_CASE("real JPEGs decode, or give the reason", "[image][models]") {
-  const auto models = scree::tests::models_path();
-  if (models.empty()) {
-    WARN("no models beside the checkout");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("jpeg");
+  if (folder.empty()) return;
   size_t decoded = 0;
   size_t refused = 0;
-  for (const auto& path : files_below(models / "jpeg")) {
-    INFO(path.string());
+  for (const auto& path : files_below(folder)) {
+    INFO(path);
     const std::vector<std::byte> file = read_bytes(path);
     const Result<Image> image = decode_image(file);
     check_agrees(file);
@@ -312,13 +273,9 @@ TEST_CASE("real JPEGs decode, or give the reason", "[image][models]") {
 }
 
 TEST_CASE("one picture in many codings decodes to the same pixels", "[image][models]") {
-  const auto models = scree::tests::models_path();
-  if (models.empty()) {
-    WARN("no models beside the checkout");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("jpeg/go-libjpeg");
+  if (folder.empty()) return;
   // go-libjpeg's video-001 family shows one picture. CMYK goes to ink and back without a profile.
-  const auto folder = models / "jpeg" / "go-libjpeg";
   const Image reference = must(decode_image(read_bytes(folder / "video-001.jpeg")));
   for (const char* name : {"video-001.progressive.jpeg", "video-001.q50.420.jpeg", "video-001.q50.444.jpeg",
                            "video-001.rgb.jpeg", "video-001.cmyk.jpeg", "video-001.q50.410.jpeg"}) {
@@ -333,14 +290,11 @@ TEST_CASE("one picture in many codings decodes to the same pixels", "[image][mod
 }
 
 TEST_CASE("malformed, cut and bit-flipped JPEGs never crash", "[image][models]") {
-  const auto models = scree::tests::models_path();
-  if (models.empty()) {
-    WARN("no models beside the checkout");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("bad/jpeg");
+  if (folder.empty()) return;
   size_t files = 0;
-  for (const auto& path : files_below(models / "bad" / "jpeg")) {
-    INFO(path.string());
+  for (const auto& path : files_below(folder)) {
+    INFO(path);
     const std::vector<std::byte> bad = read_bytes(path);
     const Result<Image> image = decode_image(bad);
     if (!image) CHECK_FALSE(image.error().message.empty());
@@ -349,7 +303,8 @@ TEST_CASE("malformed, cut and bit-flipped JPEGs never crash", "[image][models]")
   }
   CHECK(files > 200);
 
-  const std::vector<std::byte> whole = read_bytes(models / "jpeg" / "go-libjpeg" / "video-001.progressive.jpeg");
+  const std::vector<std::byte> whole =
+      read_bytes(scree::tests::models_path() / "jpeg" / "go-libjpeg" / "video-001.progressive.jpeg");
   REQUIRE(whole.size() > 1000);
   std::mt19937 random(3);
   for (int i = 0; i < 60; ++i) {

@@ -25,9 +25,7 @@ std::string write_panorama(const TempFolder& folder, const std::function<bool(in
       for (int x = 0; x < 64; ++x) text += channel < 3 ? '\x7f' : bright(x, y) ? '\x82' : '\1';
     }
   }
-  const std::string path = folder.file("around.hdr");
-  std::ofstream(path, std::ios::binary) << text;
-  return path;
+  return folder.write("around.hdr", text);
 }
 
 constexpr float kBright = 127.5f / 64;

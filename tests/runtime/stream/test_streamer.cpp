@@ -209,13 +209,13 @@ void make_layers(const std::string& path) {
   maker.finish();
 }
 
-void convert_layers(const TempFolder& folder, const convert::ConvertOptions& changes) {
+Compared convert_layers(const TempFolder& folder, convert::ConvertOptions options) {
   make_layers(folder.file("in.glb"));
-  convert::ConvertOptions options = changes;
   options.input = folder.file("in.glb");
   options.output = folder.file("out.scree");
   options.threads = 2;
   scree::tests::must_convert(options);
+  return Compared(options.output);
 }
 
 Soup random_soup(uint32_t triangles, std::mt19937& random) {
@@ -258,8 +258,7 @@ TEST_CASE("streamed pictures equal the whole scene's: indexed, clustered, float3
     seed = 4;
   }
   const TempFolder folder;
-  convert_layers(folder, options);
-  const Totals totals = compare_paths(Compared(folder.file("out.scree")), seed);
+  const Totals totals = compare_paths(convert_layers(folder, options), seed);
   CHECK(totals.frames == 40);
   CHECK(totals.streamed > 0);
 }
@@ -311,8 +310,7 @@ TEST_CASE("pictures that do not wait for all chunks become the whole picture", "
   convert::ConvertOptions options;
   options.chunk_triangles = 60;
   options.encoding = GENERATE(convert::Encoding::kIndexed, convert::Encoding::kClustered);
-  convert_layers(folder, options);
-  const Compared scene(folder.file("out.scree"));
+  const Compared scene = convert_layers(folder, options);
   const View view = must_view(scene.whole(), {.width = 97, .height = 61});
   const Frame whole = must(Frame::draw(scene.whole(), view, 1, 2));
   const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
@@ -377,17 +375,13 @@ TEST_CASE("streamed pictures leave out omitted instances, whose chunks are not l
 }
 
 TEST_CASE("streamed pictures equal the whole scene's: real models", "[streamer][models]") {
-  const auto root = scree::tests::models_path();
-  if (root.empty()) {
-    WARN("the models are not there: skipped");
-    return;
-  }
+  const std::filesystem::path root = scree::tests::real_models("scenes");
+  if (root.empty()) return;
   for (const char* name : {"DamagedHelmet", "InstanceTest", "Fox"}) {
     INFO(name);
-    std::filesystem::path input;
-    for (const auto& entry : std::filesystem::recursive_directory_iterator(root / "scenes" / name))
-      if (entry.path().extension() == ".gltf" || entry.path().extension() == ".glb") input = entry.path();
-    REQUIRE_FALSE(input.empty());
+    const std::vector<std::filesystem::path> files = scree::tests::model_files(root / name);
+    REQUIRE_FALSE(files.empty());
+    const std::filesystem::path& input = files.back();
     const TempFolder folder;
     convert::ConvertOptions options = scree::tests::options_of(folder);
     options.input = input.string();
@@ -399,10 +393,7 @@ TEST_CASE("streamed pictures equal the whole scene's: real models", "[streamer][
 
 TEST_CASE("chunks that are already loaded are not streamed again along a path", "[streamer]") {
   const TempFolder folder;
-  convert::ConvertOptions options;
-  options.chunk_triangles = 60;
-  convert_layers(folder, options);
-  const Compared scene(folder.file("out.scree"));
+  const Compared scene = convert_layers(folder, {.chunk_triangles = 60});
   const Pool pool = scene.pool();
   const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 2 + pool.least);
   // About half of the scene is visible at a time on one turn around it.
@@ -428,10 +419,7 @@ TEST_CASE("chunks that are already loaded are not streamed again along a path", 
 
 TEST_CASE("hidden chunks are not loaded, in later frames either", "[streamer]") {
   const TempFolder folder;
-  convert::ConvertOptions options;
-  options.chunk_triangles = 60;
-  convert_layers(folder, options);
-  const Compared scene(folder.file("out.scree"));
+  const Compared scene = convert_layers(folder, {.chunk_triangles = 60});
   runtime::CameraOptions camera{
       .eye = runtime::Vec3{1.5, 9, 1.5}, .target = runtime::Vec3{1.5, 0, 1.49}, .width = 120, .height = 80};
   const View view = must_view(scene.whole(), camera);
@@ -457,10 +445,7 @@ TEST_CASE("hidden chunks are not loaded, in later frames either", "[streamer]") 
 
 TEST_CASE("a still camera with a small pool streams the missing chunks, and near chunks stay", "[streamer]") {
   const TempFolder folder;
-  convert::ConvertOptions options;
-  options.chunk_triangles = 60;
-  convert_layers(folder, options);
-  const Compared scene(folder.file("out.scree"));
+  const Compared scene = convert_layers(folder, {.chunk_triangles = 60});
   const Pool pool = scene.pool();
   const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 3);
   const View view = must_view(scene.whole(), {.width = 120, .height = 80});

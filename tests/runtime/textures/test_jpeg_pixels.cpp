@@ -168,13 +168,11 @@ TEST_CASE("damaged groups decode within their bytes", "[jpeg_pixels]") {
 }
 
 TEST_CASE("samples and colours of real files equal libjpeg's", "[jpeg_pixels]") {
-  if (scree::tests::models_path().empty()) {
-    WARN("no models: skipped");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("jpeg");
+  if (folder.empty()) return;
   uint32_t equal = 0;
   Difference fancy;
-  for (const auto& path : scree::tests::jpeg::jpeg_files(scree::tests::models_path() / "jpeg")) {
+  for (const auto& path : scree::tests::files_below(folder)) {
     INFO(path.filename().string());
     const Bytes file = tests::read_bytes(path);
     const auto indexed = runtime::index_jpeg(file);

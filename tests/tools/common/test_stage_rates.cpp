@@ -69,9 +69,9 @@ TEST_CASE("a thread's reading time is not working time", "[stage_rates]") {
   };
   {
     const Timed timed(all);
-    const TimedWork work(working);
+    const Timed work(working, Spent::kNotReading);
     spin(0.002);
-    const TimedRead read(reading);
+    const Timed read(reading, Spent::kReading);
     spin(0.003);
   }
   CHECK(reading >= 3'000'000);

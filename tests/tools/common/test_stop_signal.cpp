@@ -26,10 +26,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-bool has_entry(const std::string& folder, const std::string& begin) {
-  for (const auto& entry : std::filesystem::directory_iterator(folder))
-    if (entry.path().filename().string().starts_with(begin)) return true;
-  return false;
+bool has_entry(const TempFolder& folder, const std::string& begin) {
+  const std::vector<std::string> names = folder.names();
+  return std::any_of(names.begin(), names.end(), [&](const std::string& name) { return name.starts_with(begin); });
 }
 
 /// Stops the program once `is_ready` returns true, and checks that it ends soon, by the signal. Returns its output.
@@ -37,10 +36,7 @@ template <class IsReady>
 std::string stop(const std::vector<std::string>& words, const std::string& log, int signal, const IsReady& is_ready,
                  const char* program = kProgram) {
   const pid_t child = start_program(words, log, program);
-  const auto start = Clock::now();
-  while (!is_ready() && Clock::now() - start < std::chrono::seconds(60))
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  REQUIRE(is_ready());
+  REQUIRE(wait_until(is_ready));
   kill(child, signal);
   const auto stopped = Clock::now();
   const int status = wait_for(child);
@@ -57,7 +53,7 @@ TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
     const TempFolder outside;
     // 7 GB or 2 GB, if it were not stopped.
     const std::string scale = name == "city.glb" ? "0.1" : "1";
-    const auto has_part = [&] { return has_entry(folder.path().string(), "city."); };
+    const auto has_part = [&] { return has_entry(folder, "city."); };
     const std::string printed = stop({"synth", "A", "--scale", scale, "--threads", "2", "-o", folder.file(name)},
                                      outside.file("log"), SIGINT, has_part);
     CHECK(printed == "scree synth: stopped; nothing written\n");
@@ -87,11 +83,7 @@ TEST_CASE("a signal to scree-lab removes its folder", "[stop]") {
   const TempFolder folder;
   const TempFolder outside;
   REQUIRE(setenv("TMPDIR", folder.path().c_str(), 1) == 0);
-  const auto has_files = [&] {
-    for (const auto& entry : std::filesystem::recursive_directory_iterator(folder.path()))
-      if (entry.is_regular_file()) return true;
-    return false;
-  };
+  const auto has_files = [&] { return !files_below(folder.path()).empty(); };
   const std::string printed =
       stop({"--reference", "--scene", "A", "--scale", "0.2"}, outside.file("log"), SIGINT, has_files, kLabProgram);
   unsetenv("TMPDIR");
@@ -106,7 +98,7 @@ TEST_CASE("a signal before convert is done prints how to resume", "[stop]") {
   const std::string model = outside.file("city.gltf");
   REQUIRE(run_program({"synth", "A", "--scale", "0.05", "-o", model}, log).exit_code == 0);
   const std::string packed = folder.file("city.scree");
-  const auto has_part = [&] { return has_entry(folder.path().string(), "city.scree.part"); };
+  const auto has_part = [&] { return has_entry(folder, "city.scree.part"); };
   CHECK(stop({"convert", model, "-o", packed, "--quiet", "--threads", "1"}, log, SIGINT, has_part) ==
         "scree convert: stopped; nothing written\n");
   CHECK(folder.names().empty());
@@ -115,7 +107,7 @@ TEST_CASE("a signal before convert is done prints how to resume", "[stop]") {
   CHECK(folder.names() == std::vector<std::string>{"city.scree.part"});
 }
 
-TEST_CASE("a second signal ends a command at once, and its unfinished file is removed too", "[stop]") {
+TEST_CASE("a second signal ends a command at once, removes its unfinished file and names the written ones", "[stop]") {
   const TempFolder folder;
   const TempFolder outside;
   const std::string log = outside.file("log");
@@ -124,6 +116,7 @@ TEST_CASE("a second signal ends a command at once, and its unfinished file is re
   if (child == 0) {
     if (std::freopen(log.c_str(), "w", stderr) == nullptr) _exit(1);
     tools::end_on_signal("test");
+    for (const char* const written : {"first.png", "second.png", "first.png"}) tools::note_written(written);
     const tools::StopOnSignal handlers;
     Result<format::PartFile> part = format::PartFile::create(folder.file("out.bin"));
     if (!part || !part->write_at(0, std::as_bytes(std::span("new")))) _exit(2);
@@ -135,7 +128,7 @@ TEST_CASE("a second signal ends a command at once, and its unfinished file is re
   const int status = wait_for(child);
   REQUIRE(WIFSIGNALED(status));
   CHECK(WTERMSIG(status) == SIGINT);
-  CHECK(read_whole(log) == "scree test: stopped; nothing written\n");
+  CHECK(read_whole(log) == "scree test: stopped; written: first.png, second.png\n");
   CHECK(folder.names().empty());
 }
 

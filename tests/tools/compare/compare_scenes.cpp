@@ -11,6 +11,7 @@
 #include "runtime/images/block_file.h"
 #include "runtime/images/image.h"
 #include "tests/format/jpeg/jpeg_maker.h"
+#include "tests/tools/compare/source_compare.h"
 #include "tools/common/chunk_decode.h"
 
 namespace scree::tests {
@@ -40,9 +41,9 @@ bool is_webp(std::span<const std::byte> file) {
   return file.size() >= 12 && std::memcmp(file.data(), "RIFF", 4) == 0 && std::memcmp(file.data() + 8, "WEBP", 4) == 0;
 }
 
-class Comparison {
+class SceneComparison {
  public:
-  Comparison(const SourceScene& source, const format::Container& packed, const SourceScene& back)
+  SceneComparison(const SourceScene& source, const format::Container& packed, const SourceScene& back)
       : source_(source), packed_(packed), back_(back) {}
 
   std::vector<std::string> run() {
@@ -83,9 +84,10 @@ class Comparison {
 
   std::vector<float> floats(const std::optional<Accessor>& accessor) {
     if (!accessor) return {};
-    std::vector<float> values(accessor->count * accessor->components);
-    if (const auto read = read_floats(*accessor, 0, accessor->count, values); !read) differ(read.error().message);
-    return values;
+    Result<std::vector<float>> values = all_floats(*accessor);
+    if (values) return std::move(*values);
+    differ(values.error().message);
+    return std::vector<float>(accessor->count * accessor->components);
   }
 
   Vertices vertices(const Primitive& primitive) {
@@ -95,27 +97,11 @@ class Comparison {
     return all;
   }
 
-  std::vector<uint32_t> triangles(const Primitive& primitive) {
-    std::vector<uint32_t> corners(3 * primitive.triangle_count());
-    if (const auto read = read_triangles(primitive, 0, primitive.triangle_count(), corners); !read) {
-      differ(read.error().message);
-      corners.clear();
-    }
-    return corners;
-  }
-
-  /// By source triangle, whether it is kept: not degenerate ones of strips and fans, nor triangles with a non-finite
-  /// position.
-  static std::vector<bool> kept(const Primitive& primitive, const std::vector<uint32_t>& corners,
-                                const std::vector<float>& positions) {
-    std::vector<bool> keep(corners.size() / 3, true);
-    for (size_t t = 0; t < keep.size(); ++t) {
-      const uint32_t* c = &corners[3 * t];
-      if (primitive.mode != convert::PrimitiveMode::kTriangles && (c[0] == c[1] || c[1] == c[2] || c[0] == c[2]))
-        keep[t] = false;
-      for (size_t i = 0; i < 9; ++i) keep[t] = keep[t] && std::isfinite(positions[3 * size_t{c[i / 3]} + i % 3]);
-    }
-    return keep;
+  SourceTriangles triangles(const Primitive& primitive, const Vertices& vertices) {
+    Result<SourceTriangles> read = source_triangles(primitive, vertices.positions);
+    if (read) return std::move(*read);
+    differ(read.error().message);
+    return {};
   }
 
   void compare_meshes() {
@@ -129,17 +115,16 @@ class Comparison {
       const Primitive& primitive = source_.primitives[i];
       const uint32_t group = stored_as[primitive.group];
       if (group == kNone) continue;
-      const std::vector<uint32_t> corners = triangles(primitive);
       const Vertices was = vertices(primitive);
-      const std::vector<bool> keep = kept(primitive, corners, was.positions);
-      if (std::find(keep.begin(), keep.end(), true) == keep.end()) continue;
+      const SourceTriangles source = triangles(primitive, was);
+      if (source.kept_count == 0) continue;
       const uint32_t place = kept_primitives[primitive.group]++;
       const uint32_t mesh = packed_.groups()[group].first_mesh + place;
       if (place >= packed_.groups()[group].mesh_count || mesh >= back_.primitives.size()) {
         differ("primitive " + std::to_string(i) + " is missing");
         return;
       }
-      compare_mesh("primitive " + std::to_string(i), primitive, corners, keep, was, mesh);
+      compare_mesh("primitive " + std::to_string(i), primitive, source, was, mesh);
       meshes += group == primitive.group ? 1 : 0;
     }
     same_number("meshes in the file", meshes, packed_.meshes().size());
@@ -161,17 +146,16 @@ class Comparison {
     return ids;
   }
 
-  void compare_mesh(const std::string& place, const Primitive& source, const std::vector<uint32_t>& corners,
-                    std::vector<bool> keep, const Vertices& was, uint32_t mesh) {
+  void compare_mesh(const std::string& place, const Primitive& source, const SourceTriangles& from, const Vertices& was,
+                    uint32_t mesh) {
     const Primitive& back = back_.primitives[mesh];
     const std::vector<uint64_t> ids = source_ids(mesh);
-    const std::vector<uint32_t> back_corners = triangles(back);
-    if (!same_number(place + ": triangles", static_cast<uint64_t>(std::count(keep.begin(), keep.end(), true)),
-                     ids.size()) ||
-        !same_number(place + ": exported triangles", ids.size(), back_corners.size() / 3)) {
-      return;
-    }
     const Vertices is = vertices(back);
+    const std::vector<uint32_t> back_corners = triangles(back, is).corners;
+    if (!same_number(place + ": triangles", from.kept_count, ids.size()) ||
+        !same_number(place + ": exported triangles", ids.size(), back_corners.size() / 3))
+      return;
+    std::vector<bool> keep = from.kept;
     const format::MeshRecord& record = packed_.meshes()[mesh];
     compare_material(place, source, back);
     if (source.uv && is.uvs.empty()) differ(place + ": no texture coordinates");
@@ -184,8 +168,8 @@ class Comparison {
         return;
       }
       keep[ids[t]] = false;  // each triangle once
-      compare_triangle(place + ", triangle " + std::to_string(ids[t]), &corners[3 * ids[t]], &back_corners[3 * t], was,
-                       is, record);
+      compare_triangle(place + ", triangle " + std::to_string(ids[t]), &from.corners[3 * ids[t]], &back_corners[3 * t],
+                       was, is, record);
     }
   }
 
@@ -450,7 +434,7 @@ std::vector<format::NodeInstanceRecord> all_instances(const convert::SourceNode&
 
 std::vector<std::string> compare_scenes(const SourceScene& source, const format::Container& packed,
                                         const SourceScene& back) {
-  return Comparison(source, packed, back).run();
+  return SceneComparison(source, packed, back).run();
 }
 
 }  // namespace scree::tests

@@ -273,7 +273,7 @@ TEST_CASE("the small models are drawn as by the reference", "[compare]") {
   const tests::TempFolder folder;
   const std::string file = folder.file("model.scree");
   uint64_t compared = 0;
-  for (const std::filesystem::path& path : tests::gltf_files(tests::kDataFolder)) {
+  for (const std::filesystem::path& path : tests::model_files(tests::kDataFolder)) {
     INFO(path.string());
     convert::ConvertOptions options;
     options.float32 = true;
@@ -458,15 +458,12 @@ namespace {
 /// measurements in all.
 template <class Widths>
 void check_stated_errors(const Widths& widths, uint64_t least) {
-  const std::filesystem::path models = tests::models_path();
-  if (models.empty()) {
-    WARN("the models are not there: skipped");
-    return;
-  }
+  const std::filesystem::path models = tests::real_models("scenes");
+  if (models.empty()) return;
   const tests::TempFolder folder;
   const std::string output = folder.file("model.scree");
   uint64_t checked = 0, number = 0;
-  for (const std::filesystem::path& path : tests::gltf_files(models / "scenes")) {
+  for (const std::filesystem::path& path : tests::model_files(models)) {
     const auto source = convert::import_gltf(path.string(), {});
     if (!source) continue;  // test_models.cpp lists the models that may be refused
     for (const uint32_t bits : widths(number++)) {

@@ -434,10 +434,7 @@ TEST_CASE("a page of a texture is checked when it is read", "[block_textures][te
     const auto packed = must(tests::open_packed(options.output));
     offset = packed.file.pages()[packed.file.images()[0].page + 1].offset;
   }
-  std::fstream file(options.output, std::ios::in | std::ios::out | std::ios::binary);
-  file.seekp(static_cast<std::streamoff>(offset + 100));
-  file.put('!').put('?').put('!');
-  file.close();
+  tests::damage(options.output, offset + 100);
   CHECK_FALSE(runtime::Scene::open(options.output, {}));
   const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = uint64_t{1} << 30});
   const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
@@ -570,11 +567,8 @@ TEST_CASE("pages of textures that do not fit a GPU or are damaged are errors of 
   CHECK(small.message.starts_with("a pixel shows pages of textures of "));
   {
     const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = 1});
-    std::fstream file(options.output, std::ios::in | std::ios::out | std::ios::binary);
-    for (const uint32_t page : scene.block_pager()->file_pages()) {
-      file.seekp(static_cast<std::streamoff>(scene.container().pages()[page].offset + 100));
-      file.put('!').put('?').put('!');
-    }
+    for (const uint32_t page : scene.block_pager()->file_pages())
+      tests::damage(options.output, scene.container().pages()[page].offset + 100);
   }
   const Error damaged = refused(uint64_t{1} << 30);
   CHECK(damaged.code == ErrorCode::kChecksum);

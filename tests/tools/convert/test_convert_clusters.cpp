@@ -200,11 +200,8 @@ TEST_CASE("inspect itemises the bytes of clusters", "[convert][inspect][clusters
 }
 
 TEST_CASE("scans take half the bytes of indexed chunks", "[convert][clusters][models]") {
-  const std::filesystem::path scans = tests::models_path() / "scenes" / "scans";
-  if (tests::models_path().empty()) {
-    WARN("the models are not there: skipped");
-    return;
-  }
+  const std::filesystem::path scans = tests::real_models("scenes/scans");
+  if (scans.empty()) return;
   const TempFolder folder;
   double sum = 0;
   int count = 0;

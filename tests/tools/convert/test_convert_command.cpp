@@ -63,8 +63,7 @@ TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
   const pid_t child = start_program(
       {"convert", folder.file("in.glb"), "-o", folder.file("out.scree"), "--zstd", "22", "--threads", "1"},
       folder.file("log"));
-  for (int i = 0; i < 6000 && !std::filesystem::exists(folder.file("out.scree.part")); ++i)
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  CHECK(tests::wait_until([&] { return std::filesystem::exists(folder.file("out.scree.part")); }));
   kill(child, SIGTERM);
   const int status = wait_for(child);
   REQUIRE(WIFSIGNALED(status));
@@ -82,8 +81,7 @@ TEST_CASE("convert: an input that is cut or deleted meanwhile", "[convert]") {
   const pid_t child = start_program(
       {"convert", folder.file("in.gltf"), "-o", folder.file("out.scree"), "--force", "--zstd", "16", "--threads", "1"},
       folder.file("log"));
-  for (int i = 0; i < 6000 && !std::filesystem::exists(folder.file("out.scree.part")); ++i)
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  CHECK(tests::wait_until([&] { return std::filesystem::exists(folder.file("out.scree.part")); }));
   if (shrinks) {
     std::filesystem::resize_file(folder.file("in.bin"), 1000);
   } else {
@@ -123,11 +121,7 @@ TEST_CASE("convert: a reopened buffer file that was deleted or replaced meanwhil
   const pid_t child = start_program({"convert", input, "-o", folder.file("out.scree"), "--force", "--grid", "scene",
                                      "--positions", "12", "--zstd", "16", "--threads", "1", "--order", "none"},
                                     folder.file("log"));
-  siginfo_t ended{};
-  for (int i = 0; i < 60000 && !std::filesystem::exists(folder.file("out.scree.part")) && ended.si_pid == 0; ++i) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    REQUIRE(waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
-  }
+  tests::wait_until([&] { return std::filesystem::exists(folder.file("out.scree.part")) || tests::has_ended(child); });
   if (is_replaced) {
     std::filesystem::copy_file(last, folder.file("copy"));
     std::filesystem::rename(folder.file("copy"), last);
@@ -158,14 +152,13 @@ TEST_CASE("convert: progress on a terminal names the limiting stage", "[convert]
       {"convert", folder.file("in.glb"), "--zstd", "19", "--threads", "1", "--encoding", "indexed", "--stats"},
       ptsname(terminal));
   std::string shown;
-  siginfo_t ended{};
-  for (int i = 0; i < 60000 && ended.si_pid == 0; ++i) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    REQUIRE(waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
+  tests::wait_until([&] {
+    const bool ended = tests::has_ended(child);
     char buffer[4096];
     for (ssize_t got; (got = read(terminal, buffer, sizeof buffer)) > 0;)
       shown.append(buffer, static_cast<size_t>(got));
-  }
+    return ended;
+  });
   const int status = wait_for(child);
   close(terminal);
   INFO(shown);

@@ -88,16 +88,19 @@ class Conversion {
     std::vector<std::string> more{"-o", out_};
     if (!option.empty()) more.push_back(option);
     const pid_t child = tests::start_program(words(more), folder_.file("log"));
-    for (int i = 0; i < 200000; ++i) {
-      siginfo_t ended{};
-      REQUIRE(waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
-      if (ended.si_pid == child) break;
-      struct stat status {};
-      if (::stat(part().c_str(), &status) == 0 && static_cast<uint64_t>(status.st_blocks) * 512 >= bytes) break;
-      std::this_thread::sleep_for(std::chrono::microseconds(200));
-    }
+    tests::wait_until([&] { return tests::has_ended(child) || tests::disk_bytes(part()) >= bytes; });
     kill(child, signal);
     tests::wait_for(child);
+  }
+
+  /// Leaves a .part to continue from: takes it away, and take_kept() puts it back.
+  void keep_part(uint64_t bytes) {
+    stop_at(bytes, SIGKILL, "");
+    REQUIRE(std::filesystem::exists(part()));
+    std::filesystem::rename(part(), kept_);
+  }
+  void take_kept() const {
+    std::filesystem::copy_file(kept_, part(), std::filesystem::copy_options::overwrite_existing);
   }
 
   /// Continues, checks the bytes, and returns the output.
@@ -115,6 +118,7 @@ class Conversion {
   TempFolder folder_;
   std::string in_ = folder_.file("in.glb");
   std::string out_ = folder_.file("out.scree");
+  std::string kept_ = folder_.file("kept");
   std::string reference_;
   std::string encoding_;
   uint32_t threads_ = 2;
@@ -182,13 +186,11 @@ TEST_CASE("convert --resume: a signal leaves the .part only with the option", "[
 
 TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {
   Conversion conversion;
-  conversion.stop_at(4500000, SIGKILL, "");
-  const std::string kept = conversion.folder().file("kept");
-  REQUIRE(std::filesystem::exists(conversion.part()));
-  std::filesystem::rename(conversion.part(), kept);
-  const uint64_t size = std::filesystem::file_size(kept);
+  conversion.keep_part(4500000);
+  conversion.take_kept();
+  const uint64_t size = std::filesystem::file_size(conversion.part());
   const auto check = [&](uint64_t offset, bool cut, const char* expected) {
-    std::filesystem::copy_file(kept, conversion.part(), std::filesystem::copy_options::overwrite_existing);
+    conversion.take_kept();
     damage(conversion.part(), offset, cut);
     const std::string said = conversion.resume();
     INFO("byte " << offset << (cut ? " cut" : "") << ": " << said);
@@ -207,22 +209,16 @@ TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {
 
 TEST_CASE("convert --resume: another input or other options start afresh", "[convert][resume]") {
   Conversion conversion;
-  conversion.stop_at(3000000, SIGKILL, "");
-  const std::string kept = conversion.folder().file("kept");
-  REQUIRE(std::filesystem::exists(conversion.part()));
-  std::filesystem::rename(conversion.part(), kept);
-  const auto take_kept = [&] {
-    std::filesystem::copy_file(kept, conversion.part(), std::filesystem::copy_options::overwrite_existing);
-  };
+  conversion.keep_part(3000000);
   const std::string out = conversion.folder().file("out.scree");
-  take_kept();
+  conversion.take_kept();
   const std::string other = conversion.run({"-o", out, "--resume", "--order", "none"});
   CHECK(says(other, "starts afresh: it was made from another input or with other options"));
   CHECK((tests::read_whole(out) != conversion.reference()));
-  take_kept();
+  conversion.take_kept();
   CHECK(says(conversion.run({"-o", out, "--resume", "--force", "--memory", "4GiB"}), "resumed after"));
   CHECK((tests::read_whole(out) == conversion.reference()));
-  take_kept();
+  conversion.take_kept();
   std::filesystem::last_write_time(conversion.input(),
                                    std::filesystem::last_write_time(conversion.input()) + std::chrono::seconds(1));
   CHECK(says(conversion.resume(), "starts afresh"));

@@ -12,7 +12,6 @@
 #include "tests/models.h"
 #include "tests/sanitized.h"
 #include "tests/tools/convert/convert_fixture.h"
-#include "tests/tools/model_files.h"
 #include "tests/tools/model_maker.h"
 #include "tools/convert/plan/convert_options.h"
 #include "tools/inspect/verify.h"
@@ -220,11 +219,8 @@ TEST_CASE("with an error bound the small models are no larger than as floats", "
 
 /// `every`: use every n-th combination of models, bounds and encodings.
 static void check_models(size_t every) {
-  const std::vector<fs::path> files = tests::model_files(tests::models_path() / "scenes");
-  if (files.empty()) {
-    WARN("the models are not there: skipped");
-    return;
-  }
+  const std::vector<fs::path> files = tests::model_files(tests::real_models("scenes"));
+  if (files.empty()) return;
   const tests::TempFolder folder;
   Counts counts;
   size_t number = 0, measured = 0;

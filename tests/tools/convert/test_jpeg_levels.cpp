@@ -94,10 +94,8 @@ TEST_CASE("levels are the box filter of the base level, for every sampling", "[j
 }
 
 TEST_CASE("levels of real files take at most 0.4 of their base levels", "[jpeg_levels]") {
-  if (scree::tests::models_path().empty()) {
-    WARN("no models: skipped");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("jpeg");
+  if (folder.empty()) return;
   double ratios = 0;
   double large_ratios = 0;  // for files of 65,536 pixels or more
   double bytes = 0;
@@ -106,7 +104,7 @@ TEST_CASE("levels of real files take at most 0.4 of their base levels", "[jpeg_l
   uint32_t files = 0;
   uint32_t large = 0;
   double worst = 0;
-  for (const auto& path : scree::tests::jpeg::jpeg_files(scree::tests::models_path() / "jpeg")) {
+  for (const auto& path : scree::tests::files_below(folder)) {
     INFO(path.filename().string());
     const Bytes file = tests::read_bytes(path);
     if (!runtime::index_jpeg(file)) continue;

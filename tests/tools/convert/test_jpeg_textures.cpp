@@ -189,10 +189,7 @@ TEST_CASE("a page of JPEG levels is checked when it is read", "[jpeg_textures][t
     }
   }
   // In the file, the checksum is wrong.
-  std::fstream file(options.output, std::ios::in | std::ios::out | std::ios::binary);
-  file.seekp(static_cast<std::streamoff>(container.pages()[image.page].offset + 200));
-  file.put('!').put('?').put('!');
-  file.close();
+  tests::damage(options.output, container.pages()[image.page].offset + 200);
   const auto frame = must(runtime::Frame::draw(scene, tests::must_view(scene, close_view()), 1, 2));
   const auto refused = refusal(frame.shade({}, 2));
   CHECK(refused.code == ErrorCode::kChecksum);
@@ -217,12 +214,10 @@ TEST_CASE("groups larger than a cache's slots are decoded where they are sampled
 }
 
 TEST_CASE("real models are equal with any texture cache", "[jpeg_textures]") {
-  if (tests::models_path().empty()) {
-    WARN("no models: skipped");
-    return;
-  }
+  const std::filesystem::path models = scree::tests::real_models("scenes");
+  if (models.empty()) return;
   for (const char* name : {"DamagedHelmet/DamagedHelmet.glb", "CesiumMan/CesiumMan.gltf"}) {
-    const auto path = tests::models_path() / "scenes" / name;
+    const auto path = models / name;
     if (!std::filesystem::exists(path)) continue;
     INFO(name);
     const TempFolder folder;

@@ -137,17 +137,14 @@ TEST_CASE("CMYK is decoded and encoded again", "[jpeg_transcode]") {
 }
 
 TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or refused", "[jpeg_transcode]") {
-  if (scree::tests::models_path().empty()) {
-    WARN("no models: skipped");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("jpeg");
+  if (folder.empty()) return;
   uint32_t transcoded = 0;
   uint32_t refused = 0;
   uint32_t coded = 0;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(scree::tests::models_path() / "jpeg")) {
-    if (!entry.is_regular_file()) continue;
-    INFO(entry.path().filename().string());
-    const Bytes file = read_bytes(entry.path());
+  for (const std::filesystem::path& path : scree::tests::files_below(folder)) {
+    INFO(path.filename().string());
+    const Bytes file = read_bytes(path);
     const auto header = must(format::parse_jpeg(file));
     switch (format::judge_jpeg(header).treatment) {
       case JpegTreatment::kAsItIs:
@@ -175,16 +172,12 @@ TEST_CASE("real JPEG files are indexed as they are, transcoded, encoded again or
 }
 
 TEST_CASE("damaged JPEG files never take the transcoder past its limits", "[jpeg_transcode]") {
-  if (scree::tests::models_path().empty()) {
-    WARN("no models: skipped");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("bad/jpeg");
+  if (folder.empty()) return;
   uint32_t refused = 0;
-  for (const auto& entry :
-       std::filesystem::recursive_directory_iterator(scree::tests::models_path() / "bad" / "jpeg")) {
-    if (!entry.is_regular_file()) continue;
-    INFO(entry.path().filename().string());
-    const auto transcoded = runtime::transcode_jpeg(read_bytes(entry.path()));
+  for (const std::filesystem::path& path : scree::tests::files_below(folder)) {
+    INFO(path.filename().string());
+    const auto transcoded = runtime::transcode_jpeg(read_bytes(path));
     refused += !transcoded;
     if (transcoded) check_indexable(transcoded->file);
   }

@@ -3,9 +3,9 @@
 #include <map>
 
 #include "tests/catch.h"
+#include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/convert/convert_fixture.h"
-#include "tests/tools/model_files.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
 #include "tools/convert/windows/face_normals.h"

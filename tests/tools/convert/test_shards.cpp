@@ -170,13 +170,8 @@ TEST_CASE("a mesh of several windows and pages can be cut anywhere", "[convert][
 }
 
 TEST_CASE("shards of real models merge to the bytes of one run", "[convert][shards][models]") {
-  std::vector<fs::path> models;
-  std::error_code none;
-  for (const auto& entry : fs::recursive_directory_iterator(tests::models_path() / "scenes", none))
-    if ((entry.path().extension() == ".glb" || entry.path().extension() == ".gltf") && entry.file_size() < 1000000)
-      models.push_back(entry.path());
-  if (models.empty()) WARN("skipped: no models");
-  std::sort(models.begin(), models.end());
+  std::vector<fs::path> models = tests::model_files(tests::real_models("scenes"));
+  std::erase_if(models, [](const fs::path& path) { return fs::file_size(path) >= 1000000; });
   for (size_t i = 0; i < models.size(); i += 10) {
     const Sharded scene(models[i]);
     ConvertOptions options = scene.options();

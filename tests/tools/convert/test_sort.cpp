@@ -211,14 +211,6 @@ uint32_t make_grid_file(const std::string& path, bool in_order, size_t meshes = 
   return number[1000];
 }
 
-std::vector<std::string> names_in(const TempFolder& folder) {
-  std::vector<std::string> names;
-  for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
-    names.push_back(entry.path().filename().string());
-  std::sort(names.begin(), names.end());
-  return names;
-}
-
 }  // namespace
 
 TEST_CASE("sort: primitives with and without locality are told apart", "[sort]") {
@@ -341,7 +333,7 @@ TEST_CASE("sort: a shuffled mesh becomes as small as an ordered one", "[sort][co
   options.memory = ConvertOptions().memory;
   options.order = Order::kNone;  // keeps the source's order
   CHECK(must_convert(options).sorted_triangles == 0);
-  CHECK((names_in(folder) == std::vector<std::string>{"in.glb", "ordered.glb", "out.scree"}));
+  CHECK((folder.names() == std::vector<std::string>{"in.glb", "ordered.glb", "out.scree"}));
 }
 
 TEST_CASE("sort: triangles keep their numbers, equal meshes are stored once", "[sort][convert]") {
@@ -358,7 +350,7 @@ TEST_CASE("sort: the error of a position names the source's vertex", "[sort][con
   const uint32_t vertex = make_grid_file(folder.file("in.glb"), false, 1, true);
   ConvertOptions options = options_of(folder);
   must_fail(options, ErrorCode::kRange, "mesh 0 primitive 0: vertex " + std::to_string(vertex) + ": position (");
-  CHECK((names_in(folder) == std::vector<std::string>{"in.glb"}));
+  CHECK((folder.names() == std::vector<std::string>{"in.glb"}));
   options.drop_nonfinite = true;
   const ConvertReport report = must_match(options);
   CHECK(report.dropped_nonfinite == 6);
@@ -378,7 +370,7 @@ TEST_CASE("sort: the temporary file disappears, however the program ends", "[sor
   const std::string said = tests::read_whole(folder.file("log"));
   CHECK(said.find("out.scree.sorted.part: write: File too large\n") != std::string::npos);
   CHECK(std::count(said.begin(), said.end(), '\n') == 1);
-  CHECK((names_in(folder) == std::vector<std::string>{"in.glb", "log"}));
+  CHECK((folder.names() == std::vector<std::string>{"in.glb", "log"}));
 
   const std::vector<std::string> words{"convert", folder.file("in.glb"), "-o", folder.file("out.scree"), "--quiet"};
   for (const int end : {SIGINT, SIGKILL}) {
@@ -387,7 +379,7 @@ TEST_CASE("sort: the temporary file disappears, however the program ends", "[sor
       std::this_thread::sleep_for(std::chrono::milliseconds(milliseconds));
       kill(child, end);
       tests::wait_for(child);
-      for (const std::string& name : names_in(folder)) {
+      for (const std::string& name : folder.names()) {
         CAPTURE(name);
         // A kill may come between creating the temporary file and unlinking it.
         const bool may_be_left = name == "out.scree.part" || name == "out.scree.sorted.part";
@@ -409,13 +401,7 @@ TEST_CASE("sort: a conversion that sorts is resumed", "[sort][convert]") {
   REQUIRE(tests::run_program(words("whole.scree"), folder.file("log")).exit_code == 0);
   const std::string part = folder.file("out.scree.part");
   const pid_t child = tests::start_program(words("out.scree"), folder.file("log"));
-  for (int i = 0; i < 200000; ++i) {
-    siginfo_t ended{};
-    REQUIRE(waitid(P_PID, static_cast<id_t>(child), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
-    struct stat of_part {};
-    if (ended.si_pid == child || (::stat(part.c_str(), &of_part) == 0 && of_part.st_blocks > 4000)) break;
-    std::this_thread::sleep_for(std::chrono::microseconds(200));
-  }
+  tests::wait_until([&] { return tests::has_ended(child) || tests::disk_bytes(part) > 4000 * 512; });
   kill(child, SIGKILL);
   tests::wait_for(child);
   const bool is_unfinished = std::filesystem::exists(part);

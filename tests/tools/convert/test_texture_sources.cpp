@@ -23,10 +23,6 @@ using tests::TempFolder;
 
 namespace {
 
-void write_file(const TempFolder& folder, const std::string& name, const FileBytes& bytes) {
-  folder.write(name, std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
-}
-
 FileBytes png_of(uint32_t side) {
   const std::vector<uint8_t> pixels(size_t{3} * side * side, 90);
   return must(runtime::encode_png({side, side, 3, pixels}));
@@ -64,11 +60,11 @@ format::ImageRecord stored_image(const TempFolder& folder) {
 
 TEST_CASE("the best readable image is used", "[texture_sources]") {
   const TempFolder folder;
-  write_file(folder, "8.ktx2", tests::make_ktx2({}));
-  write_file(folder, "bc6.ktx2", unreadable());
-  write_file(folder, "etc1s.ktx2", tests::make_basis_lz({}).bytes);
-  write_file(folder, "8.dds", tests::make_dds({.format = format::BlockFormat::kBc1}, 71));
-  write_file(folder, "4.png", png_of(4));
+  folder.write("8.ktx2", tests::make_ktx2({}));
+  folder.write("bc6.ktx2", unreadable());
+  folder.write("etc1s.ktx2", tests::make_basis_lz({}).bytes);
+  folder.write("8.dds", tests::make_dds({.format = format::BlockFormat::kBc1}, 71));
+  folder.write("4.png", png_of(4));
   const std::string images =
       R"({"uri":"8.ktx2"},{"uri":"bc6.ktx2"},{"uri":"8.dds"},{"uri":"4.png"},{"uri":"no.png"},{"uri":"etc1s.ktx2"})";
   const auto taken = [&](const std::string& sources) {
@@ -105,7 +101,7 @@ TEST_CASE("the best readable image is used", "[texture_sources]") {
 TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_sources][webp]") {
   const TempFolder folder;
   if (runtime::webp_version().empty()) {
-    write_file(folder, "a.webp", FileBytes(64));
+    folder.write("a.webp", FileBytes(64));
     folder.write("a.webp", std::string("RIFF\x08\0\0\0WEBPVP8 ", 16));
     textured_triangle(folder, R"({"uri":"a.webp"})", R"("extensions":{"EXT_texture_webp":{"source":0}})");
     tests::must_fail(tests::options_of(folder, "in.gltf"), ErrorCode::kUnsupported,
@@ -115,8 +111,8 @@ TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_source
 #ifdef SCREE_TESTS_WEBP
   const bool has_alpha = GENERATE(false, true);
   const std::vector<uint8_t> pixels = tests::smooth_pixels(60, 40, has_alpha);
-  write_file(folder, "a.webp", tests::make_webp(pixels, 60, 40));
-  write_file(folder, "4.png", png_of(4));
+  folder.write("a.webp", tests::make_webp(pixels, 60, 40));
+  folder.write("4.png", png_of(4));
   const std::string images = R"({"uri":"a.webp","mimeType":"image/jpeg"},{"uri":"4.png"})";
   textured_triangle(folder, images, R"("source":1,"extensions":{"EXT_texture_webp":{"source":0}})");
   CHECK(stored_image(folder).width == 4);  // a PNG as it is before one that is made
@@ -147,11 +143,8 @@ TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_source
 }
 
 TEST_CASE("a real WebP texture is drawn", "[texture_sources][webp][models]") {
-  const auto model = tests::models_path() / "scenes-material/grass/grass.glb";
-  if (tests::models_path().empty() || !std::filesystem::exists(model) || runtime::webp_version().empty()) {
-    WARN("no folder of real models, or no libwebp");
-    return;
-  }
+  const std::filesystem::path model = tests::real_models("scenes-material/grass/grass.glb");
+  if (model.empty() || runtime::webp_version().empty()) return;
   const TempFolder folder;
   convert::ConvertOptions options = tests::options_of(folder);
   options.input = model.string();

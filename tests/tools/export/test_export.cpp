@@ -112,18 +112,16 @@ fs::path small_model() {
 }  // namespace
 
 TEST_CASE("export: the models of tests/data are exported unchanged", "[export][roundtrip]") {
-  const auto sources = tests::gltf_files(tests::kDataFolder);
+  const auto sources = tests::model_files(tests::kDataFolder);
   REQUIRE(sources.size() >= 2);
   round_trip_all(sources, 0.5);
 }
 
 TEST_CASE("export: real models are exported unchanged and the validator accepts them", "[export][roundtrip][models]") {
-  if (tests::models_path().empty()) {
-    WARN("the real models are not there");
-    return;
-  }
+  const std::filesystem::path folder = scree::tests::real_models("scenes");
+  if (folder.empty()) return;
   // The others are invalid.
-  round_trip_all(tests::gltf_files(tests::models_path() / "scenes"), 0.85);
+  round_trip_all(tests::model_files(folder), 0.85);
 }
 
 TEST_CASE("export: a textured material on a primitive without texture coordinates", "[export]") {
@@ -133,9 +131,9 @@ TEST_CASE("export: a textured material on a primitive without texture coordinate
   const float uvs[6] = {0, 0, 1, 0, 0, 1};
   std::string bin(reinterpret_cast<const char*>(positions), sizeof positions);
   bin.append(reinterpret_cast<const char*>(uvs), sizeof uvs);
-  tests::write_file(folder.path() / "a.bin", bin);
+  folder.write("a.bin", bin);
   fs::copy_file(tests::data_path("checker.png"), folder.path() / "checker.png");
-  tests::write_file(folder.path() / "a.gltf", R"({"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 0,
+  folder.write("a.gltf", R"({"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 0,
     "nodes": [{"mesh": 0}], "images": [{"uri": "checker.png"}], "textures": [{"source": 0}],
     "materials": [{"name": "m", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1.0000001, 0.5, 0, 1]}}],
     "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0},
@@ -167,7 +165,7 @@ TEST_CASE("export: the validator check can fail", "[export]") {
   const size_t place = bytes.find("\"POSITION\"");
   REQUIRE(place != std::string::npos);
   std::memcpy(&bytes[place + 1], "POSITIOM", 8);  // no such attribute
-  tests::write_file(path, bytes);
+  folder.write("a.glb", bytes);
   const tests::ValidatorRun run = tests::run_validator(folder.path());
   if (!tests::validator_result_is_there(run)) return;
   INFO(run.output);
@@ -243,9 +241,7 @@ TEST_CASE("export: progress is reported, the input's pages are released, and a s
   watched.stop = &stop;
   CHECK(refusal(tools::export_gltf(packed.file, folder.file("b.glb"), watched)).message.find("interrupted") !=
         std::string::npos);
-  size_t files = 0;
-  for (const auto& entry : fs::directory_iterator(folder.path())) files += entry.is_regular_file();
-  CHECK(files == 2);
+  CHECK(folder.names().size() == 2);
 }
 
 TEST_CASE("export: a failed write is an error and leaves nothing behind", "[export]") {
@@ -260,11 +256,8 @@ TEST_CASE("export: a failed write is an error and leaves nothing behind", "[expo
     REQUIRE(!no_folder);
     CHECK(no_folder.error().code == ErrorCode::kFile);
   }
-  std::string bytes = tests::read_whole(scree);
-  const auto opened = must(tests::open_packed(scree));
-  const uint64_t place = opened.file.pages()[0].offset;
-  bytes[place] = static_cast<char>(bytes[place] ^ 16);
-  tests::write_file(folder.file("bad.scree"), bytes);
+  fs::copy_file(scree, folder.file("bad.scree"));
+  tests::damage(folder.file("bad.scree"), must(tests::open_packed(scree)).file.pages()[0].offset);
   const auto bad = must(tests::open_packed(folder.file("bad.scree")));
   for (const char* name : {"bad.glb", "bad.gltf"}) {
     const auto broken = tools::export_gltf(bad.file, folder.file(name), {});
@@ -272,9 +265,7 @@ TEST_CASE("export: a failed write is an error and leaves nothing behind", "[expo
     CHECK(broken.error().code == ErrorCode::kChecksum);
     CHECK(broken.error().message.find("page 0") != std::string::npos);
   }
-  std::set<std::string> left;
-  for (const auto& entry : fs::directory_iterator(folder.path())) left.insert(entry.path().filename().string());
-  CHECK(left == std::set<std::string>{"a.scree", "bad.scree"});
+  CHECK(folder.names() == std::vector<std::string>{"a.scree", "bad.scree"});
 }
 
 }  // namespace scree

@@ -254,6 +254,8 @@ const Change kChanges[] = {
      ErrorCode::kRange, "material 0: texture 0 does not exist"},
     {R"(,"scene":0)", R"(,"scene":0,"materials":[{"pbrMetallicRoughness":{"baseColorFactor":[1,1,1]}}])",
      ErrorCode::kRange, "material 0: pbrMetallicRoughness.baseColorFactor has 3 numbers, expected 4"},
+    {R"(,"scene":0)", R"(,"scene":0,"materials":[{"emissiveFactor":[1,1,1,1]}])", ErrorCode::kRange,
+     "material 0: emissiveFactor has 4 numbers, expected 3"},
 };
 
 TEST_CASE("a document with one thing wrong is refused with its place", "[import][bad]") {
@@ -470,18 +472,13 @@ TEST_CASE("a changed byte never crashes an import", "[import][bad]") {
 }
 
 TEST_CASE("the malformed real files end in an error or a clean import", "[import][bad][models]") {
-  const fs::path folder = tests::models_path() / "bad" / "gltf";
-  if (tests::models_path().empty() || !fs::exists(folder)) {
-    WARN("no folder of real models");
-    return;
-  }
+  const std::filesystem::path folder = tests::real_models("bad/gltf");
+  if (folder.empty()) return;
   size_t files = 0;
   size_t refused = 0;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    const std::string extension = entry.path().extension().string();
-    if (!entry.is_regular_file() || (extension != ".gltf" && extension != ".glb")) continue;
+  for (const fs::path& file : tests::model_files(folder)) {
     ++files;
-    const std::string path = entry.path().string();
+    const std::string path = file.string();
     const auto scene = import_gltf(path, {});
     check_outcome(path, scene);
     bool failed = !scene;
@@ -502,20 +499,15 @@ const std::map<std::string, std::string> kRefusedScenes = {
 };
 
 TEST_CASE("real scenes import, except for unsupported features", "[import][models]") {
-  const fs::path folder = tests::models_path() / "scenes";
-  if (tests::models_path().empty() || !fs::exists(folder)) {
-    WARN("no folder of real models");
-    return;
-  }
+  const std::filesystem::path folder = tests::real_models("scenes");
+  if (folder.empty()) return;
   size_t files = 0;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    const std::string extension = entry.path().extension().string();
-    if (!entry.is_regular_file() || (extension != ".gltf" && extension != ".glb")) continue;
+  for (const fs::path& file : tests::model_files(folder)) {
     ++files;
-    const std::string name = entry.path().lexically_relative(folder).generic_string();
+    const std::string name = file.lexically_relative(folder).generic_string();
     INFO(name);
-    const auto scene = import_gltf(entry.path().string(), {});
-    check_outcome(entry.path().string(), scene);
+    const auto scene = import_gltf(file.string(), {});
+    check_outcome(file.string(), scene);
     const auto reason = kRefusedScenes.find(name);
     if (!scene && draco_version().empty() && scene.error().message.find("built without libdraco") != std::string::npos)
       continue;

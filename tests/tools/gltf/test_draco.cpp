@@ -11,7 +11,6 @@
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/tools/gltf/draco_streams.h"
-#include "tests/tools/model_files.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 #include "tools/gltf/draco_source.h"
@@ -219,11 +218,8 @@ TEST_CASE("damaged Draco streams are errors of one line", "[draco][bad]") {
 }
 
 TEST_CASE("real scenes of Draco convert", "[draco][models]") {
-  const fs::path folder = tests::models_path() / "scenes";
-  if (tests::models_path().empty() || !fs::exists(folder)) {
-    WARN("no folder of real models");
-    return;
-  }
+  const std::filesystem::path folder = tests::real_models("scenes");
+  if (folder.empty()) return;
   const TempFolder out;
   // The number of triangles agrees with the accessors of the indices.
   const std::pair<const char*, uint64_t> scenes[] = {

@@ -8,6 +8,8 @@
 #include <fstream>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "tests/catch.h"
@@ -562,6 +564,18 @@ TEST_CASE("the scanner cuts a document at members and elements", "[import][json]
     std::string copy = bad;
     INFO(bad);
     CHECK_FALSE(split_document(copy));
+  }
+}
+
+TEST_CASE("a read past the end of a source is refused with both sizes", "[uri]") {
+  const tests::TempFolder folder;
+  const auto file = must(open_file_source(folder.write("eight", std::string_view("8 bytes."))));
+  for (const auto& [source, end] : {std::pair(file, "the file has 8"),
+                                    std::pair(memory_source(std::vector<std::byte>(8)), "the data: URI has 8")}) {
+    std::array<std::byte, 4> out{};
+    CHECK(source->read(4, out));
+    check_refusal(source->read(5, out), ErrorCode::kTruncated, std::string("read of 4 bytes at 5, but ") + end);
+    check_refusal(source->read(~uint64_t{0}, out), ErrorCode::kTruncated, end);
   }
 }
 

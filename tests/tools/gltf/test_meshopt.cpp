@@ -389,11 +389,8 @@ TEST_CASE("invalid properties of a compressed view are refused", "[meshopt][bad]
 }
 
 TEST_CASE("real compressed scenes have the triangles of their unpacked twins", "[meshopt][models]") {
-  const std::filesystem::path folder = tests::models_path() / "scenes";
-  if (tests::models_path().empty() || !std::filesystem::exists(folder)) {
-    WARN("no folder of real models");
-    return;
-  }
+  const std::filesystem::path folder = tests::real_models("scenes");
+  if (folder.empty()) return;
   const std::pair<const char*, const char*> twins[] = {
       {"pirate/pirate.glb", "pirate/pirate-decoded.glb"},
       {"dream-apartment/dream-apartment.glb", "dream-apartment/dream-apartment-decoded.glb"},
@@ -415,11 +412,8 @@ TEST_CASE("real compressed scenes have the triangles of their unpacked twins", "
 }
 
 TEST_CASE("a fallback buffer has the bytes that its views unpack to", "[meshopt][models]") {
-  const std::filesystem::path folder = tests::models_path() / "scenes/meshopt-fallback";
-  if (tests::models_path().empty() || !std::filesystem::exists(folder)) {
-    WARN("no folder of real models");
-    return;
-  }
+  const std::filesystem::path folder = tests::real_models("scenes/meshopt-fallback");
+  if (folder.empty()) return;
   const tests::TempFolder copy;
   std::string text = tests::read_whole((folder / "meshopt-fallback.gltf").string());
   for (const char* name : {"meshopt-fallback.bin", "meshopt-fallback.fallback.bin"})

@@ -154,11 +154,8 @@ TEST_CASE("meshopt modes for missing channels are refused", "[meshopt]") {
 }
 
 TEST_CASE("real files of both extensions and versions have the values of their decoded twins", "[meshopt][models]") {
-  const std::filesystem::path folder = tests::models_path() / "scenes-meshopt";
-  if (tests::models_path().empty() || !std::filesystem::exists(folder)) {
-    WARN("no folder of real models");
-    return;
-  }
+  const std::filesystem::path folder = tests::real_models("scenes-meshopt");
+  if (folder.empty()) return;
   size_t files = 0;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
     const std::string path = entry.path().string();

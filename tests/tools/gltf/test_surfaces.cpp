@@ -47,9 +47,7 @@ std::string document(const std::string& materials, const std::string& lights = "
 std::string write(const TempFolder& folder, const std::string& text) {
   std::filesystem::copy_file(tests::data_path("checker.png"), folder.file("checker.png"),
                              std::filesystem::copy_options::overwrite_existing);
-  const std::string path = folder.file("in.gltf");
-  std::ofstream(path) << text;
-  return path;
+  return folder.write("in.gltf", text);
 }
 
 }  // namespace

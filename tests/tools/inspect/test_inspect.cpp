@@ -180,7 +180,7 @@ void check_totals(const std::string& path, const json& report) {
 }  // namespace
 
 TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
-  std::vector<std::filesystem::path> models = tests::gltf_files(tests::kDataFolder);
+  std::vector<std::filesystem::path> models = tests::model_files(tests::kDataFolder);
   REQUIRE(!models.empty());
   if (const auto real = tests::models_path(); !real.empty()) {
     for (const char* name : {"scenes/building/building.glb", "scenes/InstanceTest/InstanceTest.glb",
@@ -351,11 +351,9 @@ TEST_CASE("inspect: a failure is printed and ends in an error", "[inspect][verif
   const std::string path = folder.file("a.scree");
   REQUIRE(tests::pack(small_model().string(), path));
   const auto packed = must(tests::open_packed(path));
-  std::string bytes = tests::read_whole(path);
   const uint64_t offset = packed.file.pages()[0].offset;
-  bytes[offset + 5] = static_cast<char>(bytes[offset + 5] ^ 1);
-  const std::string bad = folder.file("bad.scree");
-  tests::write_file(bad, bytes);
+  const std::string bad = folder.write("bad.scree", tests::read_whole(path));
+  tests::damage(bad, offset + 5);
 
   const auto [text, result] = inspect_text(bad, {false, true, false, 10, 2, false});
   REQUIRE(!result);
@@ -372,8 +370,7 @@ TEST_CASE("inspect: a failure is printed and ends in an error", "[inspect][verif
   const auto [no_text, missing] = inspect_text(folder.file("missing.scree"), {});
   REQUIRE(!missing);
   CHECK(missing.error().code == ErrorCode::kFile);
-  tests::write_file(folder.file("c.scree"), "not a scree file");
-  const auto [none, foreign] = inspect_text(folder.file("c.scree"), {});
+  const auto [none, foreign] = inspect_text(folder.write("c.scree", "not a scree file"), {});
   REQUIRE(!foreign);
   CHECK(exit_code(foreign.error().code) == 3);
 }

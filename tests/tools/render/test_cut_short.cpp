@@ -35,8 +35,6 @@
 namespace scree::tests {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
 // For work that takes seconds on an idle machine.
 constexpr std::chrono::seconds kDeadline{120};
 
@@ -131,14 +129,11 @@ class CutFile {
   /// Truncates the file to that many bytes after that many seconds of processor time.
   void must_end(const std::vector<std::string>& command, double seconds, uint64_t to_bytes) const {
     const pid_t child = start_program(command, folder_.file("log"));
-    const auto deadline = Clock::now() + kDeadline;
     const auto goes_on = [&] { return maps_file(child) && seconds_of(child) > seconds; };
-    while (!goes_on() && !has_ended(child) && Clock::now() < deadline)
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    wait_until([&] { return goes_on() || has_ended(child); }, kDeadline);
     const bool is_drawing = goes_on() && !has_ended(child);
     std::filesystem::resize_file(path(), to_bytes);
-    while (!has_ended(child) && Clock::now() < deadline) std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    const bool ended = has_ended(child);
+    const bool ended = wait_until([&] { return has_ended(child); }, kDeadline);
     if (!ended) kill(child, SIGKILL);
     const int status = wait_for(child);
     CHECK(is_drawing);
@@ -164,12 +159,6 @@ class CutFile {
             2)
       return 0;
     return static_cast<double>(user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
-  }
-
-  static bool has_ended(pid_t process) {
-    siginfo_t ended{};
-    REQUIRE(waitid(P_PID, static_cast<id_t>(process), &ended, WEXITED | WNOHANG | WNOWAIT) == 0);
-    return ended.si_pid != 0;
   }
 
   TempFolder folder_;
@@ -396,12 +385,7 @@ TEST_CASE("threads that read past a file's new end at once print one error", "[r
         for (uint64_t i = 0; i < kThreads; ++i) threads.emplace_back(touch, i);
         for (std::thread& thread : threads) thread.join();
       },
-      [&] {
-        const auto deadline = Clock::now() + kDeadline;
-        while (sleeping_threads(process) < kThreads + 1 && Clock::now() < deadline)
-          std::this_thread::sleep_for(std::chrono::milliseconds(1));
-        CHECK(sleeping_threads(process) == kThreads + 1);
-      });
+      [&] { CHECK(wait_until([&] { return sleeping_threads(process) == kThreads + 1; }, kDeadline)); });
   REQUIRE(end.errors.find('s') != std::string::npos);
   CHECK(end.errors.substr(end.errors.find('s')) == line_of(path));
   REQUIRE(WIFEXITED(end.status));

@@ -26,12 +26,14 @@
 #include "tests/results.h"
 #include "tests/runtime/small_scene.h"
 #include "tests/tools/model_maker.h"
+#include "tests/tools/run_program.h"
 #include "tests/tools/temp_folder.h"
 #include "tools/convert/convert.h"
 
 namespace fs = std::filesystem;
 using scree::tests::SmallScene;
 using scree::tests::TempFolder;
+using scree::tests::wait_until;
 
 namespace {
 
@@ -54,17 +56,13 @@ class Launch {
   Launch& operator=(const Launch&) = delete;
   ~Launch() {
     if (pid_ > 0) ::kill(pid_, SIGTERM);
-    while (pid_ > 0 && !has_ended()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    if (pid_ > 0) ::waitpid(pid_, &status_, 0);
   }
 
   /// The exit code, or 128 and the signal; -1 if it has not ended within that many seconds.
   int wait(double seconds) {
-    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
-    while (std::chrono::steady_clock::now() < end) {
-      if (has_ended()) return WIFEXITED(status_) ? WEXITSTATUS(status_) : 128 + WTERMSIG(status_);
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    }
-    return -1;
+    if (!wait_until([&] { return has_ended(); }, std::chrono::milliseconds(std::lround(1000 * seconds)))) return -1;
+    return WIFEXITED(status_) ? WEXITSTATUS(status_) : 128 + WTERMSIG(status_);
   }
 
   std::vector<pid_t> ranks() const {
@@ -95,6 +93,26 @@ class Launch {
   int status_ = 0;
   std::string out_, err_;
 };
+
+/// Runs a command that succeeds within that many seconds and writes as many lines of errors. Returns its output.
+std::string succeed(const std::string& command, const TempFolder& folder, double seconds = 60, size_t lines = 0) {
+  INFO(command);
+  Launch launch(command, folder);
+  REQUIRE(launch.wait(seconds) == 0);
+  CHECK(launch.errors().size() == lines);
+  return launch.out();
+}
+
+/// Runs a command that ends with `code` and one line of errors, which contains each of `words`.
+void fail(const std::string& command, const TempFolder& folder, int code, const std::vector<std::string>& words,
+          double seconds = 60) {
+  INFO(command);
+  Launch launch(command, folder);
+  CHECK(launch.wait(seconds) == code);
+  REQUIRE(launch.errors().size() == 1);
+  INFO(launch.errors()[0]);
+  for (const std::string& word : words) CHECK(launch.errors()[0].find(word) != std::string::npos);
+}
 
 /// Whether a process is still running. An ended process stays in the list until its parent reads its exit status.
 bool runs(pid_t process) {
@@ -130,13 +148,11 @@ TEST_CASE("ranks share the frames of a path", "[render][path][ranks]") {
   for (const int ranks : {1, 2, 3, 5}) {
     INFO(ranks << " ranks");
     const std::string pattern = "n" + std::to_string(ranks) + "_%d";
-    Launch launch(render(ranks, "--path path.json --size 40x30 -o " + pattern + ".png --visbuffer " + pattern +
-                                    ".bin --depth " + pattern + ".pfm"),
-                  folder);
-    REQUIRE(launch.wait(60) == 0);
-    CHECK(launch.errors().empty());
-    CHECK(launch.out().find("10 frames of 40 x 30") != std::string::npos);
-    CHECK(launch.out().find('\n') == launch.out().size() - 1);  // one rank reports
+    const std::string out = succeed(render(ranks, "--path path.json --size 40x30 -o " + pattern + ".png --visbuffer " +
+                                                      pattern + ".bin --depth " + pattern + ".pfm"),
+                                    folder);
+    CHECK(out.find("10 frames of 40 x 30") != std::string::npos);
+    CHECK(out.find('\n') == out.size() - 1);  // one rank reports
     std::string bytes;
     for (int frame = 0; frame < 10; ++frame)
       for (const char* extension : {".png", ".bin", ".pfm"})
@@ -151,33 +167,15 @@ TEST_CASE("an error of one rank ends all with one line", "[render][path][ranks]"
   const TempFolder folder;
   make_inputs(folder, "0.3");
   folder.write("f_4.png", "is there");  // a frame of rank 1
-  const std::string film = "--path path.json --size 40x30 -o f_%d.png";
-  {
-    Launch launch(render(3, film), folder);
-    CHECK(launch.wait(20) == 2);
-    REQUIRE(launch.errors().size() == 1);
-    CHECK(launch.errors()[0].find("rank 1 of 3 on ") != std::string::npos);
-    CHECK(launch.errors()[0].find("f_4.png: exists already") != std::string::npos);
-    CHECK_FALSE(fs::exists(folder.file("f_0.png")));
-  }
-  {  // in the middle of its work
-    for (const int frame : {0, 1, 2, 3, 4, 5, 6, 7, 9}) fs::create_directory(folder.file("d" + std::to_string(frame)));
-    Launch launch(render(3, "--path path.json --size 40x30 -o d%d/f.png"), folder);
-    CHECK(launch.wait(20) == 2);
-    REQUIRE(launch.errors().size() == 1);
-    CHECK(launch.errors()[0].find("rank 2 of 3 on ") != std::string::npos);
-    CHECK(launch.errors()[0].find("d8/f.png") != std::string::npos);
-  }
-  {  // an error in all ranks
-    std::string bytes = scree::tests::read_whole(folder.file("quad.scree"));
-    bytes[4096] = static_cast<char>(bytes[4096] ^ 1);
-    folder.write("quad.scree", bytes);
-    Launch launch(render(3, "--path path.json --size 40x30 -o g_%d.png"), folder);
-    CHECK(launch.wait(20) == 3);
-    REQUIRE(launch.errors().size() == 1);
-    CHECK(launch.errors()[0].find("rank 0 of 3 on ") != std::string::npos);
-    CHECK(launch.errors()[0].find("quad.scree: page 0") != std::string::npos);
-  }
+  fail(render(3, "--path path.json --size 40x30 -o f_%d.png"), folder, 2,
+       {"rank 1 of 3 on ", "f_4.png: exists already"});
+  CHECK_FALSE(fs::exists(folder.file("f_0.png")));
+  // In the middle of its work.
+  for (const int frame : {0, 1, 2, 3, 4, 5, 6, 7, 9}) fs::create_directory(folder.file("d" + std::to_string(frame)));
+  fail(render(3, "--path path.json --size 40x30 -o d%d/f.png"), folder, 2, {"rank 2 of 3 on ", "d8/f.png"});
+  // An error in all ranks.
+  scree::tests::damage(folder.file("quad.scree"), 4096);
+  fail(render(3, "--path path.json --size 40x30 -o g_%d.png"), folder, 3, {"rank 0 of 3 on ", "quad.scree: page 0"});
 }
 
 TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
@@ -187,21 +185,13 @@ TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
     const TempFolder folder;
     make_inputs(folder, "300");  // 9,001 frames
     Launch launch(render(3, more + "--path path.json --size 200x150 -q -o f_%d.png"), folder);
-    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(30);
-    while (!fs::exists(folder.file("f_5.png")) && std::chrono::steady_clock::now() < end)
-      std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    REQUIRE(fs::exists(folder.file("f_5.png")));
+    REQUIRE(wait_until([&] { return fs::exists(folder.file("f_5.png")); }));
     const std::vector<pid_t> ranks = launch.ranks();
     REQUIRE(ranks.size() == 3);
     ::kill(ranks[victim], SIGKILL);
     const int code = launch.wait(10);
     CHECK(code > 0);
-    const auto gone = std::chrono::steady_clock::now() + std::chrono::seconds(10);
-    for (const pid_t rank : ranks) {
-      while (runs(rank) && std::chrono::steady_clock::now() < gone)
-        std::this_thread::sleep_for(std::chrono::milliseconds(20));
-      CHECK_FALSE(runs(rank));
-    }
+    for (const pid_t rank : ranks) CHECK(wait_until([&] { return !runs(rank); }, std::chrono::seconds(10)));
     // A file with its final name is complete, so the film can be resumed.
     CHECK(fs::file_size(folder.file("f_5.png")) > 45);
   }
@@ -286,9 +276,7 @@ TEST_CASE("ranks that share a scene's pages draw the same picture as one rank", 
     for (const int ranks : {1, 2, 3, 5}) {
       INFO(ranks << " ranks, " << more);
       const std::string name = "n" + std::to_string(ranks);
-      Launch launch(render(ranks, more + to_files(name)), folder);
-      REQUIRE(launch.wait(60) == 0);
-      CHECK(launch.errors().empty());
+      succeed(render(ranks, more + to_files(name)), folder);
       if (ranks == 1) expected = files_of(folder, name);
       CHECK(files_of(folder, name) == expected);
     }
@@ -307,14 +295,9 @@ TEST_CASE("ranks that share a scene's pages make the same layers and picks as on
     std::vector<std::string> expected;
     for (const int ranks : {1, 2, 3}) {
       INFO(ranks << " ranks, " << more);
-      Launch launch(render(ranks,
-                           "--eye 0.5,2,1.5 --target 0.5,0,0.5 --size 80x60 --quiet --force --pick 40,30 --pick 0,0 "
-                           "--normals n.pfm --uvs uv.pfm -o " +
-                               picture + " " + more),
-                    folder);
-      REQUIRE(launch.wait(60) == 0);
-      CHECK(launch.errors().empty());
-      std::vector<std::string> made{launch.out()};
+      const std::string where = "--eye 0.5,2,1.5 --target 0.5,0,0.5 --size 80x60 --pick 40,30 --pick 0,0 ";
+      const std::string to = "--quiet --force --normals n.pfm --uvs uv.pfm -o " + picture + " ";
+      std::vector<std::string> made{succeed(render(ranks, where + to + more), folder)};
       for (const std::string& name : {picture, std::string("n.pfm"), std::string("uv.pfm")})
         made.push_back(scree::tests::read_whole(folder.file(name)));
       if (ranks == 1) expected = made;
@@ -322,9 +305,7 @@ TEST_CASE("ranks that share a scene's pages make the same layers and picks as on
       CHECK(made[0].find(", mesh ") != std::string::npos);
     }
   }
-  Launch launch(render(2, "--list-cameras"), folder);
-  REQUIRE(launch.wait(20) == 0);
-  CHECK(launch.out() == "scene 0 has no cameras\n");
+  CHECK(succeed(render(2, "--list-cameras"), folder) == "scene 0 has no cameras\n");
 }
 
 TEST_CASE("GPUs of ranks that share a scene's pages draw the same as the CPU", "[cuda][render][ranks]") {
@@ -334,40 +315,26 @@ TEST_CASE("GPUs of ranks that share a scene's pages draw the same as the CPU", "
     make_large_scene(folder, blends);
     for (const std::string more : {"", "--samples 2 --ssao --background transparent --normals n.pfm",
                                    "--light scene --shadows --shadow-size 300", "--show triangle"}) {
-      Launch alone(render(1, more + to_files("cpu")), folder);
-      REQUIRE(alone.wait(60) == 0);
+      succeed(render(1, more + to_files("cpu")), folder);
       for (const int ranks : {2, 3}) {
         INFO(ranks << " ranks, " << more);
-        Launch launch(render(ranks, more + to_files("gpu") + "--json", "cuda"), folder);
-        REQUIRE(launch.wait(120) == 0);
-        CHECK(launch.errors().empty());
-        CHECK(nlohmann::json::parse(launch.out())["gpus"] == ranks);
+        const std::string out = succeed(render(ranks, more + to_files("gpu") + "--json", "cuda"), folder, 120);
+        CHECK(nlohmann::json::parse(out)["gpus"] == ranks);
         CHECK(files_of(folder, "gpu") == files_of(folder, "cpu"));
       }
     }
     // With too little memory the CPU draws instead, if it may.
-    Launch refused(render(2, "--device-memory 20000 -q -o refused.png", "cuda"), folder);
-    CHECK(refused.wait(60) == 4);
-    REQUIRE(refused.errors().size() == 1);
-    CHECK(refused.errors()[0].find("bytes of device memory, but 20000 are allowed") != std::string::npos);
+    fail(render(2, "--device-memory 20000 -q -o refused.png", "cuda"), folder, 4,
+         {"bytes of device memory, but 20000 are allowed"});
     CHECK_FALSE(fs::exists(folder.file("refused.png")));
-    Launch launch(render(2, "--device-memory 20000 --json" + to_files("small"), "auto"), folder);
-    REQUIRE(launch.wait(60) == 0);
-    CHECK(launch.errors().size() == 2);  // each rank warns
-    CHECK(nlohmann::json::parse(launch.out())["gpus"] == 0);
-    Launch one(render(1, to_files("small_one")), folder);
-    REQUIRE(one.wait(60) == 0);
+    const std::string few = render(2, "--device-memory 20000 --json" + to_files("small"), "auto");
+    CHECK(nlohmann::json::parse(succeed(few, folder, 60, 2))["gpus"] == 0);  // each rank warns
+    succeed(render(1, to_files("small_one")), folder);
     CHECK(files_of(folder, "small") == files_of(folder, "small_one"));
     // A damaged page ends all with one line.
-    std::string bytes = scree::tests::read_whole(folder.file("quad.scree"));
-    char& bad = bytes[places_of_pages(folder)[0] + 100];
-    bad = static_cast<char>(bad ^ 1);
-    folder.write("quad.scree", bytes);
-    Launch damaged(render(2, "--eye 1,1,3 --target 0,0,0 -o bad.png", "cuda"), folder);
-    CHECK(damaged.wait(60) == 3);
-    REQUIRE(damaged.errors().size() == 1);
-    CHECK(damaged.errors()[0].find("rank 0 of 2 on ") != std::string::npos);
-    CHECK(damaged.errors()[0].find("quad.scree: page ") != std::string::npos);
+    scree::tests::damage(folder.file("quad.scree"), places_of_pages(folder)[0] + 100);
+    fail(render(2, "--eye 1,1,3 --target 0,0,0 -o bad.png", "cuda"), folder, 3,
+         {"rank 0 of 2 on ", "quad.scree: page "});
   }
 }
 
@@ -386,14 +353,11 @@ TEST_CASE("ranks that share the geometry of a film draw the same frames as one r
     make_path(folder, "0.1");  // 4 frames
     make_large_scene(folder, blends);
     for (const std::string more : {"", "--samples 2 --ssao --background transparent"}) {
-      Launch alone(film(1, "one", "--force --share geometry " + more), folder);
-      REQUIRE(alone.wait(60) == 0);
+      succeed(film(1, "one", "--force --share geometry " + more), folder);
       for (const int ranks : {2, 3, 5}) {
         INFO(ranks << " ranks, " << more);
-        Launch launch(film(ranks, "all", "--force --share geometry --json " + more), folder);
-        REQUIRE(launch.wait(60) == 0);
-        CHECK(launch.errors().empty());
-        const nlohmann::json report = nlohmann::json::parse(launch.out());
+        const std::string out = succeed(film(ranks, "all", "--force --share geometry --json " + more), folder);
+        const nlohmann::json report = nlohmann::json::parse(out);
         CHECK(report["frames"] == 4);
         CHECK(report["exchange"] == "mpi");
         CHECK(files(folder, "all") == files(folder, "one"));
@@ -403,13 +367,9 @@ TEST_CASE("ranks that share the geometry of a film draw the same frames as one r
     fs::remove(folder.file("all_1.png"));
     fs::remove(folder.file("all_3.bin"));
     const std::string resume = "--resume --share geometry --samples 2 --ssao --background transparent ";
-    Launch resumed(film(3, "all", resume + "--json"), folder);
-    REQUIRE(resumed.wait(60) == 0);
-    CHECK(nlohmann::json::parse(resumed.out())["frames_there"] == 2);
+    CHECK(nlohmann::json::parse(succeed(film(3, "all", resume + "--json"), folder))["frames_there"] == 2);
     CHECK(files(folder, "all") == files(folder, "one"));
-    Launch kept(film(3, "all", resume), folder);
-    REQUIRE(kept.wait(60) == 0);
-    CHECK(kept.out().find("4 of 4 frames exist") != std::string::npos);
+    CHECK(succeed(film(3, "all", resume), folder).find("4 of 4 frames exist") != std::string::npos);
   }
 }
 
@@ -483,15 +443,11 @@ TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU",
   for (const std::string more :
        {"", "--samples 2 --ssao --background transparent", "--ssao --edl --background '#ff000080'",
         "--light scene --shadows --shadow-size 300", "--show triangle", "--frames 3 --show normal --pick 40,30"}) {
-    Launch alone(render(1, more + most_files), folder);
-    REQUIRE(alone.wait(60) == 0);
+    succeed(render(1, more + most_files), folder);
     const std::string expected = made();
     for (int ranks = 2; ranks <= most_ranks; ++ranks) {
       INFO(ranks << " ranks, " << more);
-      Launch launch(render_on_gpus(ranks, more + most_files + "--exchange nccl --json"), folder);
-      REQUIRE(launch.wait(240) == 0);
-      CHECK(launch.errors().empty());
-      const std::string out = launch.out();
+      const std::string out = succeed(render_on_gpus(ranks, more + most_files + "--exchange nccl --json"), folder, 240);
       const nlohmann::json report = nlohmann::json::parse(out.substr(out.rfind("{")));
       CHECK(report["exchange"] == "nccl");
       CHECK(report["gpus"] == ranks);
@@ -501,24 +457,20 @@ TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU",
   make_path(folder, "0.1");  // 4 frames; each GPU begins the next one before a frame is exchanged
   for (const std::string more : {"--samples 2", "--light scene --shadows --shadow-size 300"}) {
     const std::string film = "--path path.json --size 60x40 -q -f " + more;
-    Launch of_one(render(1, film + " -o f_%d.png --depth f_%d.pfm --visbuffer f_%d.bin"), folder);
-    REQUIRE(of_one.wait(60) == 0);
+    succeed(render(1, film + " -o f_%d.png --depth f_%d.pfm --visbuffer f_%d.bin"), folder);
     for (const auto& [exchange, places] :
          {std::pair{"nccl", RankPlaces::kOwnGpus}, {"nccl", RankPlaces::kOwnHosts}, {"mpi", RankPlaces::kOwnGpus}}) {
       if (places == RankPlaces::kOwnHosts && scree::tests::kEmulatesGpu) continue;  // the emulator's NCCL has no hosts
       INFO(more << ", " << exchange << ", " << static_cast<int>(places));
       const std::string files = " --share geometry -o g_%d.png --depth g_%d.pfm --visbuffer g_%d.bin --exchange ";
-      Launch of_all(render_on_gpus(2, film + files + exchange, places), folder);
-      REQUIRE(of_all.wait(240) == 0);
+      succeed(render_on_gpus(2, film + files + exchange, places), folder, 240);
       for (const std::string frame : {"_0", "_1", "_2", "_3"})
         CHECK(files_of(folder, "g" + frame) == files_of(folder, "f" + frame));
     }
   }
 #if defined(SCREE_HAS_EXR)
-  Launch alone(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder);  // its colours are not rounded to 8 bits
-  REQUIRE(alone.wait(120) == 0);
-  Launch launch(render_on_gpus(2, "--exchange nccl --size 80x60 -q -o two.exr"), folder);
-  REQUIRE(launch.wait(240) == 0);
+  succeed(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder, 120);  // its colours are not rounded to 8 bits
+  succeed(render_on_gpus(2, "--exchange nccl --size 80x60 -q -o two.exr"), folder, 240);
   const std::string one = scree::tests::read_whole(folder.file("one.exr"));
   CHECK((scree::tests::read_whole(folder.file("two.exr")) == one));
 #endif
@@ -533,22 +485,14 @@ TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render
     return "--frames 16 --size 32x24 --force -o " + name + ".png --depth " + name + ".pfm --visbuffer " + name +
            ".bin ";
   };
-  Launch alone(render(1, films("one")), folder);
-  REQUIRE(alone.wait(60) == 0);
+  succeed(render(1, films("one")), folder);
   const auto is_by = [&](const std::string& way, const std::string& command, size_t warnings) {
     INFO(command);
-    Launch launch(command, folder);
-    REQUIRE(launch.wait(240) == 0);
-    CHECK(launch.errors().size() == warnings);
-    CHECK(nlohmann::json::parse(launch.out())["exchange"] == way);
+    CHECK(nlohmann::json::parse(succeed(command, folder, 240, warnings))["exchange"] == way);
     CHECK(files_of(folder, "some") == files_of(folder, "one"));
   };
   const auto fails = [&](const std::string& command, int code, const std::string& line) {
-    INFO(command);
-    Launch launch(command, folder);
-    CHECK(launch.wait(60) == code);
-    REQUIRE(launch.errors().size() == 1);
-    CHECK(launch.errors()[0].find(line) != std::string::npos);
+    fail(command, folder, code, {line}, 60);
   };
   const std::string some = films("some") + "--json ";
   is_by("nccl", render_on_gpus(2, some), 0);
@@ -587,13 +531,8 @@ TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render
   // The CPU draws layers of blended surfaces.
   const TempFolder with_layers;
   make_large_scene(with_layers, true);
-  Launch blended(render_on_gpus(2, some), with_layers);
-  REQUIRE(blended.wait(120) == 0);
-  CHECK(nlohmann::json::parse(blended.out())["exchange"] == "mpi");
-  Launch refused(render_on_gpus(2, "-q -o no.png --exchange nccl"), with_layers);
-  CHECK(refused.wait(60) == 1);
-  REQUIRE(refused.errors().size() == 1);
-  CHECK(refused.errors()[0].find("has blended surfaces") != std::string::npos);
+  CHECK(nlohmann::json::parse(succeed(render_on_gpus(2, some), with_layers, 120))["exchange"] == "mpi");
+  fail(render_on_gpus(2, "-q -o no.png --exchange nccl"), with_layers, 1, {"has blended surfaces"});
 }
 
 TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "[render][ranks][blend]") {
@@ -623,11 +562,9 @@ TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "
     }
   }
   // The opaque picture alone differs, and so does one without shadows.
-  Launch lit(render(2, "--light scene --size 160x120 -q -o lit.png"), folder);
-  REQUIRE(lit.wait(60) == 0);
+  succeed(render(2, "--light scene --size 160x120 -q -o lit.png"), folder);
   CHECK(scree::tests::read_whole(folder.file("lit.png")) != scree::tests::read_whole(folder.file("n1.png")));
-  Launch launch(render(2, "--blend-layers 0 --size 160x120 -q -o none.png"), folder);
-  REQUIRE(launch.wait(60) == 0);
+  succeed(render(2, "--blend-layers 0 --size 160x120 -q -o none.png"), folder);
   CHECK(scree::tests::read_whole(folder.file("none.png")) != scree::tests::read_whole(folder.file("n1.png")));
 }
 
@@ -638,19 +575,12 @@ TEST_CASE("a damaged page ends all ranks, and only its owner has read it", "[ren
   REQUIRE(places.size() >= 5);
   const std::string good = scree::tests::read_whole(folder.file("quad.scree"));
   for (size_t page = 0; page < 3; ++page) {  // the first three go to ranks 0, 1 and 2
-    std::string bad = good;
-    bad[places[page] + 100] = static_cast<char>(bad[places[page] + 100] ^ 1);
-    folder.write("quad.scree", bad);
-    Launch launch(render(3, "--eye 1,1,3 --target 0,0,0 --size 64x48 -o bad.png"), folder);
-    CHECK(launch.wait(10) == 3);
-    REQUIRE(launch.errors().size() == 1);
-    INFO(launch.errors()[0]);
-    CHECK(launch.errors()[0].find("rank " + std::to_string(page) + " of 3 on ") != std::string::npos);
-    CHECK(launch.errors()[0].find("quad.scree: page ") != std::string::npos);
+    folder.write("quad.scree", good);
+    scree::tests::damage(folder.file("quad.scree"), places[page] + 100);
+    fail(render(3, "--eye 1,1,3 --target 0,0,0 --size 64x48 -o bad.png"), folder, 3,
+         {"rank " + std::to_string(page) + " of 3 on ", "quad.scree: page "}, 10);
     CHECK_FALSE(fs::exists(folder.file("bad.png")));
   }
   folder.write("quad.scree", good);
-  Launch launch(render(2, "--stats -o one.png"), folder);
-  CHECK(launch.wait(20) == 1);
-  CHECK(launch.errors().size() == 1);
+  fail(render(2, "--stats -o one.png"), folder, 1, {"--stats"});
 }

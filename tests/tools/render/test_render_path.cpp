@@ -7,30 +7,30 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/runtime/small_scene.h"
+#include "tests/tools/temp_folder.h"
 #include "tools/common/command.h"
 
 using scree::ErrorCode;
 using scree::Result;
 using scree::tests::read_bytes;
-using scree::tests::ScratchPath;
 using scree::tests::SmallScene;
+using scree::tests::TempFolder;
 namespace fs = std::filesystem;
 
 namespace {
 
 class PathRun {
  public:
-  PathRun() : folder_("path_run") {
-    fs::create_directory(folder_.path());
+  PathRun() {
     SmallScene().write(name("quad.scree"));
     write_path("0, 0, 3");
   }
-  std::string name(const std::string& file) const { return (folder_.path() / file).string(); }
+  std::string name(const std::string& file) const { return folder_.file(file); }
 
   void write_path(const std::string& first_eye) const {
-    std::ofstream(name("path.json"))
-        << R"({"format": "scree camera path", "version": 1, "fps": 4, "keys": [{"t": 0, "eye": [)" << first_eye
-        << R"(], "target": [0, 0, 0]}, {"t": 1, "eye": [2, 1, 3], "target": [0.2, 0, 0], "fov": 60}]})";
+    folder_.write("path.json",
+                  R"({"format": "scree camera path", "version": 1, "fps": 4, "keys": [{"t": 0, "eye": [)" + first_eye +
+                      R"(], "target": [0, 0, 0]}, {"t": 1, "eye": [2, 1, 3], "target": [0.2, 0, 0], "fov": 60}]})");
   }
 
   static Result<void> run(std::vector<std::string> arguments) {
@@ -63,12 +63,10 @@ class PathRun {
     return run(all);
   }
 
-  size_t files() const {
-    return static_cast<size_t>(std::distance(fs::directory_iterator(folder_.path()), fs::directory_iterator()));
-  }
+  size_t files() const { return folder_.names().size(); }
 
  private:
-  ScratchPath folder_;
+  TempFolder folder_;
 };
 
 std::string message(const Result<void>& done, ErrorCode code) {

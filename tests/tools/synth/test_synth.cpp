@@ -414,6 +414,8 @@ TEST_CASE("the forest", "[synth][mask]") {
   }
   CHECK(masked == 20 * 400);
   CHECK(document.root["cameras"].size() == 3);
+  for (const json& node : document.root["nodes"])
+    if (node.contains("camera")) CHECK(node["matrix"][5].get<double>() > 0);  // its y axis points up
   const std::string first = read_whole(options.output);
   options.seed = 2;
   options.threads = 1;

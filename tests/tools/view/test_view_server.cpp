@@ -247,11 +247,7 @@ TEST_CASE("scree view closes connections that break its limits, and continues", 
       crowd.push_back(std::make_unique<PageClient>(server.port(), std::chrono::milliseconds(2000)));
     CHECK(crowd.back()->read_all().empty());
   }
-  for (int tries = 0; tries < 100; ++tries) {
-    if (status_of(get(server, "/")) == 200) break;
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  }
-  CHECK(status_of(get(server, "/")) == 200);
+  CHECK(scree::tests::wait_until([&] { return status_of(get(server, "/")) == 200; }, std::chrono::seconds(2)));
 }
 
 TEST_CASE("acknowledgements of pictures do not count as messages", "[view][view-server]") {

@@ -46,12 +46,10 @@ Result<IndexedJpeg> index_or_throw(std::span<const std::byte> file) {
 
 }  // namespace
 
-Result<IndexedJpeg> index_jpeg(std::span<const std::byte> file) {
-  try {
-    return index_or_throw(file);
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "JPEG: out of memory"};
-  }
+Result<IndexedJpeg> index_jpeg(std::span<const std::byte> file) try {
+  return index_or_throw(file);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "JPEG: out of memory"};
 }
 
 }  // namespace scree::runtime

@@ -91,12 +91,10 @@ Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegInde
 
 }  // namespace
 
-Result<std::vector<std::vector<std::byte>>> make_jpeg_levels(const format::JpegIndex& base, TexelCoding coding) {
-  try {
-    return make_or_throw(base, coding);
-  } catch (const std::bad_alloc&) {
-    return Error{ErrorCode::kMemory, "JPEG: out of memory"};
-  }
+Result<std::vector<std::vector<std::byte>>> make_jpeg_levels(const format::JpegIndex& base, TexelCoding coding) try {
+  return make_or_throw(base, coding);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "JPEG: out of memory"};
 }
 
 }  // namespace scree::runtime

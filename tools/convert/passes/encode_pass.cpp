@@ -38,7 +38,7 @@ void EncodePass::submit(std::vector<EncodeItem> batch) {
   const uint64_t cost = cost_of(batch);
   const auto items = std::make_shared<Items>(std::move(batch));
   const auto work = [this, items](uint32_t worker) -> Result<std::vector<EncodedWindow>> {
-    const TimedWork timed(times_.encoding);
+    const Timed timed(times_.encoding, Spent::kNotReading);
     std::vector<EncodedWindow> encoded;
     for (EncodeItem& item : *items) {
       Result<EncodedWindow> result =

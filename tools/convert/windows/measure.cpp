@@ -236,7 +236,7 @@ class Measurer {
     HeldBudget* const budget = listener_ == nullptr ? nullptr : &listener_->budget();
     const auto work = [&](uint64_t batch, uint32_t worker) -> Result<std::vector<WindowFacts>> {
       if (ahead) ahead->begun(batches[batch].first);
-      const TimedWork timed(run_.times.measuring);
+      const Timed timed(run_.times.measuring, Spent::kNotReading);
       std::vector<WindowFacts> facts;
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const uint32_t primitive = windows[i].primitive;
