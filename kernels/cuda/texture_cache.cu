@@ -21,10 +21,13 @@ namespace scree::kernels {
 namespace {
 
 constexpr uint32_t kResidentBlocks = 8;  // per multiprocessor: 64 registers per thread; more spills, less waiting
+constexpr uint32_t kListedTiles = 32;    // per block: a lane of its first warp lists the tile of each warp
+constexpr uint32_t kListThreads = 32 * kListedTiles;
 constexpr uint32_t kDecodeThreads = 64;
 constexpr uint32_t kDecodeBlocks = 16;           // per multiprocessor
 constexpr uint32_t kWarpGroups = 8;              // fewer than lanes, so that few groups fill more of the GPU
 constexpr uint32_t kRounds = kDecodeRounds + 1;  // the last one's pixels decode groups by themselves
+constexpr uint32_t kCounters = kRounds + 1;      // the last of them count the tiles of list_tiles()
 
 /// `before`: the counters of the round that left the tiles, or null to shade all `tile_count` tiles.
 template <class Pixels>
@@ -34,6 +37,25 @@ __global__ void __launch_bounds__(kPixelThreads, kResidentBlocks)
   const uint32_t warps = gridDim.x * (kPixelThreads / 32);
   for (uint32_t item = (blockIdx.x * kPixelThreads + threadIdx.x) / 32; item < count; item += warps)
     pass(item, PixelTeam{});
+}
+
+/// Finishes the tiles that show nothing, and lists the others. A block has a warp per tile of a part of a row of tiles.
+__global__ void __launch_bounds__(kListThreads)
+    list_tiles(const __grid_constant__ BackgroundTiles pass, UnfinishedTile* list, RoundCounters* listed) {
+  __shared__ bool shows[kListedTiles];
+  const uint32_t warp = threadIdx.x / 32;
+  const uint32_t lane = PixelTeam::rank();
+  const uint32_t across = pass.tiles.across();
+  const uint32_t column = blockIdx.x * kListedTiles + warp;
+  const bool is_covered = column < across && !pass.finish(column, blockIdx.y, PixelTeam{});
+  if (lane == 0) shows[warp] = is_covered;
+  __syncthreads();
+  if (warp != 0) return;
+  const bool is_listed = shows[lane];
+  const uint32_t mask = PixelTeam::ballot(is_listed);
+  const uint32_t first = lane == 0 && mask != 0 ? atomicAdd(&listed->tiles, count_bits(mask)) : 0;
+  const uint32_t place = static_cast<uint32_t>(PixelTeam::share(first, 0)) + count_bits(mask & ((1u << lane) - 1));
+  if (is_listed) list[place] = {blockIdx.y * across + blockIdx.x * kListedTiles + lane, ~uint32_t{0}};
 }
 
 __global__ void __launch_bounds__(kDecodeThreads) decode_round(const __grid_constant__ DecodeGroups pass) {
@@ -79,7 +101,7 @@ CacheLayout lay_out(uint32_t slots, const JpegGroups& groups) {
   layout.stamps = add(ways, sizeof(uint32_t));
   layout.colours = add(slots, sizeof(uint32_t) * groups.pixels);
   layout.requests = add(slots, sizeof(GroupRequest));
-  layout.counters = add(kRounds, sizeof(RoundCounters));
+  layout.counters = add(kCounters, sizeof(RoundCounters));
   layout.bytes = at;
   return layout;
 }
@@ -87,11 +109,13 @@ CacheLayout lay_out(uint32_t slots, const JpegGroups& groups) {
 }  // namespace
 
 struct CudaTextureCache::Impl {
+  /// `before`: as for shade_round(). `is_first`: of the first round, which may shade all tiles.
   template <class Pixels>
-  bool run(const ShadeRound<Pixels>& round, uint32_t tiles, const RoundCounters* before, cudaStream_t stream) {
+  bool run(const ShadeRound<Pixels>& round, uint32_t tiles, const RoundCounters* before, bool is_first,
+           cudaStream_t stream) {
     constexpr uint32_t kTilesPerBlock = kPixelThreads / 32;
     const uint32_t all = (tiles + kTilesPerBlock - 1) / kTilesPerBlock;
-    const uint32_t blocks = before == nullptr ? all : std::min(all, multiprocessors * kResidentBlocks);
+    const uint32_t blocks = is_first ? all : std::min(all, multiprocessors * kResidentBlocks);
     shade_round<Pixels><<<blocks, kPixelThreads, 0, stream>>>(round, tiles, before);
     return check(cudaGetLastError(), "starting a round of shading");
   }
@@ -121,19 +145,22 @@ struct CudaTextureCache::Impl {
                check(cudaMemsetAsync(cache.keys, 0xff, ways * sizeof(uint64_t), stream), kWhat) &&
                check(cudaMemsetAsync(cache.stamps, 0xff, ways * sizeof(uint32_t), stream), kWhat) &&
                check(cudaMemsetAsync(cache.stamps, 0, cache.slot_count * sizeof(uint32_t), stream), kWhat) &&
-               check(cudaMemsetAsync(counters, 0, kRounds * sizeof(RoundCounters), stream), kWhat);
+               check(cudaMemsetAsync(counters, 0, kCounters * sizeof(RoundCounters), stream), kWhat);
     return is_clean;
   }
 
-  /// `pixels_of(shader)`: returns the Resolve or the ShadePart that finishes the pixels of `tiles`. `kApart`: as for
-  /// visit_kinds().
+  /// `pixels_of(shader)`: returns the Resolve or the ShadePart that finishes the pixels of `tiles`. `background`: of
+  /// these tiles; null to shade all. `kApart`: as for visit_kinds().
   template <bool kApart, class PixelsOf>
-  bool shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of, cudaStream_t stream);
+  bool shade(const ShadeInputs& in, const PixelTiles& tiles, const BackgroundTiles* background,
+             const PixelsOf& pixels_of, cudaStream_t stream);
 
-  /// Queues shading of `count` tiles: list(1), or if `all` is set every tile. Where pages may be missing, list(0) then
-  /// has the tiles with pixels that lacked some, and the last counters their number.
+  /// Queues shading of `count` tiles: list(1), or if `all` is set every tile, with `background` as for shade(). Where
+  /// pages may be missing, list(0) then has the tiles with pixels that lacked some, and the counters of last_round()
+  /// their number.
   template <bool kApart, class PixelsOf>
-  bool shade_tiles(const ShadeInputs& in, const PixelsOf& pixels_of, uint32_t count, bool all, cudaStream_t stream);
+  bool shade_tiles(const ShadeInputs& in, const BackgroundTiles* background, const PixelsOf& pixels_of, uint32_t count,
+                   bool all, cudaStream_t stream);
 
   UnfinishedTile* list(uint32_t i) { return reinterpret_cast<UnfinishedTile*>(lists.data()) + i * list_room; }
   bool has_jpegs() const { return cache.slot_count != 0; }
@@ -141,6 +168,7 @@ struct CudaTextureCache::Impl {
   uint32_t last_round() const { return has_jpegs() ? kDecodeRounds : 0; }
   TexelPages pages() const { return pager != nullptr ? pager->pages() : TexelPages{}; }
 
+  const SrgbTables srgb = make_srgb_tables();  // for the background
   DeviceBuffer memory;
   DeviceBuffer lists;
   uint64_t list_room = 0;    // tiles in one
@@ -155,11 +183,11 @@ struct CudaTextureCache::Impl {
 };
 
 template <bool kApart, class PixelsOf>
-bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tiles, const PixelsOf& pixels_of,
-                                   cudaStream_t stream) {
+bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tiles, const BackgroundTiles* background,
+                                   const PixelsOf& pixels_of, cudaStream_t stream) {
   const uint32_t tile_count = tiles.count();
   if (!reserve(tile_count)) return false;
-  if (pager == nullptr) return shade_tiles<kApart>(in, pixels_of, tile_count, true, stream);
+  if (pager == nullptr) return shade_tiles<kApart>(in, background, pixels_of, tile_count, true, stream);
   try {
     const Result<void> done = shade_in_rounds(
         *pager, tile_count, [&](std::span<const UnfinishedTile> some, UnfinishedTile* left) -> Result<uint32_t> {
@@ -169,7 +197,7 @@ bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tile
           if (!some.empty() &&
               !check(cudaMemcpyAsync(list(1), some.data(), some.size_bytes(), cudaMemcpyHostToDevice, stream), kWhat))
             return error;
-          if (!shade_tiles<kApart>(in, pixels_of, count, some.empty(), stream) ||
+          if (!shade_tiles<kApart>(in, background, pixels_of, count, some.empty(), stream) ||
               !check(cudaMemcpyAsync(&last, counters + last_round(), sizeof last, cudaMemcpyDeviceToHost, stream),
                      kWhat) ||
               !check(cudaStreamSynchronize(stream), "shading"))
@@ -188,19 +216,27 @@ bool CudaTextureCache::Impl::shade(const ShadeInputs& in, const PixelTiles& tile
 }
 
 template <bool kApart, class PixelsOf>
-bool CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const PixelsOf& pixels_of, uint32_t count, bool all,
-                                         cudaStream_t stream) {
+bool CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const BackgroundTiles* background,
+                                         const PixelsOf& pixels_of, uint32_t count, bool all, cudaStream_t stream) {
   if ((!is_clean || now > TextureCache::kNever - kRounds) && !clear(stream)) return false;
   is_clean = false;
-  if (!check(cudaMemsetAsync(counters, 0, kRounds * sizeof(RoundCounters), stream), "clearing the rounds' counters"))
+  if (!check(cudaMemsetAsync(counters, 0, kCounters * sizeof(RoundCounters), stream), "clearing the rounds' counters"))
     return false;
   const UnfinishedTile* from = all ? nullptr : list(1);
   const RoundCounters* before = nullptr;
   bool started = true;
+  if (all && background != nullptr) {
+    const PixelTiles& tiles = background->tiles;
+    const dim3 blocks((tiles.across() + kListedTiles - 1) / kListedTiles, tiles.down());
+    list_tiles<<<blocks, kListThreads, 0, stream>>>(*background, list(1), counters + kRounds);
+    started = check(cudaGetLastError(), "listing the tiles of a picture");
+    from = list(1);
+    before = counters + kRounds;
+  }
   for (uint32_t round = 0; round < (has_jpegs() ? kDecodeRounds : 1) && started; ++round, ++now) {
     visit_textured<kApart>(in, CachedTexels{cache, counters + round, now, pages()}, [&](const auto& shader) {
       const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list(round % 2), counters + round};
-      started = run(pass, count, before, stream);
+      started = run(pass, count, before, round == 0, stream);
     });
     from = list(round % 2);
     before = counters + round;
@@ -214,7 +250,7 @@ bool CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const PixelsOf& 
     visit_textured<false>(in, FallbackTexels{cache, now - 1, pages()}, [&](const auto& shader) {
       static_assert(kDecodeRounds % 2 == 0, "the last of them leaves list(1)");
       const ShadeRound<decltype(pixels_of(shader))> pass{pixels_of(shader), from, list(0), counters + kDecodeRounds};
-      started = run(pass, count, before, stream);
+      started = run(pass, count, before, false, stream);
     });
   is_clean = started;
   return started;
@@ -273,11 +309,14 @@ uint64_t CudaTextureCache::bytes() const {
 Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
                                        uint32_t samples_per_side, const float* visibility, uint32_t* pixels,
                                        cudaStream_t stream) {
+  auto* const out = reinterpret_cast<uint8_t*>(pixels);
   const auto pixels_of = [&]<class Shader>(const Shader& shader) {
-    auto* const out = reinterpret_cast<uint8_t*>(pixels);
     return Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, out};
   };
-  if (!impl_->shade<true>(in, tiles, pixels_of, stream)) return impl_->error;
+  ShadeInputs host = in;
+  host.srgb = &impl_->srgb;
+  const BackgroundTiles background{tiles, samples, samples_per_side, background_code(host, samples_per_side), out};
+  if (!impl_->shade<true>(in, tiles, &background, pixels_of, stream)) return impl_->error;
   return {};
 }
 
@@ -287,7 +326,7 @@ Result<void> CudaTextureCache::shade_part(const ShadeInputs& in, const PixelTile
     return ShadePart<Shader>{shader, tiles, samples, colors};
   };
   // One kernel for all kinds of chunks: one per kind would add 10 s of compile time and 0.7 MB.
-  if (!impl_->shade<false>(in, tiles, pixels_of, stream)) return impl_->error;
+  if (!impl_->shade<false>(in, tiles, nullptr, pixels_of, stream)) return impl_->error;
   return {};
 }
 

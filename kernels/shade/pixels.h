@@ -19,14 +19,23 @@ struct PixelTiles {
   uint32_t row_count;
 
   SCREE_HD uint32_t across() const { return (width + kPixelTileWidth - 1) / kPixelTileWidth; }
-  SCREE_HD uint32_t count() const { return across() * ((row_count + kPixelTileHeight - 1) / kPixelTileHeight); }
+  SCREE_HD uint32_t down() const { return (row_count + kPixelTileHeight - 1) / kPixelTileHeight; }
+  SCREE_HD uint32_t count() const { return across() * down(); }
+
+  /// The number of a pixel, counted from the first.
+  SCREE_HD uint64_t offset_of(uint32_t x, uint32_t y) const { return uint64_t{y - first_row} * width + x; }
 
   /// Calls body(x, y, inside) for every pixel of a tile, also for those outside the picture, so that all lanes of a
   /// team call it.
   template <class Team, class Body>
   SCREE_HD void for_each(uint32_t item, Team team, const Body& body) const {
     const uint32_t row = item / across();
-    const uint32_t x0 = (item - row * across()) * kPixelTileWidth;
+    for_each_at(item - row * across(), row, team, body);
+  }
+  /// The same for a tile by its place, in tiles: a GPU has no instruction for the division.
+  template <class Team, class Body>
+  SCREE_HD void for_each_at(uint32_t column, uint32_t row, Team team, const Body& body) const {
+    const uint32_t x0 = column * kPixelTileWidth;
     const uint32_t y0 = row * kPixelTileHeight;
     for (uint32_t i = team.rank(); i < kPixelTileSize; i += team.size()) {
       const uint32_t x = x0 + i % kPixelTileWidth;
@@ -89,6 +98,67 @@ concept HasLayers = requires(const Shader& shader) {
   shader.over_at(0u, 0u);
 };
 
+/// Codes a pixel from the sums over its samples: `light` of the surfaces, `layers` over them, and the shares of
+/// background and of surfaces. `side`: samples per pixel and axis.
+template <bool kHasLayers>
+SCREE_HD inline uint32_t pixel_code(const ShadeInputs& in, uint32_t side, const float light[3],
+                                    [[maybe_unused]] const float layers[3], float background, float surface) {
+  const float behind = background * in.options.background[3];
+  const float alpha = surface + behind;
+  const float scale = alpha > 0 ? 1.0f / alpha : 0.0f;
+  uint32_t code = 0;
+  for (int c = 0; c < 3; ++c) {
+    float sum = light[c] + behind * in.options.background[c];
+    if constexpr (kHasLayers) sum += layers[c];
+    code |= srgb_code(*in.srgb, sum * scale) << 8 * c;
+  }
+  const float share = alpha / static_cast<float>(side * side);
+  return code | static_cast<uint32_t>(round_even(min_of(max_of(share, 0.0f), 1.0f) * 255.0f)) << 24;
+}
+
+/// The code of a pixel that shows no surface. `in.srgb`: in memory of the caller.
+SCREE_HD inline uint32_t background_code(const ShadeInputs& in, uint32_t side) {
+  constexpr float kNone[3] = {0, 0, 0};
+  return pixel_code<false>(in, side, kNone, kNone, static_cast<float>(side * side), 0);
+}
+
+/// Stores a pixel. On a GPU there are four channels.
+SCREE_HD inline void store_pixel(uint8_t* out, [[maybe_unused]] uint32_t channels, uint32_t code) {
+#if defined(__CUDA_ARCH__)
+  *reinterpret_cast<uint32_t*>(out) = code;
+#else
+  for (uint32_t c = 0; c < channels; ++c) out[c] = static_cast<uint8_t>(code >> 8 * c);
+#endif
+}
+
+/// Finishes tiles that show nothing. They need none of the values that a GPU computes, and moves to memory, before it
+/// shades a tile.
+struct BackgroundTiles {
+  PixelTiles tiles;
+  const uint64_t* samples;  // the whole picture's
+  uint32_t side;            // samples per pixel and axis
+  uint32_t code;            // background_code()
+  uint8_t* pixels;          // as in Resolve, with 4 channels
+
+  /// Finishes a tile that shows nothing; otherwise returns false. `column`, `row`: of the tile. The team has a lane per
+  /// pixel.
+  template <class Team>
+  SCREE_HD bool finish(uint32_t column, uint32_t row, Team team) const {
+    static_assert(Team::size() == kPixelTileSize);
+    const uint64_t row_samples = uint64_t{tiles.width} * side;
+    bool is_background = false;
+    tiles.for_each_at(column, row, team, [&](uint32_t x, uint32_t y, bool inside) {
+      bool shows = false;
+      for (uint32_t j = 0; inside && j < side; ++j)
+        for (uint32_t i = 0; i < side; ++i)
+          shows = shows || samples[(uint64_t{y} * side + j) * row_samples + uint64_t{x} * side + i] != kBackground;
+      is_background = team.ballot(shows) == 0;
+      if (is_background && inside) store_pixel(pixels + 4 * tiles.offset_of(x, y), 4, code);
+    });
+    return is_background;
+  }
+};
+
 /// Finished pixels, one tile per item. A pixel's light is the mean of its samples weighted by their alpha, so that a
 /// transparent background does not bleed into an edge.
 template <class ShaderOfPixels>
@@ -107,27 +177,6 @@ struct Resolve {
   SCREE_HD void operator()(uint32_t item, Team team) const {
     ShadeState<Team, Shader> state;
     tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) { finish(team, x, y, inside, state); });
-  }
-
-  /// Finishes a tile that shows nothing, with a pixel per lane; otherwise returns false. Such tiles need none of the
-  /// values that a GPU computes, and moves to memory, before it shades a tile.
-  template <class Team>
-  SCREE_HD bool finish_background(uint32_t item, Team team) const {
-    if constexpr (Team::size() != kPixelTileSize || HasLayers<Shader>) {
-      return false;
-    } else {
-      bool is_background = false;
-      tiles.for_each(item, team, [&](uint32_t x, uint32_t y, bool inside) {
-        const uint64_t row_samples = static_cast<uint64_t>(shader.in.view.width);
-        bool shows = false;
-        for (uint32_t i = 0; inside && i < side * side; ++i)
-          shows = shows || samples[(y * side + i / side) * row_samples + x * side + i % side] != kBackground;
-        is_background = team.ballot(shows) == 0;
-        constexpr float kNone[3] = {0, 0, 0};
-        if (is_background && inside) write(x, y, kNone, kNone, static_cast<float>(side * side), 0);
-      });
-      return is_background;
-    }
   }
 
   /// Finishes one pixel. All lanes of a team must call it. `inside`: whether the lane has a pixel. If texels were
@@ -171,29 +220,13 @@ struct Resolve {
   }
 
  private:
-  /// Codes a pixel from the sums over its samples: `light` of the surfaces, `layers` over them, and the shares of
-  /// background and of surfaces.
-  SCREE_HD void write(uint32_t x, uint32_t y, const float light[3], [[maybe_unused]] const float layers[3],
-                      float background, float surface) const {
-    const ShadeInputs& in = shader.in;
+  SCREE_HD void write(uint32_t x, uint32_t y, const float light[3], const float layers[3], float background_share,
+                      float surface) const {
     const float factor = visibility != nullptr ? visibility[uint64_t{y} * tiles.width + x] : 1.0f;
-    const float behind = background * in.options.background[3];
-    const float alpha = surface + behind;
-    const float scale = alpha > 0 ? 1.0f / alpha : 0.0f;
-    uint32_t code[4];
-    for (int c = 0; c < 3; ++c) {
-      float sum = light[c] * factor + behind * in.options.background[c];
-      if constexpr (HasLayers<Shader>) sum += layers[c];
-      code[c] = srgb_code(*in.srgb, sum * scale);
-    }
-    const float share = alpha / static_cast<float>(side * side);
-    code[3] = static_cast<uint32_t>(round_even(min_of(max_of(share, 0.0f), 1.0f) * 255.0f));
-    uint8_t* out = pixels + (uint64_t{y - tiles.first_row} * tiles.width + x) * channels;
-#if defined(__CUDA_ARCH__)
-    *reinterpret_cast<uint32_t*>(out) = code[0] | code[1] << 8 | code[2] << 16 | code[3] << 24;
-#else
-    for (uint32_t c = 0; c < channels; ++c) out[c] = static_cast<uint8_t>(code[c]);
-#endif
+    float sums[3];
+    for (int c = 0; c < 3; ++c) sums[c] = light[c] * factor;
+    const uint32_t code = pixel_code<HasLayers<Shader>>(shader.in, side, sums, layers, background_share, surface);
+    store_pixel(pixels + tiles.offset_of(x, y) * channels, channels, code);
   }
 };
 

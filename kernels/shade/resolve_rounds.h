@@ -27,8 +27,6 @@ struct ShadeRound {
   SCREE_HD void operator()(uint32_t item, Team team) const {
     using Shader = typename Pixels::Shader;
     static_assert(Team::size() == 1 || Team::size() == kPixelTileSize);
-    if constexpr (requires { pixels.finish_background(item, team); })
-      if (tiles == nullptr && pixels.finish_background(item, team)) return;
     const UnfinishedTile own = tiles != nullptr ? tiles[item] : UnfinishedTile{item, ~uint32_t{0}};
     ShadeState<Team, Shader> state;
     uint32_t missed = 0;  // bit per pixel of this lane

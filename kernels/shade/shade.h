@@ -405,7 +405,7 @@ SCREE_HD inline TextureCorners<Real> texture_corners(const PlacedChunk& at, cons
       }
     }
   }
-  if (transform == nullptr || is_identity(transform)) {
+  if (transform == nullptr || is_identity(transform)) [[likely]] {
     for (int c = 0; c < 2; ++c) corners.first[c] = texture_point(corners.stored[c], corners.exponent);
     return corners;
   }
@@ -565,7 +565,8 @@ struct Shader {
                                    bool is_second, float width, float height, const PlaneHit<float>& m,
                                    const float weights[3], float x, float y) const {
     const TexturePlace place = texture_place<kOrthographic>(in, corners, width, height, m, weights);
-    if (place.exact) return place;
+    if (place.exact) [[likely]]
+      return place;
     return place_alone<double>(in, chunk_number(at), at.triangle, &at.transform, transform, is_second, width, height, x,
                                y);
   }
@@ -575,7 +576,8 @@ struct Shader {
                                          float height, float x, float y) const {
     const TexturePlace place =
         place_alone<float>(in, chunk_number(at), at.triangle, &at.transform, transform, is_second, width, height, x, y);
-    if (place.exact) return place;
+    if (place.exact) [[likely]]
+      return place;
     return place_alone<double>(in, chunk_number(at), at.triangle, &at.transform, transform, is_second, width, height, x,
                                y);
   }

@@ -383,7 +383,7 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
     if (left == 0) continue;
     const uint32_t first = lowest_bit(left);
     const TextureView& layout = in.scene.textures[textures.number_of(first)];
-    if (!is_placed)
+    if (!is_placed) [[unlikely]]
       place = shader.find_place_again(at, textures.transform_of(first), textures.is_second_of(first),
                                       static_cast<float>(layout.width), static_cast<float>(layout.height), x, y);
     is_placed = true;
@@ -419,6 +419,14 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
       use_texture(use, code, textures.surface, textures.is_packed, out, axes);
     }
   }
+}
+
+/// Whether a use of a texture has the point of the first bundle.
+SCREE_HD inline bool has_first_point(const MaterialTextures& textures, uint32_t use) {
+  const uint8_t* const bundles = textures.view->bundles;
+  uint32_t b = textures.first;
+  while ((bundles[b] >> use & 1u) == 0 && (bundles[b + 1] & MaterialView::kSamePoint) != 0) ++b;
+  return (bundles[b] >> use & 1u) != 0;
 }
 
 /// Everything of a sample that depends on its triangle. It is computed before textures are read, so that a GPU need not
@@ -464,9 +472,9 @@ SCREE_HD inline SampleFrame sample_frame(const ShadeInputs& in, const PlacedChun
     if (has_tangents(at)) {
       set_stored_tangent(in, at, vertex, weights, focal, out.axes);
     } else {
-      const bool is_first = (textures.view->bundles[textures.first] >> kUse & 1u) != 0;
-      const auto own =
-          is_first ? uv : texture_corners<float>(at, vertex, textures.transform_of(kUse), textures.is_second_of(kUse));
+      const auto own = has_first_point(textures, kUse) ? uv
+                                                       : texture_corners<float>(at, vertex, textures.transform_of(kUse),
+                                                                                textures.is_second_of(kUse));
       set_flat_tangent(own.edge, edge, out.axes);
     }
   }

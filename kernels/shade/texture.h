@@ -58,7 +58,8 @@ SCREE_HD inline const format::JpegPicture* jpeg_of(const JpegLevel& level, const
 
 /// The picture of a JPEG level, or null if its page is absent. Marks the page as wanted.
 SCREE_HD inline const format::JpegPicture* want_jpeg(const TexelPages& pages, const JpegLevel& level) {
-  if (level.page == JpegLevel::kNotPaged) return &level.picture;
+  if (level.page == JpegLevel::kNotPaged) [[likely]]
+    return &level.picture;
   const uint8_t* const page = want_page(pages, level.page);
   return page == nullptr ? nullptr : jpeg_of(level, page);
 }
@@ -85,6 +86,7 @@ struct TexelPlaces {
   // groups up by pixels store the two columns and the two rows here.
   uint32_t group[4];
   uint32_t pixel[4];  // the texel's number in its group, in its block, or in a decoded level
+  uint32_t same;      // which texels share a group: of sources that need it
 };
 
 /// `pair`s as a source that looks groups up by pixels keeps them.
@@ -262,7 +264,8 @@ SCREE_HD inline void place_level(const Texels& source, typename Texels::Lane& la
     out.column_weight = column.weight;
     out.row_weight = row.weight;
     out.level = level;
-    if (source.place(lane, texture, level, column, row, out.texels)) return;
+    if (source.place(lane, texture, level, column, row, out.texels)) [[likely]]
+      return;
     if (source.pages.takes_coarser && level + 1 < texture.level_count) continue;
     if (!source.pages.takes_coarser) lane.missed = true;
     out.level = LevelPoint::kAbsent;
@@ -276,7 +279,7 @@ template <class Texels, class Codes>
 SCREE_HD inline void sample_level(const Texels& source, typename Texels::Lane& lane, const TextureView& texture,
                                   const Codes& codes, uint32_t first, const LevelPoint& at, float out[3]) {
   uint32_t texels[4];
-  if (at.level == LevelPoint::kAbsent) {
+  if (at.level == LevelPoint::kAbsent) [[unlikely]] {
     for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;
   } else {
     source.fetch(lane, texture, at.level, at.texels, texels);

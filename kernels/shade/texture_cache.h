@@ -57,15 +57,18 @@ struct TextureCache {
     return kWays * static_cast<uint32_t>(uint64_t{bits} * set_count >> 32);
   }
 
-  /// The group's colours, marked as used in round `now`; null if the group is absent. Slots do not change during
-  /// shading.
-  SCREE_HD const uint32_t* lookup(uint64_t key, uint32_t now) const {
+  /// The group's slot; kNoSlot if the group is absent. Slots do not change during shading. Has no branch, so that a GPU
+  /// waits for several look-ups at once.
+  SCREE_HD uint32_t find_slot(uint64_t key) const {
     const uint32_t way = uint32_t{load_cached(places + key)} - 1;
-    if (way >= 2 * kWays) return nullptr;
     const uint32_t slot = first_slot(key, way / kWays) + way % kWays;
-    if (load_cached(stamps + slot) != now) store_relaxed(stamps + slot, now);
-    return colours + uint64_t{slot} * slot_pixels;
+    return way < 2 * kWays ? slot : kNoSlot;
   }
+  /// Marks a slot as used in round `now`.
+  SCREE_HD void mark(uint32_t slot, uint32_t now) const {
+    if (load_cached(stamps + slot) != now) store_relaxed(stamps + slot, now);
+  }
+  SCREE_HD uint32_t* colours_of(uint32_t slot) const { return colours + uint64_t{slot} * slot_pixels; }
 
   /// Requests an absent group, once for all pixels that lack it. Drops the request if there is no room.
   SCREE_HD void request_group(const GroupRequest& request, RoundCounters* counters) const {
@@ -131,6 +134,10 @@ struct TextureCache {
 struct CachedTexels {
   static constexpr bool kMayMiss = true;
   static constexpr uint32_t kNoGroup = ~uint32_t{0};  // in the first place: the cache cannot hold the level's groups
+  // TexelPlaces::same
+  static constexpr uint32_t kSecondInFirst = 1;  // texel 1 lies in the group of texel 0, otherwise in that of texel 3
+  static constexpr uint32_t kThirdInFirst = 2;   // texel 2 likewise
+  static constexpr uint32_t kManyGroups = 4;     // or in a third group
   struct Lane {
     bool missed = false;  // a group or a page was absent, for the current pixel
   };
@@ -143,10 +150,14 @@ struct CachedTexels {
   /// Sets the places of the texels of two columns and two rows. Returns whether their pages are present.
   SCREE_HD bool place(Lane& lane, const TextureView& texture, uint32_t level, const TexelPair& column,
                       const TexelPair& row, TexelPlaces& out) const {
-    if (level >= texture.jpeg_level_count) return place_stored<true>(pages, texture, level, column, row, out);
+    // Here and in fetch() the branches that few pixels of JPEGs take are marked. nvcc then moves registers to memory in
+    // these branches, and not before them.
+    if (level >= texture.jpeg_level_count) [[unlikely]]
+      return place_stored<true>(pages, texture, level, column, row, out);
     const JpegLevel& jpeg = texture.jpeg[level];
     const format::JpegPicture* const there = want_jpeg(pages, jpeg);
-    if (there == nullptr) return false;
+    if (there == nullptr) [[unlikely]]
+      return false;
     const format::JpegPicture& picture = *there;
     const format::JpegLine columns[2] = {jpeg_column(picture, column.first), jpeg_column(picture, column.second)};
     const format::JpegLine rows[2] = {jpeg_row(picture, row.first), jpeg_row(picture, row.second)};
@@ -155,7 +166,12 @@ struct CachedTexels {
       out.group[i] = place.group;
       out.pixel[i] = jpeg_pixel(picture, place);
     }
-    if (!cache.holds(jpeg, picture)) {
+    const uint32_t* const group = out.group;
+    out.same =
+        (group[1] == group[0] ? kSecondInFirst : 0u) | (group[2] == group[0] ? kThirdInFirst : 0u) |
+        ((group[1] != group[0] && group[1] != group[3]) || (group[2] != group[0] && group[2] != group[3]) ? kManyGroups
+                                                                                                          : 0u);
+    if (!cache.holds(jpeg, picture)) [[unlikely]] {
       lane.missed = true;  // its pixels decode it themselves
       out.group[0] = kNoGroup;
     }
@@ -164,32 +180,44 @@ struct CachedTexels {
 
   SCREE_HD void fetch(Lane& lane, const TextureView& texture, uint32_t level, const TexelPlaces& at,
                       uint32_t texels[4]) const {
-    if (level >= texture.jpeg_level_count) return stored_texels<true>(pages, texture, level, at, texels);
-    if (at.group[0] == kNoGroup) {
+    if (level >= texture.jpeg_level_count) [[unlikely]]
+      return stored_texels<true>(pages, texture, level, at, texels);
+    if (at.group[0] == kNoGroup) [[unlikely]] {
       for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;
       return;
     }
     const uint64_t first_group = texture.level_offset[level];
     // The texels lie in one group, in two at a border, or in up to four at a corner. Two look-ups by all lanes are
     // faster than four. They are also faster than a loop over the groups, in which lanes diverge.
-    const auto find = [&](uint32_t i) { return cache.lookup(first_group + at.group[i], now); };
-    const uint32_t* from[4];
-    from[0] = find(0);
-    from[3] = find(3);
-    for (uint32_t i = 1; i < 3; ++i) {
-      from[i] = at.group[i] == at.group[0] ? from[0] : from[3];
-      if (at.group[i] != at.group[0] && at.group[i] != at.group[3]) from[i] = find(i);
+    const auto find = [&](uint32_t i) { return cache.find_slot(first_group + at.group[i]); };
+    uint32_t slot[4];
+    slot[0] = find(0);
+    slot[3] = find(3);
+    slot[1] = (at.same & kSecondInFirst) != 0 ? slot[0] : slot[3];
+    slot[2] = (at.same & kThirdInFirst) != 0 ? slot[0] : slot[3];
+    const bool has_more = (at.same & kManyGroups) != 0;
+    if (has_more) [[unlikely]]
+      for (uint32_t i = 1; i < 3; ++i)
+        if (at.group[i] != at.group[0] && at.group[i] != at.group[3]) slot[i] = find(i);
+    static_assert(TextureCache::kNoSlot == ~uint32_t{0});  // the only one with the highest bit
+    if (static_cast<int32_t>(slot[0] | slot[1] | slot[2] | slot[3]) >= 0) [[likely]] {
+      for (uint32_t i = 0; i < 4; ++i) texels[i] = cache.colours_of(slot[i])[at.pixel[i]];
+      // While the colours are on their way:
+      cache.mark(slot[0], now);
+      cache.mark(slot[3], now);
+      if (!has_more) [[likely]]
+        return;
     }
-    bool is_whole = true;
     for (uint32_t i = 0; i < 4; ++i) {
-      is_whole = is_whole && from[i] != nullptr;
-      texels[i] = (from[i] != nullptr ? from[i] : cache.colours)[at.pixel[i]];  // any colour, if the pixel has to wait
+      if (slot[i] != TextureCache::kNoSlot) {
+        cache.mark(slot[i], now);
+        continue;
+      }
+      lane.missed = true;
+      cache.request_group({first_group + at.group[i], texture.jpeg[level].number, at.group[i]}, counters);
     }
-    if (is_whole) return;
-    lane.missed = true;
-    for (uint32_t i = 0; i < 4; ++i)
-      if (from[i] == nullptr)
-        cache.request_group({first_group + at.group[i], texture.jpeg[level].number, at.group[i]}, counters);
+    if (lane.missed)
+      for (uint32_t i = 0; i < 4; ++i) texels[i] = kAbsentTexel;  // any colour, because the pixel has to wait
   }
 };
 
@@ -228,12 +256,13 @@ struct FallbackTexels {
       uint32_t mine = 0;
       for (uint32_t i = 0; i < 4; ++i)
         if (places[i].group == group) mine |= 1u << i;
-      const uint32_t* const colours = is_held ? cache.lookup(jpeg.first_group + group, now) : nullptr;
-      if (colours == nullptr) {
+      const uint32_t slot = is_held ? cache.find_slot(jpeg.first_group + group) : TextureCache::kNoSlot;
+      if (slot == TextureCache::kNoSlot) {
         format::decode_jpeg_colours(*picture, places, mine, texels);
       } else {
+        cache.mark(slot, now);
         for (uint32_t i = 0; i < 4; ++i)
-          if ((mine >> i & 1u) != 0) texels[i] = colours[jpeg_pixel(*picture, places[i])];
+          if ((mine >> i & 1u) != 0) texels[i] = cache.colours_of(slot)[jpeg_pixel(*picture, places[i])];
       }
       left &= ~mine;
     }
@@ -261,13 +290,11 @@ struct DecodeGroups {
     team.synchronise();
     for (uint32_t i = first; i < end; ++i) {
       const uint32_t slot = static_cast<uint32_t>(team.share(own, i - first));
-      if (slot != TextureCache::kNoSlot) colour(cache.requests[i], colours_of(slot), team, staging);
+      if (slot != TextureCache::kNoSlot) colour(cache.requests[i], cache.colours_of(slot), team, staging);
     }
   }
 
  private:
-  SCREE_HD uint32_t* colours_of(uint32_t slot) const { return cache.colours + uint64_t{slot} * cache.slot_pixels; }
-
   SCREE_HD const format::JpegPicture& picture_of(const GroupRequest& request) const {
     const JpegLevel& level = cache.levels[request.level];
     return *present_jpeg(pages, level);  // the page of a group that was requested is present
@@ -279,7 +306,7 @@ struct DecodeGroups {
     if (slot == TextureCache::kNoSlot) return slot;
     fetch_increment(&counters->decoded);
     static_assert(format::kJpegMaxComponents <= sizeof(uint32_t));  // so a group's samples fit its colours' slot
-    format::decode_jpeg_group(picture_of(request), request.group, reinterpret_cast<uint8_t*>(colours_of(slot)));
+    format::decode_jpeg_group(picture_of(request), request.group, reinterpret_cast<uint8_t*>(cache.colours_of(slot)));
     return slot;
   }
 

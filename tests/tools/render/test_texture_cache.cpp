@@ -290,17 +290,21 @@ TEST_CASE("a texture cache keeps recent groups, and evicts the least recent", "[
     const uint32_t slot = allocate_slot(i, 1);
     if (slot == TextureCache::kNoSlot) continue;
     ++placed;
-    CHECK(cache.lookup(i, 1) == colours.data() + size_t{slot} * 64);
+    CHECK(cache.find_slot(i) == slot);
+    CHECK(cache.colours_of(slot) == colours.data() + size_t{slot} * 64);
   }
   CHECK(placed > kSlots * 3 / 4);  // two sets of eight slots per key
   std::set<uint64_t> kept;
   for (uint32_t i = 0; i < kSlots; i += 2)
-    if (cache.lookup(i, 2) != nullptr) kept.insert(i);
+    if (const uint32_t slot = cache.find_slot(i); slot != TextureCache::kNoSlot) {
+      cache.mark(slot, 2);
+      kept.insert(i);
+    }
   // Round 2 requests twice as many groups as fit; the groups that the round used stay.
   for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)allocate_slot(i, 2);
-  for (const uint64_t key : kept) CHECK(cache.lookup(key, 2) != nullptr);
+  for (const uint64_t key : kept) CHECK(cache.find_slot(key) != TextureCache::kNoSlot);
   CHECK(allocate_slot(5000, 2) == TextureCache::kNoSlot);
-  for (uint32_t i = 1; i < kSlots; i += 2) CHECK(cache.lookup(i, 2) == nullptr);
+  for (uint32_t i = 1; i < kSlots; i += 2) CHECK(cache.find_slot(i) == TextureCache::kNoSlot);
   // The older one of two stamps in a set is evicted.
   const uint64_t key = 6000;
   for (uint32_t slot = 0; slot < kSlots; ++slot) stamps[slot] = 7;
