@@ -887,6 +887,7 @@ Result<void> CudaFrames::Impl::grow_queues() {
 /// triangles are clipped (clips_many), whether clipping and stages 2 and 3 wait for the last pass (defers_stages), and
 /// how often the hints are tested anew.
 void CudaFrames::Impl::adapt_next_frame() {
+  const bool has_new_rows = frame.first_row != last_view.first_row || frame.end_row != last_view.end_row;
   // kRest ends the frame that kPreviouslyVisible begins: it has as many rounds as a whole frame.
   if (options.part != FramePart::kPreviouslyVisible) last_view = frame;
   clipped_before = handed_over->counters.to_clip;
@@ -894,9 +895,11 @@ void CudaFrames::Impl::adapt_next_frame() {
                   handed_over->counters.queues.medium <= kMostDeferred;
   // After a jump of the camera most clusters that the second pass found turn out to be hidden, so all hints are tested
   // anew. The same holds for each part of a frame: few of the chunks that may hide a part's first clusters were there.
+  // In rows that are new to a GPU everything was drawn, because nothing had hidden it.
   const uint64_t previously_visible = handed_over->counters.clusters[0];
   const uint64_t newly_visible = clusters_before(handed_over->counters, kClusterPasses) - previously_visible;
-  hint_period = options.part != FramePart::kWhole || newly_visible > previously_visible ? 1 : kHintPeriod;
+  const bool tests_all = options.part != FramePart::kWhole || has_new_rows || newly_visible > previously_visible;
+  hint_period = tests_all ? 1 : kHintPeriod;
 }
 
 Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
