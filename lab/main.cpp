@@ -56,7 +56,7 @@ void add_options(CLI::App& app, LabWords& words) {
   add_value(app, "--frames", "N", words.frames, "Frames measured")->capture_default_str();
   add_value(app, "--warmup", "N", words.warmup, "Frames drawn before the measured ones")->capture_default_str();
   app.add_flag("--stages", words.stages,
-               "Time the stages of small scenes too. This makes them slower: otherwise a frame is one submission");
+               "Time the stages of frames. This makes them slower; a small scene is one submission otherwise");
   app.add_flag("--path", words.path,
                "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
   app.add_flag("--sweep", words.sweep,

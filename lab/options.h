@@ -76,7 +76,7 @@ struct LabOptions : PlainLabOptions {
   std::vector<Culling> culling;
   std::vector<Effects> effects;
   std::vector<bool> sampleless_tests;  // true: with the test
-  bool stage_times = false;            // also for small scenes
+  bool stage_times = false;            // makes frames slower
   std::optional<ImageSize> size;       // replaces the scene's own size
   bool reference = false;              // compare with an exact picture of the source (judge_run.h); with `curves` too
   bool has_peer = false;               // measure Vulkan beside scree (peer/peer.h); some encoding is float32 then

@@ -380,9 +380,8 @@ class ClusterWarp {
     const uint64_t capacity = frame_.list.item_capacity;
     const uint64_t total = min_of(first + counters.clusters[frame_.pass], capacity) - min_of(first, capacity);
     if (total == 0) return;
-    const uint64_t warps = uint64_t{gridDim.x} * kClusterWarps;
     // Several warps share a cluster if a warp then draws at most 2.5 parts on average.
-    if constexpr (kParts != 1) parts_ = 2 * total * kParts <= 5 * warps ? kParts : 1;
+    if constexpr (kParts != 1) parts_ = 2 * total * kParts <= 5 * uint64_t{gridDim.x} * kClusterWarps ? kParts : 1;
     auto mask = lane_mask<kAlpha>(frame_, cluster_masks);
     if constexpr (kAlpha != Alpha::kOpaque) mask.begin(cluster_masks());
     ClusterShared& shared = cluster_shared();
@@ -392,16 +391,12 @@ class ClusterWarp {
       shared.culled_late = 0;
     }
     __syncwarp();
-    // The next run is requested before this one is drawn, so that the warp does not wait for the atomic's result.
-    Run next = take_run(0, warps);
+    take_run(0, kFirstRun);
     for (;;) {
-      const uint64_t start = __shfl_sync(~0u, next.start, 0);
-      const uint32_t share = __shfl_sync(~0u, next.share, 0);
+      __syncwarp();
+      const uint64_t start = __shfl_sync(~0u, next_start_, 0);
       if (start >= shared.end) break;
-      next = take_run(start, warps);
-      draw_run(static_cast<uint32_t>(first + start / parts()),
-               static_cast<uint32_t>(min_of<uint64_t>(share, shared.end - start)),
-               static_cast<uint32_t>(start % parts()));
+      draw_run(first, start, static_cast<uint32_t>(min_of<uint64_t>(shared.run_share, shared.end - start)));
     }
     if (survivor_count_ != 0) flush_survivors();
     if constexpr (kAlpha != Alpha::kOpaque) mask.template finish<kOrthographic>(frame_.small.target);
@@ -415,30 +410,47 @@ class ClusterWarp {
   // Tests passes of more than a quarter of pass 1's clusters. In smaller passes hardly any cluster is hidden.
   static constexpr uint64_t kLateCullShare = 4;
 
-  /// Consecutive clusters, or parts of clusters if warps share them.
-  struct Run {
-    uint64_t start;
-    uint32_t share;
-  };
+  // A warp takes at most 1/kRunsLeft of its share of the remaining clusters, so that runs shrink towards the end.
+  static constexpr uint32_t kRunsLeft = 6;
+  // The most clusters of its first run, and the number of flushes that a later run should take at most, by those of the
+  // run before. In a close-up view a cluster may take four flushes of 16 us each: a warp would be busy with 16 of them
+  // for a millisecond.
+  static constexpr uint32_t kFirstRun = 4;
+  static constexpr uint32_t kRunFlushes = 8;
 
-  /// Takes 1/6 of this warp's share of the remaining clusters, at least one, so that runs shrink towards the end. Valid
-  /// in lane 0 only. `taken_so_far`: the number of clusters that were taken before this warp's last run.
-  __device__ Run take_run(uint64_t taken_so_far, uint64_t warps) const {
-    Run run{0, 0};
-    if (lane_ == 0) {
-      const uint64_t rest = cluster_shared().end - taken_so_far;
-      run.share = static_cast<uint32_t>(min_of<uint64_t>(max_of<uint64_t>(rest / (6 * warps), 1), kRunClusters));
-      run.start = WarpTeam::add(&frame_.small.list.counters->next_cluster[frame_.pass], uint64_t{run.share});
-    }
-    return run;
+  /// Takes a run: consecutive clusters, or a part of one if warps share clusters. `taken_so_far`: the number of
+  /// clusters that were taken before this warp's last run. `most`: of clusters in the run.
+  __device__ void take_run(uint32_t taken_so_far, uint32_t most) {
+    next_start_ = 0;
+    if (lane_ != 0) return;
+    ClusterShared& shared = cluster_shared();
+    const uint32_t rest = static_cast<uint32_t>(shared.end) - taken_so_far;
+    const uint32_t warps = gridDim.x * kClusterWarps;
+    shared.run_share = min_of(max_of(rest / (kRunsLeft * warps), 1u), most);
+    shared.run_flushes = 0;
+    next_start_ = WarpTeam::add(&frame_.small.list.counters->next_cluster[frame_.pass], uint64_t{shared.run_share});
+  }
+  /// Takes a run during the last cluster of the one before, so that the warp does not wait for the atomic's result. If
+  /// it took the run earlier, these clusters would wait longer for this warp, while other warps run out of work.
+  __device__ void take_next_run() {
+    const ClusterShared& shared = cluster_shared();
+    const uint32_t flushes = max_of(shared.run_flushes, 1u);
+    take_run(shared.run_start, min_of(max_of(kRunFlushes * shared.run_share / flushes, 1u), kRunClusters));
   }
 
-  /// Draws `count` clusters from `first` on. If warps share clusters, it is one cluster, and only `part` of its
-  /// triangles is drawn.
-  __device__ void draw_run(uint32_t first, uint32_t count, uint32_t part) {
+  /// Draws `share` clusters from number `start` of the pass on, whose first one is item `first_of_pass`, and takes the
+  /// next run. If warps share clusters, it is one part of a cluster.
+  __device__ void draw_run(uint64_t first_of_pass, uint64_t start, uint32_t share) {
     ClusterShared& shared = cluster_shared();
+    const auto first = static_cast<uint32_t>(first_of_pass + start / parts());
+    const auto part = static_cast<uint32_t>(start % parts());
+    if (lane_ == 0) shared.run_start = static_cast<uint32_t>(start);
+    uint32_t count = share;
     if constexpr (kLateCull) count = cull_late(first, count);
-    if (kLateCull && count == 0) return;
+    if (kLateCull && count == 0) {
+      take_next_run();
+      return;
+    }
     prepare_run<kOrthographic, kLateCull>(frame_, first, count, parts() == 1 && frame_.small.filters);
     __syncwarp();
     StageCopy<> copy;
@@ -447,12 +459,13 @@ class ClusterWarp {
     for (uint32_t i = 0;; ++i) {
       const PreparedCluster& cluster = shared.run[i];
       const ClusterStage& stage = shared.stages[i % 2];
-      if ((cluster.offsets & PreparedCluster::kLast) == 0)
-        stage_cluster(copy, shared.run[i + 1], shared.stages[(i + 1) % 2]);
+      const bool is_last = (cluster.offsets & PreparedCluster::kLast) != 0;
+      if (!is_last) stage_cluster(copy, shared.run[i + 1], shared.stages[(i + 1) % 2]);
       copy.commit();
+      if (is_last) take_next_run();
       copy.wait();
       __syncwarp();
-      if (cluster.projection.twice_slack != 0) {
+      if (!kOrthographic && cluster.projection.twice_slack != 0) {
         if (byte_of(cluster.codes, PreparedCluster::kBitsXyz) <= 32) {
           project_vertices<false>(cluster, stage);
         } else {
@@ -472,7 +485,7 @@ class ClusterWarp {
       // The survivors of a part of a cluster are drawn at once. Otherwise a second copy of the code would draw the
       // triangles left at a warp's end, and that copy would not be in the instruction cache then.
       while (survivor_count_ >= (parts() == 1 ? kWarpLanes : 1)) flush_survivors();
-      if ((cluster.offsets & PreparedCluster::kLast) != 0) break;
+      if (is_last) break;
     }
     __syncwarp();
   }
@@ -494,6 +507,7 @@ class ClusterWarp {
   /// Draws the last survivors, up to 32, one per lane.
   __device__ void flush_survivors() {
     ClusterShared& shared = cluster_shared();
+    if (lane_ == 0) ++shared.run_flushes;
     const uint32_t count = min_of(survivor_count_, kWarpLanes);
     survivor_count_ -= count;
     Triangle triangle{};
@@ -519,6 +533,7 @@ class ClusterWarp {
   const ClusterFrame& frame_;
   uint32_t lane_;
   uint32_t parts_ = 1;
+  uint64_t next_start_ = 0;  // of the run that was taken last; only in lane 0
   uint32_t survivor_count_ = 0;
   uint32_t small_ = 0;
 };

@@ -76,6 +76,9 @@ struct ClusterShared {
   PreparedCluster run[kRunClusters];
   SurvivorTriangle survivors[kWarpLanes - 1 + format::kMaxClusterTriangles];
   uint64_t end;          // the number of clusters of the pass, or of shared parts of clusters
+  uint32_t run_start;    // number in the pass of the first cluster of the run that is drawn, or part of a cluster
+  uint32_t run_share;    // the number of clusters of the run that was taken last
+  uint32_t run_flushes;  // calls of ClusterWarp::flush_survivors() since then
   uint32_t culls_late;   // whether ClusterWarp::cull_late() tests them once more
   uint32_t culled_late;  // the number of clusters that this removed
   // These three share memory, since no two are needed at once. For each cluster of a run:

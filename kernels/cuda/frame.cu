@@ -235,11 +235,14 @@ struct CudaFrames::Impl {
     const Result<void> done = record_event(event, kMain);
     return done ? cuda_check(cudaStreamWaitEvent(streams[to], events[event]), "forking") : done;
   }
-  /// Makes the main branch wait for the end of another one, which mark() has marked with `event`.
+  /// Makes the main branch wait for the end of another one, which `event` marks.
   Result<void> join(FrameEvent event, Branch from) {
-    if (!is_graph) return cuda_check(cudaStreamWaitEvent(streams[kMain], events[event]), "joining");
-    graph.join(from, kMain);
-    return {};
+    if (is_graph) {
+      graph.join(from, kMain);
+      return {};
+    }
+    const Result<void> done = record_event(event, from);
+    return done ? cuda_check(cudaStreamWaitEvent(streams[kMain], events[event]), "joining") : done;
   }
   /// The builds that the frame takes. A clipping box tests all samples, as masks do.
   Alpha alpha() const {
@@ -328,9 +331,9 @@ struct CudaFrames::Impl {
   Result<void> record_event(FrameEvent event, Branch branch) {
     return cuda_check(cudaEventRecord(events[event], streams[branch]), "recording an event");
   }
-  /// Marks a place between two stages, for their times and for join(). A graph needs no marks.
+  /// Marks a place between two stages, for their times.
   Result<void> mark(FrameEvent event, Branch branch = kMain) {
-    return is_graph ? Result<void>() : record_event(event, branch);
+    return options.stage_times ? record_event(event, branch) : Result<void>();
   }
   Result<void> wait() const;
   Result<void> grow_queues();
@@ -604,8 +607,7 @@ Result<void> CudaFrames::Impl::submit_clipping_on_own_stream(const SmallFrame& s
   launch(kClip, split_large<kOrthographic, kAlpha>, resident.multiprocessors(), kLargeThreads, 0, queued);
   launch(kClip, large, resident.of(large, kLargeThreads), kLargeThreads, 0, queued);
   launch(kClip, raster_medium<kOrthographic, kAlpha>, resident.multiprocessors(), kLargeThreads, 0, queued);
-  done = cuda_check(cudaGetLastError(), "starting to clip");
-  return done ? mark(kClippedDone, kClip) : done;
+  return cuda_check(cudaGetLastError(), "starting to clip");
 }
 
 /// Runs stages 2 and 3 side by side, because each alone is too little work for the GPU.
@@ -623,7 +625,6 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
     launch(kSide, large, resident.of(large, kLargeThreads), kLargeThreads, 0, queued);
     done = cuda_check(cudaGetLastError(), "starting stage 3");
   }
-  if (done) done = mark(at.large_done, kSide);
   if (done) {
     const auto medium = raster_medium<kOrthographic, kAlpha>;
     launch(kMain, medium, resident.of(medium, kLargeThreads), kLargeThreads, 0, queued);
@@ -635,11 +636,11 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
   return done;
 }
 
-/// Records the events of stages that run only after the last pass. The stages' times are read from them.
+/// Marks stages that run only after the last pass, so that their times are 0 here.
 Result<void> CudaFrames::Impl::record_stages(const StageEvents& at) {
   Result<void> done;
   for (const FrameEvent event : {at.small_done, at.large_begun, at.large_done, at.medium_done})
-    if (done) done = record_event(event, kMain);
+    if (done) done = mark(event);
   return done;
 }
 
@@ -790,7 +791,7 @@ Result<void> CudaFrames::Impl::read_times(FrameTimes& times) const {
     FrameEvent to;
     bool is_there;
   };
-  times.has_stages = !is_graph;
+  times.has_stages = options.stage_times;
   const bool has_second = two_passes && options.part != FramePart::kPreviouslyVisible;
   const Span spans[] = {{&times.clear_ms, kStart, kCleared, true},
                         {&times.cull_ms, kCleared, kCulled, true},
@@ -887,6 +888,7 @@ Result<void> CudaFrames::Impl::grow_queues() {
 /// triangles are clipped (clips_many), whether clipping and stages 2 and 3 wait for the last pass (defers_stages), and
 /// how often the hints are tested anew.
 void CudaFrames::Impl::adapt_next_frame() {
+  const bool has_new_rows = frame.first_row != last_view.first_row || frame.end_row != last_view.end_row;
   // kRest ends the frame that kPreviouslyVisible begins: it has as many rounds as a whole frame.
   if (options.part != FramePart::kPreviouslyVisible) last_view = frame;
   clipped_before = handed_over->counters.to_clip;
@@ -894,9 +896,11 @@ void CudaFrames::Impl::adapt_next_frame() {
                   handed_over->counters.queues.medium <= kMostDeferred;
   // After a jump of the camera most clusters that the second pass found turn out to be hidden, so all hints are tested
   // anew. The same holds for each part of a frame: few of the chunks that may hide a part's first clusters were there.
+  // In rows that are new to a GPU everything was drawn, because nothing had hidden it.
   const uint64_t previously_visible = handed_over->counters.clusters[0];
   const uint64_t newly_visible = clusters_before(handed_over->counters, kClusterPasses) - previously_visible;
-  hint_period = options.part != FramePart::kWhole || newly_visible > previously_visible ? 1 : kHintPeriod;
+  const bool tests_all = options.part != FramePart::kWhole || has_new_rows || newly_visible > previously_visible;
+  hint_period = tests_all ? 1 : kHintPeriod;
 }
 
 Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {

@@ -25,7 +25,7 @@ struct FrameOptions {
   bool sampleless_test = true;  // drops triangles that cover no pixel centre early
   Culling culling;
   Effects effects;
-  bool stage_times = false;  // also for small scenes, although it makes them slower
+  bool stage_times = false;  // makes frames slower
 };
 
 /// Draws frames of one scene, which must outlive it.

@@ -129,8 +129,12 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
               options.rows.first + 1 + static_cast<uint32_t>(random() % (view.height - options.rows.first));
           CAPTURE(kind, i, options.rows.first, options.rows.end);
           const auto draw_rows = [&](uint64_t* samples) {
-            const auto part = must(frames.draw(view, samples, options));
+            kernels::FrameTimes times{};
+            const auto part = must(frames.draw(view, samples, options, &times));
             drawn += part.triangles;
+            CHECK(times.raster_ms > 0);
+            CHECK(times.has_stages == options.stage_times);
+            if (!times.has_stages) CHECK(times.cull_ms + times.small_ms + times.second_ms == 0);
           };
           // Samples begin as zeros, which are nearer than everything. Other rows are not cleared, so reading them would
           // show.

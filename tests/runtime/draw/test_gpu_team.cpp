@@ -290,11 +290,11 @@ TEST_CASE("each of several GPUs shades with textures of its own", "[cuda][gpus][
   convert.output = folder.file("out.scree");
   convert.float32 = true;  // more bytes
   const std::string kind = GENERATE("JPEGs", "decoded JPEGs", "blocks");
-  constexpr uint32_t kSide = scree::tests::kEmulatesGpu ? 30 : 110;  // two pages of geometry, on a GPU
+  // On a GPU two pages of geometry or more.
   if (kind == "blocks")
-    make_block_model(convert.input, kSide);
+    make_block_model(convert.input, scree::tests::kEmulatesGpu ? 30 : 160);
   else
-    make_jpeg_model(convert.input, kSide);
+    make_jpeg_model(convert.input, scree::tests::kEmulatesGpu ? 30 : 110);
   if (kind == "decoded JPEGs") convert.images.textures = convert::Textures::kRaw;
   REQUIRE(convert::convert(convert));
   const Scene whole = must_load(convert.output);
