@@ -100,7 +100,7 @@ TEST_CASE("layers of blended surfaces are equal on the GPU", "[cuda][blend]") {
   SceneBuilder builder;
   add_blended_meshes(builder, is_clustered);
   const kernels::SceneView scene = builder.view();
-  std::vector<View> views = masked_views(kEmulatesGpu ? 2 : 1);
+  std::vector<View> views = masked_views(kEmulatesGpu ? 5 : 1);
   // The emulator is slow.
   for (const View& view : walk(kEmulatesGpu ? 1 : 40, 0.16, 96, 64)) views.push_back(view);
   if (!has_gpu()) return;
@@ -123,7 +123,7 @@ TEST_CASE("fragments drawn at once give the same layers as layers drawn one by o
   uint32_t deepest = 0;
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), in_two_passes(), kNoRoom}) {
     GpuLayers gpu(scene, device, sizes);
-    for (const View& view : masked_views(kEmulatesGpu ? 4 : 1)) {
+    for (const View& view : masked_views(kEmulatesGpu ? 8 : 1)) {
       for (const uint32_t most : {64u, 2u}) {
         kernels::BlendCounts expected_counts;
         const std::vector<float> expected = gpu.over(view, most, 0, expected_counts);

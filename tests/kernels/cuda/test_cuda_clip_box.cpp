@@ -37,7 +37,7 @@ TEST_CASE("clipping boxes cut on the GPU as on the CPU", "[cuda][clip]") {
     add_opaque_meshes(builder, is_clustered);
   }
   const kernels::SceneView scene = builder.view();
-  std::vector<View> whole = masked_views(kEmulatesGpu ? 2 : 1);
+  std::vector<View> whole = masked_views(kEmulatesGpu ? 5 : 1);
   // The emulator is slow, so its walk is short.
   for (const View& view : walk(kEmulatesGpu ? 2 : 60, 0.11, 160, 120)) whole.push_back(view);
   std::vector<View> views = clipped_views(whole);
