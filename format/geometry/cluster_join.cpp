@@ -209,7 +209,7 @@ class Joiner {
     return {};
   }
 
-  uint32_t step_bytes() const { return (form_.triangle_count + 7) / 8; }
+  uint32_t step_bytes() const { return bytes_of_steps(form_.triangle_count); }
 
   /// Computes the vertices' offsets. Returns false if a reference or a residual is missing or out of range.
   bool place_vertices(OffsetBox& box) {

@@ -33,8 +33,8 @@ class Splitter {
 
   /// Returns false if join_page() would refuse a cluster.
   bool part(const std::byte* payload, uint32_t clusters) {
+    start_ += memory_.recent.count();
     memory_.recent.clear();
-    start_ = end_;
     named_ = 0;
     first_ = Offsets{};
     const std::byte* const bounds = payload + group_count(clusters) * sizeof(ClusterBounds);
@@ -113,7 +113,7 @@ class Splitter {
     const ClusterLayout& layout = reader.layout;
     const uint32_t count = layout.triangle_count;
     const uint32_t halves = layout.wide_steps ? 2 : 1;
-    const uint32_t step_bytes = (count + 7) / 8;
+    const uint32_t step_bytes = bytes_of_steps(count);
     const uint32_t step_words = (count + 31) / 32;
     const bool is_short = layout.distance_bits <= kShortDistance;
     std::byte* const steps = grow(kSteps, halves * step_bytes);
@@ -198,7 +198,6 @@ class Splitter {
     named_ = named;
     first_ = at[0];
     recent.add(count);
-    end_ = start_ + first_number + count;
     std::memcpy(grow(kPlaces, count), places, count);
     if (far_count != 0) std::memcpy(grow(kFar, 2 * far_count), far, 2 * far_count);
     for (size_t axis = 0; axis < 3; ++axis)
@@ -216,7 +215,6 @@ class Splitter {
   std::array<uint32_t, 1u << kSlotBits> latest_;
   std::array<uint32_t, kMaxClusterVertices> slots_;  // of the cluster's vertices
   uint32_t start_ = 0;                               // the part's first vertex
-  uint32_t end_ = 0;                                 // behind the latest vertex
   uint32_t named_ = 0;
   Offsets first_{};
   std::array<std::vector<std::byte>, kStreams> out_;

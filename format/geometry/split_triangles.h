@@ -13,6 +13,11 @@
 
 namespace scree::format::split_streams {
 
+/// Bytes of each half of a cluster's steps.
+constexpr uint32_t bytes_of_steps(uint32_t triangle_count) {
+  return (triangle_count + 7) / 8;
+}
+
 /// The bytes of a cluster in the streams of steps and of distances.
 struct TriangleBytes {
   const std::byte* steps;
@@ -20,8 +25,6 @@ struct TriangleBytes {
   uint32_t triangle_count;
   uint32_t distance_bits;
   bool wide_steps;
-
-  uint32_t step_bytes() const { return (triangle_count + 7) / 8; }  // of each half
 };
 
 /// For each byte of steps, eight bytes: the number of ones up to each bit.
@@ -36,11 +39,12 @@ inline constexpr auto kOnesUpTo = [] {
 /// Computes the largest vertex of each triangle. Returns whether all are below `vertex_count`.
 inline bool sum_steps(const TriangleBytes& bytes, uint32_t vertex_count, ClusterTriangles& triangles) {
   std::byte* const largest = reinterpret_cast<std::byte*>(triangles.largest.data());
+  const uint32_t step_bytes = bytes_of_steps(bytes.triangle_count);
   uint32_t sum = 2;
-  for (uint32_t i = 0; i < bytes.step_bytes(); ++i) {
+  for (uint32_t i = 0; i < step_bytes; ++i) {
     if (sum >= vertex_count) return false;  // from 127 on, eight steps of 3 stay within a byte
     uint64_t eight = sum * 0x0101010101010101u + kOnesUpTo[std::to_integer<uint32_t>(bytes.steps[i])];
-    if (bytes.wide_steps) eight += 2 * kOnesUpTo[std::to_integer<uint32_t>(bytes.steps[bytes.step_bytes() + i])];
+    if (bytes.wide_steps) eight += 2 * kOnesUpTo[std::to_integer<uint32_t>(bytes.steps[step_bytes + i])];
     store(largest + 8 * i, eight);
     sum = static_cast<uint32_t>(eight >> 56);
   }

@@ -181,11 +181,6 @@ Error out_of_memory() {
   return {ErrorCode::kMemory, "no memory left for the queues of the frame"};
 }
 
-const SrgbTables& srgb_tables() {
-  static const SrgbTables tables = make_srgb_tables();
-  return tables;
-}
-
 }  // namespace
 
 Result<void> check_frame(const View& view, uint64_t triangle_count) {
@@ -468,6 +463,11 @@ SrgbTables make_srgb_tables() {
     while (tables.first_light[code + 1] <= static_cast<float>(i) / SrgbTables::kBuckets) ++code;
     tables.bucket_code[i] = static_cast<uint8_t>(code);
   }
+  return tables;
+}
+
+const SrgbTables& srgb_tables() {
+  static const SrgbTables tables = make_srgb_tables();
   return tables;
 }
 

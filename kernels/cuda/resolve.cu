@@ -88,8 +88,8 @@ struct CudaResolver::Impl {
     void* memory = nullptr;
     if (!check(cudaMalloc(&memory, kRangeOffset + sizeof(DepthRange)), "allocating the tables of sRGB")) return false;
     tables = static_cast<SrgbTables*>(memory);
-    const SrgbTables host = make_srgb_tables();
-    return check(cudaMemcpy(tables, &host, sizeof host, cudaMemcpyHostToDevice), "copying the tables of sRGB");
+    return check(cudaMemcpy(tables, &srgb_tables(), sizeof *tables, cudaMemcpyHostToDevice),
+                 "copying the tables of sRGB");
   }
   DepthRange* depth_range() {
     return reinterpret_cast<DepthRange*>(reinterpret_cast<std::byte*>(tables) + kRangeOffset);

@@ -168,7 +168,6 @@ struct CudaTextureCache::Impl {
   uint32_t last_round() const { return has_jpegs() ? kDecodeRounds : 0; }
   TexelPages pages() const { return pager != nullptr ? pager->pages() : TexelPages{}; }
 
-  const SrgbTables srgb = make_srgb_tables();  // for the background
   DeviceBuffer memory;
   DeviceBuffer lists;
   uint64_t list_room = 0;    // tiles in one
@@ -314,7 +313,7 @@ Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& 
     return Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, out};
   };
   ShadeInputs host = in;
-  host.srgb = &impl_->srgb;
+  host.srgb = &srgb_tables();
   const BackgroundTiles background{tiles, samples, samples_per_side, background_code(host, samples_per_side), out};
   if (!impl_->shade<true>(in, tiles, &background, pixels_of, stream)) return impl_->error;
   return {};

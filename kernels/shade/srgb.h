@@ -19,6 +19,9 @@ struct SrgbTables {
 
 SrgbTables make_srgb_tables();
 
+/// The tables in host memory, made once.
+const SrgbTables& srgb_tables();
+
 inline namespace SCREE_ISA {
 
 /// The code nearest to linear light in code space: the rounding of the formula. Below 0 and NaN give 0, above 1 gives

@@ -543,9 +543,8 @@ class PathRenderer {
   }
 
   std::string names_of(const Output& output) const {
-    const FrameRange& all = range_;
-    const std::string first = output.pattern.name(all.frame(0));
-    return all.count() == 1 ? first : first + " to " + output.pattern.name(all.frame(all.count() - 1));
+    const std::string first = output.pattern.name(range_.frame(0));
+    return range_.count() == 1 ? first : first + " to " + output.pattern.name(range_.frame(range_.count() - 1));
   }
 
   const RenderOptions& options_;
