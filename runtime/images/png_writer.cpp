@@ -79,7 +79,8 @@ class RowFilter {
   uint32_t least_ = 0;
 };
 
-/// A strip of the image data: deflate blocks that end at a byte, and the checksum of their unpacked bytes.
+/// A strip of the image data: deflate blocks that end at a byte, and the checksum of their unpacked bytes. `data` are
+/// the bytes of its IDAT chunk, of the last strip those that go into it.
 struct Strip {
   Bytes data;
   uint32_t adler = 0;
@@ -179,11 +180,15 @@ Result<void> make_png(const PixelView& picture, const PngOptions& options, const
   const uint32_t per_strip = static_cast<uint32_t>(std::max(kStripBytes / (row_bytes + 1), size_t{1}));
   std::vector<Strip> strips((picture.height + per_strip - 1) / per_strip);
   std::atomic<bool> is_left{false}, has_failed{false};
+  constexpr std::byte kZlibHead[2] = {std::byte{0x78}, std::byte{0x01}};
+  const auto head_of = [&](uint64_t strip) { return std::span<const std::byte>(kZlibHead, strip == 0 ? 2 : 0); };
   const auto make_strip = [&](uint64_t i) {
     if (is_left || (options.is_abandoned && options.is_abandoned())) return is_left.store(true);
     const uint32_t first = static_cast<uint32_t>(i) * per_strip;
     const uint32_t count = std::min(per_strip, picture.height - first);
     if (!deflate_strip(picture, channels, first, count, options.is_small, strips[i])) has_failed = true;
+    // The last one gets the checksum of all strips.
+    if (i + 1 < strips.size()) strips[i].data = make_chunk("IDAT", {head_of(i), strips[i].data});
   };
   if (options.workers != nullptr) {
     options.workers->for_each(strips.size(), make_strip);
@@ -207,11 +212,12 @@ Result<void> make_png(const PixelView& picture, const PngOptions& options, const
   for (size_t i = 0; taken && i < strips.size(); ++i) {
     Strip& strip = strips[i];
     adler = static_cast<uint32_t>(adler32_combine(adler, strip.adler, static_cast<z_off_t>(strip.raw_bytes)));
-    constexpr std::byte kZlibHead[2] = {std::byte{0x78}, std::byte{0x01}};
-    Bytes end;
-    if (i + 1 == strips.size()) append_big_endian(end, adler);
-    const std::span<const std::byte> begin(kZlibHead, i == 0 ? 2 : 0);
-    taken = take(make_chunk("IDAT", {begin, strip.data, end}));
+    if (i + 1 == strips.size()) {
+      Bytes end;
+      append_big_endian(end, adler);
+      strip.data = make_chunk("IDAT", {head_of(i), strip.data, end});
+    }
+    taken = take(strip.data);
     strip.data = {};
   }
   return taken ? take(make_chunk("IEND", {})) : taken;

@@ -14,7 +14,7 @@
 
 namespace scree::runtime {
 
-/// Must be used by one thread at a time. A loop's body must not begin another loop on the same workers.
+/// Loops of several threads run one after the other. A loop's body must not begin another loop on the same workers.
 class Workers {
  public:
   /// Up to `threads` threads, including the caller's. The others are started by the first loop that has work for them.
@@ -35,6 +35,7 @@ class Workers {
   template <class Body>
   void for_each(uint64_t count, const Body& body) {
     SharedLoop<Body> loop(count, body);
+    const std::lock_guard turn(turn_);
     if (count > 1) start();
     if (count > 1 && !helpers_.empty()) {
       share(count - 1, [&] { loop(); });
@@ -54,6 +55,7 @@ class Workers {
 
   const uint32_t threads_;
   const std::chrono::microseconds spin_;
+  std::mutex turn_;  // held by the thread whose loop runs
   std::vector<std::thread> helpers_;
   std::mutex mutex_;
   std::condition_variable loop_begun_;  // a loop has begun, or the workers end

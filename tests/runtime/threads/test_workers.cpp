@@ -5,6 +5,7 @@
 #include <chrono>
 #include <set>
 #include <stdexcept>
+#include <thread>
 #include <vector>
 
 #include "tests/catch.h"
@@ -42,6 +43,24 @@ TEST_CASE("workers share a loop, even after a loop of one item") {
     ids.insert(std::this_thread::get_id());
   });
   CHECK(ids.size() == 3);
+}
+
+TEST_CASE("loops of several threads run one after the other") {
+  Workers workers(3);
+  std::atomic<uint32_t> running{0}, mixed{0}, done{0};  // loops that run; items that saw two of them; items
+  std::vector<std::thread> callers;
+  for (uint32_t caller = 0; caller < 4; ++caller)
+    callers.emplace_back([&, caller] {
+      for (int loop = 0; loop < 100; ++loop)
+        workers.for_each(20, [&](uint64_t) {
+          const uint32_t before = running.fetch_or(1u << caller);
+          if ((before & ~(1u << caller)) != 0) ++mixed;
+          if (++done % 20 == 0) running = 0;
+        });
+    });
+  for (std::thread& caller : callers) caller.join();
+  CHECK(done == 4 * 100 * 20);
+  CHECK(mixed == 0);
 }
 
 TEST_CASE("an exception ends a loop early, and the workers stay usable") {
