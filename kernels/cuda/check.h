@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cuda_runtime_api.h>
+#include <sys/mman.h>
 
 #include <cstdint>
+#include <cstdlib>
 #include <string>
 #include <utility>
 
@@ -16,6 +18,13 @@ inline Result<void> cuda_check(cudaError_t status, const char* what) {
   if (status == cudaSuccess) return {};
   (void)cudaGetLastError();  // clears the error, which the next launch would report otherwise
   return Error{ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status)};
+}
+
+/// Loads a kernel's code, which its first launch would do otherwise. That launch also reports errors.
+template <class... Parameters>
+void load_kernel(void (*kernel)(Parameters...)) {
+  cudaFuncAttributes attributes;
+  (void)cuda_check(cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(kernel)), "loading a kernel");
 }
 
 /// Owns a cudaMalloc() allocation.
@@ -66,18 +75,50 @@ class DeviceBuffer {
 class PinnedBuffer {
  public:
   PinnedBuffer() = default;
-  PinnedBuffer(const PinnedBuffer&) = delete;
-  PinnedBuffer& operator=(const PinnedBuffer&) = delete;
-  ~PinnedBuffer() { (void)cudaFreeHost(data_); }
+  PinnedBuffer(PinnedBuffer&& other) noexcept { *this = std::move(other); }
+  PinnedBuffer& operator=(PinnedBuffer&& other) noexcept {
+    std::swap(data_, other.data_);
+    std::swap(is_registered_, other.is_registered_);
+    return *this;
+  }
+  ~PinnedBuffer() {
+    if (!is_registered_) {
+      (void)cudaFreeHost(data_);
+      return;
+    }
+    (void)cudaHostUnregister(data_);
+    std::free(data_);
+  }
 
-  /// May be called once.
+  /// May be called once, or allocate_for_copies(). Errors kDevice.
   Result<void> allocate(uint64_t bytes, const char* what) {
     return cuda_check(cudaMallocHost(&data_, bytes == 0 ? 1 : bytes), what);
   }
+
+  /// The same for memory that kernels do not read or write. It has huge pages if the system gives them, and then takes
+  /// half the time: 5 instead of 11 ms for 33 MiB on the host of an H200.
+  Result<void> allocate_for_copies(uint64_t bytes, const char* what) {
+    constexpr uint64_t kHugePage = uint64_t{2} << 20;
+    if (bytes < kHugePage) return allocate(bytes, what);
+    const uint64_t size = bytes + (kHugePage - bytes % kHugePage) % kHugePage;
+    void* const memory = size < bytes ? nullptr : std::aligned_alloc(kHugePage, size);
+    if (memory == nullptr) return cuda_check(cudaErrorMemoryAllocation, what);
+    (void)madvise(memory, size, MADV_HUGEPAGE);  // only advice
+    const Result<void> done = cuda_check(cudaHostRegister(memory, bytes, cudaHostRegisterPortable), what);
+    if (!done) {
+      std::free(memory);
+      return done;
+    }
+    data_ = memory;
+    is_registered_ = true;
+    return {};
+  }
+
   std::byte* data() const { return static_cast<std::byte*>(data_); }
 
  private:
   void* data_ = nullptr;
+  bool is_registered_ = false;  // false: cudaMallocHost() made it
 };
 
 }  // namespace scree::kernels

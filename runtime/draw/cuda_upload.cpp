@@ -64,7 +64,7 @@ class PinnedRing final : public UploadTarget {
     arena_ = arena;
     if (sizes.joins) join_sizes_.emplace(sizes);
     if (auto done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU"); !done) return done;
-    if (auto done = memory_.allocate(sizes.bytes(), "allocating pinned memory"); !done) return done;
+    if (auto done = memory_.allocate_for_copies(sizes.bytes(), "allocating pinned memory"); !done) return done;
     if (sizes.joins)
       if (auto done = open_joins(sizes.slots); !done) return done;
     streams_.resize(sizes.joins ? kJoinStreams : kCopyStreams);

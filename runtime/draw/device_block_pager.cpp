@@ -60,7 +60,9 @@ Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& 
   if (done)
     done = cuda_check(cudaMemset(pager.tables_.data(), 0, pager.tables_.bytes()), "clearing the table of pages");
   pager.half_ = pinned_bytes(host_memory) / 2;
-  if (done) done = pager.staging_.allocate(pinned_bytes(host_memory), "allocating pinned memory for pages of textures");
+  if (done)
+    done =
+        pager.staging_.allocate_for_copies(pinned_bytes(host_memory), "allocating pinned memory for pages of textures");
   if (done) done = cuda_check(cudaStreamCreateWithFlags(&pager.stream_, cudaStreamNonBlocking), "making a stream");
   for (cudaEvent_t& event : pager.copied_)
     if (done) done = cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming), "making an event");

@@ -23,11 +23,10 @@ constexpr int kMostPriority = -100;
 }  // namespace
 
 HostMemory HostMemory::pinned(uint64_t bytes) {
-  void* memory = nullptr;
-  if (cudaMallocHost(&memory, std::max<uint64_t>(bytes, 1)) == cudaSuccess)
-    return {static_cast<std::byte*>(memory), bytes, [](std::byte* pinned) { (void)cudaFreeHost(pinned); }};
-  (void)cudaGetLastError();
-  return plain(bytes);
+  auto memory = std::make_shared<kernels::PinnedBuffer>();
+  if (!memory->allocate_for_copies(bytes, "allocating pinned memory")) return plain(bytes);
+  std::byte* const data = memory->data();
+  return {std::move(memory), data, bytes};
 }
 
 /// Errors kRange: draw() made no picture of this size.

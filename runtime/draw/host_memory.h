@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 
 namespace scree::runtime {
 
@@ -15,21 +16,23 @@ class HostMemory {
 
   /// Usual memory. Throws std::bad_alloc.
   static HostMemory plain(uint64_t bytes) {
-    return {new std::byte[bytes], bytes, [](std::byte* memory) { delete[] memory; }};
+    std::shared_ptr<std::byte[]> memory(new std::byte[bytes]);
+    std::byte* const data = memory.get();
+    return {std::move(memory), data, bytes};
   }
   /// Pinned memory, to which GPUs copy faster than to plain memory, and beside their other work. Plain memory if the
   /// system pins no more, and in a program without CUDA. Uses the current GPU. Throws std::bad_alloc.
   static HostMemory pinned(uint64_t bytes);
 
-  std::span<std::byte> bytes() const { return {memory_.get(), bytes_}; }
-  uint64_t size() const { return bytes_; }
+  std::span<std::byte> bytes() const { return bytes_; }
+  uint64_t size() const { return bytes_.size(); }
 
  private:
-  using Free = void (*)(std::byte*);
-  HostMemory(std::byte* memory, uint64_t bytes, Free free) : memory_(memory, free), bytes_(bytes) {}
+  HostMemory(std::shared_ptr<void> owner, std::byte* data, uint64_t bytes)
+      : owner_(std::move(owner)), bytes_(data, bytes) {}
 
-  std::unique_ptr<std::byte[], Free> memory_{nullptr, nullptr};
-  uint64_t bytes_ = 0;
+  std::shared_ptr<void> owner_;
+  std::span<std::byte> bytes_;
 };
 
 }  // namespace scree::runtime

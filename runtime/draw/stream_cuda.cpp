@@ -108,7 +108,7 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   if (done) done = keep_in_host_memory(host_bytes);
   const bool all_kept = std::find(kept_at_.begin(), kept_at_.end(), kNotPinned) == kept_at_.end();
   for (kernels::PinnedBuffer& staging : staging_)
-    if (done && !all_kept) done = staging.allocate(streamer_.most_batch_bytes(), "allocating pinned memory");
+    if (done && !all_kept) done = staging.allocate_for_copies(streamer_.most_batch_bytes(), "allocating pinned memory");
   if (done) done = draw_nothing();
   return done;
 }
@@ -153,7 +153,7 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
     end += room_of(bytes);
   }
   if (places.empty()) return {};
-  if (Result<void> done = kept_.allocate(end, "allocating pinned memory for chunks"); !done) return done;
+  if (Result<void> done = kept_.allocate_for_copies(end, "allocating pinned memory for chunks"); !done) return done;
   return source_.read(places, kept_.data(), ChunkSource::Reader::kDevice, workers_);
 }
 

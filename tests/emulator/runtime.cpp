@@ -224,20 +224,26 @@ const Allocation* allocation_at(const void* at, size_t bytes) {
   return &found->second;
 }
 
+void add_allocation(void* memory, size_t bytes, bool is_device) {
+  Device& all = device();
+  const int gpu = is_device ? current_gpu : kPinned;
+  std::memset(memory, scree::emulator::kGarbage, std::min(bytes, kGarbageBytes));
+  all.allocations[reinterpret_cast<uintptr_t>(memory)] = {bytes, is_device, gpu};
+  scree::emulator::MemoryInUse& in_use = all.in_use[gpu];
+  in_use.now += bytes;
+  in_use.peak = std::max(in_use.peak, in_use.now);
+}
+
 cudaError_t allocate(void** out, size_t bytes, bool is_device) {
   Device& all = device();
   const std::lock_guard lock(all.mutex);
   *out = nullptr;
-  scree::emulator::MemoryInUse& in_use = all.in_use[is_device ? current_gpu : kPinned];
-  if (is_device && bytes > listed_gpu(current_gpu).value_or(Gpu{}).bytes - in_use.now)
+  if (is_device && bytes > listed_gpu(current_gpu).value_or(Gpu{}).bytes - all.in_use[current_gpu].now)
     return failed(cudaErrorMemoryAllocation);
   if (bytes == 0) return cudaSuccess;
   void* made = nullptr;
   if (posix_memalign(&made, kAlignment, bytes) != 0) return failed(cudaErrorMemoryAllocation);
-  std::memset(made, scree::emulator::kGarbage, std::min(bytes, kGarbageBytes));
-  all.allocations[reinterpret_cast<uintptr_t>(made)] = {bytes, is_device, is_device ? current_gpu : kPinned};
-  in_use.now += bytes;
-  in_use.peak = std::max(in_use.peak, in_use.now);
+  add_allocation(made, bytes, is_device);
   *out = made;
   return cudaSuccess;
 }
@@ -251,9 +257,8 @@ void finish(int gpu) {
     if (gpu == kPinned || stream->gpu == gpu) reach(stream->end());
 }
 
-/// Both functions wait for all submitted work.
-cudaError_t give_back(void* block, bool is_device) {
-  if (block == nullptr) return cudaSuccess;
+/// Waits for all submitted work.
+cudaError_t remove_allocation(void* block, bool is_device) {
   Device& all = device();
   const std::lock_guard lock(all.mutex);
   finish(kPinned);
@@ -261,8 +266,14 @@ cudaError_t give_back(void* block, bool is_device) {
   if (found == all.allocations.end() || found->second.is_device != is_device) return failed(cudaErrorInvalidValue);
   all.in_use[found->second.gpu].now -= found->second.bytes;
   all.allocations.erase(found);
-  std::free(block);
   return cudaSuccess;
+}
+
+cudaError_t give_back(void* block, bool is_device) {
+  if (block == nullptr) return cudaSuccess;
+  const cudaError_t removed = remove_allocation(block, is_device);
+  if (removed == cudaSuccess) std::free(block);
+  return removed;
 }
 
 struct Copy {
@@ -376,6 +387,15 @@ cudaError_t cudaMalloc(void** out, size_t bytes) {
 }
 cudaError_t cudaMallocHost(void** out, size_t bytes) {
   return allocate(out, bytes, false);
+}
+cudaError_t cudaHostRegister(void* memory, size_t bytes, unsigned) {
+  const std::lock_guard lock(device().mutex);
+  if (memory == nullptr || bytes == 0 || allocation_at(memory, 1) != nullptr) return failed(cudaErrorInvalidValue);
+  add_allocation(memory, bytes, false);
+  return cudaSuccess;
+}
+cudaError_t cudaHostUnregister(void* memory) {
+  return remove_allocation(memory, false);
 }
 cudaError_t cudaFree(void* block) {
   return give_back(block, true);

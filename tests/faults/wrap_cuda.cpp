@@ -45,6 +45,8 @@ extern "C" {
 
 SCREE_WRAP_MAKE(cudaMalloc, cudaErrorMemoryAllocation, (void** out, size_t bytes), (out, bytes), out)
 SCREE_WRAP_MAKE(cudaMallocHost, cudaErrorMemoryAllocation, (void** out, size_t bytes), (out, bytes), out)
+SCREE_WRAP_MAKE(cudaHostRegister, cudaErrorMemoryAllocation, (void* memory, size_t bytes, unsigned flags),
+                (memory, bytes, flags), &memory)
 SCREE_WRAP_MAKE(cudaEventCreate, cudaErrorUnknown, (cudaEvent_t * event), (event), event)
 SCREE_WRAP_MAKE(cudaEventCreateWithFlags, cudaErrorUnknown, (cudaEvent_t * event, unsigned flags), (event, flags),
                 event)
@@ -119,6 +121,7 @@ SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnkn
 
 SCREE_WRAP_RELEASE(cudaFree, void*, block)
 SCREE_WRAP_RELEASE(cudaFreeHost, void*, block)
+SCREE_WRAP_RELEASE(cudaHostUnregister, void*, memory)
 SCREE_WRAP_RELEASE(cudaEventDestroy, cudaEvent_t, event)
 SCREE_WRAP_RELEASE(cudaStreamDestroy, cudaStream_t, stream)
 SCREE_WRAP_RELEASE(cudaGraphDestroy, cudaGraph_t, graph)
