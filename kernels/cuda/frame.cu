@@ -48,7 +48,8 @@ __global__ void hand_over(const FrameCounters* from, HandedOver* to, uint32_t fr
 
 /// The first capacity of the queue of clusters.
 uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
-  return min_of(cluster_groups * format::kGroupClusters, sizes.clusters);
+  const uint64_t all = cluster_groups * format::kGroupClusters;
+  return min_of(all, sizes.holds_first_frame ? max_of(sizes.clusters, all / 4) : sizes.clusters);
 }
 
 /// Scenes without indexed chunks that are drawn in one pass.

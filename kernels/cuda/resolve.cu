@@ -207,6 +207,14 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
   return {};
 }
 
+void CudaResolver::load(const SceneView& scene, const ShadeOptions& options, bool has_cache) {
+  ShadeInputs inputs{};
+  inputs.scene = scene;
+  inputs.options = options;
+  if (has_cache && options.show == Show::kTexture) return CudaTextureCache::load(inputs);
+  visit_shader<true>(inputs, []<class Shader>(const Shader&) { load_kernel(run_pixels<Resolve<Shader>>); });
+}
+
 Result<void> CudaResolver::shade_part(const SceneView& scene, const View& view, const uint64_t* samples,
                                       const Transform* transforms, const ShadeOptions& options, float* colors,
                                       cudaStream_t stream, CudaTextureCache* cache) {

@@ -319,6 +319,14 @@ Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& 
   return {};
 }
 
+void CudaTextureCache::load(const ShadeInputs& in) {
+  const auto load_round = []<class Shader>(const Shader&) { load_kernel(shade_round<Resolve<Shader>>); };
+  load_kernel(list_tiles);
+  visit_textured<true>(in, CachedTexels{}, load_round);
+  load_kernel(decode_round);
+  visit_textured<false>(in, FallbackTexels{}, load_round);
+}
+
 Result<void> CudaTextureCache::shade_part(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples,
                                           float* colors, cudaStream_t stream) {
   const auto pixels_of = [&]<class Shader>(const Shader& shader) {

@@ -15,6 +15,7 @@
 #include "kernels/shade/srgb.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene_impl.h"
+#include "runtime/threads/job_thread.h"
 
 namespace scree::runtime {
 
@@ -33,6 +34,9 @@ constexpr uint64_t kLeastTextureRoom = uint64_t{16} << 20;
 /// resident, it is at most kMostLeft. A streamed scene leaves the whole part, because its pool would use all the rest.
 constexpr uint64_t kLeftShare = 16;
 constexpr uint64_t kMostLeft = uint64_t{512} << 20;
+
+/// A picture of C with 132 M samples (3840x2160, 4x4) queues a triangle for stage 2 per 95 samples.
+constexpr uint64_t kSamplesPerMedium = 64;
 
 /// The largest batch while a scene is loaded by its pictures. A frame may wait for two batches (Streamer::draw).
 constexpr uint64_t kComingBatchBytes = uint64_t{64} << 20;
@@ -78,6 +82,15 @@ uint64_t frames_bytes(const kernels::SceneView& host) {
   uint64_t bytes = kernels::CudaFrames::device_bytes(host) + omitted_words(host) * sizeof(uint32_t);
   if (host.blend_masks != nullptr) bytes += kernels::CudaFrames::device_bytes(kernels::blended_view(host));
   return bytes;
+}
+
+/// Queues that hold the first of the pictures, so that it is not drawn again, if they take at most a quarter of `room`.
+kernels::CudaQueueSizes roomy_queues(const kernels::SceneView& host, const PictureNeeds& needs, uint64_t room) {
+  const uint64_t samples = uint64_t{needs.width} * needs.height * needs.samples_per_side * needs.samples_per_side;
+  if (samples == 0) return {};
+  kernels::CudaQueueSizes sizes{.holds_first_frame = true};
+  sizes.medium = std::max(sizes.medium, samples / kSamplesPerMedium);
+  return kernels::CudaFrames::device_bytes(host, sizes) <= room / 4 ? sizes : kernels::CudaQueueSizes{};
 }
 
 /// Device memory of the pictures beside the scene, its frames and the pool of chunks.
@@ -296,6 +309,11 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
+  JobThread<void> loading;  // of kernels, beside the scene
+  if (pictures.shade != nullptr)
+    loading.add([&view = scene.view(), &shade = *pictures.shade, has_cache = has_rounds(scene), index = gpu->index] {
+      if (set_current_gpu(index)) kernels::CudaResolver::load(view, shade, has_cache);
+    });
   const uint64_t more = share == nullptr ? DeviceBlockPager::more_room(scene, budget - resident) : 0;
   Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr,
                                              host_memory, progress, share, more);
@@ -304,7 +322,8 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   impl->device = gpu->index;
   impl->scene = std::move(*copy);
   impl->fragment_room = budget - std::min(budget, impl->scene.stats().device_bytes);
-  if (const Result<void> made = impl->make_frames(*impl->own, scene.view()); !made) return made.error();
+  const kernels::CudaQueueSizes queues = roomy_queues(scene.view(), pictures, impl->fragment_room);
+  if (const Result<void> made = impl->make_frames(*impl->own, scene.view(), queues); !made) return made.error();
   impl->stats = impl->scene.stats();
   impl->stats.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return DeviceScene(std::move(impl));

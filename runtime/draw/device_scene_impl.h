@@ -121,9 +121,10 @@ struct DeviceScene::Impl {
   UploadStats stats;
   uint64_t fragment_room = 0;  // bytes, of the fragments of blended surfaces of a view
 
-  Result<void> make_frames(DeviceView::Impl& view, const kernels::SceneView& host) const {
+  Result<void> make_frames(DeviceView::Impl& view, const kernels::SceneView& host,
+                           const kernels::CudaQueueSizes& queues = {}) const {
     view.blend = kernels::CudaBlend(fragment_room);
-    Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.view());
+    Result<kernels::CudaFrames> made = kernels::CudaFrames::create(host, scene.view(), queues);
     if (!made) return made.error();
     view.frames = std::move(*made);
     if (host.blend_masks == nullptr) return {};
