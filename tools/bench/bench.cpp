@@ -36,10 +36,12 @@ class LoadedScene {
 
   Result<void> load(const std::string& path, bool on_gpu) {
     runtime::SceneOptions load{
-        .threads = options_.threads, .texture_cache = runtime::kHostTextureCache, .pages = !on_gpu};
+        .threads = options_.threads, .texture_cache = options_.textures.host_cache(), .pages = !on_gpu};
     Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
     if (!file) return file.error();
-    if (const auto sized = runtime::set_texture_memory(*file, 0, on_gpu, options_.device_memory, load); !sized)
+    if (const auto sized =
+            runtime::set_texture_memory(*file, options_.textures.memory, on_gpu, options_.device_memory, load);
+        !sized)
       return sized;
     const Result<uint32_t> index = file->find_scene("");
     if (!index) return index.error();
@@ -49,7 +51,7 @@ class LoadedScene {
     if (!on_gpu) return {};
     const runtime::PictureNeeds pictures{options_.size.width, options_.size.height, options_.samples_per_side, &shade_};
     Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(
-        *scene_, options_.device_memory, options_.threads, options_.reading, runtime::kDeviceTextureCache,
+        *scene_, options_.device_memory, options_.threads, options_.reading, options_.textures.device_cache(),
         options_.host_memory, pictures, nullptr, options_.backend.gpus);
     if (!device) return device.error();
     device_.emplace(std::move(*device));

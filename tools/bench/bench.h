@@ -15,6 +15,7 @@ namespace scree::bench {
 
 struct BenchOptions : tools::DrawOptions {
   std::vector<std::string> files;
+  tools::TextureOptions textures;
   std::vector<std::string> cameras;  // empty: all cameras of a file, or its default view
   uint32_t frames = 60;              // per view; fewer if they take longer than kTimeBudgetMs
   uint32_t warmup = 10;

@@ -10,6 +10,7 @@ namespace scree::tools {
 namespace {
 
 struct BenchWords : DrawWords {
+  TextureWords textures;
   bench::BenchOptions options;  // options that are not parsed from text
 };
 
@@ -18,6 +19,9 @@ Result<bench::BenchOptions> parse(const BenchWords& words) {
   if (!drawing) return drawing.error();
   bench::BenchOptions options = words.options;
   static_cast<DrawOptions&>(options) = *drawing;
+  const Result<TextureOptions> textures = parse_texture_options(words.textures);
+  if (!textures) return textures.error();
+  options.textures = *textures;
   if (options.frames == 0) return Error{ErrorCode::kUsage, "--frames must be at least 1"};
   if (options.repeats == 0) return Error{ErrorCode::kUsage, "--repeats must be at least 1"};
   return options;
@@ -46,6 +50,7 @@ Command add_bench(CLI::App& parent) {
       ->capture_default_str();
   add_device_options(*app, *words);
   add_reading_options(*app, *words);
+  add_texture_options(*app, words->textures);
   add_value(*app, "--csv", "FILE", options.csv, "Append a row per view to this file");
   app->add_flag("--json", options.json, "Print one JSON object instead of tables");
   app->add_flag("-q,--quiet", options.quiet, "No progress and no warnings");

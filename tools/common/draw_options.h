@@ -48,7 +48,7 @@ struct DrawOptions : DeviceOptions {
   runtime::Reading reading = runtime::Reading::kAuto;  // how a GPU's pages are read
 };
 
-/// Options of textures' memory, for render and view.
+/// Options of textures' memory, for render, view and bench.
 struct TextureWords {
   std::string cache;
   std::string memory;
