@@ -74,10 +74,11 @@ class Launch {
   }
 
   std::string out() const { return scree::tests::read_whole(out_); }
+  std::string all_errors() const { return scree::tests::read_whole(err_); }
   /// Lines that scree wrote, without those of the launcher.
   std::vector<std::string> errors() const {
     std::vector<std::string> lines;
-    std::istringstream text(scree::tests::read_whole(err_));
+    std::istringstream text(all_errors());
     for (std::string line; std::getline(text, line);)
       if (line.find("scree render:") != std::string::npos) lines.push_back(line);
     return lines;
@@ -98,7 +99,9 @@ class Launch {
 std::string succeed(const std::string& command, const TempFolder& folder, double seconds = 60, size_t lines = 0) {
   INFO(command);
   Launch launch(command, folder);
-  REQUIRE(launch.wait(seconds) == 0);
+  const int code = launch.wait(seconds);
+  INFO(launch.all_errors());
+  REQUIRE(code == 0);
   CHECK(launch.errors().size() == lines);
   return launch.out();
 }
