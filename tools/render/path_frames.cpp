@@ -36,9 +36,11 @@ bool parse_share(std::string_view text, size_t slash, FrameRange& range) {
 }  // namespace
 
 uint32_t rank_of_frame(uint64_t index, uint64_t frames, uint64_t ranks) {
-  constexpr uint64_t kRun = 8, kMostRuns = 1024;
-  const uint64_t runs = ranks * std::clamp<uint64_t>(frames / (kRun * ranks), 1, kMostRuns);
-  return static_cast<uint32_t>(index * runs / frames % ranks);
+  constexpr uint64_t kRun = 8, kMostRounds = 1024;
+  uint64_t rounds = std::clamp<uint64_t>(frames / (kRun * ranks), 1, kMostRounds);
+  if (rounds > 1) rounds -= rounds % 2;  // as many in each order
+  const uint64_t run = index * rounds * ranks / frames, rank = run % ranks;
+  return static_cast<uint32_t>(run / ranks % 2 == 0 ? rank : ranks - 1 - rank);
 }
 
 Result<FrameRange> parse_frame_range(std::string_view text) {

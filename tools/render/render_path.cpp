@@ -5,6 +5,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <future>
 #include <iterator>
 #include <memory>
 #include <new>
@@ -13,11 +14,14 @@
 #include <utility>
 #include <vector>
 
+#include "runtime/draw/device_list.h"
 #include "runtime/draw/host_memory.h"
 #include "runtime/draw/view_renderer.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
+#include "runtime/threads/job_thread.h"
 #include "runtime/threads/stopwatch.h"
+#include "runtime/threads/workers.h"
 #include "tools/common/json_writer.h"
 #include "tools/common/ordered_pool.h"
 #include "tools/common/output_file.h"
@@ -39,8 +43,8 @@ using runtime::ViewRenderer;
 
 constexpr uint64_t kMostWaitingBytes = uint64_t{4} << 30;  // of drawn frames that are not written yet
 
-/// Frames whose outputs are copied from a GPU to pinned memory, which takes long to make. If more frames wait to be
-/// written, writing is slower than any copy.
+/// Frames whose outputs are copied from a GPU to pinned memory, which takes long to make (0.5 ms per MB). If more
+/// frames wait to be written, writing is slower than any copy.
 constexpr uint64_t kPinnedFrames = 6;
 
 /// A file that is written per frame.
@@ -82,6 +86,7 @@ class PathRenderer {
     if (const Result<uint64_t> rest = share_host_memory(); !rest) return ranks_.agree(rest.error());
     if (options_.backend.gpus != 1)
       return ranks_.agree(Error{ErrorCode::kUsage, "--gpus cannot be used when ranks share the geometry"});
+    make_pinned();
     shared_.emplace(options_, ranks_);
     done = shared_->open(wanted_.size());
     if (done) done = ranks_.agree(check_cameras());
@@ -237,6 +242,7 @@ class PathRenderer {
     else
       return rest.error();
     const bool is_first = scene_ == nullptr;
+    if (on != runtime::DrawOn::kCpu) make_pinned();
     renderer_.reset();
     scene_.reset();
     Result<std::shared_ptr<LoadedScene>> scene = LoadedScene::load(std::move(*file), load);
@@ -315,7 +321,9 @@ class PathRenderer {
       if (const Result<void> whole = check_not_cut(scene().file().map()); !whole) return whole;
       const auto job = std::make_shared<DrawnFrame>(std::move(*read));
       read.reset();
-      written.submit([this, job](uint32_t) { return write(*job); }, 0);
+      // If few frames wait, the GPU is the limit, and the last frame should not wait for one thread.
+      runtime::Workers* const all = written.size() < options_.threads / 2 ? &workers_ : nullptr;
+      written.submit([this, job, all](uint32_t) { return write(*job, all); }, 0);
       return {};
     };
     for (size_t next = 0; next < wanted_.size() || read || written.size() > 0;) {
@@ -412,21 +420,31 @@ class PathRenderer {
     return {};
   }
 
+  /// Begins to make pinned memory for outputs, which takes long, while the scene is loaded.
+  void make_pinned() {
+    if (options_.backend.choice == BackendChoice::kCpu) return;
+    const uint64_t frames = std::min<uint64_t>({kPinnedFrames, most_waiting_ + 1, wanted_.size()});
+    pinned_ = pinning_.add([this, frames, gpu = gpu_of_rank(options_.backend, ranks_.rank_on_host())] {
+      std::vector<HostMemory> made;
+      if (!runtime::use_gpu(gpu)) return made;
+      for (uint64_t i = 0; i < frames; ++i)
+        for (const Output& output : outputs_) made.push_back(HostMemory::pinned(bytes_of(output.layer)));
+      return made;
+    });
+  }
+
   /// Memory for an output, if possible that of a frame before.
   HostMemory take_memory(uint64_t bytes) {
+    if (pinned_.valid()) free_ = pinned_.get();
     const auto found = std::find_if(free_.begin(), free_.end(), [&](const auto& one) { return one.size() == bytes; });
-    if (found == free_.end()) {
-      if (!reads_later() || pinned_ >= kPinnedFrames * outputs_.size()) return HostMemory::plain(bytes);
-      ++pinned_;
-      return HostMemory::pinned(bytes);
-    }
+    if (found == free_.end()) return HostMemory::plain(bytes);
     HostMemory taken = std::move(*found);
     free_.erase(found);
     return taken;
   }
 
-  /// Writes the files of a frame.
-  Result<WrittenFrame> write(DrawnFrame& drawn) const {
+  /// Writes the files of a frame. `workers`: null, or threads that encode pictures together.
+  Result<WrittenFrame> write(DrawnFrame& drawn, runtime::Workers* workers) const {
     const Stopwatch watch;
     const format::Existing existing = options_.path->resume ? format::Existing::kReplace : options_.existing;
     for (size_t i = 0; i < outputs_.size(); ++i) {
@@ -434,7 +452,7 @@ class PathRenderer {
       const std::span<const std::byte> bytes = drawn.layers[i].bytes();
       Result<void> done;
       if (outputs_[i].layer == Layer::kColor) {
-        done = write_color(name, bytes, existing);
+        done = write_color(name, bytes, workers, existing);
       } else if (outputs_[i].layer == Layer::kDepth) {
         const std::span<const float> depths(reinterpret_cast<const float*>(bytes.data()), pixels());
         done = runtime::write_pfm(name, width(), height(), depths, existing);
@@ -448,10 +466,12 @@ class PathRenderer {
   }
 
   /// Writes the alpha only if the background is not opaque, as for a single picture.
-  Result<void> write_color(const std::string& name, std::span<const std::byte> rgba, format::Existing existing) const {
+  Result<void> write_color(const std::string& name, std::span<const std::byte> rgba, runtime::Workers* workers,
+                           format::Existing existing) const {
     const std::span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(rgba.data()), rgba.size());
     return runtime::write_png(name, {width(), height(), 4, bytes},
-                              {.has_alpha = runtime::picture_channels(options_.shade) == 4}, existing);
+                              {.has_alpha = runtime::picture_channels(options_.shade) == 4, .workers = workers},
+                              existing);
   }
 
   static std::string number(double value) {
@@ -559,8 +579,10 @@ class PathRenderer {
   std::unique_ptr<ViewRenderer> renderer_;
   std::optional<RankedFrame> shared_;  // instead, if the ranks share the geometry
   uint64_t most_waiting_ = 1;
-  std::vector<HostMemory> free_;  // memory of frames that are written
-  uint64_t pinned_ = 0;           // number of outputs that have pinned memory
+  runtime::Workers workers_{options_.threads};
+  std::vector<HostMemory> free_;                 // memory of frames that are written
+  std::future<std::vector<HostMemory>> pinned_;  // of frames to come
+  runtime::JobThread<std::vector<HostMemory>> pinning_;
   uint64_t done_ = 0;
   uint64_t frames_with_more_layers_ = 0;  // frames with more layers of blended surfaces than are drawn
   Stopwatch watch_;

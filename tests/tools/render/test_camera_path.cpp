@@ -131,14 +131,18 @@ TEST_CASE("ranks draw runs of frames, and equally many", "[path]") {
     for (const uint64_t frames : {1, 2, 15, 120, 121, 600, 100000}) {
       CAPTURE(ranks, frames);
       std::vector<uint64_t> drawn(ranks);
+      std::vector<double> time(ranks);  // if the time of frames grows from 0 to 1
       uint64_t runs = 1;
       for (uint64_t i = 0; i < frames; ++i) {
         ++drawn.at(rank_of_frame(i, frames, ranks));
+        time.at(rank_of_frame(i, frames, ranks)) += static_cast<double>(i) / static_cast<double>(frames);
         runs += i != 0 && rank_of_frame(i, frames, ranks) != rank_of_frame(i - 1, frames, ranks);
       }
       const auto [least, most] = std::minmax_element(drawn.begin(), drawn.end());
       CHECK(*most - *least <= std::max<uint64_t>(frames / (8 * ranks), 1));  // a frame per run
       if (ranks > 1 && frames >= 8 * ranks) CHECK(runs <= frames / 8);
+      const auto [shortest, longest] = std::minmax_element(time.begin(), time.end());
+      if (frames == 120 && ranks == 2) CHECK(*longest < 1.001 * *shortest);  // 1.15 if they took turns as 0 1, 0 1
       if (ranks > 1) CHECK(runs >= std::min<uint64_t>(frames, ranks));
     }
 }
