@@ -7,6 +7,10 @@
 
 namespace scree::kernels {
 
+/// The most vertices of a part that are kept for later ones to refer to, a power of two.
+inline constexpr uint32_t kJoinHistory = 1 << 16;
+static_assert(format::split_streams::kMostBack < kJoinHistory);
+
 /// Joins the clusters of a part, or copies bytes. Sources lie in a slot, results in an arena. Whoever makes a task
 /// checks that both are there (runtime/stream/join_plan.h).
 struct JoinTask {
@@ -20,7 +24,7 @@ struct JoinTask {
   uint32_t residuals = 0;                                // offset of the stream in the page
   uint32_t cluster_words = 0;                            // that the clusters' data must take
   uint32_t largest[3] = {};                              // largest offset of a vertex, from the chunk's position_min
-  uint32_t first_vertex = 0;                             // place of the part's vertices among those of the slot
+  uint32_t first_vertex = 0;                             // place of the part's kept vertices among those of the slot
 };
 
 }  // namespace scree::kernels

@@ -381,8 +381,8 @@ class Reader {
   uint32_t named_ = 0;         // the vertex referred to last, in the part
 };
 
-/// Places the vertices of a cluster. `history`: the vertices of the part. `first_vertex`: number of the cluster's first
-/// one in the part. `before`: the cluster before, or null.
+/// Places the vertices of a cluster. `history`: the last kJoinHistory vertices of the part. `first_vertex`: number of
+/// the cluster's first one in the part. `before`: the cluster before, or null.
 __device__ void place(ReadCluster& in, const PlacedCluster* before, uint32_t* history, uint32_t first_vertex,
                       PlacedCluster& out, uint32_t lane) {
   const uint32_t vertices = in.vertex_count;
@@ -393,7 +393,7 @@ __device__ void place(ReadCluster& in, const PlacedCluster* before, uint32_t* hi
   for (uint32_t v = lane; v < vertices; v += kWarpLanes) {
     const uint32_t earlier = in.earlier[v];
     if (earlier == kNothing) continue;
-    for (uint32_t axis = 0; axis < 3; ++axis) in.values[axis][v] = history[uint64_t{3} * earlier + axis];
+    for (uint32_t axis = 0; axis < 3; ++axis) in.values[axis][v] = history[3 * (earlier % kJoinHistory) + axis];
   }
   __syncwarp();
   if (lane < 3) {  // an axis each
@@ -423,7 +423,7 @@ __device__ void place(ReadCluster& in, const PlacedCluster* before, uint32_t* hi
   }
   __syncwarp();
   for (uint32_t v = lane; v < vertices; v += kWarpLanes)
-    for (uint32_t axis = 0; axis < 3; ++axis) history[uint64_t{3} * (first_vertex + v) + axis] = out.at[axis][v];
+    for (uint32_t axis = 0; axis < 3; ++axis) history[3 * ((first_vertex + v) % kJoinHistory) + axis] = out.at[axis][v];
 }
 
 /// Writes the clusters of a part one after the other.

@@ -27,6 +27,12 @@ constexpr uint64_t kTextureCacheShare = 8;
 /// The usual part of device memory for pages of textures that do not all fit.
 constexpr uint64_t kTextureShare = 4;
 
+/// The most of a streamed scene's device memory, and of its limit of pinned memory, for joining split pages.
+constexpr uint64_t kJoinShare = 8;
+constexpr uint64_t kPinnedJoinShare = 8;
+/// The most pinned memory for that without a limit.
+constexpr uint64_t kMostPinnedJoins = uint64_t{256} << 20;
+
 /// The least memory for pages of textures beside streamed chunks.
 constexpr uint64_t kLeastTextureRoom = uint64_t{16} << 20;
 
@@ -363,17 +369,30 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
                                          " bytes of device memory where its chunks are streamed, but " +
                                          std::to_string(budget) + " are allowed"};
   const uint64_t bounce = CudaStream::bounce_bytes(largest, budget - fixed);
-  pages.bytes = budget - fixed - bounce - 2 * Residency::kAlignment;
-  pages.room = pages.within(DeviceBlockPager::usual_room(host), DeviceBlockPager::kUnit);
-  const uint64_t pool = std::min(pages.pool(), whole_pool(bytes));
-  if (pool == whole_pool(bytes)) {
+  const uint64_t beside = fixed + bounce + 2 * Residency::kAlignment;
+  const uint64_t whole = whole_pool(bytes);
+  const uint64_t all_rooms = CudaStream::kept_bytes(bytes);
+  uint64_t lists = CudaStream::pinned_list_bytes(host.view()) +
+                   (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) : 0);
+  const bool keeps_all = host_memory != 0 && lists + all_rooms <= host_memory;
+  StreamJoins::Sizes joins;
+  if (!keeps_all)
+    joins = StreamJoins::sizes_for(ChunkSource(host).most_slot_bytes(), threads, (budget - least) / kJoinShare,
+                                   host_memory != 0 ? host_memory / kPinnedJoinShare : kMostPinnedJoins);
+  for (;; joins = {}) {
+    pages.bytes = budget - beside - joins.device_bytes();
+    pages.room = pages.within(DeviceBlockPager::usual_room(host), DeviceBlockPager::kUnit);
+    // A scene that fits without memory for joins does not give up that.
+    const bool could_hold_all = pages.pool() + joins.device_bytes() >= whole;
+    if (!joins.any() || pages.pool() >= whole || !could_hold_all) break;
+  }
+  const uint64_t pool = std::min(pages.pool(), whole);
+  if (pool == whole) {
     // All chunks stay, and pages may have the rest.
     pages.room = pages.within(pages.bytes - pool, DeviceBlockPager::kUnit);
     pages.least_room = pages.most_room = pages.room;
   }
-  const uint64_t all_rooms = CudaStream::kept_bytes(bytes);
-  const uint64_t lists = CudaStream::pinned_list_bytes(host.view()) +
-                         (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) : 0);
+  lists += joins.pinned_bytes();
   // Batches take a fifth of the pinned memory, unless one chunk takes more, and the chunks that are kept the rest.
   if (host_memory != 0) most_batch = std::min(most_batch, host_memory / (5 * CudaStream::kStagings));
   Result<Streamer> streamer = Streamer::create(host, pool, std::move(bytes), most_batch);
@@ -381,21 +400,24 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   uint64_t kept = 0;
   if (host_memory != 0) {
     const uint64_t staging = CudaStream::kStagings * streamer->most_batch_bytes();
+    if (!keeps_all && lists + staging > host_memory) {
+      lists -= joins.pinned_bytes();
+      joins = {};
+    }
     const uint64_t least_host = lists + std::min(all_rooms, CudaStream::kStagings * (largest + Residency::kAlignment));
-    const bool keeps_all = lists + all_rooms <= host_memory;
     if (!keeps_all && lists + staging > host_memory)
       return at(host.file().path(), Error{ErrorCode::kMemory, "streaming takes at least " + std::to_string(least_host) +
                                                                   " bytes of pinned host memory, but " +
                                                                   std::to_string(host_memory) + " are allowed"});
     kept = host_memory - lists - (keeps_all ? 0 : staging);
   }
-  stream = std::make_unique<CudaStream>(host, std::move(*streamer), bounce, threads);
+  stream = std::make_unique<CudaStream>(host, std::move(*streamer), bounce, joins, threads);
   Result<CudaScene> copy = CudaScene::upload(host, 0, frames_bytes(host.view()), threads, reading, texture_cache,
                                              &stream->view(), host_memory, progress);
   if (!copy) return copy.error();
   scene = std::move(*copy);
   stats = scene.stats();
-  stats.device_bytes = fixed + bounce + pool + pages.room + 2 * Residency::kAlignment;
+  stats.device_bytes = beside + joins.device_bytes() + pool + pages.room;
   fragment_room = budget - std::min(budget, stats.device_bytes);
   if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
   return stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,

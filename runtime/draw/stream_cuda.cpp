@@ -38,8 +38,13 @@ Result<void> each_run(std::span<const Piece> pieces, const Use& use) {
 
 }  // namespace
 
-CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, uint32_t threads)
-    : source_(scene), streamer_(std::move(streamer)), workers_(threads), bounce_bytes_(bounce_bytes) {}
+CudaStream::CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, const StreamJoins::Sizes& joins,
+                       uint32_t threads)
+    : source_(scene),
+      streamer_(std::move(streamer)),
+      workers_(threads),
+      bounce_bytes_(bounce_bytes),
+      join_sizes_(joins) {}
 
 uint64_t CudaStream::bounce_bytes(uint64_t largest_chunk, uint64_t room) {
   constexpr uint64_t kEnough = uint64_t{32} << 20;
@@ -106,10 +111,31 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   make(drawing_begun_);
   make(drawing_ended_);
   if (done) done = keep_in_host_memory(host_bytes);
-  const bool all_kept = std::find(kept_at_.begin(), kept_at_.end(), kNotPinned) == kept_at_.end();
-  for (kernels::PinnedBuffer& staging : staging_)
-    if (done && !all_kept) done = staging.allocate_for_copies(streamer_.most_batch_bytes(), "allocating pinned memory");
+  if (done && join_sizes_.any()) done = joins_.emplace().open(join_sizes_, device_, pool_.data());
+  if (done && needs_staging()) done = open_staging();
   if (done) done = draw_nothing();
+  return done;
+}
+
+/// Whether the GPU joins a chunk.
+bool CudaStream::is_joined(uint32_t chunk) const {
+  return joins_ && kept_at_[chunk] == kNotPinned && source_.can_send(chunk);
+}
+
+/// Whether chunks go through pinned batches.
+bool CudaStream::needs_staging() const {
+  for (uint64_t c = 0; c < kept_at_.size(); ++c) {
+    const auto chunk = static_cast<uint32_t>(c);
+    if (kept_at_[c] == kNotPinned && streamer_.residency().chunk_bytes(chunk) != 0 && !is_joined(chunk)) return true;
+  }
+  return false;
+}
+
+Result<void> CudaStream::open_staging() {
+  Result<void> done;
+  for (kernels::PinnedBuffer& staging : staging_)
+    if (done && staging.data() == nullptr)
+      done = staging.allocate_for_copies(streamer_.most_batch_bytes(), "allocating pinned memory");
   return done;
 }
 
@@ -183,9 +209,12 @@ Result<StreamStats> CudaStream::draw_all(const kernels::View& view, const kernel
                                          const IsOver& is_over) {
   over_ = nullptr;
   blended_ = {};
+  const uint64_t joined_before = joined_bytes_;
   Result<StreamStats> stats = streamer_.draw(view, shade, *this, is_over);
-  if (!stats || shade == nullptr || !kernels::shows_layers(scene_, *shade)) return stats;
-  if (const Result<void> drawn = draw_layers(*stats, is_over); !drawn) return drawn.error();
+  if (!stats) return stats;
+  if (shade != nullptr && kernels::shows_layers(scene_, *shade))
+    if (const Result<void> drawn = draw_layers(*stats, is_over); !drawn) return drawn.error();
+  stats->joined_bytes = joined_bytes_ - joined_before;
   return stats;
 }
 
@@ -217,6 +246,7 @@ Result<uint64_t> CudaStream::load_rest(const IsOver& is_over) {
   Result<void> done = pages_.set(entries_);
   if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "listing all chunks");
   if (!done) return done.error();
+  joins_.reset();
   is_complete_ = true;
   return rest->left_bytes;
 }
@@ -305,12 +335,13 @@ Result<void> CudaStream::copy(Copies& copies) {
 
 Result<void> CudaStream::start_loading(const Residency::Batch& batch) {
   const uint32_t number = loads_++ % kMostLoads;
-  loading_.push_back({loader_.add([this, batch, number] { return load(batch, events_[number]); }), number});
+  loading_.push_back({loader_.add([this, batch, number] { return load(batch, number); }), number, batch.loads});
   return {};
 }
 
-/// Queues the moves and copies of a load. Runs on the loader's thread.
-Result<void> CudaStream::load(const Residency::Batch& batch, const Events& events) {
+/// Queues the moves, copies and joins of a load. Runs on the loader's thread.
+Result<void> CudaStream::load(const Residency::Batch& batch, uint32_t number) {
+  const Events& events = events_[number];
   // The current device is each thread's own.
   if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
   // Moves run while the previous load is copied. They do not touch its places.
@@ -320,8 +351,43 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
     if (moved) moved = cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load");
     if (!moved) return moved;
   }
+  std::vector<Residency::Place> copied = batch.loads;
+  const auto first_joined = std::stable_partition(
+      copied.begin(), copied.end(), [&](const Residency::Place& place) { return !is_joined(place.chunk); });
+  const std::vector<Residency::Place> joined(first_joined, copied.end());
+  copied.erase(first_joined, copied.end());
+  Result<void> done;
+  joined_[number] = 0;
+  if (!joined.empty()) {
+    for (const Residency::Place& place : joined) joined_[number] += place.bytes;
+    done = joins_->begin(number, batch.moves.empty() ? nullptr : events.moved, events.begun);
+    if (done) done = source_.send(joined, *joins_, workers_);
+    const Result<void> ended = joins_->end(copies_);
+    if (done || !ended) done = ended;
+  }
+  if (done) done = copy_in(copied, events, !joined.empty());
+  if (!done && done.error().code != ErrorCode::kDevice && !joined.empty()) {
+    // An earlier page may be bad too, which only the GPU would find. So all pages are checked here.
+    joined_[number] = 0;
+    done = copy_in(batch.loads, events, true);
+  }
+  if (done) done = cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
+  return done;
+}
+
+/// Loads chunks that the GPU could not join. Runs on the loader's thread.
+Result<void> CudaStream::copy_refused(std::span<const Residency::Place> places, uint32_t number) {
+  Result<void> done = cuda_check(cudaSetDevice(device_), "choosing the GPU");
+  source_.refuse(places);
+  if (done) done = copy_in(places, events_[number], true);
+  if (done) done = cuda_check(cudaEventRecord(events_[number].loaded, copies_), "recording a load");
+  return done;
+}
+
+/// Queues the copies of chunks. `has_begun`: the load's beginning is recorded.
+Result<void> CudaStream::copy_in(std::span<const Residency::Place> from_file, const Events& events, bool has_begun) {
   // Neighbours in the pool become one copy if they are neighbours in host memory too.
-  std::vector<Residency::Place> places = batch.loads;
+  std::vector<Residency::Place> places(from_file.begin(), from_file.end());
   std::sort(places.begin(), places.end(),
             [](const Residency::Place& a, const Residency::Place& b) { return a.offset < b.offset; });
   const bool is_kept = std::all_of(places.begin(), places.end(),
@@ -329,7 +395,9 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
   const uint32_t number = stagings_ % kStagings;
   if (!is_kept) {
     ++stagings_;
-    if (auto done = cuda_check(cudaEventSynchronize(staged_[number]), "loading chunks"); !done) return done;
+    Result<void> done = open_staging();
+    if (done) done = cuda_check(cudaEventSynchronize(staged_[number]), "loading chunks");
+    if (!done) return done;
   }
   std::byte* const staging = staging_[number].data();
   uint64_t staged_end = 0;
@@ -337,7 +405,6 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
   std::vector<Piece> pieces;
   Copies copies;
   for (size_t next = 0; next < places.size();) {
-    const size_t first = next;
     const uint64_t staged_before = staged_end;
     missing.clear();
     pieces.clear();
@@ -353,7 +420,7 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
     if (!missing.empty())
       if (Result<void> read = source_.read(missing, staging, ChunkSource::Reader::kDevice, workers_); !read)
         return read;
-    if (first == 0)
+    if (!std::exchange(has_begun, true))
       if (auto done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"); !done) return done;
     Result<void> copied =
         each_run(std::span<const Piece>(pieces), [&](const Piece& run, uint64_t bytes) -> Result<void> {
@@ -364,9 +431,8 @@ Result<void> CudaStream::load(const Residency::Batch& batch, const Events& event
     if (!copied) return copied;
   }
   Result<void> done;
-  if (places.empty()) done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load");
+  if (!has_begun) done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load");
   if (done && !is_kept) done = cuda_check(cudaEventRecord(staged_[number], copies_), "recording a load");
-  if (done) done = cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
   return done;
 }
 
@@ -386,6 +452,14 @@ Result<double> CudaStream::finish_loading() {
   const Events& events = events_[oldest.number];
   float ms = 0;
   Result<void> done = cuda_check(cudaEventSynchronize(events.loaded), "loading chunks");
+  if (done && joined_[oldest.number] != 0) {
+    if (joins_->has_joined(oldest.number)) {
+      joined_bytes_ += joined_[oldest.number];
+    } else {
+      done = loader_.add([&] { return copy_refused(oldest.places, oldest.number); }).get();
+      if (done) done = cuda_check(cudaEventSynchronize(events.loaded), "loading chunks");
+    }
+  }
   if (done) done = cuda_check(cudaEventElapsedTime(&ms, events.begun, events.loaded), "reading a time");
   if (!done) return done.error();
   return ms;

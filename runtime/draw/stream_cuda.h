@@ -21,6 +21,7 @@
 #include "kernels/cuda/resolve.h"
 #include "kernels/cuda/visible_chunks.h"
 #include "runtime/draw/device_block_pager.h"
+#include "runtime/draw/stream_joins.h"
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/shared_room.h"
 #include "runtime/stream/streamer.h"
@@ -31,8 +32,10 @@ namespace scree::runtime {
 /// Belongs to the device that was current when it was made. One thread at a time calls it.
 class CudaStream final : public StreamTarget {
  public:
-  /// `scene` outlives this. `streamer`: of this scene. `bounce_bytes`: from bounce_bytes(). Throws std::bad_alloc.
-  CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, uint32_t threads);
+  /// `scene` outlives this. `streamer`: of this scene. `bounce_bytes`: from bounce_bytes(). `joins`: memory for joining
+  /// split pages on the GPU; without it they are joined on `threads` threads. Throws std::bad_alloc.
+  CudaStream(const Scene& scene, Streamer streamer, uint64_t bounce_bytes, const StreamJoins::Sizes& joins,
+             uint32_t threads);
   CudaStream(const CudaStream&) = delete;
   CudaStream& operator=(const CudaStream&) = delete;
   ~CudaStream();
@@ -40,7 +43,7 @@ class CudaStream final : public StreamTarget {
   /// The device memory for moving chunks. `room`: the memory that it and the pool have together.
   static uint64_t bounce_bytes(uint64_t largest_chunk, uint64_t room);
 
-  /// The other device memory of open(), beside the pool and bounce_bytes().
+  /// The other device memory of open(), beside the pool, bounce_bytes() and the memory for joining pages.
   static uint64_t device_bytes(const kernels::SceneView& scene) {
     return kernels::CudaVisibleChunks::device_bytes(scene);
   }
@@ -110,6 +113,7 @@ class CudaStream final : public StreamTarget {
   struct Load {
     std::future<Result<void>> issued;  // all its copies are queued
     uint32_t number;                   // index of its events
+    std::vector<Residency::Place> places;
   };
 
   /// A piece of a chunk that is loaded.
@@ -138,7 +142,12 @@ class CudaStream final : public StreamTarget {
   Result<void> move(std::span<const Residency::Move> moves);
   Result<void> copy(Copies& copies);
   Result<void> keep_in_host_memory(uint64_t host_bytes);
-  Result<void> load(const Residency::Batch& batch, const Events& events);
+  bool is_joined(uint32_t chunk) const;
+  bool needs_staging() const;
+  Result<void> open_staging();
+  Result<void> load(const Residency::Batch& batch, uint32_t number);
+  Result<void> copy_in(std::span<const Residency::Place> places, const Events& events, bool has_begun);
+  Result<void> copy_refused(std::span<const Residency::Place> places, uint32_t number);
   Result<void> use_drawn();
   Result<StreamStats> draw_all(const kernels::View& view, const kernels::ShadeOptions* shade, const IsOver& is_over);
   Result<void> divide_memory();
@@ -179,8 +188,12 @@ class CudaStream final : public StreamTarget {
   std::vector<kernels::CudaPageTable::Entry> entries_;  // of the part
   kernels::PinnedBuffer kept_;
   std::vector<uint64_t> kept_at_;  // by chunk, in kept_
-  kernels::PinnedBuffer staging_[kStagings];
-  cudaEvent_t staged_[kStagings] = {};  // the copies from a staging buffer are done
+  StreamJoins::Sizes join_sizes_;
+  std::optional<StreamJoins> joins_;
+  uint64_t joined_[kMostLoads] = {};          // bytes of a load that the GPU joins
+  uint64_t joined_bytes_ = 0;                 // of all loads so far
+  kernels::PinnedBuffer staging_[kStagings];  // if the GPU joins all chunks, made when it refuses one
+  cudaEvent_t staged_[kStagings] = {};        // the copies from a staging buffer are done
   uint32_t stagings_ = 0;
   cudaStream_t copies_ = nullptr;
   cudaStream_t moves_ = nullptr;

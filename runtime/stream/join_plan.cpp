@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <optional>
 
 #include "format/geometry/cluster_codec.h"
@@ -47,47 +48,79 @@ std::optional<JoinTask> task_of(const SplitParts& page, const SplitPart& part, c
 
 }  // namespace
 
+/// A split page, and where its bytes go.
+struct JoinPlan::Split {
+  std::span<const std::byte> bytes;
+  uint64_t page_bytes;
+  std::span<const JoinChunk> chunks;
+  JoinPlaces places;             // of the page; without `to` if chunks have places of their own
+  std::span<const uint64_t> to;  // by chunk; none if the page goes to one place
+
+  bool goes_whole() const { return to.empty(); }
+  /// Where a chunk goes. `offset`: in the page.
+  uint64_t place_of(size_t chunk, uint64_t offset) const { return goes_whole() ? places.to + offset : to[chunk]; }
+};
+
 bool JoinPlan::add_split(std::span<const std::byte> split, uint64_t page_bytes, std::span<const JoinChunk> chunks,
                          const JoinPlaces& places) {
-  const std::optional<SplitParts> page = format::split_streams::locate_parts(split);
+  return add({split, page_bytes, chunks, places, {}});
+}
+
+bool JoinPlan::add_chunks(std::span<const std::byte> split, uint64_t page_bytes, std::span<const JoinChunk> chunks,
+                          uint32_t from, std::span<const uint64_t> to) {
+  assert(chunks.size() == to.size());
+  return !chunks.empty() && add({split, page_bytes, chunks, {from, 0}, to});
+}
+
+bool JoinPlan::add(const Split& split) {
+  const std::optional<SplitParts> page = format::split_streams::locate_parts(split.bytes);
   if (!page) return false;
   JoinPlan added;
   uint64_t done = 0;
+  size_t next = 0;  // of the chunks
   for (const SplitPart& part : page->parts) {
     const uint32_t plain_from = part.first[format::split_streams::kPlain];
-    const std::span<const std::byte> plain = split.subspan(plain_from, part.plain_bytes);
+    const std::span<const std::byte> plain = split.bytes.subspan(plain_from, part.plain_bytes);
+    const uint32_t plain_in_slot = split.places.from + plain_from;
     if (part.cluster_count != 0) {
-      if (chunks.empty() || chunks[0].chunk->offset != done || done % format::kChunkAlignment != 0) return false;
-      const JoinChunk chunk = chunks[0];
-      chunks = chunks.subspan(1);
+      if (next == split.chunks.size() || split.chunks[next].chunk->offset != done ||
+          done % format::kChunkAlignment != 0)
+        return false;
+      const JoinChunk& chunk = split.chunks[next];
       std::optional<JoinTask> task = task_of(*page, part, chunk);
       if (!task) return false;
       const uint64_t bytes = format::cluster_stream_bytes(part.cluster_count, chunk.chunk->cluster_words);
-      if (bytes > page_bytes - done || chunk.chunk->bytes < bytes || chunk.chunk->bytes - bytes > plain.size() ||
+      if (bytes > split.page_bytes - done || chunk.chunk->bytes < bytes || chunk.chunk->bytes - bytes > plain.size() ||
           !check_behind_clusters(*chunk.mesh, *chunk.chunk, plain.first(chunk.chunk->bytes - bytes)))
         return false;
-      task->to = places.to + done;
-      task->from = places.from;
-      task->first_vertex = static_cast<uint32_t>(vertices_ + added.vertices_);
-      added.vertices_ += part.vertex_count;
-      added.tasks_.push_back(*task);
+      if (const uint64_t to = split.place_of(next, done); to != kNotWanted) {
+        task->to = to;
+        task->from = split.places.from;
+        task->first_vertex = static_cast<uint32_t>(vertices_ + added.vertices_);
+        added.vertices_ += std::min<uint64_t>(part.vertex_count, kernels::kJoinHistory);
+        added.tasks_.push_back(*task);
+        if (!split.goes_whole()) added.add_copy({plain_in_slot, to + bytes}, chunk.chunk->bytes - bytes);
+      }
+      ++next;
       done += bytes;
     }
-    if (plain.size() > page_bytes - done) return false;
-    for (; !chunks.empty() && chunks[0].chunk->encoding != format::ChunkEncoding::kClustered;
-         chunks = chunks.subspan(1)) {
-      const format::ChunkRecord& chunk = *chunks[0].chunk;
+    if (plain.size() > split.page_bytes - done) return false;
+    for (; next < split.chunks.size() && split.chunks[next].chunk->encoding != format::ChunkEncoding::kClustered;
+         ++next) {
+      const format::ChunkRecord& chunk = *split.chunks[next].chunk;
       if (chunk.offset < done || chunk.offset - done > plain.size() ||
           chunk.bytes > plain.size() - (chunk.offset - done))
         break;  // in a later part, or in none
       format::ChunkRecord moved = chunk;
       moved.offset = chunk.offset - done;
-      if (!check_chunk(*chunks[0].mesh, moved, plain)) return false;
+      if (!check_chunk(*split.chunks[next].mesh, moved, plain)) return false;
+      if (!split.goes_whole() && split.to[next] != kNotWanted)
+        added.add_copy({static_cast<uint32_t>(plain_in_slot + moved.offset), split.to[next]}, chunk.bytes);
     }
-    added.add_copy({places.from + plain_from, places.to + done}, plain.size());
+    if (split.goes_whole()) added.add_copy({plain_in_slot, split.places.to + done}, plain.size());
     done += plain.size();
   }
-  if (done != page_bytes || !chunks.empty() || vertices_ + added.vertices_ > UINT32_MAX) return false;
+  if (done != split.page_bytes || next != split.chunks.size() || vertices_ + added.vertices_ > UINT32_MAX) return false;
   tasks_.insert(tasks_.end(), added.tasks_.begin(), added.tasks_.end());
   vertices_ += added.vertices_;
   return true;

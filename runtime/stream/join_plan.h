@@ -1,4 +1,4 @@
-// Plans how a device joins the split pages of a slot (kernels/cuda/join.h).
+// Plans how a device joins split pages (kernels/cuda/join.h).
 #pragma once
 
 #include <cstddef>
@@ -17,11 +17,14 @@ struct JoinChunk {
   const format::ChunkRecord* chunk;
 };
 
-/// Where a page lies: in a slot, and in the arena.
+/// Where bytes lie: in a slot, and in the arena.
 struct JoinPlaces {
   uint32_t from = 0;
   uint64_t to = 0;
 };
+
+/// The place of a chunk that is not wanted.
+inline constexpr uint64_t kNotWanted = ~uint64_t{0};
 
 class JoinPlan {
  public:
@@ -31,14 +34,22 @@ class JoinPlan {
   /// clusters are not drawn, or its chunks are not in the order of their offsets. Throws std::bad_alloc.
   bool add_split(std::span<const std::byte> split, uint64_t page_bytes, std::span<const JoinChunk> chunks,
                  const JoinPlaces& places);
+  /// The same for some chunks of the page, each of which goes to its own place in the arena. `from`: where the page
+  /// lies in its slot. `to`: by chunk of `chunks`, a multiple of 4 or kNotWanted. Checks the other chunks except their
+  /// clusters.
+  bool add_chunks(std::span<const std::byte> split, uint64_t page_bytes, std::span<const JoinChunk> chunks,
+                  uint32_t from, std::span<const uint64_t> to);
   /// Adds tasks that copy bytes, such as a raw page.
   void add_copy(const JoinPlaces& places, uint64_t bytes);
 
   const std::vector<kernels::JoinTask>& tasks() const { return tasks_; }
-  /// Vertices of all parts.
+  /// Kept vertices of all parts.
   uint64_t vertices() const { return vertices_; }
 
  private:
+  struct Split;
+  bool add(const Split& split);
+
   std::vector<kernels::JoinTask> tasks_;
   uint64_t vertices_ = 0;
 };

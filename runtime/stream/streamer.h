@@ -74,6 +74,7 @@ struct StreamStats {
   uint64_t missing_bytes = 0;   // of the seen chunks that were not in the pool when the frame began
   uint64_t hidden_bytes = 0;    // missing, hidden by chunks drawn before, and not loaded
   uint64_t streamed_bytes = 0;  // missing and loaded
+  uint64_t joined_bytes = 0;    // of these, joined by the GPU from compressed pages (the target counts them)
   uint64_t left_bytes = 0;      // missing, not hidden by drawn chunks, and not loaded because the frame was ended
   uint64_t needed_bytes = 0;    // streamed and not hidden in the finished picture, according to bounds
   uint64_t moved_bytes = 0;     // within the pool

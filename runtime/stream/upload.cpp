@@ -559,9 +559,8 @@ StagingSizes staging_for(const UploadPlan& plan, Reading reading, uint32_t threa
   if (joins && !is_direct) sizes.slot_bytes = std::min(format::kMaxSplitRatio * sizes.slot_bytes, most.slot_bytes);
   const uint64_t jobs = jobs_of(plan, sizes.job_bytes()).size();
   const uint32_t workers = std::max(threads, is_direct ? kDirectThreads : 1u);
-  // Two slots per thread: one is filled while the other is copied. Joins take longer than copies, so they get more
-  // slots.
-  const uint64_t slots = (joins ? 4 : 2) * uint64_t{workers};
+  // Two slots per thread: one is filled while the other is copied. A join takes milliseconds, so joins get more slots.
+  const uint64_t slots = (joins ? 8 : 2) * uint64_t{workers};
   const uint64_t limit = joins ? std::max<uint64_t>(most.bytes() / sizes.slot_bytes, 1) : most.slots;
   sizes.slots = static_cast<uint32_t>(std::clamp<uint64_t>(std::min(jobs, slots), 1, limit));
   return sizes;

@@ -83,17 +83,18 @@ void print_stream(const runtime::StreamStats& stream, const Duration& draw) {
   const double gb_per_s = static_cast<double>(stream.streamed_bytes) * 1e-6 / draw.wall_ms;
   std::printf(
       "stream: %s: %llu chunks of %s in the view, %s missing, %s of it hidden, %s streamed in %llu batches, %s of it "
-      "visible in the end, %s moved in device memory; %.2f GB/s, %.0f%% of %.0f; finding chunks took %s, choosing %s, "
+      "reassembled by the GPU, %s visible in the end, %s moved in device memory; %.2f GB/s, %.0f%% of %.0f; finding "
+      "chunks took %s, choosing %s, "
       "starting and waiting for %llu parts %s, waiting for loads %s; drawing took %s and copying %s at the same time\n",
       milliseconds(draw.wall_ms).c_str(), static_cast<unsigned long long>(stream.seen_chunks),
       format_bytes(stream.seen_bytes).c_str(), format_bytes(stream.missing_bytes).c_str(),
       format_bytes(stream.hidden_bytes).c_str(), format_bytes(stream.streamed_bytes).c_str(),
-      static_cast<unsigned long long>(stream.batches), format_bytes(stream.needed_bytes).c_str(),
-      format_bytes(stream.moved_bytes).c_str(), gb_per_s, gb_per_s / kLinkGbPerS * 100, kLinkGbPerS,
-      milliseconds(stream.list_ms).c_str(), milliseconds(stream.choose_ms).c_str(),
-      static_cast<unsigned long long>(stream.parts), milliseconds(stream.draw_ms).c_str(),
-      milliseconds(stream.load_ms).c_str(), milliseconds(stream.drawing_ms).c_str(),
-      milliseconds(stream.copying_ms).c_str());
+      static_cast<unsigned long long>(stream.batches), format_bytes(stream.joined_bytes).c_str(),
+      format_bytes(stream.needed_bytes).c_str(), format_bytes(stream.moved_bytes).c_str(), gb_per_s,
+      gb_per_s / kLinkGbPerS * 100, kLinkGbPerS, milliseconds(stream.list_ms).c_str(),
+      milliseconds(stream.choose_ms).c_str(), static_cast<unsigned long long>(stream.parts),
+      milliseconds(stream.draw_ms).c_str(), milliseconds(stream.load_ms).c_str(),
+      milliseconds(stream.drawing_ms).c_str(), milliseconds(stream.copying_ms).c_str());
 }
 
 void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const kernels::View& view,

@@ -1,0 +1,207 @@
+#include "runtime/draw/stream_joins.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cstring>
+#include <utility>
+
+#include "format/bytes.h"
+
+namespace scree::runtime {
+
+using kernels::cuda_check;
+
+namespace {
+
+constexpr uint64_t kUnit = 256;  // slots, and everything in a region, begin at a multiple of it
+
+/// A page with one chunk of the usual 4 bytes per triangle takes 1.2 times its bytes, and 12 bytes for each of 65,536
+/// vertices; with several small chunks it takes more. That is at most 1.25 times its slot.
+uint64_t usual_room(uint64_t slot_bytes) {
+  return slot_bytes * 5 / 4;
+}
+
+/// A region takes a page of any size that the device can join.
+uint64_t least_region(uint64_t slot_bytes) {
+  return slot_bytes * 5 / 2;
+}
+
+}  // namespace
+
+/// An ordinary page has a task for every 200 KB and more.
+uint64_t StreamJoins::Sizes::whole_slot() const {
+  return slot_bytes + std::max<uint64_t>(slot_bytes / 16, 4096);
+}
+
+uint64_t StreamJoins::Sizes::pinned_bytes() const {
+  return any() ? slots * whole_slot() + kMostLoads * sizeof(uint32_t) : 0;
+}
+
+StreamJoins::Sizes StreamJoins::sizes_for(uint64_t slot_bytes, uint32_t threads, uint64_t most_device,
+                                          uint64_t most_pinned) {
+  if (slot_bytes == 0) return {};
+  Sizes sizes{.slot_bytes = slot_bytes};
+  const uint64_t whole = sizes.whole_slot();
+  // A join takes 5 ms for a page of one chunk, in which a thread unpacks four pages.
+  const uint64_t slots =
+      std::min<uint64_t>(8 * uint64_t{std::max(threads, 1u)}, (most_pinned - std::min(most_pinned, kUnit)) / whole);
+  const uint64_t in_regions = std::min<uint64_t>(slots, kMostRegions * kernels::kMostJoinSlots);
+  const uint64_t wanted = std::max(in_regions * usual_room(slot_bytes), kMostRegions * least_region(slot_bytes));
+  const uint64_t device = std::min(most_device, wanted);
+  sizes.regions = static_cast<uint32_t>(std::min<uint64_t>(device / least_region(slot_bytes), kMostRegions));
+  if (sizes.regions == 0 || slots == 0) return {};
+  sizes.region_bytes = device / sizes.regions / kUnit * kUnit;
+  sizes.slots = static_cast<uint32_t>(slots);
+  return sizes;
+}
+
+StreamJoins::~StreamJoins() {
+  for (const Region& region : regions_) {
+    if (region.stream != nullptr) (void)cudaStreamSynchronize(region.stream);
+    if (region.done != nullptr) (void)cudaEventDestroy(region.done);
+    if (region.stream != nullptr) (void)cudaStreamDestroy(region.stream);
+  }
+}
+
+Result<void> StreamJoins::open(const Sizes& sizes, int device, std::byte* arena) {
+  sizes_ = sizes;
+  device_ = device;
+  arena_ = arena;
+  Result<void> done = pinned_.allocate(sizes.pinned_bytes(), "allocating pinned memory");
+  if (done) done = memory_.reserve(sizes.device_bytes(), "allocating memory to join pages");
+  free_.reserve(sizes.slots);  // so that giving one back allocates nothing
+  for (uint32_t slot = 0; slot < sizes.slots; ++slot) free_.push_back(slot);
+  regions_.resize(sizes.regions);
+  for (Region& region : regions_) {
+    if (done) done = cuda_check(cudaStreamCreateWithFlags(&region.stream, cudaStreamNonBlocking), "making a stream");
+    if (done)
+      done = cuda_check(cudaEventCreateWithFlags(&region.done, cudaEventDisableTiming | cudaEventBlockingSync),
+                        "making an event");
+    if (!done) return done;
+    region.memory = memory_.data() + static_cast<uint64_t>(&region - regions_.data()) * sizes.region_bytes;
+    region.joins.reserve(kernels::kMostJoinSlots);
+    region.slots.reserve(kernels::kMostJoinSlots);
+  }
+  return done;
+}
+
+Result<void> StreamJoins::begin(uint32_t load, cudaEvent_t moved, cudaEvent_t begun) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  load_ = load;
+  begun_ = begun;
+  *flag_of(load) = 0;
+  for (const Region& region : regions_)
+    if (moved != nullptr)
+      if (Result<void> done = cuda_check(cudaStreamWaitEvent(region.stream, moved), "recording a load"); !done)
+        return done;
+  return {};
+}
+
+Result<void> StreamJoins::end(cudaStream_t stream) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  Result<void> done = open_region().slots.empty() ? Result<void>() : launch(open_region());
+  if (done && begun_ != nullptr) done = cuda_check(cudaEventRecord(begun_, stream), "recording a load");
+  begun_ = nullptr;
+  for (const Region& region : regions_)
+    if (done && region.is_launched) done = cuda_check(cudaStreamWaitEvent(stream, region.done), "recording a load");
+  return done;
+}
+
+/// Joins the slots of the open region, and opens the next one, which may still be at work.
+Result<void> StreamJoins::launch(Region& region) {
+  region.is_launched = true;
+  ++region.launches;
+  open_ = (open_ + 1) % sizes_.regions;
+  if (auto done = kernels::join_parts(region.joins, arena_, region.stream); !done) return done;
+  return cuda_check(cudaEventRecord(region.done, region.stream), "recording a load");
+}
+
+/// Waits for a region's joins, with the lock released.
+Result<void> StreamJoins::wait_for(std::unique_lock<std::mutex>& lock, Region& region) {
+  const uint64_t launches = region.launches;
+  lock.unlock();
+  Result<void> done = cuda_check(cudaEventSynchronize(region.done), "joining pages");
+  lock.lock();
+  if (!done || !region.is_launched || region.launches != launches) return done;  // another thread has emptied it
+  free_.insert(free_.end(), region.slots.begin(), region.slots.end());
+  region.slots.clear();
+  region.joins.clear();
+  region.end = 0;
+  region.is_launched = false;
+  return done;
+}
+
+StreamJoins::Region* StreamJoins::oldest_launched() {
+  for (uint32_t i = 0; i < sizes_.regions; ++i) {
+    Region& region = regions_[(open_ + i) % sizes_.regions];
+    if (region.is_launched) return &region;
+  }
+  return nullptr;
+}
+
+Result<JoinTarget::Slot> StreamJoins::take() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (free_.empty()) {
+    Region* const region = oldest_launched();
+    assert(region != nullptr || !open_region().slots.empty());  // or too many threads have slots
+    if (Result<void> done = region != nullptr ? wait_for(lock, *region) : launch(open_region()); !done)
+      return done.error();
+  }
+  const uint32_t number = free_.back();
+  free_.pop_back();
+  const uint64_t bytes = sizes_.whole_slot();
+  return Slot{number, {pinned_.data() + number * bytes, bytes}};
+}
+
+void StreamJoins::give_back(const Slot& slot) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  free_.push_back(slot.number);
+}
+
+Result<bool> StreamJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan& plan) {
+  const auto tasks = std::as_bytes(std::span(plan.tasks()));
+  const uint64_t tasks_at = format::align_up(bytes, kUnit);
+  const uint64_t history_at = format::align_up(tasks_at + tasks.size(), kUnit);
+  const uint64_t needed = format::align_up(history_at + plan.vertices() * kernels::kJoinVertexBytes, kUnit);
+  if (tasks_at + tasks.size() > slot.memory.size() || needed > sizes_.region_bytes) return false;
+  if (!tasks.empty()) std::memcpy(slot.memory.data() + tasks_at, tasks.data(), tasks.size());
+
+  std::unique_lock<std::mutex> lock(mutex_);
+  // The current device is each thread's own.
+  if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done.error();
+  for (;;) {
+    Region& open = open_region();
+    Result<void> done;
+    if (open.is_launched) {
+      done = wait_for(lock, open);
+    } else if (open.end + needed > sizes_.region_bytes) {
+      done = launch(open);
+    } else {
+      break;
+    }
+    if (!done) return done.error();
+  }
+  Region& region = open_region();
+  Result<void> done;
+  if (begun_ != nullptr)
+    done = cuda_check(cudaEventRecord(std::exchange(begun_, nullptr), region.stream), "recording a load");
+  std::byte* const memory = region.memory + region.end;
+  if (done)
+    done = cuda_check(
+        cudaMemcpyAsync(memory, slot.memory.data(), tasks_at + tasks.size(), cudaMemcpyHostToDevice, region.stream),
+        "copying chunks to the device");
+  if (!done) return done.error();
+  region.end += needed;
+  region.slots.push_back(slot.number);
+  region.joins.push_back({reinterpret_cast<const kernels::JoinTask*>(memory + tasks_at),
+                          static_cast<uint32_t>(plan.tasks().size()), memory,
+                          reinterpret_cast<uint32_t*>(memory + history_at), flag_of(load_)});
+  if (region.slots.size() == kernels::kMostJoinSlots)
+    if (done = launch(region); !done) {
+      region.slots.pop_back();  // stays the caller's
+      return done.error();
+    }
+  return true;
+}
+
+}  // namespace scree::runtime

@@ -1,0 +1,95 @@
+// Joins the split pages of streamed chunks on a GPU, straight into the pool. Only in programs that are built with CUDA.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <mutex>
+#include <vector>
+
+#include "format/result.h"
+#include "kernels/cuda/check.h"
+#include "kernels/cuda/join.h"
+#include "runtime/stream/join_target.h"
+#include "runtime/stream/streamer.h"
+
+namespace scree::runtime {
+
+/// Slots of pinned memory, which are copied to a few regions of device memory. A region takes slots until it is full.
+/// Then one launch joins all of them, while other regions are filled, copied and joined.
+class StreamJoins final : public JoinTarget {
+ public:
+  struct Sizes {
+    uint64_t slot_bytes = 0;  // for pages
+    uint32_t slots = 0;       // 0: nothing is joined
+    uint64_t region_bytes = 0;
+    uint32_t regions = 0;
+
+    bool any() const { return slots != 0; }
+    /// Bytes of a slot with the tasks of its pages.
+    uint64_t whole_slot() const;
+    uint64_t device_bytes() const { return regions * region_bytes; }
+    uint64_t pinned_bytes() const;
+  };
+  /// `slot_bytes`: ChunkSource::most_slot_bytes(). The result takes at most `most_device` and `most_pinned` bytes.
+  static Sizes sizes_for(uint64_t slot_bytes, uint32_t threads, uint64_t most_device, uint64_t most_pinned);
+
+  StreamJoins() = default;
+  StreamJoins(const StreamJoins&) = delete;
+  StreamJoins& operator=(const StreamJoins&) = delete;
+  ~StreamJoins();
+
+  /// On the current device, whose number is `device`. `arena`: the memory that chunks are joined into. Errors kDevice.
+  Result<void> open(const Sizes& sizes, int device, std::byte* arena);
+
+  /// Begins a load (its number is below kMostLoads), on one thread. Its joins start after `moved`, if that is not null.
+  /// `begun` is recorded before the first copy. Errors kDevice.
+  Result<void> begin(uint32_t load, cudaEvent_t moved, cudaEvent_t begun);
+  /// Ends it: everything is started, and `stream` waits until it is done. Also to be called after an error.
+  Result<void> end(cudaStream_t stream);
+  /// After that: whether the GPU found all clusters of the load good.
+  bool has_joined(uint32_t load) const { return *flag_of(load) == 0; }
+
+  uint32_t slot_count() const override { return sizes_.slots; }
+  uint64_t slot_bytes() const override { return sizes_.slot_bytes; }
+  Result<Slot> take() override;
+  void give_back(const Slot& slot) override;
+  Result<bool> join(const Slot& slot, uint64_t bytes, const JoinPlan& plan) override;
+
+ private:
+  static constexpr uint32_t kMostRegions = 4;
+
+  struct Region {
+    std::byte* memory = nullptr;
+    cudaStream_t stream = nullptr;
+    cudaEvent_t done = nullptr;
+    uint64_t end = 0;  // of the used bytes
+    std::vector<kernels::JoinSlot> joins{};
+    std::vector<uint32_t> slots{};
+    bool is_launched = false;  // and perhaps not done
+    uint64_t launches = 0;
+  };
+
+  Result<void> launch(Region& region);
+  Result<void> wait_for(std::unique_lock<std::mutex>& lock, Region& region);
+  Region& open_region() { return regions_[open_]; }
+  Region* oldest_launched();
+  uint32_t* flag_of(uint32_t load) const {
+    return reinterpret_cast<uint32_t*>(pinned_.data() + sizes_.slots * sizes_.whole_slot()) + load;
+  }
+
+  Sizes sizes_;
+  int device_ = 0;
+  std::byte* arena_ = nullptr;
+  kernels::PinnedBuffer pinned_;  // slots, then a flag for each load
+  kernels::DeviceBuffer memory_;  // of the regions
+  std::mutex mutex_;              // guards the rest
+  std::vector<uint32_t> free_;
+  std::vector<Region> regions_;
+  uint32_t open_ = 0;  // the region that takes slots
+  uint32_t load_ = 0;
+  cudaEvent_t begun_ = nullptr;  // to be recorded
+};
+
+}  // namespace scree::runtime

@@ -1,0 +1,221 @@
+// Split pages of streamed chunks, which a GPU joins in its pool: the samples and the errors of the CPU.
+#include <zstd.h>
+
+#include <algorithm>
+#include <optional>
+#include <random>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "format/container/checksum.h"
+#include "runtime/draw/device_scene.h"
+#include "runtime/draw/renderer.h"
+#include "runtime/draw/stream_joins.h"
+#include "runtime/stream/chunk_source.h"
+#include "tests/catch.h"
+#include "tests/gpu.h"
+#include "tests/models.h"
+#include "tests/results.h"
+#include "tests/runtime/load_scene.h"
+#include "tests/runtime/paged_scene.h"
+#include "tests/runtime/soup.h"
+#include "tests/tools/temp_folder.h"
+
+#if defined(SCREE_EMULATED_CUDA)
+#include "tests/emulator/machine.h"
+#endif
+
+namespace scree::tests {
+namespace {
+
+using format::SealedPage;
+using kernels::View;
+using runtime::DeviceScene;
+using runtime::Frame;
+using runtime::Reading;
+using runtime::Scene;
+using runtime::StreamJoins;
+
+constexpr Encoding kClusters{.clusters = Clusters::kClustered};
+
+/// Clusters, some of them with colours behind them, and indexed chunks.
+std::vector<std::pair<Soup, Encoding>> joined_meshes() {
+  Soup colored = sphere(20, 0.1);
+  for (size_t i = 0; i < colored.positions.size() / 3; ++i)
+    colored.colors.insert(colored.colors.end(), {0.25f, static_cast<float>(i % 7) / 7, 0.5f, 1});
+  return {{grid(40, 0.2), kClusters}, {colored, kClusters}, {grid(25, 0), {}}, {sphere(30, 0.1), kClusters}};
+}
+
+/// The bytes of the drawn chunks in split pages, and in all pages.
+std::pair<uint64_t, uint64_t> joinable_bytes(const Scene& scene) {
+  uint64_t split = 0;
+  uint64_t all = 0;
+  const std::vector<uint64_t> bytes = runtime::ChunkSource(scene).chunk_bytes();
+  for (uint64_t c = 0; c < bytes.size(); ++c) {
+    const format::PageRecord& page = scene.container().pages()[scene.container().chunks()[c].page];
+    split += page.codec == format::PageCodec::kSplit ? bytes[c] : 0;
+    all += bytes[c];
+  }
+  return {split, all};
+}
+
+/// A pool for the whole scene.
+Result<DeviceScene> upload_with_joins(const Scene& scene, uint64_t host_memory = 0) {
+  return DeviceScene::upload(scene, 0, 3, Reading::kMapped, 0, host_memory, {}, nullptr, 1, true);
+}
+
+bool draws_as_cpu(DeviceScene& device, const Scene& scene, const Scene& whole, const View& view) {
+  const Frame expected = must(Frame::draw(whole, view, 1, 2));
+  Frame frame = must(Frame::draw(scene, view, 1, 2, &device));
+  must(frame.read_samples());
+  return std::equal(frame.samples().begin(), frame.samples().end(), expected.samples().begin(),
+                    expected.samples().end());
+}
+
+}  // namespace
+
+TEST_CASE("a GPU joins the split pages of streamed chunks", "[cuda][stream]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  const std::string path = folder.file("a.scree");
+  PagedScene paged;
+  paged.drawn_twice = true;
+  for (const uint64_t page_bytes : {9000, 40000}) {
+    for (const uint32_t zstd_every : {1u, 2u}) {
+      CAPTURE(page_bytes, zstd_every);
+      paged.page_bytes = page_bytes;
+      paged.zstd_every = zstd_every;
+      paged.write(path, joined_meshes());
+      const Scene whole = must_load(path);
+      const Scene scene = must_load(path, {.threads = 2, .pages = false});
+      const auto [split, all] = joinable_bytes(scene);
+      REQUIRE(split > 0);
+      CHECK((zstd_every == 1 || split < all));
+      const View view = must_view(whole, {.width = 120, .height = 80});
+      std::optional<DeviceScene> made = must(upload_with_joins(scene));
+      DeviceScene& device = *made;
+      CHECK(draws_as_cpu(device, scene, whole, view));
+      REQUIRE(device.stream_stats());
+      CHECK(device.stream_stats()->joined_bytes > 0);
+      CHECK(device.stream_stats()->joined_bytes <= split);
+      if (split == all) CHECK(device.stream_stats()->joined_bytes == device.stream_stats()->streamed_bytes);
+      while (must(device.load_rest()) != 0) {
+      }
+      CHECK_FALSE(device.is_streamed());
+      CHECK(draws_as_cpu(device, scene, whole, view));
+      made.reset();
+      // With little pinned memory there are fewer slots, or the CPU joins.
+      for (const uint64_t host_memory : {uint64_t{1} << 20, uint64_t{150} << 10}) {
+#if defined(SCREE_EMULATED_CUDA)
+        emulator::reset_peaks();
+#endif
+        DeviceScene small = must(upload_with_joins(scene, host_memory));
+        CHECK(draws_as_cpu(small, scene, whole, view));
+#if defined(SCREE_EMULATED_CUDA)
+        CHECK(emulator::pinned_memory().peak <= host_memory);
+#endif
+      }
+    }
+  }
+}
+
+TEST_CASE("chunks that a GPU joins are dropped and joined again", "[cuda][stream]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  const std::string path = folder.file("large.scree");
+  PagedScene paged;
+  paged.page_bytes = 3000;
+  paged.zstd_every = 1;
+  std::mt19937 random(3);
+  std::vector<std::pair<Soup, Encoding>> meshes;
+  for (int i = 0; i < 3; ++i) {
+    meshes.emplace_back(grid(40, 0.1 * i), kClusters);
+    meshes.emplace_back(triangles_around(4500, random), Encoding{.float32 = true});
+  }
+  paged.write(path, meshes);
+  const Scene whole = must_load(path);
+  const Scene scene = must_load(path, {.threads = 2, .pages = false});
+  const uint64_t least = least_device_memory(refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, 0)).message);
+  const auto [split, all] = joinable_bytes(scene);
+  // An eighth of this is for joins.
+  const uint64_t more = 8 * (uint64_t{24} << 10);
+  REQUIRE(all > more + more / 8);
+  DeviceScene device = must(DeviceScene::upload(scene, least + more, 2, Reading::kAuto, 0));
+  REQUIRE(device.is_streamed());
+  CHECK(device.stats().device_bytes <= least + more);
+  uint64_t joined = 0;
+  for (int i = 0; i < 4; ++i) {
+    runtime::CameraOptions camera{.width = 60, .height = 40};
+    camera.eye = runtime::Vec3{i % 2 == 0 ? 4.0 : -4.0, 1, i % 2 == 0 ? 6.0 : -6.0};
+    camera.target = runtime::Vec3{0, 0, 0};
+    CHECK(draws_as_cpu(device, scene, whole, must_view(whole, camera)));
+    REQUIRE(device.stream_stats());
+    joined += device.stream_stats()->joined_bytes;
+  }
+  CHECK(joined > split);
+}
+
+TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda][stream]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  const std::string path = folder.file("bad.scree");
+  std::mt19937 random(3);
+  const std::vector<std::pair<Soup, Encoding>> meshes = joined_meshes();
+  uint32_t refused = 0;
+  std::set<uint64_t> accepted;
+  for (int i = 0; i < (kEmulatesGpu ? 30 : 300); ++i) {
+    PagedScene paged;
+    paged.zstd_every = 1;
+    paged.image_every = 1000;
+    const uint32_t damaged = random() % 8;
+    paged.change = [&](uint32_t number, SealedPage& page) {
+      if (page.record.codec != format::PageCodec::kSplit || number % 8 != damaged) return;
+      std::vector<std::byte> split(ZSTD_getFrameContentSize(page.stored.data(), page.stored.size()));
+      REQUIRE(ZSTD_decompress(split.data(), split.size(), page.stored.data(), page.stored.size()) == split.size());
+      split[48 + random() % std::min<size_t>(split.size() - 48, 2000)] ^= static_cast<std::byte>(1 + random() % 255);
+      page.stored.resize(ZSTD_compressBound(split.size()));
+      page.stored.resize(ZSTD_compress(page.stored.data(), page.stored.size(), split.data(), split.size(), 1));
+      page.record.stored_bytes = page.stored.size();
+      page.record.checksum = format::checksum(page.stored);
+    };
+    paged.write(path, meshes);
+    Scene whole = must_load(path, {.pages = false});
+    const Result<void> loaded = whole.load_pages(2);
+    const Scene scene = must_load(path, {.threads = 2, .pages = false});
+    DeviceScene device = must(upload_with_joins(scene));
+    if (loaded) {  // other positions, perhaps
+      CHECK(draws_as_cpu(device, scene, whole, must_view(whole, {.width = 60, .height = 40})));
+      accepted.insert(device.stream_stats()->joined_bytes);
+      continue;
+    }
+    ++refused;
+    const Result<uint64_t> rest = device.load_rest();
+    REQUIRE_FALSE(rest);
+    CHECK(rest.error().message == loaded.error().message);
+    CHECK(rest.error().code == loaded.error().code);
+    // It does not pass for loaded afterwards.
+    CHECK(device.is_streamed());
+    CHECK(refusal(device.load_rest()).message == loaded.error().message);
+  }
+  CHECK(refused > 3);
+  CHECK(!accepted.empty());
+}
+
+TEST_CASE("memory for joining streamed chunks stays within its limits", "[stream]") {
+  const uint64_t page = uint64_t{2} << 20;
+  for (const uint64_t device : {uint64_t{0}, uint64_t{1} << 20, uint64_t{8} << 20, uint64_t{1} << 30})
+    for (const uint64_t pinned : {uint64_t{0}, uint64_t{3} << 20, uint64_t{1} << 30})
+      for (const uint32_t threads : {1u, 16u, 128u}) {
+        const StreamJoins::Sizes sizes = StreamJoins::sizes_for(page, threads, device, pinned);
+        CAPTURE(device, pinned, threads);
+        CHECK(sizes.any() == (device >= uint64_t{8} << 20 && pinned >= uint64_t{3} << 20));
+        CHECK(sizes.device_bytes() <= device);
+        CHECK(sizes.pinned_bytes() <= pinned);
+        if (sizes.any()) CHECK(sizes.region_bytes >= sizes.whole_slot());
+      }
+  CHECK_FALSE(StreamJoins::sizes_for(0, 4, page, page).any());
+}
+
+}  // namespace scree::tests
