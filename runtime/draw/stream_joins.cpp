@@ -15,13 +15,13 @@ namespace {
 
 constexpr uint64_t kUnit = 256;  // slots, and everything in a region, begin at a multiple of it
 
-/// A page with one chunk of the usual 4 bytes per triangle takes 1.2 times its bytes, and 12 bytes for each of 65,536
-/// vertices; with several small chunks it takes more. That is at most 1.25 times its slot.
+/// Device memory for a page: its frame takes up to 1.2 times its bytes, and its vertices as much again, fewer if only a
+/// part of it is wanted.
 uint64_t usual_room(uint64_t slot_bytes) {
   return slot_bytes * 5 / 4;
 }
 
-/// A region takes a page of any size that the device can join.
+/// The least bytes of a region, so that nearly any page fits it. Other pages are joined on the CPU.
 uint64_t least_region(uint64_t slot_bytes) {
   return slot_bytes * 5 / 2;
 }
@@ -42,7 +42,7 @@ StreamJoins::Sizes StreamJoins::sizes_for(uint64_t slot_bytes, uint32_t threads,
   if (slot_bytes == 0) return {};
   Sizes sizes{.slot_bytes = slot_bytes};
   const uint64_t whole = sizes.whole_slot();
-  // A join takes 5 ms for a page of one chunk, in which a thread unpacks four pages.
+  // A launch takes about 5 ms, in which a thread unpacks four pages.
   const uint64_t slots =
       std::min<uint64_t>(8 * uint64_t{std::max(threads, 1u)}, (most_pinned - std::min(most_pinned, kUnit)) / whole);
   const uint64_t in_regions = std::min<uint64_t>(slots, kMostRegions * kernels::kMostJoinSlots);
