@@ -20,8 +20,11 @@
 namespace scree::kernels {
 namespace {
 
-constexpr uint32_t kResidentBlocks = 8;  // per multiprocessor: 64 registers per thread; more spills, less waiting
-constexpr uint32_t kListedTiles = 32;    // per block: a lane of its first warp lists the tile of each warp
+constexpr uint32_t kRoundThreads = 256;
+constexpr uint32_t kResidentBlocks = 4;  // per multiprocessor: 64 registers per thread; more spills, less waiting
+constexpr uint32_t kListedColumns = 8;   // of tiles, per block
+constexpr uint32_t kListedRows = 4;
+constexpr uint32_t kListedTiles = kListedColumns * kListedRows;  // a lane of the first warp lists the tile of each warp
 constexpr uint32_t kListThreads = 32 * kListedTiles;
 constexpr uint32_t kDecodeThreads = 64;
 constexpr uint32_t kDecodeBlocks = 16;           // per multiprocessor
@@ -29,25 +32,42 @@ constexpr uint32_t kWarpGroups = 8;              // fewer than lanes, so that fe
 constexpr uint32_t kRounds = kDecodeRounds + 1;  // the last one's pixels decode groups by themselves
 constexpr uint32_t kCounters = kRounds + 1;      // the last of them count the tiles of list_tiles()
 
+/// Whether the rounds of pictures with one sample per pixel have a build of their own. Each takes long to compile.
+template <class Shader>
+inline constexpr bool kKnowsSide = false;
+template <bool kOrthographic>
+inline constexpr bool kKnowsSide<Shader<kOrthographic, Show::kSurface, ChunkKinds::kMixed, CachedTexels>> = true;
+
 /// `before`: the counters of the round that left the tiles, or null to shade all `tile_count` tiles.
 template <class Pixels>
-__global__ void __launch_bounds__(kPixelThreads, kResidentBlocks)
+__global__ void __launch_bounds__(kRoundThreads, kResidentBlocks)
     shade_round(const __grid_constant__ ShadeRound<Pixels> pass, uint32_t tile_count, const RoundCounters* before) {
   const uint32_t count = before != nullptr ? before->tiles : tile_count;
-  const uint32_t warps = gridDim.x * (kPixelThreads / 32);
-  for (uint32_t item = (blockIdx.x * kPixelThreads + threadIdx.x) / 32; item < count; item += warps)
+  const uint32_t warps = gridDim.x * (kRoundThreads / 32);
+  for (uint32_t item = (blockIdx.x * kRoundThreads + threadIdx.x) / 32; item < count; item += warps)
     pass(item, PixelTeam{});
 }
 
-/// Finishes the tiles that show nothing, and lists the others. A block has a warp per tile of a part of a row of tiles.
+/// The place of a tile among the tiles that a block lists. Any four or eight tiles in turn form a compact part of the
+/// picture, so that the warps of a block that shades them read the same texels.
+__device__ uint2 listed_place(uint32_t i) {
+  static_assert(kListedColumns == 8 && kListedRows == 4);
+  return {(i & 1u) | (i >> 1 & 2u) | (i >> 2 & 4u), (i >> 1 & 1u) | (i >> 2 & 2u)};
+}
+
+/// Finishes the tiles that show nothing, and lists the others. A block has a warp per tile.
 __global__ void __launch_bounds__(kListThreads)
     list_tiles(const __grid_constant__ BackgroundTiles pass, UnfinishedTile* list, RoundCounters* listed) {
   __shared__ bool shows[kListedTiles];
   const uint32_t warp = threadIdx.x / 32;
   const uint32_t lane = PixelTeam::rank();
   const uint32_t across = pass.tiles.across();
-  const uint32_t column = blockIdx.x * kListedTiles + warp;
-  const bool is_covered = column < across && !pass.finish(column, blockIdx.y, PixelTeam{});
+  const auto tile_at = [](uint32_t i) {
+    const uint2 place = listed_place(i);
+    return uint2{blockIdx.x * kListedColumns + place.x, blockIdx.y * kListedRows + place.y};
+  };
+  const uint2 own = tile_at(warp);
+  const bool is_covered = own.x < across && own.y < pass.tiles.down() && !pass.finish(own.x, own.y, PixelTeam{});
   if (lane == 0) shows[warp] = is_covered;
   __syncthreads();
   if (warp != 0) return;
@@ -55,7 +75,8 @@ __global__ void __launch_bounds__(kListThreads)
   const uint32_t mask = PixelTeam::ballot(is_listed);
   const uint32_t first = lane == 0 && mask != 0 ? atomicAdd(&listed->tiles, count_bits(mask)) : 0;
   const uint32_t place = static_cast<uint32_t>(PixelTeam::share(first, 0)) + count_bits(mask & ((1u << lane) - 1));
-  if (is_listed) list[place] = {blockIdx.y * across + blockIdx.x * kListedTiles + lane, ~uint32_t{0}};
+  const uint2 tile = tile_at(lane);
+  if (is_listed) list[place] = {tile.y * across + tile.x, ~uint32_t{0}};
 }
 
 __global__ void __launch_bounds__(kDecodeThreads) decode_round(const __grid_constant__ DecodeGroups pass) {
@@ -113,10 +134,10 @@ struct CudaTextureCache::Impl {
   template <class Pixels>
   bool run(const ShadeRound<Pixels>& round, uint32_t tiles, const RoundCounters* before, bool is_first,
            cudaStream_t stream) {
-    constexpr uint32_t kTilesPerBlock = kPixelThreads / 32;
+    constexpr uint32_t kTilesPerBlock = kRoundThreads / 32;
     const uint32_t all = (tiles + kTilesPerBlock - 1) / kTilesPerBlock;
     const uint32_t blocks = is_first ? all : std::min(all, multiprocessors * kResidentBlocks);
-    shade_round<Pixels><<<blocks, kPixelThreads, 0, stream>>>(round, tiles, before);
+    shade_round<Pixels><<<blocks, kRoundThreads, 0, stream>>>(round, tiles, before);
     return check(cudaGetLastError(), "starting a round of shading");
   }
 
@@ -226,7 +247,8 @@ bool CudaTextureCache::Impl::shade_tiles(const ShadeInputs& in, const Background
   bool started = true;
   if (all && background != nullptr) {
     const PixelTiles& tiles = background->tiles;
-    const dim3 blocks((tiles.across() + kListedTiles - 1) / kListedTiles, tiles.down());
+    const dim3 blocks((tiles.across() + kListedColumns - 1) / kListedColumns,
+                      (tiles.down() + kListedRows - 1) / kListedRows);
     list_tiles<<<blocks, kListThreads, 0, stream>>>(*background, list(1), counters + kRounds);
     started = check(cudaGetLastError(), "listing the tiles of a picture");
     from = list(1);
@@ -309,13 +331,18 @@ Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& 
                                        uint32_t samples_per_side, const float* visibility, uint32_t* pixels,
                                        cudaStream_t stream) {
   auto* const out = reinterpret_cast<uint8_t*>(pixels);
-  const auto pixels_of = [&]<class Shader>(const Shader& shader) {
-    return Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, out};
-  };
   ShadeInputs host = in;
   host.srgb = &srgb_tables();
   const BackgroundTiles background{tiles, samples, samples_per_side, background_code(host, samples_per_side), out};
-  if (!impl_->shade<true>(in, tiles, &background, pixels_of, stream)) return impl_->error;
+  const auto shade = [&]<uint32_t kSide>() {
+    const auto pixels_of = [&]<class Shader>(const Shader& shader) {
+      constexpr uint32_t kBuilt = kKnowsSide<Shader> ? kSide : 0;
+      return Resolve<Shader, kBuilt>{shader, tiles, samples, samples_per_side, visibility, 4, out};
+    };
+    return impl_->shade<true>(in, tiles, &background, pixels_of, stream);
+  };
+  const bool is_done = samples_per_side == 1 ? shade.operator()<1>() : shade.operator()<0>();
+  if (!is_done) return impl_->error;
   return {};
 }
 

@@ -116,6 +116,13 @@ SCREE_HD inline uint32_t pixel_code(const ShadeInputs& in, uint32_t side, const 
   return code | static_cast<uint32_t>(round_even(min_of(max_of(share, 0.0f), 1.0f) * 255.0f)) << 24;
 }
 
+/// The pixel_code() of one sample, which shows a surface of this light.
+SCREE_HD inline uint32_t surface_code(const ShadeInputs& in, const float light[3]) {
+  uint32_t code = 0xff000000u;
+  for (int c = 0; c < 3; ++c) code |= srgb_code(*in.srgb, light[c]) << 8 * c;
+  return code;
+}
+
 /// The code of a pixel that shows no surface. `in.srgb`: in memory of the caller.
 SCREE_HD inline uint32_t background_code(const ShadeInputs& in, uint32_t side) {
   constexpr float kNone[3] = {0, 0, 0};
@@ -160,8 +167,9 @@ struct BackgroundTiles {
 };
 
 /// Finished pixels, one tile per item. A pixel's light is the mean of its samples weighted by their alpha, so that a
-/// transparent background does not bleed into an edge.
-template <class ShaderOfPixels>
+/// transparent background does not bleed into an edge. `kSide`: samples per pixel and axis, or 0 if `side` is not known
+/// when the pass is compiled. A GPU keeps sums over samples in memory while it shades one, but not with one sample.
+template <class ShaderOfPixels, uint32_t kSide = 0>
 struct Resolve {
   using Shader = ShaderOfPixels;
 
@@ -184,14 +192,15 @@ struct Resolve {
   template <class Team>
   SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
     const uint64_t row_samples = static_cast<uint64_t>(shader.in.view.width);
+    const uint32_t per_axis = kSide != 0 ? kSide : side;
     float light[3] = {0, 0, 0};
     float layers[3] = {0, 0, 0};  // their light
     float background = 0;         // number of background samples
     float surface = 0;
-    for (uint32_t j = 0; j < side; ++j) {
-      for (uint32_t i = 0; i < side; ++i) {
-        const uint32_t sample_x = x * side + i;
-        const uint32_t sample_y = y * side + j;
+    for (uint32_t j = 0; j < per_axis; ++j) {
+      for (uint32_t i = 0; i < per_axis; ++i) {
+        const uint32_t sample_x = x * per_axis + i;
+        const uint32_t sample_y = y * per_axis + j;
         const uint64_t sample = inside ? samples[sample_y * row_samples + sample_x] : kBackground;
         const bool covered = sample != kBackground;
         float color[3];
@@ -225,7 +234,12 @@ struct Resolve {
     const float factor = visibility != nullptr ? visibility[uint64_t{y} * tiles.width + x] : 1.0f;
     float sums[3];
     for (int c = 0; c < 3; ++c) sums[c] = light[c] * factor;
-    const uint32_t code = pixel_code<HasLayers<Shader>>(shader.in, side, sums, layers, background_share, surface);
+    if constexpr (kSide == 1 && !HasLayers<Shader>) {
+      if (surface > 0) [[likely]]
+        return store_pixel(pixels + tiles.offset_of(x, y) * channels, channels, surface_code(shader.in, sums));
+    }
+    const uint32_t per_axis = kSide != 0 ? kSide : side;
+    const uint32_t code = pixel_code<HasLayers<Shader>>(shader.in, per_axis, sums, layers, background_share, surface);
     store_pixel(pixels + tiles.offset_of(x, y) * channels, channels, code);
   }
 };

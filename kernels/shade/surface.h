@@ -295,80 +295,67 @@ inline constexpr uint32_t kColorUses = [] {
   return bits;
 }();
 
-/// Multiplies three channels of a texture into `out`, or turns the normal. `code`: the channels, linear.
-/// `occlusion_too`: an occlusion lies in the red of metalness and roughness.
-SCREE_HD inline void use_texture(uint32_t use, const float code[3], const format::SurfaceRecord* surface,
-                                 bool occlusion_too, SurfaceValues& out, NormalAxes& axes) {
-  using Use = format::SurfaceUse;
-  const Float3 color{code[0], code[1], code[2]};
-  const auto occlusion = [&] { return 1.0f + surface->occlusion_strength * (code[0] - 1.0f); };
-  if (use == kBaseUse) {
-    out.base = color;
-  } else if (use == static_cast<uint32_t>(Use::kMetallicRoughness)) {
-    out.roughness *= code[1];
-    out.metallic *= code[2];
-    if (occlusion_too) out.occlusion = occlusion();
-  } else if (use == static_cast<uint32_t>(Use::kNormalMap)) {
-    bend_normal(color, surface->normal_scale, axes);
-  } else if (use == static_cast<uint32_t>(Use::kOcclusion)) {
-    out.occlusion = occlusion();
-  } else if (use == static_cast<uint32_t>(Use::kEmission)) {
-    out.emission = out.emission * color;
-  } else if (use == static_cast<uint32_t>(Use::kSpecular)) {
-    out.specular *= code[0];  // the alpha
-  } else {
-    out.specular_color = out.specular_color * color;
-  }
-}
+/// What a sample reads of its textures: three channels by use, linear; of numbers their 8-bit codes. In memory, and
+/// only of the textures that the sample has.
+inline constexpr uint32_t kTint = MaterialView::kMostBundles;  // the vertex colours
+struct alignas(16) TextureCodes {
+  float of[kTint + 1][4];
+};
 
 /// The textures that a sample reads.
 struct MaterialTextures {
-  const format::MaterialRecord* material;  // null if there is none
-  const format::SurfaceRecord* surface;    // null if there is only a base colour
-  const MaterialView* view;
-  uint32_t uses = 0;       // bits of the textures
-  bool is_packed = false;  // occlusion is read with metalness and roughness, and has no bit
-  uint32_t first = 0;      // the first bundle that is read
+  // Numbers, because a GPU keeps pointers in two registers.
+  uint32_t material = format::kNone;
+  uint32_t surface = format::kNone;  // kNone: there is only a base colour
+  uint32_t uses = 0;                 // bits of the textures
+  uint32_t first = 0;                // the first bundle that is read
 
-  SCREE_HD uint32_t number_of(uint32_t use) const {
-    return use == kBaseUse ? material->texture : surface->textures[use].texture;
+  SCREE_HD const MaterialView& view_in(const SceneView& scene) const { return scene.material_views[material]; }
+  SCREE_HD uint32_t number_of(const SceneView& scene, uint32_t use) const {
+    return use == kBaseUse ? scene.materials[material].texture : scene.surfaces[surface].textures[use].texture;
   }
-  SCREE_HD const float* transform_of(uint32_t use) const {
-    return use == kBaseUse ? uv_transform(*material) : uv_transform(surface->textures[use]);
+  SCREE_HD const float* transform_of(const SceneView& scene, uint32_t use) const {
+    return use == kBaseUse ? uv_transform(scene.materials[material])
+                           : uv_transform(scene.surfaces[surface].textures[use]);
   }
-  SCREE_HD bool is_second_of(uint32_t use) const { return use != kBaseUse && uses_second(*surface, use); }
+  SCREE_HD bool is_second_of(const SceneView& scene, uint32_t use) const {
+    return use != kBaseUse && uses_second(scene.surfaces[surface], use);
+  }
+  SCREE_HD bool has(uint32_t use) const { return (uses >> use & 1u) != 0; }
+  SCREE_HD bool has(format::SurfaceUse use) const { return has(static_cast<uint32_t>(use)); }
 };
 
 SCREE_HD inline MaterialTextures textures_of(const ShadeInputs& in, const format::MeshRecord& mesh) {
   using Use = format::SurfaceUse;
-  if (mesh.material == format::kNone) return {nullptr, nullptr, nullptr};
+  if (mesh.material == format::kNone) return {};
   const format::MaterialRecord& material = in.scene.materials[mesh.material];
   const MaterialView& view = in.scene.material_views[mesh.material];
-  MaterialTextures out{&material, nullptr, &view};
+  MaterialTextures out{mesh.material};
   constexpr uint32_t kBaseBit = 1u << kBaseUse;
   uint32_t uses = kBaseBit;
   if ((material.flags & format::kMaterialUnlit) == 0 && view.surface != format::kNone) {
     const format::SurfaceRecord& surface = in.scene.surfaces[view.surface];
-    out.surface = &surface;
+    out.surface = view.surface;
     uses |= in.light.lighting == Lighting::kCamera ? kCameraUses : kBaseBit - 1u;
     const float* const emission = surface.emission;
     if (!(max_of(emission[0], max_of(emission[1], emission[2])) > 0)) uses &= ~use_bit(Use::kEmission);
     if ((mesh.attributes & format::kHasSecondUv) == 0) uses &= ~surface.second_uv | kBaseBit;
   }
   uses &= (mesh.attributes & format::kHasUv) != 0 ? view.uses : 0u;
-  out.is_packed = view.is_packed && (uses & use_bit(Use::kMetallicRoughness)) != 0;
-  out.uses = out.is_packed ? uses & ~use_bit(Use::kOcclusion) : uses;
+  // A packed occlusion is read with metalness and roughness.
+  const bool is_packed = view.is_packed && (uses & use_bit(Use::kMetallicRoughness)) != 0;
+  out.uses = is_packed ? uses & ~use_bit(Use::kOcclusion) : uses;
   while (out.uses != 0 && (view.bundles[out.first] & out.uses) == 0) ++out.first;
   return out;
 }
 
-/// Multiplies a material's textures into `out`, which holds its factors. `place`: of the first bundle. The textures of
-/// a bundle share the places of their texels. They are read in a loop, so that the kernel contains one sampler; with
-/// seven, nvcc took minutes to compile it.
+/// Reads a material's textures. `place`: of the first bundle. The textures of a bundle share the places of their
+/// texels. They are read in a loop, so that the kernel contains one sampler; with seven, nvcc took minutes to compile
+/// it. The loop over the textures is the inner one, so that a GPU keeps the places on one level in registers.
 template <class Shader>
 SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, const MaterialTextures& textures,
                                    TexturePlace place, float x, float y, typename Shader::Texels::Lane& lane,
-                                   SurfaceValues& out, NormalAxes& axes) {
+                                   TextureCodes& out) {
   const ShadeInputs& in = shader.in;
   bool is_placed = true;
   uint32_t rest = textures.uses;
@@ -376,54 +363,93 @@ SCREE_HD inline void read_textures(const Shader& shader, const PlacedChunk& at, 
 #pragma unroll 1
 #endif
   for (uint32_t b = textures.first; rest != 0; ++b) {
-    const uint32_t bundle = textures.view->bundles[b];
+    const uint32_t bundle = textures.view_in(in.scene).bundles[b];
     if (b != textures.first && (bundle & MaterialView::kSamePoint) == 0) is_placed = false;
-    uint32_t left = bundle & rest;
+    const uint32_t uses = bundle & rest;
     rest &= ~bundle;
-    if (left == 0) continue;
-    const uint32_t first = lowest_bit(left);
-    const TextureView& layout = in.scene.textures[textures.number_of(first)];
+    if (uses == 0) continue;
+    const uint32_t first = lowest_bit(uses);
+    const TextureView& layout = in.scene.textures[textures.number_of(in.scene, first)];
     if (!is_placed) [[unlikely]]
-      place = shader.find_place_again(at, textures.transform_of(first), textures.is_second_of(first),
-                                      static_cast<float>(layout.width), static_cast<float>(layout.height), x, y);
+      place =
+          shader.find_place_again(at, textures.transform_of(in.scene, first), textures.is_second_of(in.scene, first),
+                                  static_cast<float>(layout.width), static_cast<float>(layout.height), x, y);
     is_placed = true;
     const SampledLevels levels = sampled_levels(layout, place.footprint);
     const uint32_t u = wrap_point(place.u, layout.wrap_s);
     const uint32_t v = wrap_point(place.v, layout.wrap_t);
-    LevelPoint points[2];
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
-    for (uint32_t i = 0; i < levels.count(); ++i)
-      place_level(shader.texels, lane, layout, levels.fine + i, u, v, levels.nearest, points[i]);
+    for (uint32_t i = 0; i < levels.count(); ++i) {
+      LevelPoint point;
+      place_level(shader.texels, lane, layout, levels.fine + i, u, v, levels.nearest, point);
 #if defined(__CUDA_ARCH__)
 #pragma unroll 1
 #endif
-    for (; left != 0; left &= left - 1) {
-      const uint32_t use = lowest_bit(left);
-      const TextureView& texture = in.scene.textures[textures.number_of(use)];
-      const bool is_color = (kColorUses >> use & 1u) != 0;
-      const uint32_t first_bit = use == static_cast<uint32_t>(format::SurfaceUse::kSpecular) ? 24 : 0;
-      float code[3] = {0, 0, 0};
-#if defined(__CUDA_ARCH__)
-#pragma unroll 1
-#endif
-      for (uint32_t i = 0; i < levels.count(); ++i) {
+      for (uint32_t left = uses; left != 0; left &= left - 1) {
+        const uint32_t use = lowest_bit(left);
+        const TextureView& texture = in.scene.textures[textures.number_of(in.scene, use)];
+        const bool is_color = (kColorUses >> use & 1u) != 0;
+        const uint32_t first_bit = use == static_cast<uint32_t>(format::SurfaceUse::kSpecular) ? 24 : 0;
         float some[3];
-        sample_level(shader.texels, lane, texture, SurfaceCodes{is_color ? in.srgb->linear : nullptr}, first_bit,
-                     points[i], some);
-        mix_level(i, some, levels.between, code);
+        sample_level(shader.texels, lane, texture, SurfaceCodes{is_color ? in.srgb->linear : nullptr}, first_bit, point,
+                     some);
+        mix_level(i, some, levels.between, out.of[use]);
       }
-      if (!is_color)
-        for (float& channel : code) channel *= 1.0f / 255.0f;
-      use_texture(use, code, textures.surface, textures.is_packed, out, axes);
     }
   }
 }
 
+SCREE_HD inline Float3 color_of(const TextureCodes& codes, uint32_t use) {
+  const float* const code = codes.of[use];
+  return {code[0], code[1], code[2]};
+}
+SCREE_HD inline Float3 color_of(const TextureCodes& codes, format::SurfaceUse use) {
+  return color_of(codes, static_cast<uint32_t>(use));
+}
+/// Of a texture of numbers: from 0 to 1.
+SCREE_HD inline Float3 numbers_of(const TextureCodes& codes, format::SurfaceUse use) {
+  return color_of(codes, use) * (1.0f / 255.0f);
+}
+SCREE_HD inline float occluded(const format::SurfaceRecord& surface, float code) {
+  return 1.0f + surface.occlusion_strength * (code - 1.0f);
+}
+
+/// The values of a material at a sample: its factors times its textures.
+SCREE_HD inline SurfaceValues surface_values(const ShadeInputs& in, const MaterialTextures& textures,
+                                             const TextureCodes& codes) {
+  using Use = format::SurfaceUse;
+  SurfaceValues out;
+  if (textures.has(kBaseUse)) out.base = color_of(codes, kBaseUse);
+  if (textures.material != format::kNone) {
+    const float* const color = in.scene.materials[textures.material].base_color;
+    out.base = out.base * Float3{color[0], color[1], color[2]};
+  }
+  if (textures.surface == format::kNone) return out;
+  const format::SurfaceRecord& surface = in.scene.surfaces[textures.surface];
+  out.metallic = surface.metallic;
+  out.roughness = surface.roughness;
+  out.emission = {surface.emission[0], surface.emission[1], surface.emission[2]};
+  out.specular = surface.specular;
+  out.specular_color = {surface.specular_color[0], surface.specular_color[1], surface.specular_color[2]};
+  if (textures.has(Use::kMetallicRoughness)) {
+    const Float3 code = numbers_of(codes, Use::kMetallicRoughness);
+    out.roughness *= code.y;
+    out.metallic *= code.z;
+    // An occlusion in the red of the same picture is read with it.
+    if (textures.view_in(in.scene).is_packed) out.occlusion = occluded(surface, code.x);
+  }
+  if (textures.has(Use::kOcclusion)) out.occlusion = occluded(surface, numbers_of(codes, Use::kOcclusion).x);
+  if (textures.has(Use::kEmission)) out.emission = out.emission * color_of(codes, Use::kEmission);
+  if (textures.has(Use::kSpecular)) out.specular *= numbers_of(codes, Use::kSpecular).x;  // the alpha
+  if (textures.has(Use::kSpecularColor)) out.specular_color = out.specular_color * color_of(codes, Use::kSpecularColor);
+  return out;
+}
+
 /// Whether a use of a texture has the point of the first bundle.
-SCREE_HD inline bool has_first_point(const MaterialTextures& textures, uint32_t use) {
-  const uint8_t* const bundles = textures.view->bundles;
+SCREE_HD inline bool has_first_point(const ShadeInputs& in, const MaterialTextures& textures, uint32_t use) {
+  const uint8_t* const bundles = textures.view_in(in.scene).bundles;
   uint32_t b = textures.first;
   while ((bundles[b] >> use & 1u) == 0 && (bundles[b + 1] & MaterialView::kSamePoint) != 0) ++b;
   return (bundles[b] >> use & 1u) != 0;
@@ -433,32 +459,50 @@ SCREE_HD inline bool has_first_point(const MaterialTextures& textures, uint32_t 
 /// keep the triangle in registers meanwhile.
 struct SampleFrame {
   NormalAxes axes;
-  Float3 to_viewer;  // unit
-  Float3 place;      // relative to the eye, as for punctual_light()
-  float sun;         // likewise
-  bool is_back;      // the viewer looks at the triangle's back
+  float depth;   // the w of the sample, for the file's lights
+  float sun;     // as for punctual_light()
+  bool is_back;  // the viewer looks at the triangle's back
 };
 
-/// `uv`: of the first bundle of textures. `depth`: the w of the sample.
+/// The sample's ray in view space, not normalised.
+template <bool kOrthographic>
+SCREE_HD inline Float3 sample_ray(const ShadeInputs& in, float x, float y) {
+  return kOrthographic ? Float3{0, 0, 1} : Float3{x, y * in.aspect, in.focal};
+}
+SCREE_HD inline Float3 towards_viewer(const Float3& ray) {
+  return unit_or(ray * -1.0f, {0, 0, -1});
+}
+/// The depth row of an orthographic camera decreases.
+template <bool kOrthographic>
+SCREE_HD inline float signed_focal(const ShadeInputs& in) {
+  return kOrthographic ? -in.focal : in.focal;
+}
+/// The place of a sample relative to the eye, as for punctual_light().
+template <bool kOrthographic>
+SCREE_HD inline Float3 sample_place(const ShadeInputs& in, float x, float y, float depth) {
+  return kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * signed_focal<kOrthographic>(in)}
+                       : sample_ray<kOrthographic>(in, x, y) * depth;
+}
+
+/// `uv`: of the first bundle of textures.
 template <bool kOrthographic>
 SCREE_HD inline SampleFrame sample_frame(const ShadeInputs& in, const PlacedChunk& at, const uint32_t vertex[3],
-                                         const PlaneHit<float>& m, const float weights[3], float x, float y,
-                                         float depth, const MaterialTextures& textures,
+                                         const PlaneHit<float>& m, const Corners<float>& corners,
+                                         const float weights[3], float x, float y, const MaterialTextures& textures,
                                          const TextureCorners<float>& uv) {
   // The triangle's plane, and the ray that hits it.
-  const float focal = kOrthographic ? -in.focal : in.focal;  // the depth row of an orthographic camera decreases
+  const float focal = signed_focal<kOrthographic>(in);
   Float3 edge[2];
   for (int n = 0; n < 2; ++n) {
     edge[n] = kOrthographic ? Float3{m.edge_x[n], m.edge_y[n] * in.aspect, m.edge_w[n] * focal}
                             : Float3{multiply_add(x, m.edge_w[n], m.edge_x[n]),
                                      multiply_add(y, m.edge_w[n], m.edge_y[n]) * in.aspect, m.edge_w[n] * focal};
   }
-  const Float3 ray = kOrthographic ? Float3{0, 0, 1} : Float3{x, y * in.aspect, focal};
   SampleFrame out;
-  out.to_viewer = unit_or(ray * -1.0f, {0, 0, -1});
+  const Float3 to_viewer = towards_viewer(sample_ray<kOrthographic>(in, x, y));
   const float hand = at.transform.mirrored ? -1.0f : 1.0f;
-  const Float3 face = unit_or(cross(unit_or(edge[0], grey(0)), unit_or(edge[1], grey(0))) * hand, out.to_viewer);
-  out.is_back = dot(face, out.to_viewer) < 0;
+  const Float3 face = unit_or(cross(unit_or(edge[0], grey(0)), unit_or(edge[1], grey(0))) * hand, to_viewer);
+  out.is_back = dot(face, to_viewer) < 0;
   out.axes = {face, grey(0), 1.0f};
   if (has_vertex_normals(at)) {
     float object[3];
@@ -468,21 +512,26 @@ SCREE_HD inline SampleFrame sample_frame(const ShadeInputs& in, const PlacedChun
     out.axes.normal = unit_or(Float3{turned[0], turned[1], turned[2]} * hand, face);
   }
   constexpr uint32_t kUse = static_cast<uint32_t>(format::SurfaceUse::kNormalMap);
-  if ((textures.uses >> kUse & 1u) != 0) {
+  if (textures.has(kUse)) {
     if (has_tangents(at)) {
       set_stored_tangent(in, at, vertex, weights, focal, out.axes);
     } else {
-      const auto own = has_first_point(textures, kUse) ? uv
-                                                       : texture_corners<float>(at, vertex, textures.transform_of(kUse),
-                                                                                textures.is_second_of(kUse));
+      const auto own = has_first_point(in, textures, kUse)
+                           ? uv
+                           : texture_corners<float>(at, vertex, textures.transform_of(in.scene, kUse),
+                                                    textures.is_second_of(in.scene, kUse));
       set_flat_tangent(own.edge, edge, out.axes);
     }
   }
-  out.place = grey(0);
+  out.depth = 0;
   out.sun = 1.0f;
   if (in.light.lighting == Lighting::kScene) {
-    out.place = kOrthographic ? Float3{x, y * in.aspect, in.light.far_plane + depth * focal} : ray * depth;
-    if (in.sun.samples != nullptr) out.sun = sun_share(in.sun, out.place, face);
+    out.depth = at.transform.w[3];
+    for (int i = 0; i < 3; ++i)
+      out.depth =
+          multiply_add(at.transform.w[i],
+                       corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], out.depth);
+    if (in.sun.samples != nullptr) out.sun = sun_share(in.sun, sample_place<kOrthographic>(in, x, y, out.depth), face);
   }
   return out;
 }
@@ -494,49 +543,48 @@ SCREE_HD void shade_surface(const Shader& shader, const PlacedChunk& at, const u
                             float y, typename Shader::Texels::Lane& lane, float rgb[3]) {
   const ShadeInputs& in = shader.in;
   const Lighting lighting = in.light.lighting;
-  float depth = at.transform.w[3];
-  for (int i = 0; i < 3; ++i)
-    depth = multiply_add(at.transform.w[i],
-                         corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], depth);
-  float tint[3] = {1, 1, 1};
-  if ((at.mesh.attributes & format::kHasColor) != 0) Shader::vertex_color(at, vertex, weights, tint);
+  TextureCodes codes;
+  const bool has_color = (at.mesh.attributes & format::kHasColor) != 0;
+  float* const tint = codes.of[kTint];
+  if (has_color) {
+    tint[0] = tint[1] = tint[2] = 1.0f;
+    Shader::vertex_color(at, vertex, weights, tint);
+  }
   const MaterialTextures textures = textures_of(in, at.mesh);
   TextureCorners<float> uv{};
   TexturePlace place{};
   if (textures.uses != 0) {
-    const uint32_t use = lowest_bit(textures.view->bundles[textures.first] & textures.uses);
-    const TextureView& texture = in.scene.textures[textures.number_of(use)];
-    uv = texture_corners<float>(at, vertex, textures.transform_of(use), textures.is_second_of(use));
-    place = shader.find_place(at, uv, textures.transform_of(use), textures.is_second_of(use),
-                              static_cast<float>(texture.width), static_cast<float>(texture.height), m, weights, x, y);
+    const uint32_t use = lowest_bit(textures.view_in(in.scene).bundles[textures.first] & textures.uses);
+    const TextureView& texture = in.scene.textures[textures.number_of(in.scene, use)];
+    const float* const transform = textures.transform_of(in.scene, use);
+    const bool is_second = textures.is_second_of(in.scene, use);
+    uv = texture_corners<float>(at, vertex, transform, is_second);
+    place = shader.find_place(at, uv, transform, is_second, static_cast<float>(texture.width),
+                              static_cast<float>(texture.height), m, weights, x, y);
   }
-  SampleFrame frame = sample_frame<kOrthographic>(in, at, vertex, m, weights, x, y, depth, textures, uv);
-  SurfaceValues values;
-  const format::SurfaceRecord* const surface = textures.surface;
-  if (surface != nullptr) {
-    values.metallic = surface->metallic;
-    values.roughness = surface->roughness;
-    values.emission = {surface->emission[0], surface->emission[1], surface->emission[2]};
-    values.specular = surface->specular;
-    values.specular_color = {surface->specular_color[0], surface->specular_color[1], surface->specular_color[2]};
-  }
-  read_textures(shader, at, textures, place, x, y, lane, values, frame.axes);
-  if (const format::MaterialRecord* const material = textures.material)
-    values.base = values.base * Float3{material->base_color[0], material->base_color[1], material->base_color[2]};
-  const Float3 base = values.base * Float3{tint[0], tint[1], tint[2]};
+  SampleFrame frame = sample_frame<kOrthographic>(in, at, vertex, m, corners, weights, x, y, textures, uv);
+  read_textures(shader, at, textures, place, x, y, lane, codes);
+  const SurfaceValues values = surface_values(in, textures, codes);
+  using Use = format::SurfaceUse;
+  if (textures.has(Use::kNormalMap))
+    bend_normal(numbers_of(codes, Use::kNormalMap), in.scene.surfaces[textures.surface].normal_scale, frame.axes);
+  const Float3 base = has_color ? values.base * Float3{tint[0], tint[1], tint[2]} : values.base;
   Float3 light = base;
-  if (textures.material == nullptr || (textures.material->flags & format::kMaterialUnlit) == 0) {
+  if (textures.material == format::kNone ||
+      (in.scene.materials[textures.material].flags & format::kMaterialUnlit) == 0) {
     SurfacePoint point;
-    point.to_viewer = frame.to_viewer;
+    point.to_viewer = towards_viewer(sample_ray<kOrthographic>(in, x, y));
     point.normal = frame.is_back ? frame.axes.normal * -1.0f : frame.axes.normal;
     point.occlusion = values.occlusion;
     if (lighting == Lighting::kCamera) {
       const float cosine = unit_range(dot(point.normal, point.to_viewer));
       light = base * (kAmbient * point.occlusion + (1.0f - kAmbient) * cosine) + values.emission;
     } else {
-      set_reflectance(values, base, surface != nullptr ? surface->ior : 1.5f, point);
-      light = lighting == Lighting::kEnvironment ? environment_light(in, point)
-                                                 : punctual_light(in, point, frame.place, frame.sun);
+      const bool has_surface = textures.surface != format::kNone;
+      set_reflectance(values, base, has_surface ? in.scene.surfaces[textures.surface].ior : 1.5f, point);
+      light = lighting == Lighting::kEnvironment
+                  ? environment_light(in, point)
+                  : punctual_light(in, point, sample_place<kOrthographic>(in, x, y, frame.depth), frame.sun);
       light = (light + values.emission) * in.options.exposure;
     }
   }

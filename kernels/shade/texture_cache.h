@@ -52,8 +52,8 @@ struct TextureCache {
 
   /// The first slot of a key's first or second set.
   SCREE_HD uint32_t first_slot(uint64_t key, uint32_t choice) const {
-    uint32_t bits = static_cast<uint32_t>(key ^ (key >> 32)) * 0x9e3779b1u;
-    bits = (bits ^ (bits >> 15)) * (choice == 0 ? 0x85ebca77u : 0xc2b2ae3du);
+    // Consecutive keys are spread evenly. Keys of one scene seldom differ by 2^32.
+    const uint32_t bits = static_cast<uint32_t>(key) * (choice == 0 ? 0x9e3779b1u : 0x85ebca77u);
     return kWays * static_cast<uint32_t>(uint64_t{bits} * set_count >> 32);
   }
 
@@ -68,7 +68,8 @@ struct TextureCache {
   SCREE_HD void mark(uint32_t slot, uint32_t now) const {
     if (load_cached(stamps + slot) != now) store_relaxed(stamps + slot, now);
   }
-  SCREE_HD uint32_t* colours_of(uint32_t slot) const { return colours + uint64_t{slot} * slot_pixels; }
+  SCREE_HD uint32_t* colours_of(uint32_t slot) const { return colours + slot * slot_pixels; }  // below 2^32
+  SCREE_HD uint32_t colour(uint32_t slot, uint32_t pixel) const { return colours[slot * slot_pixels + pixel]; }
 
   /// Requests an absent group, once for all pixels that lack it. Drops the request if there is no room.
   SCREE_HD void request_group(const GroupRequest& request, RoundCounters* counters) const {
@@ -120,12 +121,14 @@ struct TextureCache {
            picture.view.mcu_count <= level.group_count * picture.view.group_mcus;
   }
 
-  /// The slots of a cache of `bytes` of colours: at least one, and whole sets if there are several.
+  /// The slots of a cache of `bytes` of colours: at least one, and whole sets if there are several. At most 16 GiB, so
+  /// that colours have numbers of 32 bits.
   static uint32_t slots_for(uint64_t bytes, uint32_t slot_bytes) {
-    const uint64_t slots = bytes / slot_bytes;
+    constexpr uint64_t kMostBytes = uint64_t{1} << 34;
     constexpr uint64_t kMost = uint64_t{1} << 30;
+    const uint64_t slots = min_of(min_of(bytes, kMostBytes) / slot_bytes, kMost);
     if (slots < kWays) return slots == 0 ? 1 : static_cast<uint32_t>(slots);
-    return static_cast<uint32_t>((slots < kMost ? slots : kMost) / kWays * kWays);
+    return static_cast<uint32_t>(slots / kWays * kWays);
   }
   static uint32_t sets_for(uint32_t slots) { return slots < kWays ? 1 : slots / kWays; }
 };
@@ -201,7 +204,7 @@ struct CachedTexels {
         if (at.group[i] != at.group[0] && at.group[i] != at.group[3]) slot[i] = find(i);
     static_assert(TextureCache::kNoSlot == ~uint32_t{0});  // the only one with the highest bit
     if (static_cast<int32_t>(slot[0] | slot[1] | slot[2] | slot[3]) >= 0) [[likely]] {
-      for (uint32_t i = 0; i < 4; ++i) texels[i] = cache.colours_of(slot[i])[at.pixel[i]];
+      for (uint32_t i = 0; i < 4; ++i) texels[i] = cache.colour(slot[i], at.pixel[i]);
       // While the colours are on their way:
       cache.mark(slot[0], now);
       cache.mark(slot[3], now);
@@ -262,7 +265,7 @@ struct FallbackTexels {
       } else {
         cache.mark(slot, now);
         for (uint32_t i = 0; i < 4; ++i)
-          if ((mine >> i & 1u) != 0) texels[i] = cache.colours_of(slot)[jpeg_pixel(*picture, places[i])];
+          if ((mine >> i & 1u) != 0) texels[i] = cache.colour(slot, jpeg_pixel(*picture, places[i]));
       }
       left &= ~mine;
     }
