@@ -207,11 +207,12 @@ Result<void> CudaResolver::resolve(const SceneView& scene, const View& view, uin
   return {};
 }
 
-void CudaResolver::load(const SceneView& scene, const ShadeOptions& options, bool has_cache) {
+void CudaResolver::load(const SceneView& scene, uint32_t samples_per_side, const ShadeOptions& options,
+                        bool has_cache) {
   ShadeInputs inputs{};
   inputs.scene = scene;
   inputs.options = options;
-  if (has_cache && options.show == Show::kTexture) return CudaTextureCache::load(inputs);
+  if (has_cache && options.show == Show::kTexture) return CudaTextureCache::load(inputs, samples_per_side);
   visit_shader<true>(inputs, []<class Shader>(const Shader&) { load_kernel(run_pixels<Resolve<Shader>>); });
 }
 

@@ -42,7 +42,7 @@ class CudaResolver {
   /// Loads the code of resolve() for pictures of a scene in perspective. Without this call its first picture takes 10
   /// to 20 ms longer. `scene`: may be in host memory; nothing that it points to is read. `has_cache`: whether resolve()
   /// gets a cache. Reports no error, because resolve() does.
-  static void load(const SceneView& scene, const ShadeOptions& options, bool has_cache);
+  static void load(const SceneView& scene, uint32_t samples_per_side, const ShadeOptions& options, bool has_cache);
 
   /// As shade_part_cpu(): colours of the samples whose chunk has its page, 3 floats each, in device memory. Otherwise
   /// as resolve().

@@ -346,8 +346,12 @@ Result<void> CudaTextureCache::resolve(const ShadeInputs& in, const PixelTiles& 
   return {};
 }
 
-void CudaTextureCache::load(const ShadeInputs& in) {
-  const auto load_round = []<class Shader>(const Shader&) { load_kernel(shade_round<Resolve<Shader>>); };
+void CudaTextureCache::load(const ShadeInputs& in, uint32_t samples_per_side) {
+  const auto load_round = [&]<class Shader>(const Shader&) {
+    constexpr uint32_t kBuilt = kKnowsSide<Shader> ? 1 : 0;
+    samples_per_side == 1 ? load_kernel(shade_round<Resolve<Shader, kBuilt>>)
+                          : load_kernel(shade_round<Resolve<Shader>>);
+  };
   load_kernel(list_tiles);
   visit_textured<true>(in, CachedTexels{}, load_round);
   load_kernel(decode_round);

@@ -46,7 +46,7 @@ class CudaTextureCache {
                        uint32_t samples_per_side, const float* visibility, uint32_t* pixels, cudaStream_t stream);
 
   /// As CudaResolver::load, which calls it for such pictures.
-  static void load(const ShadeInputs& in);
+  static void load(const ShadeInputs& in, uint32_t samples_per_side);
 
   /// As CudaResolver::shade_part, which calls it for pictures of Show::kTexture. Otherwise as resolve().
   Result<void> shade_part(const ShadeInputs& in, const PixelTiles& tiles, const uint64_t* samples, float* colors,

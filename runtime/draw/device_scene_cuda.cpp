@@ -317,8 +317,9 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   }
   JobThread<void> loading;  // of kernels, beside the scene
   if (pictures.shade != nullptr)
-    loading.add([&view = scene.view(), &shade = *pictures.shade, has_cache = has_rounds(scene), index = gpu->index] {
-      if (set_current_gpu(index)) kernels::CudaResolver::load(view, shade, has_cache);
+    loading.add([&, index = gpu->index] {
+      if (!set_current_gpu(index)) return;
+      kernels::CudaResolver::load(scene.view(), pictures.samples_per_side, *pictures.shade, has_rounds(scene));
     });
   const uint64_t more = share == nullptr ? DeviceBlockPager::more_room(scene, budget - resident) : 0;
   Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr,
