@@ -503,7 +503,7 @@ typedef struct scree_convert_options {
   uint32_t flags;
   uint32_t position_bits;  /* [--positions] per axis, 8 to 24. 0: 16 */
   double max_error;        /* [--max-error] above 0: per axis, in a mesh's own units, instead of position_bits */
-  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: 3 for pages of textures' blocks alone. -1: no page */
+  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: 1 for pages of textures' blocks alone. -1: no page */
   scree_textures textures; /* [--textures] */
   int32_t jpeg_quality;    /* [--textures jpeg:Q] 1 to 100. 0: 90 */
   uint32_t threads;        /* [--threads] 0: one per processor */
