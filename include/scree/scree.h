@@ -185,8 +185,8 @@ typedef struct scree_load_options {
   uint32_t no_textures;   /* 1: materials have their colour alone */
   uint64_t device_memory; /* bytes of the GPU that scene and pictures may take; chunks that it does not hold are
                              streamed while frames are drawn. 0: the free memory */
-  uint64_t host_memory;   /* the most pinned bytes of the host: they feed the GPU, and the rest keeps chunks that
-                             it does not hold. 0: no limit, and such chunks come from the file */
+  uint64_t host_memory;   /* the most pinned bytes of the host: they feed the GPU, and the rest keeps chunks and pages
+                             of textures that it does not hold. 0: no limit, and these come from the file */
   uint64_t texture_cache; /* bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB */
   uint32_t max_width;     /* the largest frames, whose memory device_memory then includes; 0: not included */
   uint32_t max_height;

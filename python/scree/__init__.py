@@ -138,7 +138,7 @@ class File:
         - `textures`: False loads none; materials then have only their base colour.
         - `device_memory`: bytes of GPU memory for scene and pictures. Chunks that do not fit are streamed while frames are
           drawn. 0: the free memory.
-        - `host_memory`: bytes of pinned memory that feed the GPU; the rest of them keeps chunks. 0: no limit, no chunks.
+        - `host_memory`: bytes of pinned memory that feed the GPU; the rest keeps chunks and textures. 0: no limit, none.
         - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
         - `largest_shadows`: the largest `shadow_size` of draws, at most 16384, whose map `device_memory` then includes; 0: none.
         - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.

@@ -304,6 +304,9 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   impl->device = gpu->index;
   impl->scene = std::move(*copy);
   impl->fragment_room = budget - std::min(budget, impl->scene.stats().device_bytes);
+  if (const Result<void> kept = impl->scene.keep_textures(scene, DeviceBlockPager::most_kept_bytes(scene, host_memory));
+      !kept)
+    return kept.error();
   if (const Result<void> made = impl->make_frames(*impl->own, scene.view()); !made) return made.error();
   impl->stats = impl->scene.stats();
   impl->stats.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -353,8 +356,10 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
     pages.least_room = pages.most_room = pages.room;
   }
   const uint64_t all_rooms = CudaStream::kept_bytes(bytes);
-  const uint64_t lists = CudaStream::pinned_list_bytes(host.view()) +
-                         (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) : 0);
+  const uint64_t lists =
+      CudaStream::pinned_list_bytes(host.view()) +
+      (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) + DeviceBlockPager::table_bytes(host)
+                                     : 0);
   // Batches take a fifth of the pinned memory, unless one chunk takes more, and the chunks that are kept the rest.
   if (host_memory != 0) most_batch = std::min(most_batch, host_memory / (5 * CudaStream::kStagings));
   Result<Streamer> streamer = Streamer::create(host, pool, std::move(bytes), most_batch);
@@ -379,8 +384,13 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   stats.device_bytes = fixed + bounce + pool + pages.room + 2 * Residency::kAlignment;
   fragment_room = budget - std::min(budget, stats.device_bytes);
   if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
-  return stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
-                      scene.texture_cache(), scene.block_pager(), pages, kept);
+  if (const Result<void> opened =
+          stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
+                       scene.texture_cache(), scene.block_pager(), pages, kept);
+      !opened)
+    return opened;
+  // Pages of textures have the memory that is left when all chunks are kept.
+  return scene.keep_textures(host, kept - std::min(kept, all_rooms));
 }
 
 }  // namespace scree::runtime
