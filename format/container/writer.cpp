@@ -42,14 +42,15 @@ std::vector<std::byte> compress(std::span<const std::byte> content, std::span<co
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, std::min(level, ZSTD_maxCLevel()));
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_contentSizeFlag, 1);
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 0);  // the page has its own checksum
-  std::vector<std::byte> frame(limit - 1);
+  const uint64_t room = limit - 1;
+  const auto frame = std::make_unique_for_overwrite<std::byte[]>(room);
   if (ends.empty()) {
-    const size_t bytes = ZSTD_compress2(context.get(), frame.data(), frame.size(), content.data(), content.size());
+    const size_t bytes = ZSTD_compress2(context.get(), frame.get(), room, content.data(), content.size());
     if (ZSTD_isError(bytes)) return {};
-    return {frame.begin(), frame.begin() + static_cast<ptrdiff_t>(bytes)};
+    return {frame.get(), frame.get() + bytes};
   }
   ZSTD_CCtx_setPledgedSrcSize(context.get(), content.size());
-  ZSTD_outBuffer out{frame.data(), frame.size(), 0};
+  ZSTD_outBuffer out{frame.get(), room, 0};
   ZSTD_inBuffer in{content.data(), 0, 0};
   const auto feed = [&](uint64_t end, ZSTD_EndDirective directive) {
     in.size = end;
@@ -58,7 +59,7 @@ std::vector<std::byte> compress(std::span<const std::byte> content, std::span<co
   for (const uint64_t end : ends)
     if (end != in.pos && end != content.size() && !feed(end, ZSTD_e_flush)) return {};
   if (!feed(content.size(), ZSTD_e_end)) return {};
-  return {frame.begin(), frame.begin() + static_cast<ptrdiff_t>(out.pos)};
+  return {frame.get(), frame.get() + out.pos};
 } catch (const std::bad_alloc&) {
   return {};
 }

@@ -185,8 +185,8 @@ typedef struct scree_load_options {
   uint32_t no_textures;   /* 1: materials have their colour alone */
   uint64_t device_memory; /* bytes of the GPU that scene and pictures may take; chunks that it does not hold are
                              streamed while frames are drawn. 0: the free memory */
-  uint64_t host_memory;   /* the most pinned bytes of the host: they feed the GPU, and the rest keeps chunks that
-                             it does not hold. 0: no limit, and such chunks come from the file */
+  uint64_t host_memory;   /* the most pinned bytes of the host: they feed the GPU, and the rest keeps chunks and pages
+                             of textures that it does not hold. 0: no limit, and these come from the file */
   uint64_t texture_cache; /* bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB */
   uint32_t max_width;     /* the largest frames, whose memory device_memory then includes; 0: not included */
   uint32_t max_height;
@@ -503,7 +503,7 @@ typedef struct scree_convert_options {
   uint32_t flags;
   uint32_t position_bits;  /* [--positions] per axis, 8 to 24. 0: 16 */
   double max_error;        /* [--max-error] above 0: per axis, in a mesh's own units, instead of position_bits */
-  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: 3 for pages of textures' blocks alone. -1: no page */
+  int32_t zstd_level;      /* [--zstd] 1 to 22. 0: 1 for pages of textures' blocks alone. -1: no page */
   scree_textures textures; /* [--textures] */
   int32_t jpeg_quality;    /* [--textures jpeg:Q] 1 to 100. 0: 90 */
   uint32_t threads;        /* [--threads] 0: one per processor */

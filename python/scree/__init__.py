@@ -138,7 +138,7 @@ class File:
         - `textures`: False loads none; materials then have only their base colour.
         - `device_memory`: bytes of GPU memory for scene and pictures. Chunks that do not fit are streamed while frames are
           drawn. 0: the free memory.
-        - `host_memory`: bytes of pinned memory that feed the GPU; the rest of them keeps chunks. 0: no limit, no chunks.
+        - `host_memory`: bytes of pinned memory that feed the GPU; the rest keeps chunks and textures. 0: no limit, none.
         - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
         - `largest_shadows`: the largest `shadow_size` of draws, at most 16384, whose map `device_memory` then includes; 0: none.
         - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.
@@ -328,7 +328,7 @@ def convert(input, output=None, *, position_bits=16, float32=False, max_error=0.
     - `position_bits`: bits per axis, 8 to 24. `max_error`, if above 0: the largest error per axis in a mesh's own units,
       instead of `position_bits`. `float32`: True keeps positions as they are.
     - `encoding`: "clustered" or "indexed".
-    - `zstd`: level 1 to 22; 0: level 3 for pages of textures' blocks only; -1: no page is compressed.
+    - `zstd`: level 1 to 22; 0: level 1 for pages of textures' blocks only; -1: no page is compressed.
     - `textures`: "keep", "raw" or "jpeg". `jpeg_quality`: 1 to 100, for "jpeg".
     - `normals`: True stores all normals, False leaves out normals that equal the faces'.
     - `source_ids`: True stores each triangle's number in the source.

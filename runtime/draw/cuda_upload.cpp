@@ -382,6 +382,12 @@ uint64_t CudaScene::device_bytes(const Scene& scene, const kernels::SceneView* s
          own_room(scene, streamed);
 }
 
+Result<void> CudaScene::keep_textures(const Scene& scene, uint64_t bytes) {
+  if (pager_ == nullptr || bytes == 0) return {};
+  const Result<void> kept = pager_->keep_in_host_memory(bytes);
+  return kept || kept.error().code == ErrorCode::kDevice ? kept : at(scene.file().path(), kept.error());
+}
+
 Result<void> CudaScene::add_pages_of(std::span<const CudaScene> others) {
   for (const CudaScene& other : others)
     for (size_t page = 0; page < pages_.size(); ++page)

@@ -61,6 +61,8 @@ class CudaScene {
   kernels::CudaTextureCache* texture_cache() const { return cache_.get(); }
   /// The pages of block images that are read when pixels show them; null if there are none. Likewise.
   DeviceBlockPager* block_pager() const { return pager_.get(); }
+  /// DeviceBlockPager::keep_in_host_memory(), if there are pages and `bytes` is not 0. Errors as there, with the file.
+  Result<void> keep_textures(const Scene& scene, uint64_t bytes);
   /// A JPEG level by number, in device memory. Requires that the scene has JPEG levels.
   const kernels::JpegLevel* jpeg_level(uint32_t number) const { return jpeg_levels_ + number; }
   /// device_bytes: the arena, the texture cache, the pages of textures and `reserved_bytes`; and copied pages.

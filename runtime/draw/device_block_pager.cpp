@@ -1,12 +1,23 @@
 #include "runtime/draw/device_block_pager.h"
 
 #include <algorithm>
+#include <cstring>
+#include <mutex>
+#include <utility>
 
 namespace scree::runtime {
 
 using kernels::cuda_check;
 
 namespace {
+
+/// Pages that come from pinned host memory to the room at a time, bytes: a millisecond of a fast link, beside other
+/// work.
+constexpr uint64_t kMostCopiedBytes = uint64_t{64} << 20;
+
+/// Pinned memory for pages is allocated in at most about 64 pieces, so that the memory in use grows with its use.
+constexpr uint64_t kLeastSlabBytes = uint64_t{64} << 20;
+constexpr uint64_t kMostSlabs = 64;
 
 /// The memory that the scene's pages take together, but at most `limit`.
 uint64_t room_within(const Scene& scene, uint64_t limit) {
@@ -41,6 +52,12 @@ uint64_t DeviceBlockPager::pinned_bytes(uint64_t host_memory) {
   return host_memory == 0 ? kMost : std::clamp(host_memory / 8 / kLeast * kLeast, kLeast, kMost);
 }
 
+uint64_t DeviceBlockPager::most_kept_bytes(const Scene& scene, uint64_t host_memory) {
+  if (scene.block_pager() == nullptr) return 0;
+  const uint64_t other = pinned_bytes(host_memory) + table_bytes(scene);
+  return host_memory - std::min(host_memory, other);
+}
+
 Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& scene, uint32_t threads,
                                                                    uint64_t host_memory, Reading reading,
                                                                    uint64_t room) {
@@ -50,36 +67,38 @@ Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& 
   pager.add_all_of(*scene.block_pager());
   const uint64_t count = pager.size();
   pager.taken_.assign(count, BlockPool::kNone);
-  pager.wanted_.assign(count, 0);
+  pager.kept_.resize(count);
+  pager.was_loaded_.resize(count);
   pager.pool_.reset(room / kUnit);
   Result<void> done;
   if (room != 0) done = pager.room_.reserve(room, "allocating room for pages of textures");
   pager.end_ = pager.room_.data() + room;
-  const uint64_t table_bytes = count * sizeof(uint8_t*);
-  if (done) done = pager.tables_.reserve(table_bytes + count * sizeof(uint64_t), "allocating the table of pages");
+  if (done) done = pager.tables_.reserve(table_bytes(scene), "allocating the table of pages");
   if (done)
     done = cuda_check(cudaMemset(pager.tables_.data(), 0, pager.tables_.bytes()), "clearing the table of pages");
+  if (done) done = pager.lists_.allocate(table_bytes(scene), "allocating pinned memory for the table of pages");
   pager.half_ = pinned_bytes(host_memory) / 2;
   if (done)
     done =
         pager.staging_.allocate_for_copies(pinned_bytes(host_memory), "allocating pinned memory for pages of textures");
   if (done) done = cuda_check(cudaStreamCreateWithFlags(&pager.stream_, cudaStreamNonBlocking), "making a stream");
-  for (cudaEvent_t& event : pager.copied_)
-    if (done) done = cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming), "making an event");
+  for (cudaEvent_t* const event : {&pager.copied_[0], &pager.copied_[1], &pager.arrived_})
+    if (done) done = cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event");
   if (!done) return done.error();
   pager.pages_.blocks = reinterpret_cast<const uint8_t* const*>(pager.tables_.data());
-  pager.pages_.wanted = reinterpret_cast<uint64_t*>(pager.tables_.data() + table_bytes);
+  pager.pages_.wanted = reinterpret_cast<uint64_t*>(pager.tables_.data() + count * sizeof(uint8_t*));
   return made;
 }
 
 DeviceBlockPager::~DeviceBlockPager() {
   if (stream_ != nullptr) (void)cudaStreamSynchronize(stream_);
-  for (cudaEvent_t event : copied_)
+  for (cudaEvent_t event : {copied_[0], copied_[1], arrived_})
     if (event != nullptr) (void)cudaEventDestroy(event);
   if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
 }
 
 Result<void> DeviceBlockPager::use_room(std::byte* end, uint64_t bytes) {
+  if (Result<void> done = finish_copies(); !done) return done;
   end_ = end;
   drop_if(
       [&](uint32_t number) { return (pool_.offset(taken_[number]) + pool_.units(taken_[number])) * kUnit > bytes; });
@@ -90,19 +109,22 @@ Result<void> DeviceBlockPager::use_room(std::byte* end, uint64_t bytes) {
   return copied ? ended : copied;
 }
 
-/// Starts the copy of the pages' addresses to the device.
+/// Starts the copy of the pages' addresses to the device. It ends before the next call.
 Result<void> DeviceBlockPager::copy_table() {
-  return cuda_check(cudaMemcpyAsync(tables_.data(), blocks_.data(), blocks_.size() * sizeof blocks_[0],
-                                    cudaMemcpyHostToDevice, stream_),
+  const uint64_t bytes = blocks_.size() * sizeof blocks_[0];
+  std::memcpy(lists_.data(), blocks_.data(), bytes);
+  return cuda_check(cudaMemcpyAsync(tables_.data(), lists_.data(), bytes, cudaMemcpyHostToDevice, stream_),
                     "copying the table of pages");
 }
 
 Result<std::span<const uint64_t>> DeviceBlockPager::wanted() {
+  if (Result<void> finished = finish_copies(); !finished) return finished.error();
+  auto* const wanted = reinterpret_cast<uint64_t*>(lists_.data() + size() * sizeof blocks_[0]);
   const Result<void> done =
-      cuda_check(cudaMemcpy(wanted_.data(), pages_.wanted, wanted_.size() * sizeof wanted_[0], cudaMemcpyDeviceToHost),
+      cuda_check(cudaMemcpy(wanted, pages_.wanted, size() * sizeof *wanted, cudaMemcpyDeviceToHost),
                  "reading which pages of textures are shown");
   if (!done) return done.error();
-  return std::span<const uint64_t>(wanted_);
+  return std::span<const uint64_t>(wanted, size());
 }
 
 bool DeviceBlockPager::take(uint64_t number) {
@@ -111,6 +133,7 @@ bool DeviceBlockPager::take(uint64_t number) {
 }
 
 Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
+  if (numbers.empty()) return {};
   Result<void> done;
   uint32_t half = 0;
   for (size_t first = 0; first < numbers.size() && done && (first == 0 || !is_over()); half ^= 1) {
@@ -132,17 +155,20 @@ Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint
   constexpr const char* kWhat = "copying pages of textures";
   if (Result<void> done = cuda_check(cudaEventSynchronize(copied_[half]), kWhat); !done) return done;
   std::vector<std::byte*> slots;
+  slots.reserve(numbers.size());
+  std::vector<uint8_t> is_read(numbers.size());
   DirectMemory large;  // of a page that does not fit half of the pinned memory, the only one then
   std::byte* next = staging_.data() + half * half_;
   for (const uint32_t number : numbers) {
-    slots.push_back(next);
-    next += slot_bytes(number);
+    // A page that was dropped may be dropped again. So it is kept if there is memory, and copied from there.
+    const bool is_kept = kept_limit_ != 0 && !has_jpeg(number) && was_loaded_[number] != 0 && keep_next(number);
+    slots.push_back(is_kept ? kept_memory(number) : next);
+    if (!is_kept) next += slot_bytes(number);
   }
   if (slot_bytes(numbers[0]) > half_) {
     large = direct_memory(slot_bytes(numbers[0]));
     slots[0] = large.get();
   }
-  std::vector<uint8_t> is_read(numbers.size());
   const Result<void> read = read_all(
       numbers,
       [&](uint64_t i) {
@@ -150,7 +176,11 @@ Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint
       },
       [&](uint64_t i) { is_read[i] = 1; });
   for (uint64_t i = 0; i < numbers.size(); ++i) {
+    const bool is_kept = kept_[numbers[i]].slab != BlockPool::kNone;
+    if (is_kept) kept_[numbers[i]].is_filled = is_read[i] != 0;
+    if (is_kept && is_read[i] == 0) drop_kept(numbers[i]);
     if (is_read[i] == 0) continue;
+    was_loaded_[numbers[i]] = 1;
     if (Result<void> done = cuda_check(
             cudaMemcpyAsync(place(numbers[i]), slots[i], page_bytes(numbers[i]), cudaMemcpyHostToDevice, stream_),
             kWhat);
@@ -162,6 +192,211 @@ Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint
     if (Result<void> done = cuda_check(cudaStreamSynchronize(stream_), kWhat); !done) return done;
   const Result<void> recorded = cuda_check(cudaEventRecord(copied_[half], stream_), kWhat);
   return read ? recorded : read;
+}
+
+Result<void> DeviceBlockPager::keep_in_host_memory(uint64_t bytes) try {
+  uint64_t all = 0;
+  std::vector<uint32_t> numbers;
+  for (uint32_t number = 0; number < size(); ++number) {
+    if (has_jpeg(number)) continue;
+    numbers.push_back(number);
+    all += slot_bytes(number);
+  }
+  kept_limit_ = std::min(bytes / kUnit * kUnit, all);
+  if (kept_limit_ == 0) return {};
+  if (all > kept_limit_) {
+    slab_bytes_ = std::max(format::align_up(kept_limit_ / kMostSlabs, kUnit), kLeastSlabBytes);
+    return {};
+  }
+  slab_bytes_ = all;
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    if (keep_next(numbers[i])) continue;
+    numbers.resize(i);  // the system pins no more
+    break;
+  }
+  return numbers.empty() ? Result<void>() : load_kept(numbers);
+} catch (const std::bad_alloc&) {
+  return Error{ErrorCode::kMemory, "no memory left for pages of its textures"};
+}
+
+/// Returns whether there is another slab. If the system pins no more, there will be none.
+bool DeviceBlockPager::add_slab() {
+  while (allocated_bytes_ < kept_limit_) {
+    const uint64_t bytes = std::min(slab_bytes_, kept_limit_ - allocated_bytes_);
+    auto slab = std::make_unique<Slab>();
+    slab->pool.reset(bytes / kUnit);
+    slabs_.reserve(slabs_.size() + 1);
+    if (slab->memory.allocate(bytes, "allocating pinned memory for pages of textures")) {
+      slabs_.push_back(std::move(slab));
+      allocated_bytes_ += bytes;
+      return true;
+    }
+    if (bytes > kLeastSlabBytes) {
+      slab_bytes_ = std::max(format::align_up(bytes / kMostSlabs, kUnit), kLeastSlabBytes);
+    } else {
+      kept_limit_ = allocated_bytes_;
+    }
+  }
+  return false;
+}
+
+/// Takes free memory to keep a page, unless it has some. Returns false if none is free.
+bool DeviceBlockPager::keep_next(uint32_t number) {
+  Kept& kept = kept_[number];
+  if (kept.slab != BlockPool::kNone) return true;
+  const uint64_t units = slot_bytes(number) / kUnit;
+  const auto take_from = [&](size_t slab) {
+    kept.block = slabs_[slab]->pool.take(units, number);
+    if (kept.block == BlockPool::kNone) return false;
+    kept.slab = static_cast<uint32_t>(slab);
+    kept_bytes_ += units * kUnit;
+    return true;
+  };
+  for (size_t slab = slabs_.size(); slab-- > 0;)
+    if (slabs_[slab]->pool.free_units() >= units && take_from(slab)) return true;
+  return add_slab() && take_from(slabs_.size() - 1);
+}
+
+void DeviceBlockPager::drop_kept(uint32_t number) {
+  if (!is_in_room(number)) blocks_[number] = nullptr;
+  const Kept kept = std::exchange(kept_[number], {});
+  kept_bytes_ -= slot_bytes(number);
+  slabs_[kept.slab]->pool.give_back(kept.block);
+}
+
+bool DeviceBlockPager::keep(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted) {
+  if (kept_limit_ == 0) return false;
+  uint64_t bytes = 0;
+  for (const uint32_t number : numbers) bytes += slot_bytes(number);
+  if (bytes > kept_limit_) return false;
+  std::vector<uint32_t> old;  // pages that may go, the one shown longest ago first; once it is needed
+  bool is_sorted = false;
+  size_t gone = 0;
+  for (size_t i = 0; i < numbers.size();) {
+    if (keep_next(numbers[i])) {
+      ++i;
+      continue;
+    }
+    if (!is_sorted) {
+      for (uint32_t number = 0; number < size(); ++number)
+        if (kept_[number].is_filled && (is_in_room(number) || wanted[number] != pages().round)) old.push_back(number);
+      std::sort(old.begin(), old.end(),
+                [&](uint32_t a, uint32_t b) { return wanted[a] != wanted[b] ? wanted[a] < wanted[b] : a < b; });
+      is_sorted = true;
+    }
+    if (gone == old.size()) {
+      while (i > 0) drop_kept(numbers[--i]);
+      return false;
+    }
+    drop_kept(old[gone++]);
+  }
+  return true;
+}
+
+Result<void> DeviceBlockPager::load_kept(std::span<const uint32_t> numbers) {
+  const size_t most = has_patience() ? 8 * size_t{threads()} : numbers.size();
+  Result<void> done;
+  for (auto rest = numbers; done && !rest.empty(); rest = rest.subspan(std::min(rest.size(), most))) {
+    const auto some = rest.first(std::min(rest.size(), most));
+    done = read_all(
+        some,
+        [&](uint64_t i) {
+          return Target{kept_memory(some[i]), kept_memory(some[i])};
+        },
+        [&](uint64_t i) {
+          kept_[some[i]].is_filled = true;
+          blocks_[some[i]] = reinterpret_cast<const uint8_t*>(kept_memory(some[i]));
+        });
+    if (is_over()) break;
+  }
+  for (const uint32_t number : numbers)
+    if (!kept_[number].is_filled) drop_kept(number);
+  const Result<void> copied = copy_table();
+  const Result<void> ended = cuda_check(cudaStreamSynchronize(stream_), "copying the table of pages");
+  return !done ? done : !copied ? copied : ended;
+}
+
+const uint8_t* DeviceBlockPager::kept_address(uint64_t number) const {
+  return kept_[number].is_filled ? reinterpret_cast<const uint8_t*>(kept_memory(number)) : nullptr;
+}
+
+Result<void> DeviceBlockPager::settle() {
+  if (kept_bytes_ == 0) return {};
+  const std::lock_guard<std::mutex> lock(mutex());
+  if (!copying_.empty()) {
+    const cudaError_t status = cudaEventQuery(arrived_);
+    Result<void> done = cuda_check(status, "copying pages of textures");  // which clears the status
+    if (status == cudaErrorNotReady) return {};
+    if (done) done = finish_copies();
+    if (!done) return done;
+  }
+  return pages().round == settled_round_ ? Result<void>() : begin_copies();
+}
+
+/// Waits for pages on their way to the room. They are sampled there from now on.
+Result<void> DeviceBlockPager::finish_copies() {
+  if (copying_.empty()) return {};
+  constexpr const char* kWhat = "copying pages of textures";
+  if (Result<void> done = cuda_check(cudaStreamSynchronize(stream_), kWhat); !done) return done;
+  for (const uint32_t number : copying_) blocks_[number] = reinterpret_cast<const uint8_t*>(place(number));
+  copying_.clear();
+  if (Result<void> done = copy_table(); !done) return done;
+  return cuda_check(cudaStreamSynchronize(stream_), kWhat);
+}
+
+Result<void> DeviceBlockPager::begin_copies() {
+  const Result<std::span<const uint64_t>> last = wanted();
+  if (!last) return last.error();
+  Result<void> done = [&]() -> Result<void> {
+    try {
+      return copy_sampled(*last);
+    } catch (const std::bad_alloc&) {
+      return Error{ErrorCode::kMemory, "no memory left for pages of its textures"};
+    }
+  }();
+  if (done) return done;
+  for (const uint32_t number : copying_) drop(number);  // they stay in host memory
+  copying_.clear();
+  return done;
+}
+
+Result<void> DeviceBlockPager::copy_sampled(std::span<const uint64_t> last) {
+  const uint64_t first_round = settled_round_ + 1;
+  settled_round_ = pages().round;
+  const uint64_t oldest = std::exchange(ended_[next_ended_++ % ended_.size()], settled_round_);
+  std::vector<uint32_t> old;
+  bool is_sorted = false;
+  size_t gone = 0;
+  uint64_t bytes = 0;
+  copying_.reserve(size());
+  for (uint32_t number = 0; number < size() && bytes < kMostCopiedBytes; ++number) {
+    if (last[number] < first_round || is_in_room(number) || !kept_[number].is_filled) continue;
+    bool is_taken = take_next(number);
+    if (!is_taken && !is_sorted) {
+      old = unwanted_since(oldest, last);
+      is_sorted = true;
+    }
+    while (!is_taken && gone < old.size()) {
+      drop(old[gone++]);
+      is_taken = take_next(number);
+    }
+    if (!is_taken) break;
+    copying_.push_back(number);
+    bytes += slot_bytes(number);
+  }
+  if (copying_.empty() && gone == 0) return {};
+  constexpr const char* kWhat = "copying pages of textures";
+  // From now on nothing is sampled where the copies go. Earlier calls may have dropped pages too.
+  Result<void> done = copy_table();
+  if (done) done = cuda_check(cudaStreamSynchronize(stream_), kWhat);
+  for (const uint32_t number : copying_)
+    if (done)
+      done = cuda_check(
+          cudaMemcpyAsync(place(number), kept_memory(number), page_bytes(number), cudaMemcpyHostToDevice, stream_),
+          kWhat);
+  if (done) done = cuda_check(cudaEventRecord(arrived_, stream_), kWhat);
+  if (done) copied_bytes_ += bytes;
+  return done;
 }
 
 }  // namespace scree::runtime

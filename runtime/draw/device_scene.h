@@ -41,7 +41,8 @@ class DeviceScene : public DeviceView {
   /// - `texture_cache`: bytes for decoded groups of JPEGs. The picture does not depend on it. A streamed scene takes at
   ///   most an eighth of the budget for them, and at least one group.
   /// - `host_memory`: the most pinned memory that uploading and streaming take. The part that batches leave keeps
-  ///   chunks. 0: as much as batches need, and no chunks are kept.
+  ///   chunks, and then pages of textures (DeviceBlockPager::keep_in_host_memory). 0: as much as batches need, and
+  ///   nothing is kept.
   /// - `progress`: gets the number of copied bytes, and may stop the upload (kFile).
   /// - `gpus`: the most GPUs that draw the scene together: the current device and the next usable GPUs; kAllGpus: all.
   ///   Each has this budget. It gets all pages if they fit the budget, otherwise a share of them. Views draw on all

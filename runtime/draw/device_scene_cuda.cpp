@@ -329,6 +329,9 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
   impl->device = gpu->index;
   impl->scene = std::move(*copy);
   impl->fragment_room = budget - std::min(budget, impl->scene.stats().device_bytes);
+  if (const Result<void> kept = impl->scene.keep_textures(scene, DeviceBlockPager::most_kept_bytes(scene, host_memory));
+      !kept)
+    return kept.error();
   const kernels::CudaQueueSizes queues = roomy_queues(scene.view(), pictures, impl->fragment_room);
   if (const Result<void> made = impl->make_frames(*impl->own, scene.view(), queues); !made) return made.error();
   impl->stats = impl->scene.stats();
@@ -373,8 +376,10 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   const uint64_t beside = fixed + bounce + 2 * Residency::kAlignment;
   const uint64_t whole = whole_pool(bytes);
   const uint64_t all_rooms = CudaStream::kept_bytes(bytes);
-  uint64_t lists = CudaStream::pinned_list_bytes(host.view()) +
-                   (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) : 0);
+  uint64_t lists =
+      CudaStream::pinned_list_bytes(host.view()) +
+      (host.block_pager() != nullptr ? DeviceBlockPager::pinned_bytes(host_memory) + DeviceBlockPager::table_bytes(host)
+                                     : 0);
   const bool keeps_all = host_memory != 0 && lists + all_rooms <= host_memory;
   StreamJoins::Sizes joins;
   if (!keeps_all)
@@ -421,8 +426,13 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   stats.device_bytes = beside + joins.device_bytes() + pool + pages.room;
   fragment_room = budget - std::min(budget, stats.device_bytes);
   if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
-  return stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
-                      scene.texture_cache(), scene.block_pager(), pages, kept);
+  if (const Result<void> opened =
+          stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
+                       scene.texture_cache(), scene.block_pager(), pages, kept);
+      !opened)
+    return opened;
+  // Pages of textures have the memory that is left when all chunks are kept.
+  return scene.keep_textures(host, kept - std::min(kept, all_rooms));
 }
 
 }  // namespace scree::runtime

@@ -242,6 +242,8 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
     impl.height = view.height;
     return drawn;
   }
+  if (DeviceBlockPager* const pager = impl.scene.scene.block_pager(); pager != nullptr)
+    if (const Result<void> settled = pager->settle(); !settled) return settled.error();
   const Result<StreamStats> streamed = stream->draw_frame(view, shade, impl.sample_data(), is_over);
   if (!streamed) return streamed.error();
   impl.width = view.width;
@@ -348,6 +350,9 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   const CudaStream* const stream = impl.scene.streaming();
   const bool from_colors = stream != nullptr && kernels::shades_from_chunks(options.show);
   impl.blended = {};
+  DeviceBlockPager* const pager = impl.scene.scene.block_pager();
+  if (pager != nullptr && stream == nullptr && !impl.drawn_by_team)
+    if (const Result<void> settled = pager->settle(); !settled) return settled;
   const float* over = nullptr;
   const auto start = std::chrono::steady_clock::now();
   if (kernels::shows_layers(impl.scene.scene.view(), options)) {

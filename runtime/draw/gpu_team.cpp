@@ -119,10 +119,12 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
     Result<CudaScene> made =
         CudaScene::upload(scene, options.budget, beside, threads, options.reading, options.texture_cache, nullptr,
                           host_memory, i == 0 ? options.progress : nullptr, &share, more);
-    if (made)
-      scenes[i] = std::move(*made);
-    else
+    if (!made) {
       uploaded[i] = made.error();
+      return;
+    }
+    scenes[i] = std::move(*made);
+    uploaded[i] = scenes[i].keep_textures(scene, DeviceBlockPager::most_kept_bytes(scene, host_memory));
   });
   for (uint32_t i = 0; i < size(); ++i) {
     if (!uploaded[i]) {
@@ -344,6 +346,7 @@ Result<void> GpuTeam::shade_rows(uint32_t index, const kernels::View& view, uint
       shaded_rows(index, view.height / samples_per_side, samples_per_side, room);
   if (rows.empty()) return {};
   Result<void> done = make_current(member);
+  if (done && member.pager != nullptr) done = member.pager->settle();
   if (done && index != 0)
     done = cuda_check(cudaStreamWaitEvent(nullptr, members_[0].shaded_part, 0), "ordering the GPUs");
   if (done)

@@ -18,8 +18,16 @@ namespace {
 
 /// Unpacks `packed` to `out`. Returns whether the result has exactly the size of `out`.
 bool unpack(BlockFile::Packing packing, std::span<const std::byte> packed, std::span<std::byte> out) {
-  if (packing == BlockFile::Packing::kZstd)
-    return ZSTD_decompress(out.data(), out.size(), packed.data(), packed.size()) == out.size();
+  if (packing == BlockFile::Packing::kZstd) {
+    struct Free {
+      void operator()(ZSTD_DCtx* context) const { ZSTD_freeDCtx(context); }
+    };
+    // A context takes 160 KB. It is kept per thread, because many levels are smaller than that.
+    thread_local std::unique_ptr<ZSTD_DCtx, Free> context;
+    if (!context) context.reset(ZSTD_createDCtx());
+    return context &&
+           ZSTD_decompressDCtx(context.get(), out.data(), out.size(), packed.data(), packed.size()) == out.size();
+  }
   uLongf size = out.size();
   uLong taken = packed.size();
   return uncompress2(reinterpret_cast<Bytef*>(out.data()), &size, reinterpret_cast<const Bytef*>(packed.data()),
@@ -105,19 +113,26 @@ Result<std::vector<std::byte>> read_block_level(ImageFile& file, BlockFile& head
     auto pixels = decode_basis_lz(file, head, place, width, height);
     return pixels ? std::move(pixels) : at(name, pixels.error());
   }
-  std::vector<std::byte> packed(place.bytes);
-  if (auto read = file.copy(place.offset, packed); !read) return at(name, read.error());
+  std::vector<std::byte> raw;
+  std::span<const std::byte> packed = file.from(place.offset);
+  if (packed.size() >= place.bytes && head.packing != BlockFile::Packing::kNone) {
+    packed = packed.first(place.bytes);  // in memory, as usual
+  } else {
+    raw.resize(place.bytes);
+    if (auto read = file.copy(place.offset, raw); !read) return at(name, read.error());
+    packed = raw;
+  }
   if (head.packing != BlockFile::Packing::kNone) {
-    std::vector<std::byte> raw(head.unpacked_bytes(width, height));
-    if (!unpack(head.packing, packed, raw))
+    std::vector<std::byte> unpacked(head.unpacked_bytes(width, height));
+    if (!unpack(head.packing, packed, unpacked))
       return Error{ErrorCode::kFormat, name + ": its " + std::to_string(packed.size()) + " bytes are no " +
                                            (head.packing == BlockFile::Packing::kZstd ? "zstd" : "zlib") + " data of " +
-                                           std::to_string(raw.size())};
-    packed = std::move(raw);
+                                           std::to_string(unpacked.size())};
+    raw = std::move(unpacked);
   }
-  if (head.coding == BlockFile::Coding::kRgb8) return widen(packed, uint64_t{width} * height);
-  if (head.coding == BlockFile::Coding::kUastc) return decode_uastc(packed.data(), width, height);
-  return packed;
+  if (head.coding == BlockFile::Coding::kRgb8) return widen(raw, uint64_t{width} * height);
+  if (head.coding == BlockFile::Coding::kUastc) return decode_uastc(raw.data(), width, height);
+  return raw;
 }
 
 Image decode_block_level(format::BlockFormat format, uint16_t swizzle, uint32_t width, uint32_t height,

@@ -5,13 +5,16 @@
 #include <string>
 #include <utility>
 
+#include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "runtime/files/read_ahead.h"
 #include "runtime/threads/first_error.h"
-#include "runtime/threads/parallel.h"
 
 namespace scree::runtime {
 namespace {
+
+/// Compressed pages of blocks take no more.
+constexpr uint64_t kUsualPackedBytes = format::kBlockPageBytes;
 
 Error no_memory() {
   return {ErrorCode::kMemory, "no memory left for pages of its textures"};
@@ -23,6 +26,7 @@ void BlockPager::add(uint32_t file_page, const JpegLevels& jpeg) {
   file_pages_.push_back(file_page);
   jpegs_.push_back(jpeg);
   was_read_.push_back(0);
+  in_room_.push_back(0);
   blocks_.push_back(nullptr);
   all_bytes_ += container_.pages()[file_page].raw_bytes;
 }
@@ -50,11 +54,24 @@ Result<bool> BlockPager::bring(bool must) try {
     shown_bytes += bytes_of(number);
     if (blocks_[number] == nullptr) {
       missing.push_back(number);
-    } else {
+    } else if (is_in_room(number)) {
       present_bytes += bytes_of(number);
+    } else {
+      shown_bytes -= bytes_of(number);  // it needs no room
     }
   }
-  const bool fits = shown_bytes <= room_bytes_;
+  bool fits = shown_bytes <= room_bytes_;
+  std::vector<uint32_t> kept;
+  if (!fits && present_bytes <= room_bytes_) {
+    std::vector<uint32_t> rest = missing;
+    kept = split_missing(rest, room_bytes_ - present_bytes);
+    fits = !kept.empty() && keep(kept, *last);
+    if (fits) {
+      missing = std::move(rest);
+    } else {
+      kept.clear();
+    }
+  }
   refused_bytes_ = !fits && must ? shown_bytes : 0;
   if (!fits && must)
     return Error{ErrorCode::kMemory, "a pixel shows pages of textures of " + std::to_string(shown_bytes) +
@@ -71,28 +88,37 @@ Result<bool> BlockPager::bring(bool must) try {
   if (!take_all(missing, *last)) {
     if (!fits) return false;
     // The free room lies in pieces between pages that are wanted.
+    std::vector<uint8_t> is_kept(size());
+    for (const uint32_t number : kept) is_kept[number] = 1;
     for (uint32_t number = 0; number < size(); ++number)
-      if (blocks_[number] != nullptr) drop(number);
-    missing = shown;
+      if (is_in_room(number)) drop(number);
+    missing.clear();
+    for (const uint32_t number : shown)
+      if (blocks_[number] == nullptr && is_kept[number] == 0) missing.push_back(number);
     for (const uint32_t number : missing) (void)take_next(number);
   }
-  const Result<void> done = [&]() -> Result<void> {
+  const auto try_to = [](const auto& load_pages) -> Result<void> {
     try {
-      return load(missing);
+      return load_pages();
     } catch (const std::bad_alloc&) {
       return no_memory();
     }
-  }();
+  };
+  Result<void> done = try_to([&] { return load(missing); });
+  if (!kept.empty()) {  // also after an error, because it gives memory back
+    Result<void> kept_done = try_to([&] { return load_kept(kept); });
+    if (done) done = std::move(kept_done);
+  }
   // Pages that were read before an error, or before the patience ended, are kept for later.
   for (const uint32_t number : missing) {
     if (blocks_[number] == nullptr) {
       drop(number);
       continue;
     }
-    ++stats_.read_pages;
-    stats_.read_bytes += record(number).raw_bytes;
-    stats_.stored_bytes += record(number).stored_bytes;
+    count_read(number);
   }
+  for (const uint32_t number : kept)
+    if (blocks_[number] != nullptr) count_read(number);
   if (!done) return done.error();
   return fits;
 } catch (const std::bad_alloc&) {
@@ -110,7 +136,7 @@ Result<uint64_t> BlockPager::wanted_bytes(uint64_t first) {
 
 void BlockPager::drop_if(const std::function<bool(uint32_t number)>& is_dropped) {
   for (uint32_t number = 0; number < size(); ++number)
-    if (blocks_[number] != nullptr && is_dropped(number)) drop(number);
+    if (is_in_room(number) && is_dropped(number)) drop(number);
 }
 
 Result<uint64_t> BlockPager::missing_since(uint64_t first) {
@@ -125,13 +151,51 @@ Result<uint64_t> BlockPager::missing_since(uint64_t first) {
 bool BlockPager::take_next(uint64_t number) {
   if (resident_bytes_ + bytes_of(number) > room_bytes_ || !take(number)) return false;
   resident_bytes_ += bytes_of(number);
+  in_room_[number] = 1;
   return true;
 }
 
 void BlockPager::drop(uint64_t number) {
-  blocks_[number] = nullptr;
+  blocks_[number] = kept_address(number);
+  in_room_[number] = 0;
   give_back(number);
   resident_bytes_ -= bytes_of(number);
+}
+
+/// Divides `missing`: pages that fit `left` bytes of the room stay in it, the others are returned. JPEG pages stay, so
+/// none is returned if these alone exceed `left`.
+std::vector<uint32_t> BlockPager::split_missing(std::vector<uint32_t>& missing, uint64_t left) const {
+  uint64_t jpeg_bytes = 0;
+  for (const uint32_t number : missing)
+    if (has_jpeg(number)) jpeg_bytes += bytes_of(number);
+  if (jpeg_bytes > left) return {};
+  left -= jpeg_bytes;
+  std::vector<uint32_t> rest;
+  std::erase_if(missing, [&](uint32_t number) {
+    if (has_jpeg(number)) return false;
+    if (bytes_of(number) > left) {
+      rest.push_back(number);
+      return true;
+    }
+    left -= bytes_of(number);
+    return false;
+  });
+  return rest;
+}
+
+void BlockPager::count_read(uint64_t number) {
+  ++stats_.read_pages;
+  stats_.read_bytes += record(number).raw_bytes;
+  stats_.stored_bytes += record(number).stored_bytes;
+}
+
+std::vector<uint32_t> BlockPager::unwanted_since(uint64_t first, std::span<const uint64_t> wanted) const {
+  std::vector<uint32_t> unwanted;
+  for (uint32_t number = 0; number < size(); ++number)
+    if (is_in_room(number) && wanted[number] < first) unwanted.push_back(number);
+  std::sort(unwanted.begin(), unwanted.end(),
+            [&](uint32_t a, uint32_t b) { return wanted[a] != wanted[b] ? wanted[a] < wanted[b] : a < b; });
+  return unwanted;
 }
 
 /// Drops pages that the round did not want until memory for all is taken. Takes none if that is not enough.
@@ -142,12 +206,8 @@ bool BlockPager::take_all(std::span<const uint32_t> numbers, std::span<const uin
     return taken == numbers.size();
   };
   if (take_more()) return true;
-  std::vector<uint32_t> unwanted;
-  for (uint32_t number = 0; number < size(); ++number)
-    if (blocks_[number] != nullptr && wanted[number] != pages_.round) unwanted.push_back(number);
-  std::sort(unwanted.begin(), unwanted.end(),
-            [&](uint32_t a, uint32_t b) { return wanted[a] != wanted[b] ? wanted[a] < wanted[b] : a < b; });
-  for (const uint32_t number : unwanted) {
+  for (const uint32_t number : unwanted_since(pages_.round, wanted)) {
+    // `numbers` that were taken are not unwanted: the round wanted them.
     drop(number);
     if (take_more()) return true;
   }
@@ -188,8 +248,9 @@ Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::
     ahead.end_item();
   }
   FirstError failure;
-  const uint32_t threads = is_direct_ ? std::max(threads_, kDirectThreads) : threads_;
-  parallel_for(numbers.size(), threads, [&](uint64_t i) {
+  // Threads that were started for every batch would take longer than a small batch.
+  if (!workers_) workers_.emplace(is_direct_ ? std::max(threads_, kDirectThreads) : threads_);
+  workers_->for_each(numbers.size(), [&](uint64_t i) {
     if (failure.is_superseded(i)) return;
     ahead.begin(i);
     try {
@@ -213,8 +274,13 @@ Result<void> BlockPager::read(uint64_t number, const Target& to) {
   const uint64_t padded_bytes = container_.padded_page(page).size();
   const uint64_t room = format::align_up(padded_bytes, DirectFile::kAlignment);
   const bool is_raw = stored.codec == format::PageCodec::kRaw;
-  const DirectMemory packed = is_raw ? nullptr : direct_memory(room);
-  std::byte* const padded = is_raw ? to.memory : packed.get();
+  // Memory for packed bytes of usual pages is kept per thread. Otherwise most pages would map and fault in memory.
+  thread_local DirectMemory usual;
+  DirectMemory large;
+  const bool is_usual = room <= kUsualPackedBytes;
+  if (!is_raw && is_usual && !usual) usual = direct_memory(kUsualPackedBytes);
+  if (!is_raw && !is_usual) large = direct_memory(room);
+  std::byte* const padded = is_raw ? to.memory : is_usual ? usual.get() : large.get();
   if (Result<void> done = read_stored(number, {padded, room}); !done) return done;
   Result<void> done = container_.check_page(page, {padded, padded_bytes});
   if (done && !is_raw)

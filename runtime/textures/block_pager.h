@@ -17,6 +17,7 @@
 #include "runtime/files/mapped_file.h"
 #include "runtime/files/reading.h"
 #include "runtime/textures/jpeg_image.h"
+#include "runtime/threads/workers.h"
 
 namespace scree::runtime {
 
@@ -36,7 +37,8 @@ struct PagerStats {
   }
 };
 
-/// Decides which pages are in memory. A derived class owns that memory.
+/// Decides which pages are in memory. A derived class owns that memory: the room, and perhaps other memory that keeps
+/// pages outside it. A page outside the room is present if it can be sampled there.
 class BlockPager : public kernels::TexelPager {
  public:
   /// As TexelPager::bring(). If room is needed, drops the pages that were wanted longest ago. Errors kMemory (the
@@ -48,8 +50,10 @@ class BlockPager : public kernels::TexelPager {
   uint64_t all_bytes() const { return all_bytes_; }                     // of all pages
   /// Memory that a page takes: its raw bytes, and the heads of its JPEG levels.
   uint64_t page_bytes(uint64_t number) const;
-  uint64_t resident_bytes() const { return resident_bytes_; }  // rounded up
+  uint64_t resident_bytes() const { return resident_bytes_; }  // in the room, rounded up
   uint64_t room_bytes() const { return room_bytes_; }
+  uint64_t kept_bytes() const { return kept_bytes_; }      // of pages in memory outside the room, rounded up
+  uint64_t copied_bytes() const { return copied_bytes_; }  // so far from there to the room, between pictures
   /// Bytes of the pages, rounded up, that were wanted in round `first` or later. Error kDevice.
   Result<uint64_t> wanted_bytes(uint64_t first);
   /// Bytes of the pages of a single pixel that the last bring() refused; 0 if it refused none.
@@ -83,8 +87,16 @@ class BlockPager : public kernels::TexelPager {
                         const std::function<void(uint64_t i)>& was_read);
 
   void set_room_bytes(uint64_t bytes) { room_bytes_ = bytes; }
-  /// Drops the pages for which `is_dropped(number)` returns true.
+  /// Drops the pages of the room for which `is_dropped(number)` returns true.
   void drop_if(const std::function<bool(uint32_t number)>& is_dropped);
+  bool is_in_room(uint64_t number) const { return in_room_[number] != 0; }
+  bool has_jpeg(uint64_t number) const { return jpegs_[number].count != 0; }
+  /// The pages of the room that no round from `first` on wanted, the one wanted longest ago first.
+  std::vector<uint32_t> unwanted_since(uint64_t first, std::span<const uint64_t> wanted) const;
+  /// Takes memory in the room. Returns false if it has none.
+  bool take_next(uint64_t number);
+  /// Removes a page from the room.
+  void drop(uint64_t number);
 
   /// The bytes of the room that a page of `bytes` takes.
   virtual uint64_t rounded(uint64_t bytes) const { return bytes; }
@@ -97,17 +109,35 @@ class BlockPager : public kernels::TexelPager {
   /// Reads pages for which memory is taken: some in any case, the rest unless is_over(). Sets blocks_ for the pages
   /// that were read. Then copies blocks_ to the memory from which shading reads it.
   virtual Result<void> load(std::span<const uint32_t> numbers) = 0;
+  /// Takes memory outside the room for pages without JPEG levels, from which they will be sampled, all or none. Pages
+  /// of the current round stay where they are. Returns false if there is too little.
+  virtual bool keep(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted) {
+    (void)numbers, (void)wanted;
+    return false;
+  }
+  /// As load(), for pages for which keep() took memory. Gives back the memory of those that were not read.
+  virtual Result<void> load_kept(std::span<const uint32_t> numbers) {
+    (void)numbers;
+    return {};
+  }
+  /// The address of a page outside the room; null if it is not kept there.
+  virtual const uint8_t* kept_address(uint64_t number) const {
+    (void)number;
+    return nullptr;
+  }
 
   uint32_t threads() const { return threads_; }
 
+  uint64_t kept_bytes_ = 0;
+  uint64_t copied_bytes_ = 0;
   std::vector<const uint8_t*> blocks_;  // by number, a page's address for shading; null if the page is absent
 
  private:
   Result<uint64_t> missing_since(uint64_t first) final;
   uint64_t bytes_of(uint64_t number) const { return rounded(page_bytes(number)); }
   bool take_all(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted);
-  bool take_next(uint64_t number);
-  void drop(uint64_t number);
+  std::vector<uint32_t> split_missing(std::vector<uint32_t>& missing, uint64_t left) const;
+  void count_read(uint64_t number);
   Result<void> open_direct();
   Result<void> read(uint64_t number, const Target& to);
   Result<void> read_stored(uint64_t number, std::span<std::byte> padded);
@@ -116,6 +146,7 @@ class BlockPager : public kernels::TexelPager {
   format::Container container_;
   uint64_t room_bytes_;
   uint32_t threads_;
+  std::optional<Workers> workers_;    // once a page was read
   Reading reading_;                   // not kAuto once a page was read
   std::optional<DirectFile> direct_;  // once a page was read, if it is used
   std::atomic<bool> is_direct_{false};
@@ -123,6 +154,7 @@ class BlockPager : public kernels::TexelPager {
   std::vector<uint8_t> was_read_;  // by number
   std::vector<uint32_t> file_pages_;
   std::vector<JpegLevels> jpegs_;  // by number
+  std::vector<uint8_t> in_room_;   // by number
   uint64_t all_bytes_ = 0;
   uint64_t resident_bytes_ = 0;
   uint64_t refused_bytes_ = 0;

@@ -39,8 +39,8 @@ void add_device_options(CLI::App& app, DeviceWords& words) {
 
 void add_reading_options(CLI::App& app, DrawWords& words) {
   add_value(app, "--host-memory", "SIZE", words.host_memory,
-            "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks that the GPU's "
-            "memory cannot hold (default and 0: no limit, chunks come from the file)");
+            "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks and pages of textures "
+            "that the GPU's memory cannot hold (default and 0: no limit, these come from the file)");
   add_value(app, "--read", "NAME", words.read,
             "How pages are read for the GPU: mapped; buffered (through the page cache); direct (past it); auto "
             "(default): direct for large uncached files, else buffered");

@@ -252,7 +252,7 @@ Command add_convert(CLI::App& parent) {
             "needs memory for the whole largest mesh");
   add_value(*app, "--zstd", "N", words->zstd,
             "Compress pages with zstd at this level, 1 to 22; 0: not at all (default: only blocks of textures, "
-            "at level 3)");
+            "at level 1)");
   add_value(
       *app, "--textures", "NAME", words->textures,
       "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels (UASTC and BasisLZ "

@@ -498,6 +498,65 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of textures",
   }
 }
 
+TEST_CASE("a GPU samples pages of textures in host memory that its room does not hold", "[cuda][texel_pager]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), large_files());
+  const convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const runtime::Scene whole = tests::must_load(options.output);
+  auto all_there = must(runtime::DeviceScene::upload(whole, 0, 2));
+  // Near the middle of one of the first three grids.
+  const auto draw_near = [&](const runtime::Scene& scene, double grid, runtime::DeviceScene& device) {
+    const double x = 0.5 + 1.1 * grid;
+    const kernels::View view = tests::must_view(
+        whole, {.eye = Vec3{x, 0.12, 0.5}, .target = Vec3{x + 0.02, 0, 0.42}, .width = 240, .height = 160});
+    const auto frame = must(runtime::Frame::draw(scene, view, 1, 2, &device));
+    return must(frame.shade({}, 2)).pixels;
+  };
+  std::vector<std::vector<uint8_t>> expected;
+  for (uint32_t i = 0; i < 3; ++i) expected.push_back(draw_near(whole, i, all_there));
+  uint64_t shown = 0;  // bytes of all pages that the pictures show
+  for (const bool is_small : {false, true}) {
+    const uint64_t room = is_small ? shown / 2 : uint64_t{1} << 40;
+    for (const uint64_t host : {uint64_t{1} << 30, uint64_t{3} << 19}) {  // of all pages, and of some of them
+      CAPTURE(room, host);
+      const runtime::Scene paged =
+          tests::must_load(options.output, {.threads = 2, .texture_memory = 1, .device_texture_memory = room});
+      auto device =
+          must(runtime::DeviceScene::upload(paged, 0, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache, host));
+      const runtime::BlockPager& pager = *device.block_pager();
+      const bool keeps_all = pager.kept_bytes() != 0;
+      CHECK(keeps_all == (host == uint64_t{1} << 30));
+      CHECK(pager.stats().read_pages == 0);
+      for (uint32_t i = 0; i < 6; ++i) {
+        CHECK(draw_near(paged, i % 3, device) == expected[i % 3]);
+        CHECK(pager.resident_bytes() <= room);
+        CHECK(pager.kept_bytes() <= host);
+      }
+      CHECK((pager.stats().read_pages == 0) == keeps_all);
+      CHECK((pager.kept_bytes() != 0) == (keeps_all || is_small));
+      CHECK(pager.resident_bytes() != 0);
+      if (!is_small) shown = pager.resident_bytes();
+      if (keeps_all) CHECK(pager.copied_bytes() != 0);
+    }
+  }
+}
+
+TEST_CASE("pages of textures that are kept in host memory are checked", "[cuda][texel_pager][bad]") {
+  if (!tests::has_gpu()) return;
+  const TempFolder folder;
+  make_block_model(folder.file("in.glb"), {large_files()[0]});
+  const convert::ConvertOptions options = tests::options_of(folder);
+  tests::must_convert(options);
+  const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = 1, .device_texture_memory = 1});
+  tests::damage(options.output, scene.container().pages()[scene.block_pager()->file_pages()[1]].offset + 100);
+  const auto refused = refusal(runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto,
+                                                            runtime::kDeviceTextureCache, uint64_t{1} << 30));
+  CHECK(refused.code == ErrorCode::kChecksum);
+  CHECK(refused.message.starts_with(options.output + ": page "));
+}
+
 TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pager]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;

@@ -158,6 +158,10 @@ Result<StoredImage> store_blocks(const SourceImage& source, const format::ImageR
     if (l != 0) stored.places.push_back({0, blocks->size(), first_page, 0});
     const format::BlockRows rows =
         format::block_rows(head->format, std::max(1u, head->width >> l), std::max(1u, head->height >> l));
+    if (rows.pages() == 1) {
+      add_page(std::move(*blocks));
+      continue;
+    }
     std::span<const std::byte> rest(*blocks);
     for (uint32_t i = 0; i < rows.pages(); ++i) {
       const auto page = rest.first(rows.page_bytes(i));

@@ -27,7 +27,7 @@ struct ImageOptions {
   Textures textures = Textures::kKeep;
   int quality = 90;                     // for kJpeg, 1 to 100 on libjpeg's scale, 4:4:4
   bool keep_going = false;              // an image that is damaged or of an unsupported kind becomes grey
-  int block_zstd_level = 3;             // 1 to 22, for pages of blocks; 0: not compressed
+  int block_zstd_level = 1;             // 1 to 22, for pages of blocks; 0: not compressed
   uint64_t memory = uint64_t{1} << 30;  // limit for images in flight while they are checked or stored, bytes
 };
 
