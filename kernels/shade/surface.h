@@ -408,7 +408,7 @@ SCREE_HD inline Float3 color_of(const TextureCodes& codes, uint32_t use) {
 SCREE_HD inline Float3 color_of(const TextureCodes& codes, format::SurfaceUse use) {
   return color_of(codes, static_cast<uint32_t>(use));
 }
-/// Of a texture of numbers: from 0 to 1.
+/// The texel of a texture of numbers, from 0 to 1.
 SCREE_HD inline Float3 numbers_of(const TextureCodes& codes, format::SurfaceUse use) {
   return color_of(codes, use) * (1.0f / 255.0f);
 }
