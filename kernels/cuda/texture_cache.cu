@@ -32,11 +32,12 @@ constexpr uint32_t kWarpGroups = 8;              // fewer than lanes, so that fe
 constexpr uint32_t kRounds = kDecodeRounds + 1;  // the last one's pixels decode groups by themselves
 constexpr uint32_t kCounters = kRounds + 1;      // the last of them count the tiles of list_tiles()
 
-/// Whether the rounds of pictures with one sample per pixel have a build of their own. Each takes long to compile.
+/// Whether the rounds of pictures with one sample per pixel have a build of their own: lit pictures in perspective,
+/// because each build takes 10 s to compile.
 template <class Shader>
 inline constexpr bool kKnowsSide = false;
-template <bool kOrthographic>
-inline constexpr bool kKnowsSide<Shader<kOrthographic, Show::kSurface, ChunkKinds::kMixed, CachedTexels>> = true;
+template <>
+inline constexpr bool kKnowsSide<Shader<false, Show::kSurface, ChunkKinds::kMixed, CachedTexels>> = true;
 
 /// `before`: the counters of the round that left the tiles, or null to shade all `tile_count` tiles.
 template <class Pixels>

@@ -120,8 +120,12 @@ TEST_CASE("export: the models of tests/data are exported unchanged", "[export][r
 TEST_CASE("export: real models are exported unchanged and the validator accepts them", "[export][roundtrip][models]") {
   const std::filesystem::path folder = scree::tests::real_models("scenes");
   if (folder.empty()) return;
+  std::vector<fs::path> models = tests::model_files(folder);
+  uint64_t number = 0;
+  if (tests::kIsSanitized)  // every third, because each takes several times as long
+    std::erase_if(models, [&](const fs::path&) { return number++ % 3 != 0; });
   // The others are invalid.
-  round_trip_all(tests::model_files(folder), 0.85);
+  round_trip_all(models, 0.85);
 }
 
 TEST_CASE("export: a textured material on a primitive without texture coordinates", "[export]") {
