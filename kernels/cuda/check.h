@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "format/bytes.h"
 #include "format/result.h"
 
 namespace scree::kernels {
@@ -75,12 +76,8 @@ class DeviceBuffer {
 class PinnedBuffer {
  public:
   PinnedBuffer() = default;
-  PinnedBuffer(PinnedBuffer&& other) noexcept { *this = std::move(other); }
-  PinnedBuffer& operator=(PinnedBuffer&& other) noexcept {
-    std::swap(data_, other.data_);
-    std::swap(is_registered_, other.is_registered_);
-    return *this;
-  }
+  PinnedBuffer(const PinnedBuffer&) = delete;
+  PinnedBuffer& operator=(const PinnedBuffer&) = delete;
   ~PinnedBuffer() {
     if (!is_registered_) {
       (void)cudaFreeHost(data_);
@@ -100,7 +97,7 @@ class PinnedBuffer {
   Result<void> allocate_for_copies(uint64_t bytes, const char* what) {
     constexpr uint64_t kHugePage = uint64_t{2} << 20;
     if (bytes < kHugePage) return allocate(bytes, what);
-    const uint64_t size = bytes + (kHugePage - bytes % kHugePage) % kHugePage;
+    const uint64_t size = format::align_up(bytes, kHugePage);
     void* const memory = size < bytes ? nullptr : std::aligned_alloc(kHugePage, size);
     if (memory == nullptr) return cuda_check(cudaErrorMemoryAllocation, what);
     (void)madvise(memory, size, MADV_HUGEPAGE);  // only advice

@@ -295,8 +295,8 @@ inline constexpr uint32_t kColorUses = [] {
   return bits;
 }();
 
-/// What a sample reads of its textures: three channels by use, linear; of numbers their 8-bit codes. In memory, and
-/// only of the textures that the sample has.
+/// The texels of a sample's textures, three channels by use: linear colours, and the 8-bit codes of numbers. Kept in
+/// memory, and filled in only for the textures that the sample has.
 inline constexpr uint32_t kTint = MaterialView::kMostBundles;  // the vertex colours
 struct alignas(16) TextureCodes {
   float of[kTint + 1][4];

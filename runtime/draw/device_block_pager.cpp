@@ -216,7 +216,7 @@ Result<void> DeviceBlockPager::keep_in_host_memory(uint64_t bytes) try {
   }
   return numbers.empty() ? Result<void>() : load_kept(numbers);
 } catch (const std::bad_alloc&) {
-  return Error{ErrorCode::kMemory, "no memory left for pages of its textures"};
+  return no_memory();
 }
 
 /// Returns whether there is another slab. If the system pins no more, there will be none.
@@ -347,20 +347,14 @@ Result<void> DeviceBlockPager::finish_copies() {
 Result<void> DeviceBlockPager::begin_copies() {
   const Result<std::span<const uint64_t>> last = wanted();
   if (!last) return last.error();
-  Result<void> done = [&]() -> Result<void> {
-    try {
-      return copy_sampled(*last);
-    } catch (const std::bad_alloc&) {
-      return Error{ErrorCode::kMemory, "no memory left for pages of its textures"};
-    }
-  }();
+  const Result<void> done = copy_sampled(*last);
   if (done) return done;
   for (const uint32_t number : copying_) drop(number);  // they stay in host memory
   copying_.clear();
   return done;
 }
 
-Result<void> DeviceBlockPager::copy_sampled(std::span<const uint64_t> last) {
+Result<void> DeviceBlockPager::copy_sampled(std::span<const uint64_t> last) try {
   const uint64_t first_round = settled_round_ + 1;
   settled_round_ = pages().round;
   const uint64_t oldest = std::exchange(ended_[next_ended_++ % ended_.size()], settled_round_);
@@ -397,6 +391,8 @@ Result<void> DeviceBlockPager::copy_sampled(std::span<const uint64_t> last) {
   if (done) done = cuda_check(cudaEventRecord(arrived_, stream_), kWhat);
   if (done) copied_bytes_ += bytes;
   return done;
+} catch (const std::bad_alloc&) {
+  return no_memory();
 }
 
 }  // namespace scree::runtime

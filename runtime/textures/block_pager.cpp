@@ -16,11 +16,11 @@ namespace {
 /// Compressed pages of blocks take no more.
 constexpr uint64_t kUsualPackedBytes = format::kBlockPageBytes;
 
-Error no_memory() {
+}  // namespace
+
+Error BlockPager::no_memory() {
   return {ErrorCode::kMemory, "no memory left for pages of its textures"};
 }
-
-}  // namespace
 
 void BlockPager::add(uint32_t file_page, const JpegLevels& jpeg) {
   file_pages_.push_back(file_page);

@@ -86,6 +86,7 @@ class BlockPager : public kernels::TexelPager {
   Result<void> read_all(std::span<const uint32_t> numbers, const std::function<Target(uint64_t i)>& to,
                         const std::function<void(uint64_t i)>& was_read);
 
+  static Error no_memory();  // kMemory
   void set_room_bytes(uint64_t bytes) { room_bytes_ = bytes; }
   /// Drops the pages of the room for which `is_dropped(number)` returns true.
   void drop_if(const std::function<bool(uint32_t number)>& is_dropped);

@@ -86,7 +86,7 @@ class PathRenderer {
     if (const Result<uint64_t> rest = share_host_memory(); !rest) return ranks_.agree(rest.error());
     if (options_.backend.gpus != 1)
       return ranks_.agree(Error{ErrorCode::kUsage, "--gpus cannot be used when ranks share the geometry"});
-    make_pinned();
+    make_pinned(gpu_of_rank(options_.backend, ranks_.rank_on_host()));
     shared_.emplace(options_, ranks_);
     done = shared_->open(wanted_.size());
     if (done) done = ranks_.agree(check_cameras());
@@ -242,7 +242,7 @@ class PathRenderer {
     else
       return rest.error();
     const bool is_first = scene_ == nullptr;
-    if (on != runtime::DrawOn::kCpu) make_pinned();
+    if (on != runtime::DrawOn::kCpu) make_pinned(load.gpu);
     renderer_.reset();
     scene_.reset();
     Result<std::shared_ptr<LoadedScene>> scene = LoadedScene::load(std::move(*file), load);
@@ -420,11 +420,11 @@ class PathRenderer {
     return {};
   }
 
-  /// Begins to make pinned memory for outputs, which takes long, while the scene is loaded.
-  void make_pinned() {
+  /// Begins to make pinned memory for outputs, which takes long, while the scene is loaded. `gpu`: as for use_gpu().
+  void make_pinned(const std::string& gpu) {
     if (options_.backend.choice == BackendChoice::kCpu) return;
     const uint64_t frames = std::min<uint64_t>({kPinnedFrames, most_waiting_ + 1, wanted_.size()});
-    pinned_ = pinning_.add([this, frames, gpu = gpu_of_rank(options_.backend, ranks_.rank_on_host())] {
+    pinned_ = pinning_.add([this, frames, gpu] {
       std::vector<HostMemory> made;
       if (!runtime::use_gpu(gpu)) return made;
       for (uint64_t i = 0; i < frames; ++i)

@@ -1,6 +1,4 @@
 // Split pages that a GPU joins while a scene is uploaded: the same bytes and the same errors as on the CPU.
-#include <zstd.h>
-
 #include <algorithm>
 #include <cstring>
 #include <filesystem>
@@ -9,13 +7,13 @@
 #include <utility>
 #include <vector>
 
-#include "format/container/checksum.h"
 #include "kernels/cuda/check.h"
 #include "runtime/draw/cuda_upload.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/damaged_page.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -146,13 +144,7 @@ TEST_CASE("damaged split pages give the same errors whoever joins them", "[cuda]
   paged.zstd_every = 2;
   paged.change = [&](uint32_t, SealedPage& page) {
     if (page.record.codec != format::PageCodec::kSplit || random() % 4 != 0) return;
-    std::vector<std::byte> split(ZSTD_getFrameContentSize(page.stored.data(), page.stored.size()));
-    REQUIRE(ZSTD_decompress(split.data(), split.size(), page.stored.data(), page.stored.size()) == split.size());
-    split[48 + random() % std::min<size_t>(split.size() - 48, 2000)] ^= static_cast<std::byte>(1 + random() % 255);
-    page.stored.resize(ZSTD_compressBound(split.size()));
-    page.stored.resize(ZSTD_compress(page.stored.data(), page.stored.size(), split.data(), split.size(), 1));
-    page.record.stored_bytes = page.stored.size();
-    page.record.checksum = format::checksum(page.stored);
+    damage_split_page(page, random);
   };
   uint32_t refused = 0;
   for (int i = 0; i < 12; ++i) {

@@ -1,6 +1,4 @@
 // Split pages of streamed chunks, which a GPU joins in its pool: the samples and the errors of the CPU.
-#include <zstd.h>
-
 #include <algorithm>
 #include <optional>
 #include <random>
@@ -9,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "format/container/checksum.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/renderer.h"
 #include "runtime/draw/stream_joins.h"
@@ -18,6 +15,7 @@
 #include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/damaged_page.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
@@ -172,13 +170,7 @@ TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda
     const uint32_t damaged = random() % 8;
     paged.change = [&](uint32_t number, SealedPage& page) {
       if (page.record.codec != format::PageCodec::kSplit || number % 8 != damaged) return;
-      std::vector<std::byte> split(ZSTD_getFrameContentSize(page.stored.data(), page.stored.size()));
-      REQUIRE(ZSTD_decompress(split.data(), split.size(), page.stored.data(), page.stored.size()) == split.size());
-      split[48 + random() % std::min<size_t>(split.size() - 48, 2000)] ^= static_cast<std::byte>(1 + random() % 255);
-      page.stored.resize(ZSTD_compressBound(split.size()));
-      page.stored.resize(ZSTD_compress(page.stored.data(), page.stored.size(), split.data(), split.size(), 1));
-      page.record.stored_bytes = page.stored.size();
-      page.record.checksum = format::checksum(page.stored);
+      damage_split_page(page, random);
     };
     paged.write(path, meshes);
     Scene whole = must_load(path, {.pages = false});
