@@ -41,7 +41,7 @@ void add_options(CLI::App& app, LabWords& words) {
   add_value(app, "--samples", "LIST", words.samples, "Samples per pixel along each side: 1, 2, 4")
       ->capture_default_str();
   add_value(app, "--sampleless", "LIST", words.sampleless,
-            "Dropping triangles that cover no pixel centre early: on, off; the picture is the same")
+            "Early dropping of triangles that cover no pixel centre: on, off; the picture is the same")
       ->capture_default_str();
   add_value(app, "--culling", "LIST", words.culling,
             "Culling of clusters: all, bounds (keeps hidden clusters), none; the picture is the same")
@@ -53,10 +53,10 @@ void add_options(CLI::App& app, LabWords& words) {
   add_value(app, "--near", "SHARE", words.near,
             "The near plane's distance as a share of the scene's diagonal (default: 0.1 units, or a camera's own);\n"
             "render uses 1e-6 if the eye is inside the scene");
-  add_value(app, "--frames", "N", words.frames, "Frames measured")->capture_default_str();
+  add_value(app, "--frames", "N", words.frames, "Number of measured frames")->capture_default_str();
   add_value(app, "--warmup", "N", words.warmup, "Frames drawn before the measured ones")->capture_default_str();
   app.add_flag("--stages", words.stages,
-               "Time the stages of frames. This makes them slower; a small scene is one submission otherwise");
+               "Measure the stages of frames. This makes frames slower; without it, a small scene is one submission");
   app.add_flag("--path", words.path,
                "Move from a scene's first view to its second over 120 frames: mean, worst, and the jump back");
   app.add_flag("--sweep", words.sweep,

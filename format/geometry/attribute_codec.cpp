@@ -48,7 +48,7 @@ Result<void> check_uv_values(const UvRange& range, const std::array<uint32_t, 2>
   for (int axis = 0; axis < 2; ++axis) {
     if (!std::isfinite(dequantize(range.min[axis], range.exponent)) ||
         !std::isfinite(dequantize(range.min[axis] + int64_t{largest[axis]}, range.exponent))) {
-      return Error{ErrorCode::kRange, "uvs: a coordinate passes float32"};
+      return Error{ErrorCode::kRange, "uvs: a coordinate exceeds float32"};
     }
   }
   return {};
@@ -163,7 +163,7 @@ Result<void> check_source_bits(const SourceIdRange& range) {
 Result<void> check_source_codes(const SourceIdRange& range, uint32_t largest) {
   if (checked_add(range.min, largest)) return {};
   return Error{ErrorCode::kRange,
-               "source ids: " + std::to_string(range.min) + " + " + std::to_string(largest) + " passes 2^64"};
+               "source ids: " + std::to_string(range.min) + " + " + std::to_string(largest) + " exceeds 2^64"};
 }
 
 }  // namespace

@@ -184,7 +184,7 @@ class Decoder {
       if (layout.predicted_axis != kNotPredicted && axis != layout.predicted_axis &&
           layout.position_bits[axis] > kMaxPredictorBits) {
         return error(kRange, std::to_string(layout.position_bits[axis]) +
-                                 " bits of an axis that another follows from, expected at most 15");
+                                 " bits of an axis from which another one is predicted, expected at most 15");
       }
     }
     return {};

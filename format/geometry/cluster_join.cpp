@@ -181,7 +181,7 @@ class Joiner {
   Result<uint32_t> join_cluster(ClusterRecord& record, OffsetBox& box) {
     if (const auto taken = take_form(); !taken) return taken.error();
     if (const auto taken = take_triangles(); !taken) return taken.error();
-    if (!place_vertices(box)) return Error{kRange, "a vertex that is not there, or too few residuals"};
+    if (!place_vertices(box)) return Error{kRange, "a missing vertex, or too few residuals"};
     std::array<uint32_t, kMostClusterWords + kWriterSlack> words;
     uint32_t* const steps = words.data() + (form_.axis != kNotPredicted ? 2 : 0);
     const Result<uint32_t*> end = put_positions(box, words.data(), put_distances(put_steps(steps)), record);

@@ -158,7 +158,7 @@ Result<void> check_codes(const LatticeDecoder& decoder, const std::array<uint32_
     const float first = static_cast<float>(limits.origin * decoder.step);
     const float last = static_cast<float>((limits.origin + largest[axis]) * decoder.step);
     if (!std::isfinite(first) || !std::isfinite(last)) {
-      return Error{ErrorCode::kRange, "positions: a coordinate on " + std::string(place) + " passes float32"};
+      return Error{ErrorCode::kRange, "positions: a coordinate on " + std::string(place) + " exceeds float32"};
     }
   }
   return {};
@@ -201,7 +201,7 @@ Result<MeshLattice> lattice_of_exponent(const float lo[3], const float hi[3], in
     const std::string_view place(&kAxisNames[axis], 1);
     if (!fits_lattice(interval.lo, exponent) || !fits_lattice(interval.hi, exponent)) {
       return bad_lattice("coordinate " + format_double(largest) + " at a step of 2^" + std::to_string(exponent) +
-                         " passes 2^52 steps: use a coarser step or float32 positions");
+                         " exceeds 2^52 steps: use a coarser step or float32 positions");
     }
     const LatticeAxis on_lattice = lattice_axis(interval.lo, interval.hi, exponent);
     if (on_lattice.bits > kMaxPositionBits) {
@@ -213,7 +213,7 @@ Result<MeshLattice> lattice_of_exponent(const float lo[3], const float hi[3], in
     // Only a coordinate within half a step of 2^128 can be rounded past the largest float.
     if (!std::isfinite(dequantize(on_lattice.min, exponent)) ||
         !std::isfinite(dequantize(quantize(interval.hi, exponent), exponent))) {
-      return bad_lattice("coordinate " + format_double(largest) + " rounds past float32 at a step of 2^" +
+      return bad_lattice("coordinate " + format_double(largest) + " exceeds float32 after rounding to a step of 2^" +
                          std::to_string(exponent) + ": use float32 positions");
     }
     lattice.min[axis] = on_lattice.min;

@@ -83,7 +83,7 @@ Result<JpegIndexHeader> read_header(std::span<const std::byte> bytes) {
                                         std::to_string(uint32_t{component.h}) + " x " +
                                         std::to_string(uint32_t{component.v}));
     if (component.quant >= header.quant_count || component.dc >= header.dc_count || component.ac >= header.ac_count)
-      return bad(ErrorCode::kRange, "component " + std::to_string(i) + ": a table that is not there");
+      return bad(ErrorCode::kRange, "component " + std::to_string(i) + ": a missing table");
   }
   return header;
 }
@@ -125,7 +125,7 @@ Result<void> check_blocks(const JpegIndex& index, uint32_t words) {
     for (uint32_t c = 0; c < kJpegMaxComponents; ++c) {
       if (block.dc_bits[c] > 16) return refuse(ErrorCode::kRange, "a width of more than 16 bits");
       if (c >= index.component_count && (block.dc_bits[c] != 0 || block.dc_min[c] != 0))
-        return refuse(ErrorCode::kReserved, "predictors of a component that is not there");
+        return refuse(ErrorCode::kReserved, "predictors of a missing component");
     }
     if (block.bit_bits > 32) return refuse(ErrorCode::kRange, "a width of more than 32 bits");
     if (block.bit > 8 * index.data.size()) return refuse(ErrorCode::kRange, "begins behind the data");
@@ -155,7 +155,7 @@ Result<JpegLayout> jpeg_layout(uint32_t width, uint32_t height, std::span<const 
   }
   if (layout.mcu_blocks > kJpegMaxMcuBlocks) {
     return Error{ErrorCode::kUnsupported,
-                 "JPEG: " + std::to_string(layout.mcu_blocks) + " blocks an MCU, expected at most 10"};
+                 "JPEG: " + std::to_string(layout.mcu_blocks) + " blocks per MCU, expected at most 10"};
   }
   layout.mcus_across = ceil_div(width, 8 * h);
   layout.mcus_down = ceil_div(height, 8 * v);

@@ -254,11 +254,12 @@ Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const
 
 Result<void> check_resolve(const View& view, uint32_t samples_per_side) {
   if (samples_per_side != 1 && samples_per_side != 2 && samples_per_side != 4)
-    return Error{ErrorCode::kRange, std::to_string(samples_per_side) + " samples a pixel's side, expected 1, 2 or 4"};
+    return Error{ErrorCode::kRange,
+                 std::to_string(samples_per_side) + " samples per side of a pixel, expected 1, 2 or 4"};
   if (view.width % samples_per_side != 0 || view.height % samples_per_side != 0)
     return Error{ErrorCode::kRange, std::to_string(view.width) + " x " + std::to_string(view.height) +
                                         " samples make no whole pixels of " + std::to_string(samples_per_side) +
-                                        " a side"};
+                                        " per side"};
   return check_frame(view, 0);
 }
 

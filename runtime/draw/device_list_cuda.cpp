@@ -186,8 +186,8 @@ Result<std::vector<int>> gpus_from(int first, uint32_t count) {
   }
   if (const Result<void> back = set_current_gpu(first); !back) return back.error();
   if (count != kAllGpus && found.size() < count)
-    return Error{ErrorCode::kDevice,
-                 std::to_string(count) + " GPUs are wanted, and " + std::to_string(found.size()) + " can be used"};
+    return Error{ErrorCode::kDevice, std::to_string(count) + " GPUs were requested, but only " +
+                                         std::to_string(found.size()) + " can be used"};
   return found;
 }
 

@@ -37,7 +37,7 @@ Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_s
   if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
     return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
                                         " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
-                                        " a side"};
+                                        " per side"};
   view.width = static_cast<uint32_t>(width);
   view.height = static_cast<uint32_t>(height);
   return view;

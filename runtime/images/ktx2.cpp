@@ -168,8 +168,8 @@ class Reader {
     }
     if (long_word(72) != 0)
       return fail(ErrorCode::kFormat, std::to_string(long_word(72)) +
-                                          " bytes of global data, which supercompression scheme " +
-                                          std::to_string(scheme) + " has not");
+                                          " bytes of global data, but supercompression scheme " +
+                                          std::to_string(scheme) + " has none");
     return {};
   }
 

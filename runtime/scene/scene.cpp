@@ -170,7 +170,7 @@ Result<void> Scene::number_instances() {
     if (!sum || *sum > kernels::kIdMask)
       return Error{ErrorCode::kRange, "scene " + std::to_string(scene_) + " draws more than " +
                                           std::to_string(kernels::kIdMask) +
-                                          " triangles (2^36 - 1), the most that ids tell apart"};
+                                          " triangles (2^36 - 1), the most that ids can distinguish"};
     instance_base_[i + 1] = *sum;
   }
   view_.instance_base = instance_base_.data();

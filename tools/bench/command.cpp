@@ -36,17 +36,18 @@ Command add_bench(CLI::App& parent) {
       "bench", "Times how fast .scree files load, from the disk and from the page cache, and how fast they are drawn");
   add_value(*app, "files", "FILES", options.files, "The scenes: .scree files")->required();
   add_value(*app, "--camera", "NAME", options.cameras,
-            "A camera of the files, by name, node name or number; repeatable (default: all cameras of a file, or the "
-            "default view of render)")
+            "A camera of the files, by name, node name or number; may be repeated (default: all cameras of a file, or "
+            "the default view of render)")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next argument is a file
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   add_picture_options(*app, *words);
-  add_value(*app, "--frames", "N", options.frames, "Frames per view; fewer if they take over two seconds")
+  add_value(*app, "--frames", "N", options.frames, "Frames per view; fewer if they take more than two seconds")
       ->capture_default_str();
   add_value(*app, "--warmup", "N", options.warmup, "Frames before the measured ones")->capture_default_str();
-  add_value(*app, "--repeats", "N", options.repeats, "Loads from the disk, and as many from the page cache")
+  add_value(*app, "--repeats", "N", options.repeats,
+            "Number of loads from the disk, and also of loads from the page cache")
       ->capture_default_str();
   add_device_options(*app, *words);
   add_reading_options(*app, *words);

@@ -25,50 +25,49 @@ void add_picture_options(CLI::App& app, DrawWords& words) {
 void add_device_options(CLI::App& app, DeviceWords& words) {
   add_value(app, "--threads", "N", words.threads, "Threads; 0: one per processor (default)");
   add_value(app, "--backend", "NAME", words.backend,
-            "cpu, cuda, or auto (default): the GPU if one is usable, else the CPU and one line with the reason");
+            "cpu, cuda, or auto (default): the GPU if one is usable, else the CPU, with a line that gives the reason");
   add_value(app, "--device", "N|UUID", words.device,
             "The GPU, by index or UUID as scree devices lists them (default: the first usable one)");
-  add_value(
-      app, "--gpus", "N|all", words.gpus,
-      "Number of GPUs that draw the scene together, from --device on, or all; each keeps only a part of the scene "
-      "if its memory cannot hold all of it (default: 1)");
+  add_value(app, "--gpus", "N|all", words.gpus,
+            "Number of GPUs that draw the scene together, beginning with --device, or all (default: 1); each GPU keeps "
+            "only a part of the scene if its memory cannot hold all of it");
   add_value(app, "--device-memory", "SIZE", words.device_memory,
             "Limit of a GPU's memory for scene, frames and picture, such as 8GiB (default: all free memory); chunks "
             "that do not fit are streamed");
 }
 
 void add_reading_options(CLI::App& app, DrawWords& words) {
-  add_value(app, "--host-memory", "SIZE", words.host_memory,
-            "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks and pages of textures "
-            "that the GPU's memory cannot hold (default and 0: no limit, these come from the file)");
+  add_value(
+      app, "--host-memory", "SIZE", words.host_memory,
+      "Limit of host memory, such as 16GiB, for picture buffers, pinned memory, and chunks and pages of textures that "
+      "the GPU's memory cannot hold (default and 0: no limit, such chunks and pages are read from the file)");
   add_value(app, "--read", "NAME", words.read,
-            "How pages are read for the GPU: mapped; buffered (through the page cache); direct (past it); auto "
-            "(default): direct for large uncached files, else buffered");
+            "How pages are read for the GPU: mapped (through a map of the file); buffered (through the page cache); "
+            "direct (past the page cache); auto (default): direct for large files that are not cached, else buffered");
 }
 
 void add_texture_options(CLI::App& app, TextureWords& words) {
   add_value(app, "--texture-cache", "SIZE", words.cache,
             "Memory for decoded blocks of JPEG textures, such as 1GiB; the picture does not depend on it (default: "
             "64MiB, on a GPU 256MiB)");
-  add_value(
-      app, "--texture-memory", "SIZE", words.memory,
-      "The most memory for pages of KTX2, DDS and JPEG textures, such as 8GiB; pages are read from the file when "
-      "pixels show them, and the picture does not depend on this limit (default: 2GiB on the CPU; on a GPU textures "
-      "that fit are loaded whole, else they share its memory with geometry)");
+  add_value(app, "--texture-memory", "SIZE", words.memory,
+            "Limit of memory for pages of KTX2, DDS and JPEG textures, such as 8GiB; pages are read from the file when "
+            "pixels show them, and the picture does not depend on the limit (default: 2GiB on the CPU; on a GPU, "
+            "textures that fit are loaded whole, else they share its memory with geometry)");
 }
 
 void add_light_options(CLI::App& app, LightWords& words) {
   add_value(app, "--light", "NAME", words.light,
-            "Where light comes from: camera: from the eye, on matt surfaces; environment: from all around; scene: "
-            "the file's own lights (default: environment where materials have more than a base colour, else camera)");
+            "The light: camera (from the eye, on matt surfaces), environment (from all around) or scene (the file's "
+            "own lights); default: environment if a drawn material has more than a base colour, else camera");
   add_value(app, "--environment", "FILE", words.environment,
-            "The surroundings for --light environment, which it implies: a Radiance picture (.hdr) of all "
-            "directions (default: a clear sky)");
+            "Light from all around, given by a Radiance picture (.hdr) of all directions (default: a clear sky); "
+            "implies --light environment");
   add_value(app, "--exposure", "STOPS", words.exposure,
-            "Exposure in stops, -20 to 20 (default: 0); the camera's light ignores it");
+            "Exposure in stops, -20 to 20 (default: 0); it does not affect --light camera");
   add_value(app, "--blend-layers", "N", words.blend_layers,
-            "The most layers of blended surfaces, such as glass, that are drawn per sample, 0 to 65535 (default: "
-            "16); a warning counts samples with more");
+            "Largest number of layers of blended surfaces, such as glass, per sample, 0 to 65535 (default: 16); a "
+            "warning gives the number of samples with more layers");
   app.add_flag("--shadows", words.shadows,
                "With --light scene: the first directional light casts shadows; blended surfaces cast none");
   add_value(app, "--shadow-size", "N", words.shadow_size,

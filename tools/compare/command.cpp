@@ -311,7 +311,7 @@ Command add_compare(CLI::App& parent) {
       ->expected(1)
       ->allow_extra_args(false)  // the next argument is an input file
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  add_value(*app, "--exclude", "REGEX", words->exclude, "The --exclude that the .scree file was converted with");
+  add_value(*app, "--exclude", "REGEX", words->exclude, "The --exclude with which the .scree file was converted");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_option(
          "--ppd", words->pixels_per_degree,

@@ -230,40 +230,40 @@ Command add_convert(CLI::App& parent) {
             "Largest position error per axis, in model units (0.5mm, 1e-3; a unit is a metre). Chooses the step "
             "instead of --positions. Meshes for which 24 bits are not enough keep their floats");
   add_value(*app, "--max-error-pixels", "N", words->max_error_pixels,
-            "Choose for each mesh the fewest bits that move no vertex by more than N pixels when it is "
-            "--at-distance or farther from the eye's plane (formula: docs/format.md)");
+            "Choose for each mesh the fewest bits that move no vertex by more than N pixels if it is --at-distance or "
+            "farther from the eye's plane (formula: docs/format.md)");
   add_value(*app, "--at-distance", "D", words->at_distance,
-            "D of --max-error-pixels in world units (2m, 1e3; a unit is a metre)");
-  add_value(*app, "--at-size", "WxH", words->at_size, "Size of the picture of --max-error-pixels (default: 1920x1080)");
+            "Distance for --max-error-pixels in world units (2m, 1e3; a unit is a metre)");
+  add_value(*app, "--at-size", "WxH", words->at_size,
+            "Size of the picture for --max-error-pixels (default: 1920x1080)");
   add_value(*app, "--at-fov", "DEGREES", words->at_fov,
             "Vertical field of view of that picture in degrees (default: 45)");
-  add_value(*app, "--grid", "NAME", words->grid,
-            "mesh: each mesh has its own step (default); scene: meshes under one world matrix share the finest");
+  add_value(
+      *app, "--grid", "NAME", words->grid,
+      "mesh (default): each mesh has its own step; scene: meshes with the same world matrix share the finest step");
   add_value(*app, "--order", "NAME", words->order,
-            "fifo: triangles in vertex-cache order, vertices by first use (default); none: as in the source");
+            "fifo (default): triangles in vertex-cache order, vertices by first use; none: as in the source");
   add_value(*app, "--encoding", "NAME", words->encoding,
-            "clustered (default): clusters of up to 128 triangles, half the bytes, drawn far faster on a GPU; "
-            "indexed: vertices and indices. Meshes with float32 positions are always indexed, as are chunks that "
-            "would exceed float32 size under an error bound");
+            "clustered (default): clusters of up to 128 triangles, which take half the bytes and are drawn far faster "
+            "on a GPU; indexed: vertices and indices. Meshes with float32 positions are always indexed. With an error "
+            "bound, so are chunks whose clusters would take more bytes than float32 positions");
   add_value(*app, "--clusters", "NAME", words->clusters,
             "fast (default): clusters in the order of --order; best: smaller files, many times slower");
   add_value(*app, "--chunk-triangles", "N", words->chunk_triangles,
             "Largest number of triangles per chunk, 1 to 65536 (default: 65536); 0: one chunk per mesh, which "
             "needs memory for the whole largest mesh");
   add_value(*app, "--zstd", "N", words->zstd,
-            "Compress pages with zstd at this level, 1 to 22; 0: not at all (default: only blocks of textures, "
-            "at level 1)");
-  add_value(
-      *app, "--textures", "NAME", words->textures,
-      "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels (UASTC and BasisLZ "
-      "become RGBA8), PNGs stay as they are, WebPs become PNGs; jpeg:QUALITY (jpeg: 90): other images become JPEGs "
-      "too, 4:4:4, without alpha; raw: as keep, but JPEGs stay as they are too");
+            "Compress pages with zstd at this level, 1 to 22; 0: no compression (default: only blocks of textures, at "
+            "level 1)");
+  add_value(*app, "--textures", "NAME", words->textures,
+            "keep (default): JPEGs are indexed without loss, KTX2 and DDS keep their blocks and levels (UASTC and "
+            "BasisLZ become RGBA8), PNGs stay unchanged, WebPs become PNGs; jpeg:QUALITY (jpeg: quality 90): other "
+            "images become JPEGs too, 4:4:4, without alpha; raw: like keep, but JPEGs stay unchanged too");
   app->add_flag("--keep-going", words->keep_going,
-                "An image that is damaged or of an unsupported kind becomes grey instead of an error");
+                "Replace an image that is damaged or of an unsupported kind by grey instead of failing");
   add_value(*app, "--normals", "WHICH", words->normals,
-            "Normals to store, with 12 bits per axis of the octahedral map: auto (default): of meshes whose "
-            "normals differ "
-            "from those of their faces; always (also --normals alone); never");
+            "Whether meshes keep their normals, with 12 bits per axis of the octahedral map: auto (default): if they "
+            "differ from the normals of the mesh's faces; always (also --normals alone); never");
   app->add_flag("--source-ids", words->source_ids, "Store every triangle's number in the source");
   add_value(*app, "--exclude", "REGEX", words->exclude,
             "Leave out nodes whose name matches this regular expression, and their children");
@@ -277,13 +277,13 @@ Command add_convert(CLI::App& parent) {
   add_value(*app, "--memory", "SIZE", words->memory,
             "Limit of memory (default: 2GiB); a lower limit allows fewer threads, but the output stays the same");
   add_value(*app, "--shard", "I/N", words->shard,
-            "Convert only share I of N (counted from 1) into a file of its own (default: the input with the extension "
-            ".I.part); scree merge joins the shares into the file of one run (docs/scale.md)");
+            "Convert only shard I of N (counted from 1) to a file of its own (default: the input with the extension "
+            ".I.part); scree merge joins the shards to the file of a single run (docs/scale.md)");
   app->add_flag("--resume", words->resume,
-                "Continue a killed run from OUTPUT.part (same input and options, same bytes); keep OUTPUT.part if this "
-                "run stops or fails");
+                "Continue a killed run from OUTPUT.part, with the same input and options, to the same bytes; keep "
+                "OUTPUT.part if this run stops or fails");
   app->add_flag("-f,--force", words->force, kForceHelp);
-  app->add_flag("--stats", words->stats, "Print the rate of every stage and the slowest one");
+  app->add_flag("--stats", words->stats, "Print the rate of every stage, and name the slowest stage");
   app->add_flag("--json", words->json, "Print one JSON object instead of the closing lines");
   app->add_flag("-q,--quiet", words->quiet, "No progress and no closing lines");
   return {app, [words, positions] { return run(*words, positions->count() > 0); }};

@@ -68,7 +68,7 @@ Result<void> run(const MergeWords& words) {
 Command add_merge(CLI::App& parent) {
   const auto words = std::make_shared<MergeWords>();
   CLI::App* app = parent.add_subcommand(
-      "merge", "Joins the shards of a conversion (scree convert --shard) into the .scree file of one run");
+      "merge", "Joins the shards of a conversion (scree convert --shard) to the .scree file of a single run");
   app->add_option("shards", words->shards, "All shards, in any order; their source must be unchanged")->required();
   add_value(*app, "-o,--output", "FILE", words->output, "The file to write")->required();
   add_value(*app, "--threads", "N", words->threads, "Threads; 0: one per processor (default)");

@@ -120,12 +120,12 @@ Command add_inspect(CLI::App& parent) {
   app->add_option("FILE", arguments->path, "The .scree file")->required();
   app->add_flag("--json", options.json, "One JSON object, amounts in bytes");
   app->add_flag("--verify", options.verify,
-                "Check every checksum and decode everything; also show the share of indices in clusters");
-  app->add_flag("--chunks", options.chunks, "Add a row for every chunk");
+                "Check every checksum and decode all data; also print the share that indices take in clusters");
+  app->add_flag("--chunks", options.chunks, "Print a row for every chunk");
   add_value(*app, "--source", "FILE", options.source,
             "Measure the true position error against this .gltf or .glb (needs convert --source-ids)");
   add_value(*app, "--exclude", "REGEX", options.exclude,
-            "The --exclude that the file was converted with, for --source");
+            "For --source: the --exclude with which the file was converted");
   app->add_flag("--allow-outside", options.allow_outside, convert::kAllowOutsideHelp);
   add_value(*app, "--top", "N", options.top, "Meshes and images to list by name")->capture_default_str();
   add_value(*app, "--threads", "N", options.threads, "Threads of --verify; 0: one per processor")

@@ -439,8 +439,8 @@ void add_camera_options(CLI::App& app, RenderWords& words) {
   add_value(app, "--scene", "NAME", words.scene, "Scene of the file, by name or number (default: the file's default)");
   add_value(app, "--camera", "NAME", words.camera, "Camera of the file, by name, node name or number");
   add_value(app, "--view", "NAME", words.view,
-            "Show the whole scene from front, right, back, left, top, bottom or iso (default: from 30 degrees to "
-            "the right of its front and 20 above)");
+            "Show the whole scene from front, right, back, left, top, bottom or iso (default: from 30 degrees to the "
+            "right of the front and 20 degrees above it)");
   add_value(app, "--eye", "X,Y,Z", words.eye, "Position of the camera, X,Y,Z");
   add_value(app, "--target", "X,Y,Z", words.target, "Point that --eye looks at, X,Y,Z (default: middle of the scene)");
   add_value(app, "--up", "X,Y,Z", words.up, "Up direction in the picture, X,Y,Z (default: 0,1,0)");
@@ -458,7 +458,7 @@ Command add_render(CLI::App& parent) {
       "Layers of an .exr: color: R, G, B, A, linear and premultiplied; depth: Z; normal: N.X, N.Y, N.Z; uv: UV.U, "
       "UV.V; id: id.instance, id.mesh, id.material, id.triangle of the mesh, 4294967295 if there is none (default: "
       "color,depth,normal,uv,id)");
-  app->add_flag("--float", words->float_color, "Colours of an .exr with 32 bits, not 16");
+  app->add_flag("--float", words->float_color, "Colours of an .exr with 32 bits instead of 16");
   add_picture_options(*app, *words);
   add_camera_options(*app, *words);
   add_value(*app, "--clip-box", "X0,Y0,Z0,X1,Y1,Z1", words->clip_box,
@@ -466,30 +466,32 @@ Command add_render(CLI::App& parent) {
             "in the scene's units");
   app->add_flag("--list-cameras", words->list_cameras, "List the scene's cameras and draw nothing");
   add_value(*app, "--show", "NAME", words->show,
-            "texture (default), color: without textures, uv, normal, triangle, cluster, mesh, stage: of the "
-            "rasteriser, or depth");
+            "The kind of picture: texture (default), color (without textures), uv, normal, triangle, cluster, mesh, "
+            "stage (of the rasteriser) or depth");
   app->add_flag("--no-light", words->no_light, "No light: surface colours only");
   add_light_options(*app, words->light);
   app->add_flag("--ssao", words->ssao, "Ambient occlusion: darkens corners and surfaces close behind others");
   app->add_flag("--edl", words->edl, "Eye-dome lighting: darkens pixels whose neighbours are nearer");
-  add_value(*app, "--edl-strength", "N", words->edl_strength, "Strength of the darkening, 0 to 100 (default: 1)");
+  add_value(*app, "--edl-strength", "N", words->edl_strength,
+            "Strength of the darkening by --edl, 0 to 100 (default: 1)");
   add_value(*app, "--edl-radius", "N", words->edl_radius,
-            "Distance of these neighbours in pixels, 1 to 64 (default: 1)");
+            "Distance of the neighbours for --edl in pixels, 1 to 64 (default: 1)");
   add_value(*app, "--background", "COLOR", words->background,
-            "#rgb, #rrggbb, #rrggbbaa, a name such as black or skyblue, or transparent (default: #9aa4b0)");
+            "Colour of the background: #rgb, #rrggbb, #rrggbbaa, a name such as black or skyblue, or transparent "
+            "(default: #9aa4b0)");
   add_value(
       *app, "--depth", "FILE", words->depth,
       "Write the depth image, a .pfm: distances from the eye's plane in the scene's units, inf on the background");
   add_value(*app, "--normals", "FILE", words->normals,
-            "Write the normals, a .pfm of three floats per pixel: unit length, in world space, of the front "
-            "even if the back is seen, 0 on the background");
+            "Write the normals, a .pfm of three floats per pixel: of unit length, in world space, of the front side "
+            "even where the back is visible, 0 on the background");
   add_value(*app, "--uvs", "FILE", words->uvs,
             "Write the texture coordinates, a .pfm of three floats per pixel: u, v as stored in the mesh, and 0");
   add_value(*app, "--visbuffer", "FILE", words->visbuffer,
             "Write the visibility buffer: one little-endian 64-bit word per sample, top row first, 28 bits of "
             "depth code above 36 of triangle id, all ones on the background");
   add_value(*app, "--pick", "X,Y", words->picks,
-            "Print the object under pixel X,Y; repeatable; without -o no picture is written")
+            "Print the object under pixel X,Y (may be repeated); without -o no picture is written")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)  // the next word is a file to read
@@ -500,16 +502,17 @@ Command add_render(CLI::App& parent) {
             "Draw the frames of a camera's path, a JSON file as scree view saves it (docs/scale.md); outputs are "
             "then patterns, such as -o frame_%05d.png");
   add_value(*app, "--frames", "FRAMES", words->frames,
-            "With --path: FIRST:END, such as 0:600 for frames 0 to 599; I/N, every N-th of them from the I-th on; or "
-            "both, such as 0:600,1/8 (default: all). Without a path: draw this many frames of a still camera and write "
-            "the last (default: 1); --stats then shows what each of them streamed");
+            "With --path, the frames to draw: FIRST:END, such as 0:600 for frames 0 to 599; I/N, every N-th frame, "
+            "beginning with the I-th; or both, such as 0:600,1/8 (default: all). Without --path: draw this many frames "
+            "of a still camera and write the last one (default: 1); --stats then prints the streaming of each frame");
   add_value(*app, "--fps", "N", words->fps, "Frames per second of a path (default: the file's, else 30)");
-  app->add_flag("--resume", words->resume,
-                "With --path: keep frames that exist, complete and of this size, also from another run");
+  app->add_flag(
+      "--resume", words->resume,
+      "With --path: leave out frames whose files exist, complete and of this size, even if another run wrote them");
   add_value(*app, "--share", "NAME", words->share,
-            "With --path, the work that ranks under mpirun share: frames (default), each of which one rank draws; "
-            "or geometry: all ranks draw every frame, each with a part of the scene, for a scene that is too "
-            "large for one of them");
+            "With --path, how ranks under mpirun share the work: frames (default): each frame is drawn by one rank; "
+            "geometry: all ranks draw every frame, each with a part of the scene, for a scene that is too large for "
+            "one rank");
   add_value(*app, "--exchange", "NAME", words->exchange,
             "How ranks under mpirun exchange pictures (docs/scale.md): nccl, from GPU to GPU; mpi, through host "
             "memory; or auto (default): nccl for 16 frames or more, if its library is found and each rank has a "

@@ -207,7 +207,8 @@ Result<void> serve(ViewOptions options) {
 
 Command add_view(CLI::App& parent) {
   const auto words = std::make_shared<ViewWords>();
-  CLI::App* app = parent.add_subcommand("view", "Serves a scene to browsers: look around, pick, measure");
+  CLI::App* app =
+      parent.add_subcommand("view", "Serves a scene to browsers, for looking around, picking and measuring");
   app->add_option("file", words->file, "The scene: a .scree file")->required();
   add_value(*app, "--scene", "NAME", words->scene,
             "Scene of the file, by name or number (default: the file's default)");
@@ -215,15 +216,16 @@ Command add_view(CLI::App& parent) {
   add_value(*app, "--host", "HOST", words->host,
             "The address to listen on (default: 127.0.0.1, reachable only from this machine)");
   add_value(*app, "--port", "N", words->port,
-            "The port to listen on; 0: any that is free (default: 8080, or the next of 20 that is free)");
+            "The port to listen on; 0: any free port (default: the first free port of the 20 from 8080 on)");
   add_value(*app, "--base-path", "PATH", words->base_path, "Path under which a proxy serves the page, such as /scree");
   add_value(*app, "--allow-host", "HOST", words->allowed_hosts,
-            "Host name that browsers may use, such as a proxy's; repeatable")
+            "Host name that browsers may use, such as the name of a proxy; may be repeated")
       ->type_size(1)
       ->expected(1)
       ->allow_extra_args(false)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  add_value(*app, "--viewers", "N", words->viewers, "The most pages at once, 1 to 32 (default: 8)");
+  add_value(*app, "--viewers", "N", words->viewers,
+            "Largest number of pages that are open at the same time, 1 to 32 (default: 8)");
   add_device_options(*app, *words);
   add_texture_options(*app, words->textures);
   add_light_options(*app, words->light);

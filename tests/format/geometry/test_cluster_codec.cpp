@@ -349,7 +349,7 @@ TEST_CASE("errors of clusters name the defect", "[cluster_codec]") {
   CHECK(change_record(0, [](ClusterRecord& r) {
           r.place &= ~(3u << 29);  // x is predicted from y and z
           r.counts = (r.counts & ~(31u << 22)) | 16u << 22;
-        }) == "range: cluster 0: 16 bits of an axis that another follows from, expected at most 15");
+        }) == "range: cluster 0: 16 bits of an axis from which another one is predicted, expected at most 15");
   CHECK(change_record(chunk.record.cluster_count - 1, [](ClusterRecord& r) {
           r.counts = (r.counts & 0x1ffffu) | 24u << 17 | 24u << 22 | 24u << 27;
           r.place |= kNotPredicted << 29;

@@ -373,8 +373,8 @@ TEST_CASE("errors of split pages name the defect", "[cluster_page]") {
   CHECK(with(in(2), 4) == "range: split page: a triangle with vertices that its cluster lacks");
   CHECK(with(in(3), 64) == "reserved: split page: a reserved bit of a form is set");
   CHECK(with(in(6), 255) == "range: split page: a triangle with vertices that its cluster lacks");
-  CHECK(with(in(7), 1) == "range: split page: a vertex that is not there, or too few residuals");
-  CHECK(with(in(7), 255) == "range: split page: a vertex that is not there, or too few residuals");
+  CHECK(with(in(7), 1) == "range: split page: a missing vertex, or too few residuals");
+  CHECK(with(in(7), 255) == "range: split page: a missing vertex, or too few residuals");
   const auto moved = [&](size_t grown, size_t shrunk, size_t bytes) {  // moves bytes from the end of one stream to
                                                                        // another's
     Bytes changed = split;
@@ -383,8 +383,7 @@ TEST_CASE("errors of split pages name the defect", "[cluster_page]") {
     return join(changed, page.size());
   };
   CHECK(moved(10, 9, 1) == "trailing: split page: part of a residual");
-  CHECK(moved(10, 9, 3 * load<uint32_t>(split.data())) ==
-        "range: split page: a vertex that is not there, or too few residuals");
+  CHECK(moved(10, 9, 3 * load<uint32_t>(split.data())) == "range: split page: a missing vertex, or too few residuals");
   CHECK(moved(1, 0, 4) == "truncated: split page: half a part");
 }
 

@@ -350,7 +350,7 @@ TEST_CASE("GPUs that cannot draw together are refused", "[cuda][gpus]") {
 #if defined(SCREE_EMULATED_CUDA)
   {
     const EmulatedGpus emulated("9.0,9.0,6.1");
-    CHECK(message(3, 0) == "3 GPUs are wanted, and 2 can be used");
+    CHECK(message(3, 0) == "3 GPUs were requested, but only 2 can be used");
     // A scene that exceeds the memory of all is streamed by one.
     const std::string too_small = message(2, 20000);
     CHECK(too_small.ends_with(" where its chunks are streamed, but 20000 are allowed"));
@@ -364,7 +364,7 @@ TEST_CASE("GPUs that cannot draw together are refused", "[cuda][gpus]") {
   CHECK(message(2, 0) ==
         "GPU 0 cannot read the memory of GPU 1 (no peer access), so they cannot draw one scene together");
 #else
-  CHECK(message(runtime::kMostGpus, 0).starts_with("16 GPUs are wanted, and "));
+  CHECK(message(runtime::kMostGpus, 0).starts_with("16 GPUs were requested, but only "));
 #endif
 }
 
