@@ -147,7 +147,7 @@ def time_nvdiffrast(scene, cameras, width, height, device, repeats, depths):
         median, least, most = median_ms(device, repeats, work)
         print(f"nvdiffrast: {name},{len(cameras)},{width},{height},no,{median:.3f},{least:.3f},{most:.3f},"
               f"{1e3 * len(cameras) / median:.0f}")
-    # Its rows go from the bottom to the top.
+    # Its rows are in order from the bottom to the top.
     image = state["image"].flip(1).double()
     others = torch.where(image[..., 3] == 0, math.inf, 2 * FAR * NEAR / (FAR + NEAR - image[..., 2] * (FAR - NEAR)))
     # nvdiffrast rounds vertices to a 16th of a pixel, so edges and steep surfaces move by less than a pixel.

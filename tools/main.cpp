@@ -70,7 +70,7 @@ int run(int argc, char** argv) {
   for (const scree::tools::Command& command : commands) {
     if (!command.app->parsed()) continue;
     const std::string name = command.app->get_name();
-    if (name != "inspect") scree::tools::end_on_signal(name);  // inspect writes nothing
+    if (name != "inspect") scree::tools::end_on_signal(name);  // inspect writes no file
     const scree::Result<void> result = command.run();
     if (result) return 0;
     scree::tools::end_where_signalled();

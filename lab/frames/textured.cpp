@@ -169,7 +169,7 @@ class TexturedBench {
     return drawn;
   }
 
-  /// Measures a row: draws the views one after another. Warm-up frames go through the views in turn.
+  /// Measures a row: draws the views one after another. Warm-up frames draw the views in turn.
   Result<void> series(inspect::TextTable& table, const std::string& name, const char* textures,
                       const std::vector<kernels::View>& views, kernels::Show show, bool cold, bool warms_up = true) {
     for (uint32_t i = 0; warms_up && i < options_.warmup; ++i)

@@ -1,4 +1,4 @@
-// Measures the cost of textures that stay JPEGs on the GPU.
+// Measures the time that textures take if they stay JPEGs on the GPU.
 #pragma once
 
 #include "format/result.h"

@@ -17,8 +17,8 @@ namespace scree::lab {
 enum class Study : uint8_t {
   kPositions,    // the error by the width of positions
   kSupersample,  // the difference of 1, 4 and 16 samples per pixel from 64
-  kDepth,        // the error of depth codes, with everything else exact
-  kSnapping,     // the error of rounding projected corners, with everything else exact
+  kDepth,        // the error of depth codes, with all other steps exact
+  kSnapping,     // the error of rounding projected corners, with all other steps exact
 };
 const char* study_name(Study study);
 

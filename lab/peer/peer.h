@@ -34,8 +34,8 @@ class Peer {
   /// The GPU and its driver: "NVIDIA H100, NVIDIA 580.159.04".
   virtual std::string device() const = 0;
 
-  /// Makes the scene's vertices and indices in device memory, in place of the last scene's. `scene` outlives the draws.
-  /// Errors kMemory: does not fit, with the bytes needed and free; kDevice.
+  /// Makes the scene's vertices and indices in device memory, replacing those of the last scene. `scene` outlives the
+  /// draws. Errors kMemory: does not fit, with the bytes needed and free; kDevice.
   virtual Result<void> load(const synth::Scene& scene, uint32_t threads) = 0;
   /// Frees the scene's memory and the pictures'.
   virtual void unload() = 0;
@@ -61,7 +61,7 @@ class Peer {
 };
 
 /// Opens libvulkan.so.1 and a GPU: the one of `uuid` (runtime::Gpu::uuid), or the first that has all that is needed if
-/// `uuid` is empty. Errors kDevice: built without Vulkan, no library, no such GPU, a feature that it lacks.
+/// `uuid` is empty. Errors kDevice: built without Vulkan, no library, no such GPU, a missing feature of the GPU.
 Result<std::unique_ptr<Peer>> open_vulkan_peer(const std::string& uuid);
 
 }  // namespace scree::lab

@@ -74,7 +74,7 @@ struct VulkanImage {
   uint64_t bytes = 0;
 };
 
-/// Where a buffer lies, and what the host does with it.
+/// The memory of a buffer, and how the host uses it.
 enum class VulkanMemory { kDevice, kHostWrites, kHostReads };
 
 class VulkanDevice {

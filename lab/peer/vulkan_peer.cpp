@@ -452,7 +452,7 @@ void VulkanPeer::record_draws(PeerDrawing drawing, VkCommandBuffer commands) {
 Result<void> VulkanPeer::record_reading() {
   const VkCommandBufferBeginInfo begin{.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
   if (auto done = vulkan_check(vk_.vkBeginCommandBuffer(reading_, &begin), "recording a copy"); !done) return done;
-  // A frame may be read twice, so the picture goes back to the layout that drawing left.
+  // A frame may be read twice, so the picture gets the layout back that it had after drawing.
   const auto turn = [&](VkImageLayout from, VkImageLayout to) {
     const VkImageMemoryBarrier2 barrier{.sType = VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER_2,
                                         .srcStageMask = VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT,

@@ -41,7 +41,7 @@ struct JoinSizes {
   JoinRoom room() const { return {task_bytes / sizeof(kernels::JoinTask), vertex_bytes / kernels::kJoinVertexBytes}; }
 };
 
-/// The ring in pinned memory, with one event per slot. Copies go out on a few streams, so that one copies while the
+/// The ring in pinned memory, with one event per slot. Copies are queued on a few streams, so that one copies while the
 /// next is set up. A join takes longer than a copy, and its pages are few blocks. So several slots are copied and
 /// joined together, and some such batches at the same time.
 class PinnedRing final : public UploadTarget {
@@ -198,7 +198,7 @@ uint64_t texel_bytes(const kernels::TextureView& texture) {
               uint64_t{std::max(texture.width >> last, 1u)} * std::max(texture.height >> last, 1u));
 }
 
-/// The scene's JPEG levels by number, on their way to the device. Paged levels have their bytes in pages.
+/// The scene's JPEG levels by number, while they are copied to the device. Paged levels have their bytes in pages.
 class UploadedJpegs {
  public:
   void add_to(UploadPlan& plan, const Scene& scene) {

@@ -269,7 +269,7 @@ bool DeviceBlockPager::keep(std::span<const uint32_t> numbers, std::span<const u
   uint64_t bytes = 0;
   for (const uint32_t number : numbers) bytes += slot_bytes(number);
   if (bytes > kept_limit_) return false;
-  std::vector<uint32_t> old;  // pages that may go, the one shown longest ago first; once it is needed
+  std::vector<uint32_t> old;  // pages that may be dropped, the one shown longest ago first; made once it is needed
   bool is_sorted = false;
   size_t gone = 0;
   for (size_t i = 0; i < numbers.size();) {
@@ -333,7 +333,7 @@ Result<void> DeviceBlockPager::settle() {
   return pages().round == settled_round_ ? Result<void>() : begin_copies();
 }
 
-/// Waits for pages on their way to the room. They are sampled there from now on.
+/// Waits for the pages that are being copied to the room. They are sampled there from now on.
 Result<void> DeviceBlockPager::finish_copies() {
   if (copying_.empty()) return {};
   constexpr const char* kWhat = "copying pages of textures";

@@ -18,8 +18,8 @@
 
 namespace scree::runtime {
 
-/// Belongs to the device that was current when it was made. Pages go through pinned memory: some are read while others
-/// are copied.
+/// Belongs to the device that was current when it was made. Pages are copied through pinned memory: some are read while
+/// others are copied.
 class DeviceBlockPager final : public BlockPager {
  public:
   static constexpr uint64_t kUnit = 4096;  // of the room
@@ -37,10 +37,10 @@ class DeviceBlockPager final : public BlockPager {
   Result<void> use_room(std::byte* end, uint64_t bytes);
 
   /// Keeps pages of blocks in up to `bytes` of pinned host memory from now on. If all fit, they are read now. If not,
-  /// pages come to it when the room is too small for the pages that a picture shows; those that were shown longest ago
-  /// make room. Pages are sampled there until they are copied to the room, between pictures. The memory is allocated as
-  /// it is needed, and less is used if the system pins no more. To be called at most once. Errors of reading and
-  /// checking pages; kMemory; kDevice.
+  /// pages come to it when the room is too small for the pages that a picture shows; pages that were shown longest ago
+  /// are dropped for them. Pages are sampled there until they are copied to the room, between pictures. The memory is
+  /// allocated as it is needed, and less is used if the system pins no more. To be called at most once. Errors of
+  /// reading and checking pages; kMemory; kDevice.
   Result<void> keep_in_host_memory(uint64_t bytes);
 
   /// To be called before a picture: begins to copy pages that the last picture sampled in host memory to the room.
@@ -57,7 +57,7 @@ class DeviceBlockPager final : public BlockPager {
   /// The device memory of create() beside the room, and its pinned memory beside pinned_bytes().
   static uint64_t table_bytes(const Scene& scene);
   /// The pinned memory that create() takes if an upload may take `host_memory` (0: no limit): an eighth of it, at most
-  /// 32 MiB, at least two pages of blocks. Larger pages of JPEGs go through memory that is not pinned.
+  /// 32 MiB, at least two pages of blocks. Larger pages of JPEGs are copied through memory that is not pinned.
   static uint64_t pinned_bytes(uint64_t host_memory);
   /// The rest of `host_memory`, for keep_in_host_memory(); 0 if there is no limit.
   static uint64_t most_kept_bytes(const Scene& scene, uint64_t host_memory);

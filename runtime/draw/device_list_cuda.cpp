@@ -80,7 +80,7 @@ Gpu describe_gpu(int index) {
   return gpu;
 }
 
-/// Makes `gpu` the current device. Fills in why_unusable if nothing can be drawn there.
+/// Makes `gpu` the current device. Fills in why_unusable if the GPU cannot draw.
 void make_current(Gpu& gpu) {
   if (!gpu.is_usable()) return;
   const std::string which = gpu.name + " (GPU " + std::to_string(gpu.index) + ")";

@@ -31,7 +31,7 @@ struct PictureNeeds {
 class DeviceScene : public DeviceView {
  public:
   /// Copies `scene` to the current device (device_list.h): records, pages, textures. Pages that the scene has are
-  /// copied. Others come from the file, are checked as by Scene::load_pages, and stay on the device alone
+  /// copied. Other pages are read from the file, are checked as by Scene::load_pages, and stay only on the device
   /// (runtime/stream/upload.h). JPEG levels that the scene has not decoded stay JPEGs. Their groups are decoded when
   /// they are sampled. Pages of textures are read when they are sampled; where chunks are streamed too, both share the
   /// memory.
@@ -40,9 +40,9 @@ class DeviceScene : public DeviceView {
   ///   scene, its chunks are streamed (runtime/stream/streamer.h); `scene` then outlives this.
   /// - `texture_cache`: bytes for decoded groups of JPEGs. The picture does not depend on it. A streamed scene takes at
   ///   most an eighth of the budget for them, and at least one group.
-  /// - `host_memory`: the most pinned memory that uploading and streaming take. The part that batches leave keeps
-  ///   chunks, and then pages of textures (DeviceBlockPager::keep_in_host_memory). 0: as much as batches need, and
-  ///   nothing is kept.
+  /// - `host_memory`: the most pinned memory that uploading and streaming take. The part that batches do not need holds
+  ///   chunks, and then pages of textures (DeviceBlockPager::keep_in_host_memory). 0: as much as batches need, and no
+  ///   chunks or pages are kept.
   /// - `progress`: gets the number of copied bytes, and may stop the upload (kFile).
   /// - `gpus`: the most GPUs that draw the scene together: the current device and the next usable GPUs; kAllGpus: all.
   ///   Each has this budget. It gets all pages if they fit the budget, otherwise a share of them. Views draw on all

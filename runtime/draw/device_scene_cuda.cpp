@@ -37,7 +37,8 @@ constexpr uint64_t kMostPinnedJoins = uint64_t{256} << 20;
 constexpr uint64_t kLeastTextureRoom = uint64_t{16} << 20;
 
 /// The part of the free memory that is left for kernels' code, their stacks and queues that grow. If the scene is
-/// resident, it is at most kMostLeft. A streamed scene leaves the whole part, because its pool would use all the rest.
+/// resident, it is at most kMostLeft. For a streamed scene the whole part stays free, because its pool would use all
+/// the rest.
 constexpr uint64_t kLeftShare = 16;
 constexpr uint64_t kMostLeft = uint64_t{512} << 20;
 
@@ -163,7 +164,7 @@ DeviceScene::DeviceScene(std::unique_ptr<Impl> impl) : DeviceView(impl->own), im
 DeviceScene::DeviceScene(DeviceScene&&) noexcept = default;
 DeviceScene& DeviceScene::operator=(DeviceScene&&) noexcept = default;
 DeviceScene::~DeviceScene() {
-  DeviceView::impl_.reset();  // a view goes before its scene
+  DeviceView::impl_.reset();  // a view is destroyed before its scene
 }
 
 const UploadStats& DeviceScene::stats() const {
@@ -211,7 +212,7 @@ Result<uint64_t> DeviceScene::load_rest(const IsOver& is_over) {
 }
 
 Result<DeviceView> DeviceScene::add_view(const Scene& scene) try {
-  if (impl_->own.use_count() == 2) return DeviceView(impl_->own);  // nobody else has it but this, as a view
+  if (impl_->own.use_count() == 2) return DeviceView(impl_->own);  // only this object has it, as a view
   auto view = std::make_shared<DeviceView::Impl>(*impl_);
   if (impl_->stream == nullptr)  // otherwise make_ready() makes the frames
     if (const Result<void> made = impl_->make_frames(*view, scene.view()); !made) return made.error();

@@ -70,8 +70,8 @@ class DeviceView {
 
   /// Queues work that lowers samples in device memory, on a cudaStream_t.
   using LowerSamples = std::function<Result<void>(uint64_t* samples, void* stream)>;
-  /// Begins to draw the next picture, into samples of its own; finish() ends it. Meanwhile this view draws nothing
-  /// else, and all other functions are about the picture before it, which they shade and read beside the drawing, on
+  /// Begins to draw the next picture, into samples of its own; finish() ends it. Until then this view cannot draw
+  /// another picture. All other functions refer to the previous picture, which they shade and read at the same time, on
   /// stream(). They make no layers of blended surfaces, no normals and no texture coordinates. `join`: empty, or called
   /// before this returns, as DrawOptions::join: in a two-pass frame after pass 1 and at the end, otherwise at the end.
   /// Errors kUnsupported (a streamed scene, or several GPUs), kRange (as draw()), kDevice, those of `join`.

@@ -17,7 +17,7 @@ namespace scree::runtime {
 
 namespace {
 
-/// The highest priority of a stream, in place of which CUDA takes the highest that the GPU has.
+/// A priority above any of CUDA's; CUDA then takes the highest priority that the GPU has.
 constexpr int kMostPriority = -100;
 
 }  // namespace

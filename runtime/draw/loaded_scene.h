@@ -51,7 +51,7 @@ class LoadedScene {
   kernels::Lighting lighting() const { return lighting_; }
   /// The GPU that draws the scene; nothing if the CPU does.
   const std::optional<Gpu>& gpu() const { return gpu_; }
-  /// One line that tells why no GPU draws the scene; empty if one does, or if DrawOn::kAuto was not given.
+  /// One line with the reason why no GPU draws the scene; empty if a GPU does, or if DrawOn::kAuto was not given.
   const std::string& why_cpu() const { return why_cpu_; }
   /// Null if the CPU draws. To be used with gpu_lock() held, except for its statistics.
   DeviceScene* device() const { return device_.get(); }

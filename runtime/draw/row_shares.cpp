@@ -29,7 +29,7 @@ void RowShares::divide(uint32_t height, std::span<const float> ms) {
     const float most = *std::max_element(mean_ms_.begin(), mean_ms_.end());
     if (most * static_cast<float>(count) <= (1 + kVariation / std::sqrt(measured)) * sum(mean_ms_)) return;
     // One factor per share makes the sum of its steps' costs the measured time. The ratios between the steps stay: they
-    // come from pictures whose shares ended elsewhere.
+    // are from pictures whose shares ended elsewhere.
     for (size_t i = 0; i < count; ++i) {
       const auto costs = std::span(cost_).subspan(first_row_[i] / kStep).first(steps_of(rows(i).end - rows(i).first));
       const float estimated = sum(costs);

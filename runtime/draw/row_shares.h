@@ -22,8 +22,8 @@ class RowShares {
   /// times vary. A share is empty only if there are more shares than steps.
   void divide(uint32_t height, std::span<const float> ms);
 
-  /// A row that moves costs its new GPU many times as much at first: the GPU has no hints of clusters there, so nothing
-  /// is hidden. After this many pictures the hints are right again.
+  /// A row that moves at first takes its new GPU many times as long: the GPU has no hints of clusters there, so no
+  /// cluster is hidden. After this many pictures the hints are right again.
   static constexpr uint32_t kSettled = 6;
   /// How far the longest time of one picture may exceed the mean of all shares by chance. The mean of n pictures may
   /// exceed it by this divided by the root of n. So large differences are corrected at once, and small ones later.

@@ -11,7 +11,7 @@ namespace {
 
 using kernels::View;
 
-constexpr double kMarginSamples = 2;  // of a map beside what is seen
+constexpr double kMarginSamples = 2;  // of a map beside the visible part
 
 Vec3 normalized(const Vec3& a) {
   const double size = length(a);
@@ -28,7 +28,7 @@ struct HalfSpace {
   double least;
 };
 
-/// The half-spaces whose points a camera sees.
+/// The half-spaces whose intersection is visible to a camera.
 std::vector<HalfSpace> frustum(const View& camera) {
   const Vec3 forward = vector_of(camera.forward);
   std::vector<HalfSpace> planes{{forward, camera.z_near}};
@@ -62,8 +62,8 @@ std::vector<Vec3> clip(const std::vector<Vec3>& polygon, const HalfSpace& plane)
   return out;
 }
 
-/// The corners of the part of a box that a camera sees: those of the box's faces, clipped, and those of the camera's
-/// planes in the box. All relative to the eye, as `box` is.
+/// The corners of the part of a box that is visible to a camera: the corners of the box's clipped faces, and those of
+/// the camera's planes in the box. All relative to the eye, as `box` is.
 std::vector<Vec3> seen_corners(const WorldBox& box, const View& camera) {
   std::vector<Vec3> seen;
   const std::vector<HalfSpace> planes = frustum(camera);
@@ -208,10 +208,11 @@ bool ShadowMap::serves(const View& exact, uint32_t side, ShadowFit fit) const {
       !std::equal(std::begin(map.clip_max), std::end(map.clip_max), exact.clip_max))
     return false;
   // Both look along the sun's rays with the same axes, and both begin before the whole box. Shading reads 1.5 samples
-  // around what is seen.
+  // around the visible part.
   const double sample = 2 * map.half_width / map.width, own_sample = 2 * exact.half_width / exact.width;
   if (sample > kMostCoarser * own_sample) return false;
-  const double more = kMarginSamples * own_sample - 1.5 * sample;  // beside what is seen, by which the map may be less
+  const double more =
+      kMarginSamples * own_sample - 1.5 * sample;  // beside the visible part, by which the map may be smaller
   const auto reaches = [&](const double(&axis)[3], double own_half, double half) {
     double offset = 0;
     for (size_t i = 0; i < 3; ++i) offset += (exact.eye[i] - map.eye[i]) * axis[i];

@@ -1,4 +1,4 @@
-// The shadows of a scene's sun, its first directional light: what the light sees, drawn as any other view.
+// The shadows of a scene's sun, its first directional light: the view from the light, drawn like any other view.
 #pragma once
 
 #include <cstdint>
@@ -27,9 +27,10 @@ inline bool shows_sun(const kernels::SceneView& scene, const kernels::ShadeOptio
 
 /// The view along the unit vector `direction` of the part of `box` that `camera` sees, with two samples around it, and
 /// of all that lies between that part and the light within the box. Its longer side has `side` samples, which are
-/// squares; fewer where they would be finer than 2^-18 of the distance of what is seen. Leaves out and clips away what
-/// `camera` does. `margin`: the share of the seen part's width and height that is added on each side, as far as the box
-/// goes; the depth is the whole box's then. Nothing if the camera sees nothing of the box.
+/// squares. It has fewer if they would be finer than 2^-18 of the distance of the visible part. Leaves out and clips
+/// away what `camera` does. `margin`: the share of the visible part's width and height that is added on each side, as
+/// far as the box extends. The depth is then that of the whole box. nullopt if no part of the box is visible to the
+/// camera.
 std::optional<kernels::View> sun_view(const Vec3& direction, const WorldBox& box, const kernels::View& camera,
                                       uint32_t side, double margin = 0);
 
@@ -50,12 +51,12 @@ class ShadowMap {
   /// `device`: which draws the scene; null: the CPU. Both outlive this. Takes no memory before the first draw().
   ShadowMap(const Scene& scene, DeviceScene* device) : scene_(&scene), device_(device) {}
 
-  /// The shadows in a picture of `camera`, for ShadeOptions::sun until the next call; null if it shows nothing. The
-  /// picture itself is drawn after this. `side`: samples, kLeastShadowSide to kernels::kMaxImageSide. The map of the
-  /// last call is kept if it is the same, or serves a moving camera: it has all that the camera sees, with samples at
-  /// most kMostCoarser times the exact map's. `is_over`: as for DeviceView::draw(); a map that it ends is not kept.
-  /// Errors kUsage: the scene has no directional light; kMemory; those of DeviceScene::add_view(), kernels::draw_cpu
-  /// and DeviceView::draw().
+  /// The shadows in a picture of `camera`, for ShadeOptions::sun until the next call; null if no part of the scene is
+  /// visible. The picture itself is drawn after this. `side`: samples, kLeastShadowSide to kernels::kMaxImageSide. The
+  /// map of the last call is kept if it is the same, or serves a moving camera: it has everything that is visible to
+  /// the camera, with samples at most kMostCoarser times as large as those of the exact map. `is_over`: as for
+  /// DeviceView::draw(); a map that it ends is not kept. Errors kUsage: the scene has no directional light; kMemory;
+  /// those of DeviceScene::add_view(), kernels::draw_cpu and DeviceView::draw().
   Result<const kernels::SunShadow*> draw(const kernels::View& camera, uint32_t side, uint32_t threads,
                                          ShadowFit fit = ShadowFit::kExact, const IsOver& is_over = {});
 

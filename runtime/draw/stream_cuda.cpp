@@ -122,7 +122,7 @@ bool CudaStream::is_joined(uint32_t chunk) const {
   return joins_ && kept_at_[chunk] == kNotPinned && source_.can_send(chunk);
 }
 
-/// Whether chunks go through pinned batches.
+/// Whether chunks are copied through pinned batches.
 bool CudaStream::needs_staging() const {
   for (uint64_t c = 0; c < kept_at_.size(); ++c) {
     const auto chunk = static_cast<uint32_t>(c);
@@ -197,7 +197,7 @@ Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kern
       last_ = *stats;
       return stats;
     }
-    // If the pages of a single pixel exceed their room, chunks give way.
+    // If the pages of a single pixel exceed their room, chunks are dropped for them.
     const uint64_t needed = pager_->refused_bytes();
     const uint64_t room = room_.within(format::align_up(needed, DeviceBlockPager::kUnit), DeviceBlockPager::kUnit);
     if (stats.error().code != ErrorCode::kMemory || needed <= room_.room || room < needed) return stats;

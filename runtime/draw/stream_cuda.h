@@ -1,4 +1,4 @@
-// Streamed frames on a GPU: chunks go through pinned memory, or come from it, into a pool of device memory while others
+// Streamed frames on a GPU: chunks are copied from or through pinned memory into a pool of device memory, while others
 // are drawn. Only in programs that are built with CUDA.
 #pragma once
 
@@ -78,8 +78,8 @@ class CudaStream final : public StreamTarget {
   Result<StreamStats> draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade, uint64_t* samples,
                                  const IsOver& is_over = {});
 
-  /// As Streamer::load_rest(). Returns the bytes that are left. If none are left, all chunks are in the scene's page
-  /// table, and nothing is streamed any more.
+  /// As Streamer::load_rest(). Returns the bytes that are left. If none is left, all chunks are in the scene's page
+  /// table, and the scene is no longer streamed.
   Result<uint64_t> load_rest(const IsOver& is_over);
   bool is_complete() const { return is_complete_; }
 

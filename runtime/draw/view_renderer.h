@@ -59,8 +59,8 @@ class ViewRenderer {
 
   /// Draws one frame for each of `views`, all of one size, and makes their layers. `layers`: a bit 1 << Layer for each
   /// layer, without kSamples and kLinear. A layer is then one block, frame by frame. On the CPU the frames are shared
-  /// out among the threads, each with samples of its own. Until the next draw there is nothing to pick and no other
-  /// layer. Errors as draw(); kUsage: no view, views of several sizes, no such layers.
+  /// out among the threads, each with samples of its own. Until the next draw, picking and other layers are not
+  /// available. Errors as draw(); kUsage: no view, views of several sizes, no such layers.
   Result<void> draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
                           const kernels::ShadeOptions& shade, uint32_t layers);
 

@@ -34,7 +34,7 @@ Result<DirectFile> DirectFile::open(const MappedFile& map) {
   file.descriptor_ = ::open(link.c_str(), O_RDONLY | O_CLOEXEC | O_DIRECT);
   if (file.descriptor_ < 0) {
     const int number = errno;
-    // Without /proc the file cannot be opened this way.
+    // Without /proc the file cannot be opened like this.
     return read_error(number == ENOENT ? EINVAL : number);
   }
   return Result<DirectFile>(std::move(file));

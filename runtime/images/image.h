@@ -105,7 +105,7 @@ constexpr bool may_hold_pixels(uint64_t pixels, uint64_t bytes) {
 /// Decodes a PNG (any colour type, depth and interlace; 16 bits are rounded to 8), a JPEG (grey, YCbCr, RGB, CMYK,
 /// YCCK; baseline and progressive), a WebP (lossy or lossless, not animated), or level 0 of a file for
 /// open_block_file(). Sizes are checked before anything is allocated. Corrupt entropy-coded JPEG data are tolerated, as
-/// in other decoders, and reported in Image::warning. Everything else is an error: kFormat (with the library's
+/// in other decoders, and reported in Image::warning. Any other input is an error: kFormat (with the library's
 /// message), kTruncated (also if the file is too small for that many pixels), kRange (more than kMaxImagePixels or
 /// kMaxDecodedSide), kUnsupported, kMemory, and errors of reading the file. Reentrant.
 Result<Image> decode_image(ImageFile file);
@@ -132,8 +132,8 @@ std::string webp_version();
 Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values,
                        format::Existing existing = format::Existing::kReplace);
 
-/// Writes a visibility buffer and nothing else: width * height 64-bit little-endian words, rows top to bottom. Each is
-/// kernels::pack_sample(depth code, triangle id); all ones is background. Errors kFile.
+/// Writes only the samples of a visibility buffer: width * height 64-bit little-endian words, rows top to bottom. Each
+/// is kernels::pack_sample(depth code, triangle id); all ones is background. Errors kFile.
 Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples,
                               format::Existing existing = format::Existing::kReplace);
 

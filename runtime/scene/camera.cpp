@@ -161,7 +161,7 @@ void set_field_of_view(View& view, double radians) {
 }
 
 /// The least distance from the eye at which a part of the box may be visible. Depth keeps its precision for 64 octaves
-/// from the near plane (spec/rasterization.md), so a very near plane costs nothing.
+/// from the near plane (spec/rasterization.md), so a very near plane loses no precision.
 double near_of_box(const WorldBox& box, const Vec3& eye) {
   if (box.is_empty()) return 0.01;
   Vec3 outside{};
@@ -294,7 +294,7 @@ Result<View> eye_view(const WorldBox& box, View view, const CameraOptions& optio
   const Vec3 eye = *options.eye;
   const auto forward = normalized(options.target.value_or(middle) - eye);
   if (!forward) return Error{ErrorCode::kUsage, "the eye and the target are the same point"};
-  // If the view goes straight up or down, -z is the top of the picture, since y lies along the view.
+  // If the view direction is straight up or down, -z is the top of the picture, since y lies along the view direction.
   const bool is_oriented =
       orient(view, *forward, options.up.value_or(Vec3{0, 1, 0})) || (!options.up && orient(view, *forward, {0, 0, -1}));
   if (!is_oriented) return Error{ErrorCode::kUsage, "up lies along the direction of view"};

@@ -1,5 +1,5 @@
 // Allocates contiguous ranges of a memory pool by two-level segregated fit (Masmano, Ripoll, Crespo and Real 2004): the
-// cost of allocating and freeing does not depend on the number of ranges.
+// time of allocating and freeing does not depend on the number of ranges.
 #pragma once
 
 #include <array>

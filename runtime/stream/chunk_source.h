@@ -32,7 +32,7 @@ class ChunkSource {
   /// number; kMemory. Thread-safe for different places and workers.
   Result<void> read(std::span<const Residency::Place> places, std::byte* memory, Reader reader, Workers& workers);
 
-  /// The most bytes that the page of a chunk for send() takes in a slot; 0: there is no such chunk.
+  /// The most bytes that the page of a chunk for send() takes in a slot; 0 if there is no such chunk.
   uint64_t most_slot_bytes() const;
   /// Whether send() may be used for a chunk: its page is split, not larger than kPageTargetBytes, and was never
   /// refused.

@@ -48,16 +48,16 @@ std::optional<JoinTask> task_of(const SplitParts& page, const SplitPart& part, c
 
 }  // namespace
 
-/// A split page, and where its bytes go.
+/// A split page, and the destination of its bytes.
 struct JoinPlan::Split {
   std::span<const std::byte> bytes;
   uint64_t page_bytes;
   std::span<const JoinChunk> chunks;
   JoinPlaces places;             // of the page; without `to` if chunks have places of their own
-  std::span<const uint64_t> to;  // by chunk; none if the page goes to one place
+  std::span<const uint64_t> to;  // by chunk; empty if the page is copied to one place
 
   bool goes_whole() const { return to.empty(); }
-  /// Where a chunk goes. `offset`: in the page.
+  /// The destination of a chunk. `offset`: in the page.
   uint64_t place_of(size_t chunk, uint64_t offset) const { return goes_whole() ? places.to + offset : to[chunk]; }
 };
 

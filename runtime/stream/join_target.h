@@ -10,7 +10,7 @@
 
 namespace scree::runtime {
 
-/// Slots of host memory, and a device that copies and joins what lies in them. Thread-safe. A thread may hold one slot
+/// Slots of host memory, and a device that copies them and joins their pages. Thread-safe. A thread may hold one slot
 /// at a time, and at most as many threads as there are slots may hold one.
 class JoinTarget {
  public:
@@ -22,7 +22,7 @@ class JoinTarget {
   virtual uint32_t slot_count() const = 0;
   /// Bytes of pages that a slot holds. Its memory may be larger, for the tasks.
   virtual uint64_t slot_bytes() const = 0;
-  /// A slot that nothing reads any more. Waits until there is one. Errors kDevice.
+  /// A slot that is no longer read. Waits until there is one. Errors kDevice.
   virtual Result<Slot> take() = 0;
   /// Gives back a slot that join() has not taken.
   virtual void give_back(const Slot& slot) = 0;

@@ -40,7 +40,7 @@ class Residency {
     uint64_t to;
     uint64_t bytes;
   };
-  /// The moves come first, in order. None moves a chunk that is not drawn yet.
+  /// The moves have to be made first, in order. None moves a chunk that is not drawn yet.
   struct Batch {
     std::vector<Move> moves;
     std::vector<Place> loads;

@@ -181,7 +181,7 @@ Result<void> Streamer::Frame::list() {
   const Timed timed(stats_.list_ms);
   const Result<std::span<const uint32_t>> listed = target_.list();
   if (!listed) return listed.error();
-  // The end of the list is evicted first. So chunks that were hidden in the last picture come behind all others.
+  // The end of the list is evicted first. So chunks that were hidden in the last picture are last.
   listed_.assign(listed->begin(), listed->end());
   std::stable_partition(listed_.begin(), listed_.end(),
                         [&](uint32_t chunk) { return last_seen_[chunk] != LastSeen::kHidden; });
@@ -246,8 +246,8 @@ void Streamer::Frame::split(std::vector<Residency::Place> there, uint64_t wanted
   }
   if (!there.empty()) parts_.push_back({std::move(there), false});
   if (parts_.size() < 3) return;
-  // The parts go from far to near, but near clusters hide far ones. So the likely visible clusters of all parts are
-  // drawn before the rest. The first part comes even before them, because loads wait for it.
+  // The parts are in order from far to near, but near clusters hide far ones. So the likely visible clusters of all
+  // parts are drawn before the rest. The first part is drawn even before them, because loads wait for it.
   Part likely{{}, false, StreamTarget::Share::kLikelySeen};
   for (auto part = parts_.begin() + 1; part != parts_.end(); ++part) {
     part->share = StreamTarget::Share::kRest;
@@ -332,8 +332,8 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
 }
 
 Result<void> Streamer::Frame::draw_part(Part part) {
-  // While this part's load is under way, there is time to choose the next load by all depths so far. If it has arrived,
-  // drawing is the bottleneck and comes first, unless no other load is under way.
+  // While this part's load runs, there is time to choose the next load by all depths so far. If it has arrived, drawing
+  // is the bottleneck and comes first, unless no other load is under way.
   bool waits = false;
   if (part.is_load) {
     const Result<bool> is_loaded = target_.is_loaded();

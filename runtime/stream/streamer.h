@@ -98,7 +98,7 @@ using IsOver = std::function<bool()>;
 
 // How far loading runs ahead. Any values give the same picture.
 
-/// A batch is this share of the pool, up to kMostBatchBytes. Large batches have less fixed cost (a part passes over all
+/// A batch is this share of the pool, up to kMostBatchBytes. Large batches take less fixed time (a part passes over all
 /// records and samples). With small batches, fewer hidden chunks are loaded, and the last batch is drawn soon.
 inline constexpr uint64_t kBatchShare = 8;
 inline constexpr uint64_t kMostBatchBytes = uint64_t{256} << 20;

@@ -75,7 +75,7 @@ std::vector<Job> jobs_of(const UploadPlan& plan, uint64_t slot_bytes) {
   return jobs;
 }
 
-/// Free slots, then slots with copies under way in the order of their start. A thread holds at most one slot, so as
+/// Free slots, then slots whose copies are running, in the order of their start. A thread holds at most one slot, so as
 /// many slots as threads are always enough.
 class SlotRing {
  public:
@@ -103,7 +103,7 @@ class SlotRing {
     return slot;
   }
 
-  /// Gives back a slot with no copy under way.
+  /// Gives back a slot of which no copy is running.
   void give_back(uint32_t slot) {
     const std::lock_guard<std::mutex> lock(mutex_);
     free_.push_back(slot);
@@ -339,7 +339,7 @@ class Uploader {
     return done;
   }
 
-  /// Where the next page goes: a multiple of format::kPageAlignment.
+  /// The offset of the next page: a multiple of format::kPageAlignment.
   std::byte* place_of(const SlotPages& slot, uint64_t index) const {
     return slot.memory + (slot.joins ? slot.end : plan_.page_offset(index) - slot.job->offset);
   }

@@ -39,8 +39,7 @@ struct JoinRoom {
 /// Staging memory and a device that copies out of it. Called by several threads at once, each with a different slot.
 class UploadTarget {
  public:
-  /// The memory of a slot, aligned to format::kPageAlignment. Must be written only while no copy out of it is under
-  /// way.
+  /// The memory of a slot, aligned to format::kPageAlignment. Must be written only while no copy from it is running.
   virtual std::byte* slot(uint32_t slot) = 0;
   /// Starts copying the slot's first `bytes` to offset `to` of the device's arena. Errors kDevice.
   virtual Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) = 0;

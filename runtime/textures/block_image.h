@@ -18,7 +18,7 @@
 
 namespace scree::runtime {
 
-/// Levels of at most this many bytes are always in memory, because a paged level costs more to look up.
+/// Levels of at most this many bytes are always in memory, because looking up a paged level takes longer.
 inline constexpr uint64_t kLeastPagedBytes = uint64_t{1} << 14;
 
 class BlockTexture {

@@ -79,7 +79,7 @@ Result<bool> BlockPager::bring(bool must) try {
                                          " are allowed for them"};
   if (!fits && !has_patience()) return false;
   if (!fits) {
-    // The picture will not wait for all of them, so as many come as there is room for.
+    // The picture will not wait for all of them, so as many are read as the room holds.
     size_t count = 0;
     for (uint64_t left = room_bytes_ - present_bytes; count < missing.size(); left -= bytes_of(missing[count++]))
       if (bytes_of(missing[count]) > left) break;

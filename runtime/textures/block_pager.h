@@ -72,13 +72,13 @@ class BlockPager : public kernels::TexelPager {
   void add_all_of(const BlockPager& other);
 
   const format::PageRecord& record(uint64_t number) const { return container_.pages()[file_pages_[number]]; }
-  /// Memory that reading a page fills: at least page_bytes(); a raw page comes with its padding.
+  /// Memory that reading a page fills: at least page_bytes(); a raw page has its padding.
   uint64_t read_bytes(uint64_t number) const;
   /// Reads pages on all threads, many at a time, so that the disk is busy. A page that is read for the first time is
   /// read past the page cache, if `reading` allows it. A page that is read again is read through the page cache,
-  /// because it was dropped for lack of room and may be dropped again. The i-th page goes to `to(i)`, which may throw
-  /// std::bad_alloc. `was_read(i)` is called afterwards on the same thread. Returns the error of the first page that
-  /// failed.
+  /// because it was dropped for lack of room and may be dropped again. The i-th page is read to `to(i)`, which may
+  /// throw std::bad_alloc. `was_read(i)` is called afterwards on the same thread. Returns the error of the first page
+  /// that failed.
   struct Target {
     std::byte* memory;         // aligned to DirectFile::kAlignment
     const std::byte* address;  // where the page will lie when it is sampled

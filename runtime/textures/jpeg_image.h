@@ -92,7 +92,8 @@ class JpegTexture {
   uint64_t jpeg_bytes() const;  // of the levels that stay JPEGs in memory: data, index and tables
 
  private:
-  /// A level's picture. A paged level is taken to be coded like the last stored one; its bytes are not there.
+  /// A level's picture. A paged level is assumed to be coded like the last stored level, because its bytes are not in
+  /// memory.
   format::JpegPicture picture_of(size_t level) const;
 
   JpegImage image_;  // without the paged levels

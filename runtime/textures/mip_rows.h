@@ -1,5 +1,5 @@
-// Mip levels of a picture that comes row by row. Each level is the box filter of the picture, in linear light; no level
-// is held in memory.
+// Mip levels of a picture that is given row by row. Each level is the box filter of the picture, in linear light; no
+// level is held in memory.
 #pragma once
 
 #include <array>

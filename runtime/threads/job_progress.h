@@ -1,4 +1,4 @@
-// Reports the progress of a long job to its caller, who may stop it.
+// Reports the progress of a long job to its caller, which may stop the job.
 #pragma once
 
 #include <atomic>

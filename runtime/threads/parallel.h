@@ -1,4 +1,4 @@
-// Loops that share items of uneven cost among threads.
+// Loops that share items of different lengths among threads.
 #pragma once
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 // The hash by which convert recognises equal content. It has 128 bits, and the bytes are not compared: a collision
-// among a million different contents has a probability of 1.5e-27, and a deliberate collision only damages its author's
-// own file. Comparing bytes would read all sources of equal content once more.
+// among a million different contents has a probability of 1.5e-27. A deliberate collision only damages its author's own
+// file. Comparing bytes would read all sources of equal content once more.
 #pragma once
 
 #include <array>

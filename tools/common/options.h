@@ -30,7 +30,7 @@ Result<uint64_t> parse_size(std::string_view text, std::string_view option, uint
 /// Errors kUsage.
 Result<double> parse_length(std::string_view text);
 
-/// An integer in [lowest, highest]. Errors kUsage; `what`: the option that the message names.
+/// An integer in [lowest, highest]. Errors kUsage; `what`: the option, for the message.
 Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t highest, std::string_view what);
 
 /// Sets `out` to the value that `choices` name `text`. Errors kUsage: "--grid: 'cell' is not one of mesh, scene".

@@ -20,7 +20,7 @@ Vec3 vector_at(std::span<const float> values, uint64_t place) {
   return {values[3 * place], values[3 * place + 1], values[3 * place + 2]};
 }
 
-/// The angle in degrees; nothing if a vector has no direction. The arc tangent is exact for small angles, unlike the
+/// The angle in degrees; nullopt if a vector has no direction. The arc tangent is exact for small angles, unlike the
 /// arc cosine.
 std::optional<double> angle(const Vec3& a, const Vec3& b) {
   const double size_a = length(a), size_b = length(b);

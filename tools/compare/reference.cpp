@@ -53,7 +53,7 @@ bool owns_ties(const View& view, const SeenPoint& a, const SeenPoint& b, double 
   return across > 0 || (across == 0 && upward < 0);
 }
 
-/// The depth at which the ray hits the triangle; nothing if it misses.
+/// The depth at which the ray hits the triangle; nullopt if it misses.
 std::optional<double> meet(const View& view, const std::array<SeenPoint, 3>& corners, Ray ray, bool mirrored,
                            bool double_sided) {
   const std::array<double, 3> edge = corner_weights(view, corners, ray);  // opposite corner n

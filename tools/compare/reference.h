@@ -24,7 +24,7 @@ struct ReferenceMask {
   uint32_t width = 0;  // texels of level 0; of level l max(1, width >> l)
   uint32_t height = 0;
   std::vector<std::vector<uint8_t>> levels;
-  double cutoff = 0;               // least 8-bit code that passes
+  double cutoff = 0;               // smallest 8-bit code that passes the test
   bool magnified_nearest = false;  // the nearest texel where a sample covers less than one
   bool minified_nearest = false;   // and where it covers more
 };
@@ -77,7 +77,7 @@ Result<std::vector<ReferencePixel>> draw_reference(std::span<const ReferenceMesh
                                                    const kernels::View& view, uint32_t threads,
                                                    const ReferenceMode& mode = {});
 
-/// The depth of one triangle at a pixel's centre; nothing if it does not cover the centre.
+/// The depth of one triangle at a pixel's centre; nullopt if it does not cover the centre.
 std::optional<double> reference_depth(const ReferenceMesh& mesh, const ReferenceInstance& instance, uint64_t triangle,
                                       const kernels::View& view, uint32_t x, uint32_t y);
 

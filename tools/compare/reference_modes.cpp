@@ -60,7 +60,7 @@ Wide cross(const SnappedCorner& a, const SnappedCorner& b, Wide x, Wide y) {
   return (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
 }
 
-/// 1 / depth (orthographic: depth) at point (x, y) of the grid; nothing if it is not covered.
+/// 1 / depth (orthographic: depth) at point (x, y) of the grid; nullopt if it is not covered.
 std::optional<double> meet_piece(SnappedCorner a, SnappedCorner b, SnappedCorner c, Wide x, Wide y, bool mirrored,
                                  bool double_sided) {
   const Wide area = cross(a, b, c.x, c.y);

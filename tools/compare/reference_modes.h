@@ -10,7 +10,7 @@
 namespace scree::compare {
 
 /// The depth at pixel (x, y) of the triangle whose corners are rounded to 1 / `snap` of a pixel (even, 2 to 65536);
-/// nothing if its centre is not covered. Parts nearer than the near plane are cut off first. Coverage is exact, and
+/// nullopt if its centre is not covered. Parts nearer than the near plane are cut off first. Coverage is exact, and
 /// ties are decided as in draw_reference(). 1 / depth (orthographic: the depth) is linear between the rounded corners.
 std::optional<double> meet_snapped(const kernels::View& view, const std::array<SeenPoint, 3>& corners, uint32_t x,
                                    uint32_t y, uint32_t snap, bool mirrored, bool double_sided);

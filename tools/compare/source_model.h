@@ -63,7 +63,7 @@ Result<SourceModel> load_source_model(const convert::SourceScene& scene, const f
 class MeshMatcher {
  public:
   MeshMatcher(const convert::SourceScene& scene, const format::Container& file);
-  /// The next source primitive that has a mesh; nothing at the end.
+  /// The next source primitive that has a mesh; nullopt at the end.
   Result<std::optional<SourceMesh>> next();
   /// The alpha masks of the source; valid after next().
   const convert::MaskPlan& masks() const { return *masks_; }

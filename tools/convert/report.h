@@ -21,7 +21,7 @@ struct ConvertReport {
   uint64_t masks = 0;             // materials drawn with an alpha mask
   uint64_t mask_bytes = 0;        // of the mask pages
   uint64_t blended = 0;           // materials whose surfaces may blend
-  uint64_t opaque_masks = 0;      // materials whose alpha masks hide nothing, drawn as opaque ones
+  uint64_t opaque_masks = 0;      // materials whose alpha masks hide no texel, drawn as opaque ones
   std::vector<LeftOut> left_out;  // of the source; equal parts stored once are not listed
   uint64_t meshes = 0;
   uint64_t chunks = 0;

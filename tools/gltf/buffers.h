@@ -21,8 +21,8 @@ class GltfBuffers {
  public:
   /// `folder`: of the scene's file. `chunks`: the chunks of a .glb by index; null for chunks that are not binary.
   /// `document` has passed check_document() and outlives this. Indices passed to the functions below must be in range.
-  /// `kept_bytes`: memory for unpacked buffer views, see MeshoptCache; half of it if no primitive can be Draco's.
-  /// `allow_outside`: as for resolve_uri().
+  /// `kept_bytes`: memory for unpacked buffer views, see MeshoptCache; half of it if no primitive is compressed by
+  /// Draco. `allow_outside`: as for resolve_uri().
   GltfBuffers(const GltfDocument& document, std::string folder, std::vector<std::shared_ptr<const ByteSource>> chunks,
               uint64_t kept_bytes, bool allow_outside);
 

@@ -8,7 +8,7 @@
 
 namespace scree::convert {
 
-/// Adds all cameras. Error kRange: a camera that shows nothing.
+/// Adds all cameras. Error kRange: a camera whose view is empty.
 Result<void> make_cameras(const GltfDocument& document, SourceScene& scene);
 
 /// Adds a light for every kept node that has one. Error kRange: an unknown type, a negative or infinite value, a cone

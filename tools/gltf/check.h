@@ -18,9 +18,9 @@ Result<void> check_zeros(uint64_t count);
 
 /// Checks that buffer views lie in their buffers (as declared), that accessors lie in their views, and that all records
 /// named by meshes, nodes, materials, textures and images exist. Checks the whole document, including parts that are
-/// not drawn: a file that is broken in one place is not trusted in another. plan_nodes() checks the nodes' trees; skins
-/// and animations are not checked. Errors kRange, kFormat: "accessor 3: 24 elements of 12 bytes at 0, stride 12, pass
-/// the end of buffer view 1 (280 bytes)".
+/// not drawn: if a file is broken in one place, its other parts are not trusted either. plan_nodes() checks the nodes'
+/// trees; skins and animations are not checked. Errors kRange, kFormat: "accessor 3: 24 elements of 12 bytes at 0,
+/// stride 12, pass the end of buffer view 1 (280 bytes)".
 Result<void> check_document(const GltfDocument& document);
 
 }  // namespace scree::convert

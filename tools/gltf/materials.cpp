@@ -100,7 +100,7 @@ class MaterialMaker {
     return to;
   }
 
-  /// The properties of a material beyond its base colour; nothing if it is matt or unlit. Runs after record() and
+  /// The properties of a material beyond its base colour; nullopt if it is matt or unlit. Runs after record() and
   /// continues with its `sets`. `is_default`: whether its properties are glTF's defaults, of a rough metal.
   Result<std::optional<format::SurfaceRecord>> surface(const DocMaterial& from, UvSets& sets, bool& is_default) {
     is_default = false;
@@ -277,7 +277,7 @@ class MaterialMaker {
     return static_cast<uint32_t>(scene_.images.size() - 1);
   }
 
-  // Describes an image by its first bytes; nothing if its kind is not supported, with the reason in `reason`.
+  // Describes an image by its first bytes; nullopt if its kind is not supported, with the reason in `reason`.
   Result<std::optional<SourceImage>> describe_image(const DocImage& from, std::string& reason) {
     auto bytes = buffers_.image(from);
     if (!bytes && keep_going_ && bytes.error().code == ErrorCode::kFile) {

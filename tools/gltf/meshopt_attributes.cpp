@@ -1,7 +1,7 @@
 // Mode ATTRIBUTES, versions 0 and 1.
 // - A byte of header is followed by blocks of vertices. A block stores its vertices byte by byte: byte 0 of all
 //   vertices, then byte 1 of all, and so on. The codes of a byte form groups of 16. Two bits per group, which give the
-//   width of its codes, come before the groups.
+//   width of its codes, precede the groups.
 // - In version 1 a block begins with two bits per byte of a vertex, the control of that byte. Every four bytes of a
 //   vertex (a channel) have a mode, which defines how codes become differences to the previous vertex.
 // - The stream ends with the vertex to which the first one is coded as a difference, followed by these modes.

@@ -22,7 +22,7 @@ namespace {
 using Mode = DocMeshopt::Mode;
 using Filter = DocMeshopt::Filter;
 
-/// The fewest bytes of a stream of `count` elements; nothing if that exceeds 64 bits.
+/// The fewest bytes of a stream of `count` elements; nullopt if that exceeds 64 bits.
 std::optional<uint64_t> fewest_bytes(Mode mode, uint64_t count, uint64_t stride) {
   // Attributes: two bits for every byte of up to 256 elements that are all equal in that byte (version 0: of 16).
   // Triangles: one byte each and a table of 16. Indices: one byte each and a tail of 4. All have one byte of header.

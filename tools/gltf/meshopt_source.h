@@ -12,8 +12,8 @@
 namespace scree::convert {
 
 /// Checks the extension's object of a view of `view_bytes` bytes (and byteStride `view_stride`; 0: none). Count,
-/// stride, mode and filter must go together, and there must be no more elements than the stream's bytes can hold, so
-/// that a small file cannot demand much memory. Errors kFormat, kRange, kTruncated.
+/// stride, mode and filter must fit each other. There must be no more elements than the stream's bytes can hold, so
+/// that a small file cannot require much memory. Errors kFormat, kRange, kTruncated.
 Result<void> check_meshopt(const DocMeshopt& stated, uint64_t view_bytes, uint64_t view_stride);
 
 /// The unpacked bytes of a compressed view. A window of them is unpacked when it is read, and again if the cache

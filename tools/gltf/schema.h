@@ -1,6 +1,6 @@
 // The rules of glTF 2.0 for the members that scree reads: their types, ranges and lengths, checked on the raw JSON.
 // tinygltf drops optional members of the wrong type and truncates integers ("mesh": 4294967296 becomes 0). After this
-// check it has nothing left to drop or truncate.
+// check it drops and truncates nothing.
 #pragma once
 
 #include <cstdint>

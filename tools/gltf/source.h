@@ -19,7 +19,7 @@
 namespace scree::convert {
 
 /// Bytes that can be read at any offset: a .bin file, the binary chunk of a .glb, or a decoded data: URI. Reads are
-/// pread()s, so that nothing stays in memory. Thread-safe.
+/// pread()s, so that no data stay in memory. Thread-safe.
 class ByteSource {
  public:
   virtual ~ByteSource() = default;

@@ -521,8 +521,8 @@ Result<uint64_t> GltfWriter::State::write_document() {
 }
 
 Result<void> GltfWriter::State::write_chunks(uint64_t document_end) {
-  // Version 2: magic, version, length; then each chunk's length and type. Version 3: lengths have 64 bits, and a
-  // chunk's type comes first, then 0 for its encoding.
+  // Version 2: magic, version, length; then each chunk's length and type. Version 3: lengths have 64 bits, and a chunk
+  // begins with its type, then 0 for its encoding.
   std::vector<std::byte> head;
   const auto put = [&](auto value) {
     head.resize(head.size() + sizeof value);

@@ -160,8 +160,8 @@ class GltfWriter {
   /// reserve() and write_at().
   Result<uint64_t> append(std::span<const std::byte> bytes, uint64_t alignment = 4);
   uint64_t buffer_bytes() const;
-  /// Ends the current buffer. Later data go to a new one, the file "city_NAME.bin" (NAME is made safe and unique).
-  /// Error kUsage for a .glb.
+  /// Ends the current buffer. Later data are written to a new one, the file "city_NAME.bin" (NAME is made safe and
+  /// unique). Error kUsage for a .glb.
   Result<void> next_buffer(std::string_view name);
 
   /// A view with `meshopt` gets a range of a fallback buffer without a file, the document's last buffer; the extension

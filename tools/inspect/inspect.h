@@ -1,4 +1,4 @@
-// `scree inspect` shows the content of a file, the cost of each part and the size of the error, and checks every byte.
+// `scree inspect` shows the content of a file, the size of each part and of the error, and checks every byte.
 #pragma once
 
 #include <cstdint>

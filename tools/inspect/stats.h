@@ -120,7 +120,7 @@ struct Stats {
   std::vector<TableCost> tables;  // in file order of the table of contents
   uint64_t tables_bytes = 0;
   Cost page_gaps;              // bytes of geometry pages outside all chunks
-  uint64_t other_pages = 0;    // bytes of pages that nothing refers to, or of a kind that this version does not have
+  uint64_t other_pages = 0;    // bytes of pages to which no record refers, or of a kind that this version does not have
   uint64_t padding_bytes = 0;  // between and after pages and tables
 
   // Counts.
@@ -151,7 +151,7 @@ struct Stats {
   uint64_t level_bytes = 0;   // of the mip levels
   uint64_t masks = 0;         // materials with a mask
   uint64_t blended = 0;       // materials that blend, some with a mask for their alpha
-  uint64_t opaque_masks = 0;  // materials whose alpha mask hides nothing
+  uint64_t opaque_masks = 0;  // materials whose alpha mask hides no texel
   Cost mask_pages;
 
   uint64_t geometry_bytes() const;   // all streams, stored

@@ -1,4 +1,4 @@
-// The way in which ranks that draw one picture exchange its samples: from GPU to GPU, or through host memory by MPI.
+// How ranks that draw one picture exchange its samples: from GPU to GPU, or through host memory by MPI.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@ class GpuLinks {
   /// of 3840x2160 takes a tenth of a second longer by MPI than by NCCL.
   static constexpr uint64_t kLeastFrames = 16;
 
-  /// Called by all ranks, which begin to connect on a thread. `gpu`: the current device of this rank; nothing if its
+  /// Called by all ranks, which begin to connect on a thread. `gpu`: the current device of this rank; nullopt if its
   /// CPU draws. `words`: of a picture. Errors kDevice (only for Exchange::kNccl: the GPUs cannot be connected; the
   /// message gives the reason), kFile (MPI's).
   Result<void> begin(Ranks& ranks, const std::optional<runtime::Gpu>& gpu, Exchange exchange, uint64_t words,

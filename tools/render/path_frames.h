@@ -9,7 +9,7 @@
 
 namespace scree::tools {
 
-/// Every parts-th frame of [first, end), from first + part on. Parts chosen in this way have about equal cost.
+/// Every parts-th frame of [first, end), from first + part on. Parts chosen like this take about equally long.
 struct FrameRange {
   uint64_t first = 0;
   uint64_t end = UINT64_MAX;  // UINT64_MAX: the path's end

@@ -218,7 +218,7 @@ Result<void> RankedFrame::draw_on_gpu() {
   if (!drawn) return drawn.error();
   is_whole_ = *drawn && joins_ == 1;
   if (takes_nccl()) return {};
-  (void)start_next(false);  // an error comes again when that frame is drawn
+  (void)start_next(false);  // an error occurs again when that frame is drawn
   return read_samples();
 }
 

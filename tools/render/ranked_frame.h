@@ -37,7 +37,7 @@ class RankedFrame {
   Result<void> open(uint64_t frames);
 
   /// Draws a frame, with the samples of all ranks. `view`: its sides in pixels. `root`: the rank that gets the results.
-  /// `next`: the view of the next draw(), which a GPU begins; nothing if there is none.
+  /// `next`: the view of the next draw(), which a GPU begins; nullopt if there is none.
   Result<void> draw(const kernels::View& view, uint32_t root, const std::optional<kernels::View>& next);
 
   /// Shades the frame that draw() made last. Does nothing if no output is made from colours of surfaces.
@@ -60,7 +60,7 @@ class RankedFrame {
   const kernels::View& view() const { return view_; }  // of the last frame, in samples
   const kernels::BlendCounts& blended() const { return blended_; }
   bool has_gpu() const { return device_.has_value(); }
-  /// The way in which the last frame was exchanged.
+  /// How the last frame was exchanged.
   const char* way() const { return is_by_nccl_ ? "nccl" : "mpi"; }
   double page_bytes() const { return own_bytes_; }  // of this rank
 

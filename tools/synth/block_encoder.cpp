@@ -40,7 +40,8 @@ void encode_bc4(const BlockTexels& texels, uint32_t channel, std::byte* out) {
     low = std::min<int>(low, texel[channel]);
     high = std::max<int>(high, texel[channel]);
   }
-  // If the larger end comes first there are eight values: code 0 is the first end, 1 the second, 2 to 7 lie between.
+  // If the larger end is first there are eight values: code 0 is the first end, 1 the second, and 2 to 7 lie between
+  // them.
   uint64_t block = static_cast<uint64_t>(high) | static_cast<uint64_t>(low) << 8;
   for (uint32_t i = 0; i < 16 && low != high; ++i) {
     const uint32_t down = 7 - step_of(texels[i][channel], low, high, 7);

@@ -67,7 +67,8 @@ class NoiseTile {
   std::vector<std::vector<uint8_t>> levels_;
 };
 
-/// The texels of a picture. Two tiles of different periods are mixed, so that nothing repeats within 15,360 texels.
+/// The texels of a picture. Two tiles of different periods are mixed, so that the pattern does not repeat within 15,360
+/// texels.
 class Picture {
  public:
   explicit Picture(const BlockTexture& texture) : texture_(texture) {

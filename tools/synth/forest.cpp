@@ -48,7 +48,7 @@ double hills(double x, double z) {
   return 3.0 * std::sin(0.021 * x + 1) * std::cos(0.017 * z) + 0.8 * std::sin(0.09 * x) * std::sin(0.083 * z + 2);
 }
 
-/// A card that shows one sprig of the atlas: its stem begins at `foot` and goes along `up`, `size` long.
+/// A card that shows one sprig of the atlas: its stem begins at `foot`, follows `up` and is `size` long.
 void add_card(Mesh& part, const Vec3& foot, const Vec3& up, const Vec3& side, double size, uint32_t sprig) {
   const auto first = static_cast<uint32_t>(part.vertex_count());
   const double u = (sprig % kCells) / double{kCells}, v = (sprig / kCells % kCells) / double{kCells};
@@ -133,7 +133,7 @@ struct Leaf {
   double x, y, dx, dy, length, width, tone;
 };
 
-/// Stems go up from the middle of the lower edge. Atlas 0 has broad leaves, atlas 1 blades.
+/// Stems rise from the middle of the lower edge. Atlas 0 has broad leaves, atlas 1 blades.
 std::vector<Leaf> make_sprig(uint32_t atlas, uint32_t sprig) {
   Chance chance(500 + 37 * atlas + sprig);
   std::vector<Leaf> leaves;

@@ -33,7 +33,7 @@ struct Mesh {
   /// The triangles a, b, c and a, c, d.
   void add_quad(uint32_t a, uint32_t b, uint32_t c, uint32_t d);
   /// The quads of a grid that consists of the first `rows` + 1 times `columns` + 1 vertices, row after row. Their
-  /// triangles are counter-clockwise for an eye that sees columns go to the right and rows go up, or down.
+  /// triangles are counter-clockwise for a viewer to whom columns run to the right and rows run up, or down.
   enum class Rows : uint8_t { kUp, kDown };
   void add_grid(uint32_t columns, uint32_t rows, Rows direction);
 };

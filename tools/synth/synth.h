@@ -16,7 +16,7 @@ namespace scree::synth {
 struct SynthOptions {
   // "A", "B", "C", "D", "slope", "forest", "panes", "panes-textured", "zorah" or "zorah-textured"
   std::string scene;
-  std::string output;  // .gltf or .glb; may be empty with `checks`, which then writes nothing
+  std::string output;  // .gltf or .glb; may be empty with `checks`, which then writes no file
   double scale = 1;    // 0 < scale <= 1: scenes.h, slope.h, forest.h, panes.h, zorah_plan.h
   MeshOrder order = MeshOrder::kRow;
   bool normals = false;  // A to D: NORMAL of the surface, from central differences (one-sided at a blob's face edges)
@@ -46,7 +46,7 @@ struct SynthReport {
 
 /// Makes the scene and writes it. Memory: about 2 MiB per thread, 200 bytes per instance, and 5 bytes per texel of the
 /// forest; for zorah see zorah.h. Errors kUsage (options that contradict each other), kFile, kRange (a .glb past 4
-/// GiB), after which nothing is left on disk.
+/// GiB), after which no file is left on the disk.
 Result<SynthReport> synthesize(const SynthOptions& options);
 
 /// Writes scene A, B, C or D; a part of synthesize().

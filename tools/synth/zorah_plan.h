@@ -45,7 +45,7 @@ struct ZorahPlan {
   uint32_t buffers = 1;      // of geometry
   uint32_t parents = 0;      // nodes that have children
   uint32_t png_images = 0;   // the first textures, this many, are declared as PNGs
-  uint32_t tile_images = 0;  // the first textures, this many, are named like UDIM tiles
+  uint32_t tile_images = 0;  // number of textures, from the first on, that are named like UDIM tiles
   SceneCamera camera;        // y up, 60 degrees
 
   uint64_t unique_triangles() const;

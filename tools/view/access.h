@@ -12,7 +12,7 @@ namespace scree::tools::view {
 /// 128 random bits as 32 hexadecimal digits. Errors kFile: the system has no random bytes.
 Result<std::string> make_token();
 
-/// Takes the same time for all texts of the same lengths, so that timing reveals nothing about the token.
+/// Takes the same time for all texts of the same lengths, so that timing does not reveal the token.
 bool is_same_token(std::string_view a, std::string_view b);
 
 /// The host of "name", "name:80" or "[::1]:80", in lower case; empty for any other text.

@@ -18,7 +18,7 @@ using Milliseconds = std::chrono::duration<double, std::milli>;
 // Delays before the picture at rest, from the newest camera on. Without a delay this picture would block the next
 // picture of a movement.
 constexpr auto kRestDelay = 60ms;         // if the page has reported that the camera rests
-constexpr auto kMovingRestDelay = 160ms;  // if the page has reported a movement and then sent nothing more
+constexpr auto kMovingRestDelay = 160ms;  // if the page has reported a movement and then sent no further message
 // A picture with more samples cannot be interrupted. It is drawn at once if its estimated time is at most kQuickMs,
 // after kPatientDelay if it is at most kPatientMs, and otherwise not at all.
 constexpr double kQuickMs = 150;
@@ -34,7 +34,7 @@ constexpr auto kTexturePatience = 40ms;
 // Pictures take two to three times as long while chunks are missing, so all chunks should be loaded soon.
 constexpr auto kLoading = 30ms;
 constexpr auto kBetweenLoading = 60ms;
-// A viewer at rest waits at most this long for viewers who move.
+// A viewer at rest waits at most this long for moving viewers.
 constexpr auto kLongestWait = 3s;
 
 double ms_between(Hub::Clock::time_point from, Hub::Clock::time_point to) {
@@ -280,7 +280,7 @@ void Hub::run() {
           on_end_(to_come.error());
           return end();
         }
-        left_bytes_ = *to_come < left_bytes_ ? *to_come : 0;  // if nothing was loaded, the GPU is full
+        left_bytes_ = *to_come < left_bytes_ ? *to_come : 0;  // if no chunk was loaded, the GPU is full
         loaded_at = Clock::now();
       }
       const bool fell_back = session_->drawn_on() != drawn_on;  // the GPU failed, and now the CPU draws

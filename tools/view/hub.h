@@ -43,7 +43,7 @@ class Hub {
   using Clock = std::chrono::steady_clock;
 
   /// Starts opening the scene on the hub's own thread. `on_end`: called on that thread if opening fails, and if the hub
-  /// can no longer draw. It then draws nothing more.
+  /// can no longer draw. It then draws no further picture.
   Hub(SessionOptions options, std::function<void(Error)> on_end);
   Hub(const Hub&) = delete;
   Hub& operator=(const Hub&) = delete;

@@ -47,7 +47,7 @@ class Members {
     return out;
   }
 
-  /// Six numbers; nothing if the member is absent.
+  /// Six numbers; nullopt if the member is absent.
   std::optional<runtime::WorldBox> box(const char* name) {
     const Json* const value = optional(name);
     if (value == nullptr) return std::nullopt;

@@ -87,7 +87,7 @@ class WebSocketViewer : public std::enable_shared_from_this<WebSocketViewer> {
     stream_.set_option(timeout);
     stream_.read_message_max(kMaxMessageBytes);
     stream_.auto_fragment(
-        true);  // pings go between the parts of a large picture; otherwise a slow link would seem dead
+        true);  // pings are sent between the parts of a large picture; otherwise a slow link would seem dead
     stream_.write_buffer_bytes(64 << 10);
     auto self = shared_from_this();
     auto kept = std::make_shared<http::request<http::empty_body>>(std::move(request));

@@ -67,7 +67,7 @@ struct Drawn {
 /// drawn.
 class DepthMap {
  public:
-  /// The point in world space under a pixel; nothing on the background. `at` must lie within the picture.
+  /// The point in world space under a pixel; nullopt on the background. `at` must lie within the picture.
   std::optional<runtime::Vec3> point(Pixel at) const;
   /// Distance along the view direction, in scene units.
   std::optional<double> depth(Pixel at) const;
@@ -133,7 +133,7 @@ class ViewSession {
   /// The depths of draw()'s last picture. Errors kMemory, kDevice.
   Result<DepthMap> depths();
   Result<std::optional<Picked>> pick(Pixel at);
-  /// The point in world space under a pixel of draw()'s last picture; nothing on the background, or if the samples are
+  /// The point in world space under a pixel of draw()'s last picture; nullopt on the background, or if the samples are
   /// not on the host.
   std::optional<runtime::Vec3> point(Pixel at) const;
 

@@ -45,7 +45,7 @@ class BitReader {
     return 0;
   }
 
-  /// A number in groups of `bits` bits, lowest first, each followed by a bit that says whether another one follows.
+  /// A number in groups of `bits` bits, lowest first, each followed by a bit that is 1 if another group follows.
   uint32_t take_groups(uint32_t bits) {
     uint64_t number = 0;
     for (uint32_t shift = 0; shift < 32; shift += bits) {
@@ -172,7 +172,7 @@ std::vector<uint32_t> take_selectors(uint32_t count, BitReader& bits) {
   return selectors;
 }
 
-/// Selectors that were used lately; those that are used often come to the front.
+/// Selectors that were used lately; frequent ones move to the front.
 class History {
  public:
   explicit History(uint32_t size) : values_(size), next_(size / 2) {}

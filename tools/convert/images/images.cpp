@@ -452,7 +452,7 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
   };
   const auto work = [&](uint64_t place, uint32_t) -> Result<StoredImage> {
     const uint64_t i = first + place;
-    // While all threads work on images, the disk reads the images after those.
+    // While all threads work on images, the disk reads the next images.
     if (const uint64_t next = i + pool.threads(); next < records.size())
       source(next).source->will_need(source(next).offset, source(next).bytes);
     if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);

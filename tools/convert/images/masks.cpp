@@ -29,7 +29,7 @@ runtime::ImageFile file_of(const SourceImage& image) {
           }};
 }
 
-/// Whether the image becomes opaque in place of this error.
+/// Whether the image becomes opaque instead of failing with this error.
 bool is_tolerated(const Error& error, bool keep_going) {
   return keep_going && error.code != ErrorCode::kFile && error.code != ErrorCode::kMemory;
 }
@@ -111,7 +111,7 @@ format::TextureRecord texture_of(const SourceScene& scene, const PlannedMask& ma
 
 /// Writes a level's codes to `out`: `level` scaled so that `passing` of its texels reach `threshold`.
 void keep_share(const std::vector<float>& level, uint64_t passing, uint32_t threshold, std::byte* out) {
-  const auto least = static_cast<float>((threshold + 65535) / 65536);  // the smallest code that passes
+  const auto least = static_cast<float>((threshold + 65535) / 65536);  // the smallest code that passes the test
   float scale = 1;
   if (passing > 0 && passing < level.size()) {
     std::vector<float> sorted = level;

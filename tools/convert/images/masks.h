@@ -16,8 +16,8 @@
 namespace scree::convert {
 
 enum class MaskKind : uint8_t {
-  kOpaque,  // every texel passes; for blended surfaces: the texture's alpha is 1
-  kClear,   // no texel passes; for blended surfaces: the alpha is 0
+  kOpaque,  // every texel reaches the threshold; for blended surfaces: the texture's alpha is 1
+  kClear,   // no texel reaches the threshold; for blended surfaces: the alpha is 0
   kMixed
 };
 

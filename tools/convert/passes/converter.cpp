@@ -312,8 +312,8 @@ class Converter {
   /// Prepares encoding of meshes before all are measured, if the document alone suffices for that. It does not with
   /// --grid scene and --max-error-pixels, where a mesh depends on others, nor with --resume, which first checks that
   /// the input is unchanged. It is not done either if there is a .part of an earlier run: that file is replaced only
-  /// after the input was checked, because --resume could continue it. If a step fails, nothing has changed, and the
-  /// error comes up again after measuring.
+  /// after the input was checked, because --resume could continue it. If a step fails, no state has changed, and the
+  /// error occurs again after measuring.
   void prepare_ahead() {
     const std::optional<std::vector<bool>> used = materials_known();
     std::error_code ignored;
@@ -459,7 +459,7 @@ class Converter {
                                          std::to_string(images_.records.size()) + " images"};
   }
 
-  /// Masks come after the geometry, so --resume makes them again; keeping them would save little.
+  /// Masks are written after the geometry, so --resume makes them again; keeping them would save little.
   Result<void> store_masks(format::ContainerWriter& writer) {
     const auto [image_options, threads] = image_stage();
     WorkerPool pool(threads, options_.stop);

@@ -17,10 +17,10 @@ namespace scree::convert {
 /// `first_image` images. Errors: kRange (a page that the shard does not have), kChecksum, and those of the writer.
 Result<void> append_images(ShardFile& shard, uint64_t first_image, format::ContainerWriter& writer);
 
-/// Appends the windows of shards, in order. One run fills pages greedily. So once a page of a shard begins a page of
-/// the file, all later pages of that shard are pages of the file too, except the last one, which the next shard
-/// continues. Such pages are copied whole; the chunks of all others are added to new pages. Used by one thread; destroy
-/// it before the pool.
+/// Appends the windows of shards, in order. One run fills pages greedily. So once a page of a shard begins where a page
+/// of the file begins, all later pages of that shard are pages of the file too. The last one is an exception, because
+/// the next shard continues it. Such pages are copied whole; the chunks of all others are added to new pages. Used by
+/// one thread; destroy it before the pool.
 class MergePass {
  public:
   MergePass(WorkerPool& pool, format::ContainerWriter& writer, int zstd_level, StageTimes& times)

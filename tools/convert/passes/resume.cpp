@@ -10,7 +10,7 @@
 namespace scree::convert {
 namespace {
 
-// Change this number whenever log entries change, or the way in which a scene is cut and packed.
+// Change this number whenever log entries change, or the cutting or packing of a scene.
 constexpr uint64_t kLogFormat = 6;
 
 enum EntryKind : uint32_t { kImageEntry = 16, kWindowsEntry = 17 };

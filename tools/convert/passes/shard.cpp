@@ -14,7 +14,7 @@
 namespace scree::convert {
 namespace {
 
-// Change this number whenever the packed data change, or the way in which a scene is cut and packed.
+// Change this number whenever the packed data change, or the cutting or packing of a scene.
 constexpr uint64_t kShardFormat = 2;
 
 /// Write and read the fields of a struct one by one, in the same order.

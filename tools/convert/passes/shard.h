@@ -67,7 +67,8 @@ struct Part {
   uint64_t first = 0;
   uint64_t end = 0;
 };
-/// Divides items into `count` consecutive parts of about equal cost, and returns part `index`. `costs`: per item.
+/// Divides items into `count` consecutive parts of about equal sums of `costs`, and returns part `index`. `costs`: per
+/// item.
 Part part_of(std::span<const uint64_t> costs, uint32_t index, uint32_t count);
 
 /// An open shard.

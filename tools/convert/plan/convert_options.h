@@ -32,7 +32,7 @@ struct RunOptions {
   uint64_t memory = uint64_t{2} << 30;                     // limit for the process; a low limit allows fewer threads
   bool allow_outside = false;                              // may read files outside the source's folder
   bool progress = false;                                   // a line on stderr if that is a terminal
-  const std::atomic<bool>* stop = nullptr;  // if set, the run ends with kFile "interrupted" and leaves nothing behind,
+  const std::atomic<bool>* stop = nullptr;  // if set, the run ends with kFile "interrupted" and leaves no file behind,
                                             // except with ConvertOptions::resume
 };
 

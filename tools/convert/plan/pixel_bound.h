@@ -7,8 +7,8 @@
 
 namespace scree::convert {
 
-/// A bound on the position error in a picture of this size and field of view: no vertex that is at least `distance`
-/// from the eye's plane is drawn more than `pixels` from its exact position.
+/// A bound on the position error in a picture of this size and field of view: a vertex that is at least `distance` from
+/// the eye's plane is drawn at most `pixels` from its exact position.
 struct PixelBound {
   double pixels = 0;      // above 0; 0: no bound
   double distance = 0;    // world units, above 0

@@ -29,7 +29,7 @@ class Grouping {
 };
 
 /// The records of a bucket keep the order in which they were appended. In the file a bucket is a chain of blocks, so
-/// nothing has to be counted before. In memory each bucket has one block that is being filled.
+/// its entries need not be counted before. In memory each bucket has one block that is being filled.
 class SpillBuckets {
  public:
   static constexpr uint64_t kBlockBytes = 32 << 10;
@@ -58,7 +58,7 @@ class SpillBuckets {
   struct Chain {
     uint64_t records = 0;
     std::vector<uint32_t> blocks;    // numbers of its blocks in the file
-    std::vector<std::byte> filling;  // the block that comes after them
+    std::vector<std::byte> filling;  // the block after them
   };
 
   Result<void> append(Chain& chain, std::span<const std::byte> records);
