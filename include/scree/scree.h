@@ -7,15 +7,16 @@
  * So a file may be closed while its scenes are drawn, and a scene unloaded while it has views.
  *
  * Errors. Every function that can fail returns a scree_status; scree_error() then gives one line of text. A failed
- * call leaves its outputs as they were, unless it says otherwise. Nothing exits, prints, or throws through this border.
+ * call leaves its outputs unchanged, unless its description states otherwise. No function ends the process, prints, or
+ * throws.
  * If another program cuts an open file short, reading it raises SIGBUS, as with any mapped file. Bytes that another
  * program writes into a loaded file are not checked, and may crash the process: copy a file that others may write to
  * before you open it.
  *
  * Threads. All functions may be called from any thread. Calls with the same view wait for each other; calls with
  * different views run at the same time on the CPU, and one after the other on a GPU. A handle may be ended while
- * another thread uses it: that call still ends well. Every call leaves the calling thread's current CUDA device as it
- * was.
+ * another thread uses it: the call of that thread is still completed. No call changes the calling thread's current CUDA
+ * device.
  *
  * Structures begin with `size`, which the caller sets to sizeof. A later version of the library may have more fields,
  * and takes missing fields as 0. A size below 16, above 4096 or no multiple of 8 belongs to no version, and is refused
@@ -49,15 +50,15 @@ typedef struct scree_memory scree_memory; /* a layer's memory, held beyond the n
 typedef enum scree_status {
   SCREE_OK = 0,
   SCREE_ERROR_ARGUMENT = 1,  /* a null pointer, a number out of range, options that exclude each other */
-  SCREE_ERROR_FILE = 2,      /* the operating system refused: missing, unreadable, no room on the disk */
+  SCREE_ERROR_FILE = 2,      /* a missing or unreadable file, no room on the disk */
   SCREE_ERROR_DATA = 3,      /* a damaged file, or one of another kind or of a newer version */
   SCREE_ERROR_DEVICE = 4,    /* no usable GPU, a failing one, not enough of its memory */
   SCREE_ERROR_MEMORY = 5,    /* not enough host memory */
   SCREE_ERROR_HANDLE = 6,    /* a handle that was ended, or is of another kind */
   SCREE_ERROR_BUFFER = 7,    /* a buffer of another size than is needed; the text has both sizes */
-  SCREE_ERROR_NO_FRAME = 8,  /* the view has drawn nothing yet, or the last draw failed */
-  SCREE_ERROR_CANCELLED = 9, /* a progress function returned something else than 0 */
-  SCREE_ERROR_INTERNAL = 10, /* a mistake of the library's own */
+  SCREE_ERROR_NO_FRAME = 8,  /* the view has no frame yet, or the last draw failed */
+  SCREE_ERROR_CANCELLED = 9, /* a progress function did not return 0 */
+  SCREE_ERROR_INTERNAL = 10, /* an error of the library itself */
   SCREE_STATUS_32_BITS = 0x7fffffff
 } scree_status;
 
@@ -128,8 +129,8 @@ typedef struct scree_material_info {
 typedef struct scree_camera_info {
   size_t size;
   const char* name;      /* of the camera */
-  const char* node_name; /* of the node that it hangs on */
-  uint32_t camera;       /* number in the file, which scree_camera::name takes too */
+  const char* node_name; /* of the node that has the camera */
+  uint32_t camera;       /* number in the file; scree_camera::name accepts it too */
   uint32_t orthographic; /* 1: yes */
   double fov_degrees;    /* vertical; 0 if orthographic */
   double half_height;    /* in units, if orthographic */
@@ -172,7 +173,7 @@ typedef enum scree_reading {
   SCREE_READ_AUTO = 0, /* DIRECT for large files that are not in the page cache, else BUFFERED */
   SCREE_READ_MAPPED = 1,
   SCREE_READ_BUFFERED = 2, /* through the page cache */
-  SCREE_READ_DIRECT = 3,   /* past it */
+  SCREE_READ_DIRECT = 3,   /* past the page cache */
   SCREE_READ_32_BITS = 0x7fffffff
 } scree_reading;
 
@@ -182,11 +183,12 @@ typedef struct scree_load_options {
   scree_backend backend;
   const char* gpu;        /* index or UUID; null: the first that can be used */
   uint32_t threads;       /* at most 4096; 0: one per processor */
-  uint32_t no_textures;   /* 1: materials have their colour alone */
+  uint32_t no_textures;   /* 1: materials have only their colour */
   uint64_t device_memory; /* bytes of the GPU that scene and pictures may take; chunks that it does not hold are
                              streamed while frames are drawn. 0: the free memory */
-  uint64_t host_memory;   /* the most pinned bytes of the host: they feed the GPU, and the rest keeps chunks and pages
-                             of textures that it does not hold. 0: no limit, and these come from the file */
+  uint64_t host_memory;   /* the most bytes of pinned host memory, for copies to the GPU, and for chunks and pages of
+                             textures that the GPU's memory does not hold. 0: no limit, and such chunks and pages are
+                             read from the file */
   uint64_t texture_cache; /* bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB */
   uint32_t max_width;     /* the largest frames, whose memory device_memory then includes; 0: not included */
   uint32_t max_height;
@@ -228,7 +230,7 @@ typedef struct scree_scene_stats {
   uint64_t device_bytes;
   double load_ms;       /* geometry, textures, upload */
   const char* gpu_name; /* stays as long as the handle */
-  const char* why_cpu;  /* one line: why SCREE_BACKEND_AUTO took no GPU; "" if one draws or none was looked for */
+  const char* why_cpu;  /* one line: why SCREE_BACKEND_AUTO chose no GPU; "" if a GPU draws, or for other backends */
   /* Since version 4: */
   uint32_t lights;   /* the number of the file's lights that are drawn */
   scree_light light; /* the light of a draw by SCREE_LIGHT_AUTO; never SCREE_LIGHT_AUTO */
@@ -236,7 +238,7 @@ typedef struct scree_scene_stats {
 
 SCREE_API scree_status scree_get_scene_stats(scree_scene* scene, scree_scene_stats* stats);
 
-/* An instance, which an id of the instance layer names. */
+/* The instance that has an id of the instance layer. */
 typedef struct scree_instance_info {
   size_t size;
   uint32_t mesh;
@@ -343,7 +345,7 @@ typedef struct scree_draw_options {
   uint32_t edl_radius; /* pixels, at most 64. 0: 1 */
   uint32_t reserved;   /* not read */
   /* Since version 4: */
-  double exposure;       /* stops, -20 to 20; the camera's light ignores it */
+  double exposure;       /* stops, -20 to 20; without effect on SCREE_LIGHT_CAMERA */
   scree_light light;     /* SCREE_LIGHT_AUTO: as the scene was loaded */
   uint32_t blend_layers; /* the most layers of blended surfaces behind one another, at most 65535. 0: 16 */
   uint64_t shadow_size;  /* samples along the longer side of the map of SCREE_SHADOWS, 64 to 16384. 0: 4096. Since
@@ -356,8 +358,8 @@ SCREE_API scree_status scree_draw(scree_view* view, const scree_camera* camera, 
 
 /* Draws a frame for each of `count` cameras, all of one size, in one call. `layers`: the layers that are made, one bit
  * each: 1 << SCREE_COLOR and so on, without SCREE_SAMPLES and SCREE_LINEAR. Until the next draw these layers have one
- * more dimension, the first, for the cameras. Such a layer is one block of memory, on the GPU if a GPU draws. There is
- * nothing to pick then. Each camera may have a box of its own (`clips`); a GPU then draws the batch frame by frame. On
+ * more dimension, the first, for the cameras. Such a layer is one block of memory, on the GPU if a GPU draws. Picking
+ * is not available then. Each camera may have a box of its own (`clips`); a GPU then draws the batch frame by frame. On
  * the CPU the cameras are shared out among the scene's threads. */
 SCREE_API scree_status scree_draw_batch(scree_view* view, const scree_camera* cameras, uint32_t count,
                                         const scree_draw_options* options, uint32_t layers);
@@ -373,12 +375,13 @@ typedef enum scree_layer {
   SCREE_TRIANGLE = 2, /* height x width int64: id, -1 on the background */
   SCREE_INSTANCE = 3, /* height x width int32: index for scree_get_instance_info(), -1 on the background */
   SCREE_SAMPLES = 4,  /* height * samples x width * samples uint64: 28 bits of depth code over 36 of triangle id */
-  SCREE_NORMAL = 5,   /* height x width x 3 float32: unit length, world space, of the front even if the back is seen; 0
-                         on the background. Like SCREE_UV it fails if chunks are streamed: SCREE_ERROR_ARGUMENT */
+  SCREE_NORMAL = 5,   /* height x width x 3 float32: unit length, world space, of the front even where the back is
+                         visible; 0 on the background. Like SCREE_UV it fails if chunks are streamed:
+                         SCREE_ERROR_ARGUMENT */
   SCREE_UV = 6,       /* height x width x 2 float32: texture coordinates of the mesh, without the material's transform;
                          0 on the background and if the mesh has none */
   SCREE_LINEAR = 7,   /* height x width x 4 float32: the colours in linear light, premultiplied by alpha, as in an .exr;
-                         in host memory alone, and not if chunks are streamed. Since version 4 */
+                         only in host memory, and not if chunks are streamed. Since version 4 */
   SCREE_LAYER_32_BITS = 0x7fffffff
 } scree_layer;
 
@@ -437,7 +440,7 @@ SCREE_API scree_status scree_draw_batch_to(scree_view* view, const scree_camera*
 
 typedef struct scree_pick_info {
   size_t size;
-  uint32_t hit; /* 0: the background, and nothing below is set */
+  uint32_t hit; /* 0: the background; the fields below are not set */
   uint32_t mesh;
   uint32_t node;
   uint32_t node_instance;
@@ -473,20 +476,20 @@ typedef struct scree_frame_stats {
 SCREE_API scree_status scree_get_frame_stats(scree_view* view, scree_frame_stats* stats);
 
 /* ---- Converting ----------------------------------------------------------------------------------------------------
- * Errors and warnings of a conversion name options as the program `scree convert` spells them. The spelling stands in
- * brackets at each flag and field. */
+ * Errors and warnings of a conversion name options as the program `scree convert` spells them. The spelling is given
+ * in brackets at each flag and field. */
 
 typedef enum scree_textures {
   SCREE_TEXTURES_KEEP = 0, /* JPEGs are indexed without loss, other images stay as they are */
-  SCREE_TEXTURES_RAW = 1,  /* all stay as they are */
-  SCREE_TEXTURES_JPEG = 2, /* others become JPEGs of `jpeg_quality` */
+  SCREE_TEXTURES_RAW = 1,  /* all images stay as they are */
+  SCREE_TEXTURES_JPEG = 2, /* other images become JPEGs of `jpeg_quality` */
   SCREE_TEXTURES_32_BITS = 0x7fffffff
 } scree_textures;
 
 enum {
   SCREE_CONVERT_INDEXED = 1,         /* [--encoding indexed] chunks of vertices and indices instead of clusters */
   SCREE_CONVERT_FLOAT32 = 2,         /* [--positions float32] positions as they are */
-  SCREE_CONVERT_NORMALS = 4,         /* [--normals always] stores all normals; otherwise only if not the faces' */
+  SCREE_CONVERT_NORMALS = 4,         /* [--normals always] stores all normals; else only if not the faces' */
   SCREE_CONVERT_SOURCE_IDS = 8,      /* [--source-ids] stores every triangle's number in the source */
   SCREE_CONVERT_REPLACE = 16,        /* [--force] replaces an existing output */
   SCREE_CONVERT_KEEP_GOING = 32,     /* [--keep-going] a damaged image becomes grey */
@@ -494,7 +497,7 @@ enum {
   SCREE_CONVERT_ALLOW_OUTSIDE = 128, /* [--allow-outside] reads files outside the folder of the source */
   SCREE_CONVERT_NO_WELD = 256,       /* [--no-weld] keeps vertices whose stored data are equal */
   SCREE_CONVERT_NO_SHARE = 512,      /* [--no-share] stores equal meshes, textures and materials several times */
-  SCREE_CONVERT_GRID_SCENE = 1024,   /* [--grid scene] meshes under one world matrix share the finest step */
+  SCREE_CONVERT_GRID_SCENE = 1024,   /* [--grid scene] meshes with equal world matrices share the finest step */
   SCREE_CONVERT_BEST = 2048          /* [--clusters best] smaller clusters, many times slower */
 };
 
@@ -525,8 +528,8 @@ typedef struct scree_convert_report {
   uint64_t warnings;
 } scree_convert_report;
 
-/* Packs a .gltf or .glb into a .scree file, in bounded memory. `output` null: `input` with the extension .scree. An
- * error leaves nothing new on the disk. `options` and `report` may be null. */
+/* Packs a .gltf or .glb into a .scree file, in bounded memory. `output` null: `input` with the extension .scree.
+ * After an error the disk has no new file. `options` and `report` may be null. */
 SCREE_API scree_status scree_convert(const char* input, const char* output, const scree_convert_options* options,
                                      scree_convert_report* report);
 

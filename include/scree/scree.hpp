@@ -1,5 +1,5 @@
-// scree.h for C++17: handles that end themselves, and errors as exceptions. Everything is inline, and scree.h may be
-// used beside it; its comments hold here too.
+// scree.h for C++17: handles that end themselves, and errors as exceptions. All functions are inline. scree.h may be
+// used beside it; its comments apply here too.
 #pragma once
 
 #include <scree/scree.h>
@@ -28,7 +28,7 @@ inline void check(scree_status status) {
   if (status != SCREE_OK) throw Error(status);
 }
 
-/// A structure of scree.h, all zeros but for its size: `auto options = scree::make<scree_draw_options>();`
+/// A structure of scree.h, all zeros except its size: `auto options = scree::make<scree_draw_options>();`
 template <class T>
 T make() {
   T value{};
@@ -39,7 +39,7 @@ T make() {
 using Vec3 = std::array<double, 3>;
 using Mat4 = std::array<double, 16>;
 
-// Cameras; a default one shows all of the scene.
+// Cameras. The default camera shows all of the scene.
 
 inline scree_camera look_at(const Vec3& eye, const Vec3& target, const Vec3& up = {0, 1, 0}, double fov_degrees = 45) {
   auto camera = make<scree_camera>();
@@ -102,7 +102,7 @@ inline scree_path_info path_info(const std::string& file, double frames_per_seco
   return info;
 }
 
-/// scree_cameras_of_path(): the cameras of `count` frames from `first` on, or of all that follow if there are fewer.
+/// scree_cameras_of_path(): the cameras of `count` frames from `first` on; fewer if the path ends before.
 inline std::vector<scree_camera> cameras_of_path(const std::string& file, double frames_per_second = 0,
                                                  std::uint64_t first = 0, std::uint64_t count = UINT64_MAX) {
   const std::uint64_t frames = path_info(file, frames_per_second).frames;

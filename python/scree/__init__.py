@@ -40,7 +40,7 @@ def around(turn, rise, up=(0, 1, 0), fov=45.0) -> Camera:
 
 
 def matrices(view, projection, z_near=0.0) -> Camera:
-    """A camera of two 4 x 4 matrices, rows first: arrays of float64, or values that numpy converts to such arrays.
+    """A camera of two row-major 4 x 4 matrices: arrays of float64, or values that numpy converts to such arrays.
 
     `view`: from world to camera space, where the camera looks along -z with y up. A rotation and a translation, no scale.
     `projection`: from camera space to OpenGL's clip space (w = -z, depths from -1 to 1), perspective or orthographic,
@@ -138,13 +138,14 @@ class File:
         - `textures`: False loads none; materials then have only their base colour.
         - `device_memory`: bytes of GPU memory for scene and pictures. Chunks that do not fit are streamed while frames are
           drawn. 0: the free memory.
-        - `host_memory`: bytes of pinned memory that feed the GPU; the rest keeps chunks and textures. 0: no limit, none.
+        - `host_memory`: bytes of pinned host memory, for copies to the GPU, and for chunks and pages of textures that its memory
+          does not hold. 0: no limit, and such chunks and pages are read from the file.
         - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
         - `largest_shadows`: the largest `shadow_size` of draws, at most 16384, whose map `device_memory` then includes; 0: none.
         - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.
-        - `texture_memory`: the most bytes for pages of KTX2, DDS and JPEG textures, which come from the file when pixels show them.
-          On a GPU, textures that fit are loaded whole. 0: on the CPU 2 GiB; on a GPU all textures are loaded if the whole
-          file fits, else pages get a quarter of the memory.
+        - `texture_memory`: the most bytes for pages of KTX2, DDS and JPEG textures, which are read when pixels show them. On a GPU,
+          textures that fit are loaded whole. 0: on the CPU 2 GiB; on a GPU all textures are loaded if the whole file fits, else
+          pages get a quarter of the memory.
         - `light`: the light of draws that name no other: "camera", "environment", "scene" (the file's own lights), or
           "auto": the environment if materials have more than a base colour, else the camera.
         - `environment`: a Radiance picture (.hdr) of all directions, which implies `light="environment"`; None: a clear sky.
@@ -224,10 +225,10 @@ class View:
         `camera`: look_at(), around(), matrices(), clipped(), a camera of cameras_of_path(), or the name or number of a
         camera of the file; None shows the whole scene. Options of `shading` and their defaults:
         - `show` ("texture"): texture, color, uv, normal, triangle, cluster, mesh, stage or depth.
-        - `light` ("auto": as the scene was loaded): "camera", "environment", "scene", or False: surface colours alone.
-        - `exposure` (0): stops, -20 to 20; the camera's light ignores it.
-        - `blend_layers` (16): most layers of blended surfaces, such as glass, behind one another; 0: none is drawn.
-        - `shadows` (False): whether the file's first directional light casts shadows, under the light "scene" alone, with a
+        - `light` ("auto": as the scene was loaded): "camera", "environment", "scene", or False: only surface colours.
+        - `exposure` (0): stops, -20 to 20; without effect on the light "camera".
+        - `blend_layers` (16): the most layers of blended surfaces, such as glass, per sample; 0: none is drawn.
+        - `shadows` (False): whether the file's first directional light casts shadows, only under the light "scene", with a
           map of `shadow_size` (4096; 64 to 16384) samples along its longer side, which the view keeps until it needs another.
         - `ssao` (False): ambient occlusion.
         - `edl` (False): eye-dome lighting, with `edl_strength` (1, at most 100) and `edl_radius` (1, at most 64 pixels).
@@ -285,7 +286,7 @@ class View:
         color: height x width x 4 uint8, 8-bit sRGB, alpha linear and not premultiplied. depth: float32, from the eye's
         plane in world units, inf on the background. triangle: int64 ids, -1 on the background. instance: int32, indices
         into Scene.instances(), -1 on the background. samples: uint64, the visibility buffer. normal: height x width x 3
-        float32, unit length in world space, of the front even if the back is seen, 0 on the background. uv: height x
+        float32, unit length in world space, of the front even where the back is visible, 0 on the background. uv: height x
         width x 2 float32, the mesh's texture coordinates, 0 if it has none. linear: height x width x 4 float32, the
         colours in linear light, premultiplied by alpha. If chunks are streamed, normal, uv and linear are missing.
 
@@ -298,7 +299,7 @@ class View:
 
         height x width x channels, of the types and units of read(); a batch has the cameras first. If a GPU draws, the
         layer lies in its memory, except linear, which is made on the host. The next draw() overwrites the layer. The
-        memory stays valid: a draw() that needs more memory allocates anew. Raises the errors of read().
+        memory stays valid: a draw() that needs more memory allocates new memory. Raises the errors of read().
         """
         return self._view.share(layer, -1 if layer == "linear" else self._gpu)
 
