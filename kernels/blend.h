@@ -1,5 +1,5 @@
-// Layers of blended surfaces over an opaque picture. A layer is drawn into samples of its own, shaded, and laid under
-// the layers before it. Source: spec/rasterization.md, blending.
+// Layers of blended surfaces over an opaque picture. A layer is drawn into samples of its own, shaded, and composited
+// under the previous layers. Source: spec/rasterization.md, blending.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ struct BlendTargets {
   uint32_t sample_count;
   const uint64_t* opaque;
   uint64_t* drawn;  // where a layer is drawn
-  uint64_t* layer;  // the last layer; kBackground where it shows nothing
+  uint64_t* layer;  // the last layer; kBackground where it has no fragment
   float* colors;    // 3: the layer's light
   float* alphas;
   float* over;  // 4: light of the layers so far, and the share of the light behind them that they let through
@@ -31,8 +31,8 @@ struct LayerSource {
 };
 
 /// Draws up to `most` layers, from the nearest on, until none is left. Calls `begin(is_first)` before a layer is drawn
-/// and `end()` after it, which returns the number of samples that show the layer. `lay_under()` lays the layer under
-/// the layers before.
+/// and `end()` after it, which returns the number of samples that show the layer. `lay_under()` composites the layer
+/// under the previous layers.
 template <class Begin, class End, class LayUnder>
 Result<void> draw_layers(const BlendTargets& at, uint32_t most, const LayerSource& source, BlendCounts& counts,
                          const Begin& begin, const End& end, const LayUnder& lay_under) {

@@ -176,7 +176,7 @@ inline FrameStats& operator+=(FrameStats& sum, const FrameStats& frame) {
 }
 
 /// The checks of a frame that all backends share. Errors kRange: an image side of 0 or over kMaxImageSide, a camera
-/// that is not finite or sees nothing, more than 2^36 - 1 drawn triangles.
+/// that is not finite or whose view is empty, more than 2^36 - 1 drawn triangles.
 Result<void> check_frame(const View& view, uint64_t triangle_count);
 
 /// The checks of a resolve that all backends share: whole pixels of `samples_per_side` (1, 2 or 4) samples per side,
@@ -227,8 +227,8 @@ Result<void> layers_cpu(const SceneView& scene, const View& view, uint32_t sampl
 /// Finds the triangle of a global id below instance_base[instance_count], by binary search.
 Hit find_triangle(const SceneView& scene, uint64_t triangle_id);
 
-/// The distance that the centre of a depth code stands for, in world units, from the plane through the eye that is
-/// perpendicular to View::forward; infinity for the background.
+/// The distance of the centre of a depth code from the plane through the eye that is perpendicular to View::forward, in
+/// world units; infinity for the background.
 double depth_of_code(const View& view, uint32_t depth_code);
 
 }  // namespace scree::kernels

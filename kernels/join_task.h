@@ -11,8 +11,8 @@ namespace scree::kernels {
 inline constexpr uint32_t kJoinHistory = 1 << 16;
 static_assert(format::split_streams::kMostBack < kJoinHistory);
 
-/// Joins the clusters of a part, or copies bytes. Sources lie in a slot, results in an arena. Whoever makes a task
-/// checks that both are there (runtime/stream/join_plan.h).
+/// Joins the clusters of a part, or copies bytes. Sources lie in a slot, results in an arena. The code that makes a
+/// task checks that both are in range (runtime/stream/join_plan.h).
 struct JoinTask {
   uint64_t to = 0;                                       // offset in the arena; for clusters a multiple of 4
   uint32_t from = 0;                                     // offset in the slot: of the split page, or of the bytes

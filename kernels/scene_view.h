@@ -162,9 +162,9 @@ struct SceneView {
   ChunkKinds chunk_kinds;  // kMixed is correct for every scene
   BlockCache* blocks;      // cache of the textures' JPEG levels; null if there are none, and on a GPU
   TexelPager* pager;       // of the textures' paged levels; null likewise (on a GPU CudaTextureCache has it)
-  const MaskView* masks;   // by material; null: nothing is masked
+  const MaskView* masks;   // by material; null: no material is masked
   // By material: the alpha of blended surfaces (spec/rasterization.md, blending). The threshold leaves out samples of
-  // alpha 0. Null: nothing blends.
+  // alpha 0. Null: no material blends.
   const MaskView* blend_masks;
   bool draws_blended;  // frames draw layers of blended surfaces, not the opaque picture
 };

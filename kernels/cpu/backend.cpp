@@ -96,7 +96,7 @@ uint32_t ThreadPool::size() const {
 
 void ThreadPool::for_each(uint64_t count, uint64_t grain, Run run, const void* context) {
   if (count == 0) return;
-  // Waking the other threads costs more than a few items do.
+  // Waking the other threads takes longer than a few items do.
   if (impl_->workers.empty() || count <= grain) {
     run(context, 0, count, 0);
     return;
@@ -279,8 +279,8 @@ Result<void> shade_tiles(const SceneView& scene, uint32_t width, uint32_t height
   return {};
 }
 
-/// Shared by both ways to finished pixels. `run(pool, visibility)`: `visibility` is null if `options` requests no
-/// occlusion.
+/// Shared by both functions that make finished pixels. `run(pool, visibility)`: `visibility` is null if `options`
+/// requests no occlusion.
 template <class Run>
 Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
                           const ShadeOptions& options, uint32_t channels, std::span<uint8_t> pixels, uint32_t threads,

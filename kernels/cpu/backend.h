@@ -63,7 +63,7 @@ struct TileRound {
 /// The functions that passes.cpp defines for each instruction set.
 /// - draw returns false if memory ran out. `peeled`: Target::peeled. `clear`: clears the samples first.
 /// - resolve and shade_part return the number of tiles in round.left.
-/// - end_layer returns the number of samples that show something.
+/// - end_layer returns the number of samples that show the layer.
 struct CpuPasses {
   bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
                bool clear, const QueueSizes& sizes, FrameStats& stats);

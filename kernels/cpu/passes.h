@@ -229,7 +229,7 @@ class FrameDrawer {
   }
 
   /// Returns the end of the round that begins with block `first`. Builds the pyramid of all earlier rounds first if the
-  /// round is large enough to pay for it.
+  /// round is large enough that this saves time.
   uint64_t begin_round(uint64_t first, uint64_t total) {
     const uint64_t most = max_of(triangles_so_far_, max_of<uint64_t>(sizes_.round_triangles, 1));
     uint64_t triangles = 0;
@@ -242,7 +242,7 @@ class FrameDrawer {
     return end;
   }
 
-  /// Builds the pyramid of the current samples. If there is no memory for it, nothing is culled by it.
+  /// Builds the pyramid of the current samples. Without memory for it, no box is tested against it.
   void build_pyramid() {
     DepthPyramid& pyramid = culling_.pyramid;
     if (pyramid.codes == nullptr) {

@@ -125,7 +125,8 @@ struct RasterBlocks {
         small.draw_run(team, context, chunk, at, min_of(end, reader.end_triangle) - at);
       }
     };
-    // Groups go from near to far, so that they hide one another. The clusters of a group go in memory order.
+    // Groups are drawn from near to far, so that near groups hide far ones. The clusters of a group are drawn in memory
+    // order.
     VisibleGroup visible[kMaxVisibleGroups];
     const uint64_t end_group = last_cluster / format::kGroupClusters + 1;
     for (uint64_t group = first_cluster / format::kGroupClusters; group < end_group;) {

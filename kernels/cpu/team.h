@@ -255,8 +255,8 @@ class CpuTeam {
   }
 
   /// Draws the covered samples of a box in runs of kRun along its rows. A vectorised loop computes the edges and depth
-  /// codes of a run; then each sample is tested. If a row is not a multiple of kRun, its last run overlaps the one
-  /// before: drawing twice changes nothing.
+  /// codes of a run; then each sample is tested. If a row is not a multiple of kRun, its last run overlaps the previous
+  /// one: drawing twice does not change the picture.
   template <bool kOrthographic, class Int, class Mask>
   void draw_runs(const Target& target, const Triangle& triangle, const PixelBox& box, int64_t area,
                  const Mask& mask) const {

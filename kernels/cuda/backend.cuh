@@ -29,8 +29,8 @@ struct WarpTeam {
     atomicMin(reinterpret_cast<unsigned long long*>(sample), value);
   }
 
-  /// Keeps the smaller of the sample and `value`. Reads first: most pixels that are drawn again lose, and a read costs
-  /// an eighth of an atomic.
+  /// Keeps the smaller of the sample and `value`. Reads first: most pixels that are drawn again are not nearer, and a
+  /// read takes an eighth of the time of an atomic.
   __device__ static void update_min(uint64_t* sample, uint64_t value) {
     if (value < load_relaxed(sample)) atomic_min(sample, value);
   }

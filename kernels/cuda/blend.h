@@ -37,10 +37,10 @@ class CudaBlend {
   /// Device memory of a picture, beside its fragments.
   static uint64_t device_bytes(uint64_t sample_count) { return 48 * sample_count + sizeof(uint64_t); }
 
-  /// As blend_cpu(): returns BlendTargets::over, in device memory, valid until the next call. Work goes to the default
-  /// stream, and the work of `source` has to be ordered with it. The host waits for each layer. `fragments`: null, or
-  /// the source that draws the same layers at once; the host then waits twice. Errors kDevice, and the errors of the
-  /// sources.
+  /// As blend_cpu(): returns BlendTargets::over, in device memory, valid until the next call. Work is queued on the
+  /// default stream, and the work of `source` has to be ordered with it. The host waits for each layer. `fragments`:
+  /// null, or the source that draws the same layers at once; the host then waits twice. Errors kDevice, and the errors
+  /// of the sources.
   Result<const float*> blend(const View& view, const uint64_t* samples, uint32_t most, const LayerSource& source,
                              BlendCounts& counts, const FragmentSource* fragments = nullptr);
 

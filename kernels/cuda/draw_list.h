@@ -43,7 +43,7 @@ inline constexpr uint64_t kMaxDraws = uint64_t{1} << 28;
 inline constexpr uint32_t kMostRounds = 8;
 inline constexpr uint32_t kClusterPasses = 1 + kMostRounds;
 
-/// How much of a queue the earlier passes have drawn.
+/// The entries of a queue that the earlier passes have drawn.
 struct DrawnTriangles {
   uint64_t medium;
   uint64_t large;

@@ -19,7 +19,7 @@ __device__ inline ScreenVertex project_cluster_vertex(const FrameView& view, con
     position[k] = static_cast<float>(draw.base[k] + static_cast<int32_t>(format::bounds_min(bounds, k) + code[k]));
   const ProjectedPoint point =
       project_point<kOrthographic>(draw.x, draw.y, draw.w, position[0], position[1], position[2]);
-  // Without growth the filter knows that no vertex of the chunk needs clipping.
+  // Without growth the filter shows that no vertex of the chunk needs clipping.
   const uint32_t flags = draw.filter.growth != 0.0f
                              ? plane_flags<kOrthographic>(point, view, draw.error[0], draw.error[1], draw.error[2])
                              : 0;

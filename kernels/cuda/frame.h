@@ -41,8 +41,8 @@ struct DrawOptions {
   // the clusters that were visible last time are queued. All GPUs must have the same tables, so that they join equally
   // often. With `join` finish() does not draw again.
   const std::function<Result<void>(void* stream)>* join = nullptr;
-  // Whether FrameTimes has the stages. The events between kernels cost 0.01 to 0.03 ms. A small scene's frame,
-  // otherwise one submission, is launched kernel by kernel, which costs 0.02 ms on scene D.
+  // Whether FrameTimes has the stages. The events between kernels take 0.01 to 0.03 ms. A small scene's frame,
+  // otherwise one submission, is launched kernel by kernel, which takes 0.02 ms more on scene D.
   bool stage_times = false;
 };
 
@@ -51,7 +51,7 @@ struct DrawOptions {
 /// rounds) if the frame has one; and the whole from start to end. Clearing the counters runs after the frame and is not
 /// included.
 struct FrameTimes {
-  float clear_ms;  // clearing the picture if nothing is culled; in the first frame also the counters
+  float clear_ms;  // clearing the picture if no culling kernel runs; in the first frame also the counters
   float cull_ms;   // includes clearing the picture if anything is culled
   float small_ms;
   float medium_ms;
@@ -71,16 +71,16 @@ struct CudaQueueSizes {
   uint64_t clusters = 1u << 24;  // or the number of clusters, if that is smaller
   uint64_t to_clip = 1u << 16;   // triangles of clusters
   uint64_t clipped = 1u << 15;   // the pieces of these: medium and large ones each
-  // Scenes of fewer groups of clusters are drawn in one pass: the pyramid and a second pass would cost more than they
-  // save. If they have no other chunks, one kernel culls them, with a ClusterDraw for each group.
+  // Scenes of fewer groups of clusters are drawn in one pass: the pyramid and a second pass would take longer than the
+  // time they save. If they have no other chunks, one kernel culls them, with a ClusterDraw for each group.
   uint64_t two_pass_groups = 2048;
   // If the camera moves, the second pass takes one round for up to twice this many groups, and one more round for every
   // doubling.
   uint64_t round_groups = 1u << 17;
   // Scenes in one pass of fewer groups have a block of stage 1 per cluster instead of a warp (D has 128).
   uint64_t few_groups = 192;
-  // Whether the queue of clusters holds at least a quarter of all clusters. Then a first frame, in which nothing hides
-  // clusters, need not be drawn again: it queues 20% of C's (7680x4320 samples).
+  // Whether the queue of clusters holds at least a quarter of all clusters. Then a first frame, in which no cluster is
+  // hidden, need not be drawn again: it queues 20% of C's (7680x4320 samples).
   bool holds_first_frame = false;
 };
 

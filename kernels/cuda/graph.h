@@ -18,8 +18,8 @@
 
 namespace scree::kernels {
 
-/// A CUDA graph of kernels that is made once. As long as frames connect as many kernels in the same way, only the ones
-/// that changed, or whose arguments did, are set. One thread at a time.
+/// A CUDA graph of kernels that is made once. As long as frames have as many kernels in the same order, only kernels
+/// that differ, or whose arguments differ, are set. One thread at a time.
 class CudaGraph {
  public:
   static constexpr uint32_t kMostNodes = 16;
@@ -114,7 +114,7 @@ class CudaGraph {
   };
   struct Node {
     Launch launch{};
-    uint32_t after = 0;  // bit i: node i comes before
+    uint32_t after = 0;  // bit i: node i runs before
     bool is_changed = false;
     cudaGraphNode_t node = nullptr;
     std::array<void*, kMostArguments> arguments{};  // in `words`
@@ -126,7 +126,7 @@ class CudaGraph {
     }
   };
 
-  /// Makes the graph anew.
+  /// Makes a new graph.
   Result<void> make() {
     close();
     constexpr const char* kWhat = "recording a frame";
@@ -156,7 +156,7 @@ class CudaGraph {
   cudaGraph_t graph_ = nullptr;  // its nodes name the kernels of `exec_`
   cudaGraphExec_t exec_ = nullptr;
   std::array<Node, kMostNodes> nodes_;
-  std::array<uint32_t, kBranches> ends_{};  // of each branch: the nodes that the next one comes after
+  std::array<uint32_t, kBranches> ends_{};  // of each branch: the nodes after which the next one runs
   uint32_t count_ = 0;                      // of this frame
   uint32_t made_ = 0;                       // of the graph
   bool is_reshaped_ = false;                // whether this frame's nodes are connected otherwise

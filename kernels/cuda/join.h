@@ -29,7 +29,7 @@ struct JoinSlot {
 /// The most slots of a launch.
 inline constexpr uint32_t kMostJoinSlots = 16;
 
-/// Queues the tasks of up to kMostJoinSlots slots on `stream`; their results go to `arena`. Errors kDevice.
+/// Queues the tasks of up to kMostJoinSlots slots on `stream`; their results are written to `arena`. Errors kDevice.
 Result<void> join_parts(std::span<const JoinSlot> slots, std::byte* arena, cudaStream_t stream);
 
 }  // namespace scree::kernels

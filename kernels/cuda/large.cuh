@@ -84,7 +84,7 @@ class WarpPlanes {
 };
 
 /// Appends the tiles that a large triangle may touch, with a warp. Counts them first, because each addition to the
-/// queue's counter costs a wait. Draws tiles without room immediately.
+/// queue's counter needs a wait. Draws tiles without room immediately.
 template <bool kOrthographic, Alpha kAlpha>
 __device__ inline void split_triangle(const LargeFrame<kAlpha>& frame, uint32_t number) {
   const Queues& queues = frame.queues;
@@ -165,7 +165,7 @@ __device__ inline void draw_medium_part(const LargeFrame<kAlpha>& frame, const T
   });
 }
 
-/// Draws the medium queue, a triangle or a part of one per warp. First come whole triangles and part 0 of split ones;
+/// Draws the medium queue, a triangle or a part of one per warp. First are whole triangles and part 0 of split ones;
 /// then the remaining parts, spread over the warps, so that no warp draws all parts of a triangle. Few triangles are
 /// split: a warp's lanes test 32 candidates at a time.
 template <bool kOrthographic, Alpha kAlpha>

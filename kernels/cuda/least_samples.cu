@@ -9,7 +9,7 @@ namespace scree::kernels {
 namespace {
 
 constexpr uint32_t kThreads = 256;
-constexpr uint64_t kMostBlocks = 2048;  // enough requests on their way to fill a link between GPUs
+constexpr uint64_t kMostBlocks = 2048;  // enough requests in flight to fill a link between GPUs
 
 /// A word is written only where it changes, since links between GPUs are slower than memory.
 __global__ void __launch_bounds__(kThreads)

@@ -227,7 +227,7 @@ struct ChunkPlanes {
   }
 };
 
-/// A warp's shared memory for masks in kernels that do not draw clusters as such.
+/// A warp's shared memory for masks in kernels that do not draw clusters directly.
 using WarpMasks = WaitingSamples<ChunkTriangle>;
 
 template <Alpha kAlpha>

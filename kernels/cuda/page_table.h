@@ -1,4 +1,5 @@
-// The table of a scene's page addresses on a GPU. It names the pages of the current part of a frame (frame_parts.h).
+// The table of a scene's page addresses on a GPU. It has the addresses of the pages of the current part of a frame
+// (frame_parts.h).
 #pragma once
 
 #include <cstdint>

@@ -7,7 +7,7 @@
 
 namespace scree::kernels {
 
-/// Triangles on their way from stage 1 to stages 2 and 3.
+/// Triangles that stage 1 passes to stages 2 and 3.
 struct TriangleQueues {
   DeviceArray<Triangle> medium;
   DeviceArray<Triangle> large;

@@ -42,11 +42,11 @@ inline constexpr int64_t kCrowdedBox = 48;
 /// The largest piece of a clipped triangle that stage 1 draws, in pixels. One lane draws it and waits for each pixel.
 inline constexpr int64_t kLaneBox = 4;
 
-/// For this many rows, computing the filter's constants costs about as much as the filter saves.
+/// For this many rows, computing the filter's constants takes about the time that the filter saves.
 inline constexpr uint32_t kFilteredRows = 4;
 
 /// Calls `call` with the ways to read the chunk's indices and positions as types. Only ways that the scene may have are
-/// built. If one of the two streams has a rare width, both are read in the generic way.
+/// built. If one of the two streams has a rare width, both are read by the generic code.
 template <bool kLattice, bool kFloat32, class Call>
 __device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& call) {
   constexpr std::integral_constant<Fetch, Fetch::kWindow> kWindow;
@@ -299,8 +299,8 @@ __device__ inline bool draw_set_up(const Target& target, const Queues& queues, S
                                    const Masks& masks = {}) {
   if (__ballot_sync(~0u, pixels != 0) == 0) return false;
   bool small = pixels != 0 && pixels <= kSmallBox && fits_narrow_edges(triangle.x, triangle.y);
-  // 32 boxes of a hundred pixels would keep this warp busy long after all others are done. The larger ones go to stage
-  // 2.
+  // 32 boxes of a hundred pixels would keep this warp busy long after all others are done. The larger ones are queued
+  // for stage 2.
   if (sum_of_lanes(small ? static_cast<uint32_t>(pixels) : 0) > kCrowdedPixels) {
     small = small && pixels <= kCrowdedBox;
   }
@@ -468,9 +468,9 @@ class SmallWarp {
     const uint64_t warps = uint64_t{gridDim.x} * kSmallWarps;
     const InstancedDraw* const draws = frame_.list.instanced_draws;
     for (;;) {
-      // Takes 1 / kPart of this warp's share of the remaining work. Starting a run costs a search and preparing a draw,
-      // but the last runs must be short. With near and far instances, the cost of rows differs by a factor of a
-      // hundred.
+      // Takes 1 / kPart of this warp's share of the remaining work. Starting a run takes a search and the preparation
+      // of a draw, but the last runs must be short. With near and far instances, the times of rows differ by a factor
+      // of a hundred.
       constexpr uint32_t kPart = kInstanced ? 16 : 4;
       uint64_t start = 0;
       uint64_t share = 0;
@@ -501,7 +501,7 @@ class SmallWarp {
     const auto first = static_cast<uint32_t>((skipped + count - 1) / count);
     const auto last = static_cast<uint32_t>(min_of<uint64_t>((end - draw.work_before + count - 1) / count, rows));
     if (first >= last) return;
-    // For a few rows the filter would cost more than it saves.
+    // For a few rows the filter would take longer than the time it saves.
     const bool filters = frame_.filters && last - first >= kFilteredRows;
     prepare_draw<kInstanced>(frame_, draw, filters);
     RowCursor at{first, 0, 0};

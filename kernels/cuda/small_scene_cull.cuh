@@ -1,7 +1,7 @@
 // Culls a small scene's clusters on a GPU, in one kernel. If a frame takes a tenth of a millisecond, the number of
 // kernels dominates: each begins when the last warp of the one before has ended, and then waits for memory and for its
 // own instructions. So one warp per group of clusters does all tests, beginning with its instance's matrix. Warps of
-// one instance repeat each other's tests; that is cheaper than another launch.
+// one instance repeat each other's tests; that takes less time than another launch.
 #pragma once
 
 #include "kernels/cuda/cluster_cull.cuh"

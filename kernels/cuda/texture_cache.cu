@@ -56,7 +56,7 @@ __device__ uint2 listed_place(uint32_t i) {
   return {(i & 1u) | (i >> 1 & 2u) | (i >> 2 & 4u), (i >> 1 & 1u) | (i >> 2 & 2u)};
 }
 
-/// Finishes the tiles that show nothing, and lists the others. A block has a warp per tile.
+/// Finishes the tiles of background, and lists the others. A block has a warp per tile.
 __global__ void __launch_bounds__(kListThreads)
     list_tiles(const __grid_constant__ BackgroundTiles pass, UnfinishedTile* list, RoundCounters* listed) {
   __shared__ bool shows[kListedTiles];
@@ -186,7 +186,7 @@ struct CudaTextureCache::Impl {
 
   UnfinishedTile* list(uint32_t i) { return reinterpret_cast<UnfinishedTile*>(lists.data()) + i * list_room; }
   bool has_jpegs() const { return cache.slot_count != 0; }
-  /// The round whose pixels lack nothing but pages.
+  /// The round whose pixels lack only pages.
   uint32_t last_round() const { return has_jpegs() ? kDecodeRounds : 0; }
   TexelPages pages() const { return pager != nullptr ? pager->pages() : TexelPages{}; }
 

@@ -179,7 +179,7 @@ Result<FrameStats> CudaViewBatch::draw(std::span<const View> views, uint32_t sam
     done = cuda_check(cudaMemcpyAsync(impl.read_stats.data(), &impl.counters.data()->stats, sizeof(FrameStats),
                                       cudaMemcpyDeviceToHost),
                       "reading the counters");
-  // Also after an error, so that nothing is written to the caller's memory any more.
+  // Also after an error, so that no kernel writes to the caller's memory afterwards.
   if (const Result<void> waited = cuda_check(cudaStreamSynchronize(nullptr), "drawing a batch"); done) done = waited;
   if (!done) return done.error();
   return *reinterpret_cast<const FrameStats*>(impl.read_stats.data());

@@ -2,7 +2,7 @@
 // each begins when the last warp of the one before has ended. Here a warp takes one group of 32 clusters for one view,
 // and does all the work from the instance's matrix to the samples. It culls the group and its clusters, projects each
 // vertex once and sets up the triangles. It draws small triangles 32 at a time, and larger ones one after the other. No
-// warp waits for another, nothing is queued for a later kernel, and no queue can be too small.
+// warp waits for another, no work is queued for a later kernel, and no queue can be too small.
 //
 // Frames and batches share the source that decides a pixel (kernels/raster, kernels/cull), and a sample is the minimum
 // of all that is drawn there. So the pictures are those of single frames, bit for bit.

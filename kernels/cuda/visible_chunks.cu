@@ -110,7 +110,7 @@ Result<void> CudaVisibleChunks::open(const SceneView& host, const SceneView& dev
 Result<std::span<const uint32_t>> CudaVisibleChunks::find_nearest(const View& view, bool draws_blended) {
   scene_.draws_blended = draws_blended;
   frame_ = make_frame_view(view);
-  // Allocated now, because nothing is being drawn that the allocation would wait for.
+  // Allocated now, because no kernel is running for which the allocation would wait.
   const uint64_t codes = lay_out(pyramid_, frame_.width, frame_.height, kFirstLevel);
   if (Result<void> room = codes_.reserve(codes * sizeof(uint32_t), "allocating the depths"); !room) return room.error();
   pyramid_.codes = reinterpret_cast<uint32_t*>(codes_.data());

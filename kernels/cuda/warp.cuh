@@ -100,8 +100,8 @@ __device__ inline T sum_before(T value, uint32_t lane, T& total) {
 
 /// Copies runs of up to 64 pieces of 16 bytes to shared memory by a warp. Each copy runs while the warp works on the
 /// previous one. begin() starts a copy; lane i takes the pieces i and i + 32. commit() must follow every begin(), and
-/// once more when nothing is left to copy. After wait() and __syncwarp() all copies but the last committed one are
-/// complete. `kAsync`: copies bypass the registers (cp.async, compute capability 8.0); otherwise a lane holds its
+/// once more when there are no bytes left to copy. After wait() and __syncwarp() all copies but the last committed one
+/// are complete. `kAsync`: copies bypass the registers (cp.async, compute capability 8.0); otherwise a lane holds its
 /// pieces of the last copy in registers until the next commit.
 template <bool kAsync = (kCapability >= 80)>
 class StageCopy {

@@ -23,7 +23,7 @@ struct ClipBox {
     double high_one;
   };
   Axis axis[3];
-  bool is_set;  // false: nothing is cut
+  bool is_set;  // false: there is no box
 };
 
 SCREE_HD inline ClipBox make_clip_box(const View& view) {

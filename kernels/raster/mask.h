@@ -13,10 +13,10 @@ namespace scree::kernels {
 inline namespace SCREE_ISA {
 
 /// The triangles that a build (a template instance) of the kernels draws. Layers of blended surfaces have builds of
-/// their own, so that masks do not pay for them.
+/// their own, so that they do not slow down masks.
 enum class Alpha : uint8_t { kOpaque, kMasked, kBlended };
 
-/// For opaque triangles: tests nothing.
+/// For opaque triangles: has no test.
 struct NoMask {
   static constexpr bool kTests = false;
 
@@ -387,7 +387,7 @@ template <bool kOrthographic>
   make_mask_plane<kOrthographic>(scene, view, transform, mesh, chunk, page, reader, number, out);
 }
 
-/// The data by which stages 2 and 3 make the planes of their triangles. Empty in builds that test nothing.
+/// The data by which stages 2 and 3 make the planes of their triangles. Empty in builds without tests.
 template <bool kMasked>
 struct MaskSource {};
 template <>

@@ -1,7 +1,7 @@
-// The queues between passes. A counter may run past its queue's capacity; nothing is written there. The CPU's driver
+// The queues between passes. A counter may exceed its queue's capacity; no entry is written there. The CPU's driver
 // (passes.h) then enlarges the queue or takes a smaller share, and runs the pass again. On a GPU (cuda/frame.cu) the
-// queue is enlarged and the frame drawn again, except that tiles without room are drawn at once. Drawing twice changes
-// nothing.
+// queue is enlarged and the frame drawn again, except that tiles without room are drawn at once. Drawing twice does not
+// change the picture.
 #pragma once
 
 #include "kernels/raster/setup.h"
@@ -75,7 +75,7 @@ struct Target {
   // fragments behind that layer are drawn. Read only by builds that test masks.
   const uint64_t* peeled = nullptr;
   // For blended surfaces on a GPU: the slots for all fragments in front of `samples`, which then stay as they are. If
-  // `counts` is null, fragments go to the samples.
+  // `counts` is null, fragments are written to the samples.
   FragmentSlots fragments = {};
 
   SCREE_HD uint64_t* row(int32_t y) const { return samples + static_cast<uint64_t>(y) * static_cast<uint64_t>(width); }

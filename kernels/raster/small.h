@@ -56,7 +56,7 @@ struct DirectVertices {
   }
 };
 
-/// The mask of the chunk that is drawn, and the data by which its planes are made. Empty in builds that test nothing.
+/// The mask of the chunk that is drawn, and the data by which its planes are made. Empty in builds without tests.
 template <bool kMasked>
 struct MaskedChunk {};
 template <>

@@ -227,7 +227,7 @@ struct ChunkReader {
   }
 };
 
-/// a + b and a - b with wrapping. Lattices beyond 2^62 draw nonsense, but nothing undefined happens.
+/// a + b and a - b with wrapping. Lattices beyond 2^62 give wrong pictures, but no undefined behaviour.
 SCREE_HD inline int64_t wrapping_add(int64_t a, int64_t b) {
   return static_cast<int64_t>(static_cast<uint64_t>(a) + static_cast<uint64_t>(b));
 }

@@ -196,7 +196,7 @@ struct Obscurance {
       const float rise = (v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2]) * scale;
       const float squared = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * (size * size);
       const float within = 1.0f - squared;
-      // Written so that infinite steps, to the background, contribute nothing.
+      // Written so that infinite steps, to the background, contribute 0.
       if (!(within > 0.0f) || !(rise > kObscuranceBias)) continue;
       sum += within * within * within * (rise - kObscuranceBias) / (squared + 0.01f);
     }

@@ -26,8 +26,8 @@ SCREE_HD inline void for_each_sample(uint32_t item, uint32_t sample_count, Team 
   for (uint32_t i = first + team.rank(); i < end; i += team.size()) body(i);
 }
 
-/// Prepares `at.drawn` before a layer is drawn. Samples for which the layer before has nothing become 0, which hides
-/// everything, because no fragment is left there.
+/// Prepares `at.drawn` before a layer is drawn. Samples in which the previous layer has no fragment become 0, which
+/// hides everything, because no fragment is left there.
 struct BeginLayer {
   BlendTargets at;
   bool is_first;
@@ -66,7 +66,7 @@ struct EndLayer {
   }
 };
 
-/// Lays a fragment under the layers before it. Returns whether anything shines through.
+/// Composites a fragment under the previous layers. Returns whether the layers so far let light through.
 SCREE_HD inline bool lay_under(float over[4], const float color[3], float alpha) {
   const float share = over[3] * alpha;
   for (int c = 0; c < 3; ++c) over[c] = over[c] + share * color[c];
@@ -74,7 +74,7 @@ SCREE_HD inline bool lay_under(float over[4], const float color[3], float alpha)
   return over[3] > 0;
 }
 
-/// Lays the layer under the layers before. Samples that let nothing through have no further layers.
+/// Composites the layer under the previous layers. Samples whose layers let no light through have no further layers.
 struct LayUnder {
   BlendTargets at;
 

@@ -9,8 +9,8 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// The distance that the centre of a depth code stands for, in world units, from the plane through the eye that is
-/// perpendicular to the view direction; infinity for the background.
+/// The distance of the centre of a depth code from the plane through the eye that is perpendicular to the view
+/// direction, in world units; infinity for the background.
 SCREE_HD inline double distance_of_code(uint32_t code, bool orthographic, double z_near, double z_far) {
   if (code >= kFarthestDepthCode) return static_cast<double>(bits_float(0x7f800000u));
   const double value = depth_value_of_code(code, orthographic);

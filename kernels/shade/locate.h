@@ -35,7 +35,7 @@ struct Location {
   uint64_t first_id = 0;
   uint64_t instance = 0;
   uint64_t chunk = 0;
-  uint32_t count = 0;  // number of ids; 0: nothing was found yet
+  uint32_t count = 0;  // number of ids; 0: no triangle was found yet
 
   SCREE_HD bool holds(uint64_t id) const { return id - first_id < count; }
 };

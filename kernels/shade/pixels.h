@@ -138,7 +138,7 @@ SCREE_HD inline void store_pixel(uint8_t* out, [[maybe_unused]] uint32_t channel
 #endif
 }
 
-/// Finishes tiles that show nothing. They need none of the values that a GPU computes, and moves to memory, before it
+/// Finishes tiles of background. They need none of the values that a GPU computes, and moves to memory, before it
 /// shades a tile.
 struct BackgroundTiles {
   PixelTiles tiles;
@@ -147,7 +147,7 @@ struct BackgroundTiles {
   uint32_t code;            // background_code()
   uint8_t* pixels;          // as in Resolve, with 4 channels
 
-  /// Finishes a tile that shows nothing; otherwise returns false. `column`, `row`: of the tile. The team has a lane per
+  /// Finishes a tile of background; otherwise returns false. `column`, `row`: of the tile. The team has a lane per
   /// pixel.
   template <class Team>
   SCREE_HD bool finish(uint32_t column, uint32_t row, Team team) const {
@@ -188,7 +188,7 @@ struct Resolve {
   }
 
   /// Finishes one pixel. All lanes of a team must call it. `inside`: whether the lane has a pixel. If texels were
-  /// missing, state.texels.missed is set and nothing is written.
+  /// missing, state.texels.missed is set and no pixel is written.
   template <class Team>
   SCREE_HD void finish(Team team, uint32_t x, uint32_t y, bool inside, ShadeState<Team, Shader>& state) const {
     const uint64_t row_samples = static_cast<uint64_t>(shader.in.view.width);

@@ -1,4 +1,4 @@
-// The resolve of pictures in rounds: their textures are decoded on demand (texture_cache.h), or come in pages
+// The resolve of pictures in rounds: their textures are decoded on demand (texture_cache.h), or read in pages
 // (texel_pager.h).
 #pragma once
 

@@ -335,7 +335,7 @@ SCREE_HD inline const float* uv_transform(const Record& record) {
   return reinterpret_cast<const float*>(&record) + offsetof(Record, uv_offset) / sizeof(float);
 }
 
-/// Whether a uv_transform() changes nothing.
+/// Whether a uv_transform() is the identity.
 SCREE_HD inline bool is_identity(const float* transform) {
   return transform[0] == 0 && transform[1] == 0 && transform[2] == 1 && transform[3] == 1 && transform[4] == 0;
 }
@@ -717,7 +717,7 @@ inline void visit_shader(const ShadeInputs& in, const Visit& visit) {
   const auto with_kinds = [&]<bool kOrthographic, Show kShow>() {
     visit_kinds<kApart, kOrthographic, kShow>(in, texels, visit);
   };
-  // One shader for all kinds of chunks, because most of its time goes into light.
+  // One shader for all kinds of chunks, because light takes most of its time.
   const auto with_surfaces = [&]<bool kOrthographic>() { visit(Shader<kOrthographic, Show::kSurface>{in, texels}); };
   const auto with_camera = [&]<bool kOrthographic>() {
     switch (in.options.show) {

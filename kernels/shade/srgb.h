@@ -29,7 +29,7 @@ inline namespace SCREE_ISA {
 SCREE_HD inline uint32_t srgb_code(const SrgbTables& tables, float light) {
 #if defined(__CUDA_ARCH__)
   const float limited = min_of(light > 0.0f ? light : 0.0f, 1.0f);
-  // A gather from a table costs a warp up to 32 steps; the formula costs two instructions of the special function unit,
+  // A gather from a table takes a warp up to 32 steps; the formula takes two instructions of the special function unit,
   // with an error below 2^-10 codes. Only this near to a border between codes is the border read from the table.
   const float code = limited <= 0.0031308f
                          ? limited * (12.92f * 255.0f)

@@ -245,7 +245,7 @@ SCREE_HD inline void set_flat_tangent(const float d[2][2], const Float3 edge[2],
   axes.side = dot(cross(axes.normal, axes.tangent), along_v) > 0 ? -1.0f : 1.0f;  // green is up, v goes down
 }
 
-/// Turns the normal as a normal map's `code` says.
+/// Turns the normal by a normal map's `code`.
 SCREE_HD inline void bend_normal(const Float3& code, float scale, NormalAxes& axes) {
   if (dot(axes.tangent, axes.tangent) == 0) return;  // the triangle has no area in the texture
   const float bump_x = (2.0f * code.x - 1.0f) * scale;

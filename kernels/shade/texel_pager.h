@@ -38,7 +38,7 @@ class TexelPager {
   void begin_round() { ++pages_.round; }
   void take_coarser(bool takes) { pages_.takes_coarser = takes; }
   /// Called when a round's shading has ended: reads the wanted pages that are absent, and keeps the ones that are
-  /// present. If they exceed the room for pages, reads nothing and returns false; with `must` that is an error. With a
+  /// present. If they exceed the room for pages, reads none and returns false; with `must` that is an error. With a
   /// patience, it may read a part of them. Errors of reading and checking pages; kMemory; kDevice.
   virtual Result<bool> bring(bool must) = 0;
 

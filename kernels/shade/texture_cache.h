@@ -38,7 +38,7 @@ struct TextureCache {
   static constexpr uint32_t kNoSlot = ~uint32_t{0};
   static constexpr uint8_t kAbsent = 0;
   static constexpr uint8_t kRequested = 255;        // absent, and requested in this round
-  static constexpr uint32_t kNever = ~uint32_t{0};  // the stamp of an absent way
+  static constexpr uint32_t kNever = ~uint32_t{0};  // the stamp of a way without a group
 
   uint8_t* places;          // by key: 1 + way in the first set, 1 + kWays + way in the second, or a constant above
   uint64_t* keys;           // by slot; kWays per set
@@ -205,7 +205,7 @@ struct CachedTexels {
     static_assert(TextureCache::kNoSlot == ~uint32_t{0});  // the only one with the highest bit
     if (static_cast<int32_t>(slot[0] | slot[1] | slot[2] | slot[3]) >= 0) [[likely]] {
       for (uint32_t i = 0; i < 4; ++i) texels[i] = cache.colour(slot[i], at.pixel[i]);
-      // While the colours are on their way:
+      // While the colours are being loaded:
       cache.mark(slot[0], now);
       cache.mark(slot[3], now);
       if (!has_more) [[likely]]
