@@ -215,9 +215,10 @@ struct LayerTargets {
   float* depth;       // depth_of_code(), infinity on the background
   int64_t* triangle;  // global id, -1 on the background
   int32_t* instance;  // index in SceneView::instances (at most 2^31), -1 on the background
-  float* normal;  // 3 floats: unit length, world space, of the front side even if the back is seen; 0 on the background
-  float* uv;      // 2 floats: as stored in the mesh, without a material's transform; 0 if there are none, and on the
-                  // background
+  float* normal;      // 3 floats: unit length, world space, of the front side even where the back is visible; 0 on the
+                      // background
+  float* uv;  // 2 floats: as stored in the mesh, without a material's transform; 0 if there are none, and on the
+              // background
 };
 
 /// Makes the layers of a picture. `view` and `samples`: as for resolve_cpu(). Errors kRange, kMemory.

@@ -189,7 +189,7 @@ Targets take_targets(const py::dict& arrays, size_t cameras, int gpu, const py::
   Targets out{};
   if (arrays.empty()) throw py::value_error("targets: a batch needs at least one layer");
   const py::object number = checked_stream(stream);
-  // DLPack forbids 0 on CUDA, because it does not tell the two default streams apart.
+  // DLPack forbids 0 on CUDA, because it does not distinguish the two default streams.
   const py::object ordered = number.is_none() || number.equal(py::int_(0)) ? py::int_(1) : number;
   std::optional<uintptr_t> named;
   std::string first;

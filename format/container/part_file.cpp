@@ -21,7 +21,7 @@ namespace {
 // Linux moves at most 2 GiB per call.
 constexpr size_t kMaxCallBytes = size_t{1} << 30;
 
-// Bytes behind this offset start on their way to the disk at once. Smaller files may be deleted before they have to.
+// Writing of bytes behind this offset to the disk starts at once. Smaller files may be deleted before they have to.
 constexpr uint64_t kFlushedFrom = uint64_t{256} << 20;
 
 /// Returns false where another program holds the lock. On a file system without locks it returns true: writing is still

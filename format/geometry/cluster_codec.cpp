@@ -300,7 +300,7 @@ class Decoder {
 
   const ClusterStreams& s_;
   const ClusterOutput& out_;
-  bool scans_;       // no output is wanted, only the checks
+  bool scans_;       // only the checks are needed, no output
   double step_ = 0;  // step of the lattice
   uint64_t cluster_ = 0;
   ClusterBounds group_{};

@@ -14,7 +14,7 @@ namespace scree::format::split_streams {
 /// Values in RecentVertices: a power of two, so that a modulo without a branch keeps any index within bounds.
 inline constexpr uint32_t kMostValues = 1u << 17;
 
-/// The vertices of a part, numbered from 0 in the part; the oldest that nothing can refer to any more are forgotten.
+/// The vertices of a part, numbered from 0 in the part; the oldest, to which no later vertex can refer, are dropped.
 /// They lie in one array behind the residuals of a cluster, so that one index selects a vertex or a residual.
 class RecentVertices {
  public:

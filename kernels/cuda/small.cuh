@@ -182,8 +182,8 @@ __device__ inline bool sample_at(const SetUpTriangle& its, uint32_t inside, int3
 
 /// Draws the boxes of the lanes' triangles, of `pixels` <= kSmallBox each (0: the lane has none), with narrow edges.
 /// Every lane draws every 32nd pixel of all boxes together, so boxes of 1 and of 128 pixels leave no lane waiting.
-/// `masks`: NoLaneMask, or the tests of the lane's triangle. Samples of masked triangles that would be seen wait for
-/// LaneMask::test_waiting(). Many triangles have none, and get no plane.
+/// `masks`: NoLaneMask, or the tests of the lane's triangle. Samples of masked triangles that are in front of the
+/// stored samples wait for LaneMask::test_waiting(). Many triangles have none, and get no plane.
 template <bool kOrthographic, class Masks>
 __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
                                    const PixelBox& box, int64_t area, uint32_t pixels, const Masks& masks) {

@@ -50,7 +50,7 @@ inline constexpr uint32_t kBatchLayerThreads = 256;
 inline constexpr uint32_t kWarpQueue = kWarpLanes;
 inline constexpr uint32_t kClippedAtOnce = kWarpQueue / (kMaxPolygon - 2);
 
-/// The work of a warp: a group of clusters of an instance, as a view sees it.
+/// The work of a warp: a group of clusters of an instance in one view.
 struct BatchGroup {
   Transform transform;  // of the instance
   uint64_t first_id;    // of the chunk's triangle 0

@@ -129,7 +129,7 @@ SCREE_HD inline Float3 environment_light(const ShadeInputs& in, const SurfacePoi
 }
 
 /// The share of the sun that reaches a sample: 1 less the dark part of the square of 2 x 2 samples of the map around
-/// it. `face`: the triangle's normal. A call, so that pictures without shadows pay one test.
+/// it. `face`: the triangle's normal. A call, so that pictures without shadows need only one test.
 [[gnu::noinline]] SCREE_HD inline float sun_share(const SunMap& map, Float3 place, Float3 face) {
   float at[3];
   float normal[3];

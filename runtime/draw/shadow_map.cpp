@@ -163,7 +163,7 @@ std::optional<View> sun_view(const Vec3& direction, const WorldBox& box, const V
   double sample = std::max(x.size(), y.size()) / (side - 2 * kMarginSamples);
   // Places are floats relative to the eye, as are the weights that they are made of.
   for (const Vec3& point : seen) sample = std::max(sample, std::hypot(point[0], point[1], point[2]) * 0x1p-18);
-  if (!(sample > 0)) sample = 1;  // only the eye is seen
+  if (!(sample > 0)) sample = 1;  // only the eye is visible
   const auto samples = [&](const Span& span) {
     const double wanted = std::ceil(span.size() / sample) + 2 * kMarginSamples;
     return wanted < side ? static_cast<uint32_t>(wanted) : side;  // also of a box that is not finite

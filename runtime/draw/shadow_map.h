@@ -25,8 +25,8 @@ inline bool shows_sun(const kernels::SceneView& scene, const kernels::ShadeOptio
   return kernels::shades_surfaces(scene, options) && kernels::lighting_of(scene, options) == kernels::Lighting::kScene;
 }
 
-/// The view along the unit vector `direction` of the part of `box` that `camera` sees, with two samples around it, and
-/// of all that lies between that part and the light within the box. Its longer side has `side` samples, which are
+/// The view along the unit vector `direction` of the part of `box` that is visible to `camera`, with two samples around
+/// it, and of the part of the box between that part and the light. Its longer side has `side` samples, which are
 /// squares. It has fewer if they would be finer than 2^-18 of the distance of the visible part. Leaves out and clips
 /// away what `camera` does. `margin`: the share of the visible part's width and height that is added on each side, as
 /// far as the box extends. The depth is then that of the whole box. nullopt if no part of the box is visible to the

@@ -71,7 +71,7 @@ struct StreamStats {
   kernels::FrameStats drawn;    // an instance counts once per part that it is in
   uint64_t seen_chunks = 0;     // in the view according to their bounds
   uint64_t seen_bytes = 0;      // of these chunks
-  uint64_t missing_bytes = 0;   // of the seen chunks that were not in the pool when the frame began
+  uint64_t missing_bytes = 0;   // of chunks in the view that were not in the pool when the frame began
   uint64_t hidden_bytes = 0;    // missing, hidden by chunks drawn before, and not loaded
   uint64_t streamed_bytes = 0;  // missing and loaded
   uint64_t joined_bytes = 0;    // of these, joined by the GPU from compressed pages (the target counts them)
@@ -87,8 +87,8 @@ struct StreamStats {
   double drawing_ms = 0;        // from each part's start to its end, including its depths
   double copying_ms = 0;        // from each load's first copy to its end
 
-  /// Adds the streaming of a layer of blended surfaces over the same picture. `drawn` and the seen chunks stay as they
-  /// are.
+  /// Adds the streaming of a layer of blended surfaces over the same picture. `drawn`, `seen_chunks` and `seen_bytes`
+  /// stay as they are.
   void add_layer(const StreamStats& layer);
 };
 

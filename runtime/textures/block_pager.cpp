@@ -198,7 +198,7 @@ std::vector<uint32_t> BlockPager::unwanted_since(uint64_t first, std::span<const
   return unwanted;
 }
 
-/// Drops pages that the round did not want until memory for all is taken. Takes none if that is not enough.
+/// Drops pages that the round did not mark until memory for all is taken. Takes none if that is not enough.
 bool BlockPager::take_all(std::span<const uint32_t> numbers, std::span<const uint64_t> wanted) {
   size_t taken = 0;
   const auto take_more = [&] {

@@ -37,7 +37,7 @@ struct ExportSummary {
 /// floats, colours the stored RGBA8, and indices have 16 bits if these suffice. Nodes, instances, materials, cameras
 /// and scenes keep their order; meshes without triangles are left out. Source triangle numbers are not written, because
 /// glTF has no attribute for them. Memory: one decoded chunk per thread, and about 300 bytes per mesh and node. Errors
-/// as ChunkReader and GltfWriter, after which no output file is left. Source: issue 2, section 6.
+/// as ChunkReader and GltfWriter, after which no output file is left.
 Result<ExportSummary> export_gltf(const format::Container& file, const std::string& path, const ExportOptions& options);
 
 }  // namespace scree::tools

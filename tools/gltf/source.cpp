@@ -404,7 +404,7 @@ class Importer {
     } else if (name == "COLOR_0") {
       right = (components == 3 || components == 4) && (is_float || (!is_signed && (is_byte || is_short)));
       expected = "VEC3 or VEC4 of float or normalised unsigned byte or short";
-      // Some writers forget the flag. As plain integers the colours would all be far above 1.
+      // Some writers omit the flag. As plain integers the colours would all be far above 1.
       if (right && !is_float && !accessor->normalized) {
         accessor->normalized = true;
         ++unflagged_colors_;

@@ -47,10 +47,10 @@ struct VerifyHooks {
 
 /// Checks, beyond Container::open: the checksum of every table and page; that every page decompresses to its size; that
 /// every chunk decodes, with indices below its vertex count, positions inside its lattice and unused bits zero; that
-/// all bytes between and after chunks, tables and pages are zero; that nothing overlaps; that the box and the vertex
-/// count of every mesh equal those of its decoded chunks; that every image decodes to the size in its record. `bytes`:
-/// the whole file that `file` was opened on. `threads`: 0 means one per core; the report is the same for any number.
-/// Memory: a page, its decoded chunks and a decoded image per thread, 8 bytes per chunk, 25 per mesh.
+/// all bytes between and after chunks, tables and pages are zero; that no two parts overlap; that the box and the
+/// vertex count of every mesh equal those of its decoded chunks; that every image decodes to the size in its record.
+/// `bytes`: the whole file that `file` was opened on. `threads`: 0 means one per core; the report is the same for any
+/// number. Memory: a page, its decoded chunks and a decoded image per thread, 8 bytes per chunk, 25 per mesh.
 VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads,
                     const VerifyHooks& hooks = {});
 

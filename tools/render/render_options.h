@@ -76,7 +76,7 @@ struct ExrLayers {
 
 /// How ranks that draw one picture exchange its samples and colours.
 enum class Exchange {
-  kAuto,  // by NCCL, if it is found and pays and each rank has a GPU of its own; otherwise by MPI
+  kAuto,  // by NCCL, if it is found and saves time and each rank has a GPU of its own; otherwise by MPI
   kMpi,   // through host memory
   kNccl,  // from GPU to GPU; otherwise an error
 };

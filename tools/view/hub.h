@@ -128,7 +128,7 @@ class Hub {
   bool is_stopping_ = false;
   bool has_ended_ = false;
   std::map<uint32_t, ViewerPtr> viewers_;
-  std::vector<uint32_t> left_;  // numbers of viewers that have left and that the session has not forgotten yet
+  std::vector<uint32_t> left_;  // numbers of viewers that have left and that are still in the session
   uint32_t last_number_ = 0;
   uint32_t served_ = 0;     // the viewer that was served last
   uint64_t frames_ = 0;     // pictures sent so far

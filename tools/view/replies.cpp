@@ -215,7 +215,7 @@ std::string pick_text(uint64_t id, const std::optional<Picked>& picked) {
 }
 
 std::string nodes_text(const runtime::Scene& scene) {
-  // 200,000 nodes are some MB. More would make the page slow; it tells the user that nodes are missing.
+  // 200,000 nodes are some MB. More would make the page slow; it shows a line that nodes are missing.
   constexpr uint64_t kMostNodes = 200000;
   const format::Container& container = scene.container();
   const auto nodes = container.nodes();
