@@ -452,7 +452,7 @@ Result<void> ViewRenderer::make_linear(std::span<std::byte> out) try {
                           blended_);
   }
   if (scene_->is_streamed())
-    return Error{ErrorCode::kUnsupported, "a streamed frame has no linear colours: its chunks are no longer present"};
+    return Error{ErrorCode::kUnsupported, "a streamed frame has no linear colours: its chunks are not there any more"};
   std::vector<uint64_t> samples(count);
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   if (Result<void> done = device_->make_current(); !done) return done;

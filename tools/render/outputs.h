@@ -22,7 +22,7 @@ struct FrameOutputs {
   FrameLayers layers;
 };
 
-/// Writes all files that `options` request. `map`: the mapped scene; if its file was cut short, no output is written.
+/// Writes all files that `options` request. `map`: the mapped scene; if its file was cut short, nothing is written.
 /// `samples`: of the frame. Returns the time of writing the picture. Errors kFile, also "interrupted" if a signal
 /// requests a stop.
 Result<runtime::Duration> write_outputs(const RenderOptions& options, const runtime::MappedFile& map,
