@@ -1,8 +1,6 @@
 #include "runtime/draw/renderer.h"
 
-#include <cassert>
 #include <cstddef>
-#include <new>
 #include <string>
 
 #include "format/bitpack.h"
@@ -41,74 +39,6 @@ Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_s
   view.width = static_cast<uint32_t>(width);
   view.height = static_cast<uint32_t>(height);
   return view;
-}
-
-Result<Frame> Frame::draw(const Scene& scene, const kernels::View& view, uint32_t samples_per_side, uint32_t threads,
-                          DeviceView* device, const kernels::ShadeOptions* shade) {
-  assert(samples_per_side == 1 || samples_per_side == 2 || samples_per_side == 4);
-  assert(device != nullptr || scene.has_pages());
-  const Result<kernels::View> in_samples = view_of_samples(view, samples_per_side);
-  if (!in_samples) return in_samples.error();
-  Frame frame;
-  frame.scene_ = &scene;
-  frame.device_ = device;
-  frame.view_ = *in_samples;
-  frame.samples_per_side_ = samples_per_side;
-  if (device == nullptr)
-    if (const Result<void> done = frame.make_room(); !done) return done.error();
-  const Stopwatch watch;
-  Result<kernels::FrameStats> stats = device != nullptr
-                                          ? device->draw(frame.view_, nullptr, shade)
-                                          : kernels::draw_cpu(scene.view(), frame.view_, frame.samples_, threads);
-  if (!stats) return stats.error();
-  frame.stats_ = *stats;
-  frame.draw_time_ = watch.elapsed();
-  return frame;
-}
-
-Result<void> Frame::make_room() try {
-  samples_.resize(uint64_t{view_.width} * view_.height);
-  return {};
-} catch (const std::bad_alloc&) {
-  return Error{ErrorCode::kMemory,
-               "no memory left for " + std::to_string(uint64_t{view_.width} * view_.height) + " samples"};
-}
-
-Result<void> Frame::read_samples() {
-  if (device_ == nullptr || !samples_.empty()) return {};
-  if (Result<void> done = make_room(); !done) return done;
-  return device_->read_samples(samples_);
-}
-
-void pack_pixels(std::span<const uint32_t> rgba, uint32_t threads, Picture& picture) {
-  parallel_for(picture.height, threads, [&](uint64_t row) {
-    uint8_t* out = picture.pixels.data() + row * picture.width * picture.channels;
-    const uint32_t* in = rgba.data() + row * picture.width;
-    for (uint32_t x = 0; x < picture.width; ++x, ++in)
-      for (uint32_t c = 0; c < picture.channels; ++c) *out++ = static_cast<uint8_t>(*in >> (8 * c));
-  });
-}
-
-Result<Picture> Frame::shade(const kernels::ShadeOptions& options, uint32_t threads) const try {
-  Picture picture;
-  picture.width = width();
-  picture.height = height();
-  picture.channels = picture_channels(options);
-  picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
-  if (device_ == nullptr) {
-    const Result<void> resolved = kernels::resolve_cpu(scene_->view(), view_, samples_per_side_, samples_, options,
-                                                       picture.channels, picture.pixels, threads, &picture.blended);
-    if (!resolved) return resolved.error();
-    return picture;
-  }
-  std::vector<uint32_t> rgba(uint64_t{picture.width} * picture.height);
-  if (const Result<void> resolved = device_->resolve(view_, samples_per_side_, options, rgba); !resolved)
-    return resolved.error();
-  picture.blended = device_->blended();
-  pack_pixels(rgba, threads, picture);
-  return picture;
-} catch (const std::bad_alloc&) {
-  return Error{ErrorCode::kMemory, "no memory left for the picture"};
 }
 
 PictureLight light_of_cpu(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
@@ -179,33 +109,6 @@ Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View
     }
   });
   return {};
-}
-
-Result<std::vector<float>> Frame::linear(const kernels::ShadeOptions& options, uint32_t threads,
-                                         kernels::BlendCounts* blended) const try {
-  assert(!samples_.empty() || !kernels::shades_from_chunks(options.show));
-  std::vector<float> out(uint64_t{4} * width() * height());
-  const PictureLight light = device_ != nullptr
-                                 ? light_of(*device_, view_, samples_per_side_, options)
-                                 : light_of_cpu(scene_->view(), view_, samples_per_side_, samples_, options, threads);
-  kernels::BlendCounts counts;
-  const Result<void> made =
-      linear_picture(scene_->view(), view_, samples_per_side_, samples_, options, threads, light, out, counts);
-  if (!made) return made.error();
-  if (blended != nullptr) *blended = counts;
-  return out;
-} catch (const std::bad_alloc&) {
-  return Error{ErrorCode::kMemory, "no memory left for the picture"};
-}
-
-Result<void> Frame::read_layer(PixelLayer layer, std::span<std::byte> out, uint32_t threads) const {
-  if (device_ != nullptr) return device_->read_layer(view_, samples_per_side_, layer, out);
-  return kernels::layers_cpu(scene_->view(), view_, samples_per_side_, samples_, target_of(layer, out.data()), threads);
-}
-
-Result<std::optional<Pick>> Frame::pick(uint32_t x, uint32_t y) const {
-  assert(x < width() && y < height() && !samples_.empty());
-  return pick_sample(*scene_, view_, samples_[sample_index(view_, samples_per_side_, x, y)]);
 }
 
 uint64_t sample_index(const kernels::View& view, uint32_t samples_per_side, uint32_t x, uint32_t y) {

@@ -9,7 +9,6 @@
 #include <tuple>
 #include <vector>
 
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
@@ -17,6 +16,7 @@
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -30,9 +30,8 @@ using scree::Result;
 using scree::kernels::Show;
 using scree::kernels::View;
 using scree::runtime::DeviceScene;
-using scree::runtime::Frame;
-using scree::runtime::Picture;
 using scree::runtime::Scene;
+using scree::tests::Frame;
 using scree::tests::must_load;
 
 namespace {
@@ -47,19 +46,18 @@ Scene load_cube(const scree::tests::TempFolder& folder) {
 }
 
 /// Number of pixels whose channels differ by more than one level.
-size_t differing(const Picture& a, const Picture& b) {
-  REQUIRE(a.pixels.size() == b.pixels.size());
+size_t differing(const std::vector<uint8_t>& a, const std::vector<uint8_t>& b) {
+  REQUIRE(a.size() == b.size());
   size_t count = 0;
-  for (size_t i = 0; i < a.pixels.size(); ++i) count += std::abs(a.pixels[i] - b.pixels[i]) > 1 ? 1 : 0;
+  for (size_t i = 0; i < a.size(); ++i) count += std::abs(a[i] - b[i]) > 1 ? 1 : 0;
   return count;
 }
 
 void compare_pictures(const Frame& cpu, const Frame& gpu, const scree::kernels::ShadeOptions& options) {
-  const Picture on_cpu = must(cpu.shade(options, 2));
-  const Picture on_gpu = must(gpu.shade(options, 2));
-  REQUIRE(on_cpu.channels == on_gpu.channels);
+  const std::vector<uint8_t> on_cpu = must(cpu.shade(options, 2));
+  const std::vector<uint8_t> on_gpu = must(gpu.shade(options, 2));
   INFO("show " << static_cast<int>(options.show) << ", ssao " << options.ssao << ", edl " << options.edl);
-  CHECK(differing(on_cpu, on_gpu) <= on_cpu.pixels.size() / 10000);
+  CHECK(differing(on_cpu, on_gpu) <= on_cpu.size() / 10000);
 }
 
 void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t samples_per_side) {
@@ -177,7 +175,7 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
                                                     .width = 64,
                                                     .height = 48}));
     const Frame frame = must(Frame::draw(scene, scree::tests::omitting(views[i], bits[0].data()), 1, 2));
-    const std::vector<int64_t> ids = must(frame.layer<int64_t>(scree::runtime::PixelLayer::kTriangle, 2));
+    const std::vector<int64_t> ids = must(frame.layer<int64_t>(scree::runtime::Layer::kTriangle, 2));
     expected.insert(expected.end(), ids.begin(), ids.end());
     if (i == 0) first.assign(frame.samples().begin(), frame.samples().end());
   }
@@ -212,7 +210,7 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
   const uint64_t bytes = first.size() * sizeof(int64_t);
   std::byte* const block = must(both[1].reserve_block(0, views.size() * bytes));
   const auto target = [&](size_t i) {
-    return scree::runtime::target_of(scree::runtime::PixelLayer::kTriangle, block + i * bytes);
+    return scree::runtime::target_of(scree::runtime::Layer::kTriangle, block + i * bytes);
   };
   std::vector<int64_t> ids(expected.size());
   REQUIRE(
@@ -228,7 +226,7 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
 
 TEST_CASE("a view shades and reads a picture while it draws the next one", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
-  using scree::runtime::PixelLayer;
+  using scree::runtime::Layer;
   const scree::tests::TempFolder folder;
   const Scene scene = load_cube(folder);
   DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
@@ -244,7 +242,7 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
     REQUIRE(drawn.make_colors(view, options));
     uint32_t* const made = must(drawn.resolve_colors(view, 1, options));
     REQUIRE(drawn.read(made, std::as_writable_bytes(std::span(joined))));
-    const std::byte* const layer = must(drawn.make_layer(view, 1, PixelLayer::kDepth));
+    const std::byte* const layer = must(drawn.make_layer(view, 1, Layer::kDepth));
     REQUIRE(drawn.read(layer, std::as_writable_bytes(std::span(depths))));
     return std::tuple(samples, rgba, joined, depths);
   };
@@ -273,7 +271,7 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
     if (i != 1 && i + 1 < views.size()) REQUIRE(drawn.start(views[i + 1]));
     CHECK(drawn.has_started() == (i + 1 < views.size()));
     CHECK((outputs(views[i]) == expected[i]));
-    CHECK(static_cast<bool>(drawn.make_layer(views[i], 1, PixelLayer::kNormal)) == !drawn.has_started());
+    CHECK(static_cast<bool>(drawn.make_layer(views[i], 1, Layer::kNormal)) == !drawn.has_started());
     if (!drawn.has_started()) continue;
     const bool finished = must(drawn.finish());
     CHECK((i != 1 || finished));

@@ -9,15 +9,15 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/draw/renderer.h"
-#include "runtime/draw/stream_cpu.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/runtime/stream/cpu_stream.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/model_maker.h"
@@ -27,13 +27,12 @@ using scree::Result;
 using scree::kernels::ShadeOptions;
 using scree::kernels::Show;
 using scree::kernels::View;
-using scree::runtime::CpuStream;
-using scree::runtime::Frame;
-using scree::runtime::Picture;
 using scree::runtime::Residency;
 using scree::runtime::Scene;
 using scree::runtime::StreamStats;
+using scree::tests::CpuStream;
 using scree::tests::Encoding;
+using scree::tests::Frame;
 using scree::tests::GridSpec;
 using scree::tests::ModelMaker;
 using scree::tests::must_load;
@@ -137,10 +136,9 @@ class Compared {
     const StreamStats stats = must(stream.draw_frame(fine, &shade));
     REQUIRE(std::equal(stream.samples().begin(), stream.samples().end(), expected.samples().begin(),
                        expected.samples().end()));
-    const Picture picture = must(stream.picture(samples_per_side));
-    const Picture whole = must(expected.shade(shade, 2));
-    REQUIRE(picture.channels == whole.channels);
-    REQUIRE(picture.pixels == whole.pixels);
+    const std::vector<uint8_t> picture = must(stream.picture(samples_per_side));
+    const std::vector<uint8_t> whole = must(expected.shade(shade, 2));
+    REQUIRE(picture == whole);
     REQUIRE(stats.streamed_bytes + stats.hidden_bytes == stats.missing_bytes);
     // Layers of blended surfaces add the chunks that they miss.
     if (whole_.view().blend_masks == nullptr) REQUIRE(stats.missing_bytes <= stats.seen_bytes);

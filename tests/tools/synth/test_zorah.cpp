@@ -12,12 +12,12 @@
 #include <vector>
 
 #include "format/blocks/format.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/images/block_file.h"
 #include "runtime/images/image.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/packed_file.h"
@@ -115,11 +115,10 @@ void check_packed(const TempFolder& folder, const std::string& scene, const json
   const runtime::Scene loaded = tests::must_load(options.output);
   const auto view =
       must(runtime::make_view(loaded.container(), 0, loaded.view(), {.camera = "view", .width = 160, .height = 90}));
-  const auto frame = must(runtime::Frame::draw(loaded, view, 1, 2, nullptr));
+  const auto frame = must(tests::Frame::draw(loaded, view, 1, 2, nullptr));
   const auto picture = must(frame.shade({}, 2));
   std::set<std::array<uint8_t, 3>> colors;
-  for (size_t i = 0; i + 3 < picture.pixels.size(); i += 4)
-    colors.insert({picture.pixels[i], picture.pixels[i + 1], picture.pixels[i + 2]});
+  for (size_t i = 0; i + 3 < picture.size(); i += 4) colors.insert({picture[i], picture[i + 1], picture[i + 2]});
   CHECK(colors.size() > 100);
   CHECK(report.triangles_drawn == drawn);
   CHECK(packed.file.instances().size() == instances);
