@@ -40,16 +40,14 @@ Result<void> stream(const std::string& path, uint64_t part, uint32_t threads, co
   const std::vector<uint64_t> bytes = runtime::ChunkSource(*scene).chunk_bytes();
   const uint64_t all = std::accumulate(bytes.begin(), bytes.end(), uint64_t{0});
   const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
-  const auto stream =
-      tests::CpuStream::create(*scene, all / part + largest + runtime::Residency::kAlignment, threads);
+  const auto stream = tests::CpuStream::create(*scene, all / part + largest + runtime::Residency::kAlignment, threads);
   if (!stream) return stream.error();
   // A view of everything, a near one, and the first one again: chunks are evicted and loaded again.
   const kernels::ShadeOptions shade;
   for (const double distance : {4.0, 0.5, 4.0}) {
     const runtime::CameraOptions camera{
         .eye = runtime::Vec3{0, 0, distance}, .target = runtime::Vec3{0, 0, 0}, .width = kWidth, .height = kHeight};
-    const Result<kernels::View> view =
-        runtime::make_view(scene->container(), scene->scene_index(), scene->view(), camera);
+    const Result<kernels::View> view = runtime::make_view(*scene, camera);
     if (!view) return view.error();
     if (const Result<runtime::StreamStats> drawn = (*stream)->draw_frame(*view, &shade); !drawn) return drawn.error();
   }

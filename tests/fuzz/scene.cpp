@@ -9,7 +9,7 @@ namespace scree::fuzz {
 namespace {
 
 void draw(const runtime::Scene& scene, const runtime::CameraOptions& camera) {
-  const auto view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
+  const auto view = runtime::make_view(scene, camera);
   if (!view) return;
   const auto frame = tests::Frame::draw(scene, *view, 1, 1);
   if (!frame) return;

@@ -30,8 +30,7 @@ class RankedPicture {
     if (done) done = frame_.open(options_.frames);
     if (!done) return done;
     const runtime::Scene& scene = frame_.scene();
-    const Result<kernels::View> view =
-        runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options_.camera);
+    const Result<kernels::View> view = runtime::make_view(scene, options_.camera);
     done = ranks_.agree(view ? Result<void>() : at(options_.file, view.error()));
     for (uint32_t i = 1; i <= options_.frames && done; ++i) {
       done = frame_.draw(*view, 0, i < options_.frames ? std::optional(*view) : std::nullopt);

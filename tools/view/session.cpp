@@ -562,7 +562,7 @@ std::vector<NamedCamera> ViewSession::cameras() const {
 }
 
 runtime::WorldBox ViewSession::box() const {
-  return runtime::scene_box(impl_->scene().view());
+  return impl_->scene().box();
 }
 const runtime::Scene& ViewSession::scene() const {
   return impl_->scene();

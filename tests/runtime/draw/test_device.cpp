@@ -106,7 +106,7 @@ TEST_CASE("the GPU draws the same as the CPU", "[cuda]") {
       DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
       const scree::runtime::CameraOptions camera{.width = scree::tests::kEmulatesGpu ? 101 : 321,
                                                  .height = scree::tests::kEmulatesGpu ? 61 : 123};
-      const View view = must(scree::runtime::make_view(scene.container(), 0, scene.view(), camera));
+      const View view = must(scree::runtime::make_view(scene, camera));
       for (const uint32_t samples : {1u, 2u, 4u})
         if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, device, view, samples);
       if (scree::tests::kEmulatesGpu && encoding == Encoding::kIndexed) continue;
@@ -141,8 +141,7 @@ TEST_CASE("pages that only the GPU has are drawn and picked as on the CPU", "[cu
       const Scene scene = must_load(path, {.threads = 2, .pages = false});
       DeviceScene device = must(DeviceScene::upload(scene, 0, 3));
       CHECK(device.stats().counts.pages == scene.drawn_pages().size());
-      const View view =
-          must(scree::runtime::make_view(whole.container(), 0, whole.view(), {.width = 333, .height = 222}));
+      const View view = must(scree::runtime::make_view(whole, {.width = 333, .height = 222}));
       const Frame cpu = must(Frame::draw(whole, view, 1, 2));
       Frame gpu = must(Frame::draw(scene, view, 1, 2, &device));
       REQUIRE(gpu.read_samples());
@@ -295,8 +294,7 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
   DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
   // A cube that fills the picture: large triangles, many tiles, and medium triangles in the smaller picture.
   for (const uint32_t width : {700u, 60u}) {
-    const View view =
-        must(scree::runtime::make_view(scene.container(), 0, scene.view(), {.width = width, .height = width}));
+    const View view = must(scree::runtime::make_view(scene, {.width = width, .height = width}));
     const Frame cpu = must(Frame::draw(scene, view, 1, 2));
     scree::kernels::CudaFrames frames =
         must(scree::kernels::CudaFrames::create(scene.view(), device.device_view(), {1, 1, 1}));

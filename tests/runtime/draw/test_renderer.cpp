@@ -147,27 +147,6 @@ TEST_CASE("more samples give a better estimate of a shape's area", "[renderer]")
   CHECK(worst_error[2] < 1.5);
 }
 
-TEST_CASE("bands of rows have the same colours as the whole picture", "[renderer]") {
-  const Scene scene = must_load(SmallScene{});
-  const View view = front_view(scene, 53, 31);
-  const Frame frame = draw(scene, view);
-  for (const kernels::Show show : {kernels::Show::kTexture, kernels::Show::kDepth, kernels::Show::kStage}) {
-    const ShadeOptions options{.show = show};
-    std::vector<float> whole(size_t{4} * 53 * 31);
-    REQUIRE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, whole, 2));
-    std::vector<float> bands(whole.size());
-    for (uint32_t first = 0; first < 31; first += 7) {
-      const uint32_t rows = std::min(7u, 31 - first);
-      const std::span<float> band(bands.data() + size_t{4} * 53 * first, size_t{4} * 53 * rows);
-      REQUIRE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, band, 2, first));
-    }
-    CHECK(whole == bands);
-    std::vector<float> odd(7);
-    CHECK_FALSE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, odd, 1));
-    CHECK_FALSE(kernels::shade_cpu(scene.view(), view, frame.samples(), options, whole, 1, 1));
-  }
-}
-
 TEST_CASE("a picture above the largest side is refused", "[renderer]") {
   const Scene scene = must_load(SmallScene{});
   View view = front_view(scene, 80, 40);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/gpu.h"
+#include "tests/kernels/shade_samples.h"
 #include "tests/kernels/square.h"
 #include "tests/models.h"
 #include "tests/results.h"
@@ -130,9 +131,9 @@ struct Sunny {
     const SunShadow sun{reached.data(), map, 1};
     ShadeOptions options{.lighting = kernels::Lighting::kScene};
     std::vector<float> all(4 * samples.size()), shadowed(all.size());
-    REQUIRE(kernels::shade_cpu(scene, view, samples, options, all, 2));
+    scree::tests::shade_samples(scene, view, samples, options, all);
     options.sun = &sun;
-    REQUIRE(kernels::shade_cpu(scene, view, samples, options, shadowed, 2));
+    scree::tests::shade_samples(scene, view, samples, options, shadowed);
     std::vector<LitPoint> out;
     for (size_t i = 0; i < samples.size(); ++i) {
       if (samples[i] == kernels::kBackground || all[4 * i] <= 0) continue;

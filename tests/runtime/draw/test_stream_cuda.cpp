@@ -15,7 +15,6 @@
 #include "runtime/draw/stream_cuda.h"
 #include "runtime/scene/camera.h"
 #include "runtime/stream/chunk_source.h"
-#include "runtime/stream/visible_chunks.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
@@ -25,6 +24,7 @@
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
+#include "tests/runtime/stream/visible_chunks.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/temp_folder.h"
@@ -120,12 +120,12 @@ TEST_CASE("a GPU lists and culls the same chunks as the host", "[cuda]") {
       view.z_far = view.z_near + 20;
     }
     if (i % 5 == 2) {  // chunks outside a clipping box are not loaded
-      const size_t whole = runtime::VisibleChunks(scene.view(), view, 2).near_to_far().size();
+      const size_t whole = tests::VisibleChunks(scene.view(), view, 2).near_to_far().size();
       view.clips = true;
       for (int k = 0; k < 3; ++k) view.clip_min[k] = -5, view.clip_max[k] = k == 0 ? 0.1 * unit(random) : 5;
-      cut += whole - runtime::VisibleChunks(scene.view(), view, 2).near_to_far().size();
+      cut += whole - tests::VisibleChunks(scene.view(), view, 2).near_to_far().size();
     }
-    const runtime::VisibleChunks on_host(scene.view(), view, 2);
+    const tests::VisibleChunks on_host(scene.view(), view, 2);
     std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
     REQUIRE(kernels::draw_cpu(scene.view(), view, samples, 2));
     kernels::DepthPyramid pyramid;
@@ -248,8 +248,7 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
         REQUIRE(reference);
         REQUIRE(picture->size() == reference->size());
         // Shading uses floats, which need not be equal bit for bit on both.
-        for (size_t p = 0; p < picture->size(); ++p)
-          REQUIRE(std::abs((*picture)[p] - (*reference)[p]) <= 1);
+        for (size_t p = 0; p < picture->size(); ++p) REQUIRE(std::abs((*picture)[p] - (*reference)[p]) <= 1);
       }
     }
   }

@@ -24,7 +24,7 @@ namespace format = scree::format;
 namespace {
 
 Result<View> view_of(const Scene& scene, const CameraOptions& options) {
-  return make_view(scene.container(), scene.scene_index(), scene.view(), options);
+  return make_view(scene, options);
 }
 
 /// Picture coordinates, from -1 to 1 inside, and the distance from the eye's plane.

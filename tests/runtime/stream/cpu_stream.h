@@ -16,8 +16,8 @@
 #include "kernels/frame.h"
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/streamer.h"
-#include "runtime/stream/visible_chunks.h"
 #include "runtime/threads/job_thread.h"
+#include "tests/runtime/stream/visible_chunks.h"
 
 namespace scree::tests {
 

@@ -86,7 +86,7 @@ View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint3
   options.fov_degrees = 25 + 90 * unit(random);
   options.width = width;
   options.height = height;
-  const View made = must(runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options));
+  const View made = must(runtime::make_view(scene, options));
   View view = made;
   if (random() % 4 == 0) {
     double size = 0;

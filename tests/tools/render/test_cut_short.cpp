@@ -234,8 +234,7 @@ void stream_frames(const std::string& path, const Ready& ready) {
                                         .target = runtime::Vec3{250, 0, 250},
                                         .width = 160,
                                         .height = 120};
-    const Result<kernels::View> view =
-        runtime::make_view(scene->container(), scene->scene_index(), scene->view(), camera);
+    const Result<kernels::View> view = runtime::make_view(*scene, camera);
     if (!view) return;
     const Result<runtime::StreamStats> drawn = (*stream)->draw_frame(*view, nullptr);
     if (!drawn || drawn->streamed_bytes == 0) return;

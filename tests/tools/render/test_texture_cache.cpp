@@ -160,7 +160,7 @@ runtime::CameraOptions camera_of(uint32_t width) {
 std::vector<kernels::View> views_of(const runtime::Scene& scene) {
   std::vector<kernels::View> views;
   const auto add = [&](const runtime::CameraOptions& camera) {
-    const auto view = must(runtime::make_view(scene.container(), 0, scene.view(), camera));
+    const auto view = must(runtime::make_view(scene, camera));
     views.push_back(view);
   };
   add(camera_of(60));
