@@ -26,13 +26,11 @@
 #include "kernels/cuda/check.h"
 #endif
 
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::Show;
 using scree::kernels::View;
-using scree::runtime::DeviceScene;
-using scree::runtime::Scene;
-using scree::tests::Frame;
-using scree::tests::must_load;
 
 namespace {
 

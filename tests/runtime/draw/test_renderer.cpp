@@ -16,23 +16,11 @@
 #include "tests/runtime/small_scene.h"
 #include "tools/convert/convert.h"
 
-using scree::ErrorCode;
-using scree::must;
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::ShadeOptions;
 using scree::kernels::View;
-using scree::runtime::Pick;
-using scree::runtime::Scene;
-using scree::runtime::SceneFile;
-using scree::runtime::Vec3;
-using scree::tests::Frame;
-using scree::tests::must_load;
-using scree::tests::must_view;
-using scree::tests::ScratchPath;
-using scree::tests::SmallScene;
-
-namespace format = scree::format;
-namespace kernels = scree::kernels;
 
 namespace {
 

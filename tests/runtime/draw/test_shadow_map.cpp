@@ -21,17 +21,11 @@
 #include "tests/tools/convert/convert_fixture.h"
 
 using namespace scree;
+using namespace scree::runtime;
 using namespace scree::tests;
 using kernels::ShadeOptions;
 using kernels::SunShadow;
 using kernels::View;
-using runtime::DeviceScene;
-using runtime::Scene;
-using runtime::ShadowMap;
-using runtime::sun_view;
-using runtime::Vec3;
-using runtime::WorldBox;
-using tests::Frame;
 
 namespace {
 

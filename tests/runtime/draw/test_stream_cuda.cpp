@@ -29,24 +29,12 @@
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/temp_folder.h"
 
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::ShadeOptions;
 using scree::kernels::Show;
 using scree::kernels::View;
-using scree::runtime::CudaScene;
-using scree::runtime::DeviceScene;
-using scree::runtime::Reading;
-using scree::runtime::Scene;
-using scree::tests::Encoding;
-using scree::tests::Frame;
-using scree::tests::must_load;
-using scree::tests::must_view;
-using scree::tests::PagedScene;
-using scree::tests::Soup;
-using scree::tests::TempFolder;
-
-namespace kernels = scree::kernels;
-namespace runtime = scree::runtime;
 
 namespace {
 

@@ -9,17 +9,10 @@
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/small_scene.h"
 
-using scree::ErrorCode;
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::View;
-using scree::runtime::CameraOptions;
-using scree::runtime::make_view;
-using scree::runtime::Scene;
-using scree::runtime::Vec3;
-using scree::tests::must_load;
-using scree::tests::SmallScene;
-
-namespace format = scree::format;
 
 namespace {
 

@@ -22,28 +22,12 @@
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/model_maker.h"
 
-using scree::ErrorCode;
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::ShadeOptions;
 using scree::kernels::Show;
 using scree::kernels::View;
-using scree::runtime::Residency;
-using scree::runtime::Scene;
-using scree::runtime::StreamStats;
-using scree::tests::CpuStream;
-using scree::tests::Encoding;
-using scree::tests::Frame;
-using scree::tests::GridSpec;
-using scree::tests::ModelMaker;
-using scree::tests::must_load;
-using scree::tests::must_view;
-using scree::tests::PagedScene;
-using scree::tests::Soup;
-using scree::tests::TempFolder;
-
-namespace convert = scree::convert;
-namespace format = scree::format;
-namespace runtime = scree::runtime;
 
 namespace {
 
