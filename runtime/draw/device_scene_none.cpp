@@ -207,9 +207,6 @@ Result<void> DeviceView::order_before(void*) {
 }
 
 // Never called, because no DeviceScene can be made.
-kernels::CudaFrames& DeviceScene::frames() {
-  std::abort();
-}
 const kernels::SceneView& DeviceScene::device_view() const {
   std::abort();
 }
