@@ -29,6 +29,18 @@ Error out_of_memory(uint64_t bytes) {
 
 }  // namespace
 
+Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_side) {
+  const uint64_t width = uint64_t{view.width} * samples_per_side;
+  const uint64_t height = uint64_t{view.height} * samples_per_side;
+  if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
+    return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
+                                        " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
+                                        " a side"};
+  view.width = static_cast<uint32_t>(width);
+  view.height = static_cast<uint32_t>(height);
+  return view;
+}
+
 Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const LoadedScene> scene) try {
   std::unique_ptr<ViewRenderer> renderer(new ViewRenderer(std::move(scene)));
   if (DeviceScene* const device = renderer->scene_->device()) {

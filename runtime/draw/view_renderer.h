@@ -10,13 +10,17 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "runtime/draw/linear_picture.h"
 #include "runtime/draw/loaded_scene.h"
-#include "runtime/draw/renderer.h"
+#include "runtime/draw/pick.h"
 #include "runtime/draw/shadow_map.h"
 #include "runtime/draw/shared_buffer.h"
 #include "runtime/threads/stopwatch.h"
 
 namespace scree::runtime {
+
+/// The view whose pixels are the samples of `view`. Errors kRange: a side of 0 or over kernels::kMaxImageSide.
+Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_side);
 
 /// Draws frame after frame of one scene, with any camera, size, samples and shading. Layers are made on first request.
 /// Buffers grow to the largest frame and stay, so a frame no larger than an earlier one allocates nothing. On a GPU the

@@ -10,7 +10,8 @@
 #include "format/result.h"
 #include "kernels/frame.h"
 #include "runtime/draw/device_view.h"
-#include "runtime/draw/renderer.h"
+#include "runtime/draw/pick.h"
+#include "runtime/draw/view_renderer.h"
 #include "runtime/scene/scene.h"
 
 namespace scree::tests {

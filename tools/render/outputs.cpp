@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <vector>
 
-#include "runtime/draw/renderer.h"
+#include "runtime/draw/pick.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tools/common/sigbus.h"

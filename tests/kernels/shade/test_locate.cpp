@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "runtime/textures/srgb.h"
 #include "tests/kernels/scene_builder.h"

@@ -1,4 +1,4 @@
-#include "runtime/draw/renderer.h"
+#include "tests/runtime/frame.h"
 
 #include <array>
 #include <cmath>
@@ -11,7 +11,6 @@
 #include "tests/catch.h"
 #include "tests/models.h"
 #include "tests/results.h"
-#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/small_scene.h"
 #include "tools/convert/convert.h"

@@ -1,45 +1,13 @@
-#include "runtime/draw/renderer.h"
+#include "runtime/draw/linear_picture.h"
 
 #include <cstddef>
-#include <string>
 
-#include "format/bitpack.h"
-#include "format/geometry/chunk_layout.h"
 #include "kernels/blend.h"
 #include "kernels/frame_parts.h"
 #include "runtime/textures/srgb.h"
 #include "runtime/threads/parallel.h"
 
 namespace scree::runtime {
-namespace {
-
-/// The triangle's number in the source primitive, if the file has it.
-Result<std::optional<uint64_t>> source_triangle(const Scene& scene, const kernels::Hit& hit) {
-  const format::ChunkRecord& chunk = scene.view().chunks[hit.chunk];
-  const format::MeshRecord& mesh = scene.view().meshes[chunk.mesh];
-  if (!(mesh.attributes & format::kHasSourceIds)) return std::optional<uint64_t>();
-  if (chunk.source_bits == 0) return std::optional<uint64_t>(chunk.source_min);
-  std::vector<std::byte> scratch;
-  const Result<std::span<const std::byte>> page = scene.page(chunk.page, scratch);
-  if (!page) return page.error();
-  const std::byte* const stream = page->data() + chunk.offset + format::chunk_streams(mesh, chunk).source_ids.offset;
-  return std::optional<uint64_t>(chunk.source_min +
-                                 format::unpack(stream, uint64_t{hit.triangle} * chunk.source_bits, chunk.source_bits));
-}
-
-}  // namespace
-
-Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_side) {
-  const uint64_t width = uint64_t{view.width} * samples_per_side;
-  const uint64_t height = uint64_t{view.height} * samples_per_side;
-  if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
-    return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
-                                        " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
-                                        " a side"};
-  view.width = static_cast<uint32_t>(width);
-  view.height = static_cast<uint32_t>(height);
-  return view;
-}
 
 PictureLight light_of_cpu(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
                           std::span<const uint64_t> samples, const kernels::ShadeOptions& options, uint32_t threads) {
@@ -109,29 +77,6 @@ Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View
     }
   });
   return {};
-}
-
-uint64_t sample_index(const kernels::View& view, uint32_t samples_per_side, uint32_t x, uint32_t y) {
-  const uint64_t column = uint64_t{x} * samples_per_side + samples_per_side / 2;
-  const uint64_t row = uint64_t{y} * samples_per_side + samples_per_side / 2;
-  return row * view.width + column;
-}
-
-Result<std::optional<Pick>> pick_sample(const Scene& scene, const kernels::View& view, uint64_t sample) {
-  if (sample == kernels::kBackground) return std::optional<Pick>();
-  Pick pick{};
-  pick.id = kernels::sample_id(sample);
-  pick.hit = kernels::find_triangle(scene.view(), pick.id);
-  const format::InstanceRecord& instance = scene.view().instances[pick.hit.instance];
-  pick.mesh = instance.mesh;
-  pick.node = instance.node;
-  pick.node_instance = instance.node_instance;
-  pick.mesh_triangle = scene.view().chunks[pick.hit.chunk].first_triangle + pick.hit.triangle;
-  const Result<std::optional<uint64_t>> source = source_triangle(scene, pick.hit);
-  if (!source) return source.error();
-  pick.source_triangle = *source;
-  pick.depth = kernels::depth_of_code(view, kernels::sample_depth_code(sample));
-  return std::optional<Pick>(pick);
 }
 
 }  // namespace scree::runtime

@@ -1,22 +1,16 @@
-// Parts of drawing a frame: its size in samples, pictures in linear light, and picks.
+// Pictures in linear light, made from the samples of a frame.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "format/result.h"
 #include "kernels/frame.h"
-#include "runtime/draw/device_scene.h"
-#include "runtime/scene/scene.h"
+#include "runtime/draw/device_view.h"
 
 namespace scree::runtime {
-
-/// The view whose pixels are the samples of `view`. Errors kRange: a side of 0 or over kernels::kMaxImageSide.
-Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_side);
 
 /// The functions of the CPU, or of the GPU that drew, that linear_picture() calls.
 struct PictureLight {
@@ -50,25 +44,5 @@ inline PictureLight light_of(DeviceView& device, const kernels::View& view, uint
 Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View& view, uint32_t samples_per_side,
                             std::span<const uint64_t> samples, const kernels::ShadeOptions& options, uint32_t threads,
                             const PictureLight& light, std::span<float> out, kernels::BlendCounts& blended);
-
-/// The triangle that a pixel shows.
-struct Pick {
-  kernels::Hit hit;
-  uint32_t mesh;
-  uint32_t node;
-  uint32_t node_instance;
-  uint64_t mesh_triangle;                   // in the mesh as stored
-  std::optional<uint64_t> source_triangle;  // in the source primitive, if the file has source ids
-  uint64_t id;                              // global triangle id
-  double depth;                             // from the eye's plane, world units
-};
-
-/// The index of the sample that picking a pixel reads: the one at its centre, or below and to the right of the centre
-/// if the number of samples per side is even. `view`: in samples.
-uint64_t sample_index(const kernels::View& view, uint32_t samples_per_side, uint32_t x, uint32_t y);
-
-/// The triangle that a sample of a frame of `view` shows; nothing on the background. If the scene does not have the
-/// triangle's page, it is read from the file: errors as Scene::page.
-Result<std::optional<Pick>> pick_sample(const Scene& scene, const kernels::View& view, uint64_t sample);
 
 }  // namespace scree::runtime
