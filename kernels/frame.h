@@ -188,13 +188,6 @@ Result<void> check_resolve(const View& view, uint32_t samples_per_side);
 /// image side over kMaxImageSide; kMemory.
 Result<FrameStats> draw_cpu(const SceneView& scene, const View& view, std::span<uint64_t> samples, uint32_t threads);
 
-/// Shades a band of rows. `rgba`: 4 linear floats per sample, not premultiplied; the background where there is no
-/// triangle. It holds whole rows from `first_row` on, as many as its size allows, so that a large picture can be shaded
-/// in bands. `samples`: the whole picture's. Show::kDepth spreads its greys over the whole picture. `scene` has no
-/// paged levels.
-Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
-                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads, uint32_t first_row = 0);
-
 /// Finished pixels: shades every sample, averages the `samples_per_side` squared samples of a pixel in linear light,
 /// weighted by their alpha, and codes the result as 8-bit sRGB. `view` and `samples`: of the whole picture, in samples;
 /// both sides are multiples of `samples_per_side` (1, 2 or 4). `pixels`: width * height pixels of `channels` bytes, row

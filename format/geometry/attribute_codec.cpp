@@ -344,10 +344,6 @@ SourceIdRange source_id_range(std::span<const uint64_t> ids) {
   return {*smallest, bits};
 }
 
-uint64_t source_id_stream_bytes(uint64_t triangle_count, const SourceIdRange& range) {
-  return packed_bytes(triangle_count, range.bits);
-}
-
 void encode_source_ids(std::span<std::byte> out, std::span<const uint64_t> ids, const SourceIdRange& range) {
   pack_values(out, ids.size(), range.bits,
               [values = ids.data(), min = range.min](uint64_t i) { return values[i] - min; });

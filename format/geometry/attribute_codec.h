@@ -95,8 +95,7 @@ struct SourceIdRange {
 };
 /// The tightest range; {0, 0} for no ids. The ids of a chunk must lie within 2^32 of each other.
 SourceIdRange source_id_range(std::span<const uint64_t> ids);
-/// `ids` and `out` of the decoder: one per triangle.
-uint64_t source_id_stream_bytes(uint64_t triangle_count, const SourceIdRange& range);
+/// `ids` and `out` of the decoder: one per triangle. A stream has packed_bytes(triangle_count, range.bits) bytes.
 void encode_source_ids(std::span<std::byte> out, std::span<const uint64_t> ids, const SourceIdRange& range);
 Result<void> decode_source_ids(std::span<uint64_t> out, const SourceIdRange& range, std::span<const std::byte> bytes);
 Result<void> check_source_ids(uint64_t triangle_count, const SourceIdRange& range, std::span<const std::byte> bytes);

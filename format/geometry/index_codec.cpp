@@ -28,17 +28,6 @@ Result<void> check_largest(uint64_t largest, uint32_t vertex_count) {
 
 }  // namespace
 
-IndexRange index_range(std::span<const uint32_t> indices) {
-  if (indices.empty()) return {0, 0};
-  uint32_t smallest = indices[0];
-  uint32_t largest = indices[0];
-  for (const uint32_t index : indices) {
-    smallest = std::min(smallest, index);
-    largest = std::max(largest, index);
-  }
-  return {smallest, static_cast<uint32_t>(std::bit_width(largest - smallest))};
-}
-
 void encode_indices(std::span<std::byte> out, std::span<const uint32_t> indices, IndexRange range) {
   const uint32_t* values = indices.data();
   const uint32_t smallest = range.min;

@@ -15,9 +15,6 @@ struct IndexRange {
   uint32_t bits;  // bit_width(max - min), 0 to 32
 };
 
-/// The range of a list of indices; {0, 0} for an empty list.
-IndexRange index_range(std::span<const uint32_t> indices);
-
 /// Writes exactly packed_bytes(indices.size(), range.bits) bytes to `out`, slack zeroed. All indices must lie in
 /// `range`.
 void encode_indices(std::span<std::byte> out, std::span<const uint32_t> indices, IndexRange range);

@@ -43,12 +43,6 @@ uint64_t tangent_stream_bytes(uint64_t vertex_count, uint32_t bits) {
   return packed_bytes(vertex_count, bits);
 }
 
-double tangent_error_bound(uint32_t bits) {
-  // The largest error is half a step along a side of the square. In the middle of a side this is an angle of twice as
-  // much.
-  return 2 * 0.5 / (1 << (bits - 3));
-}
-
 uint64_t encode_tangents(std::span<std::byte> out, std::span<const float> tangents, std::span<const float> normals,
                          uint32_t bits) {
   assert(tangents.size() / 4 == normals.size() / 3 && bits >= kMinTangentBits && bits <= kMaxTangentBits);

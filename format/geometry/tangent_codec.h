@@ -16,10 +16,9 @@ inline constexpr uint32_t kMinTangentBits = 3;
 inline constexpr uint32_t kMaxTangentBits = 16;
 
 /// `bits` (3 to 16) per vertex: the lowest is 1 if the bitangent is -cross(normal, tangent), the others are the
-/// direction. A direction differs from the encoded one by at most tangent_error_bound(bits) radians. Every code is
+/// direction. A direction differs from the encoded one by at most 2^(3 - bits) radians. Every code is
 /// valid, so check_tangents() checks sizes only. Errors kRange, kTruncated, kTrailing.
 uint64_t tangent_stream_bytes(uint64_t vertex_count, uint32_t bits);
-double tangent_error_bound(uint32_t bits);
 /// `tangents`: glTF's x y z and sign per vertex, of any length. `normals`: 3 per vertex, as decode_normals() returns
 /// them for the chunk. A tangent that is zero, not finite or parallel to the normal gets direction 0. Returns how many
 /// there are.

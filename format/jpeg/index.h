@@ -76,7 +76,7 @@ struct JpegIndex {
 };
 
 /// Opens an indexed JPEG and checks all of it except the anchors and the entropy-coded data, in time proportional to
-/// the number of anchor blocks. Safe on any bytes; decode_jpeg_mcu is then safe on the result. Errors kFormat (no
+/// the number of anchor blocks. Safe on any bytes; decode_jpeg_mcu_at is then safe on the result. Errors kFormat (no
 /// indexed JPEG, an invalid table), kVersion, kReserved, kRange, kUnsupported, kTruncated, kTrailing, kMemory.
 Result<JpegIndex> open_jpeg_index(std::span<const std::byte> bytes);
 

@@ -232,26 +232,6 @@ Result<void> draw_layer_cpu(const SceneView& scene, const View& view, const Blen
   return done ? Result<void>() : done.error();
 }
 
-Result<void> shade_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
-                       const ShadeOptions& options, std::span<float> rgba, uint32_t threads, uint32_t first_row) try {
-  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
-  const uint64_t row_values = uint64_t{4} * view.width;
-  const uint64_t row_count = rgba.size() / row_values;
-  if (rgba.size() != row_count * row_values || first_row > view.height || row_count > view.height - first_row)
-    return Error{ErrorCode::kRange, std::to_string(rgba.size()) + " values from row " + std::to_string(first_row) +
-                                        ", but the picture is " + std::to_string(view.width) + " x " +
-                                        std::to_string(view.height)};
-  if (auto checked = check_view(view); !checked) return checked.error();
-  assert(scene.pager == nullptr);
-  ThreadPool pool(threads);
-  passes_for(best_instruction_set())
-      .shade(pool, scene, view, samples.data(), options, srgb_tables(), first_row, static_cast<uint32_t>(row_count),
-             rgba.data());
-  return {};
-} catch (const std::bad_alloc&) {
-  return out_of_memory();
-}
-
 Result<void> check_resolve(const View& view, uint32_t samples_per_side) {
   if (samples_per_side != 1 && samples_per_side != 2 && samples_per_side != 4)
     return Error{ErrorCode::kRange,

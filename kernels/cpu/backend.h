@@ -67,9 +67,6 @@ struct TileRound {
 struct CpuPasses {
   bool (*draw)(ThreadPool& pool, const SceneView& scene, const View& view, uint64_t* samples, const uint64_t* peeled,
                bool clear, const QueueSizes& sizes, FrameStats& stats);
-  void (*shade)(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-                const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count,
-                float* rgba);
   uint32_t (*resolve)(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t side,
                       const uint64_t* samples, const ShadeOptions& options, const SrgbTables& srgb,
                       const float* visibility, uint32_t channels, uint8_t* pixels, const TileRound& round);

@@ -29,14 +29,6 @@ void with_shader(CpuBackend& backend, const SceneView& scene, const View& view, 
   visit_shader<false>(make_shade_inputs(scene, view, options, nullptr, &srgb, &range), visit);
 }
 
-void shade(ThreadPool& pool, const SceneView& scene, const View& view, const uint64_t* samples,
-           const ShadeOptions& options, const SrgbTables& srgb, uint32_t first_row, uint32_t row_count, float* rgba) {
-  CpuBackend backend(pool);
-  with_shader(backend, scene, view, samples, options, srgb, [&]<class Shader>(const Shader& shader) {
-    backend.for_each(row_count, ShadeRows<Shader>{shader, samples, first_row, rgba});
-  });
-}
-
 template <class Pixels>
 void run_round(CpuBackend& backend, const Pixels& pixels, const TileRound& round, RoundCounters& counters) {
   backend.for_each(round.count, ShadeRound<Pixels>{pixels, round.tiles, round.left, &counters});

@@ -38,10 +38,8 @@ uint64_t cluster_group_count(const format::ChunkRecord& chunk) {
   return (uint64_t{chunk.cluster_count} + format::kGroupClusters - 1) / format::kGroupClusters;
 }
 
-}  // namespace
-
-CandidateCounts count_candidates(const SceneView& scene) {
-  const std::vector<uint64_t> instances = instances_by_mesh(scene);
+/// `instances`: by mesh.
+CandidateCounts count_candidates(const SceneView& scene, const std::vector<uint64_t>& instances) {
   CandidateCounts counts;
   for_each_drawn_mesh(scene, instances, [&](uint64_t m, uint64_t count) {
     const uint64_t parts = (count + kDrawInstances - 1) / kDrawInstances;
@@ -60,8 +58,6 @@ CandidateCounts count_candidates(const SceneView& scene) {
   });
   return counts;
 }
-
-namespace {
 
 /// Lays out the hints of each instance: tables.cluster_chunks and hint_offset.
 void place_hints(const SceneView& scene, DrawTables& tables) {
@@ -134,6 +130,10 @@ SceneBox find_scene_box(const SceneView& scene) {
 
 }  // namespace
 
+CandidateCounts count_candidates(const SceneView& scene) {
+  return count_candidates(scene, instances_by_mesh(scene));
+}
+
 std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene) {
   std::vector<ClusterGroup> groups;
   for (uint64_t i = 0; i < scene.instance_count; ++i) {
@@ -150,7 +150,9 @@ std::vector<ClusterGroup> list_cluster_groups(const SceneView& scene) {
 
 Result<DrawTables> make_draw_tables(const SceneView& scene) {
   const std::vector<uint64_t> instances = instances_by_mesh(scene);
-  const CandidateCounts candidates = count_candidates(scene);
+  DrawTables tables;
+  CandidateCounts& candidates = tables;
+  candidates = count_candidates(scene, instances);
   // Each instance of a clustered chunk is one draw. The work of both lists fits, because triangles have 36-bit ids.
   if (scene.instance_count >= UINT32_MAX || scene.chunk_count >= UINT32_MAX || candidates.indexed >= kMaxDraws ||
       candidates.cluster_draws >= kMaxDraws) {
@@ -160,13 +162,10 @@ Result<DrawTables> make_draw_tables(const SceneView& scene) {
                      std::to_string(candidates.cluster_draws) +
                      " of a clustered chunk; a GPU draws fewer than 2^32 - 1, 2^28 and 2^28; use --backend cpu"};
   }
-  DrawTables tables;
   tables.mesh_first.resize(scene.mesh_count);
-  tables.candidates.reserve(candidates.indexed);
-  tables.cluster_candidates.reserve(candidates.clustered);
-  tables.cluster_draws = candidates.cluster_draws;
-  tables.cluster_groups = candidates.cluster_groups;
-  if (candidates.clustered != 0) {
+  tables.candidates.reserve(tables.indexed);
+  tables.cluster_candidates.reserve(tables.clustered);
+  if (tables.clustered != 0) {
     place_hints(scene, tables);
     tables.box = find_scene_box(scene);
   }

@@ -24,28 +24,26 @@ struct SceneBox {
   }
 };
 
+/// Numbers of candidates: chunks of drawn meshes with up to kDrawInstances instances each.
+struct CandidateCounts {
+  uint64_t indexed = 0;
+  uint64_t clustered = 0;
+  uint64_t cluster_draws = 0;   // clustered chunks, counted per instance
+  uint64_t cluster_groups = 0;  // their groups of clusters, counted per instance
+};
+
 /// The tables of a scene's draw list, and the features that its passes need.
-struct DrawTables {
+struct DrawTables : CandidateCounts {
   std::vector<uint32_t> order;
   std::vector<uint32_t> mesh_first;
   std::vector<CandidateDraw> candidates;
   std::vector<CandidateDraw> cluster_candidates;  // clustered chunks
   std::vector<ClusterChunk> cluster_chunks;       // as in ClusterList; empty if no chunk is clustered
   std::vector<uint64_t> hint_offset;
-  uint64_t cluster_draws = 0;   // clustered chunks, counted per instance
-  uint64_t cluster_groups = 0;  // their groups of clusters, counted per instance
   bool has_lattice = false;
   bool has_float32 = false;
   bool has_instances = false;  // a mesh is drawn more than once
   SceneBox box;
-};
-
-/// Numbers of candidates: chunks of drawn meshes with up to kDrawInstances instances each.
-struct CandidateCounts {
-  uint64_t indexed = 0;
-  uint64_t clustered = 0;
-  uint64_t cluster_draws = 0;  // as in DrawTables
-  uint64_t cluster_groups = 0;
 };
 
 CandidateCounts count_candidates(const SceneView& scene);

@@ -1,6 +1,5 @@
-// Finds on a GPU which chunks may be visible in a view, and which of them the picture hides. The result is that of
-// runtime/stream/visible_chunks.h on the host, except that squares of the depth pyramid below 8 x 8 samples are not
-// used.
+// Finds on a GPU which chunks may be visible in a view, and which of them the picture hides. Squares of the depth
+// pyramid below 8 x 8 samples are not used.
 #pragma once
 
 #include <cuda_runtime_api.h>

@@ -158,27 +158,5 @@ SCREE_HD inline bool finish_affine_axis(const AffineCenter& middle, const Affine
   return (largest < 9e8f) & (fast_abs(place) < 8e18f) & (error_bound < fused(axis.half, 0.02f, 0.03f));
 }
 
-/// `filter`: of the cluster's chunk, perspective. `bounds`: of the cluster. (A GPU computes the steps in parallel, a
-/// lane per axis.)
-SCREE_HD inline AffineProjection make_affine_projection(const CoverageFilter& filter,
-                                                        const format::ClusterBounds& bounds,
-                                                        const ClusterCodes& codes) {
-  AffineProjection out{};
-  const AffineCenter middle = make_affine_center(filter, bounds);
-  if (!middle.known || codes.bits[0] + codes.bits[1] + codes.bits[2] > 64) return out;
-  const AffineAxis u = make_affine_axis(middle, filter.w, filter.u);
-  const AffineAxis v = make_affine_axis(middle, filter.w, filter.v);
-  const uint32_t fraction_bits = affine_fraction_bits(fast_max(u.half, v.half));
-  uint32_t twice_slack_u;
-  uint32_t twice_slack_v;
-  if (fraction_bits == 0 ||
-      !finish_affine_axis(middle, u, filter.w, filter.u, codes, fraction_bits, out.u, twice_slack_u) ||
-      !finish_affine_axis(middle, v, filter.w, filter.v, codes, fraction_bits, out.v, twice_slack_v))
-    return out;
-  out.fraction = ((1u << fraction_bits) - 1) * 0x10001u;
-  out.twice_slack = twice_slack_u | twice_slack_v << 16;
-  return out;
-}
-
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels

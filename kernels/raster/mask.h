@@ -67,10 +67,6 @@ SCREE_HD inline uint32_t mask_alpha(const MaskView& mask, TexturePoint u, Textur
   return upper * (256 - row.weight) + lower * row.weight;
 }
 
-SCREE_HD inline bool mask_passes(const MaskView& mask, TexturePoint u, TexturePoint v, float footprint) {
-  return mask_alpha(mask, u, v, footprint) >= mask.threshold;
-}
-
 /// The alpha codes of three corners, 8 bits each from corner 0 on.
 inline constexpr uint32_t kOpaqueCorners = 0xffffff;
 /// An alpha interpolated between corners is in units of 1 / kOpaqueVertices.

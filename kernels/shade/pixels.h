@@ -66,32 +66,6 @@ struct FindDepthRange {
   }
 };
 
-/// Linear light of one row of samples per item: 4 floats per sample, not premultiplied.
-template <class Shader>
-struct ShadeRows {
-  Shader shader;
-  const uint64_t* samples;  // the whole picture's
-  uint32_t first_row;
-  float* rgba;  // begins at row first_row
-
-  template <class Team>
-  SCREE_HD void operator()(uint32_t item, Team team) const {
-    const uint32_t width = static_cast<uint32_t>(shader.in.view.width);
-    const uint32_t y = first_row + item;
-    ShadeState<Team, Shader> state;
-    for (uint32_t start = 0; start < width; start += team.size()) {
-      const uint32_t x = start + team.rank();
-      const uint64_t sample = x < width ? samples[uint64_t{y} * width + x] : kBackground;
-      float color[4];
-      const bool covered = sample != kBackground;
-      shader(team, covered, sample, static_cast<int32_t>(x), static_cast<int32_t>(y), state, color);
-      color[3] = 1.0f;
-      for (uint32_t c = 0; x < width && c < 4; ++c)
-        rgba[4 * (uint64_t{item} * width + x) + c] = covered ? color[c] : shader.in.options.background[c];
-    }
-  }
-};
-
 /// Whether a Shader has layers of blended surfaces over its colours: BlendTargets::over of a sample.
 template <class Shader>
 concept HasLayers = requires(const Shader& shader) {

@@ -57,6 +57,7 @@ Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t
   samples.width *= samples_per_side;
   samples.height *= samples_per_side;
   Drawn drawn;
+  drawn.samples.resize(uint64_t{samples.width} * samples.height);
   // Draws once more and returns the time, ms.
   const auto draw_one = [&]() -> Result<float> {
     if (device_ != nullptr) {
@@ -65,25 +66,28 @@ Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t
       if (!stats) return stats.error();
       return times.raster_ms;
     }
-    Result<runtime::Frame> frame = runtime::Frame::draw(*scene_, view, samples_per_side, settings_.threads);
-    if (!frame) return frame.error();
-    drawn.frame = std::move(*frame);
-    return static_cast<float>(drawn.frame->draw_time().wall_ms);
+    const runtime::Stopwatch watch;
+    const auto stats = kernels::draw_cpu(scene_->view(), samples, drawn.samples, settings_.threads);
+    if (!stats) return stats.error();
+    return static_cast<float>(watch.elapsed().wall_ms);
   };
   const Result<std::vector<float>> times = bench::timed_frames(settings_.frames, settings_.warmup, draw_one);
   if (!times) return times.error();
   drawn.times = summarize(*times);
   drawn.frames = static_cast<uint32_t>(times->size());
-  if (device_ != nullptr) {
-    Result<runtime::Frame> frame =
-        runtime::Frame::draw(*scene_, view, samples_per_side, settings_.threads, device_.get());
-    if (!frame) return frame.error();
-    drawn.frame = std::move(*frame);
+  drawn.rgb.resize(uint64_t{3} * view.width * view.height);
+  const kernels::ShadeOptions shading = compare::shading_of_reference();
+  if (device_ == nullptr) {
+    const Result<void> shaded = kernels::resolve_cpu(scene_->view(), samples, samples_per_side, drawn.samples, shading,
+                                                     3, drawn.rgb, settings_.threads);
+    if (!shaded) return shaded.error();
+    return drawn;
   }
-  Result<runtime::Picture> picture = drawn.frame->shade(compare::shading_of_reference(), settings_.threads);
-  if (!picture) return picture.error();
-  drawn.picture = std::move(*picture);
-  if (Result<void> read = drawn.frame->read_samples(); !read) return read.error();
+  std::vector<uint32_t> rgba(uint64_t{view.width} * view.height);
+  Result<void> done = device_->resolve(samples, samples_per_side, shading, rgba);
+  if (done) done = device_->read_samples(drawn.samples);
+  if (!done) return done.error();
+  for (size_t i = 0; i < drawn.rgb.size(); ++i) drawn.rgb[i] = static_cast<uint8_t>(rgba[i / 3] >> (8 * (i % 3)));
   return drawn;
 }
 
@@ -132,13 +136,13 @@ Result<std::vector<uint8_t>> SourceJudge::draw_supersampled(const kernels::View&
   return compare::shade_reference(*model_, *pixels, samples, samples_per_side, threads_);
 }
 
-Result<void> SourceJudge::judge(const PackedScene::Drawn& drawn, const ReferencePicture& reference,
-                                JudgedCase& row) const {
+Result<void> SourceJudge::judge(const PackedScene& packed, const PackedScene::Drawn& drawn,
+                                const ReferencePicture& reference, JudgedCase& row) const {
   const Result<compare::PixelReport> report =
-      compare::compare_frame(*drawn.frame, *model_, reference.pixels, reference.view, threads_);
+      compare::compare_frame(packed.scene(), drawn.samples, *model_, reference.pixels, reference.view, threads_);
   if (!report) return report.error();
   keep(*report, reference, row);
-  judge_picture(drawn.picture.pixels, reference.rgb, reference.view, row);
+  judge_picture(drawn.rgb, reference.rgb, reference.view, row);
   return {};
 }
 

@@ -11,7 +11,6 @@
 #include "lab/judge/judged_case.h"
 #include "lab/options.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
 #include "tools/bench/file_views.h"
 #include "tools/bench/times.h"
 #include "tools/compare/images.h"
@@ -39,10 +38,10 @@ class PackedScene {
   const runtime::Scene& scene() const { return *scene_; }
 
   struct Drawn {
-    runtime::Picture picture;  // RGB on black
+    std::vector<uint8_t> rgb;  // on black
     Times times;
     uint32_t frames = 0;
-    std::optional<runtime::Frame> frame;  // the last frame, with its samples on the host
+    std::vector<uint64_t> samples;  // of the last frame
   };
   /// Draws `view` (of one sample per pixel) with `samples_per_side` squared samples per pixel. Errors of drawing and
   /// shading.
@@ -82,7 +81,8 @@ class SourceJudge {
   Result<std::vector<uint8_t>> draw_supersampled(const kernels::View& view, uint32_t samples_per_side) const;
 
   /// Fills in the errors of `drawn`, a picture of one sample per pixel. Errors as compare_frame.
-  Result<void> judge(const PackedScene::Drawn& drawn, const ReferencePicture& reference, JudgedCase& row) const;
+  Result<void> judge(const PackedScene& packed, const PackedScene::Drawn& drawn, const ReferencePicture& reference,
+                     JudgedCase& row) const;
   /// Fills in the errors of the reference in one of its modes.
   Result<void> judge_mode(const compare::ReferenceMode& mode, const ReferencePicture& reference, JudgedCase& row) const;
   /// Fills in PSNR and FLIP only, for two pictures of the size of `view`.

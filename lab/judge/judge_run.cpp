@@ -159,7 +159,7 @@ class JudgeRun {
     if (!drawn) return drawn.error();
     row.drawing = drawn->times;
     row.frames = drawn->frames;
-    if (Result<void> done = judge.judge(*drawn, reference, row); !done) return done;
+    if (Result<void> done = judge.judge(packed, *drawn, reference, row); !done) return done;
     return keep(std::move(row));
   }
 
@@ -173,7 +173,7 @@ class JudgeRun {
       row.samples_per_side = samples;
       row.drawing = drawn->times;
       row.frames = drawn->frames;
-      judge.judge_picture(drawn->picture.pixels, expected, reference.view, row);
+      judge.judge_picture(drawn->rgb, expected, reference.view, row);
       if (Result<void> done = keep(row); !done) return done;
     }
     return {};

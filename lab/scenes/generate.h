@@ -9,10 +9,10 @@
 
 namespace scree::lab {
 
-/// chunk_boxes() on the current device; gives the same floats. Errors kDevice.
+/// The boxes of all chunks, made on the current device. Errors kDevice.
 Result<std::vector<ChunkBox>> chunk_boxes_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans);
 
-/// fill_chunks() on the current device; gives the same bytes. `meshes`, `chunks`, `pages`: the tables' records and page
+/// Makes the bytes of all chunks on the current device. `meshes`, `chunks`, `pages`: the tables' records and page
 /// pointers, in device memory; the pages are zeroed before. Errors kDevice.
 Result<void> fill_chunks_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans,
                               const format::MeshRecord* meshes, const format::ChunkRecord* chunks,

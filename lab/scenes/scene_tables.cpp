@@ -6,15 +6,12 @@
 #include <cmath>
 #include <string>
 
+#include "format/bytes.h"
 #include "format/geometry/position_codec.h"
 #include "lab/scenes/chunk_fill.h"
 
 namespace scree::lab {
 namespace {
-
-uint64_t align_up(uint64_t value, uint64_t alignment) {
-  return (value + alignment - 1) & ~(alignment - 1);
-}
 
 ChunkBox whole_box(std::span<const ChunkBox> boxes) {
   ChunkBox box = boxes[0];
@@ -81,7 +78,7 @@ format::ChunkRecord make_chunk(const synth::MeshRecipe& recipe, const ChunkPlan&
 /// Puts a chunk into the last page, or into a new one if that would exceed the page size, as convert does.
 void place_chunk(SceneTables& tables, uint64_t& page_bytes, format::ChunkRecord& chunk) {
   if (tables.page_offset.empty() || page_bytes + chunk.bytes > format::kPageTargetBytes) {
-    tables.arena_bytes = align_up(tables.arena_bytes, format::kPageAlignment);
+    tables.arena_bytes = format::align_up(tables.arena_bytes, format::kPageAlignment);
     tables.page_offset.push_back(tables.arena_bytes);
     page_bytes = 0;
   }
@@ -182,37 +179,6 @@ Result<SceneTables> make_tables(const synth::Scene& scene, std::span<const Chunk
   assert(tables.meshes.size() == scene.meshes.size());
   add_instances(scene, tables);
   return tables;
-}
-
-std::vector<ChunkBox> chunk_boxes(const synth::Scene& scene, std::span<const ChunkPlan> plans) {
-  std::vector<ChunkBox> boxes;
-  for (const ChunkPlan& plan : plans) {
-    const synth::MeshRecipe& recipe = scene.meshes[plan.mesh];
-    ChunkBox box{{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (uint32_t vertex = 0; vertex < chunk_vertices(recipe, plan); ++vertex) {
-      const synth::Float3 p = chunk_position(recipe, plan, vertex);
-      const float parts[3] = {p.x, p.y, p.z};
-      for (int axis = 0; axis < 3; ++axis) {
-        box.lo[axis] = std::min(box.lo[axis], parts[axis]);
-        box.hi[axis] = std::max(box.hi[axis], parts[axis]);
-      }
-    }
-    boxes.push_back(box);
-  }
-  return boxes;
-}
-
-void fill_chunks(const synth::Scene& scene, std::span<const ChunkPlan> plans, const SceneTables& tables,
-                 std::span<std::byte> arena) {
-  assert(arena.size() >= tables.arena_bytes);
-  for (size_t i = 0; i < plans.size(); ++i) {
-    const format::ChunkRecord& chunk = tables.chunks[i];
-    const synth::MeshRecipe& recipe = scene.meshes[plans[i].mesh];
-    std::byte* const payload = arena.data() + tables.page_offset[chunk.page] + chunk.offset;
-    for (uint32_t group = 0; group < quad_groups(chunk); ++group) fill_indices(recipe, plans[i], chunk, group, payload);
-    for (uint32_t group = 0; group < vertex_groups(chunk); ++group)
-      fill_positions(recipe, plans[i], tables.meshes[plans[i].mesh], chunk, group, payload);
-  }
 }
 
 }  // namespace scree::lab

@@ -62,10 +62,4 @@ void place_chunks(SceneTables& tables);
 /// A chunk's bytes of indices and positions.
 uint64_t geometry_bytes(const format::MeshRecord& mesh, const format::ChunkRecord& chunk);
 
-/// Make the boxes and the bytes of all chunks on the host, for small scenes and tests. `arena`: arena_bytes, 16-byte
-/// aligned, zeroed before.
-std::vector<ChunkBox> chunk_boxes(const synth::Scene& scene, std::span<const ChunkPlan> plans);
-void fill_chunks(const synth::Scene& scene, std::span<const ChunkPlan> plans, const SceneTables& tables,
-                 std::span<std::byte> arena);
-
 }  // namespace scree::lab

@@ -104,17 +104,18 @@ Result<void> DeviceBlockPager::use_room(std::byte* end, uint64_t bytes) {
       [&](uint32_t number) { return (pool_.offset(taken_[number]) + pool_.units(taken_[number])) * kUnit > bytes; });
   pool_.resize(bytes / kUnit);
   set_room_bytes(bytes);
-  const Result<void> copied = copy_table();
-  const Result<void> ended = cuda_check(cudaStreamSynchronize(stream_), "copying the table of pages");
-  return copied ? ended : copied;
+  return copy_table();
 }
 
-/// Starts the copy of the pages' addresses to the device. It ends before the next call.
+/// Copies the pages' addresses to the device, and waits for all copies of pages.
 Result<void> DeviceBlockPager::copy_table() {
+  constexpr const char* kWhat = "copying pages of textures and their table";
   const uint64_t bytes = blocks_.size() * sizeof blocks_[0];
   std::memcpy(lists_.data(), blocks_.data(), bytes);
-  return cuda_check(cudaMemcpyAsync(tables_.data(), lists_.data(), bytes, cudaMemcpyHostToDevice, stream_),
-                    "copying the table of pages");
+  const Result<void> copied =
+      cuda_check(cudaMemcpyAsync(tables_.data(), lists_.data(), bytes, cudaMemcpyHostToDevice, stream_), kWhat);
+  const Result<void> ended = cuda_check(cudaStreamSynchronize(stream_), kWhat);
+  return copied ? ended : copied;
 }
 
 Result<std::span<const uint64_t>> DeviceBlockPager::wanted() {
@@ -147,8 +148,7 @@ Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
   }
   // The copies from blocks_ and to the room end before a page is sampled, or before its memory is given back.
   const Result<void> copied = copy_table();
-  const Result<void> ended = cuda_check(cudaStreamSynchronize(stream_), "copying pages of textures");
-  return !done ? done : !copied ? copied : ended;
+  return done ? copied : done;
 }
 
 Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint32_t half) {
@@ -312,8 +312,7 @@ Result<void> DeviceBlockPager::load_kept(std::span<const uint32_t> numbers) {
   for (const uint32_t number : numbers)
     if (!kept_[number].is_filled) drop_kept(number);
   const Result<void> copied = copy_table();
-  const Result<void> ended = cuda_check(cudaStreamSynchronize(stream_), "copying the table of pages");
-  return !done ? done : !copied ? copied : ended;
+  return done ? copied : done;
 }
 
 const uint8_t* DeviceBlockPager::kept_address(uint64_t number) const {
@@ -336,12 +335,10 @@ Result<void> DeviceBlockPager::settle() {
 /// Waits for the pages that are being copied to the room. They are sampled there from now on.
 Result<void> DeviceBlockPager::finish_copies() {
   if (copying_.empty()) return {};
-  constexpr const char* kWhat = "copying pages of textures";
-  if (Result<void> done = cuda_check(cudaStreamSynchronize(stream_), kWhat); !done) return done;
+  if (auto done = cuda_check(cudaStreamSynchronize(stream_), "copying pages of textures"); !done) return done;
   for (const uint32_t number : copying_) blocks_[number] = reinterpret_cast<const uint8_t*>(place(number));
   copying_.clear();
-  if (Result<void> done = copy_table(); !done) return done;
-  return cuda_check(cudaStreamSynchronize(stream_), kWhat);
+  return copy_table();
 }
 
 Result<void> DeviceBlockPager::begin_copies() {
@@ -382,7 +379,6 @@ Result<void> DeviceBlockPager::copy_sampled(std::span<const uint64_t> last) try 
   constexpr const char* kWhat = "copying pages of textures";
   // From now on nothing is sampled where the copies go. Earlier calls may have dropped pages too.
   Result<void> done = copy_table();
-  if (done) done = cuda_check(cudaStreamSynchronize(stream_), kWhat);
   for (const uint32_t number : copying_)
     if (done)
       done = cuda_check(

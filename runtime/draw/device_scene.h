@@ -102,9 +102,7 @@ class DeviceScene : public DeviceView {
   /// last. Nothing if no texture has JPEG levels, or if the scene is streamed and shaded part by part. Errors kDevice.
   Result<std::optional<kernels::TextureCacheCounts>> texture_counts() const;
 
-  /// For callers that draw into device memory themselves: the frames, and the scene that they draw, in device memory.
-  /// After such a frame draw() has to be called before resolve(), which reads the transforms of the last frame.
-  kernels::CudaFrames& frames();
+  /// The scene in device memory.
   const kernels::SceneView& device_view() const;
 
  private:

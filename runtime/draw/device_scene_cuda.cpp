@@ -184,10 +184,6 @@ BlockPager* DeviceScene::block_pager(uint32_t gpu) const {
   return gpu == 0 ? impl_->scene.block_pager() : impl_->team->block_pager(gpu);
 }
 
-kernels::CudaFrames& DeviceScene::frames() {
-  return *impl_->own->frames;
-}
-
 uint32_t DeviceScene::gpu_count() const {
   return impl_->team != nullptr ? impl_->team->size() : 1;
 }

@@ -61,7 +61,7 @@ struct DeviceView::Impl {
   DeviceBuffer samples;
   DeviceBuffer pixels;
   DeviceBuffer colors;  // of read_colors()
-  DeviceBuffer layers[kPixelLayerCount];
+  DeviceBuffer layers[kBlockCount];
   DeviceBuffer blocks[kBlockCount];
   // For the second picture that start(), or a batch, draws at the same time. They take turns with `frames` and
   // `samples`.

@@ -35,7 +35,7 @@ Result<void> DeviceView::read_over(const kernels::View&, const kernels::ShadeOpt
   return current_gpu().error();
 }
 
-Result<void> DeviceView::read_layer(const kernels::View&, uint32_t, PixelLayer, std::span<std::byte>) {
+Result<void> DeviceView::read_layer(const kernels::View&, uint32_t, Layer, std::span<std::byte>) {
   return current_gpu().error();
 }
 
@@ -143,7 +143,7 @@ Result<uint64_t> DeviceView::read_sample(uint64_t) {
   return current_gpu().error();
 }
 
-Result<const std::byte*> DeviceView::make_layer(const kernels::View&, uint32_t, PixelLayer) {
+Result<const std::byte*> DeviceView::make_layer(const kernels::View&, uint32_t, Layer) {
   return current_gpu().error();
 }
 
@@ -207,9 +207,6 @@ Result<void> DeviceView::order_before(void*) {
 }
 
 // Never called, because no DeviceScene can be made.
-kernels::CudaFrames& DeviceScene::frames() {
-  std::abort();
-}
 const kernels::SceneView& DeviceScene::device_view() const {
   std::abort();
 }

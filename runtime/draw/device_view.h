@@ -20,28 +20,36 @@
 
 namespace scree::runtime {
 
-/// The layers of a picture's pixels beside its colours (kernels/shade/layers.h).
-enum class PixelLayer { kDepth, kTriangle, kInstance, kNormal, kUv };
-inline constexpr size_t kPixelLayerCount = 5;
-inline constexpr size_t kBlockCount =
-    7;  // of DeviceView::reserve_block(): one per Layer that a ViewRenderer makes in batches, by number
+/// The layers of a frame, rows from the top. A pixel shows its nearest sample, except in colours
+/// (kernels::LayerTargets).
+enum class Layer {
+  kColor,     // 4 bytes per pixel: red, green, blue as 8-bit sRGB, alpha linear, not premultiplied
+  kDepth,     // float: distance from the eye's plane in world units, infinity on the background
+  kTriangle,  // int64_t: global triangle id, -1 on the background
+  kInstance,  // int32_t: index in the scene's instances, -1 on the background
+  kSamples,   // uint64_t per sample: the visibility buffer (kernels/visbuffer.h)
+  kNormal,    // 3 floats: unit length, world space, 0 on the background
+  kUv,        // 2 floats: texture coordinates, 0 on the background and if the mesh has none
+  kLinear,    // 4 floats: the colours of linear_picture(), in host memory alone
+};
+inline constexpr size_t kLayerCount = 8;
+inline constexpr size_t kBlockCount = 7;  // those before kLinear, which a batch can make in the GPU's memory
 
-/// Bytes per pixel of a layer.
-constexpr uint64_t layer_bytes(PixelLayer layer) {
-  constexpr uint64_t kBytes[kPixelLayerCount] = {sizeof(float), sizeof(int64_t), sizeof(int32_t), 3 * sizeof(float),
-                                                 2 * sizeof(float)};
+/// Bytes per pixel; of kSamples, per sample.
+constexpr uint64_t bytes_of(Layer layer) {
+  constexpr uint64_t kBytes[kLayerCount] = {4, 4, 8, 4, 8, 12, 8, 16};
   return kBytes[static_cast<size_t>(layer)];
 }
 
-/// Makes `out` the memory that a layer is written to.
-inline void set_target(kernels::LayerTargets& targets, PixelLayer layer, std::byte* out) {
-  if (layer == PixelLayer::kDepth) targets.depth = reinterpret_cast<float*>(out);
-  if (layer == PixelLayer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
-  if (layer == PixelLayer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
-  if (layer == PixelLayer::kNormal) targets.normal = reinterpret_cast<float*>(out);
-  if (layer == PixelLayer::kUv) targets.uv = reinterpret_cast<float*>(out);
+/// Makes `out` the memory that a layer of kernels::LayerTargets is written to.
+inline void set_target(kernels::LayerTargets& targets, Layer layer, std::byte* out) {
+  if (layer == Layer::kDepth) targets.depth = reinterpret_cast<float*>(out);
+  if (layer == Layer::kTriangle) targets.triangle = reinterpret_cast<int64_t*>(out);
+  if (layer == Layer::kInstance) targets.instance = reinterpret_cast<int32_t*>(out);
+  if (layer == Layer::kNormal) targets.normal = reinterpret_cast<float*>(out);
+  if (layer == Layer::kUv) targets.uv = reinterpret_cast<float*>(out);
 }
-inline kernels::LayerTargets target_of(PixelLayer layer, std::byte* out) {
+inline kernels::LayerTargets target_of(Layer layer, std::byte* out) {
   kernels::LayerTargets targets{};
   set_target(targets, layer, out);
   return targets;
@@ -123,11 +131,10 @@ class DeviceView {
   /// Queues the work that makes a layer of that picture. Returns device memory that stays until the next call for this
   /// layer. Errors kRange (no such picture), kUnsupported (normals and texture coordinates of a streamed scene, whose
   /// chunks are not present any more), kDevice.
-  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer);
+  Result<const std::byte*> make_layer(const kernels::View& view, uint32_t samples_per_side, Layer layer);
 
   /// The same, read back: `out` is all of it. Errors as make_layer().
-  Result<void> read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
-                          std::span<std::byte> out);
+  Result<void> read_layer(const kernels::View& view, uint32_t samples_per_side, Layer layer, std::span<std::byte> out);
 
   /// Queues the work that makes several layers of that picture in the caller's device memory. Errors as make_layer().
   Result<void> make_layers(const kernels::View& view, uint32_t samples_per_side, const kernels::LayerTargets& out);

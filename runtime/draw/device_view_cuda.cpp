@@ -395,18 +395,16 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   return impl.copy(pixels.data(), device_pixels, pixels.size_bytes(), cudaMemcpyDeviceToHost, "reading the picture");
 }
 
-Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side,
-                                                PixelLayer layer) {
+Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side, Layer layer) {
   DeviceBuffer& buffer = impl_->layers[static_cast<size_t>(layer)];
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (auto reserved = buffer.reserve(count * layer_bytes(layer), "allocating a layer"); !reserved)
-    return reserved.error();
+  if (auto reserved = buffer.reserve(count * bytes_of(layer), "allocating a layer"); !reserved) return reserved.error();
   if (Result<void> made = make_layers(view, samples_per_side, target_of(layer, buffer.data())); !made)
     return made.error();
   return buffer.data();
 }
 
-Result<void> DeviceView::read_layer(const kernels::View& view, uint32_t samples_per_side, PixelLayer layer,
+Result<void> DeviceView::read_layer(const kernels::View& view, uint32_t samples_per_side, Layer layer,
                                     std::span<std::byte> out) {
   const Result<const std::byte*> made = make_layer(view, samples_per_side, layer);
   if (!made) return made.error();

@@ -11,13 +11,23 @@ LoadedScene::GpuLock LoadedScene::gpu_lock() {
 }
 
 LoadedScene::~LoadedScene() {
+  drop_device();
+}
+
+void LoadedScene::drop_device() {
   if (device_ == nullptr) return;
   const GpuLock lock = gpu_lock();
   (void)set_current_gpu(gpu_->index);
   device_.reset();
 }
 
-Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const LoadOptions& options) {
+Result<void> LoadedScene::use_cpu() {
+  drop_device();
+  gpu_.reset();
+  return scene_->load_pages(threads_);
+}
+
+Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, LoadOptions options) {
   const std::string path = file.path();
   const Result<uint32_t> index = file.find_scene(options.scene);
   if (!index) return index.error();
@@ -40,8 +50,10 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
             !sized)
           return at(path, sized.error());
     }
-    if (!loaded->gpu_)
+    if (!loaded->gpu_) {
+      options.on = DrawOn::kCpu;
       (void)set_texture_memory(file, options.texture_memory, false, options.device_memory, scene_options);
+    }
     scene_options.textures = options.textures;
     scene_options.threads = options.threads;
     scene_options.lighting = options.lighting;
@@ -53,6 +65,11 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
     Result<Scene> scene = Scene::load(std::move(file), *index, scene_options);
     if (!scene) return scene.error();
     loaded->scene_ = std::make_unique<Scene>(std::move(*scene));
+    const auto load_pages = [&] { return loaded->scene_->load_pages(options.threads, options.progress); };
+    if (view_reads_vertices(loaded->scene_->view(), options.camera))
+      if (const Result<void> done = load_pages(); !done) return done.error();
+    if (options.accept)
+      if (const Result<void> accepted = options.accept(*loaded->scene_, options); !accepted) return accepted.error();
     if (loaded->gpu_) {
       const auto upload = [&] { return loaded->upload(options); };
       // The progress function may draw another scene, for which it takes the lock that uploading holds.
@@ -62,11 +79,9 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, const Loa
         if (options.on == DrawOn::kGpu) return at(path, uploaded.error());
         loaded->gpu_.reset();
         loaded->why_cpu_ = uploaded.error().message;
+        if (const Result<void> done = load_pages(); !done) return done.error();
       }
     }
-    if (!loaded->gpu_ || view_reads_vertices(loaded->scene_->view(), {}))
-      if (const Result<void> done = loaded->scene_->load_pages(options.threads, options.progress); !done)
-        return done.error();
     return loaded;
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, path + ": no memory left to load it"};
@@ -79,7 +94,7 @@ Result<void> LoadedScene::upload(const LoadOptions& options) {
   Result<DeviceScene> device =
       DeviceScene::upload(*scene_, options.device_memory, options.threads, options.reading,
                           options.texture_cache != 0 ? options.texture_cache : kDeviceTextureCache, options.host_memory,
-                          options.pictures, options.progress, options.gpus);
+                          options.pictures, options.progress, options.gpus, options.comes_later);
   if (!device) return device.error();
   device_ = std::make_unique<DeviceScene>(std::move(*device));
   return {};

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -31,20 +32,26 @@ struct LoadOptions {
   uint64_t device_memory = 0;        // as DeviceScene::upload()
   uint64_t host_memory = 0;          // likewise
   PictureNeeds pictures;             // likewise
+  bool comes_later = false;          // likewise
   Reading reading = Reading::kAuto;  // likewise
   kernels::Lighting lighting = kernels::Lighting::kAuto;  // as SceneOptions
   std::string environment;                                // likewise
-  JobProgress* progress = nullptr;                        // gets the progress of loading, and may stop it (kFile)
+  CameraOptions camera;             // of the views: where view_reads_vertices(), the host gets the pages too
+  JobProgress* progress = nullptr;  // gets the progress of loading, and may stop it (kFile)
+  /// Called before the scene is uploaded: may refuse it, and change the options of DeviceScene::upload(). `on` is kCpu
+  /// there if there is no GPU.
+  std::function<Result<void>(const Scene& scene, LoadOptions& options)> accept;
 };
 
 class LoadedScene {
  public:
-  /// Errors as SceneFile::find_scene, Scene::load and DeviceScene::upload, the file named.
-  static Result<std::shared_ptr<LoadedScene>> load(SceneFile file, const LoadOptions& options);
+  /// Errors as SceneFile::find_scene, Scene::load and DeviceScene::upload, the file named; those of `accept`.
+  static Result<std::shared_ptr<LoadedScene>> load(SceneFile file, LoadOptions options);
   LoadedScene(const LoadedScene&) = delete;
   LoadedScene& operator=(const LoadedScene&) = delete;
   ~LoadedScene();
 
+  Scene& scene() { return *scene_; }
   const Scene& scene() const { return *scene_; }
   uint32_t threads() const { return threads_; }
   /// LoadOptions::lighting.
@@ -56,6 +63,9 @@ class LoadedScene {
   /// Null if the CPU draws. To be used with gpu_lock() held, except for its statistics.
   DeviceScene* device() const { return device_.get(); }
   bool is_streamed() const { return device_ != nullptr && device_->is_streamed(); }
+
+  /// Lets the CPU draw from now on; there must be no view of the GPU any more. Errors as Scene::load_pages().
+  Result<void> use_cpu();
 
   /// Thread-safe; errors as make_view().
   Result<kernels::View> view(const CameraOptions& options) const { return make_view(*scene_, options); }
@@ -75,6 +85,7 @@ class LoadedScene {
  private:
   LoadedScene() = default;
   Result<void> upload(const LoadOptions& options);
+  void drop_device();
 
   std::unique_ptr<Scene> scene_;
   uint32_t threads_ = 1;

@@ -18,22 +18,6 @@ namespace {
 constexpr uint32_t kPixelLayers = ((1u << kBlockCount) - 1) & ~(1u << static_cast<uint32_t>(Layer::kSamples));
 static_assert(kBlockCount == static_cast<size_t>(Layer::kLinear));
 
-/// The PixelLayer of a layer that is neither kColor nor kSamples nor kLinear.
-PixelLayer pixel_layer(Layer layer) {
-  switch (layer) {
-    case Layer::kDepth:
-      return PixelLayer::kDepth;
-    case Layer::kTriangle:
-      return PixelLayer::kTriangle;
-    case Layer::kInstance:
-      return PixelLayer::kInstance;
-    case Layer::kNormal:
-      return PixelLayer::kNormal;
-    default:
-      return PixelLayer::kUv;
-  }
-}
-
 void add(kernels::BlendCounts& sum, const kernels::BlendCounts& frame) {
   sum.layers = std::max(sum.layers, frame.layers);
   sum.samples_left_out += frame.samples_left_out;
@@ -44,6 +28,18 @@ Error out_of_memory(uint64_t bytes) {
 }
 
 }  // namespace
+
+Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_side) {
+  const uint64_t width = uint64_t{view.width} * samples_per_side;
+  const uint64_t height = uint64_t{view.height} * samples_per_side;
+  if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
+    return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
+                                        " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
+                                        " per side"};
+  view.width = static_cast<uint32_t>(width);
+  view.height = static_cast<uint32_t>(height);
+  return view;
+}
 
 Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const LoadedScene> scene) try {
   std::unique_ptr<ViewRenderer> renderer(new ViewRenderer(std::move(scene)));
@@ -109,12 +105,12 @@ Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per
 }
 
 Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_side,
-                                const kernels::ShadeOptions& shade) {
+                                const kernels::ShadeOptions& shade, std::optional<Layer> streamed) {
   if (Result<void> begun = begin(view, samples_per_side, shade); !begun) return begun;
   if (Result<void> done = on_device([&] { return cast_shadows_in(view_); }); !done) return done;
   const Stopwatch watch;
   if (device_) {
-    if (Result<void> drawn = draw_on_gpu(); !drawn) return drawn;
+    if (Result<void> drawn = draw_on_gpu(streamed); !drawn) return drawn;
   } else {
     const uint64_t count = uint64_t{view_.width} * view_.height;
     try {
@@ -244,7 +240,7 @@ ViewRenderer::FrameTargets ViewRenderer::targets_of(uint32_t layers, uint64_t v,
       targets.color = out;
       targets.color_bytes = bytes;
     } else {
-      set_target(targets.others, pixel_layer(layer), out);
+      set_target(targets.others, layer, out);
       targets.has_others = true;
     }
   }
@@ -345,19 +341,26 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
   return {};
 }
 
-Result<void> ViewRenderer::draw_on_gpu() {
+Result<void> ViewRenderer::draw_on_gpu(std::optional<Layer> colors) {
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   if (Result<void> done = device_->make_current(); !done) return done;
   const bool is_streamed = scene_->is_streamed();
   kernels::FrameTimes times{};
   const Result<kernels::FrameStats> drawn =
-      device_->draw(view_, is_streamed ? nullptr : &times, is_streamed ? &shade_ : nullptr);
+      device_->draw(view_, is_streamed ? nullptr : &times, is_streamed && colors ? &shade_ : nullptr);
   if (!drawn) return drawn.error();
   stats_ = *drawn;
   gpu_ms_ = times.raster_ms;
   streamed_ = device_->stream_stats();
-  if (!is_streamed) return {};
-  // Resolved now, because the colours of the parts belong to the stream, and another view's frame overwrites them.
+  if (!is_streamed || !colors) return {};
+  // Made now, because the colours of the parts belong to the stream, and another view's frame overwrites them.
+  if (*colors == Layer::kLinear) {
+    HostLayer& linear = host_[static_cast<size_t>(Layer::kLinear)];
+    const Result<std::span<std::byte>> room = room_of(Layer::kLinear);
+    const Result<void> made = room ? linear_of_gpu(*room) : room.error();
+    linear.is_made = static_cast<bool>(made);
+    return made;
+  }
   if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved) return resolved;
   blended_ = device_->blended();
   on_gpu_[static_cast<size_t>(Layer::kColor)] = reinterpret_cast<const std::byte*>(device_->pixels());
@@ -382,20 +385,27 @@ Result<void> ViewRenderer::set_shade(const kernels::ShadeOptions& shade) {
 
 Result<std::span<const std::byte>> ViewRenderer::layer(Layer layer) {
   if (Result<void> checked = check_frame(); !checked) return checked.error();
-  const uint64_t bytes = layer_bytes(layer);
   if (layer == Layer::kSamples && !device_ && batch_ == 0)
-    return std::as_bytes(std::span(samples_).first(bytes / sizeof(uint64_t)));
+    return std::as_bytes(std::span(samples_).first(layer_bytes(layer) / sizeof(uint64_t)));
+  const Result<std::span<std::byte>> room = room_of(layer);
+  if (!room) return room.error();
   HostLayer& host = host_[static_cast<size_t>(layer)];
-  if (!host.is_made) {
-    try {
-      if (host.bytes.size() < bytes) host.bytes.resize(bytes);
-    } catch (const std::bad_alloc&) {
-      return out_of_memory(bytes);
-    }
-    if (const Result<void> made = make(layer, std::span(host.bytes).first(bytes)); !made) return made.error();
-    host.is_made = true;
+  if (!host.is_made)
+    if (const Result<void> made = make(layer, *room); !made) return made.error();
+  host.is_made = true;
+  return std::span<const std::byte>(*room);
+}
+
+/// Host memory for a layer.
+Result<std::span<std::byte>> ViewRenderer::room_of(Layer layer) {
+  SharedBuffer<std::byte>& memory = host_[static_cast<size_t>(layer)].bytes;
+  const uint64_t bytes = layer_bytes(layer);
+  try {
+    if (memory.size() < bytes) memory.resize(bytes);
+  } catch (const std::bad_alloc&) {
+    return out_of_memory(bytes);
   }
-  return std::span<const std::byte>(host.bytes).first(bytes);
+  return std::span(memory).first(bytes);
 }
 
 Result<void> ViewRenderer::check_size(Layer layer, std::span<const std::byte> out) const {
@@ -441,26 +451,35 @@ Result<void> ViewRenderer::make_on_cpu(Layer layer, std::span<std::byte> out) {
   return make_of(layer, view_, samples, scene_->threads(), out);
 }
 
-Result<void> ViewRenderer::make_linear(std::span<std::byte> out) try {
-  const kernels::SceneView& scene = scene_->scene().view();
-  const std::span<float> pixels(reinterpret_cast<float*>(out.data()), out.size() / sizeof(float));
-  const uint64_t count = uint64_t{view_.width} * view_.height;
+Result<void> ViewRenderer::make_linear(std::span<std::byte> out) {
   if (!device_) {
-    const auto samples = std::span<const uint64_t>(samples_).first(count);
-    return linear_picture(scene, view_, samples_per_side_, samples, shade_, scene_->threads(),
-                          light_of_cpu(scene, view_, samples_per_side_, samples, shade_, scene_->threads()), pixels,
-                          blended_);
+    const kernels::SceneView& scene = scene_->scene().view();
+    const auto samples = std::span<const uint64_t>(samples_).first(uint64_t{view_.width} * view_.height);
+    return linear_of(light_of_cpu(scene, view_, samples_per_side_, samples, shade_, scene_->threads()), samples, out);
   }
   if (scene_->is_streamed())
     return Error{ErrorCode::kUnsupported, "a streamed frame has no linear colours: its chunks are not there any more"};
-  std::vector<uint64_t> samples(count);
-  const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-  if (Result<void> done = device_->make_current(); !done) return done;
-  if (Result<void> done = device_->read_samples(samples); !done) return done;
-  return linear_picture(scene, view_, samples_per_side_, samples, shade_, scene_->threads(),
-                        light_of(*device_, view_, samples_per_side_, shade_), pixels, blended_);
+  return on_device([&] { return linear_of_gpu(out); });
+}
+
+/// Requires the GPUs' lock, and the device current. The samples become a layer in host memory.
+Result<void> ViewRenderer::linear_of_gpu(std::span<std::byte> out) {
+  const Result<std::span<std::byte>> room = room_of(Layer::kSamples);
+  if (!room) return room.error();
+  const std::span<uint64_t> samples(reinterpret_cast<uint64_t*>(room->data()), room->size() / sizeof(uint64_t));
+  bool& is_made = host_[static_cast<size_t>(Layer::kSamples)].is_made;
+  if (!is_made)
+    if (Result<void> done = device_->read_samples(samples); !done) return done;
+  is_made = true;
+  return linear_of(light_of(*device_, view_, samples_per_side_, shade_), samples, out);
+}
+
+Result<void> ViewRenderer::linear_of(const PictureLight& light, std::span<const uint64_t> samples,
+                                     std::span<std::byte> out) try {
+  return linear_picture(scene_->scene().view(), view_, samples_per_side_, samples, shade_, scene_->threads(), light,
+                        {reinterpret_cast<float*>(out.data()), out.size() / sizeof(float)}, blended_);
 } catch (const std::bad_alloc&) {
-  return out_of_memory(12 * uint64_t{view_.width} * view_.height);
+  return out_of_memory(12 * samples.size());
 }
 
 /// Makes a layer of one frame from its samples, on the CPU.
@@ -474,8 +493,7 @@ Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::
   if (layer == Layer::kColor)
     return kernels::resolve_cpu(scene, view, samples_per_side_, samples, shade_, 4,
                                 {reinterpret_cast<uint8_t*>(out.data()), out.size()}, threads, &blended_);
-  return kernels::layers_cpu(scene, view, samples_per_side_, samples, target_of(pixel_layer(layer), out.data()),
-                             threads);
+  return kernels::layers_cpu(scene, view, samples_per_side_, samples, target_of(layer, out.data()), threads);
 }
 
 /// Requires that the GPUs' lock is held.
@@ -495,7 +513,7 @@ Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
     blended_ = device_->blended();
     made = reinterpret_cast<const std::byte*>(device_->pixels());
   } else {
-    const Result<const std::byte*> queued = device_->make_layer(view_, samples_per_side_, pixel_layer(layer));
+    const Result<const std::byte*> queued = device_->make_layer(view_, samples_per_side_, layer);
     if (!queued) return queued.error();
     made = *queued;
   }

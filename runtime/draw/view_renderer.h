@@ -10,33 +10,17 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "runtime/draw/linear_picture.h"
 #include "runtime/draw/loaded_scene.h"
-#include "runtime/draw/renderer.h"
+#include "runtime/draw/pick.h"
 #include "runtime/draw/shadow_map.h"
 #include "runtime/draw/shared_buffer.h"
 #include "runtime/threads/stopwatch.h"
 
 namespace scree::runtime {
 
-/// The layers of a frame, rows from the top. A pixel shows its nearest sample, except in colours
-/// (kernels::LayerTargets).
-enum class Layer {
-  kColor,     // 4 bytes per pixel: red, green, blue as 8-bit sRGB, alpha linear, not premultiplied
-  kDepth,     // float: distance from the eye's plane in world units, infinity on the background
-  kTriangle,  // int64_t: global triangle id, -1 on the background
-  kInstance,  // int32_t: index in the scene's instances, -1 on the background
-  kSamples,   // uint64_t per sample: the visibility buffer (kernels/visbuffer.h)
-  kNormal,    // 3 floats: unit length, world space, 0 on the background
-  kUv,        // 2 floats: texture coordinates, 0 on the background and if the mesh has none
-  kLinear,    // 4 floats: the colours of linear_picture(), in host memory alone
-};
-inline constexpr size_t kLayerCount = 8;
-
-/// Bytes per pixel; of kSamples, per sample.
-constexpr uint64_t bytes_of(Layer layer) {
-  constexpr uint64_t kBytes[kLayerCount] = {4, 4, 8, 4, 8, 12, 8, 16};
-  return kBytes[static_cast<size_t>(layer)];
-}
+/// The view whose pixels are the samples of `view`. Errors kRange: a side of 0 or over kernels::kMaxImageSide.
+Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_side);
 
 /// Draws frame after frame of one scene, with any camera, size, samples and shading. Layers are made on first request.
 /// Buffers grow to the largest frame and stay, so a frame no larger than an earlier one allocates nothing. On a GPU the
@@ -54,8 +38,11 @@ class ViewRenderer {
   void cast_shadows(uint32_t side) { shadow_side_ = side; }
 
   /// Draws a frame. `view`: its sides in pixels, of `samples_per_side` squared samples (1, 2 or 4). Returns when the
-  /// samples are drawn; after an error there is no frame. Errors kRange (no such size or camera), kMemory, kDevice.
-  Result<void> draw(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade);
+  /// samples are drawn; after an error there is no frame. `streamed`: the colours, kColor or kLinear, that are made at
+  /// once if the scene is streamed, because they cannot be made later; nothing: the frame is then not shaded. Errors
+  /// kRange (no such size or camera), kMemory, kDevice.
+  Result<void> draw(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade,
+                    std::optional<Layer> streamed = Layer::kColor);
 
   /// Draws one frame for each of `views`, all of one size, and makes their layers. `layers`: a bit 1 << Layer for each
   /// layer, without kSamples and kLinear. A layer is then one block, frame by frame. On the CPU the frames are shared
@@ -78,7 +65,8 @@ class ViewRenderer {
   Result<void> set_shade(const kernels::ShadeOptions& shade);
 
   /// A layer in host memory of this view, valid until the next draw() or set_shade() or the view's end. Errors kRange
-  /// (no frame), kUnsupported (as DeviceView::make_layer(), and kLinear of a streamed frame), kMemory, kDevice.
+  /// (no frame), kUnsupported (as DeviceView::make_layer(), and colours of a streamed frame that draw() did not make),
+  /// kMemory, kDevice.
   Result<std::span<const std::byte>> layer(Layer layer);
 
   /// Copies a layer to `out`, which has layer_bytes().
@@ -99,7 +87,7 @@ class ViewRenderer {
   /// view has no such memory any more; kMemory, kDevice.
   Result<std::shared_ptr<const void>> hold(const std::byte* data) const;
 
-  /// As Frame::pick(); reads one sample. Errors kRange: no frame, no such pixel.
+  /// pick_sample() of sample_index(); reads one sample. Errors kRange: no frame, no such pixel.
   Result<std::optional<Pick>> pick(uint32_t x, uint32_t y);
 
   const LoadedScene& scene() const { return *scene_; }
@@ -145,10 +133,13 @@ class ViewRenderer {
   template <class Body>
   Result<void> on_device(const Body& body) const;
   Result<void> cast_shadows_in(const kernels::View& view);
-  Result<void> draw_on_gpu();
+  Result<void> draw_on_gpu(std::optional<Layer> colors);
+  Result<std::span<std::byte>> room_of(Layer layer);
   Result<void> make(Layer layer, std::span<std::byte> out);
   Result<void> make_on_cpu(Layer layer, std::span<std::byte> out);
   Result<void> make_linear(std::span<std::byte> out);
+  Result<void> linear_of_gpu(std::span<std::byte> out);
+  Result<void> linear_of(const PictureLight& light, std::span<const uint64_t> samples, std::span<std::byte> out);
   Result<void> make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples, uint32_t threads,
                        std::span<std::byte> out);
   Result<const std::byte*> make_on_gpu(Layer layer);

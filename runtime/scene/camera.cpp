@@ -332,31 +332,6 @@ Result<View> default_view(const kernels::SceneView& drawn, const WorldBox& box, 
   return view;
 }
 
-/// make_view(). `box()`: returns the scene's box; called only if needed.
-template <class Box>
-Result<View> view_with(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
-                       const CameraOptions& options, const Box& box) {
-  View view{.width = options.width, .height = options.height};
-  if (options.clip_box) {
-    view.clips = true;
-    std::copy(options.clip_box->min.begin(), options.clip_box->min.end(), view.clip_min);
-    std::copy(options.clip_box->max.begin(), options.clip_box->max.end(), view.clip_max);
-  }
-  if (!options.camera.empty()) {
-    if (options.eye || options.target || options.up)
-      return Error{ErrorCode::kUsage, "a camera of the scene excludes an eye, a target and an up"};
-    const std::vector<PlacedCamera> cameras = placed_cameras(container, scene);
-    const PlacedCamera* const placed = find_camera(container, cameras, options.camera);
-    if (placed == nullptr)
-      return Error{ErrorCode::kUsage, "no camera '" + options.camera + "', " + camera_list(container, cameras)};
-    return document_view(container, *placed, view, options);
-  }
-  set_field_of_view(view, options.fov_degrees.value_or(kDefaultFovDegrees) * kDegree);
-  if (options.eye) return eye_view(box(), view, options);
-  if (options.target) return Error{ErrorCode::kUsage, "a target needs an eye"};
-  return default_view(drawn, box(), view, options);
-}
-
 /// Sets the view's projection from the rows of a projection matrix.
 Result<void> set_projection(View& view, const std::array<double, 16>& p, double z_near) {
   const auto is_zero = [&](std::initializer_list<size_t> places) {
@@ -431,13 +406,27 @@ bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& o
   return options.camera.empty() && !options.eye && !options.target && has_few_vertices(drawn);
 }
 
-Result<View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
-                       const CameraOptions& options) {
-  return view_with(container, scene, drawn, options, [&] { return scene_box(drawn); });
-}
-
 Result<View> make_view(const Scene& scene, const CameraOptions& options) {
-  return view_with(scene.container(), scene.scene_index(), scene.view(), options, [&] { return scene.box(); });
+  const format::Container& container = scene.container();
+  View view{.width = options.width, .height = options.height};
+  if (options.clip_box) {
+    view.clips = true;
+    std::copy(options.clip_box->min.begin(), options.clip_box->min.end(), view.clip_min);
+    std::copy(options.clip_box->max.begin(), options.clip_box->max.end(), view.clip_max);
+  }
+  if (!options.camera.empty()) {
+    if (options.eye || options.target || options.up)
+      return Error{ErrorCode::kUsage, "a camera of the scene excludes an eye, a target and an up"};
+    const std::vector<PlacedCamera> cameras = placed_cameras(container, scene.scene_index());
+    const PlacedCamera* const placed = find_camera(container, cameras, options.camera);
+    if (placed == nullptr)
+      return Error{ErrorCode::kUsage, "no camera '" + options.camera + "', " + camera_list(container, cameras)};
+    return document_view(container, *placed, view, options);
+  }
+  set_field_of_view(view, options.fov_degrees.value_or(kDefaultFovDegrees) * kDegree);
+  if (options.eye) return eye_view(scene.box(), view, options);
+  if (options.target) return Error{ErrorCode::kUsage, "a target needs an eye"};
+  return default_view(scene.view(), scene.box(), view, options);
 }
 
 Result<View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint32_t height) {

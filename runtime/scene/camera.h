@@ -95,12 +95,8 @@ bool view_reads_vertices(const kernels::SceneView& drawn, const CameraOptions& o
 /// The view of `options`. The vertical field of view stays the same for any aspect ratio. The default view shows all
 /// vertices, or the corners of the instances' boxes if there are more than 2^20 vertices. The near plane is the
 /// camera's own, else a small fraction of the distance to the scene's box (of the box's size if the eye is inside).
-/// `drawn` must have its pages loaded if view_reads_vertices(). Errors kUsage (no such camera, with a list of the
+/// `scene` must have its pages loaded if view_reads_vertices(). Errors kUsage (no such camera, with a list of the
 /// existing ones; an eye without a direction), kFormat (a camera node whose matrix has no direction), kMemory.
-Result<kernels::View> make_view(const format::Container& container, uint32_t scene, const kernels::SceneView& drawn,
-                                const CameraOptions& options);
-
-/// The same for a scene, whose box is computed once (Scene::box()).
 Result<kernels::View> make_view(const Scene& scene, const CameraOptions& options);
 
 }  // namespace scree::runtime

@@ -16,7 +16,6 @@
 
 #include "format/container/part_file.h"
 #include "format/result.h"
-#include "runtime/draw/stream_cpu.h"
 #include "runtime/files/direct_file.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
@@ -25,6 +24,7 @@
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/residency.h"
 #include "runtime/stream/upload.h"
+#include "tests/runtime/stream/cpu_stream.h"
 #include "tools/convert/sort/sort_primitive.h"
 #include "tools/gltf/source.h"
 
@@ -40,23 +40,21 @@ Result<void> stream(const std::string& path, uint64_t part, uint32_t threads, co
   const std::vector<uint64_t> bytes = runtime::ChunkSource(*scene).chunk_bytes();
   const uint64_t all = std::accumulate(bytes.begin(), bytes.end(), uint64_t{0});
   const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
-  const auto stream =
-      runtime::CpuStream::create(*scene, all / part + largest + runtime::Residency::kAlignment, threads);
+  const auto stream = tests::CpuStream::create(*scene, all / part + largest + runtime::Residency::kAlignment, threads);
   if (!stream) return stream.error();
   // A view of everything, a near one, and the first one again: chunks are evicted and loaded again.
   const kernels::ShadeOptions shade;
   for (const double distance : {4.0, 0.5, 4.0}) {
     const runtime::CameraOptions camera{
         .eye = runtime::Vec3{0, 0, distance}, .target = runtime::Vec3{0, 0, 0}, .width = kWidth, .height = kHeight};
-    const Result<kernels::View> view =
-        runtime::make_view(scene->container(), scene->scene_index(), scene->view(), camera);
+    const Result<kernels::View> view = runtime::make_view(*scene, camera);
     if (!view) return view.error();
     if (const Result<runtime::StreamStats> drawn = (*stream)->draw_frame(*view, &shade); !drawn) return drawn.error();
   }
-  const Result<runtime::Picture> picture = (*stream)->picture(1);
+  const Result<std::vector<uint8_t>> picture = (*stream)->picture(1);
   if (!picture) return picture.error();
   if (Result<void> written = runtime::write_visibility(samples_path, (*stream)->samples()); !written) return written;
-  return runtime::write_png(picture_path, {picture->width, picture->height, picture->channels, picture->pixels});
+  return runtime::write_png(picture_path, {kWidth, kHeight, 4, *picture});
 }
 
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes) {

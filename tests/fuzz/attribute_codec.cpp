@@ -55,7 +55,7 @@ void source_ids(Parameters& in, uint32_t count) {
   const auto decoded = format::decode_source_ids(values, range, stream.bytes());
   must(bool(decoded) == bool(format::check_source_ids(count, range, stream.bytes())), "decode and check of ids agree");
   if (!decoded) return;
-  std::vector<std::byte> again(format::source_id_stream_bytes(count, range));
+  std::vector<std::byte> again(format::packed_bytes(count, range.bits));
   format::encode_source_ids(again, values, range);
   must(std::equal(again.begin(), again.end(), stream.bytes().begin(), stream.bytes().end()), "ids have one form");
 }

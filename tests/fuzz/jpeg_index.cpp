@@ -3,6 +3,7 @@
 
 #include "format/jpeg/picture.h"
 #include "format/jpeg/pixels.h"
+#include "tests/format/jpeg/decode_mcu.h"
 #include "tests/fuzz/input.h"
 
 namespace scree::fuzz {
@@ -14,7 +15,7 @@ void jpeg_index(Bytes bytes) {
   const format::JpegView view = index->view();
   const uint32_t groups = std::min(index->layout.group_count, 512u);
   for (uint32_t mcu = 0; mcu < std::min(view.mcu_count, groups * view.group_mcus); ++mcu) {
-    (void)format::decode_jpeg_mcu(view, mcu, [&](uint32_t block, uint32_t k, int32_t value) {
+    (void)tests::decode_jpeg_mcu(view, mcu, [&](uint32_t block, uint32_t k, int32_t value) {
       must(block < index->layout.mcu_blocks && k < 64 && value >= -32768 && value <= 32767,
            "a coefficient is one of its MCU");
     });

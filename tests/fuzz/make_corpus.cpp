@@ -19,6 +19,7 @@
 #include "tests/catch.h"
 #include "tests/format/container/container_fixture.h"
 #include "tests/format/container/reseal.h"
+#include "tests/format/geometry/index_range.h"
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
@@ -69,7 +70,7 @@ class Seed {
 
 void make_index_seeds() {
   const std::vector<uint32_t> indices = {5, 9, 7, 5, 6, 9, 20, 5, 9, 8, 8, 8};
-  const format::IndexRange range = format::index_range(indices);
+  const format::IndexRange range = scree::tests::index_range(indices);
   Bytes stream(format::packed_bytes(indices.size(), range.bits));
   format::encode_indices(stream, indices, range);
   Seed()
@@ -147,7 +148,7 @@ void make_attribute_seeds() {
 
   const std::vector<uint64_t> ids = {7, 1000, uint64_t{1} << 31, 9};
   const format::SourceIdRange id_range = format::source_id_range(ids);
-  stream.assign(format::source_id_stream_bytes(4, id_range), std::byte{0});
+  stream.assign(format::packed_bytes(4, id_range.bits), std::byte{0});
   format::encode_source_ids(stream, ids, id_range);
   Seed()
       .add(uint8_t{3})

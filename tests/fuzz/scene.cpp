@@ -1,23 +1,22 @@
 // A .scree file as read by render, on the CPU: any content gives a picture or an error.
 #include "runtime/scene/scene.h"
 
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/fuzz/input.h"
+#include "tests/runtime/frame.h"
 
 namespace scree::fuzz {
 namespace {
 
 void draw(const runtime::Scene& scene, const runtime::CameraOptions& camera) {
-  const auto view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
+  const auto view = runtime::make_view(scene, camera);
   if (!view) return;
-  const auto frame = runtime::Frame::draw(scene, *view, 1, 1);
+  const auto frame = tests::Frame::draw(scene, *view, 1, 1);
   if (!frame) return;
   kernels::ShadeOptions shade;
   const bool is_shaded = bool(frame->shade(shade, 1));
   must(is_shaded || scene.block_pager() != nullptr, "a frame that was drawn is shaded, if its textures are there");
-  for (const runtime::PixelLayer layer :
-       {runtime::PixelLayer::kDepth, runtime::PixelLayer::kNormal, runtime::PixelLayer::kUv})
+  for (const runtime::Layer layer : {runtime::Layer::kDepth, runtime::Layer::kNormal, runtime::Layer::kUv})
     (void)frame->layer<float>(layer, 1);
   for (uint32_t x = 0; x < camera.width; x += 7) (void)frame->pick(x, camera.height / 2);
 }

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "format/container/container.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
@@ -15,6 +14,7 @@
 #include "tests/fuzz/targets.h"
 #include "tests/paths.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tools/gltf/source.h"
 #include "tools/inspect/verify.h"
@@ -47,8 +47,8 @@ std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {
   options.texture_cache = 65536;  // level 0 is decoded on demand
   const runtime::Scene scene = tests::must_load(seed.string(), options);
   const kernels::View view = tests::must_view(scene, {.width = 160, .height = 120});
-  const auto frame = must(runtime::Frame::draw(scene, view, 1, 1));
-  return must(frame.shade({}, 1)).pixels;
+  const auto frame = must(tests::Frame::draw(scene, view, 1, 1));
+  return must(frame.shade({}, 1));
 }
 
 // Targets are silent about refused inputs, so this checks that these two inputs reach the code that they are for.

@@ -16,6 +16,7 @@
 #include "kernels/cpu/backend.h"
 #include "kernels/shade/material_views.h"
 #include "tests/catch.h"
+#include "tests/format/geometry/index_range.h"
 #include "tests/results.h"
 #include "tools/clusters/cluster_builder.h"
 
@@ -248,7 +249,7 @@ class SceneBuilder {
     if (encoding.clusters != Clusters::kClustered) {
       record.encoding = format::ChunkEncoding::kIndexed;
       record.cluster_count = record.cluster_words = 0;
-      range = format::index_range(indices);
+      range = scree::tests::index_range(indices);
       record.index_min = range.min;
       record.index_bits = static_cast<uint8_t>(range.bits);
       if (encoding.float32) {

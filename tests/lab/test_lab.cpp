@@ -15,6 +15,7 @@
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/full_disk.h"
+#include "tests/lab/host_chunks.h"
 #include "tests/lab/refused.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
@@ -258,7 +259,8 @@ TEST_CASE("lab: pictures are compared by triangle, depth and colour", "[lab]") {
 TEST_CASE("lab: the near plane may be a share of the scene's size, which is in the view's name", "[lab]") {
   const synth::Scene scene = make_scene("D", synth::MeshOrder::kRow, 1);
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
-  const SceneTables tables = must(make_tables(scene, plans, chunk_boxes(scene, plans), {false, 16, true}));
+  const SceneTables tables =
+      must(make_tables(scene, plans, scree::tests::chunk_boxes(scene, plans), {false, 16, true}));
   const kernels::SceneView view = tables.view(nullptr);
   const NamedView named = with_near({"inside", {scene_view(scene.cameras[0], 64, 32)}}, view, 1e-6);
   CHECK(named.name == "inside near 1e-06");

@@ -12,6 +12,7 @@
 #include "runtime/draw/device_list.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
+#include "tests/lab/host_chunks.h"
 #include "tests/results.h"
 #include "tests/tools/render/random_view.h"
 
@@ -27,7 +28,7 @@ void check_bytes(const synth::Scene& scene, const Encoding& encoding) {
   INFO(scene.name << " " << encoding_name(encoding));
   const ResidentScene resident = must(ResidentScene::generate(scene, encoding));
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
-  const std::vector<ChunkBox> boxes = chunk_boxes(scene, plans);
+  const std::vector<ChunkBox> boxes = scree::tests::chunk_boxes(scene, plans);
   const std::vector<ChunkBox> on_device = must(chunk_boxes_cuda(scene, plans));
   for (size_t i = 0; i < boxes.size(); ++i) {
     CHECK(std::equal(boxes[i].lo, boxes[i].lo + 3, on_device[i].lo));
@@ -35,7 +36,7 @@ void check_bytes(const synth::Scene& scene, const Encoding& encoding) {
   }
   const SceneTables tables = must(make_tables(scene, plans, boxes, encoding));
   std::vector<std::byte> expected(tables.arena_bytes);
-  fill_chunks(scene, plans, tables, expected);
+  scree::tests::fill_chunks(scene, plans, tables, expected);
   std::vector<std::byte> found;
   REQUIRE(resident.read_pages(found));
   REQUIRE(found.size() == expected.size());

@@ -8,6 +8,7 @@
 #include "lab/scenes/scene_tables.h"
 #include "lab/setup/views.h"
 #include "tests/catch.h"
+#include "tests/lab/host_chunks.h"
 #include "tests/lab/refused.h"
 #include "tests/results.h"
 
@@ -27,13 +28,13 @@ constexpr bool kFindsLeaks = false;
 /// scree's picture of the scene's float32 vertices, drawn by the CPU.
 std::vector<uint64_t> draw_on_cpu(const synth::Scene& scene, const kernels::View& view) {
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
-  const SceneTables tables =
-      must(make_tables(scene, plans, chunk_boxes(scene, plans), {.float32 = true, .packed_indices = false}));
+  const SceneTables tables = must(
+      make_tables(scene, plans, scree::tests::chunk_boxes(scene, plans), {.float32 = true, .packed_indices = false}));
   struct alignas(16) Block {
     std::byte bytes[16];
   };
   std::vector<Block> arena((tables.arena_bytes + 15) / 16);
-  fill_chunks(scene, plans, tables, {arena.data()->bytes, arena.size() * 16});
+  scree::tests::fill_chunks(scene, plans, tables, {arena.data()->bytes, arena.size() * 16});
   const auto pages = tables.page_pointers(arena.data()->bytes);
   std::vector<uint64_t> samples(size_t{view.width} * view.height);
   REQUIRE(kernels::draw_cpu(tables.view(pages.data()), view, samples, 2));

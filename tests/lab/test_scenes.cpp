@@ -14,6 +14,7 @@
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
+#include "tests/lab/host_chunks.h"
 #include "tests/results.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -27,10 +28,10 @@ namespace {
 
 struct Generated {
   Generated(const synth::Scene& scene, const Encoding& encoding) : plans(plan_chunks(scene)) {
-    SceneTables made = must(make_tables(scene, plans, chunk_boxes(scene, plans), encoding));
+    SceneTables made = must(make_tables(scene, plans, scree::tests::chunk_boxes(scene, plans), encoding));
     tables = std::move(made);
     arena.resize((tables.arena_bytes + 15) / 16);
-    fill_chunks(scene, plans, tables, {bytes(), arena.size() * 16});
+    scree::tests::fill_chunks(scene, plans, tables, {bytes(), arena.size() * 16});
     pages = tables.page_pointers(bytes());
   }
   struct alignas(16) Block {

@@ -17,6 +17,7 @@
 #include "format/geometry/position_codec.h"
 #include "runtime/images/png_writer.h"
 #include "tests/catch.h"
+#include "tests/format/geometry/index_range.h"
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
@@ -50,7 +51,7 @@ struct SmallScene {
     const format::MeshLattice lattice = must(format::choose_lattice(lo, hi, 16, 0));
     std::vector<uint32_t> coordinates(positions.size());
     format::quantize_positions(coordinates, positions, lattice);
-    const format::IndexRange index_range = format::index_range(indices);
+    const format::IndexRange index_range = scree::tests::index_range(indices);
     const format::PositionRange position_range = format::position_range(coordinates);
     const format::UvRange uv_range = format::choose_uv_range(uvs);
     const format::SourceIdRange source_range = format::source_id_range(sources);

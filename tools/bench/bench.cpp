@@ -7,11 +7,11 @@
 #include <utility>
 
 #include "format/container/checksum.h"
-#include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
+#include "runtime/draw/loaded_scene.h"
 #include "runtime/scene/scene.h"
 #include "tools/bench/file_cache.h"
 #include "tools/bench/file_views.h"
+#include "tools/common/load_scene.h"
 #include "tools/common/progress.h"
 #include "tools/common/sigbus.h"
 
@@ -29,32 +29,24 @@ uint64_t read_bytes(const runtime::Scene& scene) {
   return bytes;
 }
 
-/// A scene loaded for drawing. Neither copyable nor movable, because the device's copy refers to the scene.
-class LoadedScene {
+/// A scene loaded for drawing, and its last frame.
+class BenchScene {
  public:
-  explicit LoadedScene(const BenchOptions& options) : options_(options) {}
+  explicit BenchScene(const BenchOptions& options) : options_(options) {}
 
   Result<void> load(const std::string& path, bool on_gpu) {
-    runtime::SceneOptions load{
-        .threads = options_.threads, .texture_cache = options_.textures.host_cache(), .pages = !on_gpu};
     Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
     if (!file) return file.error();
-    if (const auto sized =
-            runtime::set_texture_memory(*file, options_.textures.memory, on_gpu, options_.device_memory, load);
-        !sized)
-      return sized;
-    const Result<uint32_t> index = file->find_scene("");
-    if (!index) return index.error();
-    Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *index, load);
-    if (!scene) return scene.error();
-    scene_.emplace(std::move(*scene));
-    if (!on_gpu) return {};
-    const runtime::PictureNeeds pictures{options_.size.width, options_.size.height, options_.samples_per_side, &shade_};
-    Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(
-        *scene_, options_.device_memory, options_.threads, options_.reading, options_.textures.device_cache(),
-        options_.host_memory, pictures, nullptr, options_.backend.gpus);
-    if (!device) return device.error();
-    device_.emplace(std::move(*device));
+    runtime::LoadOptions load = tools::load_options(options_, options_.textures);
+    load.on = on_gpu ? runtime::DrawOn::kGpu : runtime::DrawOn::kCpu;
+    load.gpu = options_.backend.device;
+    load.reading = options_.reading;
+    load.host_memory = options_.host_memory;
+    load.pictures = {options_.size.width, options_.size.height, options_.samples_per_side, &shade_};
+    load.camera.eye = runtime::Vec3{};  // file_views() reads the pages if it needs them
+    auto loaded = runtime::LoadedScene::load(std::move(*file), std::move(load));
+    if (!loaded) return loaded.error();
+    loaded_ = std::move(*loaded);
     return {};
   }
 
@@ -63,64 +55,62 @@ class LoadedScene {
     float draw = 0;
     float shade = 0;
   };
-  Result<FrameMs> draw(const kernels::View& view) {
-    if (device_) return draw_on_gpu(view);
-    Result<runtime::Frame> frame =
-        runtime::Frame::draw(*scene_, view, options_.samples_per_side, options_.threads, nullptr, &shade_);
-    if (!frame) return frame.error();
+  Result<FrameMs> draw(kernels::View view) {
+    const uint32_t side = options_.samples_per_side;
+    const uint64_t pixels = uint64_t{view.width} * view.height;
+    view.width *= side;
+    view.height *= side;
+    sample_count_ = pixels * side * side;
+    if (device() != nullptr) {
+      kernels::FrameTimes drawn{};
+      if (const auto stats = device()->draw(view, &drawn, &shade_); !stats) return stats.error();
+      kernels::ResolveTimes resolved{};
+      if (const auto done = device()->resolve(view, side, shade_, {}, &resolved); !done) return done.error();
+      return FrameMs{drawn.raster_ms, resolved.resolve_ms};
+    }
+    samples_.resize(sample_count_);
+    rgba_.resize(4 * pixels);
+    const runtime::Stopwatch draw_watch;
+    if (const auto drawn = kernels::draw_cpu(scene().view(), view, samples_, options_.threads); !drawn)
+      return drawn.error();
+    const auto draw_ms = static_cast<float>(draw_watch.elapsed().wall_ms);
     const runtime::Stopwatch watch;
-    const Result<runtime::Picture> picture = frame->shade(shade_, options_.threads);
-    if (!picture) return picture.error();
-    const FrameMs ms{static_cast<float>(frame->draw_time().wall_ms), static_cast<float>(watch.elapsed().wall_ms)};
-    frame_.emplace(std::move(*frame));
-    return ms;
+    const Result<void> shaded =
+        kernels::resolve_cpu(scene().view(), view, side, samples_, shade_, 4, rgba_, options_.threads);
+    if (!shaded) return shaded.error();
+    return FrameMs{draw_ms, static_cast<float>(watch.elapsed().wall_ms)};
   }
 
   /// Hash of the frame drawn last.
-  Result<uint64_t> picture_hash(const kernels::View& view) {
-    if (!device_) return format::checksum(std::as_bytes(frame_->samples()));
-    const kernels::View samples_view = in_samples(view);
-    std::vector<uint64_t> samples(uint64_t{samples_view.width} * samples_view.height);
-    if (const Result<void> read = device_->read_samples(samples); !read) return read.error();
-    return format::checksum(std::as_bytes(std::span(samples)));
+  Result<uint64_t> picture_hash() {
+    samples_.resize(sample_count_);
+    if (device() != nullptr)
+      if (const Result<void> read = device()->read_samples(samples_); !read) return read.error();
+    return format::checksum(std::as_bytes(std::span(samples_)));
   }
 
-  runtime::Scene& scene() { return *scene_; }
-  uint32_t gpu_count() const { return device_ ? device_->gpu_count() : 1; }
+  runtime::Scene& scene() { return loaded_->scene(); }
+  runtime::DeviceScene* device() const { return loaded_->device(); }
+  uint32_t gpu_count() const { return device() != nullptr ? device()->gpu_count() : 1; }
   std::optional<uint64_t> streamed_bytes() const {
-    if (!device_ || !device_->stream_stats()) return std::nullopt;
-    return device_->stream_stats()->streamed_bytes;
+    if (device() == nullptr || !device()->stream_stats()) return std::nullopt;
+    return device()->stream_stats()->streamed_bytes;
   }
-  uint64_t device_bytes() const {
-    if (device_) return device_->stats().device_bytes;
-    uint64_t bytes = scene_->stats().texture_bytes + scene_->stats().jpeg_bytes;
-    if (const runtime::BlockPager* pager = scene_->block_pager()) bytes += pager->resident_bytes();
-    for (uint64_t i = 0; i < scene_->drawn_pages().size(); ++i) bytes += scene_->drawn_pages().record(i).raw_bytes;
+  uint64_t device_bytes() {
+    if (device() != nullptr) return device()->stats().device_bytes;
+    uint64_t bytes = scene().stats().texture_bytes + scene().stats().jpeg_bytes;
+    if (const runtime::BlockPager* pager = scene().block_pager()) bytes += pager->resident_bytes();
+    for (uint64_t i = 0; i < scene().drawn_pages().size(); ++i) bytes += scene().drawn_pages().record(i).raw_bytes;
     return bytes;
   }
 
  private:
-  kernels::View in_samples(kernels::View view) const {
-    view.width *= options_.samples_per_side;
-    view.height *= options_.samples_per_side;
-    return view;
-  }
-
-  Result<FrameMs> draw_on_gpu(const kernels::View& view) {
-    const kernels::View samples = in_samples(view);
-    kernels::FrameTimes drawn{};
-    if (const auto stats = device_->draw(samples, &drawn, &shade_); !stats) return stats.error();
-    kernels::ResolveTimes resolved{};
-    if (const auto done = device_->resolve(samples, options_.samples_per_side, shade_, {}, &resolved); !done)
-      return done.error();
-    return FrameMs{drawn.raster_ms, resolved.resolve_ms};
-  }
-
   const BenchOptions& options_;
   const kernels::ShadeOptions shade_;
-  std::optional<runtime::Scene> scene_;
-  std::optional<runtime::DeviceScene> device_;
-  std::optional<runtime::Frame> frame_;  // the last frame of the CPU
+  std::shared_ptr<runtime::LoadedScene> loaded_;
+  std::vector<uint64_t> samples_;
+  uint64_t sample_count_ = 0;
+  std::vector<uint8_t> rgba_;  // of the CPU
 };
 
 /// The measured loads from one state of the page cache.
@@ -235,7 +225,7 @@ class FileBench {
     result.draw = summarize(*times);
     result.shade = summarize(std::span(shade).last(times->size()));
     result.streamed_bytes = loaded_->streamed_bytes();
-    const Result<uint64_t> hash = loaded_->picture_hash(view.view);
+    const Result<uint64_t> hash = loaded_->picture_hash();
     if (!hash) return at(path_, hash.error());
     result.picture = *hash;
     return result;
@@ -251,7 +241,7 @@ class FileBench {
   const BenchOptions& options_;
   const bool has_gpu_;
   tools::Progress progress_;
-  std::optional<LoadedScene> loaded_;
+  std::optional<BenchScene> loaded_;
   std::vector<FileView> views_;
   FileResult result_;
 };

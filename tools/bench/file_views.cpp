@@ -33,7 +33,7 @@ Result<std::vector<FileView>> file_views(runtime::Scene& scene, const std::strin
     camera.height = size.height;
     if (runtime::view_reads_vertices(scene.view(), camera))
       if (const Result<void> pages = scene.load_pages(threads); !pages) return pages.error();
-    const Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
+    const Result<kernels::View> view = runtime::make_view(scene, camera);
     if (!view) return at(file, view.error());
     views.push_back({choice.name, *view});
   }

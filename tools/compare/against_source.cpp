@@ -99,7 +99,7 @@ Result<PixelReport> judge_pixels(const SourceModel& model, std::span<const Refer
 /// Shades a frame like the reference: by the faces' normals, even if the file has vertex normals. Throws
 /// std::bad_alloc.
 Result<std::vector<uint8_t>> shade_faces(const runtime::Scene& scene, const kernels::View& view,
-                                         const runtime::Frame& frame, uint32_t threads) {
+                                         std::span<const uint64_t> samples, uint32_t threads) {
   kernels::SceneView faces = scene.view();
   std::vector<format::MeshRecord> meshes(faces.meshes, faces.meshes + faces.mesh_count);
   // Clearing the flag is enough, because the stream of normals comes after all streams that are read here.
@@ -107,18 +107,19 @@ Result<std::vector<uint8_t>> shade_faces(const runtime::Scene& scene, const kern
   faces.meshes = meshes.data();
   std::vector<uint8_t> pixels(uint64_t{3} * view.width * view.height);
   const Result<void> resolved =
-      kernels::resolve_cpu(faces, view, 1, frame.samples(), shading_of_reference(), 3, pixels, threads);
+      kernels::resolve_cpu(faces, view, 1, samples, shading_of_reference(), 3, pixels, threads);
   if (!resolved) return resolved.error();
   return pixels;
 }
 
 }  // namespace
 
-Result<PixelReport> compare_frame(const runtime::Frame& frame, const SourceModel& model,
-                                  std::span<const ReferencePixel> expected, const kernels::View& view,
-                                  uint32_t threads) {
+Result<PixelReport> compare_frame(const runtime::Scene& scene, std::span<const uint64_t> samples,
+                                  const SourceModel& model, std::span<const ReferencePixel> expected,
+                                  const kernels::View& view, uint32_t threads) {
   return judge_pixels(model, expected, view, threads, [&](uint32_t x, uint32_t y) -> Result<ReferencePixel> {
-    const Result<std::optional<runtime::Pick>> picked = frame.pick(x, y);
+    const Result<std::optional<runtime::Pick>> picked =
+        runtime::pick_sample(scene, view, samples[uint64_t{y} * view.width + x]);
     if (!picked) return picked.error();
     if (!*picked) return ReferencePixel{};
     const runtime::Pick& pick = **picked;
@@ -148,15 +149,16 @@ kernels::ShadeOptions shading_of_reference() {
 
 Result<SourceReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
                                          const kernels::View& view, double pixels_per_degree, uint32_t threads) try {
-  const Result<runtime::Frame> frame = runtime::Frame::draw(scene, view, 1, threads);
-  if (!frame) return frame.error();
+  std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
+  const Result<kernels::FrameStats> drawn = kernels::draw_cpu(scene.view(), view, samples, threads);
+  if (!drawn) return drawn.error();
   const Result<std::vector<ReferencePixel>> reference = draw_reference(model.views, model.instances, view, threads);
   if (!reference) return reference.error();
-  Result<PixelReport> pixels = compare_frame(*frame, model, *reference, view, threads);
+  Result<PixelReport> pixels = compare_frame(scene, samples, model, *reference, view, threads);
   if (!pixels) return pixels.error();
   const Result<std::vector<uint8_t>> expected = shade_reference(model, *reference, view, 1, threads);
   if (!expected) return expected.error();
-  const Result<std::vector<uint8_t>> picture = shade_faces(scene, view, *frame, threads);
+  const Result<std::vector<uint8_t>> picture = shade_faces(scene, view, samples, threads);
   if (!picture) return picture.error();
   return SourceReport{std::move(*pixels),
                       compare_rgb({view.width, view.height, *picture}, {view.width, view.height, *expected},

@@ -7,7 +7,7 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
-#include "runtime/draw/renderer.h"
+#include "runtime/draw/pick.h"
 #include "runtime/scene/scene.h"
 #include "tools/compare/images.h"
 #include "tools/compare/pixels.h"
@@ -35,12 +35,12 @@ struct SourceReport {
 Result<SourceReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
                                          const kernels::View& view, double pixels_per_degree, uint32_t threads);
 
-/// Compares a frame, with one sample per pixel and its samples on the host, with the reference picture of the same
-/// view, `expected` (width * height pixels). `model` may have been loaded for another file of the same source, with the
-/// same meshes and instances. Errors kRange, kMemory, those of Frame::pick.
-Result<PixelReport> compare_frame(const runtime::Frame& frame, const SourceModel& model,
-                                  std::span<const ReferencePixel> expected, const kernels::View& view,
-                                  uint32_t threads);
+/// Compares the samples of a frame of `scene`, one per pixel, with the reference picture of the same view, `expected`.
+/// `model` may have been loaded for another file of the same source, with the same meshes and instances. Errors kRange,
+/// kMemory, those of runtime::pick_sample.
+Result<PixelReport> compare_frame(const runtime::Scene& scene, std::span<const uint64_t> samples,
+                                  const SourceModel& model, std::span<const ReferencePixel> expected,
+                                  const kernels::View& view, uint32_t threads);
 
 /// Compares a picture of the reference rasteriser in another ReferenceMode with its exact picture. Errors kMemory.
 Result<PixelReport> compare_references(std::span<const ReferencePixel> found, const SourceModel& model,

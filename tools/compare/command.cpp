@@ -161,8 +161,7 @@ Result<Findings> compare_scene(const CompareArguments& words, const std::string&
 
   const Result<SourceModel> model = load_source_model(*gltf, scene->container(), scene->scene_index());
   if (!model) return at(file, model.error());
-  const Result<kernels::View> view =
-      runtime::make_view(scene->container(), scene->scene_index(), scene->view(), options.camera);
+  const Result<kernels::View> view = runtime::make_view(*scene, options.camera);
   if (!view) return at(file, view.error());
   Result<SourceReport> drawn = compare_with_source(*scene, *model, *view, words.pixels_per_degree, options.threads);
   if (!drawn) return at(file, drawn.error());

@@ -10,25 +10,24 @@
 namespace scree::tools {
 namespace {
 
-using runtime::PixelLayer;
+using runtime::Layer;
 
 uint64_t pixels_of(const RenderOptions& options) {
   return uint64_t{options.camera.width} * options.camera.height;
 }
 
 template <class T>
-Result<std::vector<T>> read(const RenderOptions& options, const LayersOfFrame& frame, PixelLayer layer) {
-  std::vector<T> values(pixels_of(options) * runtime::layer_bytes(layer) / sizeof(T));
-  if (const Result<void> done = frame.read(layer, std::as_writable_bytes(std::span(values))); !done)
-    return done.error();
+Result<std::vector<T>> read(const RenderOptions& options, const ReadLayer& frame, Layer layer) {
+  std::vector<T> values(pixels_of(options) * runtime::bytes_of(layer) / sizeof(T));
+  if (const Result<void> done = frame(layer, std::as_writable_bytes(std::span(values))); !done) return done.error();
   return values;
 }
 
 Result<std::vector<uint32_t>> make_ids(const RenderOptions& options, const runtime::Scene& scene,
-                                       const LayersOfFrame& frame) {
-  const Result<std::vector<int64_t>> triangles = read<int64_t>(options, frame, PixelLayer::kTriangle);
+                                       const ReadLayer& frame) {
+  const Result<std::vector<int64_t>> triangles = read<int64_t>(options, frame, Layer::kTriangle);
   if (!triangles) return triangles.error();
-  const Result<std::vector<int32_t>> instances = read<int32_t>(options, frame, PixelLayer::kInstance);
+  const Result<std::vector<int32_t>> instances = read<int32_t>(options, frame, Layer::kInstance);
   if (!instances) return instances.error();
   const kernels::SceneView& view = scene.view();
   std::vector<uint32_t> ids(kIdCount * instances->size(), UINT32_MAX);
@@ -80,7 +79,7 @@ uint64_t layer_bytes(const RenderOptions& options) {
   return bytes;
 }
 
-Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const LayersOfFrame& frame,
+Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Scene& scene, const ReadLayer& frame,
                                 bool is_streamed) {
   const bool exr = options.writes_exr();
   const bool with_surface = exr && (!is_streamed || options.layers.are_chosen);
@@ -93,13 +92,13 @@ Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Sce
   FrameLayers out;
   Result<void> done;
   try {
-    if (exr && options.layers.color) done = take(frame.linear(out.blended), out.color);
+    if (exr && options.layers.color) done = take(read<float>(options, frame, Layer::kLinear), out.color);
     if (done && (!options.depth.empty() || (exr && options.layers.depth)))
-      done = take(read<float>(options, frame, PixelLayer::kDepth), out.depth);
+      done = take(read<float>(options, frame, Layer::kDepth), out.depth);
     if (done && (!options.normals.empty() || (with_surface && options.layers.normal)))
-      done = take(read<float>(options, frame, PixelLayer::kNormal), out.normals);
+      done = take(read<float>(options, frame, Layer::kNormal), out.normals);
     if (done && (!options.uvs.empty() || (with_surface && options.layers.uv)))
-      done = take(read<float>(options, frame, PixelLayer::kUv), out.uvs);
+      done = take(read<float>(options, frame, Layer::kUv), out.uvs);
     if (done && exr && options.layers.id) done = take(make_ids(options, scene, frame), out.ids);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for the layers of the picture"};

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "runtime/draw/pick.h"
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "tools/common/sigbus.h"
@@ -46,18 +47,22 @@ std::string number_and_name(uint64_t number, std::string_view name) {
   return std::to_string(number) + (name.empty() ? "" : " (" + inspect::printable(name, 400) + ")");
 }
 
+Result<void> write_picture(const RenderOptions& options, const std::string& path, std::span<const std::byte> rgba,
+                           runtime::Workers* workers, format::Existing existing) {
+  const std::span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(rgba.data()), rgba.size());
+  return runtime::write_png(path, {options.camera.width, options.camera.height, 4, bytes},
+                            {.has_alpha = options.shade.background[3] < 1.0f, .workers = workers}, existing);
+}
+
 Result<runtime::Duration> write_outputs(const RenderOptions& options, const runtime::MappedFile& map,
-                                        const FrameOutputs& outputs, std::span<const uint64_t> samples) {
+                                        const FrameOutputs& outputs) {
   if (const Result<void> whole = check_not_cut(map); !whole) return whole.error();
   const StopOnSignal handlers;
   Result<void> done;
   const Stopwatch watch;
   runtime::Workers workers(options.threads);
-  if (const std::optional<runtime::Picture>& picture = outputs.picture)
-    done = is_written(
-        runtime::write_png(options.output, {picture->width, picture->height, picture->channels, picture->pixels},
-                           {.workers = &workers}, options.existing),
-        options.output);
+  if (!outputs.rgba.empty())
+    done = is_written(write_picture(options, options.output, outputs.rgba, &workers, options.existing), options.output);
   if (options.writes_exr()) done = is_written(write_exr_layers(options, outputs.layers), options.output);
   const runtime::Duration taken = watch.elapsed();
   const auto write_floats = [&](const std::string& path, const std::vector<float>& values) {
@@ -69,7 +74,8 @@ Result<runtime::Duration> write_outputs(const RenderOptions& options, const runt
   write_floats(options.normals, outputs.layers.normals);
   if (!options.uvs.empty()) write_floats(options.uvs, three_channels(outputs.layers.uvs));
   if (done && !options.visbuffer.empty())
-    done = is_written(runtime::write_visibility(options.visbuffer, samples, options.existing), options.visbuffer);
+    done =
+        is_written(runtime::write_visibility(options.visbuffer, outputs.samples, options.existing), options.visbuffer);
   if (!done) return done.error();
   return taken;
 }

@@ -8,9 +8,10 @@
 #include <string_view>
 
 #include "format/result.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/files/mapped_file.h"
+#include "runtime/scene/scene.h"
 #include "runtime/threads/stopwatch.h"
+#include "runtime/threads/workers.h"
 #include "tools/render/layers.h"
 #include "tools/render/render_options.h"
 
@@ -18,15 +19,21 @@ namespace scree::tools {
 
 /// Pictures of a frame for the files; empty if not requested.
 struct FrameOutputs {
-  std::optional<runtime::Picture> picture;
+  std::span<const std::byte> rgba;  // runtime::Layer::kColor
   FrameLayers layers;
+  std::span<const uint64_t> samples;
 };
 
+/// Writes a picture of RGBA8 pixels, a .png with alpha only if the background is not opaque. `workers`: null, or
+/// threads that encode it together. Errors as runtime::write_png().
+Result<void> write_picture(const RenderOptions& options, const std::string& path, std::span<const std::byte> rgba,
+                           runtime::Workers* workers, format::Existing existing);
+
 /// Writes all files that `options` request. `map`: the mapped scene; if its file was cut short, nothing is written.
-/// `samples`: of the frame. Returns the time of writing the picture. Errors kFile, also "interrupted" if a signal
+/// Returns the time of writing the picture. Errors kFile, also "interrupted" if a signal
 /// requests a stop.
 Result<runtime::Duration> write_outputs(const RenderOptions& options, const runtime::MappedFile& map,
-                                        const FrameOutputs& outputs, std::span<const uint64_t> samples);
+                                        const FrameOutputs& outputs);
 
 /// Prints a line for each of options.picks. `view`: in samples. Errors as pick_sample().
 Result<void> print_picks(const RenderOptions& options, const runtime::Scene& scene, const kernels::View& view,

@@ -399,20 +399,21 @@ Result<void> RankedFrame::draw_layers() {
 }
 
 Result<FrameLayers> RankedFrame::layers() {
-  const LayersOfFrame source{[&](runtime::PixelLayer layer, std::span<std::byte> out) { return read(layer, out); },
-                             [&](kernels::BlendCounts&) { return linear(); }};
-  Result<FrameLayers> made = make_layers(options_, *scene_, source, false);
+  Result<FrameLayers> made = make_layers(
+      options_, *scene_, [&](runtime::Layer layer, std::span<std::byte> out) { return read(layer, out); }, false);
   if (!made) return at(options_.file, made.error());
   return made;
 }
 
 /// The values of a layer, complete at the root. Normals and texture coordinates are made by the owners of the pages.
-Result<void> RankedFrame::read(runtime::PixelLayer layer, std::span<std::byte> out) {
-  const auto make = [&](runtime::PixelLayer of, std::span<const uint64_t> samples, std::byte* values) {
+Result<void> RankedFrame::read(runtime::Layer layer, std::span<std::byte> out) {
+  if (layer == runtime::Layer::kLinear)
+    return is_root() ? read_linear({reinterpret_cast<float*>(out.data()), out.size() / sizeof(float)}) : Result<void>();
+  const auto make = [&](runtime::Layer of, std::span<const uint64_t> samples, std::byte* values) {
     return kernels::layers_cpu(scene_view_, view_, options_.samples_per_side, samples, runtime::target_of(of, values),
                                options_.threads);
   };
-  if (layer != runtime::PixelLayer::kNormal && layer != runtime::PixelLayer::kUv) {
+  if (layer != runtime::Layer::kNormal && layer != runtime::Layer::kUv) {
     if (!is_root()) {
       std::fill(out.begin(), out.end(), std::byte{0xff});  // the background's ids; this rank may have no samples
       return {};
@@ -422,7 +423,7 @@ Result<void> RankedFrame::read(runtime::PixelLayer layer, std::span<std::byte> o
     return made ? on_gpu_->read(*made, out) : made.error();
   }
   std::vector<int64_t> triangles(uint64_t{width()} * height());
-  if (const auto found = make(runtime::PixelLayer::kTriangle, samples_, reinterpret_cast<std::byte*>(triangles.data()));
+  if (const auto found = make(runtime::Layer::kTriangle, samples_, reinterpret_cast<std::byte*>(triangles.data()));
       !found)
     return found;
   // If another rank has the triangle of a pixel, the pixel becomes background here. Values of the background are 0.
@@ -446,9 +447,8 @@ bool RankedFrame::has_page_of(uint64_t triangle) const {
   return pages_[scene_view_.chunks[kernels::find_triangle(scene_view_, triangle).chunk].page] != nullptr;
 }
 
-/// As Frame::linear(), at the root.
-Result<std::vector<float>> RankedFrame::linear() {
-  if (!is_root()) return std::vector<float>();
+/// As runtime::linear_picture(), from the colours of all ranks.
+Result<void> RankedFrame::read_linear(std::span<float> out) {
   runtime::PictureLight light =
       runtime::light_of_cpu(scene_view_, view_, options_.samples_per_side, samples_, shade_, options_.threads);
   light.colors = [&](std::span<float> colors) -> Result<void> {
@@ -460,11 +460,8 @@ Result<std::vector<float>> RankedFrame::linear() {
     return {};
   };
   kernels::BlendCounts blended;
-  std::vector<float> out(uint64_t{4} * width() * height());
-  const Result<void> made = runtime::linear_picture(scene_view_, view_, options_.samples_per_side, samples_, shade_,
-                                                    options_.threads, light, out, blended);
-  if (!made) return made.error();
-  return out;
+  return runtime::linear_picture(scene_view_, view_, options_.samples_per_side, samples_, shade_, options_.threads,
+                                 light, out, blended);
 }
 
 Result<void> RankedFrame::read_picture(std::span<uint32_t> rgba) {
@@ -487,9 +484,8 @@ Result<void> RankedFrame::read_picture(std::span<uint32_t> rgba) {
 }
 
 Result<void> RankedFrame::read_depth(std::span<std::byte> out) {
-  if (!is_by_nccl_) return read(runtime::PixelLayer::kDepth, out);
-  const Result<const std::byte*> made =
-      on_gpu_->make_layer(view_, options_.samples_per_side, runtime::PixelLayer::kDepth);
+  if (!is_by_nccl_) return read(runtime::Layer::kDepth, out);
+  const Result<const std::byte*> made = on_gpu_->make_layer(view_, options_.samples_per_side, runtime::Layer::kDepth);
   const Result<void> queued = made ? on_gpu_->read_later(*made, out) : made.error();
   return queued ? queued : at(options_.file, queued.error());
 }

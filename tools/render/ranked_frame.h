@@ -11,7 +11,7 @@
 #include "format/result.h"
 #include "kernels/blend.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
+#include "runtime/draw/linear_picture.h"
 #include "runtime/scene/scene.h"
 #include "tools/common/ranks.h"
 #include "tools/render/gpu_links.h"
@@ -104,9 +104,9 @@ class RankedFrame {
   Result<float*> make_colors_on_gpu();
   Result<void> shade_by_nccl();
   Result<void> draw_layers();
-  Result<void> read(runtime::PixelLayer layer, std::span<std::byte> out);
+  Result<void> read(runtime::Layer layer, std::span<std::byte> out);
   bool has_page_of(uint64_t triangle) const;
-  Result<std::vector<float>> linear();
+  Result<void> read_linear(std::span<float> out);
 
   const RenderOptions& options_;
   Ranks& ranks_;

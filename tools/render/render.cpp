@@ -7,13 +7,13 @@
 #include <vector>
 
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
-#include "runtime/draw/shadow_map.h"
+#include "runtime/draw/view_renderer.h"
 #include "runtime/images/image.h"
 #include "runtime/scene/scene.h"
 #include "runtime/threads/stopwatch.h"
 #include "tools/common/command.h"
 #include "tools/common/json_writer.h"
+#include "tools/common/load_scene.h"
 #include "tools/common/options.h"
 #include "tools/common/output_file.h"
 #include "tools/common/ranks.h"
@@ -97,7 +97,7 @@ void print_stream(const runtime::StreamStats& stream, const Duration& draw) {
       milliseconds(stream.drawing_ms).c_str(), milliseconds(stream.copying_ms).c_str());
 }
 
-void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const kernels::View& view,
+void print_stats(const runtime::Scene& scene, const runtime::ViewRenderer& frame, const kernels::View& view,
                  const Times& times) {
   const runtime::LoadStats& load = scene.stats();
   const kernels::FrameStats& drawn = frame.stats();
@@ -160,12 +160,6 @@ void print_stats(const runtime::Scene& scene, const runtime::Frame& frame, const
               both_times(times.shade).c_str(), both_times(times.write).c_str());
 }
 
-/// A drawn frame, and the outputs made from it.
-struct Drawn {
-  runtime::Frame frame;
-  FrameOutputs outputs;
-};
-
 double loading_ms(const runtime::Scene& scene, const Times& times) {
   const runtime::LoadStats& load = scene.stats();
   return times.open.wall_ms + load.geometry.wall_ms + load.textures.wall_ms +
@@ -173,7 +167,7 @@ double loading_ms(const runtime::Scene& scene, const Times& times) {
 }
 
 /// Prints one line: the scene, the times and the files.
-void print_summary(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
+void print_summary(const RenderOptions& options, const runtime::Scene& scene, const runtime::ViewRenderer& frame,
                    const Times& times) {
   std::string places;
   for (const auto& [name, path] : options.outputs())
@@ -191,7 +185,7 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
 }
 
 /// Prints the same and the counts as one JSON object.
-void print_json(const RenderOptions& options, const runtime::Scene& scene, const runtime::Frame& frame,
+void print_json(const RenderOptions& options, const runtime::Scene& scene, const runtime::ViewRenderer& frame,
                 const Times& times) {
   std::string text;
   JsonWriter json(text);
@@ -233,8 +227,7 @@ uint64_t host_picture_bytes(const RenderOptions& options, const runtime::Scene& 
   const bool reads = reads_samples(options);
   uint64_t bytes = 0;
   if (!on_gpu || reads) bytes += samples * sizeof(uint64_t);
-  if (!options.output.empty()) bytes += pixels * runtime::picture_channels(options.shade);
-  if (!options.output.empty() && on_gpu) bytes += pixels * sizeof(uint32_t);
+  if (!options.output.empty()) bytes += pixels * sizeof(uint32_t);
   bytes += layer_bytes(options);
   if (!on_gpu) bytes += uint64_t{options.light.shadow_side} * options.light.shadow_side * sizeof(uint64_t);
   if (!options.output.empty() && !on_gpu && (options.shade.ssao || options.shade.edl))
@@ -247,78 +240,66 @@ uint64_t host_picture_bytes(const RenderOptions& options, const runtime::Scene& 
   return bytes;
 }
 
-/// Error kMemory: --host-memory is not larger than the pictures.
+/// Error kMemory: --host-memory is not larger than the pictures. It does not name the file.
 Result<void> check_host_memory(const RenderOptions& options, uint64_t needs) {
   if (options.host_memory == 0 || needs < options.host_memory) return {};
-  return at(options.file, Error{ErrorCode::kMemory, "the picture takes " + std::to_string(needs) +
-                                                        " bytes of host memory, but --host-memory allows " +
-                                                        std::to_string(options.host_memory)});
+  return Error{ErrorCode::kMemory, "the picture takes " + std::to_string(needs) +
+                                       " bytes of host memory, but --host-memory allows " +
+                                       std::to_string(options.host_memory)};
 }
 
-/// Draws the frames of `view`, shades the last one, and copies the requested outputs to the host. Every call that may
-/// fail on a GPU is in here. `device`: null if the CPU draws. Errors do not name the file.
-Result<Drawn> draw(RenderOptions options, const runtime::Scene& scene, const kernels::View& view,
-                   runtime::DeviceScene* device, Times& times) {
-  const uint32_t shadow_side = options.light.shadow_side;
-  std::optional<runtime::DeviceView> own;  // of the frames, so that the shadows have another
-  if (shadow_side != 0 && device != nullptr) {
-    Result<runtime::DeviceView> first = device->add_view(scene);
-    if (!first) return first.error();
-    own = std::move(*first);
+/// Draws the frames of `view`, and makes the requested outputs of the last one, which are valid as long as `renderer`.
+/// Every call that may fail on a GPU is in here. Errors do not name the file.
+Result<FrameOutputs> draw(const RenderOptions& options, const kernels::View& view, runtime::ViewRenderer& renderer,
+                          Times& times) {
+  using runtime::Layer;
+  const bool makes_picture = !options.output.empty() && !options.writes_exr();
+  std::optional<Layer> colors;
+  if (makes_picture) colors = Layer::kColor;
+  if (options.writes_exr() && options.layers.color) colors = Layer::kLinear;
+  renderer.cast_shadows(options.light.shadow_side);
+  if (options.light.shadow_side != 0) times.shadows.emplace();
+  for (uint32_t i = 0; i < options.frames; ++i) {
+    if (i != 0 && options.stats && renderer.stream_stats())
+      print_stream(*renderer.stream_stats(), renderer.draw_time());
+    if (const auto drawn = renderer.draw(view, options.samples_per_side, options.shade, colors); !drawn)
+      return drawn.error();
+    if (renderer.shadow_time().wall_ms != 0) times.shadows = renderer.shadow_time();  // later frames keep the map
   }
-  runtime::ShadowMap shadows(scene, device);
-  const auto draw_frame = [&]() -> Result<runtime::Frame> {
-    if (shadow_side != 0) {
-      shadows.forget();  // so that each of several frames takes all of its time
-      const Result<const kernels::SunShadow*> sun = shadows.draw(view, shadow_side, options.threads);
-      if (!sun) return sun.error();
-      options.shade.sun = *sun;
-      times.shadows = shadows.draw_time();
-    }
-    return runtime::Frame::draw(scene, view, options.samples_per_side, options.threads, device,
-                                options.output.empty() ? nullptr : &options.shade);
-  };
-  Result<runtime::Frame> frame = draw_frame();
-  for (uint32_t i = 1; i < options.frames && frame; ++i) {
-    if (options.stats && device != nullptr && device->stream_stats())
-      print_stream(*device->stream_stats(), frame->draw_time());
-    frame = draw_frame();
+  FrameOutputs outputs;
+  if (reads_samples(options)) {
+    const auto samples = renderer.layer(Layer::kSamples);
+    if (!samples) return samples.error();
+    outputs.samples = {reinterpret_cast<const uint64_t*>(samples->data()), samples->size() / sizeof(uint64_t)};
   }
-  if (!frame) return frame.error();
-  Drawn drawn{std::move(*frame), {}};
-  if (reads_samples(options))
-    if (const Result<void> read = drawn.frame.read_samples(); !read) return read.error();
   const Stopwatch watch;
-  const runtime::Frame& drawn_frame = drawn.frame;
-  const LayersOfFrame source{
-      [&](runtime::PixelLayer layer, std::span<std::byte> out) {
-        return drawn_frame.read_layer(layer, out, options.threads);
-      },
-      [&](kernels::BlendCounts& blended) { return drawn_frame.linear(options.shade, options.threads, &blended); }};
-  Result<FrameLayers> layers = make_layers(options, scene, source, device != nullptr && device->is_streamed());
+  const runtime::LoadedScene& loaded = renderer.scene();
+  Result<FrameLayers> layers = make_layers(
+      options, loaded.scene(), [&](Layer layer, std::span<std::byte> out) { return renderer.read(layer, out); },
+      loaded.is_streamed());
   if (!layers) return layers.error();
-  drawn.outputs.layers = std::move(*layers);
-  times.blended = drawn.outputs.layers.blended;
-  if (options.writes_exr()) times.shade = watch.elapsed();
-  if (!options.output.empty() && !options.writes_exr()) {
-    Result<runtime::Picture> shaded = drawn.frame.shade(options.shade, options.threads);
-    if (!shaded) return shaded.error();
-    times.shade = watch.elapsed();
-    times.blended = shaded->blended;
-    drawn.outputs.picture = std::move(*shaded);
+  outputs.layers = std::move(*layers);
+  if (makes_picture) {
+    const auto rgba = renderer.layer(Layer::kColor);
+    if (!rgba) return rgba.error();
+    outputs.rgba = *rgba;
   }
-  for (const runtime::BlockPager* const pager : runtime::block_pagers(scene, device)) {
+  if (!options.output.empty()) times.shade = watch.elapsed();
+  times.blended = renderer.blended();
+  runtime::DeviceScene* const device = loaded.device();
+  for (const runtime::BlockPager* const pager : runtime::block_pagers(loaded.scene(), device)) {
     times.texel_page_bytes = pager->all_bytes();
     times.texel_room_bytes += pager->room_bytes();
     times.texel_pages += pager->stats();
   }
-  if (device == nullptr) return Result<Drawn>(std::move(drawn));
+  times.drawn_on = name_of_device(loaded);
+  if (device == nullptr) return outputs;
   times.upload = device->stats();
-  times.streamed = device->stream_stats();
+  times.streamed = renderer.stream_stats();
   const auto looked = device->texture_counts();
   if (!looked) return looked.error();
   times.looked = *looked;
-  return Result<Drawn>(std::move(drawn));
+  return outputs;
 }
 
 Result<void> render(const RenderOptions& options) {
@@ -347,80 +328,56 @@ Result<void> render(const RenderOptions& options) {
   }
   times.open = open_watch.elapsed();
 
-  const Result<std::optional<runtime::Gpu>> gpu = choose_gpu("render", options.backend, options.quiet);
-  if (!gpu) return at(options.file, with_cpu_advice(gpu.error()));
-  runtime::SceneOptions load = options.scene_options();
-  load.pages = !gpu->has_value();
-  const Result<void> sized =
-      runtime::set_texture_memory(*file, options.textures.memory, gpu->has_value(), options.device_memory, load);
-  if (!sized) return at(options.file, sized.error());
-  Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
-  if (!scene) return scene.error();
-  if (const Result<void> accepted = accept_scene("render", *scene, options.light, options.quiet); !accepted)
-    return accepted;
-  if (!gpu->has_value() || runtime::view_reads_vertices(scene->view(), options.camera))
-    if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
-  const Result<kernels::View> view =
-      runtime::make_view(scene->container(), *scene_index, scene->view(), options.camera);
-  if (!view) return at(options.file, view.error());
-
-  const uint64_t host_needs = host_picture_bytes(options, *scene, gpu->has_value());
-  if (const Result<void> fits = check_host_memory(options, host_needs); !fits) return fits;
-  runtime::PictureNeeds pictures{options.camera.width, options.camera.height, options.samples_per_side,
-                                 options.output.empty() ? nullptr : &options.shade};
-  pictures.shadow_side = options.light.shadow_side;
-  // If the GPU fails, --backend auto draws the same picture on the CPU.
-  std::optional<runtime::DeviceScene> device;
-  std::optional<Drawn> drawn;
-  if (gpu->has_value()) {
-    Result<runtime::DeviceScene> uploaded = runtime::DeviceScene::upload(
-        *scene, options.device_memory, options.threads, options.reading, options.textures.device_cache(),
-        options.host_memory - host_needs, pictures, nullptr, options.backend.gpus);
-    if (!uploaded && uploaded.error().code != ErrorCode::kDevice) return uploaded.error();
-    std::optional<Error> failed;
-    if (uploaded) {
-      device = std::move(*uploaded);
-      Result<Drawn> on_gpu = draw(options, *scene, *view, &*device, times);
-      if (on_gpu) {
-        drawn = std::move(*on_gpu);
-        times.drawn_on = name_of(**gpu, device->gpu_count());
-      } else {
-        failed = on_gpu.error();
-      }
-    } else {
-      failed = uploaded.error();
-    }
-    if (failed) {
-      if (failed->code != ErrorCode::kDevice || options.backend.choice != BackendChoice::kAuto)
-        return at(options.file, with_cpu_advice(*failed));
-      if (!options.quiet) warn_of_cpu("render", name_of(**gpu) + ": " + failed->message);
-      device.reset();
-      times.upload.reset();
-      times.streamed.reset();
-      if (const Result<void> fits = check_host_memory(options, host_picture_bytes(options, *scene, false)); !fits)
-        return fits;
-      if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
-    }
+  kernels::View view;
+  runtime::LoadOptions load = options.load_options();
+  load.accept = [&](const runtime::Scene& scene, runtime::LoadOptions& upload) -> Result<void> {
+    if (Result<void> accepted = accept_scene("render", scene, options.light, options.quiet); !accepted) return accepted;
+    const Result<kernels::View> made = runtime::make_view(scene, options.camera);
+    if (!made) return at(options.file, made.error());
+    view = *made;
+    const uint64_t needs = host_picture_bytes(options, scene, upload.on != runtime::DrawOn::kCpu);
+    upload.host_memory = options.host_memory - needs;
+    const Result<void> fits = check_host_memory(options, needs);
+    return fits ? fits : at(options.file, fits.error());
+  };
+  const auto opened = load_scene("render", std::move(*file), options.backend, std::move(load), options.quiet);
+  if (!opened) return opened.error();
+  runtime::LoadedScene& loaded = **opened;
+  const runtime::Scene& scene = loaded.scene();
+  std::unique_ptr<runtime::ViewRenderer> renderer;
+  const auto draw_frame = [&]() -> Result<FrameOutputs> {
+    if (!loaded.gpu())
+      if (const auto fits = check_host_memory(options, host_picture_bytes(options, scene, false)); !fits)
+        return fits.error();
+    auto made = runtime::ViewRenderer::create(*opened);
+    if (!made) return made.error();
+    renderer = std::move(*made);
+    return draw(options, view, *renderer, times);
+  };
+  Result<FrameOutputs> outputs = draw_frame();
+  if (!outputs && outputs.error().code == ErrorCode::kDevice && loaded.gpu() &&
+      options.backend.choice == BackendChoice::kAuto) {
+    // The CPU draws the same picture.
+    if (!options.quiet) warn_of_cpu("render", name_of(*loaded.gpu()) + ": " + outputs.error().message);
+    renderer.reset();
+    times.upload.reset();
+    times.streamed.reset();
+    if (const Result<void> ready = loaded.use_cpu(); !ready) return ready;
+    outputs = draw_frame();
   }
-  if (!drawn) {
-    Result<Drawn> on_cpu = draw(options, *scene, *view, nullptr, times);
-    if (!on_cpu) return at(options.file, on_cpu.error());
-    drawn = std::move(*on_cpu);
-    times.drawn_on = name_of_cpu(options.threads);
-  }
-  const runtime::Frame& frame = drawn->frame;
-  const Result<runtime::Duration> written =
-      write_outputs(options, scene->file().map(), drawn->outputs, frame.samples());
+  if (!outputs) return at(options.file, with_cpu_advice(outputs.error()));
+  const runtime::ViewRenderer& frame = *renderer;
+  const Result<runtime::Duration> written = write_outputs(options, scene.file().map(), *outputs);
   if (!written) return written.error();
   times.write = *written;
-  if (const auto printed = print_picks(options, *scene, frame.view(), frame.samples()); !printed) return printed;
+  if (const auto printed = print_picks(options, scene, frame.view(), outputs->samples); !printed) return printed;
   if (!options.quiet)
     warn_of_layers("render", options.file, times.blended.samples_left_out, "sample", times.blended.layers);
-  if (options.stats) print_stats(*scene, frame, *view, times);
+  if (options.stats) print_stats(scene, frame, view, times);
   if (options.json) {
-    print_json(options, *scene, frame, times);
+    print_json(options, scene, frame, times);
   } else if (!options.quiet) {
-    print_summary(options, *scene, frame, times);
+    print_summary(options, scene, frame, times);
   }
   return {};
 }

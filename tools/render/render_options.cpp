@@ -10,6 +10,7 @@
 
 #include "format/text.h"
 #include "runtime/textures/srgb.h"
+#include "tools/common/load_scene.h"
 #include "tools/common/options.h"
 
 namespace scree::tools {
@@ -282,6 +283,20 @@ runtime::SceneOptions RenderOptions::scene_options() const {
   load.environment = light.environment;
   load.texture_cache = textures.host_cache();
   load.reading = reading;
+  return load;
+}
+
+runtime::LoadOptions RenderOptions::load_options() const {
+  const runtime::SceneOptions parts = scene_options();
+  runtime::LoadOptions load = tools::load_options(*this, textures);
+  load.scene = scene;
+  load.textures = parts.textures;
+  load.lighting = parts.lighting;
+  load.environment = parts.environment;
+  load.reading = reading;
+  load.camera = camera;
+  load.pictures = {camera.width, camera.height, samples_per_side, output.empty() ? nullptr : &shade};
+  load.pictures.shadow_side = light.shadow_side;
   return load;
 }
 

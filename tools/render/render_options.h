@@ -11,6 +11,7 @@
 #include "format/container/part_file.h"
 #include "format/result.h"
 #include "kernels/frame.h"
+#include "runtime/draw/loaded_scene.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tools/common/draw_options.h"
@@ -115,6 +116,8 @@ struct RenderOptions : DrawOptions, PlainRenderOptions {
 
   /// The parts of a scene that must be loaded for these outputs, including its pages.
   runtime::SceneOptions scene_options() const;
+  /// The same for LoadedScene, with the needs of the picture. Refers to `shade`.
+  runtime::LoadOptions load_options() const;
 
   /// All outputs, in the order in which they are written.
   std::array<Output, 5> outputs() const {

@@ -18,11 +18,11 @@
 #include "runtime/draw/host_memory.h"
 #include "runtime/draw/view_renderer.h"
 #include "runtime/images/image.h"
-#include "runtime/images/png_writer.h"
 #include "runtime/threads/job_thread.h"
 #include "runtime/threads/stopwatch.h"
 #include "runtime/threads/workers.h"
 #include "tools/common/json_writer.h"
+#include "tools/common/load_scene.h"
 #include "tools/common/ordered_pool.h"
 #include "tools/common/output_file.h"
 #include "tools/common/progress.h"
@@ -30,6 +30,7 @@
 #include "tools/common/sigbus.h"
 #include "tools/common/stop_signal.h"
 #include "tools/render/camera_path.h"
+#include "tools/render/outputs.h"
 #include "tools/render/ranked_frame.h"
 
 namespace scree::tools {
@@ -110,7 +111,7 @@ class PathRenderer {
     if (const Result<void> done = choose_frames(); !done) return done;
     for (const uint64_t frame : frames_) wanted_.push_back({frame, ranks_.rank()});
     if (wanted_.empty()) return {};
-    if (const Result<void> done = open(draw_on()); !done) return done;
+    if (const Result<void> done = open(); !done) return done;
     return check_cameras();
   }
 
@@ -200,63 +201,36 @@ class PathRenderer {
   /// Bytes of a layer of a frame, as it is read.
   uint64_t bytes_of(Layer layer) const { return layer == Layer::kSamples ? samples() * 8 : pixels() * 4; }
 
-  runtime::DrawOn draw_on() const {
-    switch (options_.backend.choice) {
-      case BackendChoice::kCpu:
-        return runtime::DrawOn::kCpu;
-      case BackendChoice::kCuda:
-        return runtime::DrawOn::kGpu;
-      default:
-        return runtime::DrawOn::kAuto;
-    }
-  }
-
-  Result<void> open(runtime::DrawOn on) {
+  Result<void> open() {
     const Stopwatch watch;
-    if (on == runtime::DrawOn::kAuto) {  // prints the reason if there is no GPU
-      const Result<std::optional<runtime::Gpu>> gpu = choose_gpu("render", options_.backend, options_.quiet);
-      if (!gpu) return at(options_.file, gpu.error());
-      if (!gpu->has_value()) on = runtime::DrawOn::kCpu;
-    }
     report_sigbus("render", options_.file);
     Result<runtime::SceneFile> file = runtime::SceneFile::open(options_.file);
     if (!file) return file.error();
-    const bool has_color = !options_.output.empty();
-    runtime::LoadOptions load{.scene = options_.scene,
-                              .on = on,
-                              .gpu = gpu_of_rank(options_.backend, ranks_.rank_on_host()),
-                              .gpus = options_.backend.gpus,
-                              .threads = options_.threads};
-    const runtime::SceneOptions wanted = options_.scene_options();
-    load.textures = wanted.textures;
-    load.lighting = wanted.lighting;
-    load.environment = wanted.environment;
-    load.texture_cache = options_.textures.cache;
-    load.texture_memory = options_.textures.memory;
-    load.device_memory = options_.device_memory;
-    load.reading = options_.reading;
-    load.pictures = {width(), height(), options_.samples_per_side, has_color ? &options_.shade : nullptr};
-    load.pictures.shadow_side = options_.light.shadow_side;
+    BackendOptions backend = options_.backend;
+    backend.device = gpu_of_rank(backend, ranks_.rank_on_host());
+    runtime::LoadOptions load = options_.load_options();
+    load.camera.eye = runtime::Vec3{};  // every frame has an eye
     if (const Result<uint64_t> rest = share_host_memory(); rest)
       load.host_memory = *rest;
     else
       return rest.error();
-    const bool is_first = scene_ == nullptr;
-    if (on != runtime::DrawOn::kCpu) make_pinned(load.gpu);
-    renderer_.reset();
-    scene_.reset();
-    Result<std::shared_ptr<LoadedScene>> scene = LoadedScene::load(std::move(*file), load);
-    if (!scene) return with_cpu_advice(scene.error());
+    make_pinned(backend.device);
+    load.accept = [&](const runtime::Scene& scene, runtime::LoadOptions&) {
+      return accept_scene("render", scene, options_.light, options_.quiet);
+    };
+    auto scene = load_scene("render", std::move(*file), backend, std::move(load), options_.quiet);
+    if (!scene) return scene.error();
     scene_ = std::move(*scene);
-    const bool is_quiet = options_.quiet || !is_first;
-    if (const auto accepted = accept_scene("render", scene_->scene(), options_.light, is_quiet); !accepted)
-      return accepted;
-    if (!options_.quiet && !scene_->why_cpu().empty()) warn_of_cpu("render", scene_->why_cpu());
+    const Result<void> made = make_renderer();
+    load_ms_ += watch.elapsed().wall_ms;
+    return made;
+  }
+
+  Result<void> make_renderer() {
     Result<std::unique_ptr<ViewRenderer>> renderer = ViewRenderer::create(scene_);
     if (!renderer) return at(options_.file, with_cpu_advice(renderer.error()));
     renderer_ = std::move(*renderer);
     renderer_->cast_shadows(options_.light.shadow_side);
-    load_ms_ += watch.elapsed().wall_ms;
     return {};
   }
 
@@ -340,8 +314,11 @@ class PathRenderer {
       if (!done && !shared_ && done.error().code == ErrorCode::kDevice &&
           options_.backend.choice == BackendChoice::kAuto) {
         // If the GPU fails, the CPU draws the same pictures, also the last one, which may not be read whole.
-        if (!options_.quiet) warn_of_cpu("render", done.error().message);
-        if (const Result<void> opened = open(runtime::DrawOn::kCpu); !opened) return opened;
+        if (!options_.quiet) warn_of_cpu("render", name_of(*scene_->gpu()) + ": " + done.error().message);
+        renderer_.reset();
+        Result<void> ready = scene_->use_cpu();
+        if (ready) ready = make_renderer();
+        if (!ready) return ready;
         if (read) --next;
         read.reset();
         continue;
@@ -387,7 +364,9 @@ class PathRenderer {
   }
 
   Result<void> draw_alone(const kernels::View& view) {
-    if (const Result<void> done = renderer_->draw(view, options_.samples_per_side, options_.shade); !done) return done;
+    const std::optional<Layer> colors = options_.output.empty() ? std::nullopt : std::optional(Layer::kColor);
+    const Result<void> done = renderer_->draw(view, options_.samples_per_side, options_.shade, colors);
+    if (!done) return done;
     draw_ms_ += renderer_->draw_time().wall_ms;
     shadow_ms_ += renderer_->shadow_time().wall_ms;
     return end_reads();
@@ -452,7 +431,7 @@ class PathRenderer {
       const std::span<const std::byte> bytes = drawn.layers[i].bytes();
       Result<void> done;
       if (outputs_[i].layer == Layer::kColor) {
-        done = write_color(name, bytes, workers, existing);
+        done = write_picture(options_, name, bytes, workers, existing);
       } else if (outputs_[i].layer == Layer::kDepth) {
         const std::span<const float> depths(reinterpret_cast<const float*>(bytes.data()), pixels());
         done = runtime::write_pfm(name, width(), height(), depths, existing);
@@ -463,15 +442,6 @@ class PathRenderer {
       if (!done) return done.error();
     }
     return WrittenFrame{watch.elapsed().wall_ms, std::move(drawn.layers)};
-  }
-
-  /// Writes the alpha only if the background is not opaque, as for a single picture.
-  Result<void> write_color(const std::string& name, std::span<const std::byte> rgba, runtime::Workers* workers,
-                           format::Existing existing) const {
-    const std::span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(rgba.data()), rgba.size());
-    return runtime::write_png(name, {width(), height(), 4, bytes},
-                              {.has_alpha = runtime::picture_channels(options_.shade) == 4, .workers = workers},
-                              existing);
   }
 
   static std::string number(double value) {
@@ -485,9 +455,7 @@ class PathRenderer {
   /// `gpus`: of all ranks, if they share the geometry.
   std::string drawn_on(uint32_t gpus) const {
     if (shared_) return RankedFrame::processors(gpus, ranks_.count());
-    if (scene_ == nullptr) return "nothing";
-    if (scene_->gpu()) return name_of(*scene_->gpu(), scene_->device()->gpu_count());
-    return name_of_cpu(options_.threads);
+    return scene_ == nullptr ? "nothing" : name_of_device(*scene_);
   }
 
   /// Prints the report of all ranks, at rank 0. Loading is the mean over ranks; drawing, shading and writing are sums

@@ -30,8 +30,7 @@ class RankedPicture {
     if (done) done = frame_.open(options_.frames);
     if (!done) return done;
     const runtime::Scene& scene = frame_.scene();
-    const Result<kernels::View> view =
-        runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options_.camera);
+    const Result<kernels::View> view = runtime::make_view(scene, options_.camera);
     done = ranks_.agree(view ? Result<void>() : at(options_.file, view.error()));
     for (uint32_t i = 1; i <= options_.frames && done; ++i) {
       done = frame_.draw(*view, 0, i < options_.frames ? std::optional(*view) : std::nullopt);
@@ -67,18 +66,15 @@ class RankedPicture {
   }
 
   Result<void> write() {
+    std::vector<uint32_t> rgba;
     if (!options_.output.empty() && !options_.writes_exr()) {
-      std::vector<uint32_t> rgba(uint64_t{width()} * height());
+      rgba.resize(uint64_t{width()} * height());
       if (const Result<void> read = frame_.read_picture(rgba); !read) return read;
       if (const Result<void> ended = frame_.end_reads(); !ended) return ended;
-      runtime::Picture& picture = outputs_.picture.emplace();
-      picture.width = width();
-      picture.height = height();
-      picture.channels = runtime::picture_channels(options_.shade);
-      picture.pixels.resize(rgba.size() * picture.channels);
-      runtime::pack_pixels(rgba, options_.threads, picture);
     }
-    if (const auto written = write_outputs(options_, frame_.scene().file().map(), outputs_, frame_.samples()); !written)
+    outputs_.rgba = std::as_bytes(std::span(rgba));
+    outputs_.samples = frame_.samples();
+    if (const auto written = write_outputs(options_, frame_.scene().file().map(), outputs_); !written)
       return written.error();
     return print_picks(options_, frame_.scene(), frame_.view(), frame_.samples());
   }

@@ -167,19 +167,6 @@ uint64_t ZorahPlan::drawn_meshes() const {
   return sum;
 }
 
-uint64_t ZorahPlan::drawn_primitives() const {
-  uint64_t sum = 0;
-  for (const ZorahMesh& mesh : meshes) sum += (mesh.nodes + mesh.instances) * mesh.materials.size();
-  return sum;
-}
-
-uint64_t ZorahPlan::named_triangles() const {
-  uint64_t sum = 0;
-  for (const ZorahMesh& mesh : meshes)
-    for (size_t i = 0; i < mesh.materials.size(); ++i) sum += groups[mesh.first_group + i].triangles;
-  return sum;
-}
-
 uint64_t ZorahPlan::drawn_triangles() const {
   uint64_t sum = 0;
   for (const ZorahMesh& mesh : meshes)

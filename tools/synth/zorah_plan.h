@@ -49,11 +49,9 @@ struct ZorahPlan {
   SceneCamera camera;        // y up, 60 degrees
 
   uint64_t unique_triangles() const;
-  uint64_t named_triangles() const;  // over all meshes; shared accessors count for each
   uint64_t drawn_triangles() const;
   uint64_t vertices() const;
   uint64_t drawn_meshes() const;
-  uint64_t drawn_primitives() const;
   uint64_t primitives() const;
 };
 

@@ -6,10 +6,11 @@
 #include <new>
 #include <utility>
 
-#include "runtime/draw/device_scene.h"
+#include "runtime/draw/loaded_scene.h"
 #include "runtime/draw/shadow_map.h"
 #include "runtime/scene/camera.h"
 #include "runtime/threads/stopwatch.h"
+#include "tools/common/load_scene.h"
 #include "tools/common/sigbus.h"
 
 namespace scree::tools::view {
@@ -97,13 +98,11 @@ std::optional<Vec3> DepthMap::point(Pixel at) const {
 }
 
 struct ViewSession::Impl {
-  Impl(SessionOptions session_options, runtime::Scene loaded)
-      : options(std::move(session_options)), scene(std::move(loaded)), workers(options.threads) {}
+  explicit Impl(SessionOptions session_options) : options(std::move(session_options)), workers(options.threads) {}
 
   SessionOptions options;
   const uint32_t shadow_side = options.light.shadow_side != 0 ? options.light.shadow_side : runtime::kShadowSide;
-  runtime::Scene scene;
-  std::optional<runtime::DeviceScene> device;
+  std::shared_ptr<runtime::LoadedScene> loaded;
   std::optional<runtime::ShadowMap> shadows;  // of all pictures; none where the scene has no sun to show
   std::string drawn_on;
   runtime::Workers workers;
@@ -124,26 +123,25 @@ struct ViewSession::Impl {
   std::vector<uint8_t> pixels;
   std::vector<uint32_t> device_pixels;
 
-  Result<void> upload() {
-    runtime::PictureNeeds pictures{.width = 3840, .height = 2160};
-    kernels::ShadeOptions shade{.ssao = true, .edl = true};
-    pictures.shade = &shade;
-    pictures.is_encoded = true;
-    const uint64_t each = runtime::DeviceScene::view_bytes(scene, pictures);
-    if (shadows) pictures.shadow_side = shadow_side;
-    Result<runtime::DeviceScene> uploaded =
-        runtime::DeviceScene::upload(scene, options.device_memory, options.threads, runtime::Reading::kAuto,
-                                     options.textures.device_cache(), 0, pictures, nullptr, options.backend.gpus, true);
-    if (!uploaded) return uploaded.error();
-    device = std::move(*uploaded);
-    Result<runtime::DeviceView> view = device->add_view(scene);
+  const runtime::Scene& scene() const { return loaded->scene(); }
+  runtime::DeviceScene* device() const { return loaded->device(); }
+
+  /// Begins to draw on the device of the loaded scene(). `each`: device memory of another view.
+  Result<void> begin(uint64_t each) {
+    drawn_on = name_of_device(*loaded);
+    if (can_cast_shadows(scene())) shadows.emplace(scene(), device());
+    if (device() == nullptr) return {};
+    Result<runtime::DeviceView> view = device()->add_view(scene());
     if (!view) return view.error();
     shared.device = std::move(*view);
-    if (shadows) shadows.emplace(scene, &*device);
     // Without --device-memory, the device's free memory is the limit.
-    const uint64_t taken = std::min(device->stats().device_bytes, options.device_memory);
+    const uint64_t taken = std::min(device()->stats().device_bytes, options.device_memory);
     most_own = options.device_memory == 0 ? UINT64_MAX : (options.device_memory - taken) / each;
     return {};
+  }
+
+  bool can_cast_shadows(const runtime::Scene& of) const {
+    return runtime::find_sun(of.view()).has_value() && options.light.lighting == kernels::Lighting::kScene;
   }
 
   void forget_pictures() {
@@ -166,11 +164,11 @@ struct ViewSession::Impl {
   void choose_picture(uint32_t viewer, uint32_t wanted_samples) {
     last = &shared;
     // Pictures of many samples per pixel would take too much memory for each viewer.
-    if (!device || viewer == 0 || wanted_samples != 1) return;
+    if (device() == nullptr || viewer == 0 || wanted_samples != 1) return;
     auto found = own.find(viewer);
     if (found == own.end()) {
       if (own.size() >= most_own) return;
-      Result<runtime::DeviceView> view = device->add_view(scene);
+      Result<runtime::DeviceView> view = device()->add_view(scene());
       if (!view) {
         most_own = own.size();
         return;
@@ -184,14 +182,14 @@ struct ViewSession::Impl {
   /// Lets the CPU draw from now on.
   Result<void> use_cpu() {
     forget_pictures();
-    if (shadows) shadows.emplace(scene, nullptr);
-    device.reset();
-    drawn_on = name_of_cpu(options.threads);
-    return scene.load_pages(options.threads);
+    if (shadows) shadows.emplace(scene(), nullptr);
+    const Result<void> ready = loaded->use_cpu();
+    drawn_on = name_of_device(*loaded);
+    return ready;
   }
 
   bool may_fall_back(const Error& error) const {
-    return error.code == ErrorCode::kDevice && device && options.backend.choice == BackendChoice::kAuto;
+    return error.code == ErrorCode::kDevice && device() != nullptr && options.backend.choice == BackendChoice::kAuto;
   }
   Result<void> fall_back(const Error& error) {
     if (!options.quiet) warn_of_cpu("view", drawn_on + ": " + error.message);
@@ -203,14 +201,14 @@ struct ViewSession::Impl {
     if (wanted.is_all()) return static_cast<const uint32_t*>(nullptr);
     if (wanted != visibility) {
       Visibility copy = wanted;
-      omitted = omitted_bits(scene, wanted);
+      omitted = omitted_bits(scene(), wanted);
       visibility = std::move(copy);
       omitted_on_device = nullptr;
       if (shadows) shadows->forget();
     }
-    if (!device) return static_cast<const uint32_t*>(omitted.data());
+    if (device() == nullptr) return static_cast<const uint32_t*>(omitted.data());
     if (omitted_on_device != nullptr) return omitted_on_device;
-    const Result<const uint32_t*> brought = device->set_omitted(omitted);
+    const Result<const uint32_t*> brought = device()->set_omitted(omitted);
     if (brought) omitted_on_device = *brought;
     return brought;
   }
@@ -225,7 +223,7 @@ struct ViewSession::Impl {
     camera.clip_box = wanted.clip_box;
     camera.width = wanted.width;
     camera.height = wanted.height;
-    Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), camera);
+    Result<kernels::View> view = loaded->view(camera);
     if (!view) return view;
     view->width *= wanted.samples;
     view->height *= wanted.samples;
@@ -247,7 +245,7 @@ struct ViewSession::Impl {
         picture.left_bytes = stream->left_bytes;
     } else {
       samples.resize(uint64_t{view.width} * view.height);
-      drawn = kernels::draw_cpu(scene.view(), view, samples, options.threads);
+      drawn = kernels::draw_cpu(scene().view(), view, samples, options.threads);
       if (drawn) sampled = last;
     }
     if (!drawn) return drawn.error();
@@ -271,7 +269,7 @@ struct ViewSession::Impl {
     } else {
       out.channels = 3;
       pixels.resize(3 * count);
-      if (const Result<void> done = kernels::resolve_cpu(scene.view(), picture.view, side, samples, shade, 3, pixels,
+      if (const Result<void> done = kernels::resolve_cpu(scene().view(), picture.view, side, samples, shade, 3, pixels,
                                                          options.threads, &picture.blended);
           !done)
         return done.error();
@@ -289,7 +287,7 @@ struct ViewSession::Impl {
       void set_patience(const runtime::IsOver& is_over) const {
         for (runtime::BlockPager* const pager : all) pager->set_patience(is_over);
       }
-    } const pagers{runtime::block_pagers(scene, device ? &*device : nullptr)};
+    } const pagers{runtime::block_pagers(scene(), device())};
     pagers.set_patience(patience.textures);
     Result<Drawn> drawn = draw_now(wanted, shade, has_shadows, jpeg, patience);
     for (const runtime::BlockPager* const pager : pagers.all)
@@ -301,7 +299,7 @@ struct ViewSession::Impl {
                          const Patience& patience) {
     Drawn out{.samples = wanted.samples};
     // A streamed frame keeps only the colours of a part, so other shading needs another frame.
-    const bool is_streamed = device && device->is_streamed();
+    const bool is_streamed = loaded->is_streamed();
     Picture& picture = *last;
     const bool is_kept = picture.key == wanted && !is_streamed;
     Result<kernels::View> view = is_kept ? picture.view : view_of(wanted);
@@ -310,7 +308,7 @@ struct ViewSession::Impl {
     const Result<const uint32_t*> left_out = omit(wanted.visibility);
     if (!left_out) return left_out.error();
     view->omitted = *left_out;
-    if (has_shadows && shadows && runtime::shows_sun(scene.view(), shade)) {
+    if (has_shadows && shadows && runtime::shows_sun(scene().view(), shade)) {
       const Result<const kernels::SunShadow*> sun =
           shadows->draw(*view, shadow_side, options.threads,
                         jpeg != nullptr ? runtime::ShadowFit::kMoving : runtime::ShadowFit::kExact, patience.shadows);
@@ -366,37 +364,27 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   report_sigbus("view", options.file);
   Result<runtime::SceneFile> file = runtime::SceneFile::open(options.file);
   if (!file) return file.error();
-  const Result<uint32_t> scene_index = file->find_scene(options.scene);
-  if (!scene_index) return scene_index.error();
-  const Result<std::optional<runtime::Gpu>> gpu = choose_gpu("view", options.backend, options.quiet);
-  if (!gpu) return at(options.file, gpu.error());
-  runtime::SceneOptions load{.threads = options.threads,
-                             .lighting = options.light.lighting,
-                             .environment = options.light.environment,
-                             .pages = !gpu->has_value()};
-  const Result<void> sized =
-      runtime::set_texture_memory(*file, options.textures.memory, gpu->has_value(), options.device_memory, load);
-  if (!sized) return at(options.file, sized.error());
-  load.texture_cache = options.textures.host_cache();
-  Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *scene_index, load);
-  if (!scene) return scene.error();
-  if (const Result<void> accepted = accept_scene("view", *scene, options.light, options.quiet); !accepted)
-    return accepted.error();
-  if (!gpu->has_value() || runtime::view_reads_vertices(scene->view(), {}))  // for home()
-    if (const Result<void> loaded = scene->load_pages(options.threads); !loaded) return loaded.error();
-
-  ViewSession session(std::make_unique<Impl>(options, std::move(*scene)));
+  ViewSession session(std::make_unique<Impl>(options));
   Impl& impl = *session.impl_;
-  if (session.can_cast_shadows()) impl.shadows.emplace(impl.scene, nullptr);
-  if (gpu->has_value()) {
-    const Result<void> uploaded = impl.upload();
-    impl.drawn_on = name_of(**gpu, uploaded ? impl.device->gpu_count() : 1);
-    if (uploaded) return Result<ViewSession>(std::move(session));
-    if (uploaded.error().code != ErrorCode::kDevice || options.backend.choice != BackendChoice::kAuto)
-      return at(options.file, uploaded.error());
-    if (!options.quiet) warn_of_cpu("view", impl.drawn_on + ": " + uploaded.error().message);
-  }
-  if (const Result<void> ready = impl.use_cpu(); !ready) return ready.error();
+  runtime::LoadOptions load = load_options(options, options.textures);
+  load.scene = options.scene;
+  load.lighting = options.light.lighting;
+  load.environment = options.light.environment;
+  const kernels::ShadeOptions shade{.ssao = true, .edl = true};
+  load.pictures = {.width = 3840, .height = 2160, .shade = &shade, .is_encoded = true};
+  load.comes_later = true;
+  uint64_t each = 0;
+  load.accept = [&](const runtime::Scene& scene, runtime::LoadOptions& upload) {
+    each = runtime::DeviceScene::view_bytes(scene, upload.pictures);
+    if (impl.can_cast_shadows(scene)) upload.pictures.shadow_side = impl.shadow_side;
+    return accept_scene("view", scene, options.light, options.quiet);
+  };
+  auto loaded = load_scene("view", std::move(*file), options.backend, std::move(load), options.quiet);
+  if (!loaded) return loaded.error();
+  impl.loaded = std::move(*loaded);
+  Result<void> begun = impl.begin(each);
+  if (!begun && impl.may_fall_back(begun.error())) begun = impl.fall_back(begun.error());
+  if (!begun) return at(options.file, begun.error());
   return Result<ViewSession>(std::move(session));
 }
 
@@ -430,8 +418,8 @@ void ViewSession::forget(uint32_t viewer) {
 }
 
 Result<uint64_t> ViewSession::load_rest(const runtime::IsOver& is_over) {
-  if (!impl_->device) return uint64_t{0};
-  const Result<uint64_t> left = impl_->device->load_rest(is_over);
+  if (impl_->device() == nullptr) return uint64_t{0};
+  const Result<uint64_t> left = impl_->device()->load_rest(is_over);
   if (left && *left == 0) {
     impl_->shared.key.reset();
     if (impl_->shadows) impl_->shadows->forget();
@@ -443,11 +431,12 @@ Result<uint64_t> ViewSession::load_rest(const runtime::IsOver& is_over) {
 }
 
 bool ViewSession::can_cast_shadows(std::string* why) const {
-  const bool has_sun = runtime::find_sun(impl_->scene.view()).has_value();
-  const bool is_shown = impl_->options.light.lighting == kernels::Lighting::kScene;
+  const bool can = impl_->can_cast_shadows(impl_->scene());
   if (why != nullptr)
-    *why = !has_sun ? "The scene has no directional light" : is_shown ? "" : "Needs scree view --light scene";
-  return has_sun && is_shown;
+    *why = can                                        ? ""
+           : runtime::find_sun(impl_->scene().view()) ? "Needs scree view --light scene"
+                                                      : "The scene has no directional light";
+  return can;
 }
 
 Result<DepthMap> ViewSession::depths() try {
@@ -488,8 +477,8 @@ Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
   if (column >= view.width || row >= view.height) return std::optional<Picked>();
   const uint64_t sample = impl_->samples[row * view.width + column];
   if (sample == kernels::kBackground) return std::optional<Picked>();
-  const kernels::SceneView& scene = impl_->scene.view();
-  const format::Container& container = impl_->scene.container();
+  const kernels::SceneView& scene = impl_->scene().view();
+  const format::Container& container = impl_->scene().container();
   const kernels::Hit hit = kernels::find_triangle(scene, kernels::sample_id(sample));
   const format::InstanceRecord& instance = scene.instances[hit.instance];
   const format::MeshRecord& mesh = scene.meshes[instance.mesh];
@@ -521,8 +510,7 @@ Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
 
 Result<Camera> ViewSession::home(uint32_t width, uint32_t height) const {
   const runtime::CameraOptions options{.width = width, .height = height};
-  const runtime::Scene& scene = impl_->scene;
-  const Result<kernels::View> view = runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options);
+  const Result<kernels::View> view = impl_->loaded->view(options);
   if (!view) return view.error();
   // The target is the point of the line of sight that is nearest to the middle of the scene's box.
   const runtime::WorldBox bounds = box();
@@ -542,9 +530,9 @@ Result<Camera> ViewSession::home(uint32_t width, uint32_t height) const {
 }
 
 std::vector<NamedCamera> ViewSession::cameras() const {
-  const format::Container& container = impl_->scene.container();
+  const format::Container& container = impl_->scene().container();
   std::vector<NamedCamera> out;
-  for (const runtime::PlacedCamera& placed : runtime::placed_cameras(container, impl_->scene.scene_index())) {
+  for (const runtime::PlacedCamera& placed : runtime::placed_cameras(container, impl_->scene().scene_index())) {
     const format::CameraRecord& record = container.cameras()[placed.camera];
     if (record.kind != format::CameraKind::kPerspective || out.size() == 200) continue;
     NamedCamera named;
@@ -574,16 +562,16 @@ std::vector<NamedCamera> ViewSession::cameras() const {
 }
 
 runtime::WorldBox ViewSession::box() const {
-  return runtime::scene_box(impl_->scene.view());
+  return impl_->scene().box();
 }
 const runtime::Scene& ViewSession::scene() const {
-  return impl_->scene;
+  return impl_->scene();
 }
 const std::string& ViewSession::drawn_on() const {
   return impl_->drawn_on;
 }
 uint64_t ViewSession::device_bytes() const {
-  return impl_->device ? impl_->device->stats().device_bytes : 0;
+  return impl_->device() != nullptr ? impl_->device()->stats().device_bytes : 0;
 }
 runtime::Workers& ViewSession::workers() {
   return impl_->workers;

@@ -13,6 +13,7 @@
 #include "format/geometry/index_codec.h"
 #include "format/geometry/position_codec.h"
 #include "tests/catch.h"
+#include "tests/format/geometry/index_range.h"
 #include "tests/results.h"
 #include "tools/clusters/cluster_builder.h"
 #include "tools/clusters/fifo_order.h"
@@ -63,7 +64,7 @@ TEST_CASE("codec speed", "[.bench]") {
     std::vector<uint32_t> indices(3 * kTriangles);
     for (uint32_t& index : indices) index = static_cast<uint32_t>(random());
     IndexRange range{};
-    report("indices, range", indices.size(), [&] { range = index_range(indices); });
+    report("indices, range", indices.size(), [&] { range = scree::tests::index_range(indices); });
     CHECK(range.bits == 32);
   }
 
@@ -129,7 +130,7 @@ TEST_CASE("codec speed", "[.bench]") {
     for (uint64_t& id : ids) id = (uint64_t{1} << 33) + random() % 100000;
     SourceIdRange range;
     report("source ids, range", kTriangles, [&] { range = source_id_range(ids); });
-    std::vector<std::byte> bytes(source_id_stream_bytes(kTriangles, range));
+    std::vector<std::byte> bytes(packed_bytes(kTriangles, range.bits));
     report("source ids, encode", kTriangles, [&] { encode_source_ids(bytes, ids, range); });
     std::vector<uint64_t> decoded(kTriangles);
     bool good = true;

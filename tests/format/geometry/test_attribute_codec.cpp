@@ -31,7 +31,7 @@ std::vector<std::byte> encode(const std::vector<float>& normals, uint32_t bits) 
 }
 
 std::vector<std::byte> encode(const std::vector<uint64_t>& ids, const SourceIdRange& range) {
-  return encoded(source_id_stream_bytes(ids.size(), range), [&](auto out) { encode_source_ids(out, ids, range); });
+  return encoded(packed_bytes(ids.size(), range.bits), [&](auto out) { encode_source_ids(out, ids, range); });
 }
 
 /// Degrees between two vectors of any length; accurate for small angles too.

@@ -7,6 +7,7 @@
 
 #include "tests/catch.h"
 #include "tests/format/geometry/guarded_bytes.h"
+#include "tests/format/geometry/index_range.h"
 #include "tests/format/geometry/spec_vectors.h"
 #include "tests/format/geometry/stream_checks.h"
 
@@ -44,8 +45,8 @@ TEST_CASE("index streams of the spec", "[index_codec][spec]") {
     CHECK(outcome(check_indices(indices.size(), vertex_count, range, bytes)) == expected);
     if (expected != "ok") continue;
     CHECK(decoded == indices);
-    CHECK(index_range(indices).min == range.min);
-    CHECK(index_range(indices).bits == range.bits);
+    CHECK(scree::tests::index_range(indices).min == range.min);
+    CHECK(scree::tests::index_range(indices).bits == range.bits);
     CHECK(encode(indices, range) == bytes);
   }
 }
@@ -61,7 +62,7 @@ TEST_CASE("indices survive every width and length around a group", "[index_codec
         index = std::min(min + (static_cast<uint32_t>(random()) & mask), kMostVertices - 1);
       const IndexRange range{min, bits};
       if (!decodes_to(indices, range, encode(indices, range))) FAIL(bits << " bits, " << count << " indices");
-      const IndexRange tight = index_range(indices);
+      const IndexRange tight = scree::tests::index_range(indices);
       if (tight.bits > bits || !decodes_to(indices, tight, encode(indices, tight))) {
         FAIL(bits << " bits, " << count << " indices, tight");
       }
@@ -78,7 +79,7 @@ TEST_CASE("the width of a span of indices is exact around powers of two", "[inde
         if (min + span >= int64_t{kMostVertices}) continue;
         const std::vector<uint32_t> indices{min, static_cast<uint32_t>(min + span),
                                             static_cast<uint32_t>(min + span / 2)};
-        const IndexRange range = index_range(indices);
+        const IndexRange range = scree::tests::index_range(indices);
         uint32_t bits = 0;  // the smallest number with span < 2^bits
         while ((int64_t{1} << bits) <= span) ++bits;
         if (range.min != min || range.bits != bits) FAIL("span " << span << ": " << range.bits << " bits");
@@ -86,8 +87,8 @@ TEST_CASE("the width of a span of indices is exact around powers of two", "[inde
       }
     }
   }
-  CHECK(index_range(std::vector<uint32_t>{0, 0xffffffffu}).bits == 32);
-  CHECK(index_range({}).bits == 0);
+  CHECK(scree::tests::index_range(std::vector<uint32_t>{0, 0xffffffffu}).bits == 32);
+  CHECK(scree::tests::index_range({}).bits == 0);
 }
 
 TEST_CASE("an index decoder stays inside its bytes and refuses other sizes", "[index_codec]") {
@@ -132,7 +133,7 @@ TEST_CASE("an index that is too large is found at every position", "[index_codec
 
 TEST_CASE("hostile index ranges are refused", "[index_codec]") {
   const std::vector<uint32_t> indices{10, 12, 14};
-  const IndexRange range = index_range(indices);
+  const IndexRange range = scree::tests::index_range(indices);
   const auto bytes = encode(indices, range);
   std::vector<uint32_t> out(3);
   CHECK(outcome(decode_indices(out, 15, range, bytes)) == "ok");

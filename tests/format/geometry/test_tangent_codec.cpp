@@ -79,10 +79,10 @@ TEST_CASE("tangents keep their angle and their sign", "[tangent_codec]") {
       worst = std::max(worst, std::abs(std::atan2(dot(n, cross(d, t)), dot(d, t))));
     }
     CAPTURE(bits);
-    CHECK(worst <= tangent_error_bound(bits) * 1.0001 + 1e-6);
-    CHECK(worst > tangent_error_bound(bits) * 0.75);  // the bound is no larger than it need be
+    CHECK(worst <= std::exp2(3.0 - bits) * 1.0001 + 1e-6);
+    CHECK(worst > std::exp2(3.0 - bits) * 0.75);  // the bound is no larger than it need be
   }
-  CHECK(tangent_error_bound(12) * 57.29578 < 0.112);
+  CHECK(std::exp2(3.0 - 12) * 57.29578 < 0.112);
 }
 
 TEST_CASE("tangents without a direction are counted", "[tangent_codec]") {

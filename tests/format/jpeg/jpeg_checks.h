@@ -14,6 +14,7 @@
 #include "tests/catch.h"
 #include "tests/format/geometry/guarded_bytes.h"
 #include "tests/format/geometry/stream_checks.h"
+#include "tests/format/jpeg/decode_mcu.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/tools/temp_folder.h"
 

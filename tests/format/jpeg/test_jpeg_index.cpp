@@ -9,6 +9,7 @@
 
 #include "tests/catch.h"
 #include "tests/format/geometry/spec_vectors.h"
+#include "tests/format/jpeg/decode_mcu.h"
 #include "tests/format/jpeg/jpeg_checks.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"

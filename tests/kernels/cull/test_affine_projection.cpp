@@ -40,6 +40,26 @@ uint32_t place_of(const AffineProjection& map, const ClusterCodes& codes, const 
   return sum(map.u) >> 16 | (sum(map.v) & 0xffff0000u);
 }
 
+/// The steps that a GPU computes in parallel, a lane per axis.
+AffineProjection make_affine_projection(const CoverageFilter& filter, const format::ClusterBounds& bounds,
+                                        const ClusterCodes& codes) {
+  AffineProjection out{};
+  const AffineCenter middle = make_affine_center(filter, bounds);
+  if (!middle.known || codes.bits[0] + codes.bits[1] + codes.bits[2] > 64) return out;
+  const AffineAxis u = make_affine_axis(middle, filter.w, filter.u);
+  const AffineAxis v = make_affine_axis(middle, filter.w, filter.v);
+  const uint32_t fraction_bits = affine_fraction_bits(fast_max(u.half, v.half));
+  uint32_t twice_slack_u;
+  uint32_t twice_slack_v;
+  if (fraction_bits == 0 ||
+      !finish_affine_axis(middle, u, filter.w, filter.u, codes, fraction_bits, out.u, twice_slack_u) ||
+      !finish_affine_axis(middle, v, filter.w, filter.v, codes, fraction_bits, out.v, twice_slack_v))
+    return out;
+  out.fraction = ((1u << fraction_bits) - 1) * 0x10001u;
+  out.twice_slack = twice_slack_u | twice_slack_v << 16;
+  return out;
+}
+
 void tally_cluster(const FrameView& view, const CoverageFilter& filter, const ChunkReader& reader,
                    const Transform& transform, const format::ClusterRecord& record, const format::ClusterBounds& bounds,
                    const uint32_t* data, Tally& tally) {

@@ -5,6 +5,7 @@
 
 #include "kernels/cpu/backend.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/kernels/shade_samples.h"
 
 using namespace scree;
 using namespace scree::kernels;
@@ -103,14 +104,14 @@ TEST_CASE("clusters: shading and picking find the triangle and its vertices", "[
       const ShadeOptions options{.show = show};
       std::vector<float> found(4 * samples.size());
       std::vector<float> expected(found.size());
-      REQUIRE(shade_cpu(scene, view, samples, options, found, 2));
-      REQUIRE(shade_cpu(other, view, samples, options, expected, 1));
+      scree::tests::shade_samples(scene, view, samples, options, found);
+      scree::tests::shade_samples(other, view, samples, options, expected);
       CHECK(found == expected);
     }
     // Each visible cluster has its own colour.
     const ShadeOptions options{.show = Show::kCluster};
     std::vector<float> rgba(4 * samples.size());
-    REQUIRE(shade_cpu(scene, view, samples, options, rgba, 2));
+    scree::tests::shade_samples(scene, view, samples, options, rgba);
     std::map<std::pair<uint64_t, uint32_t>, std::set<std::array<float, 3>>> colors;  // by chunk and cluster
     std::set<std::array<float, 3>> all;
     for (size_t i = 0; i < samples.size(); ++i) {

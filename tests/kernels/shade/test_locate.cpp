@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "runtime/textures/srgb.h"
 #include "tests/kernels/scene_builder.h"
 #include "tests/kernels/shade/reference_shade.h"
+#include "tests/kernels/shade_samples.h"
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/results.h"
@@ -60,7 +60,7 @@ struct Difference {
 Difference against_double(const SceneView& scene, const View& view) {
   const std::vector<uint64_t> samples = draw(scene, view);
   std::vector<float> rgba(4 * samples.size());
-  REQUIRE(shade_cpu(scene, view, samples, ShadeOptions{}, rgba, 2));
+  scree::tests::shade_samples(scene, view, samples, ShadeOptions{}, rgba);
   const SrgbTables tables = make_srgb_tables();
   Difference out;
   for (uint32_t y = 0; y < view.height; ++y)
@@ -125,7 +125,7 @@ TEST_CASE("resolve: a pixel is the mean of its samples' light, for every kind of
         options.show = show;
         options.background[0] = 0.25f;
         options.background[3] = 0.5f;
-        REQUIRE(shade_cpu(scene, view, samples, options, rgba, 2));
+        scree::tests::shade_samples(scene, view, samples, options, rgba);
         std::vector<uint8_t> pixels(size_t{4} * 61 * 43);
         REQUIRE(resolve_cpu(scene, view, side, samples, options, 4, pixels, 3));
         std::vector<uint8_t> opaque(size_t{3} * 61 * 43);
@@ -165,7 +165,7 @@ TEST_CASE("resolve: occlusion darkens surfaces, not the background", "[resolve]"
   std::vector<float> factors(120 * 80);
   REQUIRE(occlusion_cpu(view, 2, samples, options, factors, 1));
   std::vector<float> rgba(4 * samples.size());
-  REQUIRE(shade_cpu(scene, view, samples, options, rgba, 1));
+  scree::tests::shade_samples(scene, view, samples, options, rgba);
   std::vector<uint8_t> pixels(3 * factors.size());
   REQUIRE(resolve_cpu(scene, view, 2, samples, options, 3, pixels, 1));
   uint32_t darkened = 0;
@@ -305,7 +305,7 @@ TEST_CASE("resolve: real models are within a level of double", "[resolve][models
     runtime::SceneFile file = must(runtime::SceneFile::open(options.output));
     const Result<runtime::Scene> scene = runtime::Scene::load(std::move(file), 0, {true, 2});
     if (!scene || scene->view().blend_masks != nullptr) continue;  // test_blend.cpp has layers
-    const Result<View> view = runtime::make_view(scene->container(), 0, scene->view(), {.width = 320, .height = 200});
+    const Result<View> view = runtime::make_view(*scene, {.width = 320, .height = 200});
     if (!view) continue;
     SceneView plain = scene->view();  // base colours under the camera's light, which the reference has
     plain.surface_count = 0;

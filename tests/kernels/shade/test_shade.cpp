@@ -1,6 +1,7 @@
 #include <random>
 #include <set>
 
+#include "tests/kernels/shade_samples.h"
 #include "tests/kernels/square.h"
 
 using namespace scree;
@@ -49,7 +50,7 @@ View front(uint32_t side) {
 std::vector<float> shaded(const SceneView& scene, const View& view, const ShadeOptions& options) {
   const std::vector<uint64_t> samples = draw(scene, view);
   std::vector<float> rgba(4 * samples.size());
-  REQUIRE(shade_cpu(scene, view, samples, options, rgba, 2));
+  scree::tests::shade_samples(scene, view, samples, options, rgba);
   return rgba;
 }
 
@@ -367,7 +368,7 @@ TEST_CASE("shade: triangles, meshes and depth", "[shade]") {
   ShadeOptions options;
   const auto colors = [&](Show show) {
     options.show = show;
-    REQUIRE(shade_cpu(scene, view, samples, options, rgba, 1));
+    scree::tests::shade_samples(scene, view, samples, options, rgba);
     std::set<std::array<float, 3>> found;
     for (size_t i = 0; i < samples.size(); ++i) {
       if (samples[i] != kBackground) found.insert({rgba[4 * i], rgba[4 * i + 1], rgba[4 * i + 2]});
@@ -389,11 +390,4 @@ TEST_CASE("shade: triangles, meshes and depth", "[shade]") {
     }
   }
   CHECK(rgba[4 * brightest] == 1.0f);
-  // A band of rows equals these rows of the whole picture.
-  for (Show show : {Show::kTexture, Show::kDepth, Show::kStage, Show::kNormal}) {
-    colors(show);
-    std::vector<float> band(4 * 160 * 11);
-    REQUIRE(shade_cpu(scene, view, samples, options, band, 2, 37));
-    CHECK(std::equal(band.begin(), band.end(), rgba.begin() + 4 * 160 * 37));
-  }
 }

@@ -8,6 +8,7 @@
 
 #include "kernels/shade/material_views.h"
 #include "tests/format/geometry/spec_vectors.h"
+#include "tests/kernels/shade_samples.h"
 #include "tests/kernels/square.h"
 
 using namespace scree;
@@ -103,7 +104,7 @@ struct LitSquare {
     scene.environment = environment.empty() ? nullptr : environment.data();
     const std::vector<uint64_t> samples = draw(scene, view);
     std::vector<float> rgba(4 * samples.size());
-    REQUIRE(shade_cpu(scene, view, samples, options, rgba, 1));
+    scree::tests::shade_samples(scene, view, samples, options, rgba);
     const size_t at = 4 * (size_t{view.height / 2} * view.width + view.width / 2);
     return {rgba[at], rgba[at + 1], rgba[at + 2]};
   }

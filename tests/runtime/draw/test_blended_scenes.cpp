@@ -19,13 +19,11 @@
 #include "tools/synth/synth.h"
 
 using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using kernels::BlendCounts;
 using kernels::ShadeOptions;
 using kernels::View;
-using runtime::DeviceScene;
-using runtime::Scene;
-using tests::must_load;
-using tests::TempFolder;
 
 namespace {
 

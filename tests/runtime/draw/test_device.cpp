@@ -9,7 +9,6 @@
 #include <tuple>
 #include <vector>
 
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
@@ -17,6 +16,7 @@
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
@@ -26,14 +26,11 @@
 #include "kernels/cuda/check.h"
 #endif
 
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::Show;
 using scree::kernels::View;
-using scree::runtime::DeviceScene;
-using scree::runtime::Frame;
-using scree::runtime::Picture;
-using scree::runtime::Scene;
-using scree::tests::must_load;
 
 namespace {
 
@@ -47,19 +44,18 @@ Scene load_cube(const scree::tests::TempFolder& folder) {
 }
 
 /// Number of pixels whose channels differ by more than one level.
-size_t differing(const Picture& a, const Picture& b) {
-  REQUIRE(a.pixels.size() == b.pixels.size());
+size_t differing(const std::vector<uint8_t>& a, const std::vector<uint8_t>& b) {
+  REQUIRE(a.size() == b.size());
   size_t count = 0;
-  for (size_t i = 0; i < a.pixels.size(); ++i) count += std::abs(a.pixels[i] - b.pixels[i]) > 1 ? 1 : 0;
+  for (size_t i = 0; i < a.size(); ++i) count += std::abs(a[i] - b[i]) > 1 ? 1 : 0;
   return count;
 }
 
 void compare_pictures(const Frame& cpu, const Frame& gpu, const scree::kernels::ShadeOptions& options) {
-  const Picture on_cpu = must(cpu.shade(options, 2));
-  const Picture on_gpu = must(gpu.shade(options, 2));
-  REQUIRE(on_cpu.channels == on_gpu.channels);
+  const std::vector<uint8_t> on_cpu = must(cpu.shade(options, 2));
+  const std::vector<uint8_t> on_gpu = must(gpu.shade(options, 2));
   INFO("show " << static_cast<int>(options.show) << ", ssao " << options.ssao << ", edl " << options.edl);
-  CHECK(differing(on_cpu, on_gpu) <= on_cpu.pixels.size() / 10000);
+  CHECK(differing(on_cpu, on_gpu) <= on_cpu.size() / 10000);
 }
 
 void compare(const Scene& scene, DeviceScene& device, const View& view, uint32_t samples_per_side) {
@@ -108,7 +104,7 @@ TEST_CASE("the GPU draws the same as the CPU", "[cuda]") {
       DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
       const scree::runtime::CameraOptions camera{.width = scree::tests::kEmulatesGpu ? 101 : 321,
                                                  .height = scree::tests::kEmulatesGpu ? 61 : 123};
-      const View view = must(scree::runtime::make_view(scene.container(), 0, scene.view(), camera));
+      const View view = must(scree::runtime::make_view(scene, camera));
       for (const uint32_t samples : {1u, 2u, 4u})
         if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, device, view, samples);
       if (scree::tests::kEmulatesGpu && encoding == Encoding::kIndexed) continue;
@@ -143,8 +139,7 @@ TEST_CASE("pages that only the GPU has are drawn and picked as on the CPU", "[cu
       const Scene scene = must_load(path, {.threads = 2, .pages = false});
       DeviceScene device = must(DeviceScene::upload(scene, 0, 3));
       CHECK(device.stats().counts.pages == scene.drawn_pages().size());
-      const View view =
-          must(scree::runtime::make_view(whole.container(), 0, whole.view(), {.width = 333, .height = 222}));
+      const View view = must(scree::runtime::make_view(whole, {.width = 333, .height = 222}));
       const Frame cpu = must(Frame::draw(whole, view, 1, 2));
       Frame gpu = must(Frame::draw(scene, view, 1, 2, &device));
       REQUIRE(gpu.read_samples());
@@ -177,7 +172,7 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
                                                     .width = 64,
                                                     .height = 48}));
     const Frame frame = must(Frame::draw(scene, scree::tests::omitting(views[i], bits[0].data()), 1, 2));
-    const std::vector<int64_t> ids = must(frame.layer<int64_t>(scree::runtime::PixelLayer::kTriangle, 2));
+    const std::vector<int64_t> ids = must(frame.layer<int64_t>(scree::runtime::Layer::kTriangle, 2));
     expected.insert(expected.end(), ids.begin(), ids.end());
     if (i == 0) first.assign(frame.samples().begin(), frame.samples().end());
   }
@@ -212,7 +207,7 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
   const uint64_t bytes = first.size() * sizeof(int64_t);
   std::byte* const block = must(both[1].reserve_block(0, views.size() * bytes));
   const auto target = [&](size_t i) {
-    return scree::runtime::target_of(scree::runtime::PixelLayer::kTriangle, block + i * bytes);
+    return scree::runtime::target_of(scree::runtime::Layer::kTriangle, block + i * bytes);
   };
   std::vector<int64_t> ids(expected.size());
   REQUIRE(
@@ -228,7 +223,7 @@ TEST_CASE("all views of a scene on a GPU leave out omitted instances, one by one
 
 TEST_CASE("a view shades and reads a picture while it draws the next one", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
-  using scree::runtime::PixelLayer;
+  using scree::runtime::Layer;
   const scree::tests::TempFolder folder;
   const Scene scene = load_cube(folder);
   DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
@@ -244,7 +239,7 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
     REQUIRE(drawn.make_colors(view, options));
     uint32_t* const made = must(drawn.resolve_colors(view, 1, options));
     REQUIRE(drawn.read(made, std::as_writable_bytes(std::span(joined))));
-    const std::byte* const layer = must(drawn.make_layer(view, 1, PixelLayer::kDepth));
+    const std::byte* const layer = must(drawn.make_layer(view, 1, Layer::kDepth));
     REQUIRE(drawn.read(layer, std::as_writable_bytes(std::span(depths))));
     return std::tuple(samples, rgba, joined, depths);
   };
@@ -273,7 +268,7 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
     if (i != 1 && i + 1 < views.size()) REQUIRE(drawn.start(views[i + 1]));
     CHECK(drawn.has_started() == (i + 1 < views.size()));
     CHECK((outputs(views[i]) == expected[i]));
-    CHECK(static_cast<bool>(drawn.make_layer(views[i], 1, PixelLayer::kNormal)) == !drawn.has_started());
+    CHECK(static_cast<bool>(drawn.make_layer(views[i], 1, Layer::kNormal)) == !drawn.has_started());
     if (!drawn.has_started()) continue;
     const bool finished = must(drawn.finish());
     CHECK((i != 1 || finished));
@@ -297,8 +292,7 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
   DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
   // A cube that fills the picture: large triangles, many tiles, and medium triangles in the smaller picture.
   for (const uint32_t width : {700u, 60u}) {
-    const View view =
-        must(scree::runtime::make_view(scene.container(), 0, scene.view(), {.width = width, .height = width}));
+    const View view = must(scree::runtime::make_view(scene, {.width = width, .height = width}));
     const Frame cpu = must(Frame::draw(scene, view, 1, 2));
     scree::kernels::CudaFrames frames =
         must(scree::kernels::CudaFrames::create(scene.view(), device.device_view(), {1, 1, 1}));

@@ -8,13 +8,13 @@
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
 #include "runtime/draw/loaded_scene.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/draw/view_renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
@@ -30,10 +30,10 @@ namespace scree::tests {
 namespace {
 
 using runtime::DeviceScene;
-using runtime::Frame;
 using runtime::PictureNeeds;
 using runtime::Reading;
 using runtime::Scene;
+using tests::Frame;
 
 kernels::View view_of(const Scene& scene, uint32_t width, uint32_t height) {
   return tests::must_view(

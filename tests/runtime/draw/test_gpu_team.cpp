@@ -11,13 +11,13 @@
 
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
@@ -33,10 +33,10 @@ namespace {
 using kernels::View;
 using runtime::CudaScene;
 using runtime::DeviceScene;
-using runtime::Frame;
 using runtime::GpuTeam;
 using runtime::Reading;
 using runtime::Scene;
+using tests::Frame;
 
 /// Meshes drawn twice: all clustered, or of all encodings.
 void write_soup(const std::string& path, bool all_clustered) {
@@ -69,7 +69,7 @@ Result<DeviceScene> upload(const Scene& scene, uint32_t gpus, uint64_t budget = 
 std::vector<uint8_t> picture(const Scene& scene, DeviceScene& device, const View& view,
                              const kernels::ShadeOptions& options, uint32_t samples_per_side = 2) {
   const Frame frame = must(Frame::draw(scene, view, samples_per_side, 2, &device, &options));
-  return must(frame.shade(options, 2)).pixels;
+  return must(frame.shade(options, 2));
 }
 
 /// Grids of `side` quads per side with textures of BC7, BC1 and plain texels.
@@ -104,14 +104,13 @@ void check_pictures(const Scene& whole, const Scene& scene, DeviceScene& alone, 
       CAPTURE(camera.eye.has_value(), side);
       CHECK(picture(scene, team, view, {}, side) == picture(scene, alone, view, {}, side));
     }
-    std::vector<std::byte> of_one(uint64_t{view.width} * view.height *
-                                  runtime::layer_bytes(runtime::PixelLayer::kDepth));
+    std::vector<std::byte> of_one(uint64_t{view.width} * view.height * runtime::bytes_of(runtime::Layer::kDepth));
     std::vector<std::byte> of_team(of_one.size());
     std::vector<uint64_t> samples(uint64_t{view.width} * view.height), samples_of_team = samples;
     for (DeviceScene* const device : {&alone, &team}) {
       const bool is_team = device == &team;
       REQUIRE(device->draw(view));
-      REQUIRE(device->read_layer(view, 1, runtime::PixelLayer::kDepth, is_team ? of_team : of_one));
+      REQUIRE(device->read_layer(view, 1, runtime::Layer::kDepth, is_team ? of_team : of_one));
       REQUIRE(device->read_samples(is_team ? samples_of_team : samples));
     }
     CHECK(of_team == of_one);
@@ -165,8 +164,8 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
     const View view = view_of(scene, 0);
     REQUIRE(alone.draw(view));
     REQUIRE(team.draw(view));
-    for (const runtime::PixelLayer layer : {runtime::PixelLayer::kDepth, runtime::PixelLayer::kNormal}) {
-      std::vector<std::byte> of_one(uint64_t{view.width} * view.height * runtime::layer_bytes(layer));
+    for (const runtime::Layer layer : {runtime::Layer::kDepth, runtime::Layer::kNormal}) {
+      std::vector<std::byte> of_one(uint64_t{view.width} * view.height * runtime::bytes_of(layer));
       std::vector<std::byte> of_team(of_one.size());
       REQUIRE(alone.read_layer(view, 1, layer, of_one));
       REQUIRE(team.read_layer(view, 1, layer, of_team));

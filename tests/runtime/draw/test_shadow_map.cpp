@@ -11,27 +11,21 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/draw/renderer.h"
 #include "tests/gpu.h"
+#include "tests/kernels/shade_samples.h"
 #include "tests/kernels/square.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 
 using namespace scree;
+using namespace scree::runtime;
 using namespace scree::tests;
 using kernels::ShadeOptions;
 using kernels::SunShadow;
 using kernels::View;
-using runtime::DeviceScene;
-using runtime::Frame;
-using runtime::Picture;
-using runtime::Scene;
-using runtime::ShadowMap;
-using runtime::sun_view;
-using runtime::Vec3;
-using runtime::WorldBox;
 
 namespace {
 
@@ -131,9 +125,9 @@ struct Sunny {
     const SunShadow sun{reached.data(), map, 1};
     ShadeOptions options{.lighting = kernels::Lighting::kScene};
     std::vector<float> all(4 * samples.size()), shadowed(all.size());
-    REQUIRE(kernels::shade_cpu(scene, view, samples, options, all, 2));
+    scree::tests::shade_samples(scene, view, samples, options, all);
     options.sun = &sun;
-    REQUIRE(kernels::shade_cpu(scene, view, samples, options, shadowed, 2));
+    scree::tests::shade_samples(scene, view, samples, options, shadowed);
     std::vector<LitPoint> out;
     for (size_t i = 0; i < samples.size(); ++i) {
       if (samples[i] == kernels::kBackground || all[4 * i] <= 0) continue;
@@ -395,7 +389,8 @@ Scene converted(const TempFolder& folder, const char* name) {
   return must_load(options.output, {.threads = 2, .lighting = kernels::Lighting::kScene});
 }
 
-Picture shadowed(const Scene& scene, ShadowMap& map, const View& camera, DeviceScene* device, bool casts = true) {
+std::vector<uint8_t> shadowed(const Scene& scene, ShadowMap& map, const View& camera, DeviceScene* device,
+                              bool casts = true) {
   ShadeOptions options{.lighting = kernels::Lighting::kScene};
   if (casts) {
     const SunShadow* const sun = must(map.draw(camera, kSide, 2));
@@ -405,10 +400,10 @@ Picture shadowed(const Scene& scene, ShadowMap& map, const View& camera, DeviceS
   return must(frame.shade(options, 2));
 }
 
-double mean(const Picture& picture) {
+double mean(const std::vector<uint8_t>& picture) {
   double sum = 0;
-  for (const uint8_t value : picture.pixels) sum += value;
-  return sum / static_cast<double>(picture.pixels.size());
+  for (const uint8_t value : picture) sum += value;
+  return sum / static_cast<double>(picture.size());
 }
 
 }  // namespace
@@ -461,7 +456,7 @@ TEST_CASE("a shadow map is drawn anew only where a picture needs another one", "
     camera = must_view(scene, options);
     const View kept = draw(camera, ShadowFit::kMoving);
     const Frame frame = must(Frame::draw(scene, camera, 1, 2));
-    const std::vector<float> depths = must(frame.layer<float>(runtime::PixelLayer::kDepth, 2));
+    const std::vector<float> depths = must(frame.layer<float>(runtime::Layer::kDepth, 2));
     size_t outside = 0, seen = 0;
     for (uint32_t pixel = 0; pixel < 96 * 64; ++pixel) {
       const double depth = static_cast<double>(depths[pixel]);
@@ -545,14 +540,14 @@ TEST_CASE("pictures with shadows are equal on the CPU and the GPU", "[shadow][cu
                                             .fov_degrees = i % 2 == 0 ? 45 : 20,
                                             .width = 96,
                                             .height = 64});
-      const Picture cpu = shadowed(scene, on_cpu, camera, nullptr);
+      const std::vector<uint8_t> cpu = shadowed(scene, on_cpu, camera, nullptr);
       CHECK(mean(cpu) < mean(shadowed(scene, on_cpu, camera, nullptr, false)));
       if (!device) continue;
-      const Picture gpu = shadowed(scene, *on_gpu, camera, &*device);
-      REQUIRE(gpu.pixels.size() == cpu.pixels.size());
+      const std::vector<uint8_t> gpu = shadowed(scene, *on_gpu, camera, &*device);
+      REQUIRE(gpu.size() == cpu.size());
       size_t differing = 0;
-      for (size_t k = 0; k < cpu.pixels.size(); ++k) differing += std::abs(cpu.pixels[k] - gpu.pixels[k]) > 1 ? 1 : 0;
-      CHECK(differing <= cpu.pixels.size() / 10000);
+      for (size_t k = 0; k < cpu.size(); ++k) differing += std::abs(cpu[k] - gpu[k]) > 1 ? 1 : 0;
+      CHECK(differing <= cpu.size() / 10000);
     }
   }
 }

@@ -12,42 +12,29 @@
 #include "kernels/cuda/frame.h"
 #include "runtime/draw/cuda_upload.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/draw/stream_cuda.h"
 #include "runtime/scene/camera.h"
 #include "runtime/stream/chunk_source.h"
-#include "runtime/stream/visible_chunks.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
+#include "tests/runtime/stream/visible_chunks.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/temp_folder.h"
 
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::ShadeOptions;
 using scree::kernels::Show;
 using scree::kernels::View;
-using scree::runtime::CudaScene;
-using scree::runtime::DeviceScene;
-using scree::runtime::Frame;
-using scree::runtime::Picture;
-using scree::runtime::Reading;
-using scree::runtime::Scene;
-using scree::tests::Encoding;
-using scree::tests::must_load;
-using scree::tests::must_view;
-using scree::tests::PagedScene;
-using scree::tests::Soup;
-using scree::tests::TempFolder;
-
-namespace kernels = scree::kernels;
-namespace runtime = scree::runtime;
 
 namespace {
 
@@ -121,12 +108,12 @@ TEST_CASE("a GPU lists and culls the same chunks as the host", "[cuda]") {
       view.z_far = view.z_near + 20;
     }
     if (i % 5 == 2) {  // chunks outside a clipping box are not loaded
-      const size_t whole = runtime::VisibleChunks(scene.view(), view, 2).near_to_far().size();
+      const size_t whole = tests::VisibleChunks(scene.view(), view, 2).near_to_far().size();
       view.clips = true;
       for (int k = 0; k < 3; ++k) view.clip_min[k] = -5, view.clip_max[k] = k == 0 ? 0.1 * unit(random) : 5;
-      cut += whole - runtime::VisibleChunks(scene.view(), view, 2).near_to_far().size();
+      cut += whole - tests::VisibleChunks(scene.view(), view, 2).near_to_far().size();
     }
-    const runtime::VisibleChunks on_host(scene.view(), view, 2);
+    const tests::VisibleChunks on_host(scene.view(), view, 2);
     std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
     REQUIRE(kernels::draw_cpu(scene.view(), view, samples, 2));
     kernels::DepthPyramid pyramid;
@@ -240,17 +227,16 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
         const Frame expected = must(Frame::draw(whole, view, side, 2));
         Frame frame = must(Frame::draw(scene, on_device, side, 2, &device, &shade));
         REQUIRE(device.stream_stats());
-        const Result<Picture> picture = frame.shade(shade, 2);
-        const Result<Picture> reference = expected.shade(shade, 2);
+        const auto picture = frame.shade(shade, 2);
+        const auto reference = expected.shade(shade, 2);
         REQUIRE(frame.read_samples());
         REQUIRE(std::equal(frame.samples().begin(), frame.samples().end(), expected.samples().begin(),
                            expected.samples().end()));
         REQUIRE(picture);
         REQUIRE(reference);
-        REQUIRE(picture->pixels.size() == reference->pixels.size());
+        REQUIRE(picture->size() == reference->size());
         // Shading uses floats, which need not be equal bit for bit on both.
-        for (size_t p = 0; p < picture->pixels.size(); ++p)
-          REQUIRE(std::abs(picture->pixels[p] - reference->pixels[p]) <= 1);
+        for (size_t p = 0; p < picture->size(); ++p) REQUIRE(std::abs((*picture)[p] - (*reference)[p]) <= 1);
       }
     }
   }
@@ -268,10 +254,10 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
   const ShadeOptions shade;
   Frame a = must(Frame::draw(scene, view, 2, 2, &resident));
   Frame b = must(Frame::draw(scene, view, 2, 2, &streamed, &shade));
-  const Picture from_resident = must(a.shade(shade, 2));
-  const Picture from_streamed = must(b.shade(shade, 2));
+  const std::vector<uint8_t> from_resident = must(a.shade(shade, 2));
+  const std::vector<uint8_t> from_streamed = must(b.shade(shade, 2));
   CHECK_FALSE(resident.stream_stats());
-  CHECK(from_resident.pixels == from_streamed.pixels);
+  CHECK(from_resident == from_streamed);
 }
 
 TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU", "[cuda][stream]") {
@@ -303,7 +289,7 @@ TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU"
   const ShadeOptions shade;
   const auto picture_of = [&](DeviceScene& device) {
     const Frame frame = must(Frame::draw(scene, view, 1, 2, &device, &shade));
-    return must(frame.shade(shade, 2)).pixels;
+    return must(frame.shade(shade, 2));
   };
   const std::vector<uint8_t> expected = picture_of(resident);
   // It does not wait, and draws fewer chunks.
@@ -376,9 +362,9 @@ TEST_CASE("a GPU decodes JPEG textures on demand while chunks are streamed", "[c
       const Frame found = must(Frame::draw(scene, view, side, 2, &streamed, &shade));
       REQUIRE(streamed.stream_stats());
       CHECK(streamed.stream_stats()->streamed_bytes > 0);
-      const Picture from_resident = must(expected.shade(shade, 2));
-      const Picture from_streamed = must(found.shade(shade, 2));
-      CHECK(from_streamed.pixels == from_resident.pixels);
+      const std::vector<uint8_t> from_resident = must(expected.shade(shade, 2));
+      const std::vector<uint8_t> from_streamed = must(found.shade(shade, 2));
+      CHECK(from_streamed == from_resident);
     }
   }
   // The minimum in the error is enough, for any requested cache.

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/draw/stream_joins.h"
 #include "runtime/stream/chunk_source.h"
 #include "tests/catch.h"
@@ -16,6 +15,7 @@
 #include "tests/models.h"
 #include "tests/results.h"
 #include "tests/runtime/damaged_page.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
 #include "tests/runtime/soup.h"
@@ -31,10 +31,10 @@ namespace {
 using format::SealedPage;
 using kernels::View;
 using runtime::DeviceScene;
-using runtime::Frame;
 using runtime::Reading;
 using runtime::Scene;
 using runtime::StreamJoins;
+using tests::Frame;
 
 constexpr Encoding kClusters{.clusters = Clusters::kClustered};
 

@@ -18,24 +18,11 @@
 #include "tests/runtime/paged_scene.h"
 #include "tests/tools/temp_folder.h"
 
-using scree::Error;
-using scree::ErrorCode;
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::ShadeOptions;
 using scree::kernels::View;
-using scree::runtime::kNotInView;
-using scree::runtime::Residency;
-using scree::runtime::Scene;
-using scree::runtime::Streamer;
-using scree::runtime::StreamStats;
-using scree::runtime::StreamTarget;
-using scree::tests::Encoding;
-using scree::tests::must_view;
-using scree::tests::PagedScene;
-using scree::tests::Soup;
-using scree::tests::TempFolder;
-
-namespace runtime = scree::runtime;
 
 namespace {
 

@@ -19,11 +19,9 @@
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
-using scree::ErrorCode;
-using scree::Result;
-using scree::runtime::Access;
-using scree::runtime::MappedFile;
-using scree::tests::TempFolder;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 
 TEST_CASE("cached_share() is right for a user who may only read the file", "[mapped_file]") {
   if (::geteuid() != 0) return;  // only root can become another user

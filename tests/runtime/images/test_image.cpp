@@ -21,20 +21,10 @@
 #include "tests/tools/flat_images.h"
 #include "tests/tools/temp_folder.h"
 
-using scree::ErrorCode;
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::format::ImageCodec;
-using scree::runtime::check_image;
-using scree::runtime::decode_image;
-using scree::runtime::Image;
-using scree::runtime::ImageFile;
-using scree::runtime::ImageInfo;
-using scree::runtime::probe_image;
-using scree::tests::files_below;
-using scree::tests::on_full_disk;
-using scree::tests::read_bytes;
-using scree::tests::ScratchPath;
-using scree::tests::TempFolder;
 
 namespace {
 

@@ -11,11 +11,9 @@
 #include "tests/results.h"
 #include "tests/tools/temp_folder.h"
 
-using scree::runtime::encode_png;
-using scree::runtime::Image;
-using scree::runtime::PixelView;
-using scree::runtime::PngOptions;
-using scree::runtime::Workers;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 
 namespace {
 

@@ -9,22 +9,15 @@
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/small_scene.h"
 
-using scree::ErrorCode;
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::View;
-using scree::runtime::CameraOptions;
-using scree::runtime::make_view;
-using scree::runtime::Scene;
-using scree::runtime::Vec3;
-using scree::tests::must_load;
-using scree::tests::SmallScene;
-
-namespace format = scree::format;
 
 namespace {
 
 Result<View> view_of(const Scene& scene, const CameraOptions& options) {
-  return make_view(scene.container(), scene.scene_index(), scene.view(), options);
+  return make_view(scene, options);
 }
 
 /// Picture coordinates, from -1 to 1 inside, and the distance from the eye's plane.

@@ -9,42 +9,25 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/draw/renderer.h"
-#include "runtime/draw/stream_cpu.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/kernels/omitted_cases.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/runtime/paged_scene.h"
+#include "tests/runtime/stream/cpu_stream.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 #include "tests/tools/model_maker.h"
 
-using scree::ErrorCode;
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::kernels::ShadeOptions;
 using scree::kernels::Show;
 using scree::kernels::View;
-using scree::runtime::CpuStream;
-using scree::runtime::Frame;
-using scree::runtime::Picture;
-using scree::runtime::Residency;
-using scree::runtime::Scene;
-using scree::runtime::StreamStats;
-using scree::tests::Encoding;
-using scree::tests::GridSpec;
-using scree::tests::ModelMaker;
-using scree::tests::must_load;
-using scree::tests::must_view;
-using scree::tests::PagedScene;
-using scree::tests::Soup;
-using scree::tests::TempFolder;
-
-namespace convert = scree::convert;
-namespace format = scree::format;
-namespace runtime = scree::runtime;
 
 namespace {
 
@@ -87,7 +70,7 @@ View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint3
   options.fov_degrees = 25 + 90 * unit(random);
   options.width = width;
   options.height = height;
-  const View made = must(runtime::make_view(scene.container(), scene.scene_index(), scene.view(), options));
+  const View made = must(runtime::make_view(scene, options));
   View view = made;
   if (random() % 4 == 0) {
     double size = 0;
@@ -137,10 +120,9 @@ class Compared {
     const StreamStats stats = must(stream.draw_frame(fine, &shade));
     REQUIRE(std::equal(stream.samples().begin(), stream.samples().end(), expected.samples().begin(),
                        expected.samples().end()));
-    const Picture picture = must(stream.picture(samples_per_side));
-    const Picture whole = must(expected.shade(shade, 2));
-    REQUIRE(picture.channels == whole.channels);
-    REQUIRE(picture.pixels == whole.pixels);
+    const std::vector<uint8_t> picture = must(stream.picture(samples_per_side));
+    const std::vector<uint8_t> whole = must(expected.shade(shade, 2));
+    REQUIRE(picture == whole);
     REQUIRE(stats.streamed_bytes + stats.hidden_bytes == stats.missing_bytes);
     // Layers of blended surfaces add the chunks that they miss.
     if (whole_.view().blend_masks == nullptr) REQUIRE(stats.missing_bytes <= stats.seen_bytes);

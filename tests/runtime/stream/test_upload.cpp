@@ -31,22 +31,10 @@
 #include "tests/tools/temp_folder.h"
 #include "tools/bench/file_cache.h"
 
-using scree::Error;
-using scree::ErrorCode;
-using scree::Result;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 using scree::format::SealedPage;
-using scree::runtime::DirectFile;
-using scree::runtime::JoinRoom;
-using scree::runtime::Reading;
-using scree::runtime::Scene;
-using scree::runtime::StagingSizes;
-using scree::runtime::UploadCounts;
-using scree::runtime::UploadPlan;
-using scree::tests::Encoding;
-using scree::tests::must_load;
-using scree::tests::PagedScene;
-using scree::tests::Soup;
-using scree::tests::TempFolder;
 
 namespace {
 

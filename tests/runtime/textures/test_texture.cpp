@@ -9,11 +9,9 @@
 #include "runtime/textures/srgb.h"
 #include "tests/catch.h"
 
-using scree::runtime::Image;
-using scree::runtime::linear_of_srgb;
-using scree::runtime::make_mips;
-using scree::runtime::MipChain;
-using scree::runtime::srgb_of_linear;
+using namespace scree;
+using namespace scree::runtime;
+using namespace scree::tests;
 
 namespace {
 

@@ -285,7 +285,7 @@ TEST_CASE("the small models are drawn as by the reference", "[compare]") {
     const auto number = opened.find_scene("");
     if (!number) continue;
     const auto scene = must(runtime::Scene::load(std::move(opened), *number, {false, 2}));
-    const auto view = must(runtime::make_view(scene.container(), *number, scene.view(), {.width = 320, .height = 240}));
+    const auto view = must(runtime::make_view(scene, {.width = 320, .height = 240}));
     const auto report = must(Case::against(file, path.string(), &view));
     // Snapping to 1/256 pixel moves an edge over the centre of at most one pixel in 256 along it.
     const PixelReport& pixels = report.pixels;

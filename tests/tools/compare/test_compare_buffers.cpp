@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "kernels/visbuffer.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "tests/catch.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/packed_file.h"
@@ -73,7 +73,7 @@ std::vector<uint64_t> draw(const runtime::Scene& scene) {
                                                       .target = runtime::Vec3{1.0, 0.0, 1.0},
                                                       .width = kWidth,
                                                       .height = kHeight});
-  const auto frame = must(runtime::Frame::draw(scene, view, 1, 2));
+  const auto frame = must(tests::Frame::draw(scene, view, 1, 2));
   return {frame.samples().begin(), frame.samples().end()};
 }
 

@@ -13,6 +13,7 @@
 #include "tests/models.h"
 #include "tests/paths.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/compare/reference_fixture.h"
 #include "tests/tools/packed_file.h"
@@ -175,20 +176,20 @@ TEST_CASE("the reference's colours equal those of kernels/", "[reference]") {
     const auto gltf = must(convert::import_gltf(source, {}));
     const auto model = must(compare::load_source_model(gltf, scene.container(), 0));
     const auto expected = must(compare::draw_reference(model.views, model.instances, view, 2));
-    const auto frame = must(runtime::Frame::draw(scene, view, 1, 2));
+    const auto frame = must(tests::Frame::draw(scene, view, 1, 2));
     kernels::ShadeOptions shading;
     shading.show = kernels::Show::kColor;
     shading.background[3] = 1;
     const auto picture = must(frame.shade(shading, 2));
     const auto rgb = must(compare::shade_reference(model, expected, view, 1, 2));
-    const auto report = must(compare::compare_frame(frame, model, expected, view, 2));
+    const auto report = must(compare::compare_frame(scene, frame.samples(), model, expected, view, 2));
     uint64_t same = 0;
     int largest = 0;
     for (size_t i = 0; i < report.kinds.size(); ++i) {
       if (report.kinds[i] != compare::PixelKind::kSame) continue;
       ++same;
       for (size_t c = 0; c < 3; ++c)
-        largest = std::max(largest, std::abs(int{rgb[3 * i + c]} - int{picture.pixels[3 * i + c]}));
+        largest = std::max(largest, std::abs(int{rgb[3 * i + c]} - int{picture[4 * i + c]}));
     }
     CHECK(same > 100);
     CHECK(largest <= 1);

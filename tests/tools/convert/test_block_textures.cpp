@@ -15,12 +15,12 @@
 #include "format/container/mip_levels.h"
 #include "kernels/shade/texture.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "runtime/textures/block_image.h"
 #include "runtime/textures/jpeg_image.h"
 #include "tests/gpu.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/images/basis_files.h"
 #include "tests/runtime/images/block_files.h"
 #include "tests/runtime/load_scene.h"
@@ -62,8 +62,8 @@ std::vector<FileBytes> all_files() {
 
 std::vector<uint8_t> draw(const runtime::Scene& scene, uint32_t width, runtime::DeviceScene* device = nullptr) {
   const kernels::View view = tests::must_view(scene, {.width = width, .height = width * 2 / 3});
-  const auto frame = must(runtime::Frame::draw(scene, view, 1, 2, device));
-  return must(frame.shade({}, 2)).pixels;
+  const auto frame = must(tests::Frame::draw(scene, view, 1, 2, device));
+  return must(frame.shade({}, 2));
 }
 
 std::vector<std::byte> stored_blocks(const format::Container& file, uint32_t image, uint32_t level) {
@@ -288,6 +288,16 @@ std::vector<FileBytes> large_files() {
       make_ktx2({.width = 64, .height = 64, .levels = 7, .seed = 4})};
 }
 
+/// The picture in linear light, with the default shading.
+std::vector<float> linear(const runtime::Scene& scene, const tests::Frame& frame, uint32_t samples) {
+  std::vector<float> out(uint64_t{4} * frame.width() * frame.height());
+  kernels::BlendCounts blended;
+  const runtime::PictureLight light =
+      runtime::light_of_cpu(scene.view(), frame.view(), samples, frame.samples(), {}, 2);
+  REQUIRE(runtime::linear_picture(scene.view(), frame.view(), samples, frame.samples(), {}, 2, light, out, blended));
+  return out;
+}
+
 }  // namespace
 
 TEST_CASE("a picture does not depend on the memory for pages of textures", "[block_textures][texel_pager]") {
@@ -301,10 +311,9 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
   REQUIRE(whole.block_pager() == nullptr);
   for (const auto& [width, samples] : {std::pair{60u, 1u}, {60u, 4u}, {700u, 1u}, {500u, 2u}}) {
     const kernels::View view = tests::must_view(whole, {.width = width, .height = width * 2 / 3});
-    const auto frame = must(runtime::Frame::draw(whole, view, samples, 2));
+    const auto frame = must(tests::Frame::draw(whole, view, samples, 2));
     const auto expected = must(frame.shade({}, 2));
-    const auto light = frame.linear({}, 2);
-    REQUIRE(light);
+    const std::vector<float> light = linear(whole, frame, samples);
     uint64_t needed = 0;  // pages read with room for all
     for (const uint64_t memory : {uint64_t{1} << 40, uint64_t{4} << 20, uint64_t{3} << 19}) {
       CAPTURE(width, samples, memory);
@@ -316,9 +325,9 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
       const uint64_t bytes = pager->all_bytes() + paged.stats().texture_bytes;
       CHECK(bytes <= whole.stats().texture_bytes);
       CHECK(bytes + 16 * 40 > whole.stats().texture_bytes);  // levels in memory begin at multiples of 16
-      const auto again = must(runtime::Frame::draw(paged, view, samples, 2));
+      const auto again = must(tests::Frame::draw(paged, view, samples, 2));
       const auto found = must(again.shade({}, 2));
-      CHECK(found.pixels == expected.pixels);
+      CHECK(found == expected);
       const uint64_t read = pager->stats().read_pages;
       CHECK(pager->resident_bytes() <= memory);
       if (needed == 0) {
@@ -332,13 +341,13 @@ TEST_CASE("a picture does not depend on the memory for pages of textures", "[blo
         needed = read;
       }
       CHECK(read >= needed);
-      CHECK(again.linear({}, 2).value() == *light);
+      CHECK(linear(paged, again, samples) == light);
     }
   }
   // Less than a single pixel needs.
   const runtime::Scene small = tests::must_load(options.output, {.texture_memory = 1});
   const kernels::View view = tests::must_view(small, {.width = 1500, .height = 1000});
-  const auto frame = must(runtime::Frame::draw(small, view, 1, 2));
+  const auto frame = must(tests::Frame::draw(small, view, 1, 2));
   const auto refused = refusal(frame.shade({}, 2));
   CHECK(refused.code == ErrorCode::kMemory);
   CHECK(refused.message.starts_with("a pixel shows pages of textures of "));
@@ -438,7 +447,7 @@ TEST_CASE("a page of a texture is checked when it is read", "[block_textures][te
   CHECK_FALSE(runtime::Scene::open(options.output, {}));
   const runtime::Scene scene = tests::must_load(options.output, {.texture_memory = uint64_t{1} << 30});
   const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
-  const auto frame = must(runtime::Frame::draw(scene, view, 1, 2));
+  const auto frame = must(tests::Frame::draw(scene, view, 1, 2));
   for (int time = 0; time < 2; ++time) {
     const auto refused = refusal(frame.shade({}, 2));
     CHECK(refused.code == ErrorCode::kChecksum);
@@ -511,8 +520,8 @@ TEST_CASE("a GPU samples pages of textures in host memory that its room does not
     const double x = 0.5 + 1.1 * grid;
     const kernels::View view = tests::must_view(
         whole, {.eye = Vec3{x, 0.12, 0.5}, .target = Vec3{x + 0.02, 0, 0.42}, .width = 240, .height = 160});
-    const auto frame = must(runtime::Frame::draw(scene, view, 1, 2, &device));
-    return must(frame.shade({}, 2)).pixels;
+    const auto frame = must(tests::Frame::draw(scene, view, 1, 2, &device));
+    return must(frame.shade({}, 2));
   };
   std::vector<std::vector<uint8_t>> expected;
   for (uint32_t i = 0; i < 3; ++i) expected.push_back(draw_near(whole, i, all_there));
@@ -591,10 +600,10 @@ TEST_CASE("chunks and pages of textures share a GPU's memory", "[cuda][texel_pag
           camera.target = {0.52, 0, 0.42};
         }
         const kernels::View view = tests::must_view(whole, camera);
-        const auto frame = must(runtime::Frame::draw(scene, view, 1, 2, &device, &shade));
+        const auto frame = must(tests::Frame::draw(scene, view, 1, 2, &device, &shade));
         const auto picture = must(frame.shade(shade, 2));
-        const auto expected = must(runtime::Frame::draw(whole, view, 1, 2, &all_there));
-        CHECK(picture.pixels == expected.shade(shade, 2)->pixels);
+        const auto expected = must(tests::Frame::draw(whole, view, 1, 2, &all_there));
+        CHECK(picture == must(expected.shade(shade, 2)));
         CHECK(pager.resident_bytes() <= pager.room_bytes());
         CHECK(pager.room_bytes() <= std::max(limit, first_room));
         rooms.insert(pager.room_bytes());
@@ -616,7 +625,7 @@ TEST_CASE("pages of textures that do not fit a GPU or are damaged are errors of 
         tests::must_load(options.output, {.texture_memory = 1, .device_texture_memory = memory});
     auto device = must(runtime::DeviceScene::upload(scene, 0, 2));
     const kernels::View view = tests::must_view(scene, {.width = 1500, .height = 1000});
-    const auto frame = must(runtime::Frame::draw(scene, view, 1, 2, &device));
+    const auto frame = must(tests::Frame::draw(scene, view, 1, 2, &device));
     const auto shaded = refusal(frame.shade({}, 2));
     CHECK_FALSE(frame.shade({}, 2));
     return shaded;

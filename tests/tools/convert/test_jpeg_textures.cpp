@@ -12,13 +12,13 @@
 
 #include "format/jpeg/picture.h"
 #include "kernels/shade/block_cache.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/runtime/load_scene.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
@@ -50,8 +50,8 @@ runtime::CameraOptions close_view() {
 std::vector<uint8_t> draw(const runtime::Scene& scene, const runtime::CameraOptions& camera, uint32_t samples,
                           uint32_t threads) {
   const kernels::View view = tests::must_view(scene, camera);
-  const auto frame = must(runtime::Frame::draw(scene, view, samples, threads));
-  return must(frame.shade({}, threads)).pixels;
+  const auto frame = must(tests::Frame::draw(scene, view, samples, threads));
+  return must(frame.shade({}, threads));
 }
 
 /// An indexed JPEG of that size in pixels, half of it for chrominance.
@@ -145,7 +145,7 @@ TEST_CASE("a picture does not depend on the memory for pages of JPEGs", "[jpeg_t
     }
   }
   const runtime::Scene small = load_cached(options.output, 1, 1);
-  const auto frame = must(runtime::Frame::draw(small, tests::must_view(small, close_view()), 1, 2));
+  const auto frame = must(tests::Frame::draw(small, tests::must_view(small, close_view()), 1, 2));
   const auto refused = refusal(frame.shade({}, 2));
   CHECK(refused.code == ErrorCode::kMemory);
   CHECK(refused.message.starts_with("a pixel shows pages of textures of "));
@@ -190,7 +190,7 @@ TEST_CASE("a page of JPEG levels is checked when it is read", "[jpeg_textures][t
   }
   // In the file, the checksum is wrong.
   tests::damage(options.output, container.pages()[image.page].offset + 200);
-  const auto frame = must(runtime::Frame::draw(scene, tests::must_view(scene, close_view()), 1, 2));
+  const auto frame = must(tests::Frame::draw(scene, tests::must_view(scene, close_view()), 1, 2));
   const auto refused = refusal(frame.shade({}, 2));
   CHECK(refused.code == ErrorCode::kChecksum);
   CHECK(refused.message.starts_with("page " + std::to_string(image.page) + ": "));

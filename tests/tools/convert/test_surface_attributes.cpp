@@ -226,7 +226,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
   const tests::PackedFile file = must_open(options.output);
   CHECK(file.file.header().version_major == 2);
   REQUIRE(file.file.meshes().size() == cases.size());
-  const double bound = format::tangent_error_bound(kTangentBits);
+  const double bound = std::exp2(3.0 - kTangentBits);
   for (size_t mesh = 0; mesh < cases.size(); ++mesh) {
     CAPTURE(cases[mesh].name);
     const uint32_t attributes = file.file.meshes()[mesh].attributes;

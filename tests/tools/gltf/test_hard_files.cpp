@@ -12,13 +12,13 @@
 #include "kernels/frame.h"
 #include "kernels/visbuffer.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/scene.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/kernels/raster/hard_cases.h"
 #include "tests/paths.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 
@@ -95,7 +95,7 @@ uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
     const std::array<double, 3> eye{4 * unit(random), 4 * unit(random), 4 * unit(random)};
     const kernels::View view =
         tests::look_at(eye, {eye[0] + unit(random), eye[1] + unit(random), eye[2] + unit(random)}, 320, 240, 0.01, 1.2);
-    auto frame = must(runtime::Frame::draw(scene, view, 1, 2, device ? &*device : nullptr));
+    auto frame = must(tests::Frame::draw(scene, view, 1, 2, device ? &*device : nullptr));
     REQUIRE(frame.read_samples());
     const auto is_background = [](uint64_t sample) { return sample == kernels::kBackground; };
     cracks += static_cast<uint64_t>(std::count_if(frame.samples().begin(), frame.samples().end(), is_background));
@@ -255,17 +255,16 @@ TEST_CASE("hard: a GPU shades texture coordinates in the thousands as the CPU do
     const auto scene = must(runtime::Scene::open(options.output, {true, 2}));
     runtime::DeviceScene device = must(runtime::DeviceScene::upload(scene, 0, 2));
     const kernels::View view = tests::look_at({0.5, 1.2, 1.5}, {0.5, 0, 0.5}, 320, 240, 0.01, 1.2);
-    const auto on_cpu = must(runtime::Frame::draw(scene, view, 1, 2));
-    const auto on_gpu = must(runtime::Frame::draw(scene, view, 1, 2, &device));
+    const auto on_cpu = must(tests::Frame::draw(scene, view, 1, 2));
+    const auto on_gpu = must(tests::Frame::draw(scene, view, 1, 2, &device));
     const auto expected = must(on_cpu.shade({}, 2));
     const auto found = must(on_gpu.shade({}, 2));
-    REQUIRE(expected.pixels.size() == found.pixels.size());
+    REQUIRE(expected.size() == found.size());
     size_t differing = 0;
-    for (size_t i = 0; i < expected.pixels.size(); ++i)
-      differing += std::abs(expected.pixels[i] - found.pixels[i]) > 1 ? 1 : 0;
+    for (size_t i = 0; i < expected.size(); ++i) differing += std::abs(expected[i] - found[i]) > 1 ? 1 : 0;
     tests::note("texture coordinates at " + std::to_string(static_cast<int>(offset)) + " on the GPU",
-                std::to_string(differing) + " of " + std::to_string(expected.pixels.size()) +
+                std::to_string(differing) + " of " + std::to_string(expected.size()) +
                     " bytes differ from the CPU's by more than one level");
-    CHECK(differing <= expected.pixels.size() / 10000);
+    CHECK(differing <= expected.size() / 10000);
   }
 }

@@ -17,7 +17,6 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/draw/stream_cpu.h"
 #include "runtime/files/mapped_file.h"
 #include "runtime/scene/camera.h"
 #include "runtime/scene/scene.h"
@@ -25,6 +24,7 @@
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/results.h"
+#include "tests/runtime/stream/cpu_stream.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/model_maker.h"
 #include "tests/tools/run_program.h"
@@ -227,15 +227,14 @@ void stream_frames(const std::string& path, const Ready& ready) {
   if (!scene) return;
   const std::vector<uint64_t> bytes = runtime::ChunkSource(*scene).chunk_bytes();
   const uint64_t all = std::accumulate(bytes.begin(), bytes.end(), uint64_t{0});
-  const auto stream = runtime::CpuStream::create(*scene, all / 3, 2);
+  const auto stream = tests::CpuStream::create(*scene, all / 3, 2);
   if (!stream) return;
   for (uint64_t frame = 0;; ++frame) {
     const runtime::CameraOptions camera{.eye = runtime::Vec3{250, 1200, frame % 2 == 0 ? 750.0 : -250.0},
                                         .target = runtime::Vec3{250, 0, 250},
                                         .width = 160,
                                         .height = 120};
-    const Result<kernels::View> view =
-        runtime::make_view(scene->container(), scene->scene_index(), scene->view(), camera);
+    const Result<kernels::View> view = runtime::make_view(*scene, camera);
     if (!view) return;
     const Result<runtime::StreamStats> drawn = (*stream)->draw_frame(*view, nullptr);
     if (!drawn || drawn->streamed_bytes == 0) return;

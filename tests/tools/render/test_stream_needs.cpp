@@ -4,12 +4,12 @@
 
 #include "format/bytes.h"
 #include "lab/setup/views.h"
-#include "runtime/draw/stream_cpu.h"
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/residency.h"
 #include "tests/catch.h"
 #include "tests/results.h"
 #include "tests/runtime/load_scene.h"
+#include "tests/runtime/stream/cpu_stream.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tools/synth/scenes.h"
 #include "tools/synth/synth.h"
@@ -30,7 +30,7 @@ TEST_CASE("a streamed frame loads few chunks that its picture does not need, a s
     bytes += format::align_up(chunk, runtime::Residency::kAlignment);
   const synth::Scene made = synth::zorahlike_scene(synth::MeshOrder::kRow, kScale);
   for (const synth::SceneCamera& camera : made.cameras) {
-    auto stream = must(runtime::CpuStream::create(scene, bytes / 4, 2));
+    auto stream = must(tests::CpuStream::create(scene, bytes / 4, 2));
     for (int frame = 0; frame < 3; ++frame) {
       const auto stats = must(stream->draw_frame(lab::scene_view(camera, 960, 540), nullptr));
       INFO("frame " << frame << ": " << stats.needed_bytes << " of " << stats.streamed_bytes << " bytes were needed, "

@@ -8,13 +8,13 @@
 
 #include "kernels/shade/resolve_rounds.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/scene/camera.h"
 #include "runtime/threads/parallel.h"
 #include "tests/catch.h"
 #include "tests/gpu.h"
 #include "tests/models.h"
 #include "tests/results.h"
+#include "tests/runtime/frame.h"
 #include "tests/tools/convert/convert_fixture.h"
 #include "tests/tools/jpeg_model.h"
 
@@ -160,7 +160,7 @@ runtime::CameraOptions camera_of(uint32_t width) {
 std::vector<kernels::View> views_of(const runtime::Scene& scene) {
   std::vector<kernels::View> views;
   const auto add = [&](const runtime::CameraOptions& camera) {
-    const auto view = must(runtime::make_view(scene.container(), 0, scene.view(), camera));
+    const auto view = must(runtime::make_view(scene, camera));
     views.push_back(view);
   };
   add(camera_of(60));
@@ -374,8 +374,8 @@ TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of an
         const kernels::View& view = views[frame % views.size()];
         for (const uint32_t side : {1u, 2u}) {
           const auto draw_on = [&](runtime::DeviceScene& on, const runtime::Scene& from) {
-            const auto drawn = must(runtime::Frame::draw(from, view, side, 2, &on));
-            return must(drawn.shade({}, 2)).pixels;
+            const auto drawn = must(tests::Frame::draw(from, view, side, 2, &on));
+            return must(drawn.shade({}, 2));
           };
           const std::vector<uint8_t> expected = draw_on(of_whole, whole);
           const std::vector<uint8_t> found = draw_on(device, scene);
@@ -387,13 +387,13 @@ TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of an
         }
         if (bytes != runtime::kDeviceTextureCache) continue;
         // Blocks used twice are in the cache: nothing is decoded.
-        const auto again = must(runtime::Frame::draw(scene, view, 1, 2, &device));
+        const auto again = must(tests::Frame::draw(scene, view, 1, 2, &device));
         REQUIRE(again.shade({}, 2));
         CHECK((*device.texture_counts())->asked == 0);
         // It equals the CPU's picture to one level.
-        const auto on_cpu = must(runtime::Frame::draw(scene, view, 1, 2));
-        const auto cpu_pixels = on_cpu.shade({}, 2)->pixels;
-        const auto gpu_pixels = again.shade({}, 2)->pixels;
+        const auto on_cpu = must(tests::Frame::draw(scene, view, 1, 2));
+        const auto cpu_pixels = on_cpu.shade({}, 2).value();
+        const auto gpu_pixels = again.shade({}, 2).value();
         uint64_t off = 0;
         for (size_t i = 0; i < cpu_pixels.size(); ++i) off += std::abs(int{cpu_pixels[i]} - int{gpu_pixels[i]}) > 1;
         CHECK(off <= cpu_pixels.size() / 10000);
@@ -410,8 +410,8 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of JPEGs", "[
   const convert::ConvertOptions options = tests::options_of(folder);
   tests::must_convert(options);
   const auto draw_on = [](runtime::DeviceScene* on, const runtime::Scene& from, const kernels::View& view) {
-    const auto drawn = must(runtime::Frame::draw(from, view, 1, 2, on));
-    return must(drawn.shade({}, 2)).pixels;
+    const auto drawn = must(tests::Frame::draw(from, view, 1, 2, on));
+    return must(drawn.shade({}, 2));
   };
   const runtime::Scene whole = load_cached(options.output, 1);
   auto of_whole = must(runtime::DeviceScene::upload(whole, 0, 2));

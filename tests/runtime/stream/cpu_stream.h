@@ -1,4 +1,5 @@
-// Streamed frames on the CPU: the pool is host memory of a fixed size, and a thread of its own fills it.
+// Streamed frames on the CPU, for tests of runtime::Streamer: the pool is host memory, and a thread of its own fills
+// it.
 #pragma once
 
 #include <cstddef>
@@ -13,13 +14,14 @@
 #include "format/result.h"
 #include "kernels/blend.h"
 #include "kernels/frame.h"
-#include "runtime/draw/renderer.h"
 #include "runtime/stream/chunk_source.h"
 #include "runtime/stream/streamer.h"
-#include "runtime/stream/visible_chunks.h"
 #include "runtime/threads/job_thread.h"
+#include "tests/runtime/stream/visible_chunks.h"
 
-namespace scree::runtime {
+namespace scree::tests {
+
+using namespace runtime;
 
 class CpuStream final : public StreamTarget {
  public:
@@ -41,9 +43,8 @@ class CpuStream final : public StreamTarget {
 
   /// The samples of the last frame, row by row.
   std::span<const uint64_t> samples() const { return samples_; }
-  /// The picture of the last frame with its `shade`, with samples_per_side^2 samples per pixel. Errors kRange (the
-  /// frame was drawn without `shade`), kMemory, and the errors of kernels::resolve_cpu().
-  Result<Picture> picture(uint32_t samples_per_side) const;
+  /// The picture of the last frame with its `shade`, RGBA8, with samples_per_side^2 samples per pixel.
+  Result<std::vector<uint8_t>> picture(uint32_t samples_per_side) const;
 
   const Residency& residency() const { return streamer_.residency(); }
 
@@ -93,4 +94,4 @@ class CpuStream final : public StreamTarget {
   JobThread<Result<double>> loader_;  // the last member: it uses others until it ends
 };
 
-}  // namespace scree::runtime
+}  // namespace scree::tests

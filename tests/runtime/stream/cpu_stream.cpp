@@ -1,4 +1,4 @@
-#include "runtime/draw/stream_cpu.h"
+#include "tests/runtime/stream/cpu_stream.h"
 
 #include <algorithm>
 #include <cstring>
@@ -8,7 +8,7 @@
 #include "kernels/frame_parts.h"
 #include "runtime/threads/stopwatch.h"
 
-namespace scree::runtime {
+namespace scree::tests {
 
 CpuStream::CpuStream(const Scene& scene, Streamer streamer, uint32_t threads)
     : source_(scene),
@@ -64,20 +64,14 @@ Result<void> CpuStream::draw_layers(StreamStats& stats, const IsOver& is_over) {
   return {};
 }
 
-Result<Picture> CpuStream::picture(uint32_t samples_per_side) const try {
-  if (!shade_) return Error{ErrorCode::kRange, "the frame was not drawn to be shaded"};
-  Picture picture;
-  picture.width = view_.width / samples_per_side;
-  picture.height = view_.height / samples_per_side;
-  picture.channels = picture_channels(*shade_);
-  picture.pixels.resize(uint64_t{picture.width} * picture.height * picture.channels);
-  const Result<void> resolved = kernels::shades_from_chunks(shade_->show)
-                                    ? kernels::resolve_colors_cpu(view_, samples_per_side, samples_, colors_, over_,
-                                                                  *shade_, picture.channels, picture.pixels, threads_)
-                                    : kernels::resolve_cpu(scene_, view_, samples_per_side, samples_, *shade_,
-                                                           picture.channels, picture.pixels, threads_);
+Result<std::vector<uint8_t>> CpuStream::picture(uint32_t samples_per_side) const try {
+  std::vector<uint8_t> rgba(4 * samples_.size() / (samples_per_side * samples_per_side));
+  const Result<void> resolved =
+      kernels::shades_from_chunks(shade_->show)
+          ? kernels::resolve_colors_cpu(view_, samples_per_side, samples_, colors_, over_, *shade_, 4, rgba, threads_)
+          : kernels::resolve_cpu(scene_, view_, samples_per_side, samples_, *shade_, 4, rgba, threads_);
   if (!resolved) return resolved.error();
-  return picture;
+  return rgba;
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory left for the picture"};
 }
@@ -157,4 +151,4 @@ void CpuStream::find_depths() {
   has_depths_ = true;
 }
 
-}  // namespace scree::runtime
+}  // namespace scree::tests
