@@ -33,7 +33,7 @@ enum class Layer {
   kLinear,    // 4 floats: the colours of linear_picture(), in host memory alone
 };
 inline constexpr size_t kLayerCount = 8;
-inline constexpr size_t kBlockCount = 7;  // those before kLinear, which a batch can make in the GPU's memory
+inline constexpr size_t kBlockCount = 7;  // the layers before kLinear, which a batch can make in the GPU's memory
 
 /// Bytes per pixel; of kSamples, per sample.
 constexpr uint64_t bytes_of(Layer layer) {
@@ -148,7 +148,7 @@ class DeviceView {
                                          const kernels::ShadeOptions* shade,
                                          const std::function<Result<void>(size_t)>& make);
 
-  /// The same in one set of launches, for depths and ids alone, into `out`, view by view. Returns nothing if
+  /// The same in one set of launches, for depths and ids alone, into `out`, view by view. Returns nullopt if
   /// kernels::CudaViewBatch does not take the scene or the pictures, or if the device has no room. There is no picture
   /// to resolve() afterwards.
   Result<std::optional<kernels::FrameStats>> draw_together(const Scene& scene, std::span<const kernels::View> views,

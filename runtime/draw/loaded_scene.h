@@ -56,7 +56,7 @@ class LoadedScene {
   uint32_t threads() const { return threads_; }
   /// LoadOptions::lighting.
   kernels::Lighting lighting() const { return lighting_; }
-  /// The GPU that draws the scene; nothing if the CPU does.
+  /// The GPU that draws the scene; nullopt if the CPU does.
   const std::optional<Gpu>& gpu() const { return gpu_; }
   /// One line with the reason why no GPU draws the scene; empty if a GPU does, or if DrawOn::kAuto was not given.
   const std::string& why_cpu() const { return why_cpu_; }

@@ -26,7 +26,7 @@ struct Pick {
 /// if the number of samples per side is even. `view`: in samples.
 uint64_t sample_index(const kernels::View& view, uint32_t samples_per_side, uint32_t x, uint32_t y);
 
-/// The triangle that a sample of a frame of `view` shows; nothing on the background. If the scene does not have the
+/// The triangle that a sample of a frame of `view` shows; nullopt on the background. If the scene does not have the
 /// triangle's page, it is read from the file: errors as Scene::page.
 Result<std::optional<Pick>> pick_sample(const Scene& scene, const kernels::View& view, uint64_t sample);
 

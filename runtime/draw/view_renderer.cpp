@@ -458,7 +458,7 @@ Result<void> ViewRenderer::make_linear(std::span<std::byte> out) {
     return linear_of(light_of_cpu(scene, view_, samples_per_side_, samples, shade_, scene_->threads()), samples, out);
   }
   if (scene_->is_streamed())
-    return Error{ErrorCode::kUnsupported, "a streamed frame has no linear colours: its chunks are not there any more"};
+    return Error{ErrorCode::kUnsupported, "a streamed frame has no linear colours: its chunks are no longer present"};
   return on_device([&] { return linear_of_gpu(out); });
 }
 

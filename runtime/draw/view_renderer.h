@@ -39,7 +39,7 @@ class ViewRenderer {
 
   /// Draws a frame. `view`: its sides in pixels, of `samples_per_side` squared samples (1, 2 or 4). Returns when the
   /// samples are drawn; after an error there is no frame. `streamed`: the colours, kColor or kLinear, that are made at
-  /// once if the scene is streamed, because they cannot be made later; nothing: the frame is then not shaded. Errors
+  /// once if the scene is streamed, because they cannot be made later; nullopt: the frame is then not shaded. Errors
   /// kRange (no such size or camera), kMemory, kDevice.
   Result<void> draw(const kernels::View& view, uint32_t samples_per_side, const kernels::ShadeOptions& shade,
                     std::optional<Layer> streamed = Layer::kColor);

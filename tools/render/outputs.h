@@ -29,9 +29,8 @@ struct FrameOutputs {
 Result<void> write_picture(const RenderOptions& options, const std::string& path, std::span<const std::byte> rgba,
                            runtime::Workers* workers, format::Existing existing);
 
-/// Writes all files that `options` request. `map`: the mapped scene; if its file was cut short, nothing is written.
-/// Returns the time of writing the picture. Errors kFile, also "interrupted" if a signal
-/// requests a stop.
+/// Writes all files that `options` request. `map`: the mapped scene; if its file was cut short, no output is written.
+/// Returns the time of writing the picture. Errors kFile, also "interrupted" if a signal requests a stop.
 Result<runtime::Duration> write_outputs(const RenderOptions& options, const runtime::MappedFile& map,
                                         const FrameOutputs& outputs);
 

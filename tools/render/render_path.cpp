@@ -541,7 +541,7 @@ class PathRenderer {
   Progress progress_;
   std::vector<Output> outputs_;
   FrameRange range_;                 // of all ranks
-  std::vector<uint64_t> frames_;     // those to write
+  std::vector<uint64_t> frames_;     // the frames to write
   std::vector<WantedFrame> wanted_;  // the frames to draw: these, or those of all ranks
   std::shared_ptr<LoadedScene> scene_;
   std::unique_ptr<ViewRenderer> renderer_;
