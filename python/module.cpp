@@ -550,7 +550,8 @@ PYBIND11_MODULE(_scree, module) {
                           "channels, of the types and units of View.read(), on the device that drew it.")
       .def("__dlpack__", &SharedLayer::dlpack, py::kw_only(), "stream"_a = py::none(), "max_version"_a = py::none(),
            "dl_device"_a = py::none(), "copy"_a = py::none(),
-           "The layer as a DLPack capsule. `stream`: the CUDA stream that waits until the layer is ready, numbered as in "
+           "The layer as a DLPack capsule. `stream`: the CUDA stream that waits until the layer is ready, numbered as "
+           "in "
            "the array API. Raises BufferError for a copy or another device.")
       .def("__dlpack_device__", &SharedLayer::device,
            "The DLPack device type (1: the host, 2: a GPU) and the device's index.")

@@ -114,8 +114,8 @@ void layers(ThreadPool& pool, const SceneView& scene, const View& view, uint32_t
 }  // namespace
 
 extern const CpuPasses kPasses;
-const CpuPasses kPasses = {draw,   shade,       resolve,   shade_part, resolve_colors, occlude,
-                           layers, begin_layer, end_layer, lay_under,  find_alphas};
+const CpuPasses kPasses = {draw,   resolve,     shade_part, resolve_colors, occlude,
+                           layers, begin_layer, end_layer,  lay_under,      find_alphas};
 
 }  // namespace SCREE_ISA
 }  // namespace scree::kernels
