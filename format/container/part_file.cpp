@@ -24,6 +24,9 @@ constexpr size_t kMaxCallBytes = size_t{1} << 30;
 // Writing of bytes behind this offset to the disk starts at once. Smaller files may be deleted before they have to.
 constexpr uint64_t kFlushedFrom = uint64_t{256} << 20;
 
+// Shorter writes are left to a later one, or to sync(): an entry of a log would cost the disk a whole block.
+constexpr ssize_t kLeastFlushed = 4096;
+
 /// Returns false where another program holds the lock. On a file system without locks it returns true: writing is still
 /// correct, only not guarded against a second writer.
 bool lock(int file) {
@@ -179,7 +182,7 @@ Result<void> PartFile::write_at(uint64_t offset, std::span<const std::byte> byte
     if (written <= 0) return error_of("write", written < 0 ? errno : ENOSPC);
     // Otherwise the kernel would keep gigabytes back until sync(), which would then wait for the whole file. Only a
     // hint.
-    if (is_part_ && offset >= kFlushedFrom)
+    if (is_part_ && offset >= kFlushedFrom && written >= kLeastFlushed)
       ::sync_file_range(file_, static_cast<off_t>(offset), written, SYNC_FILE_RANGE_WRITE);
     offset += static_cast<uint64_t>(written);
     bytes = bytes.subspan(static_cast<size_t>(written));

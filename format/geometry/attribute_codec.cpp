@@ -7,6 +7,7 @@
 #include <string>
 
 #include "format/geometry/code_scan.h"
+#include "format/geometry/normal_codes.h"
 #include "format/geometry/packed_values.h"
 #include "format/layout.h"
 #include "format/processor.h"
@@ -303,8 +304,12 @@ uint64_t normal_stream_bytes(uint64_t vertex_count, uint32_t bits) {
 
 void encode_normals(std::span<std::byte> out, std::span<const float> normals, uint32_t bits) {
   assert(normals.size() % 3 == 0 && bits >= kMinNormalBits && bits <= kMaxNormalBits);
-  pack_pairs(out, normals.size() / 3, 2 * bits, [&](uint64_t i) -> uint64_t {
-    const uint32_t codes = encode_octahedral(normals.data() + 3 * i, bits);
+  const uint64_t count = normals.size() / 3;
+  const uint64_t in_fours = isa_avx2::kEncodesNormals && has_avx2() ? count & ~uint64_t{3} : 0;
+  std::array<uint32_t, 4> four{};
+  pack_pairs(out, count, 2 * bits, [&](uint64_t i) -> uint64_t {
+    if (i < in_fours && i % 4 == 0) isa_avx2::encode_octahedral(normals.data() + 3 * i, bits, four.data());
+    const uint32_t codes = i < in_fours ? four[i % 4] : encode_octahedral(normals.data() + 3 * i, bits);
     return (codes & 0xffffu) | uint64_t{codes >> 16} << bits;
   });
 }

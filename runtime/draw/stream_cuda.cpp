@@ -344,13 +344,13 @@ Result<void> CudaStream::load(const Residency::Batch& batch, uint32_t number) {
   const Events& events = events_[number];
   // The current device is each thread's own.
   if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
-  // Moves run while the previous load is copied. They do not touch its places.
-  if (!batch.moves.empty()) {
-    Result<void> moved = move(batch.moves);
-    if (moved) moved = cuda_check(cudaEventRecord(events.moved, moves_), "recording a load");
-    if (moved) moved = cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load");
-    if (!moved) return moved;
-  }
+  // Moves run while the previous load is copied. They do not touch its places. A batch without moves waits too, because
+  // its places may be those that the moves of an earlier batch without loads read or write.
+  Result<void> moved;
+  if (!batch.moves.empty()) moved = move(batch.moves);
+  if (moved) moved = cuda_check(cudaEventRecord(events.moved, moves_), "recording a load");
+  if (moved) moved = cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load");
+  if (!moved) return moved;
   std::vector<Residency::Place> copied = batch.loads;
   const auto first_joined = std::stable_partition(
       copied.begin(), copied.end(), [&](const Residency::Place& place) { return !is_joined(place.chunk); });
@@ -360,7 +360,7 @@ Result<void> CudaStream::load(const Residency::Batch& batch, uint32_t number) {
   joined_[number] = 0;
   if (!joined.empty()) {
     for (const Residency::Place& place : joined) joined_[number] += place.bytes;
-    done = joins_->begin(number, batch.moves.empty() ? nullptr : events.moved, events.begun);
+    done = joins_->begin(number, events.moved, events.begun);
     if (done) done = source_.send(joined, *joins_, workers_);
     const Result<void> ended = joins_->end(copies_);
     if (done || !ended) done = ended;

@@ -99,7 +99,10 @@ Result<void> StreamJoins::begin(uint32_t load, cudaEvent_t moved, cudaEvent_t be
 
 Result<void> StreamJoins::end(cudaStream_t stream) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  Result<void> done = open_region().slots.empty() ? Result<void>() : launch(open_region());
+  // If the last slot filled its region, the open one may still be at work, with slots of earlier loads. Their places
+  // may hold other chunks by now, so it must not be launched again.
+  Result<void> done;
+  if (!open_region().is_launched && !open_region().slots.empty()) done = launch(open_region());
   if (done && begun_ != nullptr) done = cuda_check(cudaEventRecord(begun_, stream), "recording a load");
   begun_ = nullptr;
   for (const Region& region : regions_)

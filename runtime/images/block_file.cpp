@@ -10,6 +10,7 @@
 #include <span>
 #include <string>
 
+#include "format/blocks/bc7_block.h"
 #include "format/blocks/pixels.h"
 #include "runtime/images/basis/uastc.h"
 
@@ -139,13 +140,24 @@ Image decode_block_level(format::BlockFormat format, uint16_t swizzle, uint32_t 
                          const std::byte* blocks) {
   Image image{.width = width, .height = height};
   image.rgba.resize(uint64_t{4} * width * height);
-  uint8_t* out = image.rgba.data();
+  const auto put = [&](uint32_t x, uint32_t y, uint32_t rgba) {
+    std::memcpy(image.rgba.data() + 4 * (uint64_t{y} * width + x), &rgba, sizeof(rgba));
+  };
+  const auto* const bytes = reinterpret_cast<const uint8_t*>(blocks);
+  if (format == format::BlockFormat::kBc7) {
+    std::array<uint32_t, 16> pixels;
+    const uint8_t* block = bytes;
+    for (uint32_t top = 0; top < height; top += 4)
+      for (uint32_t left = 0; left < width; left += 4, block += 16) {
+        format::bc7_pixels({format::load_eight(block), format::load_eight(block + 8)}, pixels.data());
+        for (uint32_t y = top; y < std::min(top + 4, height); ++y)
+          for (uint32_t x = left; x < std::min(left + 4, width); ++x)
+            put(x, y, format::swizzled(pixels[(y & 3) * 4 + (x & 3)], swizzle));
+      }
+    return image;
+  }
   for (uint32_t y = 0; y < height; ++y)
-    for (uint32_t x = 0; x < width; ++x, out += 4) {
-      const uint32_t rgba =
-          format::block_image_pixel(format, swizzle, reinterpret_cast<const uint8_t*>(blocks), width, x, y);
-      std::memcpy(out, &rgba, sizeof(rgba));
-    }
+    for (uint32_t x = 0; x < width; ++x) put(x, y, format::block_image_pixel(format, swizzle, bytes, width, x, y));
   return image;
 }
 

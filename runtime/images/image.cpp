@@ -17,8 +17,7 @@
 namespace scree::runtime {
 namespace {
 
-constexpr uint64_t kWindowBytes = 64 << 10;  // of a file that is read on demand
-constexpr uint64_t kWebpPixelBytes = 10;     // the picture, libwebp's copy, and its alpha
+constexpr uint64_t kWebpPixelBytes = 10;  // the picture, libwebp's copy, and its alpha
 
 std::string size_text(const ImageInfo& info) {
   return std::to_string(info.width) + " x " + std::to_string(info.height) + " pixels";
@@ -118,7 +117,7 @@ Result<ImageInfo> probe_within_limits(ImageFile& file) {
 std::span<const std::byte> ImageFile::from(uint64_t offset) {
   if (offset >= size_ || error_) return {};
   if (read_ && (offset < first_ || offset - first_ >= window_.size())) {
-    buffer_.resize(static_cast<size_t>(std::min(kWindowBytes, size_ - offset)));
+    buffer_.resize(static_cast<size_t>(std::min(window_bytes_, size_ - offset)));
     window_ = buffer_;
     first_ = offset;
     if (const Result<void> read = read_(offset, buffer_); !read) {
@@ -198,11 +197,12 @@ Result<std::string> check_image(ImageFile file) {
 
 uint64_t image_check_bytes(const ImageInfo& info, uint64_t file_bytes) {
   if (info.is_webp) return file_bytes + kWebpPixelBytes * info.width * info.height;
-  if (info.codec == format::ImageCodec::kBlocks) return kWindowBytes + 2 * info.block_bytes + info.codebook_bytes;
+  if (info.codec == format::ImageCodec::kBlocks)
+    return ImageFile::kWindowBytes + 2 * info.block_bytes + info.codebook_bytes;
   // A row of blocks takes 16 bytes per sample. Up to 12 block rows are held, and as many rows of samples and of pixels.
   const uint64_t rows = uint64_t{256} * info.width * info.channels;
-  if (info.codec == format::ImageCodec::kPng) return kWindowBytes + rows / 8;
-  return kWindowBytes + rows + uint64_t{info.width + 32} * (info.height + 32) * info.channels / 8;
+  if (info.codec == format::ImageCodec::kPng) return ImageFile::kWindowBytes + rows / 8;
+  return ImageFile::kWindowBytes + rows + uint64_t{info.width + 32} * (info.height + 32) * info.channels / 8;
 }
 
 Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height, std::span<const float> values,

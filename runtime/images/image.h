@@ -44,8 +44,11 @@ class ImageFile {
       : window_(bytes) {
     size_ = window_.size();
   }
-  /// `read`: fills `out` with the bytes at `offset`, which lie below `size`.
-  ImageFile(uint64_t size, Read read) : size_(size), read_(std::move(read)) {}
+  static constexpr uint64_t kWindowBytes = 64 << 10;
+  static constexpr uint64_t kHeadBytes = 16 << 10;  // enough for the head of nearly any file
+  /// `read`: fills `out`, of at most `window_bytes`, with the bytes at `offset`, which lie below `size`.
+  ImageFile(uint64_t size, Read read, uint64_t window_bytes = kWindowBytes)
+      : size_(size), read_(std::move(read)), window_bytes_(window_bytes) {}
   ImageFile(ImageFile&&) = default;
   ImageFile& operator=(ImageFile&&) = default;
 
@@ -69,6 +72,7 @@ class ImageFile {
  private:
   uint64_t size_ = 0;
   Read read_;
+  uint64_t window_bytes_ = kWindowBytes;
   std::vector<std::byte> buffer_;
   uint64_t first_ = 0;  // offset of the window
   std::span<const std::byte> window_;

@@ -2,7 +2,9 @@
 // the speed of threads.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
+#include <concepts>
 #include <cstdint>
 #include <deque>
 #include <exception>
@@ -48,6 +50,12 @@ class WorkerPool {
   std::unique_ptr<Impl> impl_;
 };
 
+/// A result that reports the memory it takes, in bytes. That can be less than the job needed.
+template <class T>
+concept HasHeldBytes = requires(const T& result) {
+  { result.held_bytes() } -> std::convertible_to<uint64_t>;
+};
+
 /// Results of one kind of job in the order of submission. Used by one thread. The destructor skips jobs that have not
 /// started and waits for the others. So jobs may refer to objects that outlive these results.
 template <class T>
@@ -63,24 +71,26 @@ class OrderedResults {
   OrderedResults(const OrderedResults&) = delete;
   OrderedResults& operator=(const OrderedResults&) = delete;
 
-  /// `cost`: memory of the job and its result, bytes; see cost().
+  /// `cost`: memory of the job and its result, bytes; see cost(). Once the job is done, a result that reports less
+  /// memory costs only that.
   void submit(Work work, uint64_t cost) {
     auto slot = std::make_shared<Slot>();
     slot->cost = cost;
     slots_.push_back(slot);
+    cost_ += cost;
     try {
       submit(slot, std::move(work));
     } catch (...) {  // take() would wait forever for a job that never runs
       slots_.pop_back();
+      cost_ -= cost;
       throw;
     }
-    cost_ += cost;
   }
 
   uint64_t size() const { return slots_.size(); }
 
   /// Sum of the costs of the jobs whose results have not been taken.
-  uint64_t cost() const { return cost_; }
+  uint64_t cost() const { return cost_.load(std::memory_order_relaxed); }
 
   /// Whether take() would return at once.
   bool ready() {
@@ -112,8 +122,8 @@ class OrderedResults {
 
   void submit(const std::shared_ptr<Slot>& slot, Work work) {
     pool_.submit(
-        [slot = std::shared_ptr<Slot>(slot), work = std::move(work), cancelled = cancelled_,
-         &pool = pool_](uint32_t worker) mutable {
+        [slot = std::shared_ptr<Slot>(slot), work = std::move(work), cancelled = cancelled_, &pool = pool_,
+         &cost = cost_](uint32_t worker) mutable {
           std::optional<Result<T>> result;
           try {
             if (cancelled->load(std::memory_order_relaxed)) {
@@ -130,6 +140,12 @@ class OrderedResults {
           // before the result counts as done.
           work = nullptr;
           pool.notify([&] {
+            if constexpr (HasHeldBytes<T>)
+              if (*result) {
+                const uint64_t held = std::min<uint64_t>((**result).held_bytes(), slot->cost);
+                cost -= slot->cost - held;
+                slot->cost = held;
+              }
             slot->result = std::move(result);
             result.reset();
             slot->done = true;
@@ -143,7 +159,7 @@ class OrderedResults {
   bool urgent_;
   std::shared_ptr<std::atomic<bool>> cancelled_ = std::make_shared<std::atomic<bool>>(false);
   std::deque<std::shared_ptr<Slot>> slots_;
-  uint64_t cost_ = 0;
+  std::atomic<uint64_t> cost_ = 0;
 };
 
 /// Limits of the work in flight. One job is always allowed.
@@ -169,18 +185,29 @@ Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work 
                          OtherResults* others = nullptr) {
   OrderedResults<T> results(pool, false);
   uint64_t next = 0;
+  uint64_t next_cost = count > 0 ? cost(0) : 0;
+  const auto has_room = [&] {
+    return next < count && results.size() < limit.jobs &&
+           (results.size() == 0 || results.cost() + next_cost <= limit.cost);
+  };
   for (uint64_t taken = 0; taken < count; ++taken) {
-    while (next < count && results.size() < limit.jobs &&
-           (results.size() == 0 || results.cost() + cost(next) <= limit.cost)) {
-      results.submit([work, next](uint32_t worker) { return work(next, worker); }, cost(next));
-      ++next;
-    }
-    while (others != nullptr) {
+    for (;;) {
+      while (has_room()) {
+        results.submit([work, next](uint32_t worker) { return work(next, worker); }, next_cost);
+        if (++next < count) next_cost = cost(next);
+      }
+      // A done job may leave room for another one before its own result is taken.
       bool is_other = false;
-      const auto done = [&] { return (is_other = others->is_ready()) || results.ready_locked(); };
+      const auto done = [&] {
+        is_other = others != nullptr && others->is_ready();
+        return is_other || results.ready_locked() || has_room();
+      };
       if (const Result<void> waited = pool.wait(done); !waited) return waited;
-      if (!is_other) break;
-      if (const Result<void> other = others->take_one(); !other) return other;
+      if (is_other) {
+        if (const Result<void> other = others->take_one(); !other) return other;
+      } else if (results.ready()) {
+        break;
+      }
     }
     Result<T> result = results.take();
     if (!result) return result.error();

@@ -56,13 +56,15 @@ class FileSource final : public ByteSource {
     if (Result<void> there = check_read(offset, out, size(), "file"); !there) return at(path_, there.error());
     const Timed timed(nanoseconds_read, Spent::kReading);
     bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
-    if (descriptor_ >= 0) return read_from(descriptor_, offset, out);
-    const int descriptor = open_read_only(path_);
-    if (descriptor < 0) return file_error(path_, errno);
-    Result<void> result = check_same(descriptor);
-    if (result) result = read_from(descriptor, offset, out);
-    ::close(descriptor);
-    return result;
+    return descriptor_ >= 0 ? read_from(descriptor_, offset, out) : open_and_read(offset, out, POSIX_FADV_NORMAL);
+  }
+
+  Result<void> read_alone(uint64_t offset, std::span<std::byte> out) const override {
+    if (Result<void> there = check_read(offset, out, size(), "file"); !there) return at(path_, there.error());
+    const Timed timed(nanoseconds_read, Spent::kReading);
+    bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
+    return open_and_read(offset, out,
+                         POSIX_FADV_RANDOM);  // the advice would also hold for others' reads by descriptor_
   }
 
   void will_need(uint64_t offset, uint64_t bytes) const override {
@@ -88,6 +90,16 @@ class FileSource final : public ByteSource {
     if (now.st_size != first_.st_size || !is_same(now.st_mtim, first_.st_mtim))
       return Error{ErrorCode::kFile, path_ + ": was changed while it was being read"};
     return {};
+  }
+
+  Result<void> open_and_read(uint64_t offset, std::span<std::byte> out, int advice) const {
+    const int descriptor = open_read_only(path_);
+    if (descriptor < 0) return file_error(path_, errno);
+    Result<void> result = check_same(descriptor);
+    if (result && advice != POSIX_FADV_NORMAL) ::posix_fadvise(descriptor, 0, 0, advice);
+    if (result) result = read_from(descriptor, offset, out);
+    ::close(descriptor);
+    return result;
   }
 
   Result<void> read_from(int descriptor, uint64_t offset, std::span<std::byte> out) const {
@@ -124,6 +136,11 @@ class WindowSource final : public ByteSource {
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
     if (Result<void> there = check_read(offset, out, size_, "chunk"); !there) return there;
     return whole_->read(offset_ + offset, out);
+  }
+
+  Result<void> read_alone(uint64_t offset, std::span<std::byte> out) const override {
+    if (Result<void> there = check_read(offset, out, size_, "chunk"); !there) return there;
+    return whole_->read_alone(offset_ + offset, out);
   }
 
   void will_need(uint64_t offset, uint64_t bytes) const override { whole_->will_need(offset_ + offset, bytes); }

@@ -247,9 +247,9 @@ class MaterialMaker {
     if (!made || !*made) return kUnreadable;
     const SourceImage& found = **made;
     const auto read = [&](uint64_t offset, std::span<std::byte> out) {
-      return found.source->read(found.offset + offset, out);
+      return found.source->read_alone(found.offset + offset, out);
     };
-    const auto info = runtime::probe_decodable({found.bytes, read});
+    const auto info = runtime::probe_decodable({found.bytes, read, runtime::ImageFile::kHeadBytes});
     if (!info) return kUnreadable;
     if (found.is_webp || info->is_decoded) return kDecodedRank;
     return found.codec == format::ImageCodec::kBlocks ? kBlockRank : kPlainRank;

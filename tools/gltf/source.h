@@ -26,6 +26,8 @@ class ByteSource {
   virtual uint64_t size() const = 0;
   /// Fills `out` from `offset`. Errors kFile (I/O error), kTruncated (the file shrank).
   virtual Result<void> read(uint64_t offset, std::span<std::byte> out) const = 0;
+  /// The same for bytes that are read alone, such as a file's head: the system reads no further ones ahead.
+  virtual Result<void> read_alone(uint64_t offset, std::span<std::byte> out) const { return read(offset, out); }
   /// A hint that bytes will be read soon. The range may pass the end. It may have no effect.
   virtual void will_need(uint64_t /*offset*/, uint64_t /*bytes*/) const {}
   /// Unpacks bytes of a compressed source that will be read soon, as far as only one thread at a time can do that. The

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "format/blocks/bc7_block.h"
 #include "format/blocks/pixels.h"
 #include "tests/catch.h"
 #include "tests/format/geometry/spec_vectors.h"
@@ -86,6 +87,20 @@ TEST_CASE("a pixel of a picture comes from its block", "[blocks]") {
       CHECK((block_image_pixel(BlockFormat::kBc4, kPlainSwizzle, blocks.data(), 7, x, y) & 255) ==
             50 * (y / 4 * 2 + x / 4 + 1));
   CHECK(block_image_pixel(BlockFormat::kRg8, kPlainSwizzle, blocks.data(), 2, 0, 2) == 0xff006464);
+}
+
+TEST_CASE("a BC7 block decoded at once has the pixels that are decoded one by one", "[blocks]") {
+  std::mt19937_64 random(7);
+  for (uint32_t mode = 0; mode <= 8; ++mode)  // 8: the reserved one
+    for (int round = 0; round < 4000; ++round) {
+      BlockBits block{random(), random()};
+      block.low = (block.low & ~((uint64_t{2} << mode) - 1)) | (mode < 8 ? uint64_t{1} << mode : 0);
+      if (mode == 8) block.low &= ~uint64_t{255};
+      std::array<uint32_t, 16> pixels{};
+      bc7_pixels(block, pixels.data());
+      for (uint32_t i = 0; i < 16; ++i)
+        if (pixels[i] != bc7_pixel(block, i)) FAIL("mode " << mode << ", round " << round << ", pixel " << i);
+    }
 }
 
 }  // namespace scree::format

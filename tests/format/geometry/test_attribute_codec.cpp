@@ -315,6 +315,28 @@ TEST_CASE("every normal code decodes to a unit vector and encodes to itself or i
   }
 }
 
+TEST_CASE("normals encoded four at a time have the codes of those encoded alone", "[attribute_codec][normal]") {
+  std::mt19937 random(11);
+  std::vector<float> normals = gaussian(random, 3 * 20000);
+  constexpr float kOdd[] = {0.0f, -0.0f, 1.0f, -1.0f, 0.5f, 1e-45f, 3e38f, -3e38f, kInfinity, kNan};
+  for (const float x : kOdd)
+    for (const float y : kOdd)
+      for (const float z : kOdd) normals.insert(normals.end(), {x, y, z});
+  for (int i = 0; i < 3000; ++i) {  // on axes, planes and diagonals, where candidates are equally near
+    const auto step = [&] { return static_cast<float>(static_cast<int>(random() % 9) - 4); };
+    normals.insert(normals.end(), {step(), step(), step()});
+  }
+  for (const uint32_t bits : {2u, 3u, 8u, 12u, 16u}) {
+    const std::vector<std::byte> together = encode(normals, bits);
+    std::vector<float> some(normals.size()), one(3);
+    REQUIRE(decode_normals(some, bits, together));
+    for (size_t i = 0; i < normals.size(); i += 3) {  // fewer than four are encoded one by one
+      REQUIRE(decode_normals(one, bits, encode({normals[i], normals[i + 1], normals[i + 2]}, bits)));
+      if (one != std::vector<float>{some[i], some[i + 1], some[i + 2]}) FAIL("bits " << bits << ", normal " << i / 3);
+    }
+  }
+}
+
 TEST_CASE("normals: the axes are exact, any length is allowed, and no direction becomes +z",
           "[attribute_codec][normal]") {
   for (uint32_t bits = 2; bits <= 16; ++bits) {

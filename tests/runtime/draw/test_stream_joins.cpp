@@ -1,5 +1,6 @@
 // Split pages of streamed chunks, which a GPU joins in its pool: the samples and the errors of the CPU.
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <random>
 #include <set>
@@ -155,6 +156,81 @@ TEST_CASE("chunks that a GPU joins are dropped and joined again", "[cuda][stream
   CHECK(joined > split);
 }
 
+TEST_CASE("no slot is joined twice", "[cuda][stream]") {
+  if (!has_gpu()) return;
+  constexpr uint32_t kSlots = kernels::kMostJoinSlots;
+  const StreamJoins::Sizes sizes = StreamJoins::sizes_for(4096, kSlots, uint64_t{1} << 20, uint64_t{1} << 20);
+  REQUIRE(sizes.region_bytes >= kSlots * 1024);
+  const kernels::DeviceBuffer arena = must(kernels::DeviceBuffer::allocate(kSlots * 256, "a test"));
+  const auto sync = [] { must(kernels::cuda_check(cudaDeviceSynchronize(), "a test")); };
+  const auto fill = [&](int value) {
+    must(kernels::cuda_check(cudaMemset(arena.data(), value, kSlots * 256), "a test"));
+    sync();
+  };
+  const auto holds = [&](int value) {
+    std::vector<std::byte> bytes(kSlots * 256);
+    must(kernels::cuda_check(cudaMemcpy(bytes.data(), arena.data(), bytes.size(), cudaMemcpyDeviceToHost), "a test"));
+    return std::ranges::all_of(bytes, [&](std::byte byte) { return byte == static_cast<std::byte>(value); });
+  };
+  int device = 0;
+  must(kernels::cuda_check(cudaGetDevice(&device), "a test"));
+  StreamJoins joins;
+  must(joins.open(sizes, device, arena.data()));
+  // Each load fills a region, so that the next one is open when it ends. From the fifth on that one was full before.
+  for (uint32_t load = 0; load < 6; ++load) {
+    fill(1);
+    must(joins.begin(load, nullptr, nullptr));
+    for (uint32_t i = 0; i < kSlots; ++i) {
+      const StreamJoins::Slot slot = must(joins.take());
+      std::fill_n(slot.memory.begin(), 256, std::byte{2});
+      runtime::JoinPlan plan;
+      plan.add_copy({0, uint64_t{256} * i}, 256);
+      CHECK(must(joins.join(slot, 256, plan)));
+    }
+    sync();
+    CHECK(holds(2));
+    fill(3);
+    must(joins.end(nullptr));
+    sync();
+    CHECK(holds(3));
+    CHECK(joins.has_joined(load));
+  }
+}
+
+TEST_CASE("chunks are joined behind the moves of all earlier loads", "[cuda][stream]") {
+  if (!has_gpu()) return;
+  const TempFolder folder;
+  const std::string path = folder.file("moved.scree");
+  PagedScene paged;
+  paged.page_bytes = 3000;
+  paged.zstd_every = 1;
+  paged.image_every = 10000;
+  std::mt19937 random(5);
+  std::vector<std::pair<Soup, Encoding>> meshes;  // of a chunk each
+  for (int i = 0; i < 800; ++i)
+    meshes.emplace_back(grid(static_cast<uint32_t>(2 + random() % 11), 0.01 * (i % 40)), kClusters);
+  paged.write(path, meshes);
+  const Scene whole = must_load(path);
+  const Scene scene = must_load(path, {.threads = 2, .pages = false});
+  const uint64_t least = least_device_memory(refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, 0)).message);
+  // An eighth of this is for joins.
+  const uint64_t more = 8 * (uint64_t{24} << 10);
+  REQUIRE(joinable_bytes(scene).first > 2 * more);
+  uint64_t moved = 0;
+  DeviceScene device = must(DeviceScene::upload(scene, least + more, 2, Reading::kAuto, 0));
+  REQUIRE(device.is_streamed());
+  for (int i = 0; i < (kEmulatesGpu ? 12 : 60); ++i) {  // some of their loads only move chunks
+    runtime::CameraOptions camera{.width = 60, .height = 40};
+    const double angle = 2.4 * i;
+    camera.eye = runtime::Vec3{7 * std::cos(angle), 1, 7 * std::sin(angle)};
+    camera.target = runtime::Vec3{0, 0, 0};
+    CHECK(draws_as_cpu(device, scene, whole, must_view(whole, camera)));
+    CHECK(device.stream_stats()->joined_bytes == device.stream_stats()->streamed_bytes);
+    moved += device.stream_stats()->moved_bytes;
+  }
+  CHECK(moved > 0);
+}
+
 TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda][stream]") {
   if (!has_gpu()) return;
   const TempFolder folder;
@@ -176,6 +252,15 @@ TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda
     Scene whole = must_load(path, {.pages = false});
     const Result<void> loaded = whole.load_pages(2);
     const Scene scene = must_load(path, {.threads = 2, .pages = false});
+    // All chunks are kept in host memory, and joined before.
+    Result<DeviceScene> kept = upload_with_joins(scene, uint64_t{64} << 20);
+    REQUIRE(bool(kept) == bool(loaded));
+    if (kept) {
+      CHECK(draws_as_cpu(*kept, scene, whole, must_view(whole, {.width = 60, .height = 40})));
+      CHECK(kept->stream_stats()->joined_bytes == 0);  // by this frame
+    } else {
+      CHECK(kept.error().message == loaded.error().message);
+    }
     DeviceScene device = must(upload_with_joins(scene));
     if (loaded) {  // other positions, perhaps
       CHECK(draws_as_cpu(device, scene, whole, must_view(whole, {.width = 60, .height = 40})));

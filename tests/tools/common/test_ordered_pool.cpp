@@ -1,12 +1,15 @@
 // Results come in order, the first error in that order is reported, and nothing hangs.
 #include "tools/common/ordered_pool.h"
 
+#include <atomic>
 #include <chrono>
+#include <mutex>
 #include <thread>
 #include <vector>
 
 #include "tests/catch.h"
 #include "tests/results.h"
+#include "tools/common/prepare_ahead.h"
 
 using namespace scree;
 using namespace scree::convert;
@@ -118,4 +121,49 @@ TEST_CASE("a raised stop flag ends the wait", "[ordered_pool]") {
     return {};
   };
   CHECK(refusal(run_ordered<int>(pool, 100000, {6, UINT64_MAX}, work, kNoCost, take)).message == "interrupted");
+}
+
+TEST_CASE("a result that takes less memory than its job makes room before it is taken", "[ordered_pool]") {
+  struct Small {
+    uint64_t held_bytes() const { return 5; }
+  };
+  WorkerPool pool(2, nullptr);
+  std::atomic<int> later{0};
+  const auto work = [&](uint64_t i, uint32_t) -> Result<Small> {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    if (i > 0) ++later;
+    while (i == 0 && later < 3 && std::chrono::steady_clock::now() < end) pause(1);
+    if (later < 3 && i == 0) return Error{ErrorCode::kRange, "no room"};
+    return Small{};
+  };
+  const auto cost = [](uint64_t i) { return i == 0 ? uint64_t{30} : uint64_t{60}; };  // 0 and one other fit 100 bytes
+  CHECK(run_ordered<Small>(pool, 4, {8, 100}, work, cost, [](uint64_t, Small) -> Result<void> { return {}; }));
+}
+
+TEST_CASE("items are prepared in order, a number of bytes ahead of the work", "[ordered_pool]") {
+  std::mutex lock;
+  std::vector<uint64_t> prepared;
+  const auto wait_for = [&](const std::vector<uint64_t>& expected) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    for (;;) {
+      {
+        const std::lock_guard<std::mutex> hold(lock);
+        if (prepared == expected || std::chrono::steady_clock::now() > end) return prepared == expected;
+      }
+      pause(1);
+    }
+  };
+  const auto ten = [](uint64_t) { return uint64_t{10}; };
+  const auto note = [&](uint64_t i) {
+    const std::lock_guard<std::mutex> hold(lock);
+    prepared.push_back(i);
+  };
+  PrepareAhead ahead(10, 25, ten, note);
+  CHECK(wait_for({0, 1, 2}));
+  ahead.begun(1);
+  CHECK(wait_for({0, 1, 2, 3}));
+  ahead.begun(6);  // items that others have begun need no preparation
+  CHECK(wait_for({0, 1, 2, 3, 6, 7, 8}));
+  ahead.begun(9);
+  CHECK(wait_for({0, 1, 2, 3, 6, 7, 8, 9}));
 }

@@ -1,8 +1,10 @@
 #include "tools/convert/images/images.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <map>
+#include <memory>
 #include <span>
 #include <tuple>
 #include <utility>
@@ -14,6 +16,7 @@
 #include "runtime/images/image.h"
 #include "runtime/images/png_writer.h"
 #include "runtime/threads/parallel.h"
+#include "tools/common/prepare_ahead.h"
 #include "tools/convert/images/jpeg_file.h"
 #include "tools/convert/images/jpeg_levels.h"
 #include "tools/convert/images/jpeg_transcode.h"
@@ -24,6 +27,11 @@ namespace {
 constexpr uint64_t kMaxImageBytes = uint64_t{1} << 30;
 constexpr uint64_t kCheckedBytes = uint64_t{128} << 20;  // memory of the checks in flight
 constexpr size_t kBlockBytes = size_t{1} << 20;
+// Images in flight per thread, if memory suffices. Pages are written in order, so these have to last while one thread
+// stores a large image.
+constexpr uint64_t kJobsPerThread = 8;
+constexpr uint64_t kAheadBytes = uint64_t{256}
+                                 << 20;  // of files that are read into the page cache before they are stored
 
 struct CheckedImage {
   runtime::ImageInfo info{};
@@ -34,10 +42,6 @@ struct CheckedImage {
 
 Result<void> read_image(const SourceImage& image, uint64_t offset, std::span<std::byte> out) {
   return image.source->read(image.offset + offset, out);
-}
-
-runtime::ImageFile image_file(const SourceImage& image) {
-  return {image.bytes, [&image](uint64_t offset, std::span<std::byte> out) { return read_image(image, offset, out); }};
 }
 
 Result<ContentHash> hash_image(const SourceImage& image) {
@@ -68,7 +72,7 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
     return Error{ErrorCode::kUnsupported, std::to_string(image.bytes) + " bytes, but images of at most " +
                                               std::to_string(kMaxImageBytes) + " are read"};
   CheckedImage checked;
-  const Result<runtime::ImageInfo> info = runtime::probe_image(image_file(image));
+  const Result<runtime::ImageInfo> info = runtime::probe_image(image_head(image));
   Result<std::string> warning = std::string();
   const bool is_checked_later =
       info && (is_indexed(options, info->codec) || keeps_blocks(options, info->codec));  // both decode it
@@ -108,6 +112,13 @@ struct StoredImage {
   uint32_t height = 0;
   uint32_t channels = 0;
   std::string warning;
+
+  uint64_t held_bytes() const {
+    uint64_t bytes = kBlockBytes + png.capacity() + base.capacity();
+    for (const std::vector<std::byte>& level : levels) bytes += level.capacity();
+    for (const format::SealedPage& page : pages) bytes += page.stored.capacity();
+    return bytes;
+  }
 };
 
 Error changed() {
@@ -263,9 +274,9 @@ uint64_t zstd_bytes(int level, uint64_t block_bytes) {
 }
 
 uint64_t store_cost(const SourceImage& source, const runtime::ImageInfo& info, const ImageOptions& options) {
-  // All levels together take a third more than level 0; the compressed ones are in memory at the same time.
+  // Level 0 is in memory twice, as blocks and as pages; with its pages, all other levels take less.
   if (keeps_blocks(options, info.codec))
-    return source.bytes + 3 * info.block_bytes + info.codebook_bytes + kBlockBytes +
+    return source.bytes + 2 * info.block_bytes + info.codebook_bytes + kBlockBytes +
            zstd_bytes(options.block_zstd_level, info.block_bytes);
   const uint64_t pixels = uint64_t{info.width} * info.height;
   if (!is_indexed(options, info.codec)) {
@@ -363,12 +374,23 @@ void add_stored(const SourceScene& scene, uint64_t number, const StoredImageReco
 
 }  // namespace
 
+runtime::ImageFile image_file(const SourceImage& image) {
+  return {image.bytes, [&image](uint64_t offset, std::span<std::byte> out) { return read_image(image, offset, out); }};
+}
+
+runtime::ImageFile image_head(const SourceImage& image) {
+  const auto read = [&image](uint64_t offset, std::span<std::byte> out) {
+    return image.source->read_alone(image.offset + offset, out);
+  };
+  return {image.bytes, read, runtime::ImageFile::kHeadBytes};
+}
+
 uint64_t largest_image_bytes(const SourceScene& scene, const ImageOptions& options, uint32_t threads) {
   std::atomic<uint64_t> largest = 0;
   runtime::parallel_for(scene.images.size(), threads, [&](uint64_t i) {
     const SourceImage& image = scene.images[i];
     if (image.bytes > kMaxImageBytes) return;  // refused later, like pictures with too many pixels
-    const Result<runtime::ImageInfo> info = runtime::probe_decodable(image_file(image));
+    const Result<runtime::ImageInfo> info = runtime::probe_decodable(image_head(image));
     if (!info) return;
     const uint64_t bytes = std::max(check_cost(image, info, options), store_cost(image, *info, options));
     for (uint64_t most = largest; bytes > most && !largest.compare_exchange_weak(most, bytes);) continue;
@@ -396,7 +418,7 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
   std::vector<uint64_t> costs(images.size());
   runtime::parallel_for(costs.size(), pool.threads(), [&](uint64_t i) {
     const SourceImage& image = scene.images[images[i]];
-    costs[i] = check_cost(image, runtime::probe_image(image_file(image)), options);
+    costs[i] = check_cost(image, runtime::probe_image(image_head(image)), options);
   });
   const auto work = [&](uint64_t i, uint32_t) -> Result<CheckedImage> {
     const SourceImage& image = scene.images[images[i]];
@@ -450,11 +472,19 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
   const auto coding_of = [&](uint64_t i) {
     return plan.is_color[i] ? runtime::TexelCoding::kColor : runtime::TexelCoding::kNumbers;
   };
+  // While all threads work on images, the disk reads the images after those.
+  const auto start_reader = [&](uint64_t parity) {
+    return std::make_unique<PrepareAhead>(
+        records.size() - first, kAheadBytes, [&](uint64_t place) { return source(first + place).bytes; },
+        [&, parity](uint64_t place) {
+          const SourceImage& image = source(first + place);
+          if (place % 2 == parity) image.source->will_need(image.offset, image.bytes);
+        });
+  };
+  const std::array readers = {start_reader(0), start_reader(1)};
   const auto work = [&](uint64_t place, uint32_t) -> Result<StoredImage> {
     const uint64_t i = first + place;
-    // While all threads work on images, the disk reads the next images.
-    if (const uint64_t next = i + pool.threads(); next < records.size())
-      source(next).source->will_need(source(next).offset, source(next).bytes);
+    for (const auto& reader : readers) reader->begun(place);
     if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
     const bool is_file = !source(i).is_webp && records[i].codec != format::ImageCodec::kBlocks;
     if (is_file && !is_indexed(options, records[i].codec)) return StoredImage{};
@@ -484,7 +514,7 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
     note(i, written);
     return {};
   };
-  return run_ordered<StoredImage>(pool, records.size() - first, {2 * uint64_t{pool.threads()}, options.memory}, work,
+  return run_ordered<StoredImage>(pool, records.size() - first, {kJobsPerThread * pool.threads(), options.memory}, work,
                                   cost, take);
 }
 

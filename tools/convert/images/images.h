@@ -9,6 +9,7 @@
 
 #include "format/container/container.h"
 #include "format/result.h"
+#include "runtime/images/image.h"
 #include "tools/common/content_hash.h"
 #include "tools/common/ordered_pool.h"
 #include "tools/gltf/source.h"
@@ -51,6 +52,10 @@ struct StoredImageRecord {
   std::vector<format::MipLevelRecord> levels;
   std::string warning;
 };
+
+/// The file of an image, and the same for reading its head alone.
+runtime::ImageFile image_file(const SourceImage& image);
+runtime::ImageFile image_head(const SourceImage& image);
 
 /// Largest memory for checking or storing one image of the scene, bytes. Reads the images' heads on up to `threads`
 /// threads. Throws std::bad_alloc.

@@ -23,12 +23,6 @@ struct Alpha {
   std::vector<uint8_t> codes{255};
 };
 
-runtime::ImageFile file_of(const SourceImage& image) {
-  return {image.bytes, [&image](uint64_t offset, std::span<std::byte> out) {
-            return image.source->read(image.offset + offset, out);
-          }};
-}
-
 /// Whether the image becomes opaque instead of failing with this error.
 bool is_tolerated(const Error& error, bool keep_going) {
   return keep_going && error.code != ErrorCode::kFile && error.code != ErrorCode::kMemory;
@@ -38,7 +32,7 @@ Result<Alpha> decode_alpha(const SourceScene& scene, uint32_t number, bool keep_
   const SourceImage& image = scene.images[number];
   Alpha alpha;
   if (image.codec == format::ImageCodec::kJpeg) return alpha;
-  const Result<runtime::Image> decoded = runtime::decode_image(file_of(image));
+  const Result<runtime::Image> decoded = runtime::decode_image(image_file(image));
   if (!decoded && is_tolerated(decoded.error(), keep_going)) return alpha;
   if (!decoded) return at(image_place(scene, number), decoded.error());
   alpha.width = decoded->width;
@@ -50,7 +44,7 @@ Result<Alpha> decode_alpha(const SourceScene& scene, uint32_t number, bool keep_
 
 /// Memory for making one mask, in bytes: the file, the decoded image, its alpha, and the levels as floats and as bytes.
 uint64_t mask_cost(const SourceImage& image) {
-  const Result<runtime::ImageInfo> info = runtime::probe_image(file_of(image));
+  const Result<runtime::ImageInfo> info = runtime::probe_image(image_head(image));
   return info ? image.bytes + 12 * uint64_t{info->width} * info->height : image.bytes;
 }
 
@@ -77,7 +71,7 @@ Result<AlphaRange> find_alpha_range(const SourceScene& scene, uint32_t number, b
   if (image.codec == format::ImageCodec::kJpeg) return AlphaRange{};
   AlphaRange range;
   range.most = 0;
-  const Result<runtime::ImageInfo> info = runtime::decode_rows(file_of(image), [&](const runtime::Image& rows) {
+  const Result<runtime::ImageInfo> info = runtime::decode_rows(image_file(image), [&](const runtime::Image& rows) {
     for (size_t i = 3; i < rows.rgba.size(); i += 4) {
       range.least = std::min<uint32_t>(range.least, rows.rgba[i]);
       range.most = std::max<uint32_t>(range.most, rows.rgba[i]);

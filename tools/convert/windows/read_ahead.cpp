@@ -1,9 +1,6 @@
 #include "tools/convert/windows/read_ahead.h"
 
 #include <algorithm>
-#include <deque>
-#include <exception>
-#include <new>
 #include <utility>
 
 #include "tools/convert/windows/locality.h"
@@ -52,12 +49,16 @@ void give_hint(const Accessor& accessor, Elements elements, Hint hint) {
 ReadAhead::ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& windows, const AheadBytes& bytes,
                      uint32_t threads, bool attributes, bool normals)
     : scene_(scene), windows_(windows), attributes_(attributes), normals_(normals) {
-  start(bytes.files, [this](const WindowPlan& window) {
-    visit(window,
-          [](const Accessor& accessor, Elements elements) { give_hint(accessor, elements, &ByteSource::will_need); });
-  });
   // Threads of one kind share the primitives, because a view is unpacked by one thread at a time.
   const uint32_t shares = unpacking_threads(threads) / 2;
+  // One thread cannot allocate pages for a fast disk.
+  const uint32_t readers = std::max(shares, 1u);
+  for (uint32_t reader = 0; reader < readers; ++reader)
+    start(bytes.files, [this, reader, readers](const WindowPlan& window) {
+      if (window.primitive % readers != reader) return;
+      visit(window,
+            [](const Accessor& accessor, Elements elements) { give_hint(accessor, elements, &ByteSource::will_need); });
+    });
   for (uint32_t share = 0; share < shares; ++share) {
     const auto start_unpacking = [&](const auto& unpack) {
       start(bytes.unpacked, [this, unpack, share, shares](const WindowPlan& window) {
@@ -73,56 +74,14 @@ ReadAhead::ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& wi
   }
 }
 
-ReadAhead::~ReadAhead() {
-  {
-    const std::lock_guard<std::mutex> hold(lock_);
-    closing_ = true;
-  }
-  changed_.notify_all();
-  for (std::thread& thread : threads_) thread.join();
-}
-
 void ReadAhead::begun(uint64_t window) {
-  {
-    const std::lock_guard<std::mutex> hold(lock_);
-    begun_ = std::max(begun_, window);
-  }
-  changed_.notify_all();
+  for (const std::unique_ptr<PrepareAhead>& thread : threads_) thread->begun(window);
 }
 
 void ReadAhead::start(uint64_t most_bytes, Prepare prepare) {
-  try {
-    threads_.emplace_back([this, most_bytes, prepare = std::move(prepare)] {
-      try {
-        run(most_bytes, prepare);
-      } catch (const std::bad_alloc&) {  // handled like a thread that cannot start
-      }
-    });
-  } catch (const std::exception&) {  // without this thread, measuring is only slower
-  }
-}
-
-void ReadAhead::run(uint64_t most_bytes, const Prepare& prepare) {
-  std::deque<uint64_t> prepared;  // bytes of the windows from number `first` on
-  uint64_t first = 0, bytes = 0;
-  std::unique_lock<std::mutex> hold(lock_);
-  while (!closing_ && first + prepared.size() < windows_.size()) {
-    for (; first < begun_; ++first) {
-      if (prepared.empty()) continue;
-      bytes -= prepared.front();
-      prepared.pop_front();
-    }
-    const uint64_t next = first + prepared.size();
-    if (bytes >= most_bytes || next >= windows_.size()) {
-      if (next < windows_.size()) changed_.wait(hold, [&] { return closing_ || begun_ > first; });
-      continue;
-    }
-    hold.unlock();
-    prepare(windows_[next]);
-    prepared.push_back(bytes_of(windows_[next]));
-    bytes += prepared.back();
-    hold.lock();
-  }
+  threads_.push_back(std::make_unique<PrepareAhead>(
+      windows_.size(), most_bytes, [this](uint64_t window) { return bytes_of(windows_[window]); },
+      [this, prepare = std::move(prepare)](uint64_t window) { prepare(windows_[window]); }));
 }
 
 /// Calls visit(accessor, elements) for the data of a window.

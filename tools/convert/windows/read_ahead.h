@@ -2,13 +2,12 @@
 // compute. Compressed views, which only one thread at a time can unpack first, are unpacked by threads of their own.
 #pragma once
 
-#include <condition_variable>
 #include <cstdint>
 #include <functional>
-#include <mutex>
-#include <thread>
+#include <memory>
 #include <vector>
 
+#include "tools/common/prepare_ahead.h"
 #include "tools/convert/windows/measure.h"
 #include "tools/gltf/source.h"
 
@@ -34,9 +33,6 @@ class ReadAhead {
   /// `attributes`: attributes will be read too; `normals`: including normals.
   ReadAhead(const SourceScene& scene, const std::vector<WindowPlan>& windows, const AheadBytes& bytes, uint32_t threads,
             bool attributes, bool normals);
-  ~ReadAhead();
-  ReadAhead(const ReadAhead&) = delete;
-  ReadAhead& operator=(const ReadAhead&) = delete;
 
   /// Reports that a thread begins to measure window number `window`. Any thread may call it.
   void begun(uint64_t window);
@@ -45,7 +41,6 @@ class ReadAhead {
   using Prepare = std::function<void(const WindowPlan&)>;
 
   void start(uint64_t most_bytes, Prepare prepare);
-  void run(uint64_t most_bytes, const Prepare& prepare);
   template <class Visit>
   void visit(const WindowPlan& window, const Visit& visit) const;
   uint64_t bytes_of(const WindowPlan& window) const;
@@ -54,11 +49,7 @@ class ReadAhead {
   const std::vector<WindowPlan>& windows_;
   const bool attributes_;
   const bool normals_;
-  std::mutex lock_;
-  std::condition_variable changed_;
-  uint64_t begun_ = 0;
-  bool closing_ = false;
-  std::vector<std::thread> threads_;
+  std::vector<std::unique_ptr<PrepareAhead>> threads_;
 };
 
 }  // namespace scree::convert
