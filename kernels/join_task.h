@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "format/geometry/split_streams.h"
+#include "format/hd.h"
 
 namespace scree::kernels {
 
@@ -24,7 +25,15 @@ struct JoinTask {
   uint32_t residuals = 0;                                // offset of the stream in the page
   uint32_t cluster_words = 0;                            // that the clusters' data must take
   uint32_t largest[3] = {};                              // largest offset of a vertex, from the chunk's position_min
-  uint32_t first_vertex = 0;                             // place of the part's kept vertices among those of the slot
+  uint32_t history = 0;                                  // place of the part's kept vertices in the slot's history
+
+  /// Whether each axis of a kept vertex takes four bytes instead of two.
+  SCREE_HD bool keeps_wide() const { return (largest[0] | largest[1] | largest[2]) >> 16 != 0; }
+  /// Words of the history that the part needs.
+  static uint64_t history_words(bool is_wide, uint64_t vertices) {
+    const uint64_t kept = vertices < kJoinHistory ? vertices : kJoinHistory;
+    return is_wide ? 3 * kept : (3 * kept + 1) / 2;
+  }
 };
 
 }  // namespace scree::kernels

@@ -381,9 +381,35 @@ class Reader {
   uint32_t named_ = 0;         // the vertex referred to last, in the part
 };
 
-/// Places the vertices of a cluster. `history`: the last kJoinHistory vertices of the part. `first_vertex`: number of
+/// The offsets of the last kJoinHistory vertices of a part. If they are narrow, only the low halves are kept: a vertex
+/// with larger offsets makes the part bad.
+class History {
+ public:
+  __device__ History(uint32_t* words, bool is_wide) : words_(words), is_wide_(is_wide) {}
+
+  __device__ uint32_t get(uint32_t vertex, uint32_t axis) const {
+    const uint32_t place = 3 * (vertex % kJoinHistory) + axis;
+    return is_wide_ ? words_[place] : halves()[place];
+  }
+  __device__ void set(uint32_t vertex, uint32_t axis, uint32_t offset) {
+    const uint32_t place = 3 * (vertex % kJoinHistory) + axis;
+    if (is_wide_) {
+      words_[place] = offset;
+    } else {
+      halves()[place] = static_cast<uint16_t>(offset);
+    }
+  }
+
+ private:
+  __device__ uint16_t* halves() const { return reinterpret_cast<uint16_t*>(words_); }
+
+  uint32_t* words_;
+  bool is_wide_;
+};
+
+/// Places the vertices of a cluster. `history`: of the part. `first_vertex`: number of
 /// the cluster's first one in the part. `before`: the cluster before, or null.
-__device__ void place(ReadCluster& in, const PlacedCluster* before, uint32_t* history, uint32_t first_vertex,
+__device__ void place(ReadCluster& in, const PlacedCluster* before, History history, uint32_t first_vertex,
                       PlacedCluster& out, uint32_t lane) {
   const uint32_t vertices = in.vertex_count;
   for (uint32_t axis = 0; axis < 3; ++axis) {
@@ -393,7 +419,7 @@ __device__ void place(ReadCluster& in, const PlacedCluster* before, uint32_t* hi
   for (uint32_t v = lane; v < vertices; v += kWarpLanes) {
     const uint32_t earlier = in.earlier[v];
     if (earlier == kNothing) continue;
-    for (uint32_t axis = 0; axis < 3; ++axis) in.values[axis][v] = history[3 * (earlier % kJoinHistory) + axis];
+    for (uint32_t axis = 0; axis < 3; ++axis) in.values[axis][v] = history.get(earlier, axis);
   }
   __syncwarp();
   if (lane < 3) {  // an axis each
@@ -423,7 +449,7 @@ __device__ void place(ReadCluster& in, const PlacedCluster* before, uint32_t* hi
   }
   __syncwarp();
   for (uint32_t v = lane; v < vertices; v += kWarpLanes)
-    for (uint32_t axis = 0; axis < 3; ++axis) history[3 * ((first_vertex + v) % kJoinHistory) + axis] = out.at[axis][v];
+    for (uint32_t axis = 0; axis < 3; ++axis) history.set(first_vertex + v, axis, out.at[axis][v]);
 }
 
 /// Writes the clusters of a part one after the other.
@@ -606,7 +632,7 @@ __global__ void __launch_bounds__(kThreads) join_part(const __grid_constant__ Jo
   const uint32_t lane = threadIdx.x % kWarpLanes;
   Reader reader(task, slot.bytes, block.reader);
   Writer writer(task, arena, block.words);
-  uint32_t* const history = slot.history + uint64_t{3} * task.first_vertex;
+  const History history(slot.history + task.history, task.keeps_wide());
   uint32_t first_vertex = 0;
   if (threadIdx.x < 2) block.is_bad[threadIdx.x] = 0;
   __syncthreads();

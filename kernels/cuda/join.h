@@ -14,15 +14,12 @@
 
 namespace scree::kernels {
 
-/// Bytes of history per vertex that JoinPlan::vertices() counts.
-inline constexpr uint64_t kJoinVertexBytes = 12;
-
 /// Tasks with memory of their own. Device memory, except `failed`.
 struct JoinSlot {
   const JoinTask* tasks;
   uint32_t task_count;
   const std::byte* bytes;  // sources, a multiple of 4; up to 3 bytes before and after them are read
-  uint32_t* history;       // 3 numbers per kept vertex of all tasks
+  uint32_t* history;       // JoinPlan::history_words() of all tasks
   uint32_t* failed;        // pinned; set to 1 if a part is bad, whose bytes are then unspecified
 };
 

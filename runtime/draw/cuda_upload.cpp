@@ -28,17 +28,17 @@ namespace {
 struct JoinSizes {
   uint64_t slot_bytes;
   uint64_t task_bytes;  // a multiple of 256
-  uint64_t vertex_bytes;
+  uint64_t history_bytes;
 
   explicit JoinSizes(const StagingSizes& sizes)
       : slot_bytes(sizes.slot_bytes),
         task_bytes(sizes.slot_bytes / 16),
-        vertex_bytes(sizes.job_bytes() / 4 * kernels::kJoinVertexBytes) {}
+        history_bytes(sizes.job_bytes() / 4 * 3 * sizeof(uint32_t)) {}
 
   static constexpr uint64_t kFlagBytes = 256;
   uint64_t pinned_bytes() const { return task_bytes + kFlagBytes; }
-  uint64_t device_bytes() const { return slot_bytes + task_bytes + vertex_bytes; }
-  JoinRoom room() const { return {task_bytes / sizeof(kernels::JoinTask), vertex_bytes / kernels::kJoinVertexBytes}; }
+  uint64_t device_bytes() const { return slot_bytes + task_bytes + history_bytes; }
+  JoinRoom room() const { return {task_bytes / sizeof(kernels::JoinTask), history_bytes / sizeof(uint32_t)}; }
 };
 
 /// The ring in pinned memory, with one event per slot. Copies are queued on a few streams, so that one copies while the

@@ -165,7 +165,7 @@ Result<bool> StreamJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan&
   const auto tasks = std::as_bytes(std::span(plan.tasks()));
   const uint64_t tasks_at = format::align_up(bytes, kUnit);
   const uint64_t history_at = format::align_up(tasks_at + tasks.size(), kUnit);
-  const uint64_t needed = format::align_up(history_at + plan.vertices() * kernels::kJoinVertexBytes, kUnit);
+  const uint64_t needed = format::align_up(history_at + plan.history_words() * sizeof(uint32_t), kUnit);
   if (tasks_at + tasks.size() > slot.memory.size() || needed > sizes_.region_bytes) return false;
   if (!tasks.empty()) std::memcpy(slot.memory.data() + tasks_at, tasks.data(), tasks.size());
 

@@ -96,8 +96,8 @@ bool JoinPlan::add(const Split& split) {
       if (const uint64_t to = split.place_of(next, done); to != kNotWanted) {
         task->to = to;
         task->from = split.places.from;
-        task->first_vertex = static_cast<uint32_t>(vertices_ + added.vertices_);
-        added.vertices_ += std::min<uint64_t>(part.vertex_count, kernels::kJoinHistory);
+        task->history = static_cast<uint32_t>(history_words_ + added.history_words_);
+        added.history_words_ += JoinTask::history_words(task->keeps_wide(), part.vertex_count);
         added.tasks_.push_back(*task);
         if (!split.goes_whole()) added.add_copy({plain_in_slot, to + bytes}, chunk.chunk->bytes - bytes);
       }
@@ -120,9 +120,10 @@ bool JoinPlan::add(const Split& split) {
     if (split.goes_whole()) added.add_copy({plain_in_slot, split.places.to + done}, plain.size());
     done += plain.size();
   }
-  if (done != split.page_bytes || next != split.chunks.size() || vertices_ + added.vertices_ > UINT32_MAX) return false;
+  if (done != split.page_bytes || next != split.chunks.size() || history_words_ + added.history_words_ > UINT32_MAX)
+    return false;
   tasks_.insert(tasks_.end(), added.tasks_.begin(), added.tasks_.end());
-  vertices_ += added.vertices_;
+  history_words_ += added.history_words_;
   return true;
 }
 

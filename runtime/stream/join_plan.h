@@ -43,15 +43,15 @@ class JoinPlan {
   void add_copy(const JoinPlaces& places, uint64_t bytes);
 
   const std::vector<kernels::JoinTask>& tasks() const { return tasks_; }
-  /// Kept vertices of all parts.
-  uint64_t vertices() const { return vertices_; }
+  /// Words of device memory for the kept vertices of all parts.
+  uint64_t history_words() const { return history_words_; }
 
  private:
   struct Split;
   bool add(const Split& split);
 
   std::vector<kernels::JoinTask> tasks_;
-  uint64_t vertices_ = 0;
+  uint64_t history_words_ = 0;
 };
 
 }  // namespace scree::runtime

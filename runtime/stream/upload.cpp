@@ -306,7 +306,7 @@ class Uploader {
     if (pages.joins) {
       const std::vector<kernels::JoinTask>& tasks = pages.plan.tasks();
       const JoinRoom room = target_.join_room();
-      if (done && tasks.size() <= room.tasks && pages.plan.vertices() <= room.vertices) {
+      if (done && tasks.size() <= room.tasks && pages.plan.history_words() <= room.history_words) {
         joined_pages_ += pages.joined;
         return ring_.join(*slot, pages.end, tasks, static_cast<uint64_t>(&job - jobs_.data()));
       }

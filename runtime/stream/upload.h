@@ -30,10 +30,10 @@ struct StagingSizes {
   uint64_t job_bytes() const { return joins ? slot_bytes / format::kMaxSplitRatio : slot_bytes; }
 };
 
-/// The most tasks and vertices of a join.
+/// The most tasks of a join, and its most words for kept vertices.
 struct JoinRoom {
   uint64_t tasks = 0;
-  uint64_t vertices = 0;
+  uint64_t history_words = 0;
 };
 
 /// Staging memory and a device that copies out of it. Called by several threads at once, each with a different slot.

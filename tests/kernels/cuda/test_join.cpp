@@ -87,7 +87,7 @@ std::optional<Bytes> join_there(const Bytes& split, const Page& page, uint32_t s
   const auto task_bytes = std::as_bytes(std::span(plan.tasks()));
   const DeviceBuffer tasks = to_device(task_bytes, task_bytes.size());
   const DeviceBuffer history =
-      must(DeviceBuffer::allocate(std::max<uint64_t>(plan.vertices(), 1) * kernels::kJoinVertexBytes, "a test"));
+      must(DeviceBuffer::allocate(std::max<uint64_t>(plan.history_words(), 1) * sizeof(uint32_t), "a test"));
   const DeviceBuffer arena = to_device(Bytes(page.raw.size(), std::byte{0xee}), page.raw.size());
   kernels::PinnedBuffer failed;
   must(failed.allocate(sizeof(uint32_t), "a test"));
