@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "runtime/scene/camera.h"
+#include "runtime/scene/scene.h"
 #include "runtime/textures/srgb.h"
 #include "tests/kernels/scene_builder.h"
 #include "tests/kernels/shade/reference_shade.h"
