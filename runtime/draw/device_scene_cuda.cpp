@@ -30,8 +30,6 @@ constexpr uint64_t kTextureShare = 4;
 /// The most of a streamed scene's device memory, and of its limit of pinned memory, for joining split pages.
 constexpr uint64_t kJoinShare = 8;
 constexpr uint64_t kPinnedJoinShare = 8;
-/// The most pinned memory for that without a limit.
-constexpr uint64_t kMostPinnedJoins = uint64_t{256} << 20;
 
 /// The least memory for pages of textures beside streamed chunks.
 constexpr uint64_t kLeastTextureRoom = uint64_t{16} << 20;
@@ -381,7 +379,7 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   StreamJoins::Sizes joins;
   if (!keeps_all)
     joins = StreamJoins::sizes_for(ChunkSource(host).most_slot_bytes(), threads, (budget - least) / kJoinShare,
-                                   host_memory != 0 ? host_memory / kPinnedJoinShare : kMostPinnedJoins);
+                                   host_memory != 0 ? host_memory / kPinnedJoinShare : StreamJoins::kMostPinned);
   for (;; joins = {}) {
     pages.bytes = budget - beside - joins.device_bytes();
     pages.room = pages.within(DeviceBlockPager::usual_room(host), DeviceBlockPager::kUnit);

@@ -180,7 +180,65 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
   }
   if (places.empty()) return {};
   if (Result<void> done = kept_.allocate_for_copies(end, "allocating pinned memory for chunks"); !done) return done;
-  return source_.read(places, kept_.data(), ChunkSource::Reader::kDevice, workers_);
+  const auto read_all = [&] { return source_.read(places, kept_.data(), ChunkSource::Reader::kDevice, workers_); };
+  // The pool is empty yet. A part of it serves to join split pages, whose chunks are then copied back. The pinned
+  // memory of later joins is free too.
+  const uint64_t pool = residency.pool_bytes() / Residency::kAlignment * Residency::kAlignment;
+  const StreamJoins::Sizes sizes =
+      StreamJoins::sizes_for(source_.most_slot_bytes(), static_cast<uint32_t>(workers_.count()), pool / 2,
+                             std::min(host_bytes - end + join_sizes_.pinned_bytes(), StreamJoins::kMostPinned));
+  if (!sizes.any()) return read_all();
+  const uint64_t room = pool - sizes.device_bytes();
+  StreamJoins joins;
+  if (auto done = joins.open(sizes, device_, pool_.data(), pool_.data() + room); !done) return done;
+  for (size_t first = 0; first < places.size();) {
+    size_t last = first;
+    uint64_t bytes = 0;
+    for (; last < places.size() && bytes + room_of(places[last].bytes) <= std::min(room, kPieceBytes); ++last)
+      bytes += room_of(places[last].bytes);
+    last = std::max(last, first + 1);  // a chunk that is not joined may be larger
+    // After an error all pages are read here, so that the message is that of the first bad page.
+    if (auto done = keep(std::span(places).subspan(first, last - first), joins); !done)
+      return done.error().code == ErrorCode::kDevice ? done : read_all();
+    first = last;
+  }
+  return {};
+}
+
+/// Keeps chunks in host memory. Chunks of split pages are joined in the pool, which must be empty.
+Result<void> CudaStream::keep(std::span<const Residency::Place> places, StreamJoins& joins) {
+  const auto read = [&](std::span<const Residency::Place> wanted) {
+    return source_.read(wanted, kept_.data(), ChunkSource::Reader::kDevice, workers_);
+  };
+  std::vector<Residency::Place> others;
+  std::vector<Residency::Place> joined;  // in the pool
+  std::vector<Piece> pieces;             // from the pool to kept_
+  uint64_t end = 0;
+  for (const Residency::Place& place : places) {
+    if (!source_.can_send(place.chunk)) {
+      others.push_back(place);
+      continue;
+    }
+    joined.push_back({place.chunk, end, place.bytes});
+    pieces.push_back({pool_.data() + end, place.offset, place.bytes});
+    end += room_of(place.bytes);
+  }
+  Result<void> done = read(others);
+  if (!done || joined.empty()) return done;
+  done = joins.begin(0, nullptr, nullptr);
+  if (done) done = source_.send(joined, joins, workers_);
+  const Result<void> ended = joins.end(copies_);
+  if (done) done = ended;
+  if (done)
+    done = each_run(std::span<const Piece>(pieces), [&](const Piece& run, uint64_t bytes) {
+      return cuda_check(cudaMemcpyAsync(kept_.data() + run.to, run.from, bytes, cudaMemcpyDeviceToHost, copies_),
+                        "copying chunks from the device");
+    });
+  const Result<void> waited = cuda_check(cudaStreamSynchronize(copies_), "loading chunks");
+  if (done) done = waited;
+  if (!done || joins.has_joined(0)) return done;
+  source_.refuse(joined);
+  return read(places);
 }
 
 Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kernels::ShadeOptions* shade,

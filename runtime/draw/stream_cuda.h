@@ -142,6 +142,7 @@ class CudaStream final : public StreamTarget {
   Result<void> move(std::span<const Residency::Move> moves);
   Result<void> copy(Copies& copies);
   Result<void> keep_in_host_memory(uint64_t host_bytes);
+  Result<void> keep(std::span<const Residency::Place> places, StreamJoins& joins);
   bool is_joined(uint32_t chunk) const;
   bool needs_staging() const;
   Result<void> open_staging();

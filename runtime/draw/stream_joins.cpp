@@ -63,12 +63,15 @@ StreamJoins::~StreamJoins() {
   }
 }
 
-Result<void> StreamJoins::open(const Sizes& sizes, int device, std::byte* arena) {
+Result<void> StreamJoins::open(const Sizes& sizes, int device, std::byte* arena, std::byte* regions) {
   sizes_ = sizes;
   device_ = device;
   arena_ = arena;
   Result<void> done = pinned_.allocate(sizes.pinned_bytes(), "allocating pinned memory");
-  if (done) done = memory_.reserve(sizes.device_bytes(), "allocating memory to join pages");
+  if (done && regions == nullptr) {
+    done = memory_.reserve(sizes.device_bytes(), "allocating memory to join pages");
+    regions = memory_.data();
+  }
   free_.reserve(sizes.slots);  // so that giving one back allocates nothing
   for (uint32_t slot = 0; slot < sizes.slots; ++slot) free_.push_back(slot);
   regions_.resize(sizes.regions);
@@ -78,7 +81,7 @@ Result<void> StreamJoins::open(const Sizes& sizes, int device, std::byte* arena)
       done = cuda_check(cudaEventCreateWithFlags(&region.done, cudaEventDisableTiming | cudaEventBlockingSync),
                         "making an event");
     if (!done) return done;
-    region.memory = memory_.data() + static_cast<uint64_t>(&region - regions_.data()) * sizes.region_bytes;
+    region.memory = regions + static_cast<uint64_t>(&region - regions_.data()) * sizes.region_bytes;
     region.joins.reserve(kernels::kMostJoinSlots);
     region.slots.reserve(kernels::kMostJoinSlots);
   }

@@ -40,8 +40,12 @@ class StreamJoins final : public JoinTarget {
   StreamJoins& operator=(const StreamJoins&) = delete;
   ~StreamJoins();
 
-  /// On the current device, whose number is `device`. `arena`: the memory that chunks are joined into. Errors kDevice.
-  Result<void> open(const Sizes& sizes, int device, std::byte* arena);
+  /// The most pinned memory that sizes_for() should get.
+  static constexpr uint64_t kMostPinned = uint64_t{256} << 20;
+
+  /// On the current device, whose number is `device`. `arena`: the memory that chunks are joined into. `regions`:
+  /// Sizes::device_bytes() of device memory, aligned to 256 bytes; null: allocates them. Errors kDevice.
+  Result<void> open(const Sizes& sizes, int device, std::byte* arena, std::byte* regions = nullptr);
 
   /// Begins a load (its number is below kMostLoads), on one thread. Its joins start after `moved`, if that is not null.
   /// `begun` is recorded before the first copy. Errors kDevice.
@@ -83,7 +87,7 @@ class StreamJoins final : public JoinTarget {
   int device_ = 0;
   std::byte* arena_ = nullptr;
   kernels::PinnedBuffer pinned_;  // slots, then a flag for each load
-  kernels::DeviceBuffer memory_;  // of the regions
+  kernels::DeviceBuffer memory_;  // of the regions, if it is allocated here
   std::mutex mutex_;              // guards the rest
   std::vector<uint32_t> free_;
   std::vector<Region> regions_;
