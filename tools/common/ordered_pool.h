@@ -139,7 +139,7 @@ class OrderedResults {
           // The job and its result may refer to objects that live only as long as these results, so both are destroyed
           // before the result counts as done.
           work = nullptr;
-          pool.notify([&] {
+          const auto publish = [&] {
             if constexpr (HasHeldBytes<T>)
               if (*result) {
                 const uint64_t held = std::min<uint64_t>((**result).held_bytes(), slot->cost);
@@ -150,7 +150,8 @@ class OrderedResults {
             result.reset();
             slot->done = true;
             slot.reset();
-          });
+          };
+          pool.notify(std::ref(publish));  // a copy would take memory, and nothing here may fail
         },
         urgent_);
   }
