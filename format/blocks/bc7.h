@@ -70,30 +70,47 @@ SCREE_HD inline uint32_t bc7_weight(uint32_t index, uint32_t bits) {
   return index < 8 ? weight : 64 - weight;
 }
 
-/// Pixel 4 y + x of a block, red in the low byte. A block of a reserved mode is all zeros.
-SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
+/// The first bits of a block.
+struct Bc7Head {
+  Bc7Mode mode;
+  uint32_t partition;
+  uint32_t rotation;
+  bool is_swapped;
+  uint32_t end;  // the bit behind them
+};
+
+/// `block` must not be of the reserved mode, whose low byte is 0.
+SCREE_HD inline Bc7Head bc7_head(const BlockBits& block) {
   static constexpr Bc7Mode kModes[8] = {{3, 4, 0, 0, 4, 0, 1, 0, 3, 0}, {2, 6, 0, 0, 6, 0, 0, 1, 3, 0},
                                         {3, 6, 0, 0, 5, 0, 0, 0, 2, 0}, {2, 6, 0, 0, 7, 0, 1, 0, 2, 0},
                                         {1, 0, 2, 1, 5, 6, 0, 0, 2, 3}, {1, 0, 2, 0, 7, 8, 0, 0, 2, 2},
                                         {1, 0, 0, 0, 7, 7, 1, 0, 4, 0}, {2, 6, 0, 0, 5, 5, 1, 0, 2, 0}};
-  if ((block.low & 255) == 0) return 0;
   const uint32_t number = lowest_bit(static_cast<uint32_t>(block.low));
-  const Bc7Mode mode = kModes[number];
-  uint32_t at = number + 1;
+  Bc7Head head{};
+  head.mode = kModes[number];
+  head.end = number + 1;
   const auto take = [&](uint32_t bits) {
-    const uint32_t value = block.bits(at, bits);
-    at += bits;
+    const uint32_t value = block.bits(head.end, bits);
+    head.end += bits;
     return value;
   };
-  const uint32_t partition = take(mode.partition_bits);
-  const uint32_t rotation = take(mode.rotation_bits);
-  const bool is_swapped = take(mode.selection_bits) != 0;
+  head.partition = take(head.mode.partition_bits);
+  head.rotation = take(head.mode.rotation_bits);
+  head.is_swapped = take(head.mode.selection_bits) != 0;
+  return head;
+}
+
+/// Pixel 4 y + x of a block, red in the low byte. A block of a reserved mode is all zeros.
+SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
+  if ((block.low & 255) == 0) return 0;
+  const Bc7Head head = bc7_head(block);
+  const Bc7Mode& mode = head.mode;
 
   const uint32_t ends = 2u * mode.subsets;
-  const uint32_t alpha_at = at + 3 * ends * mode.color_bits;
+  const uint32_t alpha_at = head.end + 3 * ends * mode.color_bits;
   const uint32_t low_bits_at = alpha_at + ends * mode.alpha_bits;
   const uint32_t index_at = low_bits_at + ends * mode.endpoint_bits + mode.subsets * mode.shared_bits;
-  const uint32_t anchors = bc7_anchors(mode.subsets, partition);
+  const uint32_t anchors = bc7_anchors(mode.subsets, head.partition);
   const auto index = [&](uint32_t first, uint32_t bits, uint32_t others) {
     const uint32_t second = others & 15, third = others >> 4;  // 0: none
     // Index bits that earlier anchors do not have, and whether the pixel is an anchor.
@@ -106,14 +123,14 @@ SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
   if (mode.second_index_bits != 0) {  // these modes have one subset
     alpha_weight =
         bc7_weight(index(index_at + 16u * mode.index_bits - 1, mode.second_index_bits, 0), mode.second_index_bits);
-    if (is_swapped) {
+    if (head.is_swapped) {
       const uint32_t other = color_weight;
       color_weight = alpha_weight;
       alpha_weight = other;
     }
   }
 
-  const uint32_t subset = bc7_subset(mode.subsets, partition, pixel);
+  const uint32_t subset = bc7_subset(mode.subsets, head.partition, pixel);
   const uint32_t low_bits = block.bits(low_bits_at, 6);
   const uint32_t low_count = mode.endpoint_bits + mode.shared_bits;  // 0 or 1
   // `value`: the bits of an end of the pixel's subset.
@@ -131,9 +148,9 @@ SCREE_HD inline uint32_t bc7_pixel(const BlockBits& block, uint32_t pixel) {
   };
   uint32_t rgba = mode.alpha_bits == 0 ? 0xff000000u : between(alpha_at, mode.alpha_bits, alpha_weight) << 24;
   for (uint32_t channel = 0; channel < 3; ++channel)
-    rgba |= between(at + channel * ends * mode.color_bits, mode.color_bits, color_weight) << 8 * channel;
-  if (rotation == 0) return rgba;
-  const uint32_t shift = 8 * (rotation - 1);  // of the channel that is exchanged with alpha
+    rgba |= between(head.end + channel * ends * mode.color_bits, mode.color_bits, color_weight) << 8 * channel;
+  if (head.rotation == 0) return rgba;
+  const uint32_t shift = 8 * (head.rotation - 1);  // of the channel that is exchanged with alpha
   const uint32_t moved = rgba >> shift & 255;
   return (rgba & ~(0xff000000u | 255u << shift)) | rgba >> 24 << shift | moved << 24;
 }

@@ -3,17 +3,10 @@
 
 #include <cstdint>
 
-#include "format/bits.h"
 #include "format/blocks/bc7.h"
 #include "format/blocks/block_bits.h"
 
 namespace scree::format {
-
-// The modes of bc7_pixel(), whose table is inside the function, because a kernel cannot read one outside.
-inline constexpr Bc7Mode kBc7Modes[8] = {{3, 4, 0, 0, 4, 0, 1, 0, 3, 0}, {2, 6, 0, 0, 6, 0, 0, 1, 3, 0},
-                                         {3, 6, 0, 0, 5, 0, 0, 0, 2, 0}, {2, 6, 0, 0, 7, 0, 1, 0, 2, 0},
-                                         {1, 0, 2, 1, 5, 6, 0, 0, 2, 3}, {1, 0, 2, 0, 7, 8, 0, 0, 2, 2},
-                                         {1, 0, 0, 0, 7, 7, 1, 0, 4, 0}, {2, 6, 0, 0, 5, 5, 1, 0, 2, 0}};
 
 /// `out[i]` is bc7_pixel(block, i).
 inline void bc7_pixels(const BlockBits& block, uint32_t out[16]) {
@@ -21,17 +14,14 @@ inline void bc7_pixels(const BlockBits& block, uint32_t out[16]) {
     for (uint32_t i = 0; i < 16; ++i) out[i] = 0;
     return;
   }
-  const uint32_t number = lowest_bit(static_cast<uint32_t>(block.low));
-  const Bc7Mode mode = kBc7Modes[number];
-  uint32_t at = number + 1;
+  const Bc7Head head = bc7_head(block);
+  const Bc7Mode& mode = head.mode;
+  uint32_t at = head.end;
   const auto take = [&](uint32_t bits) {
     const uint32_t value = block.bits(at, bits);
     at += bits;
     return value;
   };
-  const uint32_t partition = take(mode.partition_bits);
-  const uint32_t rotation = take(mode.rotation_bits);
-  const bool is_swapped = take(mode.selection_bits) != 0;
 
   // Four channels of 16 bits each, red lowest, by subset and end.
   uint64_t ends[3][2] = {};
@@ -61,7 +51,7 @@ inline void bc7_pixels(const BlockBits& block, uint32_t out[16]) {
   };
   uint64_t indices = from_bit(at);
   uint64_t second_indices = mode.second_index_bits != 0 ? from_bit(at + 16u * mode.index_bits - 1) : 0;
-  const uint32_t anchors = bc7_anchors(mode.subsets, partition);
+  const uint32_t anchors = bc7_anchors(mode.subsets, head.partition);
   const uint32_t second = anchors & 15, third = anchors >> 4;  // 0: none
   const auto next = [](uint64_t& stream, uint32_t bits, bool is_anchor) {
     const uint32_t count = bits - is_anchor;
@@ -71,21 +61,22 @@ inline void bc7_pixels(const BlockBits& block, uint32_t out[16]) {
   };
   for (uint32_t i = 0; i < 16; ++i) {
     uint32_t weight = next(indices, mode.index_bits, i == 0 || i == second || i == third);
-    const uint64_t* const pair = ends[bc7_subset(mode.subsets, partition, i)];
+    const uint64_t* const pair = ends[bc7_subset(mode.subsets, head.partition, i)];
     const auto between = [&](uint32_t of_second) {
       return (pair[0] * (64 - of_second) + pair[1] * of_second + 0x0020002000200020u) >> 6 & 0x00ff00ff00ff00ffu;
     };
     uint64_t channels;
     if (mode.second_index_bits != 0) {
       const uint32_t other = next(second_indices, mode.second_index_bits, i == 0);
-      channels = (between(is_swapped ? other : weight) & ~kAlpha) | (between(is_swapped ? weight : other) & kAlpha);
+      channels =
+          (between(head.is_swapped ? other : weight) & ~kAlpha) | (between(head.is_swapped ? weight : other) & kAlpha);
     } else {
       channels = between(weight);
     }
     channels = (channels | channels >> 8) & 0x0000ffff0000ffffu;
     auto rgba = static_cast<uint32_t>(channels | channels >> 16);
-    if (rotation != 0) {  // a channel is exchanged with alpha
-      const uint32_t shift = 8 * (rotation - 1);
+    if (head.rotation != 0) {  // a channel is exchanged with alpha
+      const uint32_t shift = 8 * (head.rotation - 1);
       const uint32_t changed = (rgba >> shift ^ rgba >> 24) & 255;
       rgba ^= changed << shift | changed << 24;
     }
