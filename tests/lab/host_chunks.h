@@ -1,4 +1,4 @@
-// What lab/scenes/generate.h makes on a GPU, made on the host.
+// The chunks that lab/scenes/generate.h makes on a GPU, made on the host.
 #pragma once
 
 #include <algorithm>

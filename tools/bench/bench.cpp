@@ -8,6 +8,7 @@
 
 #include "format/container/checksum.h"
 #include "runtime/draw/loaded_scene.h"
+#include "runtime/draw/view_renderer.h"
 #include "runtime/scene/scene.h"
 #include "tools/bench/file_cache.h"
 #include "tools/bench/file_views.h"
@@ -55,12 +56,12 @@ class BenchScene {
     float draw = 0;
     float shade = 0;
   };
-  Result<FrameMs> draw(kernels::View view) {
+  Result<FrameMs> draw(const kernels::View& pixels) {
     const uint32_t side = options_.samples_per_side;
-    const uint64_t pixels = uint64_t{view.width} * view.height;
-    view.width *= side;
-    view.height *= side;
-    sample_count_ = pixels * side * side;
+    const Result<kernels::View> of_samples = runtime::view_of_samples(pixels, side);
+    if (!of_samples) return of_samples.error();
+    const kernels::View& view = *of_samples;
+    sample_count_ = uint64_t{view.width} * view.height;
     if (device() != nullptr) {
       kernels::FrameTimes drawn{};
       if (const auto stats = device()->draw(view, &drawn, &shade_); !stats) return stats.error();
@@ -69,7 +70,7 @@ class BenchScene {
       return FrameMs{drawn.raster_ms, resolved.resolve_ms};
     }
     samples_.resize(sample_count_);
-    rgba_.resize(4 * pixels);
+    rgba_.resize(4 * sample_count_ / (side * side));
     const runtime::Stopwatch draw_watch;
     if (const auto drawn = kernels::draw_cpu(scene().view(), view, samples_, options_.threads); !drawn)
       return drawn.error();

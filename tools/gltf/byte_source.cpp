@@ -52,20 +52,8 @@ class FileSource final : public ByteSource {
   uint64_t size() const override { return static_cast<uint64_t>(first_.st_size); }
   const std::string& path() const override { return path_; }
 
-  Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (Result<void> there = check_read(offset, out, size(), "file"); !there) return at(path_, there.error());
-    const Timed timed(nanoseconds_read, Spent::kReading);
-    bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
-    return descriptor_ >= 0 ? read_from(descriptor_, offset, out) : open_and_read(offset, out, POSIX_FADV_NORMAL);
-  }
-
-  Result<void> read_alone(uint64_t offset, std::span<std::byte> out) const override {
-    if (Result<void> there = check_read(offset, out, size(), "file"); !there) return at(path_, there.error());
-    const Timed timed(nanoseconds_read, Spent::kReading);
-    bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
-    return open_and_read(offset, out,
-                         POSIX_FADV_RANDOM);  // the advice would also hold for others' reads by descriptor_
-  }
+  Result<void> read(uint64_t offset, std::span<std::byte> out) const override { return read(offset, out, false); }
+  Result<void> read_alone(uint64_t offset, std::span<std::byte> out) const override { return read(offset, out, true); }
 
   void will_need(uint64_t offset, uint64_t bytes) const override {
     if (offset >= size()) return;
@@ -92,11 +80,16 @@ class FileSource final : public ByteSource {
     return {};
   }
 
-  Result<void> open_and_read(uint64_t offset, std::span<std::byte> out, int advice) const {
+  Result<void> read(uint64_t offset, std::span<std::byte> out, bool is_alone) const {
+    if (Result<void> there = check_read(offset, out, size(), "file"); !there) return at(path_, there.error());
+    const Timed timed(nanoseconds_read, Spent::kReading);
+    bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
+    // The advice would also hold for others' reads by descriptor_.
+    if (descriptor_ >= 0 && !is_alone) return read_from(descriptor_, offset, out);
     const int descriptor = open_read_only(path_);
     if (descriptor < 0) return file_error(path_, errno);
     Result<void> result = check_same(descriptor);
-    if (result && advice != POSIX_FADV_NORMAL) ::posix_fadvise(descriptor, 0, 0, advice);
+    if (result && is_alone) ::posix_fadvise(descriptor, 0, 0, POSIX_FADV_RANDOM);
     if (result) result = read_from(descriptor, offset, out);
     ::close(descriptor);
     return result;

@@ -30,8 +30,8 @@ constexpr size_t kBlockBytes = size_t{1} << 20;
 // Images in flight per thread, if memory suffices. Pages are written in order, so these have to last while one thread
 // stores a large image.
 constexpr uint64_t kJobsPerThread = 8;
-constexpr uint64_t kAheadBytes = uint64_t{256}
-                                 << 20;  // of files that are read into the page cache before they are stored
+// Files that are read into the page cache before they are stored.
+constexpr uint64_t kAheadBytes = uint64_t{256} << 20;
 
 struct CheckedImage {
   runtime::ImageInfo info{};
