@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <future>
 #include <mutex>
 #include <utility>
 
@@ -37,19 +38,20 @@ class JobProgress {
   /// is no listener.
   static Result<void> advance(JobProgress* progress, uint64_t count) {
     if (progress == nullptr || progress->advance(count)) return {};
-    return Error{ErrorCode::kFile, "interrupted"};
+    return interrupted();
   }
 
   bool is_stopped() const { return is_stopped_; }
 
-  /// Runs `job()` on a thread of its own and returns its result, or throws its exception. Until the job ends, the
-  /// calling thread calls the listener. So a job that holds a lock never waits for a listener that takes the same lock.
-  /// Throws std::bad_alloc.
+  /// Runs `job()`, a function that returns Result<void>, on a thread of its own and returns its result, or throws its
+  /// exception. Until the job ends, the calling thread calls the listener. So a job that holds a lock never waits for a
+  /// listener that takes the same lock. Error as advance() if the listener stops the job, even when the job is already
+  /// done. Throws std::bad_alloc.
   template <class Job>
-  auto relay(const Job& job) {
+  Result<void> relay(const Job& job) {
     is_relayed_ = true;
-    JobThread<decltype(job())> thread;
-    auto result = thread.add([&] {
+    JobThread<Result<void>> thread;
+    std::future<Result<void>> ended = thread.add([&] {
       const RelayEnd end{*this};
       return job();
     });
@@ -64,7 +66,9 @@ class JobProgress {
       lock.lock();
     }
     lock.unlock();
-    return result.get();
+    Result<void> result = ended.get();
+    if (result && is_stopped_) result = interrupted();
+    return result;
   }
 
  private:
@@ -83,6 +87,8 @@ class JobProgress {
   };
 
   using Clock = std::chrono::steady_clock;
+
+  static Error interrupted() { return {ErrorCode::kFile, "interrupted"}; }
 
   bool advance(uint64_t count) {
     const uint64_t done = done_.fetch_add(count) + count;

@@ -1,4 +1,5 @@
 // Progress of a job that holds a lock while its listener waits for the same lock.
+#include <future>
 #include <mutex>
 #include <stdexcept>
 #include <string>
@@ -25,15 +26,14 @@ TEST_CASE("a relayed job never waits for its listener", "[threads]") {
     heard.emplace_back(stage, done);
     return true;
   });
-  const int result = progress.relay([&] {
+  REQUIRE(progress.relay([&]() -> Result<void> {
     const std::lock_guard<std::mutex> held(lock);
     for (const char* const stage : {"first", "second"}) {
       progress.begin(stage, 1000);
       runtime::parallel_for(1000, 3, [&](uint64_t) { (void)JobProgress::advance(&progress, 1); });
     }
-    return 7;
-  });
-  CHECK(result == 7);
+    return {};
+  }));
   CHECK(is_on_caller);
   // The listener got the lock when the job had ended. It then received each stage's beginning and end.
   CHECK(heard ==
@@ -50,7 +50,21 @@ TEST_CASE("a relayed job is stopped by its listener, and throws to its caller", 
             if (Result<void> going = JobProgress::advance(&progress, 1); !going) return going;
         })).message == "interrupted");
   CHECK(progress.is_stopped());
-  CHECK_THROWS_AS(progress.relay([]() -> int { throw std::runtime_error("job"); }), std::runtime_error);
+  CHECK_THROWS_AS(progress.relay([]() -> Result<void> { throw std::runtime_error("job"); }), std::runtime_error);
+}
+
+TEST_CASE("a listener stops a relayed job that is already done", "[threads]") {
+  std::promise<void> is_done;
+  JobProgress progress([&](const char*, uint64_t, uint64_t) {
+    is_done.get_future().wait();
+    return false;
+  });
+  CHECK(refusal(progress.relay([&]() -> Result<void> {
+          progress.begin("stage", 1);
+          is_done.set_value();
+          return {};
+        })).message == "interrupted");
+  CHECK(progress.is_stopped());
 }
 
 }  // namespace scree::tests
