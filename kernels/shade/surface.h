@@ -97,14 +97,20 @@ SCREE_HD inline Float3 reflected_share(const SurfacePoint& at, const Float3& to_
   return (at.diffuse * (entering / kPi) + fresnel * (distribution / masking)) * n_l;
 }
 
-/// Reflectance under equal light from the whole hemisphere: f0 * scale + f90 * bias. Source: B. Karis, Physically Based
-/// Shading on Mobile, 2014, a fit of D. Lazarov, Getting More Physical in Call of Duty: Black Ops II, 2013.
+/// Reflectance under equal light from the whole hemisphere: f0 * scale + f90 * bias. Fitted by least squares to the
+/// integrals of appendix B's BRDF over the light's directions, for 20 roughnesses and 22 angles. For n_v of 0.2 and
+/// more, the error of scale + bias is at most 0.014, and that of bias at most 0.007. At grazing angles they are at most
+/// 0.072 and 0.038.
 SCREE_HD inline void split_sum(float roughness, float n_v, float& scale, float& bias) {
-  const float x = 1.0f - roughness;
-  const float y = 0.0425f - 0.0275f * roughness;
-  const float reach = min_of(x * x, std::exp2(-9.28f * n_v)) * x + y;
-  scale = -1.04f * reach + 1.04f - 0.572f * roughness;
-  bias = max_of(1.04f * reach - 0.04f + 0.022f * roughness, 0.0f);
+  const float alpha = roughness * roughness;
+  const float lost =
+      alpha * (5.709f + n_v * (0.9123f * n_v + 53.74f * alpha - 5.985f) + alpha * (112.2f * alpha - 13.44f)) *
+      reciprocal(1.0f + n_v * (49.37f * n_v - 86.37f * alpha + 9.832f) + alpha * (240.8f * alpha + 3.767f));
+  const float away = 1.0f - n_v;
+  bias = away * away * away * (0.9527f - 0.9117f * roughness) *
+         reciprocal(1.0f + n_v * (10.06f * n_v - 12.98f * roughness + 0.6484f) +
+                    roughness * (10.26f * roughness - 0.4651f));
+  scale = 1.0f - lost - bias;
 }
 
 SCREE_HD inline Float3 environment_light(const ShadeInputs& in, const SurfacePoint& at) {

@@ -70,7 +70,9 @@ def reflect(texels, normal, viewer, color, roughness):
         half = unit([a + b for a, b in zip(direction, viewer)])
         n_h = dot(normal, half)
         spread = square / (math.pi * (n_h * n_h * (square - 1) + 1) ** 2)
-        seen = 0.5 / (n_l * math.sqrt(n_v * n_v * (1 - square) + square) + n_v * math.sqrt(n_l * n_l * (1 - square) + square))
+        seen = 1
+        for c in (n_l, n_v):
+            seen /= c + math.sqrt(c * c * (1 - square) + square)
         share = angle * n_l * spread * seen
         grazing = (1 - dot(viewer, half)) ** 5
         white += share
@@ -81,12 +83,24 @@ def reflect(texels, normal, viewer, color, roughness):
     return srgb(once), srgb(often), srgb([a * c for a, c in zip(arriving, color)])
 
 
+def to_viewer(towards_eye, x, y):
+    """The direction from a pixel's surface to the eye, for the cameras of run.mjs."""
+    pixel = math.tan(math.radians(15)) / 240
+    right = unit((towards_eye[2], 0, -towards_eye[0]))
+    up = [towards_eye[1] * right[2], towards_eye[2] * right[0] - towards_eye[0] * right[2], -towards_eye[1] * right[0]]
+    return unit([e + (320 - x) * pixel * r + (y - 240) * pixel * u for e, r, u in zip(towards_eye, right, up)])
+
+
 def main():
     texels = read_panorama(sys.argv[1])
-    front, corner = (0, 0, 1), unit((1, 0.6, 1.2))
-    cases = [("Anisotropy Strength Test, white, roughness %.2f" % (i / 6), front, [1, 1, 1], i / 6, front) for i in range(2, 7)]
+    front, corner = [0, 0, 1], unit((1, 0.6, 1.2))
+    # Pixels of the lowest row of balls, from the left, and the first coordinates of their normals (--show normal).
+    balls = [(285, 0.059), (342, 0.004), (399, -0.051), (455, -0.153), (513, -0.161)]
+    cases = [("Anisotropy Strength Test, white, roughness %.2f" % ((i + 2) / 6), unit((n_x, 0.137, 0.99)), [1, 1, 1], (i + 2) / 6,
+              to_viewer(front, x, 394)) for i, (x, n_x) in enumerate(balls)]
     cases.append(("Texture Coordinate Test, grey 0.5, roughness 1", front, [0.5] * 3, 1, front))
-    cases.append(("Multi UV Test, left side, roughness 1", front, [linear(c) for c in (255, 247, 153)], 1, corner))
+    cases.append(("Multi UV Test, left side, roughness 1", front, [linear(c) for c in (255, 247, 153)], 1,
+                  to_viewer(corner, 214, 344)))
     for name, normal, color, roughness, viewer in cases:
         once, often, matt = reflect(texels, normal, viewer, color, roughness)
         print(f"{name}: once {once}, often {often}, matt {matt}")

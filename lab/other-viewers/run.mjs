@@ -5,9 +5,11 @@
 //     npm ci && xvfb-run -a -s '-screen 0 1600x1200x24' node run.mjs SCREE MODELS FOLDER [NAME-PATTERN]
 //
 // SCREE is the program. MODELS is a folder with the files of models.json. All pictures, rows.csv and sheet.png are
-// written to FOLDER.
+// written to FOLDER. Pictures of f3d and three.js that are already there are kept, so that a new version of scree is
+// compared in a minute; delete them after a change of models.json or of the other programs.
 // A model of models.json has a direction to the eye (`view`), and a `label` if it is on the sheet. Optional: `zoom`,
-// `factors` (replace factors of its materials), `light` (of the sheet's picture).
+// `factors` (replace factors of its materials), `light` (of the sheet's picture), `only` (the lights of its rows:
+// environment, unlit, scene), `dim` (a factor of the file's own lights, for the light scene).
 // Needs f3d and a Chromium (SCREE_BROWSER, or Debian's); OpenGL and WebGL may run on the CPU.
 import {execFileSync} from 'node:child_process';
 import {createServer} from 'node:http';
@@ -63,6 +65,13 @@ function makeUnlit(file) {
   save(json);
 }
 
+/// Multiplies the strength of the file's lights.
+function dimLights(file, factor) {
+  const {json, save} = openGltf(file);
+  for (const light of json.extensions.KHR_lights_punctual.lights) light.intensity = (light.intensity ?? 1) * factor;
+  save(json);
+}
+
 /// Removes the file's lights, which f3d and three.js would add to the surroundings, and overrides factors of its
 /// materials.
 function setFactors(file, factors) {
@@ -77,7 +86,7 @@ function setFactors(file, factors) {
   save(json);
 }
 
-/// Makes a changed copy of the model's folder for one of the two lights.
+/// Makes a changed copy of the model's folder for one of the lights.
 function copyModel(model, light) {
   const target = inFolder('models', model.name, light);
   rmSync(target, {recursive: true, force: true});
@@ -85,6 +94,7 @@ function copyModel(model, light) {
   execFileSync('chmod', ['-R', 'u+w', target]);
   const file = join(target, basename(model.file));
   if (light === 'unlit') makeUnlit(file);
+  else if (light === 'scene') dimLights(file, model.dim ?? 1);
   else setFactors(file, model.factors ?? {});
   return file;
 }
@@ -137,7 +147,8 @@ function cameraOf(model, packed) {
   return {target, eye: target.map((middle, i) => middle + model.view[i] / length * reach), reach};
 }
 
-const screeLight = (light) => light === 'unlit' ? ['--light', 'camera'] : ['--environment', join(models, environment)];
+const screeLight = (light) => light === 'environment' ? ['--environment', join(models, environment)] :
+  ['--light', light === 'scene' ? 'scene' : 'camera'];
 
 function drawScree(packed, camera, words, picture) {
   run(program, ['render', packed, '-o', picture, '-f', '-q', `--eye=${commas(camera.eye)}`, `--target=${commas(camera.target)}`,
@@ -191,6 +202,22 @@ const versions = {
   f3d: `f3d ${/Version: ([\d.]+\d)/.exec(run('f3d', ['--version']))[1]}`,
   three: `three.js ${JSON.parse(readFileSync(join(here, 'node_modules/three/package.json'))).version}`,
 };
+
+/// Draws a model with three.js and f3d; returns the share of pixels that show the model, as text.
+async function drawOthers(file, light, camera, name) {
+  const wish = {model: urlOf(file), hdr: light === 'environment' ? '/out/light.hdr' : '', ...camera, fov, width, height};
+  saveUrl(await page.evaluate((wish) => draw(wish), wish), name('three'));
+
+  // f3d draws the surroundings behind the model. The alpha of a picture without surroundings masks them. It always
+  // adds lights of its own to the file's, so that it has no picture under these alone.
+  drawF3d(file, camera, [], inFolder('mask.png'));
+  drawF3d(file, camera, light === 'environment' ? ['--hdri', inFolder('turned.hdr')] : [], inFolder('uncut.png'));
+  const {url, covered} = await page.evaluate(([picture, mask]) => cut(picture, mask),
+    [asData(inFolder('uncut.png')), asData(inFolder('mask.png'))]);
+  saveUrl(url, name('f3d'));
+  return `${covered}\n`;
+}
+
 const rows = [['model', 'light', 'a', 'b', 'width', 'height', 'covered', 'psnr_db', 'flip_mean']];
 const cells = [];
 for (const model of chosen) {
@@ -203,22 +230,17 @@ for (const model of chosen) {
       ...(model.light ? ['--light', model.light] : [...screeLight('environment'), '--exposure', 1])], picture);
     cells.push({picture: asData(picture), text: model.label});
   }
-  for (const light of model.for === 'sheet' ? [] : ['environment', 'unlit']) {
+  for (const light of model.only ?? ['environment', 'unlit']) {
     const file = copyModel(model, light);
     const name = (viewer) => inFolder(`${model.name}.${light}.${viewer}.png`);
     const packed = inFolder(`${model.name}.${light}.scree`);
     run(program, ['convert', file, '-o', packed, '-f', '-q']);
     drawScree(packed, camera, ['--size', `${width}x${height}`, '--background', 'black', ...screeLight(light)], name('scree'));
-    const wish = {model: urlOf(file), hdr: light === 'unlit' ? '' : '/out/light.hdr', ...camera, fov, width, height};
-    saveUrl(await page.evaluate((wish) => draw(wish), wish), name('three'));
-
-    // f3d draws the surroundings behind the model. The alpha of a picture without surroundings masks them.
-    drawF3d(file, camera, [], inFolder('mask.png'));
-    drawF3d(file, camera, light === 'unlit' ? [] : ['--hdri', inFolder('turned.hdr')], inFolder('uncut.png'));
-    const {url, covered} = await page.evaluate(([picture, mask]) => cut(picture, mask),
-      [asData(inFolder('uncut.png')), asData(inFolder('mask.png'))]);
-    saveUrl(url, name('f3d'));
-    for (const [a, b] of [['scree', 'f3d'], ['scree', 'three'], ['f3d', 'three']]) {
+    const coveredFile = inFolder(`${model.name}.${light}.covered`);
+    if (!existsSync(coveredFile)) writeFileSync(coveredFile, await drawOthers(file, light, camera, name));
+    const covered = Number(readFileSync(coveredFile));
+    const pairs = [['scree', 'f3d'], ['scree', 'three'], ['f3d', 'three']];
+    for (const [a, b] of light === 'scene' ? pairs.slice(1, 2) : pairs) {
       const {psnr_db: psnr, flip_mean: flip} = compare(name(a), name(b));
       rows.push([model.name, light, versions[a], versions[b], width, height, covered.toFixed(4),
         psnr === undefined ? 'inf' : psnr.toFixed(2), flip.toFixed(4)]);
