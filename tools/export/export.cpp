@@ -450,7 +450,7 @@ Command add_export(CLI::App& parent) {
   app->add_flag("-f,--force", arguments->force, kForceHelp);
   app->add_flag("--json", arguments->json, "Print one JSON object instead of the closing line");
   app->add_flag("-q,--quiet", arguments->quiet, "No progress and no closing line");
-  add_value(*app, "--threads", "N", arguments->threads, "Threads; 0: one per processor")->capture_default_str();
+  add_whole(*app, "--threads", arguments->threads, 0, kMostThreads, "Threads; 0: one per processor");
   return {app, [arguments] { return run_export(*arguments); }};
 }
 
