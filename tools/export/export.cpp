@@ -24,6 +24,7 @@
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
+#include "tools/convert/passes/shard.h"
 #include "tools/export/primitives.h"
 #include "tools/gltf/writer.h"
 
@@ -342,6 +343,8 @@ struct Arguments {
 Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::MappedFile& map) {
   const auto file = format::Container::open(map.bytes());
   if (!file) return file.error();
+  if (convert::is_shard(*file))
+    return Error{ErrorCode::kUnsupported, "is a shard of a conversion, without a scene; scree merge joins all shards"};
   uint64_t triangles = 0;
   for (uint64_t i = 0; i < file->meshes().size(); ++i) triangles += file->meshes()[i].triangle_count;
   Progress progress(!arguments.quiet);

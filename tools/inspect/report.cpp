@@ -482,6 +482,7 @@ std::string text_verify(const VerifyReport& report) {
   text +=
       "  " + times(report.images, "image", "images") + ": decoded to " + times(report.pixels, "pixel", "pixels") + "\n";
   text += "  " + times(report.padding_bytes, "byte", "bytes") + " of padding: zero\n";
+  if (report.is_shard) text += "  a shard of a conversion: scree merge checks its chunks and images\n";
   for (const std::string& warning : report.warnings) text += "  warning: " + printable(warning, 400) + "\n";
   for (const Failure& failure : report.failures) text += "  FAILED " + printable(failure.error.message, 400) + "\n";
   if (report.failure_count > report.failures.size())
