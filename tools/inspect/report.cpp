@@ -267,7 +267,7 @@ void add_clusters(const Stats& stats, std::string& text) {
     std::snprintf(number, sizeof number, "%.2f", static_cast<double>(count) / static_cast<double>(of));
     return std::string(number);
   };
-  text += "\nClusters\n  " + grouped(clusters.clusters) + " in " + grouped(clusters.chunks) + " chunks, " +
+  text += "\nClusters\n  " + grouped(clusters.clusters) + " in " + times(clusters.chunks, "chunk", "chunks") + ", " +
           each(clusters.triangles, clusters.clusters) + " triangles and " + each(clusters.vertices, clusters.clusters) +
           " vertices each";
   if (stats.has_split) text += "; an axis is predicted in " + percent(clusters.predicted, clusters.clusters);
