@@ -16,7 +16,8 @@ import re
 import subprocess
 import sys
 
-EXITS = [("0", "Done."), ("1", "A wrong command line."), ("2", "A file that cannot be read or written."), ("3", "Bad data."),
+EXITS = [("0", "Done."), ("1", "A wrong command line."),
+         ("2", "A file that cannot be read or written, or too little memory."), ("3", "Bad data."),
          ("4", "A missing or failing GPU.")]
 ERRORS = "An error is one line on standard error that names the file and the place."
 FILES = ("FILE", "FILES", "TEXT")  # values that are file names; TEXT is the value of positionals

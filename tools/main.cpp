@@ -1,6 +1,7 @@
 // scree: dispatches subcommands, prints errors, sets exit codes.
 #include <algorithm>
 #include <csignal>
+#include <cstddef>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -49,6 +50,23 @@ void give_normals_a_value(std::vector<std::string>& words) {
   }
 }
 
+/// Turns `--camera=` into `--camera ""`. CLI11 would take the next word, such as `-o`, for the value.
+void split_empty_values(std::vector<std::string>& words) {
+  for (size_t i = 0; i < words.size() && words[i] != "--"; ++i) {
+    if (!words[i].starts_with("--") || words[i].find('=') != words[i].size() - 1) continue;
+    words[i].pop_back();
+    words.insert(words.begin() + static_cast<std::ptrdiff_t>(i) + 1, "");
+  }
+}
+
+/// Refuses `--shard ""`, which is usually a variable of a script that is not set. Commands take empty texts for options
+/// that are not given.
+void check_values(const CLI::App& command) {
+  for (const CLI::Option* option : command.get_options())
+    if (std::ranges::count(option->results(), "") != 0)
+      throw CLI::ParseError(option->get_name() + ": the value is empty", scree::exit_code(scree::ErrorCode::kUsage));
+}
+
 int run(int argc, char** argv) {
   CLI::App app("Packs huge glTF scenes, checks them and draws them exactly.", "scree");
   app.set_version_flag("--version", scree::tools::version_text());
@@ -61,9 +79,11 @@ int run(int argc, char** argv) {
   std::vector<std::string> words(argv + 1, argv + argc);
   ask_for_help(app, words);
   give_normals_a_value(words);
-  std::reverse(words.begin(), words.end());  // CLI11 parses words from the last to the first
+  split_empty_values(words);
   try {
+    std::reverse(words.begin(), words.end());  // CLI11 parses words from the last to the first
     app.parse(std::move(words));
+    for (const CLI::App* command : app.get_subcommands()) check_values(*command);
   } catch (const CLI::ParseError& error) {
     return report_parse_error(app, error);
   }

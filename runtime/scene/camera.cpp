@@ -294,6 +294,7 @@ Result<View> eye_view(const WorldBox& box, View view, const CameraOptions& optio
   const Vec3 eye = *options.eye;
   const auto forward = normalized(options.target.value_or(middle) - eye);
   if (!forward) return Error{ErrorCode::kUsage, "the eye and the target are the same point"};
+  if (options.up && !normalized(*options.up)) return Error{ErrorCode::kUsage, "up has the length 0"};
   // If the view direction is straight up or down, -z is the top of the picture, since y lies along the view direction.
   const bool is_oriented =
       orient(view, *forward, options.up.value_or(Vec3{0, 1, 0})) || (!options.up && orient(view, *forward, {0, 0, -1}));

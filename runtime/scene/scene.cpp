@@ -82,7 +82,9 @@ Result<SceneFile> SceneFile::open(const std::string& path) {
 
 Result<uint32_t> SceneFile::find_scene(const std::string& name_or_index) const {
   const auto scenes = container_.scenes();
-  if (scenes.empty()) return Error{ErrorCode::kUnsupported, path() + ": has no scene to draw"};
+  if (scenes.empty())
+    return Error{ErrorCode::kUnsupported,
+                 path() + ": has no scene to draw; if it is a shard of a conversion, scree merge joins all shards"};
   if (name_or_index.empty()) {
     for (uint64_t i = 0; i < scenes.size(); ++i)
       if (scenes[i].flags & 1) return static_cast<uint32_t>(i);

@@ -22,8 +22,6 @@ Result<bench::BenchOptions> parse(const BenchWords& words) {
   const Result<TextureOptions> textures = parse_texture_options(words.textures);
   if (!textures) return textures.error();
   options.textures = *textures;
-  if (options.frames == 0) return Error{ErrorCode::kUsage, "--frames must be at least 1"};
-  if (options.repeats == 0) return Error{ErrorCode::kUsage, "--repeats must be at least 1"};
   return options;
 }
 
@@ -43,12 +41,11 @@ Command add_bench(CLI::App& parent) {
       ->allow_extra_args(false)  // the next argument is a file
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   add_picture_options(*app, *words);
-  add_value(*app, "--frames", "N", options.frames, "Frames per view; fewer if they take more than two seconds")
-      ->capture_default_str();
-  add_value(*app, "--warmup", "N", options.warmup, "Frames before the measured ones")->capture_default_str();
-  add_value(*app, "--repeats", "N", options.repeats,
-            "Number of loads from the disk, and also of loads from the page cache")
-      ->capture_default_str();
+  add_whole(*app, "--frames", options.frames, 1, kMostWhole,
+            "Frames per view; fewer if they take more than two seconds");
+  add_whole(*app, "--warmup", options.warmup, 0, kMostWhole, "Frames before the measured ones");
+  add_whole(*app, "--repeats", options.repeats, 1, kMostWhole,
+            "Number of loads from the disk, and also of loads from the page cache");
   add_device_options(*app, *words);
   add_reading_options(*app, *words);
   add_texture_options(*app, words->textures);

@@ -1,12 +1,15 @@
 // The interface between main.cpp and the subcommands.
 #pragma once
 
+#include <concepts>
+#include <cstdint>
 #include <functional>
 #include <string>
 
 #include <CLI/CLI.hpp>
 
 #include "format/result.h"
+#include "tools/common/options.h"
 
 namespace scree::tools {
 
@@ -21,6 +24,19 @@ struct Command {
 template <class Word>
 CLI::Option* add_value(CLI::App& app, const char* names, const char* value, Word& word, const std::string& help) {
   return app.add_option(names, word, help)->type_name(value);
+}
+
+/// Adds an option with a whole number from `lowest` to `highest`. `word` holds the default, which the help shows.
+template <std::unsigned_integral Number>
+CLI::Option* add_whole(CLI::App& app, const std::string& name, Number& word, uint64_t lowest, uint64_t highest,
+                       const std::string& help) {
+  const auto parse = [&word, name, lowest, highest](const CLI::results_t& words) {
+    const Result<uint64_t> value = parse_whole(words.front(), lowest, highest, name);
+    if (!value) throw CLI::ParseError(value.error().message, exit_code(value.error().code));
+    word = static_cast<Number>(*value);
+    return true;
+  };
+  return app.add_option(name, parse, help)->type_name("N")->default_str(std::to_string(word));
 }
 
 Command add_convert(CLI::App& parent);

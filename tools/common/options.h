@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <initializer_list>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -48,7 +49,12 @@ Result<void> parse_choice(std::string_view text, std::string_view option, Value&
   return Error{ErrorCode::kUsage, std::string(option) + ": '" + std::string(text) + "' is not one of " + names};
 }
 
-/// A number of threads up to 4096. 0 means one per processor. Errors kUsage.
+/// The largest value of options without a limit of their own.
+inline constexpr uint64_t kMostWhole = std::numeric_limits<uint32_t>::max();
+
+inline constexpr uint64_t kMostThreads = 4096;
+
+/// A number of threads up to kMostThreads. 0 means one per processor. Errors kUsage.
 Result<uint32_t> parse_threads(std::string_view text);
 
 /// "812 bytes", "1.46 MiB": three significant digits from a KiB on.

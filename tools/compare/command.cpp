@@ -223,8 +223,7 @@ Result<Findings> find(const CompareArguments& words, const RenderOptions& option
                                       kind_name(*b) + "; expected " + kWhatItCompares};
 }
 
-/// Checks that neither output replaces an input or the other output. (parse_render_options() checks the extension of
-/// --output.)
+/// Checks that neither output replaces an input or the other output.
 Result<void> check_outputs(const CompareArguments& words) {
   const std::pair<const char*, const std::string*> outputs[] = {{"--output", &words.render.output},
                                                                 {"--flip", &words.flip}};
@@ -267,6 +266,8 @@ Result<void> run(const CompareArguments& words) try {
   RenderWords render = words.render;
   render.file.clear();
   render.list_cameras = true;  // without any output, render would choose one beside its file
+  if (!render.output.empty())
+    if (const Result<void> checked = check_picture_path("--output", render.output); !checked) return checked.error();
   const Result<RenderOptions> options = parse_render_options(render);
   if (!options) return options.error();
   if (std::isnan(words.pixels_per_degree))  // CLI::Range accepts nan

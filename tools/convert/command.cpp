@@ -205,10 +205,11 @@ Result<void> run(const ConvertArguments& words, bool positions_given) {
     std::fputs(convert::json_report(*options, *report).c_str(), stdout);
   } else if (options->shards > 0) {
     if (!words.quiet)
-      std::printf("%s: shard %u of %u -> %s: %llu windows, %s; %.2f s, peak memory %s (scree merge joins all shards)\n",
+      std::printf("%s: shard %u of %u -> %s: %llu %s, %s; %.2f s, peak memory %s (scree merge joins all shards)\n",
                   options->input.c_str(), options->shard + 1, options->shards, report->output.c_str(),
-                  static_cast<unsigned long long>(report->windows), format_bytes(report->output_bytes).c_str(),
-                  report->seconds, format_bytes(report->peak_bytes).c_str());
+                  static_cast<unsigned long long>(report->windows), report->windows == 1 ? "window" : "windows",
+                  format_bytes(report->output_bytes).c_str(), report->seconds,
+                  format_bytes(report->peak_bytes).c_str());
   } else if (!words.quiet) {
     if (!report->positions.rows().empty()) std::printf("%s", report->positions.text().c_str());
     std::fputs(convert::describe(*options, *report, words.stats).c_str(), stdout);

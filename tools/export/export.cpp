@@ -24,6 +24,7 @@
 #include "tools/common/sigbus.h"
 #include "tools/common/standard_output.h"
 #include "tools/common/stop_signal.h"
+#include "tools/convert/passes/shard.h"
 #include "tools/export/primitives.h"
 #include "tools/gltf/writer.h"
 
@@ -342,6 +343,8 @@ struct Arguments {
 Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::MappedFile& map) {
   const auto file = format::Container::open(map.bytes());
   if (!file) return file.error();
+  if (convert::is_shard(*file))
+    return Error{ErrorCode::kUnsupported, "is a shard of a conversion, without a scene; scree merge joins all shards"};
   uint64_t triangles = 0;
   for (uint64_t i = 0; i < file->meshes().size(); ++i) triangles += file->meshes()[i].triangle_count;
   Progress progress(!arguments.quiet);
@@ -450,7 +453,7 @@ Command add_export(CLI::App& parent) {
   app->add_flag("-f,--force", arguments->force, kForceHelp);
   app->add_flag("--json", arguments->json, "Print one JSON object instead of the closing line");
   app->add_flag("-q,--quiet", arguments->quiet, "No progress and no closing line");
-  add_value(*app, "--threads", "N", arguments->threads, "Threads; 0: one per processor")->capture_default_str();
+  add_whole(*app, "--threads", arguments->threads, 0, kMostThreads, "Threads; 0: one per processor");
   return {app, [arguments] { return run_export(*arguments); }};
 }
 

@@ -34,33 +34,19 @@ std::string counted(uint64_t count, const char* one, const char* many) {
 // Extensions that a document may require. The first ones are supported. The others only change how a surface is lit, or
 // describe the file: without them every triangle keeps its position and its base colour.
 constexpr std::string_view kDracoName = "KHR_draco_mesh_compression";
-constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",
-                                           "KHR_texture_transform",
-                                           "KHR_materials_unlit",
-                                           "EXT_mesh_gpu_instancing",
-                                           "EXT_meshopt_compression",
-                                           "KHR_meshopt_compression",
-                                           "KHR_texture_basisu",
-                                           "MSFT_texture_dds",
-                                           "EXT_texture_webp",
-                                           "KHR_lights_punctual",
-                                           "KHR_materials_ior",
-                                           "KHR_materials_specular",
-                                           "KHR_materials_emissive_strength",
-                                           "KHR_materials_transmission",
-                                           kDracoName};
-constexpr std::string_view kLookOnly[] = {"KHR_materials_anisotropy",
-                                          "KHR_materials_clearcoat",
-                                          "KHR_materials_diffuse_transmission",
-                                          "KHR_materials_dispersion",
-                                          "KHR_materials_iridescence",
-                                          "KHR_materials_pbrSpecularGlossiness",
-                                          "KHR_materials_sheen",
-                                          "KHR_materials_variants",
-                                          "KHR_materials_volume",
-                                          "KHR_xmp_json_ld",
-                                          "EXT_lights_ies",
-                                          "EXT_lights_image_based"};
+constexpr std::string_view kSupported[] = {"KHR_mesh_quantization",      "KHR_texture_transform",
+                                           "KHR_materials_unlit",        "EXT_mesh_gpu_instancing",
+                                           "EXT_meshopt_compression",    "KHR_meshopt_compression",
+                                           "KHR_texture_basisu",         "MSFT_texture_dds",
+                                           "EXT_texture_webp",           "KHR_lights_punctual",
+                                           "KHR_materials_ior",          "KHR_materials_pbrSpecularGlossiness",
+                                           "KHR_materials_specular",     "KHR_materials_emissive_strength",
+                                           "KHR_materials_transmission", kDracoName};
+constexpr std::string_view kLookOnly[] = {
+    "KHR_materials_anisotropy", "KHR_materials_clearcoat",   "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion", "KHR_materials_iridescence", "KHR_materials_sheen",
+    "KHR_materials_variants",   "KHR_materials_volume",      "KHR_xmp_json_ld",
+    "EXT_lights_ies",           "EXT_lights_image_based"};
 
 constexpr const char* kWithoutDraco =
     "this scree is built without libdraco: decode it first, for example with gltf-transform";

@@ -127,9 +127,8 @@ Command add_inspect(CLI::App& parent) {
   add_value(*app, "--exclude", "REGEX", options.exclude,
             "For --source: the --exclude with which the file was converted");
   app->add_flag("--allow-outside", options.allow_outside, convert::kAllowOutsideHelp);
-  add_value(*app, "--top", "N", options.top, "Meshes and images to list by name")->capture_default_str();
-  add_value(*app, "--threads", "N", options.threads, "Threads of --verify; 0: one per processor")
-      ->capture_default_str();
+  add_whole(*app, "--top", options.top, 0, kMostWhole, "Meshes and images to list by name");
+  add_whole(*app, "--threads", options.threads, 0, kMostThreads, "Threads of --verify; 0: one per processor");
   const auto quiet = std::make_shared<bool>(false);
   app->add_flag("-q,--quiet", *quiet, "No progress");
   return {app, [arguments, quiet] {

@@ -267,7 +267,7 @@ void add_clusters(const Stats& stats, std::string& text) {
     std::snprintf(number, sizeof number, "%.2f", static_cast<double>(count) / static_cast<double>(of));
     return std::string(number);
   };
-  text += "\nClusters\n  " + grouped(clusters.clusters) + " in " + grouped(clusters.chunks) + " chunks, " +
+  text += "\nClusters\n  " + grouped(clusters.clusters) + " in " + times(clusters.chunks, "chunk", "chunks") + ", " +
           each(clusters.triangles, clusters.clusters) + " triangles and " + each(clusters.vertices, clusters.clusters) +
           " vertices each";
   if (stats.has_split) text += "; an axis is predicted in " + percent(clusters.predicted, clusters.clusters);
@@ -482,6 +482,7 @@ std::string text_verify(const VerifyReport& report) {
   text +=
       "  " + times(report.images, "image", "images") + ": decoded to " + times(report.pixels, "pixel", "pixels") + "\n";
   text += "  " + times(report.padding_bytes, "byte", "bytes") + " of padding: zero\n";
+  if (report.is_shard) text += "  a shard of a conversion: scree merge checks its chunks and images\n";
   for (const std::string& warning : report.warnings) text += "  warning: " + printable(warning, 400) + "\n";
   for (const Failure& failure : report.failures) text += "  FAILED " + printable(failure.error.message, 400) + "\n";
   if (report.failure_count > report.failures.size())

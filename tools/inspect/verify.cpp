@@ -17,6 +17,7 @@
 #include "runtime/textures/jpeg_image.h"
 #include "runtime/threads/parallel.h"
 #include "tools/common/chunk_decode.h"
+#include "tools/convert/passes/shard.h"
 
 namespace scree::inspect {
 namespace {
@@ -51,6 +52,7 @@ class Verifier {
     boxes_.assign(file.meshes().size(), kEmptyBox);
     vertices_.assign(file.meshes().size(), 0);
     undecoded_.assign(file.meshes().size(), false);
+    report_.is_shard = convert::is_shard(file);
     list_by_page();
   }
 
@@ -197,7 +199,7 @@ class Verifier {
       report_.page_bytes += page.stored_bytes;
       report_.raw_bytes += loaded->size();
     }
-    if (page.kind == PageKind::kGeometry) check_chunks(number, *loaded, decoded);
+    if (page.kind == PageKind::kGeometry && !report_.is_shard) check_chunks(number, *loaded, decoded);
     if (page.kind == PageKind::kImage) {
       check_images(number, *loaded);
       check_levels(number, *loaded);

@@ -35,6 +35,7 @@ struct VerifyReport {
   std::vector<Failure> failures;  // by offset in the file; at most kMaxFailures
   uint64_t failure_count = 0;
   std::vector<std::string> warnings;  // images whose damage the decoder tolerates
+  bool is_shard = false;              // of a conversion: its chunks are listed in a page of its own
 };
 
 inline constexpr size_t kMaxFailures = 100;
@@ -49,6 +50,7 @@ struct VerifyHooks {
 /// every chunk decodes, with indices below its vertex count, positions inside its lattice and unused bits zero; that
 /// all bytes between and after chunks, tables and pages are zero; that no two parts overlap; that the box and the
 /// vertex count of every mesh equal those of its decoded chunks; that every image decodes to the size in its record.
+/// A shard of a conversion has no list of chunks, so only its checksums and tables are checked.
 /// `bytes`: the whole file that `file` was opened on. `threads`: 0 means one per core; the report is the same for any
 /// number. Memory: a page, its decoded chunks and a decoded image per thread, 8 bytes per chunk, 25 per mesh.
 VerifyReport verify(const format::Container& file, std::span<const std::byte> bytes, uint32_t threads,

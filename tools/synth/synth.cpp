@@ -44,7 +44,7 @@ Result<void> check_options(const SynthOptions& options) {
   const uint32_t size = options.texture_size.value_or(64);
   if (!std::has_single_bit(size) || size < 64 || size > 8192)
     return usage("--texture-size must be a power of two from 64 to 8192");
-  if ((is_zorah || options.scene == "panes") && options.texture_size)
+  if (!is_scattered && options.scene != "panes-textured" && options.texture_size)
     return usage("--texture-size can be used only with slope, forest and panes-textured");
   if (!is_scattered && options.seed != 1)
     return usage("--seed can be used only with slope and forest: the other scenes are fixed");
@@ -165,9 +165,8 @@ Command add_synth(CLI::App& parent) {
   app->add_flag(
       "--checks", options->checks,
       "A to D: print scene, order, 0 and the order-independent sums of positions and indices (-o is not needed)");
-  add_value(*app, "--threads", "N", options->threads, "Threads; 0: one per processor")->capture_default_str();
-  add_value(*app, "--seed", "N", options->seed, "Slope, forest: seed of the positions of stones or plants")
-      ->capture_default_str();
+  add_whole(*app, "--threads", options->threads, 0, kMostThreads, "Threads; 0: one per processor");
+  add_whole(*app, "--seed", options->seed, 0, kMostWhole, "Slope, forest: seed of the positions of stones or plants");
   add_value(*app, "--texture-size", "N", options->texture_size,
             "Slope, forest, panes-textured: texels per side, a power of two from 64 to 8192 (default: 1024, for the\n"
             "forest 4096)");

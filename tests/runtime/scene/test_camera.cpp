@@ -128,6 +128,16 @@ TEST_CASE("an orthographic camera keeps its height", "[camera]") {
   CHECK_FALSE(view_of(scene, options));
 }
 
+TEST_CASE("an up direction without a length or along the view is an error", "[camera]") {
+  const Scene scene = must_load(SmallScene{});
+  CameraOptions options{.eye = runtime::Vec3{0, 5, 0}, .target = runtime::Vec3{0, 0, 0}};
+  CHECK(view_of(scene, options));
+  options.up = runtime::Vec3{0, 0, 0};
+  check_refusal(view_of(scene, options), {ErrorCode::kUsage, "up has the length 0"});
+  options.up = runtime::Vec3{0, -2, 0};
+  check_refusal(view_of(scene, options), {ErrorCode::kUsage, "up lies along the direction of view"});
+}
+
 TEST_CASE("a missing camera is an error that lists the existing ones", "[camera]") {
   const Scene scene = must_load(with_cameras());
   CameraOptions options{.camera = "7"};

@@ -52,6 +52,23 @@ std::string write(const TempFolder& folder, const std::string& text) {
 
 }  // namespace
 
+TEST_CASE("surfaces: specular and glossiness are read, also where the document requires them", "[gltf][surfaces]") {
+  const TempFolder folder;
+  std::string text =
+      document(R"({"name":"glossy","extensions":{"KHR_materials_pbrSpecularGlossiness":{"diffuseFactor":[1,0.5,0,1],)"
+               R"("diffuseTexture":{"index":0},"specularFactor":[0.08,0.04,0.02],"glossinessFactor":0.75}}})");
+  text.insert(1, R"("extensionsRequired":["KHR_materials_pbrSpecularGlossiness"],)");
+  const auto scene = must(import_gltf(write(folder, text), {}));
+  CHECK(scene.warnings.empty());
+  REQUIRE(scene.materials.size() == 1);
+  CHECK(scene.materials[0].record.base_color[1] == 0.5f);
+  CHECK(scene.materials[0].record.texture == 0);
+  REQUIRE(scene.materials[0].surface);
+  CHECK(scene.materials[0].surface->metallic == 0);
+  CHECK(scene.materials[0].surface->roughness == 0.25f);
+  CHECK(scene.materials[0].surface->specular_color[0] == 2);
+}
+
 TEST_CASE("surfaces: a material with more than a base colour has a surface", "[gltf][surfaces]") {
   const TempFolder folder;
   const std::string path = write(

@@ -682,16 +682,23 @@ class Converter {
     convert::add_left_out({scene_, plans_, mesh_of_, measurement_.primitives, first_equal_, images_, merged_, encoded_,
                            options_.normals, undrawn_, report_.dropped_degenerate, report_.dropped_nonfinite, clear_},
                           tables_);
-    const auto warn = [&](uint64_t count, const char* text) {
-      if (count > 0) report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + text);
+    const auto warn = [&](uint64_t count, const char* one, const char* many) {
+      if (count > 0)
+        report_.warnings.push_back(scene_.file_name + ": " + std::to_string(count) + " " + (count == 1 ? one : many));
     };
-    warn(undrawn_, "primitives that no node draws are left out");
-    warn(clear_, "primitives that their alpha masks hide everywhere are left out");
-    warn(report_.dropped_nonfinite, "triangles with positions that are not finite are left out");
-    warn(encoded_.repaired_uvs, "texture coordinates are not finite and became 0");
-    warn(encoded_.repaired_colors, "vertex colours are not finite and became 0");
-    warn(encoded_.repaired_normals, "normals are zero or not finite and became +z");
-    warn(encoded_.repaired_tangents, "tangents are zero, not finite or parallel to their normal and became arbitrary");
+    warn(undrawn_, "primitive that no node draws is left out", "primitives that no node draws are left out");
+    warn(clear_, "primitive that its alpha mask hides everywhere is left out",
+         "primitives that their alpha masks hide everywhere are left out");
+    warn(report_.dropped_nonfinite, "triangle with a position that is not finite is left out",
+         "triangles with positions that are not finite are left out");
+    warn(encoded_.repaired_uvs, "texture coordinate is not finite and became 0",
+         "texture coordinates are not finite and became 0");
+    warn(encoded_.repaired_colors, "vertex colour is not finite and became 0",
+         "vertex colours are not finite and became 0");
+    warn(encoded_.repaired_normals, "normal is zero or not finite and became +z",
+         "normals are zero or not finite and became +z");
+    warn(encoded_.repaired_tangents, "tangent is zero, not finite or parallel to its normal and became arbitrary",
+         "tangents are zero, not finite or parallel to their normal and became arbitrary");
     if (tables_.meshes.empty()) report_.warnings.push_back(scene_.file_name + ": there is nothing to draw");
   }
 

@@ -171,6 +171,12 @@ std::string shard_name(uint64_t index, uint64_t count) {
 
 }  // namespace
 
+bool is_shard(const format::Container& container) {
+  for (uint64_t i = container.pages().size(); i-- > 0;)
+    if (container.pages()[i].kind == kShardPlanPage) return true;
+  return false;
+}
+
 std::filesystem::path whole_path(const std::string& path) {
   std::error_code error;
   const std::filesystem::path whole = std::filesystem::absolute(path, error);

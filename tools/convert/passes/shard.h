@@ -62,6 +62,9 @@ std::vector<std::byte> pack_share(const ShardShare& share);
 Result<ShardPlan> unpack_plan(std::span<const std::byte> bytes);
 Result<ShardShare> unpack_share(std::span<const std::byte> bytes);
 
+/// Whether a .scree file is a shard.
+bool is_shard(const format::Container& container);
+
 /// Items [first, end).
 struct Part {
   uint64_t first = 0;
