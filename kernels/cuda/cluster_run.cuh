@@ -102,8 +102,8 @@ struct ClusterShared {
 /// Blocks that fit into a multiprocessor's shared memory. More than 7 would leave too few registers.
 inline constexpr uint32_t kClusterBlocks = blocks_in_shared(kClusterWarps * sizeof(ClusterShared), 7);
 
-/// This warp's shared memory. Accessed by name, because through a pointer the compiler would not know the address
-/// space.
+/// This warp's shared memory. Accessed by name, because a pointer would hide its address space from the
+/// compiler.
 __device__ inline ClusterShared& cluster_shared() {
   extern __shared__ uint4 shared_memory[];
   return reinterpret_cast<ClusterShared*>(shared_memory)[threadIdx.x / kWarpLanes];

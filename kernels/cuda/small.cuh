@@ -134,8 +134,8 @@ struct SmallShared {
   bool double_sided;
 };
 
-/// This warp's shared memory. Accessed by name, because through a pointer the compiler would not know the address
-/// space.
+/// This warp's shared memory. Accessed by name, because a pointer would hide its address space from the
+/// compiler.
 template <bool kInstanced>
 __device__ inline SmallShared<kInstanced>& small_shared() {
   extern __shared__ uint4 shared_memory[];
