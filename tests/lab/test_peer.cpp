@@ -150,7 +150,7 @@ TEST_CASE("lab: differences between two pictures are explained by exact geometry
   CHECK(behind.other == 0);
 }
 
-TEST_CASE("lab: Vulkan draws what the CPU draws, but for edges", "[lab][peer]") {
+TEST_CASE("lab: Vulkan draws the CPU's picture, except at edges", "[lab][peer]") {
   if (kFindsLeaks) {
     WARN("skipped: drivers leak memory");
     return;

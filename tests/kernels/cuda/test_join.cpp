@@ -1,4 +1,4 @@
-// A GPU joins split pages as join_page() does, and refuses what join_page() or check_chunk() refuse.
+// A GPU joins split pages as join_page() does, and refuses the pages that join_page() or check_chunk() refuses.
 #include <algorithm>
 #include <optional>
 #include <random>
