@@ -1,5 +1,5 @@
-# Writes the commit of SOURCE to OUTPUT: with a + if files differ from it, "unknown" outside git. An OUTPUT that is up
-# to date is not touched, so that nothing is built again.
+# Writes the commit of SOURCE to OUTPUT: with a + if files differ from the commit, "unknown" outside git. An OUTPUT that
+# is up to date is not written, so that nothing is built again.
 set(commit unknown)
 find_program(GIT git)
 if(GIT)

@@ -25,8 +25,7 @@ PYBIND11 = ("pybind11", ["pybind11-dev"])
 PACKAGES = ["scree", "libscree0", "libscree-dev", "python3-scree"]
 # libscree links shared libraries, but contains code of these libraries' headers.
 HEADER_CODE = {"xxhash", "tinygltf", "nlohmann-json", "draco"}
-# Packages whose copyright file has the old form, "Copyright:" and "License:" with a text each; and
-# the licence's name.
+# Packages whose copyright file has the old form ("Copyright:" and "License:" with a text each), and their licence.
 OLD_FORM = {"libwebp": "BSD-3-clause"}
 # Shared libraries that lie beside the program in the tarball.
 BESIDE = [("meshoptimizer", ["libmeshoptimizer-dev"]), ("openexr", ["libopenexr-dev"]), ("imath", ["libimath-dev"])]
@@ -34,8 +33,7 @@ FORMAT = "https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/"
 CUDA = """The CUDA runtime (cudart), in this package: object code of the CUDA Toolkit, which may be distributed as part
 of a program under "Attachment A" of the CUDA Toolkit End User License Agreement,
 https://docs.nvidia.com/cuda/eula/. All rights in it remain with NVIDIA."""
-# Source files of libraries that are not part of the program: packaging, tests, examples, programs,
-# documentation.
+# Source files of libraries that are not part of the program: packaging, tests, examples, programs and documentation.
 NOT_LINKED = re.compile(r"^(debian|tests?|testdata|examples?|tools|fuzz|contrib|doc|docs|cmake|amiga|java|build|release|programs)/|"
                         r"^(xxhsum\.c|zlibWrapper/examples)|/fuzz/|\.(md|txt|yml|cmake|in)$")
 
@@ -112,8 +110,7 @@ def library_stanzas(library, names):
         if not title or not fields.get("Copyright", "").strip():
             fail(f"{path}: Files: {files[0]} without Copyright or License")
         used.update(word.strip().lower() for word in re.split(r",?\s+(?:and/or|and|or)\s+", title, flags=re.IGNORECASE))
-        # Licences of the same name have different texts in different libraries, so the library's
-        # name is appended.
+        # Licences of the same name have different texts in different libraries, so the library's name is appended.
         named = re.sub(r"(?i)(,?\s+(?:and/or|and|or)\s+)|([^\s,]+)", lambda m: m[1] or f"{m[2]}~{library}", title)
         out.append(f"Files: {' '.join(f'{library}/{word}' for word in files)}\n"
                    f"Copyright:\n{folded(fields['Copyright'])}\nLicense: {named}")

@@ -4,7 +4,7 @@ set(scree_cuda none)
 set(SCREE_CUDA_PATH "" CACHE STRING "Compute capability whose code path every GPU takes, to test it: 75 or 80")
 
 # The compute capabilities of this machine's GPUs, else all from 7.5 on, the least that CUDA 13 supports. Code for x.y
-# runs on later minor versions too. The last has PTX, for all GPUs after it.
+# also runs on later minor versions of x. The last one is also built as PTX, for all newer GPUs.
 function(scree_default_architectures out)
   find_program(SCREE_NVIDIA_SMI nvidia-smi)
   set(found "")
@@ -65,11 +65,12 @@ function(scree_add_cuda_objects target)
     set_target_properties(${target} PROPERTIES CUDA_STANDARD 20 CUDA_STANDARD_REQUIRED ON CUDA_EXTENSIONS OFF)
     target_compile_options(${target} PRIVATE --fmad=false -Xcompiler=-ffp-contract=off -Werror=all-warnings)
     target_include_directories(${target} PRIVATE "${CMAKE_SOURCE_DIR}")
-    # A quarter of the bytes in programs for all capabilities. Drivers before CUDA 12.4 cannot unpack it; CUDA 13 needs newer ones.
+    # Makes programs for all capabilities a quarter as large. Drivers before CUDA 12.4 cannot unpack it; CUDA 13 needs
+    # newer ones.
     if(CMAKE_CUDA_COMPILER_VERSION VERSION_GREATER_EQUAL 13)
       target_compile_options(${target} PRIVATE -compress-mode=size)
     endif()
-    # The resources that ptxas reports go to a file beside each object; tests/kernels/cuda/registers.cmake reads them.
+    # The resources that ptxas reports go to a file beside each object, for tests/kernels/cuda/registers.cmake.
     target_compile_options(${target} PRIVATE -Xptxas=-v)
     set_property(TARGET ${target} PROPERTY RULE_LAUNCH_COMPILE "\"${CMAKE_SOURCE_DIR}/cmake/keep-ptxas\" <OBJECT>.ptxas")
   endif()

@@ -3,15 +3,15 @@
 # the program, so that an installed folder runs on a machine without these packages.
 find_package(Threads REQUIRED)
 if(NOT SCREE_FUZZ)
-  # Prefers the distribution's Python, for which packages are made, to another one on PATH.
+  # Prefers the distribution's Python, for which packages are made, over another one on PATH.
   if(EXISTS /usr/bin/python3)
     set(Python3_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "The Python that the package scree is built for")
   endif()
   find_package(Python3 REQUIRED COMPONENTS Interpreter)  # makes man pages and completion
 endif()
 
-# Makes an installed target find its shared libraries in `folder`. Uses RPATH, because the linker's default, RUNPATH,
-# does not apply to the libraries that OpenEXR needs.
+# Makes an installed target find its shared libraries in `folder`. It sets RPATH: the linker's default, RUNPATH, does
+# not apply to the libraries that OpenEXR needs.
 function(scree_find_bundled target folder)
   if(SCREE_BUNDLE_LIBRARIES)
     set_target_properties(${target} PROPERTIES INSTALL_RPATH "${folder}")
@@ -54,7 +54,7 @@ scree_header_library(tinygltf tiny_gltf.h)
 scree_header_library(nlohmann_json nlohmann/json.hpp)
 scree_header_library(cli11 CLI/CLI.hpp)
 
-# OpenEXR pictures. Without the library, writing one is an error that names it.
+# OpenEXR pictures. Without the library, writing one fails with an error that names the library.
 set(CMAKE_MESSAGE_LOG_LEVEL WARNING)  # Debian's Imath reports at length that another package is not installed
 find_package(OpenEXR CONFIG QUIET)
 unset(CMAKE_MESSAGE_LOG_LEVEL)
@@ -62,7 +62,7 @@ if(NOT TARGET OpenEXR::OpenEXR)
   message(STATUS "OpenEXR (libopenexr-dev) is not found: scree render writes no .exr")
 endif()
 
-# Codecs of some files. Without the library, such a file is refused with an error that names it.
+# Codecs of some files. Without the library, such a file is refused with an error that names the library.
 function(scree_optional_library target archive header what)
   string(TOUPPER "SCREE_${target}" option)
   option(${option} "Read ${what}, where the library is found" ON)
@@ -85,7 +85,7 @@ endif()
 scree_optional_library(draco libdraco.a draco/compression/mesh/mesh_edgebreaker_decoder.h
   "Draco geometry (KHR_draco_mesh_compression)")
 
-# Only scree view needs Boost.Beast (headers only). Without it the command is an error that names it.
+# Only scree view needs Boost.Beast (headers only). Without it the command fails with an error that names it.
 find_path(beast_include NAMES boost/beast.hpp)
 if(beast_include)
   add_library(scree::beast INTERFACE IMPORTED)
@@ -96,7 +96,7 @@ else()
   message(STATUS "Boost.Beast (libboost-dev) is not found: scree view is built without its server")
 endif()
 
-# With MPI, ranks of mpirun and srun share a film's frames. Without it such a run is an error that names it.
+# With MPI, ranks of mpirun and srun share a film's frames. Without it such a run fails with an error that names it.
 option(SCREE_MPI "Let ranks that mpirun or srun start share the work, where MPI is found" ON)
 if(SCREE_MPI AND NOT SCREE_FUZZ)
   set(MPI_CXX_SKIP_MPICXX ON)  # only the C API is used

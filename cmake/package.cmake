@@ -5,7 +5,7 @@ if(NOT SCREE_BUNDLE_LIBRARIES)
 endif()
 set(CPACK_GENERATOR TGZ)
 set(CPACK_STRIP_FILES ON)
-# By default, CMake's folders have permissions by umask; packages should not depend on it.
+# By default, the umask determines the permissions of CMake's folders. Packages should not depend on it.
 set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
   OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 string(TOLOWER "${CMAKE_SYSTEM_NAME}-${CMAKE_SYSTEM_PROCESSOR}" system)

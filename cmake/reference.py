@@ -125,7 +125,7 @@ def parse_help(name, text):
     options = [entry_of(*row) for row in rows_of(sections.get("options", []))]
     if not options:
         fail(f"{name} --help names no options")
-    # CLI11 sorts the options that an option excludes by address, which changes from run to run.
+    # CLI11 sorts the options that an option excludes by address, so their order changes from run to run.
     order = {option.names[-1]: index for index, option in enumerate(options)}
     for option in options:
         option.excludes.sort(key=lambda other: order.get(other, len(order)))

@@ -30,7 +30,7 @@ struct Options {
   uint32_t seed = 1;
 };
 
-/// Eyes and targets in the middle eight tenths of the scene's box.
+/// Cameras whose eyes and targets lie in the middle eight tenths of the scene's box.
 std::vector<scree_camera> random_cameras(const scree_scene_stats& stats, uint32_t count, uint32_t seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> inside(0.1, 0.9);
@@ -62,7 +62,7 @@ Times times_of(std::vector<double> ms) {
   return {ms[ms.size() / 2], ms.front(), ms.back()};
 }
 
-/// Whether pictures from all parts of the batch equal single frames.
+/// Whether pictures from all parts of the batch equal frames that are drawn one by one.
 bool equals_singles(const scree::View& batch, scree::View& single, const std::vector<scree_camera>& cameras,
                     const scree_draw_options& draw, uint32_t count) {
   const uint64_t step = std::max<uint64_t>(cameras.size() / std::max(count, 1u), 1);

@@ -100,7 +100,7 @@ int run(int argc, char** argv) {
       "scree-lab");
   LabWords words;
   add_options(app, words);
-  for (CLI::Option* option : app.get_options())  // a mode of its own, which accepts only files and --csv
+  for (CLI::Option* option : app.get_options())  // --sizes is a separate mode, which accepts only files and --csv
     if (option->get_name() != "--sizes" && option->get_name() != "files" && option->get_name() != "--csv" &&
         option->get_name() != "--help")
       app.get_option("--sizes")->excludes(option);

@@ -128,7 +128,7 @@ Result<void> check_reference(const LabWords& words, const LabOptions& options) {
   return {};
 }
 
-/// Peers draw generated scenes with float32 positions, once per view.
+/// The peer draws generated scenes with float32 positions, once per view.
 Result<void> check_peer(const LabWords& words, const LabOptions& options) {
   if (words.peer != "vulkan") return usage("--peer: '" + words.peer + "' is not vulkan");
   if (options.scenes.empty()) return usage("--peer draws generated scenes: it needs --scene, not a file");

@@ -31,7 +31,7 @@ struct PlainLabOptions {
   uint32_t texture_size = 16384;  // texels per side
 };
 
-/// The others as typed; empty if not given.
+/// The options that are parsed, as typed. Empty if not given.
 struct LabWords : PlainLabOptions {
   std::string scenes;
   std::string views;

@@ -18,7 +18,7 @@ struct SizeRow {
   int zstd_level = 0;    // 0: none
   uint64_t triangles = 0;
   uint64_t vertices = 0;      // without repetitions
-  uint64_t device_bytes = 0;  // in the form for a GPU, or 0 if another row has it
+  uint64_t device_bytes = 0;  // in the form for a GPU; 0 if another row has this figure
   uint64_t disk_bytes = 0;    // without tables and headers of the container
   double encode_s = 0;
   double decode_s = 0;  // to plain arrays

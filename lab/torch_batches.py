@@ -147,13 +147,13 @@ def time_nvdiffrast(scene, cameras, width, height, device, repeats, depths):
         median, least, most = median_ms(device, repeats, work)
         print(f"nvdiffrast: {name},{len(cameras)},{width},{height},no,{median:.3f},{least:.3f},{most:.3f},"
               f"{1e3 * len(cameras) / median:.0f}")
-    # Its rows are in order from the bottom to the top.
+    # nvdiffrast's rows are in order from the bottom to the top.
     image = state["image"].flip(1).double()
     others = torch.where(image[..., 3] == 0, math.inf, 2 * FAR * NEAR / (FAR + NEAR - image[..., 2] * (FAR - NEAR)))
     # nvdiffrast rounds vertices to a 16th of a pixel, so edges and steep surfaces move by less than a pixel.
     around = torch.nn.functional.max_pool2d(torch.stack((depths, -depths), 1), 3, stride=1, padding=1).double()
     different = (others > 1.005 * around[:, 0]) | (others < -0.995 * around[:, 1])
-    # It also draws the backs of triangles, which scree leaves out.
+    # nvdiffrast also draws the backs of triangles, which scree leaves out.
     corners = vertices[triangles[(image[..., 3].long() - 1).clamp(min=0)[different]].long()][..., :3].double()
     normals = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     eyes = torch.tensor([list(camera.eye) for camera in cameras], dtype=torch.float64, device=device)

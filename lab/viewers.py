@@ -90,7 +90,7 @@ class Client:
         self.scene, self.is_over = None, False
         self.sent = {}
         self.lock = threading.Lock()
-        self.sharp = None  # milliseconds from the newest camera to its first picture of full size
+        self.sharp = None  # milliseconds from the newest camera to the first full-size picture
         self.exact = None  # (bytes, milliseconds after its camera) of the newest lossless picture
         to = Link(host, port, *link).port if link else port
         self.socket = socket.create_connection((host, to), timeout=60)

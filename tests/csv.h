@@ -32,7 +32,7 @@ inline std::vector<std::string> csv_cells(const std::string& line) {
   return cells;
 }
 
-/// All rows. Each line must have as many cells as the first.
+/// All rows. Each line must have as many cells as the first one.
 inline std::vector<CsvRow> read_csv(const std::string& path) {
   std::istringstream lines(read_whole(path));
   std::string line;

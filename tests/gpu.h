@@ -6,13 +6,13 @@
 
 namespace scree::tests {
 
-/// If not, prints the reason with WARN; it has to be the device's error.
+/// Whether a GPU can be used. If not, prints the reason with WARN; it has to be the device's error.
 bool has_gpu();
 
-/// The least device memory that a streamed scene needs, in bytes, from the message that refuses less.
+/// The least device memory of a streamed scene in bytes, read from the message that refuses less.
 uint64_t least_device_memory(const std::string& refusal);
 
-/// While an object exists, the GPUs of its list, such as "9.0,9.0", are emulated. Real GPUs are not affected.
+/// While an object exists, the GPUs of its list, such as "9.0,9.0", are emulated. It does not change real GPUs.
 class EmulatedGpus {
  public:
   explicit EmulatedGpus(const char* list);

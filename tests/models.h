@@ -40,7 +40,7 @@ inline std::vector<std::filesystem::path> files_below(const std::filesystem::pat
   return files;
 }
 
-/// The .gltf and .glb files among them.
+/// The .gltf and .glb files below `root`.
 inline std::vector<std::filesystem::path> model_files(const std::filesystem::path& root) {
   std::vector<std::filesystem::path> files = files_below(root);
   std::erase_if(files, [](const std::filesystem::path& file) {

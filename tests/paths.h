@@ -1,5 +1,5 @@
-// Paths of the programs and files of the tests. Only one source file contains them, so that a build in another folder
-// recompiles that file and not all tests.
+// Paths of the programs and files of the tests. Only one source file defines them, so that a build in another folder
+// recompiles that file alone.
 #pragma once
 
 namespace scree::tests {

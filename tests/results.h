@@ -1,5 +1,5 @@
-// Expectations of a Result in tests: must() takes its value, refusal() and check_refusal() its error. A failed one
-// prints the error and the place of the call.
+// Expectations of a Result in tests: must() returns its value, refusal() and check_refusal() its error. If one fails,
+// it prints the error and the place of the call.
 #pragma once
 
 #include <optional>

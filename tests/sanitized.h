@@ -1,5 +1,5 @@
-// Whether the tests run under the sanitizers, which are several times slower and need more memory. Some tests do less
-// then.
+// Whether the tests run under the sanitizers, which are several times slower and need more memory. In that case some
+// tests do less.
 #pragma once
 
 namespace scree::tests {

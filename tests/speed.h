@@ -1,5 +1,5 @@
-// For the speed tests, label `speed`: only in release builds, and in processor time, because the machine may have other
-// load.
+// For the speed tests, with the label `speed`. They run only in release builds, and measure processor time, because the
+// machine may have other load.
 #pragma once
 
 #include <time.h>
@@ -38,9 +38,9 @@ struct OtherWork {
   }
 };
 
-/// How much slower this core is now than the reference core of the limits (a quiet guest of a 3.8 GHz Xeon, Cascade
-/// Lake), at least 1. The maximum of two measurements: sorting, for branches and near caches; and filling, copying and
-/// gathering from fresh memory, for the kernel's page handling and the far caches.
+/// How many times slower this core is now than the reference core of the limits, a quiet guest of a 3.8 GHz Xeon
+/// (Cascade Lake); at least 1. The maximum of two measurements: sorting, for branches and near caches; and filling,
+/// copying and gathering from fresh memory, for the kernel's page handling and the far caches.
 inline double slowness() {
   constexpr double kSortSeconds = 0.0555;
   constexpr double kMemorySeconds = 0.0855;
@@ -65,9 +65,9 @@ inline double slowness() {
 }
 
 /// Checks that `attempt` returns (seconds, or seconds per item) at most `enough`, scaled by slowness(). The best of
-/// `attempts` attempts counts. A thread on the same core takes half of its units and caches, which processor time does
-/// not show (a factor of 2.2 was measured). So exceeding the limit is a failure only if an attempt began and ended with
-/// no other thread running.
+/// `attempts` attempts counts. Processor time also includes the slowdown by another thread on the same core, which
+/// takes half of its units and caches: a factor of 2.2 was measured. So exceeding the limit is a failure only if an
+/// attempt began and ended with no other thread running.
 template <class Attempt>
 void check_speed(int attempts, double enough, const Attempt& attempt) {
   double best = 1e300;
@@ -83,10 +83,10 @@ void check_speed(int attempts, double enough, const Attempt& attempt) {
     is_judged |= before.running <= 0 && after.running <= 0 && before.stolen == after.stolen;
   }
   if (best <= enough || is_judged) {
-    INFO("this core takes " << slower << " times as long as the one the limit was set on, which is taken off");
+    INFO("this core takes " << slower << " times as long as the reference core, by which times are divided");
     CHECK(best <= enough);
   } else {
-    WARN("others are busy on this machine: not judged; the best was " << best << ", at most " << enough << " is asked");
+    WARN("not judged, because other threads were running: the best was " << best << ", the limit is " << enough);
   }
 }
 

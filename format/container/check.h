@@ -38,7 +38,7 @@ struct TableViews {
   }
 };
 
-/// check_records() announces here the records that it reads next, one block ahead.
+/// Receives from check_records() the range of records that it reads next, one block ahead.
 class TableReader {
  public:
   /// Announces that the records up to `record` are read next. Returns the record, above `record`, for which the next
@@ -55,7 +55,7 @@ class TableReader {
 /// kReserved, kFormat.
 Result<void> check_records(const TableViews& tables, TableReader& reader);
 
-// Builds error messages. A template, so that hot loops need no memory for the arguments before a check fails.
+// Builds error messages. A template, so that hot loops need no memory for the arguments unless a check fails.
 inline void append_part(std::string& text, const char* part) {
   text += part;
 }

@@ -5,8 +5,8 @@
 // triangles of indexed chunks.
 //
 // Up to 16 clusters are prepared at once. The next cluster's data are copied to shared memory while one is filtered.
-// Triangles that need clipping go to a queue of their own: with a call for them in it, the loop would keep its values
-// in memory.
+// Triangles that need clipping go to a queue of their own: a call for them inside the loop would force the loop's
+// values into memory.
 #pragma once
 
 #include <cuda_pipeline_primitives.h>
@@ -66,7 +66,7 @@ __device__ inline void project_vertices(const PreparedCluster& cluster, const Cl
   const uint32_t stride = byte_of(cluster.codes, PreparedCluster::kBitsXyz);
   const uint32_t mask = (2u << ((stride - 1) & 31)) - 1;  // of the highest word that a vertex takes
   const AffineProjection projection = cluster.projection;
-  // 32 vertices take as many words as a vertex takes bits, so each lane's vertices begin at the same bit of a word.
+  // 32 vertices of b bits take b whole words, so each lane's vertices begin at the same bit of a word.
   const uint32_t bit = lane * stride;
   const uint32_t* from = stage.words() + byte_of(cluster.offsets, PreparedCluster::kPositions) + (bit >> 5);
 #pragma unroll 1
@@ -139,8 +139,8 @@ __device__ inline void filter_vertices(const ClusterFrame& frame, const Prepared
 /// Appends to the survivors the triangles of a staged cluster that may cover a pixel centre. Returns the number of
 /// survivors. `kAffine`: tests by shared.screen_places, otherwise by shared.centers. Without kAffine it takes only part
 /// `part` of `parts`: every parts-th row of 32 triangles. `kBytes`: the cluster's steps have one bit and its distances
-/// 4 bits, so the two distances of a triangle are one byte. The loop is not unrolled, because a multiprocessor's
-/// instruction cache holds little more than the code that runs.
+/// 4 bits, so the two distances of a triangle are one byte. The loop is not unrolled: the code that runs nearly fills a
+/// multiprocessor's instruction cache.
 template <bool kAffine, bool kBytes>
 __device__ inline uint32_t filter_triangles(const PreparedCluster& cluster, const ClusterStage& stage,
                                             uint32_t survivor_count, uint32_t part, uint32_t parts) {
@@ -363,8 +363,8 @@ __device__ inline bool project_cluster_survivor(const ClusterFrame& frame, const
                        snap_point(points[2], view, 0), triangle, box, area);
 }
 
-/// One warp's work on the clusters to be drawn. `kParts`: the most warps that share a cluster if clusters are few. 1 is
-/// 2% faster if they are many, because there is no code for parts. `kLateCull`: if a pass has many clusters in
+/// One warp's work on the clusters to be drawn. `kParts`: the most warps that share a cluster if clusters are few. With
+/// many clusters 1 is 2% faster, because it leaves out the code for parts. `kLateCull`: if a pass has many clusters in
 /// comparison with pass 1, as after a jump of the camera, each run of clusters is tested against the current picture
 /// just before it is drawn. It requires kParts == 1.
 template <bool kOrthographic, uint32_t kParts, bool kLateCull, Alpha kAlpha>
@@ -407,14 +407,15 @@ class ClusterWarp {
   }
 
  private:
-  // Tests passes of more than a quarter of pass 1's clusters. In smaller passes hardly any cluster is hidden.
+  // A pass is tested if it has more than a quarter of pass 1's clusters. In smaller passes hardly any cluster is
+  // hidden.
   static constexpr uint64_t kLateCullShare = 4;
 
-  // A warp takes at most 1/kRunsLeft of its share of the remaining clusters, so that runs shrink towards the end.
+  // A run takes at most 1/kRunsLeft of a warp's share of the remaining clusters, so that runs shrink towards the end.
   static constexpr uint32_t kRunsLeft = 6;
-  // The most clusters of its first run, and the number of flushes that a later run should take at most, by those of the
-  // run before. In a close-up view a cluster may take four flushes of 16 us each: a warp would be busy with 16 of them
-  // for a millisecond.
+  // The most clusters of a warp's first run, and the number of flushes at which a later run aims, estimated from the
+  // run before. In a close-up view a cluster may take four flushes of 16 us each, so a run of 16 clusters would keep
+  // its warp busy for a millisecond.
   static constexpr uint32_t kFirstRun = 4;
   static constexpr uint32_t kRunFlushes = 8;
 
@@ -430,16 +431,16 @@ class ClusterWarp {
     shared.run_flushes = 0;
     next_start_ = WarpTeam::add(&frame_.small.list.counters->next_cluster[frame_.pass], uint64_t{shared.run_share});
   }
-  /// Takes a run during the last cluster of the one before, so that the warp does not wait for the atomic's result. If
-  /// it took the run earlier, these clusters would wait longer for this warp, while other warps run out of work.
+  /// Takes the next run during the last cluster of the current one, so that the warp does not wait for the atomic's
+  /// result. If it were taken earlier, its clusters would wait longer for this warp while other warps run out of work.
   __device__ void take_next_run() {
     const ClusterShared& shared = cluster_shared();
     const uint32_t flushes = max_of(shared.run_flushes, 1u);
     take_run(shared.run_start, min_of(max_of(kRunFlushes * shared.run_share / flushes, 1u), kRunClusters));
   }
 
-  /// Draws `share` clusters from number `start` of the pass on, whose first one is item `first_of_pass`, and takes the
-  /// next run. If warps share clusters, it is one part of a cluster.
+  /// Draws `share` clusters, beginning with number `start` of the pass, and takes the next run. `first_of_pass`: the
+  /// item of the pass's first cluster. If warps share clusters, a run is one part of a cluster.
   __device__ void draw_run(uint64_t first_of_pass, uint64_t start, uint32_t share) {
     ClusterShared& shared = cluster_shared();
     const auto first = static_cast<uint32_t>(first_of_pass + start / parts());
@@ -482,8 +483,8 @@ class ClusterWarp {
         survivor_count_ = filter_triangles<false, false>(cluster, stage, survivor_count_, part, parts());
       }
       __syncwarp();  // before set_up overwrites centers or screen_places
-      // The survivors of a part of a cluster are drawn at once. Otherwise a second copy of the code would draw the
-      // triangles left at a warp's end, and that copy would not be in the instruction cache then.
+      // The survivors of a part of a cluster are drawn at once. Otherwise a warp would draw its last triangles by a
+      // second copy of the code, which would not be in the instruction cache by then.
       while (survivor_count_ >= (parts() == 1 ? kWarpLanes : 1)) flush_survivors();
       if (is_last) break;
     }
@@ -546,8 +547,8 @@ __global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kM
 
 inline constexpr uint32_t kNearClippedBlocks = 4;  // of a multiprocessor
 
-/// Cuts a triangle of a cluster at the near plane. Returns false if it needs more than that, or if its reference is too
-/// far away for int32.
+/// Clips a triangle of a cluster at the near plane. Returns false if it needs other clipping, or if its reference is
+/// too far away for int32.
 __device__ inline bool clip_survivor_near(const ClusterFrame& frame, const SurvivorReader& reader, NearPolygon& out) {
   if ((reader.draw.flags & ClusterDraw::kFarAway) != 0) return false;
   const Transform& transform = frame.small.list.transforms[reader.draw.instance];
@@ -616,7 +617,7 @@ __global__ void __launch_bounds__(kClusterThreads) raster_clipped(const __grid_c
   }
 }
 
-/// The same for a perspective camera and many triangles. Neighbours in the queue go to one warp. Triangles that only
+/// As above, for a perspective camera and many triangles. Neighbours in the queue go to one warp. Triangles that only
 /// the near plane cuts are clipped in registers (clip_near).
 template <Alpha kAlpha>
 __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)

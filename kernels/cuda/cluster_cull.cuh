@@ -52,8 +52,8 @@ __device__ inline ClusterDraw make_cluster_draw(const SceneView& scene, const Fr
 
 /// One thread per pair of a visible instance and a chunk. Makes the draws in any order, counts them by bucket and
 /// stores their places. Without `sorts` all draws share one bucket. Threads with chunks of one instance read the same
-/// transform. A warp writes its draws together: if each thread wrote its own, the stores would touch many times the
-/// sectors.
+/// transform. The lanes of a warp write its draws together. If each lane wrote its own, the stores would touch many
+/// times as many sectors.
 template <bool kClips>
 __global__ void __launch_bounds__(kCullThreads)
     cull_clustered_chunks(const __grid_constant__ SceneView scene, const __grid_constant__ FrameView view,
@@ -131,8 +131,8 @@ __global__ void __launch_bounds__(kCullThreads)
 
 inline constexpr uint32_t kPlaceThreads = kNearBuckets;
 
-/// Orders the draws by their buckets, and stores the prefix sum of their work. One thread per draw; to begin with, one
-/// per bucket.
+/// Orders the draws by their buckets, and stores the prefix sum of their work. One thread per draw; in the first step,
+/// one per bucket.
 __global__ void __launch_bounds__(kPlaceThreads)
     place_cluster_draws(const FrameCounters* counters, const DrawPlace* places, OrderedDraw* order) {
   __shared__ uint64_t first_of_bucket[kNearBuckets];  // sums over the buckets before: number of draws above their work
@@ -216,7 +216,7 @@ __device__ inline BoxCoverage may_show(const ClusterCull& cull, const CoverageFi
   return shows;
 }
 
-/// One lane per group of clusters; then, for each group that may be visible, one lane per cluster.
+/// One lane per group of clusters. Then, for each group that may be visible, one lane per cluster.
 template <bool kOrthographic, ClusterPass kPass, bool kClips>
 __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_constant__ ClusterCull cull) {
   constexpr bool kOcclusion = kPass == ClusterPass::kNewlyVisible;
@@ -232,9 +232,11 @@ __global__ void __launch_bounds__(kCullThreads) cull_clusters(const __grid_const
   const OrderedDraw* const order = cull.list.order;
   uint32_t tested = 0;
   uint32_t groups_tested = 0;
-  // With few groups, each warp takes one: its clusters are tested one group after the other.
+  // With few groups, each warp takes one group. Otherwise it takes 32 and tests their clusters one group after the
+  // other.
   const uint32_t most = work.end - work.first <= warps ? 1 : kWarpLanes;
-  // Groups take very different times, so warps take their next ones as they come. The counter is read in advance.
+  // Groups take very different times, so each warp takes its next groups when it is free. The counter is read in
+  // advance.
   uint32_t taken = 0;
   const auto next_start = [&] { return work.first + (warps + __shfl_sync(~0u, taken, 0)) * most; };
   for (uint64_t start = work.first + warp * most; start < work.end; start = next_start()) {

@@ -41,7 +41,7 @@ struct alignas(16) ClusterDraw {
   }
   SCREE_HD const uint32_t* data() const { return reinterpret_cast<const uint32_t*>(clusters() + cluster_count); }
 };
-// An odd number of 16 bytes: lanes that each write one to shared memory do not meet in a bank.
+// An odd number of 16 bytes, so that lanes that each write one to shared memory use different banks.
 static_assert(sizeof(ClusterDraw) == 176);
 
 /// The parts of a clustered chunk's record that culling reads, so that a lane reads them as three times 16 bytes. All

@@ -102,15 +102,14 @@ struct ClusterShared {
 /// Blocks that fit into a multiprocessor's shared memory. More than 7 would leave too few registers.
 inline constexpr uint32_t kClusterBlocks = blocks_in_shared(kClusterWarps * sizeof(ClusterShared), 7);
 
-/// This warp's shared memory. Accessed by name, because through a pointer the compiler would not know the address
-/// space.
+/// This warp's shared memory. Accessed by name, because a pointer would hide its address space from the
+/// compiler.
 __device__ inline ClusterShared& cluster_shared() {
   extern __shared__ uint4 shared_memory[];
   return reinterpret_cast<ClusterShared*>(shared_memory)[threadIdx.x / kWarpLanes];
 }
 
-/// format::ClusterPredictor with its axes sorted out once per cluster instead of once per vertex, so that the loop has
-/// no branch.
+/// format::ClusterPredictor with its axes sorted out once per cluster, so that the loop over vertices has no branch.
 struct ClusterPrediction {
   int32_t slope[3];  // 0 for the predicted axis
   uint32_t bias;
@@ -138,7 +137,7 @@ struct ClusterPrediction {
   }
 };
 
-/// Whether the current picture hides a box.
+/// Whether a box lies behind the current picture.
 __device__ inline bool is_occluded_now(const Target& target, const ScreenBounds& bounds) {
   const PixelBox& box = bounds.pixels;
   for (int32_t y = box.y0; y <= box.y1; ++y) {
@@ -150,8 +149,8 @@ __device__ inline bool is_occluded_now(const Target& target, const ScreenBounds&
   return true;
 }
 
-/// Compacts into `run` the items [first, first + count) that the current picture does not hide, and returns their
-/// count. The others lose their hints (ClusterPass). Boxes of more than 8 samples per side are not tested, and stay.
+/// Compacts into `run` the items [first, first + count) that are not behind the current picture, and returns their
+/// count. The others lose their hints (ClusterPass). Boxes of more than 8 samples per side are not tested and are kept.
 template <bool kOrthographic>
 __device__ inline uint32_t list_unoccluded(const ClusterFrame& frame, uint32_t first, uint32_t count) {
   constexpr int32_t kMostSamples = 8;  // per side
@@ -180,8 +179,8 @@ __device__ inline uint32_t list_unoccluded(const ClusterFrame& frame, uint32_t f
 }
 
 /// Prepares the `count` clusters of a run: items from `first` on, or with `kListed` the items that `run` already lists.
-/// A lane below kRunClusters prepares a cluster and the u axis of its affine projection; the lane kRunClusters above
-/// prepares its v axis. `projects`: whether clusters get an AffineProjection.
+/// Lane i < kRunClusters prepares cluster i and the u axis of its affine projection; lane kRunClusters + i prepares its
+/// v axis. `projects`: whether clusters get an AffineProjection.
 template <bool kOrthographic, bool kListed>
 __device__ inline void prepare_run(const ClusterFrame& frame, uint32_t first, uint32_t count, bool projects) {
   ClusterShared& shared = cluster_shared();

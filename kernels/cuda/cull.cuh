@@ -39,8 +39,7 @@ __global__ void __launch_bounds__(128) find_bounds(const __grid_constant__ Scene
 inline constexpr uint32_t kCullThreads = 128;
 inline constexpr uint32_t kCullWarps = kCullThreads / kWarpLanes;
 
-/// Samples that the first culling kernel clears by blocks of their own. The kernel has time for it, because it mostly
-/// waits for memory reads.
+/// Samples that additional blocks of the first culling kernel clear. These blocks run while the others wait for memory.
 struct SamplesToClear {
   uint64_t* samples;
   uint64_t count;
@@ -87,8 +86,8 @@ __global__ void __launch_bounds__(kCullThreads)
     seen = seen && !is_omitted(view, number);  // last: before may_be_drawn() it would take more registers
   }
   __syncwarp();
-  // The warp writes one transform after the other. If each thread wrote its own, the stores would touch 32 times the
-  // sectors.
+  // All lanes of the warp write one transform after the other. If each lane wrote its own, the stores would touch 32
+  // times as many sectors.
   constexpr uint32_t kWords = sizeof(Transform) / sizeof(uint32_t);
   for (uint32_t left = __ballot_sync(~0u, seen); left != 0; left &= left - 1) {
     const int owner = __ffs(static_cast<int>(left)) - 1;

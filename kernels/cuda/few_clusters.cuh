@@ -26,8 +26,8 @@ __device__ inline ScreenVertex project_cluster_vertex(const FrameView& view, con
   return snap_point(point, view, flags);
 }
 
-/// Draws the clusters of a pass: a thread per vertex, then per triangle. Nothing is filtered, staged or read twice. A
-/// triangle that needs clipping is queued, unless it lies outside the picture.
+/// Draws the clusters of a pass: one thread per vertex, then one per triangle. There is no filter and no staging, and
+/// no vertex is read twice. A triangle that needs clipping is queued, unless it lies outside the picture.
 template <bool kOrthographic, Alpha kAlpha>
 __global__ void __launch_bounds__(kClusterThreads, kAlpha != Alpha::kOpaque ? kMaskedBlocks : kFewClusterBlocks)
     raster_few_clusters(const __grid_constant__ ClusterFrame frame) {

@@ -25,7 +25,7 @@
 #include "kernels/cuda/small.cuh"
 #include "kernels/cuda/small_scene_cull.cuh"
 
-#pragma nv_diag_suppress 2810  // nvcc 13 takes the assignment of a nodiscard class for an ignored result
+#pragma nv_diag_suppress 2810  // nvcc 13 treats the assignment of a nodiscard class as an ignored result
 
 namespace scree::kernels {
 namespace {
@@ -36,7 +36,7 @@ struct HandedOver {
   uint32_t frame;          // of the counters; written last
 };
 
-/// Writes the counters to the host's memory, with a warp. A copy would be a few microseconds later there.
+/// Writes the counters to the host's memory, with a warp. A copy command would deliver them a few microseconds later.
 __global__ void hand_over(const FrameCounters* from, HandedOver* to, uint32_t frame) {
   constexpr uint32_t kWords = offsetof(FrameCounters, in_bucket) / sizeof(uint64_t);
   for (uint32_t i = threadIdx.x; i < kWords; i += kWarpLanes)
@@ -52,7 +52,7 @@ uint64_t first_items(uint64_t cluster_groups, const CudaQueueSizes& sizes) {
   return min_of(all, sizes.holds_first_frame ? max_of(sizes.clusters, all / 4) : sizes.clusters);
 }
 
-/// Scenes without indexed chunks that are drawn in one pass.
+/// Whether the scene has no indexed chunks and is drawn in one pass.
 bool is_small_scene(uint64_t indexed_candidates, uint64_t cluster_groups, const CudaQueueSizes& sizes) {
   return indexed_candidates == 0 && cluster_groups < sizes.two_pass_groups;
 }
@@ -135,7 +135,7 @@ enum Branch : uint32_t {
 };
 static_assert(kBranchCount <= CudaGraph::kBranches);
 
-/// Frames with at least this many drawn triangles are no graphs.
+/// From this many drawn triangles on, a frame is not run as a graph.
 constexpr uint64_t kMostGraphTriangles = uint64_t{1} << 23;
 
 /// The events of one pass. Stages 2 and 3 begin after `small_done`.
@@ -170,8 +170,8 @@ bool same_view(const FrameView& a, const FrameView& b) {
          same_clip_box(a.clip_box, b.clip_box) && similar_rows(a, b);
 }
 
-/// The picture without its camera, which only masks need in stages 2 and 3. So their arguments do not change with the
-/// camera.
+/// The view without its camera, which stages 2 and 3 need only for masks. Without it their kernel arguments do not
+/// change when the camera moves.
 FrameView without_camera(const FrameView& view) {
   FrameView out{};
   out.half_width = view.half_width;
@@ -184,7 +184,7 @@ FrameView without_camera(const FrameView& view) {
   return out;
 }
 
-/// Medium triangles up to which stages 2 and 3 may wait for the last pass (defers_stages).
+/// Most medium triangles with which stages 2 and 3 may wait for the last pass (defers_stages).
 constexpr uint64_t kMostDeferred = 4096;
 
 /// Every hint is tested anew once in this many frames.
@@ -245,15 +245,15 @@ struct CudaFrames::Impl {
     const Result<void> done = record_event(event, from);
     return done ? cuda_check(cudaStreamWaitEvent(streams[kMain], events[event]), "joining") : done;
   }
-  /// The builds that the frame takes. A clipping box tests all samples, as masks do.
+  /// Selects the builds of the kernels for this frame. With a clipping box all samples are tested, as with masks.
   Alpha alpha() const {
     return scene.draws_blended                               ? Alpha::kBlended
            : scene.masks != nullptr || frame.clip_box.is_set ? Alpha::kMasked
                                                              : Alpha::kOpaque;
   }
-  /// Readies the builds that the frame takes, unless they were the last ones too.
+  /// Prepares the kernel builds of this frame, unless the last frame used the same ones.
   Result<void> prepare_alpha();
-  /// Calls run<kAlpha>() with the builds that the frame takes.
+  /// Calls run<kAlpha>() with the kernel builds of this frame.
   template <class Run>
   Result<void> with_alpha(const Run& run) const {
     switch (alpha()) {
@@ -296,7 +296,7 @@ struct CudaFrames::Impl {
                            uint32_t rounds) const;
   Result<void> prepare(SmallVariant& variant) const;
   bool has_clusters() const { return cluster_candidates.count() != 0; }
-  /// One more round for every doubling: a round pays for its pyramid if it saves enough clusters.
+  /// Each doubling of the groups adds a round: a round is worth its pyramid if it saves enough clusters.
   uint32_t rounds_when_moving() const {
     return min_of(max_of(static_cast<uint32_t>(std::bit_width(tables.cluster_groups / round_groups)), 1u), kMostRounds);
   }
@@ -310,7 +310,7 @@ struct CudaFrames::Impl {
   bool clips_many() const { return clipped_before > uint64_t{resident.multiprocessors()} * kClusterWarps; }
   bool clips_on_own_stream() const { return has_clusters() && !in_two_passes(); }
   /// Whether clipping and stages 2 and 3 run only after the last pass. A guess from the previous frame, like
-  /// clips_many(): that frame queued so little for them that hardly anything would have been hidden behind it.
+  /// clips_many(): that frame queued so little for them that it would have hidden hardly anything.
   bool defers_stages() const { return two_passes && options.part == FramePart::kWhole && queued_little; }
   /// Joins the samples with those of other GPUs, if these draw the frame too.
   Result<void> join_samples() const {
@@ -323,8 +323,8 @@ struct CudaFrames::Impl {
     counters_cleared = static_cast<bool>(done);
     return done;
   }
-  /// Graphs are worth it if a frame takes a fraction of a millisecond. Frames of two passes change their rounds, so
-  /// they have none.
+  /// Graphs are worth it if a frame takes a fraction of a millisecond. Frames of two passes are no graphs, because
+  /// their number of rounds changes.
   bool goes_as_graph() const {
     return options.part == FramePart::kWhole && !two_passes && !options.stage_times && order.count() != 0 &&
            triangle_count < kMostGraphTriangles;
@@ -332,7 +332,7 @@ struct CudaFrames::Impl {
   Result<void> record_event(FrameEvent event, Branch branch) {
     return cuda_check(cudaEventRecord(events[event], streams[branch]), "recording an event");
   }
-  /// Marks a place between two stages, for their times.
+  /// Records an event between two stages, to measure their times.
   Result<void> mark(FrameEvent event, Branch branch = kMain) {
     return options.stage_times ? record_event(event, branch) : Result<void>();
   }
@@ -435,7 +435,7 @@ Result<void> CudaFrames::Impl::open(const SceneView& host, const CudaQueueSizes&
   return done;
 }
 
-/// Finds the boxes of the float32 chunks whose pages are there.
+/// Finds the boxes of the float32 chunks whose pages are resident.
 Result<void> CudaFrames::Impl::find_all_bounds() {
   find_bounds<<<resident.of(find_bounds, 128), 128, 0, streams[kMain]>>>(scene, bounds.data());
   return cuda_check(cudaGetLastError(), "finding the chunks' bounds");
@@ -470,7 +470,7 @@ Result<void> CudaFrames::Impl::forget() {
                     "clearing a bit for each cluster");
 }
 
-/// Makes room for the pyramid of an image, if the size has changed.
+/// Fits the pyramid to the image, if the image's size has changed.
 Result<void> CudaFrames::Impl::fit_pyramid(const FrameView& frame) {
   if (!in_two_passes() || (pyramid.width == frame.width && pyramid.height == frame.height)) return {};
   const uint64_t count = lay_out(pyramid, frame.width, frame.height);
@@ -569,7 +569,7 @@ void CudaFrames::Impl::submit_clusters(const SmallFrame& small, uint32_t round, 
            cluster_cull(small.list, {options.cluster_bounds, options.occlusion}, pass, round, rounds));
   }
   const ClusterFrame clusters{small, cluster_list(), pass};
-  // Not in parts of a frame: their last clusters have no first pass to compare with.
+  // Not in parts of a frame: their last pass has no first pass to compare with.
   const bool culls_late = kPass == ClusterPass::kNewlyVisible && options.part == FramePart::kWhole;
   const auto kernel = has_few_clusters() ? raster_few_clusters<kOrthographic, kAlpha>
                       : !in_two_passes() ? raster_clusters<kOrthographic, kClusterParts, false, kAlpha>
@@ -637,7 +637,7 @@ Result<void> CudaFrames::Impl::submit_stages(const SmallFrame& small, const Stag
   return done;
 }
 
-/// Marks stages that run only after the last pass, so that their times are 0 here.
+/// Records the events of stages that run only after the last pass, so that their times are 0 here.
 Result<void> CudaFrames::Impl::record_stages(const StageEvents& at) {
   Result<void> done;
   for (const FrameEvent event : {at.small_done, at.large_begun, at.large_done, at.medium_done})
@@ -767,10 +767,10 @@ Result<void> CudaFrames::Impl::submit() {
   return done;
 }
 
-/// Waits for the counters of the frame. Their last word is there before the event that is recorded behind it; the event
-/// is for errors.
+/// Waits for the counters of the frame. It polls their last word, which arrives before the event that is recorded
+/// behind it. The event only reports errors.
 Result<void> CudaFrames::Impl::wait() const {
-  constexpr uint32_t kLooks = 1000;  // between two calls, each of which takes a lock
+  constexpr uint32_t kLooks = 1000;  // polls between two queries of the event, each of which takes a lock
   std::atomic_ref<uint32_t> frame_there(handed_over->frame);
   for (;;) {
     for (uint32_t i = 0; i < kLooks; ++i) {
@@ -880,8 +880,8 @@ Result<void> CudaFrames::Impl::grow_queues() {
   if (!grown) return grown;
   if (!queues.had_room(handed_over->counters))
     return Error{ErrorCode::kRange, "a queue of the frame would need 2^32 entries; use --backend cpu"};
-  // Clusters without room hid nothing, so the frame left far too many hints. In a part, a cluster with a new hint would
-  // also count as drawn before the part.
+  // Clusters for which the queue had no room occluded nothing, so the frame set far too many hints. In a part of a
+  // frame, a cluster with a new hint would also count as drawn before the part.
   return lost_clusters || options.part != FramePart::kWhole ? forget() : Result<void>();
 }
 
@@ -896,8 +896,8 @@ void CudaFrames::Impl::adapt_next_frame() {
   queued_little = handed_over->counters.to_clip == 0 && handed_over->counters.queues.large == 0 &&
                   handed_over->counters.queues.medium <= kMostDeferred;
   // After a jump of the camera most clusters that the second pass found turn out to be hidden, so all hints are tested
-  // anew. The same holds for each part of a frame: few of the chunks that may hide a part's first clusters were there.
-  // In rows that are new to a GPU everything was drawn, because nothing had hidden it.
+  // anew. The same holds for each part of a frame, because few of the chunks that may hide its first clusters were
+  // resident. In rows that are new to a GPU everything was drawn, because nothing had hidden it.
   const uint64_t previously_visible = handed_over->counters.clusters[0];
   const uint64_t newly_visible = clusters_before(handed_over->counters, kClusterPasses) - previously_visible;
   const bool tests_all = options.part != FramePart::kWhole || has_new_rows || newly_visible > previously_visible;
@@ -911,7 +911,7 @@ Result<CudaFrames::Finished> CudaFrames::finish(FrameTimes* times) {
     if (impl_->queues.had_room(impl_->handed_over->counters)) break;
     if (Result<void> grown = impl_->grow_queues(); !grown) return grown.error();
     is_drawn_again = true;
-    impl_->clipped_before = impl_->handed_over->counters.to_clip;  // for the same frame the guess is right
+    impl_->clipped_before = impl_->handed_over->counters.to_clip;  // the guess is right, because the frame is the same
     if (impl_->options.join != nullptr) return Finished{{}, is_drawn_again};
     if (Result<void> done = impl_->submit(); !done) return done.error();
   }

@@ -36,8 +36,8 @@ __device__ inline PixelBox rows_of(const PixelBox& box, uint32_t part, int32_t r
   return out;
 }
 
-/// The planes of up to 32 triangles that a warp draws one after the other: a plane takes a lane some thousand
-/// instructions, so all lanes make theirs at once.
+/// The planes of up to 32 triangles that a warp draws one after the other. A lane takes some thousand instructions for
+/// a plane, so all lanes make their planes at once.
 template <bool kOrthographic, Alpha kAlpha>
 class WarpPlanes {
  public:
@@ -46,7 +46,7 @@ class WarpPlanes {
   /// Makes the planes of the lanes' triangles; all lanes call it. `triangle`: the lane's, null if it has none.
   __device__ void make(const Triangle* triangle) {
     if constexpr (kAlpha != Alpha::kOpaque) {
-      finish();  // the planes before are done with
+      finish();  // the last planes are no longer used
       if (triangle != nullptr && triangle->is_masked != 0)
         frame_.masks.template make_plane<kOrthographic>(WarpTeam{}, frame_.view, triangle->id,
                                                         planes()[threadIdx.x % kWarpLanes]);
@@ -83,8 +83,8 @@ class WarpPlanes {
   uint32_t waiting_ = 0;  // samples
 };
 
-/// Appends the tiles that a large triangle may touch, with a warp. Counts them first, because each addition to the
-/// queue's counter needs a wait. Draws tiles without room immediately.
+/// Appends the tiles that a large triangle may touch, with a warp. Counts the tiles first, so that it waits only once
+/// for the queue's counter. Draws tiles for which the queue has no room immediately.
 template <bool kOrthographic, Alpha kAlpha>
 __device__ inline void split_triangle(const LargeFrame<kAlpha>& frame, uint32_t number) {
   const Queues& queues = frame.queues;
@@ -167,7 +167,7 @@ __device__ inline void draw_medium_part(const LargeFrame<kAlpha>& frame, const T
 
 /// Draws the medium queue, a triangle or a part of one per warp. First are whole triangles and part 0 of split ones;
 /// then the remaining parts, spread over the warps, so that no warp draws all parts of a triangle. Few triangles are
-/// split: a warp's lanes test 32 candidates at a time.
+/// split, so the lanes of a warp test 32 candidates at a time.
 template <bool kOrthographic, Alpha kAlpha>
 __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kAlpha>)
     raster_medium(const __grid_constant__ LargeFrame<kAlpha> frame) {
@@ -178,7 +178,7 @@ __global__ void __launch_bounds__(kLargeThreads, kMediumBlocks<kAlpha>)
   const uint64_t medium = min_of(frame.queues.counters->medium, frame.queues.medium_capacity) - from;
   const Triangle* const triangles = frame.queues.medium + from;
   uint64_t first = warp;  // the next triangle whose part 0 is drawn
-  uint64_t next = warp;   // the next of the remaining parts, which are numbered through
+  uint64_t next = warp;   // the next of the remaining parts, which are numbered across triangles
   uint64_t found = 0;     // by this lane
   uint32_t left = 0;      // lanes that found a part
   uint32_t maker = kWarpLanes - 1;

@@ -8,13 +8,13 @@
 
 namespace scree::kernels {
 
-/// Blocks per multiprocessor of the stage 1 kernels that draw masked triangles. With 5 blocks, whose warps compete for
-/// the instruction cache, a forest takes longer (docs/history.md).
+/// Blocks per multiprocessor of the stage 1 kernels that draw masked triangles. With 5 blocks the warps compete for the
+/// instruction cache, and a forest takes longer (docs/history.md).
 inline constexpr uint32_t kMaskedBlocks = 4;
 
-/// Samples of a warp that wait for their test, and the triangles that they belong to, in order: a sample's triangle is
-/// the one of the sample before or a later one. They lie in shared memory and wait until there are as many triangles as
-/// lanes, even if more triangles are drawn meanwhile. `Key`: the data by which a plane is made.
+/// Samples of a warp that wait for their test, and their triangles, both in drawing order. They lie in shared memory
+/// and wait until there are as many triangles as lanes, even if more triangles are drawn meanwhile. `Key`: the data by
+/// which a plane is made.
 template <class Key>
 struct WaitingSamples {
   static constexpr uint32_t kMostSamples = 256;

@@ -11,7 +11,7 @@ inline constexpr uint32_t kPyramidThreads = 256;
 inline constexpr uint32_t kPyramidTile = 64;      // samples per side of a block's tile
 inline constexpr uint32_t kPyramidTileLevel = 6;  // the level that has one code per tile
 
-/// Stores the code at (x, y) of a level, unless that is outside the level.
+/// Stores the code at (x, y) of a level, unless (x, y) lies outside the level.
 __device__ inline void put_code(const DepthPyramid& pyramid, uint32_t level, int32_t x, int32_t y, uint32_t code) {
   if (x < pyramid.across(level) && y < pyramid.down(level)) pyramid.row(level, y)[x] = code;
 }
@@ -76,7 +76,7 @@ __global__ void __launch_bounds__(kPyramidThreads)
 
 /// Builds the levels above the tiles', one after the other, by one block. The same launch begins the frame's next pass
 /// (begin_pass): if `stages_ran`, all queued triangles are drawn by now, and stages 2 and 3 continue after them. A
-/// launch of its own for that would take as long as this one. The next pass must not start without it.
+/// separate launch for that would take as long as this one. The next pass must not start without it.
 __global__ void __launch_bounds__(1024) build_pyramid_top_and_begin_pass(const __grid_constant__ DepthPyramid pyramid,
                                                                          FrameCounters* counters, bool stages_ran) {
   for (uint32_t level = kPyramidTileLevel + 1; level <= kPyramidLevels; ++level) {

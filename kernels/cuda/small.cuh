@@ -34,8 +34,8 @@ constexpr uint32_t small_blocks(bool instanced) {
   return instanced ? 6 : 8;
 }
 
-/// If the small boxes of a warp's triangles have more pixels than this together, one warp would take too long. Boxes of
-/// more than kCrowdedBox pixels then go to stage 2.
+/// Above this sum of pixels in the small boxes of its triangles, a warp would take too long. Boxes of more than
+/// kCrowdedBox pixels then go to stage 2.
 inline constexpr uint32_t kCrowdedPixels = 1024;
 inline constexpr int64_t kCrowdedBox = 48;
 
@@ -45,8 +45,8 @@ inline constexpr int64_t kLaneBox = 4;
 /// For this many rows, computing the filter's constants takes about the time that the filter saves.
 inline constexpr uint32_t kFilteredRows = 4;
 
-/// Calls `call` with the ways to read the chunk's indices and positions as types. Only ways that the scene may have are
-/// built. If one of the two streams has a rare width, both are read by the generic code.
+/// Calls `call` with the ways to read the chunk's indices and positions, as types. Only ways that may occur in the
+/// scene are built. If one of the two streams has a rare width, both are read by the generic code.
 template <bool kLattice, bool kFloat32, class Call>
 __device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& call) {
   constexpr std::integral_constant<Fetch, Fetch::kWindow> kWindow;
@@ -68,8 +68,9 @@ __device__ inline auto choose_fetch(const PackedChunkView& stored, const Call& c
   }
 }
 
-/// Draws a triangle that needs clipping, or whose reference is too far away for int32. Returns how many of its pieces
-/// stage 1 drew, and from bit 16 on whether it was clipped. Out of line, because it is rare and takes many registers.
+/// Draws a triangle that needs clipping, or whose reference is too far away for int32. Returns the number of its pieces
+/// that stage 1 drew, and from bit 16 on whether it was clipped. Out of line, because it is rare and takes many
+/// registers.
 template <bool kOrthographic, Alpha kAlpha>
 __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t instance, uint32_t chunk_number,
                                                uint32_t number) {
@@ -95,8 +96,8 @@ __device__ __noinline__ uint32_t clip_and_draw(const SmallFrame& frame, uint32_t
   return static_cast<uint32_t>(context.small) | static_cast<uint32_t>(context.clipped) << 16;
 }
 
-/// A small triangle while its pixels are drawn. It is five 16-byte words, so that lanes reading eight different ones in
-/// a row hit different banks.
+/// A small triangle while its pixels are drawn. It takes five 16-byte words, so that lanes that read eight consecutive
+/// triangles use different banks.
 struct alignas(16) SetUpTriangle {
   uint32_t value[3];   // Edges::value at the box's first pixel; all three are modulo 2^32
   uint32_t shape;      // packed bits, see below
@@ -116,7 +117,7 @@ struct alignas(16) SetUpTriangle {
 };
 static_assert(sizeof(SetUpTriangle) == 80);
 
-/// The triangles with pixels among a warp's up to 32.
+/// The lanes' triangles that have pixels, at most 32.
 struct SetUpTriangles {
   SetUpTriangle items[kWarpLanes];
 };
@@ -133,8 +134,8 @@ struct SmallShared {
   bool double_sided;
 };
 
-/// This warp's shared memory. Accessed by name, because through a pointer the compiler would not know the address
-/// space.
+/// This warp's shared memory. Accessed by name, because a pointer would hide its address space from the
+/// compiler.
 template <bool kInstanced>
 __device__ inline SmallShared<kInstanced>& small_shared() {
   extern __shared__ uint4 shared_memory[];
@@ -182,8 +183,8 @@ __device__ inline bool sample_at(const SetUpTriangle& its, uint32_t inside, int3
 
 /// Draws the boxes of the lanes' triangles, of `pixels` <= kSmallBox each (0: the lane has none), with narrow edges.
 /// Every lane draws every 32nd pixel of all boxes together, so boxes of 1 and of 128 pixels leave no lane waiting.
-/// `masks`: NoLaneMask, or the tests of the lane's triangle. Samples of masked triangles that are in front of the
-/// stored samples wait for LaneMask::test_waiting(). Many triangles have none, and get no plane.
+/// `masks`: NoLaneMask, or the tests of the lane's triangle. A masked triangle's samples in front of the stored samples
+/// wait for LaneMask::test_waiting(). Many triangles have no such sample, and get no plane.
 template <bool kOrthographic, class Masks>
 __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared, const Triangle& triangle,
                                    const PixelBox& box, int64_t area, uint32_t pixels, const Masks& masks) {
@@ -221,8 +222,8 @@ __device__ inline void draw_pixels(const Target& target, SetUpTriangles& shared,
     out.id = triangle.id;
   }
   __syncwarp();
-  // Samples whose loads a lane starts before it uses the first. With masks a warp waits for instructions rather than
-  // for memory, so fewer copies of the code are faster.
+  // Number of samples that a lane starts to load before it uses the first. With masks a warp waits for instructions
+  // rather than for memory, so fewer copies of the code are faster.
   constexpr uint32_t kBatch = Masks::kTests ? 2 : 4;
   uint32_t begun = ~0u;  // number of boxes that begin before this row of 32 pixels, minus one
   for (uint32_t base = 0; base < total; base += kBatch * kWarpLanes) {
@@ -405,8 +406,8 @@ struct RowCursor {
   uint32_t survivor_count;  // in shared memory
 };
 
-/// Filters until the rows end or there are 32 survivors. A leaf function: with a call in it, the loop would keep its
-/// values in memory.
+/// Filters until the rows end or there are 32 survivors. It calls no function: a call would force the loop's values
+/// into memory.
 template <bool kOrthographic, Fetch kIndices, Fetch kPositions, bool kInstanced>
 __device__ __noinline__ RowCursor filter_rows(const SmallFrame& frame, RowCursor at, uint32_t last_row,
                                               uint32_t last_triangle, uint32_t count) {
@@ -468,9 +469,9 @@ class SmallWarp {
     const uint64_t warps = uint64_t{gridDim.x} * kSmallWarps;
     const InstancedDraw* const draws = frame_.list.instanced_draws;
     for (;;) {
-      // Takes 1 / kPart of this warp's share of the remaining work. Starting a run takes a search and the preparation
-      // of a draw, but the last runs must be short. With near and far instances, the times of rows differ by a factor
-      // of a hundred.
+      // Takes 1 / kPart of this warp's share of the remaining work. A run begins with a search and the preparation of a
+      // draw, but the last runs must be short: with near and far instances, the times of rows differ by a factor of a
+      // hundred.
       constexpr uint32_t kPart = kInstanced ? 16 : 4;
       uint64_t start = 0;
       uint64_t share = 0;

@@ -1,7 +1,7 @@
 // Culls a small scene's clusters on a GPU, in one kernel. If a frame takes a tenth of a millisecond, the number of
-// kernels dominates: each begins when the last warp of the one before has ended, and then waits for memory and for its
-// own instructions. So one warp per group of clusters does all tests, beginning with its instance's matrix. Warps of
-// one instance repeat each other's tests; that takes less time than another launch.
+// kernels dominates: each begins when the last warp of the previous one has ended, and then waits for memory and for
+// its own instructions. So one warp per group of clusters does all tests, beginning with its instance's matrix. Warps
+// of one instance repeat each other's tests, which takes less time than another launch.
 #pragma once
 
 #include "kernels/cuda/cluster_cull.cuh"
@@ -52,7 +52,7 @@ __global__ void __launch_bounds__(kCullThreads) cull_small_scene(const __grid_co
     WarpTeam::add(&counters.queues.draws, 1);
     WarpTeam::add(&counters.queues.triangles, uint64_t{chunk.triangle_count});
   }
-  // Made again: if this box were kept, the kernel would take two registers more.
+  // Computed again: keeping this box would take two more registers.
   const RoundedBox box = rounded_chunk_box(mesh, chunk, transform);
   const ClusterDraw draw =
       make_cluster_draw(scene, view, in.cull.list, transform, mesh, chunk, box, at.chunk, at.instance);

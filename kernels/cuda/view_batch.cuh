@@ -1,8 +1,8 @@
-// Many small pictures of one scene in one kernel. A frame's kernels take 0.1 ms however small its picture is, since
-// each begins when the last warp of the one before has ended. Here a warp takes one group of 32 clusters for one view,
-// and does all the work from the instance's matrix to the samples. It culls the group and its clusters, projects each
-// vertex once and sets up the triangles. It draws small triangles 32 at a time, and larger ones one after the other. No
-// warp waits for another, no work is queued for a later kernel, and no queue can be too small.
+// Many small pictures of one scene in one kernel. Even for the smallest picture a frame's kernels take 0.1 ms, since
+// each begins when the last warp of the previous one has ended. Here a warp takes one group of 32 clusters for one
+// view, and does all the work from the instance's matrix to the samples. It culls the group and its clusters, projects
+// each vertex once and sets up the triangles. It draws small triangles 32 at a time, and larger ones one after the
+// other. No warp waits for another, no work is queued for a later kernel, and no queue can be too small.
 //
 // Frames and batches share the source that decides a pixel (kernels/raster, kernels/cull), and a sample is the minimum
 // of all that is drawn there. So the pictures are those of single frames, bit for bit.
@@ -210,9 +210,9 @@ class BatchCorners {
   uint32_t largest_ = 2;  // vertex of the triangles before
 };
 
-/// Tests a group of clusters for a view: the boxes of its instance, of its chunk and its own. If it may be visible,
-/// stores its transform and filter in shared memory and returns true. Out of line, so that the loops over clusters do
-/// not keep its registers.
+/// Tests a group of clusters for a view: the box of its instance, the box of its chunk and its own box. If it may be
+/// visible, stores its transform and filter in shared memory and returns true. Out of line, so that the loops over
+/// clusters do not keep its registers.
 template <bool kOrthographic>
 __device__ __noinline__ bool prepare_group(const BatchFrame& in, const FrameView& view, const ClusterGroup& at) {
   if (is_omitted(view, at.instance)) return false;
@@ -368,7 +368,7 @@ __device__ __noinline__ bool draw_survivors(const BatchFrame& in, uint64_t* samp
   return drawn;
 }
 
-/// Draws a triangle that needs clipping, with one lane; larger pieces are queued. Returns how many pieces it drew. Out
+/// Clips and draws a triangle with one lane; larger pieces are queued. Returns the number of pieces that it drew. Out
 /// of line, because it is rare and long.
 template <bool kOrthographic, bool kMasked>
 __device__ __noinline__ uint32_t clip_for_view(const BatchFrame& in, uint64_t* samples, const ClusterGroup& at,
@@ -401,8 +401,8 @@ class BatchWarp {
     __syncwarp();
     const uint64_t warps = uint64_t{gridDim.x} * kBatchWarps;
     for (uint64_t start = 0;;) {
-      // Takes a quarter of this warp's share of the remaining work: neighbouring groups of one view, and short runs at
-      // the end.
+      // Takes a quarter of this warp's share of the remaining work. A run has neighbouring groups of one view, and runs
+      // shrink towards the end.
       uint64_t share = 0;
       if (lane_ == 0) {
         share = max_of<uint64_t>((in_.work - min_of(start, in_.work)) / (4 * warps), 1);
@@ -420,7 +420,7 @@ class BatchWarp {
  private:
   __device__ void draw_group(uint64_t view, uint64_t number) {
     const ClusterGroup at = in_.groups[number];
-    __syncwarp();  // the group before is drawn
+    __syncwarp();  // the previous group is drawn
     if (!prepare_group<kOrthographic>(in_, in_.views[view].frame, at)) return;
     samples_ = in_.samples + view * in_.picture_samples;
     BatchShared& shared = batch_shared();
@@ -428,7 +428,7 @@ class BatchWarp {
     const bool is_there = first + lane_ < shared.group.cluster_count;
     const uint32_t kept = __ballot_sync(
         ~0u, is_there && may_show<kOrthographic>(in_.size, shared.filter, shared.group.bounds + first + lane_));
-    __syncwarp();  // vertices take the filter's place
+    __syncwarp();  // vertices overwrite the filter
     tested_ += static_cast<uint32_t>(__popc(__ballot_sync(~0u, is_there)));
     drawn_ += static_cast<uint32_t>(__popc(kept));
     for (uint32_t left = kept; left != 0; left &= left - 1) {
@@ -485,7 +485,7 @@ class BatchWarp {
       if (to_clip != 0) clip(at, to_clip, cluster.first_triangle + number);
       if (survivor_count_ >= kWarpLanes) flush(at.chunk);
     }
-    __syncwarp();  // the next cluster's vertices take the place of these
+    __syncwarp();  // the next cluster's vertices overwrite these
   }
 
   /// Draws the last survivors, up to 32.
@@ -536,8 +536,8 @@ __global__ void __launch_bounds__(kBatchThreads, kMasked ? kMaskedBatchBlocks : 
   BatchWarp<kOrthographic, kMasked>(in).run();
 }
 
-/// Makes depths and ids of `count` pixels from the first pixel of a picture on, one per thread. `layers`: over all
-/// pictures as one.
+/// Makes depths and ids of `count` pixels from the first pixel of a picture on, one per thread. `layers`: of all
+/// pictures, as one.
 __global__ void __launch_bounds__(kBatchLayerThreads)
     make_batch_layers(const __grid_constant__ MakeLayers layers, const BatchView* views, uint32_t view_pixels,
                       uint32_t count) {

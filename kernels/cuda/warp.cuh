@@ -43,7 +43,7 @@ constexpr uint32_t shared_bytes_of(uint32_t capability) {
 }
 
 /// Blocks of `bytes` of shared memory that fit into a multiprocessor, at least 1 and at most `most`. A bound for
-/// __launch_bounds__: no registers are saved for blocks that do not fit. The system keeps 1 KiB per block.
+/// __launch_bounds__, so that registers are limited only for blocks that fit. The system keeps 1 KiB per block.
 constexpr uint32_t blocks_in_shared(uint64_t bytes, uint32_t most) {
   const auto blocks = static_cast<uint32_t>(shared_bytes_of(kCapability) / (bytes + 1024));
   return blocks > most ? most : blocks == 0 ? 1 : blocks;
@@ -56,8 +56,8 @@ __device__ inline T join_lanes(T value, const Join& join) {
   return value;
 }
 
-/// The sum, the largest and the bitwise or of the lanes' 32-bit values, in every lane of a full warp. `kOne`: by the
-/// single instruction of compute capability 8.0.
+/// The sum, the largest and the bitwise or of the lanes' 32-bit values, in every lane of a full warp. `kOne`: computed
+/// by the single instruction of compute capability 8.0.
 template <bool kOne = (kCapability >= 80), class T>
 __device__ inline T sum_of_lanes(T value) {
   static_assert(sizeof(T) == 4);

@@ -17,7 +17,7 @@ namespace scree::lab {
 struct FrameMs {
   std::optional<float> clear, cull, small, medium, large, pyramid, second, raster, resolve, occlusion;
   float wall = 0;   // by the host's clock, from the call to the finished visibility buffer
-  float frame = 0;  // the whole frame, with the waits between stages
+  float frame = 0;  // the whole frame, including waits between stages
 };
 
 struct FrameOptions {

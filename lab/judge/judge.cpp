@@ -58,7 +58,7 @@ Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t
   samples.height *= samples_per_side;
   Drawn drawn;
   drawn.samples.resize(uint64_t{samples.width} * samples.height);
-  // Draws once more and returns the time, ms.
+  // Draws once more and returns the time in ms.
   const auto draw_one = [&]() -> Result<float> {
     if (device_ != nullptr) {
       kernels::FrameTimes times{};

@@ -26,7 +26,8 @@ struct DrawSettings {
   uint32_t warmup = 10;  // likewise, with a quarter of that time
 };
 
-/// A source packed by convert in one encoding, ready to draw. Its file is mapped: it may be unlinked, but not changed.
+/// A source that convert packed in one encoding, ready to draw. Its file is mapped: it may be unlinked, but not
+/// changed.
 class PackedScene {
  public:
   /// Writes `path`, with source triangle numbers, and loads it without textures. Errors of convert, Scene::load,
@@ -47,7 +48,7 @@ class PackedScene {
   /// shading.
   Result<Drawn> draw(const kernels::View& view, uint32_t samples_per_side) const;
 
-  /// Fills in the columns that are the same for every picture: sizes and errors.
+  /// Fills in the columns that are equal for all pictures: sizes and errors.
   void describe(JudgedCase& row) const;
 
  private:
@@ -61,7 +62,7 @@ class PackedScene {
   double position_bound_ = 0;
 };
 
-/// A source, completely in memory, and its exact pictures.
+/// A source, completely in memory, and exact pictures of it.
 class SourceJudge {
  public:
   /// `packed`: made from `source`. Errors of import_gltf and load_source_model.

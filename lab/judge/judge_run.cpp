@@ -53,7 +53,7 @@ class JudgeRun {
       std::filesystem::remove_all(folder_.file(kSceneFolder), ignored);
     }
     for (const std::string& path : options_.files) {
-      // If scenes are named too, the named views belong to these.
+      // If scenes are named too, the named views belong to the scenes.
       const std::vector<std::string> views = options_.scenes.empty() ? options_.views : std::vector<std::string>();
       if (Result<void> done = judge_source({file_name(path), path, 1, views}); !done) return done;
     }

@@ -48,7 +48,7 @@ std::string scene_of(const JudgedCase& row) {
   return row.scene + (row.scale == 1 ? "" : " x" + short_number(row.scale)) + ", " + row.view;
 }
 
-/// The table of a study's pixel errors, a row per drawing.
+/// The table of a study's pixel errors, one row per drawing.
 std::string pixel_table(std::span<const JudgedCase> rows, Study study) {
   TextTable table(2);
   table.row({"scene, view", "drawn", "B/tri", "ms", "error", "bound", "covered", "wrong", "share", "background", "mesh",

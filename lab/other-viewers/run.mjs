@@ -101,7 +101,7 @@ function copyModel(model, light) {
 
 // ---- The surroundings
 
-/// Rotates a Radiance picture by a quarter turn: its middle is +x in f3d, -z in scree.
+/// Rotates a Radiance picture by a quarter turn: its middle is +x in f3d and -z in scree.
 function turnHdr(from, to) {
   const bytes = readFileSync(from);
   let at = bytes.indexOf('\n\n') + 2;

@@ -13,10 +13,10 @@
 namespace scree::lab {
 namespace {
 
-/// A point of the screen in homogeneous coordinates: pixels times w, pixels times w, w. w is 1 on the near plane.
+/// A point of the screen in homogeneous coordinates: (pixels times w, pixels times w, w). w is 1 on the near plane.
 using Point = Vec3;
 
-/// How a triangle lies about a sample.
+/// The position of a triangle relative to a sample.
 struct Place {
   enum { kInside, kNearEdge, kOutside } where;
   double w;  // the triangle's distance at the sample; valid inside
@@ -31,8 +31,8 @@ class Geometry {
       first_ids_.push_back(first_ids_.back() + synth::triangle_count(scene.meshes[instance.mesh]));
   }
 
-  /// The place of triangle `id` about the centre of sample (x, y), in double precision and without snapping. Edges are
-  /// lines through the eye's plane, so corners may lie behind the eye (Olano and Greer, 1997).
+  /// The place of triangle `id` relative to the centre of sample (x, y), in double precision and without snapping.
+  /// Edges are lines through the eye's plane, so corners may lie behind the eye (Olano and Greer, 1997).
   Place place(uint64_t id, uint32_t x, uint32_t y) const {
     const auto [corners, mirrored] = project(id);
     const Point sample{x + 0.5, y + 0.5, 1};

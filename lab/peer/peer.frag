@@ -1,4 +1,4 @@
-// Writes which triangle a sample shows: the row of its instance in the draw list, and its number in the mesh.
+// Writes the triangle that a sample shows: the row of its instance in the draw list, and its number in the mesh.
 #version 460
 
 layout(location = 0) flat in uint row;

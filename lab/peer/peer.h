@@ -19,13 +19,13 @@ enum class PeerDrawing {
   kPulled,   // VK-PIP, programmable index pulling: no vertex buffers, the vertex shader reads indices and positions
 };
 
-/// The paper's name for it.
+/// The paper's name of the drawing.
 constexpr const char* peer_name(PeerDrawing drawing) {
   return drawing == PeerDrawing::kIndexed ? "VK-ID" : "VK-PIP";
 }
 
-/// A scene in the memory of a GPU that draws it by its own rasteriser. Instances outside the view are left out by
-/// scree's test of their boxes, on the host and outside all times. Backs of triangles are culled, as scree does where
+/// A scene in the memory of a GPU that draws it by its own rasteriser. Instances outside the view are left out: scree's
+/// test of their boxes runs on the host, outside all measured times. Backs of triangles are culled, as scree does where
 /// no material is double-sided.
 class Peer {
  public:
@@ -34,7 +34,7 @@ class Peer {
   /// The GPU and its driver: "NVIDIA H100, NVIDIA 580.159.04".
   virtual std::string device() const = 0;
 
-  /// Makes the scene's vertices and indices in device memory, replacing those of the last scene. `scene` outlives the
+  /// Makes the scene's vertices and indices in device memory, replacing the last scene's. `scene` must outlive the
   /// draws. Errors kMemory: does not fit, with the bytes needed and free; kDevice.
   virtual Result<void> load(const synth::Scene& scene, uint32_t threads) = 0;
   /// Frees the scene's memory and the pictures'.
@@ -44,7 +44,7 @@ class Peer {
   virtual uint64_t device_bytes() const = 0;
 
   /// Culls instances and records the draw calls of a perspective view without a clipping box, for any number of draws.
-  /// Returns the counts: instances, draw calls and triangles that are left. Errors kMemory, kRange (a picture larger
+  /// Returns the counts of the remaining instances, draw calls and triangles. Errors kMemory, kRange (a picture larger
   /// than the GPU draws), kDevice.
   virtual Result<kernels::FrameStats> look(const kernels::View& view) = 0;
 
@@ -60,8 +60,8 @@ class Peer {
   virtual Result<std::vector<uint64_t>> ids() = 0;
 };
 
-/// Opens libvulkan.so.1 and a GPU: the one of `uuid` (runtime::Gpu::uuid), or the first that has all that is needed if
-/// `uuid` is empty. Errors kDevice: built without Vulkan, no library, no such GPU, a missing feature of the GPU.
+/// Opens libvulkan.so.1 and a GPU: the one with `uuid` (runtime::Gpu::uuid), or the first suitable one if `uuid` is
+/// empty. Errors kDevice: built without Vulkan, no library, no such GPU, a missing feature of the GPU.
 Result<std::unique_ptr<Peer>> open_vulkan_peer(const std::string& uuid);
 
 }  // namespace scree::lab

@@ -9,7 +9,7 @@
 namespace scree::lab {
 namespace {
 
-/// The columns that hold for a peer's frame too; the others stay empty.
+/// The columns that apply to a peer's frame too; the others stay empty.
 CaseResult begin_case(const Peer& peer, PeerDrawing drawing, const CaseResult& scree) {
   return {.scene = scree.scene,
           .order = scree.order,

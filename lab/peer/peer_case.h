@@ -17,8 +17,8 @@ struct ScreePicture {
   CaseResult result;
 };
 
-/// A case for each PeerDrawing: up to `frames` frames after `warmup`, as many as bench::timed_frames() has time for,
-/// and the last one compared with `picture`. `peer`: has loaded `scene`. Errors of look(), draw() and ids().
+/// A case for each PeerDrawing: times up to `frames` frames after `warmup`, as many as bench::timed_frames() has time
+/// for, and compares the last one with `picture`. `peer` must have loaded `scene`. Errors of look(), draw() and ids().
 Result<std::vector<CaseResult>> measure_peer(Peer& peer, const synth::Scene& scene, const ScreePicture& picture,
                                              uint32_t frames, uint32_t warmup);
 

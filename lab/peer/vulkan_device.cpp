@@ -55,7 +55,7 @@ struct Features {
   }
   Features(const Features&) = delete;
 
-  /// Calls visit(name, flag) for each.
+  /// Calls visit(name, flag) for each feature.
   template <class Visit>
   void each(const Visit& visit) {
     visit("fullDrawIndexUint32", first.features.fullDrawIndexUint32);
@@ -272,7 +272,7 @@ Result<void> VulkanDevice::allocate(const VkMemoryRequirements& needs, VulkanMem
   constexpr VkMemoryPropertyFlags kDevice = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
   constexpr VkMemoryPropertyFlags kHost = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
   const VkMemoryPropertyFlags needed = memory == VulkanMemory::kDevice ? kDevice : kHost;
-  // A processor reads memory that it does not cache very slowly.
+  // A processor reads uncached memory very slowly.
   constexpr VkMemoryPropertyFlags kCached = VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
   const VkMemoryPropertyFlags wishes[2] = {memory == VulkanMemory::kHostReads ? needed | kCached : needed, needed};
   for (const VkMemoryPropertyFlags wish : wishes) {

@@ -52,7 +52,7 @@ struct VulkanApi {
 
 /// `what`: the call's purpose. Errors kMemory (out of memory of the host or the device), kDevice.
 Result<void> vulkan_check(VkResult result, const char* what);
-/// The same for the creation of `handle`, which is null after a failure.
+/// As above, for the creation of `handle`, which is null after a failure.
 template <class Handle>
 Result<void> vulkan_made(VkResult result, Handle& handle, const char* what) {
   if (result != VK_SUCCESS) handle = VK_NULL_HANDLE;
@@ -94,15 +94,15 @@ class VulkanDevice {
   const std::string& name() const { return name_; }
   uint32_t largest_image_side() const { return largest_image_side_; }
   double timestamp_ns() const { return timestamp_ns_; }
-  /// The valid bits of a GPU timestamp.
+  /// The mask of a GPU timestamp's valid bits.
   uint64_t timestamp_mask() const { return timestamp_mask_; }
   /// The most bytes of one buffer.
   uint64_t largest_buffer() const { return largest_buffer_; }
-  /// Bytes of device memory that this process may still take, and all of it.
+  /// Bytes of device memory: those that this process may still take, and all.
   uint64_t free_bytes() const;
   uint64_t total_bytes() const { return total_bytes_; }
 
-  /// The caller destroys buffers and images, also empty ones. Errors kMemory, kDevice.
+  /// The caller destroys buffers and images, including empty ones. Errors kMemory, kDevice.
   Result<VulkanBuffer> make_buffer(uint64_t bytes, VkBufferUsageFlags usage, VulkanMemory memory) const;
   Result<VulkanImage> make_image(uint32_t width, uint32_t height, VkFormat format, VkImageUsageFlags usage,
                                  VkImageAspectFlags aspect) const;
@@ -117,7 +117,7 @@ class VulkanDevice {
   VulkanDevice() = default;
   Result<void> load_library();
   Result<void> choose_gpu(std::string_view uuid);
-  /// Empty if this GPU has all that is needed, else the first thing that it lacks. Sets the members of the GPU.
+  /// Empty if this GPU is suitable, else the first missing feature. Sets the members of the GPU.
   std::string examine(VkPhysicalDevice gpu);
   Result<void> make_device();
   Result<void> allocate(const VkMemoryRequirements& needs, VulkanMemory memory, bool has_address,

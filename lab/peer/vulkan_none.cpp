@@ -1,4 +1,4 @@
-// Replaces the other files here in a build without Vulkan's headers or glslangValidator: there is no peer.
+// Replaces the other files of this folder in a build without Vulkan's headers or glslangValidator: there is no peer.
 #include "lab/peer/peer.h"
 
 namespace scree::lab {

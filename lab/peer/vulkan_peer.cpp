@@ -66,7 +66,7 @@ InstanceRow make_row(const kernels::Transform& transform, const kernels::FrameVi
   return row;
 }
 
-/// Whether the instance's matrix mirrors: it is a scaling and a rotation.
+/// Whether the instance's matrix, a rotation and a scaling, mirrors.
 bool mirrors(const synth::SceneInstance& instance) {
   return instance.scale[0] * instance.scale[1] * instance.scale[2] < 0;
 }
@@ -374,7 +374,7 @@ Result<void> VulkanPeer::record(PeerDrawing drawing, VkCommandBuffer commands) {
   vk_.vkCmdWriteTimestamp2(commands, VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT, queries_, 0);
   constexpr VkPipelineStageFlags2 kDepthStages =
       VK_PIPELINE_STAGE_2_EARLY_FRAGMENT_TESTS_BIT | VK_PIPELINE_STAGE_2_LATE_FRAGMENT_TESTS_BIT;
-  const VkMemoryBarrier2 copied{.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER_2,  // the scene, and the picture before
+  const VkMemoryBarrier2 copied{.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER_2,  // the scene, and the previous picture
                                 .srcStageMask = VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT,
                                 .srcAccessMask = VK_ACCESS_2_MEMORY_WRITE_BIT,
                                 .dstStageMask = VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT,
@@ -452,7 +452,7 @@ void VulkanPeer::record_draws(PeerDrawing drawing, VkCommandBuffer commands) {
 Result<void> VulkanPeer::record_reading() {
   const VkCommandBufferBeginInfo begin{.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
   if (auto done = vulkan_check(vk_.vkBeginCommandBuffer(reading_, &begin), "recording a copy"); !done) return done;
-  // A frame may be read twice, so the picture gets the layout back that it had after drawing.
+  // A frame may be read twice, so the picture returns to the layout that it had after drawing.
   const auto turn = [&](VkImageLayout from, VkImageLayout to) {
     const VkImageMemoryBarrier2 barrier{.sType = VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER_2,
                                         .srcStageMask = VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT,

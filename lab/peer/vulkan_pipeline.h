@@ -8,7 +8,7 @@
 
 namespace scree::lab {
 
-/// Makes the pipeline of a vertex shader. `fetches`: positions come from a vertex buffer; otherwise the shader reads
+/// Makes the pipeline of a vertex shader. `fetches`: positions come from a vertex buffer. Otherwise the shader reads
 /// them.
 Result<void> make_peer_pipeline(const VulkanDevice& gpu, VkPipelineLayout layout, std::span<const uint32_t> vertex_code,
                                 bool fetches, VkPipeline& pipeline);

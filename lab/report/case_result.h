@@ -32,7 +32,7 @@ struct PictureError {
 /// A peer's picture beside scree's of the same float32 vertices.
 struct PeerComparison {
   Coverage coverage;
-  double scree_ms = 0;  // the median of scree's frame
+  double scree_ms = 0;  // median of scree's frame times
 };
 
 struct CaseResult {
@@ -40,7 +40,7 @@ struct CaseResult {
   std::string order;  // "row", "block" or, for a file, "file"
   double scale = 1;
   std::string positions;  // "16" bits, "float32"; for a file "file"
-  std::string indices;    // "packed", "32", "clustered"; for a file "file"; for a peer, whose are 32 bits, its name
+  std::string indices;    // "packed", "32", "clustered"; for a file "file"; for a peer its name (32 bits)
   std::string view;       // or "path"
   uint32_t width = 0;     // pixels
   uint32_t height = 0;
@@ -51,7 +51,7 @@ struct CaseResult {
   uint32_t frames = 0;
 
   uint64_t unique_triangles = 0;
-  uint64_t drawn_triangles = 0;  // in the scene: over its instances, before culling
+  uint64_t drawn_triangles = 0;  // all triangles of the scene's instances, before culling
   uint64_t geometry_bytes = 0;   // indices and positions, or clusters
   uint64_t device_bytes = 0;     // pages and records
   kernels::FrameStats stats{};   // of the last frame
@@ -62,7 +62,7 @@ struct CaseResult {
 
   // Times of the stages, missing if the backend does not time them separately.
   std::optional<Times> clear, cull, small, medium, large, pyramid, second, resolve, occlusion;
-  std::optional<Times> raster;    // all stages from culling on, without resolve: the time that is compared
+  std::optional<Times> raster;    // all stages from culling on, without resolve; compared
   std::optional<Times> wall;      // by the host's clock, from the call to the finished visibility buffer
   std::optional<double> jump_ms;  // for a path: the frame after the jump from its end to its start, measured like
                                   // drawing()

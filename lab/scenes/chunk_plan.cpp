@@ -24,7 +24,7 @@ std::vector<ChunkPlan> plan_chunks(const synth::Scene& scene) {
         chunks.push_back({m, face, std::min(share, faces - face), 0, mesh.n});
       continue;
     }
-    const uint32_t unit = mesh.order == synth::MeshOrder::kBlock ? 8 : 1;  // number of rows that must stay together
+    const uint32_t unit = mesh.order == synth::MeshOrder::kBlock ? 8 : 1;  // rows that must stay together
     assert(mesh.n % unit == 0 && mesh.n * unit <= kMaxQuads);
     const uint32_t units = mesh.n / unit;
     const uint32_t most = kMaxQuads / (mesh.n * unit);

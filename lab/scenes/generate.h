@@ -13,7 +13,7 @@ namespace scree::lab {
 Result<std::vector<ChunkBox>> chunk_boxes_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans);
 
 /// Makes the bytes of all chunks on the current device. `meshes`, `chunks`, `pages`: the tables' records and page
-/// pointers, in device memory; the pages are zeroed before. Errors kDevice.
+/// pointers, in device memory. The pages must be zeroed. Errors kDevice.
 Result<void> fill_chunks_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans,
                               const format::MeshRecord* meshes, const format::ChunkRecord* chunks,
                               const std::byte* const* pages);

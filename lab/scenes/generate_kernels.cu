@@ -46,7 +46,7 @@ __global__ void __launch_bounds__(kThreads)
   const synth::MeshRecipe recipe = recipes[plan.mesh];
   const format::MeshRecord& mesh = meshes[plan.mesh];
   const format::ChunkRecord& chunk = chunks[blockIdx.x];
-  // The pages are writable memory of this program; they are const only in the types of the drawing code.
+  // The pages are writable memory of this program; the types of the drawing code make them const.
   std::byte* payload = const_cast<std::byte*>(pages[chunk.page]) + chunk.offset;
   for (uint32_t group = threadIdx.x; group < quad_groups(chunk); group += kThreads)
     fill_indices(recipe, plan, chunk, group, payload);

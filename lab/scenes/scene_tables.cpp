@@ -75,7 +75,7 @@ format::ChunkRecord make_chunk(const synth::MeshRecipe& recipe, const ChunkPlan&
   return chunk;
 }
 
-/// Puts a chunk into the last page, or into a new one if that would exceed the page size, as convert does.
+/// Puts a chunk into the last page. If the page would then exceed the page size, starts a new one, as convert does.
 void place_chunk(SceneTables& tables, uint64_t& page_bytes, format::ChunkRecord& chunk) {
   if (tables.page_offset.empty() || page_bytes + chunk.bytes > format::kPageTargetBytes) {
     tables.arena_bytes = format::align_up(tables.arena_bytes, format::kPageAlignment);

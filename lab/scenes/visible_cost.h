@@ -15,8 +15,9 @@ struct VisibleCost {
   uint64_t bytes = 0;  // indices and positions of their chunks, each chunk once
 };
 
-/// Culls on the host like a frame (kernels/cull/cull.h). Reads only the records of `scene`. `boxes`: one per chunk, for
-/// culling chunks with float32 positions, as on a GPU; if empty, these are culled by their mesh's box, as on a CPU.
+/// Culls on the host like a frame (kernels/cull/cull.h). Reads only the records of `scene`. `boxes`: one per chunk, by
+/// which chunks with float32 positions are culled, as on a GPU. If it is empty, they are culled by their mesh's box, as
+/// on a CPU.
 VisibleCost visible_cost(const kernels::SceneView& scene, std::span<const ChunkBox> boxes, const kernels::View& view);
 
 /// A box of float32 positions in the coordinates of `transform`, which is one of float32 positions.

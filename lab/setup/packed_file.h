@@ -9,7 +9,7 @@
 
 namespace scree::lab {
 
-/// Options with which convert packs `source` as `encoding` into `path`; all others are the defaults.
+/// Options with which convert packs `source` as `encoding` into `path`. All others are the defaults.
 convert::ConvertOptions packing(const std::string& source, const std::string& path, const Encoding& encoding,
                                 uint32_t threads);
 

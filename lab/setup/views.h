@@ -19,15 +19,15 @@ struct NamedView {
 
 inline constexpr uint32_t kPathFrames = 120;
 
-/// The view of a measured scene's camera. `width`, `height` in samples. Near plane at 0.1, as in the files that synth
-/// writes.
+/// The view of a measured scene's camera. `width`, `height` in samples. The near plane lies at 0.1, as in the files
+/// that synth writes.
 kernels::View scene_view(const synth::SceneCamera& camera, uint32_t width, uint32_t height);
 
 /// The view with its near plane at `share` of the scene's diagonal, and a name that includes the share.
 NamedView with_near(NamedView view, const kernels::SceneView& scene, double share);
 
-/// The camera path of a scene: eye and target move linearly from its first view to its second, both ends included.
-/// Played in a loop, the first frame is the jump back.
+/// The camera path of a scene: eye and target move linearly from its first view to its second, including both. In a
+/// loop, the first frame shows the jump back.
 std::vector<kernels::View> path_views(std::span<const synth::SceneCamera> cameras, uint32_t width, uint32_t height,
                                       uint32_t frames = kPathFrames);
 

@@ -330,7 +330,7 @@ def quantized():
             top = limits[component]
             rows = [tuple(int(v) * top for v in p) for p in TETRAHEDRON]
             if component in (BYTE, SHORT):
-                rows[0] = (-top - 1,) * 3  # one past the symmetric range: normalised, it reads as -1
+                rows[0] = (-top - 1,) * 3  # one step below the symmetric range; normalised, it reads as -1
             signed = component if component in (BYTE, SHORT) else (BYTE if component == UBYTE else SHORT)
             normals = [tuple(round(v * limits[signed]) for v in p)
                        for p in ((-n, -n, -n), (1, 0, 0), (0, 1, 0), (0, 0, 1))]

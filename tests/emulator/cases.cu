@@ -27,7 +27,7 @@ __global__ void __launch_bounds__(kThreads) intrinsics(uint32_t* wrong, unsigned
   expect(5, __reduce_add_sync(~0u, lane) == 496);
   expect(6, __reduce_max_sync(~0u, lane ^ 21u) == 31);
   expect(7, __reduce_or_sync(~0u, 1u << lane) == ~0u);
-  // Half a warp each way: the lanes of a mask synchronise without the others.
+  // Each half of the warp synchronises without the other one.
   if (lane < 16) {
     expect(8, __ballot_sync(0xffffu, true) == 0xffffu);
   } else {

@@ -1,5 +1,5 @@
-// Gives the C++ compiler the names that nvcc gives a kernel's source. Included before everything else of an emulated
-// .cu file (CMakeLists.txt here), whose launches and shared memory convert.cmake has rewritten.
+// Gives the C++ compiler the names that nvcc predefines for a kernel's source. It is included before everything else of
+// an emulated .cu file (CMakeLists.txt here), whose launches and shared memory convert.cmake has rewritten.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -53,7 +53,7 @@ std::function<void()> bind_kernel(const void* function, void** parameters) {
   (std::index_sequence_for<P...>());
 }
 
-/// kernel<<<blocks, threads, shared_bytes, stream>>> of a kernel with parameters P.
+/// The launch kernel<<<blocks, threads, shared_bytes, stream>>> of a kernel with parameters P.
 template <class... P>
 class Launch {
  public:
@@ -85,7 +85,7 @@ Launch<P...> launch(const char* name, void (*kernel)(P...), dim3 blocks, dim3 th
   return Launch<P...>(kernel, name, blocks, threads, shared_bytes, stream);
 }
 
-/// The value that each lane of a mask passed, as its own type. To be read before the lane's next collective.
+/// The value that each lane of a mask passed, as its own type. Must be read before the lane's next collective.
 template <class T>
 class Values {
  public:
@@ -101,7 +101,7 @@ class Values {
     return value_of(lane);
   }
 
-  /// All values of the mask, joined one after another.
+  /// All values of the mask, combined by `join` one after another.
   template <class Join>
   T joined(Join join) const {
     T all = value_of(static_cast<uint32_t>(std::countr_zero(mask_)));
@@ -110,7 +110,7 @@ class Values {
     return all;
   }
 
-  /// The lanes of the mask whose value `is_chosen`, a bit each.
+  /// The lanes of the mask for whose value `is_chosen` is true, one bit each.
   template <class Choose>
   uint32_t lanes_where(Choose is_chosen) const {
     uint32_t bits = 0;
@@ -198,7 +198,7 @@ T atomicAdd(T* at, std::type_identity_t<T> value) {
   scree::emulator::pause_at_atomic();
   return std::atomic_ref(*at).fetch_add(value);
 }
-/// Replaces the value at an address by `choose` of it. Returns the old value.
+/// Replaces the value at an address by `choose(value)`. Returns the old value.
 template <class T, class Choose>
 T atomic_change(T* at, Choose choose) {
   scree::emulator::pause_at_atomic();
@@ -336,7 +336,7 @@ T __ldg(const T* at) {
   return *at;
 }
 
-// For kernels/cuda/graph.h, whose nodes are bound like launches.
+// For kernels/cuda/graph.h, which binds a graph's nodes like launches.
 #ifndef SCREE_EMULATED_CUDA
 #define SCREE_EMULATED_CUDA
 #endif

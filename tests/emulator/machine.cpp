@@ -26,7 +26,7 @@ using boost::context::fiber;
 
 constexpr uint32_t kResidentBlocks = 3;  // blocks that take turns
 constexpr size_t kStackBytes = size_t{256} * 1024;
-// No multiple of a large power of two: the tops of all stacks would share one set of each cache.
+// Not a multiple of a large power of two: otherwise the tops of all stacks would share one set of each cache.
 constexpr size_t kStackStep = kStackBytes + 1088;
 constexpr size_t kFirstFrameBytes = 4096;
 constexpr uint64_t kStackEnd = 0x5ca1ab1e5ca1ab1e;  // stored at the far end of each stack
@@ -40,7 +40,7 @@ struct Stack {
 [[maybe_unused]] thread_local Stack thread_stack;
 Stack lane_stacks;  // of all lanes that may run, one behind another
 
-/// The stack of a lane. A page takes memory once it is used.
+/// The stack of a lane. A page takes memory only when it is used.
 std::byte* stack_of_lane(uint32_t number) {
   static std::byte* const stacks = [] {
     const size_t bytes = kResidentBlocks * kMaxThreads * kStackStep;
@@ -52,7 +52,7 @@ std::byte* stack_of_lane(uint32_t number) {
   return stacks + number * kStackStep;
 }
 
-/// A stack allocator for Boost.Context. The stacks are kept.
+/// A stack allocator for Boost.Context. It keeps the stacks.
 struct StackOf {
   std::byte* stack;
 
@@ -65,7 +65,7 @@ struct StackOf {
   void deallocate(boost::context::stack_context&) const noexcept {}
 };
 
-/// A barrier of lanes: of a mask in a warp, or of a block.
+/// A barrier for the lanes of a mask in a warp, or for the lanes of a block.
 struct Barrier {
   const char* what = nullptr;
   uint32_t mask = 0;
@@ -74,7 +74,7 @@ struct Barrier {
   std::array<Passed, 2> passed{};
 };
 
-/// A copy that a lane has requested and not waited for yet.
+/// A copy that a lane has requested and not yet waited for.
 struct LaterCopy {
   void* to;
   const void* from;
@@ -100,7 +100,7 @@ struct Lane {
   uint32_t number;  // in its warp
   uint3 thread;
   std::byte* stack;
-  fiber here;  // while the lane does not run
+  fiber here;  // valid while the lane does not run
   const Barrier* waits = nullptr;
   uint64_t since = 0;  // value of waits->ended when the wait began
   bool has_ended = false;
@@ -108,7 +108,7 @@ struct Lane {
   uint64_t copy_group = 0;
 };
 
-/// The order in which the lanes of a block run, each until it waits or ends.
+/// The order in which the lanes of a block run. Each runs until it waits or ends.
 struct Turn {
   uint32_t first;
   bool is_backwards;
@@ -129,13 +129,14 @@ struct Block {
   std::unique_ptr<std::byte[]> dynamic;
 };
 
-thread_local Lane* current = nullptr;   // null: the thread's own code, run(), runs
+thread_local Lane* current = nullptr;   // null: the thread's own code, run(), is running
 thread_local Lane* previous = nullptr;  // ran before `current`
 
 thread_local fiber outer;  // the thread's own code while a lane runs
 
-/// Called before a switch from `previous` to `current`. For the address sanitizer the stacks of all lanes are one: only
-/// switches to and from the thread's own stack concern it. Between lanes there are millions per test.
+/// Called before a switch from `previous` to `current`. The address sanitizer sees the stacks of all lanes as one, so
+/// that only switches to and from the thread's own stack are reported to it. A test has millions of switches between
+/// lanes.
 void announce() {
 #if defined(SCREE_LANES_ARE_CHECKED)
   if (previous == nullptr) {
@@ -146,7 +147,7 @@ void announce() {
 #endif
 }
 
-/// Called by code that continues; `from` is the code that ran before, empty if that has ended.
+/// Called by code that continues. `from`: the code that ran before; empty if it has ended.
 void arrive(fiber&& from) {
 #if defined(SCREE_LANES_ARE_CHECKED)
   if (previous == nullptr) {
@@ -212,7 +213,7 @@ fiber run_lane(Lane& lane, fiber&& from) {
   return std::move(code_of(current));
 }
 
-/// The code of a lane, or of the thread, that is to continue or begin.
+/// The code of a lane, or of the thread, that will continue or begin.
 fiber& code_of(Lane* lane) {
   if (lane == nullptr) return outer;
   if (!lane->here) {
@@ -222,8 +223,8 @@ fiber& code_of(Lane* lane) {
   return lane->here;
 }
 
-/// Switches from the running code to the next lane of the block's turn, or to the thread's own code at its end. Returns
-/// when the code that called it is to continue.
+/// Switches from the running code to the next lane of the block's turn, or to the thread's own code if the turn has
+/// ended. Returns when its caller may continue.
 void switch_to_next(Block& block) {
   Lane* const next = next_of_turn(block);
   if (next == current) return;  // the thread's own code, and no lane can run
@@ -234,7 +235,7 @@ void switch_to_next(Block& block) {
   arrive(std::move(code).resume());
 }
 
-/// Runs each lane of `block` that can run until it waits or ends. Returns the number of lanes that could.
+/// Runs each lane of `block` that can run, until it waits or ends. Returns the number of these lanes.
 uint32_t take_turn(Block& block) {
   block.turn = {random_below(static_cast<uint32_t>(block.lanes.size())), random_below(2) != 0, 0, 0};
   switch_to_next(block);
@@ -261,7 +262,7 @@ uint64_t count_of(const dim3& size) {
   return uint64_t{size.x} * size.y * size.z;
 }
 
-/// `block` has ended, or never begun.
+/// Begins block `number` in `block`, which has ended or never begun.
 void begin_block(Block& block, const Grid& grid, uint64_t number, uint32_t slot) {
   block.grid = &grid;
   block.index = place_of(number, grid.blocks);
@@ -284,7 +285,7 @@ void begin_block(Block& block, const Grid& grid, uint64_t number, uint32_t slot)
     lane.thread = place_of(i, grid.threads);
     lane.stack = stack_of_lane(slot * kMaxThreads + i);
 #if defined(SCREE_LANES_ARE_CHECKED)
-    // The first frames of the lane that had this stack never returned and have poisoned their memory.
+    // The first frames of the lane that last had this stack never returned, and have left their memory poisoned.
     __asan_unpoison_memory_region(lane.stack + kStackBytes - kFirstFrameBytes, kFirstFrameBytes);
 #endif
     std::memcpy(lane.stack, &kStackEnd, sizeof kStackEnd);
@@ -415,7 +416,7 @@ uint32_t random_below(uint32_t bound) {
 }
 
 void run(const Grid& grid) {
-  static std::array<Block, kResidentBlocks> resident;  // their memory serves many blocks
+  static std::array<Block, kResidentBlocks> resident;  // their memory is reused for many blocks
   if (current != nullptr) fail("%s: launched by a kernel", grid.name);
   const uint64_t count = count_of(grid.blocks);
   const bool backwards = random_below(2) != 0;

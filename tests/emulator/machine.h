@@ -1,10 +1,10 @@
-// A GPU emulated on one CPU thread: blocks, warps and lanes of a kernel are fibers, and the collectives switch between
-// them. Its purpose is to test kernels without a GPU, under the address and undefined behaviour sanitizers. It exists
-// only if SCREE_EMULATED_GPU is set, and its speed means nothing.
+// A GPU emulated on one CPU thread: the lanes of a kernel are fibers, and the collectives switch between them. Its
+// purpose is to test kernels without a GPU, under the address and undefined behaviour sanitizers. It exists only if
+// SCREE_EMULATED_GPU is set, and its speed is not that of any GPU.
 //
 // SCREE_EMULATED_GPU=1 is one GPU of compute capability 9.0 with 16 GiB. A list such as 6.1,7.5,9.0:512 is several
-// GPUs, the last with 512 MiB. Kernels have code for 8.0 and newer. SCREE_EMULATED_DRIVER=12020 is a driver for CUDA up
-// to 12.2; 0 is no driver.
+// GPUs, of which the last has 512 MiB. Kernels have code for 8.0 and newer. SCREE_EMULATED_DRIVER=12020 is a driver for
+// CUDA up to 12.2; 0 is no driver.
 //
 // It is stricter than a GPU:
 // - Blocks of a kernel, warps and lanes take turns in an order that depends on a seed (SCREE_EMULATOR_SEED), at every
@@ -50,8 +50,8 @@ struct Passed {
   std::array<uint64_t, kWarpLanes> values{};
   uint32_t odd = 0;  // the lanes whose value is odd, a bit each
 };
-/// Passes `value` to the lanes of `mask` and waits for theirs, which are valid until the lane's next call. `what`: the
-/// collective's name.
+/// Passes `value` to the lanes of `mask` and waits for theirs. The result is valid until the lane's next call. `what`:
+/// the collective's name.
 const Passed& exchange_in_warp(const char* what, uint32_t mask, uint64_t value);
 void sync_block();
 
@@ -64,7 +64,7 @@ void wait_for_copies(uint32_t groups);
 /// May let other lanes run first.
 void pause_at_atomic();
 
-/// Bytes allocated now, and their peak, on a GPU or of pinned memory. reset_peaks() resets the peak.
+/// Bytes that are allocated now, and their peak, on a GPU or of pinned memory. reset_peaks() resets the peak.
 struct MemoryInUse {
   uint64_t now = 0;
   uint64_t peak = 0;
@@ -76,7 +76,7 @@ void reset_peaks();
 /// A number below `bound` from the seed's sequence.
 uint32_t random_below(uint32_t bound);
 
-/// A launched kernel with its parameters. One runs at a time: the caller of run() holds a lock.
+/// A launched kernel with its parameters. Only one runs at a time: the caller of run() holds a lock.
 struct Grid {
   const char* name;
   dim3 blocks;

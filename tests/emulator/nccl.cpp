@@ -1,8 +1,8 @@
 // libnccl.so.2 for processes with emulated GPUs: the functions that runtime/draw/nccl_group.cpp uses. The processes
-// exchange through a file in their folder that all of them map. The emulated program finds this library by its RPATH.
-// Exchanges are done at once, after the earlier work of the stream, and not in the background. With
-// SCREE_EMULATED_NCCL=connect:1, rank 1 fails to connect. With exchange:1 its exchanges fail. With late:1 its exchanges
-// fail after the first two, which are a part of connecting, with later:1 after the first three.
+// exchange through a file in their folder, which each of them maps. The emulated program finds this library by its
+// RPATH. An exchange is done at once, after the earlier work of the stream, and not in the background. With
+// SCREE_EMULATED_NCCL=connect:1, rank 1 fails to connect. With exchange:1 its exchanges fail. With late:1 they fail
+// after the first two, which are a part of connecting; with later:1 after the first three.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -28,7 +28,7 @@ struct UniqueId {
   char name[128];
 };
 
-/// Shared by all processes of a group; a slot of kSlotBytes per process follows.
+/// The part that all processes of a group share. A slot of kSlotBytes per process follows.
 struct Room {
   std::atomic<uint64_t> arrivals;
 };
@@ -50,7 +50,7 @@ struct Group {
     while (arrivals < all) std::this_thread::yield();
   }
 
-  /// `root`: the only rank that writes; -1: all write.
+  /// `root`: the only rank that writes. -1: all ranks write.
   template <class T>
   void exchange(const T* from, T* to, size_t words, bool takes_least, int root) {
     constexpr size_t kBand = kSlotBytes / sizeof(T);

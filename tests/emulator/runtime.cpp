@@ -1,5 +1,5 @@
 // The calls of the CUDA runtime that scree makes, for the emulated GPU. Work submitted to a stream is queued. It is
-// done when the program waits for it, or at random earlier. So a result that is used without a wait is missing, and the
+// done when the program waits for it, or earlier at random. So a result that is used without a wait is missing, and the
 // pinned memory of a copy must stay valid until the program has waited for the copy.
 #include <cuda_runtime.h>
 
@@ -26,7 +26,7 @@
 using scree::emulator::fail;
 using scree::emulator::random_below;
 
-/// A function of kernels that glibc's math.h declares for itself, and does not export.
+/// A function that kernels call, and that glibc's math.h declares but does not export.
 extern "C" float __log2f(float value) noexcept {
   return std::log2(value);
 }
@@ -51,7 +51,7 @@ struct Work {
 struct CUgraphNode_st {
   const struct CUgraph_st* graph;
   size_t number;           // in the graph
-  std::set<size_t> after;  // numbers of the nodes that come before
+  std::set<size_t> after;  // numbers of the nodes before it
   std::function<void()> work;
 };
 struct CUgraph_st {
@@ -63,7 +63,7 @@ struct CUgraphExec_st {
 
 struct CUstream_st {
   int gpu = 0;
-  bool waits_for_null = false;  // ordered with the null stream of its GPU, before and after
+  bool waits_for_null = false;  // ordered with the null stream of its GPU, both ways
   bool is_destroyed = false;
   bool is_running = false;
   uint64_t done = 0;
@@ -85,9 +85,9 @@ struct CUevent_st {
 namespace {
 
 constexpr size_t kDeviceBytes = size_t{16} << 30;
-constexpr int kLeastMajor = 8;  // oldest GPUs that kernels have code for
+constexpr int kLeastMajor = 8;  // kernels have no code for older GPUs
 constexpr size_t kAlignment = 256;
-constexpr size_t kGarbageBytes = size_t{16} << 20;  // of an allocation; more would take too long
+constexpr size_t kGarbageBytes = size_t{16} << 20;  // filled per allocation; more would take too long
 constexpr size_t kUnaskedSharedBytes = 48 * 1024;
 
 struct Allocation {
@@ -135,7 +135,7 @@ struct Kernel {
   size_t shared_bytes = kUnaskedSharedBytes;
 };
 
-/// State that the calls share. One call runs at a time.
+/// State that the calls share. Only one call runs at a time.
 struct Device {
   std::recursive_mutex mutex;
   std::map<int, CUstream_st> null_streams;  // by GPU
@@ -200,7 +200,7 @@ Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> 
   }
   stream->waiting.push_back({std::move(run), std::move(after)});
   const Point end = stream->end();
-  // A GPU may be arbitrarily fast.
+  // A GPU may be arbitrarily fast, so the work may be done at once.
   if (random_below(4) == 0) {
     const uint32_t number = random_below(static_cast<uint32_t>(all.streams.size()) + 1);
     CUstream_st* const any = number == all.streams.size() ? null_stream : all.streams[number].get();
@@ -209,7 +209,7 @@ Point submit(CUstream_st* stream, std::function<void()> run, std::vector<Point> 
   return end;
 }
 
-/// Null if CUDA did not allocate that memory.
+/// The allocation at an address; null if CUDA did not allocate it.
 const Allocation* allocation_at(const void* at, size_t bytes) {
   const auto& all = device().allocations;
   const auto address = reinterpret_cast<uintptr_t>(at);
@@ -248,7 +248,7 @@ cudaError_t allocate(void** out, size_t bytes, bool is_device) {
   return cudaSuccess;
 }
 
-/// Does all work of a GPU; kPinned: of all GPUs.
+/// Does all submitted work of a GPU; with kPinned, the work of all GPUs.
 void finish(int gpu) {
   Device& all = device();
   for (auto& [of, stream] : all.null_streams)
@@ -257,7 +257,7 @@ void finish(int gpu) {
     if (gpu == kPinned || stream->gpu == gpu) reach(stream->end());
 }
 
-/// Waits for all submitted work.
+/// Waits for all submitted work first.
 cudaError_t remove_allocation(void* block, bool is_device) {
   Device& all = device();
   const std::lock_guard lock(all.mutex);
@@ -282,7 +282,7 @@ struct Copy {
   size_t bytes;
 };
 
-/// Submits the copies. Memory that is not pinned is read or written before it returns.
+/// Submits the copies. Memory that is not pinned is read or written before the call returns.
 cudaError_t submit_copies(std::vector<Copy> copies, cudaMemcpyKind kind, cudaStream_t stream, bool waits) {
   const std::lock_guard lock(device().mutex);
   for (const Copy& copy : copies) {
@@ -326,7 +326,7 @@ cudaError_t make_event(cudaEvent_t* out, bool is_timed) {
   return cudaSuccess;
 }
 
-/// The work of a launched kernel, in `out`.
+/// Sets `out` to the work of a launched kernel.
 cudaError_t bind_launch(const void* function, dim3 blocks, dim3 threads, void** parameters, size_t shared_bytes,
                         std::function<void()>& out) {
   const Kernel& kernel = device().kernels.at(function);
@@ -352,7 +352,7 @@ cudaError_t submit_kernel(const void* function, dim3 blocks, dim3 threads, void*
   return cudaSuccess;
 }
 
-/// The work of a graph's kernel, in `out`.
+/// Sets `out` to the work of a graph's kernel.
 cudaError_t bind_node(const cudaKernelNodeParams& kernel, std::function<void()>& out) {
   return bind_launch(kernel.func, kernel.gridDim, kernel.blockDim, kernel.kernelParams, kernel.sharedMemBytes, out);
 }
@@ -558,7 +558,7 @@ cudaError_t cudaGraphAddKernelNode(cudaGraphNode_t* node, cudaGraph_t graph, con
     if (before[i]->graph != graph) return failed(cudaErrorInvalidValue);
   std::function<void()> work;
   if (const cudaError_t bound = bind_node(*kernel, work); bound != cudaSuccess) return bound;
-  std::set<size_t> after;  // everything that comes before
+  std::set<size_t> after;  // all nodes before it
   for (size_t i = 0; i < count; ++i) {
     after.insert(before[i]->number);
     after.insert(before[i]->after.begin(), before[i]->after.end());
@@ -578,7 +578,7 @@ cudaError_t cudaGraphExecKernelNodeSetParams(cudaGraphExec_t exec, cudaGraphNode
     return failed(cudaErrorInvalidValue);
   return bind_node(*kernel, exec->nodes[node->number].work);
 }
-/// Does the kernels in any order that their nodes allow.
+/// Runs the kernels in any order that their nodes allow.
 cudaError_t cudaGraphLaunch(cudaGraphExec_t exec, cudaStream_t stream) {
   const std::lock_guard lock(device().mutex);
   std::vector<const CUgraphNode_st*> left;

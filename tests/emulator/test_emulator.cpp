@@ -24,7 +24,7 @@ std::string last_words(Mistake mistake) {
   if (child == 0) {
     dup2(ends[1], STDERR_FILENO);
     close(STDOUT_FILENO);
-    std::signal(SIGABRT, SIG_DFL);  // Catch2 would report it
+    std::signal(SIGABRT, SIG_DFL);  // otherwise Catch2 would report it
     emulator::make(mistake);
     _exit(0);
   }
@@ -41,7 +41,7 @@ std::string last_words(Mistake mistake) {
 
 }  // namespace
 
-TEST_CASE("the emulated GPU has a warp's collectives and atomics and shared memory and streams", "[cuda][emulator]") {
+TEST_CASE("the emulated GPU has a GPU's collectives, atomics, shared memory and streams", "[cuda][emulator]") {
   if (!scree::tests::has_gpu()) return;
   CHECK(emulator::check_intrinsics() == "");
   CHECK(emulator::check_shared_memory() == "");

@@ -18,7 +18,7 @@
 
 int scree_main(int argc, char** argv);  // tools/main.cpp
 
-// Present in ASan's build: whether any memory is leaked so far.
+// Present only with ASan: whether memory has leaked so far.
 extern "C" __attribute__((weak)) int __lsan_do_recoverable_leak_check();
 
 // OpenEXR 3.1 leaks if memory runs out while it makes an OutputFile. LeakSanitizer calls these functions by name.

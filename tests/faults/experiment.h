@@ -12,7 +12,7 @@
 namespace scree::faults {
 
 struct Run {
-  int code = -1;  // -1: ended by `signal`
+  int code = -1;  // -1: a signal, `signal`, ended the run
   int signal = 0;
   int64_t live = 0;                  // live_count(), if the command reached its end
   std::string errors;                // stderr
@@ -27,7 +27,7 @@ class Experiment {
 
   /// Runs in a separate process.
   Run run(const Plan& plan) const;
-  /// Runs once more without a failure, on the files that the last run left.
+  /// Runs the command once more without a failure, on the files that the last run left.
   Run run_again() const;
 
   /// From now on each run begins with `bytes` as the .part of its first output, as if a killed run had left it.
@@ -35,9 +35,10 @@ class Experiment {
   /// The .part that the last run left; empty if there is none.
   std::string left_part() const;
 
-  /// From now on, runs in this process, with its output in the command's output files.
+  /// From now on, runs happen in this process, with its output in the command's output files.
   void stay_here() const;
-  /// Called after stay_here(). If the process ends instead of returning, its parent gets the rest from end_of().
+  /// Called after stay_here(). If the process ends instead of returning, the parent gets the rest of the run from
+  /// end_of().
   Run run_here(const Plan& plan) const;
   Run end_of(int status) const;
 
@@ -51,7 +52,7 @@ class Experiment {
   std::string part_path() const { return path(outputs_.front().front() + ".part"); }
   Run run_in_place(const Plan& plan) const;
   void lay_out() const;
-  /// Whether outputs exist before a run. Not for commands without --force, which would refuse them.
+  /// Whether outputs exist before a run. False for commands without --force, which would refuse them.
   bool has_earlier() const;
   void collect(Run& run) const;
   int call(const Plan& plan) const;

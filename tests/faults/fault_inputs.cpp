@@ -23,8 +23,8 @@
 namespace scree::tests {
 namespace {
 
-/// The smallest primitive that is sorted: a strip of two windows, both of which use all of its few vertices, with
-/// joining triangles between them.
+/// The smallest primitive that is sorted: a strip of two windows, each of which uses all of its few vertices, with
+/// triangles between them that only join parts.
 void write_scattered(const TempFolder& folder) {
   constexpr uint32_t kVertices = 64, kWindow = convert::kWindowTriangles, kCorners = kWindow + kVertices;
   std::vector<float> points, normals;
@@ -57,7 +57,7 @@ void write_scattered(const TempFolder& folder) {
                                      std::to_string(kCorners) + "}]}");
 }
 
-/// Random triangles over random vertices: more than a block of a bucket holds.
+/// Random triangles over random vertices, which take more than one block of a bucket.
 void write_shuffled(const TempFolder& folder) {
   constexpr uint32_t kVertices = 3000, kTriangles = 5000;
   std::mt19937 random(7);
@@ -71,9 +71,9 @@ void write_shuffled(const TempFolder& folder) {
 }
 
 /// giant.gltf and lying.gltf: a primitive of so many windows that one thread has written a page of it before the last,
-/// short window is measured. The first file gives the correct box of its positions; the second gives a larger one,
-/// which shows only at the end. The few used vertices come first, followed by as many as needed for the box to be
-/// trusted.
+/// short window is measured. The first file states the correct box of its positions. The second states a larger one,
+/// and only the last window shows that it is wrong. The few used vertices come first; behind them are as many as the
+/// box needs to be trusted.
 void write_giant(const TempFolder& folder) {
   constexpr uint32_t kUsed = 2048;
   constexpr uint64_t kVertices = convert::kLeastBounded, kCorners = 3 * (4 * convert::kWindowTriangles + 1000);
@@ -114,7 +114,7 @@ void write_blocks(const TempFolder& folder) {
   maker.finish();
 }
 
-/// Grids around the origin, in front of and beside each other, so that some hide others.
+/// Grids around the origin, in front of and beside each other, so that some hide parts of others.
 void write_many(const TempFolder& folder, uint32_t scale) {
   const JpegRecipe recipe{.width = 40, .height = 40, .factors = {{1, 1}, {1, 1}, {1, 1}}};
   ModelMaker maker(folder.file("many.gltf"));

@@ -14,7 +14,7 @@ constexpr uint64_t kMaxSites = 1 << 16;
 
 struct Shared {
   std::atomic<bool> is_armed;
-  std::atomic<bool> is_counting;  // plan.from was reached
+  std::atomic<bool> is_counting;  // plan.from has been reached
   std::atomic<bool> has_failed;
   std::atomic_flag lock;  // for the sites
   Plan plan;
@@ -24,7 +24,7 @@ struct Shared {
   char failed_call[64];
   uint64_t site_count;
   uint64_t sites[kMaxSites];     // in the order of their first calls
-  uint64_t seen[2 * kMaxSites];  // a hash table of them; 0: empty
+  uint64_t seen[2 * kMaxSites];  // hash table of `sites`; 0: empty
 };
 
 Shared* shared = nullptr;

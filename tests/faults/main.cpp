@@ -9,20 +9,21 @@
 // - -j N: number of parallel runs, each in a copy of FOLDER.
 // - -p: many runs in one process, for programs with a slow start, as on a GPU.
 // - -s N: number of runs without a failure that find the call sites.
-// - -r: each run begins with the .part of an interrupted run with the most content, and may leave a .part when it
-//   fails. Then the command is run again, and has to write the output of a run without a failure.
+// - -r: each run begins with the .part of the interrupted run that got farthest, and may leave a .part when it fails.
+//   Then the command runs again, and has to write the output of a run without a failure.
 // Prints the errors and a line of counts. Exits with 0 if there are no errors.
 //
-// A run may succeed in spite of the failure; its output must then equal that of a run without a failure. Otherwise it
-// must print one line, return its exit code, and leave no leak (memory in ASan's build, CUDA resources in any build).
-// It may leave no new file, with two exceptions: an empty .part, if the file system does not even give the file's type,
-// and a .part that could not be removed. Outputs must then be unchanged, or complete (the first of several; an output
-// whose folder cannot be synced); this holds for each group of outputs as a whole. For KIND short, where a call
-// transfers half of the bytes and reports that, every run must succeed.
+// A run may succeed in spite of the failure. Its output must then equal the output of a run without a failure.
+// Otherwise it must print one line, return its exit code, and leave no leak (memory in ASan's build, CUDA resources in
+// any build). It may leave no new file, with two exceptions: an empty .part, if the file system does not even give the
+// file's type, and a .part that could not be removed. Outputs must then be unchanged, or complete (the first of
+// several; an output whose folder cannot be synced). Outputs that belong together must be unchanged or complete as a
+// whole. For KIND short, where a call transfers half of the bytes and reports that, every run must succeed.
 //
-// With several threads the order of calls varies, so the n-th call differs from run to run, and a run may have fewer
-// calls. A run in which no call failed must be a good one, and its number of calls counts like that of the first runs:
-// all numbers up to the most calls of any run without a failure are tried. The sites are the union over the first runs.
+// With several threads the order of calls varies: the n-th call differs from run to run, and a run may have fewer
+// calls. A run in which no call failed must be a good one, and its calls are counted like those of the first runs. The
+// test tries all numbers up to the most calls of any run without a failure. The sites are the union over the first
+// runs.
 #include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -106,7 +107,7 @@ std::optional<Options> parse(int argc, char** argv) {
   return options;
 }
 
-/// State of all processes that make runs. Each run takes the next number.
+/// The state that all processes share. Each run takes the next number.
 struct Progress {
   std::atomic<uint64_t> next;
   std::atomic<uint64_t> most;  // most calls of any run without a failure
@@ -138,7 +139,7 @@ class Worker {
     if (out_ == nullptr) std::abort();
   }
 
-  /// The only task of its process.
+  /// Makes runs until none is left; the only task of a process.
   void work() {
     if (options_.one_process) experiment_.stay_here();
     while (const std::optional<faults::Plan> plan = next_plan()) {
@@ -153,7 +154,7 @@ class Worker {
     }
   }
 
-  /// Checks the run during which the process ended.
+  /// Checks the run in which the process ended.
   void judge_end(int status) { judge(experiment_.end_of(status)); }
 
  private:
@@ -206,7 +207,7 @@ class Worker {
   std::FILE* out_;
 };
 
-/// Keeps `jobs` processes running, each in its own folder. Replaces a process that ends early.
+/// Keeps `jobs` processes at work, each in its own folder. Replaces a process that ends early.
 void run_all(const Options& options, const std::vector<uint64_t>& sites, const faults::Expected& expected,
              Progress& progress, const std::string& part) {
   std::vector<pid_t> processes(options.jobs, -1);
@@ -251,8 +252,8 @@ void run_all(const Options& options, const std::vector<uint64_t>& sites, const f
     std::filesystem::remove_all(options.folder + "." + std::to_string(job));
 }
 
-/// The .part of a run with the last failing file call after which all pages can still be resumed. Nullopt if there is
-/// no such call.
+/// The .part of the run whose failing file call is the last one after which all pages can still be resumed. Nullopt if
+/// there is no such call.
 std::optional<std::string> make_part(faults::Experiment& experiment) {
   const faults::Run good = experiment.run({});
   for (uint64_t number = faults::call_count(); good.code == 0 && number > 0; --number) {

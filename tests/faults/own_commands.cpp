@@ -42,7 +42,7 @@ Result<void> stream(const std::string& path, uint64_t part, uint32_t threads, co
   const uint64_t largest = bytes.empty() ? 0 : *std::max_element(bytes.begin(), bytes.end());
   const auto stream = tests::CpuStream::create(*scene, all / part + largest + runtime::Residency::kAlignment, threads);
   if (!stream) return stream.error();
-  // A view of everything, a near one, and the first one again: chunks are evicted and loaded again.
+  // A view of everything, a near view, and the first one again, so that chunks are evicted and loaded again.
   const kernels::ShadeOptions shade;
   for (const double distance : {4.0, 0.5, 4.0}) {
     const runtime::CameraOptions camera{
@@ -114,7 +114,7 @@ Result<void> sort(const std::string& path, uint64_t map_vertices, uint32_t threa
   const Result<convert::Primitive> copy = convert::sort_primitive(
       primitive, {0, 0, primitive.vertex_count()}, true, {threads, map_vertices}, file, 0, nullptr, [](uint64_t) {});
   if (!copy) return at(path, copy.error());
-  // The copy is the temporary file without its buckets.
+  // The output is a copy of the temporary file without its buckets.
   const Result<uint64_t> size = file->size();
   if (!size) return size.error();
   std::vector<std::byte> bytes(*size);
@@ -122,7 +122,7 @@ Result<void> sort(const std::string& path, uint64_t map_vertices, uint32_t threa
   return write_file(output, bytes);
 }
 
-/// Handles errors of a command like tools/main.cpp.
+/// Handles a command's errors as tools/main.cpp does.
 template <class Command>
 int report(const char* name, const Command& command) {
   try {

@@ -1,4 +1,4 @@
-// Runs every command with every call failing once (files, memory, and the GPU), and with reads and writes that stop
+// Runs every command with each call failing once (for files, memory and the GPU), and with reads and writes that stop
 // half way, by scree_faults.
 #include <algorithm>
 #include <cstdint>
@@ -23,24 +23,24 @@ struct Job {
   bool only_maps = false;  // reads and writes files only through a map
 };
 
-// Pages stay raw if memory for compressing them is short (format::seal_page).
+// If memory for compressing a page is short, the page stays raw (format::seal_page).
 constexpr Job kConvert[] = {
     {"out.scree", "convert in.gltf -o out.scree --force --normals --quiet --threads 1"},
     {"~out.scree", "convert in.gltf -o out.scree --force --encoding clustered --zstd 3 --quiet --threads 2"},
     {"out.scree", "convert in.gltf -o out.scree --quiet --threads 1"},
     {"out.scree", "convert in.gltf -o out.scree --force --textures jpeg:80 --max-error 1e-3 --quiet --threads 1"},
 };
-// For the .part of a killed run. The first job compresses pages, so that they may stay raw there too.
+// For the .part of an interrupted run. The first job compresses pages, which may stay raw here too.
 constexpr Job kResume[] = {
     {"~out.scree", "convert in.gltf -o out.scree --force --resume --zstd 3 --quiet --threads 2"},
     {"out.scree",
      "convert in.gltf -o out.scree --force --resume --encoding clustered --max-error 1e-3 --normals --quiet --threads "
      "1"},
 };
-// Only calls after the temporary file for sorting is made: unlink removes its name.
+// Only calls after the temporary file for sorting is made, from the unlink that removes its name on.
 constexpr Job kSort[] = {{"out.scree", "convert scattered.gltf -o out.scree --force --normals --quiet --threads 1"}};
-// A primitive that is encoded while it is measured, with as little work per window as possible. Only calls after the
-// output is opened, which begins by emptying it.
+// A primitive that is encoded while it is measured, with as little work per window as possible. Only calls from the
+// ftruncate on that empties the opened output.
 constexpr Job kGuess[] = {
     {"out.scree",
      "convert giant.gltf -o out.scree --force --order none --no-weld --chunk-triangles 65536 --positions 8 --encoding "
@@ -51,8 +51,8 @@ constexpr Job kGuess[] = {
      "indexed "
      "--quiet --threads 1"},
 };
-// Triangles are read three times, since memory holds only this many vertices' new numbers. Buckets are written as they
-// fill.
+// Triangles are read three times, since memory holds only this many vertices' new numbers. Buckets are written whenever
+// they are full.
 constexpr Job kSortInPasses[] = {{"out", "sort shuffled.gltf 1000 1 out"}, {"out", "sort shuffled.gltf 1000 2 out"}};
 constexpr Job kReaders[] = {
     {"", "inspect packed.scree --verify --threads 2", true},
@@ -70,7 +70,7 @@ constexpr Job kReaders[] = {
      "render in.scree --force -o out.png --depth out.pfm --normals normals.pfm --uvs uvs.pfm --visbuffer out.bin "
      "--size 24x16 --ssao --pick 12,8 --backend cpu --quiet --threads 1"},
     {"out.png", "render packed.scree --force -o out.png --size 24x16 --samples 2 --backend cpu --quiet --threads 2"},
-    // Room for one page of two, which threads read.
+    // The pool has room for one of two pages, which threads read.
     {"out.png",
      "render blocks.scree --force -o out.png --size 200x120 --texture-memory 30KiB --backend cpu --quiet --threads 2"},
 };
@@ -88,21 +88,21 @@ constexpr Job kDevice[] = {
     {"out.png", "render packed.scree --force -o out.png --size 640x480 --samples 2 --backend cuda --quiet --threads 2"},
 };
 
-// Past the page cache, if the file system supports that, and through it; raw and compressed pages.
+// Past the page cache, if the file system supports that, and through it. Raw and compressed pages.
 constexpr Job kUpload[] = {
     {"out", "upload in.scree direct 1 out"},
     {"out", "upload packed.scree direct 2 out"},
     {"out", "upload in.scree buffered 2 out"},
 };
 
-// The same with pages of several blocks, where a read past the page cache may stop after one block.
+// The same for pages of several blocks, where a read past the page cache may stop after one block.
 constexpr Job kUploadBlocks[] = {
     {"out", "upload shuffled.scree direct 1 out"},
     {"out", "upload shuffled_packed.scree direct 2 out"},
     {"out", "upload shuffled.scree buffered 2 out"},
 };
 
-// Frames from a pool that holds a third of the chunks, while a thread reads others.
+// Draws frames from a pool that holds a third of the chunks, while a thread reads others.
 constexpr Job kStream[] = {
     {"out.bin,out.png", "stream many.scree 3 1 out.bin out.png"},
     {"out.bin,out.png", "stream many_packed.scree 3 2 out.bin out.png"},
@@ -115,7 +115,7 @@ void check_all(const std::string& kind, const std::string& which, const Job (&jo
   for (const Job& job : jobs) inputs.check(kind, which, job.outputs, job.command, options);
 }
 
-/// Once per site, and all calls.
+/// Tests one call per site, and all calls.
 template <size_t kCount>
 void check_short(FaultInputs& inputs, const Job (&jobs)[kCount], const std::string& options = "") {
   for (const Job& job : jobs)
@@ -134,7 +134,8 @@ void check_stream(const std::string& kind, const std::string& which, const std::
   for (const Job& job : kStream) inputs.check(kind, which, job.outputs, job.command, options + " -p -s 2");
 }
 
-/// Makes sure that guesses are tested: one is right, and for the other a page is removed from the file again.
+/// Checks that both outcomes of a guess are tested: one guess is right, and for the other a page is removed from the
+/// file again.
 void must_guess(const TempFolder& folder) {
   for (const bool is_right : {true, false}) {
     convert::ConvertOptions options = options_of(folder, is_right ? "giant.gltf" : "lying.gltf");
@@ -155,13 +156,13 @@ void check_guess(const std::string& kind, const std::string& which, const std::s
   FaultInputs inputs;
   inputs.add_giant();
   must_guess(inputs.folder());
-  // Threads decide whether a window is encoded before the next one is measured, and so which call is the n-th.
+  // Threads decide whether a window is encoded before the next one is measured. So the n-th call varies.
   for (const Job& job : kGuess) inputs.check(kind, which + "@ftruncate", job.outputs, job.command, options + " -s 2");
 }
 
 // Starting with a GPU takes longer than everything else, so each process makes many runs.
 constexpr const char* kOnGpu = "-p -j 4";
-// The calls, and which one is the n-th, depend on when loads are done.
+// The number of calls and their order depend on when loads are done.
 constexpr const char* kStreamedOnGpu = "-p -j 4 -s 4";
 
 TEST_CASE("faults: every call for a file fails once while converting", "[faults]") {
@@ -279,8 +280,8 @@ TEST_CASE("faults: every call fails once while two GPUs draw", "[cuda][gpus][fau
   const EmulatedGpus emulated("9.0,9.0");
   if (!has_gpus(2)) return;
   FaultInputs inputs;
-  inputs.add_many(12);  // more than a page
-  // With memory for all pages the GPUs divide the picture. With a little less they share the pages.
+  inputs.add_many(12);  // more than one page
+  // With memory for all pages the GPUs divide the picture. With slightly less memory they share the pages.
   const runtime::Scene scene = must_load(inputs.folder().file("many.scree"), {.threads = 2, .pages = false});
   kernels::ShadeOptions shade{.show = kernels::Show::kNormal};
   const auto alone = runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, runtime::kDeviceTextureCache, 0,
@@ -305,20 +306,20 @@ TEST_CASE("faults: every place that takes memory fails once while a GPU draws", 
 TEST_CASE("faults: every call fails once while a GPU streams frames", "[cuda][faults][stream]") {
   if (!has_gpu()) return;
   FaultInputs inputs;
-  inputs.add_many(12);  // the pages take more than streaming them does
+  inputs.add_many(12);  // the pages must take more memory than streaming needs
   const std::string log = inputs.folder().file("log.txt");
   for (const std::string file : {"many.scree", "many_packed.scree"}) {
     const std::string path = inputs.folder().file(file);
     const ProgramRun refused = run_program(
         {"render", path, "--backend", "cuda", "--device-memory", "1", "--size", "64x48", "-o", path + ".png"}, log);
-    // Leaves room for a third of the chunks.
+    // The budget has room for a third of the chunks.
     const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(path) / 3;
     const std::string common =
         " --force -o out.png --visbuffer out.bin --size 64x48 --eye 0,0,2 --target 0,0,0 --frames 2 "
         "--backend cuda --quiet --threads 2 --device-memory " +
         std::to_string(budget);
-    // Partly from the page cache and partly from pinned memory: room for the picture's buffers and a third of the
-    // chunks.
+    // A part of the pages comes from the page cache and the rest from pinned memory: the budget has room for the
+    // picture's buffers and a third of the chunks.
     const uint64_t picture = 64 * 48 * (sizeof(uint64_t) + 3 + sizeof(uint32_t));
     const ProgramRun no_room =
         run_program({"render", path, "-o", path + ".png", "--visbuffer", path + ".bin", "--size", "64x48", "--backend",

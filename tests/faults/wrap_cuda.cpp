@@ -1,5 +1,5 @@
-// The calls of the CUDA runtime that may fail. CMakeLists.txt has the list of names too, where a test compares it with
-// the program's calls.
+// The calls of the CUDA runtime that may fail. CMakeLists.txt repeats the list of names, because a test compares it
+// with the program's calls.
 #include <cuda_runtime_api.h>
 
 #include <atomic>
@@ -23,7 +23,7 @@ bool fails_here(const char* what, const void* site) {
 
 extern "C" {
 
-/// A call whose failure is `error`.
+/// A call that fails with `error`.
 #define SCREE_WRAP(name, error, parameters, arguments)                \
   cudaError_t __real_##name parameters;                               \
   cudaError_t __wrap_##name parameters {                              \
@@ -108,7 +108,7 @@ SCREE_WRAP(cudaOccupancyMaxActiveBlocksPerMultiprocessorWithFlags, cudaErrorUnkn
            (blocks, kernel, threads, bytes, flags))
 #undef SCREE_WRAP
 
-/// Calls that free something succeed in any case, because nobody can use their errors.
+/// Calls that free resources succeed in any case, because no caller can use their errors.
 #define SCREE_WRAP_RELEASE(name, type, object)                             \
   cudaError_t __real_##name(type object);                                  \
   cudaError_t __wrap_##name(type object) {                                 \
@@ -149,7 +149,7 @@ SCREE_WRAP_LAUNCH(__cudaLaunchKernel)
 #undef SCREE_WRAP_LAUNCH
 
 #if !defined(SCREE_EMULATED_CUDA)
-/// Other calls behind <<<>>>. A kernel's handle is requested once per process, so a failure would be permanent.
+/// Other calls behind <<<>>>. A kernel's handle is requested once per process, so its failure would be permanent.
 #define SCREE_WRAP_FOREIGN(type, name, parameters, arguments) \
   type __real_##name parameters;                              \
   type __wrap_##name parameters {                             \

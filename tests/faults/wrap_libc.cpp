@@ -1,5 +1,5 @@
-// The calls of the C library that may fail or stop half way, those of std::filesystem, and operator new. CMakeLists.txt
-// has the list of names too, where a test compares it with the program's calls.
+// The calls of the C library and of std::filesystem that may fail or stop half way, and operator new. CMakeLists.txt
+// repeats the list of names, because a test compares it with the program's calls.
 #include <fcntl.h>
 #include <pthread.h>
 #include <sys/mman.h>
@@ -28,8 +28,8 @@ using scree::faults::Kind;
 
 namespace {
 
-/// The number of bytes of `size` that a call transfers: half if this call stops early. Linux does that for signals,
-/// full disks and network file systems. Direct I/O stops on whole blocks.
+/// The number of bytes that a call for `size` bytes transfers: half if this call stops early. Linux does that for
+/// signals, full disks and network file systems. Direct I/O stops at the end of a block.
 size_t moved(const char* what, const void* site, int file, size_t size) {
   constexpr size_t kBlock = 4096;
   const bool is_direct = (::fcntl(file, F_GETFL) & O_DIRECT) != 0;
@@ -41,7 +41,7 @@ size_t moved(const char* what, const void* site, int file, size_t size) {
 
 extern "C" {
 
-/// A call that sets errno to `error` and returns `failed` where it fails.
+/// A call that fails by setting errno to `error` and returning `failed`.
 #define SCREE_WRAP(type, name, error, failed, parameters, arguments)           \
   type __real_##name parameters;                                               \
   type __wrap_##name parameters {                                              \
@@ -61,7 +61,7 @@ int __wrap_open(const char* path, int flags, ...) {
 
 int __real_close(int file);
 int __wrap_close(int file) {
-  const int done = __real_close(file);  // Linux closes it in any case
+  const int done = __real_close(file);  // Linux closes the file in any case
   if (fails(Kind::kFile, "close", SCREE_SITE)) return errno = EIO, -1;
   return done;
 }
@@ -78,7 +78,7 @@ ssize_t __wrap_pread(int file, void* out, size_t size, off_t offset) {
   return __real_pread(file, out, moved("pread", SCREE_SITE, file, size), offset);
 }
 
-/// For reads that need cached pages: a kernel or a file system without RWF_NOWAIT.
+/// For reads of cached pages alone. EOPNOTSUPP: a kernel or a file system without RWF_NOWAIT.
 SCREE_WRAP(ssize_t, preadv2, EOPNOTSUPP, -1, (int file, const iovec* parts, int count, off_t offset, int flags),
            (file, parts, count, offset, flags))
 
@@ -101,7 +101,7 @@ SCREE_WRAP(int, fstat, EIO, -1, (int file, struct stat* out), (file, out))
 SCREE_WRAP(int, stat, EACCES, -1, (const char* path, struct stat* out), (path, out))
 SCREE_WRAP(int, lstat, EACCES, -1, (const char* path, struct stat* out), (path, out))
 SCREE_WRAP(int, rename, EIO, -1, (const char* from, const char* to), (from, to))
-/// EINVAL: a file system without RENAME_NOREPLACE, for which link() is the replacement.
+/// EINVAL: a file system without RENAME_NOREPLACE; the program then uses link().
 SCREE_WRAP(int, renameat2, EINVAL, -1,
            (int from_folder, const char* from, int to_folder, const char* to, unsigned flags),
            (from_folder, from, to_folder, to, flags))
@@ -115,7 +115,7 @@ SCREE_WRAP(void*, mmap, ENOMEM, MAP_FAILED, (void* at, size_t size, int protecti
 
 int __real_munmap(void* at, size_t size);
 int __wrap_munmap(void* at, size_t size) {
-  const int done = __real_munmap(at, size);  // like close()
+  const int done = __real_munmap(at, size);  // Linux unmaps in any case
   if (fails(Kind::kFile, "munmap", SCREE_SITE)) return errno = ENOMEM, -1;
   return done;
 }

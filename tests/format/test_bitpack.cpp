@@ -52,7 +52,7 @@ TEST_CASE("unpack reads at most the slack, and nothing for 0 bits", "[bitpack]")
   CHECK(unpack(nullptr, 0, 0) == 0);
   for (uint32_t bits = 1; bits <= 32; ++bits) {
     for (uint64_t count = 1; count <= 17; ++count) {
-      // A reader may rely on the slack alone, without the rounding to 16.
+      // A reader may depend on the slack alone, without the rounding to 16 bytes.
       const uint64_t data_bytes = (count * bits + 7) / 8;
       GuardedBytes guarded(data_bytes + kPackedSlackBytes);
       for (uint64_t i = 0; i < data_bytes; ++i) guarded.bytes()[i] = std::byte{0xff};
@@ -78,5 +78,5 @@ TEST_CASE("unpack reads bits past 2^32", "[bitpack]") {
     if ((value >> i) & 1u) bytes[(offset + i) / 8] |= std::byte{1} << ((offset + i) % 8);
   }
   CHECK(unpack(bytes, offset, bits) == value);
-  CHECK(unpack(bytes, offset & 0xffffffffu, bits) == 0);  // the address that a 32-bit product would give
+  CHECK(unpack(bytes, offset & 0xffffffffu, bits) == 0);  // a 32-bit product would give this address
 }

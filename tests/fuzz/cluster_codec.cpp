@@ -11,7 +11,7 @@
 namespace scree::fuzz {
 namespace {
 
-/// Kernels check nothing, so on an accepted chunk they must read the decoder's values.
+/// Kernels check nothing, so from an accepted chunk they must read the same values as the decoder.
 void read_as_kernels(const format::ClusterStreams& streams, std::span<const uint32_t> indices,
                      std::span<const uint32_t> offsets) {
   for (uint32_t c = 0; c < streams.cluster_count; ++c) {

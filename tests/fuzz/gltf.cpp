@@ -1,4 +1,4 @@
-// A .gltf or .glb through convert. The output has to be a file that verifies.
+// A .gltf or .glb through convert. The output has to pass the verification.
 #include "tools/convert/convert.h"
 
 #include "runtime/files/mapped_file.h"
@@ -8,7 +8,7 @@
 namespace scree::fuzz {
 namespace {
 
-/// Accessors without a buffer view are zeros, and a node states its number of instances. So a few bytes may cause hours
+/// Accessors without a buffer view are zeros, and a node states its number of instances. So a few bytes can cause hours
 /// of work, which tests nothing.
 bool is_small(const convert::SourceScene& scene) {
   uint64_t work = 0;
@@ -30,7 +30,7 @@ bool is_small(const convert::SourceScene& scene) {
 void gltf(Bytes bytes) {
   static constexpr std::byte kOutside[256]{};
   static const std::string kBuffer = Folder::write("data.bin", kOutside);  // a file that a document may refer to
-  // The bytes also determine options, which have no place in a document. FNV-1a.
+  // The bytes also select options, because a document has no place for them. FNV-1a.
   uint32_t choice = 2166136261u;
   for (const std::byte byte : bytes) choice = (choice ^ static_cast<uint32_t>(byte)) * 16777619u;
   const bool is_glb = bytes.size() >= 4 && std::memcmp(bytes.data(), "glTF", 4) == 0;

@@ -10,7 +10,7 @@ namespace scree::fuzz {
 void hdr(Bytes bytes) {
   const ExactCopy file(bytes);
   const auto size = runtime::read_hdr_size(file.bytes());
-  // Rows of one run take few bytes, but the time is proportional to the pixels.
+  // Run-length coded rows take few bytes, but the time is proportional to the pixels.
   if (size && uint64_t{size->width} * size->height > 1u << 20) return;
   uint32_t rows = 0;
   const auto read = runtime::read_hdr(file.bytes(), [&](uint32_t y, std::span<const float> row) {

@@ -9,12 +9,12 @@ namespace scree::fuzz {
 void image(Bytes bytes) {
   const ExactCopy copy(bytes);
   const auto info = runtime::probe_image(copy.bytes());
-  // The time is proportional to the pixels. Limiting memory is the tested functions' own task.
+  // The time is proportional to the pixels. The tested functions limit the memory themselves.
   if (info && uint64_t{info->width} * info->height > 1024 * 1024 && bytes.size() > 4096) return;
   const auto checked = runtime::check_image(copy.bytes());
   const auto decoded = runtime::decode_image(copy.bytes());
   must(!checked || decoded, "an image that passes the check decodes");
-  // The check unpacks every level of KTX2 and DDS; decoding reads only the first.
+  // The check unpacks every level of KTX2 and DDS, while decoding reads only the first one.
   const bool has_levels = info && info->codec == format::ImageCodec::kBlocks;
   must(checked || !decoded || has_levels, "an image that decodes passes the check");
   if (!decoded || !checked) return;

@@ -1,4 +1,4 @@
-// The index stream, and the packed values under it.
+// The index stream, and the packed values in it.
 #include "format/geometry/index_codec.h"
 
 #include "format/geometry/packed_values.h"
@@ -24,7 +24,7 @@ void index_codec(Bytes bytes) {
     format::encode_indices(again, indices, range);
     must(std::equal(again.begin(), again.end(), stream.bytes().begin(), stream.bytes().end()), "indices have one form");
   }
-  // Counts that exceed every stream.
+  // Counts that exceed any stream.
   (void)format::checked_packed_bytes("indices", huge_count, range.bits);
   if (huge_count > 8 * (stream.bytes().size() + 1) && range.bits > 0)
     must(!format::check_indices(huge_count, vertex_count, range, stream.bytes()), "too short a stream is refused");

@@ -43,7 +43,7 @@ class Parameters {
   Bytes bytes_;
 };
 
-/// A copy in a heap block of exactly that size, aligned like a map, so that ASan detects every read past its end.
+/// A copy in a heap block of exactly its size, aligned like a map, so that ASan detects every read past its end.
 class ExactCopy {
  public:
   // Not inlined: at -O1, g++ 12 assumes that the size may be negative, and warns.

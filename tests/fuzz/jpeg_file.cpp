@@ -1,5 +1,5 @@
-// A JPEG file on its way into a container: parsed, indexed (transcoded or encoded again if needed), its mip levels
-// made, and everything decoded again.
+// A JPEG file as convert handles it: parsed, indexed (transcoded or encoded again if needed), its mip levels made, and
+// everything decoded again.
 #include "tools/convert/images/jpeg_file.h"
 
 #include "format/jpeg/index.h"
@@ -14,8 +14,8 @@ void jpeg_file(Bytes bytes) {
   const ExactCopy copy(bytes);
   const auto header = format::parse_jpeg(copy.bytes());
   if (!header) return;
-  // The time is proportional to the pixels, of which a header may state many. Limiting memory is the tested functions'
-  // own task.
+  // The time is proportional to the pixels, whose number a header may state at will. The tested functions limit the
+  // memory themselves.
   if (uint64_t{header->width} * header->height > 512 * 512 && bytes.size() > 4096) return;
   const auto indexed = runtime::index_jpeg(copy.bytes());
   if (!indexed) return;

@@ -1,5 +1,5 @@
-// Makes the seeds of the corpus from the tests' inputs: scree_tests "[make-corpus]". The seeds are committed; a new
-// codec or table needs new ones.
+// Makes the corpus' seeds from the tests' inputs: scree_tests "[make-corpus]". The seeds are committed; a new codec or
+// table needs new ones.
 #include <meshoptimizer.h>
 
 #include <cstdint>
@@ -249,7 +249,7 @@ void make_draco_seeds() {
       const DracoRecipe recipe{.is_sequential = is_sequential, .position_bits = bits};
       const Bytes stream = make_draco(grid, recipe);
       std::string json = draco_document({stream}, grid.triangles(), grid.vertices(), recipe);
-      // The stream lies in the file, where it can be changed byte by byte.
+      // The stream is moved into the file itself, where it can be changed byte by byte.
       const size_t uri = json.find(R"(,"uri":"data:)");
       json.erase(uri, json.find('"', uri + 8) + 1 - uri);
       json = replaced(json, R"("textures":[{"source":0}],"images":[{"uri":"t.png"}],)", R"("textures":[{}],)");
@@ -299,7 +299,7 @@ std::string textured_model(const TempFolder& folder, bool is_magnified) {
   return path;
 }
 
-/// Flips bits all over the entropy-coded data of an indexed JPEG, so that decoders lose synchronisation, read invalid
+/// Flips bits throughout the entropy-coded data of an indexed JPEG, so that decoders lose synchronisation, read invalid
 /// codes and run past the end. `jpeg` lies in `file`.
 void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
   const auto index = must(format::open_jpeg_index(jpeg));
@@ -311,8 +311,8 @@ void damage(std::span<std::byte> file, std::span<const std::byte> jpeg) {
   REQUIRE(!jpeg::rebuild(damaged));
 }
 
-/// The container with its texture's data damaged, and resealed. It opens and can be drawn: only verifying decodes level
-/// 0, while loading computes the missing levels from the last stored one, which is intact.
+/// The container with its texture's data damaged, resealed. It opens and can be drawn: only the verification decodes
+/// level 0, while loading computes the missing levels from the last stored one, which is intact.
 void make_damaged_seed(const std::string& path) {
   const auto packed = must(open_packed(path));
   const format::ImageRecord image = packed.file.images()[0];
@@ -468,7 +468,7 @@ void make_scene_seeds(const TempFolder& folder) {
        {"colors.glb", "gpu_instancing.glb", "index_types.glb", "interleaved.glb", "left_out.glb", "modes.glb",
         "multi_primitive.glb", "quantized.glb", "textured_cube.glb", "data_uri.gltf", "nodes.gltf", "materials.gltf"})
     Seed::save(tests::read_bytes(data_path(name).string()), "gltf", name);
-  // The content of a .gltf and its .bin, in one file.
+  // The content of a .gltf and its .bin in one file.
   const std::string sparse = replaced(read_whole(data_path("sparse.gltf").string()), "sparse.bin", "data.bin");
   Seed::save(std::as_bytes(std::span<const char>(sparse)), "gltf", "sparse");
 }

@@ -18,8 +18,8 @@ struct Piece {
   size_t bytes;
 };
 
-/// The parts of the file with a meaning: records, pages, entries of the table of contents, the header. Most of a small
-/// file is padding, where a blind mutation would be wasted.
+/// The meaningful parts of the file: records, pages, entries of the table of contents, the header. Most of a small file
+/// is padding, in which a random mutation would be wasted.
 std::vector<Piece> pieces_of(std::span<const std::byte> file) {
   std::vector<Piece> pieces = {{0, sizeof(FileHeader)}};
   const auto header = load<FileHeader>(file.data());
@@ -47,7 +47,7 @@ std::vector<Piece> pieces_of(std::span<const std::byte> file) {
   return pieces;
 }
 
-/// A field of 1, 2, 4 or 8 bytes gets a value near a limit or near its old value.
+/// Sets a field of 1, 2, 4 or 8 bytes to a value near a limit or near its old value.
 void change_field(std::span<std::byte> piece, std::minstd_rand& random) {
   const size_t width = std::min<size_t>(size_t{1} << random() % 4, piece.size());
   const size_t at = random() % (piece.size() / width) * width;

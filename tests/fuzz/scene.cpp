@@ -28,7 +28,7 @@ void scene(Bytes bytes) {
   if (!file) return;
   const auto chosen = file->find_scene("");
   if (!chosen) return;
-  // A few bytes can cause much drawing, which takes time and tests nothing.
+  // A few bytes can cause a lot of drawing, which takes time and tests nothing.
   const format::SceneRecord& record = file->container().scenes()[*chosen];
   if (record.triangle_count > 200000 || record.instance_count > 20000) return;
   for (uint64_t i = 0; i < file->container().images().size(); ++i) {

@@ -1,5 +1,5 @@
-// The fuzz targets: functions that accept any bytes and may neither crash, hang, nor break a promise. Each is a
-// libFuzzer program (SCREE_FUZZ, scripts/fuzz) and also, over the committed corpus, a normal test (test_corpus.cpp).
+// The fuzz targets: functions that accept any bytes and must neither crash, nor hang, nor break a promise. Each is a
+// libFuzzer program (SCREE_FUZZ, scripts/fuzz). Over the committed corpus it is also a normal test (test_corpus.cpp).
 #pragma once
 
 #include <cstddef>
@@ -14,15 +14,15 @@ void position_codec(Bytes bytes);
 void attribute_codec(Bytes bytes);
 void cluster_codec(Bytes bytes);
 void cluster_page(Bytes bytes);
-void jpeg_index(Bytes bytes);    // an indexed JPEG, as it lies in a container
-void jpeg_file(Bytes bytes);     // a JPEG file on its way into one, with mip levels
+void jpeg_index(Bytes bytes);    // an indexed JPEG as in a container
+void jpeg_file(Bytes bytes);     // a JPEG file as convert handles it, with mip levels
 void block_file(Bytes bytes);    // a KTX2 or DDS file, level by level
 void hdr(Bytes bytes);           // a Radiance picture, row by row
 void image(Bytes bytes);         // a file of any image format, as a texture
 void container(Bytes bytes);     // inspect --verify, and export
 void scene(Bytes bytes);         // render
 void gltf(Bytes bytes);          // convert
-void view_message(Bytes bytes);  // a page's message to scree view
+void view_message(Bytes bytes);  // a message from a page to scree view
 void camera_path(Bytes bytes);   // render --path
 void shard(Bytes bytes);         // merge
 

@@ -1,5 +1,5 @@
 // Runs the fuzz targets over their committed corpus: the seeds, inputs that added coverage, and inputs that once broke
-// something ("found-...").
+// a target ("found-...").
 #include <algorithm>
 #include <filesystem>
 #include <string>
@@ -51,7 +51,8 @@ std::vector<uint8_t> picture_of(const std::filesystem::path& seed) {
   return must(frame.shade({}, 1));
 }
 
-// Targets are silent about refused inputs, so this checks that these two inputs reach the code that they are for.
+// Targets are silent about refused inputs, so this test checks that the next inputs reach the code for which they were
+// made.
 TEST_CASE("fuzz corpus: a damaged texture is drawn, and --verify finds it", "[fuzz]") {
   const std::filesystem::path folder = std::filesystem::path(tests::kCorpusFolder) / "container";
   CHECK(picture_of(folder / "magnified_damaged") != picture_of(folder / "magnified"));

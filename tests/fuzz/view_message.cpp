@@ -1,4 +1,4 @@
-// Messages of a page to scree view.
+// Messages from a page to scree view.
 #include <cmath>
 #include <string_view>
 #include <type_traits>

@@ -26,9 +26,9 @@ void for_each_drawn_chunk(const kernels::SceneView& scene, const kernels::FrameV
   }
 }
 
-/// Case `round` of a test of culling: adds a turned instance of a mesh, with the world's origin near or a million units
-/// away, and returns a camera at `distance` from it. Its picture has odd or even sides, from `width` x `width` - 20 up
-/// to the largest. `unit`: random numbers from -1 to 1.
+/// Sets up case `round` of a test of culling: adds a turned instance of a mesh, with the world's origin near or a
+/// million units away, and returns a camera at `distance` from it. The sides of its picture are odd or even, from
+/// `width` x `width` - 20 up to the largest. `unit`: random numbers from -1 to 1.
 template <class Unit>
 kernels::View place_randomly(SceneBuilder& scene, uint32_t mesh, int round, double distance, double z_near,
                              uint32_t width, const Unit& unit) {

@@ -23,7 +23,7 @@ inline kernels::View omitting(kernels::View view, const uint32_t* bits) {
   return view;
 }
 
-/// The scene that consists of the instances whose bit is not set. It has its own ids. `whole` outlives this.
+/// The scene of the instances whose bit is not set. It has its own ids. `whole` must outlive it.
 class RemainingScene {
  public:
   RemainingScene(const kernels::SceneView& whole, std::span<const uint32_t> omitted)

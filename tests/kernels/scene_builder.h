@@ -388,8 +388,8 @@ inline Soup grid(uint32_t n, double amplitude) {
   return soup;
 }
 
-/// An instance that is rotated about z and squashed, for every seventh `round` also mirrored, at (origin, -origin,
-/// origin). `unit`: returns numbers from -1 to 1.
+/// An instance at (origin, -origin, origin) that is rotated about z and squashed, and for every seventh `round` also
+/// mirrored. `unit`: returns numbers from -1 to 1.
 template <class Unit>
 void add_turned_instance(SceneBuilder& scene, uint32_t mesh, int round, double origin, Unit&& unit) {
   const double turn = 3 * unit();
@@ -399,7 +399,7 @@ void add_turned_instance(SceneBuilder& scene, uint32_t mesh, int round, double o
                                      std::cos(turn), 0, -origin, 0, 0, height, origin}));
 }
 
-/// A grid with random heights up to `amplitude` in both directions: any plane at its height cuts triangles everywhere.
+/// A grid with random heights up to `amplitude` up and down, so that any plane at its height cuts triangles everywhere.
 inline Soup rough_field(uint32_t n, double amplitude) {
   Soup soup = grid(n, 0);
   uint32_t state = 1;

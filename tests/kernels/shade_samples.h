@@ -12,7 +12,7 @@
 namespace scree::tests {
 
 /// Linear light of the samples: 4 floats per sample, not premultiplied; the background where there is no triangle.
-/// `scene` has no paged levels.
+/// `scene` must have no paged levels.
 inline void shade_samples(const kernels::SceneView& scene, const kernels::View& view, std::span<const uint64_t> samples,
                           const kernels::ShadeOptions& options, std::span<float> rgba) {
   using namespace kernels;

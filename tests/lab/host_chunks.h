@@ -33,7 +33,7 @@ inline std::vector<ChunkBox> chunk_boxes(const synth::Scene& scene, std::span<co
   return boxes;
 }
 
-/// Makes the bytes of all chunks. `arena`: arena_bytes, 16-byte aligned, zeroed before.
+/// Makes the bytes of all chunks. `arena`: arena_bytes, aligned to 16 bytes and zeroed.
 inline void fill_chunks(const synth::Scene& scene, std::span<const ChunkPlan> plans, const SceneTables& tables,
                         std::span<std::byte> arena) {
   assert(arena.size() >= tables.arena_bytes);

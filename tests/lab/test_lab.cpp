@@ -122,7 +122,7 @@ TEST_CASE("lab: a sweep covers the requested encodings", "[lab]") {
   CHECK(options.encodings[2].float32);
 }
 
-TEST_CASE("lab: the textured scene is measured by itself", "[lab]") {
+TEST_CASE("lab: the textured scene is measured alone", "[lab]") {
   LabWords words;
   words.scenes = "textured";
   LabOptions options = must(parse_options(words));
@@ -185,7 +185,7 @@ TEST_CASE("lab: a CSV file has one header and a row per case", "[lab]") {
   CHECK(header.starts_with("commit,gpu,driver,"));
   CHECK(first == row);
   CHECK(first.starts_with("0123456789ab,\"NVIDIA \"\"X\"\", large\",1.2,4000,A,row,1,16,packed,overview,1920,1080,1,"));
-  CHECK(commas(first) == commas(header) + 1);  // one inside the quotes
+  CHECK(commas(first) == commas(header) + 1);  // one comma lies inside the quotes
   CHECK(commas(second) == commas(header) + 1);
   CHECK(second.ends_with(",0.5,5,0.25,0.125,inf,,,,,"));
   CHECK(first.ends_with(",,,,,,,,,,"));
@@ -194,7 +194,7 @@ TEST_CASE("lab: a CSV file has one header and a row per case", "[lab]") {
   CHECK(bench::csv_values(case_cells(machine, result)).ends_with(",,900,80,15,5,0.25"));
 }
 
-TEST_CASE("lab: rows are not put under other columns", "[lab]") {
+TEST_CASE("lab: rows are not appended to a file with other columns", "[lab]") {
   const tests::TempFolder folder;
   const std::string path = folder.file("other.csv");
   std::ofstream(path) << "a,b\n1,2\n";
@@ -221,7 +221,7 @@ TEST_CASE("lab: tables leave out cases that were not timed", "[lab]") {
   CHECK(counts_table({&result, 1}, Machine{{}, 40}).find("10.0%") != std::string::npos);
 }
 
-TEST_CASE("lab: peers have a table of their own beside scree's frames", "[lab]") {
+TEST_CASE("lab: peers have their own table, beside scree's frames", "[lab]") {
   CaseResult results[2] = {sample_result(), sample_result()};
   results[1].indices = "VK-ID";
   results[1].raster = Times{3, 2, 1, 3, 3};
@@ -256,7 +256,7 @@ TEST_CASE("lab: pictures are compared by triangle, depth and colour", "[lab]") {
   CHECK(error.psnr_db == Approx(10 * std::log10(255.0 * 255.0 / (100.0 / 12))));
 }
 
-TEST_CASE("lab: the near plane may be a share of the scene's size, which is in the view's name", "[lab]") {
+TEST_CASE("lab: the near plane may be a share of the scene's size, and the view's name has the share", "[lab]") {
   const synth::Scene scene = make_scene("D", synth::MeshOrder::kRow, 1);
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
   const SceneTables tables =

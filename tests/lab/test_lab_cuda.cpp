@@ -43,7 +43,7 @@ void check_bytes(const synth::Scene& scene, const Encoding& encoding) {
   CHECK(std::memcmp(found.data(), expected.data(), found.size()) == 0);
 }
 
-/// Compares the picture of the device's chunks, drawn there, with the CPU's picture of their copy.
+/// Compares the picture of the device's chunks, drawn on the device, with the CPU's picture of their copy.
 void check_picture(const synth::Scene& scene, const Encoding& encoding) {
   INFO(scene.name << " " << encoding_name(encoding));
   const ResidentScene resident = must(ResidentScene::generate(scene, encoding));
@@ -76,8 +76,8 @@ Drawn draw(Frames& frames, const kernels::View& view, const Culling& culling) {
   return {std::move(samples), stats.clusters_drawn};
 }
 
-/// Every frame is a jump of the camera, followed by one with a still camera; some are orthographic, some of another
-/// size. `used` and `fresh` differ in the state that earlier frames left. `sizes`: for `used`.
+/// Each frame after a jump of the camera is followed by one with a still camera. Some are orthographic, and some have
+/// another size. `used` and `fresh` differ in the state that earlier frames left. `sizes`: for `used`.
 void check_culling(const synth::Scene& scene, int cameras, const kernels::CudaQueueSizes& sizes) {
   const ResidentScene resident = must(ResidentScene::generate(scene, kClustered[0]));
   Frames used = must(Frames::create(resident, sizes));
@@ -129,7 +129,7 @@ TEST_CASE("generated scenes are drawn on the GPU as on the CPU", "[cuda]") {
   if (tests::kEmulatesGpu) return;
   for (const Encoding& encoding : kClustered) {
     check_picture(synth::sponzalike_scene(1), encoding);
-    check_picture(synth::terrain_scene(synth::MeshOrder::kRow, 0.03), encoding);  // enough for two passes
+    check_picture(synth::terrain_scene(synth::MeshOrder::kRow, 0.03), encoding);  // enough triangles for two passes
     check_picture(synth::lantern_scene(synth::MeshOrder::kBlock, 0.01), encoding);
     check_picture(synth::zorahlike_scene(synth::MeshOrder::kRow, 2e-4), encoding);
   }
@@ -148,7 +148,7 @@ TEST_CASE("culling of clusters changes no picture", "[cuda]") {
   kernels::CudaQueueSizes rounds;  // holds everything
   rounds.two_pass_groups = 1;
   rounds.round_groups = 1;
-  kernels::CudaQueueSizes tight = rounds;  // each frame is drawn again until its queues are large enough
+  kernels::CudaQueueSizes tight = rounds;  // frames are drawn again until their queues are large enough
   tight.medium = tight.large = tight.tiles = tight.clusters = tight.to_clip = 1;
   kernels::CudaQueueSizes empty = tight;
   empty.medium = empty.large = empty.tiles = empty.clusters = empty.to_clip = 0;
@@ -167,8 +167,8 @@ TEST_CASE("culling of clusters changes no picture", "[cuda]") {
   check_culling(synth::zorahlike_scene(synth::MeshOrder::kRow, 0.002), 20, {});
 }
 
-// In one round nothing is drawn yet when clusters are tested, so only clusters outside the view are culled. All others
-// are hidden by something drawn before their round, or not at all.
+// With one round, nothing is drawn when clusters are tested, so only clusters outside the view are culled. Every other
+// culled cluster was hidden by clusters of an earlier round.
 TEST_CASE("a first frame culls clusters that earlier clusters hide", "[cuda]") {
   if (!tests::has_gpu()) return;
   const double scale = tests::kEmulatesGpu ? 0.001 : 0.2;  // more clusters than are drawn at a time

@@ -1,5 +1,5 @@
-// The peers of scree-lab: the explanation of differences between two pictures, and pictures drawn by Vulkan, if there
-// is a driver, against the CPU's.
+// The peers of scree-lab: the explanation of differences between two pictures, and, with a driver, pictures drawn by
+// Vulkan compared with the CPU's.
 #include <algorithm>
 #include <vector>
 
@@ -18,7 +18,8 @@ using tests::refused;
 
 namespace {
 
-// The leak check of the address sanitizer would find the drivers' leaks (Mesa 22.3.6: on opening and closing a GPU).
+// The address sanitizer's leak check would find leaks of the drivers (Mesa 22.3.6 leaks when a GPU is opened and
+// closed).
 #if defined(__SANITIZE_ADDRESS__)
 constexpr bool kFindsLeaks = true;
 #else
@@ -51,7 +52,8 @@ uint64_t count_covered(const std::vector<uint64_t>& ids) {
   return ids.size() - static_cast<uint64_t>(std::count(ids.begin(), ids.end(), kernels::kIdMask));
 }
 
-/// Measures the peer on all cameras. `edge_share`: the most samples that may differ from the CPU's picture.
+/// Measures the peer with all cameras. `edge_share`: the largest share of samples that may differ from the CPU's
+/// picture.
 void check_pictures(Peer& peer, const synth::Scene& scene, double edge_share) {
   REQUIRE(peer.load(scene, 2));
   for (const synth::SceneCamera& camera : scene.cameras) {
@@ -118,7 +120,7 @@ TEST_CASE("lab: differences between two pictures are explained by exact geometry
   CHECK(equal.same == count_covered(ids));
   CHECK(equal.covered() == equal.same);
 
-  // A triangle that does not cover the sample, and a hole, are wrong; most samples lie far from all edges.
+  // A triangle that does not cover the sample is wrong, and so is a hole. Most samples lie far from all edges.
   std::vector<uint64_t> moved = ids;
   std::rotate(moved.begin(), moved.begin() + view.width / 2, moved.end());
   const Coverage rotated = compare_coverage(scene, view, samples, moved);
@@ -137,7 +139,7 @@ TEST_CASE("lab: differences between two pictures are explained by exact geometry
   CHECK(shifted.other == 0);
   CHECK(shifted.same + shifted.edge + shifted.depth == shifted.covered());
 
-  // Without the instances of columns and drapes, samples show triangles behind them, which they covered too.
+  // Without the instances of columns and drapes, samples show the triangles behind them.
   std::vector<uint32_t> omitted((scene.instances.size() + 31) / 32);
   for (size_t i = 10; i < scene.instances.size(); ++i) omitted[i / 32] |= 1u << (i % 32);
   kernels::View emptier = view;
@@ -148,7 +150,7 @@ TEST_CASE("lab: differences between two pictures are explained by exact geometry
   CHECK(behind.other == 0);
 }
 
-TEST_CASE("lab: Vulkan draws what the CPU draws, but for edges", "[lab][peer]") {
+TEST_CASE("lab: Vulkan draws the CPU's picture, except at edges", "[lab][peer]") {
   if (kFindsLeaks) {
     WARN("skipped: drivers leak memory");
     return;

@@ -1,4 +1,4 @@
-// scree-lab --reference and --curves: their rows for small pictures of real scenes.
+// scree-lab --reference and --curves: the rows for small pictures of real scenes.
 #include <cmath>
 #include <map>
 #include <string>
@@ -59,7 +59,7 @@ TEST_CASE("lab --reference: wider positions are nearer to the source", "[lab]") 
           number(row, "wrong_pixels"));
   }
   CHECK(number(named["float32packed"], "position_error") == 0);
-  CHECK(number(named["float32packed"], "wrong_pixels") <= 0.005 * 160 * 90);  // 1/256 pixel of snapping: 0.1% and less
+  CHECK(number(named["float32packed"], "wrong_pixels") <= 0.005 * 160 * 90);  // snapping to 1/256 pixel: 0.1% and less
   CHECK(number(named["float32packed"], "same_depth_error_rms") < 1e-4);       // walls seen at a grazing angle
   for (const char* indices : {"packed", "clustered"}) {
     const Row &coarse = named[std::string("10") + indices], &fine = named[std::string("16") + indices];
@@ -68,7 +68,7 @@ TEST_CASE("lab --reference: wider positions are nearer to the source", "[lab]") 
     CHECK(number(coarse, "flip_mean") > number(fine, "flip_mean"));
     CHECK(number(coarse, "bytes_per_triangle") < number(fine, "bytes_per_triangle"));
   }
-  // Clusters have the same vertices, so no pixel differs.
+  // The clusters have the same vertices, so no pixel differs.
   for (const char* column : {"wrong_pixels", "psnr_db", "depth_error_rms", "position_error"})
     CHECK(named["16packed"].at(column) == named["16clustered"].at(column));
 }

@@ -1,4 +1,4 @@
-// Generated chunks equal the definition by the scene functions, and are drawn like the converted scene.
+// Generated chunks equal their definition by the scene functions, and are drawn like the converted scene.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -125,7 +125,7 @@ void check_sums(const char* name, const synth::Scene& scene, double scale) {
     const synth::MeshRecipe& recipe = scene.meshes[plan.mesh];
     const std::byte* const payload = made.pages[chunk.page] + chunk.offset;
     const format::ChunkStreams streams = format::chunk_streams(made.tables.meshes[plan.mesh], chunk);
-    std::vector<uint64_t> number(chunk.vertex_count);  // in the mesh
+    std::vector<uint64_t> number(chunk.vertex_count);  // by vertex of the chunk: its number in the mesh
     for (uint32_t v = 0; v < chunk.vertex_count; ++v) {
       const GridPoint at = chunk_vertex(recipe, plan, v);
       number[v] =
@@ -151,7 +151,7 @@ void check_sums(const char* name, const synth::Scene& scene, double scale) {
   CHECK(indices == expected.index_sum);
 }
 
-/// Compares the CPU's pictures of the scene through synth and convert (in its own order) and of the scene generated
+/// Compares two of the CPU's pictures of a scene: through synth and convert (in convert's own order), and as generated
 /// here.
 void check_picture(const char* name, const synth::Scene& scene, double scale, bool float32) {
   INFO(name << (float32 ? " float32" : " 16 bits"));
@@ -169,7 +169,7 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
   runtime::SceneFile file = must(runtime::SceneFile::open(convert_options.output));
   const runtime::Scene converted = must(runtime::Scene::load(std::move(file), 0, {true, 2}));
   Generated made(scene, {.float32 = float32});
-  // glTF has y up, so the file is rotated: the same matrices with exchanged rows.
+  // glTF has y up, so the file is rotated: its matrices are the same with exchanged rows.
   for (size_t i = 0; i < made.tables.instances.size(); ++i) {
     const kernels::SceneView& view = converted.view();
     REQUIRE(made.tables.instances[i].mesh == view.instances[i].mesh);
@@ -204,7 +204,7 @@ void check_picture(const char* name, const synth::Scene& scene, double scale, bo
 
 }  // namespace
 
-TEST_CASE("generated chunks hold the scene functions' triangles", "[bench_scenes]") {
+TEST_CASE("generated chunks have the scene functions' triangles", "[bench_scenes]") {
   constexpr Encoding kPacked{};
   constexpr Encoding kFloat{true, 16, false};
   constexpr Encoding kCoarse{false, 8, false};

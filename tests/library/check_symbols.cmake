@@ -1,5 +1,6 @@
-# cmake -DNM=nm -DLIST=abi.txt -DLIBRARY=libscree.so [-DARCHIVE=libscree.a] -P check_symbols.cmake: the library exports the
-# functions of the list and nothing else, the archive defines no other name that could clash with its user's.
+# cmake -DNM=nm -DLIST=abi.txt -DLIBRARY=libscree.so [-DARCHIVE=libscree.a] -P check_symbols.cmake: fails unless the library
+# exports the functions of the list and nothing else, and the archive defines no other name that could clash with its
+# user's.
 file(STRINGS "${LIST}" expected REGEX "^function ")
 list(TRANSFORM expected REPLACE "^function " "")
 list(SORT expected)
@@ -12,7 +13,7 @@ function(defined out flags file pattern)
   string(REGEX MATCHALL "[0-9a-f]+ ${pattern} [^\n]+" lines "${text}")
   list(TRANSFORM lines REPLACE "^[0-9a-f]+ [A-Za-z] " "")
   list(TRANSFORM lines REPLACE "@.*$" "")
-  list(FILTER lines EXCLUDE REGEX "^SCREE_[0-9]+$")  # the version of the names itself
+  list(FILTER lines EXCLUDE REGEX "^SCREE_[0-9]+$")  # the symbol of the names' version
   list(REMOVE_DUPLICATES lines)
   list(SORT lines)
   set(${out} "${lines}" PARENT_SCOPE)

@@ -21,7 +21,7 @@ T sized() {
   return value;
 }
 
-/// Fails the test with the library's error text.
+/// If the call failed, the test fails with the library's error text.
 inline void must(scree_status status) {
   INFO(scree_status_name(status) << ": " << scree_error());
   REQUIRE(status == SCREE_OK);

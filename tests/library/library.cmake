@@ -30,7 +30,7 @@ if(CMAKE_NM)
 endif()
 
 find_program(PKG_CONFIG pkg-config)
-if(PKG_CONFIG AND NOT SCREE_SANITIZE)  # a third-party program lacks the sanitizers' runtime
+if(PKG_CONFIG AND NOT SCREE_SANITIZE)  # the sanitizers' runtime is missing in a third-party program
   add_test(NAME library-install COMMAND "${Python3_EXECUTABLE}" "${CMAKE_CURRENT_SOURCE_DIR}/library/check_install.py"
     "${CMAKE_BINARY_DIR}" "${CMAKE_SOURCE_DIR}" "${CMAKE_CURRENT_SOURCE_DIR}/data/textured_cube.glb")
   set_tests_properties(library-install PROPERTIES LABELS cpu)

@@ -1,4 +1,4 @@
-// Shared by the tests of misuse: the outputs of calls, their valid arguments, and the check of their error.
+// For the tests of misuse: the outputs of calls, their valid arguments, and the check of their error.
 #pragma once
 
 #include <algorithm>

@@ -26,7 +26,7 @@ struct Shot {
   scree_draw_options options;
 };
 
-/// The same shots for the same seed.
+/// Random shots, the same for the same seed.
 inline std::vector<Shot> random_shots(size_t count, uint32_t seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> angle(0, 6.28), distance(1.5, 5);

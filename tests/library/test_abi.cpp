@@ -1,4 +1,4 @@
-// Properties that existing programs rely on: names (check_symbols.cmake), sizes of structures, numbers.
+// Properties on which existing programs rely: names (check_symbols.cmake), sizes of structures, numbers.
 #include <fstream>
 #include <map>
 #include <string>
@@ -58,7 +58,7 @@ TEST_CASE("numbers of the interface do not change", "[library][abi]") {
   CHECK(SCREE_CONVERT_BEST == 2048);
   CHECK(offsetof(scree_camera, projection) == 240);
   CHECK(offsetof(scree_array, shape) == 32);
-  // Programs of older versions end their structures here.
+  // In programs of older versions the structures end here.
   CHECK(offsetof(scree_load_options, texture_memory) == 104);
   CHECK(offsetof(scree_scene_stats, lights) == 120);
   CHECK(offsetof(scree_camera, turn_degrees) == 376);

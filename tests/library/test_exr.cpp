@@ -117,7 +117,7 @@ TEST_CASE("an .exr has the picture in linear light and the library's layers", "[
       ++covered;
     }
 
-    // Coded in 8 bits it equals the .png, except for the last bit of alpha.
+    // Coded in 8 bits, the picture equals the .png, except for the last bit of alpha.
     const std::string bytes = read_whole(png);
     const scree::Result<scree::runtime::Image> image = scree::runtime::decode_image(std::as_bytes(std::span(bytes)));
     REQUIRE(image);

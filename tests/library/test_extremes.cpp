@@ -13,7 +13,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// Checks that cameras with numbers at the limits of their ranges draw or are refused.
+/// Checks that cameras with extreme numbers draw or are refused.
 void check_far_cameras(scree_backend backend) {
   const TempFolder folder;
   const Opened opened(packed(folder), backend);
@@ -139,7 +139,7 @@ TEST_CASE("loading on a GPU with extreme limits of memory works, or is refused",
   check_extreme_loads(SCREE_BACKEND_CUDA);
 }
 
-TEST_CASE("pictures with extreme numbers draw", "[library][misuse]") {
+TEST_CASE("pictures with extreme numbers are drawn", "[library][misuse]") {
   const TempFolder folder;
   const Opened opened(packed(folder, "glass.glb"));
   using Draw = scree_draw_options;

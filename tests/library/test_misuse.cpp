@@ -20,10 +20,10 @@ struct Misuse {
   const char* what;
   std::function<scree_status()> call;
   scree_status status;
-  const char* part;  // of the text
+  const char* part;  // a part of the error's text
 };
 
-/// A table row for each change of a structure of options: its name, the change, and a part of the error's text.
+/// Makes a table row for each change of a structure of options: its name, the change, and a part of the error's text.
 template <class T>
 struct Change {
   const char* what;
@@ -306,7 +306,7 @@ void add_options(std::vector<Misuse>& rows, Subjects& s, bool on_gpu) {
       {"shadow_size", [](Draw& d) { d.shadow_size = UINT64_MAX; }, "shadow_size is 18446744073709551615"},
       {"shadows of another light", [](Draw& d) { d.flags = SCREE_SHADOWS; }, "SCREE_SHADOWS is for SCREE_LIGHT_SCENE"},
       {"shadows without light", [](Draw& d) { d.flags = SCREE_SHADOWS | SCREE_NO_LIGHT; }, "SCREE_LIGHT_SCENE"}};
-  // A batch's target: memory for two pictures of 8 x 8 floats.
+  // A batch's target, with memory for two pictures of 8 x 8 floats.
   const auto target = [&] {
     auto block = sized<scree_target>();
     block.data = s.out.buffer.data();
@@ -428,7 +428,7 @@ void add_cameras(std::vector<Misuse>& rows, Subjects& s) {
       c.eye[2] = z;
     };
   };
-  /// A valid camera of matrices, changed.
+  /// A valid camera of matrices with one change.
   const auto matrices = [](std::function<void(Camera&)> change) {
     return [change](Camera& c) {
       c.kind = SCREE_CAMERA_MATRICES;
@@ -496,7 +496,7 @@ void check_table(scree_backend backend) {
   add_numbers(rows, s);
   add_options(rows, s, backend == SCREE_BACKEND_CUDA);
   add_cameras(rows, s);
-  // These calls can only fail because of their handle, or not at all.
+  // These calls fail only because of their handle, or never.
   std::set<std::string> functions{"scree_version", "scree_api_version", "scree_error",        "scree_status_name",
                                   "scree_close",   "scree_unload",      "scree_view_destroy", "scree_release"};
   for (const Misuse& row : rows) {
@@ -510,7 +510,7 @@ void check_table(scree_backend backend) {
     CHECK_FALSE(std::filesystem::exists(s.made));
     functions.insert(row.function);
   }
-  // The earlier frame is still there.
+  // The earlier frame is kept.
   must(scree_read(s.opened.view, SCREE_COLOR, s.out.buffer.data(), 280));
   CHECK(functions == listed("function"));
 }

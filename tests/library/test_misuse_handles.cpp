@@ -16,7 +16,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// The functions that take a `Handle`, called with a handle and otherwise valid arguments.
+/// The functions that take a `Handle`. Each is called with a handle and valid other arguments.
 struct HandleUse {
   const char* function;
   char kind;  // 'f'ile, 's'cene, 'v'iew, 'm'emory
@@ -78,7 +78,7 @@ std::vector<HandleUse> handle_uses(Subjects& s) {
 struct StructUse {
   const char* type;
   size_t bytes;
-  bool is_input;  // else it is filled in
+  bool is_input;  // false: it is filled in
   std::function<scree_status(void*)> call;
 };
 
@@ -127,7 +127,7 @@ std::vector<StructUse> struct_uses(Subjects& s) {
 
 }  // namespace
 
-TEST_CASE("handles that were ended, handles of another kind, and other numbers", "[library][misuse]") {
+TEST_CASE("ended handles, handles of another kind and other numbers are refused", "[library][misuse]") {
   Subjects s(SCREE_BACKEND_CPU);
   scree_memory* memory = nullptr;
   auto array = sized<scree_array>();
@@ -177,11 +177,11 @@ TEST_CASE("handles that were ended, handles of another kind, and other numbers",
   CHECK(tried.size() == kinds.size());
   for (const char* const name : {"scree_version", "scree_api_version", "scree_error", "scree_status_name", "scree_open",
                                  "scree_convert", "scree_cameras_of_path"})
-    functions.insert(name);  // they take no handle
+    functions.insert(name);  // functions that take no handle
   CHECK(functions == listed("function"));
   must(scree_release(memory));
 
-  // Data stay as long as a handle needs them. Handles are never reused.
+  // Data exist as long as a handle needs them. Handles are never reused.
   scree_file* file = nullptr;
   scree_scene* scene = nullptr;
   scree_view* view = nullptr;
@@ -201,7 +201,7 @@ TEST_CASE("handles that were ended, handles of another kind, and other numbers",
   must(scree_close(again));
 }
 
-TEST_CASE("structures without a size, of an unknown size, and of newer versions", "[library][misuse]") {
+TEST_CASE("structures of unknown sizes are refused, and sizes of other versions are accepted", "[library][misuse]") {
   Subjects s(SCREE_BACKEND_CPU);
   const std::string before = s.out.bytes();
   std::set<std::string> types;
@@ -223,7 +223,7 @@ TEST_CASE("structures without a size, of an unknown size, and of newer versions"
       CHECK((bytes == given));
     }
     if (!use.is_input) continue;
-    // A newer structure, whose new field is set.
+    // The structure of a newer version, whose new field is set.
     give_size(use.bytes + 8, 0);
     bytes[use.bytes] = 1;
     failed(use.call(bytes.data()), SCREE_ERROR_ARGUMENT, "version of scree lacks");
@@ -239,7 +239,7 @@ TEST_CASE("structures without a size, of an unknown size, and of newer versions"
   newer.known.size = sizeof newer;
   must(scree_draw(s.opened.view, nullptr, &newer.known));
 
-  // The structure of an older program is filled in up to its size.
+  // The structure of an older program is filled in up to its own size.
   struct {
     scree_file_info known;
   } older{};
@@ -250,7 +250,7 @@ TEST_CASE("structures without a size, of an unknown size, and of newer versions"
   CHECK(older.known.triangles == 77);
 }
 
-TEST_CASE("a failed draw leaves no frame, a refused call keeps the frame", "[library][misuse]") {
+TEST_CASE("a failed draw leaves no frame, and a refused call keeps the frame", "[library][misuse]") {
   Subjects s(SCREE_BACKEND_CPU);
   scree_view* const view = s.opened.view;
   scree_draw_options options = draw_options(10, 7);

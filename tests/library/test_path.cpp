@@ -1,4 +1,4 @@
-// The cameras of a path: a library's film equals the files of `scree render --path`.
+// The cameras of a path: a film made by the library equals the files of `scree render --path`.
 #include <algorithm>
 #include <cstddef>
 #include <cstring>
@@ -74,17 +74,17 @@ TEST_CASE("a film of the library equals the output of scree render --path", "[li
       must(scree_draw(opened.view, &cameras[frame], &options));
       const std::string samples = layer_of(opened.view, SCREE_SAMPLES), depth = layer_of(opened.view, SCREE_DEPTH);
       CHECK((samples == read_whole(folder.file("samples_" + std::to_string(frame) + ".bin"))));
-      // Rows of a .pfm go from the bottom.
+      // The rows of a .pfm go from the bottom to the top.
       const std::string pfm = read_whole(folder.file("depth_" + std::to_string(frame) + ".pfm"));
       constexpr size_t kRow = 45 * 4;
       REQUIRE(pfm.size() > depth.size());
       for (size_t row = 0; row < 31; ++row)
         CHECK((depth.substr(row * kRow, kRow) == pfm.substr(pfm.size() - (row + 1) * kRow, kRow)));
-      if (!way.clips) CHECK((samples != last));  // in some frames nothing of the box is visible
+      if (!way.clips) CHECK((samples != last));  // in some frames nothing in the box is visible
       last = samples;
     }
     CHECK_FALSE(std::filesystem::exists(folder.file("samples_" + std::to_string(info.frames) + ".bin")));
-    // Part of a path.
+    // A part of the path.
     const std::vector<scree_camera> part = cameras_of(film, way.fps, 3, 2);
     must(scree_draw(opened.view, &part[1], &options));
     if (!way.clips) CHECK((layer_of(opened.view, SCREE_SAMPLES) == read_whole(folder.file("samples_4.bin"))));

@@ -58,8 +58,8 @@ bool has_sun(const std::string& file) {
 
 constexpr size_t kWays = 6;
 
-/// All ways to draw: together they have every option of `scree render` that changes a picture. `file`: the scene;
-/// `--light scene` requires that it has lights.
+/// One of the ways to draw. Together they have every option of `scree render` that changes a picture. `file`: the
+/// scene; `--light scene` requires that it has lights.
 Way way_of(const TempFolder& folder, const std::string& file, size_t number, std::string& environment) {
   Way way;
   switch (number % kWays) {
@@ -120,7 +120,7 @@ Way way_of(const TempFolder& folder, const std::string& file, size_t number, std
       way.camera.turn_degrees = 45;
       way.camera.rise_degrees = 35.26438968275465;
       break;
-    case 5: {  // the lower left part of the scene, seen from the right, so that its inside is visible
+    case 5: {  // the lower left part of the scene, from the right, so that its inside is visible
       auto stats = sized<scree_scene_stats>();
       must(scree_get_scene_stats(Opened(file).scene, &stats));
       std::string box;
@@ -186,7 +186,7 @@ void compare(const TempFolder& folder, const std::string& file, uint32_t samples
                    [](char a, uint8_t b) { return static_cast<uint8_t>(a) == b; }));
 }
 
-/// Checks the layers of ids and depths: they show a pixel's nearest sample.
+/// Checks the layers of ids and depths, which show a pixel's nearest sample.
 void check_layers(const std::string& file) {
   const Opened opened(file);
   const scree_draw_options options = draw_options(50, 40, 2);
@@ -278,7 +278,7 @@ TEST_CASE("a frame of one model equals the output of scree render, with all opti
   }
 }
 
-// Takes minutes; run by name.
+// Takes minutes; run it by name.
 TEST_CASE("a frame of every real model equals the output of scree render", "[.][library-models]") {
   const fs::path models = models_path();
   REQUIRE(!models.empty());
@@ -288,7 +288,7 @@ TEST_CASE("a frame of every real model equals the output of scree render", "[.][
   CHECK(compared >= 100);
 }
 
-TEST_CASE("layers have the nearest sample of a pixel", "[library]") {
+TEST_CASE("layers show the nearest sample of a pixel", "[library]") {
   const TempFolder folder;
   check_layers(packed(folder, "two_instances.gltf"));
   check_layers(packed(folder, "gpu_instancing.glb", SCREE_CONVERT_INDEXED));

@@ -1,5 +1,5 @@
-// Shadows of the library: kept from frame to frame, alike in batches and after scree_shade(), on the CPU and on a GPU.
-// test_render_equal.cpp compares them with scree render's.
+// Shadows of the library are kept from frame to frame, and are the same in batches and after scree_shade(), on the CPU
+// and on a GPU. test_render_equal.cpp compares them with scree render's.
 #include <cstdlib>
 #include <string>
 #include <vector>
@@ -113,7 +113,7 @@ void check_shadows(const Opened& opened) {
   must(scree_draw_batch(view, cameras.data(), count, &options, 1u << SCREE_DEPTH));
   auto frame = sized<scree_frame_stats>();
   must(scree_get_frame_stats(view, &frame));
-  CHECK(frame.shadow_ms == 0);  // there are no colours
+  CHECK(frame.shadow_ms == 0);  // no colours are made
   if (stats.on_gpu != 0) return;
   std::vector<unsigned char> place(batch.color.size() + 16);
   auto target = sized<scree_target>();
@@ -131,7 +131,7 @@ TEST_CASE("shadows are the same in every order of frames, and their map is kept"
   check_shadows(Opened(packed(folder, "sun.glb")));
 }
 
-TEST_CASE("shadows where a GPU draws, also where chunks are streamed", "[library][shadow][cuda]") {
+TEST_CASE("shadows are the same on a GPU, also if chunks are streamed", "[library][shadow][cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   const std::string path = packed(folder, "sun.glb");
@@ -153,7 +153,7 @@ TEST_CASE("shadows where a GPU draws, also where chunks are streamed", "[library
     differing += std::abs(static_cast<uint8_t>(on_gpu[i]) - static_cast<uint8_t>(on_cpu[i])) > 1 ? 1 : 0;
   CHECK(differing <= on_gpu.size() / 10000);
 
-  // The least memory, which the error names, streams the chunks. A map takes more of it.
+  // With the least memory, which the error states, the chunks are streamed. A map takes more memory.
   const auto least = [&](uint64_t shadow_size) {
     load.max_shadow_size = shadow_size;
     load.device_memory = 1;

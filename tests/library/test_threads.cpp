@@ -51,7 +51,7 @@ scree_scene* load_scene(const std::string& path, uint32_t threads) {
   auto options = sized<scree_load_options>();
   options.backend = SCREE_BACKEND_CPU;
   options.threads = threads;
-  options.texture_cache = 1;  // so that blocks of textures are decoded again and again
+  options.texture_cache = 1;  // so that blocks of textures are decoded repeatedly
   scree_scene* scene = nullptr;
   const scree_status loaded = scree_load(file, &options, &scene);
   if (scree_close(file) != SCREE_OK || loaded != SCREE_OK) return nullptr;
@@ -65,13 +65,13 @@ size_t hash_of(scree_view* view, scree_layer layer) {
   return std::hash<std::string_view>()({static_cast<const char*>(array.data), array.bytes}) | 1;
 }
 
-/// A scene file, and the layers of every shot as one thread draws them.
+/// A scene file, and the layers of every shot as drawn by one thread.
 struct Known {
   std::string path;
   std::vector<std::array<size_t, std::size(kAllLayers)>> frames;
 };
 
-/// Scenes that all threads draw. Any thread replaces one at any time.
+/// Scenes that all threads draw, and that any thread may replace at any time.
 class SharedScenes {
  public:
   explicit SharedScenes(const std::vector<Known>& known) {
@@ -99,8 +99,8 @@ class SharedScenes {
   std::vector<scree_scene*> scenes_;
 };
 
-/// One of the threads. Every function returns whether the result is right, because Catch's macros are for one thread
-/// only.
+/// One of the threads. Every function returns whether the result is right, because Catch's macros may be used by one
+/// thread only.
 class Drawer {
  public:
   Drawer(const std::vector<Known>& known, const std::vector<Shot>& shots, SharedScenes& shared, uint32_t seed)
@@ -125,7 +125,7 @@ class Drawer {
  private:
   size_t below(size_t end) { return random_() % end; }
 
-  /// Switches to another view: of a shared scene, or of a scene that this thread opens and closes at once.
+  /// Switches to another view: of a shared scene, or of a scene that this thread opens and immediately closes.
   bool renew() {
     if (scree_view_destroy(view_) != SCREE_OK) return false;
     view_ = nullptr;
@@ -138,7 +138,7 @@ class Drawer {
       scree_scene* const drawn = is_own ? loaded : shared_.get(scene_);
       const scree_status made = scree_view_create(drawn, &view_);
       if (is_own && (made != SCREE_OK || scree_unload(loaded) != SCREE_OK)) return false;
-      // Another thread may have replaced it meanwhile.
+      // Another thread may have replaced the scene meanwhile.
       if (made != SCREE_OK && made != SCREE_ERROR_HANDLE) return false;
     }
     return true;
@@ -162,7 +162,7 @@ class Drawer {
     return true;
   }
 
-  /// Holds a layer beyond the view, whose scene another thread may have unloaded.
+  /// Holds a layer longer than its view, whose scene another thread may have unloaded.
   bool draw_and_hold(size_t shot) {
     if (!draw(shot)) return false;
     auto pick = sized<scree_pick_info>();
@@ -197,7 +197,7 @@ TEST_CASE("eight threads draw random frames of scenes that they open and close",
   const size_t count = asked != nullptr ? std::stoul(asked) : kIsSanitized ? 320 : 4000;
   const std::vector<Shot> shots = random_shots(std::min<size_t>(60, count / 20), 2);
   std::vector<Known> known;
-  // With textures of JPEGs and others, several instances, layers of glass, several materials, and masks.
+  // Models with JPEG and other textures, several instances, layers of glass, several materials, and masks.
   for (const char* const model :
        {"textured_cube.glb", "two_instances.gltf", "glass.glb", "materials.gltf", "masked.glb"}) {
     Known& scene = known.emplace_back();
@@ -233,8 +233,8 @@ TEST_CASE("eight threads draw random frames of scenes that they open and close",
   CHECK(open_files() == files_before);
   const uint64_t last = resident_bytes();
   if (asked != nullptr) WARN(count << " frames: " << settled << " bytes after a quarter, " << last << " at the end");
-  // Sanitizers keep freed memory. The allocator's pools differ by some MiB from run to run; a leak per frame would
-  // count hundreds of times.
+  // Sanitizers keep freed memory. The allocator's pools differ by some MiB from run to run, while a leak per frame
+  // would count hundreds of times.
   if (!kIsSanitized) CHECK(last < settled + (uint64_t{6} << 20));
   CHECK(mapped_scenes() == 0);
 }

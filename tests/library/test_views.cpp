@@ -94,7 +94,7 @@ TEST_CASE("a batch of cameras equals their single frames", "[library]") {
     }
     must(scree_view_destroy(single));
   }
-  // The next frame succeeds again.
+  // The next frame succeeds.
   const scree_draw_options options = draw_options(5, 5);
   must(scree_draw(opened.view, nullptr, &options));
   CHECK(layer_of(opened.view, SCREE_SAMPLES).size() == 25 * 8);
@@ -131,7 +131,7 @@ TEST_CASE("a batch in the caller's memory equals the same batch in the view's", 
       std::fill(blocks[i].begin(), blocks[i].end(), 0x5555555555555555u);
     }
   }
-  // The view uses none of this memory later, and its own layers are unchanged.
+  // Later the view uses none of this memory, and its own layers are unchanged.
   auto array = sized<scree_array>();
   CHECK(scree_host_layer(other, SCREE_DEPTH, &array) == SCREE_ERROR_ARGUMENT);
   must(scree_draw_batch(other, cameras.data(), 5, &options, 1u << SCREE_DEPTH));
@@ -157,7 +157,7 @@ std::vector<scree_camera> clipped_cameras() {
 
 constexpr uint32_t kIdLayers = 1u << SCREE_DEPTH | 1u << SCREE_TRIANGLE | 1u << SCREE_INSTANCE;
 
-/// Checks that a batch of cameras with boxes has the bits that `single` draws one by one.
+/// Checks that a batch of cameras with boxes has the bits of the frames that `single` draws one by one.
 void check_clipped_batch(scree_view* batch, scree_view* single, uint32_t layers) {
   const std::vector<scree_camera> cameras = clipped_cameras();
   const scree_draw_options options = draw_options(31, 17, 2);
@@ -197,7 +197,7 @@ TEST_CASE("a clipping box cuts the scene, for each camera of a batch", "[library
   camera.clip_max[0] = (stats.box_min[0] + stats.box_max[0]) / 2;
   const std::string half = drawn();
   CHECK((half != whole));
-  // Each remaining pixel lies in the box, within the precision of its depth.
+  // Each remaining pixel lies in the box, to the precision of its depth.
   size_t left = 0;
   for (uint32_t y = 0; y < 40; ++y)
     for (uint32_t x = 0; x < 60; ++x) {
@@ -279,7 +279,7 @@ TEST_CASE("shading a frame again gives the picture of drawing it with these opti
   CHECK(depth == layer_of(opened.view, SCREE_DEPTH));
 }
 
-TEST_CASE("a layer that is held stays when the view draws larger frames", "[library]") {
+TEST_CASE("a layer that is held stays valid when the view draws larger frames", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));
   scree_view* view = nullptr;
@@ -298,7 +298,7 @@ TEST_CASE("a layer that is held stays when the view draws larger frames", "[libr
     must(scree_hold(view, &arrays[i], &held[i]));
     expected.push_back(bytes_of(i));
   }
-  must(scree_draw(view, nullptr, &options));  // fits into the memory that the view still has
+  must(scree_draw(view, nullptr, &options));  // fits into the memory that the view has left
   auto same = sized<scree_array>();
   must(scree_host_layer(view, SCREE_DEPTH, &same));
   CHECK(same.data == arrays[1].data);
@@ -322,7 +322,7 @@ TEST_CASE("a layer that is held stays when the view draws larger frames", "[libr
   must(scree_release(nullptr));
 }
 
-TEST_CASE("a camera of matrices and the same camera by eye and target draw one picture", "[library]") {
+TEST_CASE("a camera of matrices and the same camera by eye and target draw the same picture", "[library]") {
   const TempFolder folder;
   const Opened opened(packed(folder));
   auto eye = sized<scree_camera>();
@@ -504,8 +504,8 @@ TEST_CASE("a GPU's layers equal the CPU's, on the host and on the device", "[lib
         CHECK(on_cpu.depth == on_gpu.depth);
       }
     }
-    // A batch, whose pictures alternate between two draw lists, equals the single frames: layers of the CPU, colours of
-    // the GPU.
+    // A batch's pictures alternate between two draw lists. It must equal the single frames: layers of the CPU, colours
+    // of the GPU.
     std::vector<scree_camera> cameras;
     for (const Shot& shot : random_shots(5, 5)) cameras.push_back(shot.camera);
     const scree_draw_options options = draw_options(20, 10, 2);
@@ -564,14 +564,14 @@ TEST_CASE("a GPU's layers equal the CPU's, on the host and on the device", "[lib
   }
 }
 
-TEST_CASE("views of a scene larger than the GPU's memory", "[library][cuda]") {
+TEST_CASE("views of a scene larger than the GPU's memory draw the same as on the CPU", "[library][cuda]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   const std::string path = folder.file("clouds.scree");
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(-1, 1);
   std::vector<std::pair<Soup, Encoding>> meshes;
-  for (int m = 0; m < 24; ++m) {  // more than streaming itself takes
+  for (int m = 0; m < 24; ++m) {  // more than streaming takes
     Soup cloud;
     const double middle[3] = {unit(random), unit(random), unit(random)};
     for (int i = 0; i < 1500; ++i) {

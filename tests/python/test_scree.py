@@ -250,7 +250,7 @@ class Package(unittest.TestCase):
         expected = self.scene.view().draw_batch(cameras, 36, 20, layers=layers, samples=2, show="normal")
         expected = {layer: expected.read(layer) for layer in layers}
         view = self.scene.view()
-        # Parts of larger arrays; the other parts stay unchanged.
+        # Parts of larger arrays, whose other parts stay unchanged.
         blocks = {layer: np.full((10, *array.shape[1:]), 77, array.dtype) for layer, array in expected.items()}
         drawn = view.draw_batch_to(cameras, {layer: block[1:9] for layer, block in blocks.items()}, samples=2, stream=5,
                                    show="normal")
@@ -675,7 +675,7 @@ class Package(unittest.TestCase):
         return 1
 
     def check_text(self, node, text):
-        text = text.partition("\n\n")[2] if text.startswith(f"{node.name}(") else text  # pybind11's first line is the types
+        text = text.partition("\n\n")[2] if text.startswith(f"{node.name}(") else text  # the first line has types
         self.assertGreater(len(text), 20, node.name)
         names = {name.strip("*=") for some in arguments_of_stub(node) for name in some}
         names -= {"self", "width", "height", "layer", "scene", "path", "x", "y"}  # self-explanatory names

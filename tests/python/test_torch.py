@@ -35,7 +35,7 @@ class Torch(unittest.TestCase):
         gpu = self.scene.view().draw(70, 50, samples=2)
         for layer in scree.LAYERS:
             expected, drawn = cpu.read(layer), gpu.read(layer)
-            if layer == "linear":  # shading's functions round differently, by far less than a step of 8 bits
+            if layer == "linear":  # shading's functions round differently, by far less than an 8-bit step
                 self.assertLess(float(abs(drawn - expected).max()), 1e-3)
             else:
                 self.assertTrue((drawn == expected).all(), layer)
@@ -93,7 +93,7 @@ class Torch(unittest.TestCase):
         for stream in (torch.cuda.default_stream(self.gpu), torch.cuda.Stream(self.gpu)):
             with torch.cuda.stream(stream):
                 targets = self.tensors(36, 20)
-                # A long product, after which the tensors are overwritten: the batch must come later on the same stream.
+                # A long product, after which the tensors are overwritten. The batch must come later on the same stream.
                 big = torch.ones((4096, 4096), device=self.gpu)
                 for _ in range(20):
                     big = big @ big * 1e-4

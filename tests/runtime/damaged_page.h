@@ -14,7 +14,7 @@
 
 namespace scree::tests {
 
-/// Changes a byte of a split page behind its head, among the first 2,000, before the page is written.
+/// Changes a byte of a split page before it is written: one of the first 2,000 behind its head.
 inline void damage_split_page(format::SealedPage& page, std::mt19937& random) {
   std::vector<std::byte> split(ZSTD_getFrameContentSize(page.stored.data(), page.stored.size()));
   REQUIRE(ZSTD_decompress(split.data(), split.size(), page.stored.data(), page.stored.size()) == split.size());

@@ -1,4 +1,4 @@
-// A frame for a test, drawn and shaded by the engine's parts; runtime::ViewRenderer puts them together for programs.
+// Frames for tests, drawn and shaded by the engine's parts. For programs runtime::ViewRenderer combines these parts.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,8 @@
 
 namespace scree::tests {
 
-/// A view of `scene`, which outlives it, drawn by the CPU, or by `device`. A GPU keeps the frame until it draws again.
+/// A view of `scene`, which must outlive it, drawn by the CPU or by `device`. A GPU keeps the frame until it draws
+/// again.
 class Frame {
  public:
   /// `view`: its sides in pixels. `shade`: the options of the later shade(), which a GPU that streams needs.

@@ -18,14 +18,14 @@ inline runtime::Scene must_load(const std::string& path, const runtime::SceneOpt
   return must(runtime::Scene::open(path, options));
 }
 
-/// The same from a temporary file.
+/// The same for a temporary file.
 inline runtime::Scene must_load(const SmallScene& small) {
   const ScratchPath path("small.scree");
   small.write(path.string());
   return must_load(path.string());
 }
 
-/// The view that `camera` has of a scene. The test fails if there is none.
+/// The view of a scene by `camera`. The test fails if there is none.
 inline kernels::View must_view(const runtime::Scene& scene, const runtime::CameraOptions& camera) {
   return must(runtime::make_view(scene, camera));
 }

@@ -15,7 +15,7 @@
 
 namespace scree::tests {
 
-/// Writes one mesh per soup, drawn once. Chunks lie in pages of about `page_bytes` (a longer chunk has its own page).
+/// Writes one mesh per soup, drawn once. Chunks lie in pages of about `page_bytes` (a larger chunk has its own page).
 /// Every `zstd_every`th page is compressed, split if it has clusters, and an image page follows every `image_every`th.
 /// `change` may alter page `number` before it is written.
 struct PagedScene {

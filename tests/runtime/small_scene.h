@@ -23,7 +23,7 @@
 
 namespace scree::tests {
 
-/// A PNG of 2 x 2 texels: red, green over blue, white.
+/// A PNG of 2 x 2 texels: red and green over blue and white.
 inline std::vector<std::byte> four_colors_png() {
   const std::vector<uint8_t> pixels{255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255};
   Result<std::vector<std::byte>> png = runtime::encode_png({2, 2, 3, pixels});
@@ -31,9 +31,9 @@ inline std::vector<std::byte> four_colors_png() {
   return std::move(*png);
 }
 
-/// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z. It has source
-/// triangles 70 and 71, and a texture of four colours whose top row is the quad's top. Node 1, named "Quad", draws it
-/// below node 0. `change` may alter the tables before they are written.
+/// The tables and pages of a file: a quad of two triangles from (-1, -1, 0) to (1, 1, 0) that faces +z. Its source
+/// triangles are 70 and 71. Its texture has four colours, with the texture's top row at the quad's top. Node 1, named
+/// "Quad", draws it below node 0. `change` may alter the tables before they are written.
 struct SmallScene {
   int zstd_level = 0;
   bool nearest = true;

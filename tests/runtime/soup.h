@@ -1,4 +1,4 @@
-// Triangles without order, whose chunks lie all over the picture.
+// Triangles without order, so that chunks lie all over the picture.
 #pragma once
 
 #include <cstdint>

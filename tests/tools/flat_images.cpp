@@ -15,7 +15,7 @@ void add_word(std::string& out, uint32_t value) {
   out.push_back(static_cast<char>(value & 255));
 }
 
-/// A Huffman table of `count` ascending symbols with codes of `bits` bits each.
+/// Adds a Huffman table of `count` ascending symbols with codes of `bits` bits each.
 void add_huffman_table(std::string& out, uint32_t place, uint32_t bits, uint32_t count, uint32_t symbol_step) {
   add_word(out, 0xffc4);
   add_word(out, 2 + 17 + count);
@@ -78,13 +78,13 @@ std::string flat_jpeg(uint32_t side, JpegKind kind) {
     add_word(out, component << 8 | 0x11);
     out.push_back(0);
   }
-  add_huffman_table(out, 0x00, 1, 1, 0);  // the bit 0 is a difference of 0
+  add_huffman_table(out, 0x00, 1, 1, 0);  // the bit 0 codes a difference of 0
   if (!is_progressive) {
-    add_huffman_table(out, 0x10, 1, 1, 0);  // and also the end of a block
+    add_huffman_table(out, 0x10, 1, 1, 0);  // the bit 0 also ends a block
     add_scan(out, 1, 3, 0, 63);
     out.append(3 * blocks * 2 / 8, 0);
   } else {
-    add_huffman_table(out, 0x10, 4, 15, 0x10);  // code k: 2^k blocks end here, plus a number of k more bits
+    add_huffman_table(out, 0x10, 4, 15, 0x10);  // code k, plus a number of k more bits: 2^k blocks end here
     add_scan(out, 1, 3, 0, 0);
     out.append(3 * blocks / 8, 0);
     for (uint32_t component = 1; component <= 3; ++component) {

@@ -1,4 +1,4 @@
-// Pictures of one colour and any size, written without being held in memory.
+// Pictures of one colour and any size. They are written without being held in memory.
 #pragma once
 
 #include <cstdint>

@@ -15,8 +15,8 @@ inline JpegRecipe jpeg_recipe(int width, int height, std::vector<std::pair<int, 
   return {.width = width, .height = height, .factors = std::move(factors)};
 }
 
-/// Grids side by side, of `side` quads per side, each with another JPEG, wrapping, filter and transform; some with many
-/// repeats, some close up. `alpha`: below 1, the grids blend, and lie twice above one another.
+/// Grids of `side` quads per side, side by side, each with another JPEG, wrapping, filter and transform. Some have many
+/// repeats, and some are close up. `alpha`: below 1 the grids blend, and each is drawn twice, one above the other.
 inline void make_jpeg_model(const std::string& path, uint32_t side = 4, double alpha = 1) {
   ModelMaker maker(path);
   const std::vector<JpegRecipe> recipes = {
@@ -55,7 +55,7 @@ inline void make_jpeg_model(const std::string& path, uint32_t side = 4, double a
   maker.finish();
 }
 
-/// As in SceneOptions. A GPU gets the same `texture_memory`.
+/// Loads the scene with SceneOptions of these names. A GPU gets the same `texture_memory`.
 inline runtime::Scene load_cached(const std::string& path, uint64_t texture_cache, uint64_t texture_memory = 0) {
   return must_load(path, {.threads = 2,
                           .texture_cache = texture_cache,

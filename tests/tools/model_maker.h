@@ -47,7 +47,7 @@ class ModelMaker {
                                  .count = values.size() / components};
     if (bounds) {
       accessor.min.assign(components, 0);
-      accessor.max.assign(components, 0);  // wrong on purpose: files may lie, and no code may rely on it
+      accessor.max.assign(components, 0);  // wrong on purpose: no code may rely on a file's statements
     }
     return writer_.add_accessor(accessor);
   }
@@ -109,13 +109,13 @@ class ModelMaker {
     return out;
   }
 
-  /// A texture of an image file's bytes.
+  /// Adds a texture with the bytes of an image file.
   tools::GltfTexture texture(const std::string& name, format::ImageCodec codec, std::span<const std::byte> bytes) {
     const uint32_t image = must(writer_.add_image(name, codec, bytes));
     return {.image = image};
   }
 
-  /// A material with that texture.
+  /// Adds a material with such a texture.
   uint32_t textured(const std::string& name, format::ImageCodec codec, std::span<const std::byte> bytes) {
     return writer_.add_material({.texture = writer_.add_texture(texture(name, codec, bytes))});
   }
@@ -124,7 +124,7 @@ class ModelMaker {
     return writer_.add_mesh({.name = name, .primitives = std::move(primitives)});
   }
 
-  /// A root node that draws `mesh` at a position.
+  /// Adds a root node that draws `mesh` at a position.
   uint32_t node(const std::string& name, uint32_t mesh, std::array<double, 3> place = {0, 0, 0}) {
     tools::GltfNode out{.name = name, .mesh = mesh};
     for (size_t i = 0; i < 3; ++i) out.local[i] = place[i];
@@ -152,7 +152,7 @@ class ModelMaker {
   std::vector<uint32_t> roots_;
 };
 
-/// A file that fill(maker) fills.
+/// Writes a file that fill(maker) fills.
 template <std::invocable<ModelMaker&> Fill>
 void make_model(const std::string& path, const Fill& fill) {
   ModelMaker maker(path);
@@ -160,14 +160,14 @@ void make_model(const std::string& path, const Fill& fill) {
   maker.finish();
 }
 
-/// A file with one node of one mesh of the given primitives.
+/// Writes a file with one node and one mesh, a grid.
 inline void make_model(const std::string& path, const GridSpec& spec) {
   ModelMaker maker(path);
   maker.node("node", maker.mesh("mesh", {maker.grid(spec)}));
   maker.finish();
 }
 
-/// A strip of `side` squares per side with its triangles in random order, so that it is sorted if it exceeds a window.
+/// A strip of `side` squares per side, with its triangles in random order. It is sorted if it exceeds a window.
 inline tools::GltfPrimitive shuffled_squares(ModelMaker& maker, uint32_t side) {
   std::vector<float> points;
   for (uint32_t y = 0; y <= side; ++y)
@@ -187,7 +187,7 @@ inline tools::GltfPrimitive shuffled_squares(ModelMaker& maker, uint32_t side) {
 inline void make_grids(const std::string& path) {
   ModelMaker maker(path);
   const GridSpec all{.columns = 60, .rows = 40, .uv = true, .color = true, .normal = true};
-  GridSpec loose = all;  // no index buffer, far from the origin, not in the material's texture
+  GridSpec loose = all;  // no index buffer, far from the origin
   loose.columns = 31;
   loose.indexed = false;
   loose.origin = {1000, -3, 0.25f};

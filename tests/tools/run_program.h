@@ -22,7 +22,7 @@
 
 namespace scree::tests {
 
-/// Starts `program`; its output, both streams, goes to the file `log`.
+/// Starts `program`. Both of its output streams go to the file `log`.
 inline pid_t start_program(const std::vector<std::string>& words, const std::string& log,
                            const char* program = kProgram) {
   std::vector<char*> arguments;
@@ -53,7 +53,7 @@ inline bool has_ended(pid_t child) {
   return ended.si_pid != 0;
 }
 
-/// Waits until is_so() is true, at most that long. Returns whether it is.
+/// Waits until is_so() returns true, at most for the given time. Returns whether it did.
 template <class Condition>
 bool wait_until(const Condition& is_so, std::chrono::milliseconds longest = std::chrono::seconds(60)) {
   const auto end = std::chrono::steady_clock::now() + longest;
@@ -82,7 +82,7 @@ inline ProgramRun run_program(const std::vector<std::string>& words, const std::
           read_whole(log)};
 }
 
-/// The peak memory in convert's closing line, bytes; 0 if there is none.
+/// The peak memory that convert's last line states, in bytes; 0 if there is none.
 inline uint64_t stated_peak(const std::string& output) {
   const size_t at = output.find("peak memory ");
   double value = 0;
@@ -93,7 +93,7 @@ inline uint64_t stated_peak(const std::string& output) {
   return static_cast<uint64_t>(std::ldexp(value, power));
 }
 
-/// The README's upper bound of convert's memory.
+/// The upper bound of convert's memory in the README.
 inline uint64_t convert_memory_bound(uint64_t threads, uint64_t json_bytes) {
   return (uint64_t{256} << 20) + threads * (uint64_t{64} << 20) + 15 * json_bytes;
 }

@@ -63,7 +63,7 @@ class TempFolder {
   std::filesystem::path path_;
 };
 
-/// A name of a file or folder, in a folder of its own.
+/// A name for a file or folder, in its own folder.
 class ScratchPath {
  public:
   explicit ScratchPath(const std::string& name) : path_(folder_.path() / name) {}
@@ -77,7 +77,7 @@ class ScratchPath {
 
 /// The bytes of a file; empty if it cannot be read.
 inline std::string read_whole(const std::filesystem::path& path) {
-  // Not by std::istreambuf_iterator: without optimisation it takes a hundred times as long.
+  // A std::istreambuf_iterator would take a hundred times as long without optimisation.
   std::ostringstream bytes;
   bytes << std::ifstream(path, std::ios::binary).rdbuf();
   return std::move(bytes).str();
@@ -88,7 +88,7 @@ inline std::vector<std::byte> read_bytes(const std::filesystem::path& path) {
   return {bytes, bytes + text.size()};
 }
 
-/// The bytes that a file takes on the disk; 0 if there is none.
+/// The bytes that a file takes on the disk; 0 if it does not exist.
 inline uint64_t disk_bytes(const std::string& path) {
   struct stat status {};
   return ::stat(path.c_str(), &status) == 0 ? static_cast<uint64_t>(status.st_blocks) * 512 : 0;

@@ -1,4 +1,4 @@
-// Every real model: convert, open, decode, compare with the source within the stated error.
+// Converts every real model, opens and decodes it, and compares it with its source within the stated error.
 #include <filesystem>
 #include <map>
 #include <string>
@@ -73,15 +73,15 @@ TEST_CASE("every model is converted within the stated error", "[models]") {
     if (tests::kIsSanitized && converted % 3 != 2) options.images.textures = convert::Textures::kRaw;
     Result<convert::ConvertReport> report = convert::convert(options);
     if (!report && report.error().message.find("--grid scene") != std::string::npos) {
-      // A detailed mesh beside a very wide one: a common step may need more bits than are available.
+      // A detailed mesh beside a very wide one. A common step may need more bits than are available.
       REQUIRE(report.error().code == ErrorCode::kRange);
       REQUIRE(options.grid == convert::Grid::kScene);
       options.grid = convert::Grid::kMesh;
       report = convert::convert(options);
     }
     if (!report) {
-      // Only for features that this program does not support at all, and documents whose nodes are not trees. A
-      // supported model must not be refused.
+      // A model may be refused only if it needs features that this program does not support at all, or if its nodes are
+      // not trees. A supported model must not be refused.
       const std::string& message = report.error().message;
       INFO(message);
       CHECK((report.error().code == ErrorCode::kUnsupported || message.find("has two parents") != std::string::npos ||

@@ -13,11 +13,11 @@ struct ValidatorRun {
 };
 
 /// Validates every .gltf and .glb below `folder` in one node process (tests/validator/validate.mjs; `npm ci` there
-/// installs the package, like scripts/test). Exit code 1: some file has errors, which the output lists.
+/// installs the package, as in scripts/test). Exit code 1: some file has errors, which the output lists.
 ValidatorRun run_validator(const std::filesystem::path& folder);
 
-/// Handles a run that did not happen: fails if SCREE_REQUIRE_VALIDATOR is 1 (as in CI), else warns. Returns true if
-/// there is a result.
+/// Handles a validation that did not run: fails if SCREE_REQUIRE_VALIDATOR is 1 (as in CI), else warns. Returns true if
+/// it did run.
 bool validator_result_is_there(const ValidatorRun& run);
 
 }  // namespace scree::tests

@@ -54,7 +54,7 @@ const reports = [];
 for (const file of files) {
   try {
     reports.push(await validate(file));
-  } catch (error) {  // not a glTF at all
+  } catch (error) {  // not a glTF
     reports.push({file, errors: 1, warnings: 0, vertices: 0, triangles: 0, messages: [String(error?.message ?? error)]});
   }
 }

@@ -35,7 +35,7 @@ export async function open(browser, url, options = {viewport: {width: 800, heigh
   page.problems = [];
   page.on('pageerror', (error) => page.problems.push(String(error)));
   page.on('console', (message) => { if (message.type() === 'error') page.problems.push(message.text()); });
-  // Counts how often the picture stops to be exact. It may be exact again before a test can see that it was not.
+  // Counts how often the picture stops being exact. It may be exact again before a test can notice.
   await page.addInitScript(() => {
     window.changes = 0;
     new MutationObserver(() => { if (document.documentElement?.dataset.exact === '0') ++window.changes; })
@@ -45,7 +45,7 @@ export async function open(browser, url, options = {viewport: {width: 800, heigh
   return page;
 }
 
-/// Does `action`, and waits until another picture has been requested since.
+/// Runs `action`, and waits until another picture has been requested.
 export async function changes(page, action) {
   const before = await page.evaluate(() => window.changes);
   await action();
@@ -56,7 +56,7 @@ export async function changes(page, action) {
 export const rests = (page, samples = 1) =>
   page.waitForFunction((least) => Number(document.documentElement.dataset.exact) >= least, samples, {timeout: 30000});
 
-/// RGBA of the canvas.
+/// The RGBA pixels of the canvas.
 export async function pixels(page) {
   const {width, height, text} = await page.evaluate(async () => {
     const read = await scree.pixels();
@@ -68,7 +68,7 @@ export async function pixels(page) {
   return {width, height, bytes: Buffer.from(text, 'base64')};
 }
 
-/// RGBA of a PNG file's bytes, decoded by the browser.
+/// The RGBA pixels of a PNG file, decoded by the browser.
 export async function decode(page, file) {
   const text = await page.evaluate(async (base64) => {
     const blob = new Blob([Uint8Array.from(atob(base64), (c) => c.charCodeAt(0))], {type: 'image/png'});
@@ -83,7 +83,7 @@ export async function decode(page, file) {
   return Buffer.from(text, 'base64');
 }
 
-/// Runs the command that the page copies ("scree render ..."), with another program and output.
+/// Runs the command that the page copies ("scree render ..."), with another program and another output.
 export function render(program, command, output) {
   const words = [...command.matchAll(/'((?:[^']|'\\'')*)'|(\S+)/g)].map(([, quoted, plain]) => plain ?? quoted.replaceAll("'\\''", "'"));
   words.shift();

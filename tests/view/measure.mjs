@@ -12,7 +12,7 @@ await rests(page);
 console.log(`first exact picture after ${Date.now() - started} ms (with the page's loading)`);
 await page.mouse.move(width / 2, height / 2);
 await page.mouse.down();
-// A user's hand does not wait for the page, so this does not wait either.
+// A user does not wait for the page either, so this does not wait.
 const input = await page.context().newCDPSession(page);
 const move = (x, y) => input.send('Input.dispatchMouseEvent', {type: 'mouseMoved', x, y, button: 'left', buttons: 1}).catch(() => {});
 const drag = async (duration) => {
@@ -23,7 +23,7 @@ const drag = async (duration) => {
     await new Promise((resolve) => setTimeout(resolve, Math.max(0, start + 16 * i - Date.now())));
   }
 };
-await drag(2000);  // until the quality has settled
+await drag(2000);  // until the quality is stable
 await page.evaluate(() => { scree.latencies.length = 0; scree.rows.length = 0; });
 await drag(1000 * Number(seconds));
 const {latencies, rows} = await page.evaluate(() => ({latencies: scree.latencies, rows: scree.rows}));

@@ -31,7 +31,7 @@ const differs = (a, b) => {
   for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) ++count;
   return count;
 };
-/// Checks that the picture at rest equals the picture of the command that the page copies.
+/// Checks that the picture at rest equals the picture of the command that the page copies to the clipboard.
 async function isExact(page, samples) {
   await page.evaluate((samples) => scree.set({samples}), samples);
   await rests(page, samples);
@@ -53,13 +53,13 @@ await check('the page loads and shows a picture', async () => {
   assert.equal(await page.evaluate(() => document.getElementById('cover').className), 'gone');
 });
 await check('the picture at rest is that of scree render', () => isExact(page, 1));
-await check('more samples come, as scree render makes them', async () => {
+await check('more samples arrive, equal to those of scree render', async () => {
   await changes(page, () => page.setViewportSize({width: 240, height: 140}));  // few pixels, for slow machines
   await isExact(page, 4);
   await changes(page, () => page.setViewportSize({width: 800, height: 450}));
   await rests(page);
 });
-await check('a drag turns the view, and what it shows is exact again', async () => {
+await check('a drag turns the view, and the picture becomes exact again', async () => {
   const before = await pixels(page), eye = await page.evaluate(() => scree.camera.eye);
   await page.mouse.move(400, 225);
   await page.mouse.down();
@@ -69,7 +69,7 @@ await check('a drag turns the view, and what it shows is exact again', async () 
   await isExact(page, 1);
   assert.ok(differs(before.bytes, (await pixels(page)).bytes) > 100);
 });
-await check('the wheel goes nearer and the point under the cursor stays', async () => {
+await check('the wheel moves the camera nearer, and the point under the cursor stays in place', async () => {
   const project = () => page.evaluate((point) => {
     const at = scree.camera.project(point, innerWidth / innerHeight);
     return [at.x * innerWidth, at.y * innerHeight, at.depth];
@@ -105,7 +105,7 @@ await check('keys: shading, help, panel, bookmarks', async () => {
   await page.waitForTimeout(1000);
   assert.deepEqual(await page.evaluate(() => scree.camera.eye), eye);
 });
-await check('what is hidden is not drawn, and all comes back', async () => {
+await check('hidden nodes are not drawn, and all of them can be shown again', async () => {
   await rests(page);
   const before = await pixels(page);
   await page.click('#tree-part > summary');
@@ -116,7 +116,7 @@ await check('what is hidden is not drawn, and all comes back', async () => {
   await changes(page, () => page.click('[data-do=show-all]'));
   await isExact(page, 1);
 });
-await check('a clipping box cuts as scree render does, by its switch, sliders, handles and the address', async () => {
+await check('a clipping box cuts as in scree render, by its switch, sliders, handles and the address', async () => {
   await page.keyboard.press('h');
   await page.waitForTimeout(700);
   await rests(page);
@@ -161,15 +161,15 @@ await check('a clipping box cuts as scree render does, by its switch, sliders, h
   await changes(page, () => page.uncheck('#clip'));
   await isExact(page, 1);
   assert.equal(await page.locator('#marks .handle').count(), 0);
-  assert.equal(differs(before.bytes, (await pixels(page)).bytes), 0, 'what was cut does not come back');
+  assert.equal(differs(before.bytes, (await pixels(page)).bytes), 0, 'the cut part is not drawn again');
 });
-await check('the sun casts shadows as scree render has them, by its switch and the address', async () => {
+await check('the sun casts the shadows of scree render, by its switch and by the address', async () => {
   assert.ok(await page.isDisabled('#shadows'));
   assert.match(await page.textContent('#shadows-hint'), /no directional light/);
   const served = await serve(program, sunny, ['--light', 'scene', '--exposure', '-0.5']);
   const lit = await open(browser, served.url);
   await rests(lit);
-  await isExact(lit, 1);  // more samples may have come
+  await isExact(lit, 1);  // more samples may have arrived
   const before = await pixels(lit);
   assert.ok(!await lit.isVisible('#shadows-hint'));
   await changes(lit, () => lit.check('#shadows'));
@@ -181,7 +181,7 @@ await check('the sun casts shadows as scree render has them, by its switch and t
   assert.match(address, /o=shadows/);
   const other = await open(browser, served.url + '&' + address.slice(1));
   await rests(other);
-  await isExact(other, 1);  // more samples may have come
+  await isExact(other, 1);  // more samples may have arrived
   assert.ok(await other.isChecked('#shadows'));
   assert.equal(differs((await pixels(other)).bytes, shadowed.bytes), 0, 'the address has other shadows');
   await other.context().close();
@@ -192,7 +192,7 @@ await check('the sun casts shadows as scree render has them, by its switch and t
   await lit.context().close();
   await served.end();
 });
-await check('another size, and a screen with small pixels', async () => {
+await check('pictures of another size and for a screen with small pixels are exact', async () => {
   await changes(page, () => page.setViewportSize({width: 500, height: 400}));
   await isExact(page, 1);
   const fine = await open(browser, server.url, {viewport: {width: 301, height: 200}, deviceScaleFactor: 2});
@@ -239,20 +239,20 @@ await check('a wrong token is explained, and the right one can be pasted', async
   await rests(lost);
   await lost.context().close();
 });
-await check('a broken connection comes back by itself', async () => {
+await check('a broken connection is restored', async () => {
   await page.evaluate(() => { document.documentElement.dataset.exact = 0; scree.drop(); });
   await rests(page);
   assert.equal(await page.evaluate(() => document.getElementById('cover').className), 'gone');
 });
-await check('the end of the server is said, and that it ends in time', async () => {
+await check('the server ends in time, and the page reports it', async () => {
   const started = Date.now();
   assert.equal(await server.end(), 0);
   assert.ok(Date.now() - started < 1000, `${Date.now() - started} ms`);
   await page.waitForFunction(() => document.getElementById('cover').className === '');
   assert.match(await page.textContent('#cover'), /ended|No server/);
 });
-await check('nothing was wrong on the way', async () => {
-  // A browser's message about a closed connection is not an error of the page.
+await check('the page had no errors', async () => {
+  // A browser's message about a closed connection does not count as an error of the page.
   assert.deepEqual(page.problems.filter((problem) => !/WebSocket connection to/.test(problem)), []);
 });
 await browser.close();

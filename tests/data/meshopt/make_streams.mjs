@@ -36,7 +36,7 @@ for (const stride of [4, 12, 36, 256])
       for (let i = 0; i < raw.length; ++i) raw[i] = kinds[kind]((i / stride) | 0, i % stride);
       add(raw, count, stride, 1, 2);
     }
-// Floats, 16-bit integers and words whose high bits change: all modes of channels.
+// Floats, 16-bit integers, and words whose high bits change, so that all modes of channels occur.
 for (let level = 0; level <= 3; ++level) {
   const count = 300;
   const floats = new Float32Array(3 * count), shorts = new Uint16Array(4 * count), words = new Uint32Array(count);

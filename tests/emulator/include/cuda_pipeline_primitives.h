@@ -1,4 +1,4 @@
-// Asynchronous copies to shared memory. They are made only when a lane waits for them, so that an earlier read gets
+// Asynchronous copies to shared memory. A copy is made only when a lane waits for it, so that an earlier read gets
 // other data.
 #pragma once
 

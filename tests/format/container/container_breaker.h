@@ -1,4 +1,4 @@
-// For the tests of the container's rules: each test breaks one rule, with matching checksums.
+// For the tests of the container's rules: each test breaks one rule in a file whose checksums fit.
 #pragma once
 
 #include <cstddef>
@@ -21,7 +21,7 @@ namespace scree::tests {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-/// Opens a file with one change, and expects exactly that message.
+/// Opens a file with one change, and expects exactly the given message.
 class Breaker {
  public:
   explicit Breaker(const Parts& parts) : file_(file_of(parts)) {
@@ -29,7 +29,7 @@ class Breaker {
     if (error) FAIL(error->message);
   }
 
-  /// Breaks rules of one table: changes record `index`, and expects that message.
+  /// Breaks rules of one table: changes record `index`, and expects the given message.
   template <class Record>
   class Records {
    public:
@@ -77,7 +77,7 @@ class Breaker {
     toc(kind, ErrorCode::kRange, message, change);
   }
 
-  /// The bytes of the string table, and the message about a name that is `at` a byte past it.
+  /// The bytes of the string table, and the message about a name that lies `at` a byte past its end.
   uint32_t string_bytes() const {
     const size_t entry = toc_entry_offset(file_, format::TableKind::kStrings);
     return static_cast<uint32_t>(format::load<format::TocEntry>(file_.data() + entry).record_count);

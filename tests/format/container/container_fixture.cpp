@@ -47,7 +47,8 @@ void place(const MeshRecord& mesh, ChunkRecord& chunk, uint32_t page, Bytes& raw
 Parts tiny_parts() {
   Parts parts;
   TableSet& tables = parts.tables;
-  // Indices 0 1 2 of 2 bits; positions (0 0 0) (3 0 0) (0 1 0) of 2 + 1 + 0 bits; each stream with slack, to 16 bytes.
+  // Indices 0 1 2 of 2 bits. Positions (0 0 0) (3 0 0) (0 1 0) of 2 + 1 + 0 bits. Each stream has slack, up to 16
+  // bytes.
   Bytes raw = bytes_of({0x24, 0,    0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,  //
                         0x18, 0x01, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0});
   parts.pages.push_back(seal_page(PageKind::kGeometry, raw, 0));

@@ -18,7 +18,7 @@ namespace scree::tests {
 
 using Bytes = std::vector<std::byte>;
 
-/// A copy in a heap block of exactly that size, aligned like a map, so that ASan detects every read past its end.
+/// A copy in a heap block of exactly its size, aligned like a map, so that ASan detects every read past its end.
 class ExactCopy {
  public:
   explicit ExactCopy(std::span<const std::byte> bytes)
@@ -65,10 +65,10 @@ Parts tiny_parts();
 /// Every table, both position encodings, all attributes, raw and zstd pages, an image, an empty mesh.
 Parts full_parts();
 
-/// The file's bytes. Fails the test if they cannot be written.
+/// The file's bytes. If they cannot be written, the test fails.
 Bytes file_of(const Parts& parts);
 
-/// Offset of a table's entry in the table of contents of a valid file. The table must exist.
+/// Offset of a table's entry in a valid file's table of contents. The table must exist.
 size_t toc_entry_offset(const Bytes& file, format::TableKind kind);
 
 /// Offset of record `index` of a table.
@@ -86,8 +86,8 @@ Bytes patched(Bytes file, format::TableKind kind, uint64_t index, const std::fun
   return file;
 }
 
-/// Raw tables and pages of a file. build() lays them out again with a newer version's longer records, unknown kinds and
-/// so on, which no writer of this version can do.
+/// Raw tables and pages of a file. build() lays them out again, possibly as a newer version would: with longer records,
+/// unknown kinds and so on, which no writer of this version makes.
 struct RawTable {
   format::TableKind kind;
   uint32_t record_bytes;

@@ -30,7 +30,7 @@ bool for_each_table(std::span<std::byte> file, const Visit& visit) {
 }  // namespace
 
 void reseal(std::span<std::byte> file) {
-  auto header = load<FileHeader>(file.data());  // loaded before entries are stored, which may overlap it
+  auto header = load<FileHeader>(file.data());  // loaded first, because an entry that is stored may overlap it
   const bool has_toc = for_each_table(file, [&](std::byte* at, TocEntry entry) {
     entry.checksum = checksum(file.subspan(entry.offset, entry.record_bytes * entry.record_count));
     store(at, entry);

@@ -38,14 +38,14 @@ TEST_CASE("checksums of the spec", "[container][spec]") {
     const std::vector<std::byte> bytes = vector.bytes("bytes");
     const uint64_t expected = std::stoull(vector.text("checksum"), nullptr, 16);
     CHECK(checksum(bytes) == expected);
-    Checksum parts;  // of two pieces
+    Checksum parts;  // of the same bytes in two pieces
     parts.add(std::span(bytes).first(bytes.size() / 3));
     parts.add(std::span(bytes).subspan(bytes.size() / 3));
     CHECK(parts.value() == expected);
   }
 }
 
-TEST_CASE("container: every table and page comes back as it was written", "[container]") {
+TEST_CASE("container: every table and page is read as it was written", "[container]") {
   const Parts parts = full_parts();
   const Bytes bytes = file_of(parts);
   const ExactCopy file(bytes);
@@ -94,7 +94,7 @@ TEST_CASE("container: the same pages and tables give the same bytes", "[containe
   CHECK(file_of(full_parts()) == file_of(full_parts()));
 }
 
-TEST_CASE("container: a file with empty tables", "[container]") {
+TEST_CASE("container: a file with empty tables is valid", "[container]") {
   const Bytes file = file_of({});
   const ExactCopy copy(file);
   const auto container = must(Container::open(copy.bytes()));
@@ -136,7 +136,7 @@ TEST_CASE("container: a flipped bit anywhere is found", "[container]") {
 
 TEST_CASE("container: no byte behind the end is read", "[container]") {
   Bytes file = file_of(tiny_parts());
-  REQUIRE(file.size() % kTableAlignment == 0);  // else it could not both be aligned and end at the guard page
+  REQUIRE(file.size() % kTableAlignment == 0);  // otherwise it could not both be aligned and end at the guard page
   const size_t page = static_cast<size_t>(::sysconf(_SC_PAGESIZE));
   const size_t mapped = align_up(file.size(), page);
   void* const map = ::mmap(nullptr, mapped + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -149,12 +149,12 @@ TEST_CASE("container: no byte behind the end is read", "[container]") {
   ::munmap(map, mapped + page);
 }
 
-TEST_CASE("container: versions", "[container]") {
+TEST_CASE("container: newer versions are refused or read by the rules", "[container]") {
   const Bytes file = file_of(full_parts());
   SECTION("the fixture lays a file out as the writer does") {
     CHECK(RawFile(file).build() == file);
   }
-  SECTION("a newer major is refused, before anything else is looked at") {
+  SECTION("a newer major is refused before anything else is read") {
     RawFile raw(file);
     raw.version_major = kSecondMajor + 1;
     Bytes newer = raw.build();
@@ -189,7 +189,7 @@ TEST_CASE("container: versions", "[container]") {
     CHECK(first == std::vector<std::string>{"mesh 0: attributes 31", "mesh 0: attributes 47",
                                             "surface 0: second uv of textures 1"});
     REQUIRE(second.size() == 3);
-    CHECK(second[0].starts_with("chunk 0: "));  // whose bytes lack the stream
+    CHECK(second[0].starts_with("chunk 0: "));  // the chunk's bytes lack the stream
     CHECK(second[1].starts_with("chunk 0: 0 tangent bits, expected 3 to 16"));
     CHECK(second[2].empty());
   }
@@ -239,7 +239,7 @@ TEST_CASE("container: versions", "[container]") {
     const auto error = must(verify_copy(raw.build()));
     CHECK(error.message == "source table: records of 68 bytes, expected a multiple of 8");
   }
-  SECTION("a page of a kind not known is kept, checked and used by nothing") {
+  SECTION("a page of an unknown kind is kept and checked, and nothing may use it") {
     Parts parts = full_parts();
     parts.pages.push_back(seal_page(static_cast<PageKind>(77), Bytes(5000), 3));
     Bytes newer = file_of(parts);
@@ -315,7 +315,7 @@ TEST_CASE("container: large tables, checked in parts, give the same errors as sm
 
   const Bytes bad_node = patched<NodeRecord>(good, TableKind::kNodes, place, [](NodeRecord& node) { node.camera = 7; });
   CHECK(message(bad_node) == "node " + number + ": camera 7, but the file has 0 cameras");
-  // Tables are checked in order, even if the first bad record of an early table comes late.
+  // Tables are checked in order. The first bad record is reported even if it comes late in an early table.
   const Bytes bad_mesh =
       patched<MeshRecord>(bad_node, TableKind::kMeshes, kCount - 1, [](MeshRecord& mesh) { mesh.attributes = 64; });
   CHECK(message(bad_mesh) == "mesh 2999: attributes 64");
@@ -330,7 +330,7 @@ TEST_CASE("container: large tables, checked in parts, give the same errors as sm
           instance.node_instance = 1;
         })).find("instance " + number + ": node instance 1, but node ") == 0);
 
-  // A flipped bit is reported as a wrong checksum, even if it breaks a rule and later tables have errors.
+  // A flipped bit is reported as a wrong checksum, even if it breaks a rule and later tables have other errors.
   Bytes flipped = bad_mesh;
   flipped[record_offset(flipped, TableKind::kNodes, place) + 8] ^= std::byte{1};
   CHECK(message(flipped) == "node table: the checksum differs");
@@ -346,7 +346,7 @@ double opening_nanoseconds(const ExactCopy& file, uint32_t count) {
   return 1e9 * seconds / (6.0 * count);
 }
 
-/// Run by name: scree_tests "[container-speed]", in a release build.
+/// Run it by name: scree_tests "[container-speed]", in a release build.
 TEST_CASE("container: speed of opening large tables", "[.][container-speed]") {
   constexpr uint32_t kCount = 1000000;
   for (const bool is_shuffled : {false, true}) {

@@ -1,5 +1,5 @@
-// Every rule of spec/container.md for the file as a whole (header, table of contents, pages) is broken once, and open()
-// must give the place. test_record_rules.cpp has the records' rules.
+// Every rule of spec/container.md for the file as a whole (header, table of contents, pages) is broken once, and the
+// error of open() must name the place. test_record_rules.cpp has the records' rules.
 #include <zstd.h>
 
 #include "format/bytes.h"
@@ -86,14 +86,14 @@ TEST_CASE("container rules: table of contents", "[container]") {
   b.toc(TableKind::kSource, ErrorCode::kFormat, "source table: 0 records, expected 1",
         [](T& t) { t.kind = TableKind{99}; });
 
-  // The last table, shortened: the table of contents no longer follows it directly.
+  // Without a part of the last table, the table of contents no longer follows it directly.
   RawFile raw(b.file());
   Bytes two = raw.build();
   raw.table(TableKind::kSource).bytes.resize(128);
   two = raw.build();
   Breaker::expect(two, "source table: 2 records, expected 1", ErrorCode::kFormat);
 
-  // Wrong checksums and set padding are found without resealing.
+  // Wrong checksums and nonzero padding are found without resealing.
   Bytes flipped = b.file();
   flipped[entry.offset] ^= std::byte{1};
   Breaker::expect(flipped, "mesh table: the checksum differs", ErrorCode::kChecksum);
@@ -174,7 +174,7 @@ TEST_CASE("container rules: pages", "[container]") {
                   ErrorCode::kRange);
 }
 
-/// A file whose second page has these stored bytes in place of the zstd frame, with a matching checksum.
+/// A file whose second page has `frame` in place of its zstd frame, with a matching checksum.
 Bytes with_frame(Bytes frame, uint64_t raw_bytes, PageCodec codec = PageCodec::kZstd) {
   Parts parts = full_parts();
   parts.pages[1].record.codec = codec;
@@ -201,7 +201,7 @@ TEST_CASE("container rules: a zstd page is one frame of its size", "[container]"
   twice.insert(twice.end(), frame.begin(), frame.end());
   CHECK(verify_copy(with_frame(twice, raw_bytes))->code == ErrorCode::kTrailing);
 
-  // zstd would skip a skippable frame in front.
+  // zstd would skip a skippable frame in front of the page's frame.
   Bytes skippable(12);
   store<uint32_t>(skippable.data(), 0x184D2A50);
   store<uint32_t>(skippable.data() + 4, 4);
@@ -213,7 +213,7 @@ TEST_CASE("container rules: a zstd page is one frame of its size", "[container]"
     const auto error =
         must(verify_copy(with_frame(Bytes(frame.begin(), frame.begin() + static_cast<ptrdiff_t>(size)), raw_bytes)));
   }
-  // Any flipped bit gives an error or the right size, and never a crash.
+  // A flipped bit gives an error or the right size, never a crash.
   for (size_t i = 0; i < frame.size(); ++i) {
     Bytes flipped = frame;
     flipped[i] ^= std::byte{1} << (i % 8);
@@ -247,7 +247,7 @@ TEST_CASE("container rules: a split page has at most twice its bytes, and yields
 }
 
 TEST_CASE("container rules: the limit of a compressed page's raw bytes", "[container]") {
-  // Zeros compress to almost nothing, so they stay raw if a reader would refuse the ratio.
+  // Zeros compress to almost nothing, so a page of zeros stays raw if a reader would refuse the ratio.
   for (const auto& [bytes, codec] : {std::pair{size_t{kPageTargetBytes}, PageCodec::kZstd},
                                      std::pair{size_t{kPageTargetBytes} + 1, PageCodec::kRaw}}) {
     const SealedPage page = seal_page(PageKind::kImage, Bytes(bytes), 3);
@@ -264,7 +264,7 @@ TEST_CASE("container rules: the limit of a compressed page's raw bytes", "[conta
       with_frame(frame, zeros.size()),
       "page 1: 1048577 bytes compressed to " + std::to_string(frame.size()) + ", which is more than is allowed",
       ErrorCode::kRange);
-  // Past 1 MiB, but not 16 to 1.
+  // More than 1 MiB, but compressed by less than 16 to 1.
   Bytes half(3 << 20);
   uint32_t state = 1;
   for (size_t i = 0; i < half.size() / 4; ++i)
@@ -283,7 +283,8 @@ TEST_CASE("container rules: the limit of a compressed page's raw bytes", "[conta
   CHECK(!verify_copy(file_of(parts)));
 }
 
-/// Random bytes in any record give an error or a file that opens; never a crash, an invalid read or a long wait.
+/// Random bytes in any record give an error or a file that opens. They never cause a crash, an invalid read or a long
+/// wait.
 TEST_CASE("container rules: random damage with fitting checksums", "[container]") {
   const Bytes file = file_of(full_parts());
   const auto header = load<FileHeader>(file.data());

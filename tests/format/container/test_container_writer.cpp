@@ -1,4 +1,4 @@
-// The writer and the file system: which files exist after success, failure, a crash and with a second writer; the
+// The writer and the file system: the files that exist after success, a failure, a crash, and with a second writer; the
 // worked examples of spec/container.md.
 #include <fcntl.h>
 #include <sys/file.h>
@@ -108,10 +108,10 @@ TEST_CASE("container writer: destroyed before finish(), it leaves nothing", "[co
   CHECK(read_bytes(path).size() == 16);
 }
 
-TEST_CASE("container writer: a stale .part is taken over, a locked one is not", "[container]") {
+TEST_CASE("container writer: a stale .part is taken over, but not a locked one", "[container]") {
   const TempFolder folder;
   const std::string path = folder.file("a.scree");
-  // Longer than the written file, so that leftovers would show.
+  // Longer than the file that is written, so that leftovers would show.
   folder.write("a.scree.part", std::string(100000, 'x'));
   auto first = must(ContainerWriter::create(path));
   check_refusal(ContainerWriter::create(path), {ErrorCode::kFile, path + ".part: another program is writing it"});
@@ -122,7 +122,7 @@ TEST_CASE("container writer: a stale .part is taken over, a locked one is not", 
   CHECK(third);
 }
 
-TEST_CASE("container writer: paths that cannot be written", "[container]") {
+TEST_CASE("container writer: paths that cannot be written are errors", "[container]") {
   const TempFolder folder;
   const auto error = [](const std::string& path) {
     const auto writer = ContainerWriter::create(path);
@@ -146,8 +146,8 @@ TEST_CASE("container writer: paths that cannot be written", "[container]") {
   CHECK(error(path) == path + ".part: open: Is a directory");
 }
 
-TEST_CASE("container writer: a full disk", "[container]") {
-  // Once while pages are written, once at the tables. The limit first shortens a write and then refuses one.
+TEST_CASE("container writer: a full disk is an error that leaves the earlier file", "[container]") {
+  // Once while pages are written, and once at the tables. The limit first shortens a write and then refuses one.
   for (const rlim_t limit : {rlim_t{4096 + 3000}, rlim_t{4096 + 8192 + 10}}) {
     const TempFolder folder;
     const std::string path = folder.file("a.scree");
@@ -191,7 +191,7 @@ TEST_CASE("container writer: seal_page", "[container]") {
   CHECK(kept.stored == raw);
   const SealedPage noise = seal_page(PageKind::kImage, noise_page(5000).stored, 22);
   CHECK(noise.record.codec == PageCodec::kRaw);
-  // Nine parts of noise and one of zeros are compressed; 29 and one only in geometry pages.
+  // Nine parts of noise and one part of zeros are compressed. 29 parts and one are compressed only in geometry pages.
   for (const size_t parts : {10, 30}) {
     Bytes mixed = noise_page(3000 * (parts - 1)).stored;
     mixed.resize(3000 * parts);
@@ -213,8 +213,7 @@ TEST_CASE("container writer: strings", "[container]") {
   CHECK(std::string(strings.bytes().data(), strings.bytes().size()) == std::string("\0slope\0scree\0", 13));
 }
 
-/// A worked example: lines of "offset: bytes   # meaning". Bytes that are not listed are zero. The last offset is the
-/// size.
+/// A worked example: lines of "offset: bytes   # meaning". All other bytes are zero. The last offset is the size.
 Bytes read_vector(const char* name) {
   std::ifstream file(fs::path(tests::kVectorsFolder) / name);
   REQUIRE(file);

@@ -1,4 +1,4 @@
-// As test_record_rules.cpp: the rules for images, masks, surfaces and lights.
+// As test_record_rules.cpp, for images, masks, surfaces and lights.
 #include "format/blocks/format.h"
 #include "format/bytes.h"
 #include "format/container/container.h"
@@ -26,7 +26,7 @@ ImageRecord bc1_image(ImageRecord image, uint32_t width, uint32_t height, uint32
 
 TEST_CASE("container rules: indexed JPEGs and their mip levels", "[container]") {
   scree::tests::Parts parts = full_parts();
-  // 300 x 130 has levels of 150 x 65 and 75 x 32 pixels; 60 x 60 has none.
+  // 300 x 130 pixels have levels of 150 x 65 and 75 x 32; 60 x 60 pixels have none.
   parts.pages.push_back(seal_page(PageKind::kImage, Bytes(96, std::byte{1}), 0));
   ImageRecord small = parts.tables.images[0];
   small.codec = ImageCodec::kIndexedJpeg;
@@ -174,7 +174,7 @@ TEST_CASE("container rules: block images and their mip levels", "[container]") {
 
 TEST_CASE("container rules: levels of blocks in several pages", "[container]") {
   scree::tests::Parts parts = full_parts();
-  // 4096 x 1028 pixels of BC1 have 257 rows of 8192 bytes; 32 rows are a page. Level 1 has 129 rows, 64 in a page.
+  // 4096 x 1028 pixels of BC1 have 257 rows of 8192 bytes, 32 rows per page. Level 1 has 129 rows, 64 per page.
   const auto add_pages = [&](size_t count, size_t last) {
     for (size_t i = 0; i < count; ++i)
       parts.pages.push_back(seal_page(PageKind::kImage, Bytes(i + 1 == count ? last : kBlockPageBytes), 0));

@@ -1,4 +1,4 @@
-// A file that takes its name only once it is complete, with other writers of the same name.
+// A file that gets its name only once it is complete, also with several writers of one name.
 #include "format/container/part_file.h"
 
 #include <sys/file.h>
@@ -54,7 +54,7 @@ TEST_CASE("part file: several writers of one name do not disturb each other", "[
         const std::lock_guard lock(mutex);
         other_error = done.error().message;
       }
-      // The file is complete, from whichever writer was last.
+      // The file is complete, whichever writer was the last.
       const std::string bytes = read_whole(path);
       if (bytes.size() % 8 != 0 || bytes.size() < 8) continue;
       std::vector<uint64_t> words(bytes.size() / 8);
@@ -91,7 +91,7 @@ TEST_CASE("part file: a parked .part that another writer has taken is neither re
     CHECK(read_whole(path) == "second");
     REQUIRE(std::filesystem::remove(path));
   }
-  // A .part that no other program touched.
+  // A .part that no other program has touched.
   PartFile third = must_create(path);
   REQUIRE(third.park());
   REQUIRE(third.commit());
@@ -126,7 +126,7 @@ TEST_CASE("part file: an existing file is refused at the start and at the end", 
   CHECK(folder.names() == std::vector<std::string>{"out.bin"});
 }
 
-TEST_CASE("part file: a container whose name is taken meanwhile stays as a .part", "[part]") {
+TEST_CASE("part file: a container whose name is taken meanwhile is kept as a .part", "[part]") {
   const TempFolder folder;
   const std::string path = folder.file("out.scree");
   Result<ContainerWriter> writer = ContainerWriter::create(path, Existing::kRefuse);
@@ -136,7 +136,7 @@ TEST_CASE("part file: a container whose name is taken meanwhile stays as a .part
   CHECK(done.message.find("exists already") != std::string::npos);
   CHECK(done.message.find("the new file is " + path + ".part") != std::string::npos);
   CHECK(read_whole(path) == "made meanwhile");
-  // The .part is complete: after a rename it can be read.
+  // The .part is complete: it can be read after a rename.
   writer = Error{ErrorCode::kFile, {}};
   std::filesystem::rename(path + ".part", path);
   const std::string bytes = read_whole(path);

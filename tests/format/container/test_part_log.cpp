@@ -1,4 +1,4 @@
-// Continuing a .part: with every cut and every damaged byte of a small .part, and without room for the log.
+// Continuing a small .part: with every cut, with every damaged byte, and without room for the log.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -46,7 +46,7 @@ class Unfinished {
     append(writer, 0, 4);
   }
 
-  /// Continues with `bytes` as the .part, and returns the number of pages kept; also 0 if it has to start again.
+  /// Continues with `bytes` as the .part. Returns the number of pages that are kept, 0 also if it has to start again.
   uint32_t finish(const Bytes& bytes) {
     folder.write("a.scree.part", bytes);
     std::vector<uint32_t> notes;
@@ -63,7 +63,7 @@ class Unfinished {
     }
     for (uint32_t i = 0; i < notes.size(); ++i) CHECK(notes[i] == i);
     const uint32_t kept = writer->page_count();
-    CHECK(kept <= notes.size() + 1);  // killed between a page and its log entry
+    CHECK(kept <= notes.size() + 1);  // a run may be killed between a page and its log entry
     append(*writer, kept, kPages);
     REQUIRE(writer->finish({}));
     CHECK((read_bytes(path) == expected));
@@ -105,7 +105,7 @@ TEST_CASE("part log: a cut or damaged .part is continued to the same bytes", "[c
   CHECK(unfinished.finish(read_bytes(unfinished.path + ".part")) == 3);
 }
 
-TEST_CASE("part log: another id, no .part, and dropped pages", "[container][resume]") {
+TEST_CASE("part log: another id or no .part is refused, dropped pages are written again", "[container][resume]") {
   Unfinished unfinished;
   const auto ignore = [](uint32_t, std::span<const std::byte>) {};
   CHECK(refusal(ContainerWriter::resume(unfinished.path, {1, 2}, ignore)).code == ErrorCode::kFormat);
@@ -148,7 +148,7 @@ TEST_CASE("part log: dropped pages are not continued, even if they are intact", 
 
 TEST_CASE("part log: a file that grows past its log is correct and has the right size", "[container][resume]") {
   Unfinished unfinished;
-  auto writer = ContainerWriter::create(unfinished.path);  // the leftover .part is overwritten
+  auto writer = ContainerWriter::create(unfinished.path);  // overwrites the leftover .part
   REQUIRE(writer);
   writer->keep_log(kId, 3 * kPageAlignment);
   append(*writer, 0, kPages);

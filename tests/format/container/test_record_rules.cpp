@@ -1,4 +1,4 @@
-// Every rule of spec/container.md for a record's fields is broken once, and open() must give the record.
+// Every rule of spec/container.md for a record's fields is broken once, and the error of open() must name the record.
 #include <cmath>
 
 #include "format/bytes.h"
@@ -52,7 +52,7 @@ TEST_CASE("container rules: meshes", "[container]") {
          [](M& m) { m.vertex_count -= 1; });
   meshes(2, "mesh 2: 1 triangles and 0 vertices, but its chunks have 0 and 0", [](M& m) { m.triangle_count = 1; });
   meshes(1, "mesh 1: 18446744073709551615 vertices in its source", [](M& m) { m.source_vertex_count = UINT64_MAX; });
-  // A chunk that belongs to no mesh.
+  // A chunk of no mesh.
   Parts parts = full_parts();
   parts.tables.chunks.push_back(parts.tables.chunks[2]);
   Breaker::expect(file_of(parts), "chunk 3: belongs to no mesh", ErrorCode::kRange);

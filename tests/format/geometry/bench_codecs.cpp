@@ -1,5 +1,4 @@
-// Speed of every codec on one core: scree_tests "[.bench]". Hidden, because it measures, and asserts only the round
-// trip.
+// Speed of every codec on one core: scree_tests "[.bench]". Hidden, because it measures; it checks only the round trip.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -141,7 +140,7 @@ TEST_CASE("codec speed", "[.bench]") {
 }
 
 TEST_CASE("cluster speed", "[.bench]") {
-  // A chunk: a height field of 181 x 181 quads, rough and at 16 bits like scans, in the order of convert.
+  // A chunk like those of scans: a rough height field of 181 x 181 quads at 16 bits, in the order of convert.
   constexpr uint32_t kSide = 181;
   std::mt19937 random(2);
   std::vector<uint32_t> rows, indices, offsets;

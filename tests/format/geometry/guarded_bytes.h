@@ -1,4 +1,4 @@
-// Bytes that end at a page without access, so that reading or writing one byte too many stops the test.
+// Bytes that end at a page without access, so that a read or write of one byte too many ends the test.
 #pragma once
 
 #include <sys/mman.h>
@@ -49,7 +49,7 @@ class SparseBytes {
     if (map_ != MAP_FAILED) munmap(map_, size_);
   }
 
-  /// False if the system grants no such range.
+  /// False if the system grants no such address range.
   explicit operator bool() const { return map_ != MAP_FAILED; }
   std::span<std::byte> bytes() { return {static_cast<std::byte*>(map_), size_}; }
 

@@ -66,7 +66,7 @@ class SpecVector {
   std::map<std::string, std::string> fields_;
 };
 
-/// The examples of a file of spec/vectors; fails the test where there are none.
+/// The examples of a file of spec/vectors. Fails the test if there are none.
 inline std::vector<SpecVector> spec_vectors(const std::string& file) {
   std::ifstream stream(std::string(tests::kVectorsFolder) + "/" + file);
   std::vector<SpecVector> vectors;

@@ -32,7 +32,7 @@ std::string outcome(const Result<T>& result) {
   return result ? "ok" : word_of(result.error().code);
 }
 
-/// The outcome of decoding a stream and of only checking it, which must be equal.
+/// The outcome of decoding a stream, which must equal that of only checking it.
 template <class Decoded>
 std::string outcome_of_both(const Result<Decoded>& decoded, const Result<void>& checked) {
   return outcome(decoded) == outcome(checked) ? outcome(decoded) : outcome(decoded) + " and " + outcome(checked);
@@ -48,9 +48,9 @@ std::vector<std::byte> encoded(uint64_t size, const Write& write) {
   return {guarded.bytes().begin(), guarded.bytes().end()};
 }
 
-/// `decode`: Result<void>(std::span<const std::byte>). `valid`: a stream that it accepts, with `data_bits` of data.
-/// Checks that it stays inside the stream (guard page), accepts any alignment, and refuses every prefix, a byte too
-/// many and every set bit after the data.
+/// Checks that `decode` stays inside the stream (guard page), accepts any alignment, and refuses every prefix, one byte
+/// too many and every set bit after the data. `decode`: Result<void>(std::span<const std::byte>). `valid`: a stream
+/// that it accepts, with `data_bits` of data.
 template <class Decode>
 void check_stream_limits(std::span<const std::byte> valid, uint64_t data_bits, Decode&& decode) {
   {
@@ -63,7 +63,7 @@ void check_stream_limits(std::span<const std::byte> valid, uint64_t data_bits, D
     CHECK(outcome(decode({moved.get() + shift, valid.size()})) == "ok");
   }
   for (size_t size = 0; size < valid.size(); ++size) {
-    const auto prefix = std::make_unique<std::byte[]>(size);  // exact size, so that ASan detects a read past it
+    const auto prefix = std::make_unique<std::byte[]>(size);  // exact size, so that ASan detects a read past its end
     std::copy_n(valid.begin(), size, prefix.get());
     const std::string found = outcome(decode({prefix.get(), size}));
     if (found != "truncated") FAIL("a prefix of " << size << " of " << valid.size() << " bytes: " << found);

@@ -137,7 +137,7 @@ TEST_CASE("texture coordinates keep their error at every scale", "[attribute_cod
       const double error = std::fabs(static_cast<double>(decoded[i]) - static_cast<double>(uvs[i]));
       if (!(error <= uv_error_bound(range))) FAIL(uvs[i] << " became " << decoded[i] << " at 2^" << range.exponent);
     }
-    // 16 bits over the wider axis, and a step of at most 2^-15 as far as 24 bits and the precision of floats allow.
+    // 16 bits over the wider axis. Its step is at most 2^-15, as far as 24 bits and the precision of floats allow.
     const uint8_t widest = std::max(range.bits[0], range.bits[1]);
     if (range.exponent > -15 && widest < 24 && decoded != uvs) FAIL(int{widest} << " bits at 2^" << range.exponent);
     if (range.exponent < -15 && widest > 16) FAIL(int{widest} << " bits at 2^" << range.exponent);
@@ -228,7 +228,7 @@ TEST_CASE("random bytes and ranges never take a texture coordinate decoder past 
     std::vector<float> out(2 * count);
     const auto decoded = decode_uvs(out, range, guarded.bytes());
     const auto checked = check_uvs(count, range, guarded.bytes());
-    if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but check says " << outcome(checked));
+    if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but the check returns " << outcome(checked));
     if (!decoded) continue;
     ++accepted;
     for (const float value : out) {
@@ -238,7 +238,7 @@ TEST_CASE("random bytes and ranges never take a texture coordinate decoder past 
   CHECK(accepted > 1000);
 }
 
-TEST_CASE("colours round to the nearest of 256 and come back", "[attribute_codec][color]") {
+TEST_CASE("colours are rounded to the nearest of 256 values", "[attribute_codec][color]") {
   std::vector<float> all(256);
   for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<float>(i) / 255.0f;
   const auto bytes = encoded(color_stream_bytes(64), [&](auto out) { encode_colors(out, all); });
@@ -315,14 +315,14 @@ TEST_CASE("every normal code decodes to a unit vector and encodes to itself or i
   }
 }
 
-TEST_CASE("normals encoded four at a time have the codes of those encoded alone", "[attribute_codec][normal]") {
+TEST_CASE("normals encoded four at a time have the codes of normals encoded alone", "[attribute_codec][normal]") {
   std::mt19937 random(11);
   std::vector<float> normals = gaussian(random, 3 * 20000);
   constexpr float kOdd[] = {0.0f, -0.0f, 1.0f, -1.0f, 0.5f, 1e-45f, 3e38f, -3e38f, kInfinity, kNan};
   for (const float x : kOdd)
     for (const float y : kOdd)
       for (const float z : kOdd) normals.insert(normals.end(), {x, y, z});
-  for (int i = 0; i < 3000; ++i) {  // on axes, planes and diagonals, where candidates are equally near
+  for (int i = 0; i < 3000; ++i) {  // on axes, planes and diagonals, where several candidates are equally near
     const auto step = [&] { return static_cast<float>(static_cast<int>(random() % 9) - 4); };
     normals.insert(normals.end(), {step(), step(), step()});
   }
@@ -330,7 +330,7 @@ TEST_CASE("normals encoded four at a time have the codes of those encoded alone"
     const std::vector<std::byte> together = encode(normals, bits);
     std::vector<float> some(normals.size()), one(3);
     REQUIRE(decode_normals(some, bits, together));
-    for (size_t i = 0; i < normals.size(); i += 3) {  // fewer than four are encoded one by one
+    for (size_t i = 0; i < normals.size(); i += 3) {  // some have fewer than four, which are encoded one by one
       REQUIRE(decode_normals(one, bits, encode({normals[i], normals[i + 1], normals[i + 2]}, bits)));
       if (one != std::vector<float>{some[i], some[i + 1], some[i + 2]}) FAIL("bits " << bits << ", normal " << i / 3);
     }

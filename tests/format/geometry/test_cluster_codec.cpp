@@ -50,8 +50,8 @@ void check_reader(const ClusteredChunk& chunk, const std::vector<uint32_t>& indi
   }
 }
 
-/// Decodes the chunk and compares it with the list, triangle by triangle: same vertices, same orientation, same
-/// offsets.
+/// Decodes the chunk and compares it with the list, triangle by triangle: vertices, orientation and offsets must be
+/// equal.
 void check_round_trip(const List& list, const ClusteredChunk& chunk) {
   std::vector<uint32_t> indices(3 * size_t{chunk.record.triangle_count});
   std::vector<uint32_t> offsets(3 * size_t{chunk.record.vertex_count});
@@ -69,7 +69,7 @@ void check_round_trip(const List& list, const ClusteredChunk& chunk) {
     const uint32_t source = chunk.set.triangles[t];
     REQUIRE(source < seen.size());
     ++seen[source];
-    // A rotation of the source's corners.
+    // Some rotation of the source's corners must be equal.
     std::array<uint32_t, 3> found{};
     for (size_t i = 0; i < 3; ++i) {
       REQUIRE(indices[3 * t + i] < chunk.record.vertex_count);
@@ -146,16 +146,16 @@ TEST_CASE("clusters keep triangles, sides and offsets", "[cluster_codec]") {
 
   check_round_trip(grid(1, 1, 0));
   check_round_trip(grid(8, 100, 3));          // 128 triangles: one cluster
-  check_round_trip(grid(40, 377, 50));        // 3200: several
+  check_round_trip(grid(40, 377, 50));        // 3200: several clusters
   check_round_trip(grid(200, 83800, 80000));  // more than 32 clusters, 24 bits
 }
 
-TEST_CASE("degenerate triangles keep their place and their vertices", "[cluster_codec]") {
+TEST_CASE("degenerate triangles keep their places and their vertices", "[cluster_codec]") {
   List point;
   point.add(9, 8, 7);
   point.triangle(0, 0, 0);
   check_round_trip(point);
-  CHECK(encode(point).record.vertex_count == 3);  // two are repeated
+  CHECK(encode(point).record.vertex_count == 3);  // two vertices are repeated
 
   List edge;
   edge.add(1, 2, 3);
@@ -196,7 +196,7 @@ TEST_CASE("clusters keep positions of every width", "[cluster_codec]") {
   for (uint32_t bits = 0; bits <= 24; ++bits) {
     INFO(bits << " bits");
     check_round_trip(soup(random, 300, 200, bits));
-    List flat = soup(random, 100, 60, bits);  // a different width per axis
+    List flat = soup(random, 100, 60, bits);  // each axis has another width
     for (size_t i = 0; i < flat.offsets.size(); i += 3) {
       flat.offsets[i + 1] >>= bits / 2;
       flat.offsets[i + 2] = flat.offsets[i + 2] & 1u;
@@ -244,7 +244,7 @@ TEST_CASE("damaged clusters are refused or decode within their limits", "[cluste
       const ClusterStreams streams = chunk.streams(guarded.bytes());
       const auto decoded = decode_clusters(streams, {indices, offsets, positions});
       const auto checked = check_clusters(streams);
-      if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but check says " << outcome(checked));
+      if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but the check returns " << outcome(checked));
       if (decoded) {
         ++accepted;
         for (const uint32_t index : indices)
@@ -287,9 +287,9 @@ TEST_CASE("checking and decoding clusters give the same result, at every width",
       const ClusterStreams streams = chunk.streams(guarded.bytes());
       const auto decoded = decode_clusters(streams, {indices, offsets, {}});
       const auto checked = check_clusters(streams);
-      if (bool(decoded) != bool(checked)) FAIL(outcome(decoded) << " but check says " << outcome(checked));
+      if (bool(decoded) != bool(checked)) FAIL(outcome(decoded) << " but the check returns " << outcome(checked));
       if (!decoded && decoded.error().message != checked.error().message)
-        FAIL(decoded.error().message << " but check says " << checked.error().message);
+        FAIL(decoded.error().message << " but the check returns " << checked.error().message);
       refused += decoded ? 0 : 1;
       guarded.bytes()[bit / 8] ^= std::byte{1} << (bit % 8);
     }

@@ -62,7 +62,7 @@ SplitPage check_split(const List& list, ClusterEffort effort = ClusterEffort::kF
 
 using Point = std::array<int64_t, 3>;
 
-/// Reads the values of a stream one after the other.
+/// Reads the values of the streams one after the other.
 struct Values {
   const Bytes& split;
   std::vector<size_t> at;  // of each stream
@@ -175,7 +175,7 @@ std::optional<std::vector<Point>> joined_positions(const Bytes& split, const Clu
   const std::string found = join(split, 4 * chunk.payload.size());
   if (!found.starts_with(too_short)) return {};
   Bytes page(std::stoul(found.substr(too_short.size())));
-  if (!join_page(split, page)) return {};  // residuals are left over
+  if (!join_page(split, page)) return {};  // some residuals are left over
   const ChunkStreams streams = chunk_streams(chunk.mesh, chunk.record);
   std::vector<Point> points;
   for (uint32_t c = 0; c < chunk.record.cluster_count; ++c) {
@@ -191,7 +191,7 @@ std::optional<std::vector<Point>> joined_positions(const Bytes& split, const Clu
   return points;
 }
 
-/// `count` triangles without shared vertices, then one with the corners of triangle `again`.
+/// `count` triangles without shared vertices, then a copy of triangle `again`.
 List far_apart(uint32_t count, uint32_t again) {
   List list;
   const auto add = [&list](uint32_t i) {
@@ -263,12 +263,12 @@ TEST_CASE("bytes between clusters stay unchanged", "[cluster_page]") {
 }
 
 TEST_CASE("references go back 65535 vertices and no further", "[cluster_page]") {
-  CHECK(stream_bytes(check_split(far_apart(20000, 1000)).bytes, 8) == 2);  // the other two vertices follow the first
+  CHECK(stream_bytes(check_split(far_apart(20000, 1000)).bytes, 8) == 2);  // the other two vertices follow it
   CHECK(stream_bytes(check_split(far_apart(23000, 1000)).bytes, 8) == 0);
 }
 
-TEST_CASE("references work behind any number of vertices", "[cluster_page]") {
-  // More vertices than are kept at a time, so that the oldest are forgotten on the way.
+TEST_CASE("references also work after more vertices than are kept", "[cluster_page]") {
+  // More vertices than are kept at a time, so that the oldest ones are dropped on the way.
   CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21845)).bytes, 8) == 2);
   CHECK(stream_bytes(check_split(far_apart(60000, 60000 - 21846)).bytes, 8) == 0);
 }
@@ -276,7 +276,7 @@ TEST_CASE("references work behind any number of vertices", "[cluster_page]") {
 TEST_CASE("joined positions equal the spec's", "[cluster_page]") {
   std::mt19937 random(11);
   std::vector<List> lists = {grid(12, 3000, 200), grid(40, 11, 3), grid(9, 1800000, 1700000)};
-  for (const uint32_t vertices : {4u, 40u, 900u}) lists.push_back(soup(random, 700, vertices, 13));  // degenerate, too
+  for (const uint32_t vertices : {4u, 40u, 900u}) lists.push_back(soup(random, 700, vertices, 13));  // some degenerate
   for (const List& list : lists) {
     const ClusteredChunk chunk = encode(list);
     SplitPage split = check_split(chunk.payload, {{0, chunk.record.cluster_count}});
@@ -307,7 +307,7 @@ TEST_CASE("clusters that would take more than twice their bytes are not split", 
   CHECK(split_page(chunk.payload, std::vector<PageClusters>{{0, chunk.record.cluster_count}}).bytes.empty());
 }
 
-TEST_CASE("clusters that are not the tightest are not split", "[cluster_page]") {
+TEST_CASE("clusters whose encoding is not the tightest are not split", "[cluster_page]") {
   const ClusteredChunk chunk = encode(grid(8, 20, 3));
   ClusteredChunk loose = chunk;
   const ChunkStreams streams = chunk_streams(chunk.mesh, chunk.record);
@@ -320,7 +320,7 @@ TEST_CASE("clusters that are not the tightest are not split", "[cluster_page]") 
   CHECK(split_page(loose.payload, std::vector<PageClusters>{{0, chunk.record.cluster_count}}).bytes.empty());
 }
 
-TEST_CASE("a split page that is cut off, too long or changed is refused or makes a page", "[cluster_page]") {
+TEST_CASE("a split page that is cut off, too long or changed is refused or gives a valid page", "[cluster_page]") {
   const ClusteredChunk chunk = encode(grid(12, 3000, 200));
   Bytes page = chunk.payload;
   page.resize(page.size() + 32, std::byte{9});

@@ -115,7 +115,7 @@ TEST_CASE("an index that is too large is found at every position", "[index_codec
   for (uint32_t bits = 1; bits <= 32; ++bits) {
     const auto limit = static_cast<uint32_t>((uint64_t{1} << bits) - 1);
     for (const size_t count : {1, 8, 70, 200}) {
-      std::vector<uint32_t> indices(count, limit - 1);  // nearly all bits around the tested one are set
+      std::vector<uint32_t> indices(count, limit - 1);  // nearly all bits around the tested index are set
       for (size_t i = 0; i < count; i += 3) indices[i] = 0;
       const IndexRange range{0, bits};
       if (!check_indices(count, limit, range, GuardedBytes(encode(indices, range)).bytes()))
@@ -189,7 +189,7 @@ TEST_CASE("random bytes never take an index decoder past its limits", "[index_co
     std::vector<uint32_t> out(count);
     const auto decoded = decode_indices(out, vertex_count, range, guarded.bytes());
     const auto checked = check_indices(count, vertex_count, range, guarded.bytes());
-    if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but check says " << outcome(checked));
+    if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but the check returns " << outcome(checked));
     if (decoded) {
       ++accepted;
       for (const uint32_t index : out) {

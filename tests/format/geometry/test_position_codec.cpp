@@ -202,7 +202,7 @@ TEST_CASE("a code that is too large is found at every position", "[position_code
     MeshLattice lattice;
     const uint32_t widest = 1 + static_cast<uint32_t>(random()) % kMaxPositionBits;
     for (size_t axis = 0; axis < 3; ++axis) {
-      range.min[axis] = 1;  // the largest code is the one that is not on the lattice
+      range.min[axis] = 1;  // the largest code lies just outside the lattice
       range.bits[axis] = static_cast<uint8_t>(1 + random() % widest);
       lattice.bits[axis] = range.bits[axis];
     }
@@ -268,13 +268,13 @@ TEST_CASE("hostile position ranges and lattices are refused", "[position_codec]"
     moved.exponent = exponent;
     CHECK(both(moved, range, bytes) == "range");
   }
-  // A lattice with points past the largest float: only codes of such points are refused.
+  // For a lattice with points past the largest float, only codes of such points are refused.
   moved.exponent = 126;
   moved.min = {0, 0, 0};
   CHECK(both(moved, range, bytes) == "range");
   moved.exponent = 124;
   CHECK(both(moved, range, bytes) == "ok");
-  moved.exponent = 125;  // 10 * 2^125 is too large, and 8 * 2^125 = 2^128 too
+  moved.exponent = 125;  // both 10 * 2^125 and 8 * 2^125 = 2^128 are too large
   CHECK(both(moved, range, bytes) == "range");
 
   CHECK(outcome(check_positions(std::numeric_limits<uint64_t>::max(), lattice, range, bytes)) == "range");
@@ -334,7 +334,7 @@ TEST_CASE("quantised positions keep the stated error at every scale", "[position
       ++refused;
       continue;
     }
-    if (asked > 0 && lattice->max_error > asked) FAIL("states " << lattice->max_error << ", asked " << asked);
+    if (asked > 0 && lattice->max_error > asked) FAIL("states " << lattice->max_error << ", requested " << asked);
     if (asked == 0 && *std::max_element(lattice->bits.begin(), lattice->bits.end()) > bits)
       FAIL("more than " << bits << " bits");
     exact += lattice->max_error == 0;
@@ -391,7 +391,7 @@ TEST_CASE("random bytes and ranges never take a position decoder past its limits
   int accepted = 0;
   for (int round = 0; round < 20000; ++round) {
     const size_t count = random() % 12;
-    // Mostly near the limits, sometimes random.
+    // Values are mostly near the limits, sometimes random.
     MeshLattice lattice;
     PositionRange range;
     lattice.exponent = random() % 8 == 0 ? static_cast<int32_t>(random()) : static_cast<int32_t>(random() % 281) - 151;
@@ -410,7 +410,7 @@ TEST_CASE("random bytes and ranges never take a position decoder past its limits
     std::vector<float> out(3 * count);
     const auto decoded = decode_positions(out, lattice, range, guarded.bytes());
     const auto checked = check_positions(count, lattice, range, guarded.bytes());
-    if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but check says " << outcome(checked));
+    if (outcome(decoded) != outcome(checked)) FAIL(outcome(decoded) << " but the check returns " << outcome(checked));
     if (!decoded) continue;
     ++accepted;
     for (const float value : out) {
@@ -440,7 +440,7 @@ TEST_CASE("an impossible lattice is refused with the reason", "[position_codec]"
   CHECK_FALSE(lattice_of_exponent(lo, hi, -150));
   CHECK_FALSE(lattice_of_exponent(lo, hi, 128));
 
-  // Half a step below 2^128 no lattice point is a float.
+  // Within half a step below 2^128 no lattice point is a float.
   const float low[3] = {0, 0, 0};
   const float huge[3] = {FLT_MAX, 0, 0};
   CHECK(refusal(choose_lattice(low, huge, 16, 0)).message.find("exceeds float32") != std::string::npos);
@@ -465,7 +465,7 @@ TEST_CASE("the maximum of a box has the last code", "[position_codec]") {
   }
 }
 
-TEST_CASE("neighbouring meshes of similar size share their border points", "[position_codec]") {
+TEST_CASE("neighbouring meshes of similar size have equal border points", "[position_codec]") {
   std::mt19937 random(7);
   for (int round = 0; round < 2000; ++round) {
     const float width = 1.5f + static_cast<float>(random() % 100) / 1000;

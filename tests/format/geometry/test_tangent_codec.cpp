@@ -60,7 +60,7 @@ TEST_CASE("tangents keep their angle and their sign", "[tangent_codec]") {
     std::vector<float> normals(3 * count), tangents(4 * count);
     for (float& value : normals) value = gauss(random);
     for (float& value : tangents) value = gauss(random);
-    std::fill_n(normals.begin(), 2, 0.0f);  // the two poles, where the axes turn over
+    std::fill_n(normals.begin(), 2, 0.0f);  // the two poles, where the axes change sides
     normals[2] = 1;
     std::fill_n(normals.begin() + 3, 2, 0.0f);
     normals[5] = -1;
@@ -80,7 +80,7 @@ TEST_CASE("tangents keep their angle and their sign", "[tangent_codec]") {
     }
     CAPTURE(bits);
     CHECK(worst <= std::exp2(3.0 - bits) * 1.0001 + 1e-6);
-    CHECK(worst > std::exp2(3.0 - bits) * 0.75);  // the bound is no larger than it need be
+    CHECK(worst > std::exp2(3.0 - bits) * 0.75);  // the bound is not much larger than needed
   }
   CHECK(std::exp2(3.0 - 12) * 57.29578 < 0.112);
 }
@@ -107,7 +107,7 @@ TEST_CASE("a tangent decoder stays inside its bytes and checks its width", "[tan
   CHECK(outcome(check_tangents(uint64_t{1} << 61, 11, bytes)) == "range");
 }
 
-TEST_CASE("second texture coordinates have the rest of their range in a header", "[attribute_codec][uv]") {
+TEST_CASE("second texture coordinates store the rest of their range in a header", "[attribute_codec][uv]") {
   const std::vector<float> uvs{0.1f, 0.9f, 0.5f, -0.25f, 0.75f, 0.125f};
   const UvRange range = choose_uv_range(uvs);
   std::vector<std::byte> bytes(second_uv_stream_bytes(3, range));

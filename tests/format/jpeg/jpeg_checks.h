@@ -18,14 +18,14 @@
 #include "tests/format/jpeg/jpeg_maker.h"
 #include "tests/tools/temp_folder.h"
 
-// Not scree::tests itself: these names are short, and other tests have functions of the same name.
+// A namespace of its own: these names are short, and other tests have functions of the same names.
 namespace scree::tests::jpeg {
 
 using namespace scree::format;
 
 using Bytes = std::vector<std::byte>;
 
-/// Parses and encodes into a buffer of exactly the bound that ends at a guard page.
+/// Parses the file and encodes it into a buffer of exactly the bound's size that ends at a guard page.
 inline Result<Bytes> encode(std::span<const std::byte> file, uint64_t* dropped_bytes = nullptr) {
   const auto header = parse_jpeg(file);
   if (!header) return header.error();

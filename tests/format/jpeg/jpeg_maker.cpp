@@ -50,7 +50,7 @@ void add_huffman_tables(jpeg_compress_struct& jpeg) {
 }
 
 void write_segments(jpeg_compress_struct& jpeg) {
-  const std::string exif("Exif\0\0II*\0\xff\xd8\xff\xda\0\0", 16);  // these bytes look like markers but are none
+  const std::string exif("Exif\0\0II*\0\xff\xd8\xff\xda\0\0", 16);  // some of these bytes look like markers
   const std::string comment = "a comment";
   const std::string photo = "Photoshop 3.0" + std::string(60000, '\xff');
   jpeg_write_marker(&jpeg, JPEG_APP0 + 1, reinterpret_cast<const JOCTET*>(exif.data()), 16);
@@ -193,7 +193,7 @@ std::vector<JpegPlane> read_coefficients(std::span<const std::byte> file) {
 
 std::vector<std::vector<uint16_t>> read_quant_tables(std::span<const std::byte> file) {
   Reader reader(file);
-  jpeg_read_coefficients(&reader.jpeg);  // a component's tables are known once its scan begins
+  jpeg_read_coefficients(&reader.jpeg);  // a component's tables are available once its scan begins
   std::vector<std::vector<uint16_t>> tables;
   for (int c = 0; c < reader.jpeg.num_components; ++c) {
     const UINT16* const values = reader.jpeg.comp_info[c].quant_table->quantval;

@@ -30,7 +30,7 @@ struct JpegRecipe {
 /// A noisy, reproducible picture with this encoding.
 std::vector<std::byte> make_jpeg(const JpegRecipe& recipe);
 
-/// Every kind that encode_jpeg_index accepts, in several sizes.
+/// A recipe of every kind that encode_jpeg_index accepts, in several sizes.
 std::vector<JpegRecipe> indexable_recipes();
 
 /// Blocks of 64 quantised coefficients in row-major order, rows of blocks top to bottom.

@@ -18,8 +18,8 @@ using namespace scree::tests::jpeg;
 
 namespace {
 
-/// Decodes groups into a buffer of their size that ends at a guard page, and pixels of them without a buffer. The
-/// colours must be the same for any data.
+/// Decodes groups into a buffer of their size that ends at a guard page, and some of their pixels without a buffer.
+/// Both must give the same colours, whatever the data.
 void decode_groups(const JpegIndex& index, uint32_t step) {
   const std::vector<uint32_t> factors = jpeg_factors(index);
   const JpegPicture picture = jpeg_picture(index, factors.data());
@@ -59,7 +59,7 @@ void decode_all(std::span<const std::byte> bytes) {
 }
 
 }  // namespace
-TEST_CASE("a JPEG that is cut anywhere is refused with the byte", "[jpeg_index]") {
+TEST_CASE("a JPEG that is cut anywhere is refused with the number of the byte", "[jpeg_index]") {
   for (const int restart : {0, 2}) {
     const Bytes file = make_jpeg(recipe_of(50, 40, {{2, 2}, {1, 1}, {1, 1}}, restart));
     for (size_t size = 0; size < file.size(); ++size) {
@@ -92,7 +92,7 @@ TEST_CASE("errors of damaged data name the defect", "[jpeg_index]") {
   const auto kept = must(encode(longer, &dropped));
   CHECK(dropped == 2);
   CHECK(kept == *encode(file));
-  // A code of ones only is invalid.
+  // A code of all ones is invalid.
   const Bytes plain = make_jpeg(recipe_of(64, 64, {{1, 1}}));
   const auto header = parse_jpeg(plain);
   Bytes ones = plain;
@@ -104,7 +104,7 @@ TEST_CASE("errors of damaged data name the defect", "[jpeg_index]") {
   REQUIRE_FALSE(encoded);
   CHECK(encoded.error().code == ErrorCode::kFormat);
   CHECK(encoded.error().message.find("no Huffman code") != std::string::npos);
-  // A header with a larger size than the file takes no memory.
+  // A header whose size exceeds the file takes no memory.
   Bytes huge = plain;
   for (size_t i = 5; i < 9; ++i) huge[find_marker(huge, 0xc0) + i] = std::byte{0xff};
   CHECK(outcome(encode(huge)) == "truncated");
@@ -169,9 +169,9 @@ TEST_CASE("a flipped bit of an indexed JPEG is refused or harmless", "[jpeg_inde
     const auto index = open_jpeg_index(guarded.bytes());
     const bool is_whole = index && rebuild(*index);
     guarded.bytes()[at] ^= mask;
-    // Any quantisation table is valid; a component may use another table; a Huffman table or the data may belong to
-    // another picture. Otherwise the data determine the index, and all of the header except the colour and sizes with
-    // the same MCUs.
+    // A flipped bit is undetectable in these places: any quantisation table is valid, a component may use another
+    // table, and a Huffman table or the data may belong to another picture. Apart from them, the data determine the
+    // index and all of the header, except the colour space and sizes with equally many MCUs.
     const bool is_quant_number = at >= 24 && at < 48 && at % 8 == 2;
     const bool is_told = at < 6 || (at >= 12 && at < 64 && !is_quant_number) || at >= blocks_at;
     const bool is_slack = at >= data_at + original.data.size() && at < blocks_at;
@@ -227,7 +227,7 @@ TEST_CASE("mutated JPEG files and indexed JPEGs never take a decoder past its li
   uint32_t opened = 0;
   for (int round = 0; round < 3000; ++round) {
     Bytes bytes = indexed[random() % indexed.size()];
-    // Sizes are mostly kept, so that more than the size is wrong.
+    // The size is kept in most cases, so that other parts are wrong than the size.
     const size_t size = bytes.size();
     mutate(bytes, 64);
     if (round % 8 != 0) bytes.resize(size);

@@ -115,7 +115,7 @@ TEST_CASE("every kind of sequential JPEG is indexed without loss", "[jpeg_index]
   }
 }
 
-TEST_CASE("groups and anchor blocks of every fill", "[jpeg_index]") {
+TEST_CASE("groups and anchor blocks of every fill are indexed without loss", "[jpeg_index]") {
   // Grey: 4 MCUs per group, 32 groups per block.
   for (const int mcus : {1, 3, 4, 5, 124, 127, 128, 129, 132, 256, 257}) {
     INFO(mcus << " MCUs");
@@ -203,7 +203,7 @@ TEST_CASE("JPEGs that cannot be indexed give the reason", "[jpeg_index]") {
   CHECK(changed(0xc6, 8) == std::pair(JpegTreatment::kRefuse, std::string("hierarchical")));
   CHECK(changed(0xc1, 8) == std::pair(JpegTreatment::kAsItIs, std::string()));
 
-  // A second scan behind the first is found.
+  // A second scan after the first is found.
   const Bytes file = make_jpeg(recipe_of(40, 30, {{1, 1}}));
   Bytes twice(file.begin(), file.end() - 2);
   twice.insert(twice.end(), file.begin() + static_cast<ptrdiff_t>(find_marker(file, 0xda)), file.end());
@@ -232,7 +232,7 @@ TEST_CASE("impossible Huffman tables are refused", "[jpeg_index]") {
   JpegHuffmanSpec spec;
   CHECK(make_jpeg_table(spec, true));  // a table without codes decodes nothing
   CHECK(make_jpeg_table(spec, true)->find(0).length == 0);
-  spec.counts[0] = 2;  // 0 and 1: a code of ones only
+  spec.counts[0] = 2;  // 0 and 1: the second is a code of all ones
   CHECK(outcome(make_jpeg_table(spec, false)) == "format");
   spec.counts[0] = 1;
   CHECK(make_jpeg_table(spec, false));

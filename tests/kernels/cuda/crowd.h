@@ -10,7 +10,7 @@ namespace scree::tests {
 
 inline constexpr uint32_t kCrowdSide = 320;  // instances along the ground
 
-/// Leaves, and one ball per 64 instances, stand over a square of two units in four layers, each rotated and some
+/// Leaves, and one ball per 64 instances, in four layers over a square of two units. Each is rotated, and some are
 /// mirrored. Most are smaller than a pixel of the tests' pictures, or hidden.
 inline void build_crowd(SceneBuilder& builder) {
   const Encoding encoding{.clusters = Clusters::kClustered};

@@ -67,13 +67,13 @@ class DeviceCopy {
   /// The scene for kernels: all pointers are device pointers.
   const kernels::SceneView& view() const { return view_; }
 
-  /// The GPU's samples of the scene, with queues that start at `sizes`.
+  /// The GPU's samples of the scene, with queues of the initial sizes `sizes`.
   std::vector<uint64_t> draw(const kernels::View& view, const kernels::CudaQueueSizes& sizes = {},
                              const kernels::DrawOptions& options = {}) const {
     return draw_in_turn({view}, sizes, options).front();
   }
 
-  /// The same for consecutive frames, each of which may use hints of the previous one.
+  /// As above, for consecutive frames, each of which may use hints of the previous one.
   std::vector<std::vector<uint64_t>> draw_in_turn(const std::vector<kernels::View>& views,
                                                   const kernels::CudaQueueSizes& sizes = {},
                                                   const kernels::DrawOptions& options = {}) const {
@@ -103,7 +103,7 @@ class DeviceCopy {
     std::function<bool(size_t page)> has_page;
   };
 
-  /// As draw_in_turn(), with each frame drawn in these parts.
+  /// As draw_in_turn(), with each frame drawn in `parts`.
   std::vector<std::vector<uint64_t>> draw_in_parts(const std::vector<kernels::View>& views,
                                                    const std::vector<Part>& parts,
                                                    const kernels::CudaQueueSizes& sizes) const {
@@ -121,7 +121,7 @@ class DeviceCopy {
     return pictures;
   }
 
-  /// The samples that `draw` writes on the device. Their bytes are `begin` before; 0xff: background.
+  /// The samples that `draw` writes on the device. Their bytes are `begin` before it; 0xff is the background.
   template <class Draw>
   std::vector<uint64_t> picture(const kernels::View& view, const Draw& draw, int begin = 0xff) const {
     std::vector<uint64_t> samples(size_t{view.width} * view.height);
@@ -171,7 +171,7 @@ inline kernels::CudaQueueSizes in_two_passes() {
   return {.two_pass_groups = 1, .round_groups = 1};
 }
 
-/// In one pass, with a warp per cluster as in larger scenes.
+/// One pass, with one warp per cluster as in larger scenes.
 inline kernels::CudaQueueSizes by_warps() {
   return {.few_groups = 0};
 }
@@ -179,8 +179,7 @@ inline kernels::CudaQueueSizes by_warps() {
 /// Queues that have to grow.
 inline constexpr kernels::CudaQueueSizes kNoRoom{1, 1, 1, 1, 1, 1, 1, 1};
 
-/// Checks that frames of `views` are `expected`, one after the other, with all queues and options that change no
-/// picture.
+/// Checks that consecutive frames of `views` equal `expected`, for all queues and options that change no picture.
 inline void check_drawn_alike(const DeviceCopy& device, const std::vector<kernels::View>& views,
                               const std::vector<std::vector<uint64_t>>& expected) {
   for (const kernels::CudaQueueSizes& sizes : {kernels::CudaQueueSizes(), by_warps(), in_two_passes(), kNoRoom})

@@ -1,5 +1,5 @@
 # cmake -DFOLDER=scree_cuda_passes.dir/cuda -DTABLE=registers.txt -P registers.cmake: fails if a kernel of the table takes
-# more registers or spills more bytes than the table allows, or is missing in all capabilities of the folder's reports.
+# more registers or spills more bytes than the table allows, or if no report of the folder has it.
 file(STRINGS "${TABLE}" rows REGEX "^[a-z]")
 find_program(CXXFILT NAMES c++filt REQUIRED)
 set(report "")

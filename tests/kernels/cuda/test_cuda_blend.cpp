@@ -43,7 +43,7 @@ class GpuLayers {
     return out;
   }
 
-  /// BlendTargets::over. `slots`: fragments per sample that are drawn at once; 0: the layers one by one.
+  /// BlendTargets::over. `slots`: fragments per sample that are drawn at once; 0: layers are drawn one by one.
   std::vector<float> over(const View& view, uint32_t most, uint32_t slots, kernels::BlendCounts& counts) {
     const uint64_t samples = uint64_t{view.width} * view.height;
     kernels::CudaBlend at_once(slots == 0 ? 0 : (4 + 12 * slots) * samples + 1024);
@@ -51,7 +51,7 @@ class GpuLayers {
   }
 
  private:
-  /// `blend`: draws all fragments at once, or null. `out`: receives the layers, or null.
+  /// `at_once`: draws all fragments at once, or null. `out`: receives the layers, or null.
   std::vector<float> blend(const View& view, uint32_t most, kernels::CudaBlend* at_once, DrawnLayers* out,
                            kernels::BlendCounts& counts) {
     const size_t count = size_t{view.width} * view.height;

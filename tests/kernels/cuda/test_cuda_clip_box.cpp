@@ -14,7 +14,7 @@ using kernels::View;
 
 namespace {
 
-/// Spheres, fields and large triangles without any mask.
+/// Adds spheres, fields and large triangles, none of them masked.
 void add_opaque_meshes(SceneBuilder& builder, bool clustered_alone) {
   const auto [clustered, second, third] = encodings_of_scene(clustered_alone);
   const uint32_t both_sides = builder.material(format::kMaterialDoubleSided);

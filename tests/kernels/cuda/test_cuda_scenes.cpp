@@ -1,5 +1,5 @@
 // The GPU against the CPU on scenes made for it: encodings side by side, orthographic floats, widths of 0 bits. The
-// visibility buffers must be equal bit for bit, with queues that hold everything and queues that have to grow.
+// visibility buffers must be equal bit for bit, with queues that are large enough and queues that have to grow.
 #include <algorithm>
 #include <cstdint>
 #include <map>
@@ -25,8 +25,8 @@ using kernels::View;
 
 namespace {
 
-/// `least`: the least number of pixels that the scene covers in each view, which is also checked without a GPU.
-/// `first_id`: as in SceneBuilder::view.
+/// `least`: the least number of pixels that the scene covers in each view; checked without a GPU too. `first_id`: as in
+/// SceneBuilder::view.
 void compare(SceneBuilder& builder, const std::vector<View>& views, uint64_t least, uint64_t first_id = 0) {
   const kernels::SceneView scene = builder.view(first_id);
   std::vector<std::vector<uint64_t>> expected;
@@ -61,7 +61,7 @@ std::vector<View> all_views() {
           orthographic(above, 1, 0.1, 20)};
 }
 
-/// A mesh whose corners have one of `values` along each of the first `flat` axes.
+/// A mesh in which each corner has one of `values` along each of the first `flat` axes.
 Soup flat_soup(int flat) {
   Soup soup;
   for (uint32_t j = 0; j < 5; ++j)
@@ -95,8 +95,8 @@ TEST_CASE("scenes that mix lattice and float32 meshes are equal on the GPU", "[c
   compare(builder, all_views(), 5000);
 }
 
-// Rows change from frame to frame, so that the hints of clusters come from other rows.
-TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda][gpus]") {
+// Rows change from frame to frame, so that the hints of clusters come from frames of other rows.
+TEST_CASE("rows drawn alone equal those of the whole picture on the GPU", "[cuda][gpus]") {
   std::mt19937 random(41);
   for (const int kind : {0, 1, 2}) {
     SceneBuilder builder;
@@ -136,8 +136,8 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
             CHECK(times.has_stages == options.stage_times);
             if (!times.has_stages) CHECK(times.cull_ms + times.small_ms + times.second_ms == 0);
           };
-          // Samples begin as zeros, which are nearer than everything. Other rows are not cleared, so reading them would
-          // show.
+          // Samples begin as zeros, which are nearer than everything. Other rows are not cleared, so a read of them
+          // would change the picture.
           const std::vector<uint64_t> found = device.picture(view, draw_rows, 0);
           const auto at = [&](uint32_t row) { return static_cast<ptrdiff_t>(uint64_t{row} * view.width); };
           CHECK(std::equal(found.begin() + at(options.rows.first), found.begin() + at(options.rows.end),
@@ -146,13 +146,13 @@ TEST_CASE("rows of a picture are those of the whole picture on the GPU", "[cuda]
         of_all += 3 * device.stats(view, sizes, {}).triangles;
       }
     }
-    // Most chunks reach into any rows, so few are left out. In the fifth of the views that the emulated GPU draws, even
+    // Most chunks reach into any rows, so few are left out. The emulated GPU draws a fifth of the views, where even
     // fewer are.
     CHECK(drawn < of_all - of_all / (kEmulatesGpu ? 50 : 10));
   }
 }
 
-// One frame after the other, so that hints of clusters outlive frames that omit them.
+// Frames follow each other, so that hints of clusters outlive frames that omit the clusters.
 TEST_CASE("omitted instances are left out on the GPU as on the CPU, and come back", "[cuda][omitted]") {
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
@@ -226,7 +226,7 @@ TEST_CASE("chunks with widths of 0 bits are equal on the GPU", "[cuda]") {
     builder.instance(builder.mesh(points, of_points), builder.identity());
     CHECK(builder.chunks.back().index_bits == 0);
   }
-  // Indices of few bits in an otherwise usual mesh, cut so that some chunks have one triangle.
+  // Indices of few bits in an otherwise usual mesh, cut into chunks of which some have one triangle.
   Encoding single = encoding;
   single.chunk_triangles = 1;
   builder.instance(builder.mesh(grid(4, 0.2), single), builder.identity());
@@ -236,7 +236,7 @@ TEST_CASE("chunks with widths of 0 bits are equal on the GPU", "[cuda]") {
 namespace {
 
 /// Clustered chunks and, unless `is_clustered`, other chunks, in front of and behind each other. Each view is drawn
-/// twice, the second time with all hints; then the views come again in reverse order, with jumps.
+/// twice, the second time with all hints; then the views follow in reverse order, with jumps.
 struct MixedScene {
   explicit MixedScene(bool is_clustered) {
     const Encoding lattice{.chunk_triangles = 900};
@@ -371,9 +371,9 @@ TEST_CASE("clusters that the near plane cuts everywhere are equal on the GPU", "
   builder.instance(
       builder.mesh(rough_field(scree::tests::kEmulatesGpu ? 60 : 400, 0.01), {.exponent = -16, .clusters = clusters}),
       builder.identity());
-  // From above, with the field at the near plane; slanting through it; close, with little left after clipping; and from
-  // within, where some triangles leave the guard band too. Each view comes twice: whether there is much to clip is
-  // known from the previous frame.
+  // From above, with the field at the near plane; slanting through it; close, so that clipping leaves little; and from
+  // within, where some triangles leave the guard band too. Each view comes twice: only the previous frame tells whether
+  // much has to be clipped.
   std::vector<View> views;
   for (const View& view :
        {look_at({0, 1.6, 0}, {0, 0, 0}, 320, 180, 1.6), look_at({0.3, 0.5, 0.2}, {0, 0, 0}, 320, 180, 0.55),
@@ -466,7 +466,7 @@ void compare_spans(const std::vector<uint32_t>& spans) {
         for (double& m : middle) m = 0.3 * unit(random);
       soup.add(middle[0] + 0.1 * unit(random), middle[1] + 0.1 * unit(random), middle[2] + 0.1 * unit(random));
     }
-    // Every vertex is used, and the last triangle ends with the last vertex. The first triangle spans all vertices.
+    // Every vertex is used, and the last triangle ends with the last vertex. The first triangle has the whole span.
     soup.triangle(0, spans[i] / 2, spans[i]);
     for (uint32_t v = 0; v <= spans[i]; v += 3) soup.triangle(v, std::min(v + 1, spans[i]), std::min(v + 2, spans[i]));
     const Encoding whole{.chunk_triangles = UINT32_MAX};

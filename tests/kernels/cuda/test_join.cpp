@@ -1,4 +1,4 @@
-// A GPU joins split pages as join_page() does, and refuses what join_page() or check_chunk() refuse.
+// A GPU joins split pages as join_page() does, and refuses the pages that join_page() or check_chunk() refuses.
 #include <algorithm>
 #include <optional>
 #include <random>
@@ -62,7 +62,7 @@ Page page_of(const List& list) {
   return page;
 }
 
-/// The raw page, joined and checked by the CPU; none if it refuses.
+/// The raw page, joined and checked by the CPU; none if the CPU refuses it.
 std::optional<Bytes> join_here(const Bytes& split, const Page& page) {
   Bytes raw(page.raw.size());
   if (!format::join_page(split, raw)) return std::nullopt;
@@ -77,7 +77,7 @@ DeviceBuffer to_device(std::span<const std::byte> bytes, size_t room) {
   return buffer;
 }
 
-/// The same by the GPU. `shift`: place of the split page in its slot.
+/// As above, by the GPU. `shift`: offset of the split page in its slot.
 std::optional<Bytes> join_there(const Bytes& split, const Page& page, uint32_t shift = 0) {
   runtime::JoinPlan plan;
   if (!plan.add_split(split, page.raw.size(), page.drawn(), {shift, 0})) return std::nullopt;
@@ -163,7 +163,7 @@ TEST_CASE("a GPU refuses the split pages that a CPU refuses", "[cuda][cluster_pa
     const auto streams = must(format::split_streams::open_streams(split));
     for (int round = 0; round < (kEmulatesGpu ? 150 : 1500); ++round) {
       Bytes changed = split;
-      // Few bytes and all streams alike: most bytes are residuals, which may have any value.
+      // Few bytes are changed, and all streams equally often: most bytes are residuals, which may have any value.
       for (auto changes = random() % 3 + 1; changes != 0; --changes) {
         const auto& stream = streams.bytes[random() % format::split_streams::kStreams];
         const size_t at = stream.empty() || random() % 16 == 0

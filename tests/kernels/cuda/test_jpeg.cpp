@@ -72,7 +72,7 @@ std::vector<std::byte> encode_by_libjpeg(const Pixels& picture, int quality, boo
   return must(writer.finish());
 }
 
-/// Root mean square of the differences of two pictures' channels.
+/// Root mean square of the differences between two pictures' channels.
 double difference(const runtime::Image& image, const Pixels& picture) {
   REQUIRE(image.warning.empty());
   REQUIRE(image.width == picture.width);
@@ -107,7 +107,7 @@ TEST_CASE("a GPU's JPEG is as accurate and as large as libjpeg's", "[cuda][jpeg]
       const auto our_image = must(runtime::decode_image(ours));
       const auto their_image = must(runtime::decode_image(theirs));
       CHECK(difference(our_image, picture) <= 1.01 * difference(their_image, picture) + 0.1);
-      // Restart markers and the DC values behind them: at most 24 bytes per segment.
+      // Restart markers and the DC values behind them take at most 24 bytes per segment.
       const double segments = at.width * at.height / (is_sharp ? 640.0 : 1280.0) + 2;
       CHECK(static_cast<double>(ours.size()) <= 1.02 * static_cast<double>(theirs.size()) + 24 * segments);
     }

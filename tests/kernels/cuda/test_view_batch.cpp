@@ -84,7 +84,7 @@ std::vector<View> random_views(size_t count, uint32_t width, uint32_t height, ui
   return views;
 }
 
-/// Small and large triangles, several instances of each mesh, one of them mirrored. The last is so small that its
+/// Small and large triangles, several instances of each mesh, one of them mirrored. The last mesh is so small that its
 /// lattice is farther from the eye than 2^31 steps.
 void add_meshes(SceneBuilder& builder) {
   const Encoding encoding{.chunk_triangles = 700, .clusters = Clusters::kClustered};

@@ -9,7 +9,7 @@ TEST_CASE("a warp's reduction by one instruction equals the one by shuffles", "[
   CHECK(scree::tests::check_lane_sums() == "");
 }
 
-TEST_CASE("a warp stages runs of pieces past its registers and through them alike", "[cuda]") {
+TEST_CASE("a warp stages the same pieces with cp.async and through registers", "[cuda]") {
   if (!scree::tests::has_gpu()) return;
   CHECK(scree::tests::check_stage_copies() == "");
 }

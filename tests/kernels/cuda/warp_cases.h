@@ -8,7 +8,7 @@ namespace scree::tests {
 /// Joins lanes' values by one instruction and by shuffles. Returns the errors; empty if both are right.
 std::string check_lane_sums();
 
-/// Stages runs of pieces, past the registers and through them. Returns the errors; empty if both are right.
+/// Stages runs of pieces with cp.async and through registers. Returns the errors; empty if both are right.
 std::string check_stage_copies();
 
 }  // namespace scree::tests

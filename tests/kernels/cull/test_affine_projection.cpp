@@ -26,7 +26,7 @@ struct Tally {
   uint64_t wrong = 0;
 };
 
-/// A vertex's position, as the kernel computes it. `words`: the first one contains the vertices' first bit.
+/// A vertex's place on the screen, as the kernel computes it. `words`: the first one contains the vertices' first bit.
 uint32_t place_of(const AffineProjection& map, const ClusterCodes& codes, const uint32_t* words, uint32_t vertex) {
   const uint32_t stride = codes.bits[0] + codes.bits[1] + codes.bits[2];
   uint64_t window = 0;
@@ -40,7 +40,7 @@ uint32_t place_of(const AffineProjection& map, const ClusterCodes& codes, const 
   return sum(map.u) >> 16 | (sum(map.v) & 0xffff0000u);
 }
 
-/// The steps that a GPU computes in parallel, a lane per axis.
+/// Makes the map by the steps that a GPU computes in parallel, a lane per axis.
 AffineProjection make_affine_projection(const CoverageFilter& filter, const format::ClusterBounds& bounds,
                                         const ClusterCodes& codes) {
   AffineProjection out{};

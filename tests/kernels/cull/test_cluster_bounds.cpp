@@ -164,7 +164,7 @@ TEST_CASE("bounds of clusters contain every pixel and depth code of their triang
     CHECK(sum.wrong == 0);
   }
   CAPTURE(sum.boxes, sum.culled, sum.empty, sum.clipped, sum.area, sum.least_area);
-  // Both answers occurred, most invisible boxes were found, and the bounds are not much larger than needed.
+  // Both results occurred, most invisible boxes were found, and the bounds are not much larger than needed.
   CHECK(sum.culled > sum.boxes / 10);
   CHECK(sum.culled > sum.empty / 2);
   CHECK(sum.clipped > 500);

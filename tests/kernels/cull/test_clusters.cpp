@@ -13,7 +13,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// Colours, texture coordinates and normals for every vertex.
+/// Adds colours, texture coordinates and normals to every vertex.
 void add_attributes(Soup& soup) {
   std::mt19937 random(5);
   std::uniform_real_distribution<float> unit(0, 1);
@@ -76,7 +76,7 @@ TEST_CASE("clusters: the picture equals that of indexed chunks in the same order
         REQUIRE(covered(expected) > 0);
         CHECK(draw(scene, view) == expected);
         CHECK(draw(scene, view, 3) == expected);
-        // Blocks that end within clusters, some with few triangles, and kernels without AVX2.
+        // Blocks that end within clusters (some have few triangles), and kernels without AVX2.
         QueueSizes sizes;
         for (const uint32_t triangles : {1u, 50u, 200u}) {
           sizes.block_triangles = triangles;

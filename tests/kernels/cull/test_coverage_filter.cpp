@@ -15,7 +15,7 @@ namespace {
 
 struct FilterTally {
   uint64_t triangles = 0;
-  uint64_t clipped = 0;   // not outside, with corners to be clipped
+  uint64_t clipped = 0;   // not outside, with corners that need clipping
   uint64_t covering = 0;  // the exact projection, or a piece of it, has a non-empty pixel box
   uint64_t kept = 0;
   uint64_t wrong = 0;  // covering and not kept
@@ -118,7 +118,7 @@ TEST_CASE("no triangle that covers a pixel centre is filtered out", "[sample_fil
     sum.covering += one.covering;
     sum.kept += one.kept;
   }
-  // Both answers occurred often enough to be meaningful.
+  // Both results occurred often enough to be meaningful.
   CHECK(sum.covering > sum.triangles / 20);
   CHECK(sum.kept < sum.triangles - sum.triangles / 20);
 }
@@ -141,12 +141,12 @@ TEST_CASE("most triangles that are smaller than a pixel are filtered out at the 
     SceneBuilder scene;
     scene.instance(scene.mesh(rough_field(300, 0.01), {float32, -16}), scene.identity());
     FilterTally sum;
-    // From above, with the surface at the near plane; and from close, with corners at half of the near distance.
+    // From above, with the surface at the near plane. Then from close, with corners at half of the near distance.
     const FilterTally above = tally(scene.view(), look_at({0, 1.6, 0}, {0, 0, 0}, 200, 160, 1.6));
     CHECK(above.wrong == 0);
     CHECK(above.clipped > 50000);
     CHECK(above.kept < above.triangles / 2);
-    CHECK(above.kept < 2 * above.covering);  // the part that is cut off would have covered some
+    CHECK(above.kept < 2 * above.covering);  // the part that is clipped away would have covered some
     for (const double height : {0.4, 0.1, 0.02}) {
       const FilterTally near = tally(scene.view(), look_at({0.1, height, 0.05}, {0, 0, 0}, 200, 160, height));
       INFO("from " << height);

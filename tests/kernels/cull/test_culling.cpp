@@ -16,12 +16,12 @@ using namespace scree::tests;
 
 namespace {
 
-/// Rounds of few triangles: a pyramid before almost every round.
+/// Rounds of few triangles, with a new pyramid before almost every round.
 QueueSizes many_rounds() {
   return {.block_triangles = 500, .round_triangles = 64};
 }
 
-/// A wall of two triangles at z = 1, `half` units around the origin.
+/// A wall of two triangles at z = 1, up to `half` units from its middle.
 Soup wall(double half) {
   Soup soup;
   for (const double y : {-half, half}) {
@@ -242,7 +242,7 @@ TEST_CASE("culling: single precision keeps every box that double precision keeps
     kept += keeps;
     kept_rounded += keeps_rounded;
     if (!keeps) continue;
-    // A box that the picture keeps is also kept for all of its rows, and for at least one of three parts of them.
+    // A box that the picture keeps is also kept for all of its rows, and for at least one of three ranges of rows.
     FrameView part = view;
     part.first_row = static_cast<int32_t>(random() % static_cast<uint64_t>(view.height));
     part.end_row =

@@ -1,4 +1,4 @@
-// Speed of drawing triangles: scree_tests "[.bench]", in a Release build. Speeds that must hold are tests.
+// Speed of drawing triangles: scree_tests "[.bench]", in a Release build. Speeds that must be reached have tests.
 #include <chrono>
 #include <cstdio>
 #include <thread>

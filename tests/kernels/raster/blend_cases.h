@@ -8,8 +8,9 @@
 
 namespace scree::tests {
 
-/// Adds blended, masked and opaque meshes with small and large triangles: alpha by a factor, a texture, vertex colours,
-/// and all of them; several lie in one place, and some are mirrored. `clustered_alone`: as add_masked_meshes().
+/// Adds blended, masked and opaque meshes with small and large triangles: alpha by a factor, by a texture, by vertex
+/// colours, and by all of them. Several lie in one place, and some are mirrored. `clustered_alone`: as
+/// add_masked_meshes().
 inline void add_blended_meshes(SceneBuilder& builder, bool clustered_alone) {
   const kernels::MaskView texture = mask_view(61, 37, 4, 0);
   std::vector<uint8_t> levels = noisy_levels(61, 37, 4, 5);

@@ -23,7 +23,7 @@ inline kernels::View clipping(kernels::View view, const CutBox& box) {
   return view;
 }
 
-/// A box between random points of a cube around the origin.
+/// A box between two random points of a cube around the origin.
 inline CutBox random_box(std::mt19937& random, double reach) {
   std::uniform_real_distribution<double> place(-reach, reach);
   CutBox box{};

@@ -22,7 +22,7 @@ Encoding lattice(int32_t exponent) {
   return {.exponent = exponent};
 }
 
-/// 100 pixels per unit, from above, with the origin at a pixel corner in the picture's middle.
+/// A view of 100 pixels per unit, from above, with the origin at a pixel corner in the picture's middle.
 View pixels_view(uint32_t width, uint32_t height) {
   return orthographic(look_at({0, 0, 4}, {0, 0, 0}, width, height), height / 200.0, 0.5, 16);
 }
@@ -99,7 +99,7 @@ HardCase degenerate_triangles() {
   return hard;
 }
 
-/// Four coincident surfaces, from several chunks, instances and meshes. The triangles of the last one start at another
+/// Four coincident surfaces, of several chunks, instances and meshes. The triangles of the last one start at another
 /// corner.
 HardCase coincident() {
   HardCase hard;
@@ -178,7 +178,7 @@ HardCase vertex_at_eye() {
   return hard;
 }
 
-/// All vertices at pixel centres: edges run through centres in eight directions.
+/// All vertices lie at pixel centres; edges run through centres in eight directions.
 HardCase pixel_centres() {
   HardCase hard;
   Soup soup;
@@ -202,7 +202,7 @@ HardCase pixel_centres() {
   View view = orthographic(look_at({0, 0, 1}, {0, 0, 0}, 128, 128), 0.5, 0, 2);  // 128 pixels per unit
   hard.views = {view};
   for (int i = 0; i < 3; ++i) view.right[i] = -view.right[i], view.up[i] = -view.up[i];
-  hard.views.push_back(view);  // upside down: each edge's centres belong to its other side
+  hard.views.push_back(view);  // upside down, so that the centres on each edge belong to its other side
   return hard;
 }
 
@@ -235,7 +235,7 @@ HardCase subpixel_sphere() {
   return hard;
 }
 
-/// A sphere with millimetre bumps 1e7 m from the origin, placed by its instance's translation.
+/// A sphere with bumps of a millimetre, 1e7 m from the origin, placed by its instance's translation.
 HardCase georeferenced() {
   HardCase hard;
   const uint32_t ball = hard.mesh(sphere(40, 0.001), lattice(-16));
@@ -245,7 +245,7 @@ HardCase georeferenced() {
   return hard;
 }
 
-/// The same as float32 vertices, which are half a metre apart at that distance.
+/// The same sphere as float32 vertices, which are half a metre apart at that distance.
 HardCase georeferenced_floats() {
   HardCase hard;
   Soup soup = sphere(40, 0.001);
@@ -415,7 +415,7 @@ Figures judge(HardCase& hard) {
         const auto ours =
             compare::reference_depth(meshes[instances[instance].mesh], instances[instance], triangle, view,
                                      static_cast<uint32_t>(i % view.width), static_cast<uint32_t>(i / view.width));
-        // Triangles that coincide there are equally right.
+        // Another triangle at the same depth is equally right.
         if (!ours || std::fabs(*ours - right.depth) > 1e-12 * std::fabs(right.depth)) {
           ++figures.other_triangle;
           continue;
@@ -469,7 +469,7 @@ CoverCount count_covers(SceneBuilder& builder, const View& view, const Draws& dr
       keep([&](uint64_t number) { return ((number >> bit) & 1) == side; });
       halves[side] = picture();
     }
-    uint64_t different = 0;  // both halves together must give the whole
+    uint64_t different = 0;  // the two halves together must give the whole
     for (size_t i = 0; i < whole.size(); ++i) {
       const bool a = halves[0][i] != kBackground, b = halves[1][i] != kBackground;
       different += (a || b) != count.is_covered[i] ? 1 : 0;

@@ -21,7 +21,7 @@ struct HardCase {
 
   /// Adds a mesh and returns its number.
   uint32_t mesh(Soup soup, const Encoding& encoding);
-  /// The same, with one instance without a transform.
+  /// As above, with one instance without a transform.
   void draw_once(Soup soup, const Encoding& encoding);
   /// Encoding with a double-sided material.
   Encoding both_sides(Encoding encoding = {});
@@ -40,7 +40,7 @@ struct Figures {
 };
 
 /// Draws all views with one thread, with two threads and queues that must grow, and with both instruction sets.
-/// Requires equal pictures, and compares them with the reference.
+/// Requires equal pictures and compares them with the reference.
 Figures judge(HardCase& hard);
 
 /// How often triangles cover pixels, counting each triangle exactly, regardless of depth.
@@ -54,12 +54,13 @@ struct CoverCount {
 using Draws =
     std::function<std::vector<uint64_t>(const SceneBuilder&, const kernels::SceneView&, const kernels::View&)>;
 
-/// Draws the scene once for each value of each bit of the triangles' numbers. Two triangles differ in some bit, so a
-/// pixel with two of them is covered by both halves of that bit. Indexed chunks only.
+/// Draws the scene twice for each bit of the triangles' numbers: the triangles with the bit, and those without it. Two
+/// triangles differ in some bit, so a pixel that both cover is covered in both pictures of that bit. Indexed chunks
+/// only.
 CoverCount count_covers(SceneBuilder& builder, const kernels::View& view, const Draws& draws = {});
 
-/// For a closed convex mesh: its front faces cover each pixel of its picture once, and its back faces the same pixels
-/// once. Differences near the outline, where snapping folds triangles over, are noted.
+/// Checks a closed convex mesh: its front faces cover each pixel of its picture once, and its back faces cover the same
+/// pixels once. Differences near the outline, where snapping folds triangles over, are noted.
 void check_closed(const std::string& name, const Soup& soup, const kernels::View& view, double disc_pixels,
                   const Draws& draws = {});
 /// The view of a sphere() of radius 1, which is side / 2.2 pixels large.
@@ -76,11 +77,11 @@ struct NamedCase {
 };
 const std::vector<NamedCase>& hard_cases();
 
-/// The case of that name.
+/// The case with this name.
 HardCase make_hard_case(const std::string& name);
 
-/// The same case with clustered chunks, or with the clusters' triangles in indexed chunks. Float32 positions are moved
-/// to a lattice of 20 bits per axis, so the picture differs from the case's own.
+/// The case with clustered chunks, or with the clusters' triangles in indexed chunks. Float32 positions are moved to a
+/// lattice of 20 bits per axis, so the picture differs from the case's own.
 HardCase in_clusters(const HardCase& hard, Clusters clusters);
 
 }  // namespace scree::tests

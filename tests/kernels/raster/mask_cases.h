@@ -56,7 +56,7 @@ struct SceneEncodings {
   Encoding clustered, second, third;
 };
 
-/// Clusters, a lattice and floats; `clustered_alone`: clusters in the place of the other two.
+/// Clusters, a lattice and floats. `clustered_alone`: clusters instead of the other two.
 inline SceneEncodings encodings_of_scene(bool clustered_alone) {
   const Encoding lattice{.chunk_triangles = 700};
   Encoding clustered = lattice;
@@ -71,7 +71,7 @@ inline Encoding with(Encoding encoding, uint32_t material) {
   return encoding;
 }
 
-/// Places each of the meshes as it is, smaller, mirrored, and by `more`.
+/// Places each mesh four times: as it is, smaller, mirrored, and by `more`.
 inline void place_all(SceneBuilder& builder, std::span<const uint32_t> meshes, const std::array<double, 12>& more) {
   const uint32_t matrices[] = {builder.identity(), builder.matrix({0.5, 0, 0.1, 0.6, 0, 0.5, 0, 0.3, 0, 0, 0.5, -0.2}),
                                builder.matrix({-0.3, 0, 0, -0.6, 0, 0.3, 0, 0.1, 0, 0, 0.3, 0.4}),
@@ -80,7 +80,7 @@ inline void place_all(SceneBuilder& builder, std::span<const uint32_t> meshes, c
     for (const uint32_t matrix : matrices) builder.instance(mesh, matrix);
 }
 
-/// Adds masked and opaque meshes with small and large triangles and every wrap mode. They hide each other in part, and
+/// Adds masked and opaque meshes with small and large triangles and every wrap mode. Some hide parts of others, and
 /// some instances are mirrored. `clustered_alone`: all encodings are clustered.
 inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
   using format::Wrap;
@@ -112,8 +112,8 @@ inline void add_masked_meshes(SceneBuilder& builder, bool clustered_alone) {
   place_all(builder, meshes, {1, 0, 0, 0.2, 0, 1, 0, -0.7, 0, 0, 1, 0.3});             // behind others
 }
 
-/// Views from far, near (the near plane cuts triangles), inside and above, and two orthographic ones; 1 / `share` as
-/// wide and high.
+/// Views from far, near (the near plane cuts triangles), inside and above, and two orthographic ones. They are 1 /
+/// `share` as wide and high.
 inline std::vector<kernels::View> masked_views(uint32_t share = 1) {
   const kernels::View far = look_at({2.5, 2, 3}, {0, 0, 0}, 321 / share, 203 / share);
   const kernels::View near = look_at({0.4, 0.25, 0.5}, {0, 0.1, 0}, 200 / share, 333 / share, 0.3);
@@ -126,7 +126,8 @@ inline std::vector<kernels::View> masked_views(uint32_t share = 1) {
           orthographic(near, 0.3, 0.01, 9)};
 }
 
-/// A walk around the scene, because a frame reuses the visibility of the previous frame. `turn`: radians per step.
+/// Views along a walk around the scene, in which each frame can reuse the visibility of the previous one. `turn`:
+/// radians per step.
 inline std::vector<kernels::View> walk(int steps, double turn, uint32_t width, uint32_t height) {
   std::vector<kernels::View> views;
   for (int step = 0; step < steps; ++step) {

@@ -39,7 +39,7 @@ std::vector<uint8_t> picture(const SceneView& scene, const View& view, const Sha
   return pixels;
 }
 
-/// Flat squares of 2 x 2 units above one another, the first one on top, seen from above.
+/// Flat squares of 2 x 2 units, one above the other, seen from above. The first one is on top.
 struct Stack {
   SceneBuilder builder;
   void add(uint32_t material, double height) {
@@ -59,7 +59,7 @@ const View kAbove = orthographic(look_at({0, 5, 0}, {0, 0, 0}, 8, 8), 0.5, 0.1, 
 
 }  // namespace
 
-TEST_CASE("layers are all fragments of blended surfaces in order", "[blend]") {
+TEST_CASE("layers hold all fragments of blended surfaces in order", "[blend]") {
   const bool is_clustered = GENERATE(false, true);
   SceneBuilder builder;
   add_blended_meshes(builder, is_clustered);
@@ -71,7 +71,7 @@ TEST_CASE("layers are all fragments of blended surfaces in order", "[blend]") {
     const DrawnLayers layers = draw_layers(scene, view);
     CHECK(layers.counts.samples_left_out == 0);
     CHECK(layers.samples.size() == layers.counts.layers);
-    // The nearest fragment of each instance has to be in some layer, unless opaque fragments lie before it.
+    // The nearest fragment of each instance has to be in some layer, unless an opaque fragment is in front of it.
     for (uint64_t i = 0; i < scene.instance_count; ++i) {
       const std::vector<uint64_t> own = draw_instance(blended, view, i);
       for (size_t s = 0; s < own.size(); ++s) {
@@ -120,7 +120,7 @@ TEST_CASE("blended layers do not depend on threads or on the number of drawn lay
   CHECK(std::equal(some.samples.begin(), some.samples.end(), all.samples.begin()));
 }
 
-TEST_CASE("blended colours are laid over what lies behind them", "[blend]") {
+TEST_CASE("blended colours are laid over the colours behind them", "[blend]") {
   Stack stack;
   stack.add(stack.color(0.5f, 1, 0, 0), 2);
   stack.add(stack.color(0.25f, 0, 1, 0), 1);
@@ -155,7 +155,7 @@ TEST_CASE("blended colours are laid over what lies behind them", "[blend]") {
   CHECK(counts.samples_left_out == uint64_t{64} * side * side);
   options.blend_layers = 0;
   CHECK(first(picture(stack.builder.view(), kAbove, options, &counts, side)) == std::vector<uint8_t>(4, 255));
-  // An opaque surface hides a layer behind it, and is visible through the layers before it.
+  // An opaque surface hides a layer behind it, and is visible through the layers in front of it.
   options.blend_layers = 16;
   stack.add(blue, 1.5);
   CHECK(first(picture(stack.builder.view(), kAbove, options, &counts, side)) ==
@@ -183,7 +183,7 @@ TEST_CASE("the picture does not depend on the order of blended triangles", "[ble
   }
 }
 
-TEST_CASE("blended surfaces of alpha 1 are in the opaque picture, transparent ones in no layer", "[blend]") {
+TEST_CASE("blended surfaces of alpha 1 are in the opaque picture, and those of alpha 0 in no layer", "[blend]") {
   Stack stack;
   const kernels::MaskView texture = mask_view(16, 16, 1, 0);
   const uint32_t code = GENERATE(0u, 254u, 255u);

@@ -49,7 +49,7 @@ FrameView small_view() {
 
 }  // namespace
 
-TEST_CASE("clip: triangles cut at the near plane alone have the corners that cutting at all planes gives", "[raster]") {
+TEST_CASE("clip: clipping at the near plane alone gives the corners of clipping at all planes", "[raster]") {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(-1, 1);
   const FrameView view = small_view();

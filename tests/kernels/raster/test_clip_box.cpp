@@ -24,14 +24,14 @@ double dot(const Point& a, const double b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/// A scene that keeps its triangles in world space beside the builder's records.
+/// A scene that keeps its triangles in world space, in addition to the builder's records.
 struct CastScene {
   SceneBuilder builder;
   std::vector<std::array<Point, 3>> triangles;  // by global id
 
   /// Places `soup`, whose positions are multiples of 2^-12.
   void add(const Soup& soup, const Encoding& encoding, const std::array<double, 12>& rows) {
-    REQUIRE(encoding.clusters == Clusters::kNone);  // which would change the order of triangles
+    REQUIRE(encoding.clusters == Clusters::kNone);  // clusters would change the order of triangles
     builder.instance(builder.mesh(soup, encoding), builder.matrix(rows));
     for (size_t i = 0; i < soup.indices.size(); i += 3) {
       std::array<Point, 3> corners;
@@ -52,7 +52,7 @@ Soup on_lattice(Soup soup) {
 
 enum class Cast { kSure, kUnsure };
 
-/// The triangle at a sample, or kBackground. Also finds samples where rounding decides: near an edge, a plane of the
+/// The triangle at a sample, or kBackground. Also finds the samples that rounding decides: near an edge, a plane of the
 /// box, or another triangle.
 Cast cast(const CastScene& scene, const View& view, uint32_t x, uint32_t y, uint64_t& id) {
   const double across = (2 * (x + 0.5) / view.width - 1) * view.half_width;
@@ -167,8 +167,8 @@ TEST_CASE("a clipping box cuts by the rule of the specification", "[raster][clip
   CHECK(box.axis[2].low_m == 5);
   CHECK(box.axis[2].low_one == -0.5);
   CHECK(box.axis[2].high_m == 4);
-  // At distance 4.1, m = 0.122: on the ray of sample (2, 0) the point is (3.05, 4.05, 0.9), on that of (2, 1) it is
-  // (3.05, -0.05, 0.9).
+  // At distance 4.1, m = 0.122. On the ray of sample (2, 0) the point is (3.05, 4.05, 0.9), and on the ray of (2, 1) it
+  // is (3.05, -0.05, 0.9).
   const auto inside = [&](int32_t x, int32_t y, double distance) {
     const uint32_t code = kernels::perspective_depth_code(static_cast<float>(0.5 / distance));
     return kernels::is_in_clip_box(box, 4, 2, false, x, y, code);
@@ -217,7 +217,7 @@ TEST_CASE("a clipping box keeps exactly the samples inside", "[raster][clip]") {
       size_t wrong = 0;
       for (size_t i = 0; i < found.size(); ++i) {
         const bool is_inside = uncut[i] != kernels::kBackground && shows_inside(view, uncut, i);
-        // A sample inside the box stays. Any other sample has the background, or a surface behind it that is inside.
+        // A sample inside the box is kept. Any other sample has the background, or a surface behind it that is inside.
         const bool is_right =
             is_inside ? found[i] == uncut[i]
                       : found[i] == kernels::kBackground || (found[i] > uncut[i] && shows_inside(view, found, i));
@@ -290,11 +290,11 @@ TEST_CASE("triangles outside a clipping box are culled", "[raster][clip]") {
     const kernels::FrameStats all = draw_counted(scene, whole, {}).stats;
     CHECK(all.instances_drawn == 16);
     CHECK(stats({{-9, -9, -9}, {99, 9, 9}}).instances_drawn == 16);
-    // A box around the second sphere only.
+    // A box around the second sphere alone.
     const kernels::FrameStats one = stats({{1.9, -1.1, -1.1}, {4.1, 1.1, 1.1}});
     CHECK(one.instances_drawn == 1);
     CHECK(one.draws == 1);
-    // A slab through all spheres: each stays in part, most of their clusters are culled.
+    // A slab through all spheres: a part of each is kept, and most of their clusters are culled.
     const kernels::FrameStats slab = stats({{-9, 0.2, -9}, {99, 0.25, 9}});
     CHECK(slab.instances_drawn == 8);
     CHECK(slab.clusters_drawn > 0);

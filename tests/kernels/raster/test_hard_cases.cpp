@@ -32,14 +32,14 @@ std::string number(uint64_t value) {
 
 TEST_CASE("hard: slivers of aspect 1e6", "[hard]") {
   const Figures figures = judged("slivers", 800, 0, 1e-6);
-  // Which centres a sliver of a ten-thousandth of a pixel covers is random; their number is not.
+  // It is random which centres a sliver of a ten-thousandth of a pixel covers, but their number is not.
   CHECK(figures.reference > 100);
   CHECK(figures.covered > figures.reference / 2);
   CHECK(figures.covered < 2 * figures.reference);
 }
 
 TEST_CASE("hard: slivers of aspect 1e6 side by side cover each pixel once", "[hard]") {
-  judged("sliver strip", 10, UINT64_MAX, 1e-5);  // thousands of slivers per pixel: which one is drawn is random
+  judged("sliver strip", 10, UINT64_MAX, 1e-5);  // a pixel has thousands of slivers, and one of them is drawn at random
   HardCase hard = make_hard_case("sliver strip");
   for (const View& view : hard.views) {
     const CoverCount count = count_covers(hard.builder, view);
@@ -54,8 +54,8 @@ TEST_CASE("hard: triangles without area and duplicate triangles", "[hard]") {
   HardCase hard = make_hard_case("degenerate and duplicate triangles");
   const std::vector<uint64_t> samples = draw(hard.builder.view(), hard.views[0]);
   const uint64_t originals = sphere(12, 0.1).indices.size() / 3;
-  // The originals are followed by five triangles each: three without area, a copy, and a rotated copy, whose depth may
-  // be rounded to the previous code.
+  // Each original is followed by five triangles: three without area, a copy, and a rotated copy, whose depth may be
+  // rounded to the previous code.
   uint64_t turned = 0;
   for (const uint64_t sample : samples) {
     if (sample == kBackground || kernels::sample_id(sample) < originals) continue;
@@ -125,7 +125,7 @@ TEST_CASE("hard: vertices at pixel centres, edges through them", "[hard]") {
 }
 
 TEST_CASE("hard: fans of 10,000 triangles round a pixel", "[hard]") {
-  judged("fans", 30, UINT64_MAX, 1e-6);  // which of a pixel's triangles is drawn is random
+  judged("fans", 30, UINT64_MAX, 1e-6);  // one of a pixel's triangles is drawn at random
   HardCase hard = make_hard_case("fans");
   const CoverCount count = count_covers(hard.builder, hard.views[0]);
   note("fans, covers", number(count.covered) + " pixels, " + number(count.twice) + " twice");

@@ -97,8 +97,9 @@ void copy_item(const std::byte* from, uint64_t from_item, std::byte* to, uint64_
   }
 }
 
-/// The payload of the builder's chunk with its vertices spread out: the first at `first`, the last `span` behind it.
-/// Changes the chunk's record, whose page has to be set to the result. Null if the system grants no such range.
+/// The payload of the builder's chunk with its vertices spread out: the first at number `first`, the last `span` behind
+/// it. Changes the chunk's record, whose page has to be set to the result. Null if the system grants no such address
+/// range.
 std::unique_ptr<SparseBytes> spread(SceneBuilder& builder, std::vector<uint32_t> indices, uint32_t first,
                                     uint32_t span) {
   const format::MeshRecord& mesh = builder.meshes[0];
@@ -157,7 +158,7 @@ TEST_CASE("hard: indices with more bits than needed, up to 32, draw the same", "
 
 TEST_CASE("hard: index spans around 2^7 to 2^32 are drawn", "[raster][hard]") {
   std::vector<uint32_t> spans{kLastVertex};
-  // The CPU's reader changes at 20 bits.
+  // The CPU changes its way of reading at 20 bits.
   for (uint32_t k = 7; k < 32; k = k == 8 ? 16 : k + (kIsSanitized && k >= 16 ? 4 : 1))
     for (const uint32_t span : {(1u << k) - 1, 1u << k, (1u << k) + 1}) spans.push_back(span);
   for (const Encoding& encoding : encodings()) {
@@ -168,7 +169,7 @@ TEST_CASE("hard: index spans around 2^7 to 2^32 are drawn", "[raster][hard]") {
     const format::ChunkRecord chunk = builder.chunks[0];
     for (const uint32_t span : spans) {
       for (const uint32_t first : {0u, kLastVertex - span}) {
-        if (first == 0 && !std::has_single_bit(span)) continue;  // at the end only, which is farther away
+        if (first == 0 && !std::has_single_bit(span)) continue;  // at the end only, where vertices are farther away
         CAPTURE(span, first, encoding.exponent, encoding.float32);
         builder.chunks[0] = chunk;
         const std::unique_ptr<SparseBytes> page = spread(builder, indices, first, span);

@@ -81,7 +81,7 @@ TEST_CASE("lanes: a team finds the last value not above a key", "[lanes]") {
     uint64_t value = 0;
     for (size_t i = 0; i < count; ++i) {
       made.values.push_back(value);
-      value += random() % 3;  // with equal values: the last of them is expected
+      value += random() % 3;  // values may be equal: the last of them is expected
     }
     for (uint64_t key = 0; key < value + 2; key += 1 + value / 12) made.keys.push_back(key);
     cases.push_back(made);
@@ -103,8 +103,8 @@ TEST_CASE("lanes: a team finds the last value not above a key", "[lanes]") {
 }
 
 TEST_CASE("lanes: a team draws the same pixels as a thread", "[lanes]") {
-  // Many small instances in chunks of few triangles: tiles with one chunk, with some, and with more than are searched
-  // together.
+  // Many small instances in chunks of few triangles: some tiles have one chunk, some a few, and some more than are
+  // searched at once.
   SceneBuilder builder;
   const uint32_t ball = builder.mesh(sphere(8, 0.2), {.chunk_triangles = 7});
   const uint32_t ground = builder.mesh(grid(3, 0.3), Encoding{});

@@ -1,5 +1,5 @@
 // Alpha masks: the rule's parts with numbers worked out by hand, pictures compared with an independent ray caster, and
-// the same picture for every way of drawing.
+// equal pictures for every way of drawing.
 #include <cmath>
 
 #include "tests/catch.h"
@@ -61,8 +61,8 @@ double color_alpha(double slope, double x) {
   return 1 - slope * (0.5 + 0.5 * x);
 }
 
-/// The rule's result for a flat quad at y = 0 under with_uvs(), from an independent ray cast: the alpha's distance
-/// above the threshold, in 8-bit codes; NaN where the ray misses the quad.
+/// The rule's result for a flat quad at y = 0 under with_uvs(), by an independent ray cast. Returns the distance of the
+/// alpha above the threshold in 8-bit codes, or NaN where the ray misses the quad.
 double alpha_above(const View& view, const MaskView& mask, double repeats, double slope, uint32_t x, uint32_t y) {
   double place = 0;
   const auto hit = [&](double sample_x, double sample_y, double out[2]) {
@@ -143,7 +143,8 @@ TEST_CASE("a masked quad has the holes that ray casting finds", "[mask]") {
         const bool passes = seen[i] != kBackground;
         (passes ? kept : dropped) += 1;
         const double above = alpha_above(view, mask, repeats, slope, i % view.width, i / view.width);
-        // Positions are rounded to 1/256 texel and texture coordinates to few bits: an alpha can move by some codes.
+        // Positions are rounded to 1/256 texel and texture coordinates to few bits, so an alpha may differ by some
+        // codes.
         if (std::fabs(above) > 6 && (above > 0) != passes) ++wrong;
       }
       INFO(repeats << ", mesh " << mesh << ", " << view.width << " samples wide: " << kept << " kept, " << dropped
@@ -151,7 +152,7 @@ TEST_CASE("a masked quad has the holes that ray casting finds", "[mask]") {
       CHECK(foreign == 0);
       CHECK(kept > 300);
       CHECK(dropped > 300);
-      CHECK(wrong <= (kept + dropped) / 200);  // borders between levels and edges of quads
+      CHECK(wrong <= (kept + dropped) / 200);  // only at borders between levels and at edges of quads
     }
   }
 }
@@ -178,7 +179,7 @@ TEST_CASE("the alpha of vertex colours scales that of a mask", "[mask]") {
   }
 }
 
-TEST_CASE("masked scenes are one picture in every way of drawing", "[mask]") {
+TEST_CASE("a masked scene has the same picture in every way of drawing", "[mask]") {
   SceneBuilder builder;
   add_masked_meshes(builder, GENERATE(false, true));
   const SceneView scene = builder.view();

@@ -13,9 +13,9 @@ using namespace scree::tests;
 
 namespace {
 
-/// The drawing rules implemented naively: every triangle against every pixel. Uses the kernels' snapped corners, since
-/// rounding and clipping are tested elsewhere. Coverage is barycentric in 128 bits, with the top-left rule by its
-/// definition: the pixel's centre, moved slightly right and even less down, is inside.
+/// The drawing rules implemented naively: every triangle against every pixel. It uses the kernels' snapped corners,
+/// since rounding and clipping have tests of their own. Coverage is barycentric in 128 bits, with the top-left rule by
+/// its definition: the pixel's centre, moved slightly right and even less down, is inside.
 std::vector<uint64_t> brute_force(const SceneView& scene, const View& camera) {
   const FrameView view = make_frame_view(camera);
   std::vector<uint64_t> samples(size_t{camera.width} * camera.height, kBackground);
@@ -227,15 +227,15 @@ TEST_CASE("raster: centres on an edge belong to the triangle below or to the rig
     }
     return covered_centres;
   };
-  // A square between centres: its left and top edges are inside, its right and bottom edges are not, in any
-  // orientation.
+  // A square whose corners lie between centres: its left and top edges are inside, and its right and bottom edges are
+  // outside, in any orientation.
   for (const auto& square : {std::initializer_list<std::array<int, 2>>{{-11, -7}, {9, -7}, {9, 13}, {-11, 13}},
                              std::initializer_list<std::array<int, 2>>{{9, 13}, {9, -7}, {-11, -7}, {-11, 13}}}) {
     const auto found = rows_and_columns(square);
     CHECK(found.size() == 100);
     for (const auto& [x, y] : found) CHECK((x >= -11 && x < 9 && y >= -7 && y < 13));
   }
-  // Diagonals through centres: they belong to the half of the square right of the edge.
+  // Diagonals run through centres, which belong to the half of the square right of the edge.
   const auto left_below = rows_and_columns({{-11, -11}, {9, 9}, {-11, 9}});
   const auto right_above = rows_and_columns({{-11, -11}, {9, 9}, {9, -11}});
   CHECK(left_below.count({-11, -11}) == 0);
@@ -273,8 +273,8 @@ TEST_CASE("raster: the depth of a pixel is within the corners' range, in both ar
 }
 
 TEST_CASE("raster: every pixel of a fan of random triangles belongs to exactly one", "[raster]") {
-  // A flat patch of jittered quads. Any pixel inside lies in one triangle, so drawing each triangle separately must
-  // count every pixel once. Corners often lie on pixel centres: the lattice is a multiple of half a pixel.
+  // A flat patch of jittered quads. Any pixel inside lies in one triangle, so every pixel must be counted once if each
+  // triangle is drawn alone. Corners often lie on pixel centres: the lattice is a multiple of half a pixel.
   std::mt19937 random(3);
   for (int round = 0; round < 6; ++round) {
     const uint32_t n = 9;

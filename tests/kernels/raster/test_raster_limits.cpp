@@ -22,8 +22,8 @@ TEST_CASE("raster: a scene far from the world's origin gives the same picture as
     const std::vector<uint64_t> expected = draw(builder.view(), view);
     CHECK(covered(expected) > 3000);
     const format::MatrixRecord at_origin = builder.matrices[0];
-    // The second is so far away that coordinates there are rounded by 1/4096. The result is still exact, because eye
-    // and matrix are.
+    // The second place is so far away that coordinates there are rounded to 1/4096. The result is still exact, because
+    // eye and matrix are exact there.
     for (const std::array<double, 3>& away : {std::array<double, 3>{1e7, -3e7, 2.5e6}, {0x1p40, -0x1.8p40, 0x1p39}}) {
       View moved = view;
       builder.matrices[0] = at_origin;
@@ -34,7 +34,7 @@ TEST_CASE("raster: a scene far from the world's origin gives the same picture as
       CHECK(draw(builder.view(), moved) == expected);
     }
   }
-  // The same with the lattice itself far away: coordinates around 2^40 steps.
+  // As above with the lattice itself far away: coordinates around 2^40 steps.
   SceneBuilder builder;
   builder.instance(builder.mesh(sphere(14, 0.2), Encoding{}), builder.identity());
   View view = look_at({0.5, 0.75, 2.5}, {0, 0, 0}, 200, 160);
@@ -110,7 +110,7 @@ TEST_CASE("raster: projection is within a few ulps of double precision, snapped 
       const double y = (1 - along(camera.up) / z / camera.half_height) * 540;
       if (std::fabs(x) > 3000 || std::fabs(y) > 3000) continue;
       REQUIRE((projected.flags & kNeedsClip) == 0);
-      // Half a sub-pixel for snapping, and a few roundings of the terms, which may be much larger than the sum.
+      // Half a sub-pixel for snapping, and a few roundings of the terms, whose size may far exceed their sum.
       double terms_x = std::fabs(static_cast<double>(transform.x[3]));
       double terms_y = std::fabs(static_cast<double>(transform.y[3]));
       double terms_w = std::fabs(static_cast<double>(transform.w[3]));
@@ -146,7 +146,7 @@ TEST_CASE("raster: a vertex counts as outside a plane of the view only if double
     RelativeBox box{{0, 0, 0}, {3e5, 3e5, 3e5}};
     Transform rounded = transform;
     set_error(transform, box);
-    // A vertex within a few ulps of a plane, on either side.
+    // A vertex that is a few ulps from a plane, on either side.
     const double depth = 1e5 * unit(random);
     const double reach = camera.orthographic ? 1.0 : depth;
     double local[3] = {camera.half_width * reach * unit(random), camera.half_height * reach * unit(random), depth};
@@ -242,8 +242,8 @@ TEST_CASE("raster: matrices without an inverse, huge, tiny and infinite numbers"
 }
 
 TEST_CASE("raster: slivers and points", "[raster]") {
-  // Long triangles thinner than a sub-pixel, alone and side by side: no pixel is drawn twice, and zero area draws
-  // nothing.
+  // Long triangles thinner than a sub-pixel, alone and side by side: no pixel is drawn twice, and a triangle without
+  // area draws nothing.
   Soup fan;
   const uint32_t hub = fan.add(-1, -0.8, 0);
   const uint32_t count = 4000;
@@ -263,8 +263,8 @@ TEST_CASE("raster: slivers and points", "[raster]") {
     one.instance(one.mesh(whole, encoding), one.identity());
     const std::vector<uint64_t> thin = draw(slivers.view(), view);
     const std::vector<uint64_t> solid = draw(one.view(), view);
-    // The far edge is a chain of snapped points in one picture. So a few pixels of its outline may differ, but none
-    // inside.
+    // In one of the pictures the far edge is a chain of snapped points. So a few pixels of the outline may differ, but
+    // none inside.
     uint32_t differ = 0;
     for (size_t y = 1; y + 1 < 140; ++y) {
       for (size_t x = 1; x + 1 < 190; ++x) {
@@ -301,8 +301,8 @@ TEST_CASE("raster: images of 16384 samples per side", "[raster]") {
     CHECK(covered(samples) == samples.size());  // including the last row and column
     exact.half_width = exact.half_height = 2;
     const uint64_t inside = covered(draw(builder.view(), exact));
-    // Half of the long side. Of the short side: the middle one of three rows; and of two columns, whose centres lie on
-    // the square's left and right edges, the left one.
+    // Covered is half of the long side, by one row or column of the short side: the middle one of three rows, or the
+    // left one of two columns, whose centres lie on the square's left and right edges.
     CHECK(inside == 8192);
   }
 }
@@ -405,8 +405,8 @@ TEST_CASE("raster: absent pages are left out, wrong sizes are refused", "[raster
 }
 
 TEST_CASE("raster: one chunk of more triangles than a block, and vertices far apart", "[raster]") {
-  // --chunk-triangles 0: several blocks share a chunk. They are drawn from a buffer of their vertices, or vertex by
-  // vertex.
+  // --chunk-triangles 0: several blocks share a chunk. A block is drawn from a buffer of the chunk's vertices, or
+  // vertex by vertex.
   const Soup field = grid(200, 0.05);
   Soup shuffled = field;
   std::mt19937 random(31);

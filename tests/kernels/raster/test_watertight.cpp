@@ -10,7 +10,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// The mesh in camera space: homogeneous corners, with x and y in pixels from the image's centre times w.
+/// The mesh in camera space: homogeneous corners. x and y are in pixels from the image's centre, times w.
 struct Seen {
   struct Corner {
     double x, y, w, distance;
@@ -68,7 +68,7 @@ double cast(const Seen& seen, double x, double y) {
   return nearest;
 }
 
-/// The range of distances for rays within 1/128 pixel.
+/// The range of distances that rays within 1/128 pixel find.
 std::array<double, 2> cast_around(const Seen& seen, double x, double y) {
   std::array<double, 2> range = {INFINITY, -INFINITY};
   for (int i = 0; i < 17; ++i) {
@@ -81,7 +81,7 @@ std::array<double, 2> cast_around(const Seen& seen, double x, double y) {
   return range;
 }
 
-/// The positions that a scene with this encoding really has.
+/// The positions that a scene with this encoding stores.
 std::vector<double> stored_positions(const Soup& soup, const Encoding& encoding) {
   std::vector<double> out;
   for (float p : soup.positions) {
@@ -147,7 +147,7 @@ TEST_CASE("watertight: outside, inside and across the near plane", "[raster][wat
     const Soup soup = sphere(6 + static_cast<uint32_t>(round) % 5, round % 2 ? 0.2 : 0.0);
     const Encoding encoding{
         .float32 = round % 4 == 3, .exponent = -10 - round % 4, .chunk_triangles = round % 3 ? 50u : 65536u};
-    // Distances from the centre with the camera inside, with the near plane through the surface, or with the whole
+    // The distance from the centre places the camera inside, or the near plane through the surface, or the whole
     // surface in view.
     const double distance = std::array<double, 4>{0.3, 1.05, 1.3, 3.0}[static_cast<size_t>(round % 4)];
     std::array<double, 3> eye = {unit(random), unit(random), unit(random)};
@@ -219,11 +219,11 @@ TEST_CASE("watertight: huge triangles, far beyond the guard band and behind the 
         look_at(eye, {eye[0] + unit(random), eye[1] + unit(random), eye[2] + 1.1 * unit(random)}, 61, 47, 0.05, 1.3);
     check_picture(soup, encoding, kIdentity, view, tally);
   }
-  CHECK(tally.empty < 30);  // the outside is visible only at an outline of the cut
+  CHECK(tally.empty < 30);  // the outside is visible only at an outline of the clipped surface
 }
 
 TEST_CASE("watertight: triangles along the planes of the view, from far ahead to far behind", "[raster][watertight]") {
-  // Corners a hundred thousand units away and a few ulps inside determine the picture near the eye.
+  // The picture near the eye depends on corners that are a hundred thousand units away and a few ulps inside.
   std::mt19937 random(17);
   std::uniform_real_distribution<double> unit(-1, 1);
   EdgeTally tally;

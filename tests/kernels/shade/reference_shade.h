@@ -12,7 +12,8 @@ namespace scree::tests {
 using Light = std::array<double, 3>;
 
 /// The corners' weights where the ray through (x, y), in sub-pixels from the image's centre, intersects their plane;
-/// not clamped. `turned`: whether the intersection is in front of the eye's side of the plane.
+/// not clamped. `turned`: whether the weights' sum is negative before it is divided out: the other side of the plane
+/// faces the ray.
 inline std::array<double, 3> plane_weights(const double corner[3][3], double x, double y, bool& turned) {
   double q[3][2];
   for (int i = 0; i < 3; ++i) {

@@ -85,8 +85,8 @@ TEST_CASE("occlusion: a tilted plane does not occlude itself", "[occlusion]") {
 }
 
 TEST_CASE("occlusion: a step darkens its far side, not its near one", "[occlusion]") {
-  // The far plane is behind the whole picture, the near one in front of its left half, half a radius nearer: 400 pixels
-  // are 10 units, the radius is 400 / 40 = 10 pixels.
+  // The far plane lies behind the whole picture. The near one lies in front of its left half, half a radius nearer. 400
+  // pixels are 10 units, and the radius is 400 / 40 = 10 pixels.
   for (const bool flat : {false, true}) {
     Soup soup;
     add_rectangle(soup, -40, -40, 40, 40, 0);
@@ -127,7 +127,7 @@ TEST_CASE("occlusion: eye-dome lighting follows its strength and radius", "[occl
   options.edl_strength = 0.5f;
   const double step = std::log2(10 / 9.875);
   CHECK(factors(builder.view(), view, options).at(60, 50) == Approx(std::exp(-60.0 * 3 / 8 * step)).epsilon(1e-3));
-  options.edl_radius = 4;  // diagonal neighbours at 3 pixels
+  options.edl_radius = 4;  // diagonal neighbours are 3 pixels away
   CHECK(factors(builder.view(), view, options).at(62, 50) == Approx(std::exp(-60.0 * 3 / 8 * step)).epsilon(1e-3));
   CHECK(factors(builder.view(), view, options).at(63, 50) == Approx(std::exp(-60.0 * 1 / 8 * step)).epsilon(1e-3));
   CHECK(factors(builder.view(), view, options).at(64, 50) == 1);
@@ -139,7 +139,8 @@ TEST_CASE("occlusion: a corner is darkest in its crease, at any scale", "[occlus
   for (const bool flat : {false, true}) {
     std::vector<Factors> found;
     for (const double scale : {1.0, 1024.0}) {
-      // Two walls at a right angle; the crease is upright in the middle of the picture and points away from the camera.
+      // Two walls at a right angle. Their crease is upright in the middle of the picture and points away from the
+      // camera.
       Soup soup;
       for (const double turn : {-1.0, 1.0}) {
         const uint32_t a = soup.add(0, -20 * scale, 0);

@@ -192,7 +192,7 @@ TEST_CASE("layers of packed chunks equal those of floats within the lattice's er
   }
 }
 
-TEST_CASE("a pixel of every layer has its nearest sample", "[shade][layers]") {
+TEST_CASE("a pixel of every layer shows its nearest sample", "[shade][layers]") {
   const Soup soup = ball(true);
   SceneBuilder builder;
   builder.instance(builder.mesh(soup, float32()), builder.identity());

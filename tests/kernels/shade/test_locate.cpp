@@ -1,4 +1,4 @@
-// Finished pixels on the CPU: the mean of their samples, and single precision compared with double.
+// Finished pixels on the CPU: the mean of their samples, and single precision compared with double precision.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -24,7 +24,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// Noise of `side` x `side` texels with its mip levels, each the plain mean of the level above.
+/// Noise of `side` x `side` texels with its mip levels, each the plain mean of the next finer one.
 struct NoiseTexture {
   explicit NoiseTexture(uint32_t side) {
     std::mt19937 random(7);
@@ -224,8 +224,8 @@ TEST_CASE("resolve: single precision is within a level of double", "[resolve]") 
   Difference total;
   for (const bool normals : {false, true}) {
     for (const bool float32 : {false, true}) {
-      // Small triangles near and far, large ones, and ones far from the origin or the camera. If the lattice is far
-      // away from the camera, edges keep their shape.
+      // Small triangles near and far, large ones, and ones far from the origin or the camera. Edges keep their shape
+      // even if the lattice is far away from the camera.
       for (const double distance : {2.5, 40.0, 4000.0}) {
         for (const double origin : {0.0, 1e7}) {
           SceneBuilder builder;
@@ -305,10 +305,10 @@ TEST_CASE("resolve: real models are within a level of double", "[resolve][models
     if (!convert::convert(options)) continue;
     runtime::SceneFile file = must(runtime::SceneFile::open(options.output));
     const Result<runtime::Scene> scene = runtime::Scene::load(std::move(file), 0, {true, 2});
-    if (!scene || scene->view().blend_masks != nullptr) continue;  // test_blend.cpp has layers
+    if (!scene || scene->view().blend_masks != nullptr) continue;  // layers are tested in test_blend.cpp
     const Result<View> view = runtime::make_view(*scene, {.width = 320, .height = 200});
     if (!view) continue;
-    SceneView plain = scene->view();  // base colours under the camera's light, which the reference has
+    SceneView plain = scene->view();  // base colours under the camera's light, the only light of the reference
     plain.surface_count = 0;
     plain.environment = nullptr;
     check_against_double(plain, *view, total);

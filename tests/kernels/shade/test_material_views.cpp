@@ -80,7 +80,7 @@ TEST_CASE("material views: textures with the same layout and place are one bundl
   CHECK(plain.bundles() == Bundles{bit(kRough) | bit(kNormal) | bit(kOcclusion) | bit(kBase)});
 }
 
-TEST_CASE("material views: other samplers and levels keep the point", "[material_views]") {
+TEST_CASE("material views: other samplers or levels share the point but not the bundle", "[material_views]") {
   constexpr uint32_t kSame = MaterialView::kSamePoint;
   const auto changed = [](const auto& change) {
     Material made;
@@ -99,7 +99,7 @@ TEST_CASE("material views: other samplers and levels keep the point", "[material
   CHECK(changed([](TextureView& t) { t.height = 32; }) == Bundles{kAll & ~bit(kNormal), bit(kNormal)});
 }
 
-TEST_CASE("material views: JPEGs share places if their MCUs and groups are alike", "[material_views]") {
+TEST_CASE("material views: JPEGs share a bundle if their MCUs and groups are alike", "[material_views]") {
   std::array<JpegLevel, 2> levels{};
   for (JpegLevel& level : levels) {
     level.picture.mcu_width = level.picture.mcu_height = 8;
@@ -123,7 +123,7 @@ TEST_CASE("material views: JPEGs share places if their MCUs and groups are alike
   levels[1].group_count = 15;
   CHECK(made.bundles() == apart);
   levels[1].group_count = 16;
-  levels[1].page = 3;  // unknown until its page is read
+  levels[1].page = 3;  // unknown until the page is read
   CHECK(made.bundles() == apart);
   levels[1].page = JpegLevel::kNotPaged;
   made.surface.textures[kSpecular].texture = kRough;  // a JPEG has no alpha

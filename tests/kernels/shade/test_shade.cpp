@@ -125,8 +125,8 @@ TEST_CASE("shade: minified textures use the mip level of their footprint", "[sha
     for (size_t i = 0; i < rgba.size(); i += 4)
       REQUIRE(static_cast<double>(rgba[i]) == Approx(linear(10 * level)).margin(1e-4));
   }
-  // Between two levels: a footprint of 2^1.5 would need 64 / 2^1.5 pixels, which is not an integer; 24 pixels give
-  // log2(64 / 24) = 1.415.
+  // Between two levels. A footprint of 2^1.5 texels would need 64 / 2^1.5 pixels, which is not an integer. 24 pixels
+  // give log2(64 / 24) = 1.415.
   const std::vector<float> between = shaded(square_scene.builder.view(), front(24), ShadeOptions{});
   const double weight = std::log2(64.0 / 24) - 1;
   for (size_t i = 0; i < between.size(); i += 4) {
@@ -167,7 +167,7 @@ TEST_CASE("shade: minified textures follow their filter", "[shade]") {
       const double right_share = u - 0.5 - left, low_share = v - 0.5 - top;
       for (size_t c = 0; c < 3; ++c) {
         const size_t at = 4 * (size_t{24} * y + x) + c;
-        if (x % 3 != 1 && y % 3 != 1)  // others lie between two texels
+        if (x % 3 != 1 && y % 3 != 1)  // other pixels lie between two texels
           REQUIRE(static_cast<double>(hard[at]) ==
                   Approx(texel(static_cast<uint32_t>(u), static_cast<uint32_t>(v), c)).margin(1e-5));
         const double upper = texel(left, top, c) * (1 - right_share) + texel(left + 1, top, c) * right_share;

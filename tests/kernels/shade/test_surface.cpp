@@ -1,4 +1,4 @@
-// Lit surfaces, compared with glTF 2.0's appendix B in double precision, and with cases that are known without it.
+// Lit surfaces, compared with glTF 2.0's appendix B in double precision, and with cases whose result needs no formula.
 #include "kernels/shade/surface.h"
 
 #include <algorithm>
@@ -128,7 +128,7 @@ std::vector<float> even_light(float value) {
 PlacedLight sun(float x, float y, float z, float lux) {
   PlacedLight light{};
   const float length = std::sqrt(x * x + y * y + z * z);
-  light.direction[0] = -x / length;  // from there
+  light.direction[0] = -x / length;  // the light comes from there
   light.direction[1] = -y / length;
   light.direction[2] = -z / length;
   for (float& c : light.color) c = lux;
@@ -235,7 +235,7 @@ TEST_CASE("surface: the reflectance of light from all around is the integral of 
   CHECK(least >= 0.0f);
 }
 
-TEST_CASE("surface: light from all around is mixed for dielectric and metal too", "[surface]") {
+TEST_CASE("surface: light from all around is a mix of a dielectric's and a metal's", "[surface]") {
   const View view = cameras()[0];
   LitSquare scene;
   scene.environment = even_light(1);
@@ -281,7 +281,7 @@ TEST_CASE("surface: white stays white under uniform light, and metal reflects no
     CHECK(scene.middle(view, lit_by(Lighting::kAuto))[0] == Approx(0.6).margin(1e-3));
     scene.surface.emission[2] = 3;
     CHECK(scene.middle(view, lit_by(Lighting::kAuto))[2] == Approx(3.6).margin(1e-3));
-    // The camera's light, without an environment or on request; unlit materials have their own colour.
+    // The camera's light applies without an environment or on request. Unlit materials have their own colour.
     CHECK(scene.middle(view, lit_by(Lighting::kCamera))[0] == Approx(0.2 * 0.6 + 0.8).margin(1e-3));
     scene.environment.clear();
     CHECK(scene.middle(view, lit_by(Lighting::kAuto))[0] == Approx(0.2 * 0.6 + 0.8).margin(1e-3));
@@ -330,10 +330,10 @@ TEST_CASE("surface: a normal map's red points along u, its green against v", "[s
 }
 
 TEST_CASE("surface: a texture with second coordinates is sampled at them", "[surface]") {
-  // Black on the left and white on the right; the first coordinates lie all on the left, the second on the right.
+  // Black on the left and white on the right. The first coordinates all lie on the left, the second ones on the right.
   const std::array<uint8_t, 8> texels{0, 0, 0, 255, 255, 255, 255, 255};
   for (const View& view : cameras()) {
-    for (const uint32_t exact_scale : {1u, 1u << 17}) {  // the second in double: the triangle spans many texels
+    for (const uint32_t exact_scale : {1u, 1u << 17}) {  // 2^17: in double, as for many texels per triangle
       Soup soup = square(0.125, 0, 0.375, 1);
       soup.second_uvs = square(0.625, 0, 0.875, 1).uvs;
       const auto emitted = [&](uint32_t second_uv, bool has_second) {
@@ -412,7 +412,7 @@ TEST_CASE("surface: lights of a scene fall off by the formulas of KHR_lights_pun
     scene.lights[0].range = 1.5f;
     CHECK(scene.middle(view, lit_by(Lighting::kScene))[0] == 0.0f);
     scene.lights[0].range = 0;
-    // A spot light that points 30 degrees beside the middle, between cones of 0 and 60.
+    // A spot light that points 30 degrees off the middle, with cones of 0 and 60 degrees.
     scene.lights[0].kind = format::LightKind::kSpot;
     scene.lights[0].direction[0] = 0.5f;
     scene.lights[0].direction[2] = -std::sqrt(0.75f);

@@ -15,7 +15,7 @@ using kernels::UnfinishedTile;
 
 namespace {
 
-/// Pages of one byte, their number.
+/// Pages of one byte, which is their number.
 class TestPager final : public kernels::TexelPager {
  public:
   TestPager(size_t pages, size_t room) : room_(room), content_(pages) {
@@ -45,7 +45,7 @@ class TestPager final : public kernels::TexelPager {
   }
 
   size_t brought = 0;
-  size_t most_brought = 0;  // while it waits for pages
+  size_t most_brought = 0;  // limit of `brought` while the picture waits for pages
   bool fails = false;
 
  private:
@@ -95,7 +95,7 @@ class TestPicture {
             }
             if (missed != 0) left[unfinished++] = {tile.tile, missed};
           }
-          std::reverse(left, left + unfinished);  // as threads may list them
+          std::reverse(left, left + unfinished);  // in another order, as threads may list them
           return unfinished;
         });
   }
@@ -191,7 +191,7 @@ TEST_CASE("a picture that does not wait is finished with the present pages", "[t
   }
 }
 
-TEST_CASE("the next coarser level is sampled if a page is absent", "[texel_pager]") {
+TEST_CASE("a coarser level is sampled if a page is absent", "[texel_pager]") {
   constexpr uint32_t kSide = 64;
   std::vector<std::vector<uint8_t>> levels;
   std::mt19937 random(3);
@@ -236,7 +236,7 @@ TEST_CASE("the next coarser level is sampled if a page is absent", "[texel_pager
   CHECK(found == exact[2]);
   CHECK_FALSE(sample(0, true, 1, found));
   CHECK(found == 128);  // grey
-  // Between two levels, each has its own coarser one.
+  // Between two levels, each is replaced by its own coarser level.
   CHECK_FALSE(sample(5, true, 2, found));
   CHECK(found == exact[0] + (exact[2] - exact[0]) * 0.5f);
 }

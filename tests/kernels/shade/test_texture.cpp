@@ -1,5 +1,5 @@
-// Places on textures: points in integers, their wrap modes and the texels around them, against the same rules in double
-// precision (spec/rasterization.md 9).
+// Positions on textures: points in integers, their wrap modes and the texels around them, compared with the same rules
+// in double precision (spec/rasterization.md 9).
 #include "kernels/shade/texture.h"
 
 #include <algorithm>
@@ -20,7 +20,7 @@ namespace {
 
 constexpr TexturePoint kSide = TexturePoint{1} << 32;
 
-/// The value at a place of a texture with texels cos(2 pi i / size), which has no jump at its border.
+/// The value at a point of a texture with texels cos(2 pi i / size), which has no jump at its border.
 double value_at(const TexelPair& pair, uint32_t size) {
   const auto texel = [&](uint32_t i) { return std::cos(2 * std::numbers::pi * i / size); };
   const double weight = static_cast<double>(pair.weight);
@@ -45,7 +45,7 @@ double reference_at(double coordinate, uint32_t size, Wrap wrap) {
 
 }  // namespace
 
-TEST_CASE("points on textures are exact to 2^-32 and take any number", "[texture]") {
+TEST_CASE("points on textures are exact to 2^-32 for any number", "[texture]") {
   CHECK(texture_point(0.0) == 0);
   CHECK(texture_point(1.0) == kSide);
   CHECK(texture_point(-0.25) == TexturePoint{0} - kSide / 4);

@@ -28,7 +28,7 @@ int main(int argc, char** argv) {
     std::printf("scree %s: %llu triangles, %d x %d, sum %lu\n", scree_version(),
                 static_cast<unsigned long long>(report.triangles), static_cast<int>(color.shape[1]),
                 static_cast<int>(color.shape[0]), sum);
-    // The archive also has the statics of these functions; the linker must not find them twice.
+    // The archive also contains the statics of these functions. The linker must not find them twice.
     const auto version = std::make_shared<std::regex>("[0-9]+[.][0-9]+[.][0-9]+.*");
     if (!std::regex_match(scree_version(), *version)) return 1;
     try {

@@ -31,7 +31,7 @@ constexpr int kCameras = tests::kEmulatesGpu ? 2 : 40;
 constexpr uint32_t kWidth = tests::kEmulatesGpu ? 45 : 200;
 constexpr uint32_t kHeight = tests::kEmulatesGpu ? 30 : 120;
 
-/// The `number`-th of cameras all around a scene, every third orthographic.
+/// Camera `number` of a series all around a scene. Every third one is orthographic.
 View camera(const Scene& scene, int number, uint32_t width, uint32_t height) {
   View view = tests::must_view(
       scene,
@@ -47,7 +47,7 @@ View camera(const Scene& scene, int number, uint32_t width, uint32_t height) {
   return view;
 }
 
-/// Returns the largest number of layers of the cameras; 0 if nothing blends.
+/// Compares pictures of `cameras` cameras. Returns the largest number of layers; 0 if nothing blends.
 uint32_t compare(const Scene& scene, int cameras, uint32_t width, uint32_t height, const ShadeOptions& options = {}) {
   if (scene.view().blend_masks == nullptr || !tests::has_gpu()) return 0;
   DeviceScene device = must(DeviceScene::upload(scene, 0, 2));
@@ -110,7 +110,7 @@ TEST_CASE("panes of glass are equal on the CPU and the GPU", "[cuda][blend]") {
   REQUIRE(synth::synthesize(panes));
   const Scene scene = converted(folder, panes.output);
   CHECK(compare(scene, kCameras, kWidth, kHeight) >= 5);
-  // The scene has no lights: full materials, in the dark.
+  // The scene has no lights, so the full materials are dark.
   const ShadeOptions options{.lighting = kernels::Lighting::kScene, .blend_layers = 4};
   CHECK(compare(scene, 1, kWidth, kHeight, options) == 4);
 }

@@ -1,4 +1,5 @@
-// The GPU against the CPU: equal visibility buffers bit for bit, twice in a row, and pictures equal to one level.
+// The GPU against the CPU: visibility buffers are equal bit for bit, twice in a row, and pictures are equal to one
+// level.
 #include "runtime/draw/device_scene.h"
 
 #include <algorithm>
@@ -108,7 +109,7 @@ TEST_CASE("the GPU draws the same as the CPU", "[cuda]") {
       for (const uint32_t samples : {1u, 2u, 4u})
         if (samples == 2 || !scree::tests::kEmulatesGpu) compare(scene, device, view, samples);
       if (scree::tests::kEmulatesGpu && encoding == Encoding::kIndexed) continue;
-      View flat = view;  // the same picture from an orthographic camera
+      View flat = view;  // the same camera, orthographic
       flat.orthographic = true;
       double height = 0;
       for (size_t i = 0; i < 3; ++i) height = std::max(height, std::abs(flat.eye[i]));
@@ -258,7 +259,7 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
   REQUIRE(drawn.draw(views[0]));
   for (size_t i = 0; i < views.size(); ++i) {
     INFO("picture " << i);
-    uint64_t* joined = nullptr;  // the scene has one pass, at whose end all samples are drawn
+    uint64_t* joined = nullptr;  // the scene has one pass, whose end completes all samples
     const auto join = [&](uint64_t* samples, void*) -> Result<void> {
       CHECK(joined == nullptr);
       joined = samples;
@@ -274,7 +275,7 @@ TEST_CASE("a view shades and reads a picture while it draws the next one", "[cud
     CHECK((i != 1 || finished));
     CHECK((i == 1) == (joined == drawn.samples().value()));
   }
-  REQUIRE(drawn.start(views[1]));  // and not finished
+  REQUIRE(drawn.start(views[1]));  // and not finish()
 }
 
 TEST_CASE("a scene larger than its limit of device memory is refused with both sizes", "[cuda]") {
@@ -304,7 +305,7 @@ TEST_CASE("queues that are too small grow, and the frame is drawn again", "[cuda
     REQUIRE(scree::kernels::cuda_check(
         cudaMemcpy(samples.data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost), "reading the picture"));
     CHECK(std::equal(samples.begin(), samples.end(), cpu.samples().begin(), cpu.samples().end()));
-    // The picture is the same when no triangle is dropped before its projection.
+    // The picture is also the same if no triangle is dropped before its projection.
     REQUIRE(frames.draw(view, reinterpret_cast<uint64_t*>(buffer.data()), {false}));
     REQUIRE(scree::kernels::cuda_check(
         cudaMemcpy(samples.data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost), "reading the picture"));

@@ -99,7 +99,7 @@ TEST_CASE("architectures and versions are printed readably", "[device]") {
   CHECK(runtime::cuda_version_name(12040) == "12.4");
 }
 
-TEST_CASE("the chosen GPU agrees with the machine's list of GPUs", "[device]") {
+TEST_CASE("the chosen GPU is the one in the machine's list of GPUs", "[device]") {
   const runtime::GpuList list = runtime::list_gpus();
   const Result<Gpu> used = runtime::use_gpu();
   if (list.gpus.empty()) {
@@ -201,7 +201,7 @@ TEST_CASE("a fallback to the CPU prints its reason in one line, and the GPU that
       {"", "99000", {}, 0, "warning: the CPU draws: no NVIDIA GPU found"},
       {"6.1", "99000", {}, 0, "has compute capability 6.1, this program needs 7.5\n"},
       {"7.5", "99000", {}, 0, "; this GPU is 7.5\n"},
-      // Less memory than the scene's minimum.
+      // Less memory than the scene needs at least.
       {"9.0:1", "99000", {}, 0, "warning: the CPU draws: cuda:0 (emulated GPU): "},
       {"9.0", "99000", {"--device-memory", "1"}, 0, "warning: the CPU draws: cuda:0 (emulated GPU): "},
       {"6.1", "99000", {"--backend", "cuda"}, 4, "has compute capability 6.1, this program needs 7.5; --backend cpu"},
@@ -232,7 +232,7 @@ TEST_CASE("a fallback to the CPU prints its reason in one line, and the GPU that
   }
 }
 
-TEST_CASE("scree devices lists every GPU with its uses", "[device]") {
+TEST_CASE("scree devices lists every GPU and whether it can be used", "[device]") {
   const TempFolder folder;
   const std::string log = folder.file("log.txt");
   const Variable gpus("SCREE_EMULATED_GPU", "7.5,9.0:512");

@@ -41,7 +41,7 @@ kernels::View view_of(const Scene& scene, uint32_t width, uint32_t height) {
 }
 
 #if defined(SCREE_EMULATED_CUDA)
-/// Many chunks: together they take more than a streamed scene does.
+/// Writes spheres of so many chunks that together they take more memory than a streamed scene.
 void write_spheres(const std::string& path) {
   std::vector<std::pair<Soup, Encoding>> meshes;
   for (int i = 0; i < 24; ++i) meshes.push_back({sphere(24, 0.1 + 0.01 * i), {}});
@@ -86,7 +86,7 @@ TEST_CASE("a scene and its pictures stay within their limit of device memory", "
   must_convert(jpeg);
   files.push_back(jpeg.output);
 
-  uint32_t streamed = 0;  // budgets
+  uint32_t streamed = 0;  // number of budgets with which the scene is streamed
   struct Size {
     uint32_t width, height, samples;
     bool ssao;
@@ -102,7 +102,7 @@ TEST_CASE("a scene and its pictures stay within their limit of device memory", "
       const auto upload = [&](uint64_t budget) {
         return DeviceScene::upload(scene, budget, 2, Reading::kAuto, kCache, 0, needs);
       };
-      // Without a limit, it takes the memory of a resident scene. With one byte less it is streamed.
+      // Without a limit, the scene takes the memory of a resident one. With one byte less it is streamed.
       const auto refused = refusal(upload(1));
       const uint64_t least = least_device_memory(refused.message);
       uint64_t resident = 0;
@@ -113,7 +113,7 @@ TEST_CASE("a scene and its pictures stay within their limit of device memory", "
       REQUIRE(resident > 0);
       std::vector<uint64_t> samples;
       for (const uint64_t budget : {resident, resident - 1, least, uint64_t{0}}) {
-        if (budget != 0 && budget < least) continue;  // a small scene takes less as a whole than streamed
+        if (budget != 0 && budget < least) continue;  // a small scene takes less memory whole than streamed
         CAPTURE(file, size.width, size.samples, budget, resident, least);
         REQUIRE(emulator::memory_of_gpu(0).now == 0);
         emulator::reset_peaks();
@@ -189,7 +189,7 @@ TEST_CASE("views draw on their scene's GPU, and the caller's GPU stays current",
     const auto scene = must(runtime::LoadedScene::load(*runtime::SceneFile::open(folder.file("a.scree")),
                                                        {.on = runtime::DrawOn::kGpu, .gpu = "1", .progress = listens}));
     CHECK(runtime::current_gpu()->index == 0);
-    for (int i = 0; i < 2; ++i) {  // the second view has buffers of its own
+    for (int i = 0; i < 2; ++i) {  // the second view has its own buffers
       const auto first = must(runtime::ViewRenderer::create(scene));
       auto other = must(runtime::ViewRenderer::create(scene));
       CHECK(runtime::current_gpu()->index == 0);

@@ -27,7 +27,8 @@ Result<Scene> load_file(const std::string& path, uint32_t threads = 2) {
   return Scene::open(path, {true, threads});
 }
 
-/// The quad from the front: half the picture's height and (with square pixels) a quarter to half of its width.
+/// The quad from the front. It fills half of the picture's height and, with square pixels, a quarter to half of its
+/// width.
 View front_view(const Scene& scene, uint32_t width, uint32_t height) {
   return must_view(
       scene, {.eye = Vec3{0, 0, 2}, .target = Vec3{0, 0, 0}, .fov_degrees = 90, .width = width, .height = height});
@@ -62,7 +63,7 @@ TEST_CASE("a textured quad is upright and not mirrored", "[renderer]") {
   CHECK(pixel(picture, 80, 35, 25) == Rgba{0, 0, 255, 255});
   CHECK(pixel(picture, 80, 45, 25) == Rgba{255, 255, 255, 255});
   CHECK(pixel(picture, 80, 5, 5) == Rgba{0, 0, 0, 0});
-  // Exactly 20 x 20 pixels: the edges lie on pixel borders, and the top-left rule includes one side.
+  // Exactly 20 x 20 pixels: the edges lie on borders of pixels, and the top-left rule includes one side of each pair.
   CHECK(pixel(picture, 80, 30, 10)[3] == 255);
   CHECK(pixel(picture, 80, 49, 29)[3] == 255);
   CHECK(pixel(picture, 80, 29, 10)[3] == 0);
@@ -112,7 +113,7 @@ TEST_CASE("more samples give a better estimate of a shape's area", "[renderer]")
     tables.materials[0].texture = format::kNone;  // white
   };
   const Scene scene = must_load(small);
-  const double exact = 37.0 * 37.0 / 4;  // a quad of 2 at a distance of 2 takes half of the height of 37 pixels
+  const double exact = 37.0 * 37.0 / 4;  // a quad of 2 units at a distance of 2 takes half of the height of 37 pixels
   std::array<double, 3> worst_error{};
   for (const size_t i : {0u, 1u, 2u}) {
     const std::vector<uint8_t> picture = shade(draw(scene, front_view(scene, 61, 37), 1u << i));
@@ -165,7 +166,7 @@ TEST_CASE("loading finds a flipped bit in any page", "[renderer]") {
       out.write(reinterpret_cast<const char*>(file.data()), static_cast<std::streamsize>(file.size()));
     }
     const Result<Scene> scene = load_file(path.string());
-    if (scene) continue;  // padding of no page that the scene uses
+    if (scene) continue;  // the flipped bit lies in padding that belongs to no page of the scene
     ++refused;
     CHECK(scene.error().message.find(path.string() + ": ") == 0);
     CHECK(scree::exit_code(scene.error().code) == 3);
@@ -207,7 +208,7 @@ TEST_CASE("scenes are found by name and by number", "[renderer]") {
 TEST_CASE("a scene with more triangles than there are ids is refused", "[renderer]") {
   SmallScene small;
   small.change = [](format::TableSet& tables) {
-    // Triangles of a single point take no bits: 1024 chunks of 65536 of them, drawn 1025 times.
+    // The triangles of one point take no bits: 1024 chunks of 65536 triangles, drawn 1025 times.
     format::MeshRecord& mesh = tables.meshes[0];
     mesh.attributes = 0;
     mesh.chunk_count = mesh.vertex_count = 1024;
@@ -231,7 +232,7 @@ TEST_CASE("real models are equal with one thread and many, and fill their part o
   if (models.empty()) return;
   struct Model {
     const char* path;
-    double least, most;  // share of the picture that is not background, in the default view
+    double least, most;  // share of the picture that the model covers in the default view
   };
   for (const Model& model :
        {Model{"scenes/Duck/Duck.glb", 0.2, 0.6}, Model{"scenes/DamagedHelmet/DamagedHelmet.glb", 0.15, 0.7},

@@ -38,7 +38,7 @@ using runtime::Reading;
 using runtime::Scene;
 using tests::Frame;
 
-/// Meshes drawn twice: all clustered, or of all encodings.
+/// Writes meshes that are drawn twice, with clusters alone or in all encodings.
 void write_soup(const std::string& path, bool all_clustered) {
   std::mt19937 random(29);
   std::vector<std::pair<Soup, Encoding>> meshes;
@@ -52,7 +52,7 @@ void write_soup(const std::string& path, bool all_clustered) {
   paged.write(path, meshes);
 }
 
-/// A camera that moves, and stays where it is in every second frame.
+/// A camera that moves in every second frame.
 View view_of(const Scene& scene, int frame) {
   const double turn = frame / 2;
   return must_view(scene, {.eye = runtime::Vec3{4 - 3 * turn, 1 - turn, 6 - 2 * turn},
@@ -92,7 +92,8 @@ void make_block_model(const std::string& path, uint32_t side) {
   maker.finish();
 }
 
-/// Draws `scene` on `team` and on one GPU: from afar, twice, and close. `whole`: the same scene with its pages.
+/// Draws `scene` on `team` and on one GPU: from afar, twice, and close. `whole`: the same scene with its pages in
+/// memory.
 void check_pictures(const Scene& whole, const Scene& scene, DeviceScene& alone, DeviceScene& team) {
   const runtime::CameraOptions far{.width = 90, .height = 58};
   runtime::CameraOptions close = far;
@@ -128,7 +129,8 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
   const Scene whole = must_load(folder.file("soup.scree"));
   const Scene scene = must_load(folder.file("soup.scree"), {.threads = 2, .pages = false});
   DeviceScene alone = must(upload(scene, 1));
-  // Each of several GPUs needs memory for one more draw list than a single GPU. With a byte less they share the pages.
+  // Each of several GPUs needs memory for one draw list more than a single GPU. With one byte less they share the
+  // pages.
   const uint64_t too_little_for_all = alone.stats().device_bytes + kernels::CudaFrames::device_bytes(scene.view()) - 1;
   uint64_t with_all_pages = 0;
   for (const auto& [count, budget] : {std::pair<uint32_t, uint64_t>{2, 0}, {2, too_little_for_all}, {3, 0}}) {
@@ -142,7 +144,7 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
       CHECK(team.stats().device_bytes < with_all_pages);
     for (int i = 0; i < 4; ++i) {
       CAPTURE(count, budget, i);
-      // The last frame leaves out some instances; their bits lie on the first GPU.
+      // The last frame leaves out some instances, whose bits lie on the first GPU.
       const std::vector<uint32_t> omitted =
           i == 3 ? random_omitted(scene.view().instance_count, 5) : std::vector<uint32_t>();
       const View view = view_of(scene, i);
@@ -171,7 +173,7 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
       REQUIRE(team.read_layer(view, 1, layer, of_team));
       CHECK(of_one == of_team);
     }
-    // Hidden instances are hidden on all GPUs.
+    // Hidden instances are left out on all GPUs.
     const uint32_t omitted[] = {0b1001};
     const uint32_t* const bits = must(team.set_omitted(omitted));
     View hiding = view;
@@ -182,7 +184,7 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
     std::vector<uint64_t> seen(uint64_t{view.width} * view.height);
     REQUIRE(team.read_samples(seen));
     CHECK(std::equal(seen.begin(), seen.end(), without.samples().begin(), without.samples().end()));
-    // A batch is drawn by the first GPU alone, from the pages of all.
+    // The first GPU draws a batch alone, from the pages of all GPUs.
     runtime::DeviceView batch = must(team.add_view(scene));
     const View views[] = {view_of(scene, 0), view_of(scene, 2)};
     REQUIRE(batch.draw_batch(scene, views, nullptr, [](size_t) { return Result<void>(); }));
@@ -193,8 +195,8 @@ TEST_CASE("GPUs that share a scene's pages draw the same as one GPU", "[cuda][gp
   }
 }
 
-// With little memory they share the pages, and clusters drawn by one GPU hide clusters of others. Otherwise they divide
-// the picture.
+// With little memory the GPUs share the pages, and clusters that one GPU has drawn hide clusters of the others.
+// Otherwise they divide the picture.
 TEST_CASE("GPUs divide a picture or join their samples", "[cuda][gpus]") {
   if (!has_gpu()) return;
   const EmulatedGpus emulated("9.0,9.0");
@@ -257,7 +259,7 @@ TEST_CASE("scenes of one page, with masks, textures and blending, are drawn by s
     const View view = must_view(must_load(convert.output), {.width = 96, .height = 64});
     const std::vector<uint8_t> expected = picture(scene, alone, view, {});
     CHECK(picture(scene, team, view, {}) == expected);
-    // Views take turns: each is shaded as its own picture.
+    // Views take turns, and each is shaded as its own picture.
     runtime::DeviceView one = must(team.add_view(scene));
     runtime::DeviceView other = must(team.add_view(scene));
     View seen = view;
@@ -289,7 +291,7 @@ TEST_CASE("each of several GPUs shades with textures of its own", "[cuda][gpus][
   convert.output = folder.file("out.scree");
   convert.float32 = true;  // more bytes
   const std::string kind = GENERATE("JPEGs", "decoded JPEGs", "blocks");
-  // On a GPU two pages of geometry or more.
+  // Two or more pages of geometry per GPU.
   if (kind == "blocks")
     make_block_model(convert.input, scree::tests::kEmulatesGpu ? 30 : 160);
   else
@@ -311,7 +313,8 @@ TEST_CASE("each of several GPUs shades with textures of its own", "[cuda][gpus][
         alone.stats().device_bytes + kernels::CudaFrames::device_bytes(scene.view()) - 1;
     uint64_t with_all_pages = 0;
     for (const auto& [count, budget] : {std::pair<uint32_t, uint64_t>{2, 0}, {2, too_little_for_all}, {3, 0}}) {
-      // Emulated GPUs would draw for minutes: two have all pages, and of three each reads its own blocks.
+      // Emulated GPUs would draw for minutes. So only two cases are drawn: two GPUs with all pages, and three that each
+      // read their own blocks.
       if (scree::tests::kEmulatesGpu && (budget != 0 || count != (room == 0 ? 2 : 3))) continue;
       if (!has_gpus(count)) continue;
       CAPTURE(kind, room, count, budget);
@@ -325,7 +328,7 @@ TEST_CASE("each of several GPUs shades with textures of its own", "[cuda][gpus][
       const std::vector<runtime::BlockPager*> pagers = runtime::block_pagers(scene, &team);
       CHECK(pagers.size() == (room != 0 ? count : 0));
       for (const runtime::BlockPager* const pager : pagers) CHECK(pager->resident_bytes() <= room);
-      // Every GPU takes coarser levels where it will not wait, and waits again afterwards.
+      // Every GPU takes coarser levels where it may not wait, and waits again afterwards.
       const View view = must_view(whole, {.width = 160, .height = 120});
       for (runtime::BlockPager* const pager : pagers) pager->set_patience([] { return true; });
       CHECK(picture(scene, team, view, {}, 1).size() == uint64_t{160} * 120 * 4);
@@ -350,7 +353,7 @@ TEST_CASE("GPUs that cannot draw together are refused", "[cuda][gpus]") {
   {
     const EmulatedGpus emulated("9.0,9.0,6.1");
     CHECK(message(3, 0) == "3 GPUs were requested, but only 2 can be used");
-    // A scene that exceeds the memory of all is streamed by one.
+    // A scene that exceeds the memory of all GPUs is streamed by one.
     const std::string too_small = message(2, 20000);
     CHECK(too_small.ends_with(" where its chunks are streamed, but 20000 are allowed"));
     DeviceScene streamed = must(upload(scene, 2, least_device_memory(too_small)));

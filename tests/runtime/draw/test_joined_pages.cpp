@@ -87,12 +87,12 @@ TEST_CASE("a GPU joins the split pages of a scene", "[cuda][upload]") {
     const Scene scene = must_load(folder.file("a.scree"), {.pages = false});
     REQUIRE(split_pages(scene) > 1);
     for (const Reading reading : {Reading::kMapped, Reading::kBuffered, Reading::kDirect}) {
-      if (kEmulatesGpu && reading == Reading::kDirect) continue;  // its pinned memory is not aligned to pages
+      if (kEmulatesGpu && reading == Reading::kDirect) continue;  // its pinned memory is not page-aligned
       const CudaScene copy = must(upload(scene, reading));
       CHECK(copy.stats().counts.joined_pages == split_pages(scene));
       CHECK(has_pages(copy, scene));
     }
-    // Without memory for it, the CPU joins them.
+    // If there is no memory for joining, the CPU joins the pages.
     const uint64_t least = CudaScene::device_bytes(scene, nullptr, kTextureCache);
     const CudaScene copy = must(upload(scene, Reading::kMapped, least));
     CHECK(copy.stats().counts.joined_pages == 0);
@@ -135,7 +135,7 @@ TEST_CASE("a GPU joins the split pages of real models", "[cuda][upload]") {
   CHECK(pages > 5);
 }
 
-TEST_CASE("damaged split pages give the same errors whoever joins them", "[cuda][upload]") {
+TEST_CASE("damaged split pages give the same errors on the GPU and on the CPU", "[cuda][upload]") {
   if (!has_gpu()) return;
   const TempFolder folder;
   const std::string path = folder.file("bad.scree");

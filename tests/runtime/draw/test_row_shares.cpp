@@ -1,4 +1,4 @@
-// Rows of a picture are divided among GPUs: all rows, in order, whole pixels, and in the end equal times.
+// Rows of a picture are divided among GPUs: all rows, in order, in whole pixels, and in the end with equal times.
 #include "runtime/draw/row_shares.h"
 
 #include <algorithm>
@@ -14,7 +14,7 @@ using scree::runtime::RowShares;
 
 namespace {
 
-/// The time of rows whose cost is concentrated around one row, beside a cost that each share has.
+/// The time of rows whose cost is concentrated around one row, plus a constant cost of each share.
 float ms_of(const RowRange& rows, double middle) {
   double ms = 0.2;
   for (uint32_t row = rows.first; row < rows.end; ++row)
@@ -39,19 +39,19 @@ TEST_CASE("shares of rows cover the picture in order", "[gpus]") {
         CHECK((rows.end % RowShares::kStep == 0 || rows.end == height));
         CHECK(rows.is_empty() == (i >= (height + RowShares::kStep - 1) / RowShares::kStep));
         next = rows.end;
-        ms[i] = i % 3 == 0 ? 0.0f : 1e6f;  // the first frame, and a share that stopped for seconds
+        ms[i] = i % 3 == 0 ? 0.0f : 1e6f;  // the first frame has no times, and a share may have stopped for seconds
       }
       CHECK(next == height);
     }
   }
 }
 
-TEST_CASE("shares of rows take equally long in the end, also behind a moving camera", "[gpus]") {
+TEST_CASE("shares of rows take equally long in the end, also with a moving camera", "[gpus]") {
   for (const uint32_t count : {2u, 4u}) {
     RowShares shares;
     std::vector<float> ms(count);
     std::vector<RowRange> before(count);
-    uint32_t pictures = 0;  // with the same rows
+    uint32_t pictures = 0;  // number of pictures with the same rows
     for (uint32_t frame = 0; frame < 300; ++frame) {
       CAPTURE(count, frame);
       shares.divide(2160, ms);
@@ -67,7 +67,7 @@ TEST_CASE("shares of rows take equally long in the end, also behind a moving cam
       if (frame >= 60) CHECK(most < (frame < 150 ? 1.05f : 1.6f) * mean);
       if (moved && frame > 0) CHECK(pictures >= RowShares::kSettled);
       pictures = moved ? 1 : pictures + 1;
-      // New rows take much longer at first. They must not move back because of that.
+      // New rows take much longer at first. That alone must not move them back.
       for (uint32_t i = 0; i < count; ++i) {
         if (pictures < RowShares::kSettled && i % 2 == 0) ms[i] *= 5;
         before[i] = shares.rows(i);
@@ -89,7 +89,7 @@ TEST_CASE("rows stay where they are while times differ little", "[gpus]") {
   CHECK(shares.rows(0).end > 540);
 }
 
-TEST_CASE("a small difference between shares of rows is found among times that vary", "[gpus]") {
+TEST_CASE("a small difference between shares of rows is found in times that vary", "[gpus]") {
   std::mt19937 random(7);
   std::normal_distribution<float> noise(1.0f, 0.02f);
   RowShares shares;

@@ -1,5 +1,5 @@
-// The sun's shadows: its view compared with the camera's in double precision, shadows of boxes compared with rays, and
-// the same picture on every device.
+// The sun's shadows: its view is compared with the camera's in double precision and shadows of boxes with rays, and the
+// picture is the same on every device.
 #include "runtime/draw/shadow_map.h"
 
 #include <algorithm>
@@ -86,7 +86,7 @@ bool hits(const Vec3& from, const Vec3& direction, const WorldBox& box, double m
   return first <= last;
 }
 
-/// The surface in a pixel, and the share of the sun that it gets.
+/// The surface in a pixel, and its share of the sun's light.
 struct LitPoint {
   Vec3 place;
   float share;
@@ -99,7 +99,7 @@ struct Sunny {
     for (size_t i = 0; i < 3; ++i) light.direction[i] = static_cast<float>(direction[i]);
     light.kind = format::LightKind::kDirectional;
     std::fill_n(light.color, 3, 2.0f);
-    kernels::PlacedLight lamp{};  // dark; so that the sun is not the first light
+    kernels::PlacedLight lamp{};  // a dark lamp, so that the sun is not the first light
     lamp.kind = format::LightKind::kPoint;
     lights = {lamp, light};
     matt.material = builder.material(format::kMaterialDoubleSided);
@@ -112,7 +112,7 @@ struct Sunny {
         builder.identity());
   }
 
-  /// The pixels that the sun lights if nothing casts a shadow on them.
+  /// The pixels that the sun lights where nothing casts a shadow.
   std::vector<LitPoint> look(const View& view) {
     kernels::SceneView scene = builder.view();
     scene.lights = lights.data();
@@ -221,7 +221,7 @@ TEST_CASE("the sun's view is no larger than the visible part of the scene", "[sh
   WorldBox box;
   box.add({-100, 0, -100});
   box.add({100, 10, 100});
-  // From 2 above the ground straight down: 2 tan(0.25) to each side, and the box above that.
+  // The camera looks straight down from 2 above the ground: it sees 2 tan(0.25) to each side, and the box above that.
   const View camera = look_at({3, 2, 4}, {3, 0, 4}, 100, 100, 0.1, 0.5);
   const View map = must(sun_view({0, -1, 0}, box, camera, 1024));
   CHECK(map.half_width == Approx(2 * std::tan(0.25)).epsilon(0.01));
@@ -242,7 +242,7 @@ TEST_CASE("the sun's view is no larger than the visible part of the scene", "[sh
   CHECK(cut.clip_max[1] == 2);
   CHECK(cut.z_far == Approx(2).epsilon(0.01));
 
-  // A single point: it gives no size of a sample.
+  // A single point, which gives a sample no size.
   WorldBox point;
   point.add({3, 1, 4});
   const View least = must(sun_view({0, -1, 0}, point, camera, 64));
@@ -260,7 +260,7 @@ TEST_CASE("a box casts the shadow that ray casting finds, within two samples of 
     caster.add({-0.5, -0.4, -0.3});
     caster.add({0.3, 0.4, 0.5});
     scene.add(box(caster.min, caster.max));
-    // A room around the box, without the wall on the sun's side, so that each other wall is lit.
+    // A room around the box. It has no wall on the sun's side, so that each other wall is lit.
     const double half = 3;
     for (size_t axis = 0; axis < 3; ++axis) {
       for (const double side : {-1.0, 1.0}) {
@@ -288,7 +288,7 @@ TEST_CASE("a box casts the shadow that ray casting finds, within two samples of 
           REQUIRE(point.share == Approx(is_on_caster ? 1 : 0).margin(1e-6));
           ++(is_on_caster ? lit : dark);
         } else if (!hits(point.place, back, caster, border)) {
-          // Near a corner, one wall may shade the other.
+          // Near a corner, one wall may cast a shadow on the other.
           const bool is_corner = std::count_if(point.place.begin(), point.place.end(),
                                                [&](double c) { return std::abs(std::abs(c) - half) < 0.3; }) > 1;
           if (!is_corner) REQUIRE(point.share == 1.0f);
@@ -339,7 +339,7 @@ TEST_CASE("no lit surface shades itself", "[shadow]") {
       scene.add(soup);
     }
     const Vec3 aside = unit({any(random), any(random), any(random)});
-    // From near, and from so far away that the spacing of floats exceeds a sample.
+    // From near, and from so far away that floats are spaced wider than samples.
     const double far = i % 5 == 0 ? 1e5 : 1;
     const View camera =
         look_at(ahead(ahead({0, 0, 0}, sun, -3 * far), aside, 2 * far), {0, 0, 0}, 150, 150, 0.1 * far, 1 / far);
@@ -351,7 +351,7 @@ TEST_CASE("no lit surface shades itself", "[shadow]") {
   CHECK(points > 100000);
 }
 
-TEST_CASE("an alpha mask cuts its shadow", "[shadow]") {
+TEST_CASE("an alpha mask cuts the shadow of its surface", "[shadow]") {
   Sunny scene({0, 0, -1});
   scene.add(box({-2, -2, -2}, {2, 2, -1.5}));
   kernels::MaskView mask{};
@@ -362,7 +362,7 @@ TEST_CASE("an alpha mask cuts its shadow", "[shadow]") {
   mask.wrap_s = mask.wrap_t = format::Wrap::kClamp;
   mask.magnified_nearest = true;
   mask.needs = format::kHasUv;
-  scene.add_masked(square(0, 0, 1, 1), mask, {0, 255});  // its left half is cut away
+  scene.add_masked(square(0, 0, 1, 1), mask, {0, 255});  // its left half is masked
   size_t dark = 0, lit = 0;
   for (const LitPoint& point : scene.look(look_at({4, 0, 1}, {0, 0, -1.5}, 120, 120))) {
     const double x = point.place[0], y = point.place[1], border = 2 * scene.texel;
@@ -435,7 +435,7 @@ TEST_CASE("a shadow map is drawn anew only where a picture needs another one", "
   camera.width *= 4;
   camera.height *= 4;
   CHECK(draw(camera, ShadowFit::kExact) == exact);
-  CHECK(draw(camera, ShadowFit::kMoving) == exact);  // finer than a moving camera's own
+  CHECK(draw(camera, ShadowFit::kMoving) == exact);  // the map that is kept is finer than a moving camera's own
   CHECK(drawn == 1);
   draw(camera, ShadowFit::kExact, kSide / 2);
   CHECK(drawn == 2);
@@ -443,7 +443,7 @@ TEST_CASE("a shadow map is drawn anew only where a picture needs another one", "
   draw(camera, ShadowFit::kExact, kSide / 2);
   CHECK(drawn == 3);
 
-  // A camera that moves sees all in the map that it has, with room for the samples that shading reads.
+  // A moving camera's surfaces all lie in the map that it uses, with room for the samples that shading reads.
   drawn = 0;
   constexpr int kPictures = 60;
   for (int i = 0; i < kPictures; ++i) {
@@ -483,10 +483,10 @@ TEST_CASE("a shadow map is drawn anew only where a picture needs another one", "
   }
   CAPTURE(drawn);
   CHECK((drawn >= 1 && drawn <= 3));
-  // At rest it is the exact one again.
+  // At rest the map is the exact one again.
   CHECK(draw(camera, ShadowFit::kExact) == runtime::sun_of(scene, camera, kSide)->view);
-  // Nearer, the kept samples become too coarse; and other parts of the scene need another map.
-  draw(must_view(scene, {.width = 96, .height = 64}), ShadowFit::kMoving);  // all of the scene
+  // From nearby, the samples of the kept map become too coarse, and other parts of the scene need another map.
+  draw(must_view(scene, {.width = 96, .height = 64}), ShadowFit::kMoving);  // shows the whole scene
   drawn = 0;
   camera = must_view(scene, {.eye = runtime::Vec3{1, 8, 1},
                              .target = runtime::Vec3{1, 0, 1.01},

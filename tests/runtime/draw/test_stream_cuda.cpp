@@ -203,7 +203,7 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
                           kernels::CudaFrames::device_bytes(scene.view()) +
                           runtime::CudaStream::device_bytes(scene.view());
   for (const uint64_t pool : {3 * largest, all / 4 + largest, all / 2 + largest}) {
-    // Keeps no chunks, some, or all; batches and lists take memory too.
+    // The pools keep no chunks, some, or all. Batches and lists take memory too.
     const uint64_t lists = runtime::CudaStream::pinned_list_bytes(scene.view());
     const uint64_t some = lists + 4 * runtime::CudaStream::kStagings * largest + all / 2;
     for (const uint64_t host_memory : {uint64_t{0}, some, lists + 2 * all}) {
@@ -212,7 +212,7 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
       DeviceScene device = must(DeviceScene::upload(scene, beside + pool, 2, Reading::kAuto, 0, host_memory));
       for (int i = 0; i < 6; ++i) {
         runtime::CameraOptions camera{.width = 211, .height = 140};
-        const double turn = i / 2;  // every view twice
+        const double turn = i / 2;  // every view comes twice
         camera.eye = runtime::Vec3{4 - 3 * turn, 1 - turn, 6 - 2 * turn};
         camera.target = runtime::Vec3{0, 0, 0};
         View view = must_view(whole, camera);
@@ -235,12 +235,12 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
         REQUIRE(picture);
         REQUIRE(reference);
         REQUIRE(picture->size() == reference->size());
-        // Shading uses floats, which need not be equal bit for bit on both.
+        // Shading uses floats, which need not be equal bit for bit on the CPU and the GPU.
         for (size_t p = 0; p < picture->size(); ++p) REQUIRE(std::abs((*picture)[p] - (*reference)[p]) <= 1);
       }
     }
   }
-  // The same scene resident on the device: its pictures equal the streamed ones byte for byte.
+  // The same scene resident on the GPU: its pictures equal the streamed ones byte for byte.
   DeviceScene resident = must(DeviceScene::upload(scene, 0, 2));
   DeviceScene streamed = must(DeviceScene::upload(scene, beside + all / 4 + largest, 2, Reading::kAuto, 0));
   runtime::CameraOptions camera;
@@ -263,7 +263,7 @@ TEST_CASE("a scene larger than its limit of device memory is streamed to the sam
 TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU", "[cuda][stream]") {
   if (!scree::tests::has_gpu()) return;
   const TempFolder folder;
-  const bool is_blended = GENERATE(false, true);  // else all encodings, float32 too
+  const bool is_blended = GENERATE(false, true);  // false: all encodings, including float32
   std::string path = folder.file("soup.scree");
   if (is_blended) {
     scree::convert::ConvertOptions options = scree::tests::options_of(folder);
@@ -292,14 +292,14 @@ TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU"
     return must(frame.shade(shade, 2));
   };
   const std::vector<uint8_t> expected = picture_of(resident);
-  // It does not wait, and draws fewer chunks.
+  // This picture does not wait, and draws fewer chunks.
   REQUIRE(coming.draw(view, nullptr, &shade, [] { return true; }));
   REQUIRE(coming.stream_stats());
   CHECK(coming.stream_stats()->left_bytes > 0);
   std::vector<uint32_t> pixels(size_t{view.width} * view.height);
   REQUIRE(coming.resolve(view, 1, shade, pixels));
   CHECK(std::all_of(pixels.begin(), pixels.end(), [](uint32_t pixel) { return pixel == 0; }));
-  // A picture loads its visible chunks.
+  // A picture loads the chunks that are visible in it.
   CHECK(picture_of(coming) == expected);
   CHECK(coming.stream_stats()->left_bytes == 0);
   uint64_t left = UINT64_MAX;
@@ -310,7 +310,7 @@ TEST_CASE("a scene that is loaded while it is drawn becomes resident on the GPU"
   }
   CHECK_FALSE(coming.is_streamed());
   CHECK(coming.load_rest().value() == 0);
-  CHECK_FALSE(coming.resolve(view, 1, shade, pixels));  // its picture was streamed
+  CHECK_FALSE(coming.resolve(view, 1, shade, pixels));  // its picture was streamed, so it cannot be shaded again
   for (int i = 0; i < 2; ++i) CHECK(picture_of(coming) == expected);
   CHECK_FALSE(coming.stream_stats());
   const Frame on_cpu = must(Frame::draw(whole, view, 1, 2));
@@ -367,7 +367,7 @@ TEST_CASE("a GPU decodes JPEG textures on demand while chunks are streamed", "[c
       CHECK(from_streamed == from_resident);
     }
   }
-  // The minimum in the error is enough, for any requested cache.
+  // The least memory, which the error states, is enough for any requested cache.
   const auto refused = refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, uint64_t{1} << 20));
   const uint64_t least = scree::tests::least_device_memory(refused.message);
   CHECK(DeviceScene::upload(scene, least, 2, Reading::kAuto, uint64_t{1} << 20));

@@ -1,4 +1,4 @@
-// Split pages of streamed chunks, which a GPU joins in its pool: the samples and the errors of the CPU.
+// Split pages of streamed chunks, which a GPU joins in its pool. Samples and errors equal the CPU's.
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -60,7 +60,7 @@ std::pair<uint64_t, uint64_t> joinable_bytes(const Scene& scene) {
   return {split, all};
 }
 
-/// A pool for the whole scene.
+/// Uploads with a pool for the whole scene.
 Result<DeviceScene> upload_with_joins(const Scene& scene, uint64_t host_memory = 0) {
   return DeviceScene::upload(scene, 0, 3, Reading::kMapped, 0, host_memory, {}, nullptr, 1, true);
 }
@@ -105,7 +105,7 @@ TEST_CASE("a GPU joins the split pages of streamed chunks", "[cuda][stream]") {
       CHECK_FALSE(device.is_streamed());
       CHECK(draws_as_cpu(device, scene, whole, view));
       made.reset();
-      // With little pinned memory there are fewer slots, or the CPU joins.
+      // With little pinned memory there are fewer slots, or the CPU joins the pages.
       for (const uint64_t host_memory : {uint64_t{1} << 20, uint64_t{150} << 10}) {
 #if defined(SCREE_EMULATED_CUDA)
         emulator::reset_peaks();
@@ -138,7 +138,7 @@ TEST_CASE("chunks that a GPU joins are dropped and joined again", "[cuda][stream
   const Scene scene = must_load(path, {.threads = 2, .pages = false});
   const uint64_t least = least_device_memory(refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, 0)).message);
   const auto [split, all] = joinable_bytes(scene);
-  // An eighth of this is for joins.
+  // An eighth of this memory is for joins.
   const uint64_t more = 8 * (uint64_t{24} << 10);
   REQUIRE(all > more + more / 8);
   DeviceScene device = must(DeviceScene::upload(scene, least + more, 2, Reading::kAuto, 0));
@@ -176,7 +176,8 @@ TEST_CASE("no slot is joined twice", "[cuda][stream]") {
   must(kernels::cuda_check(cudaGetDevice(&device), "a test"));
   StreamJoins joins;
   must(joins.open(sizes, device, arena.data()));
-  // Each load fills a region, so that the next one is open when it ends. From the fifth on that one was full before.
+  // Each load fills a region, so that the next region is open when the load ends. From the fifth load on, that region
+  // was full once before.
   for (uint32_t load = 0; load < 6; ++load) {
     fill(1);
     must(joins.begin(load, nullptr, nullptr));
@@ -206,14 +207,14 @@ TEST_CASE("chunks are joined behind the moves of all earlier loads", "[cuda][str
   paged.zstd_every = 1;
   paged.image_every = 10000;
   std::mt19937 random(5);
-  std::vector<std::pair<Soup, Encoding>> meshes;  // of a chunk each
+  std::vector<std::pair<Soup, Encoding>> meshes;  // of one chunk each
   for (int i = 0; i < 800; ++i)
     meshes.emplace_back(grid(static_cast<uint32_t>(2 + random() % 11), 0.01 * (i % 40)), kClusters);
   paged.write(path, meshes);
   const Scene whole = must_load(path);
   const Scene scene = must_load(path, {.threads = 2, .pages = false});
   const uint64_t least = least_device_memory(refusal(DeviceScene::upload(scene, 1, 2, Reading::kAuto, 0)).message);
-  // An eighth of this is for joins.
+  // An eighth of this memory is for joins.
   const uint64_t more = 8 * (uint64_t{24} << 10);
   REQUIRE(joinable_bytes(scene).first > 2 * more);
   uint64_t moved = 0;
@@ -252,17 +253,17 @@ TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda
     Scene whole = must_load(path, {.pages = false});
     const Result<void> loaded = whole.load_pages(2);
     const Scene scene = must_load(path, {.threads = 2, .pages = false});
-    // All chunks are kept in host memory, and joined before.
+    // All chunks are kept in host memory, and were joined before.
     Result<DeviceScene> kept = upload_with_joins(scene, uint64_t{64} << 20);
     REQUIRE(bool(kept) == bool(loaded));
     if (kept) {
       CHECK(draws_as_cpu(*kept, scene, whole, must_view(whole, {.width = 60, .height = 40})));
-      CHECK(kept->stream_stats()->joined_bytes == 0);  // by this frame
+      CHECK(kept->stream_stats()->joined_bytes == 0);  // this frame joined nothing
     } else {
       CHECK(kept.error().message == loaded.error().message);
     }
     DeviceScene device = must(upload_with_joins(scene));
-    if (loaded) {  // other positions, perhaps
+    if (loaded) {  // the positions may differ
       CHECK(draws_as_cpu(device, scene, whole, must_view(whole, {.width = 60, .height = 40})));
       accepted.insert(device.stream_stats()->joined_bytes);
       continue;
@@ -272,7 +273,7 @@ TEST_CASE("damaged split pages of streamed chunks give the CPU's errors", "[cuda
     REQUIRE_FALSE(rest);
     CHECK(rest.error().message == loaded.error().message);
     CHECK(rest.error().code == loaded.error().code);
-    // It does not pass for loaded afterwards.
+    // Afterwards the scene does not count as loaded.
     CHECK(device.is_streamed());
     CHECK(refusal(device.load_rest()).message == loaded.error().message);
   }

@@ -1,4 +1,5 @@
-// The calls of a streamer to its target, for any timing of loads: a target that draws nothing and records the calls.
+// The calls that a streamer makes to its target, for any timing of loads. The target draws nothing and records the
+// calls.
 #include <algorithm>
 #include <deque>
 #include <future>
@@ -28,7 +29,7 @@ namespace {
 
 constexpr uint64_t kUnit = Residency::kAlignment;
 
-/// Each unit of its pool holds a chunk number plus one.
+/// A target. Each unit of its pool stores a chunk number plus one.
 class Account final : public StreamTarget {
  public:
   Account(uint64_t pool_bytes, uint32_t seed) : random_(seed), pool_(pool_bytes / kUnit) {}
@@ -42,11 +43,11 @@ class Account final : public StreamTarget {
   void fail_at(uint32_t call) { fails_at_ = call; }
 
   const std::set<uint32_t>& loaded() const { return loaded_; }
-  /// Number of chunks that were drawn when the first and the fourth load were started.
+  /// Number of chunks that were drawn before the first and before the fourth load was started.
   size_t drawn_before_first() const { return drawn_before_.at(0); }
   size_t drawn_before_fourth() const { return drawn_before_.at(3); }
 
-  /// Called after a frame.
+  /// Checks that all chunks of a frame are drawn; called after the frame.
   void check_all_drawn() const {
     REQUIRE(started_.empty());
     for (const uint32_t chunk : likely_seen_) REQUIRE(drawn_.contains(chunk));
@@ -98,7 +99,7 @@ class Account final : public StreamTarget {
   }
   Result<Drawn> finish_drawing() override {
     REQUIRE_FALSE(part_.empty());
-    // Some of the moves and loads happen meanwhile.
+    // Carries out some of the moves and loads meanwhile.
     while (carried_out_ < started_.size() && random_() % 3 != 0) carry_out();
     check_part();
     std::set<uint32_t>& drawn = options_.share == Share::kLikelySeen ? likely_seen_ : drawn_;
@@ -150,11 +151,11 @@ class Account final : public StreamTarget {
   std::set<uint32_t> loaded_;
   std::set<uint32_t> drawn_;
   std::set<uint32_t> likely_seen_;
-  std::vector<size_t> drawn_before_;  // by load
+  std::vector<size_t> drawn_before_;  // by load: number of chunks drawn before it
   uint32_t fails_at_ = 0;
 };
 
-/// A scene of some hundred chunks, whose sizes may be set to any values.
+/// A scene of some hundred chunks, whose sizes may be set to any value.
 struct Chunks {
   Chunks() {
     std::mt19937 random(3);
@@ -250,7 +251,7 @@ TEST_CASE("an ended frame draws the loads it has started, and the other chunks a
         for (uint32_t& code : in_the_end) code = below(3) == 0 ? kNotInView : code;
         account.set_view(codes, in_the_end);
       }
-      // Every eighth frame is not ended; some are, before they load anything.
+      // Every eighth frame runs to its end. Some of the others are ended before they load anything.
       uint32_t loads = frame % 8 == 7 ? UINT32_MAX : below(6);
       if (frame % 9 == 5) account.fail_at(1 + below(20));
       const Result<StreamStats> stats = streamer.draw(chunks.view, nullptr, account, [&] {
@@ -299,7 +300,7 @@ TEST_CASE("chunks that were visible last are loaded while resident chunks are dr
   Streamer streamer = must(Streamer::create(*chunks.scene, pool, chunks.bytes));
   const StreamStats first = must(streamer.draw(chunks.view, nullptr, account));
   CHECK(first.streamed_bytes >= needed);
-  // Without an earlier frame, one batch is loaded before depths are known, and two while they are found.
+  // Without an earlier frame, one batch is loaded before any depths are computed, and two while they are computed.
   CHECK(account.drawn_before_first() == 0);
   CHECK(account.drawn_before_fourth() > 0);
   for (int i = 0; i < 4; ++i) {
@@ -308,7 +309,7 @@ TEST_CASE("chunks that were visible last are loaded while resident chunks are dr
     for (const uint32_t chunk : account.loaded()) REQUIRE(chunk % 3 != 2);
     CHECK(again.streamed_bytes == again.needed_bytes);
     CHECK(again.streamed_bytes < needed / 2);
-    // One part makes room for one batch.
+    // Each part makes room for one batch.
     CHECK(again.batches < 2 * runtime::kBatchShare);
     CHECK(account.drawn_before_first() < count / 10);
     CHECK(account.drawn_before_fourth() < count / 3);

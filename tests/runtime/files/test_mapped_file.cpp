@@ -57,7 +57,8 @@ TEST_CASE("cached_share() is right for a user who may only read the file", "[map
   CAPTURE(share_of_owner, share);
   CHECK(share_of_owner <= 100);
   CHECK(share <= 100);
-  // A file system in memory drops nothing. A file system without RWF_NOWAIT gives no information, which counts as 1.
+  // A file system in memory drops nothing. A file system without RWF_NOWAIT gives no information, and the share counts
+  // as 1.
   iovec one{};
   char byte = 0;
   one = {&byte, 1};
@@ -65,7 +66,7 @@ TEST_CASE("cached_share() is right for a user who may only read the file", "[map
   const bool has_probes = ::preadv2(probe, &one, 1, 0, RWF_NOWAIT) >= 0 || errno == EAGAIN;
   ::close(probe);
   if (has_probes && share_of_owner < 50) CHECK(share < 50);
-  // Cached pages are recognised.
+  // Cached pages are found.
   const std::string bytes = scree::tests::read_whole(path);
   CHECK(bytes.size() == 16u << 20);
   CHECK(share_of(false) > 90);
@@ -88,7 +89,7 @@ TEST_CASE("a mapped file has the file's bytes and outlives moves", "[mapped_file
     other.will_need(0, ~uint64_t{0});
     other.release(1, ~uint64_t{0} - 5);
     other.release(20000, 5);
-    CHECK(static_cast<char>(other.bytes()[9998]) == 'a');  // released bytes come back from the file
+    CHECK(static_cast<char>(other.bytes()[9998]) == 'a');  // released bytes are read from the file again
     CHECK(static_cast<char>(other.bytes()[9999]) == 'z');
   }
 }
@@ -100,7 +101,7 @@ TEST_CASE("a mapped file is read without its map, and errors give its new end", 
   for (size_t i = 0; i < text.size(); ++i) text[i] = static_cast<char>(i * 7 + i / 256);
   std::ofstream(path, std::ios::binary) << text;
   const MappedFile file = must(MappedFile::open(path));
-  std::filesystem::rename(path, path + "_elsewhere");  // not found by its name
+  std::filesystem::rename(path, path + "_elsewhere");  // the file is not found by its name any more
   const std::string elsewhere = path + "_elsewhere";
   std::vector<std::byte> out(10000, std::byte{'#'});
   for (const auto& [offset, size] : {std::pair<uint64_t, size_t>{0, 10000}, {1, 4096}, {9999, 1}, {10000, 0}}) {
@@ -133,7 +134,7 @@ TEST_CASE("a file above 4 GiB is mapped with 64-bit offsets", "[mapped_file]") {
     file.seekp(static_cast<std::streamoff>(size - 1));
     file.put('!');
     if (!file.flush()) {
-      WARN("no room for a sparse file here");
+      WARN("skipped: no room for a sparse file");
       return;
     }
   }
@@ -165,7 +166,7 @@ TEST_CASE("a file that cannot be mapped is named with the reason", "[mapped_file
 
   const std::string pipe = folder.file("pipe");
   REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
-  const Result<MappedFile> fifo = MappedFile::open(pipe);  // must not wait for a writer
+  const Result<MappedFile> fifo = MappedFile::open(pipe);  // opening must not wait for a writer
   REQUIRE_FALSE(fifo);
   CHECK(fifo.error().message.find("not a regular file") != std::string::npos);
 }

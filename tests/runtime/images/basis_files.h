@@ -1,5 +1,5 @@
-// Makes KTX2 files of BasisLZ for the tests: random codebooks, and blocks that name their colours and selectors in
-// every way that the format has.
+// Makes KTX2 files of BasisLZ for the tests: random codebooks, and blocks that refer to colours and selectors in every
+// way that the format allows.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,7 @@ struct BasisFile {
   std::vector<FileBytes> levels;  // their RGBA pixels
 };
 
-/// Writes bits, lowest first, and codes of nearly equal lengths for a number of symbols.
+/// Writes bits, lowest first, and codes of nearly equal lengths for a given number of symbols.
 class BasisWriter {
  public:
   void put(uint32_t value, uint32_t count) {
@@ -39,7 +39,7 @@ class BasisWriter {
       bytes_.back() |= static_cast<std::byte>((value >> i & 1) << bits_ % 8);
     }
   }
-  /// `symbols`: of the code, at least 2. The first ones have codes of n bits, the others n + 1.
+  /// `symbols`: of the code, at least 2. The first ones have codes of n bits, the others codes of n + 1 bits.
   void code(uint32_t symbol, uint32_t symbols) {
     const auto [length, shorter] = lengths(symbols);
     if (symbol < shorter) return reversed(symbol, length);
@@ -125,11 +125,12 @@ inline BasisCodebooks make_codebooks(const BasisRecipe& recipe, std::mt19937& ra
   return books;
 }
 
-/// Writes a slice of random blocks, and their pixels.
+/// Writes a slice of random blocks. Returns its bytes and sets its pixels.
 inline FileBytes make_slice(const BasisCodebooks& books, bool is_alpha, uint32_t width, uint32_t height,
                             std::mt19937& random, FileBytes& pixels) {
   const uint32_t columns = (width + 3) / 4, rows = (height + 3) / 4;
-  // A symbol per 2 x 2 blocks: where each takes its colours from. 0 left, 1 above, 2 above left, 3 a difference.
+  // One symbol per 2 x 2 blocks gives the source of each block's colours: 0 left, 1 above, 2 above left, 3 a
+  // difference.
   std::vector<uint32_t> groups;
   for (uint32_t y = 0; y < rows; y += 2)
     for (uint32_t x = 0; x < columns; x += 2) {
@@ -140,7 +141,7 @@ inline FileBytes make_slice(const BasisCodebooks& books, bool is_alpha, uint32_t
         if ((source != 1 && source != 3 && !has_left) || (source != 0 && source != 3 && !has_above)) source = 3;
         symbol |= source << 2 * k;
       }
-      // Many equal predictions, which share a symbol.
+      // Makes many predictions equal, so that they share a symbol.
       if (x > 0 && y > 0 && x > 2 && random() % 4 != 0) symbol = groups.back();
       groups.push_back(symbol);
     }
@@ -185,7 +186,7 @@ inline FileBytes make_slice(const BasisCodebooks& books, bool is_alpha, uint32_t
       previous = color[at];
 
       uint32_t selector;
-      if (run == 0 && random() % 8 == 0 && columns * rows - at >= 3) {  // a run of the first of the history
+      if (run == 0 && random() % 8 == 0 && columns * rows - at >= 3) {  // a run of the first entry of the history
         run = std::min(static_cast<uint32_t>(random() % 200) + 3, columns * rows - static_cast<uint32_t>(at));
         out.code(kBasisSelectors + kBasisHistory, kBasisSelectors + kBasisHistory + 1);
         out.code(std::min(run - 3, 63u), 64);
@@ -247,7 +248,7 @@ inline BasisFile make_basis_lz(const BasisRecipe& recipe) {
   for (const FileBytes* part : {&books.color_part, &books.selector_part, &books.table_part})
     global.insert(global.end(), part->begin(), part->end());
 
-  // The header, index, descriptor and keys of a file of UASTC, and then the two.
+  // The header, index, descriptor and keys of a UASTC file, followed by the two slices.
   made.bytes = make_ktx2({.vk_format = 0,
                           .model = 163,
                           .width = recipe.width,

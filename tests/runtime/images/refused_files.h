@@ -13,7 +13,7 @@ namespace scree::tests {
 struct RefusedFile {
   FileBytes bytes;
   ErrorCode code;
-  const char* message;  // the beginning of the error's
+  const char* message;  // the beginning of the error's message
 };
 
 inline void check_refused(std::span<const RefusedFile> files) {
@@ -26,7 +26,7 @@ inline void check_refused(std::span<const RefusedFile> files) {
   }
 }
 
-/// Every prefix is refused, and never read past its end.
+/// Checks that every prefix is refused, and that nothing past its end is read.
 inline void check_prefixes_refused(const FileBytes& whole) {
   for (size_t size = 0; size < whole.size(); ++size) {
     FileBytes prefix(whole.begin(), whole.begin() + static_cast<ptrdiff_t>(size));

@@ -1,4 +1,4 @@
-// UASTC and BasisLZ: blocks of every mode, made files of every kind of block, real files with the pixels of the
+// UASTC and BasisLZ: blocks of every mode, generated files with every kind of block, real files with the pixels of the
 // official transcoder, and malformed data.
 #include <array>
 #include <cstring>
@@ -26,7 +26,7 @@ using namespace tests;
 
 using Texels = std::array<uint32_t, 16>;
 
-/// A block, written bit by bit.
+/// The texels of a block that was written bit by bit.
 Texels decoded(const BasisWriter& written) {
   FileBytes block = written.bytes();
   block.resize(kUastcBlockBytes);
@@ -76,12 +76,12 @@ TEST_CASE("UASTC weights of 5 bits are interpolated between endpoints of 5 bits"
   CHECK(texels[15] == rgba(247, 8, 132));   // 62
 }
 
-TEST_CASE("UASTC subsets have endpoints of their own, of trits", "[basis]") {
-  BasisWriter block;  // mode 3, pattern 10: columns 0 and 1 are subset 0, the others rows of 2, 1, 1 and 2
+TEST_CASE("UASTC subsets have their own endpoints, coded as trits", "[basis]") {
+  BasisWriter block;  // mode 3, pattern 10: columns 0 and 1 are subset 0; the other rows are subsets 2, 1, 1 and 2
   block.put(0x3, 5);
   block.put(0, 15);
   block.put(10, 4);
-  // Six values per subset: trits 0, 1, 2 for the subsets. Bits of 0 give 0, 23 and 46.
+  // Six values per subset. The trits are 0, 1 and 2 for the subsets; with bits of 0 they give 0, 23 and 46.
   const auto trit = [](uint32_t value) { return value / 6; };
   for (uint32_t i = 0; i < 18; i += 5) {
     uint32_t packed = 0;
@@ -96,14 +96,14 @@ TEST_CASE("UASTC subsets have endpoints of their own, of trits", "[basis]") {
   for (uint32_t i = 0; i < 16; ++i) CHECK(texels[i] == kGrey[kSubsets[i]]);
 }
 
-TEST_CASE("a UASTC channel may have weights of its own", "[basis]") {
+TEST_CASE("a UASTC channel may have its own weights", "[basis]") {
   for (uint32_t channel = 0; channel < 4; ++channel) {
     BasisWriter block;  // mode 13
     block.put(0x1f, 5);
     block.put(0, 23);
     block.put(channel, 2);
     for (uint32_t i = 0; i < 4; ++i) block.put(0xff00, 16);  // low 0, high 255
-    block.put(0x2aaaaaaa, 30);  // of texels 1 to 15: 0, and 1 in the second plane; texel 0 has no bits, both are 0
+    block.put(0x2aaaaaaa, 30);  // texels 1 to 15: 0, and 1 in the second plane; texel 0 has no bits, so both are 0
     const Texels texels = decoded(block);
     CHECK(texels[0] == 0);
     for (uint32_t i = 1; i < 16; ++i) CHECK(texels[i] == 0xffu << 8 * channel);
@@ -130,8 +130,8 @@ TEST_CASE("invalid UASTC blocks are magenta", "[basis]") {
 
 TEST_CASE("random UASTC blocks of every mode have the pixels of the official transcoder", "[basis]") {
   struct Mode {
-    uint32_t code, code_bits, hint_bits, patterns, pattern_bits;  // of a pattern, if there are any
-    uint64_t hash;  // of 256 blocks' texels, which equal those of basis_universal, as three.js 0.187 has it
+    uint32_t code, code_bits, hint_bits, patterns, pattern_bits;  // `pattern_bits`: of a pattern, if there is one
+    uint64_t hash;  // of 256 blocks' texels, equal to those of basis_universal as in three.js 0.187
   };
   constexpr Mode kModes[] = {{0x01, 4, 15, 0, 0, 0xcd78fb6d1fd70bae},  {0x35, 6, 15, 0, 0, 0x103ac576ef1b5397},
                              {0x1d, 5, 15, 30, 5, 0xde10bcf66c7f9e94}, {0x03, 5, 15, 11, 4, 0x5185e45a2e5f40b1},
@@ -163,7 +163,7 @@ TEST_CASE("random UASTC blocks of every mode have the pixels of the official tra
   }
 }
 
-TEST_CASE("a UASTC file is decoded to RGBA8, cut at the picture's borders", "[basis]") {
+TEST_CASE("a UASTC file is decoded to RGBA8 and cropped to the picture", "[basis]") {
   const BlockRecipe recipe{
       .vk_format = 0, .model = 166, .width = 7, .height = 6, .levels = 3, .scheme = 2, .channel = 3};
   const auto levels = must(levels_of(make_ktx2(recipe)));
@@ -183,7 +183,7 @@ TEST_CASE("a UASTC file is decoded to RGBA8, cut at the picture's borders", "[ba
   }
 }
 
-TEST_CASE("the samples of UASTC and ETC1S give the channels", "[basis]") {
+TEST_CASE("the sample descriptions of UASTC and ETC1S files determine the channels", "[basis]") {
   using enum format::ChannelSource;
   const auto swizzle_of = [](uint32_t model, uint32_t first, uint32_t second, const std::string& swizzle = "") {
     FileBytes bytes = model == 166 ? make_ktx2({.vk_format = 0, .model = 166, .swizzle = swizzle, .channel = first})
@@ -209,7 +209,7 @@ TEST_CASE("the samples of UASTC and ETC1S give the channels", "[basis]") {
   CHECK(swizzle_of(163, 3, 4, "1rg1") == format::make_swizzle(kOne, kRed, kAlpha, kOne));
 }
 
-TEST_CASE("BasisLZ files of all kinds of blocks are read back", "[basis]") {
+TEST_CASE("BasisLZ files of all kinds of blocks have their pixels", "[basis]") {
   for (const auto& [width, height] : {std::pair{1u, 1u}, {4u, 4u}, {5u, 3u}, {37u, 22u}, {130u, 7u}, {64u, 64u}})
     for (uint32_t seed = 0; seed < 12; ++seed) {
       INFO(width << " x " << height << ", seed " << seed);
@@ -237,7 +237,7 @@ TEST_CASE("malformed files of UASTC and BasisLZ are refused with the defect", "[
   uint32_t parts[3];
   std::memcpy(parts, lz.data() + global + 4, 12);
   const size_t images = global + 20, colors = global + 60, selectors = colors + parts[0], tables = selectors + parts[1];
-  const auto longer_by = [&](size_t at) {  // a part's length
+  const auto longer_by = [&](size_t at) {  // makes a part's length longer
     uint32_t length;
     std::memcpy(&length, lz.data() + at, 4);
     return with(lz, at, length + 1);
@@ -279,7 +279,7 @@ TEST_CASE("malformed files of UASTC and BasisLZ are refused with the defect", "[
   };
   check_refused(bad);
   for (const FileBytes& whole : {lz, uastc}) check_prefixes_refused(whole);
-  // Any flipped bit gives a picture or one line.
+  // Any flipped bit gives a picture or one line of error.
   for (size_t bit = 0; bit < 8 * lz.size(); ++bit) {
     FileBytes flipped = lz;
     flipped[bit / 8] ^= static_cast<std::byte>(1u << bit % 8);
@@ -288,8 +288,8 @@ TEST_CASE("malformed files of UASTC and BasisLZ are refused with the defect", "[
   }
 }
 
-TEST_CASE("BasisLZ streams that end early or name entries that do not exist are refused", "[basis][bad]") {
-  // Two colours, two selectors, and a history of one; 257, 2, 4 and 64 symbols.
+TEST_CASE("BasisLZ streams that end early or refer to missing entries are refused", "[basis][bad]") {
+  // Two colours, two selectors, and a history of one. The codes have 257, 2, 4 and 64 symbols.
   BasisWriter colors, selectors, tables;
   for (int i = 0; i < 3; ++i) colors.table(32);
   colors.table(8);
@@ -319,24 +319,24 @@ TEST_CASE("BasisLZ streams that end early or name entries that do not exist are 
   };
   CHECK(decodes(3, 1, 1, 0));
   CHECK(decodes(3, 1, 2, 0));        // from the history
-  CHECK_FALSE(decodes(0, 0, 1, 0));  // left of the first block
-  CHECK_FALSE(decodes(1, 0, 1, 0));  // above it
+  CHECK_FALSE(decodes(0, 0, 1, 0));  // nothing is left of the first block
+  CHECK_FALSE(decodes(1, 0, 1, 0));  // nothing is above it
   CHECK_FALSE(decodes(2, 0, 1, 0));
-  CHECK(decodes(3, 3, 1, 0));        // 3 of 2 colours wraps around once, to 1
-  CHECK_FALSE(decodes(3, 1, 4, 0));  // of 2 selectors, a history of 1, and the run
-  CHECK_FALSE(decodes(3, 1, 3, 0));  // a run of 3 blocks, but there is one
+  CHECK(decodes(3, 3, 1, 0));        // 3 of 2 colours wraps around once to 1
+  CHECK_FALSE(decodes(3, 1, 4, 0));  // symbols are 2 selectors, a history of 1, and the run
+  CHECK_FALSE(decodes(3, 1, 3, 0));  // a run of 3 blocks, where one is left
   CHECK_FALSE(decodes(256, 0, 1, 0));
   FileBytes pixels(64);
   CHECK_FALSE(opened.decode({}, false, 4, 4, pixels));
-  // A number of colours that the part does not hold.
+  // More colours than the part has bytes for.
   CHECK_FALSE(BasisLz::open({200, 2, size(colors), size(selectors), size(tables)}, parts));
 }
 
 TEST_CASE("real files of UASTC and BasisLZ have the pixels of the official transcoder", "[basis][models]") {
   const std::filesystem::path folder = tests::real_models("ktx2");
   if (folder.empty()) return;
-  // Hashes of all levels, one behind another; they equal those of basis_universal, as three.js 0.187 has it. It does
-  // not read zlib.
+  // Hashes of all levels, one after another. They equal those of basis_universal as in three.js 0.187, which does not
+  // read zlib.
   const std::pair<const char*, uint64_t> files[] = {
       {"KTX-Parse/test_etc1s.ktx2", 0x7b26fa738a0a8225},
       {"KTX-Parse/test_padding.ktx2", 0x566acd70ba89a095},

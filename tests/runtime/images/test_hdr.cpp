@@ -1,4 +1,4 @@
-// Radiance pictures: rows of runs and of pixels, and invalid files of every kind.
+// Radiance pictures: run-length coded rows, rows of plain pixels, and invalid files of every kind.
 #include "runtime/images/hdr.h"
 
 #include <string>
@@ -41,7 +41,7 @@ const std::string kRow = std::string("\2\2\0\x8", 4) + std::string("\3\1\2\3\x85
 
 }  // namespace
 
-TEST_CASE("hdr: rows of runs and rows of pixels are read", "[hdr]") {
+TEST_CASE("hdr: run-length coded rows and rows of plain pixels are read", "[hdr]") {
   const auto runs = must(read_all(bytes_of(header("-Y 2 +X 8") + kRow + kRow)));
   REQUIRE(runs.size() == 48);
   // (mantissa + 0.5) / 256 * 2^(exponent - 128).
@@ -49,7 +49,7 @@ TEST_CASE("hdr: rows of runs and rows of pixels are read", "[hdr]") {
   CHECK(runs[3 * 7] == 7.5f / 128);
   CHECK(runs[3 * 7 + 1] == 16.5f / 128);
   CHECK(runs[24 + 2] == 32.5f / 128);
-  // 2 pixels, then repeats of the second.
+  // 2 pixels, then repetitions of the second.
   std::string old = header("-Y 1 +X 4");
   old += std::string("\4\5\6\x80\x08\x09\x0a\x80\1\1\1\2", 12);
   const auto pixels = must(read_all(bytes_of(old)));

@@ -35,7 +35,7 @@ std::vector<uint8_t> noise(size_t size) {
   return bytes;
 }
 
-/// Checks that check_image and decode_image agree about a file, both in memory and read on demand.
+/// Checks that check_image and decode_image agree on a file, both in memory and read on demand.
 void check_agrees(const std::vector<std::byte>& file) {
   const Result<Image> decoded = decode_image(file);
   const auto read = [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
@@ -80,7 +80,7 @@ void check_agrees_when_damaged(const std::vector<std::byte>& file, int times) {
 
 }  // namespace
 
-TEST_CASE("a PNG comes back as it was written", "[image]") {
+TEST_CASE("a PNG is read as it was written", "[image]") {
   const ScratchPath scratch("round.png");
   const std::string path = scratch.string();
   for (const uint32_t channels : {3u, 4u}) {
@@ -186,7 +186,7 @@ TEST_CASE("a huge picture in a few bytes is refused before memory is allocated",
   REQUIRE_FALSE(image);
   CHECK(image.error().code == ErrorCode::kRange);
 
-  // A JPEG may lack some data, but not all.
+  // A JPEG may lack some data, but not all of it.
   const std::string flat = scree::tests::flat_jpeg(64, scree::tests::JpegKind::kBaseline);
   file.assign(reinterpret_cast<const std::byte*>(flat.data()),
               reinterpret_cast<const std::byte*>(flat.data() + flat.size()));
@@ -265,7 +265,7 @@ TEST_CASE("real JPEGs decode, or give the reason", "[image][models]") {
 TEST_CASE("one picture in many codings decodes to the same pixels", "[image][models]") {
   const std::filesystem::path folder = scree::tests::real_models("jpeg/go-libjpeg");
   if (folder.empty()) return;
-  // go-libjpeg's video-001 family shows one picture. CMYK goes to ink and back without a profile.
+  // The files video-001 of go-libjpeg show one picture. Its CMYK file was converted to ink and back without a profile.
   const Image reference = must(decode_image(read_bytes(folder / "video-001.jpeg")));
   for (const char* name : {"video-001.progressive.jpeg", "video-001.q50.420.jpeg", "video-001.q50.444.jpeg",
                            "video-001.rgb.jpeg", "video-001.cmyk.jpeg", "video-001.q50.410.jpeg"}) {

@@ -31,7 +31,7 @@ std::vector<uint8_t> make_pixels(uint32_t width, uint32_t height, uint32_t chann
   return out;
 }
 
-/// Checks every pixel of a PNG of `picture`.
+/// Compares every pixel of a PNG with `picture`.
 void check_pixels(const PixelView& picture, bool has_alpha, const std::vector<std::byte>& file) {
   const Image image = must(scree::runtime::decode_image(file));
   CHECK(image.warning.empty());

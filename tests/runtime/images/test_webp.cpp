@@ -38,7 +38,7 @@ TEST_CASE("a WebP decodes to the encoded picture", "[webp]") {
       CHECK(info.codec == format::ImageCodec::kPng);
       CHECK(info.width == width);
       CHECK(info.height == height);
-      CHECK(info.channels == (has_alpha && width > 1 ? 4u : 3u));  // the one pixel is opaque
+      CHECK(info.channels == (has_alpha && width > 1 ? 4u : 3u));  // a single pixel is opaque
       for (const auto& image : {decode_image(exact), decode_image(read_from(exact))}) {
         REQUIRE(image);
         CHECK((image->rgba == pixels));
@@ -64,7 +64,7 @@ TEST_CASE("malformed WebP files are refused with one line", "[webp][bad]") {
     const auto half = check_image(cut(whole, whole.size() / 2));
     CHECK(half.error().code == ErrorCode::kTruncated);
     CHECK(half.error().message == "WebP: ends before its data do");
-    // Any damage gives a picture of this size or an error.
+    // Any damage gives an error or a picture of this size.
     for (size_t i = 0; i < whole.size() * 8; ++i) {
       std::vector<std::byte> bad = whole;
       bad[i / 8] ^= std::byte{1} << i % 8;

@@ -23,13 +23,13 @@ inline std::vector<uint8_t> smooth_pixels(uint32_t width, uint32_t height, bool 
   return pixels;
 }
 
-/// `quality`: 0 is lossless, else lossy.
+/// `quality`: 0 is lossless; higher values are lossy.
 inline std::vector<std::byte> make_webp(const std::vector<uint8_t>& rgba, uint32_t width, uint32_t height,
                                         float quality = 0) {
   WebPConfig config;
   REQUIRE(WebPConfigInit(&config) != 0);
   config.lossless = quality == 0 ? 1 : 0;
-  config.exact = 1;  // colours under alpha 0 too
+  config.exact = 1;  // keeps colours under alpha 0
   config.quality = quality == 0 ? 50 : quality;
   config.method = 1;
   WebPPicture picture;

@@ -66,7 +66,7 @@ TEST_CASE("environment: -z is in the middle of the picture, +x on the right, y u
     CHECK(light(above, 0, 1, 0, roughness) > 10 * light(above, 0, -1, 0, roughness));
   }
   CHECK(light(front, 0, 0, -1, 0) == Approx(kBright).epsilon(1e-3));
-  // Higher roughness blurs but loses no light: half of the directions are lit.
+  // Higher roughness blurs the light but loses none: half of the directions are lit.
   CHECK(light(above, 1, 0, 0, 1) == Approx(kBright / 2).epsilon(0.1));
   float rgb[3];
   const float up[3] = {0, 1, 0};

@@ -20,7 +20,7 @@ Result<View> view_of(const Scene& scene, const CameraOptions& options) {
   return make_view(scene, options);
 }
 
-/// Picture coordinates, from -1 to 1 inside, and the distance from the eye's plane.
+/// Coordinates in the picture, which are from -1 to 1 inside, and the distance from the eye's plane.
 Vec3 project(const View& view, const Vec3& point) {
   double x = 0, y = 0, z = 0;
   for (size_t i = 0; i < 3; ++i) {
@@ -44,8 +44,8 @@ void check_orthonormal(const View& view) {
   CHECK(view.right[0] * view.up[1] - view.right[1] * view.up[0] == Approx(-view.forward[2]).margin(1e-12));
 }
 
-/// Two cameras: perspective "Eye" on node 2, which is translated, rotated about y and scaled; orthographic on node 3
-/// "Flat".
+/// Two cameras: the perspective "Eye" on node 2, which is translated, rotated about y and scaled, and the orthographic
+/// "Flat" on node 3.
 SmallScene with_cameras() {
   SmallScene small;
   small.change = [](format::TableSet& tables) {
@@ -59,7 +59,7 @@ SmallScene with_cameras() {
     eye.local[7] = eye.local[8] = eye.local[9] = 7;
     tables.nodes.push_back(eye);
     tables.nodes.push_back(SmallScene::node(tables, "Flat", 0, format::kNone, 1));
-    tables.nodes[0].local[0] = -1;  // the parent moves both
+    tables.nodes[0].local[0] = -1;  // moves both cameras, as their parent
   };
   return small;
 }
@@ -91,8 +91,8 @@ TEST_CASE("a camera node gives the view, regardless of its scale", "[camera]") {
   CHECK(wide.half_height == Approx(1));
 }
 
-TEST_CASE("a camera's rotation is normalised, as for instances", "[camera]") {
-  // A file of another writer: the node's quaternion has length 3.
+TEST_CASE("a camera's rotation is normalised like an instance's", "[camera]") {
+  // A file from another writer, in which the node's quaternion has length 3.
   SmallScene small = with_cameras();
   const auto with_units = small.change;
   small.change = [&](format::TableSet& tables) {

@@ -110,7 +110,7 @@ Result<double> CpuStream::finish_loading() {
   return oldest.get();
 }
 
-/// Draws the part at once, because loads have a thread of their own.
+/// Draws the part at once, because loads run on their own thread.
 Result<void> CpuStream::start_drawing(std::span<const Residency::Place> places, PartOptions options) {
   drawn_ = {};
   // The CPU has no hints, so kLikelySeen is empty and kRest has all clusters.

@@ -25,8 +25,8 @@ using namespace runtime;
 
 class CpuStream final : public StreamTarget {
  public:
-  /// `scene`: outlives this; its pages may be loaded or not (ChunkSource). `pool_bytes`: all the memory for chunks. The
-  /// pictures take 8 bytes per sample in addition, and 12 more if they are shaded from chunks. Errors as
+  /// `scene`: outlives this; its pages may be loaded or not (ChunkSource). `pool_bytes`: all the memory for chunks. In
+  /// addition the pictures take 8 bytes per sample, and 12 more if they are shaded from chunks. Errors as
   /// Streamer::create.
   static Result<std::unique_ptr<CpuStream>> create(const Scene& scene, uint64_t pool_bytes, uint32_t threads);
 
@@ -51,7 +51,7 @@ class CpuStream final : public StreamTarget {
   Result<void> begin(const kernels::View& view, const kernels::ShadeOptions* shade) override;
   Result<std::span<const uint32_t>> list() override;
   Result<void> start_loading(const Residency::Batch& batch) override;
-  Result<bool> is_loaded() override { return false; }  // so that a frame's order of work does not depend on timing
+  Result<bool> is_loaded() override { return false; }  // so that no order depends on timing
   Result<double> finish_loading() override;
   Result<void> start_drawing(std::span<const Residency::Place> places, PartOptions options) override;
   Result<Drawn> finish_drawing() override;
@@ -91,7 +91,7 @@ class CpuStream final : public StreamTarget {
   std::vector<uint32_t> codes_;  // of the pyramid
   Drawn drawn_{};
   std::deque<std::future<Result<double>>> loading_;
-  JobThread<Result<double>> loader_;  // the last member: it uses others until it ends
+  JobThread<Result<double>> loader_;  // last member, since it uses the others until it ends
 };
 
 }  // namespace scree::tests

@@ -27,8 +27,8 @@ uint64_t room_of(uint64_t bytes) {
   return std::max<uint64_t>((bytes + Residency::kAlignment - 1) / Residency::kAlignment, 1) * Residency::kAlignment;
 }
 
-/// Carries out a residency's moves and loads in a memory of 32-bit numbers, one per kAlignment bytes, and checks all
-/// its promises.
+/// Carries out a residency's moves and loads in a memory of 32-bit numbers, one per kAlignment bytes, and checks
+/// everything that Residency promises.
 class Checked {
  public:
   Checked(uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes)
@@ -39,13 +39,13 @@ class Checked {
 
   struct Frame {
     uint64_t loaded_bytes = 0;
-    uint64_t missing_bytes = 0;  // when it began
+    uint64_t missing_bytes = 0;  // when the frame began
     uint64_t moved = 0;
     uint32_t batches = 0;
   };
 
-  /// `ahead`: a batch is loaded before the previous one is drawn. `hide_one_of`: share of the missing chunks that is
-  /// dropped after each batch, and again when a batch is chosen.
+  /// `ahead`: a batch is loaded before the previous one is drawn. `hide_one_of`: the inverse of the share of the
+  /// missing chunks that is dropped after each batch, and again when a batch is chosen.
   Frame frame(const std::vector<uint32_t>& visible, uint64_t batch_bytes, bool ahead, std::mt19937& random,
               uint32_t hide_one_of = 0) {
     ++number_;
@@ -84,7 +84,7 @@ class Checked {
         if (!ahead) draw_oldest();
       }
       if (hide_one_of != 0) {
-        std::vector<uint32_t> late;  // dropped, but then needed after all
+        std::vector<uint32_t> late;  // dropped, but needed again
         residency_->drop_missing([&](uint32_t chunk) {
           if (random() % hide_one_of != 0) return false;
           if (random() % 2 == 0) {
@@ -103,10 +103,10 @@ class Checked {
     return out;
   }
 
-  /// Chunks that do not reach beyond the new end stay.
+  /// Chunks that end before the new end stay.
   void resize(uint64_t pool_bytes) {
     const auto end = static_cast<ptrdiff_t>(pool_bytes / Residency::kAlignment);
-    std::set<uint32_t> beyond;  // and chunks that left traces there
+    std::set<uint32_t> beyond;  // chunks past the new end, and chunks that left traces there
     if (end < static_cast<ptrdiff_t>(units_.size()))
       for (auto unit = units_.begin() + end; unit != units_.end(); ++unit) beyond.insert(*unit - 1);
     residency_->resize(pool_bytes);
@@ -167,7 +167,7 @@ class Checked {
     REQUIRE(std::equal(residency_->missing().begin(), residency_->missing().end(),
                        missing.begin() + static_cast<ptrdiff_t>(batch.loads.size())));
 
-    // The evicted chunks follow the promised order.
+    // The order of the evicted chunks is the promised one.
     std::vector<uint32_t> gone;
     std::vector<uint32_t> kept;
     for (const uint32_t chunk : resident_) (residency_->is_resident(chunk) ? kept : gone).push_back(chunk);
@@ -208,7 +208,7 @@ class Checked {
     }
     for (size_t i = 0; i < batch.loads.size(); ++i) {
       const Residency::Place& place = batch.loads[i];
-      REQUIRE(place.chunk == missing[i]);  // near ones first
+      REQUIRE(place.chunk == missing[i]);  // near chunks first
       REQUIRE(resident_.insert(place.chunk).second);
       REQUIRE(place.offset + room_of(place.bytes) <= units_.size() * Residency::kAlignment);
       const uint64_t first = place.offset / Residency::kAlignment;
@@ -256,12 +256,12 @@ TEST_CASE("random frames in random pools keep the promises of Residency", "[resi
       largest = std::max(largest, room_of(chunk));
       all += room_of(chunk);
     }
-    // From the smallest pool to one with room for everything.
+    // Pools from the smallest one to one with room for everything.
     uint64_t pool = largest + random() % (all - largest + 700) * (random() % 3) / 2;
     Checked checked(pool, bytes);
     std::vector<uint32_t> visible;
     for (int frame = 0; frame < 12; ++frame) {
-      const bool still = frame % 3 == 2;  // the same chunks again
+      const bool still = frame % 3 == 2;  // the same chunks as before
       if (frame % 3 == 0 && random() % 2 == 0) {
         pool = largest + random() % (all - largest + 700);
         checked.resize(pool);
@@ -290,7 +290,7 @@ TEST_CASE("near chunks stay in a pool that is too small, far chunks are streamed
   std::vector<uint32_t> visible(count);
   std::iota(visible.begin(), visible.end(), 0u);
   CHECK(checked.frame(visible, 2048, true, random).loaded_bytes == 40 * 1024);
-  // Two batches of two chunks take turns; the other eight places hold the nearest chunks.
+  // Two batches of two chunks take turns. The other eight places have the nearest chunks.
   for (uint32_t chunk = 0; chunk < 6; ++chunk) CHECK(checked.residency().is_resident(chunk));
   CHECK(checked.frame(visible, 2048, true, random).loaded_bytes == 30 * 1024);
   // The chunks seen longest ago are evicted first.
@@ -317,7 +317,7 @@ TEST_CASE("a chunk larger than the pool is refused with the least pool size", "[
       {ErrorCode::kRange, "chunk 1 takes 1025 bytes, but the pool of chunks has 768; it needs at least 1280"});
   CHECK(Residency::create(1280, {10, 1025, 7}));
   CHECK(refusal(Residency::create(~uint64_t{0}, {~uint64_t{0}})).code == ErrorCode::kRange);
-  // Without chunks no memory is needed; a chunk without bytes still has its own place.
+  // Without chunks no memory is needed. A chunk without bytes still has its own place.
   CHECK(Residency::create(0, {}));
   CHECK_FALSE(Residency::create(0, {0}));
 }
@@ -337,7 +337,7 @@ TEST_CASE("sizes above 32 bits are kept", "[residency]") {
   CHECK(second.loads[1].offset + second.loads[1].bytes <= 100 * gib);
 }
 
-TEST_CASE("give_way_next() sets the order of eviction, and evicted stretches leave contiguous room", "[residency]") {
+TEST_CASE("give_way_next() sets the order of eviction, and evicted chunks leave contiguous room", "[residency]") {
   constexpr uint64_t kUnit = Residency::kAlignment;
   constexpr uint32_t kChunks = 12;
   Residency made = must(Residency::create(kChunks * kUnit, std::vector<uint64_t>(2 * kChunks, kUnit)));
@@ -347,7 +347,7 @@ TEST_CASE("give_way_next() sets the order of eviction, and evicted stretches lea
   residency.begin_frame(first);
   residency.batch_drawn(residency.next_batch(kChunks * kUnit).loads);
 
-  // The same chunks and as many new ones, of which batches of four and then two are loaded.
+  // The same chunks and as many new ones. Batches of four and then of two of these are loaded.
   std::vector<uint32_t> second(2 * kChunks);
   std::iota(second.begin(), second.end(), 0u);
   const std::vector<Residency::Place> there = residency.begin_frame(second);
@@ -370,7 +370,7 @@ TEST_CASE("give_way_next() sets the order of eviction, and evicted stretches lea
   for (uint32_t i = 8; i < kChunks; ++i) CHECK(residency.is_resident(all[i].chunk));
 }
 
-TEST_CASE("memory is divided by the bytes that a picture showed, within its limits", "[residency]") {
+TEST_CASE("memory is divided in proportion to the bytes that a picture showed, within limits", "[residency]") {
   constexpr uint64_t kUnit = 4096;
   SharedRoom room{.bytes = 1000 * kUnit,
                   .room = 250 * kUnit,
@@ -380,26 +380,26 @@ TEST_CASE("memory is divided by the bytes that a picture showed, within its limi
   const auto balanced = [&](uint64_t chunks, uint64_t pages) {
     return room.balanced(chunks * kUnit, pages * kUnit, kUnit) / kUnit;
   };
-  CHECK(balanced(750, 250) == 250);  // both fit
+  CHECK(balanced(750, 250) == 250);  // both have room
   CHECK(balanced(0, 0) == 250);
-  CHECK(balanced(300, 500) == 600);  // then they share the rest
+  CHECK(balanced(300, 500) == 600);  // they share the remaining memory
   CHECK(balanced(800, 100) == 150);
-  CHECK(balanced(760, 245) == 250);  // a change too small to be worth it
+  CHECK(balanced(760, 245) == 250);  // the change is too small
   CHECK(balanced(1000, 3000) == 750);
   CHECK(balanced(6000, 2000) == 250);
   CHECK(balanced(20000, 100) == 10);
   CHECK(balanced(100, 20000) == 900);
   CHECK(balanced(uint64_t{1} << 50, uint64_t{1} << 50) == 500);
   room.most_room = 300 * kUnit;        // --texture-memory
-  CHECK(balanced(100, 20000) == 250);  // 300 is too near
+  CHECK(balanced(100, 20000) == 250);  // a change to 300 is too small
   room.most_room = 2000 * kUnit;
-  CHECK(balanced(0, 20000) == 950);  // a chunk has to fit
+  CHECK(balanced(0, 20000) == 950);  // a chunk needs room
   CHECK(room.within(0, kUnit) == room.least_room);
   CHECK(room.within(kUnit * 20 + 5, kUnit) == 20 * kUnit);
 }
 
 TEST_CASE("cost of choosing chunks", "[.bench][residency]") {
-  // As many chunks as scene C has at a quarter of its size, with a pool for a quarter of them.
+  // As many chunks as a quarter of scene C has, with a pool for a quarter of them.
   constexpr uint32_t kCount = 36000;
   std::mt19937 random(3);
   std::vector<uint64_t> bytes(kCount);

@@ -51,7 +51,7 @@ Pool pool_of(const Scene& scene) {
   return pool;
 }
 
-/// A camera at a random point around or inside the scene, looking at a random point in it. Every fourth is
+/// A camera at a random point around or inside the scene that looks at a random point in it. Every fourth one is
 /// orthographic.
 View random_view(const Scene& scene, std::mt19937& random, uint32_t width, uint32_t height) {
   const runtime::WorldBox box = runtime::scene_box(scene.view());
@@ -98,7 +98,7 @@ ShadeOptions shade_options(uint32_t number) {
   return options;
 }
 
-/// Two scenes of one file, one with all of its pages in memory.
+/// Two scenes of one file. One has all of its pages in memory.
 class Compared {
  public:
   explicit Compared(const std::string& path) : whole_(open_scene(path, true)), paged_(open_scene(path, false)) {}
@@ -111,7 +111,7 @@ class Compared {
     return must(CpuStream::create(paged_, pool_bytes, threads));
   }
 
-  /// Draws both and compares; `view` in pixels.
+  /// Draws both and compares them. `view`: in pixels.
   StreamStats draw(CpuStream& stream, const View& view, uint32_t samples_per_side, const ShadeOptions& shade) const {
     const Frame expected = must(Frame::draw(whole_, view, samples_per_side, 2));
     View fine = view;
@@ -124,7 +124,7 @@ class Compared {
     const std::vector<uint8_t> whole = must(expected.shade(shade, 2));
     REQUIRE(picture == whole);
     REQUIRE(stats.streamed_bytes + stats.hidden_bytes == stats.missing_bytes);
-    // Layers of blended surfaces add the chunks that they miss.
+    // Layers of blended surfaces add chunks that are missing for them.
     if (whole_.view().blend_masks == nullptr) REQUIRE(stats.missing_bytes <= stats.seen_bytes);
     return stats;
   }
@@ -141,7 +141,8 @@ struct Totals {
   uint64_t moved = 0;
 };
 
-/// Paths of random cameras over pools from the least to one that holds everything, each view twice.
+/// Compares paths of random cameras, with pools from the least size to one that holds everything. Each view comes
+/// twice.
 Totals compare_paths(const Compared& scene, uint32_t seed, uint32_t views = 4) {
   std::mt19937 random(seed);
   const Pool pool = scene.pool();
@@ -156,8 +157,8 @@ Totals compare_paths(const Compared& scene, uint32_t seed, uint32_t views = 4) {
       const StreamStats first = scene.draw(*stream, view, side, shade_options(number));
       const StreamStats again = scene.draw(*stream, view, side, shade_options(number + 6));
       REQUIRE(again.seen_bytes == first.seen_bytes);
-      // Once everything fits, drawn chunks stay, and hidden chunks are not loaded again. The second frame may be the
-      // first that shows layers of blended surfaces.
+      // Once everything fits, drawn chunks stay, and hidden chunks are not loaded again. Layers of blended surfaces may
+      // first show in the second frame.
       if (bytes == pool.all && scene.whole().view().blend_masks == nullptr) {
         REQUIRE(first.hidden_bytes == again.hidden_bytes);
         REQUIRE(again.streamed_bytes == 0);
@@ -173,7 +174,7 @@ Totals compare_paths(const Compared& scene, uint32_t seed, uint32_t views = 4) {
   return totals;
 }
 
-/// Textured, coloured and plain grids, near and far, over and behind each other, some drawn many times.
+/// Textured, coloured and plain grids, near and far, above and behind each other, some of them drawn many times.
 void make_layers(const std::string& path) {
   ModelMaker maker(path);
   const GridSpec spec{.columns = 30, .rows = 30, .uv = true, .color = true, .normal = true};
@@ -218,7 +219,7 @@ Soup random_soup(uint32_t triangles, std::mt19937& random) {
 
 }  // namespace
 
-TEST_CASE("streamed pictures equal the whole scene's: indexed, clustered, float32, compressed", "[streamer]") {
+TEST_CASE("streamed pictures equal the whole scene's: one encoding each", "[streamer]") {
   convert::ConvertOptions options;
   options.chunk_triangles = 150;
   options.normals = convert::Normals::kAlways;
@@ -287,7 +288,7 @@ TEST_CASE("streamed pictures equal the whole scene's: files of tests/data", "[st
   }
 }
 
-TEST_CASE("pictures that do not wait for all chunks become the whole picture", "[streamer]") {
+TEST_CASE("pictures that do not wait for all chunks end with the whole picture", "[streamer]") {
   const TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 60;
@@ -304,7 +305,7 @@ TEST_CASE("pictures that do not wait for all chunks become the whole picture", "
     const StreamStats stats = must(stream->draw_frame(view, &shade, [&] { return std::exchange(has_asked, true); }));
     REQUIRE(stats.left_bytes < left);
     left = stats.left_bytes;
-    // Every sample equals the whole picture's, or lies behind it.
+    // Every sample equals the whole picture's or lies behind it.
     REQUIRE(stream->samples().size() == whole.samples().size());
     bool is_behind = false;
     for (size_t i = 0; i < whole.samples().size(); ++i) {
@@ -327,7 +328,7 @@ TEST_CASE("pictures that do not wait for all chunks become the whole picture", "
   }
   CHECK(calls > 0);
   CHECK(scene.draw(*stream, view, 1, shade).missing_bytes == 0);
-  // A pool that is too small for all chunks keeps some permanently.
+  // A pool that is too small for all chunks keeps some of them permanently.
   const std::unique_ptr<CpuStream> small = scene.stream(scene.pool().all / 2);
   const uint64_t kept_out = must(small->load_rest());
   CHECK(kept_out > 0);
@@ -378,7 +379,7 @@ TEST_CASE("chunks that are already loaded are not streamed again along a path", 
   const Compared scene = convert_layers(folder, {.chunk_triangles = 60});
   const Pool pool = scene.pool();
   const std::unique_ptr<CpuStream> stream = scene.stream(pool.all / 2 + pool.least);
-  // About half of the scene is visible at a time on one turn around it.
+  // On one turn around the scene, about half of it is visible at a time.
   uint64_t streamed = 0;
   uint64_t seen = 0;
   runtime::CameraOptions camera{.fov_degrees = 50, .width = 120, .height = 80};
@@ -395,7 +396,7 @@ TEST_CASE("chunks that are already loaded are not streamed again along a path", 
   }
   CAPTURE(streamed, seen, pool.all);
   CHECK(streamed > 0);
-  // If nothing stayed from frame to frame, everything visible would be loaded.
+  // If no chunk stayed from frame to frame, everything visible would be loaded.
   CHECK(streamed < seen / 3);
 }
 
@@ -408,7 +409,7 @@ TEST_CASE("hidden chunks are not loaded, in later frames either", "[streamer]") 
   const std::unique_ptr<CpuStream> stream = scene.stream(scene.pool().all);
   const StreamStats first = scene.draw(*stream, view, 2, shade_options(0));
   CHECK(first.missing_bytes == first.seen_bytes);
-  // Seen from above, the ground hides the whole mesh below it, which has the most triangles.
+  // From above, the ground hides the whole mesh below it, which has the most triangles.
   uint64_t below = 0;
   const scree::kernels::SceneView& records = scene.paged().view();
   for (uint64_t c = 0; c < records.chunk_count; ++c)
@@ -418,7 +419,7 @@ TEST_CASE("hidden chunks are not loaded, in later frames either", "[streamer]") 
   const StreamStats again = scene.draw(*stream, view, 2, shade_options(0));
   CHECK(again.hidden_bytes == first.hidden_bytes);
   CHECK(again.streamed_bytes == 0);
-  // Seen from below, the one-sided ground hides nothing.
+  // From below, the one-sided ground hides nothing.
   camera.eye = runtime::Vec3{1.5, -2, 1.5};
   camera.target = runtime::Vec3{1.5, -3, 1.49};
   const View under = must_view(scene.whole(), camera);
@@ -435,7 +436,7 @@ TEST_CASE("a still camera with a small pool streams the missing chunks, and near
   CHECK(first.missing_bytes == first.seen_bytes);
   for (int i = 0; i < 3; ++i) {
     const StreamStats again = scene.draw(*stream, view, 1, shade_options(0));
-    CHECK(again.missing_bytes + pool.all / 4 <= again.seen_bytes);  // most of the pool was useful
+    CHECK(again.missing_bytes + pool.all / 4 <= again.seen_bytes);  // most of the pool was used
     CHECK(again.streamed_bytes <= first.streamed_bytes - pool.all / 4);
   }
 }

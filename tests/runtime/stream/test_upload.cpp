@@ -40,8 +40,7 @@ namespace {
 
 constexpr uint64_t kNever = std::numeric_limits<uint64_t>::max();
 
-/// A device that copies on its own thread, late and in order, and overwrites a slot with garbage when it is done with
-/// it.
+/// A device that copies late and in order, on its own thread, and overwrites a slot with garbage when it has copied it.
 class SlowDevice final : public scree::runtime::UploadTarget {
  public:
   SlowDevice(uint64_t arena_bytes, const StagingSizes& sizes, uint64_t failing_copy = kNever)
@@ -78,7 +77,7 @@ class SlowDevice final : public scree::runtime::UploadTarget {
     return {};
   }
 
-  /// A device that joins finds everything bad.
+  /// If the device joins pages, it reports all of them as bad.
   JoinRoom join_room() const override { return {1000, 1 << 20}; }
   Result<void> join(uint32_t, uint64_t, std::span<const scree::kernels::JoinTask> tasks) override {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -103,7 +102,7 @@ class SlowDevice final : public scree::runtime::UploadTarget {
     return complaint_;
   }
   const std::vector<std::byte>& arena() const { return arena_; }
-  /// The largest number of writes to any byte of [from, from + bytes).
+  /// The largest number of writes to a byte of [from, from + bytes).
   int writes(uint64_t from, uint64_t bytes) const {
     const auto first = writes_.begin() + static_cast<ptrdiff_t>(from);
     return *std::max_element(first, first + static_cast<ptrdiff_t>(bytes));
@@ -207,7 +206,7 @@ Attempt upload(const Scene& scene, const StagingSizes& sizes, Reading reading, u
   return {done, complaint, device.join_count()};
 }
 
-/// All ways to divide the work: pages larger and smaller than a slot, more and fewer slots than threads.
+/// All ways to divide the work: pages that are larger and smaller than a slot, more and fewer slots than threads.
 template <class Body>
 void for_all_ways(const Body& body) {
   for (const uint64_t slot_bytes : {uint64_t{4096}, uint64_t{16384}, uint64_t{65536}, uint64_t{1} << 20}) {
@@ -225,8 +224,8 @@ void for_all_ways(const Body& body) {
   }
 }
 
-/// Checks that an upload fails like loading the pages for the CPU, with `expected` in the message, also if the device
-/// is to join split pages.
+/// Checks that an upload fails as loading the pages for the CPU does, with `expected` in the message, also if the
+/// device joins split pages.
 void check_error(const std::string& path, const std::string& expected) {
   Scene scene = open_scene(path);
   const auto loaded = refusal(scene.load_pages(2));
@@ -291,7 +290,7 @@ TEST_CASE("a chunk larger than a megabyte is uploaded in parts", "[upload]") {
     const std::string path = folder.file("large.scree");
     const PagedScene large{.zstd_every = zstd_every, .chunk_triangles = 1u << 20};
     const Encoding floats{.float32 = true, .chunk_triangles = 1u << 20};
-    // The first page is compressed in both files.
+    // The first page of both files is compressed.
     large.write(path, {{scree::tests::grid(2, 0), {}}, {scree::tests::grid(300, 0.2), floats}});
     const Scene scene = open_scene(path);
     REQUIRE(scene.drawn_pages().size() == 2);
@@ -335,7 +334,7 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
     scene.write(path, some_meshes());
     check_error(path, "page 6: the checksum differs");
   }
-  SECTION("a zstd frame that holds something shorter and says so") {
+  SECTION("a zstd frame whose stated and real content is too short") {
     scene.change = [](uint32_t number, SealedPage& page) {
       if (number != 6) return;
       const std::vector<std::byte> text(page.record.raw_bytes - 1);
@@ -347,7 +346,7 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
     scene.write(path, some_meshes());
     check_error(path, "page 6: the zstd frame holds");
   }
-  SECTION("a zstd frame whose blocks do not hold what it says") {
+  SECTION("a zstd frame whose blocks are damaged") {
     scene.change = [](uint32_t number, SealedPage& page) {
       if (number != 6) return;
       std::memset(page.stored.data() + 16, 0xff, page.stored.size() - 16);
@@ -368,7 +367,7 @@ TEST_CASE("an upload reports the first bad page, as loading for the CPU does", "
     folder.write("bad.scree", bytes);
     check_error(path, "byte " + std::to_string(at) + " is padding, but not zero");
   }
-  SECTION("an index past the vertices, under a good checksum") {
+  SECTION("an index past the vertices, with a matching checksum") {
     scene.zstd_every = 1000;
     scene.change = [](uint32_t number, SealedPage& page) {
       if (number != 5) return;
@@ -415,11 +414,11 @@ TEST_CASE("pages that a device does not join are joined before they are copied",
     const Attempt attempt = upload(file, sizes, reading, threads, kNever, true);
     REQUIRE(attempt.result);
     CHECK(attempt.complaint == "");
-    // Pages have up to 9,000 bytes, in slots of which half is for jobs.
+    // Pages have up to 9,000 bytes, and half of a slot is for jobs.
     CHECK((attempt.joins != 0) == (sizes.slot_bytes > 4096));
     if (sizes.slot_bytes > 16384) CHECK(attempt.result->joined_pages == split_pages);
   });
-  // An error of a page that only the device would have checked.
+  // An error of a page that only the device would have found.
   scene.change = [&](uint32_t number, SealedPage& page) {
     if (page.record.codec != scree::format::PageCodec::kSplit || number < 3) return;
     std::vector<std::byte> split(ZSTD_getFrameContentSize(page.stored.data(), page.stored.size()));
@@ -457,9 +456,9 @@ TEST_CASE("staging memory is as large as the work needs, within its limit", "[up
   UploadPlan plan;
   plan.add(table.data(), table.size());
   CHECK(staging_for(plan, Reading::kMapped, 1).slots == 2);
-  CHECK(staging_for(plan, Reading::kMapped, 16).slots == 10);  // 1 MiB each
+  CHECK(staging_for(plan, Reading::kMapped, 16).slots == 10);  // 1 MiB per slot
   CHECK(staging_for(plan, Reading::kBuffered, 16).bytes() == 10u << 20);
-  CHECK(staging_for(plan, Reading::kDirect, 16).slots == 3);  // 4 MiB each
+  CHECK(staging_for(plan, Reading::kDirect, 16).slots == 3);  // 4 MiB per slot
   CHECK(staging_for(plan, Reading::kMapped, 16, {1 << 16, 32}).slots == 32);
   CHECK(staging_for(plan, Reading::kDirect, 1, {1 << 16, 32}).slots == 16);
   CHECK(staging_for(UploadPlan{}, Reading::kMapped, 0).slots == 1);
@@ -511,7 +510,7 @@ TEST_CASE("large files that are not cached are read past the page cache", "[uplo
   const Scene scene = open_scene(path);
   UploadPlan plan;
   plan.add_pages(scene.drawn_pages());
-  // A small file is not read directly, cached or not; an explicit choice is followed.
+  // A small file is not read directly, whether cached or not. An explicit choice is followed.
   CHECK(choose_reading(plan, scene.file().map(), Reading::kAuto) == Reading::kBuffered);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kDirect) == Reading::kDirect);
   CHECK(choose_reading(plan, scene.file().map(), Reading::kMapped) == Reading::kMapped);
@@ -519,7 +518,8 @@ TEST_CASE("large files that are not cached are read past the page cache", "[uplo
 }
 
 TEST_CASE("the cached share of a file decides how it is read", "[upload]") {
-  // Some megabytes. A small file would be cached completely with its tables, because the system reads ahead.
+  // The file has some megabytes: reading the tables of a small file would cache all of it, because the system reads
+  // ahead.
   Soup soup;
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(0, 1);
@@ -538,7 +538,7 @@ TEST_CASE("the cached share of a file decides how it is read", "[upload]") {
   uint64_t stored = 0;
   for (uint64_t i = 0; i < plan.pages()->size(); ++i) stored += plan.pages()->record(i).stored_bytes;
   const scree::runtime::MappedFile& map = scene.file().map();
-  // Pages that opening read stay, since they are mapped.
+  // Pages that opening has read stay, since they are mapped.
   const double left = must(scree::bench::drop_from_cache(path));
   if (left > 0.4) {
     WARN("skipped: this file system keeps " << 100 * left << "% of a file that is dropped from its cache");

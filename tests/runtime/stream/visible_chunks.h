@@ -1,5 +1,5 @@
-// The chunks that may be visible in a view, and those that drawn samples hide: what kernels::CudaVisibleChunks finds on
-// a GPU, on the CPU. Uses records only; reads no page.
+// The chunks that may be visible in a view, and the chunks that drawn samples hide: on the CPU, the results of
+// kernels::CudaVisibleChunks. Uses only records and reads no page.
 #pragma once
 
 #include <cstdint>
@@ -20,9 +20,9 @@ class VisibleChunks {
  public:
   VisibleChunks() = default;
 
-  /// Culls all instances and their chunks on up to `threads` threads, conservatively: a chunk that is not listed draws
-  /// no sample. The list does not depend on the number of threads. A chunk of float32 positions has the bounds of its
-  /// mesh. Fewer than 2^32 chunks. Throws std::bad_alloc.
+  /// Culls all instances and their chunks conservatively: a chunk that is not listed draws no sample. Uses up to
+  /// `threads` threads. The list does not depend on the number of threads. A chunk of float32 positions has the bounds
+  /// of its mesh. Fewer than 2^32 chunks. Throws std::bad_alloc.
   VisibleChunks(const kernels::SceneView& scene, const kernels::View& view, uint32_t threads);
 
   /// Each chunk once, in the order of order_by_depth().
@@ -32,8 +32,8 @@ class VisibleChunks {
   uint32_t nearest(uint32_t chunk) const { return nearest_[chunk]; }
 
   /// The nearest depth code at which a chunk can change a sample of the picture from which `depths` was made, or of a
-  /// picture with nearer samples. kNotInView if it cannot: all samples that its instances may cover have smaller depth
-  /// codes. `chunk`: one of near_to_far(). Uses the pyramid's levels from `first_level` on.
+  /// picture with nearer samples. kNotInView if it can change none: all samples that its instances may cover have
+  /// smaller depth codes. `chunk`: one of near_to_far(). Uses the pyramid's levels from `first_level` on.
   uint32_t nearest_shown(uint32_t chunk, const kernels::DepthPyramid& depths, uint32_t first_level = 1) const;
 
  private:

@@ -53,7 +53,7 @@ std::vector<uint8_t> decode_rgb(const JpegIndex& index) {
   return rgb;
 }
 
-/// Decodes group by group, each into a buffer that ends at a guard page, and counts samples that differ from `planes`.
+/// Decodes each group into a buffer that ends at a guard page, and counts samples that differ from `planes`.
 uint64_t wrong_samples(const JpegIndex& index, const std::vector<JpegSamples>& planes) {
   const auto factors = jpeg_factors(index);
   const JpegPicture picture = jpeg_picture(index, factors.data());
@@ -84,7 +84,7 @@ uint64_t wrong_samples(const JpegIndex& index, const std::vector<JpegSamples>& p
   return wrong;
 }
 
-/// Counts pixels whose colour by its group differs from the one by rows.
+/// Counts pixels whose colour differs between decoding by groups and decoding by rows.
 uint64_t wrong_places(const JpegIndex& index, const std::vector<uint8_t>& rgb) {
   const auto factors = jpeg_factors(index);
   const JpegPicture picture = jpeg_picture(index, factors.data());
@@ -197,7 +197,7 @@ TEST_CASE("samples and colours of real files equal libjpeg's", "[jpeg_pixels]") 
   }
   CHECK(equal >= 113);
   const double mean_square = fancy.squares / static_cast<double>(fancy.values);
-  WARN(equal << " files equal; beside interpolated chroma: " << 10 * std::log10(255.0 * 255.0 / mean_square)
+  WARN(equal << " files equal; against interpolated chroma: " << 10 * std::log10(255.0 * 255.0 / mean_square)
              << " dB, at most " << fancy.largest << " codes, "
              << 100.0 * static_cast<double>(fancy.unequal) / static_cast<double>(fancy.values) << "% of values differ");
 }

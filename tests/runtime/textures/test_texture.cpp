@@ -40,7 +40,7 @@ std::array<double, 4> mean_of_level(const MipChain& chain, uint32_t level) {
 
 }  // namespace
 
-TEST_CASE("sRGB codes survive linear light, and light gets the nearest code", "[texture]") {
+TEST_CASE("sRGB codes are kept through linear light, and light gets the nearest code", "[texture]") {
   for (unsigned code = 0; code < 256; ++code) CHECK(srgb_of_linear(linear_of_srgb(static_cast<uint8_t>(code))) == code);
   size_t wrong = 0;
   for (int i = 0; i <= 200000; ++i) {
@@ -72,7 +72,7 @@ TEST_CASE("a picture of one colour has levels of that colour", "[texture]") {
 
 TEST_CASE("a texture's filters are glTF's", "[texture]") {
   const MipChain chain = make_mips(picture(8, 8));
-  // Per minFilter: the nearest texel, the nearest level alone, level 0 alone.
+  // By minFilter: nearest texel, nearest level alone, level 0 alone.
   const std::map<uint16_t, std::array<bool, 3>> minified{{0, {false, false, false}},   {9728, {true, false, true}},
                                                          {9729, {false, false, true}}, {9984, {true, true, false}},
                                                          {9985, {false, true, false}}, {9986, {true, false, false}},
@@ -110,7 +110,7 @@ TEST_CASE("black and white average to half the light, not to half the code", "[t
   CHECK(chain.texels[11] == 128);
 }
 
-TEST_CASE("the last column and row of an odd picture have their share of the weight", "[texture]") {
+TEST_CASE("the last column and row of an odd picture have their share of the mean", "[texture]") {
   Image image = picture(3, 1);
   for (size_t c = 0; c < 4; ++c) image.rgba[8 + c] = 255;  // only the last texel is white
   const MipChain chain = make_mips(std::move(image));

@@ -35,10 +35,10 @@ TEST_CASE("a relayed job never waits for its listener", "[threads]") {
     return {};
   }));
   CHECK(is_on_caller);
-  // The listener got the lock when the job had ended. It then received each stage's beginning and end.
+  // The listener got the lock when the job had ended. Then it received each stage's beginning and end.
   CHECK(heard ==
         std::vector<std::pair<std::string, uint64_t>>{{"first", 0}, {"first", 1000}, {"second", 0}, {"second", 1000}});
-  progress.begin("third", 1);  // called directly again, not relayed
+  progress.begin("third", 1);  // called directly again instead of relayed
   CHECK(heard.back() == std::pair<std::string, uint64_t>("third", 0));
 }
 

@@ -47,7 +47,7 @@ TEST_CASE("workers share a loop, even after a loop of one item") {
 
 TEST_CASE("loops of several threads run one after the other") {
   Workers workers(3);
-  std::atomic<uint32_t> running{0}, mixed{0}, done{0};  // loops that run; items that saw two of them; items
+  std::atomic<uint32_t> running{0}, mixed{0}, done{0};  // running loops; items with two; all items
   std::vector<std::thread> callers;
   for (uint32_t caller = 0; caller < 4; ++caller)
     callers.emplace_back([&, caller] {

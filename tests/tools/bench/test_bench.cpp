@@ -50,8 +50,8 @@ TEST_CASE("bench: the cached share of a file is measured", "[bench_tool]") {
   const double dropped = must(drop_from_cache(path));
   CHECK(dropped >= 0);
   CHECK(dropped <= brought);
-  if (brought < 1) WARN("the folder for temporary files does not go through the page cache");
-  if (dropped > 0) WARN("files in the folder for temporary files do not leave the page cache");
+  if (brought < 1) WARN("the page cache does not hold files of the folder for temporary files");
+  if (dropped > 0) WARN("the page cache keeps files of the folder for temporary files");
 
   const std::string empty = folder.write("empty", "");
   CHECK(*bring_to_cache(empty) == 0);
@@ -63,7 +63,7 @@ TEST_CASE("bench: the cached share of a file is measured", "[bench_tool]") {
   }
 }
 
-TEST_CASE("bench: median, minimum, maximum and mean of times", "[bench_tool]") {
+TEST_CASE("bench: times are reported by median, minimum, maximum and mean", "[bench_tool]") {
   const std::vector<float> odd{3, 1, 2};
   CHECK(summarize(odd).median == 2);
   CHECK(summarize(odd).minimum == 1);
@@ -83,7 +83,7 @@ TEST_CASE("bench: frames are counted, and an error ends them", "[bench_tool]") {
         })).message == "gone");
 }
 
-TEST_CASE("bench: a file's loads and frames on the CPU", "[bench_tool]") {
+TEST_CASE("bench: a file's loads and frames are measured on the CPU", "[bench_tool]") {
   const TempFolder folder;
   const std::string path = paged_file(folder);
   const FileResult file = must(measure_file(path, small_options(), false));
@@ -122,7 +122,7 @@ TEST_CASE("bench: a file's loads and frames on the CPU", "[bench_tool]") {
   CHECK(refusal(measure_file(path, options, false)).message.find("nowhere") != std::string::npos);
 }
 
-TEST_CASE("bench: the report of loads and frames", "[bench_tool]") {
+TEST_CASE("bench: the report has the file's loads and frames", "[bench_tool]") {
   BenchReport report{small_options(), {"0123456789ab", "NVIDIA \"X\"", "580"}, {FileResult{}}};
   FileResult& file = report.files[0];
   file.file = "a.scree";
@@ -175,7 +175,7 @@ TEST_CASE("bench: the program prints tables or JSON and appends rows", "[bench_t
   CHECK(std::stod(rows[0].at("draw_ms")) > 0);
   CHECK(std::stod(rows[0].at("cache_load_ms")) > 0);
 
-  // A damaged file gives render's error; earlier results are printed.
+  // A damaged file gives render's error, after the results that were measured before.
   words = {"bench",
            "--backend",
            "cpu",

@@ -1,4 +1,4 @@
-// The order for vertex caches equals that of meshoptimizer's optimiser, for any list.
+// The order for vertex caches equals the order of meshoptimizer's optimiser, for any list.
 #include <meshoptimizer.h>
 
 #include <algorithm>
@@ -49,7 +49,7 @@ List shuffled(const List& list, std::mt19937& random) {
   return out;
 }
 
-/// Equal, degenerate and unconnected triangles, and vertices without any.
+/// Equal, degenerate and unconnected triangles, and vertices that no triangle uses.
 List random_list(uint32_t triangles, uint32_t vertices, std::mt19937& random) {
   List list{std::to_string(triangles) + " random triangles of " + std::to_string(vertices), {}, vertices};
   for (uint32_t i = 0; i < 3 * triangles; ++i) list.indices.push_back(static_cast<uint32_t>(random() % vertices));
@@ -68,7 +68,7 @@ TEST_CASE("triangles are in the order of meshoptimizer's FIFO optimiser", "[fifo
   std::mt19937 random(1);
   std::vector<List> lists{grid(60), shuffled(grid(90), random), fan(1000), grid(1), {"nothing", {}, 0}, grid(30)};
   for (const uint32_t vertices : {1u, 2u, 5u, 40u, 3000u}) lists.push_back(random_list(1500, vertices, random));
-  tools::FifoOrder fifo;  // one for all lists: nothing may remain of the previous list
+  tools::FifoOrder fifo;  // one object for all lists: nothing may remain of the previous list
   for (const List& list : lists) {
     INFO(list.name);
     std::vector<uint32_t> expected(list.indices.size());
@@ -87,6 +87,6 @@ TEST_CASE("triangles are in the order of meshoptimizer's FIFO optimiser", "[fifo
       equal->second = triangle;
     }
     CHECK(corners == expected);
-    CHECK(is_each_after_its_equals);  // so that each is there once
+    CHECK(is_each_after_its_equals);  // so that each triangle occurs once
   }
 }

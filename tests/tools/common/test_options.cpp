@@ -8,7 +8,7 @@
 using namespace scree;
 using namespace scree::tools;
 
-TEST_CASE("sizes", "[options]") {
+TEST_CASE("sizes are parsed with their units, and bad ones are refused", "[options]") {
   const auto size = [](const char* text) {
     const Result<uint64_t> parsed = parse_size(text);
     return parsed ? *parsed : UINT64_MAX;
@@ -27,7 +27,7 @@ TEST_CASE("sizes", "[options]") {
   }
 }
 
-TEST_CASE("lengths", "[options]") {
+TEST_CASE("lengths are parsed with their units, and bad ones are refused", "[options]") {
   const auto length = [](const char* text) {
     const Result<double> parsed = parse_length(text);
     return parsed ? *parsed : -1;
@@ -45,7 +45,7 @@ TEST_CASE("lengths", "[options]") {
   }
 }
 
-TEST_CASE("whole numbers", "[options]") {
+TEST_CASE("whole numbers are parsed within their limits", "[options]") {
   CHECK(*parse_whole("16", 8, 24, "--bits") == 16);
   CHECK(*parse_whole("18446744073709551615", 0, UINT64_MAX, "--bits") == UINT64_MAX);
   for (const char* bad : {"", "7", "25", "16.0", "-16", "16x", " 16", "99999999999999999999"}) {

@@ -44,11 +44,11 @@ TEST_CASE("results are taken in the order of submission", "[ordered_pool]") {
   CHECK(run_ordered<uint64_t>(pool, 0, {1, 0}, work, kNoCost, take));
 }
 
-TEST_CASE("the first error in order wins, whichever thread was faster", "[ordered_pool]") {
+TEST_CASE("the first error in order is returned, whichever thread was faster", "[ordered_pool]") {
   for (const uint32_t threads : {1u, 2u, 8u}) {
     for (int round = 0; round < 10; ++round) {
       WorkerPool pool(threads, nullptr);
-      std::vector<char> local(100);  // jobs that outlive run_ordered would write here
+      std::vector<char> local(100);  // a job that outlived run_ordered would write here
       const auto work = [&](uint64_t i, uint32_t) -> Result<int> {
         if (i == 20) std::this_thread::sleep_for(std::chrono::milliseconds(2));
         local[i] = 1;
@@ -92,7 +92,7 @@ TEST_CASE("jobs in flight stay within the limit, which is at least one", "[order
     CHECK(most <= 3);
   }
   SECTION("by cost") {
-    const auto cost = [](uint64_t i) { return i % 10 == 9 ? uint64_t{1000} : uint64_t{50}; };  // 1000 is past the limit
+    const auto cost = [](uint64_t i) { return i % 10 == 9 ? uint64_t{1000} : uint64_t{50}; };  // 1000 exceeds the limit
     CHECK(run_ordered<int>(pool, 100, {50, 100}, work, cost, take));
     CHECK(most <= 2);
   }
@@ -162,7 +162,7 @@ TEST_CASE("items are prepared in order, a number of bytes ahead of the work", "[
   CHECK(wait_for({0, 1, 2}));
   ahead.begun(1);
   CHECK(wait_for({0, 1, 2, 3}));
-  ahead.begun(6);  // items that others have begun need no preparation
+  ahead.begun(6);  // items that another caller has begun need no preparation
   CHECK(wait_for({0, 1, 2, 3, 6, 7, 8}));
   ahead.begun(9);
   CHECK(wait_for({0, 1, 2, 3, 6, 7, 8, 9}));

@@ -9,7 +9,7 @@
 namespace scree::convert {
 namespace {
 
-/// Made-up rates: two threads; all stages work for the same time, and each second of a thread does two units of work.
+/// Invented rates of two threads: all stages work for the same time, and a thread does two units of work per second.
 StageRates even_rates() {
   return {.measured_triangles = 300'000'000,
           .encoded_triangles = 20'000'000,
@@ -48,12 +48,12 @@ TEST_CASE("the slowest stage limits, by its share of the threads' time", "[stage
   CHECK(limit(rates) == "measuring limits");
   rates.encode_seconds = 5.5;
   CHECK(limit(rates) == "encoding limits");
-  // One thread writes, in parallel to all that the others do one after another: 15 s of two threads.
+  // One thread writes in parallel to everything else, which the two threads do one after another in 15 s each.
   rates.write_seconds = 7.4;
   CHECK(limit(rates) == "encoding limits");
   rates.write_seconds = 7.6;
   CHECK(limit(rates) == "writing limits");
-  // With more threads, each of the others has less to do.
+  // With more threads, each of the other stages takes less time.
   rates.threads = 4;
   rates.write_seconds = 3.8;
   CHECK(limit(rates) == "writing limits");

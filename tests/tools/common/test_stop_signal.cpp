@@ -1,4 +1,4 @@
-// Commands stopped by a signal: the files they leave, their output, and how soon they end.
+// Commands that a signal stops: their files, their output, and the time until they end.
 #include <sys/wait.h>
 
 #include <chrono>
@@ -31,7 +31,7 @@ bool has_entry(const TempFolder& folder, const std::string& begin) {
   return std::any_of(names.begin(), names.end(), [&](const std::string& name) { return name.starts_with(begin); });
 }
 
-/// Stops the program once `is_ready` returns true, and checks that it ends soon, by the signal. Returns its output.
+/// Stops the program once `is_ready` returns true, and checks that the signal ends it soon. Returns its output.
 template <class IsReady>
 std::string stop(const std::vector<std::string>& words, const std::string& log, int signal, const IsReady& is_ready,
                  const char* program = kProgram) {
@@ -51,7 +51,7 @@ TEST_CASE("a signal stops synth, which removes its files", "[stop]") {
   for (const std::string name : {"city.gltf", "city.glb"}) {
     const TempFolder folder;
     const TempFolder outside;
-    // 7 GB or 2 GB, if it were not stopped.
+    // Unstopped, this would write 7 GB or 2 GB.
     const std::string scale = name == "city.glb" ? "0.1" : "1";
     const auto has_part = [&] { return has_entry(folder, "city."); };
     const std::string printed = stop({"synth", "A", "--scale", scale, "--threads", "2", "-o", folder.file(name)},

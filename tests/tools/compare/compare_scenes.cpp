@@ -22,12 +22,12 @@ using convert::Primitive;
 using convert::SourceScene;
 using format::kNone;
 
-// Float arithmetic on the way adds this to the stated errors.
+// Float arithmetic in between adds this to the stated errors.
 constexpr double kColorError = 0.5 / 255 + 1e-6;
 constexpr double kNormalDegrees = 0.06;  // 12 bits per axis of the octahedral map: below 0.05
 constexpr size_t kMaxLines = 12;
 
-/// Whether coefficients, quantisation and colours are the same. Segments and Huffman tables may differ.
+/// Whether coefficients, quantisation and colour space are the same. Segments and Huffman tables may differ.
 bool is_same_jpeg(std::span<const std::byte> a, std::span<const std::byte> b) {
   const auto before = read_coefficients(a);
   const auto after = read_coefficients(b);
@@ -105,7 +105,7 @@ class SceneComparison {
   }
 
   void compare_meshes() {
-    // By group of the source: the group of the file that its nodes draw, which is itself or an equal one.
+    // By group of the source: the group of the file that the source's nodes draw, which is the same or an equal one.
     std::vector<uint32_t> stored_as(source_.groups.size(), kNone);
     for (size_t i = 0; i < source_.nodes.size() && i < packed_.nodes().size(); ++i)
       if (source_.nodes[i].group != kNone) stored_as[source_.nodes[i].group] = packed_.nodes()[i].group;
@@ -167,13 +167,14 @@ class SceneComparison {
         differ(place + ": source triangle " + std::to_string(ids[t]) + " comes twice or should not come");
         return;
       }
-      keep[ids[t]] = false;  // each triangle once
+      keep[ids[t]] = false;  // each triangle occurs once
       compare_triangle(place + ", triangle " + std::to_string(ids[t]), &from.corners[3 * ids[t]], &back_corners[3 * t],
                        was, is, record);
     }
   }
 
-  /// Corners may be rotated. For a triangle smaller than the error several rotations fit; one must fit in everything.
+  /// Corners may be rotated. If a triangle is smaller than the error, several rotations fit its positions. One of them
+  /// must fit all attributes.
   void compare_triangle(const std::string& place, const uint32_t* from, const uint32_t* to, const Vertices& was,
                         const Vertices& is, const format::MeshRecord& record) {
     const size_t before = lines_.size();
@@ -255,7 +256,7 @@ class SceneComparison {
       close(place + ": alpha cutoff", static_cast<double>(was.record.alpha_cutoff),
             static_cast<double>(is.record.alpha_cutoff), 0);
     }
-    if (!source.uv) {  // without texture coordinates no texture is read
+    if (!source.uv) {  // a texture is not read without texture coordinates
       same_number(place + ": texture", kNone, is.record.texture);
       return;
     }
@@ -282,7 +283,7 @@ class SceneComparison {
          std::pair(is.record.mag_filter, is.record.min_filter));
     const auto& from = source_.images[was.record.image];
     const auto& to = back_.images[is.record.image];
-    const bool has_blocks = from.codec == format::ImageCodec::kBlocks;  // KTX2 or DDS, which export makes a PNG
+    const bool has_blocks = from.codec == format::ImageCodec::kBlocks;  // KTX2 or DDS, which export writes as a PNG
     same_number(place + ": image codec", static_cast<uint64_t>(has_blocks ? format::ImageCodec::kPng : from.codec),
                 static_cast<uint64_t>(to.codec));
     std::vector<std::byte> a(from.bytes), b(to.bytes);
@@ -351,7 +352,7 @@ class SceneComparison {
   void compare_nodes() {
     if (!same_number("nodes", source_.nodes.size(), back_.nodes.size())) return;
     if (!same_number("nodes of the file", source_.nodes.size(), packed_.nodes().size())) return;
-    // Exported meshes are the groups that kept a primitive.
+    // The exported meshes are the groups that have a primitive left.
     std::vector<uint32_t> group_of_mesh;
     for (uint32_t group = 0; group < packed_.groups().size(); ++group)
       if (packed_.groups()[group].mesh_count != 0) group_of_mesh.push_back(group);

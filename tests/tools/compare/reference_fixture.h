@@ -27,7 +27,7 @@ inline kernels::View pixel_view(uint32_t width, uint32_t height) {
   return view;
 }
 
-/// The same with perspective: one pixel per unit at z = 0.
+/// As pixel_view(), with perspective: one pixel per unit at z = 0.
 inline kernels::View deep_view(uint32_t width, uint32_t height) {
   kernels::View view = pixel_view(width, height);
   view.orthographic = false;
@@ -56,7 +56,7 @@ inline uint64_t covered(std::span<const compare::ReferencePixel> pixels) {
       pixels.begin(), pixels.end(), [](const compare::ReferencePixel& pixel) { return !pixel.is_background(); }));
 }
 
-/// Indices of a square whose points are in counter-clockwise order.
+/// Indices of a square whose points are given in counter-clockwise order.
 inline const std::vector<uint32_t> kSquareCorners{0, 1, 2, 0, 2, 3};
 
 }  // namespace scree::tests

@@ -27,7 +27,8 @@ struct SourceTriangles {
   uint64_t kept_count = 0;
 };
 
-/// Triangles of a primitive that convert keeps: no strip triangle with two equal indices, no non-finite position.
+/// The triangles of a primitive that convert keeps: no triangle of a strip with two equal indices, and none with a
+/// position that is not finite.
 inline Result<SourceTriangles> source_triangles(const convert::Primitive& primitive,
                                                 const std::vector<float>& positions) {
   SourceTriangles out;
@@ -52,9 +53,9 @@ inline Result<std::vector<float>> all_floats(const convert::Accessor& accessor) 
   return out;
 }
 
-/// Checks one mesh of a file made with --source-ids against its primitive: every kept source triangle is there once,
-/// with its corners in the same order (in clusters: rotated), each position within the mesh's stated error, each
-/// attribute within its own.
+/// Checks one mesh of a file made with --source-ids against its primitive. Every kept source triangle must occur once,
+/// with its corners in the same order (in clusters: rotated), each position within the mesh's stated error, and each
+/// attribute within its own error.
 inline std::string compare_mesh(const convert::Primitive& primitive, const SourceTriangles& source,
                                 const std::vector<float>& positions, const format::Container& file,
                                 uint64_t mesh_number, tools::ChunkReader& reader, Comparison& out) {
@@ -87,7 +88,7 @@ inline std::string compare_mesh(const convert::Primitive& primitive, const Sourc
       if (seen[id]) return triangle + " is there twice";
       seen[id] = true;
       double largest = 0;  // position error
-      // Compares with the source's corners rotated by `turn`. Returns the difference; empty if there is none.
+      // Compares with the source's corners after a rotation by `turn`. Returns the difference; empty if there is none.
       const auto compare_turned = [&](size_t turn) -> std::string {
         largest = 0;
         for (size_t corner = 0; corner < 3; ++corner) {
@@ -118,7 +119,7 @@ inline std::string compare_mesh(const convert::Primitive& primitive, const Sourc
               dot += static_cast<double>(normals[3 * from + i]) * static_cast<double>(chunk.normals[3 * to + i]);
               length += static_cast<double>(normals[3 * from + i]) * static_cast<double>(normals[3 * from + i]);
             }
-            // Within 0.05 degrees; a zero or infinite normal has no direction.
+            // Within 0.05 degrees. A zero or infinite normal has no direction.
             if (length > 1e-30 && std::isfinite(length) &&
                 dot / std::sqrt(length) < std::cos(0.05 * 3.14159265358979 / 180))
               return triangle + ": normal error";
@@ -151,7 +152,7 @@ inline Comparison compare_with_source(const std::string& gltf, const std::string
   const Result<PackedFile> opened = open_packed(scree);
   if (!opened) return {opened.error().message, 0, 0};
   const format::Container& file = opened->file;
-  // By glTF mesh: the mesh that it is stored as, which is itself or an equal one. It is compared in either case.
+  // By glTF mesh: the mesh as which it is stored, which is itself or an equal one. It is compared in either case.
   std::map<uint32_t, uint32_t> stored_as;
   if (file.nodes().size() != scene->nodes.size()) return {"another number of nodes", 0, 0};
   for (size_t i = 0; i < scene->nodes.size(); ++i) {

@@ -1,4 +1,4 @@
-// scree compare: constructed differences with known counts, and real drawings that must agree.
+// scree compare: constructed differences with known counts, and real drawings that must be equal.
 #include <array>
 #include <cmath>
 #include <filesystem>
@@ -56,7 +56,7 @@ struct Part {
   std::array<double, 3> place{0, 0, 0};
 };
 
-/// A node and a mesh per part.
+/// Writes a glTF with a node and a mesh per part.
 void make(const std::string& path, const std::vector<Part>& parts) {
   tests::ModelMaker maker(path);
   for (const Part& part : parts)
@@ -122,18 +122,18 @@ TEST_CASE("a scene against its own source has no wrong pixel", "[compare]") {
   CHECK(report.same_depth.max() <= 1e-6);
 }
 
-TEST_CASE("a square shifted by two pixels: its rims against the background, its diagonal to the neighbour",
+TEST_CASE("a square shifted by two pixels: its rims differ from the background, its diagonal from the neighbour",
           "[compare]") {
   Case test;
   const auto report = must(test.pixels({{square_at(-4, -4), kOneSquare, {}}}, {{square_at(-2, -4), kOneSquare, {}}}));
   CHECK(count(report, PixelKind::kBackground) == 2 * 2 * 8);
-  // Two pixels per row lie between the two diagonals; of these, the six columns that both squares cover have 12.
+  // In each row two pixels lie between the two diagonals. The six columns that both squares cover have 12 of them.
   CHECK(count(report, PixelKind::kNeighbour) == 12);
   CHECK(count(report, PixelKind::kSame) == 6 * 8 - 12);
   CHECK(report.wrong() == 32 + 12);
 }
 
-TEST_CASE("a square that is a unit nearer: right pixels, wrong depth", "[compare]") {
+TEST_CASE("a square that is a unit nearer has right pixels and wrong depths", "[compare]") {
   Case test;
   const auto report =
       must(test.pixels({{square_at(-4, -4, 0), kOneSquare, {}}}, {{square_at(-4, -4, 2), kOneSquare, {}}}));
@@ -142,7 +142,7 @@ TEST_CASE("a square that is a unit nearer: right pixels, wrong depth", "[compare
   CHECK(report.same_depth.rms() == Approx(0.25).epsilon(1e-5));
 }
 
-TEST_CASE("swapped meshes are other meshes, swapped squares of one mesh share no vertex", "[compare]") {
+TEST_CASE("swapped meshes count as other meshes, swapped squares of one mesh as without a common vertex", "[compare]") {
   Case test;
   const Part left{square_at(0, -4), kOneSquare, {-12, 0, 0}}, right{square_at(0, -4), kOneSquare, {4, 0, 0}};
   const auto meshes = must(test.pixels({left, right}, {right, left}));
@@ -156,9 +156,9 @@ TEST_CASE("swapped meshes are other meshes, swapped squares of one mesh share no
   CHECK(squares.wrong() == 128);
 }
 
-TEST_CASE("a missing triangle is background, and another number of triangles another source", "[compare]") {
+TEST_CASE("a missing triangle counts as background, another number of triangles as another source", "[compare]") {
   Case test;
-  // The second triangle of the source has no area, so the file's 28 pixels of it are too many.
+  // The source's second triangle has no area, so the file's 28 pixels of it are surplus.
   const auto report =
       must(test.pixels({{square_at(-4, -4), kOneSquare, {}}}, {{square_at(-4, -4), {0, 1, 2, 0, 3, 3}, {}}}));
   CHECK(count(report, PixelKind::kBackground) == 28);
@@ -173,14 +173,15 @@ TEST_CASE("a missing triangle is background, and another number of triangles ano
 
 TEST_CASE("either of two coincident triangles is right", "[compare]") {
   Case test;
-  // In the source two squares coincide, and the reference shows the first; in the file that one lies behind the other.
+  // In the source two squares coincide, and the reference shows the first one. In the file the first one lies behind
+  // the other.
   const auto report = must(test.pixels({{joined(square_at(-4, -4, -2), square_at(-4, -4)), kTwoSquares, {}}},
                                        {{joined(square_at(-4, -4), square_at(-4, -4)), kTwoSquares, {}}}));
   CHECK(report.wrong() == 0);
   CHECK(count(report, PixelKind::kCoincident) == 64);
 }
 
-TEST_CASE("two visibility buffers: kinds and depths", "[compare]") {
+TEST_CASE("two visibility buffers: kinds of pixels and depths are counted", "[compare]") {
   const tests::TempFolder folder;
   const std::string gltf = folder.file("two.gltf"), file = folder.file("two.scree");
   // Mesh 0: triangles 0 and 1 of one square, 2 and 3 of another. Mesh 1: 4 and 5.
@@ -218,7 +219,7 @@ TEST_CASE("two visibility buffers: kinds and depths", "[compare]") {
                 {ErrorCode::kRange, "pixel 0,1 of the first buffer: triangle 6, but " + file + " draws 6"});
 }
 
-TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[compare]") {
+TEST_CASE("geometry: the distance of a moved mesh and the angle of turned normals are measured", "[compare]") {
   const tests::TempFolder folder;
   const auto write = [&](const std::string& path, float shift, double degrees) {
     tests::ModelMaker maker(path);
@@ -269,7 +270,7 @@ TEST_CASE("geometry: a mesh that was moved and normals that were turned", "[comp
   CHECK(refusal(compare::compare_geometry(own, without.file)).message.find("--source-ids") != std::string::npos);
 }
 
-TEST_CASE("the small models are drawn as by the reference", "[compare]") {
+TEST_CASE("the small models are drawn like the reference's pictures", "[compare]") {
   const tests::TempFolder folder;
   const std::string file = folder.file("model.scree");
   uint64_t compared = 0;
@@ -287,11 +288,12 @@ TEST_CASE("the small models are drawn as by the reference", "[compare]") {
     const auto scene = must(runtime::Scene::load(std::move(opened), *number, {false, 2}));
     const auto view = must(runtime::make_view(scene, {.width = 320, .height = 240}));
     const auto report = must(Case::against(file, path.string(), &view));
-    // Snapping to 1/256 pixel moves an edge over the centre of at most one pixel in 256 along it.
+    // Snapping to 1/256 pixel moves an edge across at most one pixel centre in 256 along it.
     const PixelReport& pixels = report.pixels;
     CHECK(pixels.wrong() <= 320 * 240 / 200);
     CHECK(pixels.same_depth.rms() < 1e-3);
-    // If the triangle is right, so is the colour. No difference may come from a texture, which the reference lacks.
+    // Where the triangle is right, so is the colour. No difference may come from a texture, which the reference does
+    // not draw.
     CHECK(report.pictures.differing <= pixels.wrong() + 320 * 240 / 500);
     compared += pixels.same_depth.count() > 0 ? 1 : 0;
   }
@@ -323,7 +325,7 @@ TEST_CASE("lit pictures against the source: identical pictures are reported as i
   CHECK(read["textures_left_out"] == true);
   CHECK_FALSE(read.contains("psnr_db"));
 
-  // Two rims of 2 x 8 pixels, black against white seen head-on.
+  // Two rims of 2 x 8 pixels: black against white that is seen head-on.
   const auto moved = must(Case::against(file, test.folder.file("shifted.gltf"), nullptr));
   CHECK(moved.pictures.differing == 32);
   CHECK(moved.pictures.max_levels == 255);
@@ -362,7 +364,7 @@ TEST_CASE("masks follow the sampler's minification filter, as in the reference",
     options.source_ids = true;
     REQUIRE(tests::pack(folder.file("source.gltf"), folder.file("file.scree"), options));
     const auto report = must(Case::against(folder.file("file.scree"), folder.file("source.gltf"), &view));
-    // Places on a mask are rounded to 1/256 texel.
+    // Points on a mask are rounded to 1/256 texel.
     CHECK(report.pixels.wrong() <= 80 * 80 / 100);
     CHECK(report.pixels.same_depth.count() > 1000);
     CHECK(report.pixels.same_depth.count() < 5400);
@@ -370,7 +372,7 @@ TEST_CASE("masks follow the sampler's minification filter, as in the reference",
     pictures[filter].resize(size_t{320} * 160);
     REQUIRE(kernels::draw_cpu(scene.view(), view, pictures[filter], 2));
   }
-  // A mask takes one level; without a filter it is bilinear.
+  // A mask takes one level. Without a filter it is bilinear.
   CHECK((pictures[0] == pictures[9985] && pictures[0] == pictures[9987]));
   CHECK((pictures[9984] == pictures[9986]));
   const std::array<uint16_t, 4> different{0, 9728, 9729, 9984};
@@ -403,7 +405,7 @@ TEST_CASE("fewer position bits change the lit picture", "[compare][cli]") {
     CHECK(pictures["flip_mean"].get<double>() < flip / 2);
     psnr = pictures["psnr_db"].get<double>();
     flip = pictures["flip_mean"].get<double>();
-    // The picture of the error agrees with the numbers.
+    // The picture of the error equals the numbers.
     const auto map = must(runtime::MappedFile::open(folder.file("flip.png")));
     const auto image = must(runtime::decode_image(map.bytes()));
     REQUIRE(image.rgba.size() == 4 * 160 * 120);
@@ -435,7 +437,7 @@ TEST_CASE("compare prints its results as JSON", "[compare][cli]") {
   CHECK(std::filesystem::exists(folder.file("difference.png")));
 }
 
-TEST_CASE("inspect --source fails where a file is farther from its source than it states", "[compare]") {
+TEST_CASE("inspect --source fails if a file is farther from its source than it states", "[compare]") {
   const tests::TempFolder folder;
   make(folder.file("file.gltf"), {{square_at(0, 0), kOneSquare, {}}, {square_at(20, 0), kOneSquare, {}}});
   make(folder.file("moved.gltf"), {{square_at(0, 0), kOneSquare, {}}, {square_at(20, 0.25f), kOneSquare, {}}});
@@ -454,8 +456,8 @@ TEST_CASE("inspect --source fails where a file is farther from its source than i
 
 namespace {
 
-/// Packs every available model with `widths(number)` bits per axis and measures it against its source, at least `least`
-/// measurements in all.
+/// Packs every available model with `widths(number)` bits per axis and compares it with its source, at least `least`
+/// times in all.
 template <class Widths>
 void check_stated_errors(const Widths& widths, uint64_t least) {
   const std::filesystem::path models = tests::real_models("scenes");
@@ -479,7 +481,7 @@ void check_stated_errors(const Widths& widths, uint64_t least) {
       CHECK(report.missing_triangles == 0);
       CHECK(report.unknown_triangles == 0);
       CHECK(report.axis_error <= report.axis_bound);
-      // Three coordinate errors bound every distance.
+      // Each distance is bounded by three coordinate errors.
       CHECK(report.stored.max() <= std::sqrt(3.0) * report.axis_error * (1 + 1e-12));
       CHECK(report.source.max() == report.stored.max());
       ++checked;
@@ -491,8 +493,8 @@ void check_stated_errors(const Widths& widths, uint64_t least) {
 
 }  // namespace
 
-TEST_CASE("the stated position error holds for every model, the widths in turn", "[compare][models]") {
-  // Every model with one of the widths in turn; without sanitizers also with the narrowest, the default and the widest.
+TEST_CASE("the stated position error holds for every model, with the widths in turn", "[compare][models]") {
+  // Each model has one of the widths in turn. Without sanitizers it also has the narrowest, the default and the widest.
   const auto widths = [](uint64_t number) {
     const auto in_turn = static_cast<uint32_t>(8 + number % 17);
     return tests::kIsSanitized ? std::vector<uint32_t>{in_turn} : std::vector<uint32_t>{8, in_turn, 16, 24};

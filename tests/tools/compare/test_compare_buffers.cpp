@@ -50,8 +50,8 @@ struct Source {
   }
 };
 
-/// Two equal meshes, which --no-share keeps apart. Between them lies a mesh whose triangles share no vertex until it is
-/// welded. Two primitives each.
+/// Two equal meshes, which --no-share keeps apart. Between them lies a mesh whose triangles share vertices only after
+/// welding. Each mesh has two primitives.
 void fill_with_grids(tests::ModelMaker& maker) {
   const tests::GridSpec grid{.columns = 40, .rows = 30, .normal = true};
   tests::GridSpec loose = grid;
@@ -90,7 +90,7 @@ uint64_t count_of(const PixelReport& report, PixelKind kind) {
   return report.counts()[static_cast<size_t>(kind)];
 }
 
-/// The error that two scenes, or these samples of theirs, cannot be compared.
+/// The error for two scenes, or these samples of them, that cannot be compared.
 Error refused(const runtime::Scene& a, const runtime::Scene& b, const std::vector<uint64_t>& samples_a = {},
               const std::vector<uint64_t>& samples_b = {}) {
   const auto match = SceneMatch::match(a, b);
@@ -126,7 +126,7 @@ uint64_t id_of(const runtime::Scene& scene, uint32_t node, uint64_t source) {
 
 using Points = std::vector<float>;
 
-/// Squares of side 1 from the lower left, side by side with gaps, two triangles each.
+/// Adds squares of side 1, side by side with gaps, from the lower left on. Each has two triangles.
 tests::ModelMaker& add_squares(tests::ModelMaker& maker, uint32_t squares, std::array<double, 3> place = {0, 0, 0},
                                float height = 1) {
   Points points;
@@ -206,10 +206,10 @@ TEST_CASE("position bits do not change ids, with and without source numbers", "[
     CHECK(place.kinds == number.kinds);
     CHECK(place.same_depth.rms() == number.same_depth.rms());
     CHECK((place.wrong() > 100) == (bits == 8));
-    // One of the two has no source numbers, so positions are compared.
+    // One of the two has no source numbers, so positions are compared instead.
     CHECK(compared(by_number, wide).kinds == number.kinds);
   }
-  // Changes to the numbering are refused, with advice.
+  // If the numbering may differ, the comparison is refused with advice.
   const std::function<void(Options&)> changes[] = {clustered, [](Options& o) { o.weld = false; },
                                                    [](Options& o) { o.chunk_triangles = 100; }};
   for (const auto& change : changes) {
@@ -224,8 +224,7 @@ TEST_CASE("position bits do not change ids, with and without source numbers", "[
 }
 
 TEST_CASE("buffers of two encodings: every kind of pixel is counted", "[compare]") {
-  // Node 0: triangles 0 and 1 of one square, 2 and 3 of another. Node 1: the same positions again; node 2: other
-  // positions.
+  // Node 0: triangles 0 and 1 of one square, 2 and 3 of another. Node 1 has the same positions again, node 2 others.
   const Source source([](tests::ModelMaker& maker) {
     add_squares(maker, 2);
     add_squares(maker, 2);
@@ -299,7 +298,8 @@ TEST_CASE("files of different sources are not matched", "[compare]") {
   check_refused(refused(together.scene("scene"), apart.scene("scene")), ErrorCode::kFormat,
                 "node 0 draws other meshes");
 
-  // The same number of triangles in the same box, but different ones: one source lacks the first, the other the last.
+  // The same number of triangles in the same box, but different ones: one source lacks the first triangle, the other
+  // the last.
   const auto with_hole = [](size_t hole) {
     return [hole](tests::ModelMaker& maker) {
       Points points{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 2, 0, 0, 0, 0};

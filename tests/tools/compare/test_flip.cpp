@@ -46,7 +46,7 @@ TEST_CASE("flip of plain colours equals the paper's colour formulas", "[flip]") 
   const auto one = [](const Colour& a, const Colour& b) {
     const auto map = flip({9, 5, a}, {9, 5, b});
     REQUIRE(map.size() == 45);
-    // Without features it is the same everywhere.
+    // Without features the error is the same everywhere.
     for (const float error : map) CHECK(std::abs(error - map[0]) < 1e-4f);
     return static_cast<double>(map[0]);
   };
@@ -68,7 +68,7 @@ TEST_CASE("flip finds a line, symmetrically and for any number of threads", "[fl
   CHECK(at(20) >= at(24));
   CHECK(at(24) >= at(30));
   CHECK(at(60) == 0);
-  // Columns are treated like rows.
+  // Columns are handled like rows.
   Picture plain_turned(40, 64, kGrey), turned = plain_turned;
   for (uint32_t x = 0; x < 40; ++x) turned.set(x, 20, kWhite);
   const auto map = flip(plain_turned, turned);
@@ -100,7 +100,7 @@ TEST_CASE("psnr and flip of picture files", "[flip]") {
 TEST_CASE("flip equals the values of the authors' program", "[flip]") {
   const std::filesystem::path folder = std::filesystem::path(tests::kModelsFolder) / "flip";
   if (!std::filesystem::exists(folder)) {
-    WARN("skipped: no pictures that the authors' program has judged");
+    WARN("skipped: no pictures with values of the authors' program");
     return;
   }
   struct Pair {

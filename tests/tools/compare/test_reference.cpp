@@ -41,7 +41,8 @@ TEST_CASE("a square's pixel centres on its diagonal belong to one triangle, by t
   for (const bool deep : {false, true}) {
     const kernels::View view = deep ? deep_view(16, 12) : pixel_view(16, 12);
     const auto pixels = draw({kSquare, kSquareCorners, nullptr, false}, view);
-    // The eight centres on the diagonal lie on a left edge of the lower triangle and on a right edge of the upper one.
+    // The eight centres on the diagonal lie on a left edge of the lower triangle, and on a right edge of the upper
+    // triangle.
     CHECK(count(pixels, 0) == 36);
     CHECK(count(pixels, 1) == 28);
     for (uint32_t y = 0; y < 12; ++y)
@@ -53,7 +54,7 @@ TEST_CASE("a square's pixel centres on its diagonal belong to one triangle, by t
   }
 }
 
-TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
+TEST_CASE("a mask's texels leave out the pixels that they cover", "[reference][mask]") {
   const kernels::View view = pixel_view(16, 12);
   const std::vector<float> uvs{0, 1, 1, 1, 1, 0, 0, 0};
   compare::ReferenceMask mask{.place = {{{1, 0, 0}, {0, 1, 0}}},
@@ -70,13 +71,13 @@ TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
       const bool is_square = x >= 4 && x < 12 && y >= 2 && y < 10;
       CHECK(pixels[16 * y + x].is_background() == !(is_square && (x < 8) == (y < 6)));
     }
-  // Bilinear: the middle of a side is half of both.
+  // Bilinear: in the middle of a side, each of two texels has half of the weight.
   mask.magnified_nearest = false;
   mask.cutoff = 1;
   CHECK(covered(draw(mesh, view)) > 50);
   mask.cutoff = 201;
   CHECK(covered(draw(mesh, view)) < 16);
-  // The vertices' alpha, 1 on the left and 0 on the right, takes the right half.
+  // The alpha of the vertices, 1 on the left and 0 on the right, leaves out the right half.
   mask.levels = {{255, 255, 255, 255}};
   mask.cutoff = 127.5;
   const std::vector<float> alphas{1, 0, 0, 1};
@@ -86,13 +87,13 @@ TEST_CASE("a mask's texels hide what they cover", "[reference][mask]") {
   CHECK_FALSE(left[16 * 5 + 7].is_background());
   CHECK(left[16 * 5 + 8].is_background());
   mesh.alphas = {};
-  // A masked part hides nothing.
+  // A masked part hides nothing behind it.
   mask.cutoff = 256;
   CHECK(covered(draw(mesh, view)) == 0);
 }
 
 TEST_CASE("edges through pixel centres follow the top-left rule", "[reference]") {
-  // All four sides go through centres: 8 + 1 in each direction. One row and one column of them are outside the square.
+  // All four sides go through centres, 8 + 1 in each direction. One row and one column of these are outside the square.
   Points points = kSquare;
   for (size_t i = 0; i < points.size(); i += 3) {
     points[i] += 0.5f;
@@ -106,7 +107,7 @@ TEST_CASE("edges through pixel centres follow the top-left rule", "[reference]")
   CHECK_FALSE(pixels[10 * 16 + 11].is_background());
 }
 
-TEST_CASE("back faces are left out unless the mesh is double-sided, and mirroring turns faces", "[reference]") {
+TEST_CASE("back faces are left out unless the mesh is double-sided, and mirroring reverses faces", "[reference]") {
   const kernels::View view = deep_view(16, 16);
   Corners back = kSquareCorners;
   for (size_t t = 0; t < back.size(); t += 3) std::swap(back[t + 1], back[t + 2]);
@@ -134,11 +135,11 @@ TEST_CASE("a floor from behind the eye to far away fills the picture below the h
     }
   }
   kernels::View late = view;
-  late.z_near = 5 / ((11.0 - 7.5) / 8) * (1 + 1e-9);  // slightly beyond the floor seen in row 11
+  late.z_near = 5 / ((11.0 - 7.5) / 8) * (1 + 1e-9);  // slightly beyond the floor at row 11
   CHECK(covered(draw({floor, kSquareCorners, nullptr, false}, late)) == 16 * 3);
 }
 
-TEST_CASE("the nearest triangle wins, the first at equal depths, for any number of threads", "[reference]") {
+TEST_CASE("the nearest triangle is drawn, the first one at equal depths, for any number of threads", "[reference]") {
   std::vector<ReferenceInstance> instances{identity(), identity(), identity()};
   instances[1].world[2][3] = 2;  // nearer
   instances[2].world[2][3] = 2;
@@ -161,7 +162,7 @@ TEST_CASE("the nearest triangle wins, the first at equal depths, for any number 
 }
 
 TEST_CASE("a fan of thin triangles covers every pixel of its square once", "[reference]") {
-  // 4000 triangles around a pixel's centre, with their rims on the square's sides: shared edges cross every pixel.
+  // 4000 triangles around a pixel's centre, with rims on the square's sides, so that shared edges cross every pixel.
   constexpr uint32_t kSpokes = 4000;
   Points points{0.5f, 0.5f, 0};
   Corners corners;

@@ -1,4 +1,4 @@
-// The reference rasteriser's roundings and colours, and its independence from the code that it judges.
+// The reference rasteriser's roundings and colours. It uses none of the code that it judges.
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -48,12 +48,13 @@ std::vector<float> square(float x, float y) {
 
 TEST_CASE("snapping: corners move to the nearest step, and coverage is exact", "[reference]") {
   const kernels::View view = deep_view(32, 32);
-  // Its left and right edges are 0.04 pixel left of centres. With 1/8 pixel they go through the centres; the left ones
-  // stay covered (a left edge owns them) and the right ones stay free.
+  // The left and right edges lie 0.04 pixel left of centres. With a step of 1/8 pixel they go through the centres. The
+  // left centres stay covered, because a left edge owns them, and the right ones stay uncovered.
   const std::vector<float> left = square(-3.54f, -4);
   CHECK(covered(draw(left, kSquareCorners, view, {})) == 64);
   CHECK(covered(draw(left, kSquareCorners, view, {.snap = 8, .depth_bits = 0})) == 64);
-  // 0.04 pixel to the right, the left column is lost and the right one is gained; 1/8 pixel reverses both.
+  // With the square 0.04 pixel to the right of them, the left column is lost and the right one is gained. 1/8 pixel
+  // reverses both.
   const std::vector<float> right = square(-3.46f, -4);
   const auto exact = draw(right, kSquareCorners, view, {});
   const auto coarse = draw(right, kSquareCorners, view, {.snap = 8, .depth_bits = 0});
@@ -68,7 +69,7 @@ TEST_CASE("snapping: corners move to the nearest step, and coverage is exact", "
 }
 
 TEST_CASE("snapping: a fine step draws the same as none, even across the near plane", "[reference]") {
-  // A floor from behind the eye to far away, cut into a fan of strips whose borders lie on pixels.
+  // A floor from behind the eye to far away, in a fan of strips whose borders lie on pixels.
   std::vector<float> points;
   std::vector<uint32_t> corners;
   constexpr uint32_t kStrips = 200;
@@ -90,7 +91,7 @@ TEST_CASE("snapping: a fine step draws the same as none, even across the near pl
   }
   CHECK(differing == 0);
   const auto coarse = draw(points, corners, view, {.snap = 4, .depth_bits = 0});
-  CHECK(covered(coarse) > 600);  // no significant cracks: strips share their corners
+  CHECK(covered(coarse) > 600);  // no significant cracks, because strips share their corners
 }
 
 TEST_CASE("snapping: every pixel of a closed fan has one owner at any step", "[reference]") {
@@ -197,7 +198,8 @@ TEST_CASE("the reference's colours equal those of kernels/", "[reference]") {
 }
 
 TEST_CASE("averages of 8 x 8 samples are in linear light", "[reference]") {
-  // Half of a pixel is white (lit from the front), half is background: 188 of 255, while encoded values would give 128.
+  // Half of a pixel is white (lit from the front), and half is background: 188 of 255. The mean of the coded values
+  // would be 128.
   compare::SourceModel model;
   model.meshes.resize(1);
   model.meshes[0].positions = {-4, -4, 0, 0.5f, -4, 0, 0.5f, 4, 0, -4, 4, 0};
@@ -215,7 +217,7 @@ TEST_CASE("averages of 8 x 8 samples are in linear light", "[reference]") {
   CHECK(rgb[3 * (8 * 16 + 9)] == 0);
 }
 
-TEST_CASE("the reference uses only a type and a limit of kernels/, no code", "[reference]") {
+TEST_CASE("the reference uses only a type and a limit of kernels/, and no code", "[reference]") {
   const std::filesystem::path folder = std::filesystem::path(tests::kDataFolder) / "../../tools/compare";
   const std::regex name("kernels::([A-Za-z_]+)"), include("#include \"kernels/([a-z_.]+)\"");
   uint64_t files = 0;

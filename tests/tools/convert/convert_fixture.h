@@ -1,4 +1,4 @@
-// Converts, and compares with the source, in the tests of convert().
+// Converts and compares with the source, for the tests of convert().
 #pragma once
 
 #include <cstdint>
@@ -33,9 +33,9 @@ inline convert::ConvertReport must_convert(const convert::ConvertOptions& option
   return must(convert::convert(options));
 }
 
-/// Converts with options.memory = `memory`, or with the minimum from the error message if that is refused. The test
-/// program's own memory counts too, including up to 256 MiB of freed memory that sanitizers keep, and may grow between
-/// the attempts.
+/// Converts with options.memory = `memory`. If that is refused, converts with the minimum that the error message
+/// states. The test program's own memory counts too, including up to 256 MiB of freed memory that sanitizers keep. It
+/// may grow between the attempts.
 inline convert::ConvertReport must_convert_within(convert::ConvertOptions& options, uint64_t memory) {
   for (int attempt = 0;; ++attempt) {
     options.memory = memory;
@@ -68,7 +68,7 @@ inline PackedFile must_open(const std::string& path) {
   return must(open_packed(path));
 }
 
-/// The counts of data that were left out, by their names.
+/// The counts of left-out data, by name.
 inline std::map<std::string, uint64_t> left_out(const format::Container& file) {
   std::map<std::string, uint64_t> out;
   for (uint64_t i = 0; i < file.left_out().size(); ++i)

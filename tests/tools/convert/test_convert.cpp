@@ -1,4 +1,4 @@
-// convert(): its output is the source within the stated error, for all options and numbers of threads.
+// convert(): its output equals the source within the stated error, for all options and numbers of threads.
 // test_convert_errors.cpp has the refused inputs.
 #include "tools/convert/convert.h"
 
@@ -60,11 +60,11 @@ TEST_CASE("every option keeps the triangles and the stated error", "[convert]") 
     options.order = convert::Order::kNone;
     must_match(options);
   }
-  SECTION("whole meshes") {
+  SECTION("chunks of whole meshes") {
     options.chunk_triangles = 0;
     CHECK(must_match(options).chunks == 3);
   }
-  SECTION("whole meshes, order none") {
+  SECTION("chunks of whole meshes, order none") {
     options.chunk_triangles = 0;
     options.order = convert::Order::kNone;
     CHECK(must_match(options).chunks == 3);
@@ -123,7 +123,7 @@ TEST_CASE("the bytes depend neither on threads nor on memory", "[convert]") {
     large.rows = 400;
     large.color = true;
     maker.node("large", maker.mesh("large", {maker.grid(large)}));
-    for (int i = 0; i < 300; ++i) {  // more than a batch of small meshes
+    for (int i = 0; i < 300; ++i) {  // more meshes than a batch of small ones
       const GridSpec small{.columns = 1 + static_cast<uint32_t>(i) % 7, .size = 1 + static_cast<float>(i)};
       maker.node("small " + std::to_string(i), maker.mesh("small", {maker.grid(small)}));
     }
@@ -142,7 +142,7 @@ TEST_CASE("the bytes depend neither on threads nor on memory", "[convert]") {
   }
   for (const bool is_least : {true, false}) {
     const convert::ConvertReport bounded = must_convert_within(options, is_least ? 1 : 2 * options.memory);
-    CHECK(options.memory > 1);  // the memory was refused first
+    CHECK(options.memory > 1);  // one byte of memory was refused first
     CHECK(bounded.threads >= 1);
     CHECK(bounded.threads_asked == 9);
     CHECK((tests::read_whole(options.output) == one));
@@ -176,7 +176,7 @@ TEST_CASE("pages and chunks stay within their limits", "[convert]") {
   CHECK(smallest_end > format::kPageTargetBytes / 4);  // except a window's last chunk
 }
 
-TEST_CASE("neighbours under --grid scene share their border points", "[convert]") {
+TEST_CASE("neighbours have equal border points with --grid scene", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     const GridSpec wide{.size = 100};
@@ -206,7 +206,7 @@ TEST_CASE("neighbours under --grid scene share their border points", "[convert]"
   must_fail(options, ErrorCode::kRange, "mesh 0 primitive 0");
 }
 
-TEST_CASE("positions that are not finite", "[convert]") {
+TEST_CASE("triangles with positions that are not finite are left out on request", "[convert]") {
   const TempFolder folder;
   // By index, because Catch2 2.13 loses the last value when gcc optimises.
   const float bad = std::array{kNan, kInf, -kInf}[GENERATE(size_t{0}, size_t{1}, size_t{2})];
@@ -230,9 +230,9 @@ TEST_CASE("positions that are not finite", "[convert]") {
   CHECK(report.warnings.back().find("2 triangles") != std::string::npos);
 }
 
-TEST_CASE("strips lose only their degenerate joining triangles", "[convert]") {
+TEST_CASE("only the degenerate joining triangles of strips are left out", "[convert]") {
   const TempFolder folder;
-  // The writer writes only triangle lists, so a strip is written by hand.
+  // The program's writer writes only triangle lists, so the test writes a strip itself.
   const float points[] = {0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 1, 0, 5, 0, 0, 5, 1, 0, 6, 0, 0, 6, 1, 0};
   const uint16_t strip[] = {0, 1, 2, 3, 3, 4, 4, 5, 6, 7};
   std::ofstream bin(folder.file("in.bin"), std::ios::binary);
@@ -269,7 +269,7 @@ TEST_CASE("a list keeps its degenerate and duplicate triangles", "[convert]") {
   CHECK(report.dropped_degenerate == 0);
 }
 
-TEST_CASE("scattered vertices and wide index ranges", "[convert]") {
+TEST_CASE("scattered vertices and wide index ranges are converted", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     std::vector<float> points;
@@ -287,7 +287,7 @@ TEST_CASE("scattered vertices and wide index ranges", "[convert]") {
   CHECK(must_open(options.output).file.meshes()[0].vertex_count == 300);
 }
 
-TEST_CASE("extents at the limits of float32", "[convert]") {
+TEST_CASE("extents at the limits of float32 are converted", "[convert]") {
   const TempFolder folder;
   const float size = GENERATE(1e-42f, 1e-30f, 1e30f, 3e38f);
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
@@ -334,7 +334,7 @@ TEST_CASE("attributes are kept only if they are needed", "[convert]") {
   CHECK(file.meshes()[0].attributes == format::kHasSourceIds);
   CHECK(file.meshes()[1].attributes == (format::kHasUv | format::kHasSourceIds));
   CHECK(file.materials().size() == 3);
-  CHECK(file.textures().size() == 1);  // one of several equal files
+  CHECK(file.textures().size() == 1);  // one of several equal files is stored
   REQUIRE(file.images().size() == 1);
   CHECK(file.images()[0].width == 4);
   CHECK(file.images()[0].channels == 3);
@@ -376,7 +376,7 @@ TEST_CASE("attributes that are not finite are repaired and counted", "[convert]"
   CHECK(all.find(" normals are zero or not finite") != std::string::npos);
 }
 
-TEST_CASE("nodes, world matrices, instances and scenes", "[convert]") {
+TEST_CASE("nodes, world matrices, instances and scenes are stored", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), [&](ModelMaker& maker) {
     GridSpec spec;
@@ -385,7 +385,7 @@ TEST_CASE("nodes, world matrices, instances and scenes", "[convert]") {
     const uint32_t child_number = maker.writer().add_node({.mesh = one, .local = {0, 2, 0, 0, 0, 0, 1, 3, 3, -3}});
     const uint32_t root = maker.node("root", two, {1, 0, 0});
     maker.writer().node(root).children.push_back(child_number);
-    maker.node("again", two, {1, 0, 0});  // the same world matrix
+    maker.node("again", two, {1, 0, 0});  // has the same world matrix
     const std::vector<float> places{0, 0, 0, 0, 0, 9, 0, 0, 18};
     const uint32_t many = maker.node("many", one, {0, 5, 0});
     maker.writer().node(many).instancing.emplace_back("TRANSLATION", maker.floats(places, tools::GltfType::kVec3));
@@ -467,7 +467,7 @@ TEST_CASE("the report describes the result", "[convert]") {
   CHECK(report.relative_position_error < 2e-5);  // half of 1 / 65536 per axis, at worst twice that
   const std::string text = convert::describe(options, report, false);
   INFO(text);
-  CHECK(std::count(text.begin(), text.end(), '\n') == 2);  // nothing is left out
+  CHECK(std::count(text.begin(), text.end(), '\n') == 2);  // nothing was left out
   CHECK(text.find("bits/triangle") != std::string::npos);
   CHECK(convert::describe(options, report, true).find("triangles/s") != std::string::npos);
   CHECK(convert::json_report(options, report).find("\"triangles\":5000,") != std::string::npos);

@@ -1,5 +1,5 @@
-// Meshes are encoded while later ones are measured: the bytes and errors equal those of measuring all meshes first, as
-// --resume does.
+// Meshes are encoded while later ones are measured. Bytes and errors equal those of measuring all meshes first, as with
+// --resume.
 #include <cinttypes>
 #include <cstdio>
 #include <filesystem>
@@ -39,15 +39,15 @@ tools::GltfPrimitive triangles_apart(ModelMaker& maker, uint32_t triangles) {
   return maker.primitive(points, corners);
 }
 
-/// Enough triangles for one thread to start encoding before all are measured. Meshes that repeat, with several
-/// primitives, with more than one window, with white colours and without content.
+/// Enough triangles that one thread starts to encode before all are measured. The meshes: repeated ones, and meshes
+/// with several primitives, with more than one window, with white colours and without content.
 void make_ahead_scene(const std::string& path, Kind kind) {
   ModelMaker maker(path);
   const std::string png = tests::read_whole(tests::data_path("checker.png").string());
   const uint32_t checker =
       kind == kImages ? maker.textured("png", format::ImageCodec::kPng, std::as_bytes(std::span(png))) : format::kNone;
   for (uint32_t i = 0; i < 6; ++i) {
-    const float size = static_cast<float>(1 + i / 2 * 2);  // the second of two repeats the first
+    const float size = static_cast<float>(1 + i / 2 * 2);  // every second mesh repeats the previous one
     maker.node("pair", maker.mesh("pair", {maker.grid(grid_of(150, size), checker), maker.grid(grid_of(20, size))}));
     GridSpec white = grid_of(180, static_cast<float>(i + 1));
     white.white = true;
@@ -57,14 +57,14 @@ void make_ahead_scene(const std::string& path, Kind kind) {
   if (kind == kShuffled) maker.node("shuffled", maker.mesh("shuffled", {shuffled_squares(maker, 400)}));
   if (kind == kApart) maker.node("apart", maker.mesh("apart", {triangles_apart(maker, 250000)}));
   maker.node("two windows", maker.mesh("two windows", {maker.grid(grid_of(400, 2))}));
-  if (kind == kWide) {  // no lattice of 24 bits per axis keeps a bound of 1e-5
+  if (kind == kWide) {  // no lattice of 24 bits per axis keeps an error of 1e-5
     maker.node("wide", maker.mesh("wide", {maker.grid(grid_of(3, 1e6f))}));
     maker.node("last", maker.mesh("last", {maker.grid(grid_of(30, 1))}));
   }
   maker.finish();
 }
 
-/// The same number of good triangles, and an invalid position in the last mesh.
+/// As many good triangles, and an invalid position in the last mesh.
 void make_bad_scene(const std::string& path) {
   ModelMaker maker(path);
   for (uint32_t i = 0; i < 12; ++i)
@@ -76,7 +76,7 @@ void make_bad_scene(const std::string& path) {
   maker.finish();
 }
 
-/// Converts with and without measuring all meshes first, and requires equal bytes.
+/// Converts with and without measuring all meshes first, and requires the same bytes.
 ConvertReport must_be_same(ConvertOptions options) {
   const ConvertReport ahead = must_convert(options);
   const std::string bytes = tests::read_whole(options.output);
@@ -104,8 +104,8 @@ uint64_t windows_ahead(const tests::ProgramRun& run) {
   return ahead;
 }
 
-/// Conversions of a scene by one thread, so that no order is random, in separate processes, which start with the same
-/// memory every time.
+/// Conversions of a scene by one thread, so that no order is random. Each is a process of its own, so that all start
+/// with the same memory.
 class TightMemory {
  public:
   explicit TightMemory(Kind kind) { make_ahead_scene(folder_.file("in.glb"), kind); }
@@ -116,7 +116,7 @@ class TightMemory {
                               folder_.file("log"));
   }
 
-  /// In MiB, from the error for a smaller value.
+  /// The least memory in MiB, from the error for a smaller value.
   uint64_t least() const {
     const std::string refused = convert_within(1).output;
     INFO(refused);
@@ -159,13 +159,13 @@ TEST_CASE("convert: measured windows are not read again", "[convert][ahead]") {
   ConvertOptions options = options_of(folder);
   options.weld = options.share = false;
   const ConvertReport report = must_convert(options);
-  // Positions, indices and texture coordinates are read once; colours, which measuring reads, twice.
+  // Positions, indices and texture coordinates are read once. Colours are read twice, because measuring reads them too.
   CHECK(report.rates.read_bytes < 3 * report.input_bytes / 2);
   options.resume = true;
   CHECK(must_convert(options).rates.read_bytes > 3 * report.input_bytes / 2);
 }
 
-// From the minimum memory on, in steps, up to the first value that allows encoding ahead.
+// From the minimum memory on, in steps, to the first value with which windows are encoded ahead.
 TEST_CASE("convert: with little --memory nothing is encoded ahead, and the bytes are the same",
           "[convert][ahead][memory]") {
   const TightMemory tight(kPlain);
@@ -188,7 +188,7 @@ TEST_CASE("convert: with little --memory a window with unusually many vertices e
   const uint64_t plenty = windows_ahead(tight.convert_within(kPlentyMiB));
   const std::string bytes = tight.bytes();
   const uint64_t least = tight.least();
-  // Enough to measure any window, and to measure and encode windows with one vertex per triangle.
+  // Enough to measure any window, and to encode windows with one vertex per triangle while measuring.
   const tests::ProgramRun run = tight.convert_within(least + 8);
   const uint64_t few = windows_ahead(run);
   CHECK(few > 0);
@@ -209,7 +209,7 @@ TEST_CASE("convert: options that need all meshes measured end encoding ahead", "
   CHECK(must_be_same(options).windows_ahead == 0);
 }
 
-TEST_CASE("convert: a mesh without a lattice ends encoding ahead, a bad mesh at the end fails", "[convert][ahead]") {
+TEST_CASE("convert: a mesh without a lattice ends encoding ahead, a bad last mesh is an error", "[convert][ahead]") {
   const TempFolder folder;
   make_ahead_scene(folder.file("in.glb"), kWide);
   ConvertOptions options = options_of(folder);
@@ -233,7 +233,7 @@ TEST_CASE("convert: the .part of an earlier run survives a run with a bad source
   REQUIRE_FALSE(convert::convert(options));
   CHECK(tests::read_whole(part) == "what a run that was killed left");
 
-  // When the source is good, memory becomes free once everything is measured.
+  // If the source is good, memory becomes free once everything is measured.
   make_ahead_scene(folder.file("in.glb"), kWide);
   CHECK(must_convert(options).windows_ahead == 0);
   CHECK((folder.names() == std::vector<std::string>{"in.glb", "out.scree"}));

@@ -29,7 +29,7 @@ void must_verify(const tests::PackedFile& opened) {
   CHECK(report.failure_count == 0);
 }
 
-/// The stored corners of all triangles, each rotated to begin with its smallest corner, sorted.
+/// The stored corners of all triangles, sorted. Each triangle is rotated to begin with its smallest corner.
 std::vector<std::array<std::array<float, 3>, 3>> corners_of(const tests::PackedFile& opened) {
   std::vector<std::array<std::array<float, 3>, 3>> out;
   tools::ChunkReader reader(opened.file);
@@ -48,7 +48,7 @@ std::vector<std::array<std::array<float, 3>, 3>> corners_of(const tests::PackedF
   return out;
 }
 
-/// Converts to clusters, and compares with the source and with indexed chunks.
+/// Converts to clusters, and compares them with the source and with indexed chunks.
 convert::ConvertReport must_cluster(const convert::ConvertOptions& options, const TempFolder& folder) {
   const convert::ConvertReport report = must_match(options);
   const tests::PackedFile opened = must_open(options.output);
@@ -60,7 +60,7 @@ convert::ConvertReport must_cluster(const convert::ConvertOptions& options, cons
     CHECK(chunk.cluster_count >= (chunk.triangle_count + 127) / 128);
   }
 
-  // The stored content equals that of indexed chunks.
+  // The stored content equals the content of indexed chunks.
   convert::ConvertOptions indexed = options;
   indexed.encoding = convert::Encoding::kIndexed;
   indexed.output = folder.file("indexed.scree");
@@ -191,7 +191,7 @@ TEST_CASE("inspect itemises the bytes of clusters", "[convert][inspect][clusters
   CHECK(stats.clusters.vertices == stats.vertices);
   CHECK(stats.clusters.bytes[inspect::kClusterRecords] == 16 * clusters);
   CHECK(stats.clusters.bytes[inspect::kClusterBounds] >= 16 * clusters);
-  // Steps of one or two bits, distances of up to seven bits, and up to four words of rounding each.
+  // Steps have one or two bits and distances up to seven bits, and each cluster rounds up by at most four words.
   CHECK(8 * stats.clusters.bytes[inspect::kIndices] >= stats.triangles);
   CHECK(8 * stats.clusters.bytes[inspect::kIndices] <= 16 * stats.triangles + 4 * 32 * clusters);
   uint64_t file = stats.images.stored + stats.container_bytes();

@@ -29,7 +29,7 @@ TEST_CASE("the convert command: exit codes, one line for an error, two for the r
     const std::string log = tests::read_whole(folder.file("log"));
     INFO(log);
     CHECK(log.find(expected) != std::string::npos);
-    if (log.find("as float32") == std::string::npos)  // the table of an error bound
+    if (log.find("as float32") == std::string::npos)  // the table of error bounds
       CHECK(std::count(log.begin(), log.end(), '\n') == (expected.empty() ? 0 : expected == "ratio" ? 2 : 1));
     REQUIRE(WIFEXITED(status));
     return WEXITSTATUS(status);
@@ -56,7 +56,7 @@ TEST_CASE("the convert command: exit codes, one line for an error, two for the r
   CHECK(run({folder.file("bad.glb")}, "bad.glb") == 3);
 }
 
-TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
+TEST_CASE("a signal ends the command, which removes its files", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), {.columns = 700, .rows = 400});
   // Level 22 takes seconds, so the signal arrives during the work.
@@ -71,13 +71,13 @@ TEST_CASE("a signal ends the command and removes what it wrote", "[convert]") {
   CHECK(folder.names() == std::vector<std::string>{"in.glb", "log"});
 }
 
-TEST_CASE("convert: an input that is cut or deleted meanwhile", "[convert]") {
+TEST_CASE("convert: an input that is cut is an error, and one that is deleted is read to its end", "[convert]") {
   const TempFolder folder;
   const bool shrinks = GENERATE(true, false);
   tests::make_model(folder.file("in.gltf"), {.columns = 700, .rows = shrinks ? 2000u : 400u});
   folder.write("out.scree", "earlier");
-  // Everything is measured, and the first of several windows is being encoded: this level takes half a second per
-  // window.
+  // Everything is measured, and the first of several windows is being encoded. With this level a window takes half a
+  // second.
   const pid_t child = start_program(
       {"convert", folder.file("in.gltf"), "-o", folder.file("out.scree"), "--force", "--zstd", "16", "--threads", "1"},
       folder.file("log"));
@@ -85,7 +85,7 @@ TEST_CASE("convert: an input that is cut or deleted meanwhile", "[convert]") {
   if (shrinks) {
     std::filesystem::resize_file(folder.file("in.bin"), 1000);
   } else {
-    std::filesystem::remove(folder.file("in.bin"));  // it is open, so nothing is lost
+    std::filesystem::remove(folder.file("in.bin"));  // the open file keeps its content
   }
   const int status = wait_for(child);
   const std::string log = tests::read_whole(folder.file("log"));
@@ -93,7 +93,7 @@ TEST_CASE("convert: an input that is cut or deleted meanwhile", "[convert]") {
   REQUIRE(WIFEXITED(status));
   if (shrinks) {
     CHECK(WEXITSTATUS(status) == 3);
-    CHECK(log.find("in.bin: ends at byte ") != std::string::npos);  // the position past its end where it was read
+    CHECK(log.find("in.bin: ends at byte ") != std::string::npos);  // the position of the read, past the new end
     CHECK(log.find(" when it was opened") != std::string::npos);
     CHECK(std::count(log.begin(), log.end(), '\n') == 1);
     CHECK(tests::read_whole(folder.file("out.scree")) == "earlier");
@@ -104,11 +104,11 @@ TEST_CASE("convert: an input that is cut or deleted meanwhile", "[convert]") {
   }
 }
 
-TEST_CASE("convert: a reopened buffer file that was deleted or replaced meanwhile", "[convert]") {
+TEST_CASE("convert: a buffer file that is deleted or replaced meanwhile is an error when it is reopened", "[convert]") {
   const TempFolder folder;
   const bool is_replaced = GENERATE(true, false);
-  // Windows of the first file come before the others and take a second. The file is changed meanwhile, once the .part
-  // shows that all windows were measured. The last file is beyond the ones that stay open.
+  // The windows of the first file come before the others and take a second. Meanwhile, once the .part shows that all
+  // windows have been measured, a file is changed. It is the last one, which is not among the files that stay open.
   constexpr size_t kFiles = 600;
   std::mt19937 random(7);
   std::uniform_real_distribution<float> unit(0, 1);

@@ -42,11 +42,11 @@ TEST_CASE("invalid options are refused", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), {});
   convert::ConvertOptions options = options_of(folder);
-  SECTION("few bits") {
+  SECTION("too few bits") {
     options.position_bits = 7;
     must_fail(options, ErrorCode::kUsage, "--positions");
   }
-  SECTION("many bits") {
+  SECTION("too many bits") {
     options.position_bits = 25;
     must_fail(options, ErrorCode::kUsage, "--positions");
   }
@@ -107,7 +107,7 @@ TEST_CASE("an earlier output survives an error and is replaced after success", "
   must_match(options);
 }
 
-TEST_CASE("a full disk and an interruption leave nothing behind", "[convert]") {
+TEST_CASE("a full disk or an interruption leaves nothing behind", "[convert]") {
   const TempFolder folder;
   tests::make_model(folder.file("in.glb"), {.columns = 300, .rows = 300});
   convert::ConvertOptions options = options_of(folder);

@@ -1,5 +1,5 @@
-// A primitive of many windows is encoded while it is measured, trusting its document. The bytes and errors equal those
-// of measuring everything first, for any statements of the document.
+// A primitive of many windows is encoded while it is measured, because its document is trusted. Bytes and errors equal
+// those of measuring everything first, whatever the document states.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -33,14 +33,14 @@ GridSpec rectangle_of(uint32_t columns, uint32_t rows, float size = 1) {
   return {.columns = columns, .rows = rows, .size = size};
 }
 
-/// Five windows, so that with one thread some of them are in the file before all are measured.
+/// Five windows, so that one thread has written some of them to the file before all are measured.
 const GridSpec kGiant = rectangle_of(600, 900);
 constexpr uint64_t kGiantWindows = 5;
 
 /// Two windows.
 const GridSpec kLarge = rectangle_of(370, 370);
 
-/// in.gltf, whose stated boxes of positions can be changed. Its length stays the same, and so do the options.
+/// in.gltf, in which the stated boxes of positions can be changed. Its length and the options stay the same.
 class Model {
  public:
   explicit Model(const TempFolder& folder) : folder_(folder), maker_(std::in_place, folder.file("in.gltf")) {}
@@ -65,10 +65,10 @@ class Model {
     }
   }
 
-  /// Boxes of the positions, by primitive.
+  /// The true boxes of the positions, by primitive.
   const std::vector<Box>& boxes() const { return boxes_; }
 
-  /// Writes a box per primitive, or none. `format`: printf format of the numbers.
+  /// Writes one box per primitive, or none. `format`: the numbers' printf format.
   void state(const std::vector<Box>& boxes, const char* format = "%.9g") {
     static const std::string kLie = "\"min\":[0,0,0],\"max\":[0,0,0]";
     std::string text = text_;
@@ -137,7 +137,7 @@ void overwrite(const std::string& path, uint64_t offset, uint32_t value) {
   ::close(file);
 }
 
-/// A source that cannot be read from some byte on; the error comes only when that byte is read.
+/// A source that cannot be read from some byte on. The error comes only when that byte is read.
 class ShortSource : public ByteSource {
  public:
   ShortSource(std::shared_ptr<const ByteSource> source, uint64_t end) : source_(std::move(source)), end_(end) {}
@@ -154,7 +154,7 @@ class ShortSource : public ByteSource {
 
 constexpr WindowNeeds kAnyWindow{kWindowTriangles, 3 * kWindowTriangles, uint64_t{1} << 32, 0};
 
-/// A conversion up to the point where everything is measured.
+/// A conversion up to the point at which everything is measured.
 struct Start {
   Start(const ConvertOptions& options, SourceScene& scene, format::ContainerWriter& writer,
         const WindowNeeds& largest = kAnyWindow)
@@ -180,7 +180,7 @@ TEST_CASE("convert: a giant primitive is encoded by its document's bounds, or by
   model.add("giant", model.maker().grid(kGiant));
   model.finish();
   ConvertOptions options = fast_options_of(folder);
-  constexpr uint64_t kEarly = kGiantWindows - 1;  // the last one comes when everything is measured
+  constexpr uint64_t kEarly = kGiantWindows - 1;  // all except the last window, with which everything is measured
   const std::string reference = reference_of(options);
   const auto check = [&](const char* what, const std::vector<Box>& boxes, uint64_t guessed, uint64_t discarded,
                          const char* format = "%.9g") {
@@ -199,7 +199,7 @@ TEST_CASE("convert: a giant primitive is encoded by its document's bounds, or by
   options.threads = 1;
   const ConvertReport report = check("right", {right}, kEarly, 0);
   CHECK(report.windows_ahead > 0);
-  CHECK(report.rates.read_bytes < 5 * report.input_bytes / 4);  // once
+  CHECK(report.rates.read_bytes < 5 * report.input_bytes / 4);  // read once
   check("rounded", {right}, kEarly, 0, "%.6g");
   check("loose", {loose}, 0, kEarly);
   check("too small", {small}, 0, 2);
@@ -207,14 +207,14 @@ TEST_CASE("convert: a giant primitive is encoded by its document's bounds, or by
   options.threads = 3;
   check("right", {right}, kEarly, 0);
   check("loose", {loose}, 0, kEarly);
-  options.threads = 16;  // too little for this number
+  options.threads = 16;  // the memory is too little for so many threads
   options.memory = uint64_t{1} << 30;
   model.state({loose});
   must_convert(options);
   CHECK((tests::read_whole(options.output) == reference));
 }
 
-TEST_CASE("convert: guesses of floats, and of lattices by their error", "[convert][ahead][guess]") {
+TEST_CASE("convert: meshes of floats and of lattices chosen by an error are guessed", "[convert][ahead][guess]") {
   const TempFolder folder;
   Model model(folder);
   model.add("large", model.maker().grid(kLarge));
@@ -266,7 +266,7 @@ TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guess
   CHECK(guess(right));
   CHECK_FALSE(guess(huge));
 
-  // The box of all vertices that two primitives use fits neither of them.
+  // The two primitives use the same vertices, whose box fits neither primitive.
   ModelMaker maker(folder.file("in.gltf"));
   const tools::GltfPrimitive half = maker.grid(kLarge);
   maker.node("halves", maker.mesh("halves", {half, half}));
@@ -275,7 +275,7 @@ TEST_CASE("guessed mesh: invalid boxes and boxes without a lattice are not guess
   REQUIRE(scene.primitives.size() == 2);
   for (const Primitive& primitive : scene.primitives) CHECK_FALSE(primitive.stated_box);
 
-  // Boxes of integers are given as stored.
+  // Boxes of integers are stated as the stored integers.
   Accessor accessor{.type = ComponentType::kInt16};
   CHECK(float_of(accessor, -300) == -300);
   accessor.normalized = true;
@@ -313,7 +313,7 @@ TEST_CASE("convert: errors late in a giant primitive are the same as without gue
   }
 }
 
-TEST_CASE("convert: colours that begin white, and repeated meshes", "[convert][ahead][guess]") {
+TEST_CASE("convert: guesses hold for colours that begin white, and for repeated meshes", "[convert][ahead][guess]") {
   const TempFolder folder;
   Model model(folder);
   const uint64_t vertices = uint64_t{kLarge.columns + 1} * (kLarge.rows + 1);
@@ -375,7 +375,7 @@ TEST_CASE("encode ahead: nothing is left of a giant primitive that fails while i
   options.normals = convert::Normals::kAlways;
   SourceScene scene = must(import_gltf(options.input, {}));
   Accessor& normals = *scene.primitives[0].normal;
-  // Within the first or second window, which are awaited before the last is measured.
+  // The vertex lies in the first or second window, which must be encoded before the last one is measured.
   const uint64_t vertex = GENERATE(60000, 200000);
   normals.source = std::make_shared<ShortSource>(normals.source, normals.offset + 12 * vertex);
   format::ContainerWriter writer = must(format::ContainerWriter::create(options.output));
@@ -387,7 +387,7 @@ TEST_CASE("encode ahead: nothing is left of a giant primitive that fails while i
   CHECK(writer.page_count() == 0);
 }
 
-TEST_CASE("encode ahead: no window of a giant primitive is encoded for which there is no memory", "[convert][guess]") {
+TEST_CASE("encode ahead: windows of a giant primitive without memory for them are not encoded", "[convert][guess]") {
   const TempFolder folder;
   Model model(folder);
   model.add("giant", model.maker().grid(kGiant));

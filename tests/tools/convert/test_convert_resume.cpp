@@ -1,4 +1,4 @@
-// convert --resume: killed at any point and continued, it gives the same bytes; anything that does not fit is detected.
+// convert --resume gives the same bytes after being killed at any point, and detects everything that does not fit.
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -58,8 +58,8 @@ class Conversion {
   std::string part() const { return out_ + ".part"; }
   const std::string& reference() const { return reference_; }
 
-  /// Whether the .part already has its header: the process was killed between the two short calls at the end, and the
-  /// .part can no longer be continued.
+  /// Whether the .part already has its header: the process was killed between the last two short calls, and the .part
+  /// can no longer be continued.
   bool has_header() const {
     if (!std::filesystem::exists(part())) return false;
     const std::string begin = tests::read_whole(part()).substr(0, sizeof format::kMagic);
@@ -72,10 +72,10 @@ class Conversion {
     return more;
   }
 
-  /// For later runs.
+  /// The number of threads of later runs.
   void use_threads(uint32_t threads) { threads_ = threads; }
 
-  /// Runs it to its end and returns its output.
+  /// Runs the command to its end and returns its output.
   std::string run(std::vector<std::string> more, int expected = 0) {
     const tests::ProgramRun run = tests::run_program(words(std::move(more)), folder_.file("log"));
     INFO(run.output);
@@ -83,7 +83,8 @@ class Conversion {
     return run.output;
   }
 
-  /// Starts it, and sends `signal` as soon as the .part takes `bytes` on the disk. It may have finished by then.
+  /// Starts the command, and sends `signal` as soon as the .part takes `bytes` on the disk. It may have finished by
+  /// then.
   void stop_at(uint64_t bytes, int signal, const std::string& option) {
     std::vector<std::string> more{"-o", out_};
     if (!option.empty()) more.push_back(option);
@@ -93,7 +94,7 @@ class Conversion {
     tests::wait_for(child);
   }
 
-  /// Leaves a .part to continue from: takes it away, and take_kept() puts it back.
+  /// Makes a .part to continue from and moves it away. take_kept() puts it back.
   void keep_part(uint64_t bytes) {
     stop_at(bytes, SIGKILL, "");
     REQUIRE(std::filesystem::exists(part()));
@@ -103,7 +104,7 @@ class Conversion {
     std::filesystem::copy_file(kept_, part(), std::filesystem::copy_options::overwrite_existing);
   }
 
-  /// Continues, checks the bytes, and returns the output.
+  /// Continues the conversion, checks its bytes, and returns its output.
   std::string resume() {
     const std::string said = run({"-o", out_, "--resume", "--force"});
     CHECK((tests::read_whole(out_) == reference_));
@@ -128,7 +129,7 @@ bool says(const std::string& text, const char* words) {
   return text.find(words) != std::string::npos;
 }
 
-/// Changes a byte, or truncates the file there.
+/// Changes the byte at `offset`, or truncates the file there.
 void damage(const std::string& path, uint64_t offset, bool cut) {
   if (cut) {
     REQUIRE(::truncate(path.c_str(), static_cast<off_t>(offset)) == 0);
@@ -150,7 +151,7 @@ TEST_CASE("convert --resume: a run killed at any point resumes to the same bytes
   Conversion conversion(encoding);
   int resumed = 0;
   constexpr int kKills = tests::kIsSanitized ? 4 : 13;
-  // Continued with another number of threads than the killed run. The reference uses two.
+  // The run continues with another number of threads than the killed run. The reference uses two.
   uint32_t threads = 0;
   const uint64_t size = conversion.reference().size();
   for (uint64_t bytes = 4096; bytes < size; bytes += size / kKills) {
@@ -165,7 +166,7 @@ TEST_CASE("convert --resume: a run killed at any point resumes to the same bytes
     if (is_left) resumed += says(said, "resumed after") ? 1 : 0;
   }
   CHECK(resumed >= kKills / 2 - 1);
-  // Killed repeatedly, it still finishes.
+  // A conversion that is killed repeatedly still finishes.
   for (uint64_t i = 1; i < 6; ++i) {
     conversion.use_threads(static_cast<uint32_t>(i));
     conversion.stop_at(i * size / 9, SIGKILL, "--resume");
@@ -181,7 +182,7 @@ TEST_CASE("convert --resume: a signal leaves the .part only with the option", "[
   conversion.stop_at(2000000, SIGINT, "--resume");
   REQUIRE(std::filesystem::exists(conversion.part()));
   CHECK(says(conversion.resume(), "resumed after"));
-  CHECK_FALSE(says(conversion.resume(), "resume"));  // nothing can be continued
+  CHECK_FALSE(says(conversion.resume(), "resume"));  // there is nothing to resume
 }
 
 TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {
@@ -197,7 +198,7 @@ TEST_CASE("convert --resume: a damaged .part is noticed", "[convert][resume]") {
     CHECK(says(said, expected));
   };
   check(8, false, "starts afresh");    // the mark
-  check(100, false, "resumed after");  // becomes padding behind the header
+  check(100, false, "resumed after");  // here the padding behind the header will be
   check(4096, false, "");              // the first page
   check(1000000, false, "resumed after");
   check(2500000, false, "resumed after");
@@ -225,7 +226,7 @@ TEST_CASE("convert --resume: another input or other options start afresh", "[con
 }
 
 TEST_CASE("resume: an entry whose lists differ in length is ignored", "[convert][resume]") {
-  // A made-up log with fewer saved amounts than chunks, which are read in parallel.
+  // An invented log with fewer saved amounts than chunks. The two lists are read in parallel.
   const TempFolder folder;
   const std::string path = folder.file("out.scree");
   const format::PartId id{1, 2};

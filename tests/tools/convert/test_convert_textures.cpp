@@ -44,7 +44,7 @@ Bytes png_of(const TempFolder& folder, uint32_t channels) {
   return {bytes.begin(), bytes.end()};
 }
 
-/// A grid per image, each with a material that shows it.
+/// Makes a grid per image, with a material that shows it.
 void make_model(const std::string& path, const std::vector<std::pair<format::ImageCodec, Bytes>>& images) {
   ModelMaker maker(path);
   std::vector<uint32_t> primitives;
@@ -107,7 +107,7 @@ TEST_CASE("JPEGs are indexed and keep their coefficients", "[convert][jpeg]") {
   CHECK(tests::read_whole(options.output).size() == once.size());
   CHECK(std::memcmp(tests::read_whole(options.output).data(), once.data(), once.size()) == 0);
 
-  // Exported to glTF and imported again: the coefficients are the same, and so is the file made from it.
+  // Exported to glTF and imported again, the coefficients are the same, and so is the file converted from the export.
   const auto packed = must(tests::open_packed(options.output));
   must(tools::export_gltf(packed.file, folder.file("back.glb"), {.threads = 1}));
   const auto source = convert::import_gltf(options.input, {});
@@ -151,7 +151,7 @@ TEST_CASE("other images become JPEGs only on request", "[convert][jpeg]") {
     const auto page = must(opened.file.load_page(opened.file.images()[2].page, scratch));
     CHECK(std::equal(page.begin(), page.end(), jpeg.begin(), jpeg.end()));
   }
-  SECTION("a quality that is none") {
+  SECTION("an invalid quality") {
     options.images.quality = 0;
     must_fail(options, ErrorCode::kUsage, "--textures: quality 0");
   }

@@ -28,7 +28,7 @@ namespace {
 const std::vector<float> kQuad{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0};
 const std::vector<uint32_t> kQuadCorners{0, 1, 2, 1, 3, 2};
 
-/// Number of stored meshes for a model with two glTF meshes, drawn once each, which `make` fills.
+/// The number of stored meshes of a model with two glTF meshes, each of which is drawn once. `make` fills the model.
 uint64_t stored_meshes(const std::function<void(tests::ModelMaker&)>& make, bool normals = false) {
   const TempFolder folder;
   tests::ModelMaker maker(folder.file("in.glb"));
@@ -77,7 +77,7 @@ TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates
   REQUIRE(packed.file.groups().size() == 3);
   CHECK(packed.file.groups()[2].mesh_count == 0);
   CHECK(packed.file.nodes()[2].group == 0);
-  const format::InstanceRecord repeat = packed.file.instances()[1];  // by mesh, then node
+  const format::InstanceRecord repeat = packed.file.instances()[1];  // instances are ordered by mesh, then by node
   CHECK(repeat.mesh == 0);
   CHECK(repeat.node == 2);
   CHECK(packed.file.matrices()[repeat.matrix].rows[0][3] == 100);
@@ -94,7 +94,7 @@ TEST_CASE("duplicates: equal meshes become instances of the first", "[duplicates
   for (const std::string& line : tests::compare_scenes(source, packed.file, back)) FAIL_CHECK(line);
 }
 
-TEST_CASE("duplicates: compare finds meshes that were wrongly taken as equal", "[duplicates][compare]") {
+TEST_CASE("duplicates: compare finds meshes that were wrongly stored as equal", "[duplicates][compare]") {
   const TempFolder folder;
   const auto make = [&](const std::string& name, float last) {
     std::vector<float> points = kQuad;
@@ -118,7 +118,7 @@ TEST_CASE("duplicates: compare finds meshes that were wrongly taken as equal", "
                 "glTF mesh 1 of changed.glb is stored as a repeat of 0, but they differ");
 }
 
-TEST_CASE("duplicates: equality does not depend on the place of the vertices in the source", "[duplicates]") {
+TEST_CASE("duplicates: equality does not depend on the vertices' places in the source", "[duplicates]") {
   CHECK(stored_meshes([](tests::ModelMaker& maker) {
           std::vector<float> twice = kQuad;
           twice.insert(twice.end(), kQuad.begin(), kQuad.end());
@@ -144,7 +144,7 @@ TEST_CASE("duplicates: meshes that differ in stored data stay apart", "[duplicat
             two(maker, {quad(maker)}, {maker.primitive(kQuad, {1, 3, 2, 0, 1, 2})});
           }) == 2);
   }
-  SECTION("which triangles of the source are left out") {
+  SECTION("the numbers of the left-out triangles") {
     // Both keep the same two triangles, but with different numbers.
     CHECK(stored_meshes([&](tests::ModelMaker& maker) {
             std::vector<float> points = kQuad;
@@ -153,7 +153,7 @@ TEST_CASE("duplicates: meshes that differ in stored data stay apart", "[duplicat
                 {maker.primitive(points, {0, 1, 2, 0, 1, 4, 1, 3, 2})});
           }) == 2);
   }
-  SECTION("as many kept triangles of more, which nobody has hashed") {
+  SECTION("as many kept triangles, but more triangles in the source") {
     CHECK(stored_meshes([&](tests::ModelMaker& maker) {
             std::vector<float> points = kQuad;
             points.insert(points.end(), {std::numeric_limits<float>::infinity(), 0, 0});
@@ -199,7 +199,7 @@ TEST_CASE("duplicates: meshes that differ in stored data stay apart", "[duplicat
     CHECK(make(0.5, "paint") == 2);
     CHECK(make(1, "another name") == 2);
   }
-  SECTION("how many primitives there are") {
+  SECTION("the number of primitives") {
     CHECK(stored_meshes([&](tests::ModelMaker& maker) { two(maker, {quad(maker)}, {quad(maker), quad(maker)}); }) == 3);
     CHECK(stored_meshes([&](tests::ModelMaker& maker) {
             two(maker, {quad(maker), quad(maker)}, {quad(maker), quad(maker)});
@@ -207,7 +207,7 @@ TEST_CASE("duplicates: meshes that differ in stored data stay apart", "[duplicat
   }
 }
 
-TEST_CASE("duplicates: equal images give one texture, one material, one mesh", "[duplicates]") {
+TEST_CASE("duplicates: equal images are stored as one texture, one material and one mesh", "[duplicates]") {
   const TempFolder folder;
   const auto checker = tests::read_bytes(tests::data_path("checker.png"));
   const auto make = [&](bool is_same_wrap) {

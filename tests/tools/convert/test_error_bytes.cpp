@@ -25,14 +25,14 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A way to bound the error.
+/// A way of bounding the error.
 struct Bound {
   double units;
   double pixels;
   double distance;
 };
 
-// For models of about one unit: 1 to 24 bits per axis, and one bound that 24 bits cannot keep.
+// For models of about one unit: bounds with 1 to 24 bits per axis, and one bound that 24 bits cannot keep.
 constexpr Bound kBounds[] = {{0.1, 0, 0},   {1e-3, 0, 0}, {1e-5, 0, 0}, {1e-7, 0, 0},
                              {1e-12, 0, 0}, {0, 4, 10},   {0, 0.5, 2},  {0, 0.01, 0.1}};
 
@@ -51,11 +51,11 @@ uint64_t end_of_pages(const format::Container& file) {
 struct Counts {
   uint64_t chunks = 0;
   uint64_t clustered = 0;
-  uint64_t indexed = 0;  // on a lattice
+  uint64_t indexed = 0;  // chunks on a lattice that stay indexed
   uint64_t saved = 0;
 };
 
-/// Compares a conversion with each bound with `floats`, the same with float32 positions, chunk by chunk.
+/// Compares a conversion for each bound with `floats`, the same conversion to float32 positions, chunk by chunk.
 void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, Counts& counts) {
   ConvertOptions floats = options;
   floats.float32 = true;
@@ -102,7 +102,7 @@ void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, C
     CHECK(meshes == opened.file.meshes().size());
     CHECK(triangles == report.triangles);
 
-    // Only the text of the options may make the file larger, in a padded table.
+    // Only the text of the options may make the file larger, and this text lies in a padded table.
     CHECK(end_of_pages(opened.file) <= end_of_pages(as_floats.file));
     const uint64_t text = convert::describe_options(options).size(),
                    float_text = convert::describe_options(floats).size();
@@ -112,8 +112,8 @@ void must_not_take_more(ConvertOptions options, std::span<const Bound> bounds, C
   fs::remove(floats.output);
 }
 
-/// Grids; a mesh whose every cluster has nearly all of its vertices (with and without texture coordinates); one without
-/// shared vertices that exceeds a page as floats; points with both zeros; and the smallest possible meshes.
+/// Grids; a mesh in which every cluster uses nearly all of its vertices (with and without texture coordinates); a mesh
+/// without shared vertices that exceeds a page as floats; points with both zeros; and the smallest possible meshes.
 void make_error_scene(const std::string& path) {
   tests::ModelMaker maker(path);
   const auto add = [&](const std::string& name, tools::GltfPrimitive primitive) {
@@ -165,10 +165,10 @@ TEST_CASE("with an error bound no chunk is larger than as floats, with any optio
   if (variant == 4) options.chunk_triangles = 0;
   if (variant == 5) options.chunk_triangles = 2;
   Counts counts;
-  // There are many chunks of two triangles.
+  // In this variant there are many chunks of two triangles.
   must_not_take_more(options, variant == 5 ? std::span(kBounds).subspan(2, 2) : std::span(kBounds), counts);
   CHECK(counts.saved > 0);
-  CHECK(counts.indexed > 0);  // some clusters take more
+  CHECK(counts.indexed > 0);  // some chunks take more bytes as clusters
   CHECK((counts.clustered > 0) == (encoding == Encoding::kClustered));
 }
 
@@ -217,7 +217,7 @@ TEST_CASE("with an error bound the small models are no larger than as floats", "
   CHECK(counts.saved > 0);
 }
 
-/// `every`: use every n-th combination of models, bounds and encodings.
+/// `every`: tests every n-th combination of models, bounds and encodings.
 static void check_models(size_t every) {
   const std::vector<fs::path> files = tests::model_files(tests::real_models("scenes"));
   if (files.empty()) return;

@@ -1,4 +1,4 @@
-// Conversion of EXT_mesh_gpu_instancing: instances that are held and compared, and instances that are streamed.
+// Conversion of EXT_mesh_gpu_instancing: few instances are held and compared, and many are streamed.
 #include <array>
 #include <string>
 #include <string_view>
@@ -19,7 +19,7 @@ using tests::TempFolder;
 
 namespace {
 
-/// Positions along a line, of which the first `equal` are the same.
+/// Positions along a line. The first `equal` of them are the same.
 std::vector<float> places(uint64_t count, uint64_t equal) {
   std::vector<float> values;
   for (uint64_t i = 0; i < count; ++i) {
@@ -59,7 +59,7 @@ tests::PackedFile converted(const TempFolder& folder, uint64_t count, uint64_t e
   return must(tests::open_packed(options.output));
 }
 
-/// Every instance must lie where its node and its index among the node's instances put it.
+/// Checks that every instance lies at the place given by its node and its index among the node's instances.
 void check_instances(const format::Container& file, uint64_t count, uint64_t equal) {
   REQUIRE(file.node_instances().size() == 3 * count + 3);
   REQUIRE(file.instances().size() == count * 4 + 3 + 1);
@@ -97,11 +97,11 @@ TEST_CASE("more instances than fit in memory are written in order", "[convert]")
   const uint64_t count = convert::kMaxHeldInstances + 1;
   const tests::PackedFile opened = converted(folder, count, 100);
   check_instances(opened.file, count, 100);
-  // The instances of the first two nodes are written once for both; "few" and "once" are held.
+  // The instances of the first two nodes are written once for both nodes. The nodes "few" and "once" are held.
   CHECK(opened.file.matrices().size() == 2 * count + 3 + 1);
 }
 
-TEST_CASE("meshes share a step where their matrices may be equal", "[convert]") {
+TEST_CASE("meshes share a step if their matrices may be equal", "[convert]") {
   const TempFolder folder;
   const tests::PackedFile opened = converted(folder, convert::kMaxHeldInstances + 1, 1, convert::Grid::kScene);
   REQUIRE(opened.file.meshes().size() == 3);

@@ -38,7 +38,7 @@ Image must_decode(const Bytes& bytes, uint32_t width, uint32_t height, uint32_t 
   return must(runtime::decode_jpeg_level(index));
 }
 
-/// PSNR in dB of each stored level against the box filter of the base level.
+/// PSNR in dB of each stored level, compared with the box filter of the base level.
 std::vector<double> level_quality(const Levels& levels) {
   const auto base = must(open_jpeg_index(levels.base));
   const uint32_t width = base.width;
@@ -84,7 +84,7 @@ TEST_CASE("levels are the box filter of the base level, for every sampling", "[j
       INFO(factors.size() << " components, " << factors[0].first << " x " << factors[0].second << ", RGB " << is_rgb);
       const Levels levels = must_make(scree::tests::make_jpeg(recipe));
       REQUIRE(levels.others.size() == 3);
-      for (const double quality : level_quality(levels)) CHECK(quality > 20);  // noise in chroma is reduced worst
+      for (const double quality : level_quality(levels)) CHECK(quality > 20);  // noise in chroma loses most
       CHECK(must_make(scree::tests::make_jpeg(recipe)).others == levels.others);
     }
   }

@@ -1,5 +1,5 @@
-// Drawing JPEG textures that are decoded on demand: the picture equals that of completely decoded textures, for any
-// size of the cache.
+// JPEG textures that are decoded on demand: the picture equals the picture of completely decoded textures, for any size
+// of the cache.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -34,12 +34,12 @@ using tests::TempFolder;
 
 namespace {
 
-/// All of the scene.
+/// A camera that shows the whole scene.
 runtime::CameraOptions whole_view(uint32_t width) {
   return {.width = width, .height = width * 2 / 3};
 }
 
-/// Close above the first texture.
+/// A camera close above the first texture.
 runtime::CameraOptions close_view() {
   runtime::CameraOptions camera = whole_view(600);
   camera.eye = {0.3, 0.2, 0.2};
@@ -54,7 +54,7 @@ std::vector<uint8_t> draw(const runtime::Scene& scene, const runtime::CameraOpti
   return must(frame.shade({}, threads));
 }
 
-/// An indexed JPEG of that size in pixels, half of it for chrominance.
+/// An indexed JPEG of the given size in pixels, with half as many chroma samples.
 struct OpenJpeg {
   OpenJpeg(int width, int height)
       : indexed(runtime::index_jpeg(tests::make_jpeg(jpeg_recipe(width, height, {{2, 1}, {1, 1}, {1, 1}})))),
@@ -94,7 +94,7 @@ TEST_CASE("a picture does not depend on the size of the texture cache", "[jpeg_t
       if (width == 60) CHECK(draw(scene, width, 4, 2) == draw(whole, width, 4, 2));
     }
     if (bytes < 40001) continue;
-    // The cache persists: blocks used before are not decoded again.
+    // The cache persists: blocks that were used before are not decoded again.
     const uint64_t decoded = scene.block_cache()->decoded();
     CHECK(decoded > 0);
     (void)draw(scene, 700, 1, 2);
@@ -135,7 +135,7 @@ TEST_CASE("a picture does not depend on the memory for pages of JPEGs", "[jpeg_t
         }
         if (part == 0 && time == 0) needed_pages = pager.stats().read_pages;
       }
-      // With room for all, each page is read once.
+      // With room for all pages, each is read once.
       CHECK((part == 0 ? pager.stats().read_pages == needed_pages : pager.stats().read_pages > needed_pages));
       if (part != 0) continue;
       needed = pager.resident_bytes();
@@ -181,14 +181,14 @@ TEST_CASE("a page of JPEG levels is checked when it is read", "[jpeg_textures][t
   }
   for (uint32_t i = 0; i < levels.count; ++i) {
     const uint64_t offset = container.mip_levels()[image.first_level + i].offset;
-    for (const uint64_t damaged : {offset, offset + 8}) {  // the magic, the width
+    for (const uint64_t damaged : {offset, offset + 8}) {  // the magic, then the width
       std::copy(raw.begin(), raw.end(), memory.begin());
       memory[damaged] ^= std::byte{1};
       const auto refused = refusal(write());
       CHECK(refused.message.starts_with("image 0: level " + std::to_string(i + 1) + ": indexed JPEG: "));
     }
   }
-  // In the file, the checksum is wrong.
+  // In the file, the checksum becomes wrong.
   tests::damage(options.output, container.pages()[image.page].offset + 200);
   const auto frame = must(tests::Frame::draw(scene, tests::must_view(scene, close_view()), 1, 2));
   const auto refused = refusal(frame.shade({}, 2));
@@ -213,7 +213,7 @@ TEST_CASE("groups larger than a cache's slots are decoded where they are sampled
   CHECK(small.decoded() >= 3000);
 }
 
-TEST_CASE("real models are equal with any texture cache", "[jpeg_textures]") {
+TEST_CASE("pictures of real models do not depend on the texture cache", "[jpeg_textures]") {
   const std::filesystem::path models = scree::tests::real_models("scenes");
   if (models.empty()) return;
   for (const char* name : {"DamagedHelmet/DamagedHelmet.glb", "CesiumMan/CesiumMan.gltf"}) {
@@ -247,7 +247,7 @@ TEST_CASE("a block cache gives every group's samples to every thread", "[jpeg_te
         const uint32_t group = i * step % static_cast<uint32_t>(expected.size());
         uint64_t place;
         const uint8_t* const samples = cache.hold(levels[i / 3 % 2].picture, levels[i / 3 % 2].number, group, place);
-        // MCUs behind the picture's last one belong to no picture.
+        // MCUs past the picture's last one belong to no picture.
         const uint32_t mcus = std::min(levels[0].picture.view.group_mcus,
                                        levels[0].picture.view.mcu_count - group * levels[0].picture.view.group_mcus);
         wrong +=

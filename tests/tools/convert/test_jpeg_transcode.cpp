@@ -77,7 +77,7 @@ TEST_CASE("progressive, arithmetic and several-scan JPEGs keep their coefficient
         "progressive, stored as baseline with the same coefficients");
 }
 
-TEST_CASE("a progressive JPEG cut anywhere is an error and never a picture", "[jpeg_transcode]") {
+TEST_CASE("a progressive JPEG that is cut anywhere is an error, never a picture", "[jpeg_transcode]") {
   JpegRecipe recipe = colour_recipe({{2, 2}, {1, 1}, {1, 1}});
   recipe.width = 40;
   recipe.height = 24;

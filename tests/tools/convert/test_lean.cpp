@@ -1,4 +1,4 @@
-// Only needed data are stored: a scene of positions costs nothing else, down to the overheads in spec/container.md 7.
+// Only needed data are stored: for a scene of positions, nothing except the overheads of spec/container.md 7.
 #include <bit>
 #include <cstdint>
 #include <filesystem>
@@ -26,15 +26,15 @@ using tests::TempFolder;
 namespace {
 
 // spec/container.md 7.
-constexpr uint64_t kFileOverhead = 5632;  // and the strings
-constexpr uint64_t kMeshOverhead = 420;   // including its own root node
+constexpr uint64_t kFileOverhead = 5632;  // in addition to the strings
+constexpr uint64_t kMeshOverhead = 420;   // includes the mesh's own root node
 constexpr uint64_t kIndexedChunkOverhead = 150;
 constexpr uint64_t kClusteredChunkOverhead = 127;
 constexpr uint64_t kGroupOverhead = 16;
 constexpr uint64_t kClusterOverhead = 56;
 constexpr uint64_t kPageOverhead = 40 + 4095;
 
-/// 301 meshes: small ones, and one of many chunks. `with_ballast`: with all kinds of data that nothing needs.
+/// 301 meshes: small ones, and one of many chunks. `with_ballast`: adds all kinds of data that are not needed.
 void make_lean_scene(const std::string& path, bool with_ballast) {
   tests::ModelMaker maker(path);
   uint32_t material = format::kNone;
@@ -60,7 +60,7 @@ void make_lean_scene(const std::string& path, bool with_ballast) {
   }
   if (with_ballast) {
     const uint32_t mesh = maker.mesh("nobody draws this", {maker.grid(GridSpec{})});
-    tools::GltfNode outside;  // of the scene
+    tools::GltfNode outside;  // a node outside of the scene
     outside.mesh = mesh;
     for (int i = 0; i < 5; ++i) maker.writer().add_node(outside);
     for (int i = 0; i < 3; ++i) maker.node("excluded", mesh);
@@ -81,8 +81,8 @@ std::map<format::TableKind, std::string> tables_of(const PackedFile& packed) {
   return tables;
 }
 
-/// The bits of a file's triangles and positions, and the bytes that its chunks take beyond them: the stated upper
-/// bound, and a lower bound without slack and rounding.
+/// The bits of a file's triangles and positions, and bounds of the bytes that its chunks take beyond them: the stated
+/// upper bound, and a lower bound without slack and rounding.
 struct Geometry {
   uint64_t content_bits = 0;
   uint64_t most_overhead = 0;
@@ -157,7 +157,7 @@ void check_overheads(convert::Encoding encoding) {
       encoding == convert::Encoding::kIndexed ? format::ChunkEncoding::kIndexed : format::ChunkEncoding::kClustered;
   for (uint64_t i = 0; i < file.chunks().size(); ++i) REQUIRE(file.chunks()[i].encoding == stored);
 
-  // The bits of triangles and positions, and no byte more except the stated overhead.
+  // The file takes the bits of triangles and positions, and no byte more than the stated overhead.
   const Geometry geometry = geometry_of(packed);
   const std::map<format::TableKind, std::string> tables = tables_of(packed);
   const uint64_t strings = tables.at(format::TableKind::kStrings).size();
@@ -166,7 +166,7 @@ void check_overheads(convert::Encoding encoding) {
                           kPageOverhead * file.pages().size();
   CAPTURE(file_bytes, geometry.content_bits / 8, stated, strings, file.pages().size());
   CHECK(file_bytes <= geometry.content_bits / 8 + stated);
-  // The statement is not too large either: except for padding of pages, streams and clusters, everything is used.
+  // The stated overhead is not too large either: except for padding of pages, streams and clusters, everything is used.
   CHECK(file_bytes >= geometry.content_bits / 8 + geometry.least_overhead + kMeshOverhead * file.meshes().size());
   for (const format::TableKind kind :
        {format::TableKind::kMaterials, format::TableKind::kTextures, format::TableKind::kImages,
@@ -174,8 +174,8 @@ void check_overheads(convert::Encoding encoding) {
         format::TableKind::kLeftOut, format::TableKind::kLeftOutCosts})
     CHECK(tables.count(kind) == 0);
 
-  // The same scene with normals, texture coordinates, tangents, white colours, materials, a texture and a mesh that
-  // nothing needs. Pages and tables are the same, except for the description of the source.
+  // The same scene with unneeded data: normals, texture coordinates, tangents, white colours, materials, a texture and
+  // a mesh. Pages and tables are the same, except for the description of the source.
   make_lean_scene(folder.file("in.glb"), true);
   options.output = folder.file("ballast.scree");
   options.exclude = "excluded";
@@ -241,7 +241,7 @@ TEST_CASE("lean: left-out data are listed with their bytes in the source and in 
   const uint64_t checker = std::filesystem::file_size(tests::data_path("checker.png"));
   check("unused images", 1, checker, checker + 32);
 
-  // The reported cost of normals equals their cost when they are stored.
+  // The reported cost of normals equals the bytes that they take when they are stored.
   options.normals = convert::Normals::kAlways;
   options.output = folder.file("normals.scree");
   must_convert(options);
@@ -253,14 +253,14 @@ TEST_CASE("lean: left-out data are listed with their bytes in the source and in 
   };
   REQUIRE(with_normals.file.chunks().size() == lean.file.chunks().size());
   check("NORMAL", 301, 12 * vertices, payload(with_normals.file) - payload(lean.file));
-  // Four bytes per stored vertex, in streams of whole 16 bytes.
+  // Four bytes per stored vertex, in streams of multiples of 16 bytes.
   uint64_t colors = 0;
   for (uint64_t i = 0; i < lean.file.chunks().size(); ++i)
     colors += (4 * uint64_t{lean.file.chunks()[i].vertex_count} + 15) / 16 * 16;
   check("COLOR_0 (all white)", 301, 16 * vertices, colors);
 }
 
-TEST_CASE("lean: duplicates are listed with the bytes that storing them would take", "[lean][inspect]") {
+TEST_CASE("lean: duplicates are listed with the bytes that they would take", "[lean][inspect]") {
   const TempFolder folder;
   const std::string png = tests::read_whole(tests::data_path("checker.png").string());
   tests::make_model(folder.file("in.glb"), [&](tests::ModelMaker& maker) {
@@ -300,6 +300,6 @@ TEST_CASE("lean: duplicates are listed with the bytes that storing them would ta
   uint64_t vertex_bits = one.uv_bits[0] + one.uv_bits[1];
   for (const uint8_t bits : one.position_bits) vertex_bits += bits;
   CHECK(entry("duplicate vertices", true) == 71 * vertex_bits / 8);
-  // Without welding, the vertices' streams are larger by that much, not counting indices.
+  // Without welding, the vertex streams are larger by that amount, which does not include indices.
   CHECK(apart.file.chunks()[0].bytes - one.bytes >= entry("duplicate vertices", true) - 32);
 }

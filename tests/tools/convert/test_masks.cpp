@@ -1,5 +1,5 @@
-// Alpha masks in convert: thresholds, levels that keep the share of passing texels, masks that hide nothing or all, and
-// the way to a picture and back to glTF.
+// Alpha masks in convert: thresholds, levels that keep the share of passing texels, masks that hide nothing or
+// everything, and the way to a picture and back to glTF.
 #include <algorithm>
 #include <cmath>
 
@@ -24,7 +24,7 @@ using namespace scree::tests;
 
 namespace {
 
-/// A picture of 64 x 48 pixels whose alpha is `low` outside of a disc and `high` within.
+/// A picture of 64 x 48 pixels whose alpha is `high` within a disc and `low` outside of it.
 std::vector<std::byte> disc_png(uint8_t low, uint8_t high) {
   std::vector<uint8_t> pixels;
   for (int y = 0; y < 48; ++y)
@@ -99,7 +99,7 @@ TEST_CASE("levels of a mask keep the share that passes", "[convert][mask]") {
       const double share = static_cast<double>(passing) / static_cast<double>(texels);
       if (l == 0) first = share;
       INFO("level " << l << ", threshold " << threshold);
-      // Texels of equal value pass together, so the share cannot be exact.
+      // Texels of equal value pass together, so the share cannot be kept exactly.
       CHECK(std::fabs(share - first) < 0.05);
       at += texels;
     }
@@ -139,7 +139,7 @@ TEST_CASE("blended materials keep their alpha, and are drawn unless it is 0", "[
   CHECK(opened.file.masks()[2].page != opened.file.masks()[1].page);
   CHECK(opened.file.materials()[opened.file.masks()[0].material].flags ==
         (format::kMaterialAlphaBlend | format::kMaterialDoubleSided));
-  // Glass has no mask, but blends. Wood and images without an alpha below 1 do not blend.
+  // Glass has no mask, but it blends. Wood and images without an alpha below 1 do not blend.
   const auto scene = must(runtime::Scene::open(options_of(folder).output, {}));
   uint64_t blended = 0;
   for (uint64_t m = 0; m < scene.view().mesh_count; ++m)
@@ -201,7 +201,7 @@ TEST_CASE("a masked picture covers the mask's share, for every coding of its col
   const std::vector<uint64_t> whole = picture(0.01, convert::Textures::kKeep, "whole.scree");
   const std::vector<uint64_t> masked = picture(0.5, convert::Textures::kKeep, "masked.scree");
   CHECK((masked == picture(0.5, convert::Textures::kJpeg, "jpeg.scree")));
-  // An export restores the alpha, although the JPEG has none.
+  // An export restores the alpha, which the JPEG does not have.
   {
     const tests::PackedFile opened = must_open(folder.file("jpeg.scree"));
     REQUIRE(tools::export_gltf(opened.file, folder.file("back.glb"), {}));
@@ -248,7 +248,7 @@ TEST_CASE("the alpha of vertex colours cuts if the mask's texture cuts nothing",
       CHECK(mask.flags == (format::kMaskNearest | format::kMaskOfColors));
       CHECK(mask.width * mask.height == 1);
     }
-    return picture_of(options.output, 90);  // from above, so that shares of pixels are shares of areas
+    return picture_of(options.output, 90);  // from above, so that shares of pixels equal shares of areas
   };
   const std::vector<uint64_t> whole = picture(0, true);
   CHECK(covered(whole) > 2000);

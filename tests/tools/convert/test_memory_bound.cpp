@@ -1,4 +1,4 @@
-// The memory of convert for the most demanding inputs. Sanitizers multiply memory, so this is not built with them.
+// The memory that convert takes for the most demanding inputs. It is not built with sanitizers, which multiply memory.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -21,7 +21,7 @@ using tests::TempFolder;
 
 namespace {
 
-/// One triangle per picture, drawn with it.
+/// A glTF with one triangle per picture that shows it.
 std::string textured_gltf(const std::vector<std::string>& images) {
   std::string primitives, materials, textures, list;
   for (size_t i = 0; i < images.size(); ++i) {
@@ -44,7 +44,7 @@ std::string float_bytes(const std::vector<float>& values) {
   return {reinterpret_cast<const char*>(values.data()), 4 * values.size()};
 }
 
-/// Random triangles, all different, in one accessor: nothing needs more memory. `input`: a .gltf; its .bin is written
+/// Random triangles, all different, in one accessor, which needs the most memory. `input`: a .gltf; its .bin is written
 /// beside it, 36 bytes per triangle.
 void write_soup(const TempFolder& folder, uint64_t triangles) {
   std::ofstream out(folder.file("soup.bin"), std::ios::binary);
@@ -68,7 +68,7 @@ void write_soup(const TempFolder& folder, uint64_t triangles) {
                    R"(,"type":"VEC3","min":[0,0,0],"max":[1,1,1]}]})");
 }
 
-/// A wavy sheet of 2^18 vertices in random order under small overlapping triangles, eight per vertex, also in random
+/// A wavy sheet of 2^18 vertices in random order, and eight small overlapping triangles per vertex, also in random
 /// order. All of it is sorted, and a sorting thread needs its maximum of memory. The .bin is written beside it.
 void write_scattered_sheet(const TempFolder& folder) {
   constexpr uint32_t kSide = 512;
@@ -106,7 +106,7 @@ void write_scattered_sheet(const TempFolder& folder) {
 {"bufferView":1,"componentType":5125,"count":6291456,"type":"SCALAR"}]})");
 }
 
-/// A sheet of `side` x `side` squares, compressed. Its positions lie in elements of 252 bytes, the largest allowed.
+/// A compressed sheet of `side` x `side` squares. Its positions lie in elements of 252 bytes, the largest allowed size.
 void write_packed_sheet(const TempFolder& folder, uint32_t side) {
   constexpr size_t kStride = 252;
   const std::vector<float> positions = tests::grid_positions(side);
@@ -119,7 +119,7 @@ void write_packed_sheet(const TempFolder& folder, uint32_t side) {
   folder.write("sheet.gltf", tests::replaced(text, bytes, bytes + R"(,"byteStride":252)"));
 }
 
-/// `more`: bytes that the input may take beyond the bound.
+/// Checks that the run stays within the README's bound. `more`: bytes that the input may take beyond it.
 void check_bound(const tests::ProgramRun& run, uint64_t threads, uint64_t json_bytes, uint64_t more = 0) {
   INFO(run.output);
   REQUIRE(run.exit_code == 0);
@@ -128,9 +128,9 @@ void check_bound(const tests::ProgramRun& run, uint64_t threads, uint64_t json_b
   CHECK(peak <= tests::convert_memory_bound(threads, json_bytes) + more);
 }
 
-/// Converts with up to 8 threads in a process limited to `data` bytes, which is more than its used memory: stacks, and
-/// vectors that are not full. --memory `memory` must be kept, and must not change the bytes. A larger value must fail,
-/// otherwise nothing was limited. Both in bytes. Returns the program's output.
+/// Converts with up to 8 threads in a process whose data are limited to `data` bytes. That is more than the memory that
+/// it uses, because stacks and vectors are not full. --memory `memory` must be kept, and must not change the bytes. A
+/// larger value must fail, which shows that the limit is effective. Both are in bytes. Returns the program's output.
 std::string check_kept_within(const TempFolder& folder, const std::string& input, uint64_t memory, uint64_t data) {
   const auto convert = [&](uint64_t limit, const std::string& output) {
     const std::string command = "cd '" + folder.path().string() + "' && ulimit -d " + std::to_string(data >> 10) +
@@ -179,7 +179,7 @@ TEST_CASE("convert keeps within its memory with pictures of 16384 x 16384", "[co
   check_bound(convert(input, "raw"), 1, json.size());
   const std::string sequential = textured_gltf({"a.jpg", "a.png", "b.png"});
   check_bound(convert(folder.write("sequential.gltf", sequential), "keep"), 1, sequential.size());
-  // To make a progressive picture sequential, libjpeg holds its coefficients: three components of 2 bytes each.
+  // To make a progressive picture sequential, libjpeg holds its coefficients: three components of 2 bytes per pixel.
   check_bound(convert(input, "keep"), 1, json.size(), uint64_t{6} * side * side);
 }
 
@@ -243,12 +243,12 @@ TEST_CASE("convert refuses a document that exceeds --memory while reading it", "
     CHECK(folder.names() == std::vector<std::string>{"log", "scene.gltf"});
     return std::stoull(said.substr(said.find_first_of("0123456789", at)));
   };
-  // The text alone is larger, and so is its parsed form. The data limit neither holds all of it nor half more than the
-  // allowed memory.
+  // The text alone exceeds this memory, and so does its parsed form. The data limit has room neither for all of it nor
+  // for half more than the allowed memory.
   CHECK(convert("32.0MiB", 64) >= bytes >> 20);
   const uint64_t needed = convert("96.0MiB", 240);
   CHECK(needed > 200);
-  // The reported memory must agree with the used memory.
+  // The reported memory must equal the used memory.
   const tests::ProgramRun whole =
       tests::run_program({"convert", folder.file("scene.gltf"), "--threads", "1"}, folder.file("log"));
   INFO(whole.output);

@@ -1,4 +1,4 @@
-// The computed memory of conversions of scenes too large to be converted here.
+// The computed memory of conversions of scenes that are too large for a test to convert.
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -16,7 +16,7 @@ namespace {
 constexpr uint64_t kPrimitives = 200;
 constexpr uint64_t kTriangles = uint64_t{1} << 31;  // of each primitive
 
-/// Primitives of one glTF mesh, or each in its own. Their accessors are never read.
+/// Primitives of one glTF mesh, or one mesh per primitive. Their accessors are never read.
 SourceScene make_planned_scene(bool in_one_mesh) {
   SourceScene scene{.file_name = "huge.gltf"};
   for (uint32_t i = 0; i < kPrimitives; ++i) {
@@ -27,7 +27,7 @@ SourceScene make_planned_scene(bool in_one_mesh) {
   return scene;
 }
 
-/// The smallest --memory, rounded to MiB, with which one thread may encode while it measures.
+/// The smallest --memory, rounded to MiB, with which one thread may encode ahead.
 uint64_t least_ahead(const SourceScene& scene) {
   ConvertOptions options;
   const std::vector<bool> wanted(scene.primitives.size(), true);
@@ -85,7 +85,7 @@ TEST_CASE("memory plan: compressed views take the memory of their index, readers
     return least_ahead(scene) - plain;
   };
   CHECK(more({0, kGiB, 0}) + kSlack > kGiB);
-  CHECK(more({kGiB, 0, 0}) + kSlack > 2 * kGiB);  // a thread holds one while another is kept
+  CHECK(more({kGiB, 0, 0}) + kSlack > 2 * kGiB);  // a thread holds one window while another is kept
   const uint64_t kept = more({0, 0, kGiB / 16});
   CHECK(kept + kSlack > kGiB / 16);
   CHECK(kept < kGiB / 16 + kSlack);
@@ -95,18 +95,18 @@ TEST_CASE(
     "memory plan: the default memory suffices for 16 threads and windows that wait between measuring and encoding",
     "[convert][memory][meshopt]") {
   SourceScene scene = make_planned_scene(false);
-  scene.primitives.resize(60);  // as the largest one of Zorah; together more triangles than Zorah has
+  scene.primitives.resize(60);  // each like the largest one of Zorah; together they have more triangles than Zorah
   for (Primitive& primitive : scene.primitives) {
     primitive.positions.count = 16'005'261;
     primitive.indices->count = 3 * uint64_t{32'054'609};
   }
   scene.view_memory = {700'000, uint64_t{24} << 20, uint64_t{256} << 20};
   ConvertOptions options;
-  options.memory += tools::memory_use().anonymous;  // of earlier tests
+  options.memory += tools::memory_use().anonymous;  // memory that earlier tests left
   const MemoryPlan plan =
       must(MemoryPlan::make(options, scene, std::vector<bool>(scene.primitives.size(), true), 0, 16));
   const AheadLimits limits = must(plan.ahead());
   CHECK(limits.threads == 16);
-  // A window takes 12 bytes per triangle, and 16 per vertex if it has half as many.
+  // A window takes 12 bytes per triangle, and 16 bytes per vertex, with half as many vertices.
   CHECK(limits.held_bytes >= 16 * 20 * kWindowTriangles);
 }

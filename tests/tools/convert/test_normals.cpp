@@ -17,8 +17,8 @@ using namespace scree::tests;
 
 namespace {
 
-/// A wavy ground of n x n squares whose triangles share no corner, all normals the faces', then each turned towards x
-/// by `degrees(triangle)`.
+/// A wavy ground of n x n squares whose triangles share no corner. All normals are the faces', and each is then turned
+/// towards x by `degrees(triangle)`.
 template <class Degrees>
 tools::GltfPrimitive ground(tests::ModelMaker& maker, uint32_t n, const Degrees& degrees, float offset = 0) {
   std::vector<float> points, normals;
@@ -41,7 +41,7 @@ tools::GltfPrimitive ground(tests::ModelMaker& maker, uint32_t n, const Degrees&
           face[c] = e[0][(c + 1) % 3] * e[1][(c + 2) % 3] - e[0][(c + 2) % 3] * e[1][(c + 1) % 3];
         const double length = std::hypot(face[0], face[1], face[2]);
         for (double& f : face) f /= length;
-        // The component of x at right angles to the face.
+        // The component of x perpendicular to the face normal.
         double side[3] = {1 - face[0] * face[0], -face[0] * face[1], -face[0] * face[2]};
         const double side_length = std::hypot(side[0], side[1], side[2]);
         const double angle = degrees(triangle) * 3.14159265358979323846 / 180;
@@ -83,7 +83,7 @@ TEST_CASE("normals: a mesh's normals are stored unless they equal its faces'", "
     add("not quite", ground(maker, 6, [](uint32_t) { return 0.11; }));
     add("one", ground(maker, 6, [](uint32_t triangle) { return triangle == 71 ? 5.0 : 0.0; }));
     add("inwards", ground(maker, 6, [](uint32_t) { return 180.0; }));
-    // Floats from 2^21 on have steps of a quarter, so that face normals are inexact.
+    // From 2^21 on floats have steps of a quarter, so that face normals are inexact.
     add("far away", ground(
                         maker, 6, [](uint32_t) { return 10.0; }, 4e6f));
     tools::GltfPrimitive unlit = ground(maker, 6, [](uint32_t) { return 30.0; });
@@ -138,7 +138,7 @@ TEST_CASE("normals of 8-bit components equal the faces' within a degree", "[conv
   }
 }
 
-TEST_CASE("normals: the result depends neither on threads nor on the place of the triangle that needs them",
+TEST_CASE("normals: the result does not depend on threads or on the place of the triangle that needs them",
           "[convert][normals]") {
   const TempFolder folder;
   constexpr uint32_t kSide = 400;  // 320,000 triangles: two windows

@@ -21,7 +21,7 @@ namespace {
 
 using Vector = std::array<double, 3>;
 
-/// The pixel position of a point in the eye's coordinates (z along the view).
+/// The position in pixels of a point in the eye's coordinates (z along the view).
 std::array<double, 2> drawn(const PixelBound& bound, const Vector& p) {
   const double focal = bound.height / (2 * std::tan(bound.fov_degrees * std::numbers::pi / 360));
   return {focal * p[0] / p[2], focal * p[1] / p[2]};
@@ -53,8 +53,8 @@ void make_textured_scene(const std::string& path) {
   maker.finish();
 }
 
-/// Checks that nothing is missing or beyond its mesh's bound, and that the table has each of the three meshes once, and
-/// none that takes more than as floats.
+/// Checks that no error is missing or exceeds its mesh's bound, and that the table has each of the three meshes once,
+/// and none that takes more bytes than as floats.
 void check_bounds_and_table(const convert::ConvertOptions& options, const convert::ConvertReport& report,
                             const tests::PackedFile& file) {
   const auto source = must(convert::import_gltf(options.input, {}));
@@ -73,7 +73,7 @@ void check_bounds_and_table(const convert::ConvertOptions& options, const conver
 
 }  // namespace
 
-TEST_CASE("pixel bound: moves within the world error stay within the pixels, and little more passes them",
+TEST_CASE("pixel bound: moves within the world error stay within the pixels, and slightly larger ones do not",
           "[pixel_bound]") {
   std::mt19937_64 random(11);
   std::uniform_real_distribution<double> unit(-1, 1);
@@ -83,7 +83,7 @@ TEST_CASE("pixel bound: moves within the world error stay within the pixels, and
     const Vector at = corner(bound);
     double worst = 0;
     for (int i = 0; i < 200000; ++i) {
-      // Anywhere in the picture (often in its corner), at the distance or beyond, in any direction.
+      // A point anywhere in the picture (often in its corner), at the distance or beyond, moved in any direction.
       Vector from = at;
       if (i % 2 == 0) {
         const double further = 1 + std::abs(unit(random));
@@ -122,7 +122,7 @@ TEST_CASE("pixel bound: the gain of a matrix is the worst corner's", "[pixel_bou
   }
 }
 
-TEST_CASE("pixel bound: meshes get the bits their instances need, and their measured errors keep it", "[pixel_bound]") {
+TEST_CASE("pixel bound: meshes get the bits that their instances need, and measured errors keep it", "[pixel_bound]") {
   const tests::TempFolder folder;
   make_textured_scene(folder.file("in.glb"));
   for (const double pixels : {0.01, 0.5, 4.0}) {
@@ -144,7 +144,7 @@ TEST_CASE("pixel bound: meshes get the bits their instances need, and their meas
         if (mesh.position_encoding == format::PositionEncoding::kFloat32) continue;
         const double error = allowed / gains[i];
         CHECK(mesh.max_position_error <= error * (1 + 1e-12));
-        // One bit less would not suffice: half of twice the step, and half an ulp of rounding.
+        // One bit less would not suffice: the error would grow by half a step.
         const double step = std::ldexp(1.0, mesh.lattice_exponent);
         CHECK((mesh.max_position_error + step / 2 > error || mesh.max_position_error == 0));
         for (const uint8_t bits : mesh.lattice_bits) CHECK(bits <= format::kMaxPositionBits);
@@ -152,7 +152,7 @@ TEST_CASE("pixel bound: meshes get the bits their instances need, and their meas
       // The plain mesh and the one scaled by 100 differ by 6 or 7 bits.
       const int apart = int{meshes[1].lattice_bits[0]} - int{meshes[0].lattice_bits[0]};
       if (pixels >= 0.5) CHECK((apart == 6 || apart == 7));  // for smaller bounds, half an ulp counts too
-      // Half an ulp at 4e6 is 0.25 units, so floats are kept, or the exact lattice of the floats.
+      // Half an ulp at 4e6 is 0.25 units, so this mesh keeps its floats or gets the exact lattice of its floats.
       if (meshes[2].position_encoding == format::PositionEncoding::kLattice && pixels < 1)
         CHECK(meshes[2].max_position_error == 0);
       check_bounds_and_table(options, report, file);
@@ -160,7 +160,7 @@ TEST_CASE("pixel bound: meshes get the bits their instances need, and their meas
   }
 }
 
-TEST_CASE("an error too small for one mesh's lattice keeps that mesh's floats, and no other's", "[pixel_bound]") {
+TEST_CASE("an error that is too small for one mesh's lattice keeps the floats of this mesh alone", "[pixel_bound]") {
   const tests::TempFolder folder;
   make_textured_scene(folder.file("in.glb"));
   for (const double error : {1e-3, 1e-5, 1e-12}) {
@@ -187,7 +187,7 @@ TEST_CASE("an error too small for one mesh's lattice keeps that mesh's floats, a
   }
 }
 
-TEST_CASE("pixel bound: drawn vertices keep it, measured from their exact positions", "[pixel_bound]") {
+TEST_CASE("pixel bound: drawn vertices keep the bound, measured from their exact positions", "[pixel_bound]") {
   const tests::TempFolder folder;
   make_textured_scene(folder.file("in.glb"));
   convert::ConvertOptions options = options_of(folder);
@@ -196,7 +196,8 @@ TEST_CASE("pixel bound: drawn vertices keep it, measured from their exact positi
   const tests::PackedFile file = tests::must_open(options.output);
   const auto source = must(convert::import_gltf(options.input, {}));
   const auto geometry = must(compare::compare_geometry(source, file.file));
-  // The largest distance between a stored vertex and its source, in the mesh without scale: at most 1 pixel at 3 units.
+  // The largest distance between a stored vertex and its source, in the mesh without a scale: at most 1 pixel at 3
+  // units.
   const double error = geometry.axis_error;
   CHECK(error > 0);
   Vector at = corner(options.pixel_bound), to = at;

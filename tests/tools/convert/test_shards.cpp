@@ -1,5 +1,5 @@
-// convert --shard and merge: the bytes of one run, from shards that were made in any order by any number of threads;
-// and shards that do not belong together are refused.
+// convert --shard and merge: shards that any number of threads made in any order merge to the bytes of one run, and
+// shards that do not belong together are refused.
 #include <algorithm>
 #include <filesystem>
 #include <functional>
@@ -22,7 +22,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Three images, two of them equal; a mesh of several windows, two equal ones, many small ones, one that is not drawn.
+/// Three images, two of them equal; a mesh of several windows, two equal meshes, many small ones, and one that is not
+/// drawn.
 void make_sharded_scene(const std::string& path, bool is_large) {
   ModelMaker maker(path);
   tests::JpegRecipe recipe{.width = 100, .height = 100, .factors = {{2, 2}, {1, 1}, {1, 1}}};
@@ -46,7 +47,7 @@ void make_sharded_scene(const std::string& path, bool is_large) {
   maker.finish();
 }
 
-/// Conversions of one model in a folder of its own.
+/// Conversions of one model in its own folder.
 class Sharded {
  public:
   explicit Sharded(bool is_large = false) {
@@ -100,7 +101,7 @@ class Sharded {
     CHECK(merged.output_bytes == expected.size());
   }
 
-  /// The message of a merge that is refused, and leaves nothing behind.
+  /// The message of a merge that is refused and leaves nothing behind.
   std::string refusal(const std::vector<std::string>& shards, ErrorCode code) const {
     fs::remove(folder_.file("merged.scree"));
     const auto merged = scree::refusal(merge(shards));
@@ -153,7 +154,7 @@ TEST_CASE("shards merge to the bytes of one run", "[convert][shards]") {
     change();
     scene.check_same(options, 3);
   }
-  for (const uint32_t count : {1u, 2u, 7u, 40u}) {  // more than there are windows
+  for (const uint32_t count : {1u, 2u, 7u, 40u}) {  // 40 are more than there are windows
     INFO(count << " shards");
     scene.check_same(scene.options(), count);
   }
@@ -211,7 +212,7 @@ TEST_CASE("shards that do not belong together are refused with their names", "[c
   has(scene.refusal({scene.folder().file("nothing.part")}, ErrorCode::kFile), "nothing.part");
   has(scene.refusal({scene.input()}, ErrorCode::kFormat), "scene.gltf");
 
-  // A source that has changed since, or a shard of the changed source.
+  // A source that has changed since, and a shard of the changed source.
   const std::string bin = scene.folder().file("in/scene.bin");
   fs::last_write_time(bin, fs::last_write_time(bin) + std::chrono::seconds(5));
   has(scene.refusal(shards, ErrorCode::kFile), "x.1.part: scene.bin has changed since the shards were made");
@@ -254,7 +255,7 @@ TEST_CASE("all data of a shard are checked against the source", "[convert][shard
   const auto opened = must(convert::open_shards({scene.shard(1)}));
   const std::vector<std::byte> plan = convert::pack_plan(opened.plan);
   const std::vector<std::byte> share = convert::pack_share(opened.files[0].share);
-  // Unpacking returns the packed plan; every shorter text is refused.
+  // Unpacking returns the packed plan. Every shorter text is refused.
   const auto again = must(convert::unpack_plan(plan));
   CHECK(convert::pack_plan(again) == plan);
   const auto share_again = must(convert::unpack_share(share));
@@ -267,7 +268,7 @@ TEST_CASE("all data of a shard are checked against the source", "[convert][shard
         convert::unpack_share(std::vector<std::byte>(share.begin(), share.begin() + static_cast<ptrdiff_t>(size))));
 }
 
-TEST_CASE("parts of a list are consecutive and of equal weight", "[convert][shards]") {
+TEST_CASE("parts of a list are consecutive and have equal weights", "[convert][shards]") {
   const std::vector<uint64_t> costs{5, 1, 1, 1, 20, 1, 1, 5, 5, 0, 9};
   for (const uint32_t count : {1u, 2u, 3u, 4u, 11u, 50u}) {
     uint64_t end = 0;

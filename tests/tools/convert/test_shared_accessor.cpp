@@ -8,7 +8,7 @@
 using namespace scree;
 using tests::TempFolder;
 
-TEST_CASE("primitives that share a large accessor read only what they use of it", "[convert][shared_accessor]") {
+TEST_CASE("primitives that share a large accessor read only their own parts of it", "[convert][shared_accessor]") {
   constexpr uint64_t kVertices = uint64_t{1} << 26;  // 805 MB of positions
   constexpr uint64_t kPrimitives = 400, kTriangles = 12, kUsed = kTriangles + 2;
   const TempFolder folder;
@@ -17,7 +17,7 @@ TEST_CASE("primitives that share a large accessor read only what they use of it"
   std::string accessors = R"({"bufferView":0,"componentType":5126,"type":"VEC3","min":[0,0,0],"max":[9,9,9],"count":)" +
                           std::to_string(kVertices) + "}";
   std::string primitives, meshes, nodes, roots;
-  // The file has holes between the vertices that are used.
+  // The file has holes between the used vertices.
   for (uint64_t p = 0; p < kPrimitives; ++p) {
     const uint64_t first = p * (kVertices - kUsed) / kPrimitives;
     data.seekp(static_cast<std::streamoff>(12 * first));

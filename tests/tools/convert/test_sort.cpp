@@ -41,8 +41,8 @@ Accessor accessor_of(const std::vector<T>& values, uint32_t components, Componen
   return out;
 }
 
-/// A wavy grid of side x side vertices in random order, with `first` unused vertices before them and every kind of
-/// attribute. Its triangles, of `mode`, are in random order.
+/// A wavy grid of side x side vertices in random order, with `first` unused vertices before them and attributes of
+/// every kind. Its triangles are in random order, in the form of `mode`.
 Primitive shuffled(uint32_t side, uint32_t first, PrimitiveMode mode, uint64_t joined = 0) {
   std::mt19937 random(5);
   std::vector<uint32_t> number(size_t{side} * side);
@@ -80,7 +80,7 @@ Primitive shuffled(uint32_t side, uint32_t first, PrimitiveMode mode, uint64_t j
   out.uv->normalized = true;
   out.color = accessor_of(colors, 3, ComponentType::kUint8, 4);
   out.normal = accessor_of(normals, 3, ComponentType::kFloat32);
-  // The sparse accessor moves vertex number[3] away from its element's position.
+  // The sparse accessor replaces the position of vertex number[3].
   const Accessor::Sparse sparse{
       .count = 1,
       .index_source = accessor_of(std::vector<uint32_t>{number[3]}, 1, ComponentType::kUint32).source,
@@ -127,8 +127,8 @@ Primitive must_sort(const TempFolder& folder, const Primitive& primitive, uint32
   return copy;
 }
 
-/// Checks that `copy` has all triangles of the source, each once and with its vertices' values. `degenerate`: including
-/// the degenerate ones.
+/// Checks that `copy` has all triangles of the source, each once and with its vertices' values. `degenerate`: the
+/// degenerate triangles must be in it too.
 void check_copy(const Primitive& source, const Primitive& copy, bool degenerate) {
   const std::vector<uint32_t> from = all_corners(source), to = all_corners(copy);
   const std::vector<uint32_t> triangles = all_numbers(copy.numbers->triangles);
@@ -166,7 +166,7 @@ void check_copy(const Primitive& source, const Primitive& copy, bool degenerate)
   check_values(*source.normal, *copy.normal);
 }
 
-/// For runs of 4096 triangles: the sum of used vertices, divided by all vertices.
+/// The sum of the vertices that runs of 4096 triangles use, divided by the number of all vertices.
 double repeats(const Primitive& primitive) {
   const std::vector<uint32_t> corners = all_corners(primitive);
   uint64_t distinct = 0;
@@ -180,8 +180,8 @@ double repeats(const Primitive& primitive) {
   return static_cast<double>(distinct) / static_cast<double>(primitive.vertex_count());
 }
 
-/// Meshes of a grid of 532,480 triangles (three windows), in order or not. With `broken`, one vertex is not finite.
-/// Returns that vertex's number.
+/// Writes meshes of a grid of 532,480 triangles (three windows), in order or not. With `broken`, one vertex is not
+/// finite. Returns that vertex's number.
 uint32_t make_grid_file(const std::string& path, bool in_order, size_t meshes = 1, bool broken = false) {
   constexpr uint32_t kColumns = 520, kRows = 512, kWidth = kColumns + 1;
   std::mt19937 random(3);
@@ -213,7 +213,7 @@ uint32_t make_grid_file(const std::string& path, bool in_order, size_t meshes = 
 
 }  // namespace
 
-TEST_CASE("sort: primitives with and without locality are told apart", "[sort]") {
+TEST_CASE("sort: primitives with and without locality are distinguished", "[sort]") {
   CHECK(vertices_read({}) == 0);
   CHECK(vertices_read(std::vector<uint32_t>{7}) == 1);
   CHECK(vertices_read(std::vector<uint32_t>{7, 8, 10}) == 4);
@@ -257,7 +257,7 @@ TEST_CASE("sort: the copy is the primitive in sorted order, for any memory and t
     check(shuffled(12, 3, PrimitiveMode::kStrip), 3, false);
     check(shuffled(12, 3, PrimitiveMode::kFan), 3, false);
   }
-  SECTION("a strip joined through a vertex that no triangle shows") {
+  SECTION("a strip joined through a vertex that no visible triangle uses") {
     Primitive strip = shuffled(12, 3, PrimitiveMode::kStrip);
     std::vector<uint32_t> corners = all_numbers(*strip.indices);
     const std::vector<uint32_t> joint{corners[299], corners[299], 0, 0, 0, corners[300], corners[300]};
@@ -281,7 +281,7 @@ TEST_CASE("sort: points that are not finite or all equal are sorted", "[sort]") 
   primitive.positions = accessor_of(positions, 3, ComponentType::kFloat32);
   const Primitive copy = must_sort(folder, primitive, 0, {2, 100});
   CHECK((all_numbers(copy.numbers->triangles).size() == primitive.triangle_count()));
-  // Far vertices must not compress the others' range.
+  // Far vertices must not reduce the resolution of the others.
   Primitive large = shuffled(300, 50, PrimitiveMode::kTriangles);
   std::vector<float> with_far = all_values(large.positions);
   for (const size_t v : {20, 4000, 70000}) std::fill_n(&with_far[3 * v], 3, 1e30f);
@@ -295,13 +295,13 @@ TEST_CASE("sort: samples that do not represent the vertices do no harm", "[sort]
   const TempFolder folder;
   Primitive primitive = shuffled(400, 0, PrimitiveMode::kTriangles);
   std::vector<float> positions = all_values(primitive.positions);
-  for (size_t v = 0; v < positions.size() / 3; ++v)  // all except the sampled ones lie at one point
+  for (size_t v = 0; v < positions.size() / 3; ++v)  // all except the sampled vertices lie at one point
     if (v % (160000 / (64 * 5)) != 0) std::fill_n(&positions[3 * v], 3, 5.5f);
   primitive.positions = accessor_of(positions, 3, ComponentType::kFloat32);
   check_copy(primitive, must_sort(folder, primitive, 0, {2, UINT64_MAX}), true);
 }
 
-TEST_CASE("sort: a source that changed is noticed", "[sort]") {
+TEST_CASE("sort: a source that has changed is an error", "[sort]") {
   const TempFolder folder;
   const Primitive primitive = shuffled(12, 4, PrimitiveMode::kTriangles);
   const std::shared_ptr<const format::PartFile> file = make_file(folder);
@@ -336,7 +336,7 @@ TEST_CASE("sort: a shuffled mesh becomes as small as an ordered one", "[sort][co
   CHECK((folder.names() == std::vector<std::string>{"in.glb", "ordered.glb", "out.scree"}));
 }
 
-TEST_CASE("sort: triangles keep their numbers, equal meshes are stored once", "[sort][convert]") {
+TEST_CASE("sort: triangles keep their numbers, and equal meshes are stored once", "[sort][convert]") {
   const TempFolder folder;
   make_grid_file(folder.file("in.glb"), false, 2);
   ConvertOptions options = options_of(folder);
@@ -361,7 +361,7 @@ TEST_CASE("sort: the temporary file disappears, however the program ends", "[sor
   const TempFolder folder;
   make_grid_file(folder.file("in.glb"), false);
   const std::string program = "cd \"" + folder.path().string() + "\" && ";
-  // A file that may not grow acts like a full disk.
+  // A limit of the file's size acts like a full disk.
   const std::string limited =
       "trap '' XFSZ; ulimit -f 4000; \"" + std::string(tests::kProgram) + "\" convert in.glb -o out.scree >log 2>&1";
   const int status = std::system((program + limited).c_str());
@@ -381,7 +381,7 @@ TEST_CASE("sort: the temporary file disappears, however the program ends", "[sor
       tests::wait_for(child);
       for (const std::string& name : folder.names()) {
         CAPTURE(name);
-        // A kill may come between creating the temporary file and unlinking it.
+        // The process may be killed after it has created the temporary file and before it has unlinked it.
         const bool may_be_left = name == "out.scree.part" || name == "out.scree.sorted.part";
         CHECK((name == "in.glb" || name == "log" || name == "out.scree" || (end == SIGKILL && may_be_left)));
       }

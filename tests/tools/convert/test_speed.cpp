@@ -1,4 +1,4 @@
-// The speed of convert, and its memory on the same run.
+// The speed of convert, and its memory in the same run.
 #include <filesystem>
 #include <string>
 
@@ -12,8 +12,8 @@
 using namespace scree;
 
 TEST_CASE("speed: convert packs 8 M triangles per second and core, in bounded memory", "[speed]") {
-  // The program as users call it, including start and end, on the measured terrain at a hundredth of its triangles. The
-  // input was just written, so it is read from the page cache.
+  // Runs the program as users do, including its start and end, on the measured terrain with a hundredth of its
+  // triangles. The input was just written, so it is read from the page cache.
   const tests::TempFolder folder;
   const std::string input = folder.file("scene.gltf");
   const tests::ProgramRun made = tests::run_program({"synth", "A", "--scale", "0.01", "-o", input}, folder.file("log"));

@@ -43,8 +43,7 @@ uint32_t white_texture(tests::ModelMaker& maker) {
   return maker.writer().add_texture(maker.texture("white", format::ImageCodec::kPng, png));
 }
 
-/// A strip of `n` squares along x, bent around x by `bend` radians per square, with normals and tangents of the
-/// corners.
+/// A strip of `n` squares along x that is bent by `bend` radians per square, with normals and tangents at the corners.
 struct Strip {
   std::vector<float> points, normals, uvs, seconds, tangents;
   std::vector<uint32_t> corners;
@@ -58,14 +57,14 @@ Strip strip(uint32_t n, double bend, double turn, float u_sign, float handedness
     const double angle = bend * i;
     for (const float z : {0.0f, -1.0f}) {
       out.points.insert(out.points.end(), {static_cast<float>(x), static_cast<float>(y), z});
-      // The squares' own normals if the strip is flat, else the mean of two neighbours.
+      // The squares' own normals if the strip is flat, otherwise the mean of two neighbours.
       const double up = angle - bend / 2;
       out.normals.insert(out.normals.end(), {static_cast<float>(-std::sin(up)), static_cast<float>(std::cos(up)), 0});
       const double along[3] = {u_sign * std::cos(up), u_sign * std::sin(up), 0};
       const double c = std::cos(turn * kDegree), s = std::sin(turn * kDegree);
       out.tangents.insert(out.tangents.end(), {static_cast<float>(c * along[0]), static_cast<float>(c * along[1]),
                                                static_cast<float>(-s * u_sign), handedness});
-      out.uvs.insert(out.uvs.end(), {u_sign * static_cast<float>(i), 1 + z});  // the texture's top lies at z = -1
+      out.uvs.insert(out.uvs.end(), {u_sign * static_cast<float>(i), 1 + z});  // the texture's top is at z = -1
       out.seconds.insert(out.seconds.end(), {0.25f + 0.01f * static_cast<float>(i), -3 * z});
     }
     if (i < n) {
@@ -97,7 +96,7 @@ ConvertOptions auto_options(const TempFolder& folder) {
   return options;
 }
 
-/// For each stored vertex of a mesh, the nearest source vertex by position.
+/// Finds the nearest source vertex by position for each stored vertex of a mesh.
 template <class Take>
 void for_each_vertex(const tests::PackedFile& file, uint64_t mesh, const Strip& strip, const Take& take) {
   tools::ChunkReader reader(file.file);
@@ -179,7 +178,7 @@ TEST_CASE("second texture coordinates are stored if a material uses both sets", 
       CHECK(file.file.surfaces()[0].second_uv == 1u << kOcclusion);
       CHECK(file.file.surfaces()[1].second_uv == 0);
 
-      // Export writes them as TEXCOORD_1, and a material for the mesh that has none.
+      // Export writes them as TEXCOORD_1. A mesh that has none gets its own material.
       const std::string back = folder.file("back.glb");
       std::filesystem::remove(back);
       must(tools::export_gltf(file.file, back, {}));
@@ -239,7 +238,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
       double product = 0;
       for (size_t c = 0; c < 3; ++c)
         product += double{chunk.tangents[4 * v + c]} * double{made.tangents[4 * source + c]};
-      // The error of the normal adds up to 0.05 degrees to the tangent's own.
+      // The error of the normal adds up to 0.05 degrees to the tangent's own error.
       REQUIRE(std::acos(std::min(product, 1.0)) <= std::hypot(bound, 0.05 * kDegree) + 1e-4);
     });
   }
@@ -247,7 +246,7 @@ TEST_CASE("tangents are stored unless texture coordinates give the same ones", "
   CHECK(out["TANGENT (as texture coordinates give them)"] == 3);
   CHECK(out["TANGENT"] == 1);  // without a normal map
 
-  // Export gives them back: converted again, the codes are the same.
+  // Export restores them: converted again, the codes are the same.
   const std::string back = folder.file("back.glb");
   must(tools::export_gltf(file.file, back, {}));
   ConvertOptions again = auto_options(folder);

@@ -32,7 +32,7 @@ FileBytes unreadable() {
   return tests::make_ktx2({.vk_format = 143});  // BC6H
 }
 
-/// A triangle with one texture: `sources`, the members of the texture.
+/// Writes a triangle with one texture. `sources`: the texture's members.
 std::string textured_triangle(const TempFolder& folder, const std::string& images, const std::string& sources) {
   return folder.write(
       "in.gltf", R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],)"
@@ -78,16 +78,16 @@ TEST_CASE("the best readable image is used", "[texture_sources]") {
   };
   CHECK(taken(all("3", basisu(0))).block_format == format::BlockFormat::kBc7);
   CHECK(taken(all("3", basisu(1))).codec == ImageCodec::kPng);
-  CHECK(taken(all("3", basisu(5))).codec == ImageCodec::kPng);  // a PNG as it is before pixels that are decoded
+  CHECK(taken(all("3", basisu(5))).codec == ImageCodec::kPng);  // an unchanged PNG has priority over decoded pixels
   CHECK(taken(all("4", basisu(5))).block_format == format::BlockFormat::kRgba8);
   CHECK(taken(all("3", dds)).block_format == format::BlockFormat::kBc1);
   CHECK(taken(all("3", basisu(0) + "," + dds)).block_format == format::BlockFormat::kBc7);
   CHECK(taken(all("3", basisu(1) + "," + dds)).block_format == format::BlockFormat::kBc1);
-  // The bytes decide the format, not the extension. A missing image is not preferred.
+  // The bytes determine the format, not the extension. A missing image is not preferred.
   CHECK(taken(all("0", basisu(3))).block_format == format::BlockFormat::kBc7);
   CHECK(taken(all("3", basisu(4))).codec == ImageCodec::kPng);
   CHECK(taken(all("4", basisu(0))).block_format == format::BlockFormat::kBc7);
-  // If no image can be read, the error is the first one's.
+  // If no image can be read, the error is that of the first image.
   textured_triangle(folder, images, all("4", basisu(1)));
   tests::must_fail(
       [&] {
@@ -115,7 +115,7 @@ TEST_CASE("a WebP becomes a PNG of the same pixels, or a JPEG", "[texture_source
   folder.write("4.png", png_of(4));
   const std::string images = R"({"uri":"a.webp","mimeType":"image/jpeg"},{"uri":"4.png"})";
   textured_triangle(folder, images, R"("source":1,"extensions":{"EXT_texture_webp":{"source":0}})");
-  CHECK(stored_image(folder).width == 4);  // a PNG as it is before one that is made
+  CHECK(stored_image(folder).width == 4);  // an unchanged PNG has priority over a PNG that would be made
   textured_triangle(folder, images, GENERATE(R"("extensions":{"EXT_texture_webp":{"source":0}})", R"("source":0)"));
   for (const auto textures : {convert::Textures::kKeep, convert::Textures::kRaw, convert::Textures::kJpeg}) {
     convert::ConvertOptions options = tests::options_of(folder, "in.gltf");

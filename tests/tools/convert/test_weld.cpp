@@ -33,7 +33,7 @@ uint64_t payload_bytes(const format::Container& file) {
   return sum;
 }
 
-/// One triangle list without indices: two triangles that share the edge of corners 1 and 2.
+/// A triangle list without indices: two triangles with a common edge from corner 1 to 2.
 std::vector<float> quad() {
   return {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0};
 }
@@ -117,12 +117,12 @@ TEST_CASE("weld: a mesh without indices takes as many bytes as with indices", "[
     const tests::PackedFile packed = must_open(options.output);
     bytes[indexed] = payload_bytes(packed.file);
     vertices[indexed] = stored_vertices(packed.file);
-    // All but one vertex of a square's six corners belong to other squares, too. The row that two windows share counts
-    // twice.
+    // Every square has six corners, and all but one belong to vertices of other squares too. The row that two windows
+    // share counts twice.
     CHECK(left_out(packed.file)["duplicate vertices"] == (indexed ? 0u : 3u * 307200 - (513u * 301 + 513)));
   }
   INFO(bytes[1] << " bytes with indices, " << bytes[0] << " without");
-  // In the same order the number of bytes is the same; meshoptimizer's order depends on the vertex numbers.
+  // In the source's order the number of bytes is the same. meshoptimizer's order depends on the vertex numbers.
   if (order == Order::kNone && encoding == Encoding::kIndexed) {
     CHECK(bytes[0] == bytes[1]);
     CHECK(vertices[0] == vertices[1]);

@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Encodings take turns, so that each is used on real models.
+/// The options of model `number`. Encodings take turns, so that each is used on real models.
 convert::ConvertOptions variant(size_t number) {
   convert::ConvertOptions options;
   options.source_ids = true;
@@ -47,14 +47,14 @@ tools::ExportOptions with_threads(uint32_t threads) {
   return {.threads = threads};
 }
 
-/// Converts, verifies, exports, imports again and compares. Returns false if the source does not convert.
+/// Converts, verifies, exports, imports again and compares. Returns false if the source cannot be converted.
 bool round_trip(const fs::path& source_path, size_t number, const std::string& exported,
                 const tests::TempFolder& folder) {
   INFO(source_path.string());
   const auto packed = tests::pack(source_path.string(), folder.file("packed.scree"), variant(number));
   if (!packed) {
     INFO(packed.error().message);
-    // Refused input must have a reason, and not one of a bug.
+    // Refused input must have a reason that is not a bug.
     CHECK(packed.error().code != ErrorCode::kMemory);
     CHECK(packed.error().message.find("unexpected") == std::string::npos);
     return false;
@@ -80,18 +80,18 @@ bool round_trip(const fs::path& source_path, size_t number, const std::string& e
     FAIL_CHECK(back.error().message);
     return true;
   }
-  for (uint64_t i = 0; i < packed->file.left_out().size(); ++i)  // data that are not stored cannot be exported
+  for (uint64_t i = 0; i < packed->file.left_out().size(); ++i)  // the export lacks data that are not stored
     if (packed->file.string(packed->file.left_out()[i].what) == "primitives their alpha masks hide") return true;
   for (const std::string& line : tests::compare_scenes(source, packed->file, *back)) FAIL_CHECK(line);
   return true;
 }
 
-/// At least `share` of the sources must convert.
+/// Checks all sources. At least `share` of them must be converted.
 void round_trip_all(const std::vector<fs::path>& sources, double share) {
   const tests::TempFolder folder, exports;
   size_t converted = 0;
   for (size_t i = 0; i < sources.size(); ++i) {
-    // The number separates exports of models with the same name. A .gltf gets a folder for its images.
+    // The number distinguishes exports of models with the same name. A .gltf has its own folder for its images.
     const std::string name = std::to_string(i) + "-" + sources[i].stem().string();
     fs::create_directories(exports.path() / name);
     const std::string exported = exports.file(name + "/" + sources[i].stem().string() + (i % 2 ? ".gltf" : ".glb"));
@@ -124,12 +124,12 @@ TEST_CASE("export: real models are exported unchanged and the validator accepts 
   uint64_t number = 0;
   if (tests::kIsSanitized)  // every third, because each takes several times as long
     std::erase_if(models, [&](const fs::path&) { return number++ % 3 != 0; });
-  // The others are invalid.
+  // The remaining models are invalid.
   round_trip_all(models, 0.85);
 }
 
-TEST_CASE("export: a textured material on a primitive without texture coordinates", "[export]") {
-  // Invalid itself, but common; its export must be valid.
+TEST_CASE("export: a textured material on a primitive without texture coordinates becomes valid", "[export]") {
+  // The source is invalid but common. Its export must be valid.
   const tests::TempFolder folder, exports;
   const float positions[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
   const float uvs[6] = {0, 0, 1, 0, 0, 1};
@@ -149,7 +149,7 @@ TEST_CASE("export: a textured material on a primitive without texture coordinate
     "buffers": [{"uri": "a.bin", "byteLength": 60}]})");
   CHECK(round_trip(folder.path() / "a.gltf", 0, exports.file("a.glb"), folder));
   const auto back = must(convert::import_gltf(exports.file("a.glb"), {}));
-  REQUIRE(back.materials.size() == 2);  // one copy for both
+  REQUIRE(back.materials.size() == 2);  // one copy serves both primitives
   CHECK(back.materials[0].record.texture != format::kNone);
   CHECK(back.materials[1].record.texture == format::kNone);
   CHECK(back.materials[1].record.base_color[0] == 1.0f);
@@ -176,7 +176,7 @@ TEST_CASE("export: the validator check can fail", "[export]") {
   CHECK(run.exit_code == 1);
 }
 
-TEST_CASE("export: the same bytes for any number of threads", "[export]") {
+TEST_CASE("export: the bytes do not depend on the number of threads", "[export]") {
   const tests::TempFolder folder;
   convert::ConvertOptions options;
   options.chunk_triangles = 3;

@@ -30,7 +30,7 @@ std::span<const std::byte> bytes_of(std::string_view text) {
 void fill(GltfWriter& writer) {
   const float positions[9] = {0, 0, 0, 0.1f, 0, 0, 0, 1e-7f, -0.0f};
   const uint64_t offset = must(writer.append(std::as_bytes(std::span(positions)), 16));
-  REQUIRE(writer.append(bytes_of("abc"), 1));  // leaves an unaligned end
+  REQUIRE(writer.append(bytes_of("abc"), 1));  // so that the next part begins unaligned
   const uint32_t view = writer.add_buffer_view({offset, sizeof positions, 0, GltfTarget::kVertices});
   const uint32_t position =
       writer.add_accessor({.buffer_view = view, .count = 3, .min = {0, 0, -0.0}, .max = {0.1f, 1e-7f, 0}});
@@ -72,7 +72,7 @@ void check_document(const json& document) {
 
 }  // namespace
 
-TEST_CASE("a .gltf, its .bin and its images", "[gltf_writer]") {
+TEST_CASE("a .gltf is written with its .bin and its images", "[gltf_writer]") {
   const TempFolder folder;
   GltfWriter writer = must(GltfWriter::create(folder.file("a b%.gltf")));
   fill(writer);
@@ -87,7 +87,7 @@ TEST_CASE("a .gltf, its .bin and its images", "[gltf_writer]") {
   CHECK(std::filesystem::file_size(folder.file("a b%.bin")) == document["buffers"][0]["byteLength"]);
 }
 
-TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_writer]") {
+TEST_CASE("a .glb that exceeds the lengths of version 2 has version 3", "[gltf_writer]") {
   const TempFolder folder;
   const auto written = [&](uint64_t most) {
     GltfWriter writer = must(GltfWriter::create(folder.file("x.glb")));
@@ -102,7 +102,7 @@ TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_wri
   };
   const std::string narrow = written(uint64_t{1} << 32);
   CHECK(written(narrow.size()) == narrow);
-  // By its buffer, and by its document alone.
+  // It exceeds them by its buffer, and by its document alone.
   for (const uint64_t most : {uint64_t{1}, uint64_t{narrow.size() - 1}}) {
     const std::string wide = written(most);
     const auto* const bytes = reinterpret_cast<const std::byte*>(wide.data());
@@ -134,7 +134,7 @@ TEST_CASE("a .glb past the lengths of version 2 is one of version 3", "[gltf_wri
   CHECK(positions[3] == 0.1f);
 }
 
-TEST_CASE("a .glb", "[gltf_writer]") {
+TEST_CASE("a .glb is written with its chunks", "[gltf_writer]") {
   const TempFolder folder;
   GltfWriter writer = must(GltfWriter::create(folder.file("x.glb")));
   fill(writer);
@@ -184,7 +184,7 @@ TEST_CASE("the writer refuses invalid input", "[gltf_writer]") {
     writer.add_node(node);
     CHECK(writer.finish().error().code == ErrorCode::kRange);
   }
-  // The document can no longer take its name, so the buffer, which was already renamed, is removed.
+  // The document can no longer get its name, so the buffer, which was already renamed, is removed.
   {
     GltfWriter writer = must(GltfWriter::create(folder.file("dir.gltf")));
     fill(writer);
@@ -202,7 +202,7 @@ TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
   tests::on_full_disk(64 << 10, [&] {
     Result<GltfWriter> writer = GltfWriter::create(folder.file("x.gltf"));
     if (writer) offset = writer->append(std::vector<std::byte>(65 << 10));
-    Result<GltfWriter> glb = GltfWriter::create(folder.file("y.glb"));  // each part fits, but not both
+    Result<GltfWriter> glb = GltfWriter::create(folder.file("y.glb"));  // each of the two parts fits, but not both
     if (glb && glb->append(std::vector<std::byte>(64 << 10))) finished = glb->finish();
   });
   CHECK(refusal(offset).code == ErrorCode::kFile);
@@ -210,7 +210,7 @@ TEST_CASE("a full disk leaves nothing behind", "[gltf_writer]") {
   CHECK(folder.names().empty());
 }
 
-TEST_CASE("JSON numbers and strings read back", "[gltf_writer]") {
+TEST_CASE("JSON numbers and strings are read as they were written", "[gltf_writer]") {
   std::string text;
   JsonWriter writer(text);
   writer.begin_array();

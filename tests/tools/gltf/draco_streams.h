@@ -17,9 +17,9 @@
 namespace scree::tests {
 
 struct DracoRecipe {
-  bool is_sequential = false;  // else edgebreaker
+  bool is_sequential = false;  // false: edgebreaker
   int speed = 5;               // 0 smallest to 10
-  int position_bits = 0;       // 0: without loss
+  int position_bits = 0;       // 0: lossless
   bool has_uv = true;
   bool has_tangent = false;  // an attribute that scree leaves out
 };
@@ -89,7 +89,7 @@ inline std::string base64(std::span<const std::byte> bytes) {
   return text;
 }
 
-/// A document of one mesh: primitives of one stream each, of these triangles and vertices.
+/// A document with one mesh. Its primitives have one stream each, with `triangles` and `vertices`.
 inline std::string draco_document(const std::vector<std::vector<std::byte>>& streams, uint32_t triangles,
                                   uint32_t vertices, const DracoRecipe& recipe) {
   std::string primitives, views, buffers, accessors;

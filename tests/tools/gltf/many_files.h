@@ -9,8 +9,8 @@
 
 namespace scree::tests {
 
-/// Writes scene.gltf: one mesh with a primitive per entry of `points` (3 floats per corner, 3 corners per triangle),
-/// each in its own file 0.bin, 1.bin, ... Returns the path.
+/// Writes scene.gltf: one mesh with one primitive per entry of `points` (3 floats per corner, 3 corners per triangle),
+/// each of which lies in its own file 0.bin, 1.bin, ... Returns the path.
 inline std::string write_many_files(const TempFolder& folder, const std::vector<std::vector<float>>& points) {
   std::string buffers, views, accessors, primitives;
   for (size_t i = 0; i < points.size(); ++i) {
@@ -31,7 +31,7 @@ inline std::string write_many_files(const TempFolder& folder, const std::vector<
                                         primitives + R"(]}],"nodes":[{"mesh":0}]})");
 }
 
-/// `count` triangles; the first corner's x is the index.
+/// `count` triangles. The x of each one's first corner is its index.
 inline std::vector<std::vector<float>> many_triangles(size_t count) {
   std::vector<std::vector<float>> points;
   for (size_t i = 0; i < count; ++i) points.push_back({static_cast<float>(i), 0, 0, 1, 0, 0, 0, 1, 0});

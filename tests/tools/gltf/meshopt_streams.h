@@ -50,7 +50,7 @@ inline Packed pack_attributes(const Bytes& raw, size_t stride) {
   return packed(Mode::kAttributes, count, stride, stream.data(), bytes, raw);
 }
 
-/// The codec may rotate triangles, so the unpacked content comes from the library.
+/// The codec may rotate triangles, so the library's decoder gives the unpacked content.
 inline Packed pack_triangles(const std::vector<uint32_t>& indices, size_t vertices) {
   std::vector<unsigned char> stream(meshopt_encodeIndexBufferBound(indices.size(), vertices));
   const size_t bytes = meshopt_encodeIndexBuffer(stream.data(), stream.size(), indices.data(), indices.size());
@@ -93,7 +93,8 @@ inline std::string view_json(const char* extension, const Packed& packed, uint64
          modes[static_cast<size_t>(packed.stated.mode)] + R"("}}})";
 }
 
-/// A document of one mesh, with its indices and positions compressed in mesh.bin, and an absent fallback buffer.
+/// A document with one mesh, whose indices and positions are compressed in mesh.bin, and with a missing fallback
+/// buffer.
 inline std::string meshopt_document(const TempFolder& folder, const Packed& indices, const Packed& positions,
                                     const char* extension = "EXT_meshopt_compression") {
   Bytes bin = indices.stream;

@@ -1,4 +1,4 @@
-// Hostile and broken documents. Each must give a clear error or a clean import, and never crash, under ASan and UBSan.
+// Hostile and broken documents. Each gives a clear error or a clean import, and never crashes under ASan and UBSan.
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
@@ -44,7 +44,8 @@ Result<void> read_everything(const SourceScene& scene) {
   return {};
 }
 
-// Checks the promises of every import: indices in range, and one-line errors that start with the file's name.
+// Checks the properties of every import: indices are in range, and errors have one line that begins with the file's
+// name.
 void check_outcome(const std::string& path, const Result<SourceScene>& scene) {
   INFO(path);
   if (!scene) {
@@ -258,7 +259,7 @@ const Change kChanges[] = {
      "material 0: emissiveFactor has 4 numbers, expected 3"},
 };
 
-TEST_CASE("a document with one thing wrong is refused with its place", "[import][bad]") {
+TEST_CASE("a document with one error is refused with the place of the error", "[import][bad]") {
   const tests::TempFolder folder;
   for (const Change& change : kChanges) {
     INFO(change.from << " -> " << change.to);
@@ -296,7 +297,7 @@ TEST_CASE("textures with broken images are refused or left out", "[import][bad]"
   expect(with_image(R"({"uri":"a.png","bufferView":0})", source), ErrorCode::kFormat, "image 0: has both");
   expect(with_image("", R"("source":0)"), ErrorCode::kRange, "texture 0: image 0 does not exist");
 
-  // Formats that are known but not supported lose the texture, not the scene.
+  // Known formats that are not supported lose the texture, not the scene.
   folder.write("a.webp", std::string("RIFF\0\0\0\0WEBPVP8 ", 16));
   folder.write("a.ktx", "\xabKTX 11\xbb\r\n\x1a\n");
   folder.write("b.png", tests::read_whole(tests::data_path("checker.png").string()));
@@ -310,7 +311,7 @@ TEST_CASE("textures with broken images are refused or left out", "[import][bad]"
   CHECK(dropped.images.empty());
   CHECK(dropped.materials.at(0).record.texture == format::kNone);
   CHECK(dropped.warnings.size() == 1);
-  // A fallback that can be read is drawn in place of an image that cannot.
+  // A readable fallback is drawn instead of an unreadable image.
   const std::string both = R"({"uri":"a.webp"},{"uri":"b.png","mimeType":"image/jpeg"})";
   const SourceScene fallback =
       import_image(with_image(both, R"("source":1,"extensions":{"EXT_texture_webp":{"source":0}})"));
@@ -318,10 +319,10 @@ TEST_CASE("textures with broken images are refused or left out", "[import][bad]"
   CHECK(fallback.images[0].codec == format::ImageCodec::kPng);
   for (const std::string& line : fallback.warnings) CHECK(line.find("WebP") == std::string::npos);
   const SourceScene alone = import_image(with_image(both, R"("extensions":{"EXT_texture_webp":{"source":0}})"));
-  CHECK(alone.images.at(0).is_webp);  // convert reports its defect
+  CHECK(alone.images.at(0).is_webp);  // convert reports the image's defect
 }
 
-TEST_CASE("Draco geometry is read where there is a plain copy and refused where not", "[import][bad]") {
+TEST_CASE("Draco geometry with a plain copy is read, and refused without", "[import][bad]") {
   const tests::TempFolder folder;
   const auto with_draco = [&](const std::string& text) {
     return folder.write("draco.gltf",
@@ -340,7 +341,7 @@ TEST_CASE("Draco geometry is read where there is a plain copy and refused where 
   }
 }
 
-TEST_CASE("deep nesting is refused before parsing", "[import][bad]") {
+TEST_CASE("deep nesting is refused before it is parsed", "[import][bad]") {
   const tests::TempFolder folder;
   for (const auto& [open, close] : {std::pair{"[", "]"}, std::pair{"{\"a\":", "}"}}) {
     std::string deep;
@@ -353,7 +354,7 @@ TEST_CASE("deep nesting is refused before parsing", "[import][bad]") {
     CHECK(import_error(folder.write("deep.gltf", start + closed + "}")).code == ErrorCode::kFormat);
     CHECK(import_error(folder.write("deep.gltf", deep)).code == ErrorCode::kFormat);
   }
-  // 120 levels of nesting are allowed, and cost nothing if they are not read.
+  // 120 levels of nesting are allowed. If they are not read, they cost nothing.
   std::string nested = "1";
   for (int i = 0; i < 120; ++i) nested = "[" + nested + "]";
   CHECK(import_gltf(folder.write("nested.gltf", R"({"asset":{"version":"2.0","extras":)" + nested + "}}"), {}));
@@ -367,7 +368,7 @@ TEST_CASE("long documents keep their indices over batches", "[import]") {
   std::string roots;
   for (uint32_t i = 0; i < kCount; ++i) {
     const std::string comma = i == 0 ? "" : ",";
-    // Every third has no indices, so that a lost one would shift all that follow.
+    // Every third mesh has no indices, so that a lost one would shift all later ones.
     meshes += comma + R"({"name":"m)" + std::to_string(i) + R"(","primitives":[{"attributes":{"POSITION":0})" +
               (i % 3 == 0 ? "" : R"(,"indices":1)") + R"(,"extras":{"indices":[1,2,{"indices":"x"}]}}]})";
     nodes += comma + R"({"mesh":)" + std::to_string(i) + R"(,"name":"indices"})";
@@ -398,7 +399,7 @@ TEST_CASE("long documents keep their indices over batches", "[import]") {
     CHECK(right);
   }
 
-  // The first error of the document is reported, whichever thread finds one first.
+  // The first error of the document is reported, whichever thread finds an error first.
   const std::string last = std::to_string(kCount - 1), middle = std::to_string(kCount / 2);
   const auto broken = [&](const std::string& before, const std::string& node, const char* member) {
     return tests::replaced(before, R"({"mesh":)" + node + ",", R"({"mesh":)" + node + member);
@@ -416,7 +417,7 @@ TEST_CASE("long documents keep their indices over batches", "[import]") {
   }
 }
 
-TEST_CASE("long chains of nodes and many scenes take time in proportion", "[import][bad]") {
+TEST_CASE("long chains of nodes and many scenes take time in proportion to their size", "[import][bad]") {
   constexpr uint32_t kCount = 100000;
   std::string nodes;
   for (uint32_t i = 0; i + 1 < kCount; ++i) nodes += R"({"children":[)" + std::to_string(i + 1) + "]},";
@@ -489,7 +490,7 @@ TEST_CASE("the malformed real files end in an error or a clean import", "[import
   CHECK(refused > 100);
 }
 
-// Why scenes of the folder of real models are refused. All others must import.
+// The reasons for refusing scenes of the folder of real models. All others must be imported.
 const std::map<std::string, std::string> kRefusedScenes = {
     {"CubeScaledInstances/cube_att.gltf", "node 5: has two parents"},
     {"batched-CESIUM_RTC/batched.glb", "CESIUM_RTC"},
@@ -498,7 +499,7 @@ const std::map<std::string, std::string> kRefusedScenes = {
     {"habitat-batch-multiple-meshes/batch-multiple-meshes.gltf", "KHR_texture_ktx"},
 };
 
-TEST_CASE("real scenes import, except for unsupported features", "[import][models]") {
+TEST_CASE("real scenes are imported, except for unsupported features", "[import][models]") {
   const std::filesystem::path folder = tests::real_models("scenes");
   if (folder.empty()) return;
   size_t files = 0;

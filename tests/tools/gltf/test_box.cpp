@@ -1,4 +1,4 @@
-// The box of points, which is made from several points at a time.
+// The box of points, which handles several points at a time.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,7 +10,7 @@
 
 using namespace scree::convert;
 
-TEST_CASE("the box of points is that of a loop over them, with the sign of zeros", "[gltf]") {
+TEST_CASE("the box of points equals that of a loop over them, including the sign of zeros", "[gltf]") {
   std::mt19937 random(1);
   const float values[] = {0.0f, -0.0f, 1.5f, -2.0f, std::numeric_limits<float>::denorm_min()};
   for (int round = 0; round < 20000; ++round) {

@@ -1,4 +1,4 @@
-// KHR_draco_mesh_compression: decoded meshes equal the encoded twins, and damaged streams are errors of one line.
+// KHR_draco_mesh_compression: decoded meshes equal their source, and damaged streams are errors of one line.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -28,7 +28,7 @@ using tests::TempFolder;
 using Corner = std::array<float, 5>;  // position and texture coordinate
 using Triangle = std::array<Corner, 3>;
 
-/// The triangles, each with its smallest corner first, in order.
+/// The triangles, sorted. Each begins with its smallest corner.
 std::vector<Triangle> triangles_of(const std::vector<float>& positions, const std::vector<float>& uvs,
                                    const std::vector<uint32_t>& corners) {
   std::vector<Triangle> all(corners.size() / 3);
@@ -75,7 +75,7 @@ Result<SourceScene> import_document(const TempFolder& folder, const std::string&
   return import_gltf(folder.write("draco.gltf", text), options);
 }
 
-TEST_CASE("Draco geometry equals the encoded twin", "[draco]") {
+TEST_CASE("Draco geometry equals its source", "[draco]") {
   const TempFolder folder;
   const DracoGrid grid(GENERATE(1u, 9u, 60u));
   for (const bool is_sequential : {true, false})
@@ -95,10 +95,10 @@ TEST_CASE("Draco geometry equals the encoded twin", "[draco]") {
             CHECK((found == expected));
             continue;
           }
-          constexpr float kHalfStep = 0.51f / 2047;  // of 11 bits
-          // Quantised corners may change the order of triangles: each must be near an expected one, and the numbers
-          // must agree. The smallest x of a triangle is its first corner's, so only expected ones with nearly the same
-          // x there can be near.
+          constexpr float kHalfStep = 0.51f / 2047;  // for 11 bits
+          // Quantisation may change the order of triangles. So each triangle must be near an expected one, and the
+          // numbers must agree. Triangles begin with the corner of the smallest x, so only expected triangles with
+          // nearly the same x there can be near.
           float off = 0;
           for (const Triangle& one : found) {
             float least = 9;
@@ -148,7 +148,7 @@ TEST_CASE("threads read primitives of Draco streams at once, in little memory", 
   for (const bool is_good : good) CHECK(is_good);
 }
 
-TEST_CASE("a Draco primitive that does not fit into --memory is refused with its need", "[draco]") {
+TEST_CASE("a Draco primitive that does not fit into --memory is refused with the memory that it needs", "[draco]") {
   const TempFolder folder;
   const DracoRecipe recipe{.has_uv = false};
   const std::string text = tests::draco_document({make_draco(DracoGrid(4), recipe)}, 100'000'000, 50'000'000, recipe);
@@ -159,7 +159,7 @@ TEST_CASE("a Draco primitive that does not fit into --memory is refused with its
       scene.message.find(
           "draco.gltf: mesh 0 primitive 0: --memory: 1.00 GiB, but unpacking its 100000000 triangles (Draco) takes ") !=
       std::string::npos);
-  // Without a limit it is opened, and its header is refused before such a size is allocated.
+  // Without a limit the file is opened, and its header is refused before so much memory is allocated.
   must(import_document(folder, text));
 }
 

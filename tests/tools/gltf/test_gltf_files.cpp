@@ -71,7 +71,7 @@ Result<std::vector<float>> positions_of(const std::string& path) {
   return out;
 }
 
-TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[import][glb]") {
+TEST_CASE("GLB chunks are found, unknown ones are skipped, and padding is accepted", "[import][glb]") {
   const tests::TempFolder folder;
   const std::string json = chunk("JSON", padded(kDocument));
   const std::string bin = chunk(kBin, kTriangle);
@@ -127,7 +127,7 @@ TEST_CASE("GLB chunks are found, unknown ones skipped, padding tolerated", "[imp
   }
 }
 
-// A file of any size that takes no disk space: `parts` at their offsets, with holes between them.
+// A file of any size that takes no disk space: `parts` at their offsets, and holes between them.
 std::string sparse_file(const tests::TempFolder& folder, const std::string& name, uint64_t size,
                         const std::vector<std::pair<uint64_t, std::string>>& parts) {
   const std::string path = folder.write(name, "");
@@ -141,7 +141,7 @@ std::string sparse_file(const tests::TempFolder& folder, const std::string& name
   return path;
 }
 
-TEST_CASE("a GLB above 4 GiB has its lengths modulo 2^32", "[import][glb]") {
+TEST_CASE("a GLB above 4 GiB is read, whose lengths are modulo 2^32", "[import][glb]") {
   const tests::TempFolder folder;
   const uint64_t bin_bytes = (uint64_t{5} << 30) + 36;
   const uint64_t last = bin_bytes - 36;
@@ -162,11 +162,12 @@ TEST_CASE("a GLB above 4 GiB has its lengths modulo 2^32", "[import][glb]") {
   CHECK(positions[3] == 1.0f);
   CHECK(positions[7] == 1.0f);
 
-  // If the header's length differs from the file's, it is taken as the length, and the file then ends early.
+  // If the header's length differs from the file's, the header's is used, and the file ends early.
   CHECK(refusal(positions_of(sparse_file(folder, "longer.glb", size + 8, {{0, head}}))).code == ErrorCode::kTrailing);
 }
 
-// Version 3, of the draft of glTF 2.1: lengths of 64 bits, a chunk's type before them, chunks at multiples of 8.
+// Version 3, from the draft of glTF 2.1: lengths of 64 bits, with a chunk's type before them, and chunks at multiples
+// of 8.
 std::string wide_chunk(std::string_view type, std::string_view data, uint32_t encoding = 0) {
   std::string bytes(type);
   append(bytes, encoding);
@@ -247,8 +248,8 @@ TEST_CASE("a GLB of version 3 above 4 GiB is read at its true offsets", "[import
   CHECK(positions[7] == 1.0f);
 }
 
-/// The most bytes resident since tools::reset_peak(), without the bytes of `before`; nullopt if the system does not
-/// report it.
+/// The most resident bytes since tools::reset_peak(), not counting the bytes of `before`; nullopt if the system does
+/// not report it.
 std::optional<uint64_t> most_resident_since(const tools::MemoryUse& before) {
   const uint64_t peak = tools::memory_use().peak, resident = before.anonymous + before.file;
   if (resident == 0 || peak < resident) return std::nullopt;
@@ -298,14 +299,14 @@ TEST_CASE("a 40 GB buffer is opened and read without being kept in memory", "[im
   CHECK(triangles[2] == kVertices - 1);
   const std::optional<uint64_t> most = most_resident_since(before);
   if (!most) {
-    WARN("this system does not say how much memory was used");
+    WARN("skipped: this system does not report the used memory");
     return;
   }
   CHECK(*most < uint64_t{50} << 20);
 }
 
-TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
-  // 8 MB of nodes take at most 15 times as much memory, while tinygltf alone would take more.
+TEST_CASE("the memory of a document is bounded by its size", "[import]") {
+  // 8 MB of nodes take at most 15 times their size in memory. tinygltf alone would take more.
   std::string json = R"({"asset":{"version":"2.0"},"nodes":[)";
   for (int i = 0; i < 120000; ++i)
     json += R"({"name":"node )" + std::to_string(i) + R"(","translation":[1.5,2.5,-3.25],"scale":[2,2,2]},)";
@@ -321,7 +322,7 @@ TEST_CASE("a document's own size bounds the memory it takes", "[import]") {
   REQUIRE(scene.scenes.size() == 1);
   CHECK(scene.scenes[0].roots.size() == 120000);
   CHECK(scene.warnings.size() == 1);
-  // Freed memory that the sanitizer keeps.
+  // Freed memory that the sanitizers keep.
   constexpr uint64_t kQuarantine = tests::kIsSanitized ? uint64_t{256} << 20 : 0;
   if (most) CHECK(*most < 15 * json.size() + (uint64_t{64} << 20) + kQuarantine);
 }
@@ -352,7 +353,7 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
     const auto positions = must(import_uri(good));
     CHECK(positions[3] == 1.0f);
   }
-  // The folder itself may be reached through a link.
+  // The folder itself may be reached by a link.
   CHECK(import_uri("here.bin", "same/again.gltf"));
 
   struct Bad {
@@ -390,7 +391,7 @@ TEST_CASE("paths stay inside the scene's folder", "[import][uri]") {
     CHECK(positions.message.find(bad.message) != std::string::npos);
     CHECK(positions.message.find("buffer 0: ") != std::string::npos);
   }
-  // Files outside the folder are read on request, and the refusal gives the option.
+  // Files outside the folder are read on request. The refusal names the option.
   for (const char* outside :
        {"../outside.bin", "..%2Foutside.bin", "../scene/here.bin", "escape.bin", "up/outside.bin"}) {
     INFO(outside);
@@ -437,7 +438,7 @@ TEST_CASE("images stay inside the scene's folder", "[import][uri]") {
   }
 }
 
-TEST_CASE("a scene may have more buffer files than a process may open", "[import]") {
+TEST_CASE("a scene may have more buffer files than a process can open", "[import]") {
   const tests::TempFolder folder;
   constexpr int kFiles = 1500;
   const auto scene = must(import_gltf(tests::write_many_files(folder, tests::many_triangles(kFiles)), {}));
@@ -468,7 +469,7 @@ TEST_CASE("a reopened buffer file must be the same file", "[import]") {
   const auto path = [&](size_t number) { return folder.file(std::to_string(number) + ".bin"); };
   fs::remove(path(590));
   must_fail(590, "No such file or directory");
-  // The same bytes, size and time, but another file; and one that is not a file.
+  // Another file of the same bytes, size and time, and a name that is no longer a file.
   fs::copy_file(path(591), folder.file("copy"));
   fs::last_write_time(folder.file("copy"), fs::last_write_time(path(591)));
   fs::rename(folder.file("copy"), path(591));
@@ -530,7 +531,7 @@ TEST_CASE("data: URIs are base64 or percent-coded", "[import][uri]") {
   }
 }
 
-TEST_CASE("the scanner cuts a document at members and elements", "[import][json]") {
+TEST_CASE("the scanner divides a document at members and elements", "[import][json]") {
   std::string text =
       R"( {"a":[1,"]}",{"b":"\\\"]"}] , "n\u006fdes" : [ {"extras":{"x":[1,2]}} ,2,[3]],"extras":[[5]],"c":"\\" } )";
   const auto members = must(split_document(text));

@@ -32,9 +32,9 @@ using tests::TempFolder;
 namespace {
 
 constexpr int kSide = 48;                                 // squares along an edge of the room
-constexpr std::array<int, 5> kCuts{0, 5, 18, 27, kSide};  // its walls consist of tiles of different sizes
+constexpr std::array<int, 5> kCuts{0, 5, 18, 27, kSide};  // its walls have tiles of different sizes
 
-/// A point of the room's bumpy surface. It depends on the three numbers only, so that tiles share their borders.
+/// A point of the room's bumpy surface. It depends only on the three numbers, so that tiles have common borders.
 std::array<float, 3> room_point(const std::array<int, 3>& at) {
   std::array<double, 3> p;
   for (size_t i = 0; i < 3; ++i) p[i] = 10.0 * at[i] / kSide - 5;
@@ -79,8 +79,8 @@ void make_room(const std::string& path) {
   maker.finish();
 }
 
-/// Background pixels seen by 100 cameras in the room that look in random directions. Every such pixel is a crack.
-/// `on_gpu`: draws on a GPU.
+/// The number of background pixels that 100 cameras see, which look in random directions from within the room. Every
+/// such pixel is a crack. `on_gpu`: draws on a GPU.
 uint64_t crack_pixels(const std::string& path, bool on_gpu = false) {
   const auto scene = must(runtime::Scene::open(path, {false, 2}));
   std::optional<runtime::DeviceScene> device;
@@ -167,7 +167,7 @@ TEST_CASE("hard: no cracks between meshes on the scene grid on a GPU", "[cuda][h
   }
 }
 
-TEST_CASE("hard: georeferenced detail survives in the node's translation, not in float32 vertices", "[hard]") {
+TEST_CASE("hard: georeferenced detail is kept by the node's translation, not by float32 vertices", "[hard]") {
   const TempFolder folder;
   const std::array<double, 3> away{1e7, -5e6, 2.5e6};
   const tests::Soup ball = tests::sphere(40, 0.001);
@@ -179,7 +179,7 @@ TEST_CASE("hard: georeferenced detail survives in the node's translation, not in
     maker.node("node", maker.mesh("mesh", {maker.primitive(points, ball.indices)}), node);
     maker.finish();
     convert::ConvertOptions options = options_of(folder);
-    options.order = convert::Order::kNone;  // and one chunk, so vertices are as in the source
+    options.order = convert::Order::kNone;  // and one chunk, so that vertices are as in the source
     options.encoding = convert::Encoding::kIndexed;
     options.weld = false;
     must_match(options);
@@ -202,13 +202,13 @@ TEST_CASE("hard: georeferenced detail survives in the node's translation, not in
                 by_vertex);
   tests::note("georeferenced, 1e7 m", text);
   CHECK(by_node < 3.1e-5);  // half a step of 2^-14 m
-  CHECK(by_vertex > 0.1);   // the source has already lost it
+  CHECK(by_vertex > 0.1);   // the source has already lost the detail
   CHECK(by_vertex < 1.01);
 }
 
 namespace {
 
-/// A grid with a picture whose coordinates begin at `offset`; returns them.
+/// Makes a grid with a picture whose texture coordinates begin at `offset`. Returns the coordinates.
 std::vector<float> make_far_textured(const std::string& path, double offset) {
   const std::string png = tests::read_whole(std::string(tests::kDataFolder) + "/checker.png");
   tests::ModelMaker maker(path);

@@ -1,6 +1,6 @@
-// Small files with huge sizes in their headers take little memory. The program reads each with 512 MiB of address
-// space, and has to print a better error than that memory ran out. Sanitizers take terabytes of address space, so this
-// is not built with them; there the fuzz targets limit single allocations.
+// Small files with huge sizes in their headers take little memory. The program reads each in 512 MiB of address space,
+// and has to print a better error than that memory has run out. This is not built with sanitizers, which take terabytes
+// of address space. For them the fuzz targets limit single allocations.
 #include <sys/wait.h>
 
 #include <cstdlib>
@@ -37,7 +37,7 @@ void must_refuse(const TempFolder& folder, const std::string& words) {
   CHECK(said.find("memory", error) == std::string::npos);
 }
 
-/// A picture with 16383 x 16383 pixels in its header.
+/// A JPEG whose header states 16383 x 16383 pixels.
 Bytes huge_jpeg(bool is_progressive, bool is_arithmetic) {
   Bytes file = make_jpeg({.width = 8,
                           .height = 8,
@@ -64,7 +64,7 @@ void make_textured(const TempFolder& folder, ImageCodec codec, const Bytes& imag
   maker.finish();
 }
 
-TEST_CASE("pictures of a few bytes with 268 million pixels in their header take little memory", "[hostile]") {
+TEST_CASE("pictures of a few bytes whose header states 268 million pixels take little memory", "[hostile]") {
   const TempFolder folder;
   for (const bool is_progressive : {false, true}) {
     for (const bool is_arithmetic : {false, true}) {

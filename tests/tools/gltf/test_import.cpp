@@ -32,7 +32,7 @@ SourceScene import_data(const char* name, const ImportOptions& options = {}) {
 Triangles all_triangles(const Primitive& primitive) {
   Triangles out(primitive.triangle_count() * 3);
   must(read_triangles(primitive, 0, primitive.triangle_count(), out));
-  // Reading triangle by triangle gives the same result: strips reverse every other triangle, wherever a window starts.
+  // Reading triangle by triangle gives the same result: strips reverse every other triangle, wherever a window begins.
   for (uint64_t i = 0; i < primitive.triangle_count(); ++i) {
     std::array<uint32_t, 3> one;
     REQUIRE(read_triangles(primitive, i, 1, one));
@@ -122,7 +122,7 @@ TEST_CASE("a data: URI holds a buffer", "[import]") {
   CHECK(all_triangles(scene.primitives[0]) == kTetrahedronTriangles);
   CHECK(all_floats(scene.primitives[0].positions) == kTetrahedron);
 
-  // The same bytes percent-encoded, some of them plain.
+  // The same bytes percent-encoded, some of them as plain characters.
   const std::string text = tests::read_whole(tests::data_path("data_uri.gltf").string());
   const size_t begin = text.find("data:");
   const std::string uri = text.substr(begin, text.find('"', begin) - begin);
@@ -154,7 +154,7 @@ TEST_CASE("indices of 8, 16 and 32 bits and no indices give the same triangles",
   CHECK(all_triangles(flat) == Triangles{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11});
 }
 
-TEST_CASE("strips and fans are cut into triangles that keep their winding", "[import]") {
+TEST_CASE("strips and fans are read as triangles with their winding", "[import]") {
   const SourceScene scene = import_data("modes.glb");
   REQUIRE(scene.primitives.size() == 5);
   CHECK(all_triangles(scene.primitives[0]) == Triangles{0, 1, 2, 1, 3, 2, 2, 3, 4, 3, 5, 4, 4, 5, 6, 5, 7, 6});
@@ -212,7 +212,7 @@ TEST_CASE("sparse accessors replace values of a base, of zeros and of indices", 
   const Triangles turned = all_triangles(scene.primitives[2]);
   CHECK(Triangles(turned.end() - 3, turned.end()) == Triangles{4, 4, 4});
 
-  // Any window and any choice of elements reads the same values.
+  // Any window and any list of elements gives the same values.
   for (const auto& [primitive, whole] : {std::pair{0, raised}, std::pair{1, grid}}) {
     const Accessor& accessor = scene.primitives[static_cast<size_t>(primitive)].positions;
     for (uint64_t first = 0; first < 9; ++first) {
@@ -242,7 +242,7 @@ TEST_CASE("quantised attributes are scaled by glTF's rules", "[import]") {
     const bool is_signed = i / 2 == 0 || i / 2 == 2;
     std::vector<float> expected(kTetrahedron);
     for (float& value : expected) value *= top;
-    // The first corner has the lowest value of a signed type, which normalises to -1 like its neighbour.
+    // The first corner has the lowest value of a signed type. Normalised, it becomes -1 like its neighbour.
     if (is_signed) std::fill_n(expected.begin(), 3, normalized ? -1.0f : -top - 1.0f);
     CHECK(all_floats(primitive.positions) == expected);
     REQUIRE(primitive.uv);
@@ -272,7 +272,7 @@ TEST_CASE("materials, textures, images and texture coordinates are connected", "
   CHECK(material(4).uv_rotation == 0.5f);
   CHECK(scene.primitives[7].material == format::kNone);
 
-  // Two textures share the checker image; the materials' own order determines theirs.
+  // Two textures share the checker image. The order of the materials determines the order of the textures.
   REQUIRE(scene.images.size() == 3);
   REQUIRE(scene.textures.size() == 4);
   CHECK(material(1).texture == material(6).texture);
@@ -286,8 +286,8 @@ TEST_CASE("materials, textures, images and texture coordinates are connected", "
   CHECK(tiles.min_filter == 9986);
   CHECK(scene.textures[material(4).texture].record.min_filter == 0);
 
-  // Without a texture there are no coordinates. texCoord of KHR_texture_transform overrides the texture information's
-  // own.
+  // Without a texture no coordinates are read. texCoord of KHR_texture_transform overrides that of the texture
+  // information.
   CHECK_FALSE(scene.primitives[0].uv);
   REQUIRE(scene.primitives[1].uv);
   CHECK(all_floats(*scene.primitives[1].uv)[2] == 1.0f);
@@ -298,7 +298,7 @@ TEST_CASE("materials, textures, images and texture coordinates are connected", "
   CHECK_FALSE(scene.primitives[7].uv);
 
   REQUIRE(find_left_out(scene, "unused materials") != nullptr);
-  CHECK(find_left_out(scene, "TEXCOORD_0") == nullptr);  // used by some, so not left out
+  CHECK(find_left_out(scene, "TEXCOORD_0") == nullptr);  // used by some primitives, so not left out
 }
 
 TEST_CASE("vertex colours of every type give the same values", "[import]") {
@@ -315,7 +315,7 @@ TEST_CASE("vertex colours of every type give the same values", "[import]") {
   }
 }
 
-TEST_CASE("instances of EXT_mesh_gpu_instancing are read", "[import]") {
+TEST_CASE("instances of EXT_mesh_gpu_instancing are imported", "[import]") {
   const SourceScene scene = import_data("gpu_instancing.glb");
   REQUIRE(scene.nodes.size() == 3);
   const SourceNode& all = scene.nodes[1];
@@ -388,7 +388,7 @@ TEST_CASE("the option --exclude drops matching nodes and all nodes below them", 
   CHECK(pruned.scenes[0].roots == std::vector<uint32_t>{0});
   CHECK(pruned.groups.size() == 1);  // "flat" still draws the mesh
 
-  // Objects that only excluded nodes use are excluded too.
+  // Objects that only excluded nodes use are excluded as well.
   options.exclude = ".";
   const SourceScene none = import_data("textured_cube.glb", options);
   CHECK(none.nodes.empty());
@@ -403,7 +403,7 @@ TEST_CASE("the option --exclude drops matching nodes and all nodes below them", 
   CHECK(refusal(import_gltf(tests::data_path("nodes.gltf").string(), options)).code == ErrorCode::kUsage);
 }
 
-TEST_CASE("primitives with nothing to draw are left out, the others are kept", "[import]") {
+TEST_CASE("primitives with nothing to draw are left out, and all others are kept", "[import]") {
   const SourceScene scene = import_data("multi_primitive.glb");
   REQUIRE(scene.groups.size() == 1);
   REQUIRE(scene.primitives.size() == 2);

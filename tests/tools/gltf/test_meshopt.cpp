@@ -1,5 +1,5 @@
-// Buffer views compressed by EXT_meshopt_compression: all modes and filters compared with the compressed values, real
-// files compared with their unpacked twins, and every possible error.
+// Buffer views compressed by EXT_meshopt_compression: all modes and filters compared with the source values, real files
+// compared with their uncompressed versions, and every possible error.
 #include <meshoptimizer.h>
 
 #include <algorithm>
@@ -53,9 +53,9 @@ Result<Bytes> unpacked(const Packed& packed) {
   return unpacked(packed, cache);
 }
 
-/// All triangles of a scene with the positions and texture coordinates of their corners, in the order of the
-/// primitives. Normals are left out, because decoders of the octahedral filter round differently. Each triangle starts
-/// at its smallest corner, because compression may rotate it.
+/// All triangles of a scene with their corners' positions and texture coordinates, in the order of the primitives.
+/// Normals are left out, because decoders of the octahedral filter round differently. Each triangle begins with its
+/// smallest corner, because compression may rotate it.
 std::vector<std::vector<float>> all_triangles(const SourceScene& scene) {
   std::vector<std::vector<float>> out;
   for (const Primitive& primitive : scene.primitives) {
@@ -102,7 +102,7 @@ TEST_CASE("every mode unpacks to the packed data", "[meshopt]") {
     const auto bytes = must(unpacked(packed));
     CHECK(bytes == packed.raw);
   }
-  // 16-bit indices, which the codecs also write.
+  // 16-bit indices, which the codecs write as well.
   Packed small = pack_triangles(grid_indices(20), 441);
   std::vector<uint16_t> narrow(small.stated.count);
   for (size_t i = 0; i < narrow.size(); ++i) {
@@ -127,7 +127,7 @@ TEST_CASE("filters are undone after unpacking", "[meshopt]") {
     for (float c : v) units.push_back(c / length);
     for (float c : v) wide.push_back(c * 1000);
   }
-  // Quaternions with one sign, because the filter keeps rotations only.
+  // The quaternions have one sign, because the filter keeps only rotations.
   SECTION("quaternions") {
     Bytes filtered(8 * count);
     meshopt_encodeFilterQuat(filtered.data(), count, 8, 16, units.data());
@@ -188,7 +188,7 @@ TEST_CASE("filters are undone after unpacking", "[meshopt]") {
   }
 }
 
-TEST_CASE("streams that are cut, longer, of another kind or version are errors", "[meshopt]") {
+TEST_CASE("streams that are cut, too long, of another kind or version are errors", "[meshopt]") {
   const char* const names[] = {"ATTRIBUTES", "TRIANGLES", "INDICES"};
   for (const Packed& whole : one_of_each()) {
     INFO(names[static_cast<size_t>(whole.stated.mode)]);
@@ -213,7 +213,7 @@ TEST_CASE("streams that are cut, longer, of another kind or version are errors",
     newer.stream[0] = (whole.stream[0] & std::byte{0xf0}) | std::byte{7};
     check_refusal(unpacked(newer), ErrorCode::kUnsupported, "of version 7, but at most");
 
-    // Random bytes are unpacked or refused, and nothing else.
+    // Random bytes are unpacked or refused; nothing else happens.
     std::mt19937 random(5);
     for (int round = 0; round < 300; ++round) {
       Packed damaged = whole;
@@ -252,7 +252,7 @@ TEST_CASE("views that are unpacked ahead have the same bytes and errors", "[mesh
       Bytes whole(size);
       REQUIRE(source->read(0, whole));
       CHECK(whole == packed.raw);
-      source->unpack_ahead(size - 1, 100'000);  // nothing is left
+      source->unpack_ahead(size - 1, 100'000);  // no block is left to unpack
       REQUIRE(source->read(0, whole));
       CHECK(whole == packed.raw);
     }
@@ -269,7 +269,7 @@ TEST_CASE("views that are unpacked ahead have the same bytes and errors", "[mesh
 }
 
 TEST_CASE("hints for a compressed view lie in its stream and cover it", "[meshopt]") {
-  /// Notes the bytes that hints name.
+  /// Records the bytes that hints give.
   class Hinted final : public ByteSource {
    public:
     explicit Hinted(uint64_t bytes) : named(bytes) {}
@@ -289,7 +289,7 @@ TEST_CASE("hints for a compressed view lie in its stream and cover it", "[meshop
       for (const auto& [offset, bytes] : ranges) view->will_need(offset, bytes);
       return std::count(stream->named.begin(), stream->named.end(), true);
     };
-    // The first byte of some streams is only their header.
+    // The first byte of some streams is a header.
     CHECK(hinted({{0, size}}) >= static_cast<ptrdiff_t>(packed.stream.size()) - 1);
     CHECK(hinted({{0, size / 2}, {size / 2, size}}) >= static_cast<ptrdiff_t>(packed.stream.size()) - 1);
     CHECK(hinted({{size / 4, size / 4}}) < static_cast<ptrdiff_t>(packed.stream.size()) / 2);
@@ -379,7 +379,7 @@ TEST_CASE("invalid properties of a compressed view are refused", "[meshopt][bad]
   INFO(bomb.message);
   CHECK(bomb.code == ErrorCode::kTruncated);
   CHECK(bomb.message.find("300000000 elements do not fit into") != std::string::npos);
-  // An uncompressed view of the fallback buffer.
+  // A view of the fallback buffer that is not compressed.
   const std::string plain = tests::replaced(good, R"("EXT_meshopt_compression":{"buffer":0,"byteOffset":0)",
                                             R"("OTHER":{"buffer":0,"byteOffset":0)");
   const Error absent = error_of(folder.write("plain.gltf", plain));
@@ -388,7 +388,7 @@ TEST_CASE("invalid properties of a compressed view are refused", "[meshopt][bad]
         std::string::npos);
 }
 
-TEST_CASE("real compressed scenes have the triangles of their unpacked twins", "[meshopt][models]") {
+TEST_CASE("real compressed scenes have the triangles of their uncompressed versions", "[meshopt][models]") {
   const std::filesystem::path folder = tests::real_models("scenes");
   if (folder.empty()) return;
   const std::pair<const char*, const char*> twins[] = {
@@ -411,7 +411,7 @@ TEST_CASE("real compressed scenes have the triangles of their unpacked twins", "
   }
 }
 
-TEST_CASE("a fallback buffer has the bytes that its views unpack to", "[meshopt][models]") {
+TEST_CASE("a fallback buffer has the bytes of its unpacked views", "[meshopt][models]") {
   const std::filesystem::path folder = tests::real_models("scenes/meshopt-fallback");
   if (folder.empty()) return;
   const tests::TempFolder copy;

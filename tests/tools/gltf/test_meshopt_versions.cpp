@@ -1,4 +1,4 @@
-// Streams of ATTRIBUTES of both versions and all filters, as written and decoded by the current meshoptimizer
+// Streams of ATTRIBUTES of both versions and with all filters, written and decoded by the current meshoptimizer
 // (tests/data/meshopt/make_streams.mjs), and real files compared with its decoded bytes.
 #include <zlib.h>
 
@@ -107,7 +107,7 @@ TEST_CASE("meshopt streams of both versions decode to the current library's byte
   CHECK(filters.size() == 5);
 }
 
-TEST_CASE("meshopt streams of version 1 that are cut, longer or damaged are refused or decoded, no more", "[meshopt]") {
+TEST_CASE("meshopt streams of version 1 that are cut, too long or damaged are refused or decoded", "[meshopt]") {
   std::mt19937 random(8);
   for (const StoredStream& stored : stored_streams()) {
     if ((stored.stream[0] & std::byte{15}) == std::byte{0}) continue;
@@ -153,7 +153,7 @@ TEST_CASE("meshopt modes for missing channels are refused", "[meshopt]") {
   }
 }
 
-TEST_CASE("real files of both extensions and versions have the values of their decoded twins", "[meshopt][models]") {
+TEST_CASE("real files of both extensions and versions have the values of their decoded versions", "[meshopt][models]") {
   const std::filesystem::path folder = tests::real_models("scenes-meshopt");
   if (folder.empty()) return;
   size_t files = 0;
@@ -166,8 +166,8 @@ TEST_CASE("real files of both extensions and versions have the values of their d
     ++files;
     std::string twin = path.substr(0, path.size() - 4) + "-decoded.glb";
     const std::string stem = entry.path().parent_path().filename().string();
-    if (!stem.starts_with("matrix-")) continue;  // gltfpack's variants are quantised first, so they have no twin
-    if (!std::filesystem::exists(twin)) {        // decodes to the same as another one
+    if (!stem.starts_with("matrix-")) continue;  // gltfpack's variants are quantised, so they have none
+    if (!std::filesystem::exists(twin)) {        // it decodes to the same file as another one
       const bool is_lossy = path.find("-indices-oct8-exp") != std::string::npos;
       twin = stem.substr(7) + (is_lossy ? "-ext-v0-indices-oct8-exp-decoded.glb" : "-ext-v0-tri-decoded.glb");
       twin = (entry.path().parent_path() / twin).string();

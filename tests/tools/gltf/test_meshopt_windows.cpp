@@ -1,5 +1,5 @@
-// Compressed buffer views read in windows. For any windows, order and thread they equal the library's result for the
-// whole stream, and streams that the library refuses are refused.
+// Compressed buffer views that are read in windows. For any windows, order and threads they equal the library's result
+// for the whole stream, and streams that the library refuses are refused.
 #include <meshoptimizer.h>
 
 #include <algorithm>
@@ -74,8 +74,8 @@ void check_windows(const Packed& packed, uint64_t window_bytes, uint64_t kept_by
   CHECK(all_equal);
 }
 
-/// Elements in which some bytes continue from one element to the next, some jump and some stay equal, so that groups of
-/// all bit widths occur.
+/// Elements in which some bytes continue from one element to the next, some jump and some stay equal. So groups of all
+/// bit widths occur.
 Bytes mixed_elements(size_t count, size_t stride, uint32_t seed) {
   std::mt19937 random(seed);
   Bytes bytes(count * stride);
@@ -89,7 +89,7 @@ Bytes mixed_elements(size_t count, size_t stride, uint32_t seed) {
   return bytes;
 }
 
-/// Triangles of a grid in a partly lost order, and some with random corners.
+/// Triangles of a grid whose order is partly lost, and triangles with random corners.
 std::vector<uint32_t> mixed_triangles(size_t triangles, uint32_t vertices, uint32_t seed) {
   std::mt19937 random(seed);
   const std::vector<uint32_t> grid = grid_indices(60);
@@ -157,11 +157,11 @@ void check_as_library(const Packed& packed, uint64_t window_bytes) {
 
 TEST_CASE("windows of any stream equal the library's output", "[meshopt]") {
   uint32_t seed = 0;
-  // Sizes around groups and blocks, and windows from the smallest allowed size on.
+  // Counts near multiples of groups and blocks, and windows from the smallest allowed size on.
   for (const size_t count : {1, 2, 3, 15, 16, 17, 31, 32, 33, 255, 256, 257, 511, 513, 3000})
     for (const Packed& packed : all_streams(count, ++seed))
       for (const uint64_t window : {1, 4096}) check_windows(packed, window, 0, seed);
-  // Longer than a piece of the stream, with windows that end where blocks do.
+  // Streams longer than a piece, with windows that end where blocks end.
   for (const Packed& packed : all_streams(40000, ++seed))
     for (const uint64_t window : {5000, 8192, 100000, 1 << 30})
       for (const uint64_t kept : {0, 200000}) check_windows(packed, window, kept, seed);
@@ -209,7 +209,7 @@ TEST_CASE("damaged streams are refused as by the library, for any window", "[mes
         Packed cut = whole;
         cut.stream.resize(size);
         check(cut);
-        Packed shorter = whole;  // its tail stays
+        Packed shorter = whole;  // the stream's tail is kept
         const auto at = shorter.stream.begin() + static_cast<ptrdiff_t>(size);
         if (size + 1 < whole.stream.size()) shorter.stream.erase(at, at + 1);
         check(shorter);
@@ -239,9 +239,9 @@ TEST_CASE("streams of random bytes give the library's result", "[meshopt][bad]")
     packed.stream.resize(1 + codes + (is_triangles ? random() % (4 * codes) + 16 : 4));
     for (std::byte& byte : packed.stream) byte = static_cast<std::byte>(random());
     packed.stream[0] = static_cast<std::byte>((is_triangles ? 0xe0u : 0xd0u) | random() % 2);
-    // Indices of one byte each, so that all of them remain.
+    // Indices of one byte each, so that none of them is lost.
     for (size_t i = 1; i < packed.stream.size() && !is_triangles; ++i) packed.stream[i] &= std::byte{0x7f};
-    // The length that it needs, which only decoding shows: tries each length until one is accepted.
+    // The stream's length, which only decoding shows: tries each length until one is accepted.
     const size_t most = packed.stream.size();
     for (size_t size = 1 + codes + (is_triangles ? 16 : 4); size <= most; ++size) {
       Packed cut = packed;
@@ -264,7 +264,7 @@ TEST_CASE("a scene whose views are many windows converts to the same bytes", "[m
   const Packed positions = pack_attributes(bytes_of(grid_positions(400)), 12);
   const Packed indices = pack_triangles(grid_indices(400), 401 * 401);
   REQUIRE(indices.raw.size() > 4 * MeshoptCache::kWindowBytes);
-  // The plain bytes lie in the same file; only the name of the extension decides which ones are read.
+  // The plain bytes lie in the same file. The name of the extension alone decides which bytes are read.
   std::string text = meshopt_document(folder, indices, positions);
   Bytes all = indices.stream;
   for (const Bytes* const part : {&positions.stream, &indices.raw, &positions.raw})
@@ -296,18 +296,18 @@ TEST_CASE("windows are kept up to their limit of bytes", "[meshopt]") {
   const auto first = take(&owner, 0, 400);
   CHECK(take(&owner, 0, 400) == first);
   CHECK(take(&other, 0, 400) != first);
-  CHECK(take(&owner, 0, 400) == first);  // now used more recently than the other
+  CHECK(take(&owner, 0, 400) == first);  // now used more recently than the other window
   const std::byte* const second = take(&owner, 1, 400)->bytes.get();
   CHECK(take(&owner, 0, 400) == first);
-  const auto third = take(&owner, 2, 400);  // in the memory of number 1
+  const auto third = take(&owner, 2, 400);  // in the memory of window 1
   CHECK(third->bytes.get() == second);
   CHECK_FALSE(third->is_unpacked);
-  CHECK(take(&other, 1, 400)->bytes.get() != first->bytes.get());  // which is still in use
+  CHECK(take(&other, 1, 400)->bytes.get() != first->bytes.get());  // whose memory is still in use
   CHECK(take(&owner, 0, 400) != first);
   kept.forget(&owner, 3);
   CHECK(take(&owner, 2, 400) != third);
   CHECK(take(&owner, 3, 5000)->size == 5000);
-  // A smaller window of the same capacity also reuses the memory.
+  // A smaller window with the same capacity also reuses the memory.
   const std::byte* const memory = take(&owner, 4, 400)->bytes.get();
   take(&owner, 5, 400);
   CHECK(take(&owner, 6, 399)->bytes.get() == memory);

@@ -19,7 +19,7 @@ using tests::TempFolder;
 
 namespace {
 
-/// A triangle for each material, lights at nodes of their own, and a texture of checker.png.
+/// A triangle for each material, a node for each light, and a texture of checker.png.
 std::string document(const std::string& materials, const std::string& lights = "",
                      const std::string& light_nodes = "") {
   size_t count = 0;
@@ -85,7 +85,7 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
           R"("specularColorFactor":[1,2,3],"specularColorTexture":{"index":1,"texCoord":1}}}})"));
   const auto scene = must(import_gltf(path, {}));
   REQUIRE(scene.materials.size() == 4);
-  REQUIRE(scene.materials[0].surface);  // glTF's defaults, beside surfaces
+  REQUIRE(scene.materials[0].surface);  // glTF's defaults, because another material has a surface
   CHECK(scene.materials[0].surface->metallic == 1);
   CHECK(scene.materials[0].surface->roughness == 1);
   CHECK(!scene.materials[2].surface);
@@ -109,7 +109,7 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
   CHECK(all.textures[0].uv_rotation == 5);
   CHECK(all.textures[1].texture != format::kNone);
   CHECK(all.textures[2].texture != format::kNone);
-  CHECK(all.second_uv == 1u << 2);  // only occlusion uses the second coordinates
+  CHECK(all.second_uv == 1u << 2);  // occlusion alone uses the second coordinates
   CHECK(all.textures[3].texture == format::kNone);
   CHECK(all.textures[5].texture == all.textures[0].texture);
   CHECK(scene.warnings.empty());
@@ -129,7 +129,7 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
   CHECK(loaded.view().material_views[2].surface == format::kNone);
   CHECK(loaded.view().environment != nullptr);
 
-  // A file with base colours only has version 1.0, and loading it makes no environment.
+  // A file with base colours alone has version 1.0, and loading it makes no environment.
   options.input = write(folder, document(R"({"name":"plain","pbrMetallicRoughness":{"baseColorTexture":{"index":0}}},)"
                                          R"({"name":"matt","pbrMetallicRoughness":{"metallicFactor":0}})"));
   must_convert(options);
@@ -140,7 +140,7 @@ TEST_CASE("surfaces: a material with more than a base colour has a surface", "[g
   CHECK(plain.view().environment == nullptr);
 }
 
-TEST_CASE("surfaces: lights are at their nodes", "[gltf][surfaces]") {
+TEST_CASE("surfaces: lights lie at their nodes", "[gltf][surfaces]") {
   const TempFolder folder;
   ConvertOptions options;
   options.output = folder.file("out.scree");

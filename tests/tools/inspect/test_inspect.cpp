@@ -59,7 +59,7 @@ std::pair<std::string, Result<void>> inspect_text(const std::string& path, const
   return {text, result};
 }
 
-/// All tables of a file, to be changed and written again.
+/// All tables of a file, as a set that can be changed and written again.
 format::TableSet tables_of(const format::Container& file) {
   format::TableSet tables;
   const auto copy = [](const auto& from, auto& to) {
@@ -115,7 +115,7 @@ void rewrite(const format::Container& file, const std::string& path, const Chang
   REQUIRE(writer.finish(tables));
 }
 
-/// The failures of a file whose tables are valid.
+/// The failures of a file with valid tables.
 std::vector<std::string> failures_of(const std::string& path) {
   const auto packed = must(tests::open_packed(path));
   const inspect::VerifyReport report = inspect::verify(packed.file, packed.map.bytes(), 2);
@@ -136,7 +136,8 @@ uint64_t sum_of(const json& list, const char* member) {
   return sum;
 }
 
-/// Checks that every byte of the file is in exactly one row, and that the parts of every table add up to its total.
+/// Checks that every byte of the file is counted in exactly one row, and that the parts of every table add up to its
+/// total.
 void check_totals(const std::string& path, const json& report) {
   const uint64_t file_bytes = std::filesystem::file_size(path);
   CHECK(report.at("file").at("bytes") == file_bytes);
@@ -187,7 +188,7 @@ TEST_CASE("inspect: the rows account for every byte of the file", "[inspect]") {
                              "scenes/BoxVertexColors/BoxVertexColors.glb"})
       models.push_back(real / name);
   } else {
-    WARN("the real models are not there");
+    WARN("skipped: the real models are missing");
   }
   size_t packed_count = 0;
   for (const auto& model : models) {
@@ -233,7 +234,7 @@ TEST_CASE("inspect: the bytes of duplicate vertices in clusters are unknown", "[
     }
     CHECK(is_listed);
   }
-  // A sum is known if all of its terms are.
+  // A sum is known only if all of its terms are.
   convert::Welded sum{1, 12, 48};
   sum.add({1, 12, 40});
   CHECK(sum.cost_bits == 88);
@@ -291,7 +292,7 @@ TEST_CASE("inspect: --verify finds damage that checksums cannot", "[inspect][ver
   });
   CHECK(mentions(failures_of(path), "in no chunk: found 7"));
 
-  // Errors in an index stream: an index past the vertices, or slack that is not zero.
+  // Errors in an index stream: an index past the vertices, and slack that is not zero.
   rewrite(file, path, [&](format::TableSet& tables, auto& pages) {
     for (size_t i = 0; i < 16; ++i) pages[page][tables.chunks[0].offset + i] = std::byte{0xff};
   });
@@ -325,7 +326,7 @@ TEST_CASE("inspect: --verify decodes every level of an indexed JPEG", "[inspect]
   rewrite(file, path, [](auto&, auto&) {});
   CHECK(failures_of(path).empty());
 
-  // The last byte of the anchors: a group begins elsewhere.
+  // The last byte of the anchors: a group then begins at another bit.
   const auto spoil = [](std::vector<std::byte>& bytes, size_t end) {
     for (size_t i = end; i-- > 0;) {
       if (bytes[i] == std::byte{0}) continue;
@@ -375,7 +376,7 @@ TEST_CASE("inspect: a failure is printed and ends in an error", "[inspect][verif
   CHECK(exit_code(foreign.error().code) == 3);
 }
 
-TEST_CASE("inspect: names cannot break the JSON or the terminal", "[inspect]") {
+TEST_CASE("inspect: names cannot damage the JSON or the terminal", "[inspect]") {
   const tests::TempFolder folder;
   const auto packed = must(tests::pack(small_model().string(), folder.file("a.scree")));
   const std::string name = "a \"b\" \\ \n\t\x1b[31m red \x7f \xc3\xbc \xe5\xb1\xb1 \xf0\x9f\xaa\xa8";
@@ -394,7 +395,7 @@ TEST_CASE("inspect: names cannot break the JSON or the terminal", "[inspect]") {
   CHECK(plain.find("a \"b\" \\ ??") != std::string::npos);
 }
 
-TEST_CASE("inspect: columns line up", "[inspect]") {
+TEST_CASE("inspect: columns are aligned", "[inspect]") {
   inspect::TextTable table;
   table.row({"name", "bytes"});
   table.row({"\xc3\xa4\xc3\xb6", "7"});

@@ -16,8 +16,8 @@ struct ImageSize {
   uint32_t height;
 };
 
-/// Camera `number`, from somewhere between a scene's first and last view, looking near their targets. Every fifth is
-/// orthographic, every ninth has the size `tall`.
+/// Camera `number`, from somewhere between a scene's first and last view, looking to a point near their targets. Every
+/// fifth one is orthographic, and every ninth one has the size `tall`.
 inline kernels::View random_view(const synth::Scene& scene, std::mt19937& random, int number, ImageSize wide,
                                  ImageSize tall) {
   std::uniform_real_distribution<double> share(0, 1);

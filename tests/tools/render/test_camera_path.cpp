@@ -40,7 +40,7 @@ TEST_CASE("a path passes through its keys, on the curve of scree view", "[path]"
   CHECK(path.at(30).up == scree::runtime::Vec3{0, 0, 1});
   CHECK(path.at(90).eye == scree::runtime::Vec3{0, 2, -6});
   CHECK(path.at(90).target == scree::runtime::Vec3{1, 1, 0});
-  // Half way from the second key to the third: (-p + 9 q + 9 r - s) / 16, the last key twice.
+  // Half way from the second key to the third: (-p + 9 q + 9 r - s) / 16. The last key counts twice.
   CHECK(path.at(60).eye[0] == Approx((-4.0 + 9 * 6 + 9 * 0 - 0) / 16));
   CHECK(path.at(60).eye[2] == Approx((-6.0 + 9 * 0 + 9 * -6 - -6) / 16));
   for (uint64_t frame = 0; frame < path.frame_count(); ++frame) {
@@ -126,12 +126,12 @@ TEST_CASE("every frame belongs to one share", "[path]") {
   }
 }
 
-TEST_CASE("ranks draw runs of frames, and equally many", "[path]") {
+TEST_CASE("ranks draw runs of frames, equally many each", "[path]") {
   for (const uint64_t ranks : {1, 2, 3, 7, 64})
     for (const uint64_t frames : {1, 2, 15, 120, 121, 600, 100000}) {
       CAPTURE(ranks, frames);
       std::vector<uint64_t> drawn(ranks);
-      std::vector<double> time(ranks);  // if the time of frames grows from 0 to 1
+      std::vector<double> time(ranks);  // time per rank if the time of frames grows from 0 to 1
       uint64_t runs = 1;
       for (uint64_t i = 0; i < frames; ++i) {
         ++drawn.at(rank_of_frame(i, frames, ranks));
@@ -139,7 +139,7 @@ TEST_CASE("ranks draw runs of frames, and equally many", "[path]") {
         runs += i != 0 && rank_of_frame(i, frames, ranks) != rank_of_frame(i - 1, frames, ranks);
       }
       const auto [least, most] = std::minmax_element(drawn.begin(), drawn.end());
-      CHECK(*most - *least <= std::max<uint64_t>(frames / (8 * ranks), 1));  // a frame per run
+      CHECK(*most - *least <= std::max<uint64_t>(frames / (8 * ranks), 1));  // one frame per run
       if (ranks > 1 && frames >= 8 * ranks) CHECK(runs <= frames / 8);
       const auto [shortest, longest] = std::minmax_element(time.begin(), time.end());
       if (frames == 120 && ranks == 2) CHECK(*longest < 1.001 * *shortest);  // 1.15 if they took turns as 0 1, 0 1

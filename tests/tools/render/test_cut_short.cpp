@@ -1,4 +1,4 @@
-// A .scree file that is truncated while it is drawn: one line, exit code 2, and no output.
+// A .scree file that is truncated while it is drawn gives one line, exit code 2, and no output.
 #include <fcntl.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -35,7 +35,7 @@
 namespace scree::tests {
 namespace {
 
-// For work that takes seconds on an idle machine.
+// The limit for work that takes seconds on an idle machine.
 constexpr std::chrono::seconds kDeadline{120};
 
 std::string line_of(const std::string& file, const std::string& command = "render") {
@@ -64,13 +64,13 @@ void write_noise(const std::string& path) {
   maker.finish();
 }
 
-/// Cuts the last byte, which belongs to the table of contents. That is not needed once a file is open, so no read
+/// Cuts the last byte, which belongs to the table of contents. An open file does not need it any more, so no read
 /// reaches the file's end.
 void cut_last_byte(const std::string& path) {
   std::filesystem::resize_file(path, std::filesystem::file_size(path) - 1);
 }
 
-/// Some megabytes, in chunks that are streamed one by one, and the program drawing them until it ends.
+/// A file of some megabytes, in chunks that are streamed one by one, and the program that draws it until it ends.
 class CutFile {
  public:
   explicit CutFile(int zstd_level, convert::Encoding encoding = convert::Encoding::kClustered) {
@@ -96,14 +96,14 @@ class CutFile {
     return bytes_but_the_last() / kPageBytes * kPageBytes + 1;
   }
 
-  /// `words`: a command that writes its own outputs to the folder. Truncates the file to that many bytes when half of
-  /// the command's work is done.
+  /// Truncates the file to `to_bytes` when half of the command's work is done. `words`: a command that writes its own
+  /// outputs to the folder.
   void cut_halfway(const std::vector<std::string>& words, double seconds_of_all, uint64_t to_bytes) const {
     must_end(words, seconds_of_all / 2, to_bytes);
   }
 
-  /// `words`: of render, in addition to the file and its picture. Truncates the file once frames are drawn one after
-  /// another, to nothing and to half.
+  /// Truncates the file, to nothing and to half, once frames are drawn one after another. `words`: arguments of render,
+  /// in addition to the file and its picture.
   void cut_while_drawn(const std::vector<std::string>& words) const {
     const auto command = [&](const char* frames, const std::string& picture) {
       std::vector<std::string> all{"render",  path(),   "-o",      picture,    "--force",
@@ -111,7 +111,7 @@ class CutFile {
       all.insert(all.end(), words.begin(), words.end());
       return all;
     };
-    // The time before the second frame is less than that of a complete run with one frame.
+    // The time before the second frame is shorter than a complete run with one frame.
     const std::string once = folder_.file("once.png");
     const ProgramRun one = run_program(command("1", once), folder_.file("log"));
     INFO(one.output);
@@ -126,7 +126,7 @@ class CutFile {
   }
 
  private:
-  /// Truncates the file to that many bytes after that many seconds of processor time.
+  /// Runs the command, and truncates the file to `to_bytes` after `seconds` of processor time.
   void must_end(const std::vector<std::string>& command, double seconds, uint64_t to_bytes) const {
     const pid_t child = start_program(command, folder_.file("log"));
     const auto goes_on = [&] { return maps_file(child) && seconds_of(child) > seconds; };
@@ -164,14 +164,14 @@ class CutFile {
   TempFolder folder_;
 };
 
-/// A child process's output on stderr until it ended, and how it ended.
+/// The output of a child process on stderr until its end, and the way it ended.
 struct ChildEnd {
   int status = 0;
   std::string errors;
 };
 
-/// Runs `body` in a child process, with an alarm as the last resort to end it. `meanwhile` runs here once the child has
-/// called the function that its body gets; `child`: its process id.
+/// Runs `body` in a child process, which an alarm ends as the last resort. `meanwhile` runs here once the child has
+/// called the function that `body` gets. `child`: its process id.
 template <class Body, class Meanwhile>
 ChildEnd run_child(pid_t& child, const Body& body, const Meanwhile& meanwhile) {
   int errors[2], ready[2];
@@ -201,7 +201,7 @@ ChildEnd run_child(pid_t& child, const Body& body, const Meanwhile& meanwhile) {
   return end;
 }
 
-/// Writes to a pipe until it is full; further writers then wait.
+/// Writes to a pipe until it is full, so that further writers wait.
 void fill(int pipe_end) {
   const int flags = ::fcntl(pipe_end, F_GETFL);
   ::fcntl(pipe_end, F_SETFL, flags | O_NONBLOCK);
@@ -249,9 +249,9 @@ TEST_CASE("a file cut short while it is drawn ends in one line and exit code 2",
       .cut_while_drawn({"--backend", "cpu", "--threads", "4"});
 }
 
-// Frames continue from memory: unpacked copies of compressed pages and copies of tables, or zeros behind the end within
-// the last page. The check of the file's size before a picture is written ends them.
-TEST_CASE("a file cut behind the parts that frames read ends in the same line", "[render][cut]") {
+// Frames continue from memory: from unpacked copies of compressed pages and copies of tables, or from zeros behind the
+// end within the last page. The check of the file's size before a picture is written ends the program.
+TEST_CASE("a file that is cut behind the parts that frames read ends in the same line", "[render][cut]") {
   enum class Left { kAllButAByte, kToTheLastPage, kNothing };
   const auto [zstd_level, left] =
       GENERATE(table<int, Left>({{0, Left::kAllButAByte}, {0, Left::kToTheLastPage}, {3, Left::kNothing}}));
@@ -349,11 +349,11 @@ TEST_CASE("a file cut short while chunks are streamed ends in one line and exit 
 TEST_CASE("a file cut short while a GPU is streamed to ends in one line and exit code 2", "[cuda][cut][stream]") {
   if (!has_gpu()) return;
   const CutFile file(0);
-  // The limit counts the picture, so its size must be that of the frames.
+  // The limit includes the picture, so the picture's size must be the frames'.
   const ProgramRun refused = run_program({"render", file.path(), "--backend", "cuda", "--size", "160x120",
                                           "--device-memory", "1", "-o", file.folder().file("refused.png")},
                                          file.folder().file("log"));
-  // Leaves room for a third of the chunks.
+  // The budget leaves room for a third of the chunks.
   const uint64_t budget = least_device_memory(refused.output) + std::filesystem::file_size(file.path()) / 3;
   file.cut_while_drawn({"--backend", "cuda", "--device-memory", std::to_string(budget), "--host-memory", "0"});
 }
@@ -363,7 +363,7 @@ TEST_CASE("threads that read past a file's new end at once print one error", "[r
   const TempFolder folder;
   const std::string path = folder.write("cut.bin", std::string(kThreads << 16, 'x'));
   pid_t process = -1;
-  // stderr is a full pipe, so the first thread cannot print before the last one arrives.
+  // stderr is a full pipe, so that the first thread cannot print before the last one arrives.
   const ChildEnd end = run_child(
       process,
       [&](const auto& ready) {

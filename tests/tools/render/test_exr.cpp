@@ -14,7 +14,7 @@
 using namespace scree::tests;
 namespace fs = std::filesystem;
 
-TEST_CASE("an .exr that cannot be written whole leaves nothing behind", "[render][exr]") {
+TEST_CASE("an .exr that cannot be written completely leaves nothing behind", "[render][exr]") {
   const TempFolder folder;
   const std::string path = folder.file("full.exr");
   std::vector<float> values(100 * 100);
@@ -26,7 +26,7 @@ TEST_CASE("an .exr that cannot be written whole leaves nothing behind", "[render
   REQUIRE(write());
   const auto whole = fs::file_size(path);
   fs::remove(path);
-  // In the header, among the pixels, and one byte before the end.
+  // The write fails in the header, among the pixels, and one byte before the end.
   for (const uint64_t bytes : {uint64_t{20}, uint64_t{9000}, uint64_t{whole - 1}}) {
     check_refusal(on_full_disk(bytes, write), scree::ErrorCode::kFile, "full.exr.part: write: File too large");
     CHECK_FALSE(fs::exists(path));

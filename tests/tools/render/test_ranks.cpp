@@ -1,4 +1,4 @@
-// Ranks under mpirun share the frames of a path or the pages of a scene, and all end when one fails or dies.
+// Ranks under mpirun share the frames of a path or the pages of a scene, and all of them end when one fails or dies.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -46,7 +46,7 @@ class Launch {
     ::setenv("OMPI_ALLOW_RUN_AS_ROOT", "1", 1);
     ::setenv("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1", 1);
     ::setenv("OMPI_MCA_rmaps_base_oversubscribe", "1", 1);
-    ::setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  // MPI's own
+    ::setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  // the leaks are MPI's own
     ::setenv("OMPI_MCA_hwloc_base_binding_policy", "none", 1);
     const std::string line = "cd '" + folder.path().string() + "' && exec " + command + " >out 2>err";
     ::execl("/bin/sh", "sh", "-c", line.c_str(), nullptr);
@@ -59,7 +59,7 @@ class Launch {
     if (pid_ > 0) ::waitpid(pid_, &status_, 0);
   }
 
-  /// The exit code, or 128 and the signal; -1 if it has not ended within that many seconds.
+  /// The exit code, or 128 and the signal; -1 if it has not ended within `seconds`.
   int wait(double seconds) {
     if (!wait_until([&] { return has_ended(); }, std::chrono::milliseconds(std::lround(1000 * seconds)))) return -1;
     return WIFEXITED(status_) ? WEXITSTATUS(status_) : 128 + WTERMSIG(status_);
@@ -75,7 +75,7 @@ class Launch {
 
   std::string out() const { return scree::tests::read_whole(out_); }
   std::string all_errors() const { return scree::tests::read_whole(err_); }
-  /// Lines that scree wrote, without those of the launcher.
+  /// The lines that scree wrote, without the launcher's lines.
   std::vector<std::string> errors() const {
     std::vector<std::string> lines;
     std::istringstream text(all_errors());
@@ -95,7 +95,7 @@ class Launch {
   std::string out_, err_;
 };
 
-/// Runs a command that succeeds within that many seconds and writes as many lines of errors. Returns its output.
+/// Runs a command that must succeed within `seconds` and write `lines` lines of errors. Returns its output.
 std::string succeed(const std::string& command, const TempFolder& folder, double seconds = 60, size_t lines = 0) {
   INFO(command);
   Launch launch(command, folder);
@@ -106,7 +106,7 @@ std::string succeed(const std::string& command, const TempFolder& folder, double
   return launch.out();
 }
 
-/// Runs a command that ends with `code` and one line of errors, which contains each of `words`.
+/// Runs a command that must end with `code` and one line of errors, which contains each of `words`.
 void fail(const std::string& command, const TempFolder& folder, int code, const std::vector<std::string>& words,
           double seconds = 60) {
   INFO(command);
@@ -117,7 +117,7 @@ void fail(const std::string& command, const TempFolder& folder, int code, const 
   for (const std::string& word : words) CHECK(launch.errors()[0].find(word) != std::string::npos);
 }
 
-/// Whether a process is still running. An ended process stays in the list until its parent reads its exit status.
+/// Whether a process is still running. An ended process exists until its parent reads its exit status.
 bool runs(pid_t process) {
   std::ifstream stat("/proc/" + std::to_string(process) + "/stat");
   std::string text;
@@ -155,7 +155,7 @@ TEST_CASE("ranks share the frames of a path", "[render][path][ranks]") {
                                                       pattern + ".bin --depth " + pattern + ".pfm"),
                                     folder);
     CHECK(out.find("10 frames of 40 x 30") != std::string::npos);
-    CHECK(out.find('\n') == out.size() - 1);  // one rank reports
+    CHECK(out.find('\n') == out.size() - 1);  // only one rank reports
     std::string bytes;
     for (int frame = 0; frame < 10; ++frame)
       for (const char* extension : {".png", ".bin", ".pfm"})
@@ -166,22 +166,22 @@ TEST_CASE("ranks share the frames of a path", "[render][path][ranks]") {
   }
 }
 
-TEST_CASE("an error of one rank ends all with one line", "[render][path][ranks]") {
+TEST_CASE("an error of one rank ends all ranks with one line", "[render][path][ranks]") {
   const TempFolder folder;
   make_inputs(folder, "0.3");
-  folder.write("f_4.png", "is there");  // a frame of rank 1
+  folder.write("f_4.png", "is there");  // exists already; a frame of rank 1
   fail(render(3, "--path path.json --size 40x30 -o f_%d.png"), folder, 2,
        {"rank 1 of 3 on ", "f_4.png: exists already"});
   CHECK_FALSE(fs::exists(folder.file("f_0.png")));
-  // In the middle of its work.
+  // A rank fails in the middle of its work.
   for (const int frame : {0, 1, 2, 3, 4, 5, 6, 7, 9}) fs::create_directory(folder.file("d" + std::to_string(frame)));
   fail(render(3, "--path path.json --size 40x30 -o d%d/f.png"), folder, 2, {"rank 2 of 3 on ", "d8/f.png"});
-  // An error in all ranks.
+  // All ranks have an error.
   scree::tests::damage(folder.file("quad.scree"), 4096);
   fail(render(3, "--path path.json --size 40x30 -o g_%d.png"), folder, 3, {"rank 0 of 3 on ", "quad.scree: page 0"});
 }
 
-TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
+TEST_CASE("a rank that is killed ends all ranks", "[render][path][ranks]") {
   for (const auto& [victim, more] :
        {std::pair<size_t, std::string>(0, ""), {1, ""}, {2, ""}, {0, "--share geometry "}, {1, "--share geometry "}}) {
     INFO("rank " << victim << ", " << more);
@@ -202,7 +202,7 @@ TEST_CASE("a rank that is killed ends all", "[render][path][ranks]") {
 
 namespace {
 
-/// Several pages of geometry, some of them textured, under a sun. `blends`: four of the six grids are layers.
+/// Several pages of geometry, some of them textured, under a sun. `blends`: four of the six grids are blended.
 void make_large_scene(const TempFolder& folder, bool blends = false) {
   namespace format = scree::format;
   scree::tests::ModelMaker maker(folder.file("grids.gltf"));
@@ -219,7 +219,7 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
   for (int i = 0; i < 6; ++i) {
     grid.columns = static_cast<uint32_t>(150 + 40 * i);
     grid.rows = 120;
-    grid.origin = {0, 0, 0.1f * static_cast<float>(i)};  // one in front of the other
+    grid.origin = {0, 0, 0.1f * static_cast<float>(i)};  // the grids lie one in front of the other
     const std::string name = "grid " + std::to_string(i);
     const uint32_t opaque = i % 2 == 0 ? checker : format::kNone;
     const uint32_t material = !blends || i < 2 ? opaque : i % 2 == 0 ? film : clear;
@@ -236,7 +236,7 @@ void make_large_scene(const TempFolder& folder, bool blends = false) {
   scree::convert::ConvertOptions options;
   options.input = folder.file("grids.gltf");
   options.output = folder.file("quad.scree");
-  options.float32 = true;  // larger, so that there are pages to share
+  options.float32 = true;  // larger, so that there are several pages to share
   const auto report = must(scree::convert::convert(options));
   CHECK(report.geometry_bytes > 5 << 20);
 }
@@ -251,7 +251,7 @@ std::vector<uint64_t> places_of_pages(const TempFolder& folder) {
   return places;
 }
 
-/// The options for files with that name.
+/// The options that write the outputs to files with this name.
 std::string to_files(const std::string& name) {
   return " --size 160x120 --force -o " + name + ".png --depth " + name + ".pfm --visbuffer " + name + ".bin ";
 }
@@ -326,7 +326,7 @@ TEST_CASE("GPUs of ranks that share a scene's pages draw the same as the CPU", "
         CHECK(files_of(folder, "gpu") == files_of(folder, "cpu"));
       }
     }
-    // With too little memory the CPU draws instead, if it may.
+    // With too little memory the CPU draws instead, if --backend allows it.
     fail(render(2, "--device-memory 20000 -q -o refused.png", "cuda"), folder, 4,
          {"bytes of device memory, but 20000 are allowed"});
     CHECK_FALSE(fs::exists(folder.file("refused.png")));
@@ -334,7 +334,7 @@ TEST_CASE("GPUs of ranks that share a scene's pages draw the same as the CPU", "
     CHECK(nlohmann::json::parse(succeed(few, folder, 60, 2))["gpus"] == 0);  // each rank warns
     succeed(render(1, to_files("small_one")), folder);
     CHECK(files_of(folder, "small") == files_of(folder, "small_one"));
-    // A damaged page ends all with one line.
+    // A damaged page ends all ranks with one line.
     scree::tests::damage(folder.file("quad.scree"), places_of_pages(folder)[0] + 100);
     fail(render(2, "--eye 1,1,3 --target 0,0,0 -o bad.png", "cuda"), folder, 3,
          {"rank 0 of 2 on ", "quad.scree: page "});
@@ -366,7 +366,7 @@ TEST_CASE("ranks that share the geometry of a film draw the same frames as one r
         CHECK(files(folder, "all") == files(folder, "one"));
       }
     }
-    // Frames that are missing at one rank are drawn by all.
+    // A frame that one rank lacks is drawn by all.
     fs::remove(folder.file("all_1.png"));
     fs::remove(folder.file("all_3.bin"));
     const std::string resume = "--resume --share geometry --samples 2 --ssao --background transparent ";
@@ -376,7 +376,7 @@ TEST_CASE("ranks that share the geometry of a film draw the same frames as one r
   }
 }
 
-TEST_CASE("a film whose geometry is shared is refused as other films are", "[render][path][ranks]") {
+TEST_CASE("a film whose geometry is shared is refused like other films", "[render][path][ranks]") {
   const TempFolder folder;
   make_inputs(folder, "0.1");
   folder.write("f_1.png", "is there");
@@ -398,8 +398,8 @@ namespace {
 
 enum class RankPlaces { kOwnGpus, kOneGpu, kOwnHosts };
 
-/// The command of ranks that each have a GPU of their own, or all the first GPU. kOwnHosts: also as if each had a host
-/// of its own, so that NCCL connects them by TCP.
+/// The command of ranks that each have their own GPU, or that all use the first GPU. kOwnHosts: each also appears to
+/// have its own host, so that NCCL connects them by TCP.
 std::string render_on_gpus(int ranks, const std::string& more, RankPlaces places = RankPlaces::kOwnGpus) {
   std::string line = SCREE_MPIEXEC;
   for (int rank = 0; rank < ranks; ++rank) {
@@ -412,7 +412,7 @@ std::string render_on_gpus(int ranks, const std::string& more, RankPlaces places
   return line;
 }
 
-/// Whether two ranks can have a GPU each and NCCL. Emulated GPUs have their own.
+/// Whether each of two ranks can have a GPU, with NCCL. Each emulated rank has its own GPU.
 bool can_use_nccl() {
   if (!scree::tests::has_gpus(2)) return false;
   const auto opened = scree::runtime::NcclGroup::open();
@@ -420,7 +420,7 @@ bool can_use_nccl() {
   return opened || scree::tests::kEmulatesGpu;
 }
 
-/// Lets ranks of emulated GPUs fail where tests/emulator/nccl.cpp says.
+/// Lets ranks of emulated GPUs fail as described in tests/emulator/nccl.cpp.
 class NcclFails {
  public:
   explicit NcclFails(const char* where) { ::setenv("SCREE_EMULATED_NCCL", where, 1); }
@@ -472,7 +472,7 @@ TEST_CASE("ranks with a GPU each exchange by NCCL and draw the same as the CPU",
     }
   }
 #if defined(SCREE_HAS_EXR)
-  succeed(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder, 120);  // its colours are not rounded to 8 bits
+  succeed(render_on_gpus(1, "--size 80x60 -q -o one.exr"), folder, 120);  // colours that are not rounded to 8 bits
   succeed(render_on_gpus(2, "--exchange nccl --size 80x60 -q -o two.exr"), folder, 240);
   const std::string one = scree::tests::read_whole(folder.file("one.exr"));
   CHECK((scree::tests::read_whole(folder.file("two.exr")) == one));
@@ -484,7 +484,7 @@ TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render
   if (!can_use_nccl()) return;
   const TempFolder folder;
   make_large_scene(folder);
-  const auto films = [](const std::string& name) {  // long enough for NCCL
+  const auto films = [](const std::string& name) {  // enough frames that NCCL is used
     return "--frames 16 --size 32x24 --force -o " + name + ".png --depth " + name + ".pfm --visbuffer " + name +
            ".bin ";
   };
@@ -516,7 +516,7 @@ TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render
     fails(render_on_gpus(2, "-q -o no.png --exchange nccl"), 4, "--exchange nccl: ");
   }
   {
-    const NcclFails rank("exchange:1");  // the first exchange, as a part of connecting
+    const NcclFails rank("exchange:1");  // fails in the first exchange, as a part of connecting
     is_by("mpi", render_on_gpus(2, some), 1);
   }
   {
@@ -524,14 +524,14 @@ TEST_CASE("ranks exchange by MPI where NCCL cannot connect them", "[cuda][render
     fails(render_on_gpus(2, "--exchange nccl -q -o no.png"), 4, "rank 1 of 2 on ");
     CHECK_FALSE(fs::exists(folder.file("no.png")));
   }
-  {  // while the second frame of a film begins
+  {  // fails while the second frame of a film begins
     make_path(folder, "0.1");
     const NcclFails rank("later:1");
     fails(render_on_gpus(2, "--path path.json --share geometry --size 32x24 --exchange nccl -q -o no_%d.png"), 4,
           "rank 1 of 2 on ");
     CHECK_FALSE(fs::exists(folder.file("no_0.png")));
   }
-  // The CPU draws layers of blended surfaces.
+  // The CPU draws the layers of blended surfaces.
   const TempFolder with_layers;
   make_large_scene(with_layers, true);
   CHECK(nlohmann::json::parse(succeed(render_on_gpus(2, some), with_layers, 120))["exchange"] == "mpi");
@@ -564,7 +564,7 @@ TEST_CASE("ranks that share a scene's pages draw the same layers as one rank", "
       CHECK(warning == warned);
     }
   }
-  // The opaque picture alone differs, and so does one without shadows.
+  // The opaque picture alone differs, and so does a picture without shadows.
   succeed(render(2, "--light scene --size 160x120 -q -o lit.png"), folder);
   CHECK(scree::tests::read_whole(folder.file("lit.png")) != scree::tests::read_whole(folder.file("n1.png")));
   succeed(render(2, "--blend-layers 0 --size 160x120 -q -o none.png"), folder);
@@ -577,7 +577,7 @@ TEST_CASE("a damaged page ends all ranks, and only its owner has read it", "[ren
   const std::vector<uint64_t> places = places_of_pages(folder);
   REQUIRE(places.size() >= 5);
   const std::string good = scree::tests::read_whole(folder.file("quad.scree"));
-  for (size_t page = 0; page < 3; ++page) {  // the first three go to ranks 0, 1 and 2
+  for (size_t page = 0; page < 3; ++page) {  // the first three pages belong to ranks 0, 1 and 2
     folder.write("quad.scree", good);
     scree::tests::damage(folder.file("quad.scree"), places[page] + 100);
     fail(render(3, "--eye 1,1,3 --target 0,0,0 --size 64x48 -o bad.png"), folder, 3,

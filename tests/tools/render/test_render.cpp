@@ -135,7 +135,7 @@ TEST_CASE("render writes picture, depth and visibility buffer", "[render]") {
   const ScratchPath depth("tool.pfm");
   const ScratchPath visibility("tool.bin");
   SmallScene{}.write(file.string());
-  // Vectors may begin with a minus, and must not be taken for options.
+  // Vectors may begin with a minus sign, and must not be taken for options.
   must(run_render({file.string(), "-o", picture.string(), "--depth", depth.string(), "--visbuffer", visibility.string(),
                    "--size", "32x16", "--eye", "-0.5,0,3", "--target", "-0.5,-0.25,0", "--samples", "2", "--background",
                    "none", "-q"}));

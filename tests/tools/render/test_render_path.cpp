@@ -121,7 +121,7 @@ TEST_CASE("shares of a path draw the same frames as one run", "[render][path]") 
     for (const std::string extension : {".png", ".pfm", ".bin"})
       CHECK(read_bytes(path.name("f_0" + std::to_string(frame) + extension)) ==
             read_bytes(path.name("g_" + std::to_string(frame) + extension)));
-  REQUIRE(path.draw({"--frames", "7/9"}, "h_%d"));  // a share of nothing
+  REQUIRE(path.draw({"--frames", "7/9"}, "h_%d"));  // a share without frames
   CHECK(path.files() == 2 + 2 * 15);
 }
 
@@ -132,7 +132,7 @@ TEST_CASE("GPUs draw the frames of a path that the CPU draws", "[cuda][gpus][ren
   for (const std::string samples : {"1", "2"}) {
     const std::vector<std::string> drawing{"--samples", samples, "--show", "normal", "--force"};
     REQUIRE(path.draw(drawing));
-    // Outputs of a frame are copied beside the drawing of the next one, unless memory holds only one frame.
+    // A frame's outputs are copied while the next frame is drawn, unless memory holds only one frame.
     const std::vector<std::vector<std::string>> ways{
         {"--threads", "4"},
         {"--threads", "1"},
@@ -191,12 +191,12 @@ TEST_CASE("errors of a path are reported before anything is drawn", "[render][pa
   path.write_path("0, 0, 0");
   CHECK(message(path.draw({}), ErrorCode::kUsage).find("path.json: frame 0, at 0 s: the eye and the target are the") !=
         std::string::npos);
-  path.write_path("0, 3, 0");  // along up
+  path.write_path("0, 3, 0");  // the view direction is parallel to up
   CHECK(message(path.draw({}), ErrorCode::kUsage).find("frame 0, at 0 s: up lies along") != std::string::npos);
   fs::remove(path.name("path.json"));
   CHECK(message(path.draw({}), ErrorCode::kFile).find("path.json: cannot be opened") != std::string::npos);
   CHECK(path.files() == 1);
-  // A pattern that gives the name of the scene itself.
+  // A pattern that gives the scene's own name.
   fs::rename(path.name("quad.scree"), path.name("f_02.scree"));
   path.write_path("0, 0, 3");
   CHECK(message(PathRun::run({path.name("f_02.scree"), "--path", path.name("path.json"), "--visbuffer",

@@ -1,5 +1,5 @@
-// Culling on the CPU never removes anything visible from the measured scenes: A to D as packed by convert, with a share
-// of their triangles.
+// Culling on the CPU never removes visible parts of the measured scenes: A to D as packed by convert, with a share of
+// their triangles.
 #include <cstdint>
 #include <random>
 

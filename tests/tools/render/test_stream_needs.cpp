@@ -1,5 +1,5 @@
-// The bytes that a streamed frame loads, compared with the bytes that its picture needs, in a scene that is mostly
-// hidden: C as packed by convert, with a share of its triangles but as many chunks as the whole scene.
+// The bytes that a streamed frame loads, compared with the bytes that its picture needs. The scene is mostly hidden: C
+// as packed by convert, with a share of its triangles but as many chunks as the whole scene.
 #include <cstdint>
 
 #include "format/bytes.h"
@@ -16,7 +16,7 @@
 
 using namespace scree;
 
-TEST_CASE("a streamed frame loads few chunks that its picture does not need, a still frame none", "[streamer]") {
+TEST_CASE("a streamed frame loads few chunks that its picture does not need, and a still frame none", "[streamer]") {
   constexpr double kScale = 0.001;
   const tests::TempFolder folder;
   REQUIRE(synth::synthesize({.scene = "C", .output = folder.file("in.gltf"), .scale = kScale}));
@@ -35,8 +35,8 @@ TEST_CASE("a streamed frame loads few chunks that its picture does not need, a s
       const auto stats = must(stream->draw_frame(lab::scene_view(camera, 960, 540), nullptr));
       INFO("frame " << frame << ": " << stats.needed_bytes << " of " << stats.streamed_bytes << " bytes were needed, "
                     << stats.seen_bytes << " in the view, " << bytes << " in all");
-      // For the whole of C in 3840 x 2160, a first frame loads 1.05 times the bytes that it needs; here 1.08 and 1.18
-      // times. Loading everything in the view would give 2.2 and 3.8.
+      // For all of C at 3840 x 2160, a first frame loads 1.05 times the bytes that it needs; here it loads 1.08 and
+      // 1.18 times as much. Loading everything in the view would load 2.2 and 3.8 times as much.
       CHECK(stats.streamed_bytes <= stats.needed_bytes / 4 * 5);
       if (frame > 0) CHECK(stats.streamed_bytes == stats.needed_bytes);
       CHECK(stats.streamed_bytes > 0);

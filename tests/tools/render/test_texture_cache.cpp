@@ -1,5 +1,5 @@
 // The rounds in which a GPU decodes JPEG textures: first on the CPU with caches of every size, then on the GPU. The
-// picture equals that of completely decoded textures, pixel for pixel.
+// picture equals the picture of completely decoded textures, pixel for pixel.
 #include <algorithm>
 #include <array>
 #include <iterator>
@@ -54,7 +54,7 @@ std::vector<JpegLevel> levels_of(const runtime::Scene& scene) {
 /// A texture cache in host memory, used as in kernels/cuda/texture_cache.cu.
 class HostCache {
  public:
-  /// `wanted`: the number of slots that fit its memory, rounded down to whole sets if there are several.
+  /// `wanted`: the number of slots that fit into its memory. With several sets it is rounded down to whole sets.
   HostCache(std::vector<JpegLevel> levels, uint64_t wanted, const kernels::JpegGroups& groups)
       : levels_(std::move(levels)) {
     const uint32_t slot_bytes = 4 * groups.pixels;
@@ -111,8 +111,7 @@ class HostCache {
   }
 
  private:
-  /// Between rounds there are no requests. Every slot with a key has its group's colours, and only these slots are
-  /// found.
+  /// Between rounds there are no requests. Every slot with a key has its group's colours, and no other slot is found.
   void check() const {
     CHECK(std::count(places_.begin(), places_.end(), TextureCache::kRequested) == 0);
     const auto there =
@@ -120,7 +119,7 @@ class HostCache {
     CHECK(there == std::count_if(keys_.begin(), keys_.end(), [](uint64_t key) { return key != TextureCache::kNoKey; }));
     std::vector<uint8_t> samples(64 * format::kJpegMaxGroupBlocks);
     uint64_t wrong = 0;
-    // A prime step: checks some slots of a large cache, all slots of a small one.
+    // A prime step: checks a part of the slots of a large cache, and all slots of a small one.
     const size_t step = keys_.size() > 64 ? 37 : 1;
     for (size_t slot = 0; slot < keys_.size(); slot += step) {
       if (keys_[slot] == TextureCache::kNoKey) continue;
@@ -156,7 +155,7 @@ runtime::CameraOptions camera_of(uint32_t width) {
   return {.width = width, .height = width * 2 / 3};
 }
 
-/// From far away, near, and a jump to close above one corner and back.
+/// Views from far away, from near, and a jump to close above one corner and back.
 std::vector<kernels::View> views_of(const runtime::Scene& scene) {
   std::vector<kernels::View> views;
   const auto add = [&](const runtime::CameraOptions& camera) {
@@ -200,7 +199,7 @@ std::vector<uint8_t> resolve_whole(const kernels::ShadeInputs& in, uint32_t side
 
 }  // namespace
 
-TEST_CASE("rounds of decoding give the same picture as whole textures, with caches of any size", "[texture_cache]") {
+TEST_CASE("rounds of decoding give the picture of completely decoded textures, with any cache", "[texture_cache]") {
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
   convert::ConvertOptions options = tests::options_of(folder);
@@ -223,14 +222,14 @@ TEST_CASE("rounds of decoding give the same picture as whole textures, with cach
       HostCache cache(levels_of(scene), slots, scene.jpeg_groups());
       CHECK(cache.view().slot_count <= slots);
       CHECK(cache.view().slot_count + TextureCache::kWays > slots);
-      uint64_t left = 0;  // tiles whose pixels decoded by themselves
+      uint64_t left = 0;  // tiles whose pixels were decoded one by one
       for (size_t i = 0; i < views.size(); ++i) {
         INFO(slots << " slots, " << threads << " threads, view " << i);
         const kernels::ShadeInputs in = make_shade_inputs(scene.view(), views[i], {}, nullptr, &srgb, nullptr);
         CHECK(cache.resolve(in, 1, samples[i], threads) == expected[i]);
         left += cache.counters().back().tiles;
         if (slots < 100000) continue;
-        // Everything fits: one round of decoding, and none if it was used before.
+        // Everything fits: there is one round of decoding, and none if the groups are cached.
         CHECK(cache.counters()[1].tiles == 0);
         CHECK(cache.counters()[0].decoded == cache.counters()[0].requests);
         CHECK(cache.resolve(in, 1, samples[i], threads) == expected[i]);
@@ -247,7 +246,7 @@ TEST_CASE("rounds of decoding give the same picture as whole textures, with cach
   }
 }
 
-TEST_CASE("groups that do not fit the cache are decoded by their pixels", "[texture_cache]") {
+TEST_CASE("groups that do not fit into the cache are decoded pixel by pixel", "[texture_cache]") {
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
   tests::must_convert(tests::options_of(folder));
@@ -260,7 +259,7 @@ TEST_CASE("groups that do not fit the cache are decoded by their pixels", "[text
   const kernels::JpegGroups groups = scene.jpeg_groups();
   for (const bool none_fits : {true, false}) {
     std::vector<JpegLevel> levels = levels_of(scene);
-    // Every second level has one group more than expected.
+    // Every second level has one group more than the cache expects.
     for (size_t i = 0; i < levels.size(); i += 2) --levels[i].group_count;
     kernels::SceneView changed = scene.view();
     std::vector<kernels::TextureView> textures(changed.textures,
@@ -275,7 +274,7 @@ TEST_CASE("groups that do not fit the cache are decoded by their pixels", "[text
   }
 }
 
-TEST_CASE("a texture cache keeps recent groups, and evicts the least recent", "[texture_cache]") {
+TEST_CASE("a texture cache keeps recent groups, and evicts the least recent one", "[texture_cache]") {
   constexpr uint32_t kSlots = 64;
   std::vector<uint8_t> places(10000, TextureCache::kAbsent);
   std::vector<uint64_t> keys(kSlots, TextureCache::kNoKey);
@@ -300,12 +299,12 @@ TEST_CASE("a texture cache keeps recent groups, and evicts the least recent", "[
       cache.mark(slot, 2);
       kept.insert(i);
     }
-  // Round 2 requests twice as many groups as fit; the groups that the round used stay.
+  // Round 2 requests twice as many groups as fit. The groups that the round has used stay.
   for (uint32_t i = 1000; i < 1000 + 2 * kSlots; ++i) (void)allocate_slot(i, 2);
   for (const uint64_t key : kept) CHECK(cache.find_slot(key) != TextureCache::kNoSlot);
   CHECK(allocate_slot(5000, 2) == TextureCache::kNoSlot);
   for (uint32_t i = 1; i < kSlots; i += 2) CHECK(cache.find_slot(i) == TextureCache::kNoSlot);
-  // The older one of two stamps in a set is evicted.
+  // The slot with the older of two stamps in a set is evicted.
   const uint64_t key = 6000;
   for (uint32_t slot = 0; slot < kSlots; ++slot) stamps[slot] = 7;
   const uint32_t oldest = cache.first_slot(key, 1) + 5;
@@ -342,7 +341,7 @@ TEST_CASE("a group is requested once, and requests beyond the limit are dropped"
   }
 }
 
-TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of any size", "[cuda]") {
+TEST_CASE("on the GPU, JPEG textures equal completely decoded ones, with caches of any size", "[cuda]") {
   if (!tests::has_gpu()) return;
   const TempFolder folder;
   tests::make_jpeg_model(folder.file("in.glb"));
@@ -368,7 +367,7 @@ TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of an
                                  runtime::kDeviceTextureCache}) {
       if (tests::kEmulatesGpu && bytes != 8 * slot_bytes && bytes != runtime::kDeviceTextureCache) continue;
       auto device = must(runtime::DeviceScene::upload(scene, 0, 2, runtime::Reading::kAuto, bytes));
-      uint64_t most_left = 0;  // tiles that decoded by themselves
+      uint64_t most_left = 0;  // tiles whose pixels were decoded one by one
       for (uint32_t frame = 0; frame < 2 * views.size(); ++frame) {
         INFO(input << ", " << bytes << " bytes, frame " << frame);
         const kernels::View& view = views[frame % views.size()];
@@ -386,11 +385,11 @@ TEST_CASE("on the GPU, JPEG textures equal whole decoded ones, with caches of an
           if (bytes == runtime::kDeviceTextureCache) CHECK(counts->tiles == 0);
         }
         if (bytes != runtime::kDeviceTextureCache) continue;
-        // Blocks used twice are in the cache: nothing is decoded.
+        // Blocks that are used again are cached, so nothing is decoded.
         const auto again = must(tests::Frame::draw(scene, view, 1, 2, &device));
         REQUIRE(again.shade({}, 2));
         CHECK((*device.texture_counts())->asked == 0);
-        // It equals the CPU's picture to one level.
+        // The picture equals the CPU's to one level.
         const auto on_cpu = must(tests::Frame::draw(scene, view, 1, 2));
         const auto cpu_pixels = on_cpu.shade({}, 2).value();
         const auto gpu_pixels = again.shade({}, 2).value();
@@ -417,7 +416,7 @@ TEST_CASE("a GPU's picture does not depend on the memory for pages of JPEGs", "[
   auto of_whole = must(runtime::DeviceScene::upload(whole, 0, 2));
   const uint64_t all = load_cached(options.output, 1, 1).block_pager()->all_bytes();
   for (const uint64_t memory : {uint64_t{1} << 40, all / 2}) {
-    // 64 KiB of pinned memory take none of the large pages.
+    // 64 KiB of pinned memory hold none of the large pages.
     for (const uint64_t host_memory : {uint64_t{0}, uint64_t{1} << 16}) {
       for (const uint64_t cache : {uint64_t{1}, runtime::kDeviceTextureCache}) {
         if (tests::kEmulatesGpu && (host_memory == 0) != (cache == 1)) continue;

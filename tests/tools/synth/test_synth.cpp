@@ -1,4 +1,4 @@
-// The measured scenes equal their definition bit for bit, and the files equal them for any number of threads.
+// The measured scenes equal their definition bit for bit, and files are the same for any number of threads.
 #include "tools/synth/synth.h"
 
 #include <algorithm>
@@ -28,7 +28,7 @@ SynthOptions scene_options(const char* scene, MeshOrder order = MeshOrder::kRow)
   return {.scene = scene, .order = order};
 }
 
-/// The sums of the definition, by scene and order: positions, indices.
+/// The sums that the definition states, by scene and order: positions, indices.
 struct Expected {
   const char* scene;
   MeshOrder order;
@@ -44,7 +44,7 @@ void check_sums(const Expected& expected) {
   CHECK(report.index_sum == expected.indices);
 }
 
-/// A written scene, read back without the importer.
+/// A written scene, read without the importer.
 struct Document {
   explicit Document(const std::string& path) : root(json::parse(read_whole(path))) {
     buffer = read_whole(std::filesystem::path(path).replace_extension(".bin").string());
@@ -83,13 +83,13 @@ Matrix node_matrix(const json& node) {
 
 }  // namespace
 
-TEST_CASE("the sums of the definition: B and D", "[synth]") {
+TEST_CASE("scenes B and D have the sums of their definition", "[synth]") {
   check_sums({"B", MeshOrder::kRow, 0xf0e272c633601e8a, 0x8594704c9338c711});
   check_sums({"B", MeshOrder::kBlock, 0x5cc377213b4bf0ad, 0x8e3db63e2a0998a6});
   check_sums({"D", MeshOrder::kRow, 0xa0f47004a686832c, 0x8306755979cb9ce2});
 }
 
-TEST_CASE("the sums of the definition: A and C", "[.slow]") {
+TEST_CASE("scenes A and C have the sums of their definition", "[.slow]") {
   check_sums({"A", MeshOrder::kRow, 0xd19e4df716b2312b, 0x0601895a3b61b968});
   check_sums({"A", MeshOrder::kBlock, 0xb0e2cb7a129fafb7, 0x3763687f5b9703e2});
   check_sums({"C", MeshOrder::kRow, 0x5337121d344b94ab, 0x3d3e0f728ff1ff02});
@@ -197,7 +197,7 @@ TEST_CASE("a written scene has the definition's vertices, indices, instances and
     CHECK(position_sum == report.position_sum);
     CHECK(index_sum == report.index_sum);
 
-    // The nodes: one root that converts z up to y up, then instances and cameras.
+    // The nodes: one root that converts from z up to y up, then instances and cameras.
     const json& nodes = document.root["nodes"];
     REQUIRE(document.root["scenes"][0]["nodes"] == json{0});
     const Matrix root = node_matrix(nodes[0]);
@@ -218,7 +218,7 @@ TEST_CASE("a written scene has the definition's vertices, indices, instances and
       CHECK(lens["name"] == camera.name);
       CHECK(lens["perspective"]["yfov"].get<double>() == Approx(3.14159265358979 / 3));
       const Matrix world = multiply(root, node_matrix(node));
-      // In the world (x, z, -y): the eye, and -z towards the target.
+      // In the world's axes (x, z, -y): the eye, and -z towards the target.
       const double eye[3] = {camera.eye[0], camera.eye[2], -camera.eye[1]};
       double forward[3] = {camera.target[0] - camera.eye[0], camera.target[2] - camera.eye[2],
                            -(camera.target[1] - camera.eye[1])};
@@ -228,7 +228,7 @@ TEST_CASE("a written scene has the definition's vertices, indices, instances and
                            world[8] * (world[1] * world[6] - world[5] * world[2]);
       CHECK(determinant == Approx(1));
       CHECK(world[1] == Approx(0).margin(1e-12));  // the horizon is level
-      CHECK(world[5] > 0);                         // and up is up
+      CHECK(world[5] > 0);                         // y points up
       for (size_t k = 0; k < 3; ++k) {
         CHECK(world[12 + k] == eye[k]);
         CHECK(-world[8 + k] == Approx(forward[k] / length).margin(1e-12));
@@ -243,12 +243,12 @@ TEST_CASE("smaller versions keep the instances and the view", "[synth]") {
   CHECK(quarter.unique_triangles() == 399513600 / 4);
   const Scene tiny = terrain_scene(MeshOrder::kRow, 0.0001);
   CHECK(tiny.meshes[0].n == 40);  // 40.8
-  // The last corner lies where it does at full scale, within the grid's jitter.
+  // The last corner lies where it lies at full scale, within the grid's jitter.
   const MeshRecipe& tile = tiny.meshes.back();
   const Float3 corner = vertex_position(tile, static_cast<uint32_t>(vertex_count(tile) - 1));
   CHECK(corner.x * tiny.instances.back().matrix[0] == Approx(1020).margin(2));
   CHECK(corner.y * tiny.instances.back().matrix[5] == Approx(765).margin(2));
-  // The close-up camera stays above the ground of its own terrain.
+  // The close-up camera stays above the ground of the scene's own terrain.
   const double stretch = 4080.0 / 40;
   const Double3 ground =
       terrain_position(static_cast<int>(std::lround(4800 / stretch)), static_cast<int>(std::lround(3200 / stretch)));
@@ -262,7 +262,7 @@ TEST_CASE("smaller versions keep the instances and the view", "[synth]") {
   CHECK(sponzalike_scene(1e-6).unique_triangles() == 100 * 12);
 }
 
-TEST_CASE("the same bytes for any number of threads", "[synth]") {
+TEST_CASE("the bytes do not depend on the number of threads", "[synth]") {
   const TempFolder folder;
   for (const char* name : {"B", "slope"}) {
     std::string first;
@@ -309,7 +309,7 @@ TEST_CASE("normals point outwards and have unit length", "[synth]") {
   CHECK(std::filesystem::exists(folder.file("b_granite.jpg")));
 }
 
-TEST_CASE("instances by EXT_mesh_gpu_instancing are where the matrices put them", "[synth]") {
+TEST_CASE("instances of EXT_mesh_gpu_instancing lie where the matrices place them", "[synth]") {
   const TempFolder folder;
   SynthOptions options = scene_options("C");
   options.scale = 1e-9;
@@ -345,7 +345,7 @@ TEST_CASE("instances by EXT_mesh_gpu_instancing are where the matrices put them"
   CHECK(worst < 1e-6);
 }
 
-TEST_CASE("the slope", "[synth]") {
+TEST_CASE("the slope has valid images, indices and rocks, and depends on its seed", "[synth]") {
   const TempFolder folder;
   SynthOptions options = scene_options("slope");
   options.scale = 0.02;
@@ -374,7 +374,7 @@ TEST_CASE("the slope", "[synth]") {
     }
     CHECK(largest == vertices - 1);
   }
-  // Rocks have their front faces outside: the signed volume is positive.
+  // The front faces of rocks are outside: the signed volume is positive.
   for (const size_t m : {size_t{0}, size_t{5}}) {
     const json& primitive = document.root["meshes"][m]["primitives"][0];
     const std::vector<float> p = document.values<float>(primitive["attributes"]["POSITION"], 3);
@@ -394,7 +394,7 @@ TEST_CASE("the slope", "[synth]") {
   CHECK(read_whole(folder.file("other.gltf")) != read_whole(folder.file("slope.gltf")));
 }
 
-TEST_CASE("the forest", "[synth][mask]") {
+TEST_CASE("the forest has masked trees and upright cameras, and depends on its seed", "[synth][mask]") {
   const TempFolder folder;
   SynthOptions options = scene_options("forest");
   options.scale = 0.002;
@@ -425,7 +425,7 @@ TEST_CASE("the forest", "[synth][mask]") {
   CHECK(read_whole(folder.file("other_leaves.png")) == read_whole(folder.file("forest_leaves.png")));
 }
 
-TEST_CASE("the Khronos validator accepts what synth writes", "[synth]") {
+TEST_CASE("the Khronos validator accepts files written by synth", "[synth]") {
   const TempFolder folder;
   for (const char* name : {"A", "B", "C", "D", "slope", "forest"})
     for (const bool full : {false, true}) {
@@ -449,7 +449,7 @@ TEST_CASE("textures are seamless", "[synth]") {
        {TextureKind::kGranite, TextureKind::kSandstone, TextureKind::kSlate, TextureKind::kGround}) {
     constexpr uint32_t kSize = 256;
     const std::vector<uint8_t> rgb = make_texture(kind, kSize, 2);
-    // Neighbours across the border differ no more than neighbours inside.
+    // Neighbours across the border differ no more than neighbours inside the texture.
     const auto step = [&](uint32_t x0, uint32_t x1, bool transposed) {
       double sum = 0;
       for (uint32_t i = 0; i < kSize; ++i)

@@ -1,4 +1,4 @@
-// Scenes like Zorah: they have the counts of NVIDIA's files, are converted and are drawn.
+// Scenes like Zorah have the counts of NVIDIA's files, are converted and are drawn.
 #include "tools/synth/zorah.h"
 
 #include <algorithm>
@@ -58,7 +58,7 @@ json written(const TempFolder& folder, const ZorahPlan& plan, uint32_t threads =
   return document;
 }
 
-/// The same plan with a fortieth of the files, since each is synced to the disk.
+/// The same plan with a fortieth of the files, because each file is synced to the disk.
 ZorahPlan with_fewer_files(ZorahPlan plan) {
   constexpr uint32_t kFewer = 40;
   for (ZorahGroup& group : plan.groups) group.buffer /= kFewer;
@@ -79,7 +79,7 @@ uint64_t triangles_of(const json& document, const json& primitive) {
   return document["accessors"][primitive["indices"].get<size_t>()]["count"].get<uint64_t>() / 3;
 }
 
-/// How often each mesh is drawn.
+/// By mesh: how many times it is drawn.
 std::vector<uint64_t> draws_of(const json& document) {
   std::vector<uint64_t> draws(document["meshes"].size());
   for (const json& node : document["nodes"]) {
@@ -103,7 +103,7 @@ void check_packed(const TempFolder& folder, const std::string& scene, const json
   const std::vector<uint64_t> draws = draws_of(document);
   uint64_t instances = 0, drawn = 0;
   for (size_t m = 0; m < draws.size(); ++m) {
-    instances += draws[m] * document["meshes"][m]["primitives"].size();  // a packed mesh is a primitive
+    instances += draws[m] * document["meshes"][m]["primitives"].size();  // a packed mesh is one primitive
     for (const json& primitive : document["meshes"][m]["primitives"])
       drawn += draws[m] * triangles_of(document, primitive);
   }
@@ -129,7 +129,7 @@ uint64_t drawn_primitives(const ZorahPlan& plan) {
   return sum;
 }
 
-/// Over all meshes; shared accessors count for each.
+/// The sum over all meshes. A shared accessor counts once per mesh.
 uint64_t named_triangles(const ZorahPlan& plan) {
   uint64_t sum = 0;
   for (const ZorahMesh& mesh : plan.meshes)
@@ -149,7 +149,7 @@ TEST_CASE("zorah's plan has the counts of NVIDIA's file", "[synth][zorah]") {
   CHECK(plan.drawn_meshes() == 16988);
   CHECK(drawn_primitives(plan) == 19144);
   CHECK(plan.materials.size() == 3283);
-  // The decoded bytes, with float attributes and 32-bit indices.
+  // The decoded bytes of float attributes and 32-bit indices.
   CHECK(12 * (plan.unique_triangles() + plan.vertices()) == 31690629036);
   uint64_t largest = 0, most = 0, mountains = 0;
   std::set<uint32_t> used;
@@ -267,7 +267,7 @@ TEST_CASE("a sheet has exactly the stated triangles and vertices", "[synth][zora
       for (size_t i = 0; i < indices.size(); i += 3)
         indices_right = indices_right && indices[i] != indices[i + 1] && indices[i + 1] != indices[i + 2] &&
                         indices[i] != indices[i + 2];
-      // An odd last triangle may leave a corner of its quad.
+      // An odd last triangle may leave a corner of its quad unused.
       if (vertices <= triangles / 2) all_used = all_used && used.size() + grid.spare_vertices() + 1 >= vertices;
     }
   CHECK(counts_right);
@@ -299,7 +299,7 @@ TEST_CASE("a sheet is a closed surface with matching normals and tangents", "[sy
   }
   CHECK(volume > 3.0);  // a sphere of radius 1 has 4.19
   CHECK(volume < 5.5);
-  CHECK(against < 30);  // at the folds of the border
+  CHECK(against < 30);  // triangles at the folds of the border
   for (size_t v = 0; v < grid.vertices(); ++v) {
     const Vec3 n = vector_at(normals, 3 * v), t = vector_at(tangents, 4 * v);
     REQUIRE(dot(n, n) == Approx(1).margin(1e-5));
@@ -339,7 +339,7 @@ TEST_CASE("encoded blocks decode to nearly the same texels", "[synth][zorah]") {
   alignas(16) std::byte block[16]{};
   encode_bc7(flat, block);
   CHECK(most_off(flat, format::BlockFormat::kBc7, 15, block) <= 1);
-  CHECK(most_off(flat, format::BlockFormat::kBc7, 8, block) == 0);  // opaque stays opaque
+  CHECK(most_off(flat, format::BlockFormat::kBc7, 8, block) == 0);  // opaque texels stay opaque
   encode_bc5(flat, block);
   CHECK(most_off(flat, format::BlockFormat::kBc5, 3, block) == 0);
 }
@@ -379,7 +379,7 @@ TEST_CASE("generated textures are KTX2 files with all levels", "[synth][zorah]")
       mean.push_back(sum / static_cast<double>(image.rgba.size() / 4));
     }
     CHECK(is_opaque == (picture != BlockPicture::kCutout && picture != BlockPicture::kSpecular));
-    if (picture == BlockPicture::kColor) CHECK(std::abs(mean[5] - mean[0]) < 25);  // levels are of one picture
+    if (picture == BlockPicture::kColor) CHECK(std::abs(mean[5] - mean[0]) < 25);  // all levels show the same picture
   }
 }
 
@@ -408,7 +408,7 @@ TEST_CASE("zorah is written, converted and drawn", "[synth][zorah]") {
   }
   CHECK(mesh_nodes == 16988);
   CHECK(mountains == 50);
-  CHECK(document["scenes"][0]["nodes"].size() == 16988 + 1);  // and the camera's
+  CHECK(document["scenes"][0]["nodes"].size() == 16988 + 1);  // and the camera's node
   for (const json& mesh : document["meshes"])
     for (const json& primitive : mesh["primitives"]) REQUIRE(primitive["attributes"].size() == 1);
   check_packed(folder, "zorah", document);
@@ -426,7 +426,7 @@ TEST_CASE("zorah-textured is written, converted and drawn", "[synth][zorah]") {
   const json document = written(folder, plan);
   REQUIRE(document["buffers"].size() == 1 + plan.buffers + 1);
   CHECK(document["meshes"].size() == 2812);
-  CHECK(document["nodes"].size() == 13079 + 1);  // and the camera's
+  CHECK(document["nodes"].size() == 13079 + 1);  // and the camera's node
   uint64_t parents = 0, instancing = 0, primitives = 0, drawn = 0;
   std::set<uint64_t> positions;
   for (const json& node : document["nodes"]) {

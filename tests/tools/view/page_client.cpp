@@ -87,7 +87,7 @@ PageClient::~PageClient() {
 void PageClient::send_raw(std::string_view bytes) {
   while (!bytes.empty()) {
     const ssize_t sent = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
-    if (sent <= 0) return;  // the other side has closed; its answer gives the reason
+    if (sent <= 0) return;  // the other side has closed; its answer states the reason
     bytes.remove_prefix(static_cast<size_t>(sent));
   }
 }
@@ -144,7 +144,7 @@ void PageClient::send(std::string_view message, uint8_t opcode) {
 }
 
 std::optional<PageClient::Received> PageClient::receive(Clock::time_point until) {
-  Received parts;  // of a message in several frames, between which pings may come
+  Received parts;  // of a message in several frames, between which pings may arrive
   while (Clock::now() < until) {
     unsigned char head[2];
     if (!read_exactly(reinterpret_cast<char*>(head), 2)) return std::nullopt;

@@ -1,4 +1,4 @@
-// scree view as a process, and a client with its own HTTP and WebSocket code, so that a test can also break the
+// scree view as a process, and a client with its own HTTP and WebSocket code, which allows a test to break the
 // protocol.
 #pragma once
 
@@ -16,8 +16,8 @@
 
 namespace scree::tests {
 
-/// `scree view` on a free port of 127.0.0.1, of a small packed scene, or of `scene`. The test fails if it does not
-/// start.
+/// `scree view` on a free port of 127.0.0.1, of `scene` or else of a small packed scene. If it does not start, the test
+/// fails.
 class ViewProcess {
  public:
   explicit ViewProcess(const std::vector<std::string>& more_words = {}, const std::string& scene = {});
@@ -36,7 +36,7 @@ class ViewProcess {
 
   struct End {
     int exit_code = -1;  // -1: ended by a signal
-    double seconds = 0;  // from the signal on
+    double seconds = 0;  // from the signal to the end
   };
   End interrupt();
 
@@ -65,7 +65,7 @@ class PageClient {
   /// Sends the upgrade request. An empty origin or host omits that header. Returns the HTTP status, or 0 without an
   /// answer.
   int upgrade(const std::string& host, const std::string& origin, const std::string& path = "/ws");
-  /// upgrade() with the right host, origin and token.
+  /// Calls upgrade() with the right host, origin and token.
   void join(const ViewProcess& server);
 
   struct Received {
@@ -76,9 +76,9 @@ class PageClient {
   /// Sends a masked frame, as pages do. `opcode`: 1 text, 2 binary.
   void send(std::string_view message, uint8_t opcode = 1);
   using Clock = std::chrono::steady_clock;
-  /// The next message; nullopt if the connection broke, or `patience` or the time is over. Pings are answered.
+  /// The next message; nullopt if the connection breaks, or `patience` or the time has passed. Pings are answered.
   std::optional<Received> receive(Clock::time_point until = Clock::now() + kLongestWait);
-  /// The next text of that type. The test fails if none comes within kLongestWait.
+  /// The next text of the given type. The test fails if none arrives within kLongestWait.
   std::string receive_text(std::string_view type);
   /// The next picture: its JSON header and its file.
   struct Picture {

@@ -57,7 +57,7 @@ TEST_CASE("hosts and origins are admitted by name", "[view][view-access]") {
   CHECK(AccessList("::", {}).allows_host("localhost"));
 }
 
-TEST_CASE("a base path is removed whole or not at all", "[view][view-access]") {
+TEST_CASE("a base path is removed completely or not at all", "[view][view-access]") {
   CHECK(*parse_base_path("") == "");
   CHECK(*parse_base_path("/") == "");
   CHECK(*parse_base_path("a/b/") == "/a/b");

@@ -20,7 +20,7 @@ struct TestPicture {
   PixelView view;
 };
 
-/// A smooth picture, which JPEG hardly changes, with a step between strips that would reveal a wrong position.
+/// A smooth picture, which JPEG hardly changes. A step between strips would reveal a wrong position.
 TestPicture make_picture(uint32_t width, uint32_t height) {
   TestPicture out;
   for (uint32_t y = 0; y < height; ++y)
@@ -48,7 +48,7 @@ TEST_CASE("a JPEG in strips equals the JPEG of one strip", "[view][view-encode]"
       const Image left = decoded(must(encode_jpeg(picture.view, 90, is_sharp, one)));
       const Image right = decoded(must(encode_jpeg(picture.view, 90, is_sharp, three)));
       REQUIRE(left.height == height);
-      if (is_sharp) CHECK(left.rgba == right.rgba);  // for 4:2:0 the decoder smooths across the borders of strips
+      if (is_sharp) CHECK(left.rgba == right.rgba);  // with 4:2:0 the decoder smooths across the borders of strips
       double squares = 0;
       for (size_t i = 0; i < size_t{width} * height; ++i)
         for (size_t c = 0; c < 3; ++c) squares += std::pow(right.rgba[4 * i + c] - picture.bytes[3 * i + c], 2);
@@ -65,7 +65,7 @@ TEST_CASE("an encoder stops when its picture is no longer needed", "[view][view-
 }
 
 TEST_CASE("quality follows the rates of the link and the renderer", "[view][view-encode]") {
-  // A picture takes fixed_ms, plus time for its pixels and its bytes; the bytes depend on its quality.
+  // A picture takes fixed_ms, plus time for its pixels and for its bytes, whose number depends on its quality.
   const auto settle = [](double fixed_ms, double pixel_ms, double byte_ms) {
     Adaptation adaptation;
     double now = 1000;
@@ -78,11 +78,11 @@ TEST_CASE("quality follows the rates of the link and the renderer", "[view][view
     }
     return adaptation.level();
   };
-  CHECK(settle(5, 5, 5) == 0);     // fast everywhere: the best quality
+  CHECK(settle(5, 5, 5) == 0);     // everything is fast: the best quality
   CHECK(settle(10, 200, 0) >= 2);  // a slow renderer: fewer pixels
   CHECK(settle(10, 200, 0) <= 4);
   CHECK(settle(10, 10, 1500) == 5);  // a slow link: the lowest quality
-  CHECK(settle(200, 1, 1) <= 1);     // neither pixels nor bytes matter: a good picture is as fast
+  CHECK(settle(200, 1, 1) <= 1);     // neither pixels nor bytes matter: a good picture is as fast as a bad one
 }
 
 TEST_CASE("quality recovers after a short disturbance", "[view][view-encode]") {
@@ -97,9 +97,9 @@ TEST_CASE("quality recovers after a short disturbance", "[view][view-encode]") {
     return worst;
   };
   CHECK(show(2000, 150) >= 2);  // while the scene is loaded
-  show(20000, 60);              // a picture that can be steered, but is not fast
+  show(20000, 60);              // fast enough for steering, but not fast
   CHECK(adaptation.level() == 0);
-  // Where the level above stays too slow, trials of it become rare.
+  // If the level above stays too slow, it is tried less and less often.
   Adaptation slow;
   size_t trials = 0;
   for (now = 1000; now < 241000;) {

@@ -110,15 +110,15 @@ TEST_CASE_METHOD(JoinedPage, "a hub draws the newest camera, then the picture at
   REQUIRE(page->picture(0).find("\"seq\":1,") != std::string::npos);
   for (uint64_t i = 2; i <= 30; ++i) hub.receive(number, request(i, 0.01 * static_cast<double>(i)));
   REQUIRE(!page->picture(1).empty());
-  CHECK(page->picture(2, 300ms).empty());  // two are in flight
+  CHECK(page->picture(2, 300ms).empty());  // two pictures are in flight
   size_t count = 2;
   for (size_t i = 0; i < count; ++i) {
     hub.receive(number, Ack{frame_of(page->picture(i))});
-    if (!page->picture(count, 600ms).empty()) ++count;  // longer than the delay of a picture at rest
+    if (!page->picture(count, 600ms).empty()) ++count;  // longer than the delay before a picture at rest
   }
   REQUIRE(count >= 4);
-  // At most one was drawn between the first and the last camera. The late acknowledgements may have led to a smaller
-  // picture, after which one of full size comes first.
+  // At most one picture was drawn between the first and the last camera. The late acknowledgements may have led to a
+  // smaller picture, which a picture of full size follows first.
   CHECK(count <= 6);
   const std::string exact = page->picture(count - 2), finer = page->picture(count - 1);
   for (const std::string& head : {exact, finer}) {
@@ -128,7 +128,7 @@ TEST_CASE_METHOD(JoinedPage, "a hub draws the newest camera, then the picture at
   CHECK(exact.find("\"samples\":1,") != std::string::npos);
   CHECK(finer.find("\"samples\":2,") != std::string::npos);
   hub.leave(number);
-  hub.receive(number, request(99, 0));  // no page has made this request
+  hub.receive(number, request(99, 0));  // a request from a page that has left
   CHECK(hub.stop(5s));
 }
 
@@ -149,11 +149,11 @@ TEST_CASE_METHOD(JoinedPage, "a viewer with a slow link gets a JPEG of full size
     hub.receive(number, moving);
     std::string head;
     while (head.find("\"seq\":" + std::to_string(i) + ",") == std::string::npos) {
-      if (!head.empty()) hub.receive(number, Ack{frame_of(head)});  // picture at rest of the previous camera
+      if (!head.empty()) hub.receive(number, Ack{frame_of(head)});  // the picture at rest of the previous camera
       head = next();
     }
     is_small = head.find("\"scale\":0.75") != std::string::npos;
-    std::this_thread::sleep_for(130ms);  // the time of a picture on its way to the page
+    std::this_thread::sleep_for(130ms);  // the time that a picture takes to reach the page
     hub.receive(number, Ack{frame_of(head)});
   }
   const std::string sharp = next(), exact = next();
@@ -184,7 +184,7 @@ TEST_CASE("a hub draws on a GPU while the scene is loaded", "[view][view-hub][cu
 
 TEST_CASE_METHOD(JoinedPage, "requests to a hub are limited", "[view][view-hub]") {
   REQUIRE(page->hears("\"type\":\"scene\""));
-  hub.receive(number, PickRequest{1, {5, 5}});  // no camera yet: no answer
+  hub.receive(number, PickRequest{1, {5, 5}});  // there is no camera yet, so no answer
   hub.receive(number, request(1, 0));
   REQUIRE(!page->picture(0).empty());
   for (uint64_t i = 0; i < 200; ++i) hub.receive(number, Screenshot{i, 512, 512, 2});

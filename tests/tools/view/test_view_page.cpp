@@ -13,7 +13,7 @@
 
 using namespace scree::tests;
 
-TEST_CASE("the page of scree view in a browser", "[view][view-page]") {
+TEST_CASE("the page of scree view works in a browser", "[view][view-page]") {
   const TempFolder folder;
   const std::string scene = folder.file("a scene's file.scree");
   SmallScene{}.write(scene);

@@ -96,10 +96,10 @@ TEST_CASE("scree view admits a page by token and origin", "[view][view-server]")
     return client.upgrade(host, from);
   };
   CHECK(upgrade(own, "http://evil.example") == 403);
-  CHECK(upgrade(own, "http://127.0.0.1:1") == 403);  // another server of this machine
+  CHECK(upgrade(own, "http://127.0.0.1:1") == 403);  // another server on this machine
   CHECK(upgrade(own, "") == 403);
   CHECK(upgrade(own, "null") == 403);
-  CHECK(upgrade("evil.example", "http://evil.example") == 421);  // DNS rebinding: they equal each other
+  CHECK(upgrade("evil.example", "http://evil.example") == 421);  // DNS rebinding: host and origin are equal
   CHECK(upgrade(own, "https://viewer.example") == 101);          // a proxy that changes Host
   CHECK(upgrade("viewer.example", "https://viewer.example") == 101);
 
@@ -163,7 +163,7 @@ TEST_CASE("scree view draws the same as scree render", "[view][view-server]") {
     client.acknowledge(picture);
   } while (!picture.is_exact());
   const std::vector<uint8_t> empty = rgba_of(picture.file);
-  CHECK(std::equal(empty.begin() + 4, empty.end(), empty.begin()));  // only background
+  CHECK(std::equal(empty.begin() + 4, empty.end(), empty.begin()));  // nothing but background
   client.send("{\"type\":\"pick\",\"id\":4,\"x\":80,\"y\":45}");
   CHECK(holds(client.receive_text("pick"), "\"hit\":false"));
 }
@@ -228,7 +228,7 @@ TEST_CASE("scree view closes connections that break its limits, and continues", 
   CHECK(ended_by([](PageClient& client) {
           for (int i = 0; i < 400; ++i) client.send("{\"type\":\"ack\",\"frame\":1}");
         }) == 4005);
-  // A camera without a direction gets an error and is not fatal; so do nodes that do not exist.
+  // A camera without a direction gives an error that is not fatal. So do nodes that do not exist.
   PageClient client(server.port());
   client.join(server);
   std::string nowhere = view_text(1, 64, 64);
@@ -271,7 +271,7 @@ TEST_CASE("viewers follow each other, and Ctrl-C ends scree view within a second
   CHECK(status_of(get(server, "/scree")) == 308);
   CHECK(status_of(get(server, "/scree/")) == 200);
   CHECK(status_of(get(server, "/scree/main.js")) == 200);
-  CHECK(status_of(get(server, "/main.js")) == 200);  // for a proxy that strips the path
+  CHECK(status_of(get(server, "/main.js")) == 200);  // as from a proxy that strips the path
   CHECK(status_of(get(server, "/screen/main.js")) == 404);
   PageClient leader(server.port()), follower(server.port());
   leader.join(server);
@@ -285,7 +285,7 @@ TEST_CASE("viewers follow each other, and Ctrl-C ends scree view within a second
   CHECK(close_code(leader) == 4000);
 }
 
-TEST_CASE("eight viewers move at once, each with its own camera, one follows another", "[view][view-server]") {
+TEST_CASE("eight viewers move at once, each with its own camera, and one follows another", "[view][view-server]") {
   ViewProcess server;
   constexpr size_t kViewers = 8;
   constexpr uint64_t kMoves = kIsSanitized ? 10 : 40;
@@ -295,13 +295,13 @@ TEST_CASE("eight viewers move at once, each with its own camera, one follows ano
     pages.back()->join(server);
   }
   const uint64_t before = server.resident();
-  // Each its own picture: the last exact one of viewer i shows the camera of viewer i.
+  // Each viewer has its own picture: the last exact one of viewer i shows the camera of viewer i.
   std::vector<std::string> last(kViewers);
   std::vector<uint64_t> shown(kViewers, 0);
   std::vector<std::thread> threads;
   for (size_t i = 0; i + 1 < kViewers; ++i)
     threads.emplace_back([&, i] {
-      // Uses no Catch macros, which are for one thread only.
+      // These threads use no Catch macros, which are for one thread only.
       for (uint64_t move = 1; move <= kMoves; ++move) {
         const bool is_last = move == kMoves;
         const double eye = is_last ? 0.1 * static_cast<double>(i) : 0.01 * static_cast<double>(move);

@@ -1,5 +1,5 @@
-// Sessions: hidden nodes, including blended ones, are left out on the CPU and on a GPU, and come back. The sun's
-// shadows are those of scree render, and their map is kept.
+// Sessions: hidden nodes, including blended ones, are left out on the CPU and on a GPU, and can be shown again. The
+// sun's shadows equal those of scree render, and their map is kept.
 #include "tools/view/session.h"
 
 #include <cstdlib>
@@ -40,7 +40,7 @@ Rgb rgb(const PixelView& pixels) {
   return out;
 }
 
-/// Eight quads in two rows; node 5 is blended.
+/// Draws eight quads in two rows, of which node 5 is blended.
 Rgb draw(ViewSession& session, const Visibility& visibility, uint32_t viewer = 0) {
   PictureRequest request;
   request.camera.eye = {3.75, 1.25, 9};
@@ -88,7 +88,7 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
   for (const Visibility& visibility : all_kinds) expected.push_back(draw(cpu, visibility));
   CHECK(expected.back() == expected.front());
   for (size_t i = 1; i + 1 < expected.size(); ++i) CHECK(differing(expected[i], expected[i - 1]) > 100);
-  // The node's name and its instance's number are those of the whole scene.
+  // The node's name and its instance's number are those in the whole scene.
   draw(cpu, {{0, 1}, {}});
   const auto picked = must(cpu.pick({75, 20}));
   REQUIRE(picked.has_value());
@@ -107,7 +107,7 @@ TEST_CASE("hidden nodes, opaque and blended, are left out on the CPU and on a GP
     CHECK(differing(found[i], expected[i]) == 0);
   }
   CHECK(found.back() == found.front());
-  // Viewers take turns. Each has its own picture again, even without drawing, and picks in it.
+  // Viewers take turns. Each gets its own picture again, even without drawing, and picks in it.
   for (const uint32_t round : {0, 1, 2}) {
     INFO("round " << round);
     if (round == 2) gpu.forget(1);
@@ -186,7 +186,7 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   CHECK(maps == 0);
   CHECK(draw_at(-4, true, false) == expected);
   CHECK(maps == 1);
-  CHECK(draw_at(-4, false, false) == plain);  // the switch, to and fro
+  CHECK(draw_at(-4, false, false) == plain);  // shadows are switched off, and on again
   CHECK(draw_at(-4, true, false) == expected);
   draw_at(-4, true, false, {}, {}, kernels::Show::kDepth);
   CHECK(maps == 1);
@@ -196,7 +196,7 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   }
   CHECK(draw_at(-4, true, false) == expected);
 
-  // While the camera moves, one map is for many pictures.
+  // While the camera moves, one map serves many pictures.
   maps = 0;
   for (int i = 0; i < 60; ++i) draw_at(-4 + 0.2 * i, true, true);
   CAPTURE(maps);
@@ -207,7 +207,7 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   draw_at(-4, true, true);
   CHECK(maps == 1);
 
-  // Hidden nodes and a box cast none, as they are not drawn.
+  // Hidden nodes and parts outside a box cast no shadows, because they are not drawn.
   const Visibility hidden{{1}, {}};
   const Rgb without = draw_at(-4, true, false, hidden);
   CHECK(maps == 2);
@@ -224,7 +224,7 @@ TEST_CASE("shadows at rest are those of scree render, and their map is kept", "[
   CHECK(maps == 5);
 }
 
-TEST_CASE("a session without a sun says why it has no shadows", "[view][shadow]") {
+TEST_CASE("a session without a sun gives the reason why it has no shadows", "[view][shadow]") {
   const TempFolder folder;
   convert::ConvertOptions options = tests::options_of(folder);
   options.input = tests::data_path(GENERATE("sun.glb", "materials.gltf")).string();

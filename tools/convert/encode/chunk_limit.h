@@ -14,7 +14,7 @@ namespace scree::convert {
 /// Upper bound of the bits of a vertex's attributes in any chunk of this mesh.
 uint64_t attribute_bits_bound(const MeshPlan& mesh);
 
-/// The same, including the vertex's position.
+/// As above, including the vertex's position.
 uint64_t vertex_bits_bound(const MeshPlan& mesh);
 
 /// Upper bound of the bits of a triangle's source number, which is stored relative to the smallest one of its chunk.
@@ -25,7 +25,7 @@ class ChunkLimit {
   /// `most_triangles`: 0 means no limit, not even a page.
   ChunkLimit(const MeshPlan& mesh, const WindowPlan& plan, uint64_t most_triangles);
 
-  /// Whether a chunk may have that many triangles and vertices.
+  /// Whether a chunk may have this many triangles and vertices.
   bool fits(uint64_t triangles, uint64_t vertices) const {
     if (most_triangles_ == 0) return true;
     if (triangles > most_triangles_) return false;
@@ -33,7 +33,7 @@ class ChunkLimit {
     return triangles * (3 * index_bits + triangle_bits_) + vertices * vertex_bits_ <= budget_bits_;
   }
 
-  /// The same for a chunk of clusters with that many words of data.
+  /// As fits(), for a chunk of clusters with this many words of data.
   bool clusters_fit(uint64_t triangles, uint64_t vertices, uint64_t clusters, uint64_t words) const;
 
  private:

@@ -194,7 +194,7 @@ class WindowEncoder {
 
   /// Adds `chunk`, with the triangles and vertices of add_chunk(), as clusters. Returns false and adds nothing if
   /// clusters take more bytes than floats and a list of indices (`float_bytes`). The comparison includes attributes,
-  /// since vertices on the border of two clusters are stored twice.
+  /// since clusters store the vertices on a common border twice.
   bool add_clusters(uint64_t float_bytes, EncodedChunk& chunk) {
     const format::ClusterSet& set =
         s_.clusters.build(s_.chunk_indices, s_.chunk_coordinates, options_.clusters, most_of_cluster());
@@ -235,7 +235,7 @@ class WindowEncoder {
                                          : static_cast<uint32_t>(std::min<uint64_t>(options_.chunk_triangles, kNone));
   }
 
-  /// Bytes of the attribute streams of that many vertices.
+  /// Bytes of the attribute streams of `vertices` vertices.
   uint64_t attribute_bytes(uint64_t vertices, const uint32_t uv_bits[2]) const {
     uint64_t bytes = format::packed_bytes(vertices, uv_bits[0]) + format::packed_bytes(vertices, uv_bits[1]);
     if (mesh_.attributes & format::kHasColor) bytes += format::color_stream_bytes(vertices);
@@ -326,7 +326,7 @@ class WindowEncoder {
     return repaired;
   }
 
-  /// Called before chunks are cut, since the size of texture coordinates affects the cut.
+  /// Called before chunks are cut, since the size of texture coordinates affects the cuts.
   Result<void> read_uvs() {
     if (!(mesh_.attributes & format::kHasUv)) return {};
     const Result<uint64_t> repaired = read_attribute(*primitive_.uv, s_.floats);
@@ -506,7 +506,7 @@ Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScra
   return welded;
 }
 
-/// Welded::cost_bits of that many vertices, with the widths of the chunks.
+/// Welded::cost_bits of `vertices` vertices, with the widths of the chunks.
 uint64_t cost_bits(uint64_t vertices, const MeshPlan& mesh, const std::vector<EncodedChunk>& chunks) {
   if (vertices == 0 || chunks.empty()) return 0;
   if (mesh.clustered) return Welded::kNotKnown;
@@ -536,7 +536,7 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
              !loaded) {
     return loaded.error();
   }
-  // If the file has changed between the passes, a coordinate could lie outside its lattice.
+  // If the file has changed between the passes, a coordinate may lie outside its lattice.
   if (window.triangle_count() != plan.kept || window.vertices().size() != plan.vertices ||
       !inside(box_of(window.positions()), mesh.box))
     return Error{ErrorCode::kFormat, "mesh " + std::to_string(primitive.mesh) + " primitive " +

@@ -25,7 +25,7 @@ enum class Order {
 
 /// Bits per axis of stored normals. The angle between a normal and its code stays below 0.05 degrees.
 inline constexpr uint32_t kNormalBits = 12;
-/// Bits of stored tangents, the sign included: the error of the angle around the normal is at most 1/512, 0.112
+/// Bits of stored tangents, including the sign. The error of the angle around the normal is at most 1/512 radian, 0.112
 /// degrees.
 inline constexpr uint32_t kTangentBits = 12;
 
@@ -43,8 +43,8 @@ struct MeshPlan {
   uint32_t attributes = 0;  // format::AttributeFlags of the streams to write
   bool float32 = false;
   bool clustered = false;  // chunks are clustered; never with float32
-  // Cuts and welds as with float32, so that the size of each chunk can be compared with float32. A chunk that would be
-  // larger as clusters is indexed.
+  // Cuts and welds as with float32, so that each chunk's size can be compared with float32. A chunk that clusters would
+  // make larger is indexed.
   bool chunks_as_float32 = false;
   uint64_t sorted_triangles = 0;  // of the source, if a window's triangles may come from anywhere in it; else 0
   format::MeshLattice lattice;
@@ -59,7 +59,7 @@ struct EncodedChunk {
 
 /// Vertices that were merged into others.
 struct Welded {
-  // For clusters, because vertices that several clusters share are stored in each of them in any case.
+  // For clusters: each cluster stores its own copy of a shared vertex in any case.
   static constexpr uint64_t kNotKnown = UINT64_MAX;
 
   uint64_t vertices = 0;

@@ -14,12 +14,12 @@
 
 namespace scree::convert {
 
-/// Fills geometry pages with chunks in the order in which they come. A chunk that would take a page past
+/// Fills geometry pages with chunks in the order in which they come. A chunk that would make a page exceed
 /// kPageTargetBytes starts a new page. Pages are compressed on the pool and written in order by the calling thread.
 /// Destroy it before the pool.
 class GeometryWriter {
  public:
-  /// A page that is not full, for the writer of another pass to continue.
+  /// A page that is not full, which the writer of another pass continues.
   struct OpenPage {
     std::vector<std::byte> bytes;
     std::vector<format::PageClusters> clusters;
@@ -40,7 +40,7 @@ class GeometryWriter {
   /// Adds a chunk to a page, and sets page and offset in its record. Errors of ContainerWriter::append.
   Result<void> add(EncodedChunk& chunk);
 
-  /// Whether a chunk of this many bytes fits into the open page behind its other chunks.
+  /// Whether a chunk of `bytes` fits into the open page behind its other chunks.
   bool fits(uint64_t bytes) const { return open_.is_open && open_.bytes.size() + bytes <= format::kPageTargetBytes; }
 
   /// Appends a sealed page as a whole. The first of its chunks must not fit() into the open page. Returns the page's
@@ -54,7 +54,7 @@ class GeometryWriter {
   /// Closes the last page and writes all pages that are left.
   Result<void> finish();
 
-  /// Writes all closed pages and hands the last page over.
+  /// Writes all closed pages and returns the last page.
   Result<OpenPage> release();
 
  private:

@@ -22,7 +22,7 @@ class Welder {
   /// Makes one class per distinct position. `positions`: 3 floats per vertex, at most 2^32 - 2 vertices.
   void start(std::span<const float> positions, Zeros zeros);
 
-  /// The vertices that have an equal vertex, ascending. The next part() needs the attribute of these.
+  /// The vertices that have an equal vertex, ascending. The next part() takes their values of the attribute.
   std::span<const uint32_t> find_candidates();
 
   /// Divides the classes by an attribute. `values`: `components` floats, at most 4, per vertex of find_candidates().
