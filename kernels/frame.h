@@ -70,11 +70,18 @@ enum class Lighting : uint32_t {
 
 inline constexpr uint32_t kBlendLayers = 16;
 
-/// The places that the rays of a directional light reach: the visibility buffer of an orthographic view along them.
+inline constexpr uint32_t kMostSunMaps = 4;
+
+/// The places that the rays of a directional light reach: visibility buffers of orthographic views along them. A
+/// surface has the shadows of the first map that contains all samples around it, or of the last map.
 struct SunShadow {
-  const uint64_t* samples;  // view.width * view.height, in memory that the shading device reads
-  View view;                // its samples are squares
-  uint32_t light;           // index in SceneView::lights
+  struct Map {
+    const uint64_t* samples;  // view.width * view.height, in memory that the shading device reads
+    View view;                // its samples are squares
+  };
+  uint32_t light;  // index in SceneView::lights
+  uint32_t map_count;
+  Map maps[kMostSunMaps];
 };
 
 struct ShadeOptions {

@@ -209,7 +209,7 @@ typedef struct scree_load_options {
   scree_reading reading;
   void (*warning)(void* user, const char* line); /* about the scene, such as a damaged texture; by the caller's thread,
                                                     at the end */
-  uint64_t max_shadow_size; /* the largest scree_draw_options::shadow_size, whose map device_memory then includes, at
+  uint64_t max_shadow_size; /* the largest scree_draw_options::shadow_size, whose maps device_memory then includes, at
                                most 16384; 0: not included. Since version 6 */
 } scree_load_options;
 
@@ -327,8 +327,8 @@ enum {
   SCREE_SSAO = 2,
   SCREE_EDL = 4,     /* eye-dome lighting */
   SCREE_NO_BLEND = 8, /* blended surfaces, such as glass, are left out of the colours. Since version 4 */
-  SCREE_SHADOWS = 16  /* the file's first directional light casts shadows (docs/materials.md). The view draws a map of
-                         them before the frame, of 8 bytes per sample, and keeps it until a frame needs another one. A
+  SCREE_SHADOWS = 16  /* the file's first directional light casts shadows (docs/materials.md). The view draws maps
+                         of them before the frame, of 8 bytes per sample, and keeps each until a frame needs another. A
                          batch draws its cameras one after the other. SCREE_ERROR_ARGUMENT if the light is not
                          SCREE_LIGHT_SCENE, or the file has no directional light. Since version 6 */
 };
@@ -348,8 +348,8 @@ typedef struct scree_draw_options {
   double exposure;       /* stops, -20 to 20; without effect on SCREE_LIGHT_CAMERA */
   scree_light light;     /* SCREE_LIGHT_AUTO: as the scene was loaded */
   uint32_t blend_layers; /* the most layers of blended surfaces behind one another, at most 65535. 0: 16 */
-  uint64_t shadow_size;  /* samples along the longer side of the map of SCREE_SHADOWS, 64 to 16384. 0: 4096. Since
-                            version 6 */
+  uint64_t shadow_size;  /* samples along the longer side of the map of SCREE_SHADOWS, 64 to 16384; a deep view has
+                            four maps of half the side. 0: 4096. Since version 6 */
 } scree_draw_options;
 
 /* Draws a frame and returns when its samples are drawn. `camera` and `options` may be null. A frame no larger than an
@@ -469,7 +469,7 @@ typedef struct scree_frame_stats {
   uint32_t cameras;        /* of a batch, whose counts are sums; 0: no batch */
   uint32_t blended_layers; /* layers of blended surfaces, once the colours are made; for a batch the most of a frame */
   uint64_t samples_with_more_layers; /* than scree_draw_options::blend_layers; 0 until the colours are made */
-  double shadow_ms; /* drawing the map of SCREE_SHADOWS before the frame; 0: an earlier map was kept, or there is none.
+  double shadow_ms; /* drawing the maps of SCREE_SHADOWS before the frame; 0: earlier maps were kept, or there are none.
                        For a batch the sum, which draw_ms includes. Since version 6 */
 } scree_frame_stats;
 

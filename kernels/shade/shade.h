@@ -62,10 +62,9 @@ struct LightFrame {
   Lighting lighting;
 };
 
-/// A SunShadow as shading reads it.
+/// A SunShadow::Map as shading reads it.
 struct SunMap {
-  const uint64_t* samples = nullptr;  // null: there is none
-  uint32_t light = ~0u;
+  const uint64_t* samples = nullptr;
   int32_t width = 0;
   int32_t height = 0;
   // From view space to samples from the map's top left corner, and to levels: 2^28 on the map's near plane, 0 on its
@@ -74,6 +73,13 @@ struct SunMap {
   float half_sample = 0;  // half the side of a sample, in levels
   // Levels per sample by which a plane rises along a row whose product with its normal equals that of the third row.
   float steepness = 0;
+};
+
+/// A SunShadow as shading reads it.
+struct SunMaps {
+  uint32_t light = ~0u;
+  uint32_t count = 0;  // 0: no light casts shadows
+  SunMap maps[kMostSunMaps];
 };
 
 /// The input of all shading of one picture, for every Show.
@@ -88,16 +94,15 @@ struct ShadeInputs {
   float aspect;
   float focal;
   LightFrame light;  // for Show::kSurface only
-  SunMap sun;        // likewise
+  SunMaps sun;       // likewise
 };
 
 /// `unit`: LightFrame::unit of the picture's view.
-inline SunMap make_sun_map(const SunShadow& sun, const View& view, double unit) {
+inline SunMap make_sun_map(const SunShadow::Map& sun, const View& view, double unit) {
   const FrameView map = make_frame_view(sun.view);
   constexpr double kLevels = 1u << kDepthBits;
   SunMap out;
   out.samples = sun.samples;
-  out.light = sun.light;
   out.width = map.width;
   out.height = map.height;
   const double* const world[3] = {map.row_x, map.row_y, map.row_w};
@@ -137,7 +142,10 @@ inline ShadeInputs make_shade_inputs(const SceneView& scene, const View& view, c
   out.light.unit = static_cast<float>(unit);
   out.light.far_plane = static_cast<float>(per_x * view.z_far);
   out.light.lighting = lighting_of(scene, options);
-  if (options.sun != nullptr) out.sun = make_sun_map(*options.sun, view, unit);
+  if (options.sun == nullptr) return out;
+  out.sun.light = options.sun->light;
+  out.sun.count = options.sun->map_count;
+  for (uint32_t i = 0; i < out.sun.count; ++i) out.sun.maps[i] = make_sun_map(options.sun->maps[i], view, unit);
   return out;
 }
 

@@ -134,18 +134,29 @@ SCREE_HD inline Float3 environment_light(const ShadeInputs& in, const SurfacePoi
   return (diffuse + specular * Float3{light[0], light[1], light[2]}) * at.occlusion;
 }
 
-/// The share of the sun that reaches a sample: 1 less the dark part of the square of 2 x 2 samples of the map around
-/// it. `face`: the triangle's normal. A call, so that pictures without shadows need only one test.
-[[gnu::noinline]] SCREE_HD inline float sun_share(const SunMap& map, Float3 place, Float3 face) {
+/// The share of the sun that reaches a sample: 1 less the dark part of the square of 2 x 2 samples of a map around it.
+/// `face`: the triangle's normal. A call, so that pictures without shadows need only one test.
+[[gnu::noinline]] SCREE_HD inline float sun_share(const ShadeInputs& in, Float3 place, Float3 face) {
+  const SunMaps& sun = in.sun;
+  const SunMap* at_map = sun.maps;
   float at[3];
-  float normal[3];
-  for (int r = 0; r < 3; ++r) {
-    const Float3 row{map.rows[r][0], map.rows[r][1], map.rows[r][2]};
-    at[r] = dot(row, place) + map.rows[r][3];
-    normal[r] = abs_of(dot(row, face));
+#if defined(__CUDA_ARCH__)
+#pragma unroll 1
+#endif
+  for (;; ++at_map) {
+    for (int r = 0; r < 3; ++r)
+      at[r] = dot(Float3{at_map->rows[r][0], at_map->rows[r][1], at_map->rows[r][2]}, place) + at_map->rows[r][3];
+    // A map before the last one has all samples around its surfaces, and ends behind these.
+    const bool is_last = at_map == sun.maps + sun.count - 1;
+    const float border = is_last ? 0.0f : 1.0f;
+    const bool is_inside = at[0] >= border && at[0] < static_cast<float>(at_map->width) - border && at[1] >= border &&
+                           at[1] < static_cast<float>(at_map->height) - border;
+    if (is_inside && (is_last || at[2] >= 0)) break;
+    if (is_last) return 1.0f;
   }
-  if (!(at[0] >= 0 && at[0] < static_cast<float>(map.width) && at[1] >= 0 && at[1] < static_cast<float>(map.height)))
-    return 1.0f;
+  const SunMap& map = *at_map;
+  float normal[3];
+  for (int r = 0; r < 3; ++r) normal[r] = abs_of(dot(Float3{map.rows[r][0], map.rows[r][1], map.rows[r][2]}, face));
   // The triangle's plane rises within 1.5 samples along both axes, up to the farthest centre that is read. Levels have
   // a few roundings of 2^-24 of their range.
   constexpr float kRounding = static_cast<float>(1u << kDepthBits) / static_cast<float>(1u << 21);
@@ -537,7 +548,7 @@ SCREE_HD inline SampleFrame sample_frame(const ShadeInputs& in, const PlacedChun
       out.depth =
           multiply_add(at.transform.w[i],
                        corners.first[i] + weights[1] * corners.edge[0][i] + weights[2] * corners.edge[1][i], out.depth);
-    if (in.sun.samples != nullptr) out.sun = sun_share(in.sun, sample_place<kOrthographic>(in, x, y, out.depth), face);
+    if (in.sun.count != 0) out.sun = sun_share(in, sample_place<kOrthographic>(in, x, y, out.depth), face);
   }
   return out;
 }

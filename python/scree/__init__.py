@@ -141,7 +141,7 @@ class File:
         - `host_memory`: bytes of pinned host memory, for copies to the GPU, and for chunks and pages of textures that its memory
           does not hold. 0: no limit, and such chunks and pages are read from the file.
         - `largest`: width, height and samples of the largest frames, whose memory `device_memory` then includes.
-        - `largest_shadows`: the largest `shadow_size` of draws, at most 16384, whose map `device_memory` then includes; 0: none.
+        - `largest_shadows`: the largest `shadow_size` of draws, at most 16384, whose maps `device_memory` then includes; 0: none.
         - `texture_cache`: bytes of decoded blocks of JPEG textures. 0: 64 MiB, on a GPU 256 MiB.
         - `texture_memory`: the most bytes for pages of KTX2, DDS and JPEG textures, which are read when pixels show them. On a GPU,
           textures that fit are loaded whole. 0: on the CPU 2 GiB; on a GPU all textures are loaded if the whole file fits, else
@@ -229,7 +229,8 @@ class View:
         - `exposure` (0): stops, -20 to 20; without effect on the light "camera".
         - `blend_layers` (16): the most layers of blended surfaces, such as glass, per sample; 0: none is drawn.
         - `shadows` (False): whether the file's first directional light casts shadows, only under the light "scene", with a
-          map of `shadow_size` (4096; 64 to 16384) samples along its longer side, which the view keeps until it needs another.
+          map of `shadow_size` (4096; 64 to 16384) samples along its longer side, or four of half the side if the camera looks
+          far into the scene. The view keeps each map until it needs another.
         - `ssao` (False): ambient occlusion.
         - `edl` (False): eye-dome lighting, with `edl_strength` (1, at most 100) and `edl_radius` (1, at most 64 pixels).
         - `background` (0, 0, 0, 0): linear RGBA.
@@ -315,8 +316,8 @@ class View:
     @property
     def stats(self) -> dict:
         """The last frame or batch: width, height, samples, instances, triangles and clusters (drawn), draw_ms, gpu_ms,
-        streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers, shadow_ms (drawing the map of
-        shadows; 0 if an earlier one was kept). Raises scree.Error without a frame.
+        streamed_bytes, cameras (0: no batch), blended_layers, samples_with_more_layers, shadow_ms (drawing the maps of
+        shadows; 0 if earlier ones were kept). Raises scree.Error without a frame.
         """
         return self._view.stats
 

@@ -113,13 +113,10 @@ uint64_t picture_bytes(const PictureNeeds& needs, const Scene& scene, bool strea
       if (has_rounds(scene)) bytes += tile_list_bytes(width, height);
     }
   }
-  if (needs.starts_next) {
-    const uint64_t shadow = uint64_t{needs.shadow_side} * needs.shadow_side;
-    bytes += (samples + shadow) * sizeof(uint64_t) + scene.view().instance_count * sizeof(kernels::Transform);
-  }
-  if (needs.shadow_side != 0) {  // a view of its own
+  if (needs.starts_next) bytes += samples * sizeof(uint64_t) + scene.view().instance_count * sizeof(kernels::Transform);
+  if (needs.shadow_side != 0) {  // a view of its own, and maps of half the side that are kept
     const uint64_t side = needs.shadow_side;
-    bytes += side * side * sizeof(uint64_t) + pyramid_bytes(side, side);
+    bytes += 2 * side * side * sizeof(uint64_t) + pyramid_bytes(side, side);
     if (!streamed) bytes += frames_bytes(scene.view());
   }
   if (needs.shade == nullptr) return bytes;

@@ -163,6 +163,10 @@ class DeviceView {
   /// below kBlockCount.
   Result<std::byte*> reserve_block(size_t index, uint64_t bytes);
 
+  /// Copies the samples of the picture that draw() made last to device memory of their own, valid until the next call
+  /// with this `index`, which is below kBlockCount. Batches use the same memory. Error kDevice.
+  Result<uint64_t*> keep_samples(size_t index);
+
   /// Device memory: the picture that resolve() made last, RGBA8.
   const uint32_t* pixels() const;
   /// Device memory: the samples of the picture that draw() made last. The caller may overwrite them with samples that
@@ -175,8 +179,10 @@ class DeviceView {
 
   /// Waits for the queued work, then copies from device memory. Error kDevice.
   Result<void> read(const void* device, std::span<std::byte> host);
-  /// The same without waiting, from memory of this view: the copy runs beside work that is queued later. `host` is
-  /// complete after end_reads(); if it is not HostMemory::pinned(), this may wait. Later pictures and layers of this
+  /// The same, to memory of this view. Error kDevice.
+  Result<void> write(void* device, std::span<const std::byte> host);
+  /// As read(), but without waiting, from memory of this view: the copy runs beside work that is queued later. `host`
+  /// is complete after end_reads(); if it is not HostMemory::pinned(), this may wait. Later pictures and layers of this
   /// view are written once the copy has ended. Error kDevice.
   Result<void> read_later(const void* device, std::span<std::byte> host);
   /// Waits for the copies of read_later(). Error kDevice.

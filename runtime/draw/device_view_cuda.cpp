@@ -517,6 +517,17 @@ Result<std::byte*> DeviceView::reserve_block(size_t index, uint64_t bytes) {
   return block.data();
 }
 
+Result<uint64_t*> DeviceView::keep_samples(size_t index) {
+  const Result<uint64_t*> samples = impl_->whole_samples();
+  if (!samples) return samples.error();
+  const uint64_t bytes = uint64_t{impl_->width} * impl_->height * sizeof(uint64_t);
+  const Result<std::byte*> kept = reserve_block(index, bytes);
+  if (!kept) return kept.error();
+  const Result<void> done = impl_->copy(*kept, *samples, bytes, cudaMemcpyDeviceToDevice, "keeping samples");
+  if (!done) return done.error();
+  return reinterpret_cast<uint64_t*>(*kept);
+}
+
 const uint32_t* DeviceView::pixels() const {
   return reinterpret_cast<const uint32_t*>(impl_->pixels.data());
 }
@@ -536,6 +547,10 @@ std::shared_ptr<const void> DeviceView::hold(const std::byte* data) const {
 
 Result<void> DeviceView::read(const void* device, std::span<std::byte> host) {
   return impl_->copy(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, "reading a layer");
+}
+
+Result<void> DeviceView::write(void* device, std::span<const std::byte> host) {
+  return impl_->copy(device, host.data(), host.size_bytes(), cudaMemcpyHostToDevice, "writing samples");
 }
 
 Result<void> DeviceView::read_later(const void* device, std::span<std::byte> host) {

@@ -28,8 +28,8 @@ struct HalfSpace {
   double least;
 };
 
-/// The half-spaces whose intersection is visible to a camera.
-std::vector<HalfSpace> frustum(const View& camera) {
+/// The half-spaces whose intersection is visible to a camera, up to the distance `farthest` from the eye's plane.
+std::vector<HalfSpace> frustum(const View& camera, double farthest) {
   const Vec3 forward = vector_of(camera.forward);
   std::vector<HalfSpace> planes{{forward, camera.z_near}};
   for (const auto& [axis, half] :
@@ -41,7 +41,7 @@ std::vector<HalfSpace> frustum(const View& camera) {
       planes.push_back({normal, camera.orthographic ? -half : 0.0});
     }
   }
-  if (camera.orthographic) planes.push_back({{-forward[0], -forward[1], -forward[2]}, -camera.z_far});
+  if (std::isfinite(farthest)) planes.push_back({{-forward[0], -forward[1], -forward[2]}, -farthest});
   return planes;
 }
 
@@ -62,11 +62,12 @@ std::vector<Vec3> clip(const std::vector<Vec3>& polygon, const HalfSpace& plane)
   return out;
 }
 
-/// The corners of the part of a box that is visible to a camera: the corners of the box's clipped faces, and those of
-/// the camera's planes in the box. All relative to the eye, as `box` is.
-std::vector<Vec3> seen_corners(const WorldBox& box, const View& camera) {
+/// The corners of the part of a box that is visible to a camera up to a distance: the corners of the box's clipped
+/// faces, and those of the camera's planes in the box. All relative to the eye, as `box` is.
+std::vector<Vec3> seen_corners(const WorldBox& box, const View& camera, double farthest) {
   std::vector<Vec3> seen;
-  const std::vector<HalfSpace> planes = frustum(camera);
+  if (camera.orthographic) farthest = std::min(farthest, camera.z_far);
+  const std::vector<HalfSpace> planes = frustum(camera, farthest);
   for (size_t axis = 0; axis < 3; ++axis) {
     for (const double place : {box.min[axis], box.max[axis]}) {
       const size_t u = (axis + 1) % 3, v = (axis + 2) % 3;
@@ -84,7 +85,7 @@ std::vector<Vec3> seen_corners(const WorldBox& box, const View& camera) {
     }
   }
   std::vector<double> depths{camera.z_near};
-  if (camera.orthographic) depths.push_back(camera.z_far);
+  if (std::isfinite(farthest)) depths.push_back(farthest);
   for (const double depth : depths) {
     for (const double x : {-camera.half_width, camera.half_width}) {
       for (const double y : {-camera.half_height, camera.half_height}) {
@@ -121,6 +122,40 @@ struct Span {
   double middle() const { return 0.5 * (low + high); }
 };
 
+/// The part of a box that `camera` does not clip away, relative to the eye. nullopt if that is none of it.
+std::optional<WorldBox> box_around_eye(const WorldBox& box, const View& camera) {
+  WorldBox around;
+  for (size_t i = 0; i < 3; ++i) {
+    around.min[i] = (camera.clips ? std::max(box.min[i], camera.clip_min[i]) : box.min[i]) - camera.eye[i];
+    around.max[i] = (camera.clips ? std::min(box.max[i], camera.clip_max[i]) : box.max[i]) - camera.eye[i];
+    if (!(around.min[i] <= around.max[i])) return std::nullopt;
+  }
+  return around;
+}
+
+/// Whether a map has everything that the map `exact` is for.
+bool serves(const View& map, const View& exact, ShadowFit fit, double most_coarser) {
+  if (map == exact) return true;
+  if (fit == ShadowFit::kExact) return false;
+  if (map.omitted != exact.omitted || map.clips != exact.clips ||
+      !std::equal(std::begin(map.clip_min), std::end(map.clip_min), exact.clip_min) ||
+      !std::equal(std::begin(map.clip_max), std::end(map.clip_max), exact.clip_max))
+    return false;
+  // Both look along the sun's rays with the same axes, and both begin before the whole box. Shading reads 1.5 samples
+  // around the visible part.
+  const double sample = 2 * map.half_width / map.width, own_sample = 2 * exact.half_width / exact.width;
+  if (sample > most_coarser * own_sample) return false;
+  const double more =
+      kMarginSamples * own_sample - 1.5 * sample;  // beside the visible part, by which the map may be smaller
+  const auto reaches = [&](const double(&axis)[3], double own_half, double half) {
+    double offset = 0;
+    for (size_t i = 0; i < 3; ++i) offset += (exact.eye[i] - map.eye[i]) * axis[i];
+    return std::abs(offset) + own_half <= half + more;
+  };
+  return reaches(map.right, exact.half_width, map.half_width) && reaches(map.up, exact.half_height, map.half_height) &&
+         reaches(map.forward, exact.z_far, map.z_far);
+}
+
 }  // namespace
 
 std::optional<uint32_t> find_sun(const kernels::SceneView& scene) {
@@ -130,19 +165,15 @@ std::optional<uint32_t> find_sun(const kernels::SceneView& scene) {
 }
 
 std::optional<View> sun_view(const Vec3& direction, const WorldBox& box, const View& camera, uint32_t side,
-                             double margin) {
-  WorldBox around;  // relative to the eye
-  for (size_t i = 0; i < 3; ++i) {
-    around.min[i] = (camera.clips ? std::max(box.min[i], camera.clip_min[i]) : box.min[i]) - camera.eye[i];
-    around.max[i] = (camera.clips ? std::min(box.max[i], camera.clip_max[i]) : box.max[i]) - camera.eye[i];
-    if (!(around.min[i] <= around.max[i])) return std::nullopt;
-  }
-  const std::vector<Vec3> seen = seen_corners(around, camera);
+                             double margin, double farthest_seen) {
+  const std::optional<WorldBox> around = box_around_eye(box, camera);
+  if (!around) return std::nullopt;
+  const std::vector<Vec3> seen = seen_corners(*around, camera, farthest_seen);
   if (seen.empty()) return std::nullopt;
   std::vector<Vec3> all;
   for (size_t k = 0; k < 8; ++k)
-    all.push_back({k & 1 ? around.max[0] : around.min[0], k & 2 ? around.max[1] : around.min[1],
-                   k & 4 ? around.max[2] : around.min[2]});
+    all.push_back({k & 1 ? around->max[0] : around->min[0], k & 2 ? around->max[1] : around->min[1],
+                   k & 4 ? around->max[2] : around->min[2]});
 
   const Vec3 forward = normalized(direction);
   Vec3 across{};  // the axis that the light is least along
@@ -189,37 +220,23 @@ std::optional<View> sun_view(const Vec3& direction, const WorldBox& box, const V
   return view;
 }
 
-std::optional<kernels::SunShadow> sun_of(const Scene& scene, const View& camera, uint32_t side, double margin) {
-  const uint32_t light = *find_sun(scene.view());
-  const float* const d = scene.view().lights[light].direction;
-  const std::optional<View> view = sun_view({d[0], d[1], d[2]}, scene.box(), camera, side, margin);
-  if (!view) return std::nullopt;
-  return kernels::SunShadow{nullptr, *view, light};
-}
-
-/// Whether the kept map gives the shadows of pictures whose exact map is `exact`.
-bool ShadowMap::serves(const View& exact, uint32_t side, ShadowFit fit) const {
-  const View& map = sun_.view;
-  if (!is_drawn_ || side != side_) return false;
-  if (map == exact) return true;
-  if (fit == ShadowFit::kExact) return false;
-  if (map.omitted != exact.omitted || map.clips != exact.clips ||
-      !std::equal(std::begin(map.clip_min), std::end(map.clip_min), exact.clip_min) ||
-      !std::equal(std::begin(map.clip_max), std::end(map.clip_max), exact.clip_max))
-    return false;
-  // Both look along the sun's rays with the same axes, and both begin before the whole box. Shading reads 1.5 samples
-  // around the visible part.
-  const double sample = 2 * map.half_width / map.width, own_sample = 2 * exact.half_width / exact.width;
-  if (sample > kMostCoarser * own_sample) return false;
-  const double more =
-      kMarginSamples * own_sample - 1.5 * sample;  // beside the visible part, by which the map may be smaller
-  const auto reaches = [&](const double(&axis)[3], double own_half, double half) {
-    double offset = 0;
-    for (size_t i = 0; i < 3; ++i) offset += (exact.eye[i] - map.eye[i]) * axis[i];
-    return std::abs(offset) + own_half <= half + more;
-  };
-  return reaches(map.right, exact.half_width, map.half_width) && reaches(map.up, exact.half_height, map.half_height) &&
-         reaches(map.forward, exact.z_far, map.z_far);
+std::optional<kernels::SunShadow> sun_of(const kernels::SceneView& scene, const WorldBox& box, const View& camera,
+                                         uint32_t side, double margin) {
+  kernels::SunShadow sun{*find_sun(scene), 0, {}};
+  const float* const d = scene.lights[sun.light].direction;
+  const std::optional<WorldBox> around = box_around_eye(box, camera);
+  if (!around) return std::nullopt;
+  constexpr double kAll = std::numeric_limits<double>::infinity();
+  const Span depths(seen_corners(*around, camera, kAll), vector_of(camera.forward));
+  const bool is_deep = !camera.orthographic && depths.high > kDeepView * depths.low;
+  const double ratio = std::min(std::pow(depths.high / depths.low, 1.0 / kernels::kMostSunMaps), kMostSunRatio);
+  for (uint32_t i = is_deep ? kernels::kMostSunMaps : 1; i-- != 0;) {
+    const double farthest = i != 0 ? depths.high / std::pow(ratio, i) : kAll;
+    const std::optional<View> map =
+        sun_view({d[0], d[1], d[2]}, box, camera, is_deep ? side / 2 : side, margin, farthest);
+    if (map) sun.maps[sun.map_count++] = {nullptr, *map};
+  }
+  return sun.map_count != 0 ? std::optional(sun) : std::nullopt;
 }
 
 Result<const kernels::SunShadow*> ShadowMap::draw(const View& camera, uint32_t side, uint32_t threads, ShadowFit fit,
@@ -228,42 +245,51 @@ Result<const kernels::SunShadow*> ShadowMap::draw(const View& camera, uint32_t s
   draw_time_ = {};
   left_bytes_ = 0;
   if (!find_sun(scene_->view())) return Error{ErrorCode::kUsage, "the scene has no directional light"};
-  const std::optional<kernels::SunShadow> exact = sun_of(*scene_, camera, side);
+  const std::optional<kernels::SunShadow> exact = sun_of(scene_->view(), scene_->box(), camera, side);
   if (!exact) return static_cast<const kernels::SunShadow*>(nullptr);
-  if (!serves(exact->view, side, fit)) {
-    is_drawn_ = false;
-    side_ = side;
-    sun_ = fit == ShadowFit::kExact ? *exact : *sun_of(*scene_, camera, side, kMargin);
-    if (const Result<void> drawn = draw_map(threads, is_over); !drawn) return drawn.error();
-    is_drawn_ = left_bytes_ == 0;
+  if (side != side_ || exact->map_count != sun_.map_count) forget();
+  side_ = side;
+  sun_.light = exact->light;
+  sun_.map_count = exact->map_count;
+  for (uint32_t i = 0; i < exact->map_count; ++i) {
+    if (is_drawn_[i] && serves(sun_.maps[i].view, exact->maps[i].view, fit, kMostCoarser)) continue;
+    is_drawn_[i] = false;
+    const bool has_margin = fit == ShadowFit::kMoving;
+    sun_.maps[i].view =
+        has_margin ? sun_of(scene_->view(), scene_->box(), camera, side, kMargin)->maps[i].view : exact->maps[i].view;
+    const uint64_t left = left_bytes_;
+    if (const Result<void> drawn = draw_map(i, threads, is_over); !drawn) return drawn.error();
+    is_drawn_[i] = left_bytes_ == left;
     draw_time_ = watch.elapsed();
   }
   return static_cast<const kernels::SunShadow*>(&sun_);
 }
 
-Result<void> ShadowMap::draw_map(uint32_t threads, const IsOver& is_over) {
+Result<void> ShadowMap::draw_map(uint32_t number, uint32_t threads, const IsOver& is_over) {
+  kernels::SunShadow::Map& map = sun_.maps[number];
   if (device_ != nullptr) {
     if (!on_device_) {
       Result<DeviceView> own = device_->add_view(*scene_);
       if (!own) return own.error();
       on_device_ = std::move(*own);
     }
-    if (const auto drawn = on_device_->draw(sun_.view, nullptr, nullptr, is_over); !drawn) return drawn.error();
-    if (const std::optional<StreamStats>& stream = on_device_->stream_stats()) left_bytes_ = stream->left_bytes;
-    const Result<uint64_t*> samples = on_device_->samples();
+    if (const auto drawn = on_device_->draw(map.view, nullptr, nullptr, is_over); !drawn) return drawn.error();
+    if (const std::optional<StreamStats>& stream = on_device_->stream_stats()) left_bytes_ += stream->left_bytes;
+    const Result<uint64_t*> samples = sun_.map_count == 1 ? on_device_->samples() : on_device_->keep_samples(number);
     if (!samples) return samples.error();
-    sun_.samples = *samples;
+    map.samples = *samples;
     return {};
   }
-  const uint64_t count = uint64_t{sun_.view.width} * sun_.view.height;
+  const uint64_t count = uint64_t{map.view.width} * map.view.height;
+  std::vector<uint64_t>& samples = samples_[number];
   try {
-    if (samples_.size() < count) samples_.resize(count);
+    if (samples.size() < count) samples.resize(count);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(count) + " samples of shadows"};
   }
-  const auto drawn = kernels::draw_cpu(scene_->view(), sun_.view, std::span(samples_).first(count), threads);
+  const auto drawn = kernels::draw_cpu(scene_->view(), map.view, std::span(samples).first(count), threads);
   if (!drawn) return drawn.error();
-  sun_.samples = samples_.data();
+  map.samples = samples.data();
   return {};
 }
 

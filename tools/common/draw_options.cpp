@@ -71,7 +71,8 @@ void add_light_options(CLI::App& app, LightWords& words) {
   app.add_flag("--shadows", words.shadows,
                "With --light scene: the first directional light casts shadows; blended surfaces cast none");
   add_value(app, "--shadow-size", "N", words.shadow_size,
-            "Samples along the longer side of the shadow map, 64 to 16384 (default: 4096)");
+            "Samples along the longer side of the shadow map, 64 to 16384 (default: 4096); a deep view has four maps "
+            "of half the side");
 }
 
 Result<LightOptions> parse_light_options(const LightWords& words) {

@@ -173,7 +173,8 @@ Result<void> RankedFrame::draw(const kernels::View& view, uint32_t root, const s
 void RankedFrame::place_sun() {
   shade_.sun = nullptr;
   if (options_.light.shadow_side == 0) return;
-  const std::optional<kernels::SunShadow> sun = runtime::sun_of(*scene_, view_, options_.light.shadow_side);
+  const std::optional<kernels::SunShadow> sun =
+      runtime::sun_of(scene_->view(), scene_->box(), view_, options_.light.shadow_side);
   if (!sun) return;
   sun_ = *sun;
   shade_.sun = &sun_;
@@ -197,8 +198,10 @@ Result<void> RankedFrame::draw_on_cpu() {
     const auto drawn = kernels::draw_part_cpu(scene_view_, view, samples, options_.threads);
     return drawn ? Result<void>() : at(options_.file, drawn.error());
   };
-  const Result<void> picture = draw(view_, samples_);
-  return picture && shade_.sun != nullptr ? draw(sun_.view, shadows_) : picture;
+  Result<void> drawn = draw(view_, samples_);
+  for (uint32_t i = 0; drawn && shade_.sun != nullptr && i < sun_.map_count; ++i)
+    drawn = draw(sun_.maps[i].view, shadows_[i]);
+  return drawn;
 }
 
 Result<void> RankedFrame::draw_on_gpu() {
@@ -207,16 +210,20 @@ Result<void> RankedFrame::draw_on_gpu() {
     if (!added) return added.error();
     sun_on_gpu_ = std::move(*added);
   }
-  const auto draw = [](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<bool> {
-    if (on_gpu.has_started()) return on_gpu.finish();
-    const auto drawn = on_gpu.draw(view);
-    return drawn ? Result<bool>(false) : drawn.error();
-  };
-  if (shade_.sun != nullptr)
-    if (const Result<bool> drawn = draw(*sun_on_gpu_, sun_.view); !drawn) return drawn.error();
-  const Result<bool> drawn = draw(*on_gpu_, view_);
-  if (!drawn) return drawn.error();
-  is_whole_ = *drawn && joins_ == 1;
+  for (uint32_t i = 0; shade_.sun != nullptr && i < sun_.map_count; ++i) {
+    if (const auto drawn = sun_on_gpu_->draw(sun_.maps[i].view); !drawn) return drawn.error();
+    const Result<uint64_t*> kept = sun_on_gpu_->keep_samples(i);
+    if (!kept) return kept.error();
+    shadows_on_gpu_[i] = *kept;
+  }
+  is_whole_ = false;
+  if (on_gpu_->has_started()) {
+    const Result<bool> is_first = on_gpu_->finish();
+    if (!is_first) return is_first.error();
+    is_whole_ = *is_first && joins_ == 1;
+  } else if (const auto drawn = on_gpu_->draw(view_); !drawn) {
+    return drawn.error();
+  }
   if (takes_nccl()) return {};
   (void)start_next(false);  // an error occurs again when that frame is drawn
   return read_samples();
@@ -227,11 +234,7 @@ Result<void> RankedFrame::draw_on_gpu() {
 Result<void> RankedFrame::start_next(bool by_nccl) {
   joins_ = 0;
   if (!next_) return {};
-  Result<void> done;
-  if (sun_on_gpu_)
-    if (const auto sun = runtime::sun_of(*scene_, *next_, options_.light.shadow_side))
-      done = sun_on_gpu_->start(sun->view);
-  if (!done || !by_nccl) return done ? on_gpu_->start(*next_) : done;
+  if (!by_nccl) return on_gpu_->start(*next_);
   return on_gpu_->start(*next_, [this](uint64_t* samples, void* stream) {
     const uint64_t count = uint64_t{next_->width} * next_->height;
     return ++joins_ == 1 ? links_.group()->least(samples, count, stream) : Result<void>();
@@ -242,9 +245,11 @@ Result<void> RankedFrame::start_next(bool by_nccl) {
 Result<void> RankedFrame::read_samples() {
   samples_.resize(uint64_t{view_.width} * view_.height);
   Result<void> done = on_gpu_->read_samples(samples_);
-  if (!done || shade_.sun == nullptr) return done;
-  shadows_.resize(uint64_t{sun_.view.width} * sun_.view.height);
-  return sun_on_gpu_->read_samples(shadows_);
+  for (uint32_t i = 0; done && shade_.sun != nullptr && i < sun_.map_count; ++i) {
+    shadows_[i].resize(uint64_t{sun_.maps[i].view.width} * sun_.maps[i].view.height);
+    done = sun_on_gpu_->read(shadows_on_gpu_[i], std::as_writable_bytes(std::span(shadows_[i])));
+  }
+  return done;
 }
 
 /// Joins the samples of all ranks. GPUs that do so by NCCL begin the next frame meanwhile.
@@ -260,7 +265,7 @@ Result<void> RankedFrame::join() {
     const Stopwatch watch;
     if (takes_nccl() && done) done = read_samples();
     if (done) done = ranks_.least(samples_);
-    if (done && shade_.sun != nullptr) done = ranks_.least(shadows_);
+    for (uint32_t i = 0; done && shade_.sun != nullptr && i < sun_.map_count; ++i) done = ranks_.least(shadows_[i]);
     times_.exchange = watch.elapsed().wall_ms;
   }
   const bool reads = is_by_nccl_ && (reads_surfaces(options_) || (is_root() && reads_samples(options_)));
@@ -272,13 +277,15 @@ Result<void> RankedFrame::join() {
 Result<void> RankedFrame::join_by_nccl(bool is_whole) {
   runtime::NcclGroup& group = *links_.group();
   void* const stream = on_gpu_->stream();
-  const auto join = [&](runtime::DeviceView& on_gpu, const kernels::View& view) -> Result<void> {
-    const Result<uint64_t*> samples = on_gpu.samples();
-    return samples ? group.least(*samples, uint64_t{view.width} * view.height, stream) : samples.error();
+  const auto join = [&](uint64_t* samples, const kernels::View& view) {
+    return group.least(samples, uint64_t{view.width} * view.height, stream);
   };
+  const Result<uint64_t*> samples = on_gpu_->samples();
+  if (!samples) return samples.error();
   // NCCL exchanges in this order, so these run beside pass 1 of the next frame.
-  Result<void> done = is_whole ? Result<void>() : join(*on_gpu_, view_);
-  if (done && shade_.sun != nullptr) done = join(*sun_on_gpu_, sun_.view);
+  Result<void> done = is_whole ? Result<void>() : join(*samples, view_);
+  for (uint32_t i = 0; done && shade_.sun != nullptr && i < sun_.map_count; ++i)
+    done = join(shadows_on_gpu_[i], sun_.maps[i].view);
   if (done) done = start_next(true);
   const Stopwatch watch;
   if (done) done = group.wait(stream);
@@ -305,17 +312,24 @@ Result<void> RankedFrame::shade() {
   return draw_layers();
 }
 
+/// Makes shading on this host read shadows_.
+void RankedFrame::read_shadows_on_host() {
+  for (uint32_t i = 0; i < sun_.map_count; ++i) sun_.maps[i].samples = shadows_[i].data();
+}
+
 Result<void> RankedFrame::shade_on_cpu() {
   colors_.assign(3 * samples_.size(), 0.0f);
-  sun_.samples = shadows_.data();
+  read_shadows_on_host();
   const auto shaded = kernels::shade_part_cpu(scene_view_, view_, samples_, shade_, colors_, options_.threads);
   return shaded ? shaded : at(options_.file, shaded.error());
 }
 
 Result<void> RankedFrame::shade_on_gpu() {
   colors_.resize(3 * samples_.size());
-  if (shade_.sun != nullptr)
-    if (const Result<void> written = sun_on_gpu_->write_samples(shadows_); !written) return written;
+  for (uint32_t i = 0; shade_.sun != nullptr && i < sun_.map_count; ++i) {
+    const Result<void> written = sun_on_gpu_->write(shadows_on_gpu_[i], std::as_bytes(std::span(shadows_[i])));
+    if (!written) return written;
+  }
   if (const Result<void> written = on_gpu_->write_samples(samples_); !written) return written;
   const Result<float*> colors = make_colors_on_gpu();
   return colors ? on_gpu_->read(*colors, std::as_writable_bytes(std::span(colors_))) : colors.error();
@@ -323,11 +337,7 @@ Result<void> RankedFrame::shade_on_gpu() {
 
 /// The colours of this rank's samples, in the GPU's memory.
 Result<float*> RankedFrame::make_colors_on_gpu() {
-  if (shade_.sun != nullptr) {
-    const Result<uint64_t*> samples = sun_on_gpu_->samples();
-    if (!samples) return samples.error();
-    sun_.samples = *samples;
-  }
+  for (uint32_t i = 0; i < sun_.map_count; ++i) sun_.maps[i].samples = shadows_on_gpu_[i];
   return on_gpu_->make_colors(view_, shade_);
 }
 
@@ -390,7 +400,7 @@ Result<void> RankedFrame::draw_layers() {
         if (!shaded) return shaded;
         return joined ? gathered : joined;
       }};
-  sun_.samples = shadows_.data();
+  read_shadows_on_host();
   Result<std::vector<float>> over =
       kernels::blend_cpu(view_, samples_, options_.shade.blend_layers, source, options_.threads, blended_);
   if (!over) return at(options_.file, over.error());

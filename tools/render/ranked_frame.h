@@ -99,6 +99,7 @@ class RankedFrame {
   Result<void> read_samples();
   Result<void> join();
   Result<void> join_by_nccl(bool is_whole);
+  void read_shadows_on_host();
   Result<void> shade_on_cpu();
   Result<void> shade_on_gpu();
   Result<float*> make_colors_on_gpu();
@@ -131,7 +132,8 @@ class RankedFrame {
   std::vector<uint64_t> samples_;
   kernels::ShadeOptions shade_;  // of options_, with the sun if the frame has its shadows
   kernels::SunShadow sun_{};
-  std::vector<uint64_t> shadows_;  // its samples on the host
+  std::vector<uint64_t> shadows_[kernels::kMostSunMaps];  // its samples on the host
+  uint64_t* shadows_on_gpu_[kernels::kMostSunMaps] = {};  // and in sun_on_gpu_
   std::vector<float> colors_;
   std::vector<float> over_;  // colours of blended surfaces; empty if there are none
   kernels::BlendCounts blended_;
