@@ -378,19 +378,17 @@ Result<void> run_export(const Arguments& arguments) {
     std::fprintf(stderr, "scree export: warning: %s%s\n", arguments.output.c_str(), kVersion3Note);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (arguments.json) {
-    std::string text;
-    JsonWriter json(text);
-    json.begin_object();
-    json.member("file", arguments.input);
-    json.member("file_bytes", uint64_t{map->size()});
-    json.member("output", arguments.output);
-    json.member("output_bytes", summary->bytes);
-    json.member("triangles", summary->triangles);
-    json.member("vertices", summary->vertices);
-    json.member("primitives", summary->primitives);
-    json.member("images", summary->images);
-    json.member("seconds", seconds);
-    json.end_object();
+    const std::string text = json_object([&](JsonWriter& json) {
+      json.member("file", arguments.input);
+      json.member("file_bytes", uint64_t{map->size()});
+      json.member("output", arguments.output);
+      json.member("output_bytes", summary->bytes);
+      json.member("triangles", summary->triangles);
+      json.member("vertices", summary->vertices);
+      json.member("primitives", summary->primitives);
+      json.member("images", summary->images);
+      json.member("seconds", seconds);
+    });
     std::printf("%s\n", text.c_str());
     return finish_output();
   }

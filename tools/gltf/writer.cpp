@@ -195,9 +195,7 @@ class DocumentText {
     json.begin_array();
     for (const auto& item : items) {
       json.line();
-      json.begin_object();
-      write_item(json, item);
-      json.end_object();
+      json.object([&] { write_item(json, item); });
       if (text_.size() < kDrainBytes) continue;
       if (Result<void> drained = drain(); !drained) return drained;
     }
@@ -428,29 +426,17 @@ void GltfWriter::State::write_buffers(JsonWriter& json) const {
   if (buffers.empty() && buffer_bytes == 0) return;
   json.key("buffers");
   json.begin_array();
-  for (const Buffer& buffer : buffers) {
-    json.begin_object();
-    json.member("uri", uri_of(buffer.file_name));
-    json.member("byteLength", buffer.bytes);
-    json.end_object();
-  }
-  if (buffer_bytes != 0) {  // a .glb's
-    json.begin_object();
-    json.member("byteLength", buffer_bytes);
-    json.end_object();
-  }
-  if (fallback_bytes != 0) {
-    json.begin_object();
-    json.member("byteLength", fallback_bytes);
-    json.key("extensions");
-    json.begin_object();
-    json.key(kMeshopt);
-    json.begin_object();
-    json.member("fallback", true);
-    json.end_object();
-    json.end_object();
-    json.end_object();
-  }
+  for (const Buffer& buffer : buffers)
+    json.object([&] {
+      json.member("uri", uri_of(buffer.file_name));
+      json.member("byteLength", buffer.bytes);
+    });
+  if (buffer_bytes != 0) json.object([&] { json.member("byteLength", buffer_bytes); });  // a .glb's
+  if (fallback_bytes != 0)
+    json.object([&] {
+      json.member("byteLength", fallback_bytes);
+      write_extension(json, kMeshopt, [&] { json.member("fallback", true); });
+    });
   json.end_array();
 }
 
@@ -459,14 +445,13 @@ Result<uint64_t> GltfWriter::State::write_document() {
   DocumentText text(state.document, document_start());
   JsonWriter& json = text.json;
   json.begin_object();
-  json.key("asset");
-  json.begin_object();
-  json.member("version", "2.0");
-  json.member("generator", "scree " SCREE_VERSION);
-  if (!state.copyright.empty()) json.member("copyright", state.copyright);
-  json.end_object();
-  if (!state.extensions_used.empty()) write_numbers(json, "extensionsUsed", state.extensions_used);
-  if (!state.extensions_required.empty()) write_numbers(json, "extensionsRequired", state.extensions_required);
+  json.object("asset", [&] {
+    json.member("version", "2.0");
+    json.member("generator", "scree " SCREE_VERSION);
+    if (!state.copyright.empty()) json.member("copyright", state.copyright);
+  });
+  if (!state.extensions_used.empty()) json.array("extensionsUsed", state.extensions_used);
+  if (!state.extensions_required.empty()) json.array("extensionsRequired", state.extensions_required);
   write_buffers(json);
   if (!state.scenes.empty()) json.member("scene", state.default_scene);
 
@@ -493,7 +478,7 @@ Result<uint64_t> GltfWriter::State::write_document() {
   };
   const auto write_scene = [](JsonWriter& out, const GltfScene& scene) {
     write_name(out, scene.name);
-    if (!scene.nodes.empty()) write_numbers(out, "nodes", scene.nodes);
+    if (!scene.nodes.empty()) out.array("nodes", scene.nodes);
   };
 
   Result<void> written = text.section("scenes", state.scenes, write_scene);

@@ -187,30 +187,28 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
 /// Prints the same and the counts as one JSON object.
 void print_json(const RenderOptions& options, const runtime::Scene& scene, const runtime::ViewRenderer& frame,
                 const Times& times) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("file", options.file);
-  for (const auto& [name, path] : options.outputs())
-    if (!path.empty()) json.member(name, path);
-  json.member("width", frame.width());
-  json.member("height", frame.height());
-  json.member("samples_per_side", options.samples_per_side);
-  json.member("device", times.drawn_on);
-  json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
-  json.member("instances_drawn", frame.stats().instances_drawn);
-  json.member("draws", frame.stats().draws);
-  json.member("triangles_drawn", frame.stats().triangles);
-  json.member("clusters_drawn", frame.stats().clusters_drawn);
-  json.member("blended_layers", uint64_t{times.blended.layers});
-  json.member("samples_with_more_layers", times.blended.samples_left_out);
-  json.member("load_ms", loading_ms(scene, times));
-  if (times.shadows) json.member("shadow_ms", times.shadows->wall_ms);
-  json.member("draw_ms", frame.draw_time().wall_ms);
-  json.member("shade_ms", times.shade.wall_ms);
-  json.member("write_ms", times.write.wall_ms);
-  if (times.streamed) json.member("streamed_bytes", times.streamed->streamed_bytes);
-  json.end_object();
+  const std::string text = json_object([&](JsonWriter& json) {
+    json.member("file", options.file);
+    for (const auto& [name, path] : options.outputs())
+      if (!path.empty()) json.member(name, path);
+    json.member("width", frame.width());
+    json.member("height", frame.height());
+    json.member("samples_per_side", options.samples_per_side);
+    json.member("device", times.drawn_on);
+    json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
+    json.member("instances_drawn", frame.stats().instances_drawn);
+    json.member("draws", frame.stats().draws);
+    json.member("triangles_drawn", frame.stats().triangles);
+    json.member("clusters_drawn", frame.stats().clusters_drawn);
+    json.member("blended_layers", uint64_t{times.blended.layers});
+    json.member("samples_with_more_layers", times.blended.samples_left_out);
+    json.member("load_ms", loading_ms(scene, times));
+    if (times.shadows) json.member("shadow_ms", times.shadows->wall_ms);
+    json.member("draw_ms", frame.draw_time().wall_ms);
+    json.member("shade_ms", times.shade.wall_ms);
+    json.member("write_ms", times.write.wall_ms);
+    if (times.streamed) json.member("streamed_bytes", times.streamed->streamed_bytes);
+  });
   std::printf("%s\n", text.c_str());
 }
 

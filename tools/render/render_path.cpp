@@ -479,28 +479,26 @@ class PathRenderer {
     if (!options_.quiet)
       warn_of_layers("render", options_.file, with_more_layers, "frame", options_.shade.blend_layers);
     if (options_.json) {
-      std::string text;
-      JsonWriter json(text);
-      json.begin_object();
-      json.member("file", options_.file);
-      json.member("path", options_.path->file);
-      json.member("frames", drawn);
-      json.member("frames_there", there);
-      json.member("width", width());
-      json.member("height", height());
-      json.member("samples_per_side", options_.samples_per_side);
-      json.member("device", drawn_on(static_cast<uint32_t>(sums[8])));
-      json.member("ranks", ranks_.count());
-      json.member("frames_with_more_layers", with_more_layers);
-      json.member("load_ms", sums[1] / ranks_.count());
-      json.member("wall_ms", watch_.elapsed().wall_ms);
-      if (options_.light.shadow_side != 0) json.member("shadow_ms", sums[6]);
-      json.member("draw_ms", sums[2]);
-      json.member("shade_ms", sums[3]);
-      json.member("write_ms", sums[4]);
-      if (shared_) json.member("exchange", shared_->way());
-      if (shared_) json.member("exchange_ms", sums[7]);
-      json.end_object();
+      const std::string text = json_object([&](JsonWriter& json) {
+        json.member("file", options_.file);
+        json.member("path", options_.path->file);
+        json.member("frames", drawn);
+        json.member("frames_there", there);
+        json.member("width", width());
+        json.member("height", height());
+        json.member("samples_per_side", options_.samples_per_side);
+        json.member("device", drawn_on(static_cast<uint32_t>(sums[8])));
+        json.member("ranks", ranks_.count());
+        json.member("frames_with_more_layers", with_more_layers);
+        json.member("load_ms", sums[1] / ranks_.count());
+        json.member("wall_ms", watch_.elapsed().wall_ms);
+        if (options_.light.shadow_side != 0) json.member("shadow_ms", sums[6]);
+        json.member("draw_ms", sums[2]);
+        json.member("shade_ms", sums[3]);
+        json.member("write_ms", sums[4]);
+        if (shared_) json.member("exchange", shared_->way());
+        if (shared_) json.member("exchange_ms", sums[7]);
+      });
       std::printf("%s\n", text.c_str());
       return {};
     }

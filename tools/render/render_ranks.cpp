@@ -87,25 +87,23 @@ class RankedPicture {
     const double each = 1.0 / ranks_.count();
     const auto gpus = static_cast<uint32_t>(sums[4]);
     if (options_.json) {
-      std::string text;
-      JsonWriter json(text);
-      json.begin_object();
-      json.member("file", options_.file);
-      json.member("width", width());
-      json.member("height", height());
-      json.member("samples_per_side", options_.samples_per_side);
-      json.member("ranks", ranks_.count());
-      json.member("gpus", gpus);
-      json.member("page_bytes", static_cast<uint64_t>(sums[3]));
-      json.member("blended_layers", uint64_t{frame_.blended().layers});
-      json.member("samples_with_more_layers", frame_.blended().samples_left_out);
-      json.member("load_ms", sums[0] * each);
-      json.member("connect_ms", times.connect);
-      json.member("draw_ms", sums[1] * each);
-      json.member("shade_ms", sums[2] * each);
-      json.member("exchange", frame_.way());
-      json.member("exchange_ms", times.exchange);
-      json.end_object();
+      const std::string text = json_object([&](JsonWriter& json) {
+        json.member("file", options_.file);
+        json.member("width", width());
+        json.member("height", height());
+        json.member("samples_per_side", options_.samples_per_side);
+        json.member("ranks", ranks_.count());
+        json.member("gpus", gpus);
+        json.member("page_bytes", static_cast<uint64_t>(sums[3]));
+        json.member("blended_layers", uint64_t{frame_.blended().layers});
+        json.member("samples_with_more_layers", frame_.blended().samples_left_out);
+        json.member("load_ms", sums[0] * each);
+        json.member("connect_ms", times.connect);
+        json.member("draw_ms", sums[1] * each);
+        json.member("shade_ms", sums[2] * each);
+        json.member("exchange", frame_.way());
+        json.member("exchange_ms", times.exchange);
+      });
       std::printf("%s\n", text.c_str());
     } else if (!options_.quiet) {
       std::string places;

@@ -96,23 +96,21 @@ Result<void> run_synth(const synth::SynthOptions& options) {
   if (!options.output.empty()) note_written(options.output);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (options.json) {
-    std::string text;
-    JsonWriter json(text);
-    json.begin_object();
-    json.member("scene", options.scene);
-    if (!options.output.empty()) json.member("output", options.output);
-    json.member("triangles", report->drawn_triangles);
-    json.member("unique_triangles", report->unique_triangles);
-    json.member("instances", report->instances);
-    json.member("vertices", report->vertices);
-    json.member("output_bytes", report->file_bytes);
-    if (options.checks) {
-      // As texts, because readers of JSON may keep only 53 of the 64 bits.
-      json.member("position_sum", hexadecimal(report->position_sum));
-      json.member("index_sum", hexadecimal(report->index_sum));
-    }
-    json.member("seconds", seconds);
-    json.end_object();
+    const std::string text = json_object([&](JsonWriter& json) {
+      json.member("scene", options.scene);
+      if (!options.output.empty()) json.member("output", options.output);
+      json.member("triangles", report->drawn_triangles);
+      json.member("unique_triangles", report->unique_triangles);
+      json.member("instances", report->instances);
+      json.member("vertices", report->vertices);
+      json.member("output_bytes", report->file_bytes);
+      if (options.checks) {
+        // As texts, because readers of JSON may keep only 53 of the 64 bits.
+        json.member("position_sum", hexadecimal(report->position_sum));
+        json.member("index_sum", hexadecimal(report->index_sum));
+      }
+      json.member("seconds", seconds);
+    });
     std::printf("%s\n", text.c_str());
     return finish_output();
   }
