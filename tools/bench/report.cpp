@@ -169,7 +169,7 @@ Result<void> append_rows(const BenchReport& report) {
       add_times(cells, "shade", view.shade);
       cells.emplace_back("streamed_bytes", view.streamed_bytes ? csv_number(*view.streamed_bytes) : "");
       cells.emplace_back("picture", hex(view.picture));
-      if (const Result<void> added = append_csv(options.csv, cells); !added) return added;
+      SCREE_TRY(append_csv(options.csv, cells));
     }
   }
   return {};
