@@ -101,3 +101,20 @@ inline Error at(const std::string& place, const Error& error) {
 }
 
 }  // namespace scree
+
+/// The value of a Result. If it is an Error, the function that contains this returns it: `const auto map =
+/// SCREE_TRY(open(path));`, or `SCREE_TRY(check(map));` for a Result<void>. Not within another SCREE_TRY. Uses
+/// statement expressions, which GCC and Clang have.
+#define SCREE_TRY(...) SCREE_TRY_OR_RETURN(scree_result.error(), __VA_ARGS__)
+
+/// The same; the returned Error begins with `place`, which is evaluated only then.
+#define SCREE_TRY_AT(place, ...) SCREE_TRY_OR_RETURN(::scree::at(place, scree_result.error()), __VA_ARGS__)
+
+#define SCREE_TRY_OR_RETURN(failure, ...)                                                     \
+  __extension__({                                                                             \
+    auto scree_result = (__VA_ARGS__);                                                        \
+    if (!scree_result) return failure;                                                        \
+    [](auto& scree_taken) {                                                                   \
+      if constexpr (requires { scree_taken.value(); }) return std::move(scree_taken).value(); \
+    }(scree_result);                                                                          \
+  })

@@ -88,9 +88,8 @@ Result<void> measure(const LabWords& words) {
     if (words.files.empty()) return Error{ErrorCode::kUsage, "--sizes takes models"};
     return run_sizes(words.files, words.csv);
   }
-  const Result<LabOptions> options = parse_options(words);
-  if (!options) return options.error();
-  return options->reference ? judge_scenes(*options) : run_bench(*options);
+  const LabOptions options = SCREE_TRY(parse_options(words));
+  return options.reference ? judge_scenes(options) : run_bench(options);
 }
 
 int run(int argc, char** argv) {

@@ -207,9 +207,7 @@ Result<LabOptions> parse_options(const LabWords& words) {
                    words.order != defaults.order || words.scale != defaults.scale))
     return usage("--positions, --indices, --order and --scale are for generated scenes, not for a file");
   if (words.scenes != "textured" && (words.files.empty() || !words.scenes.empty())) {
-    const Result<void> named =
-        assign(options.scenes, parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes));
-    if (!named) return named.error();
+    SCREE_TRY(assign(options.scenes, parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes)));
   }
   if (words.scenes == "textured") return parse_textured(words, std::move(options));
   if (!words.texture_cache.empty() || words.textures != defaults.textures ||

@@ -57,10 +57,9 @@ Result<PlainMesh> plain_mesh(const format::Container& file, uint64_t number, too
   PlainMesh out;
   if (mesh.chunk_count == 0) return out;
   const format::ChunkRecord& chunk = file.chunks()[mesh.first_chunk];
-  const auto decoded = reader.read(mesh.first_chunk);
-  if (!decoded) return decoded.error();
-  out.indices = (*decoded)->indices;
-  const std::vector<float>& floats = (*decoded)->positions;
+  const auto decoded = SCREE_TRY(reader.read(mesh.first_chunk));
+  out.indices = decoded->indices;
+  const std::vector<float>& floats = decoded->positions;
   out.positions.resize(4 * size_t{chunk.vertex_count});
   for (size_t v = 0; v < chunk.vertex_count; ++v) {
     for (size_t axis = 0; axis < 3; ++axis) {
@@ -71,10 +70,9 @@ Result<PlainMesh> plain_mesh(const format::Container& file, uint64_t number, too
   }
   if ((mesh.attributes & format::kHasNormal) != 0) {
     std::vector<std::byte> scratch;
-    const auto page = file.load_page(chunk.page, scratch);
-    if (!page) return page.error();
+    const auto page = SCREE_TRY(file.load_page(chunk.page, scratch));
     const uint32_t bits = chunk.normal_bits;
-    const std::byte* codes = page->data() + chunk.offset + format::chunk_streams(mesh, chunk).normals.offset;
+    const std::byte* codes = page.data() + chunk.offset + format::chunk_streams(mesh, chunk).normals.offset;
     out.normals.resize(2 * size_t{chunk.vertex_count});
     for (size_t i = 0; i < out.normals.size(); ++i)
       out.normals[i] = static_cast<uint16_t>(format::unpack(codes, i * bits, bits));
@@ -155,16 +153,15 @@ class ModelSizes {
       : model_(model), normals_(normals), folder_(folder), rows_(rows) {}
 
   Result<void> run() {
-    if (const auto read = read_meshes(); !read) return read;
+    SCREE_TRY(read_meshes());
     if (normals_ && !has_normals_) return {};
     for (const auto& [encoding, effort, name] :
          {std::tuple{convert::Encoding::kIndexed, tools::ClusterEffort::kFast, "indexed"},
           std::tuple{convert::Encoding::kClustered, tools::ClusterEffort::kFast, "clustered"},
           std::tuple{convert::Encoding::kClustered, tools::ClusterEffort::kBest, "clustered best"}}) {
-      for (const int level : kZstdLevels)
-        if (const auto done = measure_ours(encoding, effort, name, level); !done) return done;
+      for (const int level : kZstdLevels) SCREE_TRY(measure_ours(encoding, effort, name, level));
     }
-    if (const auto done = measure_meshopt(); !done) return done;
+    SCREE_TRY(measure_meshopt());
     return {};
   }
 
@@ -195,19 +192,17 @@ class ModelSizes {
     convert::ConvertOptions whole = options();
     whole.chunk_triangles = 0;
     whole.encoding = convert::Encoding::kIndexed;  // clusters would store border vertices several times
-    if (const auto done = convert::convert(whole); !done) return done.error();
-    const auto opened = runtime::SceneFile::open(whole.output);
-    if (!opened) return opened.error();
-    tools::ChunkReader reader(opened->container());
-    for (uint64_t m = 0; m < opened->container().meshes().size(); ++m) {
-      auto mesh = plain_mesh(opened->container(), m, reader);
-      if (!mesh) return mesh.error();
-      triangles_ += mesh->indices.size() / 3;
-      vertices_ += mesh->vertices();
-      has_normals_ |= !mesh->normals.empty();
-      meshes_.push_back(std::move(*mesh));
+    SCREE_TRY(convert::convert(whole));
+    const auto opened = SCREE_TRY(runtime::SceneFile::open(whole.output));
+    tools::ChunkReader reader(opened.container());
+    for (uint64_t m = 0; m < opened.container().meshes().size(); ++m) {
+      auto mesh = SCREE_TRY(plain_mesh(opened.container(), m, reader));
+      triangles_ += mesh.indices.size() / 3;
+      vertices_ += mesh.vertices();
+      has_normals_ |= !mesh.normals.empty();
+      meshes_.push_back(std::move(mesh));
     }
-    const format::SourceRecord& source = opened->container().source();
+    const format::SourceRecord& source = opened.container().source();
     SizeRow gltf = row("glTF", 0);
     gltf.disk_bytes = source.index_bytes + source.position_bytes * (normals_ ? 2 : 1);  // both have three floats per
                                                                                         // vertex
@@ -227,17 +222,16 @@ class ModelSizes {
       if (const auto done = convert::convert(packed); !done) failed = done.error();
     });
     if (!failed) return failed;
-    const auto opened = runtime::SceneFile::open(packed.output);
-    if (!opened) return opened.error();
-    for (uint64_t i = 0; i < opened->container().pages().size(); ++i) {
-      if (opened->container().pages()[i].kind != format::PageKind::kGeometry) continue;
-      out.device_bytes += opened->container().pages()[i].raw_bytes;
-      out.disk_bytes += opened->container().pages()[i].stored_bytes;
+    const auto opened = SCREE_TRY(runtime::SceneFile::open(packed.output));
+    for (uint64_t i = 0; i < opened.container().pages().size(); ++i) {
+      if (opened.container().pages()[i].kind != format::PageKind::kGeometry) continue;
+      out.device_bytes += opened.container().pages()[i].raw_bytes;
+      out.disk_bytes += opened.container().pages()[i].stored_bytes;
     }
     out.decode_s = seconds_of(
         [&] {
-          tools::ChunkReader reader(opened->container());
-          for (uint64_t i = 0; i < opened->container().chunks().size(); ++i)
+          tools::ChunkReader reader(opened.container());
+          for (uint64_t i = 0; i < opened.container().chunks().size(); ++i)
             if (const auto read = reader.read(i); !read) failed = read.error();
         },
         kDecodings);
@@ -320,14 +314,13 @@ std::string sizes_table(const std::vector<SizeRow>& rows) {
 }
 
 Result<std::vector<SizeRow>> measure_sizes(const std::vector<std::string>& models) {
-  const auto folder = WorkFolder::make();
-  if (!folder) return folder.error();
+  const auto folder = SCREE_TRY(WorkFolder::make());
   std::vector<SizeRow> rows;
   for (const std::string& model : models) {
     for (const bool normals : {false, true}) {
       std::vector<SizeRow> measured;
-      ModelSizes sizes(model, normals, *folder, measured);
-      if (const auto done = sizes.run(); !done) return done.error();
+      ModelSizes sizes(model, normals, folder, measured);
+      SCREE_TRY(sizes.run());
       if (normals && !sizes.has_normals()) continue;
       rows.insert(rows.end(), measured.begin(), measured.end());
     }
@@ -336,12 +329,11 @@ Result<std::vector<SizeRow>> measure_sizes(const std::vector<std::string>& model
 }
 
 Result<void> run_sizes(const std::vector<std::string>& models, const std::string& csv) {
-  const auto rows = measure_sizes(models);
-  if (!rows) return rows.error();
-  std::printf("%s", sizes_table(*rows).c_str());
-  for (const SizeRow& row : *rows) {
+  const auto rows = SCREE_TRY(measure_sizes(models));
+  std::printf("%s", sizes_table(rows).c_str());
+  for (const SizeRow& row : rows) {
     if (csv.empty()) break;
-    if (const auto done = bench::append_csv(csv, size_cells(row)); !done) return done;
+    SCREE_TRY(bench::append_csv(csv, size_cells(row)));
   }
   return {};
 }

@@ -11,28 +11,28 @@ constexpr uint64_t kPartBytes = 256 << 10;
 
 Result<void> check_in_parts(const TableViews& tables, TableReader& reader, uint64_t parts) {
   Checker checker(tables, reader);
-  if (auto checked = checker.strings(); !checked) return checked;
-  if (auto checked = checker.pages(); !checked) return checked;
+  SCREE_TRY(checker.strings());
+  SCREE_TRY(checker.pages());
   for (Part part{0, parts}; part.index < parts; ++part.index) {
-    if (auto checked = checker.meshes(part); !checked) return checked;
+    SCREE_TRY(checker.meshes(part));
     if (part.is_last()) {
-      if (auto checked = checker.groups(); !checked) return checked;
+      SCREE_TRY(checker.groups());
     }
-    if (auto checked = checker.nodes(part); !checked) return checked;
+    SCREE_TRY(checker.nodes(part));
     if (part.is_last()) {
-      if (auto checked = checker.node_instances(); !checked) return checked;
+      SCREE_TRY(checker.node_instances());
     }
-    if (auto checked = checker.matrices(part); !checked) return checked;
-    if (auto checked = checker.scenes(part); !checked) return checked;
+    SCREE_TRY(checker.matrices(part));
+    SCREE_TRY(checker.scenes(part));
   }
-  if (auto checked = checker.scene_roots(); !checked) return checked;
-  if (auto checked = checker.materials(); !checked) return checked;
-  if (auto checked = checker.surfaces(); !checked) return checked;
-  if (auto checked = checker.lights(); !checked) return checked;
-  if (auto checked = checker.textures(); !checked) return checked;
-  if (auto checked = checker.images(); !checked) return checked;
-  if (auto checked = checker.masks(); !checked) return checked;
-  if (auto checked = checker.cameras(); !checked) return checked;
+  SCREE_TRY(checker.scene_roots());
+  SCREE_TRY(checker.materials());
+  SCREE_TRY(checker.surfaces());
+  SCREE_TRY(checker.lights());
+  SCREE_TRY(checker.textures());
+  SCREE_TRY(checker.images());
+  SCREE_TRY(checker.masks());
+  SCREE_TRY(checker.cameras());
   return checker.source();
 }
 

@@ -130,7 +130,7 @@ Result<void> Checker::scenes(Part part) {
   const uint64_t end = part.end(instances_.size());
   for (;;) {
     if (in_scene_) {
-      if (auto checked = instances_to(std::min(end, instances_end_)); !checked) return checked;
+      SCREE_TRY(instances_to(std::min(end, instances_end_)));
       if (next_instance_ < instances_end_) return {};
       if (scenes_[scene_].triangle_count != scene_triangles_) {
         return fail(kRange, "scene ", scene_, ": ", scenes_[scene_].triangle_count,

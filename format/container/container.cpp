@@ -239,13 +239,12 @@ Result<void> take_tables(const FileHeader& header, std::span<const std::byte> fi
         return fail(ErrorCode::kRange, "table ", i, ": at byte ", entry.offset, ", expected ",
                     align_up(end, kTableAlignment));
       }
-      if (auto zero = check_zero(file, end, entry.offset); !zero) return zero;
+      SCREE_TRY(check_zero(file, end, entry.offset));
     }
     end = entry.offset + *bytes;
-    if (auto taken = take_table(entry, i, file, views); !taken) return taken;
+    SCREE_TRY(take_table(entry, i, file, views));
     if (checksums == Checksums::kNow) {
-      auto checked = check_checksum(entry, i, checksum(file.subspan(entry.offset, *bytes)));
-      if (!checked) return checked;
+      SCREE_TRY(check_checksum(entry, i, checksum(file.subspan(entry.offset, *bytes))));
     }
   }
   if (header.toc_count > 0) {
@@ -253,7 +252,7 @@ Result<void> take_tables(const FileHeader& header, std::span<const std::byte> fi
       return fail(ErrorCode::kRange, "table of contents: at byte ", header.toc_offset, ", expected ",
                   align_up(end, kTableAlignment));
     }
-    if (auto zero = check_zero(file, end, header.toc_offset); !zero) return zero;
+    SCREE_TRY(check_zero(file, end, header.toc_offset));
   }
   return {};
 }
@@ -279,7 +278,7 @@ Result<void> check_tables(const FileHeader& header, std::span<const std::byte> f
   TableViews again;
   again.newer_minor = views.newer_minor;
   again.is_second = views.is_second;
-  if (auto taken = take_tables(header, file, Checksums::kNow, again); !taken) return taken;
+  SCREE_TRY(take_tables(header, file, Checksums::kNow, again));
   return checked;
 }
 
@@ -334,7 +333,7 @@ Result<void> unpack_frame(uint32_t page, const PageRecord& record, uint64_t cont
   const std::unique_ptr<std::byte[]> memory(new (std::nothrow) std::byte[content]);
   if (!memory) return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", content, " bytes");
   const std::span<std::byte> split(memory.get(), content);
-  if (auto done = decompress(page, split, stored); !done) return done;
+  SCREE_TRY(decompress(page, split, stored));
   const Result<void> joined = join_page(split, raw);
   if (!joined) return fail(joined.error().code, "page ", page, ": ", joined.error().message.c_str());
   return {};
@@ -344,13 +343,12 @@ Result<void> unpack_frame(uint32_t page, const PageRecord& record, uint64_t cont
 
 Result<Container> Container::open(std::span<const std::byte> file) {
   assert(reinterpret_cast<uintptr_t>(file.data()) % kTableAlignment == 0 && "records are read in place");
-  const auto header = check_header(file);
-  if (!header) return header.error();
+  const auto header = SCREE_TRY(check_header(file));
   auto views = std::make_shared<Views>();
-  views->is_second = header->version_major == kSecondMajor;
-  views->newer_minor = header->version_minor > (views->is_second ? kSecondMinor : kVersionMinor);
-  if (auto checked = check_tables(*header, file, *views); !checked) return checked.error();
-  if (auto zero = check_zero(file, sizeof(FileHeader), kPageAlignment); !zero) return zero.error();
+  views->is_second = header.version_major == kSecondMajor;
+  views->newer_minor = header.version_minor > (views->is_second ? kSecondMinor : kVersionMinor);
+  SCREE_TRY(check_tables(header, file, *views));
+  SCREE_TRY(check_zero(file, sizeof(FileHeader), kPageAlignment));
   Container container;
   container.file_ = file;
   container.views_ = std::move(views);
@@ -455,9 +453,8 @@ Result<void> Container::check_page(uint32_t page, std::span<const std::byte> pad
 Result<void> Container::unpack_page(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> raw) const {
   assert(raw.size() == pages()[page].raw_bytes);
   const PageRecord& record = pages()[page];
-  const auto content = check_frame(page, record, stored);
-  if (!content) return content.error();
-  return unpack_frame(page, record, *content, raw, stored);
+  const auto content = SCREE_TRY(check_frame(page, record, stored));
+  return unpack_frame(page, record, content, raw, stored);
 }
 
 Result<uint64_t> Container::content_bytes(uint32_t page, std::span<const std::byte> stored) const {
@@ -475,12 +472,11 @@ Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vect
     return fail(ErrorCode::kRange, "page ", page, ", but the file has ", table.size(), " pages");
   }
   const PageRecord& record = table[page];
-  if (auto checked = check_page(page, padded_page(page)); !checked) return checked.error();
+  SCREE_TRY(check_page(page, padded_page(page)));
   const std::span<const std::byte> stored = stored_page(page);
   if (record.codec == PageCodec::kRaw) return stored;
 
-  const auto content = check_frame(page, record, stored);
-  if (!content) return content.error();
+  const auto content = SCREE_TRY(check_frame(page, record, stored));
   try {
     // A growing vector may take twice the requested size; an empty one takes exactly that size.
     if (scratch.capacity() < record.raw_bytes) scratch = std::vector<std::byte>();
@@ -490,7 +486,7 @@ Result<std::span<const std::byte>> Container::load_page(uint32_t page, std::vect
   } catch (const std::length_error&) {
     return fail(ErrorCode::kMemory, "page ", page, ": no memory for ", record.raw_bytes, " bytes");
   }
-  if (auto done = unpack_frame(page, record, *content, scratch, stored); !done) return done.error();
+  SCREE_TRY(unpack_frame(page, record, content, scratch, stored));
   return std::span<const std::byte>(scratch);
 }
 

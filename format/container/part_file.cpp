@@ -225,7 +225,7 @@ Result<void> PartFile::sync() const {
 }
 
 Result<void> PartFile::park() {
-  if (Result<void> synced = sync(); !synced) return synced;
+  SCREE_TRY(sync());
   struct stat status;
   if (::fstat(file_, &status) != 0) return error_of("stat", errno);
   parked_ = {status.st_dev, status.st_ino, status.st_size, status.st_ctim.tv_sec, status.st_ctim.tv_nsec};

@@ -50,18 +50,17 @@ Result<PartLog> PartLog::start(const PartFile& file, const PartId& id, uint64_t 
   mark.offset = offset;
   mark.id = id;
   mark.checksum = checksum_of(mark);
-  if (auto written = file.write_at(0, std::as_bytes(std::span<const Mark>(&mark, 1))); !written) return written.error();
+  SCREE_TRY(file.write_at(0, std::as_bytes(std::span<const Mark>(&mark, 1))));
   PartLog log;
   log.offset_ = log.end_ = offset;
   return log;
 }
 
 Result<PartLog> PartLog::read(const PartFile& file, const PartId& id, const Take& take) {
-  const auto bytes = file.size();
-  if (!bytes) return bytes.error();
+  const auto bytes = SCREE_TRY(file.size());
   Mark mark{};
-  if (*bytes < sizeof mark) return Error{ErrorCode::kFormat, "it has nothing to go on from"};
-  if (auto read = file.read_at(0, std::as_writable_bytes(std::span(&mark, 1))); !read) return read.error();
+  if (bytes < sizeof mark) return Error{ErrorCode::kFormat, "it has nothing to go on from"};
+  SCREE_TRY(file.read_at(0, std::as_writable_bytes(std::span(&mark, 1))));
   if (std::memcmp(mark.magic, kMarkMagic, sizeof kMarkMagic) != 0 || mark.checksum != checksum_of(mark) ||
       mark.version != kLogVersion)
     return Error{ErrorCode::kFormat, "it has nothing to go on from"};
@@ -72,11 +71,11 @@ Result<PartLog> PartLog::read(const PartFile& file, const PartId& id, const Take
   std::vector<std::byte> entry;
   for (;;) {
     EntryHead head{};
-    if (log.end_ > *bytes || *bytes - log.end_ < sizeof head) break;
-    if (auto read = file.read_at(log.end_, std::as_writable_bytes(std::span(&head, 1))); !read) return read.error();
-    if (head.bytes > kMaxEntryBytes || *bytes - log.end_ - sizeof head < head.bytes) break;
+    if (log.end_ > bytes || bytes - log.end_ < sizeof head) break;
+    SCREE_TRY(file.read_at(log.end_, std::as_writable_bytes(std::span(&head, 1))));
+    if (head.bytes > kMaxEntryBytes || bytes - log.end_ - sizeof head < head.bytes) break;
     entry.resize(head.bytes);
-    if (auto read = file.read_at(log.end_ + sizeof head, entry); !read) return read.error();
+    SCREE_TRY(file.read_at(log.end_ + sizeof head, entry));
     if (head.checksum != checksum_of(head, entry)) break;
     take(head.kind, entry);
     log.end_ += sizeof head + head.bytes;
@@ -92,7 +91,7 @@ Result<void> PartLog::add(const PartFile& file, uint32_t kind, std::span<const s
   std::vector<std::byte> all(sizeof head + entry.size());
   std::memcpy(all.data(), &head, sizeof head);
   if (!entry.empty()) std::memcpy(all.data() + sizeof head, entry.data(), entry.size());
-  if (auto written = file.write_at(end_, all); !written) return written;
+  SCREE_TRY(file.write_at(end_, all));
   end_ += all.size();
   return {};
 }

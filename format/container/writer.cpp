@@ -176,7 +176,7 @@ Result<bool> ContainerWriter::Impl::is_whole(const PageRecord& record, uint64_t 
   for (uint64_t done = 0; done < record.stored_bytes;) {
     const std::span<std::byte> part(block.data(),
                                     static_cast<size_t>(std::min(kBlockBytes, record.stored_bytes - done)));
-    if (auto read = file.read_at(record.offset + done, part); !read) return read.error();
+    SCREE_TRY(file.read_at(record.offset + done, part));
     sum.add(part);
     done += part.size();
   }
@@ -191,7 +191,7 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
   if (toc.empty() || toc.back().kind != kind) {
     assert(std::none_of(toc.begin(), toc.end(), [&](const TocEntry& entry) { return entry.kind == kind; }));
     const uint64_t begin = align_up(end, kTableAlignment);
-    if (auto padded = pad(end, begin); !padded) return padded;
+    SCREE_TRY(pad(end, begin));
     end = begin;
     toc.push_back({kind, record_bytes, 0, end, 0});
     checksum = {};
@@ -204,7 +204,7 @@ Result<void> ContainerWriter::Impl::append_records(TableKind kind, uint32_t reco
     return Error{ErrorCode::kRange, path + ": " + std::to_string(entry.record_count) + " records in table " +
                                         std::to_string(static_cast<uint32_t>(kind)) + ", more than a file can have"};
   }
-  if (auto written = write(end, records); !written) return written;
+  SCREE_TRY(write(end, records));
   end += records.size();
   checksum.add(records);
   entry.checksum = checksum.value();
@@ -240,11 +240,10 @@ Result<void> ContainerWriter::Impl::rename_into_place(const FileHeader& header) 
 }
 
 Result<ContainerWriter> ContainerWriter::create(const std::string& path, Existing existing) {
-  auto part = PartFile::create(path, PartFile::Content::kEmpty, existing);
-  if (!part) return part.error();
+  auto part = SCREE_TRY(PartFile::create(path, PartFile::Content::kEmpty, existing));
   auto impl = std::make_unique<Impl>();
   impl->path = path;
-  impl->file = std::move(*part);
+  impl->file = std::move(part);
   return ContainerWriter(std::move(impl));
 }
 
@@ -253,12 +252,11 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
   std::error_code ignored;
   if (!std::filesystem::exists(PartFile::target_of(path) + ".part", ignored))
     return Error{ErrorCode::kFormat, "there is none"};
-  auto part = PartFile::create(path, PartFile::Content::kAsItIs, existing);
-  if (!part) return part.error();
-  part->keep();
+  auto part = SCREE_TRY(PartFile::create(path, PartFile::Content::kAsItIs, existing));
+  part.keep();
   auto impl = std::make_unique<Impl>();
   impl->path = path;
-  impl->file = std::move(*part);
+  impl->file = std::move(part);
   impl->overwrites = impl->is_longer = true;
   bool fits = true;  // so far
   const auto take_page = [&](const PageRecord& record) {
@@ -283,17 +281,16 @@ Result<ContainerWriter> ContainerWriter::resume(const std::string& path, const P
   if (!log) return log.error();
   impl->log = *log;
   for (size_t i = 0; i < impl->pages.size(); ++i) {
-    const auto is_whole = impl->is_whole(impl->pages[i], impl->end);
-    if (!is_whole) return is_whole.error();
-    if (!*is_whole) {
+    const auto is_whole = SCREE_TRY(impl->is_whole(impl->pages[i], impl->end));
+    if (!is_whole) {
       impl->pages.resize(i);
       break;
     }
-    if (auto padded = impl->pad(impl->end, impl->pages[i].offset); !padded) return padded.error();
+    SCREE_TRY(impl->pad(impl->end, impl->pages[i].offset));
     impl->end = impl->pages[i].offset + impl->pages[i].stored_bytes;
   }
   // A page's checksum covers neither the padding nor the bytes behind the header.
-  if (auto padded = impl->pad(sizeof(FileHeader), kPageAlignment); !padded) return padded.error();
+  SCREE_TRY(impl->pad(sizeof(FileHeader), kPageAlignment));
   return ContainerWriter(std::move(impl));
 }
 
@@ -346,8 +343,8 @@ Result<uint32_t> ContainerWriter::append(const SealedPage& page) {
   assert(page.record.stored_bytes == page.stored.size() && impl_->toc.empty());
   PageRecord record = page.record;
   record.offset = align_up(impl_->end, kPageAlignment);
-  if (auto padded = impl_->pad(impl_->end, record.offset); !padded) return padded.error();
-  if (auto written = impl_->write(record.offset, page.stored); !written) return written.error();
+  SCREE_TRY(impl_->pad(impl_->end, record.offset));
+  SCREE_TRY(impl_->write(record.offset, page.stored));
   impl_->add_page(record);
   return static_cast<uint32_t>(impl_->pages.size() - 1);
 }
@@ -360,14 +357,14 @@ Result<uint32_t> ContainerWriter::append_raw(PageKind kind, uint64_t bytes, cons
   record.codec = PageCodec::kRaw;
   record.offset = align_up(impl_->end, kPageAlignment);
   record.stored_bytes = record.raw_bytes = bytes;
-  if (auto padded = impl_->pad(impl_->end, record.offset); !padded) return padded.error();
+  SCREE_TRY(impl_->pad(impl_->end, record.offset));
   Checksum checksum;
   std::vector<std::byte> block(static_cast<size_t>(std::min(bytes, kBlockBytes)));
   for (uint64_t done = 0; done < bytes;) {
     const std::span<std::byte> part(block.data(), static_cast<size_t>(std::min(kBlockBytes, bytes - done)));
-    if (auto got = read(done, part); !got) return got.error();
+    SCREE_TRY(read(done, part));
     checksum.add(part);
-    if (auto written = impl_->write(record.offset + done, part); !written) return written.error();
+    SCREE_TRY(impl_->write(record.offset + done, part));
     done += part.size();
   }
   record.checksum = checksum.value();

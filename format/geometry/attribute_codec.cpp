@@ -56,9 +56,8 @@ Result<void> check_uv_values(const UvRange& range, const std::array<uint32_t, 2>
 }
 
 Result<void> check_packed(const char* what, uint64_t count, uint32_t bits, std::span<const std::byte> bytes) {
-  const auto size = checked_packed_bytes(what, count, bits);
-  if (!size) return size.error();
-  return check_stream(what, count * bits, *size, bytes);
+  const auto size = SCREE_TRY(checked_packed_bytes(what, count, bits));
+  return check_stream(what, count * bits, size, bytes);
 }
 
 /// Calls sink(vertex, first, second) for each pair of codes. A code has at most 24 bits, so that a pair lies in one
@@ -224,8 +223,8 @@ void encode_uvs(std::span<std::byte> out, std::span<const float> uvs, const UvRa
 Result<void> decode_uvs(std::span<float> out, const UvRange& range, std::span<const std::byte> bytes) {
   assert(out.size() % 2 == 0);
   const uint64_t count = out.size() / 2;
-  if (auto checked = check_uv_range(range); !checked) return checked;
-  if (auto sized = check_packed("uvs", count, range.stride_bits(), bytes); !sized) return sized;
+  SCREE_TRY(check_uv_range(range));
+  SCREE_TRY(check_packed("uvs", count, range.stride_bits(), bytes));
   if (count == 0) return {};
   float* const values = out.data();
   const double step = exp2i(range.exponent);
@@ -241,8 +240,8 @@ Result<void> decode_uvs(std::span<float> out, const UvRange& range, std::span<co
 }
 
 Result<void> check_uvs(uint64_t vertex_count, const UvRange& range, std::span<const std::byte> bytes) {
-  if (auto checked = check_uv_range(range); !checked) return checked;
-  if (auto sized = check_packed("uvs", vertex_count, range.stride_bits(), bytes); !sized) return sized;
+  SCREE_TRY(check_uv_range(range));
+  SCREE_TRY(check_packed("uvs", vertex_count, range.stride_bits(), bytes));
   if (vertex_count == 0) return {};
   std::array<uint32_t, 2> largest{static_cast<uint32_t>(low_mask(range.bits[0])),
                                   static_cast<uint32_t>(low_mask(range.bits[1]))};
@@ -287,14 +286,13 @@ void encode_colors(std::span<std::byte> out, std::span<const float> rgba) {
 
 Result<void> decode_colors(std::span<float> out, std::span<const std::byte> bytes) {
   assert(out.size() % 4 == 0);
-  if (auto checked = check_colors(out.size() / 4, bytes); !checked) return checked;
+  SCREE_TRY(check_colors(out.size() / 4, bytes));
   for (size_t i = 0; i < out.size(); ++i) out[i] = static_cast<float>(std::to_integer<int32_t>(bytes[i])) / 255.0f;
   return {};
 }
 
 Result<void> check_colors(uint64_t vertex_count, std::span<const std::byte> bytes) {
-  const auto size = checked_packed_bytes("colors", vertex_count, 8 * kColorVertexBytes);
-  if (!size) return size.error();
+  SCREE_TRY(checked_packed_bytes("colors", vertex_count, 8 * kColorVertexBytes));
   return check_stream("colors", vertex_count * 8 * kColorVertexBytes, color_stream_bytes(vertex_count), bytes);
 }
 
@@ -317,8 +315,8 @@ void encode_normals(std::span<std::byte> out, std::span<const float> normals, ui
 Result<void> decode_normals(std::span<float> out, uint32_t bits, std::span<const std::byte> bytes) {
   assert(out.size() % 3 == 0);
   const uint64_t count = out.size() / 3;
-  if (auto checked = check_normal_bits(bits); !checked) return checked;
-  if (auto sized = check_packed("normals", count, 2 * bits, bytes); !sized) return sized;
+  SCREE_TRY(check_normal_bits(bits));
+  SCREE_TRY(check_packed("normals", count, 2 * bits, bytes));
   uint32_t largest = 0;
   unpack_pairs(bytes.data(), count, bits, bits, [&](uint64_t i, uint32_t u, uint32_t v) {
     largest = std::max({largest, u, v});
@@ -328,8 +326,8 @@ Result<void> decode_normals(std::span<float> out, uint32_t bits, std::span<const
 }
 
 Result<void> check_normals(uint64_t vertex_count, uint32_t bits, std::span<const std::byte> bytes) {
-  if (auto checked = check_normal_bits(bits); !checked) return checked;
-  if (auto sized = check_packed("normals", vertex_count, 2 * bits, bytes); !sized) return sized;
+  SCREE_TRY(check_normal_bits(bits));
+  SCREE_TRY(check_packed("normals", vertex_count, 2 * bits, bytes));
   uint32_t largest = 0;
   uint64_t done = 0;  // of the stream's codes, two per normal
   if (isa_avx2::kScansCodes && has_avx2())
@@ -355,8 +353,8 @@ void encode_source_ids(std::span<std::byte> out, std::span<const uint64_t> ids, 
 }
 
 Result<void> decode_source_ids(std::span<uint64_t> out, const SourceIdRange& range, std::span<const std::byte> bytes) {
-  if (auto checked = check_source_bits(range); !checked) return checked;
-  if (auto sized = check_packed("source ids", out.size(), range.bits, bytes); !sized) return sized;
+  SCREE_TRY(check_source_bits(range));
+  SCREE_TRY(check_packed("source ids", out.size(), range.bits, bytes));
   if (out.empty()) return {};
   uint32_t largest = 0;
   unpack_values(bytes.data(), out.size(), range.bits,
@@ -368,8 +366,8 @@ Result<void> decode_source_ids(std::span<uint64_t> out, const SourceIdRange& ran
 }
 
 Result<void> check_source_ids(uint64_t triangle_count, const SourceIdRange& range, std::span<const std::byte> bytes) {
-  if (auto checked = check_source_bits(range); !checked) return checked;
-  if (auto sized = check_packed("source ids", triangle_count, range.bits, bytes); !sized) return sized;
+  SCREE_TRY(check_source_bits(range));
+  SCREE_TRY(check_packed("source ids", triangle_count, range.bits, bytes));
   if (range.bits == 0 || check_source_codes(range, static_cast<uint32_t>(low_mask(range.bits)))) return {};
   uint32_t largest = 0;
   unpack_values(bytes.data(), triangle_count, range.bits,

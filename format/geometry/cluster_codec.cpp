@@ -66,16 +66,15 @@ class Decoder {
 
   Result<void> run() {
     // Refuses exponents outside the range of exp2i().
-    if (const Result<void> sane = check_offsets(s_.lattice, s_.range, {}); !sane) return sane;
+    SCREE_TRY(check_offsets(s_.lattice, s_.range, {}));
     step_ = exp2i(s_.lattice.exponent);
-    if (const Result<void> sized = sizes(); !sized) return sized;
+    SCREE_TRY(sizes());
     for (cluster_ = 0; cluster_ < s_.cluster_count; ++cluster_) {
       if (cluster_ % kGroupClusters == 0) {
         group_ = load<ClusterBounds>(s_.group_bounds.data() + cluster_ / kGroupClusters * sizeof(ClusterBounds));
-        const auto good = check_bounds(group_, "cluster group", cluster_ / kGroupClusters);
-        if (!good) return good;
+        SCREE_TRY(check_bounds(group_, "cluster group", cluster_ / kGroupClusters));
       }
-      if (const Result<void> done = cluster(); !done) return done;
+      SCREE_TRY(cluster());
     }
     if (triangles_ != s_.triangle_count || vertices_ != s_.vertex_count) {
       return Error{kRange, "clusters of " + std::to_string(triangles_) + " triangles and " + std::to_string(vertices_) +
@@ -117,7 +116,7 @@ class Decoder {
         {"cluster data", uint64_t{32} * s_.cluster_words, packed_bytes(s_.cluster_words, 32), s_.data},
     };
     for (const Part& part : parts) {
-      if (const auto sized = check_stream(part.name, part.data_bits, part.bytes, part.stream); !sized) return sized;
+      SCREE_TRY(check_stream(part.name, part.data_bits, part.bytes, part.stream));
     }
     return {};
   }
@@ -139,7 +138,7 @@ class Decoder {
       return error(kRange,
                    "data at word " + std::to_string(layout.prediction) + ", expected " + std::to_string(words_));
     }
-    if (const auto checked = widths(layout); !checked) return checked;
+    SCREE_TRY(widths(layout));
     if (layout.end > s_.cluster_words) {  // below 2^29 + 1200, so it cannot wrap
       return error(kRange,
                    "data end at word " + std::to_string(layout.end) + " of " + std::to_string(s_.cluster_words));
@@ -149,7 +148,7 @@ class Decoder {
       return error(kRange, std::to_string(layout.triangle_count) + " triangles and " +
                                std::to_string(layout.vertex_count) + " vertices, more than the chunk has left");
     }
-    if (const auto checked = check_bounds(bounds, "cluster", cluster_); !checked) return checked;
+    SCREE_TRY(check_bounds(bounds, "cluster", cluster_));
     const ClusterReader reader = make_cluster_reader(record, bounds, s_.data.data());
     if (!ends_clean(s_.data.data(), layout.steps, layout.triangle_count) ||
         (layout.wide_steps &&
@@ -163,13 +162,12 @@ class Decoder {
     const bool scanned = scans_ && begins_in_group(reader) && isa_avx2::scan_cluster(reader, s_.data.size(), scan);
     CodeRange codes{};
     if (scanned) std::copy_n(scan.largest, 3, codes.largest);
-    if (!scanned || !scan.triangles_are_good)
-      if (const auto done = triangles(reader); !done) return done;
+    if (!scanned || !scan.triangles_are_good) SCREE_TRY(triangles(reader));
     if (!ends_clean(s_.data.data(), layout.positions, layout.vertex_count * reader.stride())) {
       return error(kTrailing, "a bit is set after its positions");
     }
     if (!scanned) vertices(reader, codes);
-    if (const auto inside = boxes(reader, bounds, codes); !inside) return inside;
+    SCREE_TRY(boxes(reader, bounds, codes));
     triangles_ += layout.triangle_count;
     vertices_ += layout.vertex_count;
     words_ = layout.end;

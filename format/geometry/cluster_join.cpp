@@ -72,17 +72,16 @@ class Joiner {
   Joiner(std::span<std::byte> page, SplitMemory& memory) : page_(page), memory_(memory) {}
 
   Result<void> run(std::span<const std::byte> split) {
-    if (const auto opened = open(split); !opened) return opened;
+    SCREE_TRY(open(split));
     while (in_[kParts].left() != 0) {
       const std::byte* part = in_[kParts].take(8);
       if (part == nullptr) return Error{kTruncated, "half a part"};
       const auto clusters = load<uint32_t>(part);
-      if (clusters != 0)
-        if (const auto joined = join_part(clusters); !joined) return joined;
+      if (clusters != 0) SCREE_TRY(join_part(clusters));
       const uint64_t plain = load<uint32_t>(part + 4);
       const std::byte* from = in_[kPlain].take(plain);
       if (from == nullptr) return ends(kPlain);
-      if (const auto room = make_room(plain); !room) return room;
+      SCREE_TRY(make_room(plain));
       if (plain != 0) std::memcpy(page_.data() + done_, from, plain);
       done_ += plain;
     }
@@ -99,12 +98,11 @@ class Joiner {
 
  private:
   Result<void> open(std::span<const std::byte> split) {
-    const Result<SplitStreams> streams = open_streams(split);
-    if (!streams) return streams.error();
-    planes_ = streams->planes;
-    residual_count_ = streams->residual_count();
-    residuals_ = streams->bytes[kResiduals].data();
-    for (uint32_t i = 0; i < kStreams; ++i) in_[i] = Cursor(streams->bytes[i]);
+    const SplitStreams streams = SCREE_TRY(open_streams(split));
+    planes_ = streams.planes;
+    residual_count_ = streams.residual_count();
+    residuals_ = streams.bytes[kResiduals].data();
+    for (uint32_t i = 0; i < kStreams; ++i) in_[i] = Cursor(streams.bytes[i]);
     return {};
   }
 
@@ -117,7 +115,7 @@ class Joiner {
   Result<void> join_part(uint64_t clusters) {
     const uint64_t groups = group_count(clusters);
     const uint64_t head = (groups + clusters) * sizeof(ClusterBounds) + clusters * sizeof(ClusterRecord);
-    if (const auto room = make_room(head); !room) return room;
+    SCREE_TRY(make_room(head));
     std::byte* const group_bounds = page_.data() + done_;
     std::byte* const bounds = group_bounds + groups * sizeof(ClusterBounds);
     std::byte* const records = bounds + clusters * sizeof(ClusterBounds);
@@ -131,8 +129,7 @@ class Joiner {
     for (uint64_t i = 0; i < clusters; ++i) {
       ClusterRecord record = next;
       OffsetBox box{};
-      const Result<uint32_t> words = join_cluster(record, box);
-      if (!words) return words.error();
+      const uint32_t words = SCREE_TRY(join_cluster(record, box));
       store(records + i * sizeof record, record);
       const uint32_t origin[3] = {};
       store(bounds + i * sizeof(ClusterBounds), bounds_of(box, origin));
@@ -143,14 +140,14 @@ class Joiner {
       }
       if (i % kGroupClusters == kGroupClusters - 1 || i + 1 == clusters)
         store(group_bounds + i / kGroupClusters * sizeof(ClusterBounds), bounds_of(group, origin));
-      next.place += *words;
+      next.place += words;
       if (next.place >= kMaxClusterWords) return Error{kRange, "more than 2^29 words of a chunk"};
       next.first_triangle += form_.triangle_count;
       next.first_vertex += form_.vertex_count;
     }
     const uint64_t stream = packed_bytes(next.place, 32);
     done_ = data;
-    if (const auto room = make_room(stream); !room) return room;
+    SCREE_TRY(make_room(stream));
     std::fill(page_.begin() + static_cast<ptrdiff_t>(data + 4 * uint64_t{next.place}),
               page_.begin() + static_cast<ptrdiff_t>(data + stream), std::byte{0});
     done_ = data + stream;
@@ -179,17 +176,16 @@ class Joiner {
   /// Writes the cluster's words to the page. Sets all fields of `record` except the sums over earlier clusters. Returns
   /// the number of words.
   Result<uint32_t> join_cluster(ClusterRecord& record, OffsetBox& box) {
-    if (const auto taken = take_form(); !taken) return taken.error();
-    if (const auto taken = take_triangles(); !taken) return taken.error();
+    SCREE_TRY(take_form());
+    SCREE_TRY(take_triangles());
     if (!place_vertices(box)) return Error{kRange, "a missing vertex, or too few residuals"};
     std::array<uint32_t, kMostClusterWords + kWriterSlack> words;
     uint32_t* const steps = words.data() + (form_.axis != kNotPredicted ? 2 : 0);
-    const Result<uint32_t*> end = put_positions(box, words.data(), put_distances(put_steps(steps)), record);
-    if (!end) return end.error();
+    uint32_t* const end = SCREE_TRY(put_positions(box, words.data(), put_distances(put_steps(steps)), record));
     record.place |= form_.axis << 29 | (form_.wide_steps ? 1u << 31 : 0);
     record.counts |= (form_.triangle_count - 1) | (form_.vertex_count - 1) << 7 | form_.distance_bits << 14;
-    const auto written = static_cast<uint32_t>(*end - words.data());
-    if (const auto room = make_room(4 * uint64_t{written}); !room) return room.error();
+    const auto written = static_cast<uint32_t>(end - words.data());
+    SCREE_TRY(make_room(4 * uint64_t{written}));
     std::memcpy(page_.data() + done_, words.data(), 4 * uint64_t{written});
     done_ += 4 * uint64_t{written};
     return written;

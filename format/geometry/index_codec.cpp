@@ -15,9 +15,8 @@ Result<void> check_size(uint64_t count, IndexRange range, std::span<const std::b
   if (range.bits > kMaxPackedBits) {
     return Error{ErrorCode::kRange, "indices: " + std::to_string(range.bits) + " bits, expected at most 32"};
   }
-  const auto size = checked_packed_bytes("indices", count, range.bits);
-  if (!size) return size.error();
-  return check_stream("indices", count * range.bits, *size, bytes);
+  const auto size = SCREE_TRY(checked_packed_bytes("indices", count, range.bits));
+  return check_stream("indices", count * range.bits, size, bytes);
 }
 
 Result<void> check_largest(uint64_t largest, uint32_t vertex_count) {
@@ -36,7 +35,7 @@ void encode_indices(std::span<std::byte> out, std::span<const uint32_t> indices,
 
 Result<void> decode_indices(std::span<uint32_t> out, uint32_t vertex_count, IndexRange range,
                             std::span<const std::byte> bytes) {
-  if (auto sized = check_size(out.size(), range, bytes); !sized) return sized;
+  SCREE_TRY(check_size(out.size(), range, bytes));
   if (out.empty()) return {};
   uint32_t* const values = out.data();
   const uint32_t smallest = range.min;
@@ -50,7 +49,7 @@ Result<void> decode_indices(std::span<uint32_t> out, uint32_t vertex_count, Inde
 
 Result<void> check_indices(uint64_t index_count, uint32_t vertex_count, IndexRange range,
                            std::span<const std::byte> bytes) {
-  if (auto sized = check_size(index_count, range, bytes); !sized) return sized;
+  SCREE_TRY(check_size(index_count, range, bytes));
   if (index_count == 0) return {};
   if (range.min + low_mask(range.bits) < vertex_count) return {};  // no code can be out of range
   uint32_t largest_code = 0;

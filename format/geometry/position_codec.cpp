@@ -97,14 +97,12 @@ Result<void> check_size(uint64_t vertex_count, const PositionRange& range, std::
     if (range.bits != std::array<uint8_t, 3>{32, 32, 32} || range.min != std::array<uint32_t, 3>{}) {
       return Error{ErrorCode::kRange, "positions: float32 on x, expected 32 bits on all axes and no offset"};
     }
-    const auto size = checked_packed_bytes("positions", vertex_count, 8 * kFloatVertexBytes);
-    if (!size) return size.error();
+    SCREE_TRY(checked_packed_bytes("positions", vertex_count, 8 * kFloatVertexBytes));
     return check_stream("positions", vertex_count * 8 * kFloatVertexBytes,
                         align_up(vertex_count * kFloatVertexBytes, kChunkAlignment), bytes);
   }
-  const auto size = checked_packed_bytes("positions", vertex_count, range.stride_bits());
-  if (!size) return size.error();
-  return check_stream("positions", vertex_count * range.stride_bits(), *size, bytes);
+  const auto size = SCREE_TRY(checked_packed_bytes("positions", vertex_count, range.stride_bits()));
+  return check_stream("positions", vertex_count * range.stride_bits(), size, bytes);
 }
 
 /// Calls sink(vertex, x, y, z) with the codes of every vertex; each axis has at most 24 bits.
@@ -244,9 +242,8 @@ Result<MeshLattice> choose_lattice(const float lo[3], const float hi[3], uint32_
 
 Result<void> check_offsets(const MeshLattice& lattice, const PositionRange& range,
                            const std::array<uint32_t, 3>& largest) {
-  const auto decoder = make_decoder(lattice, range);
-  if (!decoder) return decoder.error();
-  return check_codes(*decoder, largest);
+  const auto decoder = SCREE_TRY(make_decoder(lattice, range));
+  return check_codes(decoder, largest);
 }
 
 MeshLattice lattice_of(const MeshRecord& mesh) {
@@ -363,19 +360,18 @@ Result<void> decode_positions(std::span<float> out, const MeshLattice& lattice, 
   assert(out.size() % 3 == 0);
   const uint64_t vertex_count = out.size() / 3;
   if (range.is_float32()) {
-    if (auto sized = check_size(vertex_count, range, bytes); !sized) return sized;
+    SCREE_TRY(check_size(vertex_count, range, bytes));
     if (!out.empty()) std::memcpy(out.data(), bytes.data(), out.size_bytes());
     return check_floats(vertex_count, bytes);
   }
-  const auto decoder = make_decoder(lattice, range);
-  if (!decoder) return decoder.error();
-  if (auto sized = check_size(vertex_count, range, bytes); !sized) return sized;
+  const auto decoder = SCREE_TRY(make_decoder(lattice, range));
+  SCREE_TRY(check_size(vertex_count, range, bytes));
   if (out.empty()) return {};
   float* const values = out.data();
-  const double step = decoder->step;
-  const double x0 = decoder->axes[0].origin;
-  const double y0 = decoder->axes[1].origin;
-  const double z0 = decoder->axes[2].origin;
+  const double step = decoder.step;
+  const double x0 = decoder.axes[0].origin;
+  const double y0 = decoder.axes[1].origin;
+  const double z0 = decoder.axes[2].origin;
   std::array<uint32_t, 3> largest{};
   unpack_positions(bytes.data(), vertex_count, range.bits,
                    [&, values](uint64_t vertex, uint32_t x, uint32_t y, uint32_t z) {
@@ -387,22 +383,21 @@ Result<void> decode_positions(std::span<float> out, const MeshLattice& lattice, 
                      at[1] = static_cast<float>((y0 + static_cast<int32_t>(y)) * step);
                      at[2] = static_cast<float>((z0 + static_cast<int32_t>(z)) * step);
                    });
-  return check_codes(*decoder, largest);
+  return check_codes(decoder, largest);
 }
 
 Result<void> check_positions(uint64_t vertex_count, const MeshLattice& lattice, const PositionRange& range,
                              std::span<const std::byte> bytes) {
   if (range.is_float32()) {
-    if (auto sized = check_size(vertex_count, range, bytes); !sized) return sized;
+    SCREE_TRY(check_size(vertex_count, range, bytes));
     return check_floats(vertex_count, bytes);
   }
-  const auto decoder = make_decoder(lattice, range);
-  if (!decoder) return decoder.error();
-  if (auto sized = check_size(vertex_count, range, bytes); !sized) return sized;
+  const auto decoder = SCREE_TRY(make_decoder(lattice, range));
+  SCREE_TRY(check_size(vertex_count, range, bytes));
   if (vertex_count == 0) return {};
   std::array<uint32_t, 3> widest{};
   for (size_t axis = 0; axis < 3; ++axis) widest[axis] = static_cast<uint32_t>(low_mask(range.bits[axis]));
-  if (check_codes(*decoder, widest)) return {};  // no code can be out of range
+  if (check_codes(decoder, widest)) return {};  // no code can be out of range
   std::array<uint32_t, 3> largest{};
   uint64_t done = 0;
   if (isa_avx2::kScansCodes && has_avx2() && range.stride_bits() != 0)
@@ -411,7 +406,7 @@ Result<void> check_positions(uint64_t vertex_count, const MeshLattice& lattice, 
                    [&](uint64_t, uint32_t x, uint32_t y, uint32_t z) {
                      largest = {std::max(largest[0], x), std::max(largest[1], y), std::max(largest[2], z)};
                    });
-  return check_codes(*decoder, largest);
+  return check_codes(decoder, largest);
 }
 
 }  // namespace scree::format

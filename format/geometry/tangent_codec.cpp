@@ -32,9 +32,8 @@ int32_t direction_of(const float* tangent, const float* normal, uint32_t bits) {
 Result<void> check_size(uint64_t count, uint32_t bits, std::span<const std::byte> bytes) {
   if (bits < kMinTangentBits || bits > kMaxTangentBits)
     return Error{ErrorCode::kRange, "tangents: " + std::to_string(bits) + " bits, expected 3 to 16"};
-  const auto size = checked_packed_bytes("tangents", count, bits);
-  if (!size) return size.error();
-  return check_stream("tangents", count * bits, *size, bytes);
+  const auto size = SCREE_TRY(checked_packed_bytes("tangents", count, bits));
+  return check_stream("tangents", count * bits, size, bytes);
 }
 
 }  // namespace
@@ -59,7 +58,7 @@ Result<void> decode_tangents(std::span<float> out, std::span<const float> normal
                              std::span<const std::byte> bytes) {
   assert(out.size() / 4 == normals.size() / 3);
   const uint64_t count = out.size() / 4;
-  if (auto checked = check_size(count, bits, bytes); !checked) return checked;
+  SCREE_TRY(check_size(count, bits, bytes));
   if (count == 0) return {};
   unpack_values(bytes.data(), count, bits, [&](uint64_t i, uint32_t code) {
     out[4 * i + 3] = decode_tangent(code, bits, &normals[3 * i], &out[4 * i]);

@@ -109,8 +109,7 @@ Result<void> read_huffman(JpegIndex& index, Sections& sections, uint32_t dc_coun
     index.tables.push_back(*table);
     (i < dc_count ? index.dc : index.ac).push_back(spec);
   }
-  const auto taken = sections.take("Huffman tables", size, jpeg_section_bytes(size));
-  if (!taken) return taken.error();
+  SCREE_TRY(sections.take("Huffman tables", size, jpeg_section_bytes(size)));
   return {};
 }
 
@@ -186,55 +185,44 @@ JpegView JpegIndex::view() const {
 }
 
 Result<JpegIndex> open_jpeg_index(std::span<const std::byte> bytes) try {
-  const auto header = read_header(bytes);
-  if (!header) return header.error();
+  const auto header = SCREE_TRY(read_header(bytes));
   JpegIndex index;
-  index.width = header->width;
-  index.height = header->height;
-  index.colour = static_cast<JpegColour>(header->colour);
-  index.restart_interval = header->restart_interval;
-  index.component_count = header->component_count;
+  index.width = header.width;
+  index.height = header.height;
+  index.colour = static_cast<JpegColour>(header.colour);
+  index.restart_interval = header.restart_interval;
+  index.component_count = header.component_count;
   for (uint32_t i = 0; i < index.component_count; ++i) {
-    const JpegIndexHeader::Component& from = header->components[i];
+    const JpegIndexHeader::Component& from = header.components[i];
     index.components[i] = {0, from.h, from.v, from.quant, from.dc, from.ac};
   }
-  const auto layout = jpeg_layout(index.width, index.height, {index.components.data(), index.component_count});
-  if (!layout) return layout.error();
-  index.layout = *layout;
+  index.layout = SCREE_TRY(jpeg_layout(index.width, index.height, {index.components.data(), index.component_count}));
 
   Sections sections(bytes);
-  if (const auto taken = sections.take("header", sizeof *header, sizeof *header); !taken) return taken.error();
-  const uint64_t quant_bytes = sizeof(index.quant[0]) * header->quant_count;
-  const auto quant = sections.take("quantisation tables", quant_bytes, quant_bytes);
-  if (!quant) return quant.error();
-  index.quant.resize(header->quant_count);
-  std::memcpy(index.quant.data(), quant->data(), quant_bytes);
-  if (const auto read = read_huffman(index, sections, header->dc_count, uint32_t{header->dc_count} + header->ac_count);
-      !read)
-    return read.error();
+  SCREE_TRY(sections.take("header", sizeof header, sizeof header));
+  const uint64_t quant_bytes = sizeof(index.quant[0]) * header.quant_count;
+  const auto quant = SCREE_TRY(sections.take("quantisation tables", quant_bytes, quant_bytes));
+  index.quant.resize(header.quant_count);
+  std::memcpy(index.quant.data(), quant.data(), quant_bytes);
+  SCREE_TRY(read_huffman(index, sections, header.dc_count, uint32_t{header.dc_count} + header.ac_count));
 
-  if (header->data_bytes > bytes.size()) {
+  if (header.data_bytes > bytes.size()) {
     return bad(ErrorCode::kTruncated,
-               std::to_string(header->data_bytes) + " bytes of data, " + std::to_string(bytes.size()) + " in all");
+               std::to_string(header.data_bytes) + " bytes of data, " + std::to_string(bytes.size()) + " in all");
   }
-  const auto data = sections.take("data", header->data_bytes, jpeg_stream_bytes(header->data_bytes));
-  if (!data) return data.error();
-  index.data = *data;
+  index.data = SCREE_TRY(sections.take("data", header.data_bytes, jpeg_stream_bytes(header.data_bytes)));
   const uint64_t block_bytes = sizeof(JpegAnchorBlock) * uint64_t{index.layout.anchor_block_count};
-  const auto blocks = sections.take("anchor blocks", block_bytes, jpeg_section_bytes(block_bytes));
-  if (!blocks) return blocks.error();
-  index.blocks = *blocks;
-  const uint64_t anchor_bytes = uint64_t{4} * header->anchor_words;
+  index.blocks = SCREE_TRY(sections.take("anchor blocks", block_bytes, jpeg_section_bytes(block_bytes)));
+  const uint64_t anchor_bytes = uint64_t{4} * header.anchor_words;
   index.anchors = sections.rest();
-  if (const auto taken = sections.take("anchors", anchor_bytes, jpeg_stream_bytes(anchor_bytes)); !taken)
-    return taken.error();
+  SCREE_TRY(sections.take("anchors", anchor_bytes, jpeg_stream_bytes(anchor_bytes)));
   if (!sections.rest().empty())
     return bad(ErrorCode::kTrailing, std::to_string(sections.rest().size()) + " bytes left over");
   if (!jpeg_data_may_hold(index.layout, index.data.size())) {
     return bad(ErrorCode::kRange, std::to_string(index.data.size()) + " bytes of data for " +
                                       std::to_string(index.layout.mcu_count()) + " MCUs");
   }
-  if (const auto checked = check_blocks(index, header->anchor_words); !checked) return checked.error();
+  SCREE_TRY(check_blocks(index, header.anchor_words));
   return index;
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "out of memory for a JPEG's tables"};

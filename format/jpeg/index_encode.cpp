@@ -38,9 +38,7 @@ Result<Plan> make_plan(const JpegHeader& header) {
   if (verdict.treatment != JpegTreatment::kAsItIs) return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
   Plan plan;
   const std::span<const JpegComponent> components(header.components.data(), header.component_count);
-  const auto layout = jpeg_layout(header.width, header.height, components);
-  if (!layout) return layout.error();
-  plan.layout = *layout;
+  plan.layout = SCREE_TRY(jpeg_layout(header.width, header.height, components));
   for (uint32_t i = 0; i < components.size(); ++i) {
     const JpegComponent& from = components[i];
     const auto missing = [](const char* kind, uint32_t number) {
@@ -123,7 +121,7 @@ class ScanReader {
                           ", expected restart marker " + std::to_string(expected));
         }
       }
-      if (const Result<void> done = read_interval(); !done) return done;
+      SCREE_TRY(read_interval());
     }
     return check_rest();
   }
@@ -291,54 +289,48 @@ void write_tables(std::span<std::byte> out, const Plan& plan, const JpegHeader& 
 }  // namespace
 
 Result<uint64_t> jpeg_index_bound(const JpegHeader& header, uint64_t file_bytes) {
-  const auto plan = make_plan(header);
-  if (!plan) return plan.error();
+  const auto plan = SCREE_TRY(make_plan(header));
   assert(header.data_offset <= file_bytes);
   const uint64_t data_bytes = file_bytes - header.data_offset;
-  if (!jpeg_data_may_hold(plan->layout, data_bytes)) {
+  if (!jpeg_data_may_hold(plan.layout, data_bytes)) {
     return Error{ErrorCode::kTruncated, "JPEG: byte " + std::to_string(file_bytes) + ": the file ends after " +
                                             std::to_string(data_bytes) + " bytes of data, too few for " +
-                                            std::to_string(plan->layout.mcu_count()) + " MCUs"};
+                                            std::to_string(plan.layout.mcu_count()) + " MCUs"};
   }
-  const uint64_t block_count = plan->layout.anchor_block_count;
-  return plan->data_at + jpeg_stream_bytes(data_bytes) + jpeg_section_bytes(sizeof(JpegAnchorBlock) * block_count) +
+  const uint64_t block_count = plan.layout.anchor_block_count;
+  return plan.data_at + jpeg_stream_bytes(data_bytes) + jpeg_section_bytes(sizeof(JpegAnchorBlock) * block_count) +
          jpeg_stream_bytes(4 * kMaxAnchorBits * block_count);
 }
 
 Result<JpegEncoded> encode_jpeg_index(std::span<std::byte> out, const JpegHeader& header,
                                       std::span<const std::byte> file) {
-  const auto bound = jpeg_index_bound(header, file.size());
-  if (!bound) return bound.error();
-  assert(out.size() >= *bound);
-  const auto plan = make_plan(header);
-  if (!plan) return plan.error();
+  const auto bound = SCREE_TRY(jpeg_index_bound(header, file.size()));
+  assert(out.size() >= bound);
+  const auto plan = SCREE_TRY(make_plan(header));
 
   JpegIndex index;  // only for its view
   index.restart_interval = header.restart_interval;
   index.component_count = header.component_count;
-  index.components = plan->tables.components;
-  index.layout = plan->layout;
+  index.components = plan.tables.components;
+  index.layout = plan.layout;
   const auto add_table = [&](const JpegHuffmanSpec& spec, bool is_dc) -> Result<void> {
-    const auto table = make_jpeg_table(spec, is_dc);
-    if (!table) return at("JPEG", table.error());
-    index.tables.push_back(*table);
+    const auto table = SCREE_TRY_AT("JPEG", make_jpeg_table(spec, is_dc));
+    index.tables.push_back(table);
     (is_dc ? index.dc : index.ac).push_back(spec);
     return {};
   };
-  for (const uint32_t number : plan->tables.dc)
-    if (const auto added = add_table(header.dc[number], true); !added) return added.error();
-  for (const uint32_t number : plan->tables.ac)
-    if (const auto added = add_table(header.ac[number], false); !added) return added.error();
+  for (const uint32_t number : plan.tables.dc) SCREE_TRY(add_table(header.dc[number], true));
+  for (const uint32_t number : plan.tables.ac) SCREE_TRY(add_table(header.ac[number], false));
 
-  ScanReader reader(file, header.data_offset, index.view(), out.subspan(plan->data_at));
-  if (const auto read = reader.read(); !read) return read.error();
+  ScanReader reader(file, header.data_offset, index.view(), out.subspan(plan.data_at));
+  SCREE_TRY(reader.read());
   const uint64_t data_bytes = reader.data_bytes();
-  std::memset(out.data() + plan->data_at + data_bytes, 0, jpeg_stream_bytes(data_bytes) - data_bytes);
+  std::memset(out.data() + plan.data_at + data_bytes, 0, jpeg_stream_bytes(data_bytes) - data_bytes);
 
-  write_tables(out, *plan, header);
+  write_tables(out, plan, header);
   JpegEncoded encoded;
   encoded.dropped_bytes = reader.dropped_bytes();
-  encoded.bytes = plan->data_at + jpeg_stream_bytes(data_bytes);
+  encoded.bytes = plan.data_at + jpeg_stream_bytes(data_bytes);
   uint64_t anchor_bytes;
   const uint32_t words = write_anchors(reader.anchors(), out.data() + encoded.bytes, anchor_bytes);
   encoded.bytes += anchor_bytes;
@@ -351,11 +343,11 @@ Result<JpegEncoded> encode_jpeg_index(std::span<std::byte> out, const JpegHeader
   record.width = header.width;
   record.height = header.height;
   record.restart_interval = header.restart_interval;
-  record.quant_count = static_cast<uint8_t>(plan->tables.quant.size());
-  record.dc_count = static_cast<uint8_t>(plan->tables.dc.size());
-  record.ac_count = static_cast<uint8_t>(plan->tables.ac.size());
+  record.quant_count = static_cast<uint8_t>(plan.tables.quant.size());
+  record.dc_count = static_cast<uint8_t>(plan.tables.dc.size());
+  record.ac_count = static_cast<uint8_t>(plan.tables.ac.size());
   for (uint32_t i = 0; i < header.component_count; ++i) {
-    const JpegComponent& from = plan->tables.components[i];
+    const JpegComponent& from = plan.tables.components[i];
     record.components[i] = {from.h, from.v, from.quant, from.dc, from.ac, {}};
   }
   record.data_bytes = data_bytes;

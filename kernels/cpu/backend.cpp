@@ -184,8 +184,8 @@ Error out_of_memory() {
 }  // namespace
 
 Result<void> check_frame(const View& view, uint64_t triangle_count) {
-  if (auto checked = check_picture(view, uint64_t{view.width} * view.height, 1, "samples"); !checked) return checked;
-  if (auto checked = check_view(view); !checked) return checked;
+  SCREE_TRY(check_picture(view, uint64_t{view.width} * view.height, 1, "samples"));
+  SCREE_TRY(check_view(view));
   if (triangle_count > kIdMask) {
     return Error{ErrorCode::kRange,
                  std::to_string(triangle_count) + " drawn triangles, but ids end at " + std::to_string(kIdMask)};
@@ -198,9 +198,9 @@ namespace {
 Result<FrameStats> draw_into(const SceneView& scene, const View& view, std::span<uint64_t> samples,
                              const uint64_t* peeled, bool clear, uint32_t threads, InstructionSet set,
                              const QueueSizes& sizes) try {
-  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
+  SCREE_TRY(check_picture(view, samples.size(), 1, "samples"));
   const uint64_t triangles = scene.instance_count == 0 ? 0 : scene.instance_base[scene.instance_count];
-  if (auto checked = check_frame(view, triangles); !checked) return checked.error();
+  SCREE_TRY(check_frame(view, triangles));
   ThreadPool pool(threads);
   FrameStats stats{};
   if (!passes_for(set).draw(pool, scene, view, samples.data(), peeled, clear, sizes, stats)) return out_of_memory();
@@ -265,8 +265,8 @@ template <class Run>
 Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
                           const ShadeOptions& options, uint32_t channels, std::span<uint8_t> pixels, uint32_t threads,
                           const Run& run) try {
-  if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
-  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
+  SCREE_TRY(check_resolve(view, samples_per_side));
+  SCREE_TRY(check_picture(view, samples.size(), 1, "samples"));
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
   if ((channels != 3 && channels != 4) || pixels.size() != count * channels)
     return Error{ErrorCode::kRange, std::to_string(pixels.size()) + " bytes of " + std::to_string(channels) +
@@ -274,7 +274,7 @@ Result<void> resolve_with(const View& view, uint32_t samples_per_side, std::span
   std::vector<float> visibility;
   if (options.ssao || options.edl) {
     visibility.resize(count);
-    if (auto done = occlusion_cpu(view, samples_per_side, samples, options, visibility, threads); !done) return done;
+    SCREE_TRY(occlusion_cpu(view, samples_per_side, samples, options, visibility, threads));
   }
   ThreadPool pool(threads);
   return run(pool, visibility.empty() ? nullptr : visibility.data());
@@ -290,13 +290,12 @@ Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samp
   BlendCounts counts;
   if (blended != nullptr) *blended = {};
   if (shows_layers(scene, options)) {
-    const Result<std::vector<float>> over = blend_cpu(scene, view, samples, options, threads, counts);
-    if (!over) return over.error();
+    const std::vector<float> over = SCREE_TRY(blend_cpu(scene, view, samples, options, threads, counts));
     if (blended != nullptr) *blended = counts;
     try {
       std::vector<float> colors(3 * samples.size());
-      if (auto done = shade_part_cpu(scene, view, samples, options, colors, threads); !done) return done;
-      return resolve_colors_cpu(view, samples_per_side, samples, colors, *over, options, channels, pixels, threads);
+      SCREE_TRY(shade_part_cpu(scene, view, samples, options, colors, threads));
+      return resolve_colors_cpu(view, samples_per_side, samples, colors, over, options, channels, pixels, threads);
     } catch (const std::bad_alloc&) {
       return out_of_memory();
     }
@@ -314,9 +313,9 @@ Result<void> resolve_cpu(const SceneView& scene, const View& view, uint32_t samp
 
 Result<void> shade_part_cpu(const SceneView& scene, const View& view, std::span<const uint64_t> samples,
                             const ShadeOptions& options, std::span<float> colors, uint32_t threads) try {
-  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
-  if (auto checked = check_picture(view, colors.size(), 3, "values of colours"); !checked) return checked;
-  if (auto checked = check_view(view); !checked) return checked;
+  SCREE_TRY(check_picture(view, samples.size(), 1, "samples"));
+  SCREE_TRY(check_picture(view, colors.size(), 3, "values of colours"));
+  SCREE_TRY(check_view(view));
   ThreadPool pool(threads);
   return shade_tiles(scene, view.width, view.height, [&](const TileRound& round) {
     return passes_for(best_instruction_set())
@@ -329,9 +328,8 @@ Result<void> shade_part_cpu(const SceneView& scene, const View& view, std::span<
 Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
                                 std::span<const float> colors, std::span<const float> over, const ShadeOptions& options,
                                 uint32_t channels, std::span<uint8_t> pixels, uint32_t threads) {
-  if (auto checked = check_picture(view, colors.size(), 3, "values of colours"); !checked) return checked;
-  if (!over.empty())
-    if (auto checked = check_picture(view, over.size(), 4, "values of layers"); !checked) return checked;
+  SCREE_TRY(check_picture(view, colors.size(), 3, "values of colours"));
+  if (!over.empty()) SCREE_TRY(check_picture(view, over.size(), 4, "values of layers"));
   return resolve_with(view, samples_per_side, samples, options, channels, pixels, threads,
                       [&](ThreadPool& pool, const float* visibility) {
                         passes_for(best_instruction_set())
@@ -345,8 +343,7 @@ Result<void> resolve_colors_cpu(const View& view, uint32_t samples_per_side, std
 Result<void> shade_layer_cpu(const SceneView& scene, const View& view, const BlendTargets& at, const uint64_t* samples,
                              const ShadeOptions& options, uint32_t threads) try {
   const uint64_t count = at.sample_count;
-  if (auto shaded = shade_part_cpu(scene, view, {samples, count}, options, {at.colors, 3 * count}, threads); !shaded)
-    return shaded;
+  SCREE_TRY(shade_part_cpu(scene, view, {samples, count}, options, {at.colors, 3 * count}, threads));
   ThreadPool pool(threads);
   passes_for(best_instruction_set()).find_alphas(pool, scene, view, samples, at.alphas);
   return {};
@@ -356,7 +353,7 @@ Result<void> shade_layer_cpu(const SceneView& scene, const View& view, const Ble
 
 Result<std::vector<float>> blend_cpu(const View& view, std::span<const uint64_t> samples, uint32_t most,
                                      const LayerSource& source, uint32_t threads, BlendCounts& counts) try {
-  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked.error();
+  SCREE_TRY(check_picture(view, samples.size(), 1, "samples"));
   std::vector<uint64_t> drawn(samples.size());
   std::vector<uint64_t> layer(samples.size());
   std::vector<float> colors(3 * samples.size());
@@ -401,8 +398,8 @@ Result<std::vector<float>> blend_cpu(const SceneView& scene, const View& view, s
 
 Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::span<const uint64_t> samples,
                            const ShadeOptions& options, std::span<float> visibility, uint32_t threads) try {
-  if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
-  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
+  SCREE_TRY(check_resolve(view, samples_per_side));
+  SCREE_TRY(check_picture(view, samples.size(), 1, "samples"));
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
   if (visibility.size() != count)
     return Error{ErrorCode::kRange, std::to_string(visibility.size()) + " factors, but the picture has " +
@@ -420,8 +417,8 @@ Result<void> occlusion_cpu(const View& view, uint32_t samples_per_side, std::spa
 
 Result<void> layers_cpu(const SceneView& scene, const View& view, uint32_t samples_per_side,
                         std::span<const uint64_t> samples, const LayerTargets& out, uint32_t threads) try {
-  if (auto checked = check_resolve(view, samples_per_side); !checked) return checked;
-  if (auto checked = check_picture(view, samples.size(), 1, "samples"); !checked) return checked;
+  SCREE_TRY(check_resolve(view, samples_per_side));
+  SCREE_TRY(check_picture(view, samples.size(), 1, "samples"));
   ThreadPool pool(threads);
   passes_for(best_instruction_set()).layers(pool, scene, view, samples_per_side, samples.data(), out);
   return {};

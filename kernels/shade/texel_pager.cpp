@@ -44,24 +44,22 @@ Result<void> shade_in_rounds(TexelPager& pager, uint32_t tile_count, const Shade
   const uint64_t first_round = pager.pages().round + 1;
   for (bool has_waited = false;; has_waited = true) {
     pager.begin_round();
-    const Result<uint32_t> unfinished = shade(tiles, listed.get());
-    if (!unfinished) return unfinished.error();
-    left.assign(listed.get(), listed.get() + *unfinished);
+    const uint32_t unfinished = SCREE_TRY(shade(tiles, listed.get()));
+    left.assign(listed.get(), listed.get() + unfinished);
     if (left.empty()) {
       count *= 2;
     } else if (has_waited && pager.is_over()) {
       waiting.insert(waiting.end(), left.begin(), left.end());
-      if (Result<void> done = shade_coarser(pager, waiting, tile_count, listed.get(), shade); !done) return done;
+      SCREE_TRY(shade_coarser(pager, waiting, tile_count, listed.get(), shade));
       return pager.count_missing(first_round);
     } else {
       const bool is_pixel = left.size() == 1 && std::has_single_bit(left.front().pixels);
-      const Result<bool> fits = pager.bring(is_pixel);
-      if (!fits) return fits.error();
+      const bool fits = SCREE_TRY(pager.bring(is_pixel));
       // Threads list tiles in any order. Neighbours show the same pages.
       std::sort(left.begin(), left.end(), [](const auto& a, const auto& b) { return a.tile > b.tile; });
       count = left.size();
-      if (!*fits && count == 1) left.insert(left.begin(), split(left.front()));
-      if (!*fits) count = (count + 1) / 2;
+      if (!fits && count == 1) left.insert(left.begin(), split(left.front()));
+      if (!fits) count = (count + 1) / 2;
       waiting.insert(waiting.end(), left.begin(), left.end());
     }
     if (waiting.empty()) return {};

@@ -59,12 +59,10 @@ Frames& Frames::operator=(Frames&&) noexcept = default;
 Frames::~Frames() = default;
 
 Result<Frames> Frames::create(const ResidentScene& scene, const kernels::CudaQueueSizes& sizes) {
-  Result<GpuTimer> timer = GpuTimer::create();
-  if (!timer) return timer.error();
-  auto impl = std::make_unique<Impl>(scene, std::move(*timer));
-  Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.host(), scene.device(), sizes);
-  if (!frames) return frames.error();
-  impl->frames = std::make_unique<kernels::CudaFrames>(std::move(*frames));
+  GpuTimer timer = SCREE_TRY(GpuTimer::create());
+  auto impl = std::make_unique<Impl>(scene, std::move(timer));
+  kernels::CudaFrames frames = SCREE_TRY(kernels::CudaFrames::create(scene.host(), scene.device(), sizes));
+  impl->frames = std::make_unique<kernels::CudaFrames>(std::move(frames));
   return Frames(std::move(impl));
 }
 
@@ -77,39 +75,31 @@ Result<kernels::FrameStats> Frames::draw(const kernels::View& view, const FrameO
   if (!done) return done.error();
   ms = FrameMs{};
   const kernels::ShadeOptions shade{.ssao = options.effects.ssao, .edl = options.effects.edl};
-  Result<kernels::FrameStats> stats = impl_->raster(view, options, ms);
-  if (!stats) return stats;
+  kernels::FrameStats stats = SCREE_TRY(impl_->raster(view, options, ms));
   kernels::ResolveTimes times;
   done = impl_->resolver.resolve(impl_->scene->device(), view, options.samples_per_side, impl_->device_samples(),
                                  impl_->transforms(), shade, impl_->device_pixels(), nullptr, &times);
   if (!done) return done.error();
   ms.resolve = times.resolve_ms;
   if (shade.ssao || shade.edl) ms.occlusion = times.occlusion_ms;
-  const Result<float> all = impl_->timer.stop();
-  if (!all) return all.error();
-  ms.frame = *all;
+  ms.frame = SCREE_TRY(impl_->timer.stop());
   return stats;
 }
 
 Result<std::vector<uint64_t>> Frames::samples() const {
   std::vector<uint64_t> samples(impl_->sample_count);
-  if (Result<void> done = cuda_check(cudaMemcpy(samples.data(), impl_->device_samples(),
-                                                samples.size() * sizeof(uint64_t), cudaMemcpyDeviceToHost),
-                                     "reading the visibility buffer");
-      !done)
-    return done.error();
+  SCREE_TRY(cuda_check(
+      cudaMemcpy(samples.data(), impl_->device_samples(), samples.size() * sizeof(uint64_t), cudaMemcpyDeviceToHost),
+      "reading the visibility buffer"));
   return samples;
 }
 
 Result<HostPicture> Frames::picture() const {
-  Result<std::vector<uint64_t>> samples = this->samples();
-  if (!samples) return samples.error();
-  HostPicture picture{std::move(*samples), std::vector<uint8_t>(4 * impl_->pixel_count)};
-  if (Result<void> done = cuda_check(
-          cudaMemcpy(picture.pixels.data(), impl_->device_pixels(), picture.pixels.size(), cudaMemcpyDeviceToHost),
-          "reading the picture");
-      !done)
-    return done.error();
+  std::vector<uint64_t> samples = SCREE_TRY(this->samples());
+  HostPicture picture{std::move(samples), std::vector<uint8_t>(4 * impl_->pixel_count)};
+  SCREE_TRY(cuda_check(
+      cudaMemcpy(picture.pixels.data(), impl_->device_pixels(), picture.pixels.size(), cudaMemcpyDeviceToHost),
+      "reading the picture"));
   return picture;
 }
 

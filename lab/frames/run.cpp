@@ -73,9 +73,7 @@ class Runner {
 
   Result<void> run(const runtime::Gpu& gpu) {
     if (options_.has_peer) {
-      Result<std::unique_ptr<Peer>> peer = open_vulkan_peer(gpu.uuid);
-      if (!peer) return peer.error();
-      peer_ = std::move(*peer);
+      peer_ = SCREE_TRY(open_vulkan_peer(gpu.uuid));
     }
     std::printf("%s, driver %s, copies %.2f TB/s; commit %s; median of %u frames after %u, ms\n",
                 machine_.device.c_str(), machine_.driver.c_str(), machine_.copy_gb_per_s * 1e-3,
@@ -90,7 +88,7 @@ class Runner {
   Result<void> measure_all() {
     if (!options_.files.empty()) return measure_file(options_.files[0]);
     for (const std::string& name : options_.scenes) {
-      if (Result<void> done = options_.sweep ? sweep_scene(name) : measure_scene(name); !done) return done;
+      SCREE_TRY(options_.sweep ? sweep_scene(name) : measure_scene(name));
     }
     return {};
   }
@@ -149,8 +147,8 @@ class Runner {
           result.sampleless_test = test;
           result.culling = culling_name(culling);
           result.effects = effects_name(effects);
-          if (Result<void> done = measure(resident, frames, view, culling, effects, result); !done) return done;
-          if (Result<void> done = keep(result); !done) return done;
+          SCREE_TRY(measure(resident, frames, view, culling, effects, result));
+          SCREE_TRY(keep(result));
         }
       }
     }
@@ -161,20 +159,17 @@ class Runner {
     const synth::Scene scene = make_scene(name, options_.order, options_.scale);
     std::vector<ScreePicture> pictures;  // for the peer
     for (const Encoding& encoding : options_.encodings) {
-      const Result<ResidentScene> resident = generate(name, scene, encoding);
-      if (!resident) return resident.error();
-      Result<Frames> frames = Frames::create(*resident);
-      if (!frames) return frames.error();
+      const ResidentScene resident = SCREE_TRY(generate(name, scene, encoding));
+      Frames frames = SCREE_TRY(Frames::create(resident));
       const bool is_compared = peer_ != nullptr && encoding.float32 && pictures.empty();
       for (const uint32_t samples : options_.samples_per_side) {
         for (const NamedView& view : views_of(scene, samples)) {
-          CaseResult result = describe(name, scene, encoding, *resident);
+          CaseResult result = describe(name, scene, encoding, resident);
           result.samples_per_side = samples;
-          if (Result<void> done = measure_view(*resident, *frames, view, std::move(result)); !done) return done;
+          SCREE_TRY(measure_view(resident, frames, view, std::move(result)));
           if (!is_compared) continue;
-          Result<std::vector<uint64_t>> picture = frames->samples();
-          if (!picture) return picture.error();
-          pictures.push_back({view.frames[0], std::move(*picture), results_.back()});
+          std::vector<uint64_t> picture = SCREE_TRY(frames.samples());
+          pictures.push_back({view.frames[0], std::move(picture), results_.back()});
         }
       }
     }
@@ -194,10 +189,8 @@ class Runner {
   }
 
   Result<void> measure_peer_cases(const synth::Scene& scene, const ScreePicture& picture) {
-    Result<std::vector<CaseResult>> results = measure_peer(*peer_, scene, picture, options_.frames, options_.warmup);
-    if (!results) return results.error();
-    for (CaseResult& result : *results)
-      if (Result<void> done = keep(std::move(result)); !done) return done;
+    std::vector<CaseResult> results = SCREE_TRY(measure_peer(*peer_, scene, picture, options_.frames, options_.warmup));
+    for (CaseResult& result : results) SCREE_TRY(keep(std::move(result)));
     return {};
   }
 
@@ -209,20 +202,17 @@ class Runner {
     std::copy_if(options_.encodings.begin(), options_.encodings.end(), std::back_inserter(encodings),
                  [](const Encoding& encoding) { return !encoding.float32; });
     for (const Encoding& encoding : encodings) {
-      const Result<ResidentScene> resident = generate(name, scene, encoding);
-      if (!resident) return resident.error();
-      Result<Frames> frames = Frames::create(*resident);
-      if (!frames) return frames.error();
+      const ResidentScene resident = SCREE_TRY(generate(name, scene, encoding));
+      Frames frames = SCREE_TRY(Frames::create(resident));
       size_t number = 0;
       for (const NamedView& view : views_of(scene, 1)) {
-        CaseResult result = describe(name, scene, encoding, *resident);
-        if (Result<void> done = measure(*resident, *frames, view, Culling{}, Effects{}, result); !done) return done;
-        Result<HostPicture> picture = frames->picture();
-        if (!picture) return picture.error();
-        if (encoding.float32) references.push_back(*picture);
-        result.error = compare_pictures(view.frames[0], *picture, references[number]);
-        result.error->position_error = largest_position_error(resident->host());
-        if (Result<void> done = keep(std::move(result)); !done) return done;
+        CaseResult result = describe(name, scene, encoding, resident);
+        SCREE_TRY(measure(resident, frames, view, Culling{}, Effects{}, result));
+        HostPicture picture = SCREE_TRY(frames.picture());
+        if (encoding.float32) references.push_back(picture);
+        result.error = compare_pictures(view.frames[0], picture, references[number]);
+        result.error->position_error = largest_position_error(resident.host());
+        SCREE_TRY(keep(std::move(result)));
         ++number;
       }
     }
@@ -247,20 +237,18 @@ class Runner {
 
   Result<void> measure_file(const std::string& path) {
     const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
-    Result<runtime::Scene> loaded = runtime::Scene::open(path, {.textures = false, .threads = threads, .pages = false});
-    if (!loaded) return loaded.error();
-    Result<ResidentScene> resident = ResidentScene::upload(std::move(*loaded), threads);
+    runtime::Scene loaded =
+        SCREE_TRY(runtime::Scene::open(path, {.textures = false, .threads = threads, .pages = false}));
+    Result<ResidentScene> resident = ResidentScene::upload(std::move(loaded), threads);
     if (!resident && resident.error().code == ErrorCode::kDevice) return at(path, resident.error());
     if (!resident) return resident.error();
     print_upload(path, resident->upload_stats());
-    Result<Frames> frames = Frames::create(*resident);
-    if (!frames) return frames.error();
+    Frames frames = SCREE_TRY(Frames::create(*resident));
     const ImageSize size = image_size({1920, 1080});
     for (const uint32_t samples : options_.samples_per_side) {
-      const auto views = bench::file_views(resident->file(), path, options_.views,
-                                           {size.width * samples, size.height * samples}, threads);
-      if (!views) return views.error();
-      for (const bench::FileView& view : *views) {
+      const auto views = SCREE_TRY(bench::file_views(resident->file(), path, options_.views,
+                                                     {size.width * samples, size.height * samples}, threads));
+      for (const bench::FileView& view : views) {
         CaseResult result{.scene = file_name(path),
                           .order = "file",
                           .positions = "file",
@@ -269,8 +257,7 @@ class Runner {
                           .height = size.height,
                           .samples_per_side = samples};
         add_sizes(*resident, result);
-        if (Result<void> done = measure_view(*resident, *frames, {view.name, {view.view}}, std::move(result)); !done)
-          return done;
+        SCREE_TRY(measure_view(*resident, frames, {view.name, {view.view}}, std::move(result)));
       }
     }
     return {};
@@ -290,24 +277,21 @@ class Runner {
                              .effects = effects,
                              .stage_times = options_.stage_times};
     for (uint32_t i = 0; i < options_.warmup; ++i) {
-      if (const auto stats = frames.draw(view.frames.front(), frame, ms); !stats) return stats.error();
+      SCREE_TRY(frames.draw(view.frames.front(), frame, ms));
     }
     for (uint32_t i = 0; i < result.frames; ++i) {
-      const Result<kernels::FrameStats> stats = frames.draw(view.frames[i % view.frames.size()], frame, ms);
-      if (!stats) return stats.error();
-      result.stats = *stats;
+      result.stats = SCREE_TRY(frames.draw(view.frames[i % view.frames.size()], frame, ms));
       series.add(ms);
     }
     series.summarize_into(result);
-    const Result<std::vector<uint64_t>> samples = frames.samples();
-    if (!samples) return samples.error();
+    const std::vector<uint64_t> samples = SCREE_TRY(frames.samples());
     if (view.frames.size() > 1) {
-      if (const auto stats = frames.draw(view.frames.front(), frame, ms); !stats) return stats.error();
+      SCREE_TRY(frames.draw(view.frames.front(), frame, ms));
       result.jump_ms = ms.raster.value_or(ms.frame);
     }
-    result.covered_samples = static_cast<uint64_t>(std::count_if(
-        samples->begin(), samples->end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
-    result.picture = format::checksum(std::as_bytes(std::span(*samples)));
+    result.covered_samples = static_cast<uint64_t>(
+        std::count_if(samples.begin(), samples.end(), [](uint64_t sample) { return sample != kernels::kBackground; }));
+    result.picture = format::checksum(std::as_bytes(std::span(samples)));
     const VisibleCost cost = visible_cost(resident.host(), resident.boxes(), view.frames.back());
     // The frame read these bytes only if it drew exactly these chunks.
     if (view.frames.size() == 1 && result.stats.clusters_drawn == 0 && cost.draws == result.stats.draws)
@@ -320,7 +304,7 @@ class Runner {
                  result.width * result.samples_per_side, result.height * result.samples_per_side,
                  result.drawing().median);
     if (!options_.csv.empty()) {
-      if (Result<void> done = bench::append_csv(options_.csv, case_cells(machine_, result)); !done) return done;
+      SCREE_TRY(bench::append_csv(options_.csv, case_cells(machine_, result)));
     }
     results_.push_back(std::move(result));
     return {};
@@ -360,10 +344,9 @@ class Runner {
 Result<void> run_bench(const LabOptions& options) {
   const Result<runtime::Gpu> gpu = runtime::use_gpu(options.backend.device);
   if (!gpu) return Error{gpu.error().code, gpu.error().message + "; frames are measured on a GPU"};
-  Result<Machine> machine = find_machine(*gpu);
-  if (!machine) return machine.error();
-  if (options.is_textured) return run_textured(options, *machine);
-  return Runner(options, std::move(*machine)).run(*gpu);
+  Machine machine = SCREE_TRY(find_machine(*gpu));
+  if (options.is_textured) return run_textured(options, machine);
+  return Runner(options, std::move(machine)).run(*gpu);
 }
 
 }  // namespace scree::lab

@@ -38,51 +38,38 @@ class TexturedBench {
       : options_(options), size_(options.size.value_or(ImageSize{3840, 2160})) {}
 
   Result<void> load() {
-    Result<WorkFolder> folder = WorkFolder::make();
-    if (!folder) return folder.error();
+    WorkFolder folder = SCREE_TRY(WorkFolder::make());
     const runtime::Stopwatch synth_watch;
     const uint32_t threads = std::max(1u, std::thread::hardware_concurrency());
-    const Result<synth::TexturedReport> written = synth::write_textured({.output = folder->file("textured.gltf"),
-                                                                         .meshes = options_.textures,
-                                                                         .size = options_.texture_size,
-                                                                         .threads = threads});
-    if (!written) return written.error();
+    const synth::TexturedReport written = SCREE_TRY(synth::write_textured({.output = folder.file("textured.gltf"),
+                                                                           .meshes = options_.textures,
+                                                                           .size = options_.texture_size,
+                                                                           .threads = threads}));
     const double synth_s = synth_watch.elapsed().wall_ms * 1e-3;
     const runtime::Stopwatch convert_watch;
     convert::ConvertOptions convert;
-    convert.input = folder->file("textured.gltf");
-    convert.output = folder->file("textured.scree");
+    convert.input = folder.file("textured.gltf");
+    convert.output = folder.file("textured.scree");
     convert.threads = threads;
     convert.memory = uint64_t{12} << 30;
     convert.images.memory = uint64_t{8} << 30;
-    if (const auto converted = convert::convert(convert); !converted) return converted.error();
+    SCREE_TRY(convert::convert(convert));
     const double convert_s = convert_watch.elapsed().wall_ms * 1e-3;
 
-    Result<runtime::SceneFile> file = runtime::SceneFile::open(convert.output);
-    if (!file) return file.error();
-    Result<runtime::Scene> scene = runtime::Scene::load(
-        std::move(*file), 0, {.threads = threads, .texture_cache = runtime::kHostTextureCache, .pages = false});
-    if (!scene) return scene.error();
-    scene_ = std::move(*scene);
-    Result<runtime::CudaScene> copy =
-        runtime::CudaScene::upload(*scene_, 0, 0, threads, runtime::Reading::kAuto, options_.texture_cache);
-    if (!copy) return copy.error();
-    copy_ = std::move(*copy);
-    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene_->view(), copy_.view());
-    if (!frames) return frames.error();
-    frames_ = std::move(*frames);
-    Result<DeviceBuffer> samples = DeviceBuffer::allocate(pixel_count() * sizeof(uint64_t), "allocating a picture");
-    if (!samples) return samples.error();
-    samples_ = std::move(*samples);
-    Result<DeviceBuffer> pixels = DeviceBuffer::allocate(pixel_count() * sizeof(uint32_t), "allocating a picture");
-    if (!pixels) return pixels.error();
-    pixels_ = std::move(*pixels);
+    runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(convert.output));
+    scene_ = SCREE_TRY(runtime::Scene::load(
+        std::move(file), 0, {.threads = threads, .texture_cache = runtime::kHostTextureCache, .pages = false}));
+    copy_ =
+        SCREE_TRY(runtime::CudaScene::upload(*scene_, 0, 0, threads, runtime::Reading::kAuto, options_.texture_cache));
+    frames_ = SCREE_TRY(kernels::CudaFrames::create(scene_->view(), copy_.view()));
+    samples_ = SCREE_TRY(DeviceBuffer::allocate(pixel_count() * sizeof(uint64_t), "allocating a picture"));
+    pixels_ = SCREE_TRY(DeviceBuffer::allocate(pixel_count() * sizeof(uint32_t), "allocating a picture"));
     std::printf(
         "textured: %u textures of %u x %u, %s triangles; made in %.1f s, packed in %.1f s, uploaded in %.2f s\n",
         options_.textures, options_.texture_size, options_.texture_size,
-        tools::format_count(static_cast<double>(written->triangles)).c_str(), synth_s, convert_s,
+        tools::format_count(static_cast<double>(written.triangles)).c_str(), synth_s, convert_s,
         copy_.stats().upload_ms * 1e-3);
-    print_sizes(written->texture_bytes);
+    print_sizes(written.texture_bytes);
     return {};
   }
 
@@ -96,17 +83,17 @@ class TexturedBench {
       const kernels::View view = scene_view(camera, size_.width, size_.height);
       jumps.push_back(view);
       const std::vector<kernels::View> still(options_.frames, view);
-      if (auto done = series(table, camera.name, "none", still, kernels::Show::kColor, false); !done) return done;
-      if (auto done = series(table, camera.name, "warm", still, kernels::Show::kTexture, false); !done) return done;
-      if (auto done = series(table, camera.name, "cold", still, kernels::Show::kTexture, true); !done) return done;
+      SCREE_TRY(series(table, camera.name, "none", still, kernels::Show::kColor, false));
+      SCREE_TRY(series(table, camera.name, "warm", still, kernels::Show::kTexture, false));
+      SCREE_TRY(series(table, camera.name, "cold", still, kernels::Show::kTexture, true));
     }
     std::vector<kernels::View> alternating;
     for (uint32_t i = 0; i < options_.frames; ++i) alternating.push_back(jumps[i % 2]);
-    if (auto done = series(table, "jumps", "warm", alternating, kernels::Show::kTexture, false); !done) return done;
+    SCREE_TRY(series(table, "jumps", "warm", alternating, kernels::Show::kTexture, false));
     const std::vector<kernels::View> path = path_views(cameras, size_.width, size_.height, kTexturedPathFrames);
-    if (auto done = series(table, "path", "none", path, kernels::Show::kColor, false); !done) return done;
-    if (auto done = copy_.texture_cache()->clear(nullptr); !done) return done;
-    if (auto done = series(table, "path", "from cold", path, kernels::Show::kTexture, false, false); !done) return done;
+    SCREE_TRY(series(table, "path", "none", path, kernels::Show::kColor, false));
+    SCREE_TRY(copy_.texture_cache()->clear(nullptr));
+    SCREE_TRY(series(table, "path", "from cold", path, kernels::Show::kTexture, false, false));
     std::printf("\nresolve at %u x %u, median of %u frames after %u (the path: %u frames, their mean):\n%s",
                 size_.width, size_.height, options_.frames, options_.warmup, kTexturedPathFrames, table.text().c_str());
     return measure_decoder();
@@ -151,39 +138,32 @@ class TexturedBench {
   };
   Result<Drawn> draw(const kernels::View& view, kernels::Show show, bool cold) {
     auto* const samples = reinterpret_cast<uint64_t*>(samples_.data());
-    if (const auto stats = frames_->draw(view, samples); !stats) return stats.error();
+    SCREE_TRY(frames_->draw(view, samples));
     kernels::CudaTextureCache* const cache = copy_.texture_cache();
-    if (cold)
-      if (auto done = cache->clear(nullptr); !done) return done.error();
+    if (cold) SCREE_TRY(cache->clear(nullptr));
     const kernels::ShadeOptions shade{.show = show};
     kernels::ResolveTimes times;
-    if (auto done = resolver_.resolve(copy_.view(), view, 1, samples, frames_->transforms(), shade,
-                                      reinterpret_cast<uint32_t*>(pixels_.data()), nullptr, &times, cache);
-        !done)
-      return done.error();
+    SCREE_TRY(resolver_.resolve(copy_.view(), view, 1, samples, frames_->transforms(), shade,
+                                reinterpret_cast<uint32_t*>(pixels_.data()), nullptr, &times, cache));
     Drawn drawn{times.resolve_ms, {}};
     if (show != kernels::Show::kTexture) return drawn;
-    const auto counts = cache->counts();
-    if (!counts) return counts.error();
-    drawn.counts = *counts;
+    drawn.counts = SCREE_TRY(cache->counts());
     return drawn;
   }
 
   /// Measures a row: draws the views one after another. Warm-up frames draw the views in turn.
   Result<void> series(inspect::TextTable& table, const std::string& name, const char* textures,
                       const std::vector<kernels::View>& views, kernels::Show show, bool cold, bool warms_up = true) {
-    for (uint32_t i = 0; warms_up && i < options_.warmup; ++i)
-      if (const auto drawn = draw(views[i % views.size()], show, cold); !drawn) return drawn.error();
+    for (uint32_t i = 0; warms_up && i < options_.warmup; ++i) SCREE_TRY(draw(views[i % views.size()], show, cold));
     std::vector<float> ms;
     kernels::TextureCacheCounts sum;
     for (const kernels::View& view : views) {
-      const auto drawn = draw(view, show, cold);
-      if (!drawn) return drawn.error();
-      ms.push_back(drawn->resolve_ms);
-      sum.asked += drawn->counts.asked;
-      sum.decoded += drawn->counts.decoded;
-      sum.rounds = std::max(sum.rounds, drawn->counts.rounds);
-      sum.tiles = std::max(sum.tiles, drawn->counts.tiles);
+      const auto drawn = SCREE_TRY(draw(view, show, cold));
+      ms.push_back(drawn.resolve_ms);
+      sum.asked += drawn.counts.asked;
+      sum.decoded += drawn.counts.decoded;
+      sum.rounds = std::max(sum.rounds, drawn.counts.rounds);
+      sum.tiles = std::max(sum.tiles, drawn.counts.tiles);
     }
     const Times times = summarize(ms);
     const double frames = static_cast<double>(views.size());
@@ -196,8 +176,7 @@ class TexturedBench {
 
   /// Decodes every base level completely, one launch each.
   Result<void> measure_decoder() {
-    Result<GpuTimer> timer = GpuTimer::create();
-    if (!timer) return timer.error();
+    GpuTimer timer = SCREE_TRY(GpuTimer::create());
     const uint32_t slot_bytes = scene_->jpeg_slot_bytes();
     DeviceBuffer out;
     double pixels = 0;
@@ -209,18 +188,15 @@ class TexturedBench {
       if (jpeg.jpeg_levels().empty()) continue;
       const format::JpegIndex& level = jpeg.index(0);
       const uint64_t bytes = uint64_t{level.layout.group_count} * slot_bytes;
-      if (Result<void> done = out.reserve(bytes, "allocating decoded samples"); !done) return done.error();
+      SCREE_TRY(out.reserve(bytes, "allocating decoded samples"));
       for (const bool counts : {false, true}) {
-        if (auto done = timer->start(); !done) return done;
-        if (auto done = kernels::CudaTextureCache::decode(copy_.jpeg_level(jpeg.jpeg_levels()[0].number),
-                                                          level.layout.group_count,
-                                                          reinterpret_cast<uint8_t*>(out.data()), slot_bytes, nullptr);
-            !done)
-          return done;
-        const Result<float> took = timer->stop();
-        if (!took) return took.error();
+        SCREE_TRY(timer.start());
+        SCREE_TRY(kernels::CudaTextureCache::decode(copy_.jpeg_level(jpeg.jpeg_levels()[0].number),
+                                                    level.layout.group_count, reinterpret_cast<uint8_t*>(out.data()),
+                                                    slot_bytes, nullptr));
+        const float took = SCREE_TRY(timer.stop());
         if (!counts) continue;
-        ms += static_cast<double>(*took);
+        ms += static_cast<double>(took);
         pixels += static_cast<double>(level.width) * level.height;
         sample_bytes += 64.0 * level.layout.mcu_blocks * level.layout.mcu_count();
         jpeg_bytes += static_cast<double>(level.data.size());
@@ -251,7 +227,7 @@ Result<void> run_textured(const LabOptions& options, const Machine& machine) {
   std::printf("%s, driver %s, copies %.2f TB/s; commit %s\n", machine.device.c_str(), machine.driver.c_str(),
               machine.copy_gb_per_s * 1e-3, machine.commit.c_str());
   TexturedBench bench(options);
-  if (auto done = bench.load(); !done) return done;
+  SCREE_TRY(bench.load());
   return bench.measure();
 }
 

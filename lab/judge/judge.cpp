@@ -25,20 +25,17 @@ convert::ConvertOptions convert_options(const std::string& source, const std::st
 
 Result<PackedScene> PackedScene::make(const std::string& source, const std::string& path, const Encoding& encoding,
                                       const DrawSettings& settings) {
-  const Result<convert::ConvertReport> report =
-      convert::convert(convert_options(source, path, encoding, settings.threads));
-  if (!report) return report.error();
+  const convert::ConvertReport report =
+      SCREE_TRY(convert::convert(convert_options(source, path, encoding, settings.threads)));
   PackedScene packed;
   packed.settings_ = settings;
-  packed.position_error_ = report->position_error;
-  packed.position_bound_ = report->position_error_bound;
-  Result<runtime::Scene> scene = runtime::Scene::open(path, {.textures = false, .threads = settings.threads});
-  if (!scene) return scene.error();
-  packed.scene_ = std::make_unique<runtime::Scene>(std::move(*scene));
+  packed.position_error_ = report.position_error;
+  packed.position_bound_ = report.position_error_bound;
+  runtime::Scene scene = SCREE_TRY(runtime::Scene::open(path, {.textures = false, .threads = settings.threads}));
+  packed.scene_ = std::make_unique<runtime::Scene>(std::move(scene));
   if (settings.gpu) {
-    Result<runtime::DeviceScene> device = runtime::DeviceScene::upload(*packed.scene_, 0, settings.threads);
-    if (!device) return device.error();
-    packed.device_ = std::make_unique<runtime::DeviceScene>(std::move(*device));
+    runtime::DeviceScene device = SCREE_TRY(runtime::DeviceScene::upload(*packed.scene_, 0, settings.threads));
+    packed.device_ = std::make_unique<runtime::DeviceScene>(std::move(device));
   }
   const kernels::SceneView& view = packed.scene_->view();
   packed.drawn_triangles_ = view.instance_base[view.instance_count];
@@ -62,25 +59,21 @@ Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t
   const auto draw_one = [&]() -> Result<float> {
     if (device_ != nullptr) {
       kernels::FrameTimes times{};
-      const Result<kernels::FrameStats> stats = device_->draw(samples, &times);
-      if (!stats) return stats.error();
+      SCREE_TRY(device_->draw(samples, &times));
       return times.raster_ms;
     }
     const runtime::Stopwatch watch;
-    const auto stats = kernels::draw_cpu(scene_->view(), samples, drawn.samples, settings_.threads);
-    if (!stats) return stats.error();
+    SCREE_TRY(kernels::draw_cpu(scene_->view(), samples, drawn.samples, settings_.threads));
     return static_cast<float>(watch.elapsed().wall_ms);
   };
-  const Result<std::vector<float>> times = bench::timed_frames(settings_.frames, settings_.warmup, draw_one);
-  if (!times) return times.error();
-  drawn.times = summarize(*times);
-  drawn.frames = static_cast<uint32_t>(times->size());
+  const std::vector<float> times = SCREE_TRY(bench::timed_frames(settings_.frames, settings_.warmup, draw_one));
+  drawn.times = summarize(times);
+  drawn.frames = static_cast<uint32_t>(times.size());
   drawn.rgb.resize(uint64_t{3} * view.width * view.height);
   const kernels::ShadeOptions shading = compare::shading_of_reference();
   if (device_ == nullptr) {
-    const Result<void> shaded = kernels::resolve_cpu(scene_->view(), samples, samples_per_side, drawn.samples, shading,
-                                                     3, drawn.rgb, settings_.threads);
-    if (!shaded) return shaded.error();
+    SCREE_TRY(kernels::resolve_cpu(scene_->view(), samples, samples_per_side, drawn.samples, shading, 3, drawn.rgb,
+                                   settings_.threads));
     return drawn;
   }
   std::vector<uint32_t> rgba(uint64_t{view.width} * view.height);
@@ -100,28 +93,22 @@ void PackedScene::describe(JudgedCase& row) const {
 }
 
 Result<SourceJudge> SourceJudge::open(const std::string& source, const PackedScene& packed, uint32_t threads) {
-  const Result<convert::SourceScene> gltf = convert::import_gltf(source, {});
-  if (!gltf) return gltf.error();
+  const convert::SourceScene gltf = SCREE_TRY(convert::import_gltf(source, {}));
   const runtime::Scene& scene = packed.scene();
-  Result<compare::SourceModel> model = compare::load_source_model(*gltf, scene.container(), scene.scene_index());
-  if (!model) return at(source, model.error());
+  compare::SourceModel model =
+      SCREE_TRY_AT(source, compare::load_source_model(gltf, scene.container(), scene.scene_index()));
   SourceJudge judge;
-  judge.model_ = std::make_unique<compare::SourceModel>(std::move(*model));
+  judge.model_ = std::make_unique<compare::SourceModel>(std::move(model));
   judge.threads_ = threads;
   return judge;
 }
 
 Result<SourceJudge::ReferencePicture> SourceJudge::draw(const bench::FileView& view) const {
   ReferencePicture reference{view.name, view.view, {}, {}, 0};
-  Result<std::vector<compare::ReferencePixel>> pixels =
-      compare::draw_reference(model_->views, model_->instances, reference.view, threads_);
-  if (!pixels) return pixels.error();
-  reference.pixels = std::move(*pixels);
+  reference.pixels = SCREE_TRY(compare::draw_reference(model_->views, model_->instances, reference.view, threads_));
   reference.covered = static_cast<uint64_t>(std::count_if(reference.pixels.begin(), reference.pixels.end(),
                                                           [](const auto& pixel) { return !pixel.is_background(); }));
-  Result<std::vector<uint8_t>> rgb = compare::shade_reference(*model_, reference.pixels, reference.view, 1, threads_);
-  if (!rgb) return rgb.error();
-  reference.rgb = std::move(*rgb);
+  reference.rgb = SCREE_TRY(compare::shade_reference(*model_, reference.pixels, reference.view, 1, threads_));
   return reference;
 }
 
@@ -130,34 +117,29 @@ Result<std::vector<uint8_t>> SourceJudge::draw_supersampled(const kernels::View&
   kernels::View samples = view;
   samples.width *= samples_per_side;
   samples.height *= samples_per_side;
-  const Result<std::vector<compare::ReferencePixel>> pixels =
-      compare::draw_reference(model_->views, model_->instances, samples, threads_);
-  if (!pixels) return pixels.error();
-  return compare::shade_reference(*model_, *pixels, samples, samples_per_side, threads_);
+  const std::vector<compare::ReferencePixel> pixels =
+      SCREE_TRY(compare::draw_reference(model_->views, model_->instances, samples, threads_));
+  return compare::shade_reference(*model_, pixels, samples, samples_per_side, threads_);
 }
 
 Result<void> SourceJudge::judge(const PackedScene& packed, const PackedScene::Drawn& drawn,
                                 const ReferencePicture& reference, JudgedCase& row) const {
-  const Result<compare::PixelReport> report =
-      compare::compare_frame(packed.scene(), drawn.samples, *model_, reference.pixels, reference.view, threads_);
-  if (!report) return report.error();
-  keep(*report, reference, row);
+  const compare::PixelReport report = SCREE_TRY(
+      compare::compare_frame(packed.scene(), drawn.samples, *model_, reference.pixels, reference.view, threads_));
+  keep(report, reference, row);
   judge_picture(drawn.rgb, reference.rgb, reference.view, row);
   return {};
 }
 
 Result<void> SourceJudge::judge_mode(const compare::ReferenceMode& mode, const ReferencePicture& reference,
                                      JudgedCase& row) const {
-  const Result<std::vector<compare::ReferencePixel>> pixels =
-      compare::draw_reference(model_->views, model_->instances, reference.view, threads_, mode);
-  if (!pixels) return pixels.error();
-  const Result<compare::PixelReport> report =
-      compare::compare_references(*pixels, *model_, reference.pixels, reference.view, threads_);
-  if (!report) return report.error();
-  const Result<std::vector<uint8_t>> rgb = compare::shade_reference(*model_, *pixels, reference.view, 1, threads_);
-  if (!rgb) return rgb.error();
-  keep(*report, reference, row);
-  judge_picture(*rgb, reference.rgb, reference.view, row);
+  const std::vector<compare::ReferencePixel> pixels =
+      SCREE_TRY(compare::draw_reference(model_->views, model_->instances, reference.view, threads_, mode));
+  const compare::PixelReport report =
+      SCREE_TRY(compare::compare_references(pixels, *model_, reference.pixels, reference.view, threads_));
+  const std::vector<uint8_t> rgb = SCREE_TRY(compare::shade_reference(*model_, pixels, reference.view, 1, threads_));
+  keep(report, reference, row);
+  judge_picture(rgb, reference.rgb, reference.view, row);
   return {};
 }
 

@@ -46,16 +46,15 @@ class JudgeRun {
   Result<void> judge_all() {
     for (const std::string& name : options_.scenes) {
       if (!has_view(name)) continue;  // the scene has none of the named views
-      const Result<Source> source = synthesize(name);
-      if (!source) return source.error();
-      if (Result<void> done = judge_source(*source); !done) return done;
+      const Source source = SCREE_TRY(synthesize(name));
+      SCREE_TRY(judge_source(source));
       std::error_code ignored;
       std::filesystem::remove_all(folder_.file(kSceneFolder), ignored);
     }
     for (const std::string& path : options_.files) {
       // If scenes are named too, the named views belong to the scenes.
       const std::vector<std::string> views = options_.scenes.empty() ? options_.views : std::vector<std::string>();
-      if (Result<void> done = judge_source({file_name(path), path, 1, views}); !done) return done;
+      SCREE_TRY(judge_source({file_name(path), path, 1, views}));
     }
     return {};
   }
@@ -77,8 +76,7 @@ class JudgeRun {
     if (failed) return Error{ErrorCode::kFile, folder_.file(kSceneFolder) + ": " + failed.message()};
     const synth::SynthOptions synth{
         .scene = name, .output = folder_.file(std::string(kSceneFolder) + "/scene.gltf"), .threads = settings_.threads};
-    const Result<synth::SynthReport> written = synth::write_scene(scene, synth);
-    if (!written) return written.error();
+    SCREE_TRY(synth::write_scene(scene, synth));
     Source source{name, synth.output, scene_scale(name, options_.scale), {}};
     for (const synth::SceneCamera& camera : scene.cameras)
       if (std::find(options_.views.begin(), options_.views.end(), camera.name) != options_.views.end())
@@ -99,27 +97,22 @@ class JudgeRun {
     exact.float32 = true;
     Result<PackedScene> packed = pack(source, exact);
     if (!packed) return packed.error();
-    const Result<SourceJudge> judge = SourceJudge::open(source.path, *packed, settings_.threads);
-    if (!judge) return judge.error();
+    const SourceJudge judge = SCREE_TRY(SourceJudge::open(source.path, *packed, settings_.threads));
     // The default view depends slightly on the vertices, so all pictures use the view for float32 positions.
-    const auto views = bench::file_views(packed->scene(), source.path, source.views, options_.size.value_or(kImageSize),
-                                         settings_.threads);
-    if (!views) return views.error();
+    const auto views = SCREE_TRY(bench::file_views(packed->scene(), source.path, source.views,
+                                                   options_.size.value_or(kImageSize), settings_.threads));
     std::vector<SourceJudge::ReferencePicture> references;
     std::vector<std::vector<uint8_t>> supersampled;
-    for (const bench::FileView& view : *views) {
+    for (const bench::FileView& view : views) {
       const runtime::Stopwatch watch;
-      Result<SourceJudge::ReferencePicture> reference = judge->draw(view);
-      if (!reference) return reference.error();
+      SourceJudge::ReferencePicture reference = SCREE_TRY(judge.draw(view));
       std::fprintf(
           stderr, "%s %s: reference of %llu triangles in %.2f s\n", source.name.c_str(), view.name.c_str(),
           static_cast<unsigned long long>(packed->scene().view().instance_base[packed->scene().view().instance_count]),
           watch.elapsed().wall_ms * 1e-3);
-      references.push_back(std::move(*reference));
+      references.push_back(std::move(reference));
       if (!options_.curves) continue;
-      Result<std::vector<uint8_t>> picture = judge->draw_supersampled(references.back().view, kReferenceSamples);
-      if (!picture) return picture.error();
-      supersampled.push_back(std::move(*picture));
+      supersampled.push_back(SCREE_TRY(judge.draw_supersampled(references.back().view, kReferenceSamples)));
     }
     bool is_exact = true;  // `packed` is the float32 file
     for (const Encoding& encoding : options_.encodings) {
@@ -130,15 +123,15 @@ class JudgeRun {
         JudgedCase row = describe(source, references[i], *packed);
         row.positions = encoding.float32 ? "float32" : std::to_string(encoding.position_bits);
         row.indices = encoding.clustered ? "clustered" : "packed";
-        if (Result<void> done = judge_positions(*packed, *judge, references[i], row); !done) return done;
+        SCREE_TRY(judge_positions(*packed, judge, references[i], row));
         const bool studied = options_.curves && (encoding.float32 || encoding.position_bits == 16);
         if (!studied) continue;
-        if (Result<void> done = judge_samples(*packed, *judge, references[i], supersampled[i], row); !done) return done;
+        SCREE_TRY(judge_samples(*packed, judge, references[i], supersampled[i], row));
       }
     }
     if (!options_.curves) return {};
     for (const SourceJudge::ReferencePicture& reference : references)
-      if (Result<void> done = judge_modes(*judge, reference, describe(source, reference, *packed)); !done) return done;
+      SCREE_TRY(judge_modes(judge, reference, describe(source, reference, *packed)));
     return {};
   }
 
@@ -155,11 +148,10 @@ class JudgeRun {
 
   Result<void> judge_positions(const PackedScene& packed, const SourceJudge& judge,
                                const SourceJudge::ReferencePicture& reference, JudgedCase row) {
-    const Result<PackedScene::Drawn> drawn = packed.draw(reference.view, 1);
-    if (!drawn) return drawn.error();
-    row.drawing = drawn->times;
-    row.frames = drawn->frames;
-    if (Result<void> done = judge.judge(packed, *drawn, reference, row); !done) return done;
+    const PackedScene::Drawn drawn = SCREE_TRY(packed.draw(reference.view, 1));
+    row.drawing = drawn.times;
+    row.frames = drawn.frames;
+    SCREE_TRY(judge.judge(packed, drawn, reference, row));
     return keep(std::move(row));
   }
 
@@ -168,13 +160,12 @@ class JudgeRun {
                              JudgedCase row) {
     row.study = Study::kSupersample;
     for (const uint32_t samples : {1u, 2u, 4u}) {
-      const Result<PackedScene::Drawn> drawn = packed.draw(reference.view, samples);
-      if (!drawn) return drawn.error();
+      const PackedScene::Drawn drawn = SCREE_TRY(packed.draw(reference.view, samples));
       row.samples_per_side = samples;
-      row.drawing = drawn->times;
-      row.frames = drawn->frames;
-      judge.judge_picture(drawn->rgb, expected, reference.view, row);
-      if (Result<void> done = keep(row); !done) return done;
+      row.drawing = drawn.times;
+      row.frames = drawn.frames;
+      judge.judge_picture(drawn.rgb, expected, reference.view, row);
+      SCREE_TRY(keep(row));
     }
     return {};
   }
@@ -186,19 +177,18 @@ class JudgeRun {
       row.study = study;
       row.snap = mode.snap;
       row.depth_bits = mode.depth_bits;
-      if (Result<void> done = judge.judge_mode(mode, reference, row); !done) return done;
+      SCREE_TRY(judge.judge_mode(mode, reference, row));
       return keep(row);
     };
     for (const uint32_t snap : {16u, 256u, 4096u})
-      if (Result<void> done = judge_mode(Study::kSnapping, {.snap = snap, .depth_bits = 0}); !done) return done;
-    for (const uint32_t bits : {28u, 32u})
-      if (Result<void> done = judge_mode(Study::kDepth, {.snap = 0, .depth_bits = bits}); !done) return done;
+      SCREE_TRY(judge_mode(Study::kSnapping, {.snap = snap, .depth_bits = 0}));
+    for (const uint32_t bits : {28u, 32u}) SCREE_TRY(judge_mode(Study::kDepth, {.snap = 0, .depth_bits = bits}));
     return {};
   }
 
   Result<void> keep(JudgedCase row) {
     if (!options_.csv.empty()) {
-      if (Result<void> done = bench::append_csv(options_.csv, judged_cells(machine_, row)); !done) return done;
+      SCREE_TRY(bench::append_csv(options_.csv, judged_cells(machine_, row)));
     }
     rows_.push_back(std::move(row));
     return {};
@@ -217,17 +207,14 @@ class JudgeRun {
 
 Result<void> judge_scenes(const LabOptions& options) try {
   DrawSettings settings;
-  const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("lab", options.backend);
-  if (!gpu) return gpu.error();
-  settings.gpu = gpu->has_value();
+  const std::optional<runtime::Gpu> gpu = SCREE_TRY(tools::choose_gpu("lab", options.backend));
+  settings.gpu = gpu.has_value();
   settings.threads = std::max(1u, std::thread::hardware_concurrency());
   settings.frames = options.frames;
   settings.warmup = options.warmup;
-  Result<Machine> machine = settings.gpu ? find_machine(**gpu) : Result<Machine>(Machine{bench::cpu_machine(), 0});
-  if (!machine) return machine.error();
-  Result<WorkFolder> folder = WorkFolder::make();
-  if (!folder) return folder.error();
-  return JudgeRun(options, std::move(*machine), settings, std::move(*folder)).run();
+  Machine machine = SCREE_TRY(settings.gpu ? find_machine(*gpu) : Result<Machine>(Machine{bench::cpu_machine(), 0}));
+  WorkFolder folder = SCREE_TRY(WorkFolder::make());
+  return JudgeRun(options, std::move(machine), settings, std::move(folder)).run();
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory left for the reference; a smaller --scale or --size needs less"};
 }

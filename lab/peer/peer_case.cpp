@@ -29,16 +29,14 @@ CaseResult begin_case(const Peer& peer, PeerDrawing drawing, const CaseResult& s
 Result<void> measure(Peer& peer, PeerDrawing drawing, uint32_t frames, uint32_t warmup, CaseResult& result) {
   std::vector<float> walls;
   const auto draw_one = [&]() -> Result<float> {
-    const Result<Peer::Ms> ms = peer.draw(drawing);
-    if (!ms) return ms.error();
-    walls.push_back(ms->wall);
-    return ms->gpu;
+    const Peer::Ms ms = SCREE_TRY(peer.draw(drawing));
+    walls.push_back(ms.wall);
+    return ms.gpu;
   };
-  const Result<std::vector<float>> times = bench::timed_frames(frames, warmup, draw_one);
-  if (!times) return times.error();
-  result.frames = static_cast<uint32_t>(times->size());
-  result.raster = summarize(*times);
-  result.wall = summarize(std::span(walls).last(times->size()));
+  const std::vector<float> times = SCREE_TRY(bench::timed_frames(frames, warmup, draw_one));
+  result.frames = static_cast<uint32_t>(times.size());
+  result.raster = summarize(times);
+  result.wall = summarize(std::span(walls).last(times.size()));
   result.frame = *result.wall;
   return {};
 }
@@ -47,20 +45,18 @@ Result<void> measure(Peer& peer, PeerDrawing drawing, uint32_t frames, uint32_t 
 
 Result<std::vector<CaseResult>> measure_peer(Peer& peer, const synth::Scene& scene, const ScreePicture& picture,
                                              uint32_t frames, uint32_t warmup) {
-  const Result<kernels::FrameStats> stats = peer.look(picture.view);
-  if (!stats) return stats.error();
+  const kernels::FrameStats stats = SCREE_TRY(peer.look(picture.view));
   std::vector<CaseResult> results;
   for (const PeerDrawing drawing : {PeerDrawing::kIndexed, PeerDrawing::kPulled}) {
     CaseResult result = begin_case(peer, drawing, picture.result);
-    result.stats = *stats;
-    if (Result<void> done = measure(peer, drawing, frames, warmup, result); !done) return done.error();
-    const Result<std::vector<uint64_t>> ids = peer.ids();
-    if (!ids) return ids.error();
+    result.stats = stats;
+    SCREE_TRY(measure(peer, drawing, frames, warmup, result));
+    const std::vector<uint64_t> ids = SCREE_TRY(peer.ids());
     result.covered_samples = static_cast<uint64_t>(
-        std::count_if(ids->begin(), ids->end(), [](uint64_t id) { return id != kernels::kIdMask; }));
-    result.picture = format::checksum(std::as_bytes(std::span(*ids)));
+        std::count_if(ids.begin(), ids.end(), [](uint64_t id) { return id != kernels::kIdMask; }));
+    result.picture = format::checksum(std::as_bytes(std::span(ids)));
     result.peer =
-        PeerComparison{compare_coverage(scene, picture.view, picture.samples, *ids), picture.result.drawing().median};
+        PeerComparison{compare_coverage(scene, picture.view, picture.samples, ids), picture.result.drawing().median};
     results.push_back(std::move(result));
   }
   return results;

@@ -110,7 +110,7 @@ Result<void> VulkanDevice::load_library() {
   SCREE_VULKAN_GLOBAL(SCREE_VULKAN_FIND)
   if (missing != nullptr) return device_error(std::string("the library has no ") + missing);
   uint32_t version = 0;
-  if (auto done = vulkan_check(api_.vkEnumerateInstanceVersion(&version), "reading the version"); !done) return done;
+  SCREE_TRY(vulkan_check(api_.vkEnumerateInstanceVersion(&version), "reading the version"));
   if (version < VK_API_VERSION_1_3) return device_error("libvulkan.so.1 is older than Vulkan 1.3");
   const VkApplicationInfo program{
       .sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .pApplicationName = "scree-lab", .apiVersion = VK_API_VERSION_1_3};
@@ -215,7 +215,7 @@ Result<void> VulkanDevice::make_device() {
   std::vector<VkExtensionProperties> extensions(count);
   if (listed == VK_SUCCESS)
     listed = api_.vkEnumerateDeviceExtensionProperties(gpu_, nullptr, &count, extensions.data());
-  if (auto done = vulkan_check(listed, "listing extensions"); !done) return done;
+  SCREE_TRY(vulkan_check(listed, "listing extensions"));
   const char* const budget = VK_EXT_MEMORY_BUDGET_EXTENSION_NAME;
   has_budget_ = std::any_of(extensions.begin(), extensions.end(), [&](const VkExtensionProperties& extension) {
     return std::strcmp(extension.extensionName, budget) == 0;
@@ -233,8 +233,7 @@ Result<void> VulkanDevice::make_device() {
                                 .pQueueCreateInfos = &queue,
                                 .enabledExtensionCount = has_budget_ ? 1u : 0u,
                                 .ppEnabledExtensionNames = &budget};
-  if (auto done = vulkan_made(api_.vkCreateDevice(gpu_, &info, nullptr, &device_), device_, "opening the GPU"); !done)
-    return done;
+  SCREE_TRY(vulkan_made(api_.vkCreateDevice(gpu_, &info, nullptr, &device_), device_, "opening the GPU"));
   const char* missing = nullptr;
 #define SCREE_VULKAN_FIND(name)                                                       \
   api_.name = reinterpret_cast<PFN_##name>(api_.vkGetDeviceProcAddr(device_, #name)); \
@@ -378,9 +377,7 @@ Result<VkCommandBuffer> VulkanDevice::make_commands() const {
                                          .commandPool = pool_,
                                          .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
                                          .commandBufferCount = 1};
-  if (auto done = vulkan_check(api_.vkAllocateCommandBuffers(device_, &info, &commands), "making a command buffer");
-      !done)
-    return done.error();
+  SCREE_TRY(vulkan_check(api_.vkAllocateCommandBuffers(device_, &info, &commands), "making a command buffer"));
   return commands;
 }
 

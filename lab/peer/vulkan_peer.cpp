@@ -152,14 +152,9 @@ Result<void> VulkanPeer::prepare() {
   if (done) done = make_peer_pipeline(*gpu_, layout_, pulled_vertex_shader, false, pipelines_[1]);
   for (VkCommandBuffer* commands : {&drawings_[0], &drawings_[1], &copying_, &reading_}) {
     if (!done) return done;
-    const Result<VkCommandBuffer> made = gpu_->make_commands();
-    if (!made) return made.error();
-    *commands = *made;
+    *commands = SCREE_TRY(gpu_->make_commands());
   }
-  Result<VulkanBuffer> staging =
-      gpu_->make_buffer(kStagingBytes, VK_BUFFER_USAGE_TRANSFER_SRC_BIT, VulkanMemory::kHostWrites);
-  if (!staging) return staging.error();
-  staging_ = *staging;
+  staging_ = SCREE_TRY(gpu_->make_buffer(kStagingBytes, VK_BUFFER_USAGE_TRANSFER_SRC_BIT, VulkanMemory::kHostWrites));
   return {};
 }
 
@@ -307,19 +302,13 @@ Result<void> VulkanPeer::make_pictures(uint32_t width, uint32_t height) {
   if (std::max(width, height) > gpu_->largest_image_side())
     return Error{ErrorCode::kRange, "Vulkan: a picture of this GPU has at most " +
                                         std::to_string(gpu_->largest_image_side()) + " samples per side"};
-  Result<VulkanImage> ids = gpu_->make_image(width, height, VulkanDevice::kIds,
-                                             VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT | VK_IMAGE_USAGE_TRANSFER_SRC_BIT,
-                                             VK_IMAGE_ASPECT_COLOR_BIT);
-  if (!ids) return ids.error();
-  ids_ = *ids;
-  Result<VulkanImage> depth = gpu_->make_image(width, height, VulkanDevice::kDepth,
-                                               VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT, VK_IMAGE_ASPECT_DEPTH_BIT);
-  if (!depth) return depth.error();
-  depth_ = *depth;
-  Result<VulkanBuffer> read = gpu_->make_buffer(uint64_t{width} * height * 2 * sizeof(uint32_t),
-                                                VK_BUFFER_USAGE_TRANSFER_DST_BIT, VulkanMemory::kHostReads);
-  if (!read) return read.error();
-  read_ = *read;
+  ids_ = SCREE_TRY(gpu_->make_image(width, height, VulkanDevice::kIds,
+                                    VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT | VK_IMAGE_USAGE_TRANSFER_SRC_BIT,
+                                    VK_IMAGE_ASPECT_COLOR_BIT));
+  depth_ = SCREE_TRY(gpu_->make_image(width, height, VulkanDevice::kDepth, VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT,
+                                      VK_IMAGE_ASPECT_DEPTH_BIT));
+  read_ = SCREE_TRY(gpu_->make_buffer(uint64_t{width} * height * 2 * sizeof(uint32_t), VK_BUFFER_USAGE_TRANSFER_DST_BIT,
+                                      VulkanMemory::kHostReads));
   width_ = width;
   height_ = height;
   return {};
@@ -369,7 +358,7 @@ Result<kernels::FrameStats> VulkanPeer::look(const kernels::View& view) {
 
 Result<void> VulkanPeer::record(PeerDrawing drawing, VkCommandBuffer commands) {
   const VkCommandBufferBeginInfo begin{.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
-  if (auto done = vulkan_check(vk_.vkBeginCommandBuffer(commands, &begin), "recording a frame"); !done) return done;
+  SCREE_TRY(vulkan_check(vk_.vkBeginCommandBuffer(commands, &begin), "recording a frame"));
   vk_.vkCmdResetQueryPool(commands, queries_, 0, 2);
   vk_.vkCmdWriteTimestamp2(commands, VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT, queries_, 0);
   constexpr VkPipelineStageFlags2 kDepthStages =
@@ -451,7 +440,7 @@ void VulkanPeer::record_draws(PeerDrawing drawing, VkCommandBuffer commands) {
 
 Result<void> VulkanPeer::record_reading() {
   const VkCommandBufferBeginInfo begin{.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
-  if (auto done = vulkan_check(vk_.vkBeginCommandBuffer(reading_, &begin), "recording a copy"); !done) return done;
+  SCREE_TRY(vulkan_check(vk_.vkBeginCommandBuffer(reading_, &begin), "recording a copy"));
   // A frame may be read twice, so the picture returns to the layout that it had after drawing.
   const auto turn = [&](VkImageLayout from, VkImageLayout to) {
     const VkImageMemoryBarrier2 barrier{.sType = VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER_2,
@@ -485,22 +474,19 @@ Result<void> VulkanPeer::record_reading() {
 
 Result<Peer::Ms> VulkanPeer::draw(PeerDrawing drawing) {
   const runtime::Stopwatch watch;
-  if (auto done = gpu_->run(drawings_[static_cast<size_t>(drawing)]); !done) return done.error();
+  SCREE_TRY(gpu_->run(drawings_[static_cast<size_t>(drawing)]));
   Ms ms{.wall = static_cast<float>(watch.elapsed().wall_ms)};
   uint64_t stamps[2] = {};
-  if (auto done =
-          vulkan_check(vk_.vkGetQueryPoolResults(gpu_->handle(), queries_, 0, 2, sizeof stamps, stamps,
-                                                 sizeof stamps[0], VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
-                       "reading timestamps");
-      !done)
-    return done.error();
+  SCREE_TRY(vulkan_check(vk_.vkGetQueryPoolResults(gpu_->handle(), queries_, 0, 2, sizeof stamps, stamps,
+                                                   sizeof stamps[0], VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
+                         "reading timestamps"));
   ms.gpu = static_cast<float>(static_cast<double>((stamps[1] - stamps[0]) & gpu_->timestamp_mask()) *
                               gpu_->timestamp_ns() * 1e-6);
   return ms;
 }
 
 Result<std::vector<uint64_t>> VulkanPeer::ids() {
-  if (auto done = gpu_->run(reading_); !done) return done.error();
+  SCREE_TRY(gpu_->run(reading_));
   std::vector<uint64_t> ids(uint64_t{width_} * height_);
   for (size_t i = 0; i < ids.size(); ++i) {
     uint32_t words[2];
@@ -519,10 +505,9 @@ Result<std::vector<uint64_t>> VulkanPeer::ids() {
 }  // namespace
 
 Result<std::unique_ptr<Peer>> open_vulkan_peer(const std::string& uuid) {
-  Result<std::unique_ptr<VulkanDevice>> gpu = VulkanDevice::open(uuid);
-  if (!gpu) return gpu.error();
-  auto peer = std::make_unique<VulkanPeer>(std::move(*gpu));
-  if (Result<void> done = peer->prepare(); !done) return done.error();
+  std::unique_ptr<VulkanDevice> gpu = SCREE_TRY(VulkanDevice::open(uuid));
+  auto peer = std::make_unique<VulkanPeer>(std::move(gpu));
+  SCREE_TRY(peer->prepare());
   return std::unique_ptr<Peer>(std::move(peer));
 }
 

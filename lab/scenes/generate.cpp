@@ -14,18 +14,14 @@ using kernels::DeviceBuffer;
 /// A copy of `items` on the device.
 template <class T>
 Result<DeviceBuffer> to_device(std::span<const T> items, const char* what) {
-  Result<DeviceBuffer> buffer = DeviceBuffer::allocate(std::max<uint64_t>(items.size_bytes(), 1), what);
-  if (!buffer) return buffer;
-  if (Result<void> done =
-          cuda_check(cudaMemcpy(buffer->data(), items.data(), items.size_bytes(), cudaMemcpyHostToDevice), what);
-      !done)
-    return done.error();
+  DeviceBuffer buffer = SCREE_TRY(DeviceBuffer::allocate(std::max<uint64_t>(items.size_bytes(), 1), what));
+  SCREE_TRY(cuda_check(cudaMemcpy(buffer.data(), items.data(), items.size_bytes(), cudaMemcpyHostToDevice), what));
   return buffer;
 }
 
 /// Waits for a launch. `launched`: the status of the launch itself.
 Result<void> finish(cudaError_t launched, const char* what) {
-  if (Result<void> done = cuda_check(launched, what); !done) return done;
+  SCREE_TRY(cuda_check(launched, what));
   return cuda_check(cudaDeviceSynchronize(), what);
 }
 
@@ -34,22 +30,17 @@ Result<void> finish(cudaError_t launched, const char* what) {
 Result<std::vector<ChunkBox>> chunk_boxes_cuda(const synth::Scene& scene, std::span<const ChunkPlan> plans) {
   std::vector<ChunkBox> boxes(plans.size());
   if (plans.empty()) return boxes;
-  Result<DeviceBuffer> meshes = to_device(std::span<const synth::MeshRecipe>(scene.meshes), "copying the recipes");
-  if (!meshes) return meshes.error();
-  Result<DeviceBuffer> device_plans = to_device(plans, "copying the chunks' plans");
-  if (!device_plans) return device_plans.error();
+  DeviceBuffer meshes = SCREE_TRY(to_device(std::span<const synth::MeshRecipe>(scene.meshes), "copying the recipes"));
+  DeviceBuffer device_plans = SCREE_TRY(to_device(plans, "copying the chunks' plans"));
   const uint64_t bytes = boxes.size() * sizeof(ChunkBox);
-  Result<DeviceBuffer> device_boxes = DeviceBuffer::allocate(bytes, "allocating the chunks' boxes");
-  if (!device_boxes) return device_boxes.error();
+  DeviceBuffer device_boxes = SCREE_TRY(DeviceBuffer::allocate(bytes, "allocating the chunks' boxes"));
   const cudaError_t launched =
-      launch_chunk_boxes(reinterpret_cast<const synth::MeshRecipe*>(meshes->data()),
-                         reinterpret_cast<const ChunkPlan*>(device_plans->data()), static_cast<uint32_t>(plans.size()),
-                         reinterpret_cast<ChunkBox*>(device_boxes->data()));
-  if (Result<void> done = finish(launched, "finding the chunks' boxes"); !done) return done.error();
-  if (Result<void> done = cuda_check(cudaMemcpy(boxes.data(), device_boxes->data(), bytes, cudaMemcpyDeviceToHost),
-                                     "reading the chunks' boxes");
-      !done)
-    return done.error();
+      launch_chunk_boxes(reinterpret_cast<const synth::MeshRecipe*>(meshes.data()),
+                         reinterpret_cast<const ChunkPlan*>(device_plans.data()), static_cast<uint32_t>(plans.size()),
+                         reinterpret_cast<ChunkBox*>(device_boxes.data()));
+  SCREE_TRY(finish(launched, "finding the chunks' boxes"));
+  SCREE_TRY(cuda_check(cudaMemcpy(boxes.data(), device_boxes.data(), bytes, cudaMemcpyDeviceToHost),
+                       "reading the chunks' boxes"));
   return boxes;
 }
 
@@ -57,12 +48,10 @@ Result<void> fill_chunks_cuda(const synth::Scene& scene, std::span<const ChunkPl
                               const format::MeshRecord* meshes, const format::ChunkRecord* chunks,
                               const std::byte* const* pages) {
   if (plans.empty()) return {};
-  Result<DeviceBuffer> recipes = to_device(std::span<const synth::MeshRecipe>(scene.meshes), "copying the recipes");
-  if (!recipes) return recipes.error();
-  Result<DeviceBuffer> device_plans = to_device(plans, "copying the chunks' plans");
-  if (!device_plans) return device_plans.error();
-  const cudaError_t launched = launch_fill_chunks(reinterpret_cast<const synth::MeshRecipe*>(recipes->data()),
-                                                  reinterpret_cast<const ChunkPlan*>(device_plans->data()),
+  DeviceBuffer recipes = SCREE_TRY(to_device(std::span<const synth::MeshRecipe>(scene.meshes), "copying the recipes"));
+  DeviceBuffer device_plans = SCREE_TRY(to_device(plans, "copying the chunks' plans"));
+  const cudaError_t launched = launch_fill_chunks(reinterpret_cast<const synth::MeshRecipe*>(recipes.data()),
+                                                  reinterpret_cast<const ChunkPlan*>(device_plans.data()),
                                                   static_cast<uint32_t>(plans.size()), meshes, chunks, pages);
   return finish(launched, "generating the scene");
 }

@@ -15,33 +15,26 @@ using kernels::DeviceBuffer;
 
 Result<ResidentScene> ResidentScene::generate(const synth::Scene& scene, const Encoding& encoding) {
   const std::vector<ChunkPlan> plans = plan_chunks(scene);
-  const Result<std::vector<ChunkBox>> boxes = chunk_boxes_cuda(scene, plans);
-  if (!boxes) return boxes.error();
-  Result<SceneTables> tables = make_tables(scene, plans, *boxes, encoding);
-  if (!tables) return tables.error();
+  const std::vector<ChunkBox> boxes = SCREE_TRY(chunk_boxes_cuda(scene, plans));
+  SceneTables tables = SCREE_TRY(make_tables(scene, plans, boxes, encoding));
   std::vector<std::vector<std::byte>> payloads;
   if (encoding.clustered) {
-    Result<ClusteredScene> clustered =
-        encode_clustered(scene, plans, std::move(*tables), std::max(1u, std::thread::hardware_concurrency()));
-    if (!clustered) return clustered.error();
-    *tables = std::move(clustered->tables);
-    payloads = std::move(clustered->payloads);
+    ClusteredScene clustered =
+        SCREE_TRY(encode_clustered(scene, plans, std::move(tables), std::max(1u, std::thread::hardware_concurrency())));
+    tables = std::move(clustered.tables);
+    payloads = std::move(clustered.payloads);
   }
   ResidentScene resident;
-  resident.tables_ = std::make_unique<SceneTables>(std::move(*tables));
+  resident.tables_ = std::make_unique<SceneTables>(std::move(tables));
   resident.host_ = resident.tables_->view(nullptr);
   resident.geometry_bytes_ = resident.tables_->geometry_bytes;
-  if (Result<void> done = resident.allocate_pages(resident.tables_->arena_bytes); !done) return done.error();
-  if (Result<void> done = resident.copy_records(resident.tables_->page_pointers(resident.pages_.data())); !done)
-    return done.error();
+  SCREE_TRY(resident.allocate_pages(resident.tables_->arena_bytes));
+  SCREE_TRY(resident.copy_records(resident.tables_->page_pointers(resident.pages_.data())));
   if (encoding.clustered) {
-    if (Result<void> done = resident.copy_payloads(payloads); !done) return done.error();
+    SCREE_TRY(resident.copy_payloads(payloads));
     return resident;
   }
-  if (Result<void> done =
-          fill_chunks_cuda(scene, plans, resident.device_.meshes, resident.device_.chunks, resident.device_.pages);
-      !done)
-    return done.error();
+  SCREE_TRY(fill_chunks_cuda(scene, plans, resident.device_.meshes, resident.device_.chunks, resident.device_.pages));
   return resident;
 }
 
@@ -49,9 +42,7 @@ Result<ResidentScene> ResidentScene::upload(runtime::Scene scene, uint32_t threa
   ResidentScene resident;
   resident.file_ = std::make_unique<runtime::Scene>(std::move(scene));
   resident.host_ = resident.file_->view();
-  Result<runtime::CudaScene> copy = runtime::CudaScene::upload(*resident.file_, 0, 0, threads);
-  if (!copy) return copy.error();
-  resident.uploaded_ = std::move(*copy);
+  resident.uploaded_ = SCREE_TRY(runtime::CudaScene::upload(*resident.file_, 0, 0, threads));
   resident.device_ = resident.uploaded_.view();
   resident.device_bytes_ = resident.uploaded_.arena_bytes();
   const runtime::DrawnPages& drawn = resident.file_->drawn_pages();
@@ -68,14 +59,11 @@ Result<ResidentScene> ResidentScene::upload(runtime::Scene scene, uint32_t threa
 Result<void> ResidentScene::allocate_pages(uint64_t bytes) {
   size_t free_bytes = 0;
   size_t total_bytes = 0;
-  if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "querying the free device memory"); !done)
-    return done;
+  SCREE_TRY(cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "querying the free device memory"));
   if (bytes > free_bytes)
     return Error{ErrorCode::kDevice, "the scene takes " + tools::format_bytes(bytes) + " of device memory, but " +
                                          tools::format_bytes(free_bytes) + " are free; a smaller --scale needs less"};
-  Result<DeviceBuffer> pages = DeviceBuffer::allocate(std::max<uint64_t>(bytes, 1), "allocating the scene");
-  if (!pages) return pages.error();
-  pages_ = std::move(*pages);
+  pages_ = SCREE_TRY(DeviceBuffer::allocate(std::max<uint64_t>(bytes, 1), "allocating the scene"));
   device_bytes_ += bytes;
   return cuda_check(cudaMemset(pages_.data(), 0, bytes), "clearing the scene's pages");
 }
@@ -84,9 +72,8 @@ Result<void> ResidentScene::copy_payloads(const std::vector<std::vector<std::byt
   for (size_t i = 0; i < payloads.size(); ++i) {
     const format::ChunkRecord& chunk = tables_->chunks[i];
     std::byte* const to = pages_.data() + tables_->page_offset[chunk.page] + chunk.offset;
-    Result<void> done = cuda_check(cudaMemcpy(to, payloads[i].data(), payloads[i].size(), cudaMemcpyHostToDevice),
-                                   "copying a chunk to the device");
-    if (!done) return done;
+    SCREE_TRY(cuda_check(cudaMemcpy(to, payloads[i].data(), payloads[i].size(), cudaMemcpyHostToDevice),
+                         "copying a chunk to the device"));
   }
   return {};
 }
@@ -133,10 +120,8 @@ uint64_t ResidentScene::unique_triangles() const {
 
 Result<std::vector<const std::byte*>> ResidentScene::read_pages(std::vector<std::byte>& storage) const {
   storage.resize(tables_->arena_bytes);
-  if (Result<void> done = cuda_check(cudaMemcpy(storage.data(), pages_.data(), storage.size(), cudaMemcpyDeviceToHost),
-                                     "reading the pages");
-      !done)
-    return done.error();
+  SCREE_TRY(cuda_check(cudaMemcpy(storage.data(), pages_.data(), storage.size(), cudaMemcpyDeviceToHost),
+                       "reading the pages"));
   return tables_->page_pointers(storage.data());
 }
 

@@ -37,16 +37,15 @@ Result<format::MeshRecord> make_mesh(const synth::MeshRecipe& recipe, const Chun
     }
     return mesh;
   }
-  const Result<format::MeshLattice> lattice = format::choose_lattice(box.lo, box.hi, encoding.position_bits, 0);
-  if (!lattice) return lattice.error();
+  const format::MeshLattice lattice = SCREE_TRY(format::choose_lattice(box.lo, box.hi, encoding.position_bits, 0));
   mesh.position_encoding = format::PositionEncoding::kLattice;
-  mesh.lattice_exponent = lattice->exponent;
-  mesh.max_position_error = lattice->max_error;
+  mesh.lattice_exponent = lattice.exponent;
+  mesh.max_position_error = lattice.max_error;
   for (size_t axis = 0; axis < 3; ++axis) {
-    mesh.lattice_min[axis] = lattice->min[axis];
-    mesh.lattice_bits[axis] = lattice->bits[axis];
-    mesh.bounds_min[axis] = format::dequantize(lattice->min[axis], lattice->exponent);
-    mesh.bounds_max[axis] = format::dequantize(format::quantize(box.hi[axis], lattice->exponent), lattice->exponent);
+    mesh.lattice_min[axis] = lattice.min[axis];
+    mesh.lattice_bits[axis] = lattice.bits[axis];
+    mesh.bounds_min[axis] = format::dequantize(lattice.min[axis], lattice.exponent);
+    mesh.bounds_max[axis] = format::dequantize(format::quantize(box.hi[axis], lattice.exponent), lattice.exponent);
   }
   return mesh;
 }

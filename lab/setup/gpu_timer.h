@@ -15,7 +15,7 @@ class GpuTimer {
   static Result<GpuTimer> create() {
     GpuTimer timer;
     for (cudaEvent_t& event : timer.events_) {
-      if (auto done = kernels::cuda_check(cudaEventCreate(&event), "making an event"); !done) return done.error();
+      SCREE_TRY(kernels::cuda_check(cudaEventCreate(&event), "making an event"));
     }
     return timer;
   }

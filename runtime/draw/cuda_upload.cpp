@@ -63,20 +63,16 @@ class PinnedRing final : public UploadTarget {
     slot_bytes_ = sizes.slot_bytes;
     arena_ = arena;
     if (sizes.joins) join_sizes_.emplace(sizes);
-    if (auto done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU"); !done) return done;
-    if (auto done = memory_.allocate_for_copies(sizes.bytes(), "allocating pinned memory"); !done) return done;
-    if (sizes.joins)
-      if (auto done = open_joins(sizes.slots); !done) return done;
+    SCREE_TRY(cuda_check(cudaGetDevice(&device_), "asking for the current GPU"));
+    SCREE_TRY(memory_.allocate_for_copies(sizes.bytes(), "allocating pinned memory"));
+    if (sizes.joins) SCREE_TRY(open_joins(sizes.slots));
     streams_.resize(sizes.joins ? kJoinStreams : kCopyStreams);
     for (cudaStream_t& stream : streams_)
-      if (auto done = cuda_check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "making a stream"); !done)
-        return done;
+      SCREE_TRY(cuda_check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "making a stream"));
     copied_.resize(sizes.slots);
     for (cudaEvent_t& event : copied_)
-      if (auto done = cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming | cudaEventBlockingSync),
-                                 "making an event");
-          !done)
-        return done;
+      SCREE_TRY(cuda_check(cudaEventCreateWithFlags(&event, cudaEventDisableTiming | cudaEventBlockingSync),
+                           "making an event"));
     return {};
   }
 
@@ -84,7 +80,7 @@ class PinnedRing final : public UploadTarget {
 
   Result<void> copy(uint32_t slot, uint64_t to, uint64_t bytes) override {
     const cudaStream_t stream = streams_[slot % streams_.size()];
-    if (auto done = send(arena_ + to, this->slot(slot), bytes, stream); !done) return done;
+    SCREE_TRY(send(arena_ + to, this->slot(slot), bytes, stream));
     return record(slot, stream);
   }
 
@@ -92,8 +88,7 @@ class PinnedRing final : public UploadTarget {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       const auto is_it = [slot](const WaitingJoin& join) { return join.slot == slot; };
-      if (std::any_of(waiting_.begin(), waiting_.end(), is_it))
-        if (auto done = start_joins(); !done) return done;
+      if (std::any_of(waiting_.begin(), waiting_.end(), is_it)) SCREE_TRY(start_joins());
     }
     return cuda_check(cudaEventSynchronize(copied_[slot]), "waiting for a copy");
   }
@@ -128,27 +123,21 @@ class PinnedRing final : public UploadTarget {
     for (const WaitingJoin& join : joins) {
       std::byte* const device = join_device_.data() + join.slot * join_sizes_->device_bytes();
       std::byte* const tasks = device + join_sizes_->slot_bytes;
-      if (auto done = send(device, slot(join.slot), join.bytes, stream); !done) return done;
-      if (auto done = send(tasks, join_pinned_.data() + join.slot * join_sizes_->pinned_bytes(),
-                           join.tasks * sizeof(kernels::JoinTask), stream);
-          !done)
-        return done;
+      SCREE_TRY(send(device, slot(join.slot), join.bytes, stream));
+      SCREE_TRY(send(tasks, join_pinned_.data() + join.slot * join_sizes_->pinned_bytes(),
+                     join.tasks * sizeof(kernels::JoinTask), stream));
       slots.push_back({reinterpret_cast<const kernels::JoinTask*>(tasks), join.tasks, device,
                        reinterpret_cast<uint32_t*>(tasks + join_sizes_->task_bytes), flag_of(join.slot)});
     }
-    if (auto done = kernels::join_parts(slots, arena_, stream); !done) return done;
-    for (const WaitingJoin& join : joins)
-      if (auto done = record(join.slot, stream); !done) return done;
+    SCREE_TRY(kernels::join_parts(slots, arena_, stream));
+    for (const WaitingJoin& join : joins) SCREE_TRY(record(join.slot, stream));
     return {};
   }
 
   Result<void> open_joins(uint32_t slots) {
-    if (auto done = join_pinned_.allocate(slots * join_sizes_->pinned_bytes(), "allocating pinned memory"); !done)
-      return done;
-    Result<DeviceBuffer> device =
-        DeviceBuffer::allocate(slots * join_sizes_->device_bytes(), "allocating memory to join pages");
-    if (!device) return device.error();
-    join_device_ = std::move(*device);
+    SCREE_TRY(join_pinned_.allocate(slots * join_sizes_->pinned_bytes(), "allocating pinned memory"));
+    join_device_ =
+        SCREE_TRY(DeviceBuffer::allocate(slots * join_sizes_->device_bytes(), "allocating memory to join pages"));
     most_waiting_ = std::clamp(slots / (2 * kJoinStreams), 1u, kernels::kMostJoinSlots);
     return {};
   }
@@ -160,7 +149,7 @@ class PinnedRing final : public UploadTarget {
 
   Result<void> send(std::byte* to, const std::byte* from, uint64_t bytes, cudaStream_t stream) {
     // The current device is each thread's own.
-    if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
+    SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
     return cuda_check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream), "copying to the device");
   }
   Result<void> record(uint32_t slot, cudaStream_t stream) {
@@ -184,12 +173,11 @@ class PinnedRing final : public UploadTarget {
 
 /// The rest of the budget.
 Result<uint64_t> check_budget(uint64_t needed, uint64_t budget_bytes) {
-  const Result<uint64_t> budget = device_budget(budget_bytes);
-  if (!budget) return budget.error();
-  if (needed <= *budget) return *budget - needed;
+  const uint64_t budget = SCREE_TRY(device_budget(budget_bytes));
+  if (needed <= budget) return budget - needed;
   return Error{ErrorCode::kDevice, "the scene takes " + std::to_string(needed) + " bytes of device memory, but " +
-                                       std::to_string(*budget) + " are " +
-                                       (*budget == budget_bytes ? "allowed" : "free")};
+                                       std::to_string(budget) + " are " +
+                                       (budget == budget_bytes ? "allowed" : "free")};
 }
 
 uint64_t texel_bytes(const kernels::TextureView& texture) {
@@ -371,8 +359,7 @@ uint64_t own_room(const Scene& scene, const kernels::SceneView* streamed) {
 Result<uint64_t> device_budget(uint64_t budget_bytes) {
   size_t free_bytes = 0;
   size_t total_bytes = 0;
-  if (auto done = cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "asking for free device memory"); !done)
-    return done.error();
+  SCREE_TRY(cuda_check(cudaMemGetInfo(&free_bytes, &total_bytes), "asking for free device memory"));
   return budget_bytes == 0 ? uint64_t{free_bytes} : std::min<uint64_t>(budget_bytes, free_bytes);
 }
 
@@ -440,11 +427,9 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
   const kernels::JpegGroups groups = scene.jpeg_groups();
   const uint64_t room = own_room(scene, streamed) + more_texture_room;
   const uint64_t needed = plan.bytes() + cache_bytes_of(scene, texture_cache) + room + reserved_bytes;
-  const Result<uint64_t> left = check_budget(needed, budget_bytes);
-  if (!left) return left.error();
-  Result<DeviceBuffer> arena = DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene");
-  if (!arena) return arena.error();
-  std::byte* const base = arena->data();
+  const uint64_t left = SCREE_TRY(check_budget(needed, budget_bytes));
+  DeviceBuffer arena = SCREE_TRY(DeviceBuffer::allocate(std::max<uint64_t>(plan.bytes(), 1), "allocating the scene"));
+  std::byte* const base = arena.data();
   if (const DrawnPages* const drawn = layout.drawn_pages)
     for (uint64_t i = 0; i < drawn->size(); ++i)
       layout.pages[drawn->page(i)] = base + layout.page_offset[drawn->page(i)];
@@ -461,28 +446,24 @@ Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, u
 
   const MappedFile& map = scene.file().map();
   const Reading chosen = choose_reading(plan, map, reading);
-  const StagingSizes sizes = ring_for(plan, chosen, threads, staging_within(host_memory), *left);
+  const StagingSizes sizes = ring_for(plan, chosen, threads, staging_within(host_memory), left);
   PinnedRing ring;
-  if (Result<void> opened = ring.open(sizes, base); !opened) return opened.error();
+  SCREE_TRY(ring.open(sizes, base));
   const Result<UploadCounts> counts = run_upload(plan, map, ring, sizes, chosen, threads, progress);
   if (!counts && counts.error().code == ErrorCode::kDevice) return counts.error();
   if (!counts) return at(scene.file().path(), counts.error());
 
   CudaScene copy;
   if (scene.block_pager() != nullptr) {
-    Result<std::unique_ptr<DeviceBlockPager>> pager =
-        DeviceBlockPager::create(scene, threads, host_memory, reading, room);
-    if (!pager) return pager.error();
-    copy.pager_ = std::move(*pager);
+    copy.pager_ = SCREE_TRY(DeviceBlockPager::create(scene, threads, host_memory, reading, room));
   }
   if (groups.count != 0 || copy.pager_ != nullptr) {
-    Result<kernels::CudaTextureCache> cache =
-        kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, groups, copy.pager_.get());
-    if (!cache) return cache.error();
-    copy.cache_ = std::make_unique<kernels::CudaTextureCache>(std::move(*cache));
+    kernels::CudaTextureCache cache = SCREE_TRY(
+        kernels::CudaTextureCache::create(layout.levels.table(base), texture_cache, groups, copy.pager_.get()));
+    copy.cache_ = std::make_unique<kernels::CudaTextureCache>(std::move(cache));
     copy.jpeg_levels_ = layout.levels.table(base);
   }
-  copy.arena_ = std::move(*arena);
+  copy.arena_ = std::move(arena);
   copy.first_page_ = base + first_page;
   copy.page_bytes_ = page_bytes;
   copy.view_ = scene.view();

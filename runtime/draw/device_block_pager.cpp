@@ -98,7 +98,7 @@ DeviceBlockPager::~DeviceBlockPager() {
 }
 
 Result<void> DeviceBlockPager::use_room(std::byte* end, uint64_t bytes) {
-  if (Result<void> done = finish_copies(); !done) return done;
+  SCREE_TRY(finish_copies());
   end_ = end;
   drop_if(
       [&](uint32_t number) { return (pool_.offset(taken_[number]) + pool_.units(taken_[number])) * kUnit > bytes; });
@@ -119,12 +119,10 @@ Result<void> DeviceBlockPager::copy_table() {
 }
 
 Result<std::span<const uint64_t>> DeviceBlockPager::wanted() {
-  if (Result<void> finished = finish_copies(); !finished) return finished.error();
+  SCREE_TRY(finish_copies());
   auto* const wanted = reinterpret_cast<uint64_t*>(lists_.data() + size() * sizeof blocks_[0]);
-  const Result<void> done =
-      cuda_check(cudaMemcpy(wanted, pages_.wanted, size() * sizeof *wanted, cudaMemcpyDeviceToHost),
-                 "reading which pages of textures are shown");
-  if (!done) return done.error();
+  SCREE_TRY(cuda_check(cudaMemcpy(wanted, pages_.wanted, size() * sizeof *wanted, cudaMemcpyDeviceToHost),
+                       "reading which pages of textures are shown"));
   return std::span<const uint64_t>(wanted, size());
 }
 
@@ -153,7 +151,7 @@ Result<void> DeviceBlockPager::load(std::span<const uint32_t> numbers) {
 
 Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint32_t half) {
   constexpr const char* kWhat = "copying pages of textures";
-  if (Result<void> done = cuda_check(cudaEventSynchronize(copied_[half]), kWhat); !done) return done;
+  SCREE_TRY(cuda_check(cudaEventSynchronize(copied_[half]), kWhat));
   std::vector<std::byte*> slots;
   slots.reserve(numbers.size());
   std::vector<uint8_t> is_read(numbers.size());
@@ -181,15 +179,11 @@ Result<void> DeviceBlockPager::load_part(std::span<const uint32_t> numbers, uint
     if (is_kept && is_read[i] == 0) drop_kept(numbers[i]);
     if (is_read[i] == 0) continue;
     was_loaded_[numbers[i]] = 1;
-    if (Result<void> done = cuda_check(
-            cudaMemcpyAsync(place(numbers[i]), slots[i], page_bytes(numbers[i]), cudaMemcpyHostToDevice, stream_),
-            kWhat);
-        !done)
-      return done;
+    SCREE_TRY(cuda_check(
+        cudaMemcpyAsync(place(numbers[i]), slots[i], page_bytes(numbers[i]), cudaMemcpyHostToDevice, stream_), kWhat));
     blocks_[numbers[i]] = reinterpret_cast<const uint8_t*>(place(numbers[i]));
   }
-  if (large != nullptr)
-    if (Result<void> done = cuda_check(cudaStreamSynchronize(stream_), kWhat); !done) return done;
+  if (large != nullptr) SCREE_TRY(cuda_check(cudaStreamSynchronize(stream_), kWhat));
   const Result<void> recorded = cuda_check(cudaEventRecord(copied_[half], stream_), kWhat);
   return read ? recorded : read;
 }
@@ -335,16 +329,15 @@ Result<void> DeviceBlockPager::settle() {
 /// Waits for the pages that are being copied to the room. They are sampled there from now on.
 Result<void> DeviceBlockPager::finish_copies() {
   if (copying_.empty()) return {};
-  if (auto done = cuda_check(cudaStreamSynchronize(stream_), "copying pages of textures"); !done) return done;
+  SCREE_TRY(cuda_check(cudaStreamSynchronize(stream_), "copying pages of textures"));
   for (const uint32_t number : copying_) blocks_[number] = reinterpret_cast<const uint8_t*>(place(number));
   copying_.clear();
   return copy_table();
 }
 
 Result<void> DeviceBlockPager::begin_copies() {
-  const Result<std::span<const uint64_t>> last = wanted();
-  if (!last) return last.error();
-  const Result<void> done = copy_sampled(*last);
+  const std::span<const uint64_t> last = SCREE_TRY(wanted());
+  const Result<void> done = copy_sampled(last);
   if (done) return done;
   for (const uint32_t number : copying_) drop(number);  // they stay in host memory
   copying_.clear();

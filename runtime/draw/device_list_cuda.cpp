@@ -58,7 +58,7 @@ Result<int> count_gpus() {
                  std::string("no NVIDIA GPU found") +
                      (visible != nullptr ? " (CUDA_VISIBLE_DEVICES is '" + std::string(visible) + "')" : "")};
   }
-  if (Result<void> done = cuda_check(status, "looking for a GPU"); !done) return done.error();
+  SCREE_TRY(cuda_check(status, "looking for a GPU"));
   return count;
 }
 
@@ -146,28 +146,25 @@ GpuList list_gpus() {
 }
 
 Result<Gpu> use_gpu(std::string_view which) {
-  const Result<int> count = count_gpus();
-  if (!count) return count.error();
+  const int count = SCREE_TRY(count_gpus());
   std::vector<Gpu> gpus;
-  for (int i = 0; i < *count; ++i) {
+  for (int i = 0; i < count; ++i) {
     gpus.push_back(describe_gpu(i));
     if (!which.empty()) continue;
     make_current(gpus.back());
     if (gpus.back().is_usable()) return gpus.back();
   }
   if (which.empty()) return usable(gpus.front());
-  Result<Gpu> found = find_gpu(gpus, which);
-  if (!found) return found;
-  make_current(*found);
-  return usable(std::move(*found));
+  Gpu found = SCREE_TRY(find_gpu(gpus, which));
+  make_current(found);
+  return usable(std::move(found));
 }
 
 Result<Gpu> use_gpu_in_turn(uint32_t number) {
-  const Result<int> count = count_gpus();
-  if (!count) return count.error();
+  const int count = SCREE_TRY(count_gpus());
   Gpu gpu;
-  for (int step = 0; step < *count; ++step) {
-    gpu = describe_gpu((static_cast<int>(number % static_cast<uint32_t>(*count)) + step) % *count);
+  for (int step = 0; step < count; ++step) {
+    gpu = describe_gpu((static_cast<int>(number % static_cast<uint32_t>(count)) + step) % count);
     make_current(gpu);
     if (gpu.is_usable()) break;
   }
@@ -175,16 +172,15 @@ Result<Gpu> use_gpu_in_turn(uint32_t number) {
 }
 
 Result<std::vector<int>> gpus_from(int first, uint32_t count) {
-  const Result<int> all = count_gpus();
-  if (!all) return all.error();
+  const int all = SCREE_TRY(count_gpus());
   std::vector<int> found{first};
   const uint32_t most = std::min(count, kMostGpus);
-  for (int step = 1; step < *all && found.size() < most; ++step) {
-    Gpu gpu = describe_gpu((first + step) % *all);
+  for (int step = 1; step < all && found.size() < most; ++step) {
+    Gpu gpu = describe_gpu((first + step) % all);
     make_current(gpu);
     if (gpu.is_usable()) found.push_back(gpu.index);
   }
-  if (const Result<void> back = set_current_gpu(first); !back) return back.error();
+  SCREE_TRY(set_current_gpu(first));
   if (count != kAllGpus && found.size() < count)
     return Error{ErrorCode::kDevice, std::to_string(count) + " GPUs were requested, but only " +
                                          std::to_string(found.size()) + " can be used"};
@@ -192,10 +188,9 @@ Result<std::vector<int>> gpus_from(int first, uint32_t count) {
 }
 
 Result<Gpu> current_gpu() {
-  const Result<int> count = count_gpus();
-  if (!count) return count.error();
+  SCREE_TRY(count_gpus());
   int index = 0;
-  if (Result<void> done = cuda_check(cudaGetDevice(&index), "reading the current GPU"); !done) return done.error();
+  SCREE_TRY(cuda_check(cudaGetDevice(&index), "reading the current GPU"));
   Gpu gpu = describe_gpu(index);
   make_current(gpu);
   return usable(std::move(gpu));

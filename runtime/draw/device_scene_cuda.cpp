@@ -170,9 +170,8 @@ Result<std::optional<kernels::TextureCacheCounts>> DeviceScene::texture_counts()
   const kernels::CudaTextureCache* const cache = impl_->scene.texture_cache();
   if (cache == nullptr || cache->slots() == 0 || impl_->streaming() != nullptr)
     return std::optional<kernels::TextureCacheCounts>();
-  const Result<kernels::TextureCacheCounts> counts = cache->counts();
-  if (!counts) return counts.error();
-  return std::optional<kernels::TextureCacheCounts>(*counts);
+  const kernels::TextureCacheCounts counts = SCREE_TRY(cache->counts());
+  return std::optional<kernels::TextureCacheCounts>(counts);
 }
 
 BlockPager* DeviceScene::block_pager(uint32_t gpu) const {
@@ -206,7 +205,7 @@ Result<DeviceView> DeviceScene::add_view(const Scene& scene) try {
   if (impl_->own.use_count() == 2) return DeviceView(impl_->own);  // only this object has it, as a view
   auto view = std::make_shared<DeviceView::Impl>(*impl_);
   if (impl_->stream == nullptr)  // otherwise make_ready() makes the frames
-    if (const Result<void> made = impl_->make_frames(*view, scene.view()); !made) return made.error();
+    SCREE_TRY(impl_->make_frames(*view, scene.view()));
   return DeviceView(std::move(view));
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory left for another view"};
@@ -239,8 +238,7 @@ const kernels::SceneView& DeviceScene::device_view() const {
 Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wanted, uint64_t budget_bytes,
                                              SceneOptions& options) {
   const format::Container& container = file.container();
-  const Result<uint64_t> budget = device_budget(budget_bytes);
-  if (!budget) return budget.error();
+  const uint64_t budget = SCREE_TRY(device_budget(budget_bytes));
   uint64_t images = 0;  // in the form in which they are sampled
   for (uint64_t i = 0; i < container.images().size(); ++i) {
     const format::ImageRecord& image = container.images()[i];
@@ -253,9 +251,9 @@ Result<void> DeviceScene::set_texture_memory(const SceneFile& file, uint64_t wan
   }
   uint64_t all = 0;
   for (uint64_t i = 0; i < container.pages().size(); ++i) all += container.pages()[i].raw_bytes;
-  const bool fits = wanted != 0 ? images <= wanted : all <= *budget - *budget / kLeftShare;
+  const bool fits = wanted != 0 ? images <= wanted : all <= budget - budget / kLeftShare;
   options.texture_memory = fits ? 0 : wanted != 0 ? wanted : kHostTextureMemory;
-  options.device_texture_memory = fits ? 0 : wanted != 0 ? wanted : *budget / kTextureShare;
+  options.device_texture_memory = fits ? 0 : wanted != 0 ? wanted : budget / kTextureShare;
   options.device_texture_limit = fits ? 0 : wanted != 0 ? wanted : UINT64_MAX;
   return {};
 }
@@ -264,18 +262,15 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
                                         uint64_t texture_cache, uint64_t host_memory, const PictureNeeds& pictures,
                                         JobProgress* progress, uint32_t gpus, bool comes_later,
                                         const PageShare* share) {
-  const Result<Gpu> gpu = current_gpu();
-  if (!gpu) return gpu.error();
+  const Gpu gpu = SCREE_TRY(current_gpu());
   const auto start = std::chrono::steady_clock::now();
-  const Result<uint64_t> free = device_budget(0);
-  if (!free) return free.error();
-  const uint64_t left = *free / kLeftShare;
-  const uint64_t usable = *free - std::min(left, kMostLeft);
+  const uint64_t free = SCREE_TRY(device_budget(0));
+  const uint64_t left = free / kLeftShare;
+  const uint64_t usable = free - std::min(left, kMostLeft);
   const uint64_t budget = budget_bytes == 0 ? usable : std::min(budget_bytes, usable);
   const uint64_t beside = frames_bytes(scene.view()) + picture_bytes(pictures, scene, false);
   if (gpus > 1) {
-    const Result<std::vector<int>> team = gpus_from(gpu->index, gpus);
-    if (!team) return team.error();
+    const std::vector<int> team = SCREE_TRY(gpus_from(gpu.index, gpus));
     const uint64_t own_frames = kernels::CudaFrames::device_bytes(scene.view());
     const uint64_t samples =
         std::max(uint64_t{pictures.width} * pictures.height * pictures.samples_per_side * pictures.samples_per_side,
@@ -285,47 +280,41 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
     const GpuTeam::Options options{
         budget,  beside + own_frames, own_frames + samples + resolver, threads, reading, texture_cache, host_memory,
         progress};
-    if (team->size() > 1 && GpuTeam::fits(scene, static_cast<uint32_t>(team->size()), options)) {
+    if (team.size() > 1 && GpuTeam::fits(scene, static_cast<uint32_t>(team.size()), options)) {
       auto shared = std::make_unique<Impl>();
-      shared->device = gpu->index;
-      if (const Result<void> done = shared->upload_shared(scene, *team, options); !done) return done.error();
+      shared->device = gpu.index;
+      SCREE_TRY(shared->upload_shared(scene, team, options));
       return DeviceScene(std::move(shared));
     }
   }
-  const uint64_t allowed = budget_bytes == 0 ? *free - left : budget;
+  const uint64_t allowed = budget_bytes == 0 ? free - left : budget;
   if (comes_later) comes_later = holds_all(scene, pictures, texture_cache, allowed);
   const uint64_t resident = CudaScene::device_bytes(scene, nullptr, texture_cache) + beside;
   if (comes_later || (share == nullptr && resident > budget)) {
     auto streamed = std::make_unique<Impl>();
-    streamed->device = gpu->index;
-    if (Result<void> done =
-            streamed->upload_streamed(scene, allowed, threads, reading, texture_cache, host_memory, pictures, progress,
-                                      comes_later ? kComingBatchBytes : kMostBatchBytes);
-        !done)
-      return done.error();
+    streamed->device = gpu.index;
+    SCREE_TRY(streamed->upload_streamed(scene, allowed, threads, reading, texture_cache, host_memory, pictures,
+                                        progress, comes_later ? kComingBatchBytes : kMostBatchBytes));
     streamed->stats.upload_ms =
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return DeviceScene(std::move(streamed));
   }
   JobThread<void> loading;  // of kernels, beside the scene
   if (pictures.shade != nullptr)
-    loading.add([&, index = gpu->index] {
+    loading.add([&, index = gpu.index] {
       if (!set_current_gpu(index)) return;
       kernels::CudaResolver::load(scene.view(), pictures.samples_per_side, *pictures.shade, has_rounds(scene));
     });
   const uint64_t more = share == nullptr ? DeviceBlockPager::more_room(scene, budget - resident) : 0;
-  Result<CudaScene> copy = CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr,
-                                             host_memory, progress, share, more);
-  if (!copy) return copy.error();
+  CudaScene copy = SCREE_TRY(CudaScene::upload(scene, budget_bytes, beside, threads, reading, texture_cache, nullptr,
+                                               host_memory, progress, share, more));
   auto impl = std::make_unique<Impl>();
-  impl->device = gpu->index;
-  impl->scene = std::move(*copy);
+  impl->device = gpu.index;
+  impl->scene = std::move(copy);
   impl->fragment_room = budget - std::min(budget, impl->scene.stats().device_bytes);
-  if (const Result<void> kept = impl->scene.keep_textures(scene, DeviceBlockPager::most_kept_bytes(scene, host_memory));
-      !kept)
-    return kept.error();
+  SCREE_TRY(impl->scene.keep_textures(scene, DeviceBlockPager::most_kept_bytes(scene, host_memory)));
   const kernels::CudaQueueSizes queues = roomy_queues(scene.view(), pictures, impl->fragment_room);
-  if (const Result<void> made = impl->make_frames(*impl->own, scene.view(), queues); !made) return made.error();
+  SCREE_TRY(impl->make_frames(*impl->own, scene.view(), queues));
   impl->stats = impl->scene.stats();
   impl->stats.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return DeviceScene(std::move(impl));
@@ -334,9 +323,7 @@ Result<DeviceScene> DeviceScene::upload(const Scene& scene, uint64_t budget_byte
 Result<void> DeviceScene::Impl::upload_shared(const Scene& host, std::span<const int> gpus,
                                               const GpuTeam::Options& options) {
   team = std::make_unique<GpuTeam>();
-  Result<CudaScene> shared = team->open(host, gpus, options);
-  if (!shared) return shared.error();
-  scene = std::move(*shared);
+  scene = SCREE_TRY(team->open(host, gpus, options));
   stats = team->stats();
   fragment_room = options.budget - std::min(options.budget, scene.stats().device_bytes);
   return make_frames(*own, host.view());
@@ -393,11 +380,10 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
   lists += joins.pinned_bytes();
   // Batches take a fifth of the pinned memory, unless one chunk takes more, and the chunks that are kept the rest.
   if (host_memory != 0) most_batch = std::min(most_batch, host_memory / (5 * CudaStream::kStagings));
-  Result<Streamer> streamer = Streamer::create(host, pool, std::move(bytes), most_batch);
-  if (!streamer) return streamer.error();
+  Streamer streamer = SCREE_TRY(Streamer::create(host, pool, std::move(bytes), most_batch));
   uint64_t kept = 0;
   if (host_memory != 0) {
-    const uint64_t staging = CudaStream::kStagings * streamer->most_batch_bytes();
+    const uint64_t staging = CudaStream::kStagings * streamer.most_batch_bytes();
     if (!keeps_all && lists + staging > host_memory) {
       lists -= joins.pinned_bytes();
       joins = {};
@@ -409,20 +395,15 @@ Result<void> DeviceScene::Impl::upload_streamed(const Scene& host, uint64_t budg
                                                                   std::to_string(host_memory) + " are allowed"});
     kept = host_memory - lists - (keeps_all ? 0 : staging);
   }
-  stream = std::make_unique<CudaStream>(host, std::move(*streamer), bounce, joins, threads);
-  Result<CudaScene> copy = CudaScene::upload(host, 0, frames_bytes(host.view()), threads, reading, texture_cache,
-                                             &stream->view(), host_memory, progress);
-  if (!copy) return copy.error();
-  scene = std::move(*copy);
+  stream = std::make_unique<CudaStream>(host, std::move(streamer), bounce, joins, threads);
+  scene = SCREE_TRY(CudaScene::upload(host, 0, frames_bytes(host.view()), threads, reading, texture_cache,
+                                      &stream->view(), host_memory, progress));
   stats = scene.stats();
   stats.device_bytes = beside + joins.device_bytes() + pool + pages.room;
   fragment_room = budget - std::min(budget, stats.device_bytes);
-  if (const Result<void> made = make_frames(*own, stream->view()); !made) return made;
-  if (const Result<void> opened =
-          stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
-                       scene.texture_cache(), scene.block_pager(), pages, kept);
-      !opened)
-    return opened;
+  SCREE_TRY(make_frames(*own, stream->view()));
+  SCREE_TRY(stream->open(scene.view(), *own->frames, own->blend_frames ? &*own->blend_frames : nullptr, own->resolver,
+                         scene.texture_cache(), scene.block_pager(), pages, kept));
   // Pages of textures have the memory that is left when all chunks are kept.
   return scene.keep_textures(host, kept - std::min(kept, all_rooms));
 }

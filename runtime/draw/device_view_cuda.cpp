@@ -99,8 +99,7 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
     return stream->over();
   }
   if (ahead) return Error{ErrorCode::kUnsupported, "layers are not drawn beside another picture"};
-  const Result<uint64_t*> whole = whole_samples();
-  if (!whole) return whole.error();
+  SCREE_TRY(whole_samples());
   const kernels::SceneView blended_scene = kernels::blended_view(scene.scene.view());
   const auto draw = [&](uint64_t* onto, const uint64_t* peeled, const kernels::FragmentSlots& to) -> Result<void> {
     kernels::DrawOptions drawing;
@@ -117,7 +116,7 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
   const kernels::LayerSource source{
       [&](const kernels::BlendTargets& at, const uint64_t* peeled) { return draw(at.drawn, peeled, {}); },
       [&](const kernels::BlendTargets& at) -> Result<void> {
-        if (Result<void> done = shade(at.layer, at.colors); !done) return done;
+        SCREE_TRY(shade(at.layer, at.colors));
         return kernels::start_finding_alphas(blended_scene, view, at.layer, blend_frames->transforms(), at.alphas,
                                              nullptr);
       }};
@@ -147,13 +146,12 @@ const std::optional<StreamStats>& DeviceView::stream_stats() const {
 Result<void> DeviceView::read_over(const kernels::View& view, const kernels::ShadeOptions& options,
                                    std::span<float> over) {
   Impl& own = *impl_;
-  if (Result<void> checked = own.check_drawn(view); !checked) return checked;
+  SCREE_TRY(own.check_drawn(view));
   if (over.size() != uint64_t{4} * view.width * view.height || !kernels::shows_layers(own.scene.scene.view(), options))
     return Error{ErrorCode::kRange, std::to_string(over.size()) + " values for the layers of " +
                                         std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
-  const Result<const float*> made = own.blended_over(view, options);
-  if (!made) return made.error();
-  return cuda_check(cudaMemcpy(over.data(), *made, over.size_bytes(), cudaMemcpyDeviceToHost), "reading the layers");
+  const float* const made = SCREE_TRY(own.blended_over(view, options));
+  return cuda_check(cudaMemcpy(over.data(), made, over.size_bytes(), cudaMemcpyDeviceToHost), "reading the layers");
 }
 
 Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
@@ -161,29 +159,27 @@ Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::S
   if (colors.size() != uint64_t{3} * view.width * view.height)
     return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
                                         std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
-  const Result<float*> made = make_colors(view, options);
-  if (!made) return made.error();
-  return cuda_check(cudaMemcpy(colors.data(), *made, colors.size_bytes(), cudaMemcpyDeviceToHost),
+  float* const made = SCREE_TRY(make_colors(view, options));
+  return cuda_check(cudaMemcpy(colors.data(), made, colors.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the samples' colours");
 }
 
 Result<float*> DeviceView::make_colors(const kernels::View& view, const kernels::ShadeOptions& options) {
   Impl& own = *impl_;
-  if (Result<void> checked = own.check_drawn(view); !checked) return checked.error();
+  SCREE_TRY(own.check_drawn(view));
   if (!kernels::shades_from_chunks(options.show))
     return Error{ErrorCode::kRange, "the picture has no colours from the scene's surfaces"};
   if (const CudaStream* const stream = own.scene.streaming()) {
     if (stream->colors() != nullptr) return stream->colors();
     return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
   }
-  const Result<uint64_t*> samples = own.whole_samples();
-  if (!samples) return samples.error();
+  uint64_t* const samples = SCREE_TRY(own.whole_samples());
   const uint64_t bytes = uint64_t{3} * view.width * view.height * sizeof(float);
   Result<void> done = own.colors.reserve(bytes, "allocating the samples' colours");
   auto* const colors = reinterpret_cast<float*>(own.colors.data());
   if (done) done = cuda_check(cudaMemsetAsync(colors, 0, bytes, own.stream()), "clearing the colours");
   if (done)
-    done = own.resolver.shade_part(own.scene.scene.view(), view, *samples, own.transforms(), options, colors,
+    done = own.resolver.shade_part(own.scene.scene.view(), view, samples, own.transforms(), options, colors,
                                    own.stream(), own.scene.scene.texture_cache());
   if (!done) return done.error();
   return colors;
@@ -213,13 +209,11 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   Impl& impl = *impl_;
   impl.width = 0;
   const uint64_t bytes = uint64_t{view.width} * view.height * sizeof(uint64_t);
-  if (const Result<void> reserved = impl.samples.reserve(bytes, "allocating the visibility buffer"); !reserved)
-    return reserved.error();
-  if (const Result<void> ready = impl.scene.make_ready(impl); !ready) return ready.error();
+  SCREE_TRY(impl.samples.reserve(bytes, "allocating the visibility buffer"));
+  SCREE_TRY(impl.scene.make_ready(impl));
   CudaStream* const stream = impl.scene.streaming();
   impl.drawn_by_team.reset();
-  if (impl.beside != nullptr)
-    if (const Result<void> ordered = impl.order(impl.beside, nullptr); !ordered) return ordered.error();
+  if (impl.beside != nullptr) SCREE_TRY(impl.order(impl.beside, nullptr));
   const auto start = std::chrono::steady_clock::now();
   const auto time = [&] {
     if (times == nullptr) return;
@@ -227,8 +221,7 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
     times->raster_ms = std::chrono::duration<float, std::milli>(std::chrono::steady_clock::now() - start).count();
   };
   if (impl.scene.team != nullptr) {
-    const Result<kernels::FrameStats> drawn = impl.draw_by_team(view);
-    if (!drawn) return drawn.error();
+    const kernels::FrameStats drawn = SCREE_TRY(impl.draw_by_team(view));
     impl.width = view.width;
     impl.height = view.height;
     time();
@@ -236,21 +229,18 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   }
   if (stream == nullptr) {
     impl.streamed.reset();
-    const Result<kernels::FrameStats> drawn = impl.frames->draw(view, impl.sample_data(), {}, times);
-    if (!drawn) return drawn.error();
+    const kernels::FrameStats drawn = SCREE_TRY(impl.frames->draw(view, impl.sample_data(), {}, times));
     impl.width = view.width;
     impl.height = view.height;
     return drawn;
   }
-  if (DeviceBlockPager* const pager = impl.scene.scene.block_pager(); pager != nullptr)
-    if (const Result<void> settled = pager->settle(); !settled) return settled.error();
-  const Result<StreamStats> streamed = stream->draw_frame(view, shade, impl.sample_data(), is_over);
-  if (!streamed) return streamed.error();
+  if (DeviceBlockPager* const pager = impl.scene.scene.block_pager(); pager != nullptr) SCREE_TRY(pager->settle());
+  const StreamStats streamed = SCREE_TRY(stream->draw_frame(view, shade, impl.sample_data(), is_over));
   impl.width = view.width;
   impl.height = view.height;
-  impl.streamed = *streamed;
+  impl.streamed = streamed;
   time();
-  return streamed->drawn;
+  return streamed.drawn;
 }
 
 Result<void> DeviceView::start(const kernels::View& view, const LowerSamples& join) {
@@ -286,18 +276,15 @@ Result<bool> DeviceView::finish() {
   Impl& own = *impl_;
   const kernels::View view = *std::exchange(own.ahead, std::nullopt);
   own.width = 0;
-  Result<void> done = cuda_check(cudaEventRecord(own.queued, own.beside), "recording an event");
-  if (!done) return done.error();
-  const Result<kernels::CudaFrames::Finished> finished = own.frames->finish();
-  if (!finished) return finished.error();
-  if (finished->is_drawn_again && own.joins_ahead) {
-    const auto drawn = own.frames->draw(view, reinterpret_cast<uint64_t*>(own.second_samples.data()));
-    if (!drawn) return drawn.error();
+  SCREE_TRY(cuda_check(cudaEventRecord(own.queued, own.beside), "recording an event"));
+  const kernels::CudaFrames::Finished finished = SCREE_TRY(own.frames->finish());
+  if (finished.is_drawn_again && own.joins_ahead) {
+    SCREE_TRY(own.frames->draw(view, reinterpret_cast<uint64_t*>(own.second_samples.data())));
   }
   std::swap(own.samples, own.second_samples);
   own.width = view.width;
   own.height = view.height;
-  return !finished->is_drawn_again;
+  return !finished.is_drawn_again;
 }
 
 void* DeviceView::stream() const {
@@ -309,9 +296,8 @@ Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
   if (count != samples.size())
     return Error{ErrorCode::kRange,
                  std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
-  const Result<uint64_t*> whole = impl_->whole_samples();
-  if (!whole) return whole.error();
-  return impl_->copy(samples.data(), *whole, samples.size_bytes(), cudaMemcpyDeviceToHost,
+  uint64_t* const whole = SCREE_TRY(impl_->whole_samples());
+  return impl_->copy(samples.data(), whole, samples.size_bytes(), cudaMemcpyDeviceToHost,
                      "reading the visibility buffer");
 }
 
@@ -325,13 +311,10 @@ Result<void> DeviceView::write_samples(std::span<const uint64_t> samples) {
 }
 
 Result<uint64_t> DeviceView::read_sample(uint64_t index) {
-  const Result<uint64_t*> samples = impl_->whole_samples();
-  if (!samples) return samples.error();
+  uint64_t* const samples = SCREE_TRY(impl_->whole_samples());
   uint64_t sample = 0;
-  if (Result<void> done =
-          cuda_check(cudaMemcpy(&sample, *samples + index, sizeof sample, cudaMemcpyDeviceToHost), "reading a sample");
-      !done)
-    return done.error();
+  SCREE_TRY(
+      cuda_check(cudaMemcpy(&sample, samples + index, sizeof sample, cudaMemcpyDeviceToHost), "reading a sample"));
   return sample;
 }
 
@@ -339,26 +322,21 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
                                  const kernels::ShadeOptions& options, std::span<uint32_t> pixels,
                                  kernels::ResolveTimes* times, uint32_t* out) {
   Impl& impl = *impl_;
-  if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
-  if (auto checked = kernels::check_resolve(view, samples_per_side); !checked) return checked;
+  SCREE_TRY(impl.check_drawn(view));
+  SCREE_TRY(kernels::check_resolve(view, samples_per_side));
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (out == nullptr)
-    if (auto reserved = impl.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"); !reserved)
-      return reserved.error();
-  if (const Result<void> ordered = impl.order_after_reads(); !ordered) return ordered;
+  if (out == nullptr) SCREE_TRY(impl.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"));
+  SCREE_TRY(impl.order_after_reads());
   uint32_t* const device_pixels = out != nullptr ? out : reinterpret_cast<uint32_t*>(impl.pixels.data());
   const CudaStream* const stream = impl.scene.streaming();
   const bool from_colors = stream != nullptr && kernels::shades_from_chunks(options.show);
   impl.blended = {};
   DeviceBlockPager* const pager = impl.scene.scene.block_pager();
-  if (pager != nullptr && stream == nullptr && !impl.drawn_by_team)
-    if (const Result<void> settled = pager->settle(); !settled) return settled;
+  if (pager != nullptr && stream == nullptr && !impl.drawn_by_team) SCREE_TRY(pager->settle());
   const float* over = nullptr;
   const auto start = std::chrono::steady_clock::now();
   if (kernels::shows_layers(impl.scene.scene.view(), options)) {
-    const Result<const float*> drawn = impl.blended_over(view, options);
-    if (!drawn) return drawn.error();
-    over = *drawn;
+    over = SCREE_TRY(impl.blended_over(view, options));
   }
   if (from_colors && stream->colors() == nullptr)
     return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
@@ -378,15 +356,11 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
     }
   } else if (impl.drawn_by_team && out == nullptr) {
     // Other GPUs might not reach the caller's memory, which another allocator may have mapped for one GPU.
-    if (auto done = impl.scene.team->resolve(view, samples_per_side, options, device_pixels, times); !done) return done;
+    SCREE_TRY(impl.scene.team->resolve(view, samples_per_side, options, device_pixels, times));
   } else {
-    const Result<uint64_t*> samples = impl.whole_samples();
-    if (!samples) return samples.error();
-    if (auto done =
-            impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, *samples, impl.transforms(), options,
-                                  device_pixels, impl.stream(), times, impl.scene.scene.texture_cache());
-        !done)
-      return done;
+    uint64_t* const samples = SCREE_TRY(impl.whole_samples());
+    SCREE_TRY(impl.resolver.resolve(impl.scene.scene.view(), view, samples_per_side, samples, impl.transforms(),
+                                    options, device_pixels, impl.stream(), times, impl.scene.scene.texture_cache()));
   }
   if (pixels.empty()) return {};
   if (pixels.size() != count)
@@ -398,23 +372,21 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
 Result<const std::byte*> DeviceView::make_layer(const kernels::View& view, uint32_t samples_per_side, Layer layer) {
   DeviceBuffer& buffer = impl_->layers[static_cast<size_t>(layer)];
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (auto reserved = buffer.reserve(count * bytes_of(layer), "allocating a layer"); !reserved) return reserved.error();
-  if (Result<void> made = make_layers(view, samples_per_side, target_of(layer, buffer.data())); !made)
-    return made.error();
+  SCREE_TRY(buffer.reserve(count * bytes_of(layer), "allocating a layer"));
+  SCREE_TRY(make_layers(view, samples_per_side, target_of(layer, buffer.data())));
   return buffer.data();
 }
 
 Result<void> DeviceView::read_layer(const kernels::View& view, uint32_t samples_per_side, Layer layer,
                                     std::span<std::byte> out) {
-  const Result<const std::byte*> made = make_layer(view, samples_per_side, layer);
-  if (!made) return made.error();
-  return read(*made, out);
+  const std::byte* const made = SCREE_TRY(make_layer(view, samples_per_side, layer));
+  return read(made, out);
 }
 
 Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples_per_side,
                                      const kernels::LayerTargets& out) {
   Impl& impl = *impl_;
-  if (Result<void> checked = impl.check_drawn(view); !checked) return checked;
+  SCREE_TRY(impl.check_drawn(view));
   const bool reads_chunks = out.normal != nullptr || out.uv != nullptr;
   if (reads_chunks && impl.ahead)
     return Error{ErrorCode::kUnsupported, "normals and texture coordinates are not made beside another picture"};
@@ -422,10 +394,9 @@ Result<void> DeviceView::make_layers(const kernels::View& view, uint32_t samples
     return Error{ErrorCode::kUnsupported,
                  "a streamed scene has no normals and no texture coordinates to read: the GPU's memory or a larger "
                  "budget of it has to hold the scene, or the CPU draws it"};
-  const Result<uint64_t*> samples = impl.whole_samples();
-  if (!samples) return samples.error();
-  if (const Result<void> ordered = impl.order_after_reads(); !ordered) return ordered;
-  return kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, *samples,
+  uint64_t* const samples = SCREE_TRY(impl.whole_samples());
+  SCREE_TRY(impl.order_after_reads());
+  return kernels::start_layers(impl.scene.scene.view(), view, samples_per_side, samples,
                                reads_chunks ? impl.transforms() : nullptr, out, impl.stream());
 }
 
@@ -433,24 +404,22 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
                                                    const kernels::ShadeOptions* shade,
                                                    const std::function<Result<void>(size_t)>& make) {
   Impl& impl = *impl_;
-  if (const Result<void> ready = impl.scene.make_ready(impl); !ready) return ready.error();
+  SCREE_TRY(impl.scene.make_ready(impl));
   kernels::FrameStats sum{};
   if (views.size() < 2 || !impl.open_second(scene.view())) {
     for (size_t i = 0; i < views.size(); ++i) {
-      const Result<kernels::FrameStats> drawn = draw(views[i], nullptr, shade);
-      if (!drawn) return drawn.error();
-      sum += *drawn;
-      if (Result<void> made = make(i); !made) return made.error();
+      const kernels::FrameStats drawn = SCREE_TRY(draw(views[i], nullptr, shade));
+      sum += drawn;
+      SCREE_TRY(make(i));
     }
     return sum;
   }
   // The frames and samples of both pictures take turns in `frames` and `samples`.
   const auto end = [&](size_t i) -> Result<void> {
     impl.use_picture(i % 2);
-    const Result<kernels::CudaFrames::Finished> finished = impl.frames->finish();
-    if (!finished) return finished.error();
-    sum += finished->stats;
-    return finished->is_drawn_again ? make(i) : Result<void>();
+    const kernels::CudaFrames::Finished finished = SCREE_TRY(impl.frames->finish());
+    sum += finished.stats;
+    return finished.is_drawn_again ? make(i) : Result<void>();
   };
   Result<void> done;
   size_t started = 0;
@@ -490,42 +459,36 @@ Result<std::optional<kernels::FrameStats>> DeviceView::draw_together(const Scene
       !impl.open_view_batch(scene.view()) || !impl.view_batch->reserve(views))
     return Drawn();
   impl.width = 0;
-  const Result<kernels::FrameStats> drawn = impl.view_batch->draw(views, samples_per_side, out);
-  if (!drawn) return drawn.error();
-  return Drawn(*drawn);
+  const kernels::FrameStats drawn = SCREE_TRY(impl.view_batch->draw(views, samples_per_side, out));
+  return Drawn(drawn);
 }
 
 Result<std::vector<std::byte>> DeviceView::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {
   if (uint64_t{width} * height * sizeof(uint32_t) > impl_->pixels.bytes())
     return Error{ErrorCode::kRange,
                  "no picture of " + std::to_string(width) + " x " + std::to_string(height) + " pixels was made"};
-  Result<JpegHead> head =
-      make_jpeg_head(width, height, quality, is_sharp, static_cast<uint16_t>(kernels::jpeg_segment_mcus(is_sharp)));
-  if (!head) return head.error();
-  Result<std::vector<std::byte>> coded = impl_->jpeg.encode(pixels(), head->header, is_sharp);
-  if (!coded) return coded.error();
-  std::vector<std::byte>& file = head->bytes;
-  file.reserve(file.size() + coded->size() + 2);
-  file.insert(file.end(), coded->begin(), coded->end());
+  JpegHead head = SCREE_TRY(
+      make_jpeg_head(width, height, quality, is_sharp, static_cast<uint16_t>(kernels::jpeg_segment_mcus(is_sharp))));
+  std::vector<std::byte> coded = SCREE_TRY(impl_->jpeg.encode(pixels(), head.header, is_sharp));
+  std::vector<std::byte>& file = head.bytes;
+  file.reserve(file.size() + coded.size() + 2);
+  file.insert(file.end(), coded.begin(), coded.end());
   file.insert(file.end(), {std::byte{0xff}, std::byte{0xd9}});
   return std::move(file);
 }
 
 Result<std::byte*> DeviceView::reserve_block(size_t index, uint64_t bytes) {
   DeviceBuffer& block = impl_->blocks[index];
-  if (auto reserved = block.reserve(bytes, "allocating the pictures of a batch"); !reserved) return reserved.error();
+  SCREE_TRY(block.reserve(bytes, "allocating the pictures of a batch"));
   return block.data();
 }
 
 Result<uint64_t*> DeviceView::keep_samples(size_t index) {
-  const Result<uint64_t*> samples = impl_->whole_samples();
-  if (!samples) return samples.error();
+  uint64_t* const samples = SCREE_TRY(impl_->whole_samples());
   const uint64_t bytes = uint64_t{impl_->width} * impl_->height * sizeof(uint64_t);
-  const Result<std::byte*> kept = reserve_block(index, bytes);
-  if (!kept) return kept.error();
-  const Result<void> done = impl_->copy(*kept, *samples, bytes, cudaMemcpyDeviceToDevice, "keeping samples");
-  if (!done) return done.error();
-  return reinterpret_cast<uint64_t*>(*kept);
+  std::byte* const kept = SCREE_TRY(reserve_block(index, bytes));
+  SCREE_TRY(impl_->copy(kept, samples, bytes, cudaMemcpyDeviceToDevice, "keeping samples"));
+  return reinterpret_cast<uint64_t*>(kept);
 }
 
 const uint32_t* DeviceView::pixels() const {
@@ -584,7 +547,7 @@ Result<void> DeviceView::order_after(void* stream) {
 
 Result<void> DeviceView::check_memory(const void* data) const {
   cudaPointerAttributes found{};
-  if (Result<void> done = cuda_check(cudaPointerGetAttributes(&found, data), "looking at a buffer"); !done) return done;
+  SCREE_TRY(cuda_check(cudaPointerGetAttributes(&found, data), "looking at a buffer"));
   const bool is_device = found.type == cudaMemoryTypeDevice && found.device == impl_->scene.device;
   if (is_device || found.type == cudaMemoryTypeManaged) return {};
   return Error{ErrorCode::kUsage, "a buffer that is not in the memory of GPU " + std::to_string(impl_->scene.device)};

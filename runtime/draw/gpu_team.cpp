@@ -67,13 +67,11 @@ Result<void> GpuTeam::make_current(const Member& member) const {
 /// Lets every GPU read and write the memory of all others.
 Result<void> GpuTeam::connect() const {
   for (const Member& from : members_) {
-    if (Result<void> done = make_current(from); !done) return done;
+    SCREE_TRY(make_current(from));
     for (const Member& to : members_) {
       if (to.gpu == from.gpu) continue;
       int can = 0;
-      if (Result<void> done = cuda_check(cudaDeviceCanAccessPeer(&can, from.gpu, to.gpu), "asking for peer access");
-          !done)
-        return done;
+      SCREE_TRY(cuda_check(cudaDeviceCanAccessPeer(&can, from.gpu, to.gpu), "asking for peer access"));
       if (can == 0)
         return Error{ErrorCode::kDevice, gpu_name(from.gpu) + " cannot read the memory of " + gpu_name(to.gpu) +
                                              " (no peer access), so they cannot draw one scene together"};
@@ -82,7 +80,7 @@ Result<void> GpuTeam::connect() const {
         (void)cudaGetLastError();
         continue;
       }
-      if (Result<void> done = cuda_check(status, "enabling peer access"); !done) return done;
+      SCREE_TRY(cuda_check(status, "enabling peer access"));
     }
   }
   return {};
@@ -97,7 +95,7 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   draw_ms_.resize(size());
   workers_.emplace(size(), kSpin);
   if (workers_->start() != size()) return Error{ErrorCode::kMemory, "the system starts no thread for each GPU"};
-  if (const Result<void> connected = connect(); !connected) return connected.error();
+  SCREE_TRY(connect());
 
   const std::vector<uint32_t> owners = owners_of_pages(scene.drawn_pages(), size());
   const uint32_t threads = std::max(options.threads / size(), 1u);
@@ -137,13 +135,12 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
 
   divides_picture_ = true;
   for (uint32_t i = 0; i < size() && divides_picture_; ++i) {
-    if (const Result<void> done = make_current(members_[i]); !done) return done.error();
-    const Result<uint64_t> free = device_budget(0);
-    if (!free) return free.error();
+    SCREE_TRY(make_current(members_[i]));
+    const uint64_t free = SCREE_TRY(device_budget(0));
     const uint64_t copied = scenes[i].copied_bytes_of(scenes);
     const uint64_t beside = i == 0 ? options.beside : options.beside_others;
     divides_picture_ =
-        copied + beside <= *free && (options.budget == 0 || scenes[i].stats().device_bytes + copied <= options.budget);
+        copied + beside <= free && (options.budget == 0 || scenes[i].stats().device_bytes + copied <= options.budget);
   }
   for (uint32_t i = 0; i < size(); ++i) {
     Member& member = members_[i];
@@ -153,16 +150,14 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
     for (cudaEvent_t* const event : {&member.drawn, &member.joined, &member.shaded_part})
       if (done) done = cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event");
     if (!done) return done.error();
-    Result<kernels::CudaFrames> frames = kernels::CudaFrames::create(scene.view(), scenes[i].view(), options.queues);
-    if (!frames) return frames.error();
-    member.frames = std::move(*frames);
+    member.frames = SCREE_TRY(kernels::CudaFrames::create(scene.view(), scenes[i].view(), options.queues));
     if (!divides_picture_) done = scenes[i].add_pages_of(scenes);
     if (!done) return done.error();
     member.shaded = scenes[i].view();
     member.textures = scenes[i].texture_cache();
     member.pager = scenes[i].block_pager();
   }
-  if (const Result<void> back = make_current(members_[0]); !back) return back.error();
+  SCREE_TRY(make_current(members_[0]));
   CudaScene first = std::move(scenes[0]);
   for (uint32_t i = 1; i < size(); ++i) members_[i].scene = std::move(scenes[i]);
   stats_.upload_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -283,7 +278,7 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& vi
 
 Result<FrameStats> GpuTeam::draw(const kernels::View& view, uint64_t* samples) {
   const KeptGpu kept;
-  if (Result<void> checked = kernels::check_frame(view, 0); !checked) return checked.error();
+  SCREE_TRY(kernels::check_frame(view, 0));
   const Result<void> reserved = reserve(view, samples);
   if (divides_picture_) shares_.divide(view.height, draw_ms_);
   width_ = view.width;

@@ -18,9 +18,7 @@ PictureLight light_of_cpu(const kernels::SceneView& scene, const kernels::View& 
             return kernels::shade_part_cpu(scene, view, samples, options, colors, threads);
           },
           [=, &scene](std::vector<float>& over, kernels::BlendCounts& counts) -> Result<void> {
-            Result<std::vector<float>> made = kernels::blend_cpu(scene, view, samples, options, threads, counts);
-            if (!made) return made.error();
-            over = std::move(*made);
+            over = SCREE_TRY(kernels::blend_cpu(scene, view, samples, options, threads, counts));
             return {};
           }};
 }
@@ -30,7 +28,7 @@ Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View
                             const PictureLight& light, std::span<float> out, kernels::BlendCounts& blended) {
   if (!kernels::shades_from_chunks(options.show)) {
     std::vector<uint8_t> coded(out.size());
-    if (Result<void> done = light.coded(coded); !done) return done;
+    SCREE_TRY(light.coded(coded));
     for (size_t i = 0; i < out.size(); i += 4) {
       out[i + 3] = static_cast<float>(coded[i + 3]) / 255.0f;
       for (size_t c = 0; c < 3; ++c) out[i + c] = linear_of_srgb(coded[i + c]) * out[i + 3];
@@ -38,16 +36,13 @@ Result<void> linear_picture(const kernels::SceneView& scene, const kernels::View
     return {};
   }
   std::vector<float> colors(3 * samples.size());
-  if (Result<void> done = light.colors(colors); !done) return done;
+  SCREE_TRY(light.colors(colors));
   // BlendTargets::over of the layers of blended surfaces: their light, and the share that they let through.
   std::vector<float> over;
-  if (kernels::shows_layers(scene, options))
-    if (Result<void> done = light.over(over, blended); !done) return done;
+  if (kernels::shows_layers(scene, options)) SCREE_TRY(light.over(over, blended));
   std::vector<float> visibility(options.ssao || options.edl ? out.size() / 4 : 0);
   if (!visibility.empty())
-    if (Result<void> done = kernels::occlusion_cpu(view, samples_per_side, samples, options, visibility, threads);
-        !done)
-      return done;
+    SCREE_TRY(kernels::occlusion_cpu(view, samples_per_side, samples, options, visibility, threads));
   const uint64_t side = samples_per_side;
   const uint64_t width = view.width / side;
   parallel_for(view.height / side, threads, [&](uint64_t y) {

@@ -29,8 +29,7 @@ Result<void> LoadedScene::use_cpu() {
 
 Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, LoadOptions options) {
   const std::string path = file.path();
-  const Result<uint32_t> index = file.find_scene(options.scene);
-  if (!index) return index.error();
+  const uint32_t index = SCREE_TRY(file.find_scene(options.scene));
   try {
     std::shared_ptr<LoadedScene> loaded(new LoadedScene);
     SceneOptions scene_options;
@@ -45,10 +44,8 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, LoadOptio
       else
         loaded->why_cpu_ = gpu.error().message;
       if (loaded->gpu_)
-        if (const auto sized =
-                set_texture_memory(file, options.texture_memory, true, options.device_memory, scene_options);
-            !sized)
-          return at(path, sized.error());
+        SCREE_TRY_AT(path,
+                     set_texture_memory(file, options.texture_memory, true, options.device_memory, scene_options));
     }
     if (!loaded->gpu_) {
       options.on = DrawOn::kCpu;
@@ -62,14 +59,11 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, LoadOptio
     scene_options.reading = options.reading;
     scene_options.pages = !loaded->gpu_;
     scene_options.progress = options.progress;
-    Result<Scene> scene = Scene::load(std::move(file), *index, scene_options);
-    if (!scene) return scene.error();
-    loaded->scene_ = std::make_unique<Scene>(std::move(*scene));
+    Scene scene = SCREE_TRY(Scene::load(std::move(file), index, scene_options));
+    loaded->scene_ = std::make_unique<Scene>(std::move(scene));
     const auto load_pages = [&] { return loaded->scene_->load_pages(options.threads, options.progress); };
-    if (view_reads_vertices(loaded->scene_->view(), options.camera))
-      if (const Result<void> done = load_pages(); !done) return done.error();
-    if (options.accept)
-      if (const Result<void> accepted = options.accept(*loaded->scene_, options); !accepted) return accepted.error();
+    if (view_reads_vertices(loaded->scene_->view(), options.camera)) SCREE_TRY(load_pages());
+    if (options.accept) SCREE_TRY(options.accept(*loaded->scene_, options));
     if (loaded->gpu_) {
       const auto upload = [&] { return loaded->upload(options); };
       // The progress function may draw another scene, for which it takes the lock that uploading holds.
@@ -79,7 +73,7 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, LoadOptio
         if (options.on == DrawOn::kGpu) return at(path, uploaded.error());
         loaded->gpu_.reset();
         loaded->why_cpu_ = uploaded.error().message;
-        if (const Result<void> done = load_pages(); !done) return done.error();
+        SCREE_TRY(load_pages());
       }
     }
     return loaded;
@@ -90,13 +84,12 @@ Result<std::shared_ptr<LoadedScene>> LoadedScene::load(SceneFile file, LoadOptio
 
 Result<void> LoadedScene::upload(const LoadOptions& options) {
   const GpuLock lock = gpu_lock();
-  if (const Result<void> done = set_current_gpu(gpu_->index); !done) return done;
-  Result<DeviceScene> device =
+  SCREE_TRY(set_current_gpu(gpu_->index));
+  DeviceScene device = SCREE_TRY(
       DeviceScene::upload(*scene_, options.device_memory, options.threads, options.reading,
                           options.texture_cache != 0 ? options.texture_cache : kDeviceTextureCache, options.host_memory,
-                          options.pictures, options.progress, options.gpus, options.comes_later);
-  if (!device) return device.error();
-  device_ = std::make_unique<DeviceScene>(std::move(*device));
+                          options.pictures, options.progress, options.gpus, options.comes_later));
+  device_ = std::make_unique<DeviceScene>(std::move(device));
   return {};
 }
 

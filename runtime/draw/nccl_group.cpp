@@ -86,14 +86,13 @@ NcclGroup::~NcclGroup() = default;
 
 Result<NcclGroup> NcclGroup::open() {
   auto impl = std::make_unique<Impl>();
-  if (const Result<void> opened = impl->open(); !opened) return opened.error();
+  SCREE_TRY(impl->open());
   return NcclGroup(std::move(impl));
 }
 
 Result<NcclGroup::Id> NcclGroup::make_id() const {
   UniqueId made{};
-  if (const auto done = impl_->check(impl_->api.ncclGetUniqueId(&made), "making a group's id"); !done)
-    return done.error();
+  SCREE_TRY(impl_->check(impl_->api.ncclGetUniqueId(&made), "making a group's id"));
   return std::to_array(made.internal);
 }
 
@@ -105,12 +104,11 @@ Result<void> NcclGroup::connect(const Id& id, uint32_t number, uint32_t count, u
                    "connecting the ranks");
   if (done) done = cuda_check(cudaEventCreateWithFlags(&impl_->queued, cudaEventDisableTiming), "making an event");
   if (!done) return done;
-  Result<kernels::DeviceBuffer> room =
-      kernels::DeviceBuffer::allocate(std::max<uint64_t>(words, 1) * sizeof(uint64_t), "allocating words to exchange");
-  if (!room) return room.error();
-  done = cuda_check(cudaMemset(room->data(), 0, room->bytes()), "clearing words to exchange");
-  if (done) done = least(reinterpret_cast<uint64_t*>(room->data()), words, nullptr);
-  if (done) done = most(reinterpret_cast<uint32_t*>(room->data()), words, 0, nullptr);
+  kernels::DeviceBuffer room = SCREE_TRY(
+      kernels::DeviceBuffer::allocate(std::max<uint64_t>(words, 1) * sizeof(uint64_t), "allocating words to exchange"));
+  done = cuda_check(cudaMemset(room.data(), 0, room.bytes()), "clearing words to exchange");
+  if (done) done = least(reinterpret_cast<uint64_t*>(room.data()), words, nullptr);
+  if (done) done = most(reinterpret_cast<uint32_t*>(room.data()), words, 0, nullptr);
   return done ? wait(nullptr) : done;
 }
 
@@ -127,10 +125,7 @@ Result<void> NcclGroup::most(uint32_t* words, uint64_t count, uint32_t root, voi
 }
 
 Result<void> NcclGroup::wait(void* stream) {
-  if (const auto done =
-          cuda_check(cudaEventRecord(impl_->queued, static_cast<cudaStream_t>(stream)), "recording an event");
-      !done)
-    return done;
+  SCREE_TRY(cuda_check(cudaEventRecord(impl_->queued, static_cast<cudaStream_t>(stream)), "recording an event"));
   for (;;) {
     const cudaError_t status = cudaEventQuery(impl_->queued);
     const Result<void> reached = cuda_check(status, "exchanging a picture");

@@ -17,9 +17,8 @@ Result<std::optional<uint64_t>> source_triangle(const Scene& scene, const kernel
   if (!(mesh.attributes & format::kHasSourceIds)) return std::optional<uint64_t>();
   if (chunk.source_bits == 0) return std::optional<uint64_t>(chunk.source_min);
   std::vector<std::byte> scratch;
-  const Result<std::span<const std::byte>> page = scene.page(chunk.page, scratch);
-  if (!page) return page.error();
-  const std::byte* const stream = page->data() + chunk.offset + format::chunk_streams(mesh, chunk).source_ids.offset;
+  const std::span<const std::byte> page = SCREE_TRY(scene.page(chunk.page, scratch));
+  const std::byte* const stream = page.data() + chunk.offset + format::chunk_streams(mesh, chunk).source_ids.offset;
   return std::optional<uint64_t>(chunk.source_min +
                                  format::unpack(stream, uint64_t{hit.triangle} * chunk.source_bits, chunk.source_bits));
 }
@@ -42,9 +41,7 @@ Result<std::optional<Pick>> pick_sample(const Scene& scene, const kernels::View&
   pick.node = instance.node;
   pick.node_instance = instance.node_instance;
   pick.mesh_triangle = scene.view().chunks[pick.hit.chunk].first_triangle + pick.hit.triangle;
-  const Result<std::optional<uint64_t>> source = source_triangle(scene, pick.hit);
-  if (!source) return source.error();
-  pick.source_triangle = *source;
+  pick.source_triangle = SCREE_TRY(source_triangle(scene, pick.hit));
   pick.depth = kernels::depth_of_code(view, kernels::sample_depth_code(sample));
   return std::optional<Pick>(pick);
 }

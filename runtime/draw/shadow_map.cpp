@@ -258,7 +258,7 @@ Result<const kernels::SunShadow*> ShadowMap::draw(const View& camera, uint32_t s
     sun_.maps[i].view =
         has_margin ? sun_of(scene_->view(), scene_->box(), camera, side, kMargin)->maps[i].view : exact->maps[i].view;
     const uint64_t left = left_bytes_;
-    if (const Result<void> drawn = draw_map(i, threads, is_over); !drawn) return drawn.error();
+    SCREE_TRY(draw_map(i, threads, is_over));
     is_drawn_[i] = left_bytes_ == left;
     draw_time_ = watch.elapsed();
   }
@@ -269,15 +269,11 @@ Result<void> ShadowMap::draw_map(uint32_t number, uint32_t threads, const IsOver
   kernels::SunShadow::Map& map = sun_.maps[number];
   if (device_ != nullptr) {
     if (!on_device_) {
-      Result<DeviceView> own = device_->add_view(*scene_);
-      if (!own) return own.error();
-      on_device_ = std::move(*own);
+      on_device_ = SCREE_TRY(device_->add_view(*scene_));
     }
-    if (const auto drawn = on_device_->draw(map.view, nullptr, nullptr, is_over); !drawn) return drawn.error();
+    SCREE_TRY(on_device_->draw(map.view, nullptr, nullptr, is_over));
     if (const std::optional<StreamStats>& stream = on_device_->stream_stats()) left_bytes_ += stream->left_bytes;
-    const Result<uint64_t*> samples = sun_.map_count == 1 ? on_device_->samples() : on_device_->keep_samples(number);
-    if (!samples) return samples.error();
-    map.samples = *samples;
+    map.samples = SCREE_TRY(sun_.map_count == 1 ? on_device_->samples() : on_device_->keep_samples(number));
     return {};
   }
   const uint64_t count = uint64_t{map.view.width} * map.view.height;
@@ -287,8 +283,7 @@ Result<void> ShadowMap::draw_map(uint32_t number, uint32_t threads, const IsOver
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(count) + " samples of shadows"};
   }
-  const auto drawn = kernels::draw_cpu(scene_->view(), map.view, std::span(samples).first(count), threads);
-  if (!drawn) return drawn.error();
+  SCREE_TRY(kernels::draw_cpu(scene_->view(), map.view, std::span(samples).first(count), threads));
   map.samples = samples.data();
   return {};
 }

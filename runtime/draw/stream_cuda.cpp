@@ -30,7 +30,7 @@ Result<void> each_run(std::span<const Piece> pieces, const Use& use) {
       if (pieces[next].from != pieces[first].from + step || pieces[next].to != pieces[first].to + step) break;
       bytes = step + pieces[next].bytes;
     }
-    if (Result<void> done = use(pieces[first], bytes); !done) return done;
+    SCREE_TRY(use(pieces[first], bytes));
     first = next;
   }
   return {};
@@ -152,14 +152,13 @@ Result<void> CudaStream::draw_nothing() {
                            .z_far = 2,
                            .width = 1,
                            .height = 1};
-  Result<kernels::DeviceBuffer> sample = kernels::DeviceBuffer::allocate(sizeof(uint64_t), "allocating a sample");
-  if (!sample) return sample.error();
-  samples_ = reinterpret_cast<uint64_t*>(sample->data());
+  kernels::DeviceBuffer sample = SCREE_TRY(kernels::DeviceBuffer::allocate(sizeof(uint64_t), "allocating a sample"));
+  samples_ = reinterpret_cast<uint64_t*>(sample.data());
   const kernels::ShadeOptions shade;
-  if (Result<void> begun = begin(view, &shade); !begun) return begun;
-  if (const auto listed = list(); !listed) return listed.error();
-  if (Result<void> started = start_drawing({}, {Share::kAll, true}); !started) return started;
-  if (const Result<Drawn> drawn = finish_drawing(); !drawn) return drawn.error();
+  SCREE_TRY(begin(view, &shade));
+  SCREE_TRY(list());
+  SCREE_TRY(start_drawing({}, {Share::kAll, true}));
+  SCREE_TRY(finish_drawing());
   shades_ = false;
   samples_ = nullptr;
   return {};
@@ -179,7 +178,7 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
     end += room_of(bytes);
   }
   if (places.empty()) return {};
-  if (Result<void> done = kept_.allocate_for_copies(end, "allocating pinned memory for chunks"); !done) return done;
+  SCREE_TRY(kept_.allocate_for_copies(end, "allocating pinned memory for chunks"));
   const auto read_all = [&] { return source_.read(places, kept_.data(), ChunkSource::Reader::kDevice, workers_); };
   // The pool is empty yet. A part of it serves to join split pages, whose chunks are then copied back. The pinned
   // memory of later joins is free too.
@@ -190,7 +189,7 @@ Result<void> CudaStream::keep_in_host_memory(uint64_t host_bytes) {
   if (!sizes.any()) return read_all();
   const uint64_t room = pool - sizes.device_bytes();
   StreamJoins joins;
-  if (auto done = joins.open(sizes, device_, pool_.data(), pool_.data() + room); !done) return done;
+  SCREE_TRY(joins.open(sizes, device_, pool_.data(), pool_.data() + room));
   for (size_t first = 0; first < places.size();) {
     size_t last = first;
     uint64_t bytes = 0;
@@ -245,7 +244,7 @@ Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kern
                                            uint64_t* samples, const IsOver& is_over) {
   samples_ = samples;
   if (pager_ == nullptr) return draw_all(view, shade, is_over);
-  if (Result<void> divided = divide_memory(); !divided) return divided.error();
+  SCREE_TRY(divide_memory());
   for (;;) {
     const uint64_t read = pager_->stats().read_pages;
     first_round_ = pager_->pages().round + 1;
@@ -259,7 +258,7 @@ Result<StreamStats> CudaStream::draw_frame(const kernels::View& view, const kern
     const uint64_t needed = pager_->refused_bytes();
     const uint64_t room = room_.within(format::align_up(needed, DeviceBlockPager::kUnit), DeviceBlockPager::kUnit);
     if (stats.error().code != ErrorCode::kMemory || needed <= room_.room || room < needed) return stats;
-    if (Result<void> set = set_room(room); !set) return set.error();
+    SCREE_TRY(set_room(room));
   }
 }
 
@@ -268,27 +267,24 @@ Result<StreamStats> CudaStream::draw_all(const kernels::View& view, const kernel
   over_ = nullptr;
   blended_ = {};
   const uint64_t joined_before = joined_bytes_;
-  Result<StreamStats> stats = streamer_.draw(view, shade, *this, is_over);
-  if (!stats) return stats;
-  if (shade != nullptr && kernels::shows_layers(scene_, *shade))
-    if (const Result<void> drawn = draw_layers(*stats, is_over); !drawn) return drawn.error();
-  stats->joined_bytes = joined_bytes_ - joined_before;
+  StreamStats stats = SCREE_TRY(streamer_.draw(view, shade, *this, is_over));
+  if (shade != nullptr && kernels::shows_layers(scene_, *shade)) SCREE_TRY(draw_layers(stats, is_over));
+  stats.joined_bytes = joined_bytes_ - joined_before;
   return stats;
 }
 
 /// Divides the memory of chunks and pages by the bytes that the last frame showed, if it lacked any.
 Result<void> CudaStream::divide_memory() {
   if (!std::exchange(lacked_, false)) return {};
-  const Result<uint64_t> pages = pager_->wanted_bytes(first_round_);
-  if (!pages) return pages.error();
+  const uint64_t pages = SCREE_TRY(pager_->wanted_bytes(first_round_));
   const uint64_t chunks = last_.seen_bytes - std::min(last_.seen_bytes, last_.hidden_bytes);
-  const uint64_t room = room_.balanced(chunks, *pages, DeviceBlockPager::kUnit);
+  const uint64_t room = room_.balanced(chunks, pages, DeviceBlockPager::kUnit);
   return room == room_.room ? Result<void>() : set_room(room);
 }
 
 /// Gives pages of textures `bytes` of the shared memory, and chunks the rest, between two frames.
 Result<void> CudaStream::set_room(uint64_t bytes) try {
-  if (Result<void> done = cuda_check(cudaDeviceSynchronize(), "waiting for the last frame"); !done) return done;
+  SCREE_TRY(cuda_check(cudaDeviceSynchronize(), "waiting for the last frame"));
   streamer_.resize_pool(room_.bytes - bytes);
   room_.room = bytes;
   return pager_->use_room(room_end(), bytes);
@@ -297,16 +293,15 @@ Result<void> CudaStream::set_room(uint64_t bytes) try {
 }
 
 Result<uint64_t> CudaStream::load_rest(const IsOver& is_over) {
-  const Result<Streamer::Rest> rest = streamer_.load_rest(*this, is_over);
-  if (!rest) return rest.error();
-  if (rest->left_bytes != 0) return rest->left_bytes;
-  list_pages(rest->present);
+  const Streamer::Rest rest = SCREE_TRY(streamer_.load_rest(*this, is_over));
+  if (rest.left_bytes != 0) return rest.left_bytes;
+  list_pages(rest.present);
   Result<void> done = pages_.set(entries_);
   if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "listing all chunks");
   if (!done) return done.error();
   joins_.reset();
   is_complete_ = true;
-  return rest->left_bytes;
+  return rest.left_bytes;
 }
 
 /// Draws the layers of blended surfaces. Each layer is streamed like the picture, and shaded part by part.
@@ -320,9 +315,7 @@ Result<void> CudaStream::draw_layers(StreamStats& stats, const IsOver& is_over) 
                                       return {};
                                     },
                                     [](const kernels::BlendTargets&) { return Result<void>(); }};
-  const Result<const float*> over = blend_.blend(view_, samples_, shade_.blend_layers, source, blended_);
-  if (!over) return over.error();
-  over_ = *over;
+  over_ = SCREE_TRY(blend_.blend(view_, samples_, shade_.blend_layers, source, blended_));
   return {};
 }
 
@@ -361,7 +354,7 @@ Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
       moved += count;
       bounced += room_of(count);
       if (bounced < bounce_bytes_) continue;
-      if (Result<void> full = bounce(); !full) return full;
+      SCREE_TRY(bounce());
     }
     return {};
   });
@@ -383,10 +376,8 @@ Result<void> CudaStream::copy(Copies& copies) {
                     what);
 #else
   for (size_t i = 0; i < copies.to.size(); ++i)
-    if (auto done = cuda_check(
-            cudaMemcpyAsync(copies.to[i], copies.from[i], copies.bytes[i], cudaMemcpyDefault, copies_), what);
-        !done)
-      return done;
+    SCREE_TRY(
+        cuda_check(cudaMemcpyAsync(copies.to[i], copies.from[i], copies.bytes[i], cudaMemcpyDefault, copies_), what));
   return {};
 #endif
 }
@@ -401,7 +392,7 @@ Result<void> CudaStream::start_loading(const Residency::Batch& batch) {
 Result<void> CudaStream::load(const Residency::Batch& batch, uint32_t number) {
   const Events& events = events_[number];
   // The current device is each thread's own.
-  if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done;
+  SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
   // Moves run while the previous load is copied. They do not touch its places. A batch without moves waits too, because
   // its places may be those that the moves of an earlier batch without loads read or write.
   Result<void> moved;
@@ -475,11 +466,9 @@ Result<void> CudaStream::copy_in(std::span<const Residency::Place> from_file, co
       missing.push_back({place.chunk, staged_end, place.bytes});
       staged_end += room_of(place.bytes);
     }
-    if (!missing.empty())
-      if (Result<void> read = source_.read(missing, staging, ChunkSource::Reader::kDevice, workers_); !read)
-        return read;
+    if (!missing.empty()) SCREE_TRY(source_.read(missing, staging, ChunkSource::Reader::kDevice, workers_));
     if (!std::exchange(has_begun, true))
-      if (auto done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"); !done) return done;
+      SCREE_TRY(cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"));
     Result<void> copied =
         each_run(std::span<const Piece>(pieces), [&](const Piece& run, uint64_t bytes) -> Result<void> {
           if (bytes != 0) copies.add(pool_.data() + run.to, run.from, bytes);
@@ -506,7 +495,7 @@ Result<bool> CudaStream::is_loaded() {
 Result<double> CudaStream::finish_loading() {
   Load oldest = std::move(loading_.front());
   loading_.pop_front();
-  if (Result<void> issued = oldest.issued.get(); !issued) return issued.error();
+  SCREE_TRY(oldest.issued.get());
   const Events& events = events_[oldest.number];
   float ms = 0;
   Result<void> done = cuda_check(cudaEventSynchronize(events.loaded), "loading chunks");
@@ -561,17 +550,16 @@ Result<void> CudaStream::use_drawn() {
 }
 
 Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
-  const Result<kernels::CudaFrames::Finished> drawn = frames().finish();
-  if (!drawn) return drawn.error();
+  const kernels::CudaFrames::Finished drawn = SCREE_TRY(frames().finish());
   Result<void> done;
-  if (drawn->is_drawn_again) done = use_drawn();
+  if (drawn.is_drawn_again) done = use_drawn();
   float ms = 0;
   if (done) done = cuda_check(cudaEventSynchronize(drawing_ended_), "drawing a batch");
   if (done) done = cuda_check(cudaEventElapsedTime(&ms, drawing_begun_, drawing_ended_), "reading a time");
   if (!done) return done.error();
   // Copied, because the next part's result may arrive while this one is read.
   if (part_.finds_depths) shown_.assign(visible_.shown().begin(), visible_.shown().end());
-  return Drawn{drawn->stats, ms};
+  return Drawn{drawn.stats, ms};
 }
 
 void CudaStream::stop() {
@@ -582,9 +570,8 @@ void CudaStream::stop() {
 }
 
 Result<std::span<const uint32_t>> CudaStream::list() {
-  const Result<std::span<const uint32_t>> nearest = visible_.find_nearest(view_, layer_.has_value());
-  if (!nearest) return nearest.error();
-  shown_.assign(nearest->begin(), nearest->end());
+  const std::span<const uint32_t> nearest = SCREE_TRY(visible_.find_nearest(view_, layer_.has_value()));
+  shown_.assign(nearest.begin(), nearest.end());
   near_to_far_ = order_by_depth(shown_);
   return std::span<const uint32_t>(near_to_far_);
 }

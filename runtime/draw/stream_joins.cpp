@@ -94,9 +94,7 @@ Result<void> StreamJoins::begin(uint32_t load, cudaEvent_t moved, cudaEvent_t be
   begun_ = begun;
   *flag_of(load) = 0;
   for (const Region& region : regions_)
-    if (moved != nullptr)
-      if (Result<void> done = cuda_check(cudaStreamWaitEvent(region.stream, moved), "recording a load"); !done)
-        return done;
+    if (moved != nullptr) SCREE_TRY(cuda_check(cudaStreamWaitEvent(region.stream, moved), "recording a load"));
   return {};
 }
 
@@ -118,7 +116,7 @@ Result<void> StreamJoins::launch(Region& region) {
   region.is_launched = true;
   ++region.launches;
   open_ = (open_ + 1) % sizes_.regions;
-  if (auto done = kernels::join_parts(region.joins, arena_, region.stream); !done) return done;
+  SCREE_TRY(kernels::join_parts(region.joins, arena_, region.stream));
   return cuda_check(cudaEventRecord(region.done, region.stream), "recording a load");
 }
 
@@ -150,8 +148,7 @@ Result<JoinTarget::Slot> StreamJoins::take() {
   while (free_.empty()) {
     Region* const region = oldest_launched();
     assert(region != nullptr || !open_region().slots.empty());  // or too many threads have slots
-    if (Result<void> done = region != nullptr ? wait_for(lock, *region) : launch(open_region()); !done)
-      return done.error();
+    SCREE_TRY(region != nullptr ? wait_for(lock, *region) : launch(open_region()));
   }
   const uint32_t number = free_.back();
   free_.pop_back();
@@ -174,7 +171,7 @@ Result<bool> StreamJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan&
 
   std::unique_lock<std::mutex> lock(mutex_);
   // The current device is each thread's own.
-  if (auto done = cuda_check(cudaSetDevice(device_), "choosing the GPU"); !done) return done.error();
+  SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
   for (;;) {
     Region& open = open_region();
     Result<void> done;

@@ -45,10 +45,8 @@ Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<const
   std::unique_ptr<ViewRenderer> renderer(new ViewRenderer(std::move(scene)));
   if (DeviceScene* const device = renderer->scene_->device()) {
     const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-    if (const Result<void> done = set_current_gpu(renderer->scene_->gpu()->index); !done) return done.error();
-    Result<DeviceView> view = device->add_view(renderer->scene_->scene());
-    if (!view) return view.error();
-    renderer->device_ = std::move(*view);
+    SCREE_TRY(set_current_gpu(renderer->scene_->gpu()->index));
+    renderer->device_ = SCREE_TRY(device->add_view(renderer->scene_->scene()));
   }
   renderer->shadows_.emplace(renderer->scene_->scene(), renderer->scene_->device());
   return renderer;
@@ -97,20 +95,19 @@ Result<void> ViewRenderer::begin(const kernels::View& view, uint32_t samples_per
   shadow_time_ = {};
   blended_ = {};
   shade_ = shade;
-  const Result<kernels::View> in_samples = view_of_samples(view, samples_per_side);
-  if (!in_samples) return in_samples.error();
+  const kernels::View in_samples = SCREE_TRY(view_of_samples(view, samples_per_side));
   samples_per_side_ = samples_per_side;
-  view_ = *in_samples;
+  view_ = in_samples;
   return kernels::check_resolve(view_, samples_per_side);
 }
 
 Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_side,
                                 const kernels::ShadeOptions& shade, std::optional<Layer> streamed) {
-  if (Result<void> begun = begin(view, samples_per_side, shade); !begun) return begun;
+  SCREE_TRY(begin(view, samples_per_side, shade));
   if (Result<void> done = on_device([&] { return cast_shadows_in(view_); }); !done) return done;
   const Stopwatch watch;
   if (device_) {
-    if (Result<void> drawn = draw_on_gpu(streamed); !drawn) return drawn;
+    SCREE_TRY(draw_on_gpu(streamed));
   } else {
     const uint64_t count = uint64_t{view_.width} * view_.height;
     try {
@@ -118,10 +115,8 @@ Result<void> ViewRenderer::draw(const kernels::View& view, uint32_t samples_per_
     } catch (const std::bad_alloc&) {
       return out_of_memory(count * sizeof(uint64_t));
     }
-    const Result<kernels::FrameStats> drawn =
-        kernels::draw_cpu(scene_->scene().view(), view_, std::span(samples_).first(count), scene_->threads());
-    if (!drawn) return drawn.error();
-    stats_ = *drawn;
+    stats_ = SCREE_TRY(
+        kernels::draw_cpu(scene_->scene().view(), view_, std::span(samples_).first(count), scene_->threads()));
   }
   draw_time_ = watch.elapsed();
   has_frame_ = true;
@@ -141,9 +136,7 @@ Result<void> ViewRenderer::on_device(const Body& body) const {
 Result<void> ViewRenderer::cast_shadows_in(const kernels::View& view) {
   shade_.sun = nullptr;
   if (shadow_side_ == 0 || !shows_sun(scene_->scene().view(), shade_)) return {};
-  const Result<const kernels::SunShadow*> sun = shadows_->draw(view, shadow_side_, scene_->threads());
-  if (!sun) return sun.error();
-  shade_.sun = *sun;
+  shade_.sun = SCREE_TRY(shadows_->draw(view, shadow_side_, scene_->threads()));
   shadow_time_.wall_ms += shadows_->draw_time().wall_ms;
   shadow_time_.cpu_ms += shadows_->draw_time().cpu_ms;
   return {};
@@ -158,7 +151,7 @@ Result<void> ViewRenderer::begin_batch(std::span<const kernels::View> views, uin
   for (const kernels::View& view : views)
     if (view.width != views[0].width || view.height != views[0].height)
       return Error{ErrorCode::kUsage, "all frames of a batch have one size"};
-  if (Result<void> begun = begin(views[0], samples_per_side, shade); !begun) return begun;
+  SCREE_TRY(begin(views[0], samples_per_side, shade));
   batch_ = static_cast<uint32_t>(views.size());
   stats_ = {};
   return {};
@@ -166,7 +159,7 @@ Result<void> ViewRenderer::begin_batch(std::span<const kernels::View> views, uin
 
 Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint32_t samples_per_side,
                                       const kernels::ShadeOptions& shade, uint32_t layers) {
-  if (Result<void> begun = begin_batch(views, samples_per_side, shade, layers); !begun) return begun;
+  SCREE_TRY(begin_batch(views, samples_per_side, shade, layers));
   const Stopwatch watch;
   BatchTargets targets{};
   if (!device_) {
@@ -180,18 +173,16 @@ Result<void> ViewRenderer::draw_batch(std::span<const kernels::View> views, uint
     } catch (const std::bad_alloc&) {
       return out_of_memory(layer_bytes(Layer::kColor));
     }
-    if (Result<void> drawn = draw_batch_on_cpu(views, layers, targets); !drawn) return drawn;
+    SCREE_TRY(draw_batch_on_cpu(views, layers, targets));
     for (size_t i = 0; i < kLayerCount; ++i) host_[i].is_made = (layers >> i & 1) != 0;
   } else {
     const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-    if (Result<void> done = device_->make_current(); !done) return done;
+    SCREE_TRY(device_->make_current());
     for (size_t i = 0; i < kBlockCount; ++i) {
       if ((layers >> i & 1) == 0) continue;
-      const Result<std::byte*> block = device_->reserve_block(i, layer_bytes(static_cast<Layer>(i)));
-      if (!block) return block.error();
-      targets[i] = *block;
+      targets[i] = SCREE_TRY(device_->reserve_block(i, layer_bytes(static_cast<Layer>(i))));
     }
-    if (Result<void> drawn = draw_batch_on_gpu(views, layers, targets); !drawn) return drawn;
+    SCREE_TRY(draw_batch_on_gpu(views, layers, targets));
     std::copy(targets.begin(), targets.end(), std::begin(on_gpu_));
   }
   draw_time_ = watch.elapsed();
@@ -211,10 +202,10 @@ Result<void> ViewRenderer::draw_batch_to(std::span<const kernels::View> views, u
       if (done && target != nullptr) done = device_->check_memory(target);
     if (!done) return done;
   }
-  if (Result<void> begun = begin_batch(views, samples_per_side, shade, layers); !begun) return begun;
+  SCREE_TRY(begin_batch(views, samples_per_side, shade, layers));
   const Stopwatch watch;
   if (!device_) {
-    if (Result<void> drawn = draw_batch_on_cpu(views, layers, targets); !drawn) return drawn;
+    SCREE_TRY(draw_batch_on_cpu(views, layers, targets));
   } else {
     const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
     Result<void> done = device_->make_current();
@@ -309,18 +300,17 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
   }
   const FrameTargets all = targets_of(layers, 0, blocks);
   if (!shades) {
-    const Result<std::optional<kernels::FrameStats>> together =
-        device_->draw_together(scene_->scene(), in, samples_per_side_, all.others);
-    if (!together) return together.error();
-    if (*together) {
-      stats_ = **together;
+    const std::optional<kernels::FrameStats> together =
+        SCREE_TRY(device_->draw_together(scene_->scene(), in, samples_per_side_, all.others));
+    if (together) {
+      stats_ = *together;
       return {};
     }
   }
   // All pictures share the shadow map, so that one is whole before the next one's map is drawn.
   const size_t at_once = shades && shadow_side_ != 0 ? 1 : in.size();
   for (size_t first = 0; first < in.size(); first += at_once) {
-    if (const Result<void> done = shades ? cast_shadows_in(in[first]) : Result<void>(); !done) return done;
+    SCREE_TRY(shades ? cast_shadows_in(in[first]) : Result<void>());
     const auto part = std::span(in).subspan(first, at_once);
     const Result<kernels::FrameStats> drawn = device_->draw_batch(
         scene_->scene(), part, scene_->is_streamed() && shades ? &shade_ : nullptr, [&](size_t i) -> Result<void> {
@@ -343,13 +333,10 @@ Result<void> ViewRenderer::draw_batch_on_gpu(std::span<const kernels::View> view
 
 Result<void> ViewRenderer::draw_on_gpu(std::optional<Layer> colors) {
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-  if (Result<void> done = device_->make_current(); !done) return done;
+  SCREE_TRY(device_->make_current());
   const bool is_streamed = scene_->is_streamed();
   kernels::FrameTimes times{};
-  const Result<kernels::FrameStats> drawn =
-      device_->draw(view_, is_streamed ? nullptr : &times, is_streamed && colors ? &shade_ : nullptr);
-  if (!drawn) return drawn.error();
-  stats_ = *drawn;
+  stats_ = SCREE_TRY(device_->draw(view_, is_streamed ? nullptr : &times, is_streamed && colors ? &shade_ : nullptr));
   gpu_ms_ = times.raster_ms;
   streamed_ = device_->stream_stats();
   if (!is_streamed || !colors) return {};
@@ -361,14 +348,14 @@ Result<void> ViewRenderer::draw_on_gpu(std::optional<Layer> colors) {
     linear.is_made = static_cast<bool>(made);
     return made;
   }
-  if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved) return resolved;
+  SCREE_TRY(device_->resolve(view_, samples_per_side_, shade_, {}));
   blended_ = device_->blended();
   on_gpu_[static_cast<size_t>(Layer::kColor)] = reinterpret_cast<const std::byte*>(device_->pixels());
   return {};
 }
 
 Result<void> ViewRenderer::set_shade(const kernels::ShadeOptions& shade) {
-  if (Result<void> checked = check_single(); !checked) return checked;
+  SCREE_TRY(check_single());
   if (scene_->is_streamed())
     return Error{ErrorCode::kUnsupported, "a streamed frame is shaded while it is drawn: draw it again"};
   shade_ = shade;
@@ -384,16 +371,14 @@ Result<void> ViewRenderer::set_shade(const kernels::ShadeOptions& shade) {
 }
 
 Result<std::span<const std::byte>> ViewRenderer::layer(Layer layer) {
-  if (Result<void> checked = check_frame(); !checked) return checked.error();
+  SCREE_TRY(check_frame());
   if (layer == Layer::kSamples && !device_ && batch_ == 0)
     return std::as_bytes(std::span(samples_).first(layer_bytes(layer) / sizeof(uint64_t)));
-  const Result<std::span<std::byte>> room = room_of(layer);
-  if (!room) return room.error();
+  const std::span<std::byte> room = SCREE_TRY(room_of(layer));
   HostLayer& host = host_[static_cast<size_t>(layer)];
-  if (!host.is_made)
-    if (const Result<void> made = make(layer, *room); !made) return made.error();
+  if (!host.is_made) SCREE_TRY(make(layer, room));
   host.is_made = true;
-  return std::span<const std::byte>(*room);
+  return std::span<const std::byte>(room);
 }
 
 /// Host memory for a layer.
@@ -409,7 +394,7 @@ Result<std::span<std::byte>> ViewRenderer::room_of(Layer layer) {
 }
 
 Result<void> ViewRenderer::check_size(Layer layer, std::span<const std::byte> out) const {
-  if (Result<void> checked = check_frame(); !checked) return checked;
+  SCREE_TRY(check_frame());
   if (out.size() == layer_bytes(layer)) return {};
   return Error{ErrorCode::kRange,
                std::to_string(out.size()) + " bytes, but the layer has " + std::to_string(layer_bytes(layer))};
@@ -417,7 +402,7 @@ Result<void> ViewRenderer::check_size(Layer layer, std::span<const std::byte> ou
 
 Result<void> ViewRenderer::read_later(Layer layer, std::span<std::byte> out) {
   if (!device_ || layer == Layer::kLinear || host_[static_cast<size_t>(layer)].is_made) return read(layer, out);
-  if (Result<void> checked = check_size(layer, out); !checked) return checked;
+  SCREE_TRY(check_size(layer, out));
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
   const Result<const std::byte*> made = make_on_gpu(layer);
   return made ? device_->read_later(*made, out) : made.error();
@@ -428,7 +413,7 @@ Result<void> ViewRenderer::end_reads() {
 }
 
 Result<void> ViewRenderer::read(Layer layer, std::span<std::byte> out) {
-  if (Result<void> checked = check_size(layer, out); !checked) return checked;
+  SCREE_TRY(check_size(layer, out));
   const HostLayer& host = host_[static_cast<size_t>(layer)];
   if (!host.is_made) return make(layer, out);
   std::copy_n(host.bytes.begin(), out.size(), out.begin());
@@ -441,9 +426,8 @@ Result<void> ViewRenderer::make(Layer layer, std::span<std::byte> out) {
   if (layer == Layer::kLinear) return make_linear(out);
   if (!device_) return make_on_cpu(layer, out);
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-  const Result<const std::byte*> made = make_on_gpu(layer);
-  if (!made) return made.error();
-  return device_->read(*made, out);
+  const std::byte* const made = SCREE_TRY(make_on_gpu(layer));
+  return device_->read(made, out);
 }
 
 Result<void> ViewRenderer::make_on_cpu(Layer layer, std::span<std::byte> out) {
@@ -464,12 +448,10 @@ Result<void> ViewRenderer::make_linear(std::span<std::byte> out) {
 
 /// Requires the GPUs' lock, and the device current. The samples become a layer in host memory.
 Result<void> ViewRenderer::linear_of_gpu(std::span<std::byte> out) {
-  const Result<std::span<std::byte>> room = room_of(Layer::kSamples);
-  if (!room) return room.error();
-  const std::span<uint64_t> samples(reinterpret_cast<uint64_t*>(room->data()), room->size() / sizeof(uint64_t));
+  const std::span<std::byte> room = SCREE_TRY(room_of(Layer::kSamples));
+  const std::span<uint64_t> samples(reinterpret_cast<uint64_t*>(room.data()), room.size() / sizeof(uint64_t));
   bool& is_made = host_[static_cast<size_t>(Layer::kSamples)].is_made;
-  if (!is_made)
-    if (Result<void> done = device_->read_samples(samples); !done) return done;
+  if (!is_made) SCREE_TRY(device_->read_samples(samples));
   is_made = true;
   return linear_of(light_of(*device_, view_, samples_per_side_, shade_), samples, out);
 }
@@ -498,36 +480,31 @@ Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::
 
 /// Requires that the GPUs' lock is held.
 Result<const std::byte*> ViewRenderer::make_on_gpu(Layer layer) {
-  if (Result<void> done = device_->make_current(); !done) return done.error();
+  SCREE_TRY(device_->make_current());
   const std::byte*& made = on_gpu_[static_cast<size_t>(layer)];
   if (made != nullptr) return made;
   if (batch_ != 0) return Error{ErrorCode::kRange, "the batch was drawn without this layer"};
   if (layer == Layer::kSamples) {
-    const Result<uint64_t*> samples = device_->samples();
-    if (!samples) return samples.error();
-    return reinterpret_cast<const std::byte*>(*samples);
+    uint64_t* const samples = SCREE_TRY(device_->samples());
+    return reinterpret_cast<const std::byte*>(samples);
   }
   if (layer == Layer::kColor) {
-    if (Result<void> resolved = device_->resolve(view_, samples_per_side_, shade_, {}); !resolved)
-      return resolved.error();
+    SCREE_TRY(device_->resolve(view_, samples_per_side_, shade_, {}));
     blended_ = device_->blended();
     made = reinterpret_cast<const std::byte*>(device_->pixels());
   } else {
-    const Result<const std::byte*> queued = device_->make_layer(view_, samples_per_side_, layer);
-    if (!queued) return queued.error();
-    made = *queued;
+    made = SCREE_TRY(device_->make_layer(view_, samples_per_side_, layer));
   }
   return made;
 }
 
 Result<const std::byte*> ViewRenderer::device_layer(Layer layer, void* stream) {
-  if (Result<void> checked = check_frame(); !checked) return checked.error();
+  SCREE_TRY(check_frame());
   if (!device_) return Error{ErrorCode::kDevice, "the scene is drawn on the CPU: its layers are in host memory"};
   if (layer == Layer::kLinear) return Error{ErrorCode::kUnsupported, "linear colours are made in host memory alone"};
   const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-  const Result<const std::byte*> made = make_on_gpu(layer);
-  if (!made) return made;
-  if (const Result<void> ordered = device_->order_before(stream); !ordered) return ordered.error();
+  const std::byte* const made = SCREE_TRY(make_on_gpu(layer));
+  SCREE_TRY(device_->order_before(stream));
   return made;
 }
 
@@ -552,7 +529,7 @@ Result<std::shared_ptr<const void>> ViewRenderer::hold(const std::byte* data) co
 }
 
 Result<std::optional<Pick>> ViewRenderer::pick(uint32_t x, uint32_t y) {
-  if (Result<void> checked = check_single(); !checked) return checked.error();
+  SCREE_TRY(check_single());
   if (x >= width() || y >= height())
     return Error{ErrorCode::kRange, "pixel " + std::to_string(x) + "," + std::to_string(y) + " of a picture of " +
                                         std::to_string(width()) + " x " + std::to_string(height())};
@@ -561,7 +538,7 @@ Result<std::optional<Pick>> ViewRenderer::pick(uint32_t x, uint32_t y) {
   Result<uint64_t> sample = uint64_t{0};
   {
     const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-    if (const Result<void> done = device_->make_current(); !done) return done.error();
+    SCREE_TRY(device_->make_current());
     sample = device_->read_sample(index);
   }
   if (!sample) return sample.error();

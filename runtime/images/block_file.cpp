@@ -68,17 +68,16 @@ Result<std::vector<std::byte>> decode_basis_lz(ImageFile& file, BlockFile& head,
   };
   if (!head.codebooks) {
     const BasisLzHead& parts = head.basis_lz;
-    if (auto done = read(head.basis_lz_offset, parts.part_bytes()); !done) return done.error();
-    auto opened = BasisLz::open(parts, bytes);
-    if (!opened) return opened.error();
-    head.codebooks = std::make_shared<const BasisLz>(std::move(*opened));
+    SCREE_TRY(read(head.basis_lz_offset, parts.part_bytes()));
+    auto opened = SCREE_TRY(BasisLz::open(parts, bytes));
+    head.codebooks = std::make_shared<const BasisLz>(std::move(opened));
   }
   std::vector<std::byte> pixels(uint64_t{4} * width * height);
   for (const bool is_alpha : {false, true}) {
     const uint64_t size = is_alpha ? level.alpha_bytes : level.bytes;
     if (size == 0) continue;
-    if (auto done = read(is_alpha ? level.alpha_offset : level.offset, size); !done) return done.error();
-    if (auto done = head.codebooks->decode(bytes, is_alpha, width, height, pixels); !done) return done.error();
+    SCREE_TRY(read(is_alpha ? level.alpha_offset : level.offset, size));
+    SCREE_TRY(head.codebooks->decode(bytes, is_alpha, width, height, pixels));
   }
   return pixels;
 }
@@ -120,7 +119,7 @@ Result<std::vector<std::byte>> read_block_level(ImageFile& file, BlockFile& head
     packed = packed.first(place.bytes);  // in memory, as usual
   } else {
     raw.resize(place.bytes);
-    if (auto read = file.copy(place.offset, raw); !read) return at(name, read.error());
+    SCREE_TRY_AT(name, file.copy(place.offset, raw));
     packed = raw;
   }
   if (head.packing != BlockFile::Packing::kNone) {

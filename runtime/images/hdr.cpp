@@ -130,16 +130,15 @@ Result<HdrSize> read_hdr_size(std::span<const std::byte> file) {
 Result<void> read_hdr(std::span<const std::byte> file,
                       const std::function<void(uint32_t y, std::span<const float> row)>& take) {
   Reader reader(file);
-  const Result<HdrSize> size = reader.header();
-  if (!size) return size.error();
+  const HdrSize size = SCREE_TRY(reader.header());
   std::array<float, 256> scale{};  // by exponent; exponent 0 is black
   for (int i = 1; i < 256; ++i) scale[static_cast<size_t>(i)] = std::ldexp(1.0f, i - 136);
-  std::vector<uint8_t> rgbe(size_t{4} * size->width);
-  std::vector<float> row(size_t{3} * size->width);
-  for (uint32_t y = 0; y < size->height; ++y) {
+  std::vector<uint8_t> rgbe(size_t{4} * size.width);
+  std::vector<float> row(size_t{3} * size.width);
+  for (uint32_t y = 0; y < size.height; ++y) {
     if (const Result<void> read = reader.row(rgbe); !read)
       return Error{read.error().code, read.error().message + ", in row " + std::to_string(y)};
-    for (size_t x = 0; x < size->width; ++x)
+    for (size_t x = 0; x < size.width; ++x)
       for (size_t c = 0; c < 3; ++c)
         row[3 * x + c] = (static_cast<float>(rgbe[4 * x + c]) + 0.5f) * scale[rgbe[4 * x + 3]];
     take(y, row);

@@ -28,48 +28,40 @@ Error out_of_memory(const ImageInfo& info) {
 }
 
 Result<ImageInfo> probe_blocks(ImageFile& file) {
-  const Result<BlockFile> head = open_block_file(file);
-  if (!head) return head.error();
-  return ImageInfo{
-      .codec = format::ImageCodec::kBlocks,
-      .width = head->width,
-      .height = head->height,
-      .channels = format::block_channels(head->format),
-      .block_bytes = format::block_level_bytes(head->format, head->width, head->height),
-      .is_decoded = head->coding == BlockFile::Coding::kUastc || head->coding == BlockFile::Coding::kBasisLz,
-      .codebook_bytes = head->basis_lz.memory()};
+  const BlockFile head = SCREE_TRY(open_block_file(file));
+  return ImageInfo{.codec = format::ImageCodec::kBlocks,
+                   .width = head.width,
+                   .height = head.height,
+                   .channels = format::block_channels(head.format),
+                   .block_bytes = format::block_level_bytes(head.format, head.width, head.height),
+                   .is_decoded = head.coding == BlockFile::Coding::kUastc || head.coding == BlockFile::Coding::kBasisLz,
+                   .codebook_bytes = head.basis_lz.memory()};
 }
 
 /// Decodes level 0 of a block image in bands.
 Result<void> decode_block_rows(ImageFile& file, const std::function<bool(const Image&)>& take) {
   constexpr uint32_t kRows = 64;  // a multiple of every block's side
-  Result<BlockFile> head = open_block_file(file);
-  if (!head) return head.error();
-  const Result<std::vector<std::byte>> blocks = read_block_level(file, *head, 0);
-  if (!blocks) return blocks.error();
-  const std::byte* from = blocks->data();
-  for (uint32_t y = 0; y < head->height; y += kRows) {
-    const uint32_t rows = std::min(kRows, head->height - y);
-    if (!take(decode_block_level(head->format, head->swizzle, head->width, rows, from))) break;
-    from += format::block_level_bytes(head->format, head->width, rows);
+  BlockFile head = SCREE_TRY(open_block_file(file));
+  const std::vector<std::byte> blocks = SCREE_TRY(read_block_level(file, head, 0));
+  const std::byte* from = blocks.data();
+  for (uint32_t y = 0; y < head.height; y += kRows) {
+    const uint32_t rows = std::min(kRows, head.height - y);
+    if (!take(decode_block_level(head.format, head.swizzle, head.width, rows, from))) break;
+    from += format::block_level_bytes(head.format, head.width, rows);
   }
   return {};
 }
 
 Result<Image> decode_blocks(ImageFile& file) {
-  Result<BlockFile> head = open_block_file(file);
-  if (!head) return head.error();
-  const Result<std::vector<std::byte>> blocks = read_block_level(file, *head, 0);
-  if (!blocks) return blocks.error();
-  return decode_block_level(head->format, head->swizzle, head->width, head->height, blocks->data());
+  BlockFile head = SCREE_TRY(open_block_file(file));
+  const std::vector<std::byte> blocks = SCREE_TRY(read_block_level(file, head, 0));
+  return decode_block_level(head.format, head.swizzle, head.width, head.height, blocks.data());
 }
 
 /// Unpacks every level, and decodes those of UASTC and BasisLZ. The content of blocks is never an error.
 Result<std::string> check_blocks(ImageFile& file) {
-  Result<BlockFile> head = open_block_file(file);
-  if (!head) return head.error();
-  for (uint32_t level = 0; level < head->levels.size(); ++level)
-    if (const auto blocks = read_block_level(file, *head, level); !blocks) return blocks.error();
+  BlockFile head = SCREE_TRY(open_block_file(file));
+  for (uint32_t level = 0; level < head.levels.size(); ++level) SCREE_TRY(read_block_level(file, head, level));
   return std::string();
 }
 
@@ -100,15 +92,13 @@ Result<ImageInfo> probe(ImageFile& file) {
 }
 
 Result<ImageInfo> probe_within_limits(ImageFile& file) {
-  Result<ImageInfo> info = probe(file);
-  if (!info) return info;
-  if (info->width > kMaxDecodedSide || info->height > kMaxDecodedSide)
-    return Error{ErrorCode::kRange,
-                 size_text(*info) + ", but at most " + std::to_string(kMaxDecodedSide) + " per side"};
-  if (uint64_t{info->width} * info->height > kMaxImagePixels)
-    return Error{ErrorCode::kRange, size_text(*info) + ", but at most " + std::to_string(kMaxImagePixels) + " in all"};
-  if (!may_hold_pixels(uint64_t{info->width} * info->height, file.size()))
-    return Error{ErrorCode::kTruncated, size_text(*info) + " in " + std::to_string(file.size()) + " bytes"};
+  ImageInfo info = SCREE_TRY(probe(file));
+  if (info.width > kMaxDecodedSide || info.height > kMaxDecodedSide)
+    return Error{ErrorCode::kRange, size_text(info) + ", but at most " + std::to_string(kMaxDecodedSide) + " per side"};
+  if (uint64_t{info.width} * info.height > kMaxImagePixels)
+    return Error{ErrorCode::kRange, size_text(info) + ", but at most " + std::to_string(kMaxImagePixels) + " in all"};
+  if (!may_hold_pixels(uint64_t{info.width} * info.height, file.size()))
+    return Error{ErrorCode::kTruncated, size_text(info) + " in " + std::to_string(file.size()) + " bytes"};
   return info;
 }
 
@@ -150,48 +140,42 @@ Result<ImageInfo> probe_decodable(ImageFile file) {
 }
 
 Result<Image> decode_image(ImageFile file) {
-  const Result<ImageInfo> info = probe_within_limits(file);
-  if (!info) return info.error();
+  const ImageInfo info = SCREE_TRY(probe_within_limits(file));
   try {
-    if (info->codec == format::ImageCodec::kBlocks) return decode_blocks(file);
-    if (info->is_webp) return decode_webp(file, *info);
-    return info->codec == format::ImageCodec::kPng ? decode_png(file, *info) : decode_jpeg(file, *info);
+    if (info.codec == format::ImageCodec::kBlocks) return decode_blocks(file);
+    if (info.is_webp) return decode_webp(file, info);
+    return info.codec == format::ImageCodec::kPng ? decode_png(file, info) : decode_jpeg(file, info);
   } catch (const std::bad_alloc&) {
-    return out_of_memory(*info);
+    return out_of_memory(info);
   }
 }
 
 Result<ImageInfo> decode_rows(ImageFile file, const std::function<bool(const Image& rows)>& take) {
-  const Result<ImageInfo> info = probe_within_limits(file);
-  if (!info) return info.error();
-  if (info->codec != format::ImageCodec::kBlocks) {
-    const Result<Image> image = decode_image(std::move(file));
-    if (!image) return image.error();
-    take(*image);
+  const ImageInfo info = SCREE_TRY(probe_within_limits(file));
+  if (info.codec != format::ImageCodec::kBlocks) {
+    const Image image = SCREE_TRY(decode_image(std::move(file)));
+    take(image);
     return info;
   }
   try {
-    const Result<void> done = decode_block_rows(file, take);
-    if (!done) return done.error();
+    SCREE_TRY(decode_block_rows(file, take));
   } catch (const std::bad_alloc&) {
-    return out_of_memory(*info);
+    return out_of_memory(info);
   }
   return info;
 }
 
 Result<std::string> check_image(ImageFile file) {
-  const Result<ImageInfo> info = probe_within_limits(file);
-  if (!info) return info.error();
+  const ImageInfo info = SCREE_TRY(probe_within_limits(file));
   try {
-    if (info->codec == format::ImageCodec::kBlocks) return check_blocks(file);
-    if (info->is_webp) {
-      const Result<Image> image = decode_webp(file, *info);
-      if (!image) return image.error();
+    if (info.codec == format::ImageCodec::kBlocks) return check_blocks(file);
+    if (info.is_webp) {
+      SCREE_TRY(decode_webp(file, info));
       return std::string();
     }
-    return info->codec == format::ImageCodec::kPng ? check_png(file, *info) : check_jpeg(file, *info);
+    return info.codec == format::ImageCodec::kPng ? check_png(file, info) : check_jpeg(file, info);
   } catch (const std::bad_alloc&) {
-    return out_of_memory(*info);
+    return out_of_memory(info);
   }
 }
 
@@ -213,22 +197,20 @@ Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height,
   const uint64_t in_row = is_grey ? width : uint64_t{3} * width;
   const std::string head =
       (is_grey ? "Pf\n" : "PF\n") + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";
-  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
-  if (!file) return file.error();
-  Result<void> done = file->write_at(0, std::as_bytes(std::span(head)));
+  format::PartFile file = SCREE_TRY(format::PartFile::create(path, format::PartFile::Content::kEmpty, existing));
+  Result<void> done = file.write_at(0, std::as_bytes(std::span(head)));
   uint64_t end = head.size();
   for (uint64_t row = height; row-- > 0 && done; end += sizeof(float) * in_row) {
-    done = file->write_at(end, std::as_bytes(values.subspan(row * in_row, in_row)));
+    done = file.write_at(end, std::as_bytes(values.subspan(row * in_row, in_row)));
   }
-  if (done) done = file->commit();
+  if (done) done = file.commit();
   return done;
 }
 
 Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples, format::Existing existing) {
-  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
-  if (!file) return file.error();
-  Result<void> done = file->write_at(0, std::as_bytes(samples));
-  if (done) done = file->commit();
+  format::PartFile file = SCREE_TRY(format::PartFile::create(path, format::PartFile::Content::kEmpty, existing));
+  Result<void> done = file.write_at(0, std::as_bytes(samples));
+  if (done) done = file.commit();
   return done;
 }
 

@@ -246,7 +246,7 @@ Result<ImageInfo> probe_jpeg(ImageFile& file) {
 
 Result<Image> decode_jpeg(ImageFile& file, const ImageInfo& info) {
   JpegReader reader(file);
-  if (const Result<void> opened = reader.open(info); !opened) return opened.error();
+  SCREE_TRY(reader.open(info));
   Image image{.width = info.width, .height = info.height};
   image.rgba.resize(size_t{4} * info.width * info.height);
   if (!reader.read_rows(image.rgba.data(), size_t{4} * info.width)) return reader.failure();
@@ -258,7 +258,7 @@ Result<Image> decode_jpeg(ImageFile& file, const ImageInfo& info) {
 Result<std::string> check_jpeg(ImageFile& file, const ImageInfo& info) {
   JpegReader reader(file);
   reader.keep_masks_only();
-  if (const Result<void> opened = reader.open(info); !opened) return opened.error();
+  SCREE_TRY(reader.open(info));
   std::vector<uint8_t> row(size_t{4} * info.width);
   if (!reader.read_rows(row.data(), 0)) return reader.failure();
   return reader.warning();

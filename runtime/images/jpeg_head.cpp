@@ -38,18 +38,14 @@ Result<JpegHead> make_jpeg_head(uint32_t width, uint32_t height, int quality, bo
   coding.components[0].h = coding.components[0].v = is_sharp ? 1 : 2;
   coding.quality = quality;
   coding.has_own_tables = false;
-  Result<JpegWriter> writer = JpegWriter::create(coding);
-  if (!writer) return writer.error();
+  JpegWriter writer = SCREE_TRY(JpegWriter::create(coding));
   const std::vector<uint8_t> row(size_t{3} * coding.width);
-  for (uint32_t y = 0; y < coding.height; ++y)
-    if (const Result<void> written = writer->row(row); !written) return written.error();
-  Result<std::vector<std::byte>> file = writer->finish();
-  if (!file) return file.error();
-  Result<format::JpegHeader> header = format::parse_jpeg(*file);
-  if (!header) return header.error();
+  for (uint32_t y = 0; y < coding.height; ++y) SCREE_TRY(writer.row(row));
+  std::vector<std::byte> file = SCREE_TRY(writer.finish());
+  format::JpegHeader header = SCREE_TRY(format::parse_jpeg(file));
 
-  JpegHead head{std::move(*file), *header};
-  head.bytes.resize(header->data_offset);
+  JpegHead head{std::move(file), header};
+  head.bytes.resize(header.data_offset);
   const size_t frame = find_frame(head.bytes);
   put_big_endian(head.bytes.data() + frame + 5, height);
   put_big_endian(head.bytes.data() + frame + 7, width);

@@ -101,10 +101,10 @@ class Reader {
   explicit Reader(ImageFile& file) : file_(file) {}
 
   Result<BlockFile> open() {
-    if (auto checked = header(); !checked) return checked.error();
-    if (auto checked = descriptor(); !checked) return checked.error();
-    if (auto checked = keys(); !checked) return checked.error();
-    if (auto checked = levels(); !checked) return checked.error();
+    SCREE_TRY(header());
+    SCREE_TRY(descriptor());
+    SCREE_TRY(keys());
+    SCREE_TRY(levels());
     return std::move(head_);
   }
 
@@ -147,7 +147,7 @@ class Reader {
       return fail(ErrorCode::kTruncated, std::to_string(file_.size()) +
                                              " bytes, but its header and index of levels take " +
                                              std::to_string(index_end()));
-    if (auto chosen = choose_packing(word(44)); !chosen) return chosen;
+    SCREE_TRY(choose_packing(word(44)));
     return choose_format(word(12), level_count);
   }
 
@@ -282,7 +282,7 @@ class Reader {
       const std::string_view key = entry.substr(0, entry.find('\0'));
       std::string_view value = entry.substr(0, length).substr(key.size() + 1);
       while (value.ends_with('\0')) value.remove_suffix(1);
-      if (auto taken = take_key(key, value); !taken) return taken;
+      SCREE_TRY(take_key(key, value));
       at += format::align_up(uint64_t{4} + length, 4);
     }
     return {};

@@ -239,16 +239,15 @@ Result<Bytes> encode_png(const PixelView& picture, const PngOptions& options) {
 
 Result<void> write_png(const std::string& path, const PixelView& picture, const PngOptions& options,
                        format::Existing existing) {
-  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
-  if (!file) return file.error();
+  format::PartFile file = SCREE_TRY(format::PartFile::create(path, format::PartFile::Content::kEmpty, existing));
   uint64_t end = 0;
   const Result<void> made = make_png(picture, options, [&](const Bytes& more) {
-    const Result<void> done = file->write_at(end, more);
+    const Result<void> done = file.write_at(end, more);
     end += more.size();
     return done;
   });
   if (!made) return made.error().code == ErrorCode::kFile ? made.error() : at(path, made.error());
-  return end != 0 ? file->commit() : Result<void>();
+  return end != 0 ? file.commit() : Result<void>();
 }
 
 }  // namespace scree::runtime

@@ -42,7 +42,7 @@ std::string webp_version() {
 
 Result<ImageInfo> probe_webp(ImageFile& file) {
   std::vector<std::byte> head(static_cast<size_t>(std::min<uint64_t>(file.size(), kHeadBytes)));
-  if (const Result<void> read = file.copy(0, head); !read) return read.error();
+  SCREE_TRY(file.copy(0, head));
   WebPBitstreamFeatures features;
   if (const VP8StatusCode status = WebPGetFeatures(bytes_of(head), head.size(), &features); status != VP8_STATUS_OK)
     return fail(status);
@@ -61,7 +61,7 @@ Result<Image> decode_webp(ImageFile& file, const ImageInfo& info) {
   std::span<const std::byte> bytes = file.from(0);
   if (bytes.size() != file.size()) {
     copy.resize(static_cast<size_t>(file.size()));
-    if (const Result<void> read = file.copy(0, copy); !read) return read.error();
+    SCREE_TRY(file.copy(0, copy));
     bytes = copy;
   }
   WebPDecoderConfig config;

@@ -245,17 +245,15 @@ const std::vector<float>& sky(uint32_t threads) {
 }
 
 Result<std::vector<float>> load_environment(const std::string& path, uint32_t threads) {
-  const Result<MappedFile> map = MappedFile::open(path);
-  if (!map) return map.error();
-  const Result<HdrSize> size = read_hdr_size(map->bytes());
-  if (!size) return at(path, size.error());
-  Panorama panorama{.width = std::min(size->width, kMostWidth), .height = std::min(size->height, kMostWidth / 2)};
+  const MappedFile map = SCREE_TRY(MappedFile::open(path));
+  const HdrSize size = SCREE_TRY_AT(path, read_hdr_size(map.bytes()));
+  Panorama panorama{.width = std::min(size.width, kMostWidth), .height = std::min(size.height, kMostWidth / 2)};
   // Rows of larger pictures are averaged as they are read.
   std::vector<double> sums(size_t{4} * panorama.width * panorama.height);
-  const Result<void> read = read_hdr(map->bytes(), [&](uint32_t y, std::span<const float> row) {
-    const uint64_t line = uint64_t{y} * panorama.height / size->height * panorama.width;
-    for (uint64_t x = 0; x < size->width; ++x) {
-      double* const sum = &sums[4 * (line + x * panorama.width / size->width)];
+  const Result<void> read = read_hdr(map.bytes(), [&](uint32_t y, std::span<const float> row) {
+    const uint64_t line = uint64_t{y} * panorama.height / size.height * panorama.width;
+    for (uint64_t x = 0; x < size.width; ++x) {
+      double* const sum = &sums[4 * (line + x * panorama.width / size.width)];
       for (size_t c = 0; c < 3; ++c) sum[c] += static_cast<double>(std::min(row[3 * x + c], kBrightest));
       sum[3] += 1;
     }

@@ -445,7 +445,7 @@ Result<View> view_of_matrices(const CameraMatrices& camera, uint32_t width, uint
   Vec3 eye{};
   for (size_t i = 0; i < 3; ++i) eye[i] = -m[3] * view.right[i] - m[7] * view.up[i] + m[11] * view.forward[i];
   set_eye(view, eye);
-  if (const Result<void> done = set_projection(view, camera.projection, camera.z_near); !done) return done.error();
+  SCREE_TRY(set_projection(view, camera.projection, camera.z_near));
   return view;
 }
 

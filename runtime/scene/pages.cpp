@@ -128,8 +128,7 @@ DrawnPages::DrawnPages(const format::Container& container, const std::vector<boo
 Result<void> DrawnPages::check(uint64_t index, std::span<const std::byte> raw) const {
   for (uint64_t c = first_chunk_[index]; c < first_chunk_[index + 1]; ++c) {
     const ChunkRecord& chunk = container_.chunks()[chunks_[c].chunk];
-    if (Result<void> checked = check_chunk(container_.meshes()[chunk.mesh], chunk, raw); !checked)
-      return at(chunk_place(container_, chunks_[c].chunk), checked.error());
+    SCREE_TRY_AT(chunk_place(container_, chunks_[c].chunk), check_chunk(container_.meshes()[chunk.mesh], chunk, raw));
   }
   return {};
 }

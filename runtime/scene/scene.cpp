@@ -35,25 +35,21 @@ Result<MipChain> load_image(const format::Container& container, uint32_t index, 
                             std::string& warning) {
   const format::ImageRecord& record = container.images()[index];
   if (record.codec == format::ImageCodec::kIndexedJpeg) {
-    const Result<JpegImage> image = JpegImage::open(container, index);
-    if (!image) return image.error();
-    return image->decode(coding);
+    const JpegImage image = SCREE_TRY(JpegImage::open(container, index));
+    return image.decode(coding);
   }
   std::vector<std::byte> scratch;
-  const Result<std::span<const std::byte>> file = container.load_page(record.page, scratch);
-  if (!file) return file.error();
-  const Result<ImageInfo> info = probe_image(*file);
-  if (!info) return info.error();
-  if (info->codec != record.codec || info->is_webp)
+  const std::span<const std::byte> file = SCREE_TRY(container.load_page(record.page, scratch));
+  const ImageInfo info = SCREE_TRY(probe_image(file));
+  if (info.codec != record.codec || info.is_webp)
     return Error{ErrorCode::kFormat, "the image's codec differs from its record's codec"};
-  Result<Image> image = decode_image(*file);
-  if (!image) return image.error();
-  if (image->width != record.width || image->height != record.height)
-    return Error{ErrorCode::kFormat, "the image is " + std::to_string(image->width) + " x " +
-                                         std::to_string(image->height) + ", but its record gives " +
+  Image image = SCREE_TRY(decode_image(file));
+  if (image.width != record.width || image.height != record.height)
+    return Error{ErrorCode::kFormat, "the image is " + std::to_string(image.width) + " x " +
+                                         std::to_string(image.height) + ", but its record gives " +
                                          std::to_string(record.width) + " x " + std::to_string(record.height)};
-  warning = std::move(image->warning);
-  return make_mips(std::move(*image), coding);
+  warning = std::move(image.warning);
+  return make_mips(std::move(image), coding);
 }
 
 std::string image_place(const format::Container& container, uint32_t index) {
@@ -71,12 +67,9 @@ constexpr uint64_t kMostCopiedBytes = uint64_t{16} << 20;
 
 Result<SceneFile> SceneFile::open(const std::string& path) {
   SceneFile file;
-  Result<MappedFile> map = MappedFile::open(path);
-  if (!map) return map.error();
-  file.map_ = std::make_shared<const MappedFile>(std::move(*map));
-  Result<format::Container> container = format::Container::open(file.map().bytes());
-  if (!container) return at(path, container.error());
-  file.container_ = std::move(*container);
+  MappedFile map = SCREE_TRY(MappedFile::open(path));
+  file.map_ = std::make_shared<const MappedFile>(std::move(map));
+  file.container_ = SCREE_TRY_AT(path, format::Container::open(file.map().bytes()));
   return file;
 }
 
@@ -111,11 +104,9 @@ const Record* Scene::dense(const format::Table<Record>& table, std::vector<Recor
 }
 
 Result<Scene> Scene::open(const std::string& path, const SceneOptions& options) {
-  Result<SceneFile> file = SceneFile::open(path);
-  if (!file) return file.error();
-  const Result<uint32_t> number = file->find_scene("");
-  if (!number) return number.error();
-  return load(std::move(*file), *number, options);
+  SceneFile file = SCREE_TRY(SceneFile::open(path));
+  const uint32_t number = SCREE_TRY(file.find_scene(""));
+  return load(std::move(file), number, options);
 }
 
 Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptions& options) {
@@ -140,21 +131,19 @@ Result<Scene> Scene::load(SceneFile file, uint32_t scene_index, const SceneOptio
     view.instances = record.instance_count == 0 ? nullptr : instances + record.first_instance;
     view.instance_count = record.instance_count;
 
-    if (const Result<void> numbered = scene.number_instances(); !numbered) return at(path, numbered.error());
+    SCREE_TRY_AT(path, scene.number_instances());
     scene.drawn_pages_ = DrawnPages(container, scene.mesh_drawn_);
     scene.pages_.raw.assign(container.pages().size(), nullptr);
     view.pages = scene.pages_.raw.data();
-    if (options.pages)
-      if (const Result<void> loaded = scene.load_pages(options.threads, options.progress); !loaded)
-        return loaded.error();
+    if (options.pages) SCREE_TRY(scene.load_pages(options.threads, options.progress));
     scene.find_surfaces();
     scene.place_lights();
     const Stopwatch texture_watch;
-    if (const Result<void> loaded = scene.load_masks(); !loaded) return at(path, loaded.error());
-    if (const Result<void> loaded = scene.load_textures(options); !loaded) return at(path, loaded.error());
+    SCREE_TRY_AT(path, scene.load_masks());
+    SCREE_TRY_AT(path, scene.load_textures(options));
     kernels::bundle_textures(view, scene.material_views_);
     scene.stats_.textures = texture_watch.elapsed();
-    if (const Result<void> loaded = scene.load_light(options); !loaded) return loaded.error();
+    SCREE_TRY(scene.load_light(options));
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, path + ": no memory left to load it"};
   }
@@ -182,9 +171,7 @@ Result<void> Scene::number_instances() {
 Result<void> Scene::load_pages(uint32_t threads, JobProgress* progress) {
   if (has_pages_) return {};
   const Stopwatch watch;
-  Result<PageSet> pages = runtime::load_pages(drawn_pages_, file_.map(), threads, progress);
-  if (!pages) return at(file_.path(), pages.error());
-  pages_ = std::move(*pages);
+  pages_ = SCREE_TRY_AT(file_.path(), runtime::load_pages(drawn_pages_, file_.map(), threads, progress));
   view_.pages = pages_.raw.data();
   has_pages_ = true;
   stats_.pages = pages_.page_count;
@@ -202,8 +189,7 @@ const WorldBox& Scene::box() const {
 Result<std::span<const std::byte>> Scene::page(uint32_t page, std::vector<std::byte>& scratch) const {
   if (view_.pages[page] != nullptr)
     return std::span<const std::byte>(view_.pages[page], container().pages()[page].raw_bytes);
-  const Result<std::span<const std::byte>> read = container().load_page(page, scratch);
-  if (!read) return at(file_.path(), read.error());
+  const std::span<const std::byte> read = SCREE_TRY_AT(file_.path(), container().load_page(page, scratch));
   return read;
 }
 
@@ -223,12 +209,12 @@ Result<void> Scene::load_masks() {
     auto [entry, is_new] = pages.try_emplace(record.page);
     if (is_new) {
       std::vector<std::byte> unpacked;
-      const Result<std::span<const std::byte>> page = container().load_page(record.page, unpacked);
-      if (!page) return at("mask " + std::to_string(i), page.error());
-      entry->second = *page;
+      const std::span<const std::byte> page =
+          SCREE_TRY_AT("mask " + std::to_string(i), container().load_page(record.page, unpacked));
+      entry->second = page;
       if (!unpacked.empty()) unpacked_masks_.push_back(std::move(unpacked));  // a move keeps the bytes' address
-      mask_pages_.push_back(*page);
-      stats_.mask_bytes += page->size();
+      mask_pages_.push_back(page);
+      stats_.mask_bytes += page.size();
     }
     const format::MaterialRecord& material = view_.materials[record.material];
     const bool blends = (material.flags & format::kMaterialAlphaBlend) != 0;
@@ -435,9 +421,7 @@ Result<void> Scene::load_light(const SceneOptions& options) {
   if (options.environment.empty()) {
     view_.environment = sky(options.threads).data();
   } else {
-    Result<std::vector<float>> made = load_environment(options.environment, options.threads);
-    if (!made) return made.error();
-    environment_ = std::move(*made);
+    environment_ = SCREE_TRY(load_environment(options.environment, options.threads));
     view_.environment = environment_.data();
   }
   return {};

@@ -98,13 +98,12 @@ Result<void> ChunkSource::read(const Job& job, std::span<const Residency::Place>
                                Reader reader) {
   const kernels::SceneView& view = scene_.view();
   std::vector<std::byte> scratch;
-  const Result<std::span<const std::byte>> raw = load(job.page, scratch);
-  if (!raw) return raw.error();
+  const std::span<const std::byte> raw = SCREE_TRY(load(job.page, scratch));
   for (size_t i = job.first; i < job.last; ++i) {
     const format::ChunkRecord& chunk = view.chunks[places[i].chunk];
     if (chunk.bytes == 0) continue;
     std::byte* const to = memory + places[i].offset;
-    const std::byte* const from = raw->data() + chunk.offset;
+    const std::byte* const from = raw.data() + chunk.offset;
     if (reader == Reader::kDevice) {
       copy_past_cache(to, from, chunk.bytes);
     } else {
@@ -124,7 +123,7 @@ Result<std::span<const std::byte>> ChunkSource::load(uint32_t page, std::vector<
   if (checked != 0 && record.codec == format::PageCodec::kRaw) return container.stored_page(page);
   const Result<std::span<const std::byte>> raw = container.load_page(page, scratch);
   if (raw && checked == 0) {
-    if (const Result<void> good = scene_.drawn_pages().check(index_[page], *raw); !good) return good.error();
+    SCREE_TRY(scene_.drawn_pages().check(index_[page], *raw));
     checked = 1;
   }
   return raw;
@@ -192,15 +191,14 @@ Result<void> ChunkSource::send(std::span<const Residency::Place> places, JoinTar
 /// Sends the places of pages that lie together in a slot.
 Result<void> ChunkSource::send(std::span<const Job> jobs, std::span<const Residency::Place> places,
                                JoinTarget& target) {
-  const Result<JoinTarget::Slot> slot = target.take();
-  if (!slot) return slot.error();
+  const JoinTarget::Slot slot = SCREE_TRY(target.take());
   const auto give_back = [&](Error error) {
-    target.give_back(*slot);
+    target.give_back(slot);
     return error;
   };
   // Without room to join on the device, the pages are joined here.
   for (const bool is_split : {true, false}) {
-    Filling filling{slot->memory};
+    Filling filling{slot.memory};
     Result<void> done;
     try {
       for (const Job& job : jobs)
@@ -209,7 +207,7 @@ Result<void> ChunkSource::send(std::span<const Job> jobs, std::span<const Reside
       done = Error{ErrorCode::kMemory, "no memory left to read a page"};
     }
     if (!done) return give_back(done.error());
-    const Result<bool> is_taken = target.join(*slot, filling.end, filling.plan);
+    const Result<bool> is_taken = target.join(slot, filling.end, filling.plan);
     if (!is_taken) return give_back(is_taken.error());
     if (*is_taken) return {};
   }
@@ -220,12 +218,11 @@ Result<void> ChunkSource::send(std::span<const Job> jobs, std::span<const Reside
 Result<void> ChunkSource::fill_split(const Job& job, std::span<const Residency::Place> places, Filling& filling) {
   const format::Container& container = scene_.container();
   const DrawnPages& pages = scene_.drawn_pages();
-  if (const Result<void> good = container.check_page(job.page, container.padded_page(job.page)); !good) return good;
+  SCREE_TRY(container.check_page(job.page, container.padded_page(job.page)));
   const auto stored = container.stored_page(job.page);
-  const Result<uint64_t> content = container.content_bytes(job.page, stored);
-  if (!content) return content.error();
-  const std::span<std::byte> split = filling.memory.subspan(filling.end, *content);
-  if (const Result<void> done = container.unpack_content(job.page, stored, split); !done) return done;
+  const uint64_t content = SCREE_TRY(container.content_bytes(job.page, stored));
+  const std::span<std::byte> split = filling.memory.subspan(filling.end, content);
+  SCREE_TRY(container.unpack_content(job.page, stored, split));
   const uint64_t index = index_[job.page];
   std::vector<JoinChunk> chunks;
   std::vector<uint64_t> to;
@@ -239,18 +236,17 @@ Result<void> ChunkSource::fill_split(const Job& job, std::span<const Residency::
   if (next != job.last || !filling.plan.add_chunks(split, container.pages()[job.page].raw_bytes, chunks,
                                                    static_cast<uint32_t>(filling.end), to))
     return fill_raw(job, places, filling);
-  filling.end = format::align_up(filling.end + *content, Residency::kAlignment);
+  filling.end = format::align_up(filling.end + content, Residency::kAlignment);
   return {};
 }
 
 /// Joins a page here, and leaves only copies of its chunks to the device.
 Result<void> ChunkSource::fill_raw(const Job& job, std::span<const Residency::Place> places, Filling& filling) {
   std::vector<std::byte> scratch;
-  const Result<std::span<const std::byte>> raw = load(job.page, scratch);
-  if (!raw) return raw.error();
+  const std::span<const std::byte> raw = SCREE_TRY(load(job.page, scratch));
   for (size_t i = job.first; i < job.last; ++i) {
     const format::ChunkRecord& chunk = scene_.view().chunks[places[i].chunk];
-    copy_past_cache(filling.memory.data() + filling.end, raw->data() + chunk.offset, chunk.bytes);
+    copy_past_cache(filling.memory.data() + filling.end, raw.data() + chunk.offset, chunk.bytes);
     filling.plan.add_copy({static_cast<uint32_t>(filling.end), places[i].offset}, chunk.bytes);
     filling.end = format::align_up(filling.end + chunk.bytes, 16);
   }

@@ -65,10 +65,9 @@ Streamer::Streamer(const Scene& scene, Residency residency, uint64_t batch_bytes
 
 Result<Streamer> Streamer::create(const Scene& scene, uint64_t pool_bytes, std::vector<uint64_t> chunk_bytes,
                                   uint64_t most_batch_bytes) try {
-  Result<Residency> residency = Residency::create(pool_bytes, std::move(chunk_bytes));
-  if (!residency) return at(scene.file().path(), residency.error());
-  const uint64_t batch_bytes = wanted_batch_bytes(*residency, most_batch_bytes);
-  return Result<Streamer>(Streamer(scene, std::move(*residency), batch_bytes));
+  Residency residency = SCREE_TRY_AT(scene.file().path(), Residency::create(pool_bytes, std::move(chunk_bytes)));
+  const uint64_t batch_bytes = wanted_batch_bytes(residency, most_batch_bytes);
+  return Result<Streamer>(Streamer(scene, std::move(residency), batch_bytes));
 } catch (const std::bad_alloc&) {
   return at(scene.file().path(), no_memory("to list its chunks"));
 }
@@ -152,14 +151,14 @@ class Streamer::Frame {
 };
 
 Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kernels::ShadeOptions* shade) {
-  if (Result<void> begun = target_.begin(view, shade); !begun) return begun.error();
-  if (Result<void> listed = list(); !listed) return listed.error();
-  if (Result<void> started = load_ahead(1); !started) return started.error();
+  SCREE_TRY(target_.begin(view, shade));
+  SCREE_TRY(list());
+  SCREE_TRY(load_ahead(1));
   for (;;) {
     while (!parts_.empty()) {
       Part part = std::move(parts_.front());
       parts_.pop_front();
-      if (Result<void> drawn = draw_part(std::move(part)); !drawn) return drawn.error();
+      SCREE_TRY(draw_part(std::move(part)));
     }
     if (ends()) {
       leave_missing();
@@ -171,7 +170,7 @@ Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kerne
       ask_for(hidden_);
       hidden_.clear();
     }
-    if (Result<void> started = load_ahead(kLoadsAhead); !started) return started.error();
+    SCREE_TRY(load_ahead(kLoadsAhead));
   }
   look_at_picture();
   return stats_;
@@ -179,10 +178,9 @@ Result<StreamStats> Streamer::Frame::draw(const kernels::View& view, const kerne
 
 Result<void> Streamer::Frame::list() {
   const Timed timed(stats_.list_ms);
-  const Result<std::span<const uint32_t>> listed = target_.list();
-  if (!listed) return listed.error();
+  const std::span<const uint32_t> listed = SCREE_TRY(target_.list());
   // The end of the list is evicted first. So chunks that were hidden in the last picture are last.
-  listed_.assign(listed->begin(), listed->end());
+  listed_.assign(listed.begin(), listed.end());
   std::stable_partition(listed_.begin(), listed_.end(),
                         [&](uint32_t chunk) { return last_seen_[chunk] != LastSeen::kHidden; });
   stats_.seen_chunks = listed_.size();
@@ -316,7 +314,7 @@ Result<void> Streamer::Frame::load_ahead(size_t most_unsure) {
       if (residency_.missing().empty() && !unsure_.empty()) continue;  // all chunks of this batch are hidden
       return {};  // nothing is left, or chunks must be drawn first to make room
     }
-    if (Result<void> started = target_.start_loading(batch); !started) return started;
+    SCREE_TRY(target_.start_loading(batch));
     ++loads_;
     for (const Residency::Move& move : batch.moves) stats_.moved_bytes += move.bytes;
     for (const Residency::Place& place : batch.loads) {
@@ -336,20 +334,16 @@ Result<void> Streamer::Frame::draw_part(Part part) {
   // is the bottleneck and comes first, unless no other load is under way.
   bool waits = false;
   if (part.is_load) {
-    const Result<bool> is_loaded = target_.is_loaded();
-    if (!is_loaded) return is_loaded.error();
-    waits = !*is_loaded;
+    const bool is_loaded = SCREE_TRY(target_.is_loaded());
+    waits = !is_loaded;
   }
-  if (waits || loads_ <= (part.is_load ? 1 : 0))
-    if (Result<void> started = load_ahead(kLoadsAhead); !started) return started;
-  if (part.is_load)
-    if (Result<void> loaded = finish_loading(); !loaded) return loaded;
+  if (waits || loads_ <= (part.is_load ? 1 : 0)) SCREE_TRY(load_ahead(kLoadsAhead));
+  if (part.is_load) SCREE_TRY(finish_loading());
   // Other loads that have arrived by now are drawn in the same part, to save the fixed cost of a part.
   for (size_t loads = 1; part.is_load && loads < kLoadsInPart && !parts_.empty() && parts_.front().is_load; ++loads) {
-    const Result<bool> is_loaded = target_.is_loaded();
-    if (!is_loaded) return is_loaded.error();
-    if (!*is_loaded) break;
-    if (Result<void> loaded = finish_loading(); !loaded) return loaded;
+    const bool is_loaded = SCREE_TRY(target_.is_loaded());
+    if (!is_loaded) break;
+    SCREE_TRY(finish_loading());
     part.places.insert(part.places.end(), parts_.front().places.begin(), parts_.front().places.end());
     parts_.pop_front();
   }
@@ -358,15 +352,14 @@ Result<void> Streamer::Frame::draw_part(Part part) {
       had_missing_ && part.share != StreamTarget::Share::kLikelySeen && (has_unsure() || !has_parts());
   {
     const Timed timed(stats_.draw_ms);
-    if (Result<void> started = target_.start_drawing(part.places, {part.share, finds_depths}); !started) return started;
+    SCREE_TRY(target_.start_drawing(part.places, {part.share, finds_depths}));
   }
   has_begun_ = true;
-  if (Result<void> started = load_ahead((waits && has_depths_) ? 1 : kLoadsAhead); !started) return started;
+  SCREE_TRY(load_ahead((waits && has_depths_) ? 1 : kLoadsAhead));
   const Timed timed(stats_.draw_ms);
-  const Result<StreamTarget::Drawn> drawn = target_.finish_drawing();
-  if (!drawn) return drawn.error();
-  stats_.drawn += drawn->stats;
-  stats_.drawing_ms += drawn->ms;
+  const StreamTarget::Drawn drawn = SCREE_TRY(target_.finish_drawing());
+  stats_.drawn += drawn.stats;
+  stats_.drawing_ms += drawn.ms;
   ++stats_.parts;
   has_depths_ = has_depths_ || finds_depths;
   has_all_depths_ = finds_depths;
@@ -376,9 +369,8 @@ Result<void> Streamer::Frame::draw_part(Part part) {
 
 Result<void> Streamer::Frame::finish_loading() {
   const Timed timed(stats_.load_ms);
-  const Result<double> loaded = target_.finish_loading();
-  if (!loaded) return loaded.error();
-  stats_.copying_ms += *loaded;
+  const double loaded = SCREE_TRY(target_.finish_loading());
+  stats_.copying_ms += loaded;
   --loads_;
   return {};
 }
@@ -424,7 +416,7 @@ auto Streamer::guarded(StreamTarget& target, const Work& work) -> decltype(work(
 Result<StreamStats> Streamer::draw(const kernels::View& view, const kernels::ShadeOptions* shade, StreamTarget& target,
                                    const IsOver& is_over) {
   const uint64_t triangles = view_.instance_count == 0 ? 0 : view_.instance_base[view_.instance_count];
-  if (Result<void> checked = kernels::check_frame(view, triangles); !checked) return checked.error();
+  SCREE_TRY(kernels::check_frame(view, triangles));
   return guarded(target,
                  [&] { return Frame(residency_, batch_bytes_, last_seen_, target, is_over).draw(view, shade); });
 }
@@ -441,13 +433,13 @@ Result<Streamer::Rest> Streamer::load_rest(StreamTarget& target, const IsOver& i
         const Residency::Batch batch = residency_.next_batch(batch_bytes_);
         is_ended = batch.loads.empty();
         if (is_ended) break;
-        if (Result<void> started = target.start_loading(batch); !started) return started.error();
+        SCREE_TRY(target.start_loading(batch));
         ++loads;
         rest.present.insert(rest.present.end(), batch.loads.begin(), batch.loads.end());
         is_ended = is_over && is_over();
       }
       if (loads == 0) break;
-      if (const Result<double> loaded = target.finish_loading(); !loaded) return loaded.error();
+      SCREE_TRY(target.finish_loading());
       --loads;
     }
     for (const uint32_t chunk : residency_.missing()) rest.left_bytes += residency_.chunk_bytes(chunk);

@@ -149,7 +149,7 @@ class SlotRing {
   /// Waits for a slot's copy or join.
   Result<void> finish(uint32_t slot) {
     const uint64_t job = std::exchange(joined_[slot], kNoJob);
-    if (Result<void> done = target_.wait(slot); !done) return done;
+    SCREE_TRY(target_.wait(slot));
     if (job == kNoJob || target_.has_joined(slot)) return {};
     const std::lock_guard<std::mutex> lock(mutex_);
     refused_.push_back(job);
@@ -282,10 +282,9 @@ class Uploader {
 
   /// `bytes`: at most a slot.
   Result<void> copy_memory(const std::byte* from, uint64_t bytes, uint64_t offset) {
-    const Result<uint32_t> slot = ring_.take();
-    if (!slot) return slot.error();
-    std::memcpy(target_.slot(*slot), from, bytes);
-    return ring_.copy(*slot, offset, bytes);
+    const uint32_t slot = SCREE_TRY(ring_.take());
+    std::memcpy(target_.slot(slot), from, bytes);
+    return ring_.copy(slot, offset, bytes);
   }
 
   /// A slot that the pages of a job are read into.
@@ -299,26 +298,25 @@ class Uploader {
   };
 
   Result<void> copy_pages(const Job& job) {
-    const Result<uint32_t> slot = ring_.take();
-    if (!slot) return slot.error();
-    SlotPages pages{&job, target_.slot(*slot), joins_ && has_split(job)};
+    const uint32_t slot = SCREE_TRY(ring_.take());
+    SlotPages pages{&job, target_.slot(slot), joins_ && has_split(job)};
     Result<void> done = fill(pages);
     if (pages.joins) {
       const std::vector<kernels::JoinTask>& tasks = pages.plan.tasks();
       const JoinRoom room = target_.join_room();
       if (done && tasks.size() <= room.tasks && pages.plan.history_words() <= room.history_words) {
         joined_pages_ += pages.joined;
-        return ring_.join(*slot, pages.end, tasks, static_cast<uint64_t>(&job - jobs_.data()));
+        return ring_.join(slot, pages.end, tasks, static_cast<uint64_t>(&job - jobs_.data()));
       }
       // A page before one with an error may be bad too, which only the device would find.
       pages.joins = false;
       done = fill(pages);
     }
     if (!done) {
-      ring_.give_back(*slot);
+      ring_.give_back(slot);
       return done;
     }
-    return ring_.copy(*slot, job.offset, job.bytes);
+    return ring_.copy(slot, job.offset, job.bytes);
   }
 
   bool has_split(const Job& job) const {
@@ -358,7 +356,7 @@ class Uploader {
           return read;
         padded = {to, padded.size()};
       }
-      if (Result<void> done = finish_page(i, padded, to, slot); !done) return done;
+      SCREE_TRY(finish_page(i, padded, to, slot));
       if (is_mapped_ || !is_raw) map_.release(pages.record(i).offset, pages.record(i).stored_bytes);
     }
     return {};
@@ -380,12 +378,12 @@ class Uploader {
       // Compressed pages are smaller than unpacked ones, so all pages of a job fit a buffer of a slot's size.
       BounceBuffer bounce(is_raw ? nullptr : this);
       std::byte* const from = is_raw ? place_of(slot, i) : bounce.data();
-      if (Result<void> done = direct_->read(begin, {from, bytes}); !done) return done;
+      SCREE_TRY(direct_->read(begin, {from, bytes}));
       direct_bytes_ += bytes;
       for (; i < last; ++i) {
         std::byte* const page = from + (pages.record(i).offset - begin);
         const std::span<const std::byte> padded(page, pages.container().padded_page(pages.page(i)).size());
-        if (Result<void> done = finish_page(i, padded, is_raw ? page : place_of(slot, i), slot); !done) return done;
+        SCREE_TRY(finish_page(i, padded, is_raw ? page : place_of(slot, i), slot));
       }
     }
     return {};
@@ -397,16 +395,14 @@ class Uploader {
     const format::Container& container = pages.container();
     const format::PageRecord& record = pages.record(index);
     const uint32_t page = pages.page(index);
-    if (Result<void> checked = container.check_page(page, padded); !checked) return checked;
+    SCREE_TRY(container.check_page(page, padded));
     const auto stored = padded.first(record.stored_bytes);
     if (slot.joins && record.codec == format::PageCodec::kSplit) {
-      const Result<bool> is_left = leave_split(index, stored, to, slot);
-      if (!is_left) return is_left.error();
-      if (*is_left) return {};
+      const bool is_left = SCREE_TRY(leave_split(index, stored, to, slot));
+      if (is_left) return {};
     }
     const std::span<std::byte> room(to, record.raw_bytes);
-    if (record.codec != format::PageCodec::kRaw)
-      if (Result<void> done = container.unpack_page(page, stored, room); !done) return done;
+    if (record.codec != format::PageCodec::kRaw) SCREE_TRY(container.unpack_page(page, stored, room));
     if (slot.joins) {
       slot.plan.add_copy({offset_in(slot, to), plan_.page_offset(index)}, record.raw_bytes);
       slot.end = format::align_up(offset_in(slot, to) + record.raw_bytes, format::kPageAlignment);
@@ -426,7 +422,7 @@ class Uploader {
     const Result<uint64_t> content = container.content_bytes(page, stored);  // at most twice the page's room
     if (!content) return content.error();
     const std::span<std::byte> split(to, *content);
-    if (Result<void> done = container.unpack_content(page, stored, split); !done) return done.error();
+    SCREE_TRY(container.unpack_content(page, stored, split));
     std::vector<JoinChunk> chunks;
     for (uint64_t i = 0; i < pages.chunk_count(index); ++i) {
       const format::ChunkRecord& chunk = container.chunks()[pages.chunk(index, i)];
@@ -444,7 +440,7 @@ class Uploader {
     const DrawnPages& pages = *plan_.pages();
     const format::Container& container = pages.container();
     const uint32_t page = pages.page(job.first);
-    if (Result<void> checked = container.check_page(page, container.padded_page(page)); !checked) return checked;
+    SCREE_TRY(container.check_page(page, container.padded_page(page)));
     return pages.check(job.first, container.stored_page(page));
   }
 
@@ -453,12 +449,11 @@ class Uploader {
     const std::lock_guard<std::mutex> lock(large_mutex_);
     std::vector<std::byte> scratch;
     const uint32_t page = plan_.pages()->page(job.first);
-    const Result<std::span<const std::byte>> raw = plan_.pages()->container().load_page(page, scratch);
-    if (!raw) return raw.error();
-    if (Result<void> checked = plan_.pages()->check(job.first, *raw); !checked) return checked;
-    for (uint64_t done = 0; done < raw->size(); done += sizes_.slot_bytes) {
-      const uint64_t bytes = std::min(sizes_.slot_bytes, raw->size() - done);
-      if (Result<void> copied = copy_memory(raw->data() + done, bytes, job.offset + done); !copied) return copied;
+    const std::span<const std::byte> raw = SCREE_TRY(plan_.pages()->container().load_page(page, scratch));
+    SCREE_TRY(plan_.pages()->check(job.first, raw));
+    for (uint64_t done = 0; done < raw.size(); done += sizes_.slot_bytes) {
+      const uint64_t bytes = std::min(sizes_.slot_bytes, raw.size() - done);
+      SCREE_TRY(copy_memory(raw.data() + done, bytes, job.offset + done));
     }
     return {};
   }
@@ -570,8 +565,7 @@ Result<UploadCounts> run_upload(const UploadPlan& plan, const MappedFile& map, U
                                 const StagingSizes& sizes, Reading reading, uint32_t threads,
                                 JobProgress* progress) try {
   Uploader uploader(plan, map, target, sizes, reading == Reading::kMapped, progress);
-  if (reading == Reading::kDirect)
-    if (Result<void> opened = uploader.open_direct(); !opened) return opened.error();
+  if (reading == Reading::kDirect) SCREE_TRY(uploader.open_direct());
   return uploader.run(threads);
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory left for its pages"};

@@ -47,7 +47,7 @@ uint32_t paged_levels(const format::Container& container, uint32_t image, bool p
 }  // namespace
 
 Result<void> load_page_into(const format::Container& container, uint32_t page, std::span<std::byte> raw) {
-  if (Result<void> checked = container.check_page(page, container.padded_page(page)); !checked) return checked;
+  SCREE_TRY(container.check_page(page, container.padded_page(page)));
   const std::span<const std::byte> stored = container.stored_page(page);
   if (container.pages()[page].codec != format::PageCodec::kRaw) return container.unpack_page(page, stored, raw);
   std::copy(stored.begin(), stored.end(), raw.begin());
@@ -67,14 +67,12 @@ Result<void> load_block_level(const format::Container& container, uint32_t image
   const std::string place = "level " + std::to_string(level);
   if (container.pages()[first].raw_bytes != rows.page_bytes(0)) {  // the page holds more
     std::vector<std::byte> scratch;
-    const auto page = container.load_page(first, scratch);
-    if (!page) return at(place, page.error());
-    std::copy_n(page->begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
+    const auto page = SCREE_TRY_AT(place, container.load_page(first, scratch));
+    std::copy_n(page.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
     return {};
   }
   for (uint32_t i = 0; i < rows.pages(); ++i) {
-    const Result<void> loaded = load_page_into(container, first + i, out.first(rows.page_bytes(i)));
-    if (!loaded) return at(place, loaded.error());
+    SCREE_TRY_AT(place, load_page_into(container, first + i, out.first(rows.page_bytes(i))));
     out = out.subspan(rows.page_bytes(i));
   }
   return {};
@@ -83,7 +81,7 @@ Result<void> load_block_level(const format::Container& container, uint32_t image
 Result<Image> decode_block_image(const format::Container& container, uint32_t image) {
   const format::ImageRecord& record = container.images()[image];
   std::vector<std::byte> blocks(format::block_rows(record, 0).bytes());
-  if (Result<void> loaded = load_block_level(container, image, 0, blocks); !loaded) return loaded.error();
+  SCREE_TRY(load_block_level(container, image, 0, blocks));
   return decode_level(record, 0, blocks.data());
 }
 
@@ -102,20 +100,20 @@ Result<BlockTexture> BlockTexture::load(const format::Container& container, uint
   for (uint32_t level = first; level <= record.level_count; ++level) {
     const std::span<std::byte> out =
         std::span(texture.blocks_).subspan(texture.offsets_[level], format::block_rows(record, level).bytes());
-    if (Result<void> loaded = load_block_level(container, image, level, out); !loaded) return loaded.error();
+    SCREE_TRY(load_block_level(container, image, level, out));
   }
   const Size last = size_of(record, record.level_count);
   if (last.width == 1 && last.height == 1) return texture;
   std::vector<std::byte> of_last;
   if (first > record.level_count) {
     of_last.resize(format::block_rows(record, record.level_count).bytes());
-    if (Result<void> loaded = load_block_level(container, image, record.level_count, of_last); !loaded)
-      return loaded.error();
+    SCREE_TRY(load_block_level(container, image, record.level_count, of_last));
   }
-  Result<Image> picture = decode_level(
-      record, record.level_count, of_last.empty() ? texture.blocks_.data() + texture.offsets_.back() : of_last.data());
-  if (!picture) return at("level " + std::to_string(record.level_count), picture.error());
-  MipChain chain = make_mips(std::move(*picture), coding);
+  Image picture =
+      SCREE_TRY_AT("level " + std::to_string(record.level_count),
+                   decode_level(record, record.level_count,
+                                of_last.empty() ? texture.blocks_.data() + texture.offsets_.back() : of_last.data()));
+  MipChain chain = make_mips(std::move(picture), coding);
   // The picture itself is there as blocks.
   MipChain& made = texture.made_;
   const uint64_t before = chain.level_offset[1];

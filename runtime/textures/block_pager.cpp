@@ -42,14 +42,13 @@ uint64_t BlockPager::page_bytes(uint64_t number) const {
 }
 
 Result<bool> BlockPager::bring(bool must) try {
-  const Result<std::span<const uint64_t>> last = wanted();
-  if (!last) return last.error();
+  const std::span<const uint64_t> last = SCREE_TRY(wanted());
   std::vector<uint32_t> shown;
   std::vector<uint32_t> missing;
   uint64_t shown_bytes = 0;
   uint64_t present_bytes = 0;
   for (uint32_t number = 0; number < size(); ++number) {
-    if ((*last)[number] != pages_.round) continue;
+    if (last[number] != pages_.round) continue;
     shown.push_back(number);
     shown_bytes += bytes_of(number);
     if (blocks_[number] == nullptr) {
@@ -65,7 +64,7 @@ Result<bool> BlockPager::bring(bool must) try {
   if (!fits && present_bytes <= room_bytes_) {
     std::vector<uint32_t> rest = missing;
     kept = split_missing(rest, room_bytes_ - present_bytes);
-    fits = !kept.empty() && keep(kept, *last);
+    fits = !kept.empty() && keep(kept, last);
     if (fits) {
       missing = std::move(rest);
     } else {
@@ -85,7 +84,7 @@ Result<bool> BlockPager::bring(bool must) try {
       if (bytes_of(missing[count]) > left) break;
     missing.resize(count);
   }
-  if (!take_all(missing, *last)) {
+  if (!take_all(missing, last)) {
     if (!fits) return false;
     // The free room lies in pieces between pages that are wanted.
     std::vector<uint8_t> is_kept(size());
@@ -126,11 +125,10 @@ Result<bool> BlockPager::bring(bool must) try {
 }
 
 Result<uint64_t> BlockPager::wanted_bytes(uint64_t first) {
-  const Result<std::span<const uint64_t>> last = wanted();
-  if (!last) return last.error();
+  const std::span<const uint64_t> last = SCREE_TRY(wanted());
   uint64_t bytes = 0;
   for (uint64_t number = 0; number < size(); ++number)
-    if ((*last)[number] >= first) bytes += bytes_of(number);
+    if (last[number] >= first) bytes += bytes_of(number);
   return bytes;
 }
 
@@ -140,11 +138,10 @@ void BlockPager::drop_if(const std::function<bool(uint32_t number)>& is_dropped)
 }
 
 Result<uint64_t> BlockPager::missing_since(uint64_t first) {
-  const Result<std::span<const uint64_t>> last = wanted();
-  if (!last) return last.error();
+  const std::span<const uint64_t> last = SCREE_TRY(wanted());
   uint64_t bytes = 0;
   for (uint64_t number = 0; number < size(); ++number)
-    if ((*last)[number] >= first && blocks_[number] == nullptr) bytes += record(number).raw_bytes;
+    if (last[number] >= first && blocks_[number] == nullptr) bytes += record(number).raw_bytes;
   return bytes;
 }
 
@@ -241,7 +238,7 @@ Result<void> BlockPager::open_direct() {
 
 Result<void> BlockPager::read_all(std::span<const uint32_t> numbers, const std::function<Target(uint64_t i)>& to,
                                   const std::function<void(uint64_t i)>& was_read) {
-  if (Result<void> opened = open_direct(); !opened) return opened;
+  SCREE_TRY(open_direct());
   ReadAhead ahead(map_);
   for (const uint32_t number : numbers) {
     if (!is_direct_ || was_read_[number] != 0) ahead.add(record(number).offset, record(number).stored_bytes);
@@ -281,7 +278,7 @@ Result<void> BlockPager::read(uint64_t number, const Target& to) {
   if (!is_raw && is_usual && !usual) usual = direct_memory(kUsualPackedBytes);
   if (!is_raw && !is_usual) large = direct_memory(room);
   std::byte* const padded = is_raw ? to.memory : is_usual ? usual.get() : large.get();
-  if (Result<void> done = read_stored(number, {padded, room}); !done) return done;
+  SCREE_TRY(read_stored(number, {padded, room}));
   Result<void> done = container_.check_page(page, {padded, padded_bytes});
   if (done && !is_raw)
     done = container_.unpack_page(page, {padded, stored.stored_bytes}, {to.memory, stored.raw_bytes});

@@ -61,13 +61,12 @@ uint64_t head_bytes(uint32_t channels) {
 
 Result<format::JpegIndex> open_jpeg_level(std::span<const std::byte> bytes, uint32_t width, uint32_t height,
                                           uint32_t channels) {
-  Result<format::JpegIndex> index = format::open_jpeg_index(bytes);
-  if (!index) return index;
-  if (index->width != width || index->height != height || index->component_count != channels) {
+  format::JpegIndex index = SCREE_TRY(format::open_jpeg_index(bytes));
+  if (index.width != width || index.height != height || index.component_count != channels) {
     const auto shape = [](uint32_t w, uint32_t h, uint32_t c) {
       return std::to_string(w) + " x " + std::to_string(h) + " x " + std::to_string(c);
     };
-    return Error{ErrorCode::kRange, "indexed JPEG: is " + shape(index->width, index->height, index->component_count) +
+    return Error{ErrorCode::kRange, "indexed JPEG: is " + shape(index.width, index.height, index.component_count) +
                                         ", expected " + shape(width, height, channels)};
   }
   return index;
@@ -99,43 +98,37 @@ Result<JpegImage> JpegImage::open(const format::Container& container, uint32_t i
     const auto [entry, is_new] = opened.pages_.try_emplace(number);
     Page& page = entry->second;
     if (!is_new) return page.bytes;
-    const auto loaded = container.load_page(number, page.unpacked);
-    if (!loaded) return loaded;
-    return page.bytes = *loaded;
+    const auto loaded = SCREE_TRY(container.load_page(number, page.unpacked));
+    return page.bytes = loaded;
   };
   for (uint32_t l = first; l <= record.level_count; ++l) {
     const std::string place = "level " + std::to_string(l);
-    const auto bytes = page_bytes(place_of(container, image, l).page);
-    if (!bytes) return at(place, bytes.error());
-    auto index = open_level(container, image, l, *bytes);
-    if (!index) return at(place, index.error());
-    opened.levels_.push_back(std::move(*index));
+    const auto bytes = SCREE_TRY_AT(place, page_bytes(place_of(container, image, l).page));
+    auto index = SCREE_TRY_AT(place, open_level(container, image, l, bytes));
+    opened.levels_.push_back(std::move(index));
   }
   opened.first_ = first;
   return opened;
 }
 
 Result<MipChain> JpegImage::decode_tail(TexelCoding coding) const {
-  Result<Image> last = decode_jpeg_level(levels_.back());
-  if (!last) return at("level " + std::to_string(first_ + levels_.size() - 1), last.error());
-  return make_mips(std::move(*last), coding);
+  Image last = SCREE_TRY_AT("level " + std::to_string(first_ + levels_.size() - 1), decode_jpeg_level(levels_.back()));
+  return make_mips(std::move(last), coding);
 }
 
 Result<MipChain> JpegImage::decode(TexelCoding coding) const {
-  const Result<MipChain> tail = decode_tail(coding);
-  if (!tail) return tail.error();
+  const MipChain tail = SCREE_TRY(decode_tail(coding));
   MipChain chain{.width = levels_.front().width, .height = levels_.front().height};
   const auto stored = static_cast<uint32_t>(levels_.size()) - 1;  // levels before the tail
   for (uint32_t l = 0; l < stored; ++l) {
-    const Result<Image> image = decode_jpeg_level(levels_[l]);
-    if (!image) return at("level " + std::to_string(l), image.error());
+    const Image image = SCREE_TRY_AT("level " + std::to_string(l), decode_jpeg_level(levels_[l]));
     chain.level_offset[l] = chain.texels.size() / 4;
-    chain.texels.insert(chain.texels.end(), image->rgba.begin(), image->rgba.end());
+    chain.texels.insert(chain.texels.end(), image.rgba.begin(), image.rgba.end());
   }
-  for (uint32_t l = 0; l < tail->level_count; ++l)
-    chain.level_offset[stored + l] = chain.texels.size() / 4 + tail->level_offset[l];
-  chain.level_count = stored + tail->level_count;
-  chain.texels.insert(chain.texels.end(), tail->texels.begin(), tail->texels.end());
+  for (uint32_t l = 0; l < tail.level_count; ++l)
+    chain.level_offset[stored + l] = chain.texels.size() / 4 + tail.level_offset[l];
+  chain.level_count = stored + tail.level_count;
+  chain.texels.insert(chain.texels.end(), tail.texels.begin(), tail.texels.end());
   return chain;
 }
 
@@ -145,12 +138,8 @@ Result<JpegTexture> JpegTexture::load(const format::Container& container, uint32
   texture.width_ = container.images()[image].width;
   texture.height_ = container.images()[image].height;
   const uint32_t first = texture.paged_levels_ = paged_levels_of(container, image, paged);
-  Result<JpegImage> opened = JpegImage::open(container, image, first);
-  if (!opened) return opened.error();
-  texture.image_ = std::move(*opened);
-  Result<MipChain> tail = texture.image_.decode_tail(coding);
-  if (!tail) return tail.error();
-  texture.tail_ = std::move(*tail);
+  texture.image_ = SCREE_TRY(JpegImage::open(container, image, first));
+  texture.tail_ = SCREE_TRY(texture.image_.decode_tail(coding));
   const std::vector<format::JpegIndex>& levels = texture.image_.levels();
   texture.levels_.resize(first);
   for (size_t l = 0; l + 1 < levels.size(); ++l) {
@@ -246,19 +235,19 @@ Result<void> write_jpeg_heads(const format::Container& container, const JpegLeve
   const uint32_t channels = container.images()[levels.image].channels;
   const auto moved = [&](const void* part) { return address + (static_cast<const std::byte*>(part) - memory); };
   for (uint32_t i = 0; i < levels.count; ++i) {
-    const auto index = open_level(container, levels.image, levels.first + i, {memory, raw_bytes});
-    if (!index)
-      return at("image " + std::to_string(levels.image) + ": level " + std::to_string(levels.first + i), index.error());
+    const auto index =
+        SCREE_TRY_AT("image " + std::to_string(levels.image) + ": level " + std::to_string(levels.first + i),
+                     open_level(container, levels.image, levels.first + i, {memory, raw_bytes}));
     std::byte* const head = memory + jpeg_head_place(raw_bytes, channels, i);
     std::byte* const factors = head + kPictureBytes;
     std::byte* const tables = factors + channels * kFactorBytes;
-    const std::vector<uint32_t> made = format::jpeg_factors(*index);
-    format::JpegPicture picture = format::jpeg_picture(*index, reinterpret_cast<const uint32_t*>(moved(factors)));
+    const std::vector<uint32_t> made = format::jpeg_factors(index);
+    format::JpegPicture picture = format::jpeg_picture(index, reinterpret_cast<const uint32_t*>(moved(factors)));
     move_jpeg_view(picture.view, moved(picture.view.data));
     picture.view.tables = reinterpret_cast<const format::JpegHuffmanTable*>(moved(tables));
     std::memcpy(head, &picture, sizeof picture);
     std::memcpy(factors, made.data(), made.size() * sizeof made[0]);
-    std::memcpy(tables, index->tables.data(), index->tables.size() * sizeof index->tables[0]);
+    std::memcpy(tables, index.tables.data(), index.tables.size() * sizeof index.tables[0]);
   }
   return {};
 }

@@ -36,8 +36,7 @@ class BenchScene {
   explicit BenchScene(const BenchOptions& options) : options_(options) {}
 
   Result<void> load(const std::string& path, bool on_gpu) {
-    Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
-    if (!file) return file.error();
+    runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(path));
     runtime::LoadOptions load = tools::load_options(options_, options_.textures);
     load.on = on_gpu ? runtime::DrawOn::kGpu : runtime::DrawOn::kCpu;
     load.gpu = options_.backend.device;
@@ -45,9 +44,7 @@ class BenchScene {
     load.host_memory = options_.host_memory;
     load.pictures = {options_.size.width, options_.size.height, options_.samples_per_side, &shade_};
     load.camera.eye = runtime::Vec3{};  // file_views() reads the pages if it needs them
-    auto loaded = runtime::LoadedScene::load(std::move(*file), std::move(load));
-    if (!loaded) return loaded.error();
-    loaded_ = std::move(*loaded);
+    loaded_ = SCREE_TRY(runtime::LoadedScene::load(std::move(file), std::move(load)));
     return {};
   }
 
@@ -58,35 +55,30 @@ class BenchScene {
   };
   Result<FrameMs> draw(const kernels::View& pixels) {
     const uint32_t side = options_.samples_per_side;
-    const Result<kernels::View> of_samples = runtime::view_of_samples(pixels, side);
-    if (!of_samples) return of_samples.error();
-    const kernels::View& view = *of_samples;
+    const kernels::View of_samples = SCREE_TRY(runtime::view_of_samples(pixels, side));
+    const kernels::View& view = of_samples;
     sample_count_ = uint64_t{view.width} * view.height;
     if (device() != nullptr) {
       kernels::FrameTimes drawn{};
-      if (const auto stats = device()->draw(view, &drawn, &shade_); !stats) return stats.error();
+      SCREE_TRY(device()->draw(view, &drawn, &shade_));
       kernels::ResolveTimes resolved{};
-      if (const auto done = device()->resolve(view, side, shade_, {}, &resolved); !done) return done.error();
+      SCREE_TRY(device()->resolve(view, side, shade_, {}, &resolved));
       return FrameMs{drawn.raster_ms, resolved.resolve_ms};
     }
     samples_.resize(sample_count_);
     rgba_.resize(4 * sample_count_ / (side * side));
     const runtime::Stopwatch draw_watch;
-    if (const auto drawn = kernels::draw_cpu(scene().view(), view, samples_, options_.threads); !drawn)
-      return drawn.error();
+    SCREE_TRY(kernels::draw_cpu(scene().view(), view, samples_, options_.threads));
     const auto draw_ms = static_cast<float>(draw_watch.elapsed().wall_ms);
     const runtime::Stopwatch watch;
-    const Result<void> shaded =
-        kernels::resolve_cpu(scene().view(), view, side, samples_, shade_, 4, rgba_, options_.threads);
-    if (!shaded) return shaded.error();
+    SCREE_TRY(kernels::resolve_cpu(scene().view(), view, side, samples_, shade_, 4, rgba_, options_.threads));
     return FrameMs{draw_ms, static_cast<float>(watch.elapsed().wall_ms)};
   }
 
   /// Hash of the frame drawn last.
   Result<uint64_t> picture_hash() {
     samples_.resize(sample_count_);
-    if (device() != nullptr)
-      if (const Result<void> read = device()->read_samples(samples_); !read) return read.error();
+    if (device() != nullptr) SCREE_TRY(device()->read_samples(samples_));
     return format::checksum(std::as_bytes(std::span(samples_)));
   }
 
@@ -141,7 +133,7 @@ class FileBench {
   }
 
   Result<FileResult> run() {
-    if (const Result<void> done = measure_loads(); !done) return done.error();
+    SCREE_TRY(measure_loads());
     runtime::Scene& scene = loaded_->scene();
     const kernels::SceneView& drawn = scene.view();
     result_.file_bytes = scene.file().map().size();
@@ -151,12 +143,10 @@ class FileBench {
     progress_.stage(path_ + ": drawing", views_.size(), "views");
     for (const FileView& view : views_) {
       progress_.update(result_.views.size(), 0);
-      const Result<ViewResult> measured = measure_view(view);
-      if (!measured) return measured.error();
-      result_.views.push_back(*measured);
+      result_.views.push_back(SCREE_TRY(measure_view(view)));
     }
     progress_.erase();
-    if (const Result<void> whole = tools::check_not_cut(scene.file().map()); !whole) return whole.error();
+    SCREE_TRY(tools::check_not_cut(scene.file().map()));
     return result_;
   }
 
@@ -179,11 +169,9 @@ class FileBench {
         progress_.update(loads++, 0);
         double share = 1;
         if (cached) {
-          const Result<double> now = series.result.is_cold ? drop_from_cache(path_) : bring_to_cache(path_);
-          if (!now) return now.error();
-          share = *now;
+          share = SCREE_TRY(series.result.is_cold ? drop_from_cache(path_) : bring_to_cache(path_));
         }
-        if (const Result<void> done = load(series, share); !done) return done;
+        SCREE_TRY(load(series, share));
       }
     }
     progress_.erase();
@@ -195,13 +183,10 @@ class FileBench {
     loaded_.reset();
     const runtime::Stopwatch watch;
     loaded_.emplace(options_);
-    if (const Result<void> done = loaded_->load(path_, has_gpu_); !done) return done;
+    SCREE_TRY(loaded_->load(path_, has_gpu_));
     const auto load_ms = static_cast<float>(watch.elapsed().wall_ms);
-    Result<std::vector<FileView>> views =
-        file_views(loaded_->scene(), path_, options_.cameras, options_.size, options_.threads);
-    if (!views) return views.error();
-    views_ = std::move(*views);
-    if (const auto drawn = loaded_->draw(views_.front().view); !drawn) return at(path_, drawn.error());
+    views_ = SCREE_TRY(file_views(loaded_->scene(), path_, options_.cameras, options_.size, options_.threads));
+    SCREE_TRY_AT(path_, loaded_->draw(views_.front().view));
     series.add(load_ms, static_cast<float>(watch.elapsed().wall_ms), share);
     series.result.read_bytes = read_bytes(loaded_->scene());
     series.result.device_bytes = loaded_->device_bytes();
@@ -212,23 +197,18 @@ class FileBench {
     ViewResult result{.name = view.name};
     std::vector<float> shade;
     const auto draw_one = [&]() -> Result<float> {
-      const auto ms = loaded_->draw(view.view);
-      if (!ms) return ms.error();
-      shade.push_back(ms->shade);
-      return ms->draw;
+      const auto ms = SCREE_TRY(loaded_->draw(view.view));
+      shade.push_back(ms.shade);
+      return ms.draw;
     };
-    const Result<float> first = draw_one();
-    if (!first) return at(path_, first.error());
-    result.first_ms = static_cast<double>(*first);
-    const Result<std::vector<float>> times = timed_frames(options_.frames, options_.warmup, draw_one);
-    if (!times) return at(path_, times.error());
-    result.frames = static_cast<uint32_t>(times->size());
-    result.draw = summarize(*times);
-    result.shade = summarize(std::span(shade).last(times->size()));
+    const float first = SCREE_TRY_AT(path_, draw_one());
+    result.first_ms = static_cast<double>(first);
+    const std::vector<float> times = SCREE_TRY_AT(path_, timed_frames(options_.frames, options_.warmup, draw_one));
+    result.frames = static_cast<uint32_t>(times.size());
+    result.draw = summarize(times);
+    result.shade = summarize(std::span(shade).last(times.size()));
     result.streamed_bytes = loaded_->streamed_bytes();
-    const Result<uint64_t> hash = loaded_->picture_hash();
-    if (!hash) return at(path_, hash.error());
-    result.picture = *hash;
+    result.picture = SCREE_TRY_AT(path_, loaded_->picture_hash());
     return result;
   }
 
@@ -256,13 +236,12 @@ Result<FileResult> measure_file(const std::string& path, const BenchOptions& opt
 }
 
 Result<void> run_bench(const BenchOptions& options) {
-  const Result<std::optional<runtime::Gpu>> gpu = tools::choose_gpu("bench", options.backend, options.quiet);
-  if (!gpu) return gpu.error();
-  BenchReport report{options, gpu->has_value() ? gpu_machine(**gpu) : cpu_machine(), {}};
+  const std::optional<runtime::Gpu> gpu = SCREE_TRY(tools::choose_gpu("bench", options.backend, options.quiet));
+  BenchReport report{options, gpu.has_value() ? gpu_machine(*gpu) : cpu_machine(), {}};
   Result<void> done;
   for (const std::string& file : options.files) {
     tools::report_sigbus("bench", file);
-    Result<FileResult> measured = measure_file(file, options, gpu->has_value());
+    Result<FileResult> measured = measure_file(file, options, gpu.has_value());
     if (!measured) {
       done = measured.error();
       break;
@@ -271,8 +250,7 @@ Result<void> run_bench(const BenchOptions& options) {
   }
   if (report.files.empty()) return done;
   std::fputs((options.json ? bench_json(report) : bench_text(report)).c_str(), stdout);
-  if (!options.csv.empty())
-    if (const Result<void> added = append_rows(report); !added) return added;
+  if (!options.csv.empty()) SCREE_TRY(append_rows(report));
   return done;
 }
 

@@ -15,13 +15,10 @@ struct BenchWords : DrawWords {
 };
 
 Result<bench::BenchOptions> parse(const BenchWords& words) {
-  const Result<DrawOptions> drawing = parse_draw_options(words);
-  if (!drawing) return drawing.error();
+  const DrawOptions drawing = SCREE_TRY(parse_draw_options(words));
   bench::BenchOptions options = words.options;
-  static_cast<DrawOptions&>(options) = *drawing;
-  const Result<TextureOptions> textures = parse_texture_options(words.textures);
-  if (!textures) return textures.error();
-  options.textures = *textures;
+  static_cast<DrawOptions&>(options) = drawing;
+  options.textures = SCREE_TRY(parse_texture_options(words.textures));
   return options;
 }
 

@@ -31,11 +31,9 @@ Result<std::vector<FileView>> file_views(runtime::Scene& scene, const std::strin
     camera.camera = choice.camera;
     camera.width = size.width;
     camera.height = size.height;
-    if (runtime::view_reads_vertices(scene.view(), camera))
-      if (const Result<void> pages = scene.load_pages(threads); !pages) return pages.error();
-    const Result<kernels::View> view = runtime::make_view(scene, camera);
-    if (!view) return at(file, view.error());
-    views.push_back({choice.name, *view});
+    if (runtime::view_reads_vertices(scene.view(), camera)) SCREE_TRY(scene.load_pages(threads));
+    const kernels::View view = SCREE_TRY_AT(file, runtime::make_view(scene, camera));
+    views.push_back({choice.name, view});
   }
   return views;
 }

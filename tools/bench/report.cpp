@@ -72,7 +72,6 @@ void write_times(tools::JsonWriter& json, const char* name, const Times& times) 
 }
 
 void write_file(tools::JsonWriter& json, const FileResult& file) {
-  json.begin_object();
   json.member("file", file.file);
   json.member("bytes", file.file_bytes);
   json.member("unique_triangles", file.unique_triangles);
@@ -96,7 +95,6 @@ void write_file(tools::JsonWriter& json, const FileResult& file) {
     if (view.streamed_bytes) json.member("streamed_bytes", *view.streamed_bytes);
     json.member("picture", hex(view.picture));
   });
-  json.end_object();
 }
 
 }  // namespace
@@ -123,23 +121,18 @@ std::string bench_text(const BenchReport& report) {
 }
 
 std::string bench_json(const BenchReport& report) {
-  std::string text;
-  tools::JsonWriter json(text);
-  json.begin_object();
-  json.member("commit", report.machine.commit);
-  json.member("device", report.machine.device);
-  json.member("driver", report.machine.driver);
-  json.member("threads", report.options.threads);
-  json.member("width", report.options.size.width);
-  json.member("height", report.options.size.height);
-  json.member("samples_per_side", report.options.samples_per_side);
-  json.member("repeats", report.options.repeats);
-  json.key("files");
-  json.begin_array();
-  for (const FileResult& file : report.files) write_file(json, file);
-  json.end_array();
-  json.end_object();
-  return text + "\n";
+  return tools::json_object([&](tools::JsonWriter& json) {
+           json.member("commit", report.machine.commit);
+           json.member("device", report.machine.device);
+           json.member("driver", report.machine.driver);
+           json.member("threads", report.options.threads);
+           json.member("width", report.options.size.width);
+           json.member("height", report.options.size.height);
+           json.member("samples_per_side", report.options.samples_per_side);
+           json.member("repeats", report.options.repeats);
+           json.objects("files", report.files, [&](const FileResult& file) { write_file(json, file); });
+         }) +
+         "\n";
 }
 
 Result<void> append_rows(const BenchReport& report) {
@@ -176,7 +169,7 @@ Result<void> append_rows(const BenchReport& report) {
       add_times(cells, "shade", view.shade);
       cells.emplace_back("streamed_bytes", view.streamed_bytes ? csv_number(*view.streamed_bytes) : "");
       cells.emplace_back("picture", hex(view.picture));
-      if (const Result<void> added = append_csv(options.csv, cells); !added) return added;
+      SCREE_TRY(append_csv(options.csv, cells));
     }
   }
   return {};

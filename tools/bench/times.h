@@ -34,14 +34,12 @@ Result<std::vector<float>> timed_frames(uint32_t frames, uint32_t warmup, const 
     const runtime::Stopwatch watch;
     times.clear();
     while (times.size() < count && (times.empty() || watch.elapsed().wall_ms < budget_ms)) {
-      const Result<float> ms = draw_one();
-      if (!ms) return ms.error();
-      times.push_back(*ms);
+      times.push_back(SCREE_TRY(draw_one()));
     }
     return {};
   };
-  if (Result<void> done = draw_many(warmup, kTimeBudgetMs / 4); !done) return done.error();
-  if (Result<void> done = draw_many(frames, kTimeBudgetMs); !done) return done.error();
+  SCREE_TRY(draw_many(warmup, kTimeBudgetMs / 4));
+  SCREE_TRY(draw_many(frames, kTimeBudgetMs));
   return times;
 }
 

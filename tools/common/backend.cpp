@@ -10,11 +10,9 @@ namespace scree::tools {
 
 Result<BackendOptions> parse_backend(const std::string& backend, const std::string& device, const std::string& gpus) {
   BackendOptions options{.device = device};
-  if (const Result<void> chosen =
-          parse_choice(backend, "--backend", options.choice,
-                       {{"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}});
-      !chosen)
-    return chosen.error();
+  SCREE_TRY(
+      parse_choice(backend, "--backend", options.choice,
+                   {{"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}}));
   const auto [last, error] = std::from_chars(gpus.data(), gpus.data() + gpus.size(), options.gpus);
   if (gpus == "all")
     options.gpus = runtime::kAllGpus;

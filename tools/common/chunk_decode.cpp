@@ -90,51 +90,46 @@ Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::sp
   const auto bytes_of = [&](const format::ChunkStream& stream) { return payload.subspan(stream.offset, stream.bytes); };
   if (record.encoding == format::ChunkEncoding::kClustered) {
     if (parts & (kPartIndices | kPartPositions)) {
-      const auto done =
-          format::decode_clusters(format::cluster_streams_of(mesh, record, payload), {out.indices, {}, out.positions});
-      if (!done) return at(place("clusters"), done.error());
+      SCREE_TRY_AT(place("clusters"), format::decode_clusters(format::cluster_streams_of(mesh, record, payload),
+                                                              {out.indices, {}, out.positions}));
     }
     parts &= ~uint32_t{kPartIndices | kPartPositions};
   }
   if (parts & kPartIndices) {
     const format::IndexRange range{record.index_min, record.index_bits};
-    const auto done = format::decode_indices(out.indices, record.vertex_count, range, bytes_of(streams.indices));
-    if (!done) return at(place("indices"), done.error());
+    SCREE_TRY_AT(place("indices"),
+                 format::decode_indices(out.indices, record.vertex_count, range, bytes_of(streams.indices)));
   }
   if (parts & kPartPositions) {
-    const auto done = format::decode_positions(out.positions, format::lattice_of(mesh),
-                                               format::position_range_of(record), bytes_of(streams.positions));
-    if (!done) return at(place("positions"), done.error());
+    SCREE_TRY_AT(place("positions"),
+                 format::decode_positions(out.positions, format::lattice_of(mesh), format::position_range_of(record),
+                                          bytes_of(streams.positions)));
   }
   if (!out.uvs.empty()) {
     const format::UvRange range{
         record.uv_exponent, {record.uv_min[0], record.uv_min[1]}, {record.uv_bits[0], record.uv_bits[1]}};
-    const auto done = format::decode_uvs(out.uvs, range, bytes_of(streams.uvs));
-    if (!done) return at(place("texture coordinates"), done.error());
+    SCREE_TRY_AT(place("texture coordinates"), format::decode_uvs(out.uvs, range, bytes_of(streams.uvs)));
   }
   if (!out.colors.empty()) {
-    const auto done = format::decode_colors(out.colors, bytes_of(streams.colors));
-    if (!done) return at(place("colours"), done.error());
+    SCREE_TRY_AT(place("colours"), format::decode_colors(out.colors, bytes_of(streams.colors)));
   }
   if (!out.normals.empty()) {
-    const auto done = format::decode_normals(out.normals, record.normal_bits, bytes_of(streams.normals));
-    if (!done) return at(place("normals"), done.error());
+    SCREE_TRY_AT(place("normals"), format::decode_normals(out.normals, record.normal_bits, bytes_of(streams.normals)));
   }
   if (!out.second_uvs.empty()) {
     std::span<const std::byte> codes = bytes_of(streams.second_uvs);
     const auto range = format::open_second_uvs(record.second_uv_bits, codes);
-    const auto done = range ? format::decode_uvs(out.second_uvs, *range, codes) : Result<void>(range.error());
-    if (!done) return at(place("second texture coordinates"), done.error());
+    SCREE_TRY_AT(place("second texture coordinates"),
+                 range ? format::decode_uvs(out.second_uvs, *range, codes) : Result<void>(range.error()));
   }
   if (!out.tangents.empty()) {
-    const auto done =
-        format::decode_tangents(out.tangents, out.normals, record.tangent_bits, bytes_of(streams.tangents));
-    if (!done) return at(place("tangents"), done.error());
+    SCREE_TRY_AT(place("tangents"),
+                 format::decode_tangents(out.tangents, out.normals, record.tangent_bits, bytes_of(streams.tangents)));
   }
   if (!out.source_ids.empty()) {
     const format::SourceIdRange range{record.source_min, record.source_bits};
-    const auto done = format::decode_source_ids(out.source_ids, range, bytes_of(streams.source_ids));
-    if (!done) return at(place("source triangle numbers"), done.error());
+    SCREE_TRY_AT(place("source triangle numbers"),
+                 format::decode_source_ids(out.source_ids, range, bytes_of(streams.source_ids)));
   }
   return {};
 }
@@ -143,13 +138,10 @@ Result<const DecodedChunk*> ChunkReader::read(uint64_t chunk, uint32_t parts) {
   const uint32_t page = file_->chunks()[chunk].page;
   if (page != page_number_) {
     page_number_ = format::kNone;
-    auto loaded = file_->load_page(page, scratch_);
-    if (!loaded) return at("page " + std::to_string(page), loaded.error());
-    page_ = *loaded;
+    page_ = SCREE_TRY_AT("page " + std::to_string(page), file_->load_page(page, scratch_));
     page_number_ = page;
   }
-  const Result<void> decoded = decode_chunk(*file_, chunk, page_, parts, chunk_);
-  if (!decoded) return decoded.error();
+  SCREE_TRY(decode_chunk(*file_, chunk, page_, parts, chunk_));
   return static_cast<const DecodedChunk*>(&chunk_);
 }
 

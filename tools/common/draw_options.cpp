@@ -107,10 +107,9 @@ Result<LightOptions> parse_light_options(const LightWords& words) {
   if (words.shadows && options.lighting != kernels::Lighting::kScene) return usage("--shadows needs --light scene");
   if (words.shadows) options.shadow_side = runtime::kShadowSide;
   if (!words.shadow_size.empty()) {
-    const Result<uint64_t> samples =
-        parse_whole(words.shadow_size, runtime::kLeastShadowSide, kernels::kMaxImageSide, "--shadow-size");
-    if (!samples) return samples.error();
-    options.shadow_side = static_cast<uint32_t>(*samples);
+    const uint64_t samples =
+        SCREE_TRY(parse_whole(words.shadow_size, runtime::kLeastShadowSide, kernels::kMaxImageSide, "--shadow-size"));
+    options.shadow_side = static_cast<uint32_t>(samples);
   }
   return options;
 }
@@ -151,9 +150,8 @@ Result<TextureOptions> parse_texture_options(const TextureWords& words) {
   for (const auto& [name, word, size] : {std::tuple("--texture-cache", &words.cache, &options.cache),
                                          std::tuple("--texture-memory", &words.memory, &options.memory)}) {
     if (word->empty()) continue;
-    const Result<uint64_t> bytes = parse_size(*word, name, 0);
-    if (!bytes) return bytes.error();
-    *size = std::max<uint64_t>(*bytes, 1);
+    const uint64_t bytes = SCREE_TRY(parse_size(*word, name, 0));
+    *size = std::max<uint64_t>(bytes, 1);
   }
   return options;
 }
@@ -163,13 +161,12 @@ Result<DrawOptions> parse_draw_options(const DrawWords& words) {
     return Error{ErrorCode::kUsage, std::string(option) + ": '" + text + "' is not " + expected};
   };
   DrawOptions options;
-  const Result<ImageSize> size = parse_image_size(words.size, "--size");
-  if (!size) return size.error();
-  options.size = *size;
+  const ImageSize size = SCREE_TRY(parse_image_size(words.size, "--size"));
+  options.size = size;
   if (words.samples != "1" && words.samples != "2" && words.samples != "4")
     return usage("--samples", words.samples, "1, 2 or 4");
   options.samples_per_side = static_cast<uint32_t>(words.samples[0] - '0');
-  const uint64_t longest = uint64_t{std::max(size->width, size->height)} * options.samples_per_side;
+  const uint64_t longest = uint64_t{std::max(size.width, size.height)} * options.samples_per_side;
   if (longest > kernels::kMaxImageSide)
     return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
                                         std::to_string(longest) + " samples per side, at most " +

@@ -31,13 +31,30 @@ class JsonWriter {
     key(name);
     value(content);
   }
-  /// A member that is an object; `members()` writes the members of it.
+  /// An object; `members()` writes the members of it.
   template <class Members>
-  void object(std::string_view name, const Members& members) {
-    key(name);
+  void object(const Members& members) {
     begin_object();
     members();
     end_object();
+  }
+  /// A member that is an object.
+  template <class Members>
+  void object(std::string_view name, const Members& members) {
+    key(name);
+    object(members);
+  }
+  /// An array of numbers or texts.
+  template <class Items>
+  void array(const Items& items) {
+    begin_array();
+    for (const auto& item : items) value(item);
+    end_array();
+  }
+  template <class Items>
+  void array(std::string_view name, const Items& items) {
+    key(name);
+    array(items);
   }
   /// A member that is an array; `write(item)` writes one value.
   template <class Items, class Write>
@@ -47,18 +64,10 @@ class JsonWriter {
     for (const auto& item : items) write(item);
     end_array();
   }
-  template <class Items>
-  void array(std::string_view name, const Items& items) {
-    array(name, items, [this](const auto& item) { value(item); });
-  }
   /// A member that is an array of objects; `members(item)` writes the members of one.
   template <class Items, class Members>
   void objects(std::string_view name, const Items& items, const Members& members) {
-    array(name, items, [&](const auto& item) {
-      begin_object();
-      members(item);
-      end_object();
-    });
+    array(name, items, [&](const auto& item) { object([&] { members(item); }); });
   }
   /// A line break for readability; allowed between any two values.
   void line() { text_ += '\n'; }
@@ -74,6 +83,15 @@ class JsonWriter {
   bool after_key_ = false;
   bool met_non_finite_ = false;
 };
+
+/// The text of one object; `members(json)` writes its members.
+template <class Members>
+std::string json_object(const Members& members) {
+  std::string text;
+  JsonWriter json(text);
+  json.object([&] { members(json); });
+  return text;
+}
 
 /// `text` with characters escaped that JSON strings must not contain, and bytes that are not UTF-8 replaced by U+FFFD.
 std::string json_escaped(std::string_view text);

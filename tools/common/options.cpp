@@ -113,9 +113,8 @@ Result<uint64_t> parse_whole(std::string_view text, uint64_t lowest, uint64_t hi
 }
 
 Result<uint32_t> parse_threads(std::string_view text) {
-  const Result<uint64_t> threads = parse_whole(text, 0, kMostThreads, "--threads");
-  if (!threads) return threads.error();
-  return *threads != 0 ? static_cast<uint32_t>(*threads) : std::max(1u, std::thread::hardware_concurrency());
+  const uint64_t threads = SCREE_TRY(parse_whole(text, 0, kMostThreads, "--threads"));
+  return threads != 0 ? static_cast<uint32_t>(threads) : std::max(1u, std::thread::hardware_concurrency());
 }
 
 Result<ImageSize> parse_image_size(std::string_view text, std::string_view what) {

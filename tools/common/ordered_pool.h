@@ -203,16 +203,15 @@ Result<void> run_ordered(WorkerPool& pool, uint64_t count, InFlight limit, Work 
         is_other = others != nullptr && others->is_ready();
         return is_other || results.ready_locked() || has_room();
       };
-      if (const Result<void> waited = pool.wait(done); !waited) return waited;
+      SCREE_TRY(pool.wait(done));
       if (is_other) {
-        if (const Result<void> other = others->take_one(); !other) return other;
+        SCREE_TRY(others->take_one());
       } else if (results.ready()) {
         break;
       }
     }
-    Result<T> result = results.take();
-    if (!result) return result.error();
-    if (Result<void> done = take(taken, std::move(*result)); !done) return done;
+    T result = SCREE_TRY(results.take());
+    SCREE_TRY(take(taken, std::move(result)));
   }
   return {};
 }

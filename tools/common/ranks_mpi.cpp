@@ -45,17 +45,13 @@ Result<Ranks> Ranks::join() {
   Ranks ranks;
   if (!is_launched()) return ranks;
   int provided = 0, rank = 0, count = 1, rank_on_host = 0;
-  if (!is_running())
-    if (const auto done = checked(MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &provided), "MPI_Init"); !done)
-      return done.error();
+  if (!is_running()) SCREE_TRY(checked(MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &provided), "MPI_Init"));
   MPI_Comm_set_errhandler(MPI_COMM_WORLD, MPI_ERRORS_RETURN);
   MPI_Comm_rank(MPI_COMM_WORLD, &rank);
   MPI_Comm_size(MPI_COMM_WORLD, &count);
   MPI_Comm host{};
-  if (const auto done = checked(MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, rank, MPI_INFO_NULL, &host),
-                                "MPI_Comm_split_type");
-      !done)
-    return done.error();
+  SCREE_TRY(checked(MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, rank, MPI_INFO_NULL, &host),
+                    "MPI_Comm_split_type"));
   MPI_Comm_rank(host, &rank_on_host);
   MPI_Comm_free(&host);
   if (count == 1) ranks.leave();
@@ -69,10 +65,7 @@ Result<void> Ranks::agree(Result<void> own) {
   if (count_ == 1) return own;
   const uint32_t mine = own ? count_ : rank_;
   uint32_t lowest = count_;
-  if (const auto done =
-          checked(MPI_Allreduce(&mine, &lowest, 1, MPI_UINT32_T, MPI_MIN, MPI_COMM_WORLD), "MPI_Allreduce");
-      !done)
-    return done;
+  SCREE_TRY(checked(MPI_Allreduce(&mine, &lowest, 1, MPI_UINT32_T, MPI_MIN, MPI_COMM_WORLD), "MPI_Allreduce"));
   if (lowest == count_ || lowest == rank_) return own;
   return checked(MPI_Barrier(MPI_COMM_WORLD), "MPI_Barrier");  // the lowest rank ends the program meanwhile
 }
@@ -86,10 +79,8 @@ Result<std::vector<std::byte>> Ranks::share(std::span<const std::byte> own) {
   if (count_ == 1) return all;
   all.resize(own.size() * count_);
   const auto bytes = static_cast<int>(own.size());
-  if (const auto done = checked(MPI_Allgather(own.data(), bytes, MPI_BYTE, all.data(), bytes, MPI_BYTE, MPI_COMM_WORLD),
-                                "MPI_Allgather");
-      !done)
-    return done.error();
+  SCREE_TRY(checked(MPI_Allgather(own.data(), bytes, MPI_BYTE, all.data(), bytes, MPI_BYTE, MPI_COMM_WORLD),
+                    "MPI_Allgather"));
   return all;
 }
 
@@ -107,7 +98,7 @@ Result<void> in_bands(std::span<T> values, const Exchange& exchange) {
   constexpr size_t kBand = kBandBytes / sizeof(T);
   for (size_t first = 0; first < values.size(); first += kBand) {
     const std::span<T> band = values.subspan(first, std::min(kBand, values.size() - first));
-    if (const Result<void> done = exchange(band.data(), static_cast<int>(band.size())); !done) return done;
+    SCREE_TRY(exchange(band.data(), static_cast<int>(band.size())));
   }
   return {};
 }

@@ -106,9 +106,7 @@ Result<std::vector<uint8_t>> shade_faces(const runtime::Scene& scene, const kern
   for (format::MeshRecord& mesh : meshes) mesh.attributes &= ~uint32_t{format::kHasNormal};
   faces.meshes = meshes.data();
   std::vector<uint8_t> pixels(uint64_t{3} * view.width * view.height);
-  const Result<void> resolved =
-      kernels::resolve_cpu(faces, view, 1, samples, shading_of_reference(), 3, pixels, threads);
-  if (!resolved) return resolved.error();
+  SCREE_TRY(kernels::resolve_cpu(faces, view, 1, samples, shading_of_reference(), 3, pixels, threads));
   return pixels;
 }
 
@@ -118,11 +116,10 @@ Result<PixelReport> compare_frame(const runtime::Scene& scene, std::span<const u
                                   const SourceModel& model, std::span<const ReferencePixel> expected,
                                   const kernels::View& view, uint32_t threads) {
   return judge_pixels(model, expected, view, threads, [&](uint32_t x, uint32_t y) -> Result<ReferencePixel> {
-    const Result<std::optional<runtime::Pick>> picked =
-        runtime::pick_sample(scene, view, samples[uint64_t{y} * view.width + x]);
-    if (!picked) return picked.error();
-    if (!*picked) return ReferencePixel{};
-    const runtime::Pick& pick = **picked;
+    const std::optional<runtime::Pick> picked =
+        SCREE_TRY(runtime::pick_sample(scene, view, samples[uint64_t{y} * view.width + x]));
+    if (!picked) return ReferencePixel{};
+    const runtime::Pick& pick = *picked;
     // Scene and source were matched when the model was loaded, but source triangle numbers are checked only here.
     if (!pick.source_triangle || *pick.source_triangle >= model.meshes[pick.mesh].kept.size())
       return Error{ErrorCode::kRange, "mesh " + std::to_string(pick.mesh) + ": triangle " +
@@ -150,19 +147,13 @@ kernels::ShadeOptions shading_of_reference() {
 Result<SourceReport> compare_with_source(const runtime::Scene& scene, const SourceModel& model,
                                          const kernels::View& view, double pixels_per_degree, uint32_t threads) try {
   std::vector<uint64_t> samples(uint64_t{view.width} * view.height);
-  const Result<kernels::FrameStats> drawn = kernels::draw_cpu(scene.view(), view, samples, threads);
-  if (!drawn) return drawn.error();
-  const Result<std::vector<ReferencePixel>> reference = draw_reference(model.views, model.instances, view, threads);
-  if (!reference) return reference.error();
-  Result<PixelReport> pixels = compare_frame(scene, samples, model, *reference, view, threads);
-  if (!pixels) return pixels.error();
-  const Result<std::vector<uint8_t>> expected = shade_reference(model, *reference, view, 1, threads);
-  if (!expected) return expected.error();
-  const Result<std::vector<uint8_t>> picture = shade_faces(scene, view, samples, threads);
-  if (!picture) return picture.error();
-  return SourceReport{std::move(*pixels),
-                      compare_rgb({view.width, view.height, *picture}, {view.width, view.height, *expected},
-                                  pixels_per_degree, threads)};
+  SCREE_TRY(kernels::draw_cpu(scene.view(), view, samples, threads));
+  const std::vector<ReferencePixel> reference = SCREE_TRY(draw_reference(model.views, model.instances, view, threads));
+  PixelReport pixels = SCREE_TRY(compare_frame(scene, samples, model, reference, view, threads));
+  const std::vector<uint8_t> expected = SCREE_TRY(shade_reference(model, reference, view, 1, threads));
+  const std::vector<uint8_t> picture = SCREE_TRY(shade_faces(scene, view, samples, threads));
+  return SourceReport{std::move(pixels), compare_rgb({view.width, view.height, picture},
+                                                     {view.width, view.height, expected}, pixels_per_degree, threads)};
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory left to compare pictures"};
 }

@@ -28,9 +28,8 @@ Result<std::vector<Corners<float>>> read_corners(const runtime::Scene& scene,
   uint64_t read_chunk = UINT64_MAX;
   for (const uint64_t i : by_chunk(triangles)) {
     if (triangles[i].chunk != read_chunk) {
-      const auto read = reader.read(triangles[i].chunk, tools::kPartIndices | tools::kPartPositions);
-      if (!read) return at(scene.file().path(), read.error());
-      chunk = *read;
+      chunk = SCREE_TRY_AT(scene.file().path(),
+                           reader.read(triangles[i].chunk, tools::kPartIndices | tools::kPartPositions));
       read_chunk = triangles[i].chunk;
     }
     for (size_t n = 0; n < 3; ++n)
@@ -85,12 +84,9 @@ Result<std::vector<uint64_t>> ids_of(std::span<const uint64_t> samples, uint32_t
 /// Sets the kinds of all pixels that show a surface in both buffers.
 Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b, const SceneMatch& match,
                         PixelReport& report) {
-  const auto ids_a = ids_of(a, report.width, "first", match.first());
-  if (!ids_a) return ids_a.error();
-  const auto ids_b = ids_of(b, report.width, "second", match.second());
-  if (!ids_b) return ids_b.error();
-  const Result<SceneMatch::Resolved> resolved = match.resolve(*ids_a, *ids_b);
-  if (!resolved) return resolved.error();
+  const auto ids_a = SCREE_TRY(ids_of(a, report.width, "first", match.first()));
+  const auto ids_b = SCREE_TRY(ids_of(b, report.width, "second", match.second()));
+  const SceneMatch::Resolved resolved = SCREE_TRY(match.resolve(ids_a, ids_b));
   const auto common = [](const std::vector<uint64_t>& ids, const std::vector<CommonTriangle>& triangles,
                          uint64_t sample) -> const CommonTriangle& {
     const auto found = std::lower_bound(ids.begin(), ids.end(), kernels::sample_id(sample));
@@ -100,8 +96,8 @@ Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b
   std::vector<CommonTriangle> differing;  // two per pixel
   for (uint64_t i = 0; i < a.size(); ++i) {
     if (report.kinds[i] != PixelKind::kSame && report.kinds[i] != PixelKind::kOtherTriangle) continue;
-    const CommonTriangle& in_a = common(*ids_a, resolved->a, a[i]);
-    const CommonTriangle& in_b = common(*ids_b, resolved->b, b[i]);
+    const CommonTriangle& in_a = common(ids_a, resolved.a, a[i]);
+    const CommonTriangle& in_b = common(ids_b, resolved.b, b[i]);
     if (in_a == in_b) {
       report.kinds[i] = PixelKind::kSame;
       continue;
@@ -110,13 +106,11 @@ Result<void> name_kinds(std::span<const uint64_t> a, std::span<const uint64_t> b
     differing.push_back(in_a);
     differing.push_back(in_b);
   }
-  const Result<std::vector<StoredTriangle>> stored = match.find(differing);
-  if (!stored) return stored.error();
-  const auto corners = read_corners(match.second(), *stored);
-  if (!corners) return corners.error();
+  const std::vector<StoredTriangle> stored = SCREE_TRY(match.find(differing));
+  const auto corners = SCREE_TRY(read_corners(match.second(), stored));
   for (size_t n = 0; n < pixels.size(); ++n)
     report.kinds[pixels[n]] =
-        kind_of(match.second(), differing[2 * n], (*corners)[2 * n], differing[2 * n + 1], (*corners)[2 * n + 1]);
+        kind_of(match.second(), differing[2 * n], corners[2 * n], differing[2 * n + 1], corners[2 * n + 1]);
   return {};
 }
 
@@ -128,16 +122,15 @@ double distance_of(uint64_t sample) {
 }  // namespace
 
 Result<std::vector<uint64_t>> read_visibility(const std::string& path, uint32_t width, uint32_t height) {
-  const auto map = runtime::MappedFile::open(path);
-  if (!map) return map.error();
+  const auto map = SCREE_TRY(runtime::MappedFile::open(path));
   const uint64_t count = uint64_t{width} * height;
-  if (map->size() != 8 * count)
-    return Error{map->size() < 8 * count ? ErrorCode::kTruncated : ErrorCode::kTrailing,
-                 path + ": " + std::to_string(map->size()) + " bytes, but a visibility buffer of " +
+  if (map.size() != 8 * count)
+    return Error{map.size() < 8 * count ? ErrorCode::kTruncated : ErrorCode::kTrailing,
+                 path + ": " + std::to_string(map.size()) + " bytes, but a visibility buffer of " +
                      std::to_string(width) + " x " + std::to_string(height) + " samples (--size) takes " +
                      std::to_string(8 * count)};
   std::vector<uint64_t> samples(count);
-  std::memcpy(samples.data(), map->bytes().data(), 8 * count);
+  std::memcpy(samples.data(), map.bytes().data(), 8 * count);
   return samples;
 }
 
@@ -154,8 +147,7 @@ Result<PixelReport> compare_buffers(std::span<const uint64_t> a, std::span<const
     const bool same = kernels::sample_id(a[i]) == kernels::sample_id(b[i]);
     report.kinds[i] = same ? PixelKind::kSame : PixelKind::kOtherTriangle;
   }
-  if (match != nullptr)
-    if (const Result<void> named = name_kinds(a, b, *match, report); !named) return named.error();
+  if (match != nullptr) SCREE_TRY(name_kinds(a, b, *match, report));
   for (uint64_t i = 0; i < a.size(); ++i) {
     if (report.kinds[i] == PixelKind::kBothBackground || report.kinds[i] == PixelKind::kBackground) continue;
     const double depth_a = distance_of(a[i]), depth_b = distance_of(b[i]);

@@ -63,13 +63,12 @@ constexpr const char* kWhatItCompares =
 /// Recognises a glTF by its name, pictures and .scree files by their first bytes. Any other file is a visibility
 /// buffer, which has no signature.
 Result<FileKind> kind_of(const std::string& path) {
-  const auto map = runtime::MappedFile::open(path);
-  if (!map) return map.error();
+  const auto map = SCREE_TRY(runtime::MappedFile::open(path));
   const std::string extension = format::lower_case(std::filesystem::path(path).extension().string());
   if (extension == ".gltf" || extension == ".glb") return FileKind::kSource;
   constexpr uint8_t kPngMagic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
   const auto starts_with = [&](const uint8_t(&magic)[8]) {
-    return map->size() >= sizeof magic && std::memcmp(map->bytes().data(), magic, sizeof magic) == 0;
+    return map.size() >= sizeof magic && std::memcmp(map.bytes().data(), magic, sizeof magic) == 0;
   };
   if (starts_with(format::kMagic)) return FileKind::kScene;
   if (starts_with(kPngMagic)) return FileKind::kPicture;
@@ -123,12 +122,10 @@ Result<void> print(const CompareArguments& words, const Findings& findings) {
 /// Loads a scene without textures. `pages`: whether to load its pages, for drawing.
 Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& options, bool pages) {
   report_sigbus("compare", path);
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(path);
-  if (!file) return file.error();
-  const Result<uint32_t> scene = file->find_scene(options.scene);
-  if (!scene) return scene.error();
+  runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(path));
+  const uint32_t scene = SCREE_TRY(file.find_scene(options.scene));
   const runtime::SceneOptions load{.textures = false, .threads = options.threads, .pages = pages};
-  return runtime::Scene::load(std::move(*file), *scene, load);
+  return runtime::Scene::load(std::move(file), scene, load);
 }
 
 /// Checks the memory for the source, which the reference holds completely. Errors kMemory: more than --memory allows,
@@ -136,9 +133,7 @@ Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& 
 Result<void> check_memory(const CompareArguments& words, const std::string& source, uint64_t needed) {
   uint64_t allowed = available_memory();
   if (!words.memory.empty()) {
-    const Result<uint64_t> size = parse_size(words.memory);
-    if (!size) return at("--memory", size.error());
-    allowed = *size;
+    allowed = SCREE_TRY_AT("--memory", parse_size(words.memory));
   }
   if (needed <= allowed || (allowed == 0 && words.memory.empty())) return {};
   return at(source, Error{ErrorCode::kMemory, "its vertices and triangles take " + format_bytes(needed) +
@@ -148,79 +143,64 @@ Result<void> check_memory(const CompareArguments& words, const std::string& sour
 
 Result<Findings> compare_scene(const CompareArguments& words, const std::string& file, const std::string& source,
                                const RenderOptions& options) {
-  const Result<convert::SourceScene> gltf =
-      convert::import_gltf(source, {.exclude = words.exclude, .allow_outside = words.allow_outside});
-  if (!gltf) return gltf.error();
-  if (const Result<void> fits = check_memory(words, source, source_model_bytes(*gltf)); !fits) return fits.error();
-  const Result<runtime::Scene> scene = load_scene(file, options, true);
-  if (!scene) return scene.error();
+  const convert::SourceScene gltf =
+      SCREE_TRY(convert::import_gltf(source, {.exclude = words.exclude, .allow_outside = words.allow_outside}));
+  SCREE_TRY(check_memory(words, source, source_model_bytes(gltf)));
+  const runtime::Scene scene = SCREE_TRY(load_scene(file, options, true));
   Findings findings;
-  const Result<GeometryReport> geometry = compare_geometry(*gltf, scene->container());
-  if (!geometry) return at(file, geometry.error());
-  findings.geometry = *geometry;
+  findings.geometry = SCREE_TRY_AT(file, compare_geometry(gltf, scene.container()));
 
-  const Result<SourceModel> model = load_source_model(*gltf, scene->container(), scene->scene_index());
-  if (!model) return at(file, model.error());
-  const Result<kernels::View> view = runtime::make_view(*scene, options.camera);
-  if (!view) return at(file, view.error());
-  Result<SourceReport> drawn = compare_with_source(*scene, *model, *view, words.pixels_per_degree, options.threads);
-  if (!drawn) return at(file, drawn.error());
-  if (const Result<void> whole = check_not_cut(scene->file().map()); !whole) return whole.error();
-  findings.pixels = std::move(drawn->pixels);
-  findings.pictures = std::move(drawn->pictures);
+  const SourceModel model = SCREE_TRY_AT(file, load_source_model(gltf, scene.container(), scene.scene_index()));
+  const kernels::View view = SCREE_TRY_AT(file, runtime::make_view(scene, options.camera));
+  SourceReport drawn =
+      SCREE_TRY_AT(file, compare_with_source(scene, model, view, words.pixels_per_degree, options.threads));
+  SCREE_TRY(check_not_cut(scene.file().map()));
+  findings.pixels = std::move(drawn.pixels);
+  findings.pictures = std::move(drawn.pictures);
   return findings;
 }
 
 Result<Findings> compare_two_buffers(const CompareArguments& words, const RenderOptions& options) {
   const uint32_t width = options.camera.width, height = options.camera.height;
-  const auto a = read_visibility(words.render.file, width, height);
-  if (!a) return a.error();
-  const auto b = read_visibility(words.other, width, height);
-  if (!b) return b.error();
+  const auto a = SCREE_TRY(read_visibility(words.render.file, width, height));
+  const auto b = SCREE_TRY(read_visibility(words.other, width, height));
   std::vector<runtime::Scene> scenes;
   scenes.reserve(words.of.size());
   for (const std::string& path : words.of) {
-    Result<runtime::Scene> loaded = load_scene(path, options, false);
-    if (!loaded) return loaded.error();
-    scenes.push_back(std::move(*loaded));
+    runtime::Scene loaded = SCREE_TRY(load_scene(path, options, false));
+    scenes.push_back(std::move(loaded));
   }
   std::optional<SceneMatch> match;
   if (scenes.size() == 1) match.emplace(scenes[0]);
   if (scenes.size() == 2) {
-    Result<SceneMatch> matched = SceneMatch::match(scenes[0], scenes[1]);
-    if (!matched) return matched.error();
-    match.emplace(std::move(*matched));
+    SceneMatch matched = SCREE_TRY(SceneMatch::match(scenes[0], scenes[1]));
+    match.emplace(std::move(matched));
   }
-  Result<PixelReport> report = compare_buffers(*a, *b, width, height, match ? &*match : nullptr);
-  if (!report) return report.error();
-  for (const runtime::Scene& scene : scenes)
-    if (const Result<void> whole = check_not_cut(scene.file().map()); !whole) return whole.error();
-  return Findings{.pixels = std::move(*report)};
+  PixelReport report = SCREE_TRY(compare_buffers(a, b, width, height, match ? &*match : nullptr));
+  for (const runtime::Scene& scene : scenes) SCREE_TRY(check_not_cut(scene.file().map()));
+  return Findings{.pixels = std::move(report)};
 }
 
 Result<Findings> find(const CompareArguments& words, const RenderOptions& options) {
-  const Result<FileKind> a = kind_of(words.render.file);
-  if (!a) return a.error();
-  const Result<FileKind> b = kind_of(words.other);
-  if (!b) return b.error();
-  const bool buffers = *a == FileKind::kBuffer && *b == FileKind::kBuffer;
+  const FileKind a = SCREE_TRY(kind_of(words.render.file));
+  const FileKind b = SCREE_TRY(kind_of(words.other));
+  const bool buffers = a == FileKind::kBuffer && b == FileKind::kBuffer;
   if (!words.flip.empty() && buffers)
     return Error{ErrorCode::kUsage, "--flip needs two PNG pictures, or a .scree file and its glTF"};
   if (words.of.size() > 2) return Error{ErrorCode::kUsage, "--of may be given once, or twice: for A and for B"};
   if (!words.of.empty() && !buffers) return Error{ErrorCode::kUsage, "--of needs two visibility buffers"};
   if (buffers) return compare_two_buffers(words, options);
-  if (*a == FileKind::kPicture && *b == FileKind::kPicture) {
-    Result<PictureReport> report =
-        compare_pictures(words.render.file, words.other, words.pixels_per_degree, options.threads);
-    if (!report) return report.error();
-    return Findings{.pictures = std::move(*report)};
+  if (a == FileKind::kPicture && b == FileKind::kPicture) {
+    PictureReport report =
+        SCREE_TRY(compare_pictures(words.render.file, words.other, words.pixels_per_degree, options.threads));
+    return Findings{.pictures = std::move(report)};
   }
-  if (*a == FileKind::kScene && *b == FileKind::kSource)
+  if (a == FileKind::kScene && b == FileKind::kSource)
     return compare_scene(words, words.render.file, words.other, options);
-  if (*a == FileKind::kSource && *b == FileKind::kScene)
+  if (a == FileKind::kSource && b == FileKind::kScene)
     return compare_scene(words, words.other, words.render.file, options);
-  return Error{ErrorCode::kUsage, words.render.file + " is " + kind_name(*a) + " and " + words.other + " is " +
-                                      kind_name(*b) + "; expected " + kWhatItCompares};
+  return Error{ErrorCode::kUsage, words.render.file + " is " + kind_name(a) + " and " + words.other + " is " +
+                                      kind_name(b) + "; expected " + kWhatItCompares};
 }
 
 /// Checks that neither output replaces an input or the other output.
@@ -239,10 +219,9 @@ Result<void> check_outputs(const CompareArguments& words) {
   if (!words.flip.empty()) {
     if (!words.render.output.empty() && is_same_file(words.flip, words.render.output))
       return Error{ErrorCode::kUsage, "--output and --flip are both " + words.flip};
-    if (const Result<void> checked = check_picture_path("--flip", words.flip); !checked) return checked;
+    SCREE_TRY(check_picture_path("--flip", words.flip));
   }
-  for (const auto& [name, output] : outputs)
-    if (const Result<void> checked = check_output_file(*output, existing_of(words.force)); !checked) return checked;
+  for (const auto& [name, output] : outputs) SCREE_TRY(check_output_file(*output, existing_of(words.force)));
   return {};
 }
 
@@ -250,9 +229,8 @@ Result<void> write_outputs(const CompareArguments& words, const Findings& findin
   const format::Existing existing = existing_of(words.force);
   const StopOnSignal handlers;
   if (const std::string& output = words.render.output; !output.empty()) {
-    Result<void> written = findings.pixels ? write_difference(output, *findings.pixels, existing)
-                                           : write_flip(output, *findings.pictures, existing);
-    if (!written) return written;
+    SCREE_TRY(findings.pixels ? write_difference(output, *findings.pixels, existing)
+                              : write_flip(output, *findings.pictures, existing));
     note_written(output);
     if (StopOnSignal::flag()->load()) return Error{ErrorCode::kFile, "interrupted"};
   }
@@ -266,18 +244,15 @@ Result<void> run(const CompareArguments& words) try {
   RenderWords render = words.render;
   render.file.clear();
   render.list_cameras = true;  // without any output, render would choose one beside its file
-  if (!render.output.empty())
-    if (const Result<void> checked = check_picture_path("--output", render.output); !checked) return checked.error();
-  const Result<RenderOptions> options = parse_render_options(render);
-  if (!options) return options.error();
+  if (!render.output.empty()) SCREE_TRY(check_picture_path("--output", render.output));
+  const RenderOptions options = SCREE_TRY(parse_render_options(render));
   if (std::isnan(words.pixels_per_degree))  // CLI::Range accepts nan
     return Error{ErrorCode::kUsage, "--ppd: nan, expected 1 to 1000"};
-  if (const Result<void> checked = check_outputs(words); !checked) return checked.error();
+  SCREE_TRY(check_outputs(words));
   report_sigbus("compare", words.render.file);
-  const Result<Findings> findings = find(words, *options);
-  if (!findings) return findings.error();
-  if (const Result<void> written = write_outputs(words, *findings); !written) return written.error();
-  return print(words, *findings);
+  const Findings findings = SCREE_TRY(find(words, options));
+  SCREE_TRY(write_outputs(words, findings));
+  return print(words, findings);
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory left to compare " + words.render.file + " with " + words.other};
 }

@@ -159,15 +159,13 @@ Result<GeometryReport> compare_geometry(const convert::SourceScene& scene, const
     std::vector<float> normals;
     if ((mesh.attributes & format::kHasNormal) != 0 && primitive.normal) {
       normals.resize(3 * primitive.normal->count);
-      if (const Result<void> read = convert::read_floats(*primitive.normal, 0, primitive.normal->count, normals); !read)
-        return at(scene.file_name, read.error());
+      SCREE_TRY_AT(scene.file_name, convert::read_floats(*primitive.normal, 0, primitive.normal->count, normals));
     }
     MeshComparison comparison(source, normals, report);
     for (uint64_t c = mesh.first_chunk; c < mesh.first_chunk + mesh.chunk_count; ++c) {
-      const auto chunk =
-          reader.read(c, tools::kPartIndices | tools::kPartPositions | tools::kPartNormals | tools::kPartSourceIds);
-      if (!chunk) return chunk.error();
-      comparison.add(**chunk);
+      const auto chunk = SCREE_TRY(
+          reader.read(c, tools::kPartIndices | tools::kPartPositions | tools::kPartNormals | tools::kPartSourceIds));
+      comparison.add(*chunk);
     }
     const double error = comparison.finish();
     ++report.meshes;

@@ -16,16 +16,14 @@ struct Rgb {
 };
 
 Result<Rgb> read_picture(const std::string& path) {
-  const auto map = runtime::MappedFile::open(path);
-  if (!map) return map.error();
-  const Result<runtime::Image> image = runtime::decode_image(map->bytes());
-  if (!image) return at(path, image.error());
-  if (!image->warning.empty()) return Error{ErrorCode::kFormat, path + ": " + image->warning};
-  Rgb out{image->width, image->height, {}};
-  out.pixels.reserve(image->rgba.size() / 4 * 3);
-  for (size_t i = 0; i < image->rgba.size(); i += 4)
+  const auto map = SCREE_TRY(runtime::MappedFile::open(path));
+  const runtime::Image image = SCREE_TRY_AT(path, runtime::decode_image(map.bytes()));
+  if (!image.warning.empty()) return Error{ErrorCode::kFormat, path + ": " + image.warning};
+  Rgb out{image.width, image.height, {}};
+  out.pixels.reserve(image.rgba.size() / 4 * 3);
+  for (size_t i = 0; i < image.rgba.size(); i += 4)
     for (size_t c = 0; c < 3; ++c)
-      out.pixels.push_back(static_cast<uint8_t>((image->rgba[i + c] * image->rgba[i + 3] + 127) / 255));
+      out.pixels.push_back(static_cast<uint8_t>((image.rgba[i + c] * image.rgba[i + 3] + 127) / 255));
   return out;
 }
 
@@ -33,15 +31,13 @@ Result<Rgb> read_picture(const std::string& path) {
 
 Result<PictureReport> compare_pictures(const std::string& a_path, const std::string& b_path, double pixels_per_degree,
                                        uint32_t threads) {
-  const Result<Rgb> a = read_picture(a_path);
-  if (!a) return a.error();
-  const Result<Rgb> b = read_picture(b_path);
-  if (!b) return b.error();
-  if (a->width != b->width || a->height != b->height)
-    return Error{ErrorCode::kRange, a_path + ": " + std::to_string(a->width) + " x " + std::to_string(a->height) +
-                                        " pixels, but " + b_path + " has " + std::to_string(b->width) + " x " +
-                                        std::to_string(b->height)};
-  return compare_rgb({a->width, a->height, a->pixels}, {b->width, b->height, b->pixels}, pixels_per_degree, threads);
+  const Rgb a = SCREE_TRY(read_picture(a_path));
+  const Rgb b = SCREE_TRY(read_picture(b_path));
+  if (a.width != b.width || a.height != b.height)
+    return Error{ErrorCode::kRange, a_path + ": " + std::to_string(a.width) + " x " + std::to_string(a.height) +
+                                        " pixels, but " + b_path + " has " + std::to_string(b.width) + " x " +
+                                        std::to_string(b.height)};
+  return compare_rgb({a.width, a.height, a.pixels}, {b.width, b.height, b.pixels}, pixels_per_degree, threads);
 }
 
 PictureReport compare_rgb(const RgbView& a, const RgbView& b, double pixels_per_degree, uint32_t threads) {

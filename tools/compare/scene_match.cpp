@@ -95,9 +95,7 @@ Result<std::vector<uint64_t>> source_numbers(const Scene& scene, std::span<const
   for (const uint64_t i : by_chunk(triangles)) {
     if (triangles[i].chunk != number) {
       number = triangles[i].chunk;
-      const auto read = reader.read(number, tools::kPartSourceIds);
-      if (!read) return at(scene.file().path(), read.error());
-      chunk = *read;
+      chunk = SCREE_TRY_AT(scene.file().path(), reader.read(number, tools::kPartSourceIds));
     }
     out[i] = chunk->source_ids[triangles[i].place];
   }
@@ -134,14 +132,14 @@ Result<bool> is_same_chunk(const Scene& a, tools::ChunkReader& reader_a, const S
   if (record_a.first_triangle != record_b.first_triangle || record_a.triangle_count != record_b.triangle_count ||
       record_a.vertex_count != record_b.vertex_count)
     return false;
-  const auto chunk_a = reader_a.read(pair.a, tools::kPartIndices | tools::kPartPositions);
-  if (!chunk_a) return at(a.file().path(), chunk_a.error());
-  const auto chunk_b = reader_b.read(pair.b, tools::kPartIndices | tools::kPartPositions);
-  if (!chunk_b) return at(b.file().path(), chunk_b.error());
+  const auto chunk_a =
+      SCREE_TRY_AT(a.file().path(), reader_a.read(pair.a, tools::kPartIndices | tools::kPartPositions));
+  const auto chunk_b =
+      SCREE_TRY_AT(b.file().path(), reader_b.read(pair.b, tools::kPartIndices | tools::kPartPositions));
   const double allowed = allowed_distance(a.view().meshes[record_a.mesh], b.view().meshes[record_b.mesh]);
-  return (*chunk_a)->indices == (*chunk_b)->indices &&
-         std::equal((*chunk_a)->positions.begin(), (*chunk_a)->positions.end(), (*chunk_b)->positions.begin(),
-                    (*chunk_b)->positions.end(), [&](float p, float q) { return is_near(p, q, allowed); });
+  return chunk_a->indices == chunk_b->indices &&
+         std::equal(chunk_a->positions.begin(), chunk_a->positions.end(), chunk_b->positions.begin(),
+                    chunk_b->positions.end(), [&](float p, float q) { return is_near(p, q, allowed); });
 }
 
 /// Checks that the chunks of every pair are the same. Error kUnsupported if not, because ids then stand for different
@@ -151,9 +149,8 @@ Result<void> check_chunks(const Scene& a, const Scene& b, std::vector<ChunkPair>
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
   tools::ChunkReader reader_a(a.container()), reader_b(b.container());
   for (const ChunkPair& pair : pairs) {
-    const Result<bool> same = is_same_chunk(a, reader_a, b, reader_b, pair);
-    if (!same) return same.error();
-    if (!*same)
+    const bool same = SCREE_TRY(is_same_chunk(a, reader_a, b, reader_b, pair));
+    if (!same)
       return Error{ErrorCode::kUnsupported,
                    a.file().path() + " and " + b.file().path() +
                        " store their triangles differently; convert both with --source-ids to match them"};
@@ -181,10 +178,9 @@ Result<void> find_in_mesh(const Scene& scene, tools::ChunkReader& reader, std::s
     const ChunkRecord& record = scene.view().chunks[c];
     const auto first = first_from(record.source_min);
     if (first == wanted.end() || ((first->number - record.source_min) >> record.source_bits) != 0) continue;
-    const auto read = reader.read(c, tools::kPartSourceIds);
-    if (!read) return at(scene.file().path(), read.error());
+    const auto read = SCREE_TRY_AT(scene.file().path(), reader.read(c, tools::kPartSourceIds));
     for (uint32_t t = 0; t < record.triangle_count; ++t)
-      for (auto w = first_from((*read)->source_ids[t]); w != wanted.end() && w->number == (*read)->source_ids[t]; ++w)
+      for (auto w = first_from(read->source_ids[t]); w != wanted.end() && w->number == read->source_ids[t]; ++w)
         out[w->asked] = {c, t};
   }
   return {};
@@ -226,7 +222,7 @@ Result<void> SceneMatch::match_instances() {
 
 Result<SceneMatch> SceneMatch::match(const Scene& a, const Scene& b) {
   SceneMatch match(a, b);
-  if (const Result<void> matched = match.match_instances(); !matched) return matched.error();
+  SCREE_TRY(match.match_instances());
   return match;
 }
 
@@ -254,7 +250,7 @@ Result<SceneMatch::Resolved> SceneMatch::resolve(std::span<const uint64_t> ids_a
       pairs.push_back({in_a[i].chunk, same_place(*a_, in_a[i].chunk, mesh_of(*b_, b_of_a_[instances_a[i]]))});
     for (size_t i = 0; i < in_b.size(); ++i)
       pairs.push_back({same_place(*b_, in_b[i].chunk, mesh_of(*a_, a_of_b_[instances_b[i]])), in_b[i].chunk});
-    if (const Result<void> checked = check_chunks(*a_, *b_, std::move(pairs)); !checked) return checked.error();
+    SCREE_TRY(check_chunks(*a_, *b_, std::move(pairs)));
   }
   Resolved out;
   for (size_t i = 0; i < in_a.size(); ++i)
@@ -282,7 +278,7 @@ Result<std::vector<StoredTriangle>> SceneMatch::find(std::span<const CommonTrian
   tools::ChunkReader reader(b_->container());
   for (auto first = wanted.begin(); first != wanted.end();) {
     const auto end = std::find_if(first, wanted.end(), [&](const Wanted& w) { return w.mesh != first->mesh; });
-    if (const Result<void> found = find_in_mesh(*b_, reader, {first, end}, out); !found) return found.error();
+    SCREE_TRY(find_in_mesh(*b_, reader, {first, end}, out));
     for (; first != end; ++first)
       if (out[first->asked].chunk == kNoChunk)
         return Error{ErrorCode::kFormat, names() + " are not made from one source: mesh " +

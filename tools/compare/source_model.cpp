@@ -79,7 +79,7 @@ class NodeCopies {
     if (node != read_node_ || copy < first_ || copy >= first_ + block_.size()) {
       first_ = copy / kBlock * kBlock;
       block_.resize(std::min<uint64_t>(kBlock, instances->count - first_));
-      if (const Result<void> read = convert::read_instances(*instances, first_, block_); !read) return read.error();
+      SCREE_TRY(convert::read_instances(*instances, first_, block_));
       read_node_ = node;
     }
     return multiply(worlds_[node], instance_rows(block_[copy - first_]));
@@ -97,7 +97,7 @@ class NodeCopies {
 /// Components [first, end) of colours, clamped to [0, 1]; NaN becomes 0.
 Result<void> read_colors(const convert::Accessor& accessor, size_t first, size_t end, std::vector<float>& out) {
   std::vector<float> all(accessor.components * accessor.count);
-  if (Result<void> read = convert::read_floats(accessor, 0, accessor.count, all); !read) return read;
+  SCREE_TRY(convert::read_floats(accessor, 0, accessor.count, all));
   out.reserve((end - first) * accessor.count);
   for (uint64_t vertex = 0; vertex < accessor.count; ++vertex) {
     for (size_t c = first; c < end; ++c) {
@@ -140,17 +140,13 @@ Result<void> add_mask(const convert::SourceScene& scene, const convert::MaskPlan
   const convert::Primitive& primitive = scene.primitives[mesh.primitive];
   if (plan.kind(primitive) != convert::MaskKind::kMixed) return {};
   mesh.uvs.resize(2 * primitive.vertex_count());
-  if (primitive.uv)
-    if (Result<void> read = convert::read_floats(*primitive.uv, 0, primitive.vertex_count(), mesh.uvs); !read)
-      return read;
+  if (primitive.uv) SCREE_TRY(convert::read_floats(*primitive.uv, 0, primitive.vertex_count(), mesh.uvs));
   for (float& value : mesh.uvs)
     if (!std::isfinite(value)) value = 0;  // as convert does
-  if (primitive.color && primitive.color->components == 4)
-    if (Result<void> read = read_colors(*primitive.color, 3, 4, mesh.alphas); !read) return read;
+  if (primitive.color && primitive.color->components == 4) SCREE_TRY(read_colors(*primitive.color, 3, 4, mesh.alphas));
   if (masks.contains(primitive.material)) return {};
-  const auto levels = convert::load_mask_levels(scene, plan, primitive.material, true);
-  if (!levels) return levels.error();
-  masks[primitive.material] = reference_mask(scene, plan.materials[primitive.material], primitive.material, *levels);
+  const auto levels = SCREE_TRY(convert::load_mask_levels(scene, plan, primitive.material, true));
+  masks[primitive.material] = reference_mask(scene, plan.materials[primitive.material], primitive.material, levels);
   return {};
 }
 
@@ -160,12 +156,10 @@ Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t 
   const convert::Primitive& primitive = scene.primitives[primitive_number];
   SourceMesh mesh{.primitive = primitive_number};
   mesh.positions.resize(3 * primitive.vertex_count());
-  if (const Result<void> read = convert::read_floats(primitive.positions, 0, primitive.vertex_count(), mesh.positions);
-      !read)
-    return read.error();
+  SCREE_TRY(convert::read_floats(primitive.positions, 0, primitive.vertex_count(), mesh.positions));
   const uint64_t count = primitive.triangle_count();
   mesh.corners.resize(3 * count);
-  if (const Result<void> read = convert::read_triangles(primitive, 0, count, mesh.corners); !read) return read.error();
+  SCREE_TRY(convert::read_triangles(primitive, 0, count, mesh.corners));
   mesh.kept.resize(count);
   for (uint64_t t = 0; t < count; ++t) {
     const uint32_t* const c = &mesh.corners[3 * t];
@@ -175,8 +169,7 @@ Result<SourceMesh> load_source_mesh(const convert::SourceScene& scene, uint32_t 
     mesh.kept[t] = keep;
     mesh.kept_count += keep ? 1 : 0;
   }
-  if (primitive.color)
-    if (const Result<void> read = read_colors(*primitive.color, 0, 3, mesh.colors); !read) return read.error();
+  if (primitive.color) SCREE_TRY(read_colors(*primitive.color, 0, 3, mesh.colors));
   if (primitive.material == format::kNone) return mesh;
   const format::MaterialRecord& material = scene.materials[primitive.material].record;
   for (size_t c = 0; c < 3; ++c) mesh.base_color[c] = static_cast<double>(material.base_color[c]);
@@ -207,10 +200,8 @@ Result<void> MeshMatcher::find_stored_groups() {
 Result<void> MeshMatcher::find_masks() {
   convert::WorkerPool pool(1, nullptr);
   const convert::ImageOptions options{.keep_going = true};
-  Result<convert::MaskPlan> masks =
-      convert::plan_masks(scene_, std::vector<bool>(scene_.primitives.size(), true), options, pool, [](uint64_t) {});
-  if (!masks) return masks.error();
-  masks_ = std::move(*masks);
+  masks_ = SCREE_TRY(
+      convert::plan_masks(scene_, std::vector<bool>(scene_.primitives.size(), true), options, pool, [](uint64_t) {}));
   return {};
 }
 
@@ -222,41 +213,37 @@ Result<void> MeshMatcher::check_repeat(const SourceMesh& mesh) {
                                                 " is stored as a repeat of " + std::to_string(stored_as_[group]) +
                                                 ", but they differ"};
   if (kept_[group] > stored.mesh_count || number >= primitive_of_mesh_.size()) return different;
-  const Result<SourceMesh> other = load_source_mesh(scene_, primitive_of_mesh_[number]);
-  if (!other) return at(scene_.file_name, other.error());
-  if (mesh.kept != other->kept || mesh.double_sided != other->double_sided) return different;
+  const SourceMesh other = SCREE_TRY_AT(scene_.file_name, load_source_mesh(scene_, primitive_of_mesh_[number]));
+  if (mesh.kept != other.kept || mesh.double_sided != other.double_sided) return different;
   for (size_t corner = 0; corner < mesh.corners.size(); ++corner) {
     if (!mesh.kept[corner / 3]) continue;
     const float* const a = &mesh.positions[3 * size_t{mesh.corners[corner]}];
-    const float* const b = &other->positions[3 * size_t{other->corners[corner]}];
+    const float* const b = &other.positions[3 * size_t{other.corners[corner]}];
     if (a[0] != b[0] || a[1] != b[1] || a[2] != b[2]) return different;
   }
   return {};
 }
 
 Result<std::optional<SourceMesh>> MeshMatcher::next() {
-  if (stored_as_.empty())
-    if (const Result<void> found = find_stored_groups(); !found) return found.error();
-  if (!masks_)
-    if (const Result<void> found = find_masks(); !found) return found.error();
+  if (stored_as_.empty()) SCREE_TRY(find_stored_groups());
+  if (!masks_) SCREE_TRY(find_masks());
   for (; primitive_ < scene_.primitives.size(); ++primitive_) {
     const uint32_t group = scene_.primitives[primitive_].group;
     if (stored_as_[group] == format::kNone) continue;
     if (masks_->kind(scene_.primitives[primitive_]) == convert::MaskKind::kClear) continue;
-    Result<SourceMesh> mesh = load_source_mesh(scene_, primitive_);
-    if (!mesh) return at(scene_.file_name, mesh.error());
-    if (mesh->kept_count == 0) continue;
+    SourceMesh mesh = SCREE_TRY_AT(scene_.file_name, load_source_mesh(scene_, primitive_));
+    if (mesh.kept_count == 0) continue;
     ++kept_[group];
     if (stored_as_[group] != group) {
-      if (const Result<void> checked = check_repeat(*mesh); !checked) return checked.error();
+      SCREE_TRY(check_repeat(mesh));
       continue;
     }
     if (mesh_ >= file_.meshes().size())
       return other_source(scene_, "meshes", file_.meshes().size(), file_.meshes().size() + 1);
     const format::MeshRecord& record = file_.meshes()[mesh_];
     const std::string place = "mesh " + std::to_string(mesh_);
-    if (record.triangle_count != mesh->kept_count)
-      return at(place, other_source(scene_, "triangles", record.triangle_count, mesh->kept_count));
+    if (record.triangle_count != mesh.kept_count)
+      return at(place, other_source(scene_, "triangles", record.triangle_count, mesh.kept_count));
     if (record.group != scene_.primitives[primitive_].group)
       return Error{ErrorCode::kFormat, place + ": of glTF mesh " + std::to_string(record.group) + ", but " +
                                            scene_.file_name + " has it in " +
@@ -268,7 +255,7 @@ Result<std::optional<SourceMesh>> MeshMatcher::next() {
     primitive_of_mesh_.push_back(primitive_);
     ++primitive_;
     ++mesh_;
-    return std::optional<SourceMesh>(std::move(*mesh));
+    return std::optional<SourceMesh>(std::move(mesh));
   }
   if (mesh_ != file_.meshes().size()) return other_source(scene_, "meshes", file_.meshes().size(), mesh_);
   for (size_t group = 0; group < kept_.size(); ++group)
@@ -295,12 +282,10 @@ Result<SourceModel> load_source_model(const convert::SourceScene& scene, const f
   SourceModel model;
   MeshMatcher matcher(scene, file);
   for (;;) {
-    Result<std::optional<SourceMesh>> mesh = matcher.next();
-    if (!mesh) return mesh.error();
-    if (!mesh->has_value()) break;
-    if (const Result<void> read = add_mask(scene, matcher.masks(), **mesh, model.masks); !read)
-      return at(scene.file_name, read.error());
-    model.meshes.push_back(std::move(**mesh));
+    std::optional<SourceMesh> mesh = SCREE_TRY(matcher.next());
+    if (!mesh.has_value()) break;
+    SCREE_TRY_AT(scene.file_name, add_mask(scene, matcher.masks(), *mesh, model.masks));
+    model.meshes.push_back(std::move(*mesh));
   }
   for (const SourceMesh& mesh : model.meshes) {
     ReferenceMesh view{mesh.positions, mesh.corners, &mesh.kept, mesh.double_sided, nullptr, mesh.uvs, mesh.alphas};
@@ -322,9 +307,8 @@ Result<SourceModel> load_source_model(const convert::SourceScene& scene, const f
     if (file.nodes()[instance.node].group != group)  // for_each_mesh() has checked the node's mesh against the source
       return Error{ErrorCode::kFormat, "instance " + std::to_string(i) + ": node " + std::to_string(instance.node) +
                                            " draws another mesh than its group's"};
-    const Result<Rows> world = copies.world(instance.node, instance.node_instance);
-    if (!world) return world.error();
-    model.instances.push_back({instance.mesh, *world});
+    const Rows world = SCREE_TRY(copies.world(instance.node, instance.node_instance));
+    model.instances.push_back({instance.mesh, world});
   }
   return model;
 }

@@ -89,10 +89,9 @@ template <class Take>
 Result<void> for_each_mesh(const convert::SourceScene& scene, const format::Container& file, const Take& take) {
   MeshMatcher matcher(scene, file);
   for (;;) {
-    Result<std::optional<SourceMesh>> mesh = matcher.next();
-    if (!mesh) return mesh.error();
-    if (!mesh->has_value()) return {};
-    if (Result<void> taken = take(matcher.mesh(), std::move(**mesh)); !taken) return taken;
+    std::optional<SourceMesh> mesh = SCREE_TRY(matcher.next());
+    if (!mesh.has_value()) return {};
+    SCREE_TRY(take(matcher.mesh(), std::move(*mesh)));
   }
 }
 

@@ -66,9 +66,8 @@ Result<convert::ImageOptions> parse_textures(const std::string& text) {
   }
   options.textures = convert::Textures::kJpeg;
   if (text == "jpeg") return options;
-  const Result<uint64_t> quality = parse_whole(text.substr(5), 1, 100, "--textures jpeg");
-  if (!quality) return quality.error();
-  options.quality = static_cast<int>(*quality);
+  const uint64_t quality = SCREE_TRY(parse_whole(text.substr(5), 1, 100, "--textures jpeg"));
+  options.quality = static_cast<int>(quality);
   return options;
 }
 
@@ -88,10 +87,9 @@ Result<convert::PixelBound> parse_pixel_bound(const ConvertArguments& words) {
   Result<void> done = assign(bound.pixels, parse_positive(words.max_error_pixels, "--max-error-pixels"));
   if (!done) return done.error();
   if (done = assign(bound.distance, parse_length(words.at_distance)); !done) return at("--at-distance", done.error());
-  const Result<ImageSize> size = parse_image_size(words.at_size, "--at-size");
-  if (!size) return size.error();
-  bound.width = size->width;
-  bound.height = size->height;
+  const ImageSize size = SCREE_TRY(parse_image_size(words.at_size, "--at-size"));
+  bound.width = size.width;
+  bound.height = size.height;
   if (done = assign(bound.fov_degrees, parse_positive(words.at_fov, "--at-fov")); !done) return done.error();
   if (bound.fov_degrees >= 180)
     return Error{ErrorCode::kUsage, "--at-fov: '" + words.at_fov + "' is not below 180 degrees"};
@@ -148,18 +146,15 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
     options.position_bits = static_cast<uint32_t>(*bits);
   }
   if (!words.max_error.empty()) {
-    const Result<double> length = parse_length(words.max_error);
-    if (!length) return at("--max-error", length.error());
+    const double length = SCREE_TRY_AT("--max-error", parse_length(words.max_error));
     if (positions_given)
       return Error{ErrorCode::kUsage, "--max-error and --positions exclude each other: both pick the step"};
-    options.max_error = *length;
+    options.max_error = length;
   }
   if (!words.max_error_pixels.empty() || !words.at_distance.empty()) {
     if (positions_given || !words.max_error.empty())
       return Error{ErrorCode::kUsage, "--max-error-pixels, --max-error and --positions exclude each other"};
-    const Result<convert::PixelBound> bound = parse_pixel_bound(words);
-    if (!bound) return bound.error();
-    options.pixel_bound = *bound;
+    options.pixel_bound = SCREE_TRY(parse_pixel_bound(words));
   }
   Result<void> done = parse_choices(words, options);
   if (done)
@@ -171,9 +166,8 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   if (done = assign(options.memory, parse_size(words.memory)); !done) return at("--memory", done.error());
   options.exclude = words.exclude;
   if (!words.zstd.empty()) {
-    const Result<uint64_t> level = parse_whole(words.zstd, 0, 22, "--zstd");
-    if (!level) return level.error();
-    options.zstd_level = options.images.block_zstd_level = static_cast<int>(*level);
+    const uint64_t level = SCREE_TRY(parse_whole(words.zstd, 0, 22, "--zstd"));
+    options.zstd_level = options.images.block_zstd_level = static_cast<int>(level);
   }
   options.images.keep_going = words.keep_going;
   options.source_ids = words.source_ids;
@@ -183,36 +177,34 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
   options.allow_outside = words.allow_outside;
   options.resume = words.resume;
   options.progress = !words.quiet;
-  if (!words.shard.empty())
-    if (const Result<void> shard = parse_shard(words.shard, options); !shard) return shard.error();
+  if (!words.shard.empty()) SCREE_TRY(parse_shard(words.shard, options));
   return options;
 }
 
 Result<void> run(const ConvertArguments& words, bool positions_given) {
-  Result<convert::ConvertOptions> options = parse(words, positions_given);
-  if (!options) return options.error();
+  convert::ConvertOptions options = SCREE_TRY(parse(words, positions_given));
   Result<convert::ConvertReport> report = Error{ErrorCode::kFile, {}};
   {
     const StopOnSignal handlers(words.resume ? "continue with --resume" : "");
-    options->stop = StopOnSignal::flag();
-    report = convert::convert(*options);
+    options.stop = StopOnSignal::flag();
+    report = convert::convert(options);
   }
   if (!report) return report.error();
   note_written(report->output);
   for (const std::string& warning : report->warnings)
     std::fprintf(stderr, "scree convert: warning: %s\n", warning.c_str());
   if (words.json) {
-    std::fputs(convert::json_report(*options, *report).c_str(), stdout);
-  } else if (options->shards > 0) {
+    std::fputs(convert::json_report(options, *report).c_str(), stdout);
+  } else if (options.shards > 0) {
     if (!words.quiet)
       std::printf("%s: shard %u of %u -> %s: %llu %s, %s; %.2f s, peak memory %s (scree merge joins all shards)\n",
-                  options->input.c_str(), options->shard + 1, options->shards, report->output.c_str(),
+                  options.input.c_str(), options.shard + 1, options.shards, report->output.c_str(),
                   static_cast<unsigned long long>(report->windows), report->windows == 1 ? "window" : "windows",
                   format_bytes(report->output_bytes).c_str(), report->seconds,
                   format_bytes(report->peak_bytes).c_str());
   } else if (!words.quiet) {
     if (!report->positions.rows().empty()) std::printf("%s", report->positions.text().c_str());
-    std::fputs(convert::describe(*options, *report, words.stats).c_str(), stdout);
+    std::fputs(convert::describe(options, *report, words.stats).c_str(), stdout);
   }
   return finish_output();
 }

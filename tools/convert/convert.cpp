@@ -38,7 +38,7 @@ Result<void> check_same_source(const ShardSet& shards, const std::vector<FileSta
 Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* shards) {
   const auto start = std::chrono::steady_clock::now();
   const tools::MemoryUse before = tools::memory_use();
-  if (const Result<void> checked = check_options(options); !checked) return checked.error();
+  SCREE_TRY(check_options(options));
   ConvertReport report;
   report.output = options.output;
   report.threads_asked = options.threads != 0 ? options.threads : std::max(1u, std::thread::hardware_concurrency());
@@ -46,10 +46,9 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
     report.output = std::filesystem::path(options.input)
                         .replace_extension(options.shards > 0 ? std::to_string(options.shard + 1) + ".part" : "scree")
                         .string();
-  if (const Result<void> checked = check_output(report.output); !checked) return checked.error();
+  SCREE_TRY(check_output(report.output));
   if (!tools::is_same_file(report.output, options.input))  // check_not_source() refuses that file, even with --force
-    if (const Result<void> checked = tools::check_output_file(report.output, options.existing); !checked)
-      return checked.error();
+    SCREE_TRY(tools::check_output_file(report.output, options.existing));
   report.output = format::PartFile::target_of(report.output);
   ImportOptions import_options;
   import_options.exclude = options.exclude;
@@ -58,21 +57,15 @@ Result<ConvertReport> convert_or_throw(const ConvertOptions& options, ShardSet* 
   import_options.kept_view_bytes = kept_view_bytes(options.memory);
   import_options.memory = options.memory;
   import_options.threads = report.threads_asked;
-  Result<SourceScene> scene = import_gltf(options.input, import_options);
-  if (!scene) return scene.error();
-  report.warnings = scene->warnings;
-  const std::set<std::string> files = source_files(options.input, *scene);
-  if (const Result<void> checked = check_not_source(files, report.output); !checked) return checked.error();
-  const Result<uint64_t> input_bytes = total_bytes(files);
-  if (!input_bytes) return input_bytes.error();
-  report.input_bytes = *input_bytes;
-  if (shards != nullptr)
-    if (const Result<void> same = check_same_source(*shards, stamp_files(options.input, files)); !same)
-      return same.error();
+  SourceScene scene = SCREE_TRY(import_gltf(options.input, import_options));
+  report.warnings = scene.warnings;
+  const std::set<std::string> files = source_files(options.input, scene);
+  SCREE_TRY(check_not_source(files, report.output));
+  report.input_bytes = SCREE_TRY(total_bytes(files));
+  if (shards != nullptr) SCREE_TRY(check_same_source(*shards, stamp_files(options.input, files)));
   {
     tools::Progress progress(options.progress, options.on_progress);
-    if (const Result<void> done = run_conversion(options, *scene, files, shards, progress, report); !done)
-      return done.error();
+    SCREE_TRY(run_conversion(options, scene, files, shards, progress, report));
   }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   report.peak_bytes = tools::peak_anonymous(before);
@@ -93,12 +86,11 @@ Result<ConvertReport> merge_or_throw(const MergeOptions& merging) {
   for (const std::string& shard : merging.shards)
     if (tools::is_same_file(shard, merging.output))
       return Error{ErrorCode::kUsage, merging.output + ": the output would replace a shard"};
-  Result<ShardSet> shards = open_shards(merging.shards);
-  if (!shards) return shards.error();
-  ConvertOptions options = shards->plan.options;
-  options.input = shards->files.front().share.input;
+  ShardSet shards = SCREE_TRY(open_shards(merging.shards));
+  ConvertOptions options = shards.plan.options;
+  options.input = shards.files.front().share.input;
   static_cast<RunOptions&>(options) = merging;
-  return convert_or_throw(options, &*shards);
+  return convert_or_throw(options, &shards);
 }
 
 }  // namespace

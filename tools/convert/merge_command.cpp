@@ -33,12 +33,9 @@ Result<void> run(const MergeWords& words) {
   options.shards = words.shards;
   options.output = words.output;
   options.existing = existing_of(words.force);
-  const Result<uint64_t> threads = parse_whole(words.threads, 0, 4096, "--threads");
-  if (!threads) return threads.error();
-  options.threads = static_cast<uint32_t>(*threads);
-  const Result<uint64_t> memory = parse_size(words.memory);
-  if (!memory) return at("--memory", memory.error());
-  options.memory = *memory;
+  const uint64_t threads = SCREE_TRY(parse_whole(words.threads, 0, 4096, "--threads"));
+  options.threads = static_cast<uint32_t>(threads);
+  options.memory = SCREE_TRY_AT("--memory", parse_size(words.memory));
   options.allow_outside = words.allow_outside;
   options.progress = !words.quiet;
   report_sigbus("merge", words.shards.front() + ", or another shard");

@@ -82,38 +82,36 @@ std::string describe(const ConvertOptions& options, const ConvertReport& report,
 }
 
 std::string json_report(const ConvertOptions& options, const ConvertReport& report) {
-  std::string text;
-  tools::JsonWriter json(text);
-  json.begin_object();
-  json.member("input", options.input);
-  json.member("output", report.output);
-  json.member("input_bytes", report.input_bytes);
-  json.member("output_bytes", report.output_bytes);
-  json.member("geometry_bytes", report.geometry_bytes);
-  json.member("image_bytes", report.image_bytes);
-  json.member("masks", report.masks);
-  json.member("mask_bytes", report.mask_bytes);
-  json.member("opaque_masks", report.opaque_masks);
-  json.member("blended_materials", report.blended);
-  json.member("meshes", report.meshes);
-  json.member("chunks", report.chunks);
-  json.member("triangles", report.triangles);
-  json.member("drawn_triangles", report.triangles_drawn);
-  json.member("position_error", report.position_error);
-  json.member("position_error_bound", report.position_error_bound);
-  json.member("relative_position_error", report.relative_position_error);
-  json.member("seconds", report.seconds);
-  json.member("peak_bytes", report.peak_bytes);
-  json.member("threads", report.threads);
-  json.member("work", describe_work(report));
-  json.objects("left_out", report.left_out, [&](const LeftOut& entry) {
-    json.member("what", entry.what);
-    json.member("count", entry.count);
-    json.member("source_bytes", entry.source_bytes);
-  });
-  json.array("warnings", report.warnings);
-  json.end_object();
-  return text + "\n";
+  const auto members = [&](tools::JsonWriter& json) {
+    json.member("input", options.input);
+    json.member("output", report.output);
+    json.member("input_bytes", report.input_bytes);
+    json.member("output_bytes", report.output_bytes);
+    json.member("geometry_bytes", report.geometry_bytes);
+    json.member("image_bytes", report.image_bytes);
+    json.member("masks", report.masks);
+    json.member("mask_bytes", report.mask_bytes);
+    json.member("opaque_masks", report.opaque_masks);
+    json.member("blended_materials", report.blended);
+    json.member("meshes", report.meshes);
+    json.member("chunks", report.chunks);
+    json.member("triangles", report.triangles);
+    json.member("drawn_triangles", report.triangles_drawn);
+    json.member("position_error", report.position_error);
+    json.member("position_error_bound", report.position_error_bound);
+    json.member("relative_position_error", report.relative_position_error);
+    json.member("seconds", report.seconds);
+    json.member("peak_bytes", report.peak_bytes);
+    json.member("threads", report.threads);
+    json.member("work", describe_work(report));
+    json.objects("left_out", report.left_out, [&](const LeftOut& entry) {
+      json.member("what", entry.what);
+      json.member("count", entry.count);
+      json.member("source_bytes", entry.source_bytes);
+    });
+    json.array("warnings", report.warnings);
+  };
+  return tools::json_object(members) + "\n";
 }
 
 }  // namespace scree::convert

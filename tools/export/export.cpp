@@ -101,20 +101,17 @@ class Materials {
 
 /// Converts an indexed JPEG to a JPEG file with the same coefficients.
 Result<std::vector<std::byte>> rebuild_jpeg(std::span<const std::byte> bytes) {
-  const auto index = format::open_jpeg_index(bytes);
-  if (!index) return index.error();
-  std::vector<std::byte> file(format::jpeg_file_bound(*index));
-  const auto size = format::decode_jpeg_index(file, *index);
-  if (!size) return size.error();
-  file.resize(*size);
+  const auto index = SCREE_TRY(format::open_jpeg_index(bytes));
+  std::vector<std::byte> file(format::jpeg_file_bound(index));
+  const auto size = SCREE_TRY(format::decode_jpeg_index(file, index));
+  file.resize(size);
   return file;
 }
 
 /// Converts level 0 of a block image to a PNG, decoded and swizzled.
 Result<std::vector<std::byte>> make_png(const format::Container& file, uint32_t image) try {
-  const auto picture = runtime::decode_block_image(file, image);
-  if (!picture) return picture.error();
-  return runtime::encode_png({picture->width, picture->height, 4, picture->rgba}, {.is_small = true});
+  const auto picture = SCREE_TRY(runtime::decode_block_image(file, image));
+  return runtime::encode_png({picture.width, picture.height, 4, picture.rgba}, {.is_small = true});
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory to decode it"};
 }
@@ -139,18 +136,15 @@ std::vector<uint32_t> lost_alphas(const format::Container& file) {
 /// Converts an indexed JPEG to a PNG with the alpha of a mask of the same size.
 Result<std::vector<std::byte>> add_alpha(const format::Container& file, std::span<const std::byte> jpeg,
                                          const format::MaskRecord& mask) try {
-  auto picture = runtime::decode_image(jpeg);
-  if (!picture) return picture.error();
+  auto picture = SCREE_TRY(runtime::decode_image(jpeg));
   std::vector<std::byte> scratch;
-  const auto alpha = file.load_page(mask.page, scratch);
-  if (!alpha) return alpha.error();
-  if (picture->width != mask.width || picture->height != mask.height)
-    return Error{ErrorCode::kFormat, "the image is " + std::to_string(picture->width) + " x " +
-                                         std::to_string(picture->height) + ", but its mask " +
+  const auto alpha = SCREE_TRY(file.load_page(mask.page, scratch));
+  if (picture.width != mask.width || picture.height != mask.height)
+    return Error{ErrorCode::kFormat, "the image is " + std::to_string(picture.width) + " x " +
+                                         std::to_string(picture.height) + ", but its mask " +
                                          std::to_string(mask.width) + " x " + std::to_string(mask.height)};
-  for (size_t i = 0; i < picture->rgba.size() / 4; ++i)
-    picture->rgba[4 * i + 3] = std::to_integer<uint8_t>((*alpha)[i]);
-  return runtime::encode_png({picture->width, picture->height, 4, picture->rgba}, {.is_small = true});
+  for (size_t i = 0; i < picture.rgba.size() / 4; ++i) picture.rgba[4 * i + 3] = std::to_integer<uint8_t>(alpha[i]);
+  return runtime::encode_png({picture.width, picture.height, 4, picture.rgba}, {.is_small = true});
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory to decode it"};
 }
@@ -182,24 +176,19 @@ Result<void> add_images(const format::Container& file, GltfWriter& writer, const
     const std::string place = "image " + std::to_string(i) + ", page " + std::to_string(images[i].page);
     const std::string_view name = file.string(images[i].name);
     if (images[i].codec == format::ImageCodec::kBlocks) {
-      const auto png = make_png(file, i);
-      if (!png) return at(place, png.error());
-      const auto added = writer.add_image(name, codec, *png);
-      if (!added) return added.error();
+      const auto png = SCREE_TRY_AT(place, make_png(file, i));
+      SCREE_TRY(writer.add_image(name, codec, png));
       continue;
     }
-    const auto bytes = file.load_page(images[i].page, scratch);
-    if (!bytes) return at(place, bytes.error());
+    const auto bytes = SCREE_TRY_AT(place, file.load_page(images[i].page, scratch));
     if (images[i].codec == format::ImageCodec::kIndexedJpeg) {
-      auto image = rebuild_jpeg(*bytes);
+      auto image = rebuild_jpeg(bytes);
       if (image && masks[i] != kNone) image = add_alpha(file, *image, file.masks()[masks[i]]);
       if (!image) return at(place, image.error());
-      const auto added = writer.add_image(name, codec, *image);
-      if (!added) return added.error();
+      SCREE_TRY(writer.add_image(name, codec, *image));
       continue;
     }
-    const auto added = writer.add_image(name, images[i].codec, *bytes);
-    if (!added) return added.error();
+    SCREE_TRY(writer.add_image(name, images[i].codec, bytes));
   }
   return {};
 }
@@ -280,9 +269,8 @@ Result<void> add_node_instances(const format::Container& file, GltfWriter& write
       values.insert(values.end(), of_instance, of_instance + attribute.components);
     }
     const auto bytes = std::as_bytes(std::span(values));
-    const auto offset = writer.append(bytes);
-    if (!offset) return offset.error();
-    const GltfBufferView view{.offset = *offset, .bytes = bytes.size()};
+    const auto offset = SCREE_TRY(writer.append(bytes));
+    const GltfBufferView view{.offset = offset, .bytes = bytes.size()};
     node.instancing.emplace_back(
         attribute.name,
         writer.add_accessor({.buffer_view = writer.add_buffer_view(view), .type = attribute.type, .count = count}));
@@ -302,8 +290,7 @@ Result<void> add_nodes(const format::Container& file, GltfWriter& writer, const 
     std::copy(std::begin(record.local), std::end(record.local), node.local.begin());
     if (!node.has_matrix) normalize(node.local.data() + 3);
     if (node.mesh != kNone && record.node_instance_count != 0) {
-      const auto added = add_node_instances(file, writer, record, node);
-      if (!added) return at("node " + std::to_string(i), added.error());
+      SCREE_TRY_AT("node " + std::to_string(i), add_node_instances(file, writer, record, node));
     }
     writer.add_node(std::move(node));
     if (record.parent != kNone) writer.node(record.parent).children.push_back(i);
@@ -341,12 +328,11 @@ struct Arguments {
 };
 
 Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::MappedFile& map) {
-  const auto file = format::Container::open(map.bytes());
-  if (!file) return file.error();
-  if (convert::is_shard(*file))
+  const auto file = SCREE_TRY(format::Container::open(map.bytes()));
+  if (convert::is_shard(file))
     return Error{ErrorCode::kUnsupported, "is a shard of a conversion, without a scene; scree merge joins all shards"};
   uint64_t triangles = 0;
-  for (uint64_t i = 0; i < file->meshes().size(); ++i) triangles += file->meshes()[i].triangle_count;
+  for (uint64_t i = 0; i < file.meshes().size(); ++i) triangles += file.meshes()[i].triangle_count;
   Progress progress(!arguments.quiet);
   progress.stage("export", triangles);
   ExportOptions options;
@@ -358,20 +344,18 @@ Result<ExportSummary> export_mapped(const Arguments& arguments, const runtime::M
   options.is_done_with = [&](uint64_t offset, uint64_t bytes) { map.release(offset, bytes); };
   options.check_source = [&] { return check_not_cut(map); };
   const StopOnSignal handlers;
-  return export_gltf(*file, arguments.output, options);
+  return export_gltf(file, arguments.output, options);
 }
 
 Result<void> run_export(const Arguments& arguments) {
   const auto start = std::chrono::steady_clock::now();
-  if (const Result<void> checked = check_output_file(arguments.output, existing_of(arguments.force)); !checked)
-    return checked;
+  SCREE_TRY(check_output_file(arguments.output, existing_of(arguments.force)));
   report_sigbus("export", arguments.input);
-  const auto map = runtime::MappedFile::open(arguments.input, runtime::Access::kSequential);
-  if (!map) return map.error();
-  const auto summary = export_mapped(arguments, *map);
+  const auto map = SCREE_TRY(runtime::MappedFile::open(arguments.input, runtime::Access::kSequential));
+  const auto summary = export_mapped(arguments, map);
   if (!summary) {
     // If the file was cut short, that is the real cause of errors such as a wrong checksum.
-    if (const Result<void> whole = check_not_cut(*map); !whole) return whole;
+    SCREE_TRY(check_not_cut(map));
     const Error& error = summary.error();
     const bool names_output = error.code == ErrorCode::kUsage || error.code == ErrorCode::kFile;
     return names_output ? error : at(arguments.input, error);
@@ -381,25 +365,23 @@ Result<void> run_export(const Arguments& arguments) {
     std::fprintf(stderr, "scree export: warning: %s%s\n", arguments.output.c_str(), kVersion3Note);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (arguments.json) {
-    std::string text;
-    JsonWriter json(text);
-    json.begin_object();
-    json.member("file", arguments.input);
-    json.member("file_bytes", uint64_t{map->size()});
-    json.member("output", arguments.output);
-    json.member("output_bytes", summary->bytes);
-    json.member("triangles", summary->triangles);
-    json.member("vertices", summary->vertices);
-    json.member("primitives", summary->primitives);
-    json.member("images", summary->images);
-    json.member("seconds", seconds);
-    json.end_object();
+    const std::string text = json_object([&](JsonWriter& json) {
+      json.member("file", arguments.input);
+      json.member("file_bytes", uint64_t{map.size()});
+      json.member("output", arguments.output);
+      json.member("output_bytes", summary->bytes);
+      json.member("triangles", summary->triangles);
+      json.member("vertices", summary->vertices);
+      json.member("primitives", summary->primitives);
+      json.member("images", summary->images);
+      json.member("seconds", seconds);
+    });
     std::printf("%s\n", text.c_str());
     return finish_output();
   }
   if (arguments.quiet) return {};
   std::printf("%s (%s) -> %s (%s): %s triangles, %s vertices, %s primitives, %s images in %.2f s\n",
-              arguments.input.c_str(), format_bytes(map->size()).c_str(), arguments.output.c_str(),
+              arguments.input.c_str(), format_bytes(map.size()).c_str(), arguments.output.c_str(),
               format_bytes(summary->bytes).c_str(), grouped(summary->triangles).c_str(),
               grouped(summary->vertices).c_str(), grouped(summary->primitives).c_str(),
               grouped(summary->images).c_str(), seconds);
@@ -410,35 +392,28 @@ Result<void> run_export(const Arguments& arguments) {
 
 Result<ExportSummary> export_gltf(const format::Container& file, const std::string& path,
                                   const ExportOptions& options) {
-  auto created = GltfWriter::create(path, file.string(file.source().copyright), options.existing);
-  if (!created) return created.error();
-  GltfWriter& writer = *created;
-  if (const Result<void> checked = writer.check_images(planned_images(file)); !checked) return checked.error();
+  auto created = SCREE_TRY(GltfWriter::create(path, file.string(file.source().copyright), options.existing));
+  GltfWriter& writer = created;
+  SCREE_TRY(writer.check_images(planned_images(file)));
 
-  auto primitives = write_primitives(file, writer, options, kMaxPrimitiveVertices);
-  if (!primitives) return primitives.error();
-  ExportSummary summary{.primitives = primitives->size()};
-  for (const ExportedPrimitive& primitive : *primitives) {
+  auto primitives = SCREE_TRY(write_primitives(file, writer, options, kMaxPrimitiveVertices));
+  ExportSummary summary{.primitives = primitives.size()};
+  for (const ExportedPrimitive& primitive : primitives) {
     summary.vertices += primitive.vertices;
     summary.triangles += primitive.triangles;
   }
 
-  const auto images = add_images(file, writer, options);
-  if (!images) return images.error();
+  SCREE_TRY(add_images(file, writer, options));
   summary.images = file.images().size();
   add_textures(file, writer);
   Materials materials(file, writer);
-  const std::vector<uint32_t> mesh_of_group = add_meshes(file, writer, materials, *primitives);
+  const std::vector<uint32_t> mesh_of_group = add_meshes(file, writer, materials, primitives);
   add_cameras(file, writer);
-  const auto nodes = add_nodes(file, writer, mesh_of_group);
-  if (!nodes) return nodes.error();
-  const auto scenes = add_scenes(file, writer);
-  if (!scenes) return scenes.error();
+  SCREE_TRY(add_nodes(file, writer, mesh_of_group));
+  SCREE_TRY(add_scenes(file, writer));
 
-  if (options.check_source)
-    if (const Result<void> whole = options.check_source(); !whole) return whole.error();
-  const auto finished = writer.finish();
-  if (!finished) return finished.error();
+  if (options.check_source) SCREE_TRY(options.check_source());
+  SCREE_TRY(writer.finish());
   summary.bytes = writer.total_bytes();
   summary.is_version_3 = writer.is_version_3();
   return summary;

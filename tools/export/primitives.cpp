@@ -167,17 +167,16 @@ Result<void> place_batch(const format::Container& file, GltfWriter& writer, std:
       users += elements != 0;
     }
     if (bytes == 0) continue;
-    const auto offset = writer.reserve(bytes);
-    if (!offset) return offset.error();
+    const auto offset = SCREE_TRY(writer.reserve(bytes));
     const bool is_vertex = kStreams[stream].attribute != nullptr;
-    GltfBufferView view{.offset = *offset, .bytes = bytes};
+    GltfBufferView view{.offset = offset, .bytes = bytes};
     view.stride =
         is_vertex && users > 1 ? kStreams[stream].element_bytes : 0;  // glTF requires it if accessors share a view
     view.target = is_vertex ? GltfTarget::kVertices : GltfTarget::kIndices;
     const uint32_t number = writer.add_buffer_view(view);
     for (Part& part : parts) {
       part.view[stream] = number;
-      part.offset[stream] = *offset + part.view_offset[stream];
+      part.offset[stream] = offset + part.view_offset[stream];
     }
   }
   return {};
@@ -194,8 +193,7 @@ Result<void> place_parts(const format::Container& file, GltfWriter& writer, std:
                  kStreams[stream].element_bytes;
     }
     if (i > first && (i == parts.size() || batch_bytes + bytes > kBatchBytes)) {
-      const auto placed = place_batch(file, writer, parts.subspan(first, i - first));
-      if (!placed) return placed.error();
+      SCREE_TRY(place_batch(file, writer, parts.subspan(first, i - first)));
       first = i;
       batch_bytes = 0;
     }
@@ -216,9 +214,8 @@ class JobWriter {
   Result<void> write(const Job& job, const Part& part, Box& box) {
     uint64_t vertex = job.first_vertex, triangle = job.first_triangle;
     for (uint64_t chunk = job.first_chunk; chunk < job.first_chunk + job.chunk_count; ++chunk) {
-      const auto read = reader_.read(chunk, kPartAll & ~uint32_t{kPartSourceIds});
-      if (!read) return read.error();
-      const DecodedChunk& decoded = **read;
+      const auto read = SCREE_TRY(reader_.read(chunk, kPartAll & ~uint32_t{kPartSourceIds}));
+      const DecodedChunk& decoded = *read;
       for (size_t i = 0; i < decoded.positions.size(); ++i) {
         box.min[i % 3] = std::min(box.min[i % 3], decoded.positions[i]);
         box.max[i % 3] = std::max(box.max[i % 3], decoded.positions[i]);
@@ -339,10 +336,8 @@ class JobRunner {
 Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container& file, GltfWriter& writer,
                                                         const ExportOptions& options, uint64_t max_vertices) {
   Plan plan = make_plan(file, max_vertices);
-  const auto placed = place_parts(file, writer, plan.parts);
-  if (!placed) return placed.error();
-  const auto written = JobRunner(file, writer, options, plan).run();
-  if (!written) return written.error();
+  SCREE_TRY(place_parts(file, writer, plan.parts));
+  SCREE_TRY(JobRunner(file, writer, options, plan).run());
 
   std::vector<ExportedPrimitive> primitives;
   primitives.reserve(plan.parts.size());

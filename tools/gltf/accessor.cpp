@@ -49,10 +49,8 @@ Result<void> overlay_sparse(const Accessor& accessor, uint64_t first, uint64_t c
   while (low < high) {
     const uint64_t middle = low + (high - low) / 2;
     std::array<std::byte, 4> bytes;
-    if (auto read =
-            sparse.index_source->read(sparse.index_offset + middle * index_bytes, std::span(bytes).first(index_bytes));
-        !read)
-      return read;
+    SCREE_TRY(
+        sparse.index_source->read(sparse.index_offset + middle * index_bytes, std::span(bytes).first(index_bytes)));
     if (load_index(sparse.index_type, bytes.data()) < first) {
       low = middle + 1;
     } else {
@@ -65,17 +63,13 @@ Result<void> overlay_sparse(const Accessor& accessor, uint64_t first, uint64_t c
   const uint64_t block = std::min(indices.size() / index_bytes, values.size() / value_bytes);
   for (uint64_t at = low; at < sparse.count; at += block) {
     const uint64_t n = std::min(block, sparse.count - at);
-    if (auto read = sparse.index_source->read(sparse.index_offset + at * index_bytes,
-                                              std::span(indices).first(n * index_bytes));
-        !read)
-      return read;
+    SCREE_TRY(
+        sparse.index_source->read(sparse.index_offset + at * index_bytes, std::span(indices).first(n * index_bytes)));
     uint64_t inside = 0;
     while (inside < n && load_index(sparse.index_type, indices.data() + inside * index_bytes) < first + count) ++inside;
     if (inside == 0) return {};
-    if (auto read = sparse.value_source->read(sparse.value_offset + at * value_bytes,
-                                              std::span(values).first(inside * value_bytes));
-        !read)
-      return read;
+    SCREE_TRY(sparse.value_source->read(sparse.value_offset + at * value_bytes,
+                                        std::span(values).first(inside * value_bytes)));
     for (uint64_t i = 0; i < inside; ++i) {
       const uint64_t element = load_index(sparse.index_type, indices.data() + i * index_bytes);
       if (element < first) continue;  // only if the file changed after it was checked
@@ -105,8 +99,7 @@ Result<void> each_window(const Accessor& accessor, uint64_t first, uint64_t coun
   const uint64_t step = elements_in(window.size(), accessor);
   for (uint64_t done = 0; done < count; done += step) {
     const uint64_t n = std::min(step, count - done);
-    if (auto read = load_window(accessor, first + done, n, std::span(window).first(window_bytes(accessor, n))); !read)
-      return read;
+    SCREE_TRY(load_window(accessor, first + done, n, std::span(window).first(window_bytes(accessor, n))));
     use(done, window.data(), n);
   }
   return {};
@@ -183,8 +176,7 @@ Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<
     constexpr size_t kAtOnce = 1 << 16;  // still in the cache when they are checked
     for (size_t done = 0; done < out.size(); done += kAtOnce) {
       const std::span<uint32_t> some = out.subspan(done, std::min(kAtOnce, out.size() - done));
-      if (auto read = load_window(accessor, first + done, some.size(), std::as_writable_bytes(some)); !read)
-        return read;
+      SCREE_TRY(load_window(accessor, first + done, some.size(), std::as_writable_bytes(some)));
       note(some);
     }
   } else {
@@ -197,7 +189,7 @@ Result<void> read_indices(const Primitive& primitive, uint64_t first, std::span<
       }
       note({to, n});
     };
-    if (auto read = each_window(accessor, first, out.size(), use); !read) return read;
+    SCREE_TRY(each_window(accessor, first, out.size(), use));
   }
   if (highest < primitive.vertex_count()) return {};
   for (size_t i = 0; i < out.size(); ++i) {
@@ -213,14 +205,13 @@ Result<void> read_joined_triangles(const Primitive& primitive, uint64_t first, s
   const bool fan = primitive.mode == PrimitiveMode::kFan;
   uint32_t hub = 0;
   if (fan) {
-    if (auto read = read_indices(primitive, 0, std::span(&hub, 1)); !read) return read;
+    SCREE_TRY(read_indices(primitive, 0, std::span(&hub, 1)));
   }
   const uint64_t count = out.size() / 3;
   for (uint64_t done = 0; done < count; done += kAtOnce) {
     const uint64_t n = std::min(kAtOnce, count - done);
     const uint64_t place = first + done;
-    if (auto read = read_indices(primitive, place + (fan ? 1 : 0), std::span(indices).first(n + (fan ? 1 : 2))); !read)
-      return read;
+    SCREE_TRY(read_indices(primitive, place + (fan ? 1 : 0), std::span(indices).first(n + (fan ? 1 : 2))));
     uint32_t* to = out.data() + done * 3;
     for (uint64_t i = 0; i < n; ++i, to += 3) {
       // glTF 2.0, 3.7.2.1: strip {v(i), v(i + 1 + i % 2), v(i + 2 - i % 2)}, fan {v(i + 1), v(i + 2), v(0)}.
@@ -292,11 +283,10 @@ Result<void> gather_floats(const Accessor& accessor, std::span<const uint32_t> a
     float* to = out.data() + i * accessor.components;
     if (dense && lies_as_floats(accessor)) {
       const std::span<float> target(to, count * accessor.components);
-      if (auto read = load_window(accessor, first, count, std::as_writable_bytes(target)); !read) return read;
+      SCREE_TRY(load_window(accessor, first, count, std::as_writable_bytes(target)));
     } else {
       if (window == nullptr) window.reset(new std::byte[kGatherWindowBytes]);
-      if (auto read = load_window(accessor, first, count, {window.get(), window_bytes(accessor, count)}); !read)
-        return read;
+      SCREE_TRY(load_window(accessor, first, count, {window.get(), window_bytes(accessor, count)}));
       const uint32_t* numbers = ascending.data() + i;
       convert_window(
           accessor, window.get(), end - i, [&](uint64_t k) { return numbers[k] - first; }, to);

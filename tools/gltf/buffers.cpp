@@ -21,10 +21,8 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
   uint64_t next = 0;  // the smallest index that may follow
   for (uint64_t done = 0; done < sparse.count; done += step) {
     const uint64_t n = std::min(step, sparse.count - done);
-    if (auto read = sparse.index_source->read(sparse.index_offset + done * index_bytes,
-                                              std::span(window).first(n * index_bytes));
-        !read)
-      return read;
+    SCREE_TRY(
+        sparse.index_source->read(sparse.index_offset + done * index_bytes, std::span(window).first(n * index_bytes)));
     for (uint64_t i = 0; i < n; ++i) {
       const std::byte* from = window.data() + i * index_bytes;
       const uint64_t value = index_bytes == 1   ? format::load<uint8_t>(from)
@@ -58,14 +56,12 @@ GltfBuffers::GltfBuffers(const GltfDocument& document, std::string folder,
 Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index) {
   const DocBuffer& buffer = document_.buffers[static_cast<size_t>(index)];
   if (buffer.is_data) {
-    auto bytes = data_uri(document_, buffer.json);
-    if (!bytes) return bytes.error();
-    return memory_source(std::move(bytes).value());
+    auto bytes = SCREE_TRY(data_uri(document_, buffer.json));
+    return memory_source(std::move(bytes));
   }
   if (!buffer.uri.empty()) {
-    auto path = resolve_uri(folder_, buffer.uri, allow_outside_);
-    if (!path) return path.error();
-    return open_file_source(*path);
+    auto path = SCREE_TRY(resolve_uri(folder_, buffer.uri, allow_outside_));
+    return open_file_source(path);
   }
   if (buffer.meshopt_fallback) {
     return Error{ErrorCode::kUnsupported, "a fallback buffer without data, but a buffer view of it is not compressed"};
@@ -86,14 +82,13 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::buffer(int32_t index) {
   auto& slot = buffers_[static_cast<size_t>(index)];
   if (slot != nullptr) return slot;
   const std::string place = "buffer " + std::to_string(index);
-  auto opened = open_buffer(index);
-  if (!opened) return at(place, opened.error());
+  auto opened = SCREE_TRY_AT(place, open_buffer(index));
   const uint64_t stated = document_.buffers[static_cast<size_t>(index)].bytes;
-  if ((*opened)->size() < stated) {
+  if (opened->size() < stated) {
     return Error{ErrorCode::kTruncated, place + ": byteLength is " + std::to_string(stated) + ", but there are " +
-                                            std::to_string((*opened)->size()) + " bytes"};
+                                            std::to_string(opened->size()) + " bytes"};
   }
-  slot = *opened;
+  slot = opened;
   return slot;
 }
 
@@ -110,17 +105,15 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
                                                   meshopt.extension() + ": filter is \"" + *meshopt.unknown_filter +
                                                   "\", expected NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR"};
       }
-      auto stream = buffer(meshopt.buffer);
-      if (!stream) return stream.error();
-      const auto made = meshopt_.view(meshopt, *stream);
+      auto stream = SCREE_TRY(buffer(meshopt.buffer));
+      const auto made = meshopt_.view(meshopt, stream);
       count(made->memory());
       unpacked = made;
     }
     return View{unpacked, 0, stated.bytes};
   }
-  auto source = buffer(stated.buffer);
-  if (!source) return source.error();
-  return View{*source, stated.offset, stated.bytes};
+  auto source = SCREE_TRY(buffer(stated.buffer));
+  return View{source, stated.offset, stated.bytes};
 }
 
 PackedViewMemory GltfBuffers::view_memory() const {
@@ -140,14 +133,13 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::draco(int32_t index, cons
   const auto [first, last] = draco_.equal_range(index);
   for (auto known = first; known != last; ++known)
     if (known->second.first == primitive) return known->second.second;
-  auto stream = view(index);
-  if (!stream) return stream.error();
-  const PackedViewMemory taken = draco_memory(primitive, stream->bytes);
+  auto stream = SCREE_TRY(view(index));
+  const PackedViewMemory taken = draco_memory(primitive, stream.bytes);
   if (taken.reader_bytes > memory)
     return Error{ErrorCode::kUsage, "--memory: " + tools::format_bytes(memory) + ", but unpacking its " +
                                         std::to_string(primitive.triangles) + " triangles (Draco) takes " +
                                         std::to_string((taken.reader_bytes >> 20) + 1) + " MiB"};
-  auto made = draco_source(primitive, stream->source, stream->offset, stream->bytes, meshopt_.kept());
+  auto made = draco_source(primitive, stream.source, stream.offset, stream.bytes, meshopt_.kept());
   count(taken);
   draco_.emplace(index, std::pair(primitive, made));
   return made;
@@ -167,16 +159,14 @@ Result<Accessor> GltfBuffers::accessor(int32_t index) {
   accessor.count = stated.count;
   accessor.stride = accessor.element_bytes();
   if (stated.view != kAbsent) {
-    auto held = view(stated.view);
-    if (!held) return held.error();
+    auto held = SCREE_TRY(view(stated.view));
     const uint64_t stride = document_.views[static_cast<size_t>(stated.view)].stride;
     if (stride != 0) accessor.stride = stride;
-    accessor.source = held->source;
-    accessor.offset = held->offset + stated.offset;
+    accessor.source = held.source;
+    accessor.offset = held.offset + stated.offset;
   }
   if (stated.sparse != kAbsent) {
-    if (auto read = read_sparse(static_cast<size_t>(stated.sparse), accessor); !read)
-      return at(place + " sparse", read.error());
+    SCREE_TRY_AT(place + " sparse", read_sparse(static_cast<size_t>(stated.sparse), accessor));
   }
   return accessor;
 }
@@ -184,20 +174,18 @@ Result<Accessor> GltfBuffers::accessor(int32_t index) {
 Result<void> GltfBuffers::read_sparse(size_t slot, Accessor& accessor) {
   const DocSparse& stated = document_.sparse[slot];
   if (stated.count == 0) return {};
-  auto indices = view(stated.index_view);
-  if (!indices) return at("indices", indices.error());
-  auto values = view(stated.value_view);
-  if (!values) return at("values", values.error());
+  auto indices = SCREE_TRY_AT("indices", view(stated.index_view));
+  auto values = SCREE_TRY_AT("values", view(stated.value_view));
 
   Accessor::Sparse sparse{.count = stated.count,
                           .index_type = static_cast<ComponentType>(stated.index_type),
-                          .index_source = indices->source,
-                          .index_offset = indices->offset + stated.index_offset,
-                          .value_source = values->source,
-                          .value_offset = values->offset + stated.value_offset};
+                          .index_source = indices.source,
+                          .index_offset = indices.offset + stated.index_offset,
+                          .value_source = values.source,
+                          .value_offset = values.offset + stated.value_offset};
 
   if (!sparse_checked_[slot]) {
-    if (auto ascend = check_ascending(sparse, accessor.count); !ascend) return ascend;
+    SCREE_TRY(check_ascending(sparse, accessor.count));
     sparse_checked_[slot] = true;
   }
   accessor.sparse = std::move(sparse);
@@ -207,19 +195,16 @@ Result<void> GltfBuffers::read_sparse(size_t slot, Accessor& accessor) {
 Result<GltfBuffers::View> GltfBuffers::image(const DocImage& image) {
   if (image.view != kAbsent) return view(image.view);
   if (image.is_data) {
-    auto bytes = data_uri(document_, image.json);
-    if (!bytes) return bytes.error();
-    auto source = memory_source(std::move(bytes).value());
+    auto bytes = SCREE_TRY(data_uri(document_, image.json));
+    auto source = memory_source(std::move(bytes));
     const uint64_t size = source->size();
     return View{std::move(source), 0, size};
   }
   if (image.uri.empty()) return Error{ErrorCode::kFormat, "has neither uri nor bufferView"};
-  auto path = resolve_uri(folder_, image.uri, allow_outside_);
-  if (!path) return path.error();
-  auto source = open_file_source(*path);
-  if (!source) return source.error();
-  const uint64_t size = (*source)->size();
-  return View{std::move(source).value(), 0, size};
+  auto path = SCREE_TRY(resolve_uri(folder_, image.uri, allow_outside_));
+  auto source = SCREE_TRY(open_file_source(path));
+  const uint64_t size = source->size();
+  return View{std::move(source), 0, size};
 }
 
 uint64_t GltfBuffers::stated_count(int32_t index) const {

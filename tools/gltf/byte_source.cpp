@@ -81,7 +81,7 @@ class FileSource final : public ByteSource {
   }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out, bool is_alone) const {
-    if (Result<void> there = check_read(offset, out, size(), "file"); !there) return at(path_, there.error());
+    SCREE_TRY_AT(path_, check_read(offset, out, size(), "file"));
     const Timed timed(nanoseconds_read, Spent::kReading);
     bytes_read.fetch_add(out.size(), std::memory_order_relaxed);
     // The advice would also hold for others' reads by descriptor_.
@@ -127,12 +127,12 @@ class WindowSource final : public ByteSource {
   const std::string& path() const override { return whole_->path(); }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (Result<void> there = check_read(offset, out, size_, "chunk"); !there) return there;
+    SCREE_TRY(check_read(offset, out, size_, "chunk"));
     return whole_->read(offset_ + offset, out);
   }
 
   Result<void> read_alone(uint64_t offset, std::span<std::byte> out) const override {
-    if (Result<void> there = check_read(offset, out, size_, "chunk"); !there) return there;
+    SCREE_TRY(check_read(offset, out, size_, "chunk"));
     return whole_->read_alone(offset_ + offset, out);
   }
 
@@ -169,7 +169,7 @@ class MemorySource final : public ByteSource {
   uint64_t size() const override { return bytes_.size(); }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override {
-    if (Result<void> there = check_read(offset, out, bytes_.size(), "data: URI"); !there) return there;
+    SCREE_TRY(check_read(offset, out, bytes_.size(), "data: URI"));
     if (!out.empty()) std::memcpy(out.data(), bytes_.data() + offset, out.size());
     return {};
   }

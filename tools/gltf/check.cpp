@@ -20,7 +20,7 @@ Result<void> check_present(const char* what, int32_t index, size_t count) {
 }
 
 Result<void> check_in_buffer(const GltfDocument& document, int32_t buffer, uint64_t offset, uint64_t bytes) {
-  if (auto present = check_present("buffer", buffer, document.buffers.size()); !present) return present;
+  SCREE_TRY(check_present("buffer", buffer, document.buffers.size()));
   const uint64_t limit = document.buffers[static_cast<size_t>(buffer)].bytes;
   if (range_within(offset, bytes, limit)) return {};
   return Error{ErrorCode::kRange, std::to_string(bytes) + " bytes at " + std::to_string(offset) + ", but buffer " +
@@ -28,7 +28,7 @@ Result<void> check_in_buffer(const GltfDocument& document, int32_t buffer, uint6
 }
 
 Result<void> check_view(const GltfDocument& document, const DocBufferView& view) {
-  if (auto checked = check_in_buffer(document, view.buffer, view.offset, view.bytes); !checked) return checked;
+  SCREE_TRY(check_in_buffer(document, view.buffer, view.offset, view.bytes));
   if (view.meshopt == kAbsent) return {};
   const DocMeshopt& stated = document.meshopt[static_cast<size_t>(view.meshopt)];
   auto checked = check_in_buffer(document, stated.buffer, stated.offset, stated.bytes);
@@ -45,7 +45,7 @@ Result<void> check_sparse(const GltfDocument& document, const DocSparse& sparse,
     return Error{ErrorCode::kRange,
                  std::to_string(sparse.count) + " values, but the accessor has " + std::to_string(count) + " elements"};
   for (const int32_t view : {sparse.index_view, sparse.value_view}) {
-    if (auto present = check_present("buffer view", view, document.views.size()); !present) return present;
+    SCREE_TRY(check_present("buffer view", view, document.views.size()));
   }
   // Below 2^31 elements of at most 64 bytes, so nothing overflows.
   const uint64_t index_limit = document.views[static_cast<size_t>(sparse.index_view)].bytes;
@@ -68,13 +68,13 @@ Result<void> check_accessor(const GltfDocument& document, const DocAccessor& acc
     return Error{ErrorCode::kFormat,
                  "componentType is " + std::to_string(accessor.type) + ", expected 5120 to 5123, 5125 or 5126"};
   }
-  if (auto present = check_present("buffer view", accessor.view, document.views.size()); !present) return present;
+  SCREE_TRY(check_present("buffer view", accessor.view, document.views.size()));
   // Matrices are not checked: their columns are padded, and nothing that is drawn uses them.
   if (accessor.components == 0 || accessor.components > 4) return {};
   const uint64_t element = uint64_t{component_bytes(accessor.type)} * accessor.components;
   if (accessor.view == kAbsent) {
     const bool is_elsewhere = accessor.is_draco && accessor.sparse == kAbsent;  // checked by the importer
-    if (auto checked = check_zeros(is_elsewhere ? 0 : accessor.count); !checked) return checked;
+    SCREE_TRY(check_zeros(is_elsewhere ? 0 : accessor.count));
   } else {
     const DocBufferView& view = document.views[static_cast<size_t>(accessor.view)];
     const uint64_t stride = view.stride == 0 ? element : view.stride;
@@ -100,29 +100,24 @@ Result<void> check_accessor(const GltfDocument& document, const DocAccessor& acc
 Result<void> check_primitive(const GltfDocument& document, const DocPrimitive& primitive) {
   if (primitive.mode < 0 || primitive.mode > 6)
     return Error{ErrorCode::kRange, "mode is " + std::to_string(primitive.mode) + ", expected 0 to 6"};
-  if (auto present = check_present("material", primitive.material, document.materials.size()); !present) return present;
-  if (auto present = check_present("indices: accessor", primitive.indices, document.accessors.size()); !present)
-    return present;
+  SCREE_TRY(check_present("material", primitive.material, document.materials.size()));
+  SCREE_TRY(check_present("indices: accessor", primitive.indices, document.accessors.size()));
   for (const auto& [name, accessor] : primitive.attributes) {
-    if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
-      return at(name.substr(0, 40), present.error());
+    SCREE_TRY_AT(name.substr(0, 40), check_present("accessor", accessor, document.accessors.size()));
   }
   if (primitive.draco != kAbsent) {
     const int32_t view = document.draco[static_cast<size_t>(primitive.draco)].view;
-    if (auto present = check_present("buffer view", view, document.views.size()); !present)
-      return at("KHR_draco_mesh_compression", present.error());
+    SCREE_TRY_AT("KHR_draco_mesh_compression", check_present("buffer view", view, document.views.size()));
   }
   for (const int32_t accessor : primitive.target_accessors) {
-    if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
-      return at("morph target", present.error());
+    SCREE_TRY_AT("morph target", check_present("accessor", accessor, document.accessors.size()));
   }
   return {};
 }
 
 Result<void> check_texture(const GltfDocument& document, const DocTexture& texture) {
-  if (auto present = check_present("sampler", texture.sampler, document.samplers.size()); !present) return present;
-  for (const int32_t image : texture.sources)
-    if (auto present = check_present("image", image, document.images.size()); !present) return present;
+  SCREE_TRY(check_present("sampler", texture.sampler, document.samplers.size()));
+  for (const int32_t image : texture.sources) SCREE_TRY(check_present("image", image, document.images.size()));
   return {};
 }
 
@@ -133,10 +128,10 @@ Result<void> check_image(const GltfDocument& document, const DocImage& image) {
 }
 
 Result<void> check_node(const GltfDocument& document, const DocNode& node) {
-  if (auto present = check_present("light", node.light, document.lights.size()); !present) return present;
+  SCREE_TRY(check_present("light", node.light, document.lights.size()));
   for (const auto& [name, accessor] : node.instancing) {
-    if (auto present = check_present("accessor", accessor, document.accessors.size()); !present)
-      return at("EXT_mesh_gpu_instancing: " + name.substr(0, 40), present.error());
+    SCREE_TRY_AT("EXT_mesh_gpu_instancing: " + name.substr(0, 40),
+                 check_present("accessor", accessor, document.accessors.size()));
   }
   return {};
 }
@@ -146,8 +141,7 @@ template <class Record, class Check>
 Result<void> check_all(const char* kind, const GltfDocument& document, const std::vector<Record>& records,
                        Check check) {
   for (size_t i = 0; i < records.size(); ++i) {
-    if (auto checked = check(document, records[i]); !checked)
-      return at(std::string(kind) + " " + std::to_string(i), checked.error());
+    SCREE_TRY_AT(std::string(kind) + " " + std::to_string(i), check(document, records[i]));
   }
   return {};
 }
@@ -177,12 +171,11 @@ Result<void> check_zeros(uint64_t count) {
 }
 
 Result<void> check_document(const GltfDocument& document) {
-  if (auto checked = check_all("buffer view", document, document.views, check_view); !checked) return checked;
-  if (auto checked = check_all("accessor", document, document.accessors, check_accessor); !checked) return checked;
+  SCREE_TRY(check_all("buffer view", document, document.views, check_view));
+  SCREE_TRY(check_all("accessor", document, document.accessors, check_accessor));
   for (size_t m = 0; m < document.meshes.size(); ++m) {
     const std::string kind = "mesh " + std::to_string(m) + " primitive";
-    if (auto checked = check_all(kind.c_str(), document, document.meshes[m].primitives, check_primitive); !checked)
-      return checked;
+    SCREE_TRY(check_all(kind.c_str(), document, document.meshes[m].primitives, check_primitive));
   }
   for (size_t i = 0; i < document.materials.size(); ++i) {
     const DocMaterial& material = document.materials[i];
@@ -194,8 +187,8 @@ Result<void> check_document(const GltfDocument& document) {
       if (present) present = check_use(use);
     if (!present) return at("material " + std::to_string(i), present.error());
   }
-  if (auto checked = check_all("texture", document, document.textures, check_texture); !checked) return checked;
-  if (auto checked = check_all("image", document, document.images, check_image); !checked) return checked;
+  SCREE_TRY(check_all("texture", document, document.textures, check_texture));
+  SCREE_TRY(check_all("image", document, document.images, check_image));
   return check_all("node", document, document.nodes, check_node);
 }
 

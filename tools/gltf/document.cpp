@@ -142,12 +142,11 @@ Result<ParsedBatch> parse_batch(std::span<const char> text, const std::string& s
   std::string json = "{\"" + section + "\":[";
   json.append(text.data() + batch.elements.begin, batch.elements.end - batch.elements.begin);
   json += "]}";
-  auto checked = check_schema(section, json, batch.first, batch.elements.begin);
-  if (!checked) return checked.error();
+  auto checked = SCREE_TRY(check_schema(section, json, batch.first, batch.elements.begin));
   // tinygltf immediately looks up the accessor of every primitive's "indices", but the accessors are in other batches.
   // So the member is hidden from it. The schema check reads the member and passes it on.
   if (section == "meshes") hide_primitive_indices(json);
-  auto elements = ParsedElements::parse(json, std::move(checked->primitive_indices));
+  auto elements = ParsedElements::parse(json, std::move(checked.primitive_indices));
   if (!elements) {
     const std::string place = std::string(singular(section)) + " " + std::to_string(batch.first) +
                               (batch.count > 1 ? " to " + std::to_string(batch.first + batch.count - 1) : "");
@@ -179,7 +178,7 @@ Result<void> read_section(GltfDocument& document, const std::string& section, Js
       if (!*parsed[i]) return parsed[i]->error();
       (*parsed[i])->add_to(document);
       parsed[i].reset();
-      if (auto fits = limit.read(batches[i].elements.end - batches[i].elements.begin); !fits) return fits;
+      SCREE_TRY(limit.read(batches[i].elements.end - batches[i].elements.begin));
     }
     if (!split) return split;
   }
@@ -192,13 +191,11 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
   const std::span<const char> text = document.text;
   JsonElements elements(text, array);
   while (true) {
-    auto batch = elements.next(1);
-    if (!batch) return batch.error();
-    if (batch->count == 0) return {};
-    const std::string_view element(text.data() + batch->elements.begin, batch->elements.end - batch->elements.begin);
-    auto checked = check_schema(section, "{\"" + section + "\":[" + std::string(element) + "]}", batch->first,
-                                batch->elements.begin);
-    if (!checked) return checked.error();
+    auto batch = SCREE_TRY(elements.next(1));
+    if (batch.count == 0) return {};
+    const std::string_view element(text.data() + batch.elements.begin, batch.elements.end - batch.elements.begin);
+    SCREE_TRY(check_schema(section, "{\"" + section + "\":[" + std::string(element) + "]}", batch.first,
+                           batch.elements.begin));
     const auto json = nlohmann::json::parse(element.begin(), element.end(), nullptr, false);
     const auto text_member = [&](const char* key) {
       const auto found = json.find(key);
@@ -208,7 +205,7 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
     const bool is_data = is_data_uri(uri);
     if (is_data) uri.clear();
     if (section == "images") {
-      DocImage image{.name = text_member("name"), .uri = std::move(uri), .is_data = is_data, .json = batch->elements};
+      DocImage image{.name = text_member("name"), .uri = std::move(uri), .is_data = is_data, .json = batch.elements};
       if (const auto view = json.find("bufferView"); view != json.end() && view->is_number())
         image.view = view->get<int32_t>();
       document.images.push_back(std::move(image));
@@ -218,7 +215,7 @@ Result<void> read_uris(GltfDocument& document, const std::string& section, JsonR
       buffer.is_data = is_data;
       buffer.bytes = json.at("byteLength").get<uint64_t>();
       if (has_member(json, "chunk")) buffer.chunk = json.at("chunk").get<int32_t>();
-      buffer.json = batch->elements;
+      buffer.json = batch.elements;
       if (const auto extensions = json.find("extensions"); extensions != json.end() && extensions->is_object())
         buffer.meshopt_fallback =
             extensions->contains("EXT_meshopt_compression") || extensions->contains("KHR_meshopt_compression");
@@ -233,7 +230,7 @@ Result<void> read_lights(GltfDocument& document, JsonRange range) {
   const std::string_view value(text.data() + range.begin, static_cast<size_t>(range.end - range.begin));
   if (value.find("KHR_lights_punctual") == std::string_view::npos) return check_json(value, range.begin);
   const std::string json = "{\"extensions\":" + std::string(value) + "}";
-  if (auto checked = check_schema("extensions", json, 0, range.begin); !checked) return checked.error();
+  SCREE_TRY(check_schema("extensions", json, 0, range.begin));
   const auto root = nlohmann::json::parse(json, nullptr, false).at("extensions");
   if (!has_member(root, "KHR_lights_punctual") || !has_member(root.at("KHR_lights_punctual"), "lights")) return {};
   for (const nlohmann::json& source : root.at("KHR_lights_punctual").at("lights")) {
@@ -301,14 +298,13 @@ Error document_too_large(uint64_t memory, uint64_t json_bytes, const char* estim
 Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint32_t threads) {
   GltfDocument document{.text = std::move(json)};
   const std::span<char> text = document.text;
-  auto members = split_document(text);
-  if (!members) return members.error();
+  auto members = SCREE_TRY(split_document(text));
 
   // "asset" is read first, because a document of another version need not follow this version's rules.
-  const auto asset = std::find_if(members->begin(), members->end(), [](const auto& m) { return m.key == "asset"; });
-  if (asset == members->end()) return Error{ErrorCode::kFormat, "asset is missing: not a glTF 2.0 document"};
+  const auto asset = std::find_if(members.begin(), members.end(), [](const auto& m) { return m.key == "asset"; });
+  if (asset == members.end()) return Error{ErrorCode::kFormat, "asset is missing: not a glTF 2.0 document"};
   if (text[asset->value.begin] != '{') return Error{ErrorCode::kFormat, "asset is not an object"};
-  if (auto read = read_asset(document, asset->value); !read) return read.error();
+  SCREE_TRY(read_asset(document, asset->value));
 
   constexpr std::string_view kRead[] = {
       "extensionsUsed", "extensionsRequired", "bufferViews", "accessors", "meshes", "nodes",      "scenes",
@@ -316,7 +312,7 @@ Result<GltfDocument> read_document(std::vector<char> json, uint64_t memory, uint
       "images"};
   MemoryLimit limit(memory, text.size());
   threads = static_cast<uint32_t>(std::clamp<uint64_t>(memory / kMemoryPerThread, 1, std::min(threads, kMostThreads)));
-  for (const JsonMember& member : *members) {
+  for (const JsonMember& member : members) {
     const std::string_view value(text.data() + member.value.begin, member.value.end - member.value.begin);
     if (member.key == "asset") continue;
     Result<void> read;

@@ -216,7 +216,7 @@ Result<void> decode_or_throw(const DracoPrimitive& primitive, std::span<const st
     }
   for (size_t i = 0; i < primitive.arrays.size(); ++i) {
     std::byte* const place = out.data() + *primitive.offset_of(i);
-    if (auto taken = take_array(mesh, primitive.arrays[i], primitive.vertices, place); !taken) return taken;
+    SCREE_TRY(take_array(mesh, primitive.arrays[i], primitive.vertices, place));
   }
   return {};
 }

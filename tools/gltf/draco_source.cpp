@@ -27,14 +27,14 @@ class DracoSource final : public ByteSource {
   const std::string& path() const override { return stream_->path(); }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override try {
-    if (Result<void> there = check_read(offset, out, size_, "primitive"); !there) return there;
+    SCREE_TRY(check_read(offset, out, size_, "primitive"));
     const std::shared_ptr<MeshoptWindow> window = kept_->take(this, 0, size_, size_);
     {
       const std::lock_guard<std::mutex> lock(window->mutex);  // other threads that need it wait
       if (!window->is_unpacked) {
         std::vector<std::byte> stream(bytes_);
-        if (auto done = stream_->read(offset_, stream); !done) return done;
-        if (auto done = decode_draco(primitive_, stream, window->all()); !done) return at("Draco", done.error());
+        SCREE_TRY(stream_->read(offset_, stream));
+        SCREE_TRY_AT("Draco", decode_draco(primitive_, stream, window->all()));
         window->is_unpacked = true;
       }
     }

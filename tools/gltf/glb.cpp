@@ -31,14 +31,14 @@ struct ChunkHeader {
 
 Result<ChunkHeader> read_chunk_header(const ByteSource& file, uint64_t offset) {
   std::array<std::byte, kChunkHeaderBytes> bytes;
-  if (auto read = file.read(offset, bytes); !read) return read.error();
+  SCREE_TRY(file.read(offset, bytes));
   return ChunkHeader{format::load<uint32_t>(bytes.data()), format::load<uint32_t>(bytes.data() + 4)};
 }
 
 Result<void> check_padding(const ByteSource& file, uint64_t from) {
   const uint64_t rest = file.size() - from;
   std::vector<std::byte> bytes(std::min(rest, kMaxPadding));
-  if (auto read = file.read(from, bytes); !read) return read.error();
+  SCREE_TRY(file.read(from, bytes));
   const bool blank =
       std::all_of(bytes.begin(), bytes.end(), [](std::byte b) { return b == std::byte{0} || b == std::byte{0x20}; });
   if (rest <= kMaxPadding && blank) return {};
@@ -52,22 +52,21 @@ Result<GlbLayout> read_wide_layout(const ByteSource& file) {
   std::array<std::byte, kWideHeaderBytes> header;
   if (file.size() < kWideHeaderBytes)
     return Error{ErrorCode::kTruncated, "GLB header: the file ends after " + std::to_string(file.size()) + " bytes"};
-  if (auto read = file.read(0, header); !read) return read.error();
+  SCREE_TRY(file.read(0, header));
   const uint64_t length = format::load<uint64_t>(header.data() + 8);
   if (length > file.size())
     return Error{ErrorCode::kTruncated, "GLB header: length is " + std::to_string(length) + ", but the file has " +
                                             std::to_string(file.size()) + " bytes"};
   if (length < 2 * kWideHeaderBytes)
     return Error{ErrorCode::kFormat, "GLB header: length is " + std::to_string(length) + ", too short for a chunk"};
-  if (length < file.size())
-    if (auto padding = check_padding(file, length); !padding) return padding.error();
+  if (length < file.size()) SCREE_TRY(check_padding(file, length));
   for (uint64_t at = kWideHeaderBytes; at < length; at = format::align_up(at, kWideAlignment)) {
     const std::string place = "GLB chunk " + std::to_string(layout.chunks.size());
     if (layout.chunks.size() == kMaxWideChunks)
       return Error{ErrorCode::kFormat, place + ": at most " + std::to_string(kMaxWideChunks) + " are read"};
     if (length - at < kWideHeaderBytes)
       return Error{ErrorCode::kTruncated, place + ": " + std::to_string(length - at) + " bytes left for its header"};
-    if (auto read = file.read(at, header); !read) return scree::at(place, read.error());
+    SCREE_TRY_AT(place, file.read(at, header));
     at += kWideHeaderBytes;
     const uint32_t type = format::load<uint32_t>(header.data()), encoding = format::load<uint32_t>(header.data() + 4);
     const uint64_t bytes = format::load<uint64_t>(header.data() + 8);
@@ -95,7 +94,7 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
   GlbLayout layout;
   std::array<std::byte, kHeaderBytes> header{};
   const uint64_t head = std::min<uint64_t>(file.size(), kHeaderBytes);
-  if (auto read = file.read(0, std::span(header).first(head)); !read) return read.error();
+  SCREE_TRY(file.read(0, std::span(header).first(head)));
   if (head < 4 || format::load<uint32_t>(header.data()) != kMagic) {
     layout.json_bytes = file.size();
     return layout;
@@ -118,7 +117,7 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
   if (length < kHeaderBytes + kChunkHeaderBytes)
     return Error{ErrorCode::kFormat, "GLB header: length is " + std::to_string(length) + ", too short for a chunk"};
   if (length < file.size()) {
-    if (auto padding = check_padding(file, length); !padding) return padding.error();
+    SCREE_TRY(check_padding(file, length));
   }
 
   uint64_t at = kHeaderBytes;
@@ -130,28 +129,27 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
       if (number > 0 && length - at < 4) break;  // padding was counted into the length
       return Error{ErrorCode::kTruncated, place + ": " + std::to_string(length - at) + " bytes left for its header"};
     }
-    auto chunk = read_chunk_header(file, at);
-    if (!chunk) return scree::at(place, chunk.error());
+    auto chunk = SCREE_TRY_AT(place, read_chunk_header(file, at));
     at += kChunkHeaderBytes;
-    if (wrapped && chunk->type == kBinChunk && number == 1 && (length - at) % kWrap == chunk->bytes)
-      chunk->bytes = length - at;
-    if (chunk->bytes > length - at)
-      return Error{ErrorCode::kTruncated, place + ": length is " + std::to_string(chunk->bytes) + ", but " +
+    if (wrapped && chunk.type == kBinChunk && number == 1 && (length - at) % kWrap == chunk.bytes)
+      chunk.bytes = length - at;
+    if (chunk.bytes > length - at)
+      return Error{ErrorCode::kTruncated, place + ": length is " + std::to_string(chunk.bytes) + ", but " +
                                               std::to_string(length - at) + " bytes are left"};
     // Lengths should be multiples of 4. Some writers omit the padding (trimesh once did) and put the next chunk
     // immediately after.
     if (number == 0) {
-      if (chunk->type != kJsonChunk) return Error{ErrorCode::kFormat, place + ": expected the JSON chunk first"};
-      if (chunk->bytes == 0) return Error{ErrorCode::kFormat, place + ": the JSON chunk is empty"};
+      if (chunk.type != kJsonChunk) return Error{ErrorCode::kFormat, place + ": expected the JSON chunk first"};
+      if (chunk.bytes == 0) return Error{ErrorCode::kFormat, place + ": the JSON chunk is empty"};
       layout.json_offset = at;
-      layout.json_bytes = chunk->bytes;
-    } else if (chunk->type == kJsonChunk) {
+      layout.json_bytes = chunk.bytes;
+    } else if (chunk.type == kJsonChunk) {
       return Error{ErrorCode::kFormat, place + ": a second JSON chunk"};
-    } else if (chunk->type == kBinChunk) {
+    } else if (chunk.type == kBinChunk) {
       if (number != 1) return Error{ErrorCode::kFormat, place + ": the BIN chunk, expected as chunk 1"};
     }
-    layout.chunks.push_back({chunk->type == kBinChunk, at, chunk->bytes});
-    at += chunk->bytes;
+    layout.chunks.push_back({chunk.type == kBinChunk, at, chunk.bytes});
+    at += chunk.bytes;
   }
   return layout;
 }

@@ -80,9 +80,9 @@ Result<uint64_t> value_end(std::span<const char> text, uint64_t at, uint64_t lim
       if (end == 0) return error_at(i, "a string without end");
       i = end - 1;
     } else if (c == '{' || c == '[') {
-      if (auto opened = nesting.open(c, i); !opened) return opened.error();
+      SCREE_TRY(nesting.open(c, i));
     } else if (c == '}' || c == ']') {
-      if (auto closed = nesting.close(c, i); !closed) return closed.error();
+      SCREE_TRY(nesting.close(c, i));
       if (nesting.depth() == 0) return i + 1;
     }
   }
@@ -155,7 +155,7 @@ Result<std::string> decoded_key(std::span<const char> text, JsonRange range) {
 
 Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offset, uint64_t bytes) try {
   std::vector<char> text(bytes);
-  if (auto read = source.read(offset, std::as_writable_bytes(std::span(text))); !read) return read.error();
+  SCREE_TRY(source.read(offset, std::as_writable_bytes(std::span(text))));
   return text;
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory for " + std::to_string(bytes) + " bytes of JSON"};
@@ -165,35 +165,32 @@ Result<std::vector<JsonMember>> split_document(std::span<char> text) {
   uint64_t at = skip_space(text, 0);
   if (at == text.size()) return Error{ErrorCode::kFormat, "JSON is empty"};
   if (text[at] != '{') return error_at(at, "expected '{', a glTF document is an object");
-  const auto end = value_end(text, at, text.size());
-  if (!end) return end.error();
-  const uint64_t rest = skip_space(text, *end);
+  const auto end = SCREE_TRY(value_end(text, at, text.size()));
+  const uint64_t rest = skip_space(text, end);
   if (rest != text.size()) {
     return Error{ErrorCode::kTrailing, "JSON byte " + std::to_string(rest) + ": " + std::to_string(text.size() - rest) +
                                            " bytes after the end of the document"};
   }
-  if (auto emptied = empty_extras(text, {at, *end}); !emptied) return emptied.error();
+  SCREE_TRY(empty_extras(text, {at, end}));
 
   std::vector<JsonMember> members;
-  const uint64_t last = *end - 1;  // the closing brace
+  const uint64_t last = end - 1;  // the closing brace
   at = skip_space(text, at + 1);
   while (at < last) {
     if (text[at] != '"') return error_at(at, "expected a member name in quotes");
     const uint64_t key_end = string_end(text, at);
-    auto key = decoded_key(text, {at, key_end});
-    if (!key) return key.error();
+    auto key = SCREE_TRY(decoded_key(text, {at, key_end}));
     for (const JsonMember& member : members) {
-      if (member.key == *key) return error_at(at, "member \"" + key->substr(0, 80) + "\" appears twice");
+      if (member.key == key) return error_at(at, "member \"" + key.substr(0, 80) + "\" appears twice");
     }
     at = skip_space(text, key_end);
     if (at >= last || text[at] != ':') return error_at(at, "expected ':'");
     at = skip_space(text, at + 1);
     if (at >= last) return error_at(at, "expected a value");
-    const auto member_end = value_end(text, at, last);
-    if (!member_end) return member_end.error();
-    members.push_back({std::move(key).value(), {at, *member_end}});
+    const auto member_end = SCREE_TRY(value_end(text, at, last));
+    members.push_back({std::move(key), {at, member_end}});
     if (members.size() > 4096) return error_at(at, "more than 4096 members in a glTF document");
-    at = skip_space(text, *member_end);
+    at = skip_space(text, member_end);
     if (at == last) break;
     if (text[at] != ',') return error_at(at, "expected ',' or '}'");
     at = skip_space(text, at + 1);
@@ -208,12 +205,11 @@ Result<JsonElements::Batch> JsonElements::next(uint64_t max_bytes) {
   if (at >= end_) return batch;
   batch.elements.begin = at;
   while (true) {
-    const auto element_end = value_end(text_, at, end_);
-    if (!element_end) return element_end.error();
-    if (batch.count > 0 && *element_end - batch.elements.begin > max_bytes) break;
-    batch.elements.end = *element_end;
+    const auto element_end = SCREE_TRY(value_end(text_, at, end_));
+    if (batch.count > 0 && element_end - batch.elements.begin > max_bytes) break;
+    batch.elements.end = element_end;
     ++batch.count;
-    at = skip_space(text_.first(end_), *element_end);
+    at = skip_space(text_.first(end_), element_end);
     if (at < end_) {
       if (text_[at] != ',') return error_at(at, "expected ',' or ']'");
       at = skip_space(text_.first(end_), at + 1);

@@ -82,13 +82,12 @@ class MaterialMaker {
                (from.alpha_mask ? format::kMaterialAlphaMask : 0u) |
                (from.alpha_blend ? format::kMaterialAlphaBlend : 0u);
     bool is_second = false;  // stays false: this texture is the first
-    auto base = placed(from.base_texture, sets, is_second);
-    if (!base) return base.error();
-    if (base->texture != kNone) {
-      to.texture = base->texture;
-      std::copy_n(base->uv_offset, 2, to.uv_offset);
-      std::copy_n(base->uv_scale, 2, to.uv_scale);
-      to.uv_rotation = base->uv_rotation;
+    auto base = SCREE_TRY(placed(from.base_texture, sets, is_second));
+    if (base.texture != kNone) {
+      to.texture = base.texture;
+      std::copy_n(base.uv_offset, 2, to.uv_offset);
+      std::copy_n(base.uv_scale, 2, to.uv_scale);
+      to.uv_rotation = base.uv_rotation;
     }
     for (const float value : {to.base_color[0], to.base_color[1], to.base_color[2], to.base_color[3], to.uv_offset[0],
                               to.uv_offset[1], to.uv_scale[0], to.uv_scale[1], to.uv_rotation, to.alpha_cutoff}) {
@@ -121,11 +120,10 @@ class MaterialMaker {
     for (size_t c = 0; c < 3; ++c) is_plain = is_plain && to.emission[c] == 0 && to.specular_color[c] == 1;
     for (size_t use = 0; use < format::kSurfaceUses; ++use) {
       bool is_second = false;
-      auto made = placed(from.textures[use], sets, is_second);
-      if (!made) return made.error();
+      auto made = SCREE_TRY(placed(from.textures[use], sets, is_second));
       if (is_second) to.second_uv |= 1u << use;
-      to.textures[use] = *made;
-      is_plain = is_plain && made->texture == kNone;
+      to.textures[use] = made;
+      is_plain = is_plain && made.texture == kNone;
     }
     for (const double value : {from.metallic, from.roughness, from.normal_scale, from.occlusion_strength, from.ior,
                                from.specular, from.emission[0], from.emission[1], from.emission[2],
@@ -168,12 +166,11 @@ class MaterialMaker {
       ++other_sets_;
       return to;
     }
-    auto place = texture(from.texture);
-    if (!place) return place.error();
-    if (*place == kNone) return to;
+    auto place = SCREE_TRY(texture(from.texture));
+    if (place == kNone) return to;
     *set = from.uv_set;
     is_second = set != sets.begin();
-    to.texture = *place;
+    to.texture = place;
     for (size_t i = 0; i < 2; ++i) {
       to.uv_offset[i] = static_cast<float>(from.offset[i]);
       to.uv_scale[i] = static_cast<float>(from.scale[i]);
@@ -188,9 +185,8 @@ class MaterialMaker {
   Result<uint32_t> texture(int32_t index) {
     uint32_t& slot = texture_places_[static_cast<size_t>(index)];
     if (slot != kUnknown) return slot;
-    auto made = make_texture(document_.textures[static_cast<size_t>(index)]);
-    if (!made) return at("texture " + std::to_string(index), made.error());
-    slot = *made;
+    slot =
+        SCREE_TRY_AT("texture " + std::to_string(index), make_texture(document_.textures[static_cast<size_t>(index)]));
     return slot;
   }
 
@@ -211,13 +207,12 @@ class MaterialMaker {
 
     std::string why = "without an image";
     const int32_t source = best_source(from);
-    const auto place = source == kAbsent ? kNone : image(source, why);
-    if (!place) return place.error();
-    if (*place == kNone) {
+    const auto place = SCREE_TRY(source == kAbsent ? kNone : image(source, why));
+    if (place == kNone) {
       drop(why);
       return kNone;
     }
-    to.record.image = *place;
+    to.record.image = place;
     scene_.textures.push_back(std::move(to));
     return static_cast<uint32_t>(scene_.textures.size() - 1);
   }
@@ -261,19 +256,16 @@ class MaterialMaker {
     if (reasons_.empty()) reasons_.resize(document_.images.size());
     uint32_t& slot = image_places_[number];
     if (slot == kUnknown) {
-      auto made = make_image(document_.images[number], reasons_[number]);
-      if (!made) return at("image " + std::to_string(index), made.error());
-      slot = *made;
+      slot = SCREE_TRY_AT("image " + std::to_string(index), make_image(document_.images[number], reasons_[number]));
     }
     if (slot == kNone) why = reasons_[number];
     return slot;
   }
 
   Result<uint32_t> make_image(const DocImage& from, std::string& reason) {
-    auto described = describe_image(from, reason);
-    if (!described) return described.error();
-    if (!*described) return kNone;
-    scene_.images.push_back(std::move(**described));
+    auto described = SCREE_TRY(describe_image(from, reason));
+    if (!described) return kNone;
+    scene_.images.push_back(std::move(*described));
     return static_cast<uint32_t>(scene_.images.size() - 1);
   }
 
@@ -287,9 +279,7 @@ class MaterialMaker {
     if (!bytes) return bytes.error();
     std::array<char, 12> head{};
     const size_t head_bytes = static_cast<size_t>(std::min<uint64_t>(bytes->bytes, head.size()));
-    if (auto read = bytes->source->read(bytes->offset, std::as_writable_bytes(std::span(head).first(head_bytes)));
-        !read)
-      return read.error();
+    SCREE_TRY(bytes->source->read(bytes->offset, std::as_writable_bytes(std::span(head).first(head_bytes))));
     const ImageKind kind = sniff({head.data(), head_bytes});
     if (kind.name.empty()) {
       return Error{ErrorCode::kFormat, bytes->bytes == 0
@@ -357,14 +347,13 @@ Result<MaterialPlan> make_materials(const GltfDocument& document, const std::vec
       ++unused;
       continue;
     }
-    auto record = maker.record(document.materials[i], plan.uv_sets[i]);
-    if (!record) return at("material " + std::to_string(i), record.error());
+    auto record = SCREE_TRY_AT("material " + std::to_string(i), maker.record(document.materials[i], plan.uv_sets[i]));
     bool is_default = false;
-    auto surface = maker.surface(document.materials[i], plan.uv_sets[i], is_default);
-    if (!surface) return at("material " + std::to_string(i), surface.error());
-    if (*surface) all_default = all_default && is_default;
+    auto surface = SCREE_TRY_AT("material " + std::to_string(i),
+                                maker.surface(document.materials[i], plan.uv_sets[i], is_default));
+    if (surface) all_default = all_default && is_default;
     plan.place[i] = static_cast<uint32_t>(scene.materials.size());
-    scene.materials.push_back({document.materials[i].name, *record, *surface});
+    scene.materials.push_back({document.materials[i].name, record, surface});
   }
   // If all materials have glTF's default properties (a rough metal), the writer stored base colours only, and the
   // surfaces are drawn matt.

@@ -245,7 +245,7 @@ class AttributeStream final : public MeshoptStream {
     const uint64_t count = out.size() / stride_;
     std::byte* to = out.data();
     for (uint64_t done = 0; done < count;) {
-      if (auto read = piece.want(most_block_bytes_); !read) return read;
+      SCREE_TRY(piece.want(most_block_bytes_));
       const size_t vertices = std::min<uint64_t>(block_vertices_, count - done);
       const std::byte* const behind =
           read_block(piece.data(), piece.data() + piece.size(), vertices, stride_, at.state.data(), to);
@@ -270,7 +270,7 @@ class AttributeStream final : public MeshoptStream {
     at.offset = 1;
     at.state[kVersionAt] = static_cast<std::byte>(version);
     const auto tail = std::span(at.state).first(stride_ + channels);
-    if (auto read = source().read(end() - tail.size(), tail); !read) return read.error();
+    SCREE_TRY(source().read(end() - tail.size(), tail));
     for (uint64_t channel = 0; channel < channels; ++channel) {
       const uint32_t mode = std::to_integer<uint32_t>(tail[stride_ + channel]);
       if ((mode & 15) >= kChannelModes || ((mode & 15) != kWordXor && mode >> 4 != 0))

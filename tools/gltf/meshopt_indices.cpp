@@ -148,8 +148,8 @@ class TriangleStream final : public MeshoptStream {
     PieceReader codes(source(), codes_at, codes_at + count), data(source(), stated().offset + at.offset, end());
     TriangleState state = load_state<TriangleState>(at);
     for (uint64_t done = 0; done < count;) {
-      if (auto read = codes.want(1); !read) return read;
-      if (auto read = data.want(kMostTriangleData); !read) return read;
+      SCREE_TRY(codes.want(1));
+      SCREE_TRY(data.want(kMostTriangleData));
       if (data.size() < kMostTriangleData) return ends_early();
       const auto decode = stated().stride == 2 ? decode_triangles<uint16_t> : decode_triangles<uint32_t>;
       const std::byte* from = data.data();
@@ -174,7 +174,7 @@ class TriangleStream final : public MeshoptStream {
     state.edges.fill(~uint64_t{0});
     state.vertices.fill(~0u);
     state.told_from = version == 0 ? 15 : 13;
-    if (auto read = source().read(end() - kTableBytes, state.table); !read) return read.error();
+    SCREE_TRY(source().read(end() - kTableBytes, state.table));
     format::store(at.state.data(), state);
     return at;
   }
@@ -213,7 +213,7 @@ class IndexStream final : public MeshoptStream {
     PieceReader data(source(), stated().offset + at.offset, end());
     IndexState state = load_state<IndexState>(at);
     for (uint64_t done = 0; done < count;) {
-      if (auto read = data.want(kMostIndexBytes); !read) return read;
+      SCREE_TRY(data.want(kMostIndexBytes));
       if (data.size() < kMostIndexBytes) return ends_early();
       const auto decode = stated().stride == 2 ? decode_indices<uint16_t> : decode_indices<uint32_t>;
       const std::byte* from = data.data();

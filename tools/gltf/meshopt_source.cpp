@@ -56,7 +56,7 @@ Result<void> check_meshopt(const DocMeshopt& stated, uint64_t view_bytes, uint64
                  "mode is \"" + *stated.unknown_mode + "\", expected ATTRIBUTES, TRIANGLES or INDICES"};
   if (stated.mode != Mode::kAttributes && stated.filter != Filter::kNone)
     return Error{ErrorCode::kFormat, std::string("a filter, but the mode is ") + mode_name(stated.mode)};
-  if (auto checked = check_stride(stated); !checked) return checked;
+  SCREE_TRY(check_stride(stated));
   if (view_stride != 0 && view_stride != stated.stride)
     return Error{ErrorCode::kFormat, "byteStride is " + std::to_string(stated.stride) + ", but the buffer view's is " +
                                          std::to_string(view_stride)};
@@ -112,11 +112,10 @@ class WindowedView final : public MeshoptView {
   }
 
   Result<void> read(uint64_t offset, std::span<std::byte> out) const override try {
-    if (Result<void> there = check_read(offset, out, size_, "buffer view"); !there) return there;
+    SCREE_TRY(check_read(offset, out, size_, "buffer view"));
     while (!out.empty()) {
-      const auto window = unpacked(offset / window_bytes_);
-      if (!window) return window.error();
-      const auto from = (*window)->all().subspan(offset % window_bytes_);
+      const auto window = SCREE_TRY(unpacked(offset / window_bytes_));
+      const auto from = window->all().subspan(offset % window_bytes_);
       const size_t bytes = std::min(out.size(), from.size());
       std::memcpy(out.data(), from.data(), bytes);
       offset += bytes;
@@ -132,15 +131,14 @@ class WindowedView final : public MeshoptView {
 
   Result<Window> unpacked(uint64_t index) const {
     while (reached_.load(std::memory_order_acquire) <= index) {
-      auto window = reach_next(index + 1);
-      if (!window) return window.error();
-      if (window->first == index) return window->second;
+      auto window = SCREE_TRY(reach_next(index + 1));
+      if (window.first == index) return window.second;
     }
     Window window = take(index);
     const std::lock_guard<std::mutex> lock(window->mutex);  // other threads that need it wait
     if (window->is_unpacked) return window;
     MeshoptPlace at = places_[index];
-    if (auto done = unpack(index, at, *window); !done) return done.error();
+    SCREE_TRY(unpack(index, at, *window));
     return window;
   }
 
@@ -150,23 +148,20 @@ class WindowedView final : public MeshoptView {
     const std::lock_guard<std::mutex> lock(reaching_);
     const uint64_t next = reached_.load(std::memory_order_relaxed);
     if (next >= end) return std::pair<uint64_t, Window>(next, nullptr);
-    Result<Window> window = reach(next);
-    if (!window) return window.error();
-    return std::pair(next, std::move(*window));
+    Window window = SCREE_TRY(reach(next));
+    return std::pair(next, std::move(window));
   }
 
   /// Unpacks the first window that was never unpacked. Only that finds the beginning of the next window.
   Result<Window> reach(uint64_t index) const {
     if (index == 0) {
       places_.reset(new MeshoptPlace[windows_]);  // left uninitialised, so that windows never reached take no memory
-      auto begin = stream_->begin();
-      if (!begin) return begin.error();
-      places_[0] = *begin;
+      places_[0] = SCREE_TRY(stream_->begin());
     }
     Window window = take(index);
     const std::lock_guard<std::mutex> lock(window->mutex);
     MeshoptPlace at = places_[index];
-    if (auto done = unpack(index, at, *window); !done) return done.error();
+    SCREE_TRY(unpack(index, at, *window));
     if (index + 1 < windows_) places_[index + 1] = at;
     reached_.store(index + 1, std::memory_order_release);
     return window;
@@ -177,7 +172,7 @@ class WindowedView final : public MeshoptView {
   }
 
   Result<void> unpack(uint64_t index, MeshoptPlace& at, MeshoptWindow& window) const {
-    if (auto done = stream_->unpack(at, index * (window_bytes_ / stride_), window.all()); !done) return done;
+    SCREE_TRY(stream_->unpack(at, index * (window_bytes_ / stride_), window.all()));
     stream_->undo_filter(window.all());
     window.is_unpacked = true;
     return {};

@@ -90,8 +90,7 @@ std::unique_ptr<const MeshoptStream> MeshoptStream::make(const DocMeshopt& state
 Result<MeshoptPlace> MeshoptStream::begin() const {
   const ModeRule& rule = rule_of(stated_.mode);
   std::byte first{0};
-  if (stated_.bytes > 0)
-    if (auto read = source_->read(stated_.offset, std::span(&first, 1)); !read) return read.error();
+  if (stated_.bytes > 0) SCREE_TRY(source_->read(stated_.offset, std::span(&first, 1)));
   const uint32_t header = std::to_integer<uint32_t>(first);
   if ((header & 0xf0) != rule.header) return Error{ErrorCode::kFormat, name() + ": not a stream of " + rule.name};
   const uint32_t version = header & 0x0f;
@@ -161,7 +160,7 @@ Result<void> PieceReader::want(size_t bytes) {
   const uint64_t more = std::min<uint64_t>(kPieceBytes - rest, end_ - next_);
   first_ = 0;
   last_ = rest + more;
-  if (auto read = source_.read(next_, std::span(bytes_).subspan(rest, more)); !read) return read;
+  SCREE_TRY(source_.read(next_, std::span(bytes_).subspan(rest, more)));
   next_ += more;
   return {};
 }

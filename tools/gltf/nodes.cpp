@@ -170,21 +170,20 @@ Result<std::optional<Accessor>> instance_accessor(const DocNode& node, const cha
                                                   GltfBuffers& buffers) {
   for (const auto& [attribute, index] : node.instancing) {
     if (attribute != name) continue;
-    auto accessor = buffers.accessor(index);
-    if (!accessor) return at(name, accessor.error());
+    auto accessor = SCREE_TRY_AT(name, buffers.accessor(index));
     const bool rotation = components == 4;
-    const bool typed = accessor->type == ComponentType::kFloat32 ||
-                       (rotation && accessor->normalized &&
-                        (accessor->type == ComponentType::kInt8 || accessor->type == ComponentType::kInt16));
-    if (accessor->components != components || !typed) {
+    const bool typed = accessor.type == ComponentType::kFloat32 ||
+                       (rotation && accessor.normalized &&
+                        (accessor.type == ComponentType::kInt8 || accessor.type == ComponentType::kInt16));
+    if (accessor.components != components || !typed) {
       return Error{ErrorCode::kFormat, std::string(name) + ": accessor " + std::to_string(index) + " is no " +
                                            (rotation ? "VEC4 of float or normalised byte or short" : "VEC3 of float")};
     }
-    if (accessor->source == nullptr) {
+    if (accessor.source == nullptr) {
       return Error{ErrorCode::kUnsupported,
                    std::string(name) + ": accessor " + std::to_string(index) + " has no buffer view"};
     }
-    return std::optional<Accessor>(std::move(accessor).value());
+    return std::optional<Accessor>(std::move(accessor));
   }
   return std::optional<Accessor>();
 }
@@ -202,9 +201,7 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
                                        {"SCALE", 3, &instances.scale}}};
   std::optional<uint64_t> count;
   for (const Stream& stream : streams) {
-    auto accessor = instance_accessor(node, stream.name, stream.components, buffers);
-    if (!accessor) return accessor.error();
-    *stream.accessor = std::move(accessor).value();
+    *stream.accessor = SCREE_TRY(instance_accessor(node, stream.name, stream.components, buffers));
     if (!*stream.accessor) continue;
     if (count && *count != (*stream.accessor)->count) {
       return Error{ErrorCode::kRange, std::string(stream.name) + " has " + std::to_string((*stream.accessor)->count) +
@@ -216,9 +213,8 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
     // Without transforms, another attribute (_ID) gives the number of instances, which all have the node's own
     // transform.
     for (const auto& [attribute, index] : node.instancing) {
-      auto accessor = buffers.accessor(index);
-      if (!accessor) return at(attribute.substr(0, 40), accessor.error());
-      if (accessor->source != nullptr) count = accessor->count;
+      auto accessor = SCREE_TRY_AT(attribute.substr(0, 40), buffers.accessor(index));
+      if (accessor.source != nullptr) count = accessor.count;
     }
   }
   if (count.value_or(0) == 0) return Error{ErrorCode::kFormat, "no instances"};
@@ -229,7 +225,7 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
   std::vector<format::NodeInstanceRecord> block(std::min(*count, kInstanceBlock));
   for (uint64_t done = 0; done < *count; done += block.size()) {
     block.resize(std::min<uint64_t>(block.size(), *count - done));
-    if (auto read = read_instances(instances, done, block); !read) return read.error();
+    SCREE_TRY(read_instances(instances, done, block));
   }
   return instances;
 }
@@ -238,20 +234,17 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
 
 Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exclude) {
   const size_t count = document.nodes.size();
-  if (auto checked = check_references(document); !checked) return checked.error();
-  auto trees = find_trees(document);
-  if (!trees) return trees.error();
-  auto scenes = find_scene_roots(document, *trees);
-  if (!scenes) return scenes.error();
-  auto pattern = compile(exclude);
-  if (!pattern) return pattern.error();
+  SCREE_TRY(check_references(document));
+  auto trees = SCREE_TRY(find_trees(document));
+  auto scenes = SCREE_TRY(find_scene_roots(document, trees));
+  auto pattern = SCREE_TRY(compile(exclude));
 
-  NodePlan plan{.parent = std::move(trees->parent)};
-  if (scenes->empty() && count > 0) {
+  NodePlan plan{.parent = std::move(trees.parent)};
+  if (scenes.empty() && count > 0) {
     plan.implied_scene = true;
-    scenes->emplace_back();
+    scenes.emplace_back();
     for (uint32_t i = 0; i < count; ++i) {
-      if (plan.parent[i] == kNone) scenes->front().push_back(i);
+      if (plan.parent[i] == kNone) scenes.front().push_back(i);
     }
   }
 
@@ -259,15 +252,15 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
   enum : uint8_t { kUnseen, kKept, kExcluded };
   std::vector<uint8_t> state(count, kUnseen);
   std::vector<std::pair<uint32_t, bool>> stack;  // node, whether it is below an excluded one
-  for (const std::vector<uint32_t>& roots : *scenes) {
+  for (const std::vector<uint32_t>& roots : scenes) {
     for (const uint32_t root : roots) {
       if (state[root] == kUnseen) stack.emplace_back(root, false);
       while (!stack.empty()) {
         const auto [node, below] = stack.back();
         stack.pop_back();
         bool out = below;
-        if (!out && *pattern) {
-          auto match = matches(**pattern, document.nodes[node].name, exclude);
+        if (!out && pattern) {
+          auto match = matches(*pattern, document.nodes[node].name, exclude);
           if (!match)
             return match.error().code == ErrorCode::kUsage ? match.error() : at(node_place(node), match.error());
           out = *match;
@@ -297,11 +290,11 @@ Result<NodePlan> plan_nodes(const GltfDocument& document, const std::string& exc
   }
 
   const size_t drawn = document.scene == kAbsent ? 0 : static_cast<size_t>(document.scene);
-  for (size_t s = 0; s < scenes->size(); ++s) {
+  for (size_t s = 0; s < scenes.size(); ++s) {
     SourceSceneRoots roots;
     if (!plan.implied_scene) roots.name = document.scenes[s].name;
     roots.is_default = s == drawn;
-    for (const uint32_t root : (*scenes)[s]) {
+    for (const uint32_t root : scenes[s]) {
       if (state[root] == kKept) roots.roots.push_back(plan.place[root]);
     }
     plan.scenes.push_back(std::move(roots));
@@ -319,7 +312,7 @@ Result<void> read_instances(const SourceInstances& instances, uint64_t first,
     for (uint64_t done = 0; done < out.size();) {
       const uint64_t count = std::min<uint64_t>(values.size() / 4, out.size() - done);
       const std::span<float> block(values.data(), count * components);
-      if (auto read = read_floats(*accessor, first + done, count, block); !read) return read.error();
+      SCREE_TRY(read_floats(*accessor, first + done, count, block));
       for (uint64_t i = 0; i < count; ++i) {
         float* const to = field(out[done + i]);
         std::copy_n(block.data() + i * components, components, to);
@@ -363,10 +356,10 @@ Result<std::vector<SourceNode>> make_nodes(const GltfDocument& document, const N
       node.local = LocalTransform(local);
     }
     if (from.has_instancing && node.group != kNone) {
-      auto instances = check_instances(from, buffers, instances_left);
-      if (!instances) return at(place + ": EXT_mesh_gpu_instancing", instances.error());
-      instances_left -= instances->count;
-      node.instances = std::make_shared<SourceInstances>(std::move(instances).value());
+      auto instances =
+          SCREE_TRY_AT(place + ": EXT_mesh_gpu_instancing", check_instances(from, buffers, instances_left));
+      instances_left -= instances.count;
+      node.instances = std::make_shared<SourceInstances>(std::move(instances));
     }
     nodes.push_back(std::move(node));
   }

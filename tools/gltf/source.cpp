@@ -98,30 +98,27 @@ class Importer {
         left_out_(document, buffers_) {}
 
   Result<void> run(const ImportOptions& options) {
-    if (auto checked = check_extensions(document_, scene_); !checked) return checked;
-    if (auto checked = check_document(document_); !checked) return checked;
+    SCREE_TRY(check_extensions(document_, scene_));
+    SCREE_TRY(check_document(document_));
     scene_.copyright = document_.copyright;
     for (const DocBuffer& buffer : document_.buffers)
       scene_.buffer_bytes = format::checked_add(scene_.buffer_bytes, buffer.bytes).value_or(scene_.buffer_bytes);
 
-    auto plan = plan_nodes(document_, options.exclude);
-    if (!plan) return plan.error();
-    if (plan->implied_scene) scene_.warnings.push_back("the document has no scene; its root nodes are taken as one");
-    if (!options.exclude.empty() && plan->excluded == 0)
+    auto plan = SCREE_TRY(plan_nodes(document_, options.exclude));
+    if (plan.implied_scene) scene_.warnings.push_back("the document has no scene; its root nodes are taken as one");
+    if (!options.exclude.empty() && plan.excluded == 0)
       scene_.warnings.push_back("--exclude \"" + options.exclude + "\" matches no node");
-    left_out_.add("excluded nodes", plan->excluded);
-    left_out_.add("nodes outside every scene", plan->outside);
-    scene_.scenes = plan->scenes;
+    left_out_.add("excluded nodes", plan.excluded);
+    left_out_.add("nodes outside every scene", plan.outside);
+    scene_.scenes = plan.scenes;
 
-    if (auto made = make_cameras(document_, scene_); !made) return made;
-    if (auto made = make_lights(document_, *plan, scene_); !made) return made;
-    if (auto made = make_primitives(*plan); !made) return made;
-    if (auto made = finish_primitives(); !made) return made;
+    SCREE_TRY(make_cameras(document_, scene_));
+    SCREE_TRY(make_lights(document_, plan, scene_));
+    SCREE_TRY(make_primitives(plan));
+    SCREE_TRY(finish_primitives());
     count_left_out();
-    auto nodes = make_nodes(document_, *plan, group_of_mesh_, buffers_);
-    if (!nodes) return nodes.error();
-    scene_.nodes = std::move(nodes).value();
-    note_the_rest(*plan);
+    scene_.nodes = SCREE_TRY(make_nodes(document_, plan, group_of_mesh_, buffers_));
+    note_the_rest(plan);
     left_out_.move_to(scene_);
     scene_.view_memory = buffers_.view_memory();
     return {};
@@ -146,8 +143,8 @@ class Importer {
       const DocMesh& mesh = document_.meshes[m];
       const size_t before = scene_.primitives.size();
       for (uint32_t p = 0; p < mesh.primitives.size(); ++p) {
-        if (auto made = make_primitive(mesh.primitives[p], m, p); !made)
-          return at("mesh " + std::to_string(m) + " primitive " + std::to_string(p), made.error());
+        SCREE_TRY_AT("mesh " + std::to_string(m) + " primitive " + std::to_string(p),
+                     make_primitive(mesh.primitives[p], m, p));
       }
       if (scene_.primitives.size() == before) continue;
       group_of_mesh_[m] = static_cast<uint32_t>(scene_.groups.size());
@@ -171,17 +168,13 @@ class Importer {
                  .place = place,
                  .mesh = mesh,
                  .mode = static_cast<PrimitiveMode>(from.mode)};
-    auto positions = attribute("POSITION", position, kNone);
-    if (!positions) return positions.error();
-    to.positions = std::move(positions).value();
+    to.positions = SCREE_TRY(attribute("POSITION", position, kNone));
     if (to.positions.count > std::numeric_limits<uint32_t>::max()) {
       return Error{ErrorCode::kUnsupported,
                    "POSITION has " + std::to_string(to.positions.count) + " vertices, at most 2^32 - 1 can be indexed"};
     }
     if (from.indices != kAbsent) {
-      auto indices = index_accessor(from.indices);
-      if (!indices) return indices.error();
-      to.indices = std::move(indices).value();
+      to.indices = SCREE_TRY(index_accessor(from.indices));
     }
     if (to.triangle_count() == 0) {
       dropped_.emplace_back("primitives without triangles", &from);
@@ -190,9 +183,7 @@ class Importer {
     for (const auto& [name, slot] : {std::pair{"COLOR_0", &to.color}, std::pair{"NORMAL", &to.normal}}) {
       const int32_t index = find(from.attributes, name);
       if (index == kAbsent) continue;
-      auto accessor = attribute(name, index, to.positions.count);
-      if (!accessor) return accessor.error();
-      *slot = std::move(accessor).value();
+      *slot = SCREE_TRY(attribute(name, index, to.positions.count));
     }
     if (from.material != kAbsent) material_used_[static_cast<size_t>(from.material)] = true;
     note_box(to);
@@ -217,17 +208,16 @@ class Importer {
   }
 
   Result<void> finish_primitives() {
-    auto materials = make_materials(document_, material_used_, buffers_, keep_going_, scene_);
-    if (!materials) return materials.error();
+    auto materials = SCREE_TRY(make_materials(document_, material_used_, buffers_, keep_going_, scene_));
     uint64_t without_uv = 0;
     for (Primitive& to : scene_.primitives) {
       const DocPrimitive& from = document_.meshes[to.mesh].primitives[to.place];
       std::array<std::string, 2> uv_names;
       if (from.material != kAbsent) {
         const size_t material = static_cast<size_t>(from.material);
-        to.material = materials->place[material];
+        to.material = materials.place[material];
         for (size_t i = 0; i < uv_names.size(); ++i)
-          if (const uint32_t set = materials->uv_sets[material][i]; set != kNone)
+          if (const uint32_t set = materials.uv_sets[material][i]; set != kNone)
             uv_names[i] = "TEXCOORD_" + std::to_string(set);
       }
       const auto place = [&] { return "mesh " + std::to_string(to.mesh) + " primitive " + std::to_string(to.place); };
@@ -235,20 +225,15 @@ class Importer {
       const auto read = [&](const std::string& name, std::optional<Accessor>& slot) -> Result<bool> {
         const int32_t index = name.empty() ? kAbsent : find(from.attributes, name);
         if (index == kAbsent) return false;
-        auto accessor = attribute(name, index, to.positions.count);
-        if (!accessor) return at(place(), accessor.error());
-        slot = std::move(accessor).value();
+        slot = SCREE_TRY_AT(place(), attribute(name, index, to.positions.count));
         return true;
       };
-      const auto has_uv = read(uv_names[0], to.uv);
-      if (!has_uv) return has_uv.error();
+      const auto has_uv = SCREE_TRY(read(uv_names[0], to.uv));
       SurfaceAttributes surface;
-      const auto has_second = *has_uv ? read(uv_names[1], surface.second_uv) : Result<bool>(false);
-      if (!has_second) return has_second.error();
-      if ((!*has_uv && !uv_names[0].empty()) || (!*has_second && !uv_names[1].empty())) ++without_uv;
-      if (*has_uv && to.normal && has_normal_map(to))
-        if (const auto has_tangent = read("TANGENT", surface.tangent); !has_tangent) return has_tangent.error();
-      if (auto packed = take_draco(from, uv_names, to, surface); !packed) return at(place(), packed.error());
+      const auto has_second = SCREE_TRY(has_uv ? read(uv_names[1], surface.second_uv) : Result<bool>(false));
+      if ((!has_uv && !uv_names[0].empty()) || (!has_second && !uv_names[1].empty())) ++without_uv;
+      if (has_uv && to.normal && has_normal_map(to)) SCREE_TRY(read("TANGENT", surface.tangent));
+      SCREE_TRY_AT(place(), take_draco(from, uv_names, to, surface));
       if (surface.second_uv || surface.tangent)
         to.surface = std::make_shared<const SurfaceAttributes>(std::move(surface));
     }
@@ -315,12 +300,11 @@ class Importer {
     if (!is_packed) {
       if (to.indices) add("indices", *to.indices);
       for (const auto& [name, accessor] : empty) {
-        const auto fits =
-            from.draco != kAbsent
-                ? Result<void>(
-                      Error{ErrorCode::kFormat, "has only Draco-compressed data, but POSITION has uncompressed data"})
-                : check_zeros(accessor->count);
-        if (!fits) return at(std::string(name) + ": accessor " + std::to_string(accessor->index), fits.error());
+        SCREE_TRY_AT(std::string(name) + ": accessor " + std::to_string(accessor->index),
+                     from.draco != kAbsent
+                         ? Result<void>(Error{ErrorCode::kFormat,
+                                              "has only Draco-compressed data, but POSITION has uncompressed data"})
+                         : check_zeros(accessor->count));
       }
       return {};
     }
@@ -348,14 +332,13 @@ class Importer {
     for (const DracoArray& array : packed.arrays) packed.other_components -= array.components;
     if (!packed.offset_of(packed.arrays.size()) || packed.triangles > format::kNone)
       return Error{ErrorCode::kRange, std::string(kDracoName) + ": " + std::to_string(packed.triangles) + " triangles"};
-    auto source = buffers_.draco(stated.view, packed, memory_);
-    if (!source) return source.error();
+    auto source = SCREE_TRY(buffers_.draco(stated.view, packed, memory_));
     for (size_t i = 0; i < empty.size(); ++i) {
       Accessor& accessor = *empty[i].second;
-      accessor.source = *source;
+      accessor.source = source;
       accessor.offset = *packed.offset_of(i);
     }
-    to.indices->source = *source;
+    to.indices->source = source;
     to.indices->type = ComponentType::kUint32;
     to.indices->stride = to.indices->element_bytes();
     return {};
@@ -364,14 +347,13 @@ class Importer {
   // A vertex attribute with the types that glTF 2.0 (3.7.2.1) and KHR_mesh_quantization allow. `vertices`: of the
   // primitive, or kNone for POSITION itself.
   Result<Accessor> attribute(const std::string& name, int32_t index, uint64_t vertices) {
-    auto accessor = buffers_.accessor(index);
-    if (!accessor) return at(name, accessor.error());
-    const ComponentType type = accessor->type;
+    auto accessor = SCREE_TRY_AT(name, buffers_.accessor(index));
+    const ComponentType type = accessor.type;
     const bool is_float = type == ComponentType::kFloat32;
     const bool is_byte = type == ComponentType::kInt8 || type == ComponentType::kUint8;
     const bool is_short = type == ComponentType::kInt16 || type == ComponentType::kUint16;
     const bool is_signed = type == ComponentType::kInt8 || type == ComponentType::kInt16;
-    const uint32_t components = accessor->components;
+    const uint32_t components = accessor.components;
     bool right = false;
     bool plain = true;  // allowed without KHR_mesh_quantization
     const char* expected = "";
@@ -380,24 +362,24 @@ class Importer {
       plain = is_float;
       expected = "VEC3 of float, byte or short";
     } else if (name == "NORMAL") {
-      right = components == 3 && (is_float || (is_signed && accessor->normalized));
+      right = components == 3 && (is_float || (is_signed && accessor.normalized));
       plain = is_float;
       expected = "VEC3 of float or normalised byte or short";
     } else if (name == "TANGENT") {
-      right = components == 4 && (is_float || (is_signed && accessor->normalized));
+      right = components == 4 && (is_float || (is_signed && accessor.normalized));
       plain = is_float;
       expected = "VEC4 of float or normalised byte or short";
     } else if (name == "COLOR_0") {
       right = (components == 3 || components == 4) && (is_float || (!is_signed && (is_byte || is_short)));
       expected = "VEC3 or VEC4 of float or normalised unsigned byte or short";
       // Some writers omit the flag. As plain integers the colours would all be far above 1.
-      if (right && !is_float && !accessor->normalized) {
-        accessor->normalized = true;
+      if (right && !is_float && !accessor.normalized) {
+        accessor.normalized = true;
         ++unflagged_colors_;
       }
     } else {
       right = components == 2 && (is_float || is_byte || is_short);
-      plain = is_float || (!is_signed && accessor->normalized);
+      plain = is_float || (!is_signed && accessor.normalized);
       expected = "VEC2 of float, byte or short";
     }
     if (!right) {
@@ -406,24 +388,23 @@ class Importer {
                                            std::to_string(components) + " components, expected " + expected};
     }
     if (!plain && !document_.uses("KHR_mesh_quantization")) ++undeclared_quantization_;
-    if (vertices != kNone && accessor->count != vertices) {
+    if (vertices != kNone && accessor.count != vertices) {
       return Error{ErrorCode::kRange, name + ": accessor " + std::to_string(index) + " has " +
-                                          std::to_string(accessor->count) + " elements, but POSITION has " +
+                                          std::to_string(accessor.count) + " elements, but POSITION has " +
                                           std::to_string(vertices)};
     }
     return accessor;
   }
 
   Result<Accessor> index_accessor(int32_t index) {
-    auto accessor = buffers_.accessor(index);
-    if (!accessor) return at("indices", accessor.error());
-    const bool right = accessor->components == 1 &&
-                       (accessor->type == ComponentType::kUint8 || accessor->type == ComponentType::kUint16 ||
-                        accessor->type == ComponentType::kUint32);
+    auto accessor = SCREE_TRY_AT("indices", buffers_.accessor(index));
+    const bool right = accessor.components == 1 &&
+                       (accessor.type == ComponentType::kUint8 || accessor.type == ComponentType::kUint16 ||
+                        accessor.type == ComponentType::kUint32);
     if (!right) {
       return Error{ErrorCode::kFormat, "indices: accessor " + std::to_string(index) + " has componentType " +
-                                           std::to_string(static_cast<int>(accessor->type)) + " and " +
-                                           std::to_string(accessor->components) +
+                                           std::to_string(static_cast<int>(accessor.type)) + " and " +
+                                           std::to_string(accessor.components) +
                                            " components, expected SCALAR of unsigned byte, short or int"};
     }
     return accessor;
@@ -488,15 +469,14 @@ std::string folder_of(const std::string& path) {
 Result<void> trim_json(const ByteSource& file, GlbLayout& layout) {
   std::array<std::byte, 3> bytes{};
   if (layout.json_bytes >= bytes.size()) {
-    if (auto read = file.read(layout.json_offset, bytes); !read) return read;
+    SCREE_TRY(file.read(layout.json_offset, bytes));
     if (bytes == std::array{std::byte{0xef}, std::byte{0xbb}, std::byte{0xbf}}) {
       layout.json_offset += 3;
       layout.json_bytes -= 3;
     }
   }
   for (int i = 0; layout.is_glb && i < 4 && layout.json_bytes > 0; ++i) {
-    if (auto read = file.read(layout.json_offset + layout.json_bytes - 1, std::span(bytes).first(1)); !read)
-      return read;
+    SCREE_TRY(file.read(layout.json_offset + layout.json_bytes - 1, std::span(bytes).first(1)));
     if (bytes[0] != std::byte{0}) break;
     --layout.json_bytes;
   }
@@ -508,7 +488,7 @@ Result<void> check_kind(const ByteSource& file, const GlbLayout& layout) {
   if (layout.is_glb) return {};
   std::array<std::byte, 64> bytes{};
   const auto head = std::span(bytes).first(std::min<uint64_t>(file.size(), bytes.size()));
-  if (auto read = file.read(0, head); !read) return read;
+  SCREE_TRY(file.read(0, head));
   const std::string_view text(reinterpret_cast<const char*>(head.data()), head.size());
   if (text.starts_with(std::string_view(reinterpret_cast<const char*>(format::kMagic), sizeof format::kMagic)))
     return Error{
@@ -526,29 +506,26 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   auto file = open_file_source(path);
   // Its message already begins with the path, like every message of import_gltf().
   if (!file) return Error{file.error().code, file.error().message.substr(path.size() + 2)};
-  auto layout = read_glb_layout(**file);
-  if (!layout) return layout.error();
-  if (layout->json_bytes == 0) return Error{ErrorCode::kFormat, "the file is empty"};
-  if (auto checked = check_kind(**file, *layout); !checked) return checked.error();
-  if (layout->json_bytes > options.max_json_bytes) {
-    return Error{ErrorCode::kMemory, "JSON of " + std::to_string(layout->json_bytes) + " bytes, at most " +
+  auto layout = SCREE_TRY(read_glb_layout(**file));
+  if (layout.json_bytes == 0) return Error{ErrorCode::kFormat, "the file is empty"};
+  SCREE_TRY(check_kind(**file, layout));
+  if (layout.json_bytes > options.max_json_bytes) {
+    return Error{ErrorCode::kMemory, "JSON of " + std::to_string(layout.json_bytes) + " bytes, at most " +
                                          std::to_string(options.max_json_bytes) + " are read"};
   }
-  const uint64_t least = layout->json_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous + layout->json_bytes;
-  if (least > options.memory) return document_too_large(options.memory, layout->json_bytes, "more than", least);
-  if (auto trimmed = trim_json(**file, *layout); !trimmed) return trimmed.error();
-  auto text = read_json_text(**file, layout->json_offset, layout->json_bytes);
-  if (!text) return text.error();
+  const uint64_t least = layout.json_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous + layout.json_bytes;
+  if (least > options.memory) return document_too_large(options.memory, layout.json_bytes, "more than", least);
+  SCREE_TRY(trim_json(**file, layout));
+  auto text = SCREE_TRY(read_json_text(**file, layout.json_offset, layout.json_bytes));
 
   SourceScene scene{.file_name = path.substr(path.rfind('/') == std::string::npos ? 0 : path.rfind('/') + 1),
-                    .json_bytes = layout->json_bytes};
-  auto document = read_document(std::move(text).value(), options.memory, options.threads);
-  if (!document) return document.error();
+                    .json_bytes = layout.json_bytes};
+  auto document = SCREE_TRY(read_document(std::move(text), options.memory, options.threads));
   std::vector<std::shared_ptr<const ByteSource>> chunks;
-  for (const GlbChunk& chunk : layout->chunks)
+  for (const GlbChunk& chunk : layout.chunks)
     chunks.push_back(chunk.is_binary ? window_source(*file, chunk.offset, chunk.bytes) : nullptr);
-  Importer importer(*document, folder_of(path), std::move(chunks), options, scene);
-  if (auto run = importer.run(options); !run) return run.error();
+  Importer importer(document, folder_of(path), std::move(chunks), options, scene);
+  SCREE_TRY(importer.run(options));
   return scene;
 }
 

@@ -328,15 +328,14 @@ struct ParsedElements::Impl {
 };
 
 Result<ParsedElements> ParsedElements::parse(const std::string& batch, std::vector<int32_t> primitive_indices) {
-  Result<tinygltf::Model> model = convert::parse(batch);
-  if (!model) return model.error();
+  tinygltf::Model model = SCREE_TRY(convert::parse(batch));
   size_t primitives = 0;
-  for (const auto& mesh : model->meshes) primitives += mesh.primitives.size();
+  for (const auto& mesh : model.meshes) primitives += mesh.primitives.size();
   if (primitives != primitive_indices.size())
     return Error{ErrorCode::kFormat, "the parser read " + std::to_string(primitives) + " primitives of " +
                                          std::to_string(primitive_indices.size())};
   ParsedElements elements;
-  elements.impl_ = std::make_shared<const Impl>(Impl{std::move(*model), std::move(primitive_indices)});
+  elements.impl_ = std::make_shared<const Impl>(Impl{std::move(model), std::move(primitive_indices)});
   return elements;
 }
 
@@ -348,16 +347,15 @@ Result<void> read_asset(GltfDocument& document, JsonRange range) {
   const std::span<const char> text = document.text;
   const std::string json =
       "{\"asset\":" + std::string(text.data() + range.begin, static_cast<size_t>(range.end - range.begin)) + "}";
-  if (auto checked = check_schema("asset", json, 0, range.begin); !checked) return checked.error();
-  auto model = parse(json);
-  if (!model) return at("asset", model.error());
-  const std::string& version = model->asset.version;
+  SCREE_TRY(check_schema("asset", json, 0, range.begin));
+  auto model = SCREE_TRY_AT("asset", parse(json));
+  const std::string& version = model.asset.version;
   if (version.substr(0, 2) != "2.")
     return Error{ErrorCode::kVersion, "asset: version is \"" + one_line(version.substr(0, 20)) + "\", expected 2.0"};
-  if (!model->asset.minVersion.empty() && model->asset.minVersion != "2.0")
+  if (!model.asset.minVersion.empty() && model.asset.minVersion != "2.0")
     return Error{ErrorCode::kVersion,
-                 "asset: minVersion is \"" + one_line(model->asset.minVersion.substr(0, 20)) + "\", expected 2.0"};
-  document.copyright = model->asset.copyright;
+                 "asset: minVersion is \"" + one_line(model.asset.minVersion.substr(0, 20)) + "\", expected 2.0"};
+  document.copyright = model.asset.copyright;
   return {};
 }
 

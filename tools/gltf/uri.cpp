@@ -137,9 +137,7 @@ Result<std::vector<std::byte>> decode_data_uri(std::string_view uri) {
   const bool base64 = head.size() >= kBase64.size() && head.substr(head.size() - kBase64.size()) == kBase64;
   std::string decoded;
   if (!base64 || body.find('%') != std::string_view::npos) {
-    auto result = percent_decoded(body);
-    if (!result) return result.error();
-    decoded = std::move(result).value();
+    decoded = SCREE_TRY(percent_decoded(body));
     body = decoded;
   }
   if (base64) return decode_base64(body);
@@ -154,9 +152,8 @@ Result<std::string> resolve_uri(const std::string& folder, std::string_view uri,
                                               std::string(scheme_of(uri).substr(0, 20)) +
                                               ":\" is not read, only files in the scene's folder and data:"};
   }
-  auto decoded = percent_decoded(uri);
-  if (!decoded) return decoded.error();
-  const std::string& relative = *decoded;
+  auto decoded = SCREE_TRY(percent_decoded(uri));
+  const std::string& relative = decoded;
   if (relative.empty()) return Error{ErrorCode::kFormat, "URI is empty"};
   if (relative.find('\0') != std::string::npos)
     return Error{ErrorCode::kFormat, "URI " + quoted(uri) + ": holds a zero byte"};

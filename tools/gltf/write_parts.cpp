@@ -29,10 +29,9 @@ bool is_identity(const std::array<double, 16>& matrix) {
 }
 
 void write_attributes(JsonWriter& json, const std::vector<std::pair<std::string, uint32_t>>& attributes) {
-  json.key("attributes");
-  json.begin_object();
-  for (const auto& [semantic, accessor] : attributes) json.member(semantic, accessor);
-  json.end_object();
+  json.object("attributes", [&] {
+    for (const auto& [semantic, accessor] : attributes) json.member(semantic, accessor);
+  });
 }
 
 bool is_moved(const GltfTextureTransform& transform) {
@@ -50,30 +49,24 @@ GltfTextureTransform transform_of(const format::SurfaceTexture& use) {
 void write_texture_use(JsonWriter& json, const char* key, uint32_t texture, uint32_t tex_coord,
                        const GltfTextureTransform& transform, const char* name = nullptr, float value = 1) {
   if (texture == format::kNone) return;
-  json.key(key);
-  json.begin_object();
-  json.member("index", texture);
-  if (tex_coord != 0) json.member("texCoord", tex_coord);
-  if (name != nullptr && value != 1) json.member(name, static_cast<double>(value));
-  if (is_moved(transform)) {
-    json.key("extensions");
-    json.begin_object();
-    json.key("KHR_texture_transform");
-    json.begin_object();
-    write_numbers(json, "offset", transform.offset);
-    if (transform.rotation != 0) json.member("rotation", transform.rotation);
-    write_numbers(json, "scale", transform.scale);
-    json.end_object();
-    json.end_object();
-  }
-  json.end_object();
+  json.object(key, [&] {
+    json.member("index", texture);
+    if (tex_coord != 0) json.member("texCoord", tex_coord);
+    if (name != nullptr && value != 1) json.member(name, static_cast<double>(value));
+    if (!is_moved(transform)) return;
+    write_extension(json, "KHR_texture_transform", [&] {
+      json.array("offset", transform.offset);
+      if (transform.rotation != 0) json.member("rotation", transform.rotation);
+      json.array("scale", transform.scale);
+    });
+  });
 }
 
 void write_color(JsonWriter& json, const char* key, const float color[3], float scale, float plain) {
   if (color[0] == plain && color[1] == plain && color[2] == plain) return;
   const double wide[3] = {static_cast<double>(color[0] / scale), static_cast<double>(color[1] / scale),
                           static_cast<double>(color[2] / scale)};
-  write_numbers(json, key, wide);
+  json.array(key, wide);
 }
 
 /// Emission is limited to 1. KHR_materials_emissive_strength stores a factor above that.
@@ -102,18 +95,14 @@ void write_buffer_view(JsonWriter& json, const PlacedView& placed, uint64_t fall
   if (view.stride != 0) json.member("byteStride", view.stride);
   if (view.target != GltfTarget::kNone) json.member("target", static_cast<uint64_t>(view.target));
   if (!view.meshopt) return;
-  json.key("extensions");
-  json.begin_object();
-  json.key(kMeshopt);
-  json.begin_object();
-  json.member("buffer", placed.buffer);
-  if (view.meshopt->offset != 0) json.member("byteOffset", view.meshopt->offset);
-  json.member("byteLength", view.meshopt->bytes);
-  json.member("byteStride", view.meshopt->stride);
-  json.member("mode", view.meshopt->mode == GltfMeshopt::Mode::kAttributes ? "ATTRIBUTES" : "TRIANGLES");
-  json.member("count", view.meshopt->count);
-  json.end_object();
-  json.end_object();
+  write_extension(json, kMeshopt, [&] {
+    json.member("buffer", placed.buffer);
+    if (view.meshopt->offset != 0) json.member("byteOffset", view.meshopt->offset);
+    json.member("byteLength", view.meshopt->bytes);
+    json.member("byteStride", view.meshopt->stride);
+    json.member("mode", view.meshopt->mode == GltfMeshopt::Mode::kAttributes ? "ATTRIBUTES" : "TRIANGLES");
+    json.member("count", view.meshopt->count);
+  });
 }
 
 void write_accessor(JsonWriter& json, const GltfAccessor& accessor) {
@@ -123,22 +112,17 @@ void write_accessor(JsonWriter& json, const GltfAccessor& accessor) {
   if (accessor.normalized) json.member("normalized", true);
   json.member("count", accessor.count);
   json.member("type", type_name(accessor.type));
-  if (!accessor.min.empty()) write_numbers(json, "min", accessor.min);
-  if (!accessor.max.empty()) write_numbers(json, "max", accessor.max);
+  if (!accessor.min.empty()) json.array("min", accessor.min);
+  if (!accessor.max.empty()) json.array("max", accessor.max);
 }
 
 void write_mesh(JsonWriter& json, const GltfMesh& mesh) {
   write_name(json, mesh.name);
-  json.key("primitives");
-  json.begin_array();
-  for (const GltfPrimitive& primitive : mesh.primitives) {
-    json.begin_object();
+  json.objects("primitives", mesh.primitives, [&](const GltfPrimitive& primitive) {
     write_attributes(json, primitive.attributes);
     if (primitive.indices != format::kNone) json.member("indices", primitive.indices);
     if (primitive.material != format::kNone) json.member("material", primitive.material);
-    json.end_object();
-  }
-  json.end_array();
+  });
 }
 
 void write_node(JsonWriter& json, const GltfNode& node) {
@@ -147,36 +131,28 @@ void write_node(JsonWriter& json, const GltfNode& node) {
   if (node.camera != format::kNone) json.member("camera", node.camera);
   const std::span<const double, 16> local(node.local);
   if (node.has_matrix) {
-    if (!is_identity(node.local)) write_numbers(json, "matrix", local);
+    if (!is_identity(node.local)) json.array("matrix", local);
   } else {
-    if (local[0] != 0 || local[1] != 0 || local[2] != 0) write_numbers(json, "translation", local.subspan(0, 3));
-    if (local[3] != 0 || local[4] != 0 || local[5] != 0 || local[6] != 1)
-      write_numbers(json, "rotation", local.subspan(3, 4));
-    if (local[7] != 1 || local[8] != 1 || local[9] != 1) write_numbers(json, "scale", local.subspan(7, 3));
+    if (local[0] != 0 || local[1] != 0 || local[2] != 0) json.array("translation", local.subspan(0, 3));
+    if (local[3] != 0 || local[4] != 0 || local[5] != 0 || local[6] != 1) json.array("rotation", local.subspan(3, 4));
+    if (local[7] != 1 || local[8] != 1 || local[9] != 1) json.array("scale", local.subspan(7, 3));
   }
-  if (!node.children.empty()) write_numbers(json, "children", node.children);
-  if (!node.instancing.empty()) {
-    json.key("extensions");
-    json.begin_object();
-    json.key("EXT_mesh_gpu_instancing");
-    json.begin_object();
-    write_attributes(json, node.instancing);
-    json.end_object();
-    json.end_object();
-  }
+  if (!node.children.empty()) json.array("children", node.children);
+  if (!node.instancing.empty())
+    write_extension(json, "EXT_mesh_gpu_instancing", [&] { write_attributes(json, node.instancing); });
 }
 
 void write_camera(JsonWriter& json, const GltfCamera& camera) {
   const bool perspective = camera.kind == format::CameraKind::kPerspective;
+  const char* const type = perspective ? "perspective" : "orthographic";
   write_name(json, camera.name);
-  json.member("type", perspective ? "perspective" : "orthographic");
-  json.key(perspective ? "perspective" : "orthographic");
-  json.begin_object();
-  json.member(perspective ? "yfov" : "ymag", camera.y);
-  if (!perspective || camera.x != 0) json.member(perspective ? "aspectRatio" : "xmag", camera.x);
-  json.member("znear", camera.z_near);
-  if (!perspective || camera.z_far != 0) json.member("zfar", camera.z_far);
-  json.end_object();
+  json.member("type", type);
+  json.object(type, [&] {
+    json.member(perspective ? "yfov" : "ymag", camera.y);
+    if (!perspective || camera.x != 0) json.member(perspective ? "aspectRatio" : "xmag", camera.x);
+    json.member("znear", camera.z_near);
+    if (!perspective || camera.z_far != 0) json.member("zfar", camera.z_far);
+  });
 }
 
 bool has_transform(const GltfMaterial& material) {
@@ -207,16 +183,15 @@ void write_material(JsonWriter& json, const GltfMaterial& material) {
     write_texture_use(json, key, use.texture, set, transform_of(use), name, value);
   };
   write_name(json, material.name);
-  json.key("pbrMetallicRoughness");
-  json.begin_object();
-  const auto& color = material.base_color;
-  if (color[0] != 1 || color[1] != 1 || color[2] != 1 || color[3] != 1) write_numbers(json, "baseColorFactor", color);
-  write_texture_use(json, "baseColorTexture", material.texture, material.tex_coord, material.transform);
-  write_use("metallicRoughnessTexture", format::SurfaceUse::kMetallicRoughness);
-  json.member("metallicFactor", surface != nullptr ? static_cast<double>(surface->metallic) : 0.0);
-  if (surface != nullptr && surface->roughness != 1)
-    json.member("roughnessFactor", static_cast<double>(surface->roughness));
-  json.end_object();
+  json.object("pbrMetallicRoughness", [&] {
+    const auto& color = material.base_color;
+    if (color[0] != 1 || color[1] != 1 || color[2] != 1 || color[3] != 1) json.array("baseColorFactor", color);
+    write_texture_use(json, "baseColorTexture", material.texture, material.tex_coord, material.transform);
+    write_use("metallicRoughnessTexture", format::SurfaceUse::kMetallicRoughness);
+    json.member("metallicFactor", surface != nullptr ? static_cast<double>(surface->metallic) : 0.0);
+    if (surface != nullptr && surface->roughness != 1)
+      json.member("roughnessFactor", static_cast<double>(surface->roughness));
+  });
   if (surface != nullptr) {
     write_use("normalTexture", format::SurfaceUse::kNormalMap, "scale", surface->normal_scale);
     write_use("occlusionTexture", format::SurfaceUse::kOcclusion, "strength", surface->occlusion_strength);
@@ -230,24 +205,20 @@ void write_material(JsonWriter& json, const GltfMaterial& material) {
   if (material.double_sided) json.member("doubleSided", true);
   const std::vector<const char*> extensions = material_extensions(material);
   if (extensions.empty()) return;
-  json.key("extensions");
-  json.begin_object();
-  for (const std::string_view name : extensions) {
-    json.key(name);
-    json.begin_object();
+  const auto write_members = [&](std::string_view name) {
     if (name == "KHR_materials_emissive_strength")
       json.member("emissiveStrength", static_cast<double>(emissive_strength(*surface)));
     if (name == "KHR_materials_transmission") json.member("transmissionFactor", material.transmission);
     if (name == "KHR_materials_ior") json.member("ior", static_cast<double>(surface->ior));
-    if (name == "KHR_materials_specular") {
-      if (surface->specular != 1) json.member("specularFactor", static_cast<double>(surface->specular));
-      write_use("specularTexture", format::SurfaceUse::kSpecular);
-      write_color(json, "specularColorFactor", surface->specular_color, 1, 1);
-      write_use("specularColorTexture", format::SurfaceUse::kSpecularColor);
-    }
-    json.end_object();
-  }
-  json.end_object();
+    if (name != "KHR_materials_specular") return;
+    if (surface->specular != 1) json.member("specularFactor", static_cast<double>(surface->specular));
+    write_use("specularTexture", format::SurfaceUse::kSpecular);
+    write_color(json, "specularColorFactor", surface->specular_color, 1, 1);
+    write_use("specularColorTexture", format::SurfaceUse::kSpecularColor);
+  };
+  json.object("extensions", [&] {
+    for (const char* const name : extensions) json.object(name, [&] { write_members(name); });
+  });
 }
 
 }  // namespace scree::tools

@@ -19,12 +19,10 @@ struct PlacedView {
   uint32_t buffer;
 };
 
-template <class Numbers>
-void write_numbers(JsonWriter& json, std::string_view name, const Numbers& numbers) {
-  json.key(name);
-  json.begin_array();
-  for (const auto& number : numbers) json.value(number);
-  json.end_array();
+/// Writes a member "extensions" with one extension; `members()` writes the members of it.
+template <class Members>
+void write_extension(JsonWriter& json, const char* name, const Members& members) {
+  json.object("extensions", [&] { json.object(name, members); });
 }
 
 /// These write the members of a part. write_name(): nothing if there is no name.

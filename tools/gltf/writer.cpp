@@ -195,11 +195,9 @@ class DocumentText {
     json.begin_array();
     for (const auto& item : items) {
       json.line();
-      json.begin_object();
-      write_item(json, item);
-      json.end_object();
+      json.object([&] { write_item(json, item); });
       if (text_.size() < kDrainBytes) continue;
-      if (Result<void> drained = drain(); !drained) return drained;
+      SCREE_TRY(drain());
     }
     json.end_array();
     return {};
@@ -243,19 +241,15 @@ Result<GltfWriter> GltfWriter::create(const std::string& path, std::string_view 
   state->glb = extension == ".glb";
   state->copyright = copyright;
   state->existing = existing;
-  Result<PartFile> document = PartFile::create(path, PartFile::Content::kEmpty, existing);
-  if (!document) return document.error();
-  state->document = std::move(*document);
+  state->document = SCREE_TRY(PartFile::create(path, PartFile::Content::kEmpty, existing));
   // A .glb begins with the JSON, whose length is known only at the end. Until then its buffer lies in a file of its
   // own.
   state->buffer_file = state->stem() + ".bin";
-  Result<PartFile> binary =
-      state->glb ? PartFile::create(path + ".bin")
-                 : PartFile::create(state->sibling(state->buffer_file), PartFile::Content::kEmpty, existing);
-  if (!binary) return binary.error();
-  if (state->glb)
-    if (const Result<void> hidden = binary->hide(); !hidden) return hidden.error();
-  state->binary = std::move(*binary);
+  PartFile binary =
+      SCREE_TRY(state->glb ? PartFile::create(path + ".bin")
+                           : PartFile::create(state->sibling(state->buffer_file), PartFile::Content::kEmpty, existing));
+  if (state->glb) SCREE_TRY(binary.hide());
+  state->binary = std::move(binary);
   return GltfWriter(std::move(state));
 }
 
@@ -271,14 +265,13 @@ Result<uint64_t> GltfWriter::reserve(uint64_t bytes, uint64_t alignment) {
 
 Result<void> GltfWriter::write_at(uint64_t offset, std::span<const std::byte> bytes) const {
   assert(format::range_within(offset, bytes.size(), state_->buffer_bytes));
-  if (Result<void> goes_on = state_->check_stop(); !goes_on) return goes_on;
+  SCREE_TRY(state_->check_stop());
   return state_->binary.write_at(offset, bytes);
 }
 
 Result<uint64_t> GltfWriter::append(std::span<const std::byte> bytes, uint64_t alignment) {
-  const Result<uint64_t> offset = reserve(bytes.size(), alignment);
-  if (!offset) return offset;
-  if (Result<void> written = write_at(*offset, bytes); !written) return written.error();
+  const uint64_t offset = SCREE_TRY(reserve(bytes.size(), alignment));
+  SCREE_TRY(write_at(offset, bytes));
   return offset;
 }
 
@@ -289,19 +282,17 @@ uint64_t GltfWriter::buffer_bytes() const {
 Result<void> GltfWriter::next_buffer(std::string_view name) {
   State& state = *state_;
   if (state.glb) return Error{ErrorCode::kUsage, state.path.string() + ": a .glb has one buffer"};
-  if (Result<void> ended = state.end_buffer(); !ended) return ended;
-  if (!state.buffer_files.empty())
-    if (Result<void> parked = state.buffer_files.back().park(); !parked) return parked;
+  SCREE_TRY(state.end_buffer());
+  if (!state.buffer_files.empty()) SCREE_TRY(state.buffer_files.back().park());
   state.buffer_file = state.file_name(safe_name(name), ".bin", state.buffer_names);
-  Result<PartFile> next = PartFile::create(state.sibling(state.buffer_file), PartFile::Content::kEmpty, state.existing);
-  if (!next) return next.error();
-  state.binary = std::move(*next);
+  state.binary =
+      SCREE_TRY(PartFile::create(state.sibling(state.buffer_file), PartFile::Content::kEmpty, state.existing));
   return {};
 }
 
 Result<void> GltfWriter::State::end_buffer() {
   if (buffer_bytes == 0) return binary.hide();  // the file is not needed
-  if (Result<void> sized = binary.resize(buffer_bytes); !sized) return sized;
+  SCREE_TRY(binary.resize(buffer_bytes));
   buffer_files.push_back(std::move(binary));
   buffers.push_back({std::move(buffer_file), std::exchange(buffer_bytes, 0)});
   return {};
@@ -363,7 +354,7 @@ Result<void> GltfWriter::check_images(std::span<const PlannedImage> planned) con
   std::set<std::string> taken = state_->image_names;
   for (const PlannedImage& image : planned) {
     const std::string file = state_->sibling(state_->image_file_name(image.name, image.codec, taken));
-    if (Result<void> checked = check_output_file(file, state_->existing); !checked) return checked;
+    SCREE_TRY(check_output_file(file, state_->existing));
   }
   return {};
 }
@@ -372,18 +363,16 @@ Result<uint32_t> GltfWriter::add_image(std::string_view name, format::ImageCodec
                                        std::span<const std::byte> bytes, std::string_view mime) {
   Image image{std::string(name), format::kNone, {}, std::string(mime.empty() ? mime_type(codec) : mime)};
   if (state_->glb) {
-    const Result<uint64_t> offset = append(bytes);
-    if (!offset) return offset.error();
-    image.buffer_view = add_buffer_view({*offset, bytes.size(), 0, GltfTarget::kNone});
+    const uint64_t offset = SCREE_TRY(append(bytes));
+    image.buffer_view = add_buffer_view({offset, bytes.size(), 0, GltfTarget::kNone});
     return add(state_->images, std::move(image));
   }
-  if (Result<void> goes_on = state_->check_stop(); !goes_on) return goes_on.error();
+  SCREE_TRY(state_->check_stop());
   const std::string file_name = state_->image_file_name(name, codec, state_->image_names);
-  Result<PartFile> file = PartFile::create(state_->sibling(file_name), PartFile::Content::kEmpty, state_->existing);
-  if (!file) return file.error();
-  if (Result<void> written = file->write_at(0, bytes); !written) return written.error();
-  if (Result<void> parked = file->park(); !parked) return parked.error();
-  state_->image_files.push_back(std::move(*file));
+  PartFile file = SCREE_TRY(PartFile::create(state_->sibling(file_name), PartFile::Content::kEmpty, state_->existing));
+  SCREE_TRY(file.write_at(0, bytes));
+  SCREE_TRY(file.park());
+  state_->image_files.push_back(std::move(file));
   state_->image_bytes += bytes.size();
   image.uri = uri_of(file_name);
   return add(state_->images, std::move(image));
@@ -411,8 +400,7 @@ Result<void> GltfWriter::State::commit_all() {
   for (PartFile& file : image_files) files.push_back(&file);
   files.push_back(&document);
   Replacement replacement(files);
-  for (size_t i = 0; i < files.size(); ++i)
-    if (const Result<void> done = replacement.commit(i); !done) return done;
+  for (size_t i = 0; i < files.size(); ++i) SCREE_TRY(replacement.commit(i));
   return replacement.keep();
 }
 
@@ -428,29 +416,17 @@ void GltfWriter::State::write_buffers(JsonWriter& json) const {
   if (buffers.empty() && buffer_bytes == 0) return;
   json.key("buffers");
   json.begin_array();
-  for (const Buffer& buffer : buffers) {
-    json.begin_object();
-    json.member("uri", uri_of(buffer.file_name));
-    json.member("byteLength", buffer.bytes);
-    json.end_object();
-  }
-  if (buffer_bytes != 0) {  // a .glb's
-    json.begin_object();
-    json.member("byteLength", buffer_bytes);
-    json.end_object();
-  }
-  if (fallback_bytes != 0) {
-    json.begin_object();
-    json.member("byteLength", fallback_bytes);
-    json.key("extensions");
-    json.begin_object();
-    json.key(kMeshopt);
-    json.begin_object();
-    json.member("fallback", true);
-    json.end_object();
-    json.end_object();
-    json.end_object();
-  }
+  for (const Buffer& buffer : buffers)
+    json.object([&] {
+      json.member("uri", uri_of(buffer.file_name));
+      json.member("byteLength", buffer.bytes);
+    });
+  if (buffer_bytes != 0) json.object([&] { json.member("byteLength", buffer_bytes); });  // a .glb's
+  if (fallback_bytes != 0)
+    json.object([&] {
+      json.member("byteLength", fallback_bytes);
+      write_extension(json, kMeshopt, [&] { json.member("fallback", true); });
+    });
   json.end_array();
 }
 
@@ -459,14 +435,13 @@ Result<uint64_t> GltfWriter::State::write_document() {
   DocumentText text(state.document, document_start());
   JsonWriter& json = text.json;
   json.begin_object();
-  json.key("asset");
-  json.begin_object();
-  json.member("version", "2.0");
-  json.member("generator", "scree " SCREE_VERSION);
-  if (!state.copyright.empty()) json.member("copyright", state.copyright);
-  json.end_object();
-  if (!state.extensions_used.empty()) write_numbers(json, "extensionsUsed", state.extensions_used);
-  if (!state.extensions_required.empty()) write_numbers(json, "extensionsRequired", state.extensions_required);
+  json.object("asset", [&] {
+    json.member("version", "2.0");
+    json.member("generator", "scree " SCREE_VERSION);
+    if (!state.copyright.empty()) json.member("copyright", state.copyright);
+  });
+  if (!state.extensions_used.empty()) json.array("extensionsUsed", state.extensions_used);
+  if (!state.extensions_required.empty()) json.array("extensionsRequired", state.extensions_required);
   write_buffers(json);
   if (!state.scenes.empty()) json.member("scene", state.default_scene);
 
@@ -493,7 +468,7 @@ Result<uint64_t> GltfWriter::State::write_document() {
   };
   const auto write_scene = [](JsonWriter& out, const GltfScene& scene) {
     write_name(out, scene.name);
-    if (!scene.nodes.empty()) write_numbers(out, "nodes", scene.nodes);
+    if (!scene.nodes.empty()) out.array("nodes", scene.nodes);
   };
 
   Result<void> written = text.section("scenes", state.scenes, write_scene);
@@ -546,26 +521,25 @@ Result<void> GltfWriter::State::write_chunks(uint64_t document_end) {
   put(uint32_t{is_version_3 ? 3u : 2u});
   put_length(file_bytes(document_end));
   put_chunk(kGlbJson, document_end - document_start());
-  if (const Result<void> written = document.write_at(0, head); !written) return written;
+  SCREE_TRY(document.write_at(0, head));
   if (buffer_bytes == 0) return {};
   head.clear();
   put_chunk(kGlbBinary, format::align_up(buffer_bytes, alignment()));
-  if (const Result<void> written = document.write_at(document_end, head); !written) return written;
+  SCREE_TRY(document.write_at(document_end, head));
   const uint64_t start = document_end + head.size();
   std::vector<std::byte> window(kDrainBytes);
   for (uint64_t done = 0; done < buffer_bytes; done += window.size()) {
-    if (const Result<void> goes_on = check_stop(); !goes_on) return goes_on;
+    SCREE_TRY(check_stop());
     window.resize(std::min<uint64_t>(kDrainBytes, buffer_bytes - done));
-    if (const Result<void> read = binary.read_at(done, window); !read) return read;
-    if (const Result<void> written = document.write_at(start + done, window); !written) return written;
+    SCREE_TRY(binary.read_at(done, window));
+    SCREE_TRY(document.write_at(start + done, window));
   }
   return document.resize(file_bytes(document_end));  // pads with zeros
 }
 
 Result<void> GltfWriter::finish() {
   State& state = *state_;
-  const Result<void> ended = state.glb ? state.binary.resize(state.buffer_bytes) : state.end_buffer();
-  if (!ended) return ended;
+  SCREE_TRY(state.glb ? state.binary.resize(state.buffer_bytes) : state.end_buffer());
   state.is_version_3 = state.glb && state.buffer_bytes > state.most_version_2_bytes;
   Result<uint64_t> end = state.write_document();
   if (!end) return end.error();

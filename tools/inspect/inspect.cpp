@@ -45,10 +45,9 @@ std::optional<Error> bound_error(const compare::GeometryReport& report, const In
 }
 
 Result<compare::GeometryReport> measure_against(const format::Container& file, const InspectOptions& options) try {
-  const Result<convert::SourceScene> source =
-      convert::import_gltf(options.source, {.exclude = options.exclude, .allow_outside = options.allow_outside});
-  if (!source) return source.error();
-  return compare::compare_geometry(*source, file);
+  const convert::SourceScene source = SCREE_TRY(
+      convert::import_gltf(options.source, {.exclude = options.exclude, .allow_outside = options.allow_outside}));
+  return compare::compare_geometry(source, file);
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory left to compare it with " + options.source};
 }
@@ -56,44 +55,39 @@ Result<compare::GeometryReport> measure_against(const format::Container& file, c
 }  // namespace
 
 Result<void> inspect_file(const std::string& path, const InspectOptions& options, std::FILE* out) {
-  const auto map = runtime::MappedFile::open(path);
-  if (!map) return map.error();
-  const auto file = format::Container::open(map->bytes());
-  if (!file) return at(path, file.error());
+  const auto map = SCREE_TRY(runtime::MappedFile::open(path));
+  const auto file = SCREE_TRY_AT(path, format::Container::open(map.bytes()));
 
   std::optional<VerifyReport> verified;
   if (options.verify) {
     tools::Progress progress(options.progress);
     uint64_t triangles = 0;
-    for (uint64_t i = 0; i < file->meshes().size(); ++i) triangles += file->meshes()[i].triangle_count;
+    for (uint64_t i = 0; i < file.meshes().size(); ++i) triangles += file.meshes()[i].triangle_count;
     progress.stage("verify", triangles);
     VerifyHooks hooks{.progress = [&](uint64_t done, uint64_t bytes) { progress.update(done, bytes); }};
     // Checked parts of the file are released, since the file may be larger than memory.
-    hooks.is_done_with = [&](uint64_t offset, uint64_t bytes) { map->release(offset, bytes); };
-    verified = verify(*file, map->bytes(), options.threads, hooks);
+    hooks.is_done_with = [&](uint64_t offset, uint64_t bytes) { map.release(offset, bytes); };
+    verified = verify(file, map.bytes(), options.threads, hooks);
   }
   std::optional<compare::GeometryReport> measured;
   if (!options.source.empty()) {
-    const Result<compare::GeometryReport> report = measure_against(*file, options);
-    if (!report) return at(path, report.error());
-    measured = *report;
+    measured = SCREE_TRY_AT(path, measure_against(file, options));
   }
-  const Stats stats = gather(*file, map->bytes(), options.top, options.verify);
+  const Stats stats = gather(file, map.bytes(), options.top, options.verify);
   if (options.json) {
-    print_json(*file, stats, path, verified ? &*verified : nullptr, measured ? &*measured : nullptr, options.chunks,
+    print_json(file, stats, path, verified ? &*verified : nullptr, measured ? &*measured : nullptr, options.chunks,
                out);
   } else {
-    print(text_report(*file, stats, path), out);
+    print(text_report(file, stats, path), out);
     if (options.chunks) {
       print("\n", out);
-      print_chunks(*file, out);
+      print_chunks(file, out);
     }
     if (verified) print("\n" + text_verify(*verified), out);
     if (measured) print("\nagainst " + options.source + "\n\n" + compare::text_geometry(*measured), out);
   }
-  if (const Result<void> whole = tools::check_not_cut(*map); !whole) return whole;
-  const auto written = tools::finish_output(out);
-  if (!written) return written;
+  SCREE_TRY(tools::check_not_cut(map));
+  SCREE_TRY(tools::finish_output(out));
   if (verified && verified->failure_count != 0) {
     const uint64_t others = verified->failure_count - 1;
     Error error = at(path, verified->failures.front().error);

@@ -1,3 +1,4 @@
+#include <ranges>
 #include <string>
 
 #include "format/blocks/format.h"
@@ -15,6 +16,11 @@ const char* codec_name(format::ImageCodec codec) {
   if (codec == format::ImageCodec::kIndexedJpeg) return "indexed_jpeg";
   if (codec == format::ImageCodec::kBlocks) return "blocks";
   return codec == format::ImageCodec::kJpeg ? "jpeg" : "png";
+}
+
+/// 0 to `count` - 1.
+auto numbers_below(uint64_t count) {
+  return std::views::iota(uint64_t{0}, count);
 }
 
 /// Ratios to zero are left out, because JSON cannot express them.
@@ -111,24 +117,19 @@ void scene_member(JsonWriter& json, const format::Container& file, const Stats& 
     json.member("textures", file.textures().size());
     json.member("images", file.images().size());
     json.member("cameras", file.cameras().size());
-    json.key("scenes");
-    json.begin_array();
-    const auto scenes = file.scenes();
-    for (uint64_t i = 0; i < scenes.size(); ++i) {
-      json.begin_object();
-      json.member("name", file.string(scenes[i].name));
-      json.member("default", (scenes[i].flags & 1) != 0);
-      json.member("roots", scenes[i].root_count);
-      json.member("instances", scenes[i].instance_count);
-      json.member("triangles_drawn", scenes[i].triangle_count);
+    json.objects("scenes", numbers_below(file.scenes().size()), [&](uint64_t i) {
+      const format::SceneRecord& scene = file.scenes()[i];
+      json.member("name", file.string(scene.name));
+      json.member("default", (scene.flags & 1) != 0);
+      json.member("roots", scene.root_count);
+      json.member("instances", scene.instance_count);
+      json.member("triangles_drawn", scene.triangle_count);
       if (!stats.extents[i].box.is_empty()) {
         json.array("min", stats.extents[i].box.min);
         json.array("max", stats.extents[i].box.max);
       }
       json.member("max_position_error", stats.extents[i].max_position_error);
-      json.end_object();
-    }
-    json.end_array();
+    });
   });
   json.line();
 }
@@ -177,12 +178,13 @@ void chunks_member(JsonWriter& json, const format::Container& file, const Stats&
   json.key("index_bits");
   json.begin_array();
   for (size_t bits = 0; bits < stats.index_bits.size(); ++bits) {
-    if (stats.index_bits[bits].chunks == 0) continue;
-    json.begin_object();
-    json.member("bits", uint64_t{bits});
-    json.member("chunks", stats.index_bits[bits].chunks);
-    json.member("triangles", stats.index_bits[bits].triangles);
-    json.end_object();
+    const IndexBits& row = stats.index_bits[bits];
+    if (row.chunks == 0) continue;
+    json.object([&] {
+      json.member("bits", uint64_t{bits});
+      json.member("chunks", row.chunks);
+      json.member("triangles", row.triangles);
+    });
   }
   json.end_array();
   json.line();
@@ -297,20 +299,15 @@ void container_member(JsonWriter& json, const format::Container& file, const Sta
   });
   json.line();
 
-  json.key("left_out");
-  json.begin_array();
-  const auto left_out = file.left_out();
-  for (uint64_t i = 0; i < left_out.size(); ++i) {
-    json.begin_object();
-    json.member("what", file.string(left_out[i].what));
-    json.member("count", left_out[i].count);
-    json.member("source_bytes", left_out[i].source_bytes);
+  json.objects("left_out", numbers_below(file.left_out().size()), [&](uint64_t i) {
+    const format::LeftOutRecord& record = file.left_out()[i];
+    json.member("what", file.string(record.what));
+    json.member("count", record.count);
+    json.member("source_bytes", record.source_bytes);
     // 0 means unknown, or that nothing would have been stored.
     if (!file.left_out_costs().empty() && file.left_out_costs()[i] != 0)
       json.member("stored_bytes", file.left_out_costs()[i]);
-    json.end_object();
-  }
-  json.end_array();
+  });
 }
 
 void verify_member(JsonWriter& json, const VerifyReport& report) {

@@ -45,7 +45,7 @@ Result<double> read_number(const Json& value, const char* name, double low, doub
 /// Reads a rotation and a translation from camera to world, column by column. The camera looks along -z with y up.
 Result<void> read_matrix(const Json& value, PathKey& key) {
   std::array<double, 16> m{};
-  if (const Result<void> done = read_numbers(value, "matrix", m.size(), m.data()); !done) return done;
+  SCREE_TRY(read_numbers(value, "matrix", m.size(), m.data()));
   if (m[3] != 0 || m[7] != 0 || m[11] != 0 || m[15] != 1)
     return Error{ErrorCode::kRange,
                  "\"matrix\": the last row is not 0 0 0 1 (the order of its numbers is column by column)"};
@@ -68,13 +68,9 @@ Result<PathKey> read_key(const Json& object, bool& has_t) {
     Result<void> done;
     if (name == "t") {
       has_t = true;
-      const Result<double> t = read_number(value, "t", 0, 1e9, "a time in seconds, 0 or more and below 1e9");
-      if (!t) return t.error();
-      key.t = *t;
+      key.t = SCREE_TRY(read_number(value, "t", 0, 1e9, "a time in seconds, 0 or more and below 1e9"));
     } else if (name == "fov") {
-      const Result<double> fov = read_number(value, "fov", 1e-9, 180, "an angle above 0 and below 180 degrees");
-      if (!fov) return fov.error();
-      key.fov_degrees = *fov;
+      key.fov_degrees = SCREE_TRY(read_number(value, "fov", 1e-9, 180, "an angle above 0 and below 180 degrees"));
     } else if (name == "eye") {
       has_eye = true;
       done = read_numbers(value, "eye", 3, key.eye.data());
@@ -127,9 +123,8 @@ Result<CameraPath> CameraPath::parse(std::string_view text, std::optional<double
   CameraPath path;
   for (const auto& [name, value] : json.items()) {
     if (name == "fps") {
-      const Result<double> fps = read_number(value, "fps", 1e-9, 1e6, "frames per second, above 0 and below 1e6");
-      if (!fps) return fps.error();
-      path.frames_per_second_ = *fps;
+      path.frames_per_second_ =
+          SCREE_TRY(read_number(value, "fps", 1e-9, 1e6, "frames per second, above 0 and below 1e6"));
     } else if (name != "format" && name != "version" && name != "keys" && name != "name") {
       return Error{ErrorCode::kFormat,
                    "has an unknown member " + in_quotes(name) + "; a path has format, version, fps, keys, name"};
@@ -180,8 +175,7 @@ Result<CameraPath> CameraPath::read(const std::string& path, std::optional<doubl
   }
   if (text.size() > kMaxPathBytes)
     return Error{ErrorCode::kRange, path + ": has more than " + std::to_string(kMaxPathBytes >> 20) + " MiB"};
-  Result<CameraPath> parsed = parse(text, frames_per_second);
-  if (!parsed) return scree::at(path, parsed.error());
+  CameraPath parsed = SCREE_TRY_AT(path, parse(text, frames_per_second));
   return parsed;
 }
 

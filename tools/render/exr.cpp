@@ -79,8 +79,7 @@ Result<void> check_whole(const format::PartFile& file, uint64_t table, uint32_t 
   if (table == UINT64_MAX) return missing;
   for (uint64_t i = 0; i < (uint64_t{height} + 15) / 16; ++i) {
     uint64_t offset = 0;
-    if (const Result<void> read = file.read_at(table + 8 * i, std::as_writable_bytes(std::span(&offset, 1))); !read)
-      return read;
+    SCREE_TRY(file.read_at(table + 8 * i, std::as_writable_bytes(std::span(&offset, 1))));
     if (offset == 0) return missing;
   }
   return {};
@@ -94,9 +93,8 @@ Result<void> check_exr_support() {
 
 Result<void> write_exr(const std::string& path, uint32_t width, uint32_t height, std::span<const ExrChannel> channels,
                        format::Existing existing) {
-  Result<format::PartFile> file = format::PartFile::create(path, format::PartFile::Content::kEmpty, existing);
-  if (!file) return file.error();
-  PartStream stream(*file);
+  format::PartFile file = SCREE_TRY(format::PartFile::create(path, format::PartFile::Content::kEmpty, existing));
+  PartStream stream(file);
   try {
     write_channels(stream, width, height, channels);
   } catch (const std::bad_alloc&) {
@@ -105,8 +103,8 @@ Result<void> write_exr(const std::string& path, uint32_t width, uint32_t height,
     return stream.error ? *stream.error : Error{ErrorCode::kFile, path + ": " + error.what()};
   }
   if (stream.error) return *stream.error;
-  if (const Result<void> whole = check_whole(*file, stream.table, height); !whole) return whole;
-  return file->commit();
+  SCREE_TRY(check_whole(file, stream.table, height));
+  return file.commit();
 }
 
 }  // namespace scree::tools

@@ -61,10 +61,9 @@ Result<void> GpuLinks::begin(Ranks& ranks, const std::optional<runtime::Gpu>& gp
       why = opened.error().message;
     }
   }
-  const Result<std::vector<std::byte>> bytes = ranks.share(std::as_bytes(std::span(&own, 1)));
-  if (!bytes) return bytes.error();
+  const std::vector<std::byte> bytes = SCREE_TRY(ranks.share(std::as_bytes(std::span(&own, 1))));
   std::vector<Introduction> all(ranks.count());
-  std::memcpy(all.data(), bytes->data(), bytes->size());
+  std::memcpy(all.data(), bytes.data(), bytes.size());
   const std::string against = reason_against(all);
   if (!against.empty()) {
     const bool is_own = group_ == nullptr;
@@ -97,7 +96,7 @@ Result<void> GpuLinks::finish(Ranks& ranks, Exchange exchange, bool quiet) {
     if (!own && ranks.is_first() && std::chrono::steady_clock::now() > end)
       own = Error{ErrorCode::kDevice, "NCCL: the ranks' GPUs were not connected in time"};
     uint64_t least = !own ? kConnecting : *own ? kConnected : kFailed;
-    if (const Result<void> done = ranks.least(std::span(&least, 1)); !done) return done;
+    SCREE_TRY(ranks.least(std::span(&least, 1)));
     if (least == kConnected) return {};
     if (least == kConnecting) continue;
     group_.reset();

@@ -19,23 +19,21 @@ uint64_t pixels_of(const RenderOptions& options) {
 template <class T>
 Result<std::vector<T>> read(const RenderOptions& options, const ReadLayer& frame, Layer layer) {
   std::vector<T> values(pixels_of(options) * runtime::bytes_of(layer) / sizeof(T));
-  if (const Result<void> done = frame(layer, std::as_writable_bytes(std::span(values))); !done) return done.error();
+  SCREE_TRY(frame(layer, std::as_writable_bytes(std::span(values))));
   return values;
 }
 
 Result<std::vector<uint32_t>> make_ids(const RenderOptions& options, const runtime::Scene& scene,
                                        const ReadLayer& frame) {
-  const Result<std::vector<int64_t>> triangles = read<int64_t>(options, frame, Layer::kTriangle);
-  if (!triangles) return triangles.error();
-  const Result<std::vector<int32_t>> instances = read<int32_t>(options, frame, Layer::kInstance);
-  if (!instances) return instances.error();
+  const std::vector<int64_t> triangles = SCREE_TRY(read<int64_t>(options, frame, Layer::kTriangle));
+  const std::vector<int32_t> instances = SCREE_TRY(read<int32_t>(options, frame, Layer::kInstance));
   const kernels::SceneView& view = scene.view();
-  std::vector<uint32_t> ids(kIdCount * instances->size(), UINT32_MAX);
-  for (size_t i = 0; i < instances->size(); ++i) {
-    if ((*instances)[i] < 0) continue;
-    const auto instance = static_cast<uint64_t>((*instances)[i]);
+  std::vector<uint32_t> ids(kIdCount * instances.size(), UINT32_MAX);
+  for (size_t i = 0; i < instances.size(); ++i) {
+    if (instances[i] < 0) continue;
+    const auto instance = static_cast<uint64_t>(instances[i]);
     const uint32_t mesh = view.instances[instance].mesh;
-    const uint64_t triangle = static_cast<uint64_t>((*triangles)[i]) - view.instance_base[instance];
+    const uint64_t triangle = static_cast<uint64_t>(triangles[i]) - view.instance_base[instance];
     if (triangle >= UINT32_MAX)
       return Error{ErrorCode::kUnsupported, "triangle " + std::to_string(triangle) + " of mesh " +
                                                 std::to_string(mesh) +

@@ -56,7 +56,7 @@ Result<void> write_picture(const RenderOptions& options, const std::string& path
 
 Result<runtime::Duration> write_outputs(const RenderOptions& options, const runtime::MappedFile& map,
                                         const FrameOutputs& outputs) {
-  if (const Result<void> whole = check_not_cut(map); !whole) return whole.error();
+  SCREE_TRY(check_not_cut(map));
   const StopOnSignal handlers;
   Result<void> done;
   const Stopwatch watch;
@@ -85,11 +85,10 @@ Result<void> print_picks(const RenderOptions& options, const runtime::Scene& sce
   std::string text;
   for (const PixelPlace& place : options.picks) {
     const uint64_t index = runtime::sample_index(view, options.samples_per_side, place.x, place.y);
-    const Result<std::optional<runtime::Pick>> pick = runtime::pick_sample(scene, view, samples[index]);
-    if (!pick) return pick.error();
-    text += describe_pick(scene.container(), place, *pick);
+    const std::optional<runtime::Pick> pick = SCREE_TRY(runtime::pick_sample(scene, view, samples[index]));
+    text += describe_pick(scene.container(), place, pick);
   }
-  if (const Result<void> whole = check_not_cut(scene.file().map()); !whole) return whole;
+  SCREE_TRY(check_not_cut(scene.file().map()));
   std::fwrite(text.data(), 1, text.size(), stdout);
   return {};
 }

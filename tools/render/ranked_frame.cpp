@@ -58,23 +58,20 @@ Result<void> RankedFrame::choose_gpu() {
 
 Result<void> RankedFrame::load_tables() {
   report_sigbus("render", options_.file);
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(options_.file);
-  if (!file) return file.error();
-  const Result<uint32_t> index = file->find_scene(options_.scene);
-  if (!index) return index.error();
+  runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(options_.file));
+  const uint32_t index = SCREE_TRY(file.find_scene(options_.scene));
   runtime::SceneOptions load = options_.scene_options();
   load.pages = false;
-  Result<runtime::Scene> scene = runtime::Scene::load(std::move(*file), *index, load);
-  if (!scene) return scene.error();
-  scene_.emplace(std::move(*scene));
+  runtime::Scene scene = SCREE_TRY(runtime::Scene::load(std::move(file), index, load));
+  scene_.emplace(std::move(scene));
   const bool is_quiet = options_.quiet || !ranks_.is_first();
-  if (const auto accepted = accept_scene("render", *scene_, options_.light, is_quiet); !accepted) return accepted;
+  SCREE_TRY(accept_scene("render", *scene_, options_.light, is_quiet));
   if (options_.exchange == Exchange::kNccl && kernels::shows_layers(scene_->view(), options_.shade))
     return Error{ErrorCode::kUsage, "--exchange nccl: " + options_.file +
                                         " has blended surfaces, whose layers the CPUs draw and exchange"};
   // A default view of a small scene is fitted to its vertices, so every rank then reads all pages.
   if (!options_.path && runtime::view_reads_vertices(scene_->view(), options_.camera))
-    if (const Result<void> loaded = scene_->load_pages(options_.threads); !loaded) return loaded;
+    SCREE_TRY(scene_->load_pages(options_.threads));
   scene_view_ = scene_->view();
   pages_.assign(scene_->container().pages().size(), nullptr);
   scene_view_.pages = pages_.data();
@@ -88,7 +85,7 @@ Result<void> RankedFrame::load_tables() {
 
 /// The CPU draws layers of blended surfaces, and makes normals and texture coordinates.
 Result<void> RankedFrame::load_pages() {
-  if (const Result<void> uploaded = upload(); !uploaded) return uploaded;
+  SCREE_TRY(upload());
   if (device_ && !reads_surfaces(options_) && !kernels::shows_layers(scene_view_, options_.shade)) return {};
   return load_own_pages();
 }
@@ -117,7 +114,7 @@ Result<void> RankedFrame::upload() {
 Result<void> RankedFrame::falls_back(const Error& error) {
   if (error.code != ErrorCode::kDevice || options_.backend.choice != BackendChoice::kAuto || joins_ != 0)
     return at(options_.file, with_cpu_advice(error));
-  if (const Result<void> ended = end_reads(); !ended) return ended;  // of a frame that is not drawn again
+  SCREE_TRY(end_reads());  // of a frame that is not drawn again
   if (!options_.quiet) warn_of_cpu("render", ranks_.named(error).message);
   sun_on_gpu_.reset();
   on_gpu_.reset();
@@ -130,8 +127,8 @@ Result<void> RankedFrame::on_gpu_or_cpu(const OnGpu& on_gpu, const OnCpu& on_cpu
   if (device_) {
     const Result<void> done = on_gpu();
     if (done) return done;
-    if (const Result<void> goes_on = falls_back(done.error()); !goes_on) return goes_on;
-    if (const Result<void> loaded = load_own_pages(); !loaded) return loaded;
+    SCREE_TRY(falls_back(done.error()));
+    SCREE_TRY(load_own_pages());
   }
   return on_cpu();
 }
@@ -165,7 +162,7 @@ Result<void> RankedFrame::draw(const kernels::View& view, uint32_t root, const s
   const Stopwatch watch;
   const Result<void> drawn = draw_part();
   times_.draw = watch.elapsed().wall_ms;
-  if (const Result<void> all = ranks_.agree(drawn); !all) return all;
+  SCREE_TRY(ranks_.agree(drawn));
   return join();
 }
 
@@ -206,21 +203,16 @@ Result<void> RankedFrame::draw_on_cpu() {
 
 Result<void> RankedFrame::draw_on_gpu() {
   if (shade_.sun != nullptr && !sun_on_gpu_) {
-    Result<runtime::DeviceView> added = device_->add_view(*scene_);
-    if (!added) return added.error();
-    sun_on_gpu_ = std::move(*added);
+    sun_on_gpu_ = SCREE_TRY(device_->add_view(*scene_));
   }
   for (uint32_t i = 0; shade_.sun != nullptr && i < sun_.map_count; ++i) {
-    if (const auto drawn = sun_on_gpu_->draw(sun_.maps[i].view); !drawn) return drawn.error();
-    const Result<uint64_t*> kept = sun_on_gpu_->keep_samples(i);
-    if (!kept) return kept.error();
-    shadows_on_gpu_[i] = *kept;
+    SCREE_TRY(sun_on_gpu_->draw(sun_.maps[i].view));
+    shadows_on_gpu_[i] = SCREE_TRY(sun_on_gpu_->keep_samples(i));
   }
   is_whole_ = false;
   if (on_gpu_->has_started()) {
-    const Result<bool> is_first = on_gpu_->finish();
-    if (!is_first) return is_first.error();
-    is_whole_ = *is_first && joins_ == 1;
+    const bool is_first = SCREE_TRY(on_gpu_->finish());
+    is_whole_ = is_first && joins_ == 1;
   } else if (const auto drawn = on_gpu_->draw(view_); !drawn) {
     return drawn.error();
   }
@@ -280,10 +272,9 @@ Result<void> RankedFrame::join_by_nccl(bool is_whole) {
   const auto join = [&](uint64_t* samples, const kernels::View& view) {
     return group.least(samples, uint64_t{view.width} * view.height, stream);
   };
-  const Result<uint64_t*> samples = on_gpu_->samples();
-  if (!samples) return samples.error();
+  uint64_t* const samples = SCREE_TRY(on_gpu_->samples());
   // NCCL exchanges in this order, so these run beside pass 1 of the next frame.
-  Result<void> done = is_whole ? Result<void>() : join(*samples, view_);
+  Result<void> done = is_whole ? Result<void>() : join(samples, view_);
   for (uint32_t i = 0; done && shade_.sun != nullptr && i < sun_.map_count; ++i)
     done = join(shadows_on_gpu_[i], sun_.maps[i].view);
   if (done) done = start_next(true);
@@ -303,7 +294,7 @@ Result<void> RankedFrame::shade() {
   const Stopwatch watch;
   const Result<void> shaded = on_gpu_or_cpu([&] { return shade_on_gpu(); }, [&] { return shade_on_cpu(); });
   if (!shaded) return shaded;
-  if (const Result<void> whole = check_not_cut(scene_->file().map()); !whole) return whole;
+  SCREE_TRY(check_not_cut(scene_->file().map()));
   times_.shade = watch.elapsed().wall_ms;
   const Stopwatch gather_watch;
   const Result<void> gathered = ranks_.gather(std::span(colors_), root_);
@@ -327,10 +318,9 @@ Result<void> RankedFrame::shade_on_cpu() {
 Result<void> RankedFrame::shade_on_gpu() {
   colors_.resize(3 * samples_.size());
   for (uint32_t i = 0; shade_.sun != nullptr && i < sun_.map_count; ++i) {
-    const Result<void> written = sun_on_gpu_->write(shadows_on_gpu_[i], std::as_bytes(std::span(shadows_[i])));
-    if (!written) return written;
+    SCREE_TRY(sun_on_gpu_->write(shadows_on_gpu_[i], std::as_bytes(std::span(shadows_[i]))));
   }
-  if (const Result<void> written = on_gpu_->write_samples(samples_); !written) return written;
+  SCREE_TRY(on_gpu_->write_samples(samples_));
   const Result<float*> colors = make_colors_on_gpu();
   return colors ? on_gpu_->read(*colors, std::as_writable_bytes(std::span(colors_))) : colors.error();
 }
@@ -348,8 +338,7 @@ Result<void> RankedFrame::shade_by_nccl() {
   runtime::NcclGroup& group = *links_.group();
   const bool are_pixels = options_.samples_per_side == 1 && !options_.writes_exr();
   const Stopwatch watch;
-  const Result<float*> colors = make_colors_on_gpu();
-  if (!colors) return colors.error();
+  float* const colors = SCREE_TRY(make_colors_on_gpu());
   Result<uint32_t*> pixels = nullptr;
   if (are_pixels) pixels = on_gpu_->resolve_colors(view_, 1, shade_);
   void* const stream = on_gpu_->stream();
@@ -359,14 +348,14 @@ Result<void> RankedFrame::shade_by_nccl() {
   const uint64_t samples = uint64_t{view_.width} * view_.height;
   if (done)
     done = are_pixels ? group.most(*pixels, samples, root_, stream)
-                      : group.most(reinterpret_cast<uint32_t*>(*colors), 3 * samples, root_, stream);
+                      : group.most(reinterpret_cast<uint32_t*>(colors), 3 * samples, root_, stream);
   if (done) done = group.wait(stream);
   times_.exchange += gather_watch.elapsed().wall_ms;
   if (!done || !is_root()) return done;
   const Stopwatch read_watch;
   if (options_.writes_exr()) {
     colors_.resize(3 * samples);
-    done = on_gpu_->read(*colors, std::as_writable_bytes(std::span(colors_)));
+    done = on_gpu_->read(colors, std::as_writable_bytes(std::span(colors_)));
   } else if (!are_pixels) {
     pixels = on_gpu_->resolve_colors(view_, options_.samples_per_side, shade_);
     if (!pixels) return pixels.error();
@@ -401,10 +390,8 @@ Result<void> RankedFrame::draw_layers() {
         return joined ? gathered : joined;
       }};
   read_shadows_on_host();
-  Result<std::vector<float>> over =
-      kernels::blend_cpu(view_, samples_, options_.shade.blend_layers, source, options_.threads, blended_);
-  if (!over) return at(options_.file, over.error());
-  over_ = std::move(*over);
+  over_ = SCREE_TRY_AT(options_.file, kernels::blend_cpu(view_, samples_, options_.shade.blend_layers, source,
+                                                         options_.threads, blended_));
   return {};
 }
 
@@ -433,9 +420,7 @@ Result<void> RankedFrame::read(runtime::Layer layer, std::span<std::byte> out) {
     return made ? on_gpu_->read(*made, out) : made.error();
   }
   std::vector<int64_t> triangles(uint64_t{width()} * height());
-  if (const auto found = make(runtime::Layer::kTriangle, samples_, reinterpret_cast<std::byte*>(triangles.data()));
-      !found)
-    return found;
+  SCREE_TRY(make(runtime::Layer::kTriangle, samples_, reinterpret_cast<std::byte*>(triangles.data())));
   // If another rank has the triangle of a pixel, the pixel becomes background here. Values of the background are 0.
   const uint64_t side = options_.samples_per_side;
   std::vector<uint64_t> own = samples_;
@@ -448,8 +433,8 @@ Result<void> RankedFrame::read(runtime::Layer layer, std::span<std::byte> out) {
                     kernels::kBackground);
     }
   });
-  if (const Result<void> made = make(layer, own, out.data()); !made) return made;
-  if (const Result<void> whole = check_not_cut(scene_->file().map()); !whole) return whole;
+  SCREE_TRY(make(layer, own, out.data()));
+  SCREE_TRY(check_not_cut(scene_->file().map()));
   return ranks_.gather({reinterpret_cast<float*>(out.data()), out.size() / sizeof(float)}, root_);
 }
 

@@ -187,30 +187,28 @@ void print_summary(const RenderOptions& options, const runtime::Scene& scene, co
 /// Prints the same and the counts as one JSON object.
 void print_json(const RenderOptions& options, const runtime::Scene& scene, const runtime::ViewRenderer& frame,
                 const Times& times) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("file", options.file);
-  for (const auto& [name, path] : options.outputs())
-    if (!path.empty()) json.member(name, path);
-  json.member("width", frame.width());
-  json.member("height", frame.height());
-  json.member("samples_per_side", options.samples_per_side);
-  json.member("device", times.drawn_on);
-  json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
-  json.member("instances_drawn", frame.stats().instances_drawn);
-  json.member("draws", frame.stats().draws);
-  json.member("triangles_drawn", frame.stats().triangles);
-  json.member("clusters_drawn", frame.stats().clusters_drawn);
-  json.member("blended_layers", uint64_t{times.blended.layers});
-  json.member("samples_with_more_layers", times.blended.samples_left_out);
-  json.member("load_ms", loading_ms(scene, times));
-  if (times.shadows) json.member("shadow_ms", times.shadows->wall_ms);
-  json.member("draw_ms", frame.draw_time().wall_ms);
-  json.member("shade_ms", times.shade.wall_ms);
-  json.member("write_ms", times.write.wall_ms);
-  if (times.streamed) json.member("streamed_bytes", times.streamed->streamed_bytes);
-  json.end_object();
+  const std::string text = json_object([&](JsonWriter& json) {
+    json.member("file", options.file);
+    for (const auto& [name, path] : options.outputs())
+      if (!path.empty()) json.member(name, path);
+    json.member("width", frame.width());
+    json.member("height", frame.height());
+    json.member("samples_per_side", options.samples_per_side);
+    json.member("device", times.drawn_on);
+    json.member("triangles", scene.view().instance_base[scene.view().instance_count]);
+    json.member("instances_drawn", frame.stats().instances_drawn);
+    json.member("draws", frame.stats().draws);
+    json.member("triangles_drawn", frame.stats().triangles);
+    json.member("clusters_drawn", frame.stats().clusters_drawn);
+    json.member("blended_layers", uint64_t{times.blended.layers});
+    json.member("samples_with_more_layers", times.blended.samples_left_out);
+    json.member("load_ms", loading_ms(scene, times));
+    if (times.shadows) json.member("shadow_ms", times.shadows->wall_ms);
+    json.member("draw_ms", frame.draw_time().wall_ms);
+    json.member("shade_ms", times.shade.wall_ms);
+    json.member("write_ms", times.write.wall_ms);
+    if (times.streamed) json.member("streamed_bytes", times.streamed->streamed_bytes);
+  });
   std::printf("%s\n", text.c_str());
 }
 
@@ -262,15 +260,13 @@ Result<FrameOutputs> draw(const RenderOptions& options, const kernels::View& vie
   for (uint32_t i = 0; i < options.frames; ++i) {
     if (i != 0 && options.stats && renderer.stream_stats())
       print_stream(*renderer.stream_stats(), renderer.draw_time());
-    if (const auto drawn = renderer.draw(view, options.samples_per_side, options.shade, colors); !drawn)
-      return drawn.error();
+    SCREE_TRY(renderer.draw(view, options.samples_per_side, options.shade, colors));
     if (renderer.shadow_time().wall_ms != 0) times.shadows = renderer.shadow_time();  // later frames keep the map
   }
   FrameOutputs outputs;
   if (reads_samples(options)) {
-    const auto samples = renderer.layer(Layer::kSamples);
-    if (!samples) return samples.error();
-    outputs.samples = {reinterpret_cast<const uint64_t*>(samples->data()), samples->size() / sizeof(uint64_t)};
+    const auto samples = SCREE_TRY(renderer.layer(Layer::kSamples));
+    outputs.samples = {reinterpret_cast<const uint64_t*>(samples.data()), samples.size() / sizeof(uint64_t)};
   }
   const Stopwatch watch;
   const runtime::LoadedScene& loaded = renderer.scene();
@@ -280,9 +276,7 @@ Result<FrameOutputs> draw(const RenderOptions& options, const kernels::View& vie
   if (!layers) return layers.error();
   outputs.layers = std::move(*layers);
   if (makes_picture) {
-    const auto rgba = renderer.layer(Layer::kColor);
-    if (!rgba) return rgba.error();
-    outputs.rgba = *rgba;
+    outputs.rgba = SCREE_TRY(renderer.layer(Layer::kColor));
   }
   if (!options.output.empty()) times.shade = watch.elapsed();
   times.blended = renderer.blended();
@@ -296,62 +290,48 @@ Result<FrameOutputs> draw(const RenderOptions& options, const kernels::View& vie
   if (device == nullptr) return outputs;
   times.upload = device->stats();
   times.streamed = renderer.stream_stats();
-  const auto looked = device->texture_counts();
-  if (!looked) return looked.error();
-  times.looked = *looked;
+  times.looked = SCREE_TRY(device->texture_counts());
   return outputs;
 }
 
 Result<void> render(const RenderOptions& options) {
-  Result<Ranks> ranks = Ranks::join();
-  if (!ranks) return ranks.error();
-  if (options.list_cameras && !ranks->is_first()) {
-    ranks->leave();
+  Ranks ranks = SCREE_TRY(Ranks::join());
+  if (options.list_cameras && !ranks.is_first()) {
+    ranks.leave();
     return {};
   }
-  if (ranks->count() > 1 && !options.list_cameras) return render_ranks(options, *ranks);
-  for (const auto& [name, path] : options.outputs())
-    if (const Result<void> checked = check_output_file(path, options.existing); !checked) return checked;
-  if (options.writes_exr())
-    if (const Result<void> supported = check_exr_support(); !supported) return at(options.output, supported.error());
+  if (ranks.count() > 1 && !options.list_cameras) return render_ranks(options, ranks);
+  for (const auto& [name, path] : options.outputs()) SCREE_TRY(check_output_file(path, options.existing));
+  if (options.writes_exr()) SCREE_TRY_AT(options.output, check_exr_support());
   Times times;
   const Stopwatch open_watch;
   report_sigbus("render", options.file);
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(options.file);
-  if (!file) return file.error();
-  const Result<uint32_t> scene_index = file->find_scene(options.scene);
-  if (!scene_index) return scene_index.error();
+  runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(options.file));
+  const uint32_t scene_index = SCREE_TRY(file.find_scene(options.scene));
   if (options.list_cameras) {
-    list_cameras(*file, *scene_index);
-    ranks->leave();
-    return check_not_cut(file->map());
+    list_cameras(file, scene_index);
+    ranks.leave();
+    return check_not_cut(file.map());
   }
   times.open = open_watch.elapsed();
 
   kernels::View view;
   runtime::LoadOptions load = options.load_options();
   load.accept = [&](const runtime::Scene& scene, runtime::LoadOptions& upload) -> Result<void> {
-    if (Result<void> accepted = accept_scene("render", scene, options.light, options.quiet); !accepted) return accepted;
-    const Result<kernels::View> made = runtime::make_view(scene, options.camera);
-    if (!made) return at(options.file, made.error());
-    view = *made;
+    SCREE_TRY(accept_scene("render", scene, options.light, options.quiet));
+    view = SCREE_TRY_AT(options.file, runtime::make_view(scene, options.camera));
     const uint64_t needs = host_picture_bytes(options, scene, upload.on != runtime::DrawOn::kCpu);
     upload.host_memory = options.host_memory - needs;
     const Result<void> fits = check_host_memory(options, needs);
     return fits ? fits : at(options.file, fits.error());
   };
-  const auto opened = load_scene("render", std::move(*file), options.backend, std::move(load), options.quiet);
-  if (!opened) return opened.error();
-  runtime::LoadedScene& loaded = **opened;
+  const auto opened = SCREE_TRY(load_scene("render", std::move(file), options.backend, std::move(load), options.quiet));
+  runtime::LoadedScene& loaded = *opened;
   const runtime::Scene& scene = loaded.scene();
   std::unique_ptr<runtime::ViewRenderer> renderer;
   const auto draw_frame = [&]() -> Result<FrameOutputs> {
-    if (!loaded.gpu())
-      if (const auto fits = check_host_memory(options, host_picture_bytes(options, scene, false)); !fits)
-        return fits.error();
-    auto made = runtime::ViewRenderer::create(*opened);
-    if (!made) return made.error();
-    renderer = std::move(*made);
+    if (!loaded.gpu()) SCREE_TRY(check_host_memory(options, host_picture_bytes(options, scene, false)));
+    renderer = SCREE_TRY(runtime::ViewRenderer::create(opened));
     return draw(options, view, *renderer, times);
   };
   Result<FrameOutputs> outputs = draw_frame();
@@ -362,15 +342,13 @@ Result<void> render(const RenderOptions& options) {
     renderer.reset();
     times.upload.reset();
     times.streamed.reset();
-    if (const Result<void> ready = loaded.use_cpu(); !ready) return ready;
+    SCREE_TRY(loaded.use_cpu());
     outputs = draw_frame();
   }
   if (!outputs) return at(options.file, with_cpu_advice(outputs.error()));
   const runtime::ViewRenderer& frame = *renderer;
-  const Result<runtime::Duration> written = write_outputs(options, scene.file().map(), *outputs);
-  if (!written) return written.error();
-  times.write = *written;
-  if (const auto printed = print_picks(options, scene, frame.view(), outputs->samples); !printed) return printed;
+  times.write = SCREE_TRY(write_outputs(options, scene.file().map(), *outputs));
+  SCREE_TRY(print_picks(options, scene, frame.view(), outputs->samples));
   if (!options.quiet)
     warn_of_layers("render", options.file, times.blended.samples_left_out, "sample", times.blended.layers);
   if (options.stats) print_stats(scene, frame, view, times);
@@ -383,10 +361,8 @@ Result<void> render(const RenderOptions& options) {
 }
 
 Result<void> run(const RenderWords& words) {
-  const Result<RenderOptions> options = parse_render_options(words);
-  if (!options) return options.error();
-  const Result<void> done = options->path ? render_path(*options) : render(*options);
-  if (!done) return done.error();
+  const RenderOptions options = SCREE_TRY(parse_render_options(words));
+  SCREE_TRY(options.path ? render_path(options) : render(options));
   return finish_output();
 }
 

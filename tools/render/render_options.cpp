@@ -118,8 +118,7 @@ Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& came
     if (vectors[i].first->empty()) continue;
     if (!words.camera.empty())
       return Error{ErrorCode::kUsage, std::string("--camera and ") + names[i] + " exclude each other"};
-    const Result<void> vector = assign(*vectors[i].second, parse_vector(*vectors[i].first, names[i]));
-    if (!vector) return vector;
+    SCREE_TRY(assign(*vectors[i].second, parse_vector(*vectors[i].first, names[i])));
   }
   if (!words.view.empty()) {
     if (!words.camera.empty() || camera.eye) return Error{ErrorCode::kUsage, "--view excludes --camera and --eye"};
@@ -190,12 +189,8 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   path.file = words.path;
   path.resume = words.resume;
   if (!words.share.empty())
-    if (const Result<void> share =
-            parse_choice(words.share, "--share", path.shares_geometry, {{"frames", false}, {"geometry", true}});
-        !share)
-      return share;
-  if (!words.frames.empty())
-    if (const Result<void> frames = assign(path.frames, parse_frame_range(words.frames)); !frames) return frames;
+    SCREE_TRY(parse_choice(words.share, "--share", path.shares_geometry, {{"frames", false}, {"geometry", true}}));
+  if (!words.frames.empty()) SCREE_TRY(assign(path.frames, parse_frame_range(words.frames)));
   if (!words.fps.empty()) {
     const std::optional<double> fps = number(words.fps);
     if (!fps || !(*fps >= 1e-9 && *fps < 1e6))
@@ -205,8 +200,7 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   const std::pair<const char*, const std::string*> outputs[] = {
       {"--output", &options.output}, {"--depth", &options.depth}, {"--visbuffer", &options.visbuffer}};
   for (const auto& [name, text] : outputs)
-    if (!text->empty())
-      if (const Result<FramePattern> pattern = FramePattern::parse(name, *text); !pattern) return pattern.error();
+    if (!text->empty()) SCREE_TRY(FramePattern::parse(name, *text));
   // Pictures and depth images have fixed extensions; --visbuffer needs another one, so that the files of a frame have
   // different names.
   const std::string extension = format::lower_case(std::filesystem::path(options.visbuffer).extension().string());
@@ -393,9 +387,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
   if (done) done = assign(options.textures, parse_texture_options(words.textures));
   if (!done) return done.error();
   for (const std::string& text : words.picks) {
-    const Result<PixelPlace> place = parse_pick(text, options.camera.width, options.camera.height);
-    if (!place) return place.error();
-    options.picks.push_back(*place);
+    options.picks.push_back(SCREE_TRY(parse_pick(text, options.camera.width, options.camera.height)));
   }
   const auto outputs = options.outputs();
   const bool writes = std::any_of(outputs.begin(), outputs.end(), [](const auto& one) { return !one.path.empty(); });
@@ -404,7 +396,7 @@ Result<RenderOptions> parse_render_options(const RenderWords& words) {
       return Error{ErrorCode::kUsage, "--path needs file names for the frames, such as -o frame_%05d.png"};
     options.output = std::filesystem::path(options.file).replace_extension(".png").string();
   }
-  if (const Result<void> checked = check_outputs(options); !checked) return checked.error();
+  SCREE_TRY(check_outputs(options));
   if (options.scene_options().lighting != kernels::Lighting::kScene) options.light.shadow_side = 0;
   return options;
 }

@@ -96,8 +96,7 @@ class PathRenderer {
   }
 
   Result<void> run() {
-    if (!wanted_.empty())
-      if (const Result<void> done = draw_all(); !done) return done;
+    if (!wanted_.empty()) SCREE_TRY(draw_all());
     progress_.erase();
     return report();
   }
@@ -108,10 +107,10 @@ class PathRenderer {
 
   /// For frames that this rank draws alone.
   Result<void> prepare_own() {
-    if (const Result<void> done = choose_frames(); !done) return done;
+    SCREE_TRY(choose_frames());
     for (const uint64_t frame : frames_) wanted_.push_back({frame, ranks_.rank()});
     if (wanted_.empty()) return {};
-    if (const Result<void> done = open(); !done) return done;
+    SCREE_TRY(open());
     return check_cameras();
   }
 
@@ -120,7 +119,7 @@ class PathRenderer {
     std::vector<uint64_t> is_there(range_.count());
     for (uint64_t i = 0; i < is_there.size(); ++i)
       is_there[i] = std::binary_search(frames_.begin(), frames_.end(), range_.frame(i)) ? 0 : 1;
-    if (const Result<void> done = ranks_.least(is_there); !done) return done;
+    SCREE_TRY(ranks_.least(is_there));
     for (uint64_t i = 0; i < is_there.size(); ++i)
       if (is_there[i] == 0) wanted_.push_back({range_.frame(i), writer(i)});
     return {};
@@ -138,9 +137,8 @@ class PathRenderer {
         {&options_.output, Layer::kColor}, {&options_.depth, Layer::kDepth}, {&options_.visbuffer, Layer::kSamples}};
     for (const auto& [text, layer] : wanted) {
       if (text->empty()) continue;
-      const Result<FramePattern> pattern = FramePattern::parse("", *text);
-      if (!pattern) return pattern.error();
-      outputs_.push_back({layer, *pattern});
+      const FramePattern pattern = SCREE_TRY(FramePattern::parse("", *text));
+      outputs_.push_back({layer, pattern});
     }
     range_ = options_.path->frames;
     const uint64_t count = path_.frame_count();
@@ -152,9 +150,8 @@ class PathRenderer {
     for (uint64_t i = 0; i < range_.count(); ++i) {
       if (writer(i) != ranks_.rank()) continue;
       const uint64_t frame = range_.frame(i);
-      const Result<bool> is_there = is_done(frame);
-      if (!is_there) return is_there.error();
-      if (!*is_there) frames_.push_back(frame);
+      const bool is_there = SCREE_TRY(is_done(frame));
+      if (!is_there) frames_.push_back(frame);
     }
     return {};
   }
@@ -204,8 +201,7 @@ class PathRenderer {
   Result<void> open() {
     const Stopwatch watch;
     report_sigbus("render", options_.file);
-    Result<runtime::SceneFile> file = runtime::SceneFile::open(options_.file);
-    if (!file) return file.error();
+    runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(options_.file));
     BackendOptions backend = options_.backend;
     backend.device = gpu_of_rank(backend, ranks_.rank_on_host());
     runtime::LoadOptions load = options_.load_options();
@@ -218,9 +214,7 @@ class PathRenderer {
     load.accept = [&](const runtime::Scene& scene, runtime::LoadOptions&) {
       return accept_scene("render", scene, options_.light, options_.quiet);
     };
-    auto scene = load_scene("render", std::move(*file), backend, std::move(load), options_.quiet);
-    if (!scene) return scene.error();
-    scene_ = std::move(*scene);
+    scene_ = SCREE_TRY(load_scene("render", std::move(file), backend, std::move(load), options_.quiet));
     const Result<void> made = make_renderer();
     load_ms_ += watch.elapsed().wall_ms;
     return made;
@@ -266,8 +260,7 @@ class PathRenderer {
   }
 
   Result<void> check_cameras() const {
-    for (const WantedFrame& wanted : wanted_)
-      if (const Result<kernels::View> view = view_of(wanted.frame); !view) return view.error();
+    for (const WantedFrame& wanted : wanted_) SCREE_TRY(view_of(wanted.frame));
     return {};
   }
 
@@ -277,10 +270,9 @@ class PathRenderer {
     convert::WorkerPool pool(options_.threads, nullptr);
     convert::OrderedResults<WrittenFrame> written(pool, false);
     const auto take = [&]() -> Result<void> {
-      Result<WrittenFrame> done = written.take();
-      if (!done) return done.error();
-      write_ms_ += done->wall_ms;
-      std::move(done->layers.begin(), done->layers.end(), std::back_inserter(free_));
+      WrittenFrame done = SCREE_TRY(written.take());
+      write_ms_ += done.wall_ms;
+      std::move(done.layers.begin(), done.layers.end(), std::back_inserter(free_));
       progress_.update(++done_, 0);
       return {};
     };
@@ -292,7 +284,7 @@ class PathRenderer {
     } const at_end{*this};  // before the memory of `read` is freed
     const auto write_last = [&]() -> Result<void> {
       if (!read) return {};
-      if (const Result<void> whole = check_not_cut(scene().file().map()); !whole) return whole;
+      SCREE_TRY(check_not_cut(scene().file().map()));
       const auto job = std::make_shared<DrawnFrame>(std::move(*read));
       read.reset();
       // If few frames wait, the GPU is the limit, and the last frame should not wait for one thread.
@@ -306,7 +298,7 @@ class PathRenderer {
       const bool is_full = written.size() + (read ? 1 : 0) >= most_waiting_;
       const bool draws = !is_stopped && next < wanted_.size() && !is_full;
       if (written.ready() || (!draws && !read)) {
-        if (const Result<void> taken = take(); !taken) return taken;
+        SCREE_TRY(take());
         continue;
       }
       std::optional<DrawnFrame> drawn;
@@ -324,12 +316,11 @@ class PathRenderer {
         continue;
       }
       if (!done) return shared_ ? done : at(options_.file, with_cpu_advice(done.error()));
-      if (const Result<void> written_last = write_last(); !written_last) return written_last;
+      SCREE_TRY(write_last());
       if (!draws) continue;
       ++next;
       read = std::move(drawn);
-      if (!reads_later())
-        if (const Result<void> at_once = write_last(); !at_once) return at_once;
+      if (!reads_later()) SCREE_TRY(write_last());
     }
     return {};
   }
@@ -345,9 +336,8 @@ class PathRenderer {
   /// the frame before are then read whole.
   Result<void> draw(size_t number, std::optional<DrawnFrame>& drawn) {
     const WantedFrame& wanted = wanted_[number];
-    const Result<kernels::View> view = view_of(wanted.frame);
-    if (!view) return view.error();
-    Result<void> done = shared_ ? draw_shared(*view, number) : draw_alone(*view);
+    const kernels::View view = SCREE_TRY(view_of(wanted.frame));
+    Result<void> done = shared_ ? draw_shared(view, number) : draw_alone(view);
     if (!done || wanted.rank != ranks_.rank()) return done;
     const Stopwatch watch;
     drawn.emplace().frame = wanted.frame;
@@ -365,8 +355,7 @@ class PathRenderer {
 
   Result<void> draw_alone(const kernels::View& view) {
     const std::optional<Layer> colors = options_.output.empty() ? std::nullopt : std::optional(Layer::kColor);
-    const Result<void> done = renderer_->draw(view, options_.samples_per_side, options_.shade, colors);
-    if (!done) return done;
+    SCREE_TRY(renderer_->draw(view, options_.samples_per_side, options_.shade, colors));
     draw_ms_ += renderer_->draw_time().wall_ms;
     shadow_ms_ += renderer_->shadow_time().wall_ms;
     return end_reads();
@@ -376,9 +365,7 @@ class PathRenderer {
   Result<void> draw_shared(const kernels::View& view, size_t number) {
     std::optional<kernels::View> next;
     if (number + 1 < wanted_.size()) {
-      const Result<kernels::View> after = view_of(wanted_[number + 1].frame);
-      if (!after) return after.error();
-      next = *after;
+      next = SCREE_TRY(view_of(wanted_[number + 1].frame));
     }
     Result<void> done = shared_->draw(view, wanted_[number].rank, next);
     if (done) done = end_reads();
@@ -470,7 +457,7 @@ class PathRenderer {
                      shadow_ms_,
                      exchange_ms_,
                      shared_ && shared_->has_gpu() ? 1.0 : 0.0};
-    if (const Result<void> summed = ranks_.sum(sums); !summed) return summed;
+    SCREE_TRY(ranks_.sum(sums));
     if (!ranks_.is_first()) return {};
     const double frames = sums[0];
     const auto drawn = static_cast<uint64_t>(frames);
@@ -479,28 +466,26 @@ class PathRenderer {
     if (!options_.quiet)
       warn_of_layers("render", options_.file, with_more_layers, "frame", options_.shade.blend_layers);
     if (options_.json) {
-      std::string text;
-      JsonWriter json(text);
-      json.begin_object();
-      json.member("file", options_.file);
-      json.member("path", options_.path->file);
-      json.member("frames", drawn);
-      json.member("frames_there", there);
-      json.member("width", width());
-      json.member("height", height());
-      json.member("samples_per_side", options_.samples_per_side);
-      json.member("device", drawn_on(static_cast<uint32_t>(sums[8])));
-      json.member("ranks", ranks_.count());
-      json.member("frames_with_more_layers", with_more_layers);
-      json.member("load_ms", sums[1] / ranks_.count());
-      json.member("wall_ms", watch_.elapsed().wall_ms);
-      if (options_.light.shadow_side != 0) json.member("shadow_ms", sums[6]);
-      json.member("draw_ms", sums[2]);
-      json.member("shade_ms", sums[3]);
-      json.member("write_ms", sums[4]);
-      if (shared_) json.member("exchange", shared_->way());
-      if (shared_) json.member("exchange_ms", sums[7]);
-      json.end_object();
+      const std::string text = json_object([&](JsonWriter& json) {
+        json.member("file", options_.file);
+        json.member("path", options_.path->file);
+        json.member("frames", drawn);
+        json.member("frames_there", there);
+        json.member("width", width());
+        json.member("height", height());
+        json.member("samples_per_side", options_.samples_per_side);
+        json.member("device", drawn_on(static_cast<uint32_t>(sums[8])));
+        json.member("ranks", ranks_.count());
+        json.member("frames_with_more_layers", with_more_layers);
+        json.member("load_ms", sums[1] / ranks_.count());
+        json.member("wall_ms", watch_.elapsed().wall_ms);
+        if (options_.light.shadow_side != 0) json.member("shadow_ms", sums[6]);
+        json.member("draw_ms", sums[2]);
+        json.member("shade_ms", sums[3]);
+        json.member("write_ms", sums[4]);
+        if (shared_) json.member("exchange", shared_->way());
+        if (shared_) json.member("exchange_ms", sums[7]);
+      });
       std::printf("%s\n", text.c_str());
       return {};
     }
@@ -560,23 +545,22 @@ class PathRenderer {
 }  // namespace
 
 Result<void> render_path(const RenderOptions& options) {
-  Result<Ranks> ranks = Ranks::join();
-  if (!ranks) return ranks.error();
-  if (ranks->count() > 1) end_silently_on_signal();
+  Ranks ranks = SCREE_TRY(Ranks::join());
+  if (ranks.count() > 1) end_silently_on_signal();
   Result<void> done;
   try {
     const Result<CameraPath> path = CameraPath::read(options.path->file, options.path->frames_per_second);
-    done = ranks->agree(path ? Result<void>() : path.error());
+    done = ranks.agree(path ? Result<void>() : path.error());
     if (done) {
-      PathRenderer renderer(options, *path, *ranks);
+      PathRenderer renderer(options, *path, ranks);
       done = renderer.prepare();
       if (done) done = renderer.run();
     }
   } catch (const std::bad_alloc&) {
     done = Error{ErrorCode::kMemory, options.file + ": no memory left for its frames"};
   }
-  if (!done) return ranks->named(done.error());
-  ranks->leave();
+  if (!done) return ranks.named(done.error());
+  ranks.leave();
   return {};
 }
 

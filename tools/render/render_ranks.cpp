@@ -39,11 +39,8 @@ class RankedPicture {
     if (!done) return done;
     if (!options_.quiet && ranks_.is_first())
       warn_of_layers("render", options_.file, frame_.blended().samples_left_out, "sample", frame_.blended().layers);
-    Result<FrameLayers> layers = frame_.layers();
-    if (!layers) return layers.error();
-    outputs_.layers = std::move(*layers);
-    if (ranks_.is_first())
-      if (const Result<void> written = write(); !written) return written;
+    outputs_.layers = SCREE_TRY(frame_.layers());
+    if (ranks_.is_first()) SCREE_TRY(write());
     return report();
   }
 
@@ -57,11 +54,9 @@ class RankedPicture {
       if (is_given)
         return Error{ErrorCode::kUsage, std::string(name) + " cannot be used when " + std::to_string(ranks_.count()) +
                                             " ranks draw one picture"};
-    if (options_.writes_exr())
-      if (const Result<void> supported = check_exr_support(); !supported) return at(options_.output, supported.error());
+    if (options_.writes_exr()) SCREE_TRY_AT(options_.output, check_exr_support());
     if (!ranks_.is_first()) return {};
-    for (const auto& [name, path] : options_.outputs())
-      if (const Result<void> checked = check_output_file(path, options_.existing); !checked) return checked;
+    for (const auto& [name, path] : options_.outputs()) SCREE_TRY(check_output_file(path, options_.existing));
     return {};
   }
 
@@ -69,43 +64,40 @@ class RankedPicture {
     std::vector<uint32_t> rgba;
     if (!options_.output.empty() && !options_.writes_exr()) {
       rgba.resize(uint64_t{width()} * height());
-      if (const Result<void> read = frame_.read_picture(rgba); !read) return read;
-      if (const Result<void> ended = frame_.end_reads(); !ended) return ended;
+      SCREE_TRY(frame_.read_picture(rgba));
+      SCREE_TRY(frame_.end_reads());
     }
     outputs_.rgba = std::as_bytes(std::span(rgba));
     outputs_.samples = frame_.samples();
-    if (const auto written = write_outputs(options_, frame_.scene().file().map(), outputs_); !written)
-      return written.error();
+    SCREE_TRY(write_outputs(options_, frame_.scene().file().map(), outputs_));
     return print_picks(options_, frame_.scene(), frame_.view(), frame_.samples());
   }
 
   Result<void> report() {
     const RankedFrame::Times& times = frame_.times();
     double sums[] = {times.load, times.draw, times.shade, frame_.page_bytes(), frame_.has_gpu() ? 1.0 : 0.0};
-    if (const Result<void> summed = ranks_.sum(std::span<double>(sums)); !summed) return summed;
+    SCREE_TRY(ranks_.sum(std::span<double>(sums)));
     if (!ranks_.is_first()) return {};
     const double each = 1.0 / ranks_.count();
     const auto gpus = static_cast<uint32_t>(sums[4]);
     if (options_.json) {
-      std::string text;
-      JsonWriter json(text);
-      json.begin_object();
-      json.member("file", options_.file);
-      json.member("width", width());
-      json.member("height", height());
-      json.member("samples_per_side", options_.samples_per_side);
-      json.member("ranks", ranks_.count());
-      json.member("gpus", gpus);
-      json.member("page_bytes", static_cast<uint64_t>(sums[3]));
-      json.member("blended_layers", uint64_t{frame_.blended().layers});
-      json.member("samples_with_more_layers", frame_.blended().samples_left_out);
-      json.member("load_ms", sums[0] * each);
-      json.member("connect_ms", times.connect);
-      json.member("draw_ms", sums[1] * each);
-      json.member("shade_ms", sums[2] * each);
-      json.member("exchange", frame_.way());
-      json.member("exchange_ms", times.exchange);
-      json.end_object();
+      const std::string text = json_object([&](JsonWriter& json) {
+        json.member("file", options_.file);
+        json.member("width", width());
+        json.member("height", height());
+        json.member("samples_per_side", options_.samples_per_side);
+        json.member("ranks", ranks_.count());
+        json.member("gpus", gpus);
+        json.member("page_bytes", static_cast<uint64_t>(sums[3]));
+        json.member("blended_layers", uint64_t{frame_.blended().layers});
+        json.member("samples_with_more_layers", frame_.blended().samples_left_out);
+        json.member("load_ms", sums[0] * each);
+        json.member("connect_ms", times.connect);
+        json.member("draw_ms", sums[1] * each);
+        json.member("shade_ms", sums[2] * each);
+        json.member("exchange", frame_.way());
+        json.member("exchange_ms", times.exchange);
+      });
       std::printf("%s\n", text.c_str());
     } else if (!options_.quiet) {
       std::string places;

@@ -194,12 +194,10 @@ Result<void> add_materials(GltfWriter& writer, const SynthOptions& options) {
   for (uint32_t atlas = 0; atlas < 2; ++atlas) {
     const uint32_t size = *options.texture_size;
     const std::vector<uint8_t> rgba = make_atlas(atlas, size, options.threads);
-    const Result<std::vector<std::byte>> png = runtime::encode_png({size, size, 4, rgba}, {.is_small = true});
-    if (!png) return png.error();
+    const std::vector<std::byte> png = SCREE_TRY(runtime::encode_png({size, size, 4, rgba}, {.is_small = true}));
     GltfMaterial material{.name = atlas == 0 ? "leaves" : "blades"};
-    const Result<uint32_t> image = writer.add_image(material.name, format::ImageCodec::kPng, *png);
-    if (!image) return image.error();
-    material.texture = writer.add_texture(trilinear(*image, material.name, format::Wrap::kClamp));
+    const uint32_t image = SCREE_TRY(writer.add_image(material.name, format::ImageCodec::kPng, png));
+    material.texture = writer.add_texture(trilinear(image, material.name, format::Wrap::kClamp));
     material.alpha = GltfAlpha::kMask;
     material.double_sided = true;
     writer.add_material(std::move(material));
@@ -248,10 +246,9 @@ uint32_t add_view(GltfWriter& writer, const char* name, const Vec3& eye, const V
 }  // namespace
 
 Result<SynthReport> write_forest(const SynthOptions& options) {
-  Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
-  if (!writer) return writer.error();
-  writer->stop_on(options.stop);
-  if (Result<void> added = add_materials(*writer, options); !added) return added.error();
+  GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
+  writer.stop_on(options.stop);
+  SCREE_TRY(add_materials(writer, options));
 
   const uint32_t count = std::max(kPlants, static_cast<uint32_t>(std::lround(kPlantCount * options.scale)));
   const double side = std::sqrt(count * kArea);
@@ -261,14 +258,12 @@ Result<SynthReport> write_forest(const SynthOptions& options) {
     GltfMesh mesh{.name = name};
     triangles.push_back(0);
     for (const Mesh& part : parts) {
-      Result<GltfPrimitive> primitive = append_primitive(*writer, part);
-      if (!primitive) return primitive.error();
-      mesh.primitives.push_back(std::move(*primitive));
+      mesh.primitives.push_back(SCREE_TRY(append_primitive(writer, part)));
       report.vertices += part.vertex_count();
       triangles.back() += part.indices.size() / 3;
     }
     report.unique_triangles += triangles.back();
-    writer->add_mesh(std::move(mesh));
+    writer.add_mesh(std::move(mesh));
     return {};
   };
   for (uint32_t plant = 0; plant < kPlants; ++plant) {
@@ -276,29 +271,29 @@ Result<SynthReport> write_forest(const SynthOptions& options) {
     std::vector<Mesh> parts{make_leaves(plant, plant < kTrees + kBushes ? 0 : 1)};
     if (is_tree) parts.push_back(make_trunk(plant, 2));
     const char* const kind = is_tree ? "tree " : plant < kTrees + kBushes ? "bush " : "grass ";
-    if (Result<void> added = add_mesh(kind + std::to_string(plant), parts); !added) return added.error();
+    SCREE_TRY(add_mesh(kind + std::to_string(plant), parts));
   }
-  if (Result<void> added = add_mesh("ground", {make_ground(side + 20, 3)}); !added) return added.error();
+  SCREE_TRY(add_mesh("ground", {make_ground(side + 20, 3)}));
 
   const std::vector<Placement> placements = scatter(count, side, options.seed);
   std::vector<uint32_t> children;
-  children.push_back(writer->add_node({.name = "ground", .mesh = kPlants}));
+  children.push_back(writer.add_node({.name = "ground", .mesh = kPlants}));
   report.drawn_triangles = triangles[kPlants];
   for (const Placement& placement : placements) report.drawn_triangles += triangles[placement.mesh];
   report.instances = placements.size() + 1;
   if (options.gpu_instancing) {
-    if (Result<void> added = add_instanced_nodes(*writer, placements, children); !added) return added.error();
+    SCREE_TRY(add_instanced_nodes(writer, placements, children));
   } else {
-    for (const Placement& placement : placements) children.push_back(writer->add_node(node_of(placement, "plant")));
+    for (const Placement& placement : placements) children.push_back(writer.add_node(node_of(placement, "plant")));
   }
   const double edge = side / 2;
-  children.push_back(add_view(*writer, "overview", {0, 0.3 * edge + 12, 1.1 * edge}, {0, 0, 0}));
-  children.push_back(add_view(*writer, "within", {0, hills(0, 0) + 1.7, 0}, {10, hills(10, -30) + 3, -30}));
+  children.push_back(add_view(writer, "overview", {0, 0.3 * edge + 12, 1.1 * edge}, {0, 0, 0}));
+  children.push_back(add_view(writer, "within", {0, hills(0, 0) + 1.7, 0}, {10, hills(10, -30) + 3, -30}));
   children.push_back(
-      add_view(*writer, "clearing", {0.4 * edge, hills(0.4 * edge, 0) + 9, 0}, {-0.2 * edge, 2, -0.3 * edge}));
-  writer->add_scene({"forest", {writer->add_node({.name = "forest", .children = std::move(children)})}});
-  if (Result<void> finished = writer->finish(); !finished) return finished.error();
-  report.file_bytes = writer->total_bytes();
+      add_view(writer, "clearing", {0.4 * edge, hills(0.4 * edge, 0) + 9, 0}, {-0.2 * edge, 2, -0.3 * edge}));
+  writer.add_scene({"forest", {writer.add_node({.name = "forest", .children = std::move(children)})}});
+  SCREE_TRY(writer.finish());
+  report.file_bytes = writer.total_bytes();
   return report;
 }
 

@@ -40,9 +40,8 @@ Result<GltfPrimitive> append_primitive(GltfWriter& writer, const Mesh& mesh) {
   GltfPrimitive primitive{.material = mesh.material};
   GltfAccessor accessor{.count = mesh.vertex_count()};
   const auto attribute = [&](const char* semantic, const auto& values) -> Result<void> {
-    const Result<uint32_t> added = append_stream(writer, values, accessor, GltfTarget::kVertices);
-    if (!added) return added.error();
-    primitive.attributes.emplace_back(semantic, *added);
+    const uint32_t added = SCREE_TRY(append_stream(writer, values, accessor, GltfTarget::kVertices));
+    primitive.attributes.emplace_back(semantic, added);
     return {};
   };
   accessor.min.assign(3, std::numeric_limits<double>::infinity());
@@ -67,10 +66,8 @@ Result<GltfPrimitive> append_primitive(GltfWriter& writer, const Mesh& mesh) {
                           .type = GltfType::kScalar,
                           .count = mesh.indices.size()};
   const std::vector<uint16_t> shorts(mesh.indices.begin(), is_short ? mesh.indices.end() : mesh.indices.begin());
-  const Result<uint32_t> indices = is_short ? append_stream(writer, shorts, list, GltfTarget::kIndices)
-                                            : append_stream(writer, mesh.indices, list, GltfTarget::kIndices);
-  if (!indices) return indices.error();
-  primitive.indices = *indices;
+  primitive.indices = SCREE_TRY(is_short ? append_stream(writer, shorts, list, GltfTarget::kIndices)
+                                         : append_stream(writer, mesh.indices, list, GltfTarget::kIndices));
   return primitive;
 }
 
@@ -120,10 +117,9 @@ Result<void> add_instanced_nodes(GltfWriter& writer, std::span<const Placement> 
     GltfNode node{.name = "instances of mesh" + std::to_string(mesh), .mesh = mesh};
     const auto attribute = [&](const char* semantic, const std::vector<float>& values, GltfType type,
                                uint64_t components) -> Result<void> {
-      const Result<uint32_t> added =
-          append_stream(writer, values, {.type = type, .count = values.size() / components}, GltfTarget::kNone);
-      if (!added) return added.error();
-      node.instancing.emplace_back(semantic, *added);
+      const uint32_t added = SCREE_TRY(
+          append_stream(writer, values, {.type = type, .count = values.size() / components}, GltfTarget::kNone));
+      node.instancing.emplace_back(semantic, added);
       return {};
     };
     Result<void> added = attribute("TRANSLATION", streams.translations, GltfType::kVec3, 3);

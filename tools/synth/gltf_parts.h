@@ -61,9 +61,8 @@ template <class T>
 Result<uint32_t> append_stream(tools::GltfWriter& writer, const std::vector<T>& values, tools::GltfAccessor accessor,
                                tools::GltfTarget target) {
   const std::span<const std::byte> bytes = std::as_bytes(std::span(values));
-  const Result<uint64_t> offset = writer.append(bytes);
-  if (!offset) return offset.error();
-  return add_stream(writer, *offset, bytes.size(), std::move(accessor), target);
+  const uint64_t offset = SCREE_TRY(writer.append(bytes));
+  return add_stream(writer, offset, bytes.size(), std::move(accessor), target);
 }
 
 /// A node with the placement's mesh and transform.

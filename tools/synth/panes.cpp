@@ -59,25 +59,20 @@ Result<uint32_t> add_streaks(GltfWriter& writer, uint32_t size) {
         rgba.push_back(code);
     }
   }
-  const Result<std::vector<std::byte>> png = runtime::encode_png({size, size, 4, rgba}, {.is_small = true});
-  if (!png) return png.error();
-  const Result<uint32_t> image = writer.add_image("streaks", format::ImageCodec::kPng, *png);
-  if (!image) return image.error();
-  return writer.add_texture(trilinear(*image, "streaks"));
+  const std::vector<std::byte> png = SCREE_TRY(runtime::encode_png({size, size, 4, rgba}, {.is_small = true}));
+  const uint32_t image = SCREE_TRY(writer.add_image("streaks", format::ImageCodec::kPng, png));
+  return writer.add_texture(trilinear(image, "streaks"));
 }
 
 }  // namespace
 
 Result<SynthReport> write_panes(const SynthOptions& options) {
   const bool is_textured = options.scene == "panes-textured";
-  Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
-  if (!writer) return writer.error();
-  writer->stop_on(options.stop);
+  GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
+  writer.stop_on(options.stop);
   uint32_t streaks = format::kNone;
   if (is_textured) {
-    const Result<uint32_t> texture = add_streaks(*writer, *options.texture_size);
-    if (!texture) return texture.error();
-    streaks = *texture;
+    streaks = SCREE_TRY(add_streaks(writer, *options.texture_size));
   }
   const auto panes = std::max(1u, static_cast<uint32_t>(std::lround(kMostPanes * options.scale)));
   std::vector<uint32_t> children;
@@ -93,22 +88,21 @@ Result<SynthReport> write_panes(const SynthOptions& options) {
     if (!is_wall && !is_textured) material.base_color[3] = 0.2;
     if (!is_wall) material.texture = streaks;
     GltfMesh mesh{.name = material.name};
-    Result<GltfPrimitive> primitive =
-        add_pane(*writer, kNearestPane + kPaneStep * (is_wall ? kMostPanes : i), i, is_textured && !is_wall);
-    if (!primitive) return primitive.error();
-    primitive->material = writer->add_material(std::move(material));
-    mesh.primitives.push_back(std::move(*primitive));
-    children.push_back(writer->add_node({.name = mesh.name, .mesh = writer->add_mesh(std::move(mesh))}));
+    GltfPrimitive primitive =
+        SCREE_TRY(add_pane(writer, kNearestPane + kPaneStep * (is_wall ? kMostPanes : i), i, is_textured && !is_wall));
+    primitive.material = writer.add_material(std::move(material));
+    mesh.primitives.push_back(std::move(primitive));
+    children.push_back(writer.add_node({.name = mesh.name, .mesh = writer.add_mesh(std::move(mesh))}));
   }
   const GltfCamera lens{.name = "through", .y = kPaneAngle, .x = kPaneAspect};
-  children.push_back(writer->add_node({.name = lens.name, .camera = writer->add_camera(lens)}));
-  writer->add_scene({"panes", std::move(children)});
-  if (Result<void> finished = writer->finish(); !finished) return finished.error();
+  children.push_back(writer.add_node({.name = lens.name, .camera = writer.add_camera(lens)}));
+  writer.add_scene({"panes", std::move(children)});
+  SCREE_TRY(writer.finish());
   SynthReport report;
   report.instances = panes + 1;
   report.unique_triangles = report.drawn_triangles = report.instances * (2 * kPaneQuads * kPaneQuads);
   report.vertices = report.instances * ((kPaneQuads + 1) * (kPaneQuads + 1));
-  report.file_bytes = writer->total_bytes();
+  report.file_bytes = writer.total_bytes();
   return report;
 }
 

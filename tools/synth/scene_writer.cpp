@@ -313,49 +313,44 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
 
   std::vector<Bounds> bounds(scene.meshes.size());
   if (options.output.empty()) {
-    const Result<Sums> sums = generate(scene, options, nullptr, {}, bounds);
-    if (!sums) return sums.error();
-    report.position_sum = sums->positions;
-    report.index_sum = sums->indices;
+    const Sums sums = SCREE_TRY(generate(scene, options, nullptr, {}, bounds));
+    report.position_sum = sums.positions;
+    report.index_sum = sums.indices;
     return report;
   }
 
-  Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
-  if (!writer) return writer.error();
-  writer->stop_on(options.stop);
-  const Result<std::vector<MeshPlace>> places = reserve_streams(*writer, scene, options);
-  if (!places) return places.error();
-  const Result<Sums> sums = generate(scene, options, &*writer, *places, bounds);
-  if (!sums) return sums.error();
-  report.position_sum = sums->positions;
-  report.index_sum = sums->indices;
+  GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
+  writer.stop_on(options.stop);
+  const std::vector<MeshPlace> places = SCREE_TRY(reserve_streams(writer, scene, options));
+  const Sums sums = SCREE_TRY(generate(scene, options, &writer, places, bounds));
+  report.position_sum = sums.positions;
+  report.index_sum = sums.indices;
 
   uint32_t material = format::kNone;
   if (options.uvs) {
-    const Result<uint32_t> texture = add_texture(*writer, {"granite", TextureKind::kGranite, 512}, options.threads);
-    if (!texture) return texture.error();
+    const uint32_t texture = SCREE_TRY(add_texture(writer, {"granite", TextureKind::kGranite, 512}, options.threads));
     GltfMaterial granite;
     granite.name = "granite";
-    granite.texture = *texture;
-    material = writer->add_material(granite);
+    granite.texture = texture;
+    material = writer.add_material(granite);
   }
   for (uint32_t m = 0; m < scene.meshes.size(); ++m)
-    add_mesh(*writer, m, scene.meshes[m], (*places)[m], bounds[m], options, material);
+    add_mesh(writer, m, scene.meshes[m], places[m], bounds[m], options, material);
 
   // The definition has z up, glTF has y up: (x, y, z) -> (x, z, -y), exactly.
-  const uint32_t root_node = writer->add_node(
+  const uint32_t root_node = writer.add_node(
       {.name = scene.name, .has_matrix = true, .local = {1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1}});
   std::vector<uint32_t> children;
   if (options.gpu_instancing) {
-    if (Result<void> added = add_instanced_nodes(*writer, placements_of(scene), children); !added) return added.error();
+    SCREE_TRY(add_instanced_nodes(writer, placements_of(scene), children));
   } else {
-    add_plain_nodes(*writer, scene, children);
+    add_plain_nodes(writer, scene, children);
   }
-  add_cameras(*writer, scene, children);
-  writer->node(root_node).children = std::move(children);
-  writer->add_scene({scene.name, {root_node}});
-  if (Result<void> finished = writer->finish(); !finished) return finished.error();
-  report.file_bytes = writer->total_bytes();
+  add_cameras(writer, scene, children);
+  writer.node(root_node).children = std::move(children);
+  writer.add_scene({scene.name, {root_node}});
+  SCREE_TRY(writer.finish());
+  report.file_bytes = writer.total_bytes();
   return report;
 }
 

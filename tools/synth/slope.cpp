@@ -387,9 +387,7 @@ Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
   };
   std::vector<uint32_t> textures;
   for (const TextureRecipe& recipe : recipes) {
-    const Result<uint32_t> texture = add_texture(writer, recipe, threads);
-    if (!texture) return texture.error();
-    textures.push_back(*texture);
+    textures.push_back(SCREE_TRY(add_texture(writer, recipe, threads)));
   }
   for (const Look& look : kLooks) {
     GltfMaterial material{.name = look.name, .texture = textures[look.texture]};
@@ -402,10 +400,9 @@ Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
 }  // namespace
 
 Result<SynthReport> write_slope(const SynthOptions& options) {
-  Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
-  if (!writer) return writer.error();
-  writer->stop_on(options.stop);
-  if (Result<void> added = add_looks(*writer, *options.texture_size, options.threads); !added) return added.error();
+  GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
+  writer.stop_on(options.stop);
+  SCREE_TRY(add_looks(writer, *options.texture_size, options.threads));
 
   const uint32_t count = std::max(16u, static_cast<uint32_t>(std::lround(kStones * options.scale)));
   const std::vector<Stone> stones = scatter(count, options.seed);
@@ -424,30 +421,29 @@ Result<SynthReport> write_slope(const SynthOptions& options) {
   SynthReport report;
   for (Mesh& mesh : meshes) mesh.may_have_short_indices = true;
   for (const Mesh& mesh : meshes) {
-    Result<GltfPrimitive> primitive = append_primitive(*writer, mesh);
-    if (!primitive) return primitive.error();
-    writer->add_mesh({mesh.name, {std::move(*primitive)}});
+    GltfPrimitive primitive = SCREE_TRY(append_primitive(writer, mesh));
+    writer.add_mesh({mesh.name, {std::move(primitive)}});
     report.vertices += mesh.vertex_count();
     report.unique_triangles += mesh.indices.size() / 3;
   }
   std::vector<uint32_t> children;
   for (uint32_t mesh = kBoulderKinds + kStoneKinds; mesh < meshes.size(); ++mesh) {
-    children.push_back(writer->add_node({.name = meshes[mesh].name, .mesh = mesh}));
+    children.push_back(writer.add_node({.name = meshes[mesh].name, .mesh = mesh}));
     report.drawn_triangles += meshes[mesh].indices.size() / 3;
   }
   for (const Placement& placement : placements) report.drawn_triangles += meshes[placement.mesh].indices.size() / 3;
   report.instances = placements.size() + children.size();
   if (options.gpu_instancing) {
-    if (Result<void> added = add_instanced_nodes(*writer, placements, children); !added) return added.error();
+    SCREE_TRY(add_instanced_nodes(writer, placements, children));
   } else {
     for (const Placement& placement : placements)
-      children.push_back(writer->add_node(node_of(placement, meshes[placement.mesh].name)));
+      children.push_back(writer.add_node(node_of(placement, meshes[placement.mesh].name)));
   }
-  children.push_back(add_camera(*writer, {.name = "view", .y = std::numbers::pi / 4, .x = 16.0 / 9.0, .z_near = 0.1},
+  children.push_back(add_camera(writer, {.name = "view", .y = std::numbers::pi / 4, .x = 16.0 / 9.0, .z_near = 0.1},
                                 {0.5, ground_height(0.5, -16.0) + 2.6, 16.0}, {-2.0, 14.5, -40.0}));
-  writer->add_scene({"slope", {writer->add_node({.name = "slope", .children = std::move(children)})}});
-  if (Result<void> finished = writer->finish(); !finished) return finished.error();
-  report.file_bytes = writer->total_bytes();
+  writer.add_scene({"slope", {writer.add_node({.name = "slope", .children = std::move(children)})}});
+  SCREE_TRY(writer.finish());
+  report.file_bytes = writer.total_bytes();
   return report;
 }
 

@@ -54,7 +54,7 @@ Result<void> check_options(const SynthOptions& options) {
 }  // namespace
 
 Result<SynthReport> synthesize(const SynthOptions& options) {
-  if (Result<void> checked = check_options(options); !checked) return checked.error();
+  SCREE_TRY(check_options(options));
   SynthOptions sized = options;
   if (!sized.texture_size) sized.texture_size = options.scene == "forest" ? 4096 : 1024;
   if (options.scene == "slope") return write_slope(sized);
@@ -90,42 +90,39 @@ std::string hexadecimal(uint64_t value) {
 
 Result<void> run_synth(const synth::SynthOptions& options) {
   const auto start = std::chrono::steady_clock::now();
-  if (const Result<void> checked = check_output_file(options.output, options.existing); !checked) return checked;
-  const Result<synth::SynthReport> report = synthesize_or_stop(options);
-  if (!report) return report.error();
+  SCREE_TRY(check_output_file(options.output, options.existing));
+  const synth::SynthReport report = SCREE_TRY(synthesize_or_stop(options));
   if (!options.output.empty()) note_written(options.output);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (options.json) {
-    std::string text;
-    JsonWriter json(text);
-    json.begin_object();
-    json.member("scene", options.scene);
-    if (!options.output.empty()) json.member("output", options.output);
-    json.member("triangles", report->drawn_triangles);
-    json.member("unique_triangles", report->unique_triangles);
-    json.member("instances", report->instances);
-    json.member("vertices", report->vertices);
-    json.member("output_bytes", report->file_bytes);
-    if (options.checks) {
-      // As texts, because readers of JSON may keep only 53 of the 64 bits.
-      json.member("position_sum", hexadecimal(report->position_sum));
-      json.member("index_sum", hexadecimal(report->index_sum));
-    }
-    json.member("seconds", seconds);
-    json.end_object();
+    const std::string text = json_object([&](JsonWriter& json) {
+      json.member("scene", options.scene);
+      if (!options.output.empty()) json.member("output", options.output);
+      json.member("triangles", report.drawn_triangles);
+      json.member("unique_triangles", report.unique_triangles);
+      json.member("instances", report.instances);
+      json.member("vertices", report.vertices);
+      json.member("output_bytes", report.file_bytes);
+      if (options.checks) {
+        // As texts, because readers of JSON may keep only 53 of the 64 bits.
+        json.member("position_sum", hexadecimal(report.position_sum));
+        json.member("index_sum", hexadecimal(report.index_sum));
+      }
+      json.member("seconds", seconds);
+    });
     std::printf("%s\n", text.c_str());
     return finish_output();
   }
   if (options.checks)
     std::printf("%s %s 0 %s %s\n", options.scene.c_str(), options.order == synth::MeshOrder::kRow ? "row" : "block",
-                hexadecimal(report->position_sum).c_str(), hexadecimal(report->index_sum).c_str());
+                hexadecimal(report.position_sum).c_str(), hexadecimal(report.index_sum).c_str());
   if (!options.progress) return finish_output();
   std::fprintf(stderr,
                "scene %s -> %s: %" PRIu64 " triangles in %" PRIu64 " instances (%" PRIu64 " unique), %" PRIu64
                " bytes, %.2f s, %.2f M vertices/s\n",
                options.scene.c_str(), options.output.empty() ? "(no file)" : options.output.c_str(),
-               report->drawn_triangles, report->instances, report->unique_triangles, report->file_bytes, seconds,
-               static_cast<double>(report->vertices) / seconds * 1e-6);
+               report.drawn_triangles, report.instances, report.unique_triangles, report.file_bytes, seconds,
+               static_cast<double>(report.vertices) / seconds * 1e-6);
   return finish_output();
 }
 

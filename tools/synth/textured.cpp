@@ -42,9 +42,8 @@ Result<void> add_tile(GltfWriter& writer, uint32_t number, uint32_t material) {
                       static_cast<double>(i) / kQuads, static_cast<double>(j) / kQuads);
   }
   mesh.add_grid(kQuads, kQuads, Mesh::Rows::kUp);
-  Result<GltfPrimitive> primitive = append_primitive(writer, mesh);
-  if (!primitive) return primitive.error();
-  writer.add_mesh({mesh.name, {std::move(*primitive)}});
+  GltfPrimitive primitive = SCREE_TRY(append_primitive(writer, mesh));
+  writer.add_mesh({mesh.name, {std::move(primitive)}});
   return {};
 }
 
@@ -60,8 +59,7 @@ Result<std::vector<std::byte>> make_jpeg(uint32_t number, const TexturedOptions&
     coding.components[c].h = coding.components[c].v = 1;
     coding.components[c].quant = 1;
   }
-  Result<runtime::JpegWriter> writer = runtime::JpegWriter::create(coding);
-  if (!writer) return writer.error();
+  runtime::JpegWriter writer = SCREE_TRY(runtime::JpegWriter::create(coding));
   std::vector<uint8_t> row(size_t{3} * size);
   for (uint32_t y = 0; y < size; ++y) {
     for (uint32_t tile = 0; tile < size / side; ++tile) {
@@ -76,9 +74,9 @@ Result<std::vector<std::byte>> make_jpeg(uint32_t number, const TexturedOptions&
         for (size_t c = 0; c < 3; ++c) out[c] = static_cast<uint8_t>(std::clamp(texel[c] + grain, 0, 255));
       }
     }
-    if (const Result<void> written = writer->row(row); !written) return written.error();
+    SCREE_TRY(writer.row(row));
   }
-  return writer->finish();
+  return writer.finish();
 }
 
 }  // namespace
@@ -102,25 +100,22 @@ Result<TexturedReport> write_textured(const TexturedOptions& options) try {
   std::vector<Result<std::vector<std::byte>>> files(options.meshes, std::vector<std::byte>());
   runtime::parallel_for(files.size(), threads,
                         [&](uint64_t i) { files[i] = make_jpeg(static_cast<uint32_t>(i), options, stones); });
-  Result<GltfWriter> writer = GltfWriter::create(options.output);
-  if (!writer) return writer.error();
+  GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output));
   TexturedReport report;
   GltfScene scene{.name = "textured"};
   for (uint32_t i = 0; i < options.meshes; ++i) {
     if (!files[i]) return files[i].error();
     report.texture_bytes += files[i]->size();
     const std::string name = "texture" + std::to_string(i);
-    const Result<uint32_t> image = writer->add_image(name, format::ImageCodec::kJpeg, *files[i]);
-    if (!image) return image.error();
+    const uint32_t image = SCREE_TRY(writer.add_image(name, format::ImageCodec::kJpeg, *files[i]));
     files[i] = std::vector<std::byte>{};
-    GltfMaterial material{.texture = writer->add_texture(trilinear(*image, {}, format::Wrap::kClamp))};
-    if (const Result<void> added = add_tile(*writer, i, writer->add_material(std::move(material))); !added)
-      return added.error();
-    scene.nodes.push_back(writer->add_node({.name = "tile " + std::to_string(i), .mesh = i}));
+    GltfMaterial material{.texture = writer.add_texture(trilinear(image, {}, format::Wrap::kClamp))};
+    SCREE_TRY(add_tile(writer, i, writer.add_material(std::move(material))));
+    scene.nodes.push_back(writer.add_node({.name = "tile " + std::to_string(i), .mesh = i}));
     report.triangles += uint64_t{2} * kQuads * kQuads;
   }
-  writer->add_scene(std::move(scene));
-  if (const Result<void> finished = writer->finish(); !finished) return finished.error();
+  writer.add_scene(std::move(scene));
+  SCREE_TRY(writer.finish());
   return report;
 } catch (const std::bad_alloc&) {
   return Error{ErrorCode::kMemory, "no memory left for " + std::to_string(options.meshes) + " textures"};

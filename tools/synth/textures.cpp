@@ -174,13 +174,10 @@ Result<std::vector<std::byte>> encode_jpeg(uint32_t size, const std::vector<uint
   for (size_t i = 1; i < 3; ++i) coding.components[i].h = coding.components[i].v = 1;
   coding.quality = kJpegQuality;
   coding.has_own_tables = false;
-  Result<runtime::JpegWriter> writer = runtime::JpegWriter::create(coding);
-  if (!writer) return writer.error();
+  runtime::JpegWriter writer = SCREE_TRY(runtime::JpegWriter::create(coding));
   const std::span<const uint8_t> pixels(rgb);
-  for (uint64_t y = 0; y < size; ++y)
-    if (const Result<void> done = writer->row(pixels.subspan(3 * y * size, 3 * uint64_t{size})); !done)
-      return done.error();
-  return writer->finish();
+  for (uint64_t y = 0; y < size; ++y) SCREE_TRY(writer.row(pixels.subspan(3 * y * size, 3 * uint64_t{size})));
+  return writer.finish();
 }
 
 }  // namespace
@@ -216,12 +213,11 @@ Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t s
 }
 
 Result<uint32_t> add_texture(tools::GltfWriter& writer, const TextureRecipe& recipe, uint32_t threads) {
-  const Result<std::vector<std::byte>> file =
-      encode_image(recipe.codec, recipe.size, make_texture(recipe.kind, recipe.size, threads));
-  if (!file) return at("texture " + recipe.name, file.error());
-  const Result<uint32_t> image = writer.add_image(recipe.name, recipe.codec, *file);
-  if (!image) return image.error();
-  return writer.add_texture(trilinear(*image, recipe.name));
+  const std::vector<std::byte> file =
+      SCREE_TRY_AT("texture " + recipe.name,
+                   encode_image(recipe.codec, recipe.size, make_texture(recipe.kind, recipe.size, threads)));
+  const uint32_t image = SCREE_TRY(writer.add_image(recipe.name, recipe.codec, file));
+  return writer.add_texture(trilinear(image, recipe.name));
 }
 
 }  // namespace scree::synth

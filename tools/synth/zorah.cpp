@@ -142,8 +142,7 @@ struct GroupAccessors {
 };
 
 Result<uint32_t> add_encoded(GltfWriter& writer, const ZorahGroup& group, Stream stream, const Encoded& encoded) {
-  const Result<uint64_t> offset = writer.append(encoded.bytes);
-  if (!offset) return offset.error();
+  const uint64_t offset = SCREE_TRY(writer.append(encoded.bytes));
   const bool is_indices = stream == Stream::kIndices;
   GltfAccessor accessor{.count = is_indices ? group.triangles * 3 : group.vertices};
   constexpr GltfType kTypes[] = {GltfType::kVec3, GltfType::kVec3, GltfType::kVec2, GltfType::kVec4, GltfType::kScalar};
@@ -156,7 +155,7 @@ Result<uint32_t> add_encoded(GltfWriter& writer, const ZorahGroup& group, Stream
   GltfBufferView view;
   view.bytes = unpacked_bytes(group, stream);
   view.target = is_indices ? GltfTarget::kIndices : GltfTarget::kVertices;
-  view.meshopt = GltfMeshopt{*offset, encoded.bytes.size(),
+  view.meshopt = GltfMeshopt{offset, encoded.bytes.size(),
                              is_indices ? GltfMeshopt::Mode::kTriangles : GltfMeshopt::Mode::kAttributes,
                              accessor.count, static_cast<uint32_t>(view.bytes / accessor.count)};
   accessor.buffer_view = writer.add_buffer_view(view);
@@ -195,24 +194,22 @@ Result<std::vector<GroupAccessors>> write_groups(GltfWriter& writer, const Zorah
     // A scene with a single buffer already has it open.
     if (plan.buffers > 1 && group.buffer != buffer) {
       buffer = group.buffer;
-      if (Result<void> next = writer.next_buffer("geometry" + std::to_string(buffer)); !next) return next;
+      SCREE_TRY(writer.next_buffer("geometry" + std::to_string(buffer)));
     }
-    const Result<uint32_t> added = add_encoded(writer, group, jobs[i].stream, encoded);
-    if (!added) return added.error();
+    const uint32_t added = SCREE_TRY(add_encoded(writer, group, jobs[i].stream, encoded));
     bytes += encoded.bytes.size();
     GroupAccessors& of_group = accessors[jobs[i].group];
     if (jobs[i].stream != Stream::kIndices) {
-      of_group.attributes.emplace_back(kSemantics[static_cast<size_t>(jobs[i].stream)], *added);
+      of_group.attributes.emplace_back(kSemantics[static_cast<size_t>(jobs[i].stream)], added);
       return {};
     }
-    of_group.indices = *added;
+    of_group.indices = added;
     triangles += group.triangles;
     stage.progress.update(triangles, bytes);
     return {};
   };
-  const Result<void> done = convert::run_ordered<Encoded>(
-      stage.pool, jobs.size(), {4ull * stage.pool.threads(), kInFlightBytes}, work, cost, take);
-  if (!done) return done.error();
+  SCREE_TRY(convert::run_ordered<Encoded>(stage.pool, jobs.size(), {4ull * stage.pool.threads(), kInFlightBytes}, work,
+                                          cost, take));
   return accessors;
 }
 
@@ -233,11 +230,10 @@ Result<void> write_textures(GltfWriter& writer, const ZorahPlan& plan, Stage sta
   const auto cost = [&](uint64_t i) { return 2 * block_bytes_of(plan.textures[i]); };
   const auto take = [&](uint64_t i, const Bytes& file) -> Result<void> {
     const auto number = static_cast<uint32_t>(i);
-    const Result<uint32_t> image = writer.add_image(texture_name(plan, number), format::ImageCodec::kBlocks, file,
-                                                    number < plan.png_images ? "image/png" : "image/ktx2");
-    if (!image) return image.error();
+    const uint32_t image = SCREE_TRY(writer.add_image(texture_name(plan, number), format::ImageCodec::kBlocks, file,
+                                                      number < plan.png_images ? "image/png" : "image/ktx2"));
     GltfTexture texture;
-    texture.image = *image;
+    texture.image = image;
     texture.mag_filter = 9729;  // linear
     texture.min_filter = 9987;  // linear between mip levels too
     writer.add_texture(std::move(texture));
@@ -415,7 +411,7 @@ Result<std::vector<uint32_t>> add_nodes(GltfWriter& writer, const ZorahPlan& pla
       attach(writer.add_node(node_of(at, kind_name(plan.meshes[m].kind) + ("_" + std::to_string(number++)))));
     number += static_cast<uint32_t>(placements.instances.size());
     std::vector<uint32_t> instanced;
-    if (Result<void> added = add_instanced_nodes(writer, placements.instances, instanced); !added) return added.error();
+    SCREE_TRY(add_instanced_nodes(writer, placements.instances, instanced));
     for (const uint32_t node : instanced) attach(node);
   }
   const GltfCamera lens{
@@ -430,34 +426,31 @@ Result<SynthReport> write_zorah(const ZorahPlan& plan, const SynthOptions& optio
   if (format::lower_case(std::filesystem::path(options.output).extension().string()) == ".glb")
     return Error{ErrorCode::kUsage, options.output + ": " + plan.name + " is written as .gltf, with files beside it"};
   meshopt_encodeIndexVersion(1);  // the version of EXT_meshopt_compression
-  Result<GltfWriter> writer = GltfWriter::create(options.output, {}, options.existing);
-  if (!writer) return writer.error();
-  writer->stop_on(options.stop);
+  GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
+  writer.stop_on(options.stop);
   Progress progress(options.progress);
   convert::WorkerPool pool(thread_count(options.threads, UINT64_MAX), options.stop);
 
-  Result<std::vector<uint32_t>> roots = add_nodes(*writer, plan);
-  if (!roots) return roots.error();
-  const Result<std::vector<GroupAccessors>> accessors = write_groups(*writer, plan, {progress, pool});
-  if (!accessors) return accessors.error();
-  if (Result<void> written = write_textures(*writer, plan, {progress, pool}); !written) return written.error();
-  for (uint32_t i = 0; i < plan.materials.size(); ++i) add_material(*writer, plan.materials[i], i);
+  std::vector<uint32_t> roots = SCREE_TRY(add_nodes(writer, plan));
+  const std::vector<GroupAccessors> accessors = SCREE_TRY(write_groups(writer, plan, {progress, pool}));
+  SCREE_TRY(write_textures(writer, plan, {progress, pool}));
+  for (uint32_t i = 0; i < plan.materials.size(); ++i) add_material(writer, plan.materials[i], i);
   for (uint32_t m = 0; m < plan.meshes.size(); ++m) {
     GltfMesh mesh{.name = kind_name(plan.meshes[m].kind) + ("_mesh" + std::to_string(m))};
     for (uint32_t i = 0; i < plan.meshes[m].materials.size(); ++i) {
-      const GroupAccessors& group = (*accessors)[plan.meshes[m].first_group + i];
+      const GroupAccessors& group = accessors[plan.meshes[m].first_group + i];
       mesh.primitives.push_back({group.attributes, group.indices, plan.meshes[m].materials[i]});
     }
-    writer->add_mesh(std::move(mesh));
+    writer.add_mesh(std::move(mesh));
   }
-  writer->add_scene({plan.name, std::move(*roots)});
-  if (Result<void> finished = writer->finish(); !finished) return finished.error();
+  writer.add_scene({plan.name, std::move(roots)});
+  SCREE_TRY(writer.finish());
 
   return SynthReport{.unique_triangles = plan.unique_triangles(),
                      .drawn_triangles = plan.drawn_triangles(),
                      .vertices = plan.vertices(),
                      .instances = plan.drawn_meshes(),
-                     .file_bytes = writer->total_bytes()};
+                     .file_bytes = writer.total_bytes()};
 }
 
 }  // namespace scree::synth

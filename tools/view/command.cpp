@@ -154,10 +154,9 @@ class BrowserPage {
 
 Result<void> serve(ViewOptions options) {
   // A wrong name or a damaged file is an error of the command, not of a page.
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(options.session.file);
-  if (!file) return file.error();
-  if (const Result<uint32_t> scene = file->find_scene(options.session.scene); !scene) return scene.error();
-  if (const Result<void> made = assign(options.server.token, view::make_token()); !made) return made;
+  runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(options.session.file));
+  SCREE_TRY(file.find_scene(options.session.scene));
+  SCREE_TRY(assign(options.server.token, view::make_token()));
   if (!view::is_loopback(options.server.host) && !options.quiet)
     std::fprintf(
         stderr,
@@ -165,9 +164,8 @@ Result<void> serve(ViewOptions options) {
         "a proxy with TLS where others share the network\n",
         options.server.host.c_str());
   const StopOnSignal handlers("no longer served");
-  Result<view::ViewServer> listening = view::ViewServer::listen(options.server);
-  if (!listening) return listening.error();
-  auto server = std::make_unique<view::ViewServer>(std::move(*listening));
+  view::ViewServer listening = SCREE_TRY(view::ViewServer::listen(options.server));
+  auto server = std::make_unique<view::ViewServer>(std::move(listening));
   print_places(options.server, server->port());
   std::optional<BrowserPage> page;
   if (options.open) {
@@ -231,9 +229,8 @@ Command add_view(CLI::App& parent) {
   add_light_options(*app, words->light);
   app->add_flag("-q,--quiet", words->quiet, "No warnings");
   return {app, [words]() -> Result<void> {
-            Result<ViewOptions> options = parse_view_options(*words);
-            if (!options) return options.error();
-            return serve(std::move(*options));
+            ViewOptions options = SCREE_TRY(parse_view_options(*words));
+            return serve(std::move(options));
           }};
 }
 

@@ -61,11 +61,10 @@ Result<Bytes> join_strips(Bytes head, const std::vector<Bytes>& strips) {
   for (const Bytes& strip : strips) total += strip.size();
   out.reserve(total);
   for (size_t i = 0; i < strips.size(); ++i) {
-    const Result<format::JpegHeader> header = format::parse_jpeg(strips[i]);
-    if (!header) return header.error();
+    const format::JpegHeader header = SCREE_TRY(format::parse_jpeg(strips[i]));
     if (i != 0) append_bytes(out, 0xff, 0xd0 + (i - 1) % 8);
     const std::span<const std::byte> strip(strips[i]);
-    append(out, strip.first(strip.size() - 2).subspan(header->data_offset));  // without the EOI marker
+    append(out, strip.first(strip.size() - 2).subspan(header.data_offset));  // without the EOI marker
   }
   append_bytes(out, 0xff, 0xd9);
   return out;
@@ -97,10 +96,9 @@ Result<Bytes> encode_jpeg(const PixelView& picture, int quality, bool is_sharp, 
   if (is_left) return Bytes();
   if (std::any_of(strips.begin(), strips.end(), [](const Bytes& strip) { return strip.empty(); }))
     return out_of_memory();
-  Result<runtime::JpegHead> head = runtime::make_jpeg_head(picture.width, picture.height, quality, is_sharp,
-                                                           static_cast<uint16_t>(per_strip * mcus_across));
-  if (!head) return head.error();
-  return join_strips(std::move(head->bytes), strips);
+  runtime::JpegHead head = SCREE_TRY(runtime::make_jpeg_head(picture.width, picture.height, quality, is_sharp,
+                                                             static_cast<uint16_t>(per_strip * mcus_across)));
+  return join_strips(std::move(head.bytes), strips);
 } catch (const std::bad_alloc&) {
   return out_of_memory();
 }

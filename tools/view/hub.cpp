@@ -326,15 +326,14 @@ Result<void> Hub::draw_moving(const Work& work) {
   const runtime::IsOver textures = work.is_again ? is_over : after(kTexturePatience);
   // Likewise the chunks of a shadow map, once the GPU is full.
   const runtime::IsOver shadows = work.is_again && left_bytes_ == 0 ? is_over : after(kShadowPatience);
-  const Result<Drawn> drawn = session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
-                                             scaled(request.height, quality.scale), 1, work.visibility, &jpeg,
-                                             {after(kChunkPatience), textures, shadows});
-  if (!drawn) return drawn.error();
+  const Drawn drawn = SCREE_TRY(session_->draw(work.viewer->number, request, scaled(request.width, quality.scale),
+                                               scaled(request.height, quality.scale), 1, work.visibility, &jpeg,
+                                               {after(kChunkPatience), textures, shadows}));
 
   std::optional<runtime::Vec3> point;
   if (request.cursor) {
-    const Pixel at{std::min(static_cast<uint32_t>(request.cursor->x * quality.scale), drawn->pixels.width - 1),
-                   std::min(static_cast<uint32_t>(request.cursor->y * quality.scale), drawn->pixels.height - 1)};
+    const Pixel at{std::min(static_cast<uint32_t>(request.cursor->x * quality.scale), drawn.pixels.width - 1),
+                   std::min(static_cast<uint32_t>(request.cursor->y * quality.scale), drawn.pixels.height - 1)};
     point = session_->point(at);
   }
   uint64_t frame;
@@ -343,9 +342,9 @@ Result<void> Hub::draw_moving(const Work& work) {
     frame = ++frames_;
   }
   std::vector<std::byte> message =
-      moving_picture(frame, request, quality, *drawn, ms_between(work.wanted_at, work.begun), point);
+      moving_picture(frame, request, quality, drawn, ms_between(work.wanted_at, work.begun), point);
   // A shadow map is drawn for many pictures, so its time is not the link's or the quality's.
-  sent(work, frame, !work.is_at_rest && drawn->shadow_ms == 0, drawn->left_bytes == 0);
+  sent(work, frame, !work.is_at_rest && drawn.shadow_ms == 0, drawn.left_bytes == 0);
   work.viewer->link->send_picture(std::move(message));
   return {};
 }
@@ -353,21 +352,17 @@ Result<void> Hub::draw_moving(const Work& work) {
 Result<void> Hub::draw_exact(const Work& work) {
   const PictureRequest& request = work.request;
   const runtime::IsOver is_over = [&] { return is_outdated(work); };
-  const Result<Drawn> drawn = session_->draw(work.viewer->number, request, request.width, request.height, work.samples,
-                                             work.visibility, nullptr, {is_over, is_over, is_over});
-  if (!drawn) return drawn.error();
+  const Drawn drawn = SCREE_TRY(session_->draw(work.viewer->number, request, request.width, request.height,
+                                               work.samples, work.visibility, nullptr, {is_over, is_over, is_over}));
   if (is_outdated(work)) return {};
   const runtime::Stopwatch watch;
-  const Result<std::vector<std::byte>> image = runtime::encode_png(
-      drawn->pixels, {.has_alpha = false, .workers = &session_->workers(), .is_abandoned = is_over});
-  if (!image) return image.error();
-  if (image->empty()) return {};
+  const std::vector<std::byte> image = SCREE_TRY(runtime::encode_png(
+      drawn.pixels, {.has_alpha = false, .workers = &session_->workers(), .is_abandoned = is_over}));
+  if (image.empty()) return {};
   const double encode_ms = watch.elapsed().wall_ms;
   std::optional<DepthMap> depths;  // once per camera, from its first picture at rest
   if (work.samples == 1) {
-    Result<DepthMap> read = session_->depths();
-    if (!read) return read.error();
-    depths = std::move(*read);
+    depths = SCREE_TRY(session_->depths());
   }
   const std::optional<runtime::Vec3> point = request.cursor && depths ? depths->point(*request.cursor) : std::nullopt;
   uint64_t frame;
@@ -376,7 +371,7 @@ Result<void> Hub::draw_exact(const Work& work) {
     Viewer& viewer = *work.viewer;
     if (viewer.version == work.version) {
       viewer.exact_samples = work.samples;
-      viewer.exact_ms = drawn->buffer_ms + drawn->shade_ms;
+      viewer.exact_ms = drawn.buffer_ms + drawn.shade_ms;
       if (depths) {
         viewer.depths = std::move(*depths);
         viewer.depths_version = work.version;
@@ -385,7 +380,7 @@ Result<void> Hub::draw_exact(const Work& work) {
     frame = ++frames_;
   }
   std::vector<std::byte> message =
-      exact_picture(frame, request, *drawn, encode_ms, session_->device_bytes(), point, *image);
+      exact_picture(frame, request, drawn, encode_ms, session_->device_bytes(), point, image);
   sent(work, frame, false, true);
   work.viewer->link->send_picture(std::move(message));
   return {};
@@ -404,16 +399,14 @@ Result<void> Hub::take_screenshot(const Work& work, const Screenshot& shot) {
     const std::lock_guard lock(mutex_);
     return is_stopping_;
   };
-  const Result<Drawn> drawn = session_->draw(0, work.request, shot.width, shot.height, samples, work.visibility,
-                                             nullptr, {is_stopping, is_stopping, is_stopping});
-  if (!drawn) return drawn.error();
-  if (drawn->left_bytes != 0) return {};
+  const Drawn drawn = SCREE_TRY(session_->draw(0, work.request, shot.width, shot.height, samples, work.visibility,
+                                               nullptr, {is_stopping, is_stopping, is_stopping}));
+  if (drawn.left_bytes != 0) return {};
   const runtime::Stopwatch watch;
-  const Result<std::vector<std::byte>> image = runtime::encode_png(
-      drawn->pixels, {.has_alpha = false, .workers = &session_->workers(), .is_abandoned = is_stopping});
-  if (!image) return image.error();
-  if (image->empty()) return {};
-  work.viewer->link->send_picture(screenshot_picture(shot.id, *drawn, watch.elapsed().wall_ms, *image));
+  const std::vector<std::byte> image = SCREE_TRY(runtime::encode_png(
+      drawn.pixels, {.has_alpha = false, .workers = &session_->workers(), .is_abandoned = is_stopping}));
+  if (image.empty()) return {};
+  work.viewer->link->send_picture(screenshot_picture(shot.id, drawn, watch.elapsed().wall_ms, image));
   return {};
 }
 
@@ -423,9 +416,8 @@ Result<void> Hub::pick(const Work& work, const PickRequest& request) {
   const Result<Drawn> drawn = session_->draw(work.viewer->number, shown, shown.width, shown.height, 1, work.visibility,
                                              nullptr, {{}, [] { return true; }, {}});
   if (!drawn) return drawn.error();
-  const Result<std::optional<Picked>> picked = session_->pick(request.at);
-  if (!picked) return picked.error();
-  work.viewer->link->send_text(pick_text(request.id, *picked));
+  const std::optional<Picked> picked = SCREE_TRY(session_->pick(request.at));
+  work.viewer->link->send_text(pick_text(request.id, picked));
   return {};
 }
 

@@ -8,15 +8,10 @@
 namespace scree::tools::view {
 namespace {
 
-template <class Numbers>
-void write_numbers(JsonWriter& json, std::string_view name, const Numbers& numbers) {
-  json.array(name, numbers);
-}
-
 void write_camera(JsonWriter& json, const Camera& camera) {
-  write_numbers(json, "eye", camera.eye);
-  write_numbers(json, "target", camera.target);
-  write_numbers(json, "up", camera.up);
+  json.array("eye", camera.eye);
+  json.array("target", camera.target);
+  json.array("up", camera.up);
   json.member("fov", camera.fov_degrees);
 }
 
@@ -55,13 +50,10 @@ void write_head(JsonWriter& json, const Drawn& drawn, double encode_ms) {
 /// A message of `type`; body(json) adds its members.
 template <class Body>
 std::string message_of(std::string_view type, const Body& body) {
-  std::string text;
-  JsonWriter json(text);
-  json.begin_object();
-  json.member("type", type);
-  body(json);
-  json.end_object();
-  return text;
+  return json_object([&](JsonWriter& json) {
+    json.member("type", type);
+    body(json);
+  });
 }
 
 }  // namespace
@@ -77,7 +69,7 @@ std::string loading_text(std::string_view file) {
 std::string viewers_text(uint32_t you, std::span<const uint32_t> viewers) {
   return message_of("viewers", [&](JsonWriter& json) {
     json.member("you", you);
-    write_numbers(json, "viewers", viewers);
+    json.array("viewers", viewers);
   });
 }
 
@@ -92,7 +84,7 @@ std::string point_text(Pixel at, const std::optional<runtime::Vec3>& point) {
   return message_of("point", [&](JsonWriter& json) {
     json.member("x", at.x);
     json.member("y", at.y);
-    if (point) write_numbers(json, "point", *point);
+    if (point) json.array("point", *point);
   });
 }
 
@@ -120,8 +112,8 @@ std::string scene_text(const ViewSession& session, const SessionOptions& options
     json.array("light", options.light.words);
     const runtime::WorldBox box = session.box();
     if (!box.is_empty()) {
-      write_numbers(json, "boxMin", box.min);
-      write_numbers(json, "boxMax", box.max);
+      json.array("boxMin", box.min);
+      json.array("boxMax", box.max);
     }
     json.object("home", [&] {
       // The home view of a wide picture; pages with a narrower picture move it back.
@@ -136,54 +128,48 @@ std::string scene_text(const ViewSession& session, const SessionOptions& options
 
 std::vector<std::byte> moving_picture(uint64_t frame, const PictureRequest& request, const Quality& quality,
                                       const Drawn& drawn, double wait_ms, const std::optional<runtime::Vec3>& point) {
-  std::string head;
-  JsonWriter json(head);
-  json.begin_object();
-  json.member("kind", "jpeg");
-  json.member("exact", false);
-  write_place(json, frame, request);
-  json.member("quality", static_cast<uint32_t>(quality.jpeg));
-  json.member("scale", quality.scale);
-  write_head(json, drawn, drawn.encode_ms);
-  json.member("waitMs", wait_ms);
-  json.member("leftBytes", drawn.left_bytes);
-  json.member("triangles", drawn.stats.triangles);
-  if (point) write_numbers(json, "point", *point);
-  json.end_object();
-  return picture_message(head, drawn.jpeg);
+  const auto head = [&](JsonWriter& json) {
+    json.member("kind", "jpeg");
+    json.member("exact", false);
+    write_place(json, frame, request);
+    json.member("quality", static_cast<uint32_t>(quality.jpeg));
+    json.member("scale", quality.scale);
+    write_head(json, drawn, drawn.encode_ms);
+    json.member("waitMs", wait_ms);
+    json.member("leftBytes", drawn.left_bytes);
+    json.member("triangles", drawn.stats.triangles);
+    if (point) json.array("point", *point);
+  };
+  return picture_message(json_object(head), drawn.jpeg);
 }
 
 std::vector<std::byte> exact_picture(uint64_t frame, const PictureRequest& request, const Drawn& drawn,
                                      double encode_ms, uint64_t device_bytes, const std::optional<runtime::Vec3>& point,
                                      const std::vector<std::byte>& image) {
-  std::string head;
-  JsonWriter json(head);
-  json.begin_object();
-  json.member("kind", "png");
-  json.member("exact", true);
-  json.member("scale", 1.0);
-  write_place(json, frame, request);
-  write_head(json, drawn, encode_ms);
-  json.member("triangles", drawn.stats.triangles);
-  json.member("instancesDrawn", drawn.stats.instances_drawn);
-  json.member("clustersDrawn", drawn.stats.clusters_drawn);
-  json.member("hostBytes", memory_use().anonymous);
-  json.member("deviceBytes", device_bytes);
-  if (point) write_numbers(json, "point", *point);
-  json.end_object();
-  return picture_message(head, image);
+  const auto head = [&](JsonWriter& json) {
+    json.member("kind", "png");
+    json.member("exact", true);
+    json.member("scale", 1.0);
+    write_place(json, frame, request);
+    write_head(json, drawn, encode_ms);
+    json.member("triangles", drawn.stats.triangles);
+    json.member("instancesDrawn", drawn.stats.instances_drawn);
+    json.member("clustersDrawn", drawn.stats.clusters_drawn);
+    json.member("hostBytes", memory_use().anonymous);
+    json.member("deviceBytes", device_bytes);
+    if (point) json.array("point", *point);
+  };
+  return picture_message(json_object(head), image);
 }
 
 std::vector<std::byte> screenshot_picture(uint64_t id, const Drawn& drawn, double encode_ms,
                                           const std::vector<std::byte>& image) {
-  std::string head;
-  JsonWriter json(head);
-  json.begin_object();
-  json.member("kind", "screenshot");
-  json.member("id", id);
-  write_head(json, drawn, encode_ms);
-  json.end_object();
-  return picture_message(head, image);
+  const auto head = [&](JsonWriter& json) {
+    json.member("kind", "screenshot");
+    json.member("id", id);
+    write_head(json, drawn, encode_ms);
+  };
+  return picture_message(json_object(head), image);
 }
 
 std::string pick_text(uint64_t id, const std::optional<Picked>& picked) {
@@ -201,15 +187,8 @@ std::string pick_text(uint64_t id, const std::optional<Picked>& picked) {
       if (picked->material != format::kNone) json.member("material", picked->material);
       json.member("materialName", std::string_view(picked->material_name));
       json.member("depth", picked->depth);
-      write_numbers(json, "point", picked->point);
-      json.key("box");
-      json.begin_array();
-      for (const runtime::Vec3& corner : picked->box) {
-        json.begin_array();
-        for (const double coordinate : corner) json.value(coordinate);
-        json.end_array();
-      }
-      json.end_array();
+      json.array("point", picked->point);
+      json.array("box", picked->box, [&](const runtime::Vec3& corner) { json.array(corner); });
     }
   });
 }
@@ -239,17 +218,15 @@ std::string nodes_text(const runtime::Scene& scene) {
     json.value(name);
   }
   json.end_array();
-  json.key("parents");  // number of the parent + 1; 0: none
-  json.begin_array();
-  for (uint64_t n = 0; n < count; ++n)
-    json.value(nodes[n].parent == format::kNone ? uint64_t{0} : uint64_t{nodes[n].parent} + 1);
-  json.end_array();
-  std::vector<uint64_t> triangles(count, 0);
+  std::vector<uint64_t> parents, triangles(count, 0);
+  for (uint64_t n = 0; n < count; ++n)  // number of the parent + 1; 0: none
+    parents.push_back(nodes[n].parent == format::kNone ? 0 : uint64_t{nodes[n].parent} + 1);
+  json.array("parents", parents);
   const kernels::SceneView& view = scene.view();
   for (uint64_t i = 0; i < view.instance_count; ++i)
     if (view.instances[i].node < count)
       triangles[view.instances[i].node] += view.meshes[view.instances[i].mesh].triangle_count;
-  write_numbers(json, "triangles", triangles);
+  json.array("triangles", triangles);
   json.end_object();
   return text;
 }

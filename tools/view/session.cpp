@@ -131,9 +131,7 @@ struct ViewSession::Impl {
     drawn_on = name_of_device(*loaded);
     if (can_cast_shadows(scene())) shadows.emplace(scene(), device());
     if (device() == nullptr) return {};
-    Result<runtime::DeviceView> view = device()->add_view(scene());
-    if (!view) return view.error();
-    shared.device = std::move(*view);
+    shared.device = SCREE_TRY(device()->add_view(scene()));
     // Without --device-memory, the device's free memory is the limit.
     const uint64_t taken = std::min(device()->stats().device_bytes, options.device_memory);
     most_own = options.device_memory == 0 ? UINT64_MAX : (options.device_memory - taken) / each;
@@ -223,10 +221,9 @@ struct ViewSession::Impl {
     camera.clip_box = wanted.clip_box;
     camera.width = wanted.width;
     camera.height = wanted.height;
-    Result<kernels::View> view = loaded->view(camera);
-    if (!view) return view;
-    view->width *= wanted.samples;
-    view->height *= wanted.samples;
+    kernels::View view = SCREE_TRY(loaded->view(camera));
+    view.width *= wanted.samples;
+    view.height *= wanted.samples;
     return view;
   }
 
@@ -262,17 +259,14 @@ struct ViewSession::Impl {
     if (picture.device) {
       out.channels = 4;
       device_pixels.resize(reads_pixels ? count : 0);
-      if (const Result<void> done = picture.device->resolve(picture.view, side, shade, device_pixels); !done)
-        return done.error();
+      SCREE_TRY(picture.device->resolve(picture.view, side, shade, device_pixels));
       picture.blended = picture.device->blended();
       out.bytes = {reinterpret_cast<const uint8_t*>(device_pixels.data()), 4 * device_pixels.size()};
     } else {
       out.channels = 3;
       pixels.resize(3 * count);
-      if (const Result<void> done = kernels::resolve_cpu(scene().view(), picture.view, side, samples, shade, 3, pixels,
-                                                         options.threads, &picture.blended);
-          !done)
-        return done.error();
+      SCREE_TRY(kernels::resolve_cpu(scene().view(), picture.view, side, samples, shade, 3, pixels, options.threads,
+                                     &picture.blended));
       out.bytes = pixels;
     }
     return out;
@@ -302,44 +296,36 @@ struct ViewSession::Impl {
     const bool is_streamed = loaded->is_streamed();
     Picture& picture = *last;
     const bool is_kept = picture.key == wanted && !is_streamed;
-    Result<kernels::View> view = is_kept ? picture.view : view_of(wanted);
-    if (!view) return view.error();
+    kernels::View view = SCREE_TRY(is_kept ? picture.view : view_of(wanted));
     // Other pictures may have left out other nodes since a kept one was drawn.
-    const Result<const uint32_t*> left_out = omit(wanted.visibility);
-    if (!left_out) return left_out.error();
-    view->omitted = *left_out;
+    view.omitted = SCREE_TRY(omit(wanted.visibility));
     if (has_shadows && shadows && runtime::shows_sun(scene().view(), shade)) {
-      const Result<const kernels::SunShadow*> sun =
-          shadows->draw(*view, shadow_side, options.threads,
-                        jpeg != nullptr ? runtime::ShadowFit::kMoving : runtime::ShadowFit::kExact, patience.shadows);
-      if (!sun) return sun.error();
-      shade.sun = *sun;
+      shade.sun = SCREE_TRY(shadows->draw(view, shadow_side, options.threads,
+                                          jpeg != nullptr ? runtime::ShadowFit::kMoving : runtime::ShadowFit::kExact,
+                                          patience.shadows));
       out.shadow_ms = shadows->draw_time().wall_ms;
       out.left_bytes = shadows->left_bytes();
     }
-    picture.view = *view;
+    picture.view = view;
     picture.samples_per_side = wanted.samples;
     if (!is_kept) {
       const Stopwatch draw_watch;
-      if (const Result<void> drawn = draw_buffer(wanted, shade, patience.chunks); !drawn) return drawn.error();
+      SCREE_TRY(draw_buffer(wanted, shade, patience.chunks));
       out.draw_ms = picture.buffer_ms = draw_watch.elapsed().wall_ms;
     }
     out.left_bytes += picture.left_bytes;
     out.buffer_ms = picture.buffer_ms;
     const Stopwatch shade_watch;
-    const Result<PixelView> shaded = shade_buffer(shade, jpeg == nullptr);
-    if (!shaded) return shaded.error();
+    const PixelView shaded = SCREE_TRY(shade_buffer(shade, jpeg == nullptr));
     out.shade_ms = shade_watch.elapsed().wall_ms;
-    out.pixels = *shaded;
+    out.pixels = shaded;
     out.stats = picture.stats;
     out.blended = picture.blended;
     if (jpeg == nullptr) return out;
     const Stopwatch encode_watch;
-    Result<std::vector<std::byte>> file =
+    out.jpeg = SCREE_TRY(
         picture.device ? picture.device->encode_jpeg(out.pixels.width, out.pixels.height, jpeg->quality, jpeg->is_sharp)
-                       : encode_jpeg(out.pixels, jpeg->quality, jpeg->is_sharp, workers);
-    if (!file) return file.error();
-    out.jpeg = std::move(*file);
+                       : encode_jpeg(out.pixels, jpeg->quality, jpeg->is_sharp, workers));
     out.encode_ms = encode_watch.elapsed().wall_ms;
     return out;
   }
@@ -349,7 +335,7 @@ struct ViewSession::Impl {
     if (sampled == last) return {};
     sampled = nullptr;
     samples.resize(uint64_t{last->view.width} * last->view.height);
-    if (const Result<void> read = last->device->read_samples(samples); !read) return read;
+    SCREE_TRY(last->device->read_samples(samples));
     sampled = last;
     return {};
   }
@@ -362,8 +348,7 @@ ViewSession::~ViewSession() = default;
 
 Result<ViewSession> ViewSession::open(const SessionOptions& options) {
   report_sigbus("view", options.file);
-  Result<runtime::SceneFile> file = runtime::SceneFile::open(options.file);
-  if (!file) return file.error();
+  runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(options.file));
   ViewSession session(std::make_unique<Impl>(options));
   Impl& impl = *session.impl_;
   runtime::LoadOptions load = load_options(options, options.textures);
@@ -379,9 +364,7 @@ Result<ViewSession> ViewSession::open(const SessionOptions& options) {
     if (impl.can_cast_shadows(scene)) upload.pictures.shadow_side = impl.shadow_side;
     return accept_scene("view", scene, options.light, options.quiet);
   };
-  auto loaded = load_scene("view", std::move(*file), options.backend, std::move(load), options.quiet);
-  if (!loaded) return loaded.error();
-  impl.loaded = std::move(*loaded);
+  impl.loaded = SCREE_TRY(load_scene("view", std::move(file), options.backend, std::move(load), options.quiet));
   Result<void> begun = impl.begin(each);
   if (!begun && impl.may_fall_back(begun.error())) begun = impl.fall_back(begun.error());
   if (!begun) return at(options.file, begun.error());
@@ -405,7 +388,7 @@ Result<Drawn> ViewSession::draw(uint32_t viewer, const PictureRequest& request, 
     drawn = impl_->draw(wanted, shade, request.shadows, jpeg, patience);
   }
   if (drawn || !impl_->may_fall_back(drawn.error())) return drawn;
-  if (const Result<void> ready = impl_->fall_back(drawn.error()); !ready) return ready.error();
+  SCREE_TRY(impl_->fall_back(drawn.error()));
   return impl_->draw(wanted, shade, request.shadows, jpeg, patience);
 } catch (const std::bad_alloc&) {
   impl_->last->key.reset();
@@ -426,7 +409,7 @@ Result<uint64_t> ViewSession::load_rest(const runtime::IsOver& is_over) {
     for (auto& [viewer, picture] : impl_->own) picture.key.reset();
   }
   if (left || !impl_->may_fall_back(left.error())) return left;
-  if (const Result<void> ready = impl_->fall_back(left.error()); !ready) return ready.error();
+  SCREE_TRY(impl_->fall_back(left.error()));
   return uint64_t{0};
 }
 
@@ -440,7 +423,7 @@ bool ViewSession::can_cast_shadows(std::string* why) const {
 }
 
 Result<DepthMap> ViewSession::depths() try {
-  if (const Result<void> read = impl_->need_samples(); !read) return read.error();
+  SCREE_TRY(impl_->need_samples());
   const kernels::View& view = impl_->last->view;
   DepthMap map;
   map.view_ = view;
@@ -470,7 +453,7 @@ std::optional<Vec3> ViewSession::point(Pixel at) const {
 }
 
 Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
-  if (const Result<void> read = impl_->need_samples(); !read) return read.error();
+  SCREE_TRY(impl_->need_samples());
   const uint32_t side = impl_->last->samples_per_side;
   const kernels::View& view = impl_->last->view;
   const uint64_t column = uint64_t{at.x} * side + side / 2, row = uint64_t{at.y} * side + side / 2;
@@ -510,21 +493,19 @@ Result<std::optional<Picked>> ViewSession::pick(Pixel at) try {
 
 Result<Camera> ViewSession::home(uint32_t width, uint32_t height) const {
   const runtime::CameraOptions options{.width = width, .height = height};
-  const Result<kernels::View> view = impl_->loaded->view(options);
-  if (!view) return view.error();
+  const kernels::View view = SCREE_TRY(impl_->loaded->view(options));
   // The target is the point of the line of sight that is nearest to the middle of the scene's box.
   const runtime::WorldBox bounds = box();
   double distance = 1;
   if (!bounds.is_empty()) {
     distance = 0;
-    for (size_t i = 0; i < 3; ++i)
-      distance += (0.5 * (bounds.min[i] + bounds.max[i]) - view->eye[i]) * view->forward[i];
+    for (size_t i = 0; i < 3; ++i) distance += (0.5 * (bounds.min[i] + bounds.max[i]) - view.eye[i]) * view.forward[i];
     if (!(distance > 0)) distance = 1;
   }
   Camera camera;
   for (size_t i = 0; i < 3; ++i) {
-    camera.eye[i] = view->eye[i];
-    camera.target[i] = view->eye[i] + distance * view->forward[i];
+    camera.eye[i] = view.eye[i];
+    camera.target[i] = view.eye[i] + distance * view.forward[i];
   }
   return camera;
 }

@@ -39,18 +39,18 @@ class WindowEncoder {
   Result<EncodedWindow> run() {
     order();
     quantise();
-    if (const Result<void> done = read_uvs(); !done) return done.error();
+    SCREE_TRY(read_uvs());
     if (mesh_.clustered && !mesh_.chunks_as_float32) {
       cut_clusters();
     } else {
       cut();
     }
     encode_uvs();
-    if (const Result<void> done = encode_colors(); !done) return done.error();
-    if (const Result<void> done = encode_normals(); !done) return done.error();
+    SCREE_TRY(encode_colors());
+    SCREE_TRY(encode_normals());
     encode_source_ids();
     encode_second_uvs();
-    if (const Result<void> done = encode_tangents(); !done) return done.error();
+    SCREE_TRY(encode_tangents());
     return std::move(out_);
   }
 
@@ -311,7 +311,7 @@ class WindowEncoder {
   /// Reads an attribute of the window's vertices into `out` and sets values that are not finite to 0. Returns the
   /// number of vertices with such values.
   Result<uint64_t> read_attribute(const Accessor& accessor, std::vector<float>& out) {
-    if (const Result<void> read = read_vertices(accessor, s_.window.vertices(), out); !read) return read.error();
+    SCREE_TRY(read_vertices(accessor, s_.window.vertices(), out));
     uint64_t repaired = 0;
     const size_t components = accessor.components;
     for (size_t i = 0; i < out.size(); i += components) {
@@ -329,13 +329,10 @@ class WindowEncoder {
   /// Called before chunks are cut, since the size of texture coordinates affects the cuts.
   Result<void> read_uvs() {
     if (!(mesh_.attributes & format::kHasUv)) return {};
-    const Result<uint64_t> repaired = read_attribute(*primitive_.uv, s_.floats);
-    if (!repaired) return repaired.error();
-    out_.repaired_uvs = *repaired;
+    out_.repaired_uvs = SCREE_TRY(read_attribute(*primitive_.uv, s_.floats));
     if (!(mesh_.attributes & format::kHasSecondUv)) return {};
-    const Result<uint64_t> second = read_attribute(*primitive_.second_uv(), s_.second_uvs);
-    if (!second) return second.error();
-    out_.repaired_uvs += *second;
+    const uint64_t second = SCREE_TRY(read_attribute(*primitive_.second_uv(), s_.second_uvs));
+    out_.repaired_uvs += second;
     return {};
   }
 
@@ -370,16 +367,14 @@ class WindowEncoder {
   /// Tangents are coded as angles around the decoded normals.
   Result<void> encode_tangents() {
     if (!(mesh_.attributes & format::kHasTangent)) return {};
-    if (const Result<void> read = read_vertices(*primitive_.tangent(), s_.window.vertices(), s_.floats); !read)
-      return read;
+    SCREE_TRY(read_vertices(*primitive_.tangent(), s_.window.vertices(), s_.floats));
     for (size_t i = 0; i < out_.chunks.size(); ++i) {
       EncodedChunk& chunk = out_.chunks[i];
       const uint64_t vertices = chunk.record.vertex_count;
       s_.chunk_normals.resize(3 * vertices);
       const auto normals = std::span<const std::byte>(chunk.payload)
                                .subspan(first_normal_[i], format::normal_stream_bytes(vertices, kNormalBits));
-      if (const Result<void> decoded = format::decode_normals(s_.chunk_normals, kNormalBits, normals); !decoded)
-        return decoded;
+      SCREE_TRY(format::decode_normals(s_.chunk_normals, kNormalBits, normals));
       pick(chunk_vertices(i), std::span<const float>(s_.floats), 4, s_.chunk_floats);
       chunk.record.tangent_bits = kTangentBits;
       out_.repaired_tangents +=
@@ -398,9 +393,7 @@ class WindowEncoder {
 
   Result<void> encode_colors() {
     if (!(mesh_.attributes & format::kHasColor)) return {};
-    const Result<uint64_t> repaired = read_attribute(*primitive_.color, s_.floats);
-    if (!repaired) return repaired.error();
-    out_.repaired_colors = *repaired;
+    out_.repaired_colors = SCREE_TRY(read_attribute(*primitive_.color, s_.floats));
     const size_t components = primitive_.color->components;
     for (size_t i = 0; i < out_.chunks.size(); ++i) {
       EncodedChunk& chunk = out_.chunks[i];
@@ -417,8 +410,7 @@ class WindowEncoder {
 
   Result<void> encode_normals() {
     if (!(mesh_.attributes & format::kHasNormal)) return {};
-    if (const Result<void> read = read_vertices(*primitive_.normal, s_.window.vertices(), s_.floats); !read)
-      return read;
+    SCREE_TRY(read_vertices(*primitive_.normal, s_.window.vertices(), s_.floats));
     for (size_t i = 0; i + 2 < s_.floats.size(); i += 3) {
       float* n = &s_.floats[i];
       const bool finite = std::isfinite(n[0]) && std::isfinite(n[1]) && std::isfinite(n[2]);
@@ -493,7 +485,7 @@ Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScra
     if (!(mesh.attributes & flag) || welder.duplicates() == 0) continue;
     numbers.clear();
     for (const uint32_t place : welder.find_candidates()) numbers.push_back(window.vertices()[place]);
-    if (const Result<void> read = read_vertices(*accessor, numbers, scratch.floats); !read) return read.error();
+    SCREE_TRY(read_vertices(*accessor, numbers, scratch.floats));
     welder.part(scratch.floats, accessor->components);
   }
   Welded welded;
@@ -544,11 +536,10 @@ Result<EncodedWindow> encode_window(const Primitive& primitive, const MeshPlan& 
   Result<Welded> welded = Welded{};
   if (options.weld) welded = weld(primitive, mesh, scratch);
   if (!welded) return welded.error();
-  Result<EncodedWindow> encoded = WindowEncoder(primitive, mesh, plan, options, scratch).run();
-  if (!encoded) return encoded;
-  encoded->welded = *welded;
-  encoded->welded.cost_bits = cost_bits(welded->vertices, mesh, encoded->chunks);
-  for (EncodedChunk& chunk : encoded->chunks) chunk.record.bytes = chunk.payload.size();
+  EncodedWindow encoded = SCREE_TRY(WindowEncoder(primitive, mesh, plan, options, scratch).run());
+  encoded.welded = *welded;
+  encoded.welded.cost_bits = cost_bits(welded->vertices, mesh, encoded.chunks);
+  for (EncodedChunk& chunk : encoded.chunks) chunk.record.bytes = chunk.payload.size();
   return encoded;
 }
 

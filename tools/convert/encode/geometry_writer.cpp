@@ -6,8 +6,7 @@
 namespace scree::convert {
 
 Result<void> GeometryWriter::add(EncodedChunk& chunk) {
-  if (open_.is_open && !fits(chunk.payload.size()))
-    if (const Result<void> sealed = seal(); !sealed) return sealed;
+  if (open_.is_open && !fits(chunk.payload.size())) SCREE_TRY(seal());
   chunk.record.page = number_;
   chunk.record.offset = open_.bytes.size();
   if (chunk.record.encoding == format::ChunkEncoding::kClustered)
@@ -23,19 +22,17 @@ Result<void> GeometryWriter::add(EncodedChunk& chunk) {
 }
 
 Result<void> GeometryWriter::finish() {
-  if (open_.is_open)
-    if (const Result<void> sealed = seal(); !sealed) return sealed;
+  if (open_.is_open) SCREE_TRY(seal());
   return write_all();
 }
 
 Result<GeometryWriter::OpenPage> GeometryWriter::release() {
-  if (const Result<void> written = write_all(); !written) return written.error();
+  SCREE_TRY(write_all());
   return std::exchange(open_, {});
 }
 
 Result<void> GeometryWriter::write_all() {
-  while (pages_.size() > 0)
-    if (const Result<void> written = write_one(); !written) return written;
+  while (pages_.size() > 0) SCREE_TRY(write_one());
   return {};
 }
 
@@ -52,13 +49,12 @@ Result<void> GeometryWriter::seal() {
         return format::seal_page(format::PageKind::kGeometry, std::move(*raw), level, clusters);
       },
       cost);
-  while (pages_.size() > limit_ || pages_.ready())
-    if (const Result<void> written = write_one(); !written) return written;
+  while (pages_.size() > limit_ || pages_.ready()) SCREE_TRY(write_one());
   return {};
 }
 
 Result<uint32_t> GeometryWriter::add_page(const format::SealedPage& page) {
-  if (const Result<void> written = finish(); !written) return written.error();
+  SCREE_TRY(finish());
   const Timed timed(times_.writing);
   const Result<uint32_t> number = writer_.append(page);
   if (number) number_ = written_ = *number + 1;
@@ -66,13 +62,11 @@ Result<uint32_t> GeometryWriter::add_page(const format::SealedPage& page) {
 }
 
 Result<void> GeometryWriter::write_one() {
-  const Result<format::SealedPage> page = pages_.take();
-  if (!page) return page.error();
+  const format::SealedPage page = SCREE_TRY(pages_.take());
   const Timed timed(times_.writing);
-  const Result<uint32_t> number = writer_.append(*page);
-  if (!number) return number.error();
-  if (*number != written_)
-    return Error{ErrorCode::kFormat, "page " + std::to_string(written_) + " became page " + std::to_string(*number)};
+  const uint32_t number = SCREE_TRY(writer_.append(page));
+  if (number != written_)
+    return Error{ErrorCode::kFormat, "page " + std::to_string(written_) + " became page " + std::to_string(number)};
   ++written_;
   return {};
 }

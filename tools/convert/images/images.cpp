@@ -49,7 +49,7 @@ Result<ContentHash> hash_image(const SourceImage& image) {
   std::vector<std::byte> block(static_cast<size_t>(std::min<uint64_t>(kBlockBytes, image.bytes)));
   for (uint64_t done = 0; done < image.bytes; done += block.size()) {
     block.resize(static_cast<size_t>(std::min<uint64_t>(block.size(), image.bytes - done)));
-    if (const Result<void> read = read_image(image, done, block); !read) return read.error();
+    SCREE_TRY(read_image(image, done, block));
     hash.add(block);
   }
   return hash.value();
@@ -87,9 +87,7 @@ Result<CheckedImage> check_source(const SourceImage& image, const ImageOptions& 
     checked.broken = error.message;
   }
   if (!may_repeat && keeps_blocks(options, checked.info.codec)) return checked;
-  const Result<ContentHash> hash = hash_image(image);
-  if (!hash) return hash.error();
-  checked.hash = *hash;
+  checked.hash = SCREE_TRY(hash_image(image));
   return checked;
 }
 
@@ -128,7 +126,7 @@ Error changed() {
 /// Reads the file and compares it with its hash if there is one.
 Result<std::vector<std::byte>> read_file(const SourceImage& image, const ContentHash& hash) {
   std::vector<std::byte> file(static_cast<size_t>(image.bytes));
-  if (const Result<void> read = read_image(image, 0, file); !read) return read.error();
+  SCREE_TRY(read_image(image, 0, file));
   ContentHasher found;
   if (hash == ContentHash{}) return file;
   found.add(file);
@@ -143,37 +141,34 @@ constexpr uint64_t kMostSharedBytes = uint64_t{1} << 14;
 /// The blocks of a KTX2 or DDS file. Each large level has pages of its own, so that it is read without the others.
 Result<StoredImage> store_blocks(const SourceImage& source, const format::ImageRecord& record, const ContentHash& hash,
                                  int zstd_level) {
-  const auto bytes = read_file(source, hash);
-  if (!bytes) return bytes.error();
-  runtime::ImageFile file(*bytes);
-  auto head = runtime::open_block_file(file);
-  if (!head) return head.error();
-  if (head->width != record.width || head->height != record.height) return changed();
+  const auto bytes = SCREE_TRY(read_file(source, hash));
+  runtime::ImageFile file(bytes);
+  auto head = SCREE_TRY(runtime::open_block_file(file));
+  if (head.width != record.width || head.height != record.height) return changed();
   StoredImage stored;
-  stored.block_format = head->format;
-  stored.swizzle = head->swizzle;
+  stored.block_format = head.format;
+  stored.swizzle = head.swizzle;
   const auto add_page = [&](std::vector<std::byte> raw) {
     stored.pages.push_back(format::seal_page(format::PageKind::kImage, std::move(raw), zstd_level));
   };
   std::vector<std::byte> together;
-  for (uint32_t l = 0; l < head->levels.size(); ++l) {
-    auto blocks = runtime::read_block_level(file, *head, l);
-    if (!blocks) return blocks.error();
+  for (uint32_t l = 0; l < head.levels.size(); ++l) {
+    auto blocks = SCREE_TRY(runtime::read_block_level(file, head, l));
     const auto first_page = static_cast<uint32_t>(stored.pages.size());
-    if (l != 0 && blocks->size() <= kMostSharedBytes) {
+    if (l != 0 && blocks.size() <= kMostSharedBytes) {
       together.resize(format::align_up(together.size(), format::kChunkAlignment));
-      stored.places.push_back({together.size(), blocks->size(), first_page, 0});
-      together.insert(together.end(), blocks->begin(), blocks->end());
+      stored.places.push_back({together.size(), blocks.size(), first_page, 0});
+      together.insert(together.end(), blocks.begin(), blocks.end());
       continue;
     }
-    if (l != 0) stored.places.push_back({0, blocks->size(), first_page, 0});
+    if (l != 0) stored.places.push_back({0, blocks.size(), first_page, 0});
     const format::BlockRows rows =
-        format::block_rows(head->format, std::max(1u, head->width >> l), std::max(1u, head->height >> l));
+        format::block_rows(head.format, std::max(1u, head.width >> l), std::max(1u, head.height >> l));
     if (rows.pages() == 1) {
-      add_page(std::move(*blocks));
+      add_page(std::move(blocks));
       continue;
     }
-    std::span<const std::byte> rest(*blocks);
+    std::span<const std::byte> rest(blocks);
     for (uint32_t i = 0; i < rows.pages(); ++i) {
       const auto page = rest.first(rows.page_bytes(i));
       add_page({page.begin(), page.end()});
@@ -195,51 +190,43 @@ Result<std::vector<std::byte>> grey_jpeg() {
 /// Encodes a file of another kind as a JPEG.
 Result<std::vector<std::byte>> code_jpeg(std::span<const std::byte> file, uint32_t channels, int quality,
                                          std::string& warning) {
-  const Result<runtime::Image> image = runtime::decode_image(file);
-  if (!image) return image.error();
-  warning = image->warning;
-  for (size_t i = 3; i < image->rgba.size(); i += 4) {
-    if (image->rgba[i] == 255) continue;
+  const runtime::Image image = SCREE_TRY(runtime::decode_image(file));
+  warning = image.warning;
+  for (size_t i = 3; i < image.rgba.size(); i += 4) {
+    if (image.rgba[i] == 255) continue;
     warning += (warning.empty() ? "" : "; ") + std::string("alpha is left out");
     break;
   }
-  return runtime::encode_jpeg(*image, quality, channels <= 2);
+  return runtime::encode_jpeg(image, quality, channels <= 2);
 }
 
 Result<StoredImage> index_image(std::span<const std::byte> file, std::string warning,
                                 runtime::TexelCoding coding = runtime::TexelCoding::kColor) {
-  Result<runtime::IndexedJpeg> indexed = runtime::index_jpeg(file);
-  if (!indexed) return indexed.error();
-  const Result<format::JpegIndex> index = format::open_jpeg_index(indexed->bytes);
-  if (!index) return index.error();
+  runtime::IndexedJpeg indexed = SCREE_TRY(runtime::index_jpeg(file));
+  const format::JpegIndex index = SCREE_TRY(format::open_jpeg_index(indexed.bytes));
   StoredImage stored;
-  stored.width = index->width;
-  stored.height = index->height;
-  stored.channels = index->component_count;
+  stored.width = index.width;
+  stored.height = index.height;
+  stored.channels = index.component_count;
   stored.warning = std::move(warning);
-  if (!indexed->note.empty()) stored.warning += (stored.warning.empty() ? "" : "; ") + indexed->note;
-  Result<std::vector<std::vector<std::byte>>> levels = runtime::make_jpeg_levels(*index, coding);
-  if (!levels) return levels.error();
-  stored.levels = std::move(*levels);
-  stored.base = std::move(indexed->bytes);
+  if (!indexed.note.empty()) stored.warning += (stored.warning.empty() ? "" : "; ") + indexed.note;
+  stored.levels = SCREE_TRY(runtime::make_jpeg_levels(index, coding));
+  stored.base = std::move(indexed.bytes);
   return stored;
 }
 
 Result<StoredImage> grey_image(const std::string& why) {
-  const auto file = grey_jpeg();
-  if (!file) return file.error();
-  return index_image(*file, why + "; grey in its place");
+  const auto file = SCREE_TRY(grey_jpeg());
+  return index_image(file, why + "; grey in its place");
 }
 
 /// Converts a WebP to a PNG with the same pixels.
 Result<StoredImage> store_png(std::span<const std::byte> file, uint32_t channels) {
-  Result<runtime::Image> image = runtime::decode_image(file);
-  if (!image) return image.error();
-  auto png = runtime::encode_png({image->width, image->height, 4, image->rgba},
-                                 {.is_small = true, .has_alpha = channels == 4});
-  if (!png) return png.error();
+  runtime::Image image = SCREE_TRY(runtime::decode_image(file));
+  auto png = SCREE_TRY(
+      runtime::encode_png({image.width, image.height, 4, image.rgba}, {.is_small = true, .has_alpha = channels == 4}));
   StoredImage stored;
-  stored.png = std::move(*png);
+  stored.png = std::move(png);
   return stored;
 }
 
@@ -251,18 +238,17 @@ Result<StoredImage> store_image(const SourceImage& source, const format::ImageRe
     return is_bad && options.keep_going ? grey_image(stored.error().message) : std::move(stored);
   };
   if (keeps_blocks(options, record.codec)) return or_grey(store_blocks(source, record, hash, options.block_zstd_level));
-  const auto file = read_file(source, hash);
-  if (!file) return file.error();
+  const auto file = SCREE_TRY(read_file(source, hash));
   Result<StoredImage> stored = StoredImage{};
   if (record.codec == format::ImageCodec::kJpeg) {
-    stored = index_image(*file, {}, coding);
+    stored = index_image(file, {}, coding);
   } else if (source.is_webp && options.textures != Textures::kJpeg) {
-    stored = store_png(*file, record.channels);
+    stored = store_png(file, record.channels);
   } else {
     std::string warning;
     // A swizzle may turn one-channel blocks into any colour.
     const uint32_t channels = record.codec == format::ImageCodec::kBlocks ? 3 : record.channels;
-    const auto coded = code_jpeg(*file, channels, options.quality, warning);
+    const auto coded = code_jpeg(file, channels, options.quality, warning);
     stored = coded ? index_image(*coded, std::move(warning), coding) : coded.error();
   }
   return or_grey(std::move(stored));
@@ -298,9 +284,7 @@ Result<void> append_indexed(StoredImage stored, uint32_t number, StoredImageReco
   record.width = stored.width;
   record.height = stored.height;
   record.channels = static_cast<uint8_t>(stored.channels);
-  const Result<uint32_t> page = writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.base), 0));
-  if (!page) return page.error();
-  record.page = *page;
+  record.page = SCREE_TRY(writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.base), 0)));
   ++written.page_count;
   if (stored.levels.empty()) return {};
   record.level_count = static_cast<uint32_t>(stored.levels.size());
@@ -309,10 +293,9 @@ Result<void> append_indexed(StoredImage stored, uint32_t number, StoredImageReco
     written.levels.push_back({together.size(), level.size(), 0, number});
     together.insert(together.end(), level.begin(), level.end());
   }
-  const Result<uint32_t> levels = writer.append(format::seal_page(format::PageKind::kImage, std::move(together), 0));
-  if (!levels) return levels.error();
+  const uint32_t levels = SCREE_TRY(writer.append(format::seal_page(format::PageKind::kImage, std::move(together), 0)));
   ++written.page_count;
-  for (format::MipLevelRecord& level : written.levels) level.page = *levels;
+  for (format::MipLevelRecord& level : written.levels) level.page = levels;
   return {};
 }
 
@@ -323,9 +306,8 @@ Result<void> append_blocks(StoredImage stored, uint32_t number, StoredImageRecor
   record.swizzle = stored.swizzle;
   record.level_count = static_cast<uint32_t>(stored.places.size());
   for (const format::SealedPage& sealed : stored.pages) {
-    const Result<uint32_t> page = writer.append(sealed);
-    if (!page) return page.error();
-    if (written.page_count++ == 0) record.page = *page;
+    const uint32_t page = SCREE_TRY(writer.append(sealed));
+    if (written.page_count++ == 0) record.page = page;
   }
   for (format::MipLevelRecord& level : stored.places) {
     level.page += record.page;
@@ -336,9 +318,7 @@ Result<void> append_blocks(StoredImage stored, uint32_t number, StoredImageRecor
 }
 
 Result<void> append_png(StoredImage stored, StoredImageRecord& written, format::ContainerWriter& writer) {
-  const Result<uint32_t> page = writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.png), 0));
-  if (!page) return page.error();
-  written.record.page = *page;
+  written.record.page = SCREE_TRY(writer.append(format::seal_page(format::PageKind::kImage, std::move(stored.png), 0)));
   ++written.page_count;
   return {};
 }
@@ -422,8 +402,8 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
   });
   const auto work = [&](uint64_t i, uint32_t) -> Result<CheckedImage> {
     const SourceImage& image = scene.images[images[i]];
-    Result<CheckedImage> checked = check_source(image, options, of_size.at(image.bytes) > 1);
-    if (!checked) return at(image_place(scene, images[i]), checked.error());
+    CheckedImage checked =
+        SCREE_TRY_AT(image_place(scene, images[i]), check_source(image, options, of_size.at(image.bytes) > 1));
     return checked;
   };
   const auto cost = [&](uint64_t i) { return costs[i]; };
@@ -455,9 +435,8 @@ Result<ImagePlan> check_images(const SourceScene& scene, const std::vector<bool>
     if (!checked.warning.empty()) plan.warnings.push_back(image_place(scene, images[i]) + ": " + checked.warning);
     return {};
   };
-  const Result<void> run = run_ordered<CheckedImage>(
-      pool, images.size(), {2 * uint64_t{pool.threads()}, std::min(kCheckedBytes, options.memory)}, work, cost, take);
-  if (!run) return run.error();
+  SCREE_TRY(run_ordered<CheckedImage>(
+      pool, images.size(), {2 * uint64_t{pool.threads()}, std::min(kCheckedBytes, options.memory)}, work, cost, take));
   return plan;
 }
 
@@ -488,8 +467,8 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
     if (!plan.broken[i].empty()) return grey_image(plan.broken[i]);
     const bool is_file = !source(i).is_webp && records[i].codec != format::ImageCodec::kBlocks;
     if (is_file && !is_indexed(options, records[i].codec)) return StoredImage{};
-    Result<StoredImage> stored = store_image(source(i), records[i], plan.hashes[i], options, coding_of(i));
-    if (!stored) return at(image_place(scene, plan.sources[i]), stored.error());
+    StoredImage stored = SCREE_TRY_AT(image_place(scene, plan.sources[i]),
+                                      store_image(source(i), records[i], plan.hashes[i], options, coding_of(i)));
     return stored;
   };
   const auto cost = [&](uint64_t place) { return plan.costs[first + place]; };
@@ -499,14 +478,11 @@ Result<void> write_images(const SourceScene& scene, const ImageOptions& options,
     written.record = records[i];
     written.warning = stored.warning;
     if (!stored.base.empty()) {
-      const Result<void> appended = append_indexed(std::move(stored), static_cast<uint32_t>(i), written, writer);
-      if (!appended) return appended;
+      SCREE_TRY(append_indexed(std::move(stored), static_cast<uint32_t>(i), written, writer));
     } else if (!stored.png.empty()) {
-      const Result<void> appended = append_png(std::move(stored), written, writer);
-      if (!appended) return appended;
+      SCREE_TRY(append_png(std::move(stored), written, writer));
     } else if (!stored.pages.empty()) {
-      const Result<void> appended = append_blocks(std::move(stored), static_cast<uint32_t>(i), written, writer);
-      if (!appended) return appended;
+      SCREE_TRY(append_blocks(std::move(stored), static_cast<uint32_t>(i), written, writer));
     } else if (const Result<void> appended = append_file(source(i), plan.hashes[i], written, writer); !appended) {
       return at(image_place(scene, plan.sources[i]), appended.error());
     }

@@ -54,9 +54,7 @@ Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegInde
   const bool is_grey = base.colour == format::JpegColour::kGrey;
   std::vector<JpegWriter> writers;
   for (uint32_t level = 1; level <= count; ++level) {
-    Result<JpegWriter> writer = JpegWriter::create(coding_of(base, level));
-    if (!writer) return writer.error();
-    writers.push_back(std::move(*writer));
+    writers.push_back(SCREE_TRY(JpegWriter::create(coding_of(base, level))));
   }
   std::optional<Error> failure;
   std::vector<uint8_t> codes;
@@ -80,11 +78,9 @@ Result<std::vector<std::vector<std::byte>>> make_or_throw(const format::JpegInde
 
   std::vector<std::vector<std::byte>> indexed;
   for (JpegWriter& writer : writers) {
-    const auto file = writer.finish();
-    if (!file) return file.error();
-    auto level = index_jpeg(*file);
-    if (!level) return level.error();
-    indexed.push_back(std::move(level->bytes));
+    const auto file = SCREE_TRY(writer.finish());
+    auto level = SCREE_TRY(index_jpeg(file));
+    indexed.push_back(std::move(level.bytes));
   }
   return indexed;
 }

@@ -91,18 +91,17 @@ class Transcoder {
 }  // namespace
 
 Result<TranscodedJpeg> transcode_jpeg(std::span<const std::byte> file) {
-  const auto header = format::parse_jpeg(file);
-  if (!header) return header.error();
-  const format::JpegVerdict verdict = format::judge_jpeg(*header);
+  const auto header = SCREE_TRY(format::parse_jpeg(file));
+  const format::JpegVerdict verdict = format::judge_jpeg(header);
   if (verdict.treatment == format::JpegTreatment::kRefuse || verdict.treatment == format::JpegTreatment::kReencode)
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
   // Checks the size in the header before libjpeg allocates memory for it.
-  const uint64_t pixels = uint64_t{header->width} * header->height;
+  const uint64_t pixels = uint64_t{header.width} * header.height;
   if (pixels > kMaxImagePixels) {
-    return Error{ErrorCode::kRange, "JPEG: " + std::to_string(uint32_t{header->width}) + " x " +
-                                        std::to_string(uint32_t{header->height}) + " pixels, expected at most 2^28"};
+    return Error{ErrorCode::kRange, "JPEG: " + std::to_string(uint32_t{header.width}) + " x " +
+                                        std::to_string(uint32_t{header.height}) + " pixels, expected at most 2^28"};
   }
-  if (!header->is_arithmetic && pixels / 64 > 8 * (file.size() - header->data_offset)) {
+  if (!header.is_arithmetic && pixels / 64 > 8 * (file.size() - header.data_offset)) {
     return Error{ErrorCode::kTruncated,
                  "JPEG: byte " + std::to_string(file.size()) + ": the file ends, expected at least one bit per block"};
   }
@@ -124,32 +123,28 @@ Result<std::vector<std::byte>> encode_jpeg(const Image& image, int quality, bool
   coding.height = image.height;
   coding.colour = is_grey ? format::JpegColour::kGrey : format::JpegColour::kYcbcr;
   coding.quality = quality;
-  auto writer = JpegWriter::create(coding);
-  if (!writer) return writer.error();
+  auto writer = SCREE_TRY(JpegWriter::create(coding));
   const size_t channels = is_grey ? 1 : 3;
   std::vector<uint8_t> row(channels * image.width);
   for (uint32_t y = 0; y < image.height; ++y) {
     const uint8_t* from = image.rgba.data() + size_t{4} * image.width * y;
     for (size_t x = 0; x < image.width; ++x)
       for (size_t c = 0; c < channels; ++c) row[channels * x + c] = from[4 * x + c];
-    if (const Result<void> written = writer->row(row); !written) return written.error();
+    SCREE_TRY(writer.row(row));
   }
-  return writer->finish();
+  return writer.finish();
 }
 
 Result<TranscodedJpeg> reencode_jpeg(std::span<const std::byte> file, int quality) {
-  const auto header = format::parse_jpeg(file);
-  if (!header) return header.error();
-  const format::JpegVerdict verdict = format::judge_jpeg(*header);
+  const auto header = SCREE_TRY(format::parse_jpeg(file));
+  const format::JpegVerdict verdict = format::judge_jpeg(header);
   if (verdict.treatment == format::JpegTreatment::kRefuse)
     return Error{ErrorCode::kUnsupported, "JPEG: " + verdict.reason};
-  const auto image = decode_image(file);
-  if (!image) return image.error();
-  auto coded = encode_jpeg(*image, quality);
-  if (!coded) return coded.error();
-  TranscodedJpeg result{std::move(*coded), (verdict.reason.empty() ? "JPEG" : verdict.reason) +
-                                               ", decoded and encoded again with quality " + std::to_string(quality)};
-  if (!image->warning.empty()) result.note += "; " + image->warning;
+  const auto image = SCREE_TRY(decode_image(file));
+  auto coded = SCREE_TRY(encode_jpeg(image, quality));
+  TranscodedJpeg result{std::move(coded), (verdict.reason.empty() ? "JPEG" : verdict.reason) +
+                                              ", decoded and encoded again with quality " + std::to_string(quality)};
+  if (!image.warning.empty()) result.note += "; " + image.warning;
   return result;
 }
 

@@ -237,9 +237,8 @@ Result<MaskPlan> plan_masks(const SourceScene& scene, const std::vector<bool>& w
     progress(i + 1);
     return {};
   };
-  const Result<void> run =
-      run_ordered<AlphaRange>(pool, images.size(), {2 * uint64_t{pool.threads()}, options.memory}, work, cost, take);
-  if (!run) return run.error();
+  SCREE_TRY(
+      run_ordered<AlphaRange>(pool, images.size(), {2 * uint64_t{pool.threads()}, options.memory}, work, cost, take));
   for (size_t i = 0; i < plan.materials.size(); ++i) {
     PlannedMask& mask = plan.materials[i];
     if (has_alphas[i] && !mask.blends && mask.threshold > 0 && mask.textured == MaskKind::kOpaque &&
@@ -259,11 +258,10 @@ Result<std::vector<std::byte>> load_mask_levels(const SourceScene& scene, const 
                                                 bool keep_going) {
   const PlannedMask& planned = plan.materials[material];
   const uint32_t image = texture_of(scene, planned, material).image;
-  const Result<Alpha> alpha = planned.of_colors ? Alpha{} : decode_alpha(scene, image, keep_going);
-  if (!alpha) return alpha.error();
-  if (alpha->width != planned.width || alpha->height != planned.height)
+  const Alpha alpha = SCREE_TRY(planned.of_colors ? Alpha{} : decode_alpha(scene, image, keep_going));
+  if (alpha.width != planned.width || alpha.height != planned.height)
     return at(image_place(scene, image), Error{ErrorCode::kFile, "was changed while it was read"});
-  return make_mask_levels(alpha->codes, alpha->width, alpha->height, planned.blends ? 0 : planned.threshold);
+  return make_mask_levels(alpha.codes, alpha.width, alpha.height, planned.blends ? 0 : planned.threshold);
 }
 
 void uv_transform(const format::MaterialRecord& material, double matrix[2][3]) {
@@ -289,23 +287,21 @@ Result<void> write_masks(const SourceScene& scene, const MaskPlan& plan, const s
   std::vector<std::pair<uint32_t, uint32_t>> keys;
   for (const auto& entry : materials_of) keys.push_back(entry.first);
   const auto work = [&](uint64_t i, uint32_t) -> Result<format::SealedPage> {
-    Result<std::vector<std::byte>> levels =
-        load_mask_levels(scene, plan, materials_of.at(keys[i]).front(), options.keep_going);
-    if (!levels) return levels.error();
-    return format::seal_page(format::PageKind::kMask, std::move(*levels), zstd_level);
+    std::vector<std::byte> levels =
+        SCREE_TRY(load_mask_levels(scene, plan, materials_of.at(keys[i]).front(), options.keep_going));
+    return format::seal_page(format::PageKind::kMask, std::move(levels), zstd_level);
   };
   const auto cost = [&](uint64_t i) {
     return keys[i].first != kNone ? mask_cost(scene.images[keys[i].first]) : uint64_t{1};
   };
   const auto take = [&](uint64_t i, format::SealedPage sealed) -> Result<void> {
-    const Result<uint32_t> page = writer.append(sealed);
-    if (!page) return page.error();
+    const uint32_t page = SCREE_TRY(writer.append(sealed));
     for (const size_t material : materials_of.at(keys[i])) {
       const PlannedMask& planned = plan.materials[material];
       const format::TextureRecord texture = texture_of(scene, planned, material);
       format::MaskRecord mask{};
       mask.material = materials[material];
-      mask.page = *page;
+      mask.page = page;
       mask.width = planned.width;
       mask.height = planned.height;
       mask.level_count = mask_level_count(planned.width, planned.height);

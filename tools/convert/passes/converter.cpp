@@ -47,48 +47,40 @@ class Converter {
 
   Result<void> run() {
     find_wanted();
-    if (const Result<void> done = find_masks(); !done) return done;
-    if (const Result<void> done = plan_memory(); !done) return done;
+    SCREE_TRY(find_masks());
+    SCREE_TRY(plan_memory());
     if (shards_ == nullptr) prepare_ahead();
     read_before_ = read_totals();  // the rates count only the geometry, not the images before it
-    if (const Result<void> done = shards_ != nullptr ? take_measured() : measure_primitives(); !done) return done;
+    SCREE_TRY(shards_ != nullptr ? take_measured() : measure_primitives());
     for (const Measured& primitive : measurement_.primitives) {
       report_.dropped_degenerate += primitive.dropped_degenerate;
       report_.dropped_nonfinite += primitive.dropped_nonfinite;
     }
-    if (!ahead_)
-      if (const Result<void> done = plan_images(materials_used()); !done) return done;
+    if (!ahead_) SCREE_TRY(plan_images(materials_used()));
     if (options_.shards > 0) note_plan();
     merge_equal();
     add_meshes();
     plan_materials();
-    Result<InstancePlan> instances = plan_scenes(scene_, tables_);
-    if (!instances) return instances.error();
-    instances_ = std::move(*instances);
-    if (const Result<void> done = choose_lattices(options_, scene_, instances_, plans_, tables_); !done) return done;
+    instances_ = SCREE_TRY(plan_scenes(scene_, tables_));
+    SCREE_TRY(choose_lattices(options_, scene_, instances_, plans_, tables_));
     add_source_record();
     EncodeStart start;
     if (options_.shards > 0) start = cut_shard();
     if (!ahead_) {
-      Result<format::ContainerWriter> writer = open_writer();
-      if (!writer) return writer.error();
-      writer_ = std::move(*writer);
+      writer_ = SCREE_TRY(open_writer());
       // Images come first, so that a damaged image is reported before the geometry is encoded.
-      if (const Result<void> done = store_images(*writer_); !done) return done;
+      SCREE_TRY(store_images(*writer_));
       written_before_ = writer_->bytes();
     }
     report_.warnings.insert(report_.warnings.end(), images_.warnings.begin(), images_.warnings.end());
     tables_.images = images_.records;
     tables_.mip_levels = images_.levels;
-    if (const Result<void> done = shards_ != nullptr ? place_shards() : encode(*writer_, std::move(start)); !done)
-      return done;
+    SCREE_TRY(shards_ != nullptr ? place_shards() : encode(*writer_, std::move(start)));
     if (options_.shards > 0) return finish_shard();
-    if (const Result<void> done = store_masks(*writer_); !done) return done;
+    SCREE_TRY(store_masks(*writer_));
     list_left_out();
-    if (const Result<void> done = write_nodes(scene_, instances_, tables_, *writer_); !done) return done;
-    const Result<uint64_t> bytes = writer_->finish(tables_);
-    if (!bytes) return bytes.error();
-    report_.output_bytes = *bytes;
+    SCREE_TRY(write_nodes(scene_, instances_, tables_, *writer_));
+    report_.output_bytes = SCREE_TRY(writer_->finish(tables_));
     fill_report();
     return {};
   }
@@ -111,9 +103,7 @@ class Converter {
     WorkerPool pool(report_.threads_asked, options_.stop);
     ImageOptions image_options = options_.images;
     image_options.memory = std::min(image_options.memory, options_.memory / 2);
-    Result<MaskPlan> masks = plan_masks(scene_, wanted_, image_options, pool, [](uint64_t) {});
-    if (!masks) return masks.error();
-    masks_ = std::move(*masks);
+    masks_ = SCREE_TRY(plan_masks(scene_, wanted_, image_options, pool, [](uint64_t) {}));
     for (size_t i = 0; i < wanted_.size(); ++i) {
       if (!wanted_[i] || masks_.kind(scene_.primitives[i]) != MaskKind::kClear) continue;
       wanted_[i] = false;
@@ -123,12 +113,10 @@ class Converter {
   }
 
   Result<void> plan_memory() {
-    Result<MemoryPlan> plan = MemoryPlan::make(
+    memory_ = SCREE_TRY(MemoryPlan::make(
         options_, scene_, wanted_,
         std::max(largest_image_bytes(scene_, options_.images, report_.threads_asked), largest_mask_bytes(scene_)),
-        report_.threads_asked);
-    if (!plan) return plan.error();
-    memory_ = *plan;
+        report_.threads_asked));
     return {};
   }
 
@@ -141,22 +129,18 @@ class Converter {
                                          options_.normals,
                                          options_.share ? may_repeat(scene_, wanted_) : std::vector<bool>()};
     const auto show = [&](uint64_t done) { progress_.update(done, bytes_read(done, triangles)); };
-    if (const Result<void> done =
-            ahead_ ? measure_and_encode(measure_options, triangles, show) : measure_all(measure_options, show);
-        !done)
-      return done;
-    Result<SortedPrimitives> sorted = sort_scattered(scene_, report_.output, memory_, measure_options, options_.stop,
-                                                     progress_, times_, measurement_);
-    if (!sorted) return sorted.error();
-    report_.sorted_triangles = sorted->triangles;
-    report_.sort_file_bytes = sorted->file_bytes;
-    sorted_ = std::move(sorted->copies);
+    SCREE_TRY(ahead_ ? measure_and_encode(measure_options, triangles, show) : measure_all(measure_options, show));
+    SortedPrimitives sorted = SCREE_TRY(sort_scattered(scene_, report_.output, memory_, measure_options, options_.stop,
+                                                       progress_, times_, measurement_));
+    report_.sorted_triangles = sorted.triangles;
+    report_.sort_file_bytes = sorted.file_bytes;
+    sorted_ = std::move(sorted.copies);
     return {};
   }
 
   /// Reads the measurement from the shards.
   Result<void> take_measured() {
-    if (const Result<void> checked = check_shards(*shards_, scene_); !checked) return checked;
+    SCREE_TRY(check_shards(*shards_, scene_));
     measurement_ = std::move(shards_->plan.measurement);
     for (const uint32_t primitive : shards_->plan.sorted) {
       sorted_.emplace(primitive, scene_.primitives[primitive]);
@@ -215,15 +199,12 @@ class Converter {
         std::copy_n(from.begin() + static_cast<ptrdiff_t>(offset), out.size(), out.begin());
         return Result<void>();
       };
-      const Result<uint32_t> page = writer_->append_raw(kind, bytes.size(), copy);
-      if (!page) return page.error();
+      SCREE_TRY(writer_->append_raw(kind, bytes.size(), copy));
     }
     format::TableSet tables;
     tables.source = tables_.source;
     tables.strings = tables_.strings;
-    const Result<uint64_t> bytes = writer_->finish(tables);
-    if (!bytes) return bytes.error();
-    report_.output_bytes = *bytes;
+    report_.output_bytes = SCREE_TRY(writer_->finish(tables));
     fill_report();
     return {};
   }
@@ -245,7 +226,7 @@ class Converter {
             !is_outcome_of(window, windows[number], mesh))
           return Error{ErrorCode::kFormat,
                        shard.map.path() + ": window " + std::to_string(number) + " differs from the source"};
-        if (const Result<void> added = pass.add(window); !added) return added;
+        SCREE_TRY(pass.add(window));
         note_window(window, mesh);
         done += windows[number++].count;
         progress_.update(done, writer_->bytes());
@@ -273,10 +254,8 @@ class Converter {
 
   Result<void> measure_all(const MeasureOptions& options, const std::function<void(uint64_t)>& show) {
     WorkerPool pool(memory_.measure().threads, options_.stop);
-    Result<Measurement> measured =
-        measure(scene_, wanted_, options, {pool, times_, show, read_ahead_bytes(options_.memory)});
-    if (!measured) return measured.error();
-    measurement_ = std::move(*measured);
+    measurement_ =
+        SCREE_TRY(measure(scene_, wanted_, options, {pool, times_, show, read_ahead_bytes(options_.memory)}));
     return {};
   }
 
@@ -294,18 +273,15 @@ class Converter {
       if (ahead.is_stopped() && !std::exchange(is_alone, true)) progress_.stage("measure", triangles);
       if (is_alone) show(done);
     };
-    Result<Measurement> measured =
-        measure(scene_, wanted_, options, {pool, times_, show_alone, read_ahead_bytes(options_.memory), &ahead});
-    if (!measured) return measured.error();
-    measurement_ = std::move(*measured);
-    Result<EncodeAhead::Written> written = ahead.finish();
-    if (!written) return written.error();
-    resumed_.windows = std::move(written->windows);
+    measurement_ = SCREE_TRY(
+        measure(scene_, wanted_, options, {pool, times_, show_alone, read_ahead_bytes(options_.memory), &ahead}));
+    EncodeAhead::Written written = SCREE_TRY(ahead.finish());
+    resumed_.windows = std::move(written.windows);
     resumed_.whole_windows = resumed_.windows.size();
-    open_page_ = std::move(written->page);
-    report_.windows_ahead = written->before;
-    report_.windows_guessed = written->guessed;
-    report_.windows_discarded = written->discarded;
+    open_page_ = std::move(written.page);
+    report_.windows_ahead = written.before;
+    report_.windows_guessed = written.guessed;
+    report_.windows_discarded = written.discarded;
     return {};
   }
 
@@ -432,8 +408,7 @@ class Converter {
 
   Result<void> store_images(format::ContainerWriter& writer) {
     const auto [image_options, threads] = image_stage();
-    if (shards_ != nullptr)
-      if (const Result<void> appended = append_shard_images(writer); !appended) return appended;
+    if (shards_ != nullptr) SCREE_TRY(append_shard_images(writer));
     shard_share_.images = resumed_.images;
     WorkerPool pool(threads, options_.stop);
     const uint64_t before = resumed_.images.size(), count = images_.records.size();
@@ -449,8 +424,7 @@ class Converter {
   /// Appends the images of the shards, which then count as stored.
   Result<void> append_shard_images(format::ContainerWriter& writer) {
     for (ShardFile& shard : shards_->files) {
-      if (const Result<void> appended = append_images(shard, resumed_.images.size(), writer); !appended)
-        return appended;
+      SCREE_TRY(append_images(shard, resumed_.images.size(), writer));
       std::move(shard.share.images.begin(), shard.share.images.end(), std::back_inserter(resumed_.images));
     }
     if (resumed_.images.size() == images_.records.size()) return {};
@@ -519,10 +493,9 @@ class Converter {
   }
 
   Result<format::ContainerWriter> create_writer(uint64_t bytes) {
-    Result<format::ContainerWriter> writer = format::ContainerWriter::create(report_.output, options_.existing);
-    if (!writer) return writer;
-    if (options_.resume) writer->keep_part();
-    writer->keep_log(make_part_id(), bytes);
+    format::ContainerWriter writer = SCREE_TRY(format::ContainerWriter::create(report_.output, options_.existing));
+    if (options_.resume) writer.keep_part();
+    writer.keep_log(make_part_id(), bytes);
     return writer;
   }
 
@@ -605,11 +578,9 @@ class Converter {
     const uint64_t done_before = times_.encoded_triangles;
     uint64_t number = resumed_.whole_windows;
     const auto take_one = [&]() -> Result<void> {
-      Result<std::vector<EncodedWindow>> encoded = pass.next();
-      if (!encoded) return encoded.error();
-      const Result<std::vector<WindowOutcome>> placed = pass.place(std::move(*encoded));
-      if (!placed) return placed.error();
-      for (const WindowOutcome& outcome : *placed) note_window(outcome, mesh_of_[windows[number++].primitive]);
+      std::vector<EncodedWindow> encoded = SCREE_TRY(pass.next());
+      const std::vector<WindowOutcome> placed = SCREE_TRY(pass.place(std::move(encoded)));
+      for (const WindowOutcome& outcome : placed) note_window(outcome, mesh_of_[windows[number++].primitive]);
       progress_.update(times_.encoded_triangles - done_before, writer.bytes(), [&] { return describe(rates()); });
       return {};
     };
@@ -619,12 +590,10 @@ class Converter {
         const uint32_t mesh = mesh_of_[windows[i].primitive];
         items.push_back({windows[i], &primitive_of(windows[i]), &plans_[mesh], &tables_.meshes[mesh], mesh, nullptr});
       }
-      while (!pass.has_room(items))
-        if (const Result<void> taken = take_one(); !taken) return taken;
+      while (!pass.has_room(items)) SCREE_TRY(take_one());
       pass.submit(std::move(items));
     }
-    while (pass.in_flight() > 0)
-      if (const Result<void> taken = take_one(); !taken) return taken;
+    while (pass.in_flight() > 0) SCREE_TRY(take_one());
     const Result<void> finished = pass.finish();
     report_.rates = rates();
     return finished;

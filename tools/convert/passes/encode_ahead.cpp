@@ -54,9 +54,8 @@ Result<void> EncodeAhead::take_one() {
     if (guess_ && !guess_->mark) guess_.reset();  // no window of it is in the file
     return stop();
   }
-  Result<std::vector<WindowOutcome>> placed = pass_->place(std::move(*encoded));
-  if (!placed) return placed.error();
-  for (WindowOutcome& outcome : *placed) {
+  std::vector<WindowOutcome> placed = SCREE_TRY(pass_->place(std::move(*encoded)));
+  for (WindowOutcome& outcome : placed) {
     for (const format::ChunkRecord& chunk : outcome.chunks) done_ += chunk.triangle_count;
     outcomes_.push_back(std::move(outcome));
   }
@@ -84,14 +83,13 @@ Result<void> EncodeAhead::take_measured(const std::vector<Measured>& primitives,
   if (is_stopped_ || windows.empty()) return {};
   if (!std::ranges::all_of(windows, [&](const WindowPlan& window) { return fits(window); })) return stop();
   const bool is_again = is_repeat(primitives, windows.front().primitive);
-  const Result<uint64_t> first = confirm_or_roll_back(primitives, windows, is_again);
-  if (!first) return first.error();
+  const uint64_t first = SCREE_TRY(confirm_or_roll_back(primitives, windows, is_again));
   if (is_stopped_) return {};
   if (is_again) {
     for (const WindowPlan& window : windows) done_ += window.kept;
     return {};
   }
-  for (size_t i = *first; i < windows.size(); ++i) {
+  for (size_t i = first; i < windows.size(); ++i) {
     const uint32_t primitive = windows[i].primitive;
     if (i == 0 || windows[i - 1].primitive != primitive) {
       PlannedMesh mesh = plan_mesh(options_, scene_, primitive, primitives[primitive], false);
@@ -113,11 +111,9 @@ Result<EncodeAhead::Written> EncodeAhead::finish() {
   const uint64_t before = outcomes_.size();
   if (!has_failed_) close_batch();
   submit();
-  while (pass_->in_flight() > 0 && !has_failed_)
-    if (const Result<void> taken = take_one(); !taken) return taken.error();
-  Result<GeometryWriter::OpenPage> page = pass_->release();
-  if (!page) return page.error();
-  return Written{std::move(outcomes_), before, guessed_windows_, discarded_windows_, std::move(*page)};
+  while (pass_->in_flight() > 0 && !has_failed_) SCREE_TRY(take_one());
+  GeometryWriter::OpenPage page = SCREE_TRY(pass_->release());
+  return Written{std::move(outcomes_), before, guessed_windows_, discarded_windows_, std::move(page)};
 }
 
 void EncodeAhead::start_pass(EncodeStart start) {
@@ -160,7 +156,7 @@ Result<uint64_t> EncodeAhead::confirm_or_roll_back(const std::vector<Measured>& 
     guessed_windows_ += guess_->windows;
     return std::exchange(guess_, std::nullopt)->windows;
   }
-  if (const Result<void> dropped = drop_guess(); !dropped) return dropped.error();
+  SCREE_TRY(drop_guess());
   return uint64_t{0};
 }
 
@@ -171,13 +167,12 @@ Result<void> EncodeAhead::drop_guess() {
   open_counts_ = {};
   const uint64_t before = guess_->batches_before - std::min(guess_->batches_before, pass_->in_flight());
   while (waiting_.size() > before) waiting_.pop_back();
-  while (guess_ && !guess_->mark)
-    if (const Result<void> taken = take_one(); !taken) return taken;
+  while (guess_ && !guess_->mark) SCREE_TRY(take_one());
   if (!guess_) return {};  // a mesh before it failed
   waiting_triangles_ = 0;
   Guess guess = std::move(*guess_);
   guess_.reset();
-  if (const Result<GeometryWriter::OpenPage> page = pass_->release(); !page) return page.error();
+  SCREE_TRY(pass_->release());
   pass_.reset();  // its jobs refer to the mesh
   meshes_.pop_back();
   const uint64_t bytes = writer_.bytes();
@@ -227,8 +222,7 @@ void EncodeAhead::add(const WindowPlan& window, std::unique_ptr<HeldWindow> held
 /// Takes results while too many triangles are queued.
 Result<void> EncodeAhead::make_room() {
   submit();
-  while (waiting_triangles_ > most_waiting_ && pass_->in_flight() > 0 && !has_failed_)
-    if (const Result<void> taken = take_one(); !taken) return taken;
+  while (waiting_triangles_ > most_waiting_ && pass_->in_flight() > 0 && !has_failed_) SCREE_TRY(take_one());
   return {};
 }
 

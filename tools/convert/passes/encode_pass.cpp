@@ -41,12 +41,11 @@ void EncodePass::submit(std::vector<EncodeItem> batch) {
     const Timed timed(times_.encoding, Spent::kNotReading);
     std::vector<EncodedWindow> encoded;
     for (EncodeItem& item : *items) {
-      Result<EncodedWindow> result =
-          encode_window(*item.primitive, *item.plan, item.window, item.held ? &item.held->content : nullptr, options_,
-                        scratch_[worker]);
-      if (!result) return at(scene_.file_name, result.error());
+      EncodedWindow result = SCREE_TRY_AT(
+          scene_.file_name, encode_window(*item.primitive, *item.plan, item.window,
+                                          item.held ? &item.held->content : nullptr, options_, scratch_[worker]));
       item.held.reset();
-      encoded.push_back(std::move(*result));
+      encoded.push_back(std::move(result));
     }
     return encoded;
   };
@@ -64,9 +63,7 @@ Result<std::vector<WindowOutcome>> EncodePass::place(std::vector<EncodedWindow> 
   std::vector<WindowOutcome> outcomes;
   uint64_t triangles = 0;
   for (size_t i = 0; i < windows.size(); ++i) {
-    Result<WindowOutcome> outcome = place_window(windows[i], (*items)[i]);
-    if (!outcome) return outcome.error();
-    outcomes.push_back(std::move(*outcome));
+    outcomes.push_back(SCREE_TRY(place_window(windows[i], (*items)[i])));
     triangles += (*items)[i].window.count;
   }
   log_windows(writer_, window_, outcomes);

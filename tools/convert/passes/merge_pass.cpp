@@ -23,15 +23,13 @@ bool has_page(const ShardFile& shard, uint32_t page, format::PageKind kind) {
 Result<uint32_t> append_page(const ShardFile& shard, uint32_t page, format::ContainerWriter& writer) {
   const format::PageRecord& record = shard.container.pages()[page];
   if (record.codec != format::PageCodec::kRaw) {
-    Result<std::vector<std::byte>> stored = read_page(shard, page);
-    if (!stored) return stored.error();
-    return writer.append({record, std::move(*stored)});
+    std::vector<std::byte> stored = SCREE_TRY(read_page(shard, page));
+    return writer.append({record, std::move(stored)});
   }
   format::Checksum checksum;
   const Result<uint32_t> number = writer.append_raw(
       record.kind, record.stored_bytes, [&](uint64_t offset, std::span<std::byte> out) -> Result<void> {
-        const Result<void> read = shard.map.read(record.offset + offset, out);
-        if (!read) return at(shard.map.path(), read.error());
+        SCREE_TRY_AT(shard.map.path(), shard.map.read(record.offset + offset, out));
         checksum.add(out);
         return {};
       });
@@ -48,7 +46,7 @@ Result<void> append_images(ShardFile& shard, uint64_t first_image, format::Conta
     const uint32_t first = next, moved = writer.page_count();
     for (uint32_t i = 0; i < image.page_count; ++i, ++next) {
       if (!has_page(shard, next, format::PageKind::kImage)) return no_page(shard, next);
-      if (const Result<uint32_t> page = append_page(shard, next, writer); !page) return page.error();
+      SCREE_TRY(append_page(shard, next, writer));
     }
     const auto move = [&](uint32_t& page) {
       if (page < first || page >= next) return false;
@@ -77,30 +75,25 @@ Result<void> MergePass::turn_to(const format::ChunkRecord& chunk) {
     return no_page(*shard_, chunk.page);
   page_ = chunk.page;
   if (page_ != last_page_ && !geometry_.fits(chunk.bytes)) {
-    Result<std::vector<std::byte>> stored = read_page(*shard_, page_);
-    if (!stored) return stored.error();
-    const Result<uint32_t> number = geometry_.add_page({shard_->container.pages()[page_], std::move(*stored)});
-    if (!number) return number.error();
-    copy_ = *number;
+    std::vector<std::byte> stored = SCREE_TRY(read_page(*shard_, page_));
+    copy_ = SCREE_TRY(geometry_.add_page({shard_->container.pages()[page_], std::move(stored)}));
     return {};
   }
   copy_ = format::kNone;
-  Result<std::vector<std::byte>> stored = read_page(*shard_, page_);
-  if (!stored) return stored.error();
+  std::vector<std::byte> stored = SCREE_TRY(read_page(*shard_, page_));
   const format::PageRecord& record = shard_->container.pages()[page_];
   if (record.codec == format::PageCodec::kRaw) {
-    raw_ = std::move(*stored);
+    raw_ = std::move(stored);
     return {};
   }
   raw_.resize(record.raw_bytes);
-  const Result<void> unpacked = shard_->container.unpack_page(page_, *stored, raw_);
+  const Result<void> unpacked = shard_->container.unpack_page(page_, stored, raw_);
   return unpacked ? unpacked : at(shard_->map.path(), unpacked.error());
 }
 
 Result<void> MergePass::add(WindowOutcome& window) {
   for (format::ChunkRecord& chunk : window.chunks) {
-    if (chunk.page != page_)
-      if (const Result<void> turned = turn_to(chunk); !turned) return turned;
+    if (chunk.page != page_) SCREE_TRY(turn_to(chunk));
     if (!format::range_within(chunk.offset, chunk.bytes, shard_->container.pages()[page_].raw_bytes))
       return Error{ErrorCode::kRange, shard_->map.path() + ": a chunk does not lie in page " + std::to_string(page_)};
     if (copy_ != format::kNone) {
@@ -111,7 +104,7 @@ Result<void> MergePass::add(WindowOutcome& window) {
     again.record = chunk;
     const auto first = raw_.begin() + static_cast<ptrdiff_t>(chunk.offset);
     again.payload.assign(first, first + static_cast<ptrdiff_t>(chunk.bytes));
-    if (const Result<void> added = geometry_.add(again); !added) return added;
+    SCREE_TRY(geometry_.add(again));
     chunk.page = again.record.page;
     chunk.offset = again.record.offset;
   }

@@ -147,21 +147,13 @@ struct Opened {
 
 Result<Opened> open_shard(const std::string& path) {
   Opened opened;
-  Result<runtime::MappedFile> map = runtime::MappedFile::open(path, runtime::Access::kSequential);
-  if (!map) return map.error();
-  opened.file.map = std::move(*map);
-  Result<format::Container> container = format::Container::open(opened.file.map.bytes());
-  if (!container) return at(path, container.error());
-  opened.file.container = std::move(*container);
+  opened.file.map = SCREE_TRY(runtime::MappedFile::open(path, runtime::Access::kSequential));
+  opened.file.container = SCREE_TRY_AT(path, format::Container::open(opened.file.map.bytes()));
   std::vector<std::byte> scratch;
-  const auto plan = find_page(opened.file.container, kShardPlanPage, scratch);
-  if (!plan) return at(path, plan.error());
-  opened.plan.assign(plan->begin(), plan->end());
-  const auto share = find_page(opened.file.container, kShardSharePage, scratch);
-  if (!share) return at(path, share.error());
-  Result<ShardShare> unpacked = unpack_share(*share);
-  if (!unpacked) return at(path, unpacked.error());
-  opened.file.share = std::move(*unpacked);
+  const auto plan = SCREE_TRY_AT(path, find_page(opened.file.container, kShardPlanPage, scratch));
+  opened.plan.assign(plan.begin(), plan.end());
+  const auto share = SCREE_TRY_AT(path, find_page(opened.file.container, kShardSharePage, scratch));
+  opened.file.share = SCREE_TRY_AT(path, unpack_share(share));
   return opened;
 }
 
@@ -321,9 +313,8 @@ Result<std::vector<std::byte>> read_page(const ShardFile& shard, uint32_t page) 
   const std::span<const std::byte> padded = shard.container.padded_page(page);
   std::vector<std::byte> bytes(padded.size());
   const auto offset = static_cast<uint64_t>(padded.data() - shard.map.bytes().data());
-  if (const Result<void> read = shard.map.read(offset, bytes); !read) return at(shard.map.path(), read.error());
-  if (const Result<void> checked = shard.container.check_page(page, bytes); !checked)
-    return at(shard.map.path(), checked.error());
+  SCREE_TRY_AT(shard.map.path(), shard.map.read(offset, bytes));
+  SCREE_TRY_AT(shard.map.path(), shard.container.check_page(page, bytes));
   bytes.resize(shard.container.pages()[page].stored_bytes);
   return bytes;
 }
@@ -333,27 +324,23 @@ Result<ShardSet> open_shards(const std::vector<std::string>& paths) {
   std::vector<std::byte> first_plan;
   std::vector<std::optional<ShardFile>> places;
   for (const std::string& path : paths) {
-    Result<Opened> opened = open_shard(path);
-    if (!opened) return opened.error();
+    Opened opened = SCREE_TRY(open_shard(path));
     if (first_plan.empty()) {
-      Result<ShardPlan> plan = unpack_plan(opened->plan);
-      if (!plan) return at(path, plan.error());
-      set.plan = std::move(*plan);
-      first_plan = opened->plan;
+      set.plan = SCREE_TRY_AT(path, unpack_plan(opened.plan));
+      first_plan = opened.plan;
       if (set.plan.count > std::max<size_t>(4096, paths.size())) return at(path, damaged("plan"));
       places.resize(set.plan.count);
-    } else if (opened->plan != first_plan) {
-      const Result<ShardPlan> plan = unpack_plan(opened->plan);
-      if (!plan) return at(path, plan.error());
+    } else if (opened.plan != first_plan) {
+      const ShardPlan plan = SCREE_TRY_AT(path, unpack_plan(opened.plan));
       return Error{ErrorCode::kUsage,
-                   path + ": is from another conversion than " + paths.front() + ": it " + difference(*plan, set.plan)};
+                   path + ": is from another conversion than " + paths.front() + ": it " + difference(plan, set.plan)};
     }
-    const uint32_t index = opened->file.share.index;
+    const uint32_t index = opened.file.share.index;
     if (index >= places.size()) return at(path, damaged("share"));
     if (places[index])
       return Error{ErrorCode::kUsage,
                    path + ": is " + shard_name(index, places.size()) + ", as " + places[index]->map.path() + " is"};
-    places[index] = std::move(opened->file);
+    places[index] = std::move(opened.file);
   }
   std::string missing;
   for (size_t i = 0; i < places.size(); ++i)

@@ -49,12 +49,11 @@ Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::str
     steps += 2 * (primitive.triangle_count() + scattered.vertex_count);
   }
   const std::string place = primitive_place(scene, measurement.scattered.front().primitive);
-  if (const Result<void> checked = check_room(output, place, sorted.file_bytes); !checked) return checked.error();
+  SCREE_TRY(check_room(output, place, sorted.file_bytes));
 
-  Result<format::PartFile> made = format::PartFile::create(sort_name(output));
-  if (!made) return made.error();
-  if (const Result<void> hidden = made->hide(); !hidden) return hidden.error();
-  const auto file = std::make_shared<const format::PartFile>(std::move(*made));
+  format::PartFile made = SCREE_TRY(format::PartFile::create(sort_name(output)));
+  SCREE_TRY(made.hide());
+  const auto file = std::make_shared<const format::PartFile>(std::move(made));
   progress.stage("sort", steps);
   SourceScene copies;
   copies.file_name = scene.file_name;
@@ -80,15 +79,15 @@ Result<SortedPrimitives> sort_scattered(const SourceScene& scene, const std::str
   progress.stage("measure", sorted.triangles);
   WorkerPool pool(memory.measure().threads, stop);
   const MeasureRun run{pool, times, [&](uint64_t triangles) { progress.update(triangles, 0); }};
-  Result<Measurement> measured = measure(copies, std::vector<bool>(copies.primitives.size(), true), copy_options, run);
-  if (!measured) return measured.error();
+  Measurement measured =
+      SCREE_TRY(measure(copies, std::vector<bool>(copies.primitives.size(), true), copy_options, run));
   for (size_t i = 0; i < copies.primitives.size(); ++i) {
     Measured& total = measurement.primitives[measurement.scattered[i].primitive];
-    measured->primitives[i].dropped_degenerate = total.dropped_degenerate;
-    total = measured->primitives[i];
+    measured.primitives[i].dropped_degenerate = total.dropped_degenerate;
+    total = measured.primitives[i];
   }
-  for (WindowPlan& window : measured->windows) window.primitive = measurement.scattered[window.primitive].primitive;
-  measurement.windows.insert(measurement.windows.end(), measured->windows.begin(), measured->windows.end());
+  for (WindowPlan& window : measured.windows) window.primitive = measurement.scattered[window.primitive].primitive;
+  measurement.windows.insert(measurement.windows.end(), measured.windows.begin(), measured.windows.end());
   sort_windows(measurement.windows);
   return sorted;
 }

@@ -46,7 +46,7 @@ Result<void> check_options(const ConvertOptions& options) {
   if (options.pixel_bound.pixels != 0) {
     if (options.max_error > 0 || options.float32)
       return usage("--max-error-pixels, --max-error and --positions float32 exclude each other");
-    if (Result<void> checked = check_pixel_bound(options.pixel_bound); !checked) return checked;
+    SCREE_TRY(check_pixel_bound(options.pixel_bound));
   }
   if (options.float32 && options.grid == Grid::kScene)
     return usage("--grid scene and --positions float32 exclude each other");

@@ -87,9 +87,7 @@ Result<format::MeshLattice> lattice_of(const ConvertOptions& options, const Mesh
 Result<void> choose_lattice(const ConvertOptions& options, const SourceScene& scene, MeshPlan& plan,
                             format::MeshRecord& record) {
   if (options.float32) return {};
-  const Result<format::MeshLattice> lattice = lattice_of(options, plan, options.max_error);
-  if (!lattice) return at(primitive_place(scene, plan.primitive), lattice.error());
-  plan.lattice = *lattice;
+  plan.lattice = SCREE_TRY_AT(primitive_place(scene, plan.primitive), lattice_of(options, plan, options.max_error));
   write_lattice(plan, record);
   return {};
 }
@@ -100,9 +98,7 @@ Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& s
   const bool by_pixels = options.pixel_bound.pixels > 0;
   std::vector<double> errors(plans.size(), options.max_error);
   if (by_pixels) {
-    Result<std::vector<double>> allowed = errors_for_pixels(options.pixel_bound, scene, instances, plans);
-    if (!allowed) return allowed.error();
-    errors = std::move(*allowed);
+    errors = SCREE_TRY(errors_for_pixels(options.pixel_bound, scene, instances, plans));
   }
   for (size_t i = 0; i < plans.size(); ++i) {
     MeshPlan& plan = plans[i];
@@ -115,8 +111,7 @@ Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& s
     if (!lattice) return at(primitive_place(scene, plan.primitive), lattice.error());
     plan.lattice = *lattice;
   }
-  if (options.grid == Grid::kScene)
-    if (Result<void> shared = share_steps(scene, instances, tables, plans); !shared) return shared;
+  if (options.grid == Grid::kScene) SCREE_TRY(share_steps(scene, instances, tables, plans));
   for (size_t i = 0; i < plans.size(); ++i)
     if (!plans[i].float32) write_lattice(plans[i], tables.meshes[i]);
   return {};

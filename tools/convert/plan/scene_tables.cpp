@@ -140,9 +140,8 @@ Result<void> for_each_block(const SourceScene& scene, uint32_t node, const Take&
   std::vector<format::NodeInstanceRecord> block(std::min<uint64_t>(instances.count, kBlockRecords));
   for (uint64_t done = 0; done < instances.count; done += block.size()) {
     block.resize(std::min<uint64_t>(block.size(), instances.count - done));
-    if (const Result<void> read = read_instances(instances, done, block); !read)
-      return at(node_place(scene, node), read.error());
-    if (const Result<void> taken = take(done, std::span<const format::NodeInstanceRecord>(block)); !taken) return taken;
+    SCREE_TRY_AT(node_place(scene, node), read_instances(instances, done, block));
+    SCREE_TRY(take(done, std::span<const format::NodeInstanceRecord>(block)));
   }
   return {};
 }
@@ -315,7 +314,7 @@ Result<InstancePlan> plan_scenes(const SourceScene& scene, format::TableSet& tab
         if (!sum) return Error{ErrorCode::kUnsupported, scene.file_name + ": a scene draws more than 2^64 triangles"};
         record.triangle_count = *sum;
       }
-      if (const Result<void> added = planner.add(i, world[i]); !added) return added.error();
+      SCREE_TRY(planner.add(i, world[i]));
     }
     record.instance_count = total - record.first_instance;
     tables.scenes.push_back(record);
@@ -339,25 +338,24 @@ Result<void> write_nodes(const SourceScene& scene, const InstancePlan& plan, for
     record.node_instance_count = node.instances ? node.instances->count : 0;
     node_instances += record.node_instance_count;
     std::copy(node.local.values().begin(), node.local.values().end(), record.local);
-    if (const Result<void> added = nodes.add(record); !added) return added;
+    SCREE_TRY(nodes.add(record));
   }
-  if (const Result<void> written = nodes.flush(); !written) return written;
+  SCREE_TRY(nodes.flush());
 
   for (uint32_t node = 0; node < scene.nodes.size(); ++node) {
     if (!scene.nodes[node].instances) continue;
     const auto write = [&](uint64_t, std::span<const format::NodeInstanceRecord> block) {
       return writer.append_records(format::TableKind::kNodeInstances, sizeof(block[0]), std::as_bytes(block));
     };
-    if (const Result<void> written = for_each_block(scene, node, write); !written) return written;
+    SCREE_TRY(for_each_block(scene, node, write));
   }
 
   const auto write_matrices = [&](std::span<const MatrixRecord> block) {
     return writer.append_records(format::TableKind::kMatrices, sizeof(block[0]), std::as_bytes(block));
   };
-  if (const Result<void> written = write_matrices(plan.matrices); !written) return written;
+  SCREE_TRY(write_matrices(plan.matrices));
   for (const InstancePlan::Stream& stream : plan.streams)
-    if (const Result<void> written = for_each_matrix_block(scene, stream.node, stream.world, write_matrices); !written)
-      return written;
+    SCREE_TRY(for_each_matrix_block(scene, stream.node, stream.world, write_matrices));
 
   RecordBuffer<format::InstanceRecord> instances(writer, format::TableKind::kInstances);
   for (const SourceSceneRoots& source : plan.scenes) {
@@ -371,9 +369,7 @@ Result<void> write_nodes(const SourceScene& scene, const InstancePlan& plan, for
         const uint64_t copies = copies_of(scene.nodes[node]);
         for (uint64_t copy = 0; copy < copies; ++copy) {
           const uint64_t matrix = place.is_streamed ? place.first + copy : plan.matrix_of[place.first + copy];
-          const Result<void> added =
-              instances.add({mesh, node, static_cast<uint32_t>(matrix), static_cast<uint32_t>(copy)});
-          if (!added) return added;
+          SCREE_TRY(instances.add({mesh, node, static_cast<uint32_t>(matrix), static_cast<uint32_t>(copy)}));
         }
       }
     }
@@ -443,7 +439,7 @@ Result<void> visit_world_matrices(const SourceScene& scene, const InstancePlan& 
           for (const MatrixRecord& matrix : block) take(matrix);
           return {};
         };
-        if (Result<void> read = for_each_matrix_block(scene, stream.node, stream.world, visit); !read) return read;
+        SCREE_TRY(for_each_matrix_block(scene, stream.node, stream.world, visit));
         break;
       }
       first += copies_of(scene.nodes[stream.node]);

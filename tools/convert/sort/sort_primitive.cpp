@@ -122,15 +122,13 @@ class Sorter {
   }
 
   Result<Primitive> run() {
-    if (const Result<void> done = survey(); !done) return done.error();
-    if (const Result<void> done = sort_vertices(); !done) return done.error();
+    SCREE_TRY(survey());
+    SCREE_TRY(sort_vertices());
     for (uint64_t first = 0; map_.size() < vertices_ && first < vertices_; first += limits_.map_vertices)
-      if (const Result<void> done = renumber(first, std::min(limits_.map_vertices, vertices_ - first)); !done)
-        return done.error();
-    const Result<uint64_t> kept = sort_triangles();
-    if (!kept) return kept.error();
-    if (const Result<void> done = file_->resize(buckets_offset_); !done) return done.error();
-    return copy(*kept);
+      SCREE_TRY(renumber(first, std::min(limits_.map_vertices, vertices_ - first)));
+    const uint64_t kept = SCREE_TRY(sort_triangles());
+    SCREE_TRY(file_->resize(buckets_offset_));
+    return copy(kept);
   }
 
  private:
@@ -164,7 +162,7 @@ class Sorter {
     const uint64_t step = std::max<uint64_t>(1, vertices_ / (kSamplesPerBucket * bucket_count(vertices_)));
     Found all;
     const auto work = [&](uint64_t first, uint64_t count, Scratch& s) -> Result<Found> {
-      if (const Result<void> read = read_positions(first, count, s); !read) return read.error();
+      SCREE_TRY(read_positions(first, count, s));
       Found found;
       for (uint64_t i = 0; i < count; ++i) {
         const float* p = &s.floats[3 * i];
@@ -179,7 +177,7 @@ class Sorter {
       all.samples.insert(all.samples.end(), found.samples.begin(), found.samples.end());
       return {};
     };
-    if (const Result<void> done = run_blocks<Found>(vertices_, work, take); !done) return done;
+    SCREE_TRY(run_blocks<Found>(vertices_, work, take));
     curve_ = Curve(box_of_most(all.box, all.samples));
     std::vector<CurvePlace> places;
     for (const auto& [point, number] : all.samples) places.push_back({curve_.key(point.data()), number});
@@ -191,7 +189,7 @@ class Sorter {
   }
 
   Result<Grouped> group_vertices(uint64_t first, uint64_t count, Scratch& s) {
-    if (const Result<void> read = read_positions(first, count, s); !read) return read.error();
+    SCREE_TRY(read_positions(first, count, s));
     s.curve_places.resize(count);
     s.buckets.resize(count);
     for (uint64_t i = 0; i < count; ++i) {
@@ -211,8 +209,7 @@ class Sorter {
     for (const Accessor* accessor : accessors_) {
       const uint64_t bytes = accessor->element_bytes();
       s.elements.resize(count * bytes);
-      if (const Result<void> read = read_elements(*accessor, first_vertex_ + first, count, s.elements); !read)
-        return read.error();
+      SCREE_TRY(read_elements(*accessor, first_vertex_ + first, count, s.elements));
       for (uint64_t i = 0; i < count; ++i)
         copy_element(&out.records[uint64_t{s.places[i]} * vertex_bytes_ + inside], &s.elements[i * bytes], bytes);
       inside += bytes;
@@ -233,8 +230,8 @@ class Sorter {
       note(grouped.records.size() / vertex_bytes_);
       return buckets.append(grouped);
     };
-    if (const Result<void> done = run_blocks<Grouped>(vertices_, group, take); !done) return done;
-    if (const Result<void> done = buckets.finish(); !done) return done;
+    SCREE_TRY(run_blocks<Grouped>(vertices_, group, take));
+    SCREE_TRY(buckets.finish());
 
     // A bucket that is far too large (unrepresentative samples) is sorted in pieces. Then the vertices do not all lie
     // along the curve, but the copy is the same for any amount of memory.
@@ -258,8 +255,8 @@ class Sorter {
       const Piece& piece = pieces[i];
       Scratch& s = scratch_[worker];
       s.records.resize(piece.count * vertex_bytes_);
-      if (const Result<void> read = buckets.read(piece.bucket, piece.first, s.records); !read) return read.error();
-      if (const Result<void> written = write_vertices(piece.number, piece.count, s); !written) return written.error();
+      SCREE_TRY(buckets.read(piece.bucket, piece.first, s.records));
+      SCREE_TRY(write_vertices(piece.number, piece.count, s));
       return piece.count;
     };
     return run_pieces(pieces.size(), work);
@@ -297,16 +294,14 @@ class Sorter {
       s.numbers[i] = format::load<uint32_t>(&s.records[(s.pairs[i] & 0xffffffffu) * vertex_bytes_]);
       if (!map_.empty()) map_[s.numbers[i]] = static_cast<uint32_t>(first + i);
     }
-    if (const Result<void> done = file_->write_at(numbers_offset_ + 4 * first, std::as_bytes(std::span(s.numbers)));
-        !done)
-      return done;
+    SCREE_TRY(file_->write_at(numbers_offset_ + 4 * first, std::as_bytes(std::span(s.numbers))));
     uint64_t inside = kVertexHeadBytes;
     for (size_t a = 0; a < accessors_.size(); ++a) {
       const uint64_t bytes = accessors_[a]->element_bytes();
       s.sorted.resize(count * bytes);
       for (uint64_t i = 0; i < count; ++i)
         copy_element(&s.sorted[i * bytes], &s.records[(s.pairs[i] & 0xffffffffu) * vertex_bytes_ + inside], bytes);
-      if (const Result<void> done = file_->write_at(element_offsets_[a] + first * bytes, s.sorted); !done) return done;
+      SCREE_TRY(file_->write_at(element_offsets_[a] + first * bytes, s.sorted));
       inside += bytes;
     }
     return {};
@@ -317,7 +312,7 @@ class Sorter {
   /// vertices may be outside the measured range.
   Result<void> read_corners(uint64_t first, uint64_t count, Scratch& s) const {
     s.corners.resize(3 * count);
-    if (const Result<void> read = read_triangles(source_, first, count, s.corners); !read) return read;
+    SCREE_TRY(read_triangles(source_, first, count, s.corners));
     if (source_.mode != PrimitiveMode::kTriangles) {
       for (uint64_t i = 0; i < count; ++i) {
         uint32_t* const c = &s.corners[3 * i];
@@ -337,33 +332,28 @@ class Sorter {
     std::vector<uint32_t> map(count);
     const auto fill = [&](uint64_t number, uint64_t n, Scratch& s) -> Result<std::monostate> {
       s.numbers.resize(n);
-      if (const Result<void> read =
-              file_->read_at(numbers_offset_ + 4 * number, std::as_writable_bytes(std::span(s.numbers)));
-          !read)
-        return read.error();
+      SCREE_TRY(file_->read_at(numbers_offset_ + 4 * number, std::as_writable_bytes(std::span(s.numbers))));
       for (uint64_t i = 0; i < n; ++i)
         if (s.numbers[i] - first < count) map[s.numbers[i] - first] = static_cast<uint32_t>(number + i);
       return std::monostate{};
     };
     const auto nothing = [](std::monostate) -> Result<void> { return {}; };
-    if (const Result<void> done = run_blocks<std::monostate>(vertices_, fill, nothing); !done) return done;
+    SCREE_TRY(run_blocks<std::monostate>(vertices_, fill, nothing));
     const auto apply = [&](uint64_t triangle, uint64_t n, Scratch& s) -> Result<std::monostate> {
-      if (const Result<void> read = read_corners(triangle, n, s); !read) return read.error();
+      SCREE_TRY(read_corners(triangle, n, s));
       s.numbers.resize(3 * n);
       const auto bytes = std::as_writable_bytes(std::span(s.numbers));
-      if (first > 0)
-        if (const Result<void> read = file_->read_at(corners_offset_ + 12 * triangle, bytes); !read)
-          return read.error();
+      if (first > 0) SCREE_TRY(file_->read_at(corners_offset_ + 12 * triangle, bytes));
       for (uint64_t i = 0; i < 3 * n; ++i)
         if (s.corners[i] - first < count) s.numbers[i] = map[s.corners[i] - first];
-      if (const Result<void> done = file_->write_at(corners_offset_ + 12 * triangle, bytes); !done) return done.error();
+      SCREE_TRY(file_->write_at(corners_offset_ + 12 * triangle, bytes));
       return std::monostate{};
     };
     return run_blocks<std::monostate>(triangles_, apply, nothing);
   }
 
   Result<Grouped> group_triangles(uint64_t first, uint64_t count, Scratch& s) {
-    if (const Result<void> read = read_corners(first, count, s); !read) return read.error();
+    SCREE_TRY(read_corners(first, count, s));
     s.numbers.clear();
     for (uint64_t i = 0; i < count; ++i) {
       const uint32_t* c = &s.corners[3 * i];
@@ -374,7 +364,7 @@ class Sorter {
       for (uint32_t& corner : s.corners) corner = map_[corner];
     } else {
       const auto bytes = std::as_writable_bytes(std::span(s.corners));
-      if (const Result<void> read = file_->read_at(corners_offset_ + 12 * first, bytes); !read) return read.error();
+      SCREE_TRY(file_->read_at(corners_offset_ + 12 * first, bytes));
     }
     const uint32_t shift = triangle_shift(vertices_);
     s.buckets.resize(s.numbers.size());
@@ -400,20 +390,17 @@ class Sorter {
       note(grouped.records.size() / kTriangleBytes);
       return buckets.append(grouped);
     };
-    if (const Result<void> done = run_blocks<Grouped>(triangles_, group, take); !done) return done.error();
-    if (const Result<void> done = buckets.finish(); !done) return done.error();
+    SCREE_TRY(run_blocks<Grouped>(triangles_, group, take));
+    SCREE_TRY(buckets.finish());
     map_ = {};
     std::vector<uint64_t> firsts{0};
     for (uint32_t bucket = 0; bucket < buckets.buckets(); ++bucket)
       firsts.push_back(firsts.back() + buckets.count(bucket));
     const auto work = [&](uint64_t bucket, uint32_t worker) -> Result<uint64_t> {
-      if (const Result<void> done =
-              sort_bucket(buckets, static_cast<uint32_t>(bucket), firsts[bucket], scratch_[worker]);
-          !done)
-        return done.error();
+      SCREE_TRY(sort_bucket(buckets, static_cast<uint32_t>(bucket), firsts[bucket], scratch_[worker]));
       return buckets.count(static_cast<uint32_t>(bucket));
     };
-    if (const Result<void> done = run_pieces(buckets.buckets(), work); !done) return done.error();
+    SCREE_TRY(run_pieces(buckets.buckets(), work));
     return firsts.back();
   }
 
@@ -421,7 +408,7 @@ class Sorter {
   Result<void> read_piece(const SpillBuckets& buckets, uint32_t bucket, uint64_t first, uint64_t count,
                           Scratch& s) const {
     s.records.resize(count * kTriangleBytes);
-    if (const Result<void> read = buckets.read(bucket, first, s.records); !read) return read;
+    SCREE_TRY(buckets.read(bucket, first, s.records));
     const uint32_t base = bucket << triangle_shift(vertices_);
     s.places.resize(count);
     for (uint64_t i = 0; i < count; ++i) {
@@ -436,8 +423,7 @@ class Sorter {
     const uint64_t count = buckets.count(bucket);
     s.firsts.assign(uint64_t{1} << triangle_shift(vertices_), 0);
     for (uint64_t from = 0; from < count; from += kPieceTriangles) {
-      if (const auto read = read_piece(buckets, bucket, from, std::min(kPieceTriangles, count - from), s); !read)
-        return read;
+      SCREE_TRY(read_piece(buckets, bucket, from, std::min(kPieceTriangles, count - from), s));
       for (const uint32_t place : s.places) ++s.firsts[place];
     }
     uint64_t sum = first;
@@ -445,15 +431,14 @@ class Sorter {
     const bool is_whole = count <= kPieceTriangles;
     for (uint64_t from = 0; from < count; from += kPieceTriangles) {
       const uint64_t n = std::min(kPieceTriangles, count - from);
-      if (!is_whole)
-        if (const Result<void> read = read_piece(buckets, bucket, from, n, s); !read) return read;
+      if (!is_whole) SCREE_TRY(read_piece(buckets, bucket, from, n, s));
       s.pairs.resize(n);
       for (uint64_t i = 0; i < n; ++i) {
         const uint64_t number = s.firsts[s.places[i]]++;
         s.pairs[is_whole ? number - first : i] = number << 32 | i;
       }
       if (!is_whole) sort_by_upper_half(s.pairs, s.other);
-      if (const Result<void> done = write_triangles(s); !done) return done;
+      SCREE_TRY(write_triangles(s));
     }
     return {};
   }
@@ -471,12 +456,8 @@ class Sorter {
         s.corners.insert(s.corners.end(), c.begin(), c.end());
         s.numbers.push_back(format::load<uint32_t>(record + 12));
       }
-      if (const Result<void> done = file_->write_at(corners_offset_ + 12 * number, std::as_bytes(std::span(s.corners)));
-          !done)
-        return done;
-      if (const Result<void> done = file_->write_at(ids_offset_ + 4 * number, std::as_bytes(std::span(s.numbers)));
-          !done)
-        return done;
+      SCREE_TRY(file_->write_at(corners_offset_ + 12 * number, std::as_bytes(std::span(s.corners))));
+      SCREE_TRY(file_->write_at(ids_offset_ + 4 * number, std::as_bytes(std::span(s.numbers))));
       begin = end;
     }
     return {};

@@ -27,7 +27,7 @@ Result<void> SpillBuckets::append(const Grouped& grouped) {
     const uint64_t end = grouped.ends[bucket];
     if (end == first) continue;
     const auto records = std::span(grouped.records).subspan(first * record_bytes_, (end - first) * record_bytes_);
-    if (const Result<void> done = append(chains_[bucket], records); !done) return done;
+    SCREE_TRY(append(chains_[bucket], records));
     first = end;
   }
   return {};
@@ -41,14 +41,13 @@ Result<void> SpillBuckets::append(Chain& chain, std::span<const std::byte> recor
     chain.filling.insert(chain.filling.end(), records.begin(), records.begin() + static_cast<std::ptrdiff_t>(part));
     records = records.subspan(part);
     if (chain.filling.size() < block_bytes()) break;
-    if (const Result<void> written = write_block(chain); !written) return written;
+    SCREE_TRY(write_block(chain));
   }
   return {};
 }
 
 Result<void> SpillBuckets::write_block(Chain& chain) {
-  if (const Result<void> written = file_.write_at(offset_ + next_block_ * block_bytes(), chain.filling); !written)
-    return written;
+  SCREE_TRY(file_.write_at(offset_ + next_block_ * block_bytes(), chain.filling));
   chain.blocks.push_back(next_block_++);
   chain.filling.clear();
   return {};
@@ -56,8 +55,7 @@ Result<void> SpillBuckets::write_block(Chain& chain) {
 
 Result<void> SpillBuckets::finish() {
   for (Chain& chain : chains_) {
-    if (!chain.filling.empty())
-      if (const Result<void> written = write_block(chain); !written) return written;
+    if (!chain.filling.empty()) SCREE_TRY(write_block(chain));
     chain.filling = {};
   }
   return {};
@@ -71,8 +69,7 @@ Result<void> SpillBuckets::read(uint32_t bucket, uint64_t first, std::span<std::
     const uint64_t inside = at % block_bytes();
     const size_t part = std::min<size_t>(out.size(), block_bytes() - inside);
     const uint64_t block = chain.blocks[at / block_bytes()];
-    if (const Result<void> read = file_.read_at(offset_ + block * block_bytes() + inside, out.first(part)); !read)
-      return read;
+    SCREE_TRY(file_.read_at(offset_ + block * block_bytes() + inside, out.first(part)));
     out = out.subspan(part);
     at += part;
   }

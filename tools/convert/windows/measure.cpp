@@ -72,8 +72,7 @@ Result<ContentHash> hash_window(const Primitive& primitive, Scratch& scratch) {
   for (const Accessor* accessor : {of(primitive.uv), of(primitive.color), primitive.second_uv()}) {
     scratch.floats.clear();
     if (accessor != nullptr) {
-      const Result<void> read = read_vertices(*accessor, window.vertices(), scratch.floats);
-      if (!read) return read.error();
+      SCREE_TRY(read_vertices(*accessor, window.vertices(), scratch.floats));
     }
     add_values(hasher, std::span<const float>(scratch.floats));  // an absent attribute adds only its count, 0
   }
@@ -113,16 +112,15 @@ Result<void> measure_directions(const Primitive& primitive, const WindowTask& ta
     return read_vertices(accessor, window.vertices(), out);
   };
   const bool looks_at_tangents = task.surface != nullptr && *task.has_derived_tangents;
-  if (looks || looks_at_tangents || (is_hashed && task.has_normals))
-    if (const Result<void> done = read(*primitive.normal, scratch.floats); !done) return done;
+  if (looks || looks_at_tangents || (is_hashed && task.has_normals)) SCREE_TRY(read(*primitive.normal, scratch.floats));
   if (looks && !are_face_normals(window, scratch.floats, *primitive.normal)) *task.is_flat = false;
   if (is_hashed && task.has_normals) facts.normals = hash_floats(scratch.floats);
   if (!looks_at_tangents && !(is_hashed && task.surface != nullptr)) return {};
-  if (const Result<void> done = read(*primitive.tangent(), scratch.tangents); !done) return done;
+  SCREE_TRY(read(*primitive.tangent(), scratch.tangents));
   if (is_hashed) facts.tangents = hash_floats(scratch.tangents);
   if (!looks_at_tangents) return {};
   const Accessor& uv = normal_map_uv(primitive, *task.surface);
-  if (const Result<void> done = read(uv, scratch.uvs); !done) return done;
+  SCREE_TRY(read(uv, scratch.uvs));
   if (!are_derived_tangents(window, {scratch.floats, scratch.uvs, scratch.tangents}, *task.surface,
                             *primitive.tangent()))
     *task.has_derived_tangents = false;
@@ -137,8 +135,7 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
   const Window::Find find = task.budget != nullptr || looks || (task.surface != nullptr && *task.has_derived_tangents)
                                 ? Window::Find::kTriangles
                                 : Window::Find::kVertices;
-  if (const Result<void> loaded = window.load_triangles(primitive, plan.first, plan.count, find); !loaded)
-    return loaded.error();
+  SCREE_TRY(window.load_triangles(primitive, plan.first, plan.count, find));
   WindowFacts facts;
   facts.dropped_degenerate = window.dropped_degenerate();
   if (task.may_wait) {
@@ -149,27 +146,22 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
     facts.waits = is_far || (read > kManyVerticesRead * plan.count && window.vertices().size() > plan.count);
     if (facts.waits) return facts;
   }
-  if (const Result<void> loaded = window.load_positions(primitive, options.drop_nonfinite); !loaded)
-    return loaded.error();
+  SCREE_TRY(window.load_positions(primitive, options.drop_nonfinite));
   facts.kept = window.triangle_count();
   facts.dropped_nonfinite = window.dropped_nonfinite();
   facts.vertices = static_cast<uint32_t>(window.vertices().size());
   facts.span = static_cast<uint32_t>(window.span());
   facts.box = box_of(window.positions());
   if (primitive.color) {
-    if (const Result<void> read = read_vertices(*primitive.color, window.vertices(), scratch.colors); !read)
-      return read.error();
+    SCREE_TRY(read_vertices(*primitive.color, window.vertices(), scratch.colors));
     facts.white = std::all_of(scratch.colors.begin(), scratch.colors.end(), [](float value) { return value == 1.0f; });
   }
-  if (const Result<void> measured = measure_directions(primitive, task, looks, is_hashed, scratch, facts); !measured)
-    return measured.error();
+  SCREE_TRY(measure_directions(primitive, task, looks, is_hashed, scratch, facts));
   facts.shows_tangents = task.surface != nullptr && !*task.has_derived_tangents;
   facts.shows_normals =
       task.has_normals && (options.normals == Normals::kAlways || !*task.is_flat || facts.shows_tangents);
   if (is_hashed) {
-    const Result<ContentHash> content = hash_window(primitive, scratch);
-    if (!content) return content.error();
-    facts.content = *content;
+    facts.content = SCREE_TRY(hash_window(primitive, scratch));
   }
   if (task.budget != nullptr && facts.kept > 0) facts.held = HeldWindow::keep(*task.budget, window);
   return facts;
@@ -196,10 +188,10 @@ class Measurer {
   Result<Measurement> run(const std::vector<bool>& wanted) {
     for (uint32_t i = 0; i < scene_.primitives.size(); ++i) {
       if (!wanted[i]) continue;
-      if (const Result<void> done = add_windows(i); !done) return done.error();
+      SCREE_TRY(add_windows(i));
     }
-    if (const Result<void> done = measure(out_.windows); !done) return done.error();
-    if (const Result<void> done = settle_scattered(); !done) return done.error();
+    SCREE_TRY(measure(out_.windows));
+    SCREE_TRY(settle_scattered());
     std::erase_if(out_.windows, [](const WindowPlan& window) { return window.kept == 0; });
     return std::move(out_);
   }
@@ -241,13 +233,12 @@ class Measurer {
       for (uint64_t i = batches[batch].first; i < batches[batch].first + batches[batch].count; ++i) {
         const uint32_t primitive = windows[i].primitive;
         const bool has_normals = may_keep_normals(scene_, scene_.primitives[primitive], options_.normals);
-        Result<WindowFacts> measured = measure_window(
-            scene_.primitives[primitive], windows[i], options_,
-            {uses_.contains(primitive), has_normals, &is_flat_[primitive],
-             has_normals ? surface_of_tangents(primitive) : nullptr, &has_derived_tangents_[primitive], budget},
-            scratch_[worker]);
-        if (!measured) return at(scene_.file_name, measured.error());
-        facts.push_back(std::move(*measured));
+        facts.push_back(
+            SCREE_TRY_AT(scene_.file_name, measure_window(scene_.primitives[primitive], windows[i], options_,
+                                                          {uses_.contains(primitive), has_normals, &is_flat_[primitive],
+                                                           has_normals ? surface_of_tangents(primitive) : nullptr,
+                                                           &has_derived_tangents_[primitive], budget},
+                                                          scratch_[worker])));
       }
       return facts;
     };
@@ -256,7 +247,7 @@ class Measurer {
         note(windows[batches[batch].first + i], facts[i]);
         if (listener_ == nullptr) continue;
         held_.push_back(std::move(facts[i].held));
-        if (const Result<void> given = give(windows, batches[batch].first + i + 1); !given) return given;
+        SCREE_TRY(give(windows, batches[batch].first + i + 1));
       }
       done_ += batches[batch].triangles;
       run_.times.measured_triangles += batches[batch].triangles;
@@ -356,7 +347,7 @@ class Measurer {
     uses_.clear();
     if (windows.empty()) return {};
     for (const WindowPlan& window : windows) done_ -= window.count;
-    if (const Result<void> done = measure(windows); !done) return done;
+    SCREE_TRY(measure(windows));
     out_.windows.insert(out_.windows.end(), windows.begin(), windows.end());
     sort_windows(out_.windows);
     return {};

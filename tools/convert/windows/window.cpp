@@ -24,8 +24,7 @@ Result<uint32_t> source_vertex(const Primitive& primitive, uint32_t vertex) {
   if (!primitive.numbers) return vertex;
   uint32_t number = 0;
   const auto bytes = std::as_writable_bytes(std::span(&number, 1));
-  if (const Result<void> read = read_elements(primitive.numbers->vertices, vertex, 1, bytes); !read)
-    return read.error();
+  SCREE_TRY(read_elements(primitive.numbers->vertices, vertex, 1, bytes));
   return primitive.numbers->first_vertex + number;
 }
 
@@ -44,7 +43,7 @@ Result<void> read_vertices(const Accessor& accessor, std::span<const uint32_t> a
 }
 
 Result<void> Window::load(const Primitive& primitive, uint64_t first, uint64_t count, bool drop_nonfinite, Find find) {
-  if (const Result<void> loaded = load_triangles(primitive, first, count, find); !loaded) return loaded;
+  SCREE_TRY(load_triangles(primitive, first, count, find));
   return load_positions(primitive, drop_nonfinite);
 }
 
@@ -56,11 +55,11 @@ Result<void> Window::load_triangles(const Primitive& primitive, uint64_t first, 
   kept_.clear();
   span_ = 0;
   indices_.resize(3 * count);
-  if (const Result<void> read = read_triangles(primitive, first, count, indices_); !read) return read;
+  SCREE_TRY(read_triangles(primitive, first, count, indices_));
   numbers_.resize(primitive.numbers ? count : 0);
   if (primitive.numbers) {
     const auto bytes = std::as_writable_bytes(std::span(numbers_));
-    if (const Result<void> read = read_elements(primitive.numbers->triangles, first, count, bytes); !read) return read;
+    SCREE_TRY(read_elements(primitive.numbers->triangles, first, count, bytes));
   }
   if (primitive.mode != PrimitiveMode::kTriangles) drop_degenerate();
   find_vertices(renumber_);
@@ -68,7 +67,7 @@ Result<void> Window::load_triangles(const Primitive& primitive, uint64_t first, 
 }
 
 Result<void> Window::load_positions(const Primitive& primitive, bool drop_nonfinite) {
-  if (const Result<void> read = read_positions(primitive); !read) return read;
+  SCREE_TRY(read_positions(primitive));
   return check_positions(primitive, drop_nonfinite);
 }
 
@@ -219,13 +218,12 @@ Result<void> Window::check_positions(const Primitive& primitive, bool drop_nonfi
     const float* p = &positions_[3 * i];
     bad[i] = !std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2]);
     if (!bad[i] || drop_nonfinite) continue;
-    const Result<uint32_t> number = source_vertex(primitive, vertices_[i]);
-    if (!number) return number.error();
+    const uint32_t number = SCREE_TRY(source_vertex(primitive, vertices_[i]));
     char text[256];
     std::snprintf(text, sizeof text,
                   "mesh %u primitive %u: vertex %u: position (%g, %g, %g) is not finite "
                   "(--drop-nonfinite leaves its triangles out)",
-                  primitive.mesh, primitive.place, *number, static_cast<double>(p[0]), static_cast<double>(p[1]),
+                  primitive.mesh, primitive.place, number, static_cast<double>(p[0]), static_cast<double>(p[1]),
                   static_cast<double>(p[2]));
     return Error{ErrorCode::kRange, text};
   }
