@@ -304,7 +304,7 @@ Result<uint64_t> jpeg_index_bound(const JpegHeader& header, uint64_t file_bytes)
 
 Result<JpegEncoded> encode_jpeg_index(std::span<std::byte> out, const JpegHeader& header,
                                       std::span<const std::byte> file) {
-  const auto bound = SCREE_TRY(jpeg_index_bound(header, file.size()));
+  [[maybe_unused]] const auto bound = SCREE_TRY(jpeg_index_bound(header, file.size()));
   assert(out.size() >= bound);
   const auto plan = SCREE_TRY(make_plan(header));
 

@@ -372,7 +372,7 @@ TEST_CASE("attributes that are not finite are repaired and counted", "[convert]"
   for (const std::string& warning : report.warnings) all += warning + "\n";
   INFO(all);
   CHECK(all.find("2 texture coordinates") != std::string::npos);
-  CHECK(all.find("1 vertex colours") != std::string::npos);
+  CHECK(all.find("1 vertex colour is") != std::string::npos);
   CHECK(all.find(" normals are zero or not finite") != std::string::npos);
 }
 
