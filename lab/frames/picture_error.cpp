@@ -10,12 +10,13 @@ namespace scree::lab {
 PictureError compare_pictures(const kernels::View& view, const HostPicture& picture, const HostPicture& reference) {
   assert(picture.samples.size() == reference.samples.size() && picture.pixels.size() == reference.pixels.size());
   PictureError error;
+  uint64_t wrong_pixels = 0;
   double squares = 0;
   uint64_t both = 0;
   for (size_t i = 0; i < picture.samples.size(); ++i) {
     const uint64_t a = picture.samples[i];
     const uint64_t b = reference.samples[i];
-    if (kernels::sample_id(a) != kernels::sample_id(b)) ++error.wrong_pixels;
+    if (kernels::sample_id(a) != kernels::sample_id(b)) ++wrong_pixels;
     if (a == kernels::kBackground || b == kernels::kBackground) continue;
     const double expected = kernels::depth_of_code(view, kernels::sample_depth_code(b));
     const double found = kernels::depth_of_code(view, kernels::sample_depth_code(a));
@@ -24,6 +25,7 @@ PictureError compare_pictures(const kernels::View& view, const HostPicture& pict
     squares += relative * relative;
     ++both;
   }
+  error.wrong_pixels = wrong_pixels;
   if (both != 0) error.depth_error_rms = std::sqrt(squares / static_cast<double>(both));
 
   double color_squares = 0;

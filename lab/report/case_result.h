@@ -22,7 +22,9 @@ struct Machine : bench::Machine {
 
 /// Errors of one picture against the same scene in float32.
 struct PictureError {
-  uint64_t wrong_pixels = 0;   // pixels that show another triangle, or background instead of a triangle
+  /// Pixels that show another triangle, or background instead of a triangle. Not counted for clusters, whose triangles
+  /// have another order and so other numbers.
+  std::optional<uint64_t> wrong_pixels;
   double depth_error_max = 0;  // relative, over the pixels that show a triangle in both
   double depth_error_rms = 0;  // likewise
   double psnr_db = 0;          // of the shaded picture in sRGB codes; infinity for equal pictures

@@ -73,7 +73,7 @@ bench::CsvCells case_cells(const Machine& machine, const CaseResult& r) {
     cells.emplace_back(column, r.error ? csv_number((*r.error).*member) : "");
   };
   error("position_error", &PictureError::position_error);
-  error("wrong_pixels", &PictureError::wrong_pixels);
+  cells.emplace_back("wrong_pixels", r.error && r.error->wrong_pixels ? csv_number(*r.error->wrong_pixels) : "");
   error("depth_error_max", &PictureError::depth_error_max);
   error("depth_error_rms", &PictureError::depth_error_rms);
   error("psnr_db", &PictureError::psnr_db);

@@ -117,9 +117,10 @@ std::string sweep_table(std::span<const CaseResult> cases) {
         scene_name(r), r.view, data_name(r), fixed(r.bytes_per_triangle(), 2), ms(r.raster), ms(r.frame.median)};
     if (r.error) {
       const double covered = static_cast<double>(std::max<uint64_t>(r.covered_samples, 1));
+      const std::optional<uint64_t> wrong = r.error->wrong_pixels;
       for (const std::string& cell :
-           {tools::short_number(r.error->position_error), tools::grouped(r.error->wrong_pixels),
-            fixed(100 * static_cast<double>(r.error->wrong_pixels) / covered, 2) + "%",
+           {tools::short_number(r.error->position_error), wrong ? tools::grouped(*wrong) : std::string("-"),
+            wrong ? fixed(100 * static_cast<double>(*wrong) / covered, 2) + "%" : std::string("-"),
             tools::short_number(r.error->depth_error_max), tools::short_number(r.error->depth_error_rms),
             std::isinf(r.error->psnr_db) ? std::string("equal") : fixed(r.error->psnr_db, 2)})
         cells.push_back(cell);
