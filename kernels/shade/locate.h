@@ -8,15 +8,34 @@
 namespace scree::kernels {
 inline namespace SCREE_ISA {
 
-/// The first id of each instance. Empty instances and chunks are skipped: of equal sums the search returns the last.
+/// The first id of each instance. Empty instances are skipped: of equal sums the search returns the last.
 struct InstanceBases {
   const uint64_t* base;
   SCREE_HD uint64_t operator()(uint64_t i) const { return base[i]; }
 };
-struct ChunkBases {
-  const format::ChunkRecord* chunks;
-  SCREE_HD uint64_t operator()(uint64_t i) const { return chunks[i].first_triangle; }
-};
+
+/// The chunk of a mesh, as a number in `chunks`, that holds the mesh's triangle. `chunks`: the mesh's own. They have
+/// about equally many triangles, so the first guess is usually right or next to it. From there the steps grow.
+SCREE_HD inline uint64_t chunk_of_triangle(const format::MeshRecord& mesh, const format::ChunkRecord* chunks,
+                                           uint64_t triangle) {
+  uint64_t low = 0;
+  uint64_t high = mesh.chunk_count;
+  const float share = static_cast<float>(triangle) * reciprocal(static_cast<float>(mesh.triangle_count));
+  uint64_t guess = min_of(static_cast<uint64_t>(share * static_cast<float>(high)), high - 1);
+  for (uint64_t step = 1; high - low > 1; step *= 2) {
+    const format::ChunkRecord& chunk = chunks[guess];
+    if (chunk.first_triangle > triangle) {
+      high = guess;
+      guess = max_of(guess, low + step) - step;
+    } else if (triangle - chunk.first_triangle >= chunk.triangle_count) {
+      low = guess + 1;
+      guess = min_of(guess + step, high - 1);
+    } else {
+      return guess;
+    }
+  }
+  return low;
+}
 
 SCREE_HD inline Hit locate_triangle(const SceneView& scene, uint64_t id) {
   Hit hit;
@@ -24,7 +43,7 @@ SCREE_HD inline Hit locate_triangle(const SceneView& scene, uint64_t id) {
   const format::MeshRecord& mesh = scene.meshes[scene.instances[hit.instance].mesh];
   const uint64_t triangle = id - scene.instance_base[hit.instance];
   const format::ChunkRecord* chunks = scene.chunks + mesh.first_chunk;
-  const uint64_t chunk = last_not_above(mesh.chunk_count, triangle, ChunkBases{chunks});
+  const uint64_t chunk = chunk_of_triangle(mesh, chunks, triangle);
   hit.chunk = mesh.first_chunk + chunk;
   hit.triangle = static_cast<uint32_t>(triangle - chunks[chunk].first_triangle);
   return hit;
@@ -57,39 +76,33 @@ SCREE_HD inline uint64_t last_not_above_together(Team team, uint64_t count, uint
   return low;
 }
 
-template <class Team>
-SCREE_HD inline Location locate_together(Team team, const SceneView& scene, uint64_t id) {
-  Location at;
-  at.instance = last_not_above_together(team, scene.instance_count, id, InstanceBases{scene.instance_base});
-  const format::MeshRecord& mesh = scene.meshes[scene.instances[at.instance].mesh];
-  const uint64_t base = scene.instance_base[at.instance];
-  const format::ChunkRecord* chunks = scene.chunks + mesh.first_chunk;
-  const uint64_t chunk = last_not_above_together(team, mesh.chunk_count, id - base, ChunkBases{chunks});
-  at.chunk = mesh.first_chunk + chunk;
-  at.first_id = base + chunks[chunk].first_triangle;
-  at.count = chunks[chunk].triangle_count;
-  return at;
-}
-
 /// Finds the (instance, chunk) of every lane's id. `wanted`: whether the lane has one. All lanes of the team must call
-/// it. The lanes of a tile share few chunks, and all lanes search for one chunk after the other together. After four
-/// chunks each lane searches alone.
+/// it. The lanes of a tile share few instances, and all lanes search for one instance after the other together. After
+/// four instances each lane searches alone. Each lane then finds its chunk.
 template <class Team>
 SCREE_HD inline void locate(Team team, const SceneView& scene, uint64_t id, bool wanted, Location& at) {
   constexpr int kRounds = 4;
+  const uint64_t* const base = scene.instance_base;
+  wanted = wanted && !at.holds(id);
+  bool missing = wanted;
   for (int round = 0; round < kRounds; ++round) {
-    const uint32_t missing = team.ballot(wanted && !at.holds(id));
-    if (missing == 0) return;
-    const Location found = locate_together(team, scene, team.share(id, lowest_bit(missing)));
-    if (found.holds(id)) at = found;
+    const uint32_t lanes = team.ballot(missing);
+    if (lanes == 0) break;
+    const uint64_t shared_id = team.share(id, lowest_bit(lanes));
+    const uint64_t instance = last_not_above_together(team, scene.instance_count, shared_id, InstanceBases{base});
+    if (missing && id - base[instance] < base[instance + 1] - base[instance]) {
+      at.instance = instance;
+      missing = false;
+    }
   }
-  if (wanted && !at.holds(id)) {
-    const Hit hit = locate_triangle(scene, id);
-    at.instance = hit.instance;
-    at.chunk = hit.chunk;
-    at.first_id = id - hit.triangle;
-    at.count = scene.chunks[hit.chunk].triangle_count;
-  }
+  if (!wanted) return;
+  if (missing) at.instance = last_not_above(scene.instance_count, id, InstanceBases{base});
+  const format::MeshRecord& mesh = scene.meshes[scene.instances[at.instance].mesh];
+  const format::ChunkRecord* const chunks = scene.chunks + mesh.first_chunk;
+  const uint64_t chunk = chunk_of_triangle(mesh, chunks, id - base[at.instance]);
+  at.chunk = mesh.first_chunk + chunk;
+  at.first_id = base[at.instance] + chunks[chunk].first_triangle;
+  at.count = chunks[chunk].triangle_count;
 }
 
 /// A chunk under a transform: the input of shading a sample of it.
