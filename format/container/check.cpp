@@ -15,13 +15,9 @@ Result<void> check_in_parts(const TableViews& tables, TableReader& reader, uint6
   SCREE_TRY(checker.pages());
   for (Part part{0, parts}; part.index < parts; ++part.index) {
     SCREE_TRY(checker.meshes(part));
-    if (part.is_last()) {
-      SCREE_TRY(checker.groups());
-    }
+    if (part.is_last()) SCREE_TRY(checker.groups());
     SCREE_TRY(checker.nodes(part));
-    if (part.is_last()) {
-      SCREE_TRY(checker.node_instances());
-    }
+    if (part.is_last()) SCREE_TRY(checker.node_instances());
     SCREE_TRY(checker.matrices(part));
     SCREE_TRY(checker.scenes(part));
   }
@@ -39,7 +35,7 @@ Result<void> check_in_parts(const TableViews& tables, TableReader& reader, uint6
 }  // namespace
 
 Result<void> Checker::strings() {
-  const TableViews::View& strings = tables_.view(TableKind::kStrings);
+  const TableView& strings = tables_.view(TableKind::kStrings);
   if (!strings.first || strings.count == 0) return fail(ErrorCode::kFormat, "the file has no string table");
   if (strings.first[0] != std::byte{0}) return fail(ErrorCode::kFormat, "string table: the string at 0 is not empty");
   if (strings.first[strings.count - 1] != std::byte{0})

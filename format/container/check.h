@@ -4,11 +4,9 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <cstdio>
-#include <string>
-#include <type_traits>
 
 #include "format/container/container.h"
+#include "format/fail.h"
 #include "format/layout.h"
 #include "format/result.h"
 
@@ -18,23 +16,16 @@ inline constexpr uint32_t kKnownTableKinds = 23;  // TableKind values are below 
 
 /// The tables of a file by kind. Kinds that the file lacks are empty.
 struct TableViews {
-  struct View {
-    const std::byte* first = nullptr;
-    uint64_t count = 0;
-    uint64_t stride = 1;
-  };
-
-  std::array<View, kKnownTableKinds> views{};
+  std::array<TableView, kKnownTableKinds> views{};
   uint64_t tables_offset = 0;  // bytes from the start of the file to the first table, where pages and their padding end
   bool newer_minor = false;    // the file is of a newer minor version than this reader
   bool is_second = false;      // the file is of major version kSecondMajor
 
-  const View& view(TableKind kind) const { return views[static_cast<uint32_t>(kind)]; }
+  const TableView& view(TableKind kind) const { return views[static_cast<uint32_t>(kind)]; }
 
   template <class Record>
   Table<Record> table(TableKind kind) const {
-    const View& found = view(kind);
-    return found.first ? Table<Record>(found.first, found.count, found.stride) : Table<Record>();
+    return Table<Record>(view(kind));
   }
 };
 
@@ -54,27 +45,5 @@ class TableReader {
 /// before a record of a large table is read for the first time. Allocates only for an error's text. Errors kRange,
 /// kReserved, kFormat.
 Result<void> check_records(const TableViews& tables, TableReader& reader);
-
-// Builds error messages. A template, so that hot loops need no memory for the arguments unless a check fails.
-inline void append_part(std::string& text, const char* part) {
-  text += part;
-}
-inline void append_part(std::string& text, double part) {
-  char digits[32];
-  std::snprintf(digits, sizeof digits, "%g", part);
-  text += digits;
-}
-template <class Integer>
-requires std::is_integral_v<Integer>
-void append_part(std::string& text, Integer part) {
-  text += std::to_string(part);
-}
-
-template <class... Parts>
-[[gnu::noinline, gnu::cold]] Error fail(ErrorCode code, Parts... parts) {
-  Error error{code, {}};
-  (append_part(error.message, parts), ...);
-  return error;
-}
 
 }  // namespace scree::format

@@ -52,7 +52,7 @@ Result<void> Checker::pages() const {
       }
     } else if (page.codec == PageCodec::kZstd || page.codec == PageCodec::kSplit) {
       if (page.codec == PageCodec::kSplit && page.kind != PageKind::kGeometry)
-        return fail(kRange, "page ", i, ": split, but of kind ", static_cast<uint32_t>(page.kind));
+        return fail(kRange, "page ", i, ": split, but of kind ", page.kind);
       if (page.stored_bytes >= page.raw_bytes) {
         return fail(kRange, "page ", i, ": ", page.raw_bytes, " bytes compressed to ", page.stored_bytes);
       }
@@ -63,7 +63,7 @@ Result<void> Checker::pages() const {
                     ", which is more than is allowed");
       }
     } else {
-      return fail(kRange, "page ", i, ": codec ", static_cast<uint32_t>(page.codec));
+      return fail(kRange, "page ", i, ": codec ", page.codec);
     }
     end = page.offset + page.stored_bytes;
   }
@@ -124,7 +124,7 @@ std::optional<Error> Checker::mesh_fields(uint64_t index) const {
       return fail(kRange, "mesh ", index, ": position error ", mesh.max_position_error, ", but float32 positions");
     }
   } else {
-    return fail(kRange, "mesh ", index, ": position encoding ", static_cast<uint32_t>(mesh.position_encoding));
+    return fail(kRange, "mesh ", index, ": position encoding ", mesh.position_encoding);
   }
   return std::nullopt;
 }
@@ -153,8 +153,7 @@ std::optional<Error> Checker::chunk_range(uint64_t index, const MeshRecord& mesh
   if (chunk.page >= pages_.size()) return fail_index("chunk", index, "page", chunk.page, pages_.size(), "pages");
   const PageRecord& page = pages_[chunk.page];
   if (page.kind != PageKind::kGeometry) {
-    return fail(kRange, "chunk ", index, ": page ", chunk.page, " is of kind ", static_cast<uint32_t>(page.kind),
-                ", which holds no chunks");
+    return fail(kRange, "chunk ", index, ": page ", chunk.page, " is of kind ", page.kind, ", which holds no chunks");
   }
   if (chunk.offset % kChunkAlignment != 0) {
     return fail(kRange, "chunk ", index, ": offset ", chunk.offset, " is no multiple of ", kChunkAlignment);
@@ -225,7 +224,7 @@ std::optional<Error> Checker::chunk_streams_of(uint64_t index, const MeshRecord&
     if (auto error = cluster_fields(index, mesh)) [[unlikely]]
       return error;
   } else {
-    return fail(kRange, "chunk ", index, ": encoding ", static_cast<uint32_t>(chunk.encoding));
+    return fail(kRange, "chunk ", index, ": encoding ", chunk.encoding);
   }
 
   if (mesh.position_encoding == PositionEncoding::kLattice) {

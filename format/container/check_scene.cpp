@@ -80,9 +80,7 @@ Result<void> Checker::instances_to(uint64_t end) {
     if (instance.mesh >= meshes_.size()) {
       return fail_index("instance", i, "mesh", instance.mesh, meshes_.size(), "meshes");
     }
-    if (instance.node >= nodes_.size()) {
-      return fail_index("instance", i, "node", instance.node, nodes_.size(), "nodes");
-    }
+    if (instance.node >= nodes_.size()) return fail_index("instance", i, "node", instance.node, nodes_.size(), "nodes");
     if (instance.matrix >= matrices_.size()) {
       return fail_index("instance", i, "matrix", instance.matrix, matrices_.size(), "matrices");
     }
@@ -212,9 +210,7 @@ Result<void> Checker::surfaces() const {
       if (use.texture >= textures_.size() && use.texture != kNone) {
         return fail_index("surface", i, "texture", use.texture, textures_.size(), "textures");
       }
-      if (!all_finite(use.uv_offset, 5)) {
-        return fail(kRange, "surface ", i, ": a texture transform that is not finite");
-      }
+      if (!all_finite(use.uv_offset, 5)) return fail(kRange, "surface ", i, ": a texture transform that is not finite");
     }
   }
   return {};
@@ -226,7 +222,7 @@ Result<void> Checker::lights() const {
     if (name_is_bad(light.name)) return fail_name("light", i, light.name);
     if (light.node >= nodes_.size()) return fail_index("light", i, "node", light.node, nodes_.size(), "nodes");
     if (light.kind < LightKind::kDirectional || light.kind > LightKind::kSpot) {
-      return fail(kRange, "light ", i, ": kind ", static_cast<uint32_t>(light.kind));
+      return fail(kRange, "light ", i, ": kind ", light.kind);
     }
     if (light.reserved || light.reserved2) return fail(kReserved, "light ", i, ": a reserved field is set");
     if (!all_finite(light.color, 7)) return fail(kRange, "light ", i, ": a number that is not finite");
@@ -251,8 +247,7 @@ Result<void> Checker::textures() const {
       return fail_index("texture", i, "image", texture.image, images_.size(), "images");
     }
     if (texture.wrap_s > Wrap::kClamp || texture.wrap_t > Wrap::kClamp) {
-      return fail(kRange, "texture ", i, ": wrap ", static_cast<uint32_t>(texture.wrap_s), " and ",
-                  static_cast<uint32_t>(texture.wrap_t));
+      return fail(kRange, "texture ", i, ": wrap ", texture.wrap_s, " and ", texture.wrap_t);
     }
     const uint32_t mag = texture.mag_filter;
     const uint32_t min = texture.min_filter;
@@ -269,13 +264,9 @@ Result<void> Checker::images() const {
   for (uint64_t i = 0; i < images_.size(); ++i) {
     const ImageRecord& image = images_[i];
     if (name_is_bad(image.name)) return fail_name("image", i, image.name);
-    if (image.page >= pages_.size()) return fail_index("image", i, "page", image.page, pages_.size(), "pages");
-    if (pages_[image.page].kind != PageKind::kImage) {
-      return fail(kRange, "image ", i, ": page ", image.page, " is of kind ",
-                  static_cast<uint32_t>(pages_[image.page].kind), ", which holds no image");
-    }
+    if (auto error = page_of("image", i, image.page, PageKind::kImage, "image")) return *std::move(error);
     if (image.codec < ImageCodec::kJpeg || image.codec > ImageCodec::kBlocks) {
-      return fail(kRange, "image ", i, ": codec ", static_cast<uint32_t>(image.codec));
+      return fail(kRange, "image ", i, ": codec ", image.codec);
     }
     const bool is_indexed = image.codec == ImageCodec::kIndexedJpeg;
     const bool is_blocks = image.codec == ImageCodec::kBlocks;
@@ -302,6 +293,15 @@ Result<void> Checker::images() const {
   }
   if (next_level != mip_levels_.size()) return fail(kRange, "mip level ", next_level, ": belongs to no image");
   return {};
+}
+
+/// Checks that a record's page exists and is of the `expected` kind, which holds `content`.
+std::optional<Error> Checker::page_of(const char* kind, uint64_t index, uint64_t page, PageKind expected,
+                                      const char* content) const {
+  if (page >= pages_.size()) return fail_index(kind, index, "page", page, pages_.size(), "pages");
+  if (pages_[page].kind == expected) return std::nullopt;
+  return fail(kRange, kind, " ", index, ": page ", page, " is of kind ", pages_[page].kind, ", which holds no ",
+              content);
 }
 
 /// Checks that the fields of a block image agree and its page holds its blocks, and that other images have no such
@@ -333,12 +333,8 @@ std::optional<Error> Checker::blocks_of(uint64_t number) const {
 std::optional<Error> Checker::block_pages_of(const char* what, uint64_t number, uint64_t first,
                                              const BlockRows& rows) const {
   for (uint32_t i = 0; i < rows.pages(); ++i) {
-    if (first + i >= pages_.size()) return fail_index(what, number, "page", first + i, pages_.size(), "pages");
+    if (auto error = page_of(what, number, first + i, PageKind::kImage, "image")) return error;
     const PageRecord& page = pages_[first + i];
-    if (page.kind != PageKind::kImage) {
-      return fail(kRange, what, " ", number, ": page ", first + i, " is of kind ", static_cast<uint32_t>(page.kind),
-                  ", which holds no image");
-    }
     if (page.raw_bytes != rows.page_bytes(i)) {
       return fail(kRange, what, " ", number, ": page ", first + i, " has ", page.raw_bytes, " bytes, expected ",
                   rows.page_bytes(i));
@@ -350,19 +346,11 @@ std::optional<Error> Checker::block_pages_of(const char* what, uint64_t number, 
 /// Checks the image's mip levels from `first` on.
 std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
   for (uint64_t i = first; i < first + images_[image].level_count; ++i) {
-    if (i >= mip_levels_.size()) {
-      return fail_index("image", image, "mip level", i, mip_levels_.size(), "mip levels");
-    }
+    if (i >= mip_levels_.size()) return fail_index("image", image, "mip level", i, mip_levels_.size(), "mip levels");
     const MipLevelRecord& level = mip_levels_[i];
-    if (level.image != image) {
-      return fail(kRange, "mip level ", i, ": image ", level.image, ", expected ", image);
-    }
-    if (level.page >= pages_.size()) return fail_index("mip level", i, "page", level.page, pages_.size(), "pages");
+    if (level.image != image) return fail(kRange, "mip level ", i, ": image ", level.image, ", expected ", image);
+    if (auto error = page_of("mip level", i, level.page, PageKind::kImage, "image")) return error;
     const PageRecord& page = pages_[level.page];
-    if (page.kind != PageKind::kImage) {
-      return fail(kRange, "mip level ", i, ": page ", level.page, " is of kind ", static_cast<uint32_t>(page.kind),
-                  ", which holds no image");
-    }
     const ImageRecord& of = images_[image];
     const auto l = static_cast<uint32_t>(i - first) + 1;
     const bool has_pages = level_page_count(of, l) > 1;
@@ -375,9 +363,7 @@ std::optional<Error> Checker::levels_of(uint64_t image, uint64_t first) const {
     }
     if (of.codec != ImageCodec::kBlocks) continue;
     const uint64_t bytes = block_rows(of, l).bytes();
-    if (level.bytes != bytes) {
-      return fail(kRange, "mip level ", i, ": ", level.bytes, " bytes, expected ", bytes);
-    }
+    if (level.bytes != bytes) return fail(kRange, "mip level ", i, ": ", level.bytes, " bytes, expected ", bytes);
   }
   return std::nullopt;
 }
@@ -392,12 +378,8 @@ Result<void> Checker::masks() const {
       return fail(kRange, "mask ", i, ": material ", mask.material, " after material ", masks_[i - 1].material,
                   ", expected ascending order");
     }
-    if (mask.page >= pages_.size()) return fail_index("mask", i, "page", mask.page, pages_.size(), "pages");
+    if (auto error = page_of("mask", i, mask.page, PageKind::kMask, "mask")) return *std::move(error);
     const PageRecord& page = pages_[mask.page];
-    if (page.kind != PageKind::kMask) {
-      return fail(kRange, "mask ", i, ": page ", mask.page, " is of kind ", static_cast<uint32_t>(page.kind),
-                  ", which holds no mask");
-    }
     if (mask.width == 0 || mask.width > kMaxMaskSide || mask.height == 0 || mask.height > kMaxMaskSide) {
       return fail(kRange, "mask ", i, ": ", mask.width, " x ", mask.height, " texels, expected 1 to ", kMaxMaskSide);
     }
@@ -413,8 +395,7 @@ Result<void> Checker::masks() const {
       return fail(kRange, "mask ", i, ": threshold ", mask.threshold, ", expected 1 to ", kMaxMaskThreshold);
     }
     if (mask.wrap_s > Wrap::kClamp || mask.wrap_t > Wrap::kClamp) {
-      return fail(kRange, "mask ", i, ": wrap ", static_cast<uint32_t>(mask.wrap_s), " and ",
-                  static_cast<uint32_t>(mask.wrap_t));
+      return fail(kRange, "mask ", i, ": wrap ", mask.wrap_s, " and ", mask.wrap_t);
     }
     if ((mask.flags & ~uint32_t{kMaskNearest | kMaskOfColors}) != 0)
       return fail(kReserved, "mask ", i, ": flags ", mask.flags);
@@ -440,7 +421,7 @@ Result<void> Checker::cameras() const {
         return fail(kRange, "camera ", i, ": depths from ", camera.z_near, " to ", camera.z_far);
       }
     } else {
-      return fail(kRange, "camera ", i, ": kind ", static_cast<uint32_t>(camera.kind));
+      return fail(kRange, "camera ", i, ": kind ", camera.kind);
     }
   }
   return {};

@@ -45,27 +45,7 @@ inline constexpr uint64_t kReadAheadBytes = 16 << 10;
 
 class Checker {
  public:
-  Checker(const TableViews& tables, TableReader& reader)
-      : tables_(tables),
-        reader_(reader),
-        pages_(tables.table<PageRecord>(TableKind::kPages)),
-        meshes_(tables.table<MeshRecord>(TableKind::kMeshes)),
-        chunks_(tables.table<ChunkRecord>(TableKind::kChunks)),
-        groups_(tables.table<GroupRecord>(TableKind::kGroups)),
-        nodes_(tables.table<NodeRecord>(TableKind::kNodes)),
-        instances_(tables.table<InstanceRecord>(TableKind::kInstances)),
-        matrices_(tables.table<MatrixRecord>(TableKind::kMatrices)),
-        node_instances_(tables.table<NodeInstanceRecord>(TableKind::kNodeInstances)),
-        materials_(tables.table<MaterialRecord>(TableKind::kMaterials)),
-        textures_(tables.table<TextureRecord>(TableKind::kTextures)),
-        images_(tables.table<ImageRecord>(TableKind::kImages)),
-        surfaces_(tables.table<SurfaceRecord>(TableKind::kSurfaces)),
-        lights_(tables.table<LightRecord>(TableKind::kLights)),
-        mip_levels_(tables.table<MipLevelRecord>(TableKind::kMipLevels)),
-        masks_(tables.table<MaskRecord>(TableKind::kMasks)),
-        cameras_(tables.table<CameraRecord>(TableKind::kCameras)),
-        scenes_(tables.table<SceneRecord>(TableKind::kScenes)),
-        scene_roots_(tables.table<uint32_t>(TableKind::kSceneRoots)) {}
+  Checker(const TableViews& tables, TableReader& reader) : tables_(tables), reader_(reader) {}
 
   // One function per table or per part of a table. Errors kRange, kReserved, kFormat; each gives the record and the
   // field.
@@ -95,6 +75,8 @@ class Checker {
   std::optional<Error> cluster_fields(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> chunk_streams_of(uint64_t index, const MeshRecord& mesh) const;
   std::optional<Error> scene_fields(uint64_t index) const;
+  std::optional<Error> page_of(const char* kind, uint64_t index, uint64_t page, PageKind expected,
+                               const char* content) const;
   std::optional<Error> blocks_of(uint64_t image) const;
   std::optional<Error> block_pages_of(const char* what, uint64_t number, uint64_t first, const BlockRows& rows) const;
   std::optional<Error> levels_of(uint64_t image, uint64_t first) const;
@@ -103,7 +85,7 @@ class Checker {
   /// Called before a record is read for the first time. Prefetches the records one block ahead, so that the next
   /// block's checksum does not wait for memory.
   void announce(TableKind kind, uint64_t index) const {
-    const TableViews::View& table = tables_.view(kind);
+    const TableView& table = tables_.view(kind);
     const uintptr_t ahead = reinterpret_cast<uintptr_t>(table.first) + index * table.stride + kReadAheadBytes;
     for (uint64_t line = 0; line < std::min<uint64_t>(table.stride, 192); line += 64) {
       __builtin_prefetch(reinterpret_cast<const void*>(ahead + line), 0, 2);
@@ -140,24 +122,24 @@ class Checker {
   uint64_t scene_triangles_ = 0;
   uint32_t previous_mesh_ = 0;
 
-  Table<PageRecord> pages_;
-  Table<MeshRecord> meshes_;
-  Table<ChunkRecord> chunks_;
-  Table<GroupRecord> groups_;
-  Table<NodeRecord> nodes_;
-  Table<InstanceRecord> instances_;
-  Table<MatrixRecord> matrices_;
-  Table<NodeInstanceRecord> node_instances_;
-  Table<MaterialRecord> materials_;
-  Table<TextureRecord> textures_;
-  Table<ImageRecord> images_;
-  Table<SurfaceRecord> surfaces_;
-  Table<LightRecord> lights_;
-  Table<MipLevelRecord> mip_levels_;
-  Table<MaskRecord> masks_;
-  Table<CameraRecord> cameras_;
-  Table<SceneRecord> scenes_;
-  Table<uint32_t> scene_roots_;
+  Table<PageRecord> pages_ = tables_.table<PageRecord>(TableKind::kPages);
+  Table<MeshRecord> meshes_ = tables_.table<MeshRecord>(TableKind::kMeshes);
+  Table<ChunkRecord> chunks_ = tables_.table<ChunkRecord>(TableKind::kChunks);
+  Table<GroupRecord> groups_ = tables_.table<GroupRecord>(TableKind::kGroups);
+  Table<NodeRecord> nodes_ = tables_.table<NodeRecord>(TableKind::kNodes);
+  Table<InstanceRecord> instances_ = tables_.table<InstanceRecord>(TableKind::kInstances);
+  Table<MatrixRecord> matrices_ = tables_.table<MatrixRecord>(TableKind::kMatrices);
+  Table<NodeInstanceRecord> node_instances_ = tables_.table<NodeInstanceRecord>(TableKind::kNodeInstances);
+  Table<MaterialRecord> materials_ = tables_.table<MaterialRecord>(TableKind::kMaterials);
+  Table<TextureRecord> textures_ = tables_.table<TextureRecord>(TableKind::kTextures);
+  Table<ImageRecord> images_ = tables_.table<ImageRecord>(TableKind::kImages);
+  Table<SurfaceRecord> surfaces_ = tables_.table<SurfaceRecord>(TableKind::kSurfaces);
+  Table<LightRecord> lights_ = tables_.table<LightRecord>(TableKind::kLights);
+  Table<MipLevelRecord> mip_levels_ = tables_.table<MipLevelRecord>(TableKind::kMipLevels);
+  Table<MaskRecord> masks_ = tables_.table<MaskRecord>(TableKind::kMasks);
+  Table<CameraRecord> cameras_ = tables_.table<CameraRecord>(TableKind::kCameras);
+  Table<SceneRecord> scenes_ = tables_.table<SceneRecord>(TableKind::kScenes);
+  Table<uint32_t> scene_roots_ = tables_.table<uint32_t>(TableKind::kSceneRoots);
 };
 
 }  // namespace scree::format

@@ -126,7 +126,7 @@ class TableHashes final : public TableReader {
   explicit TableHashes(const TableViews& tables) : tables_(tables) {}
 
   uint64_t announce(TableKind kind, uint64_t record) override {
-    const TableViews::View& table = tables_.view(kind);
+    const TableView& table = tables_.view(kind);
     const uint64_t block = std::max<uint64_t>(1, kBlockBytes / table.stride);
     hash_to(static_cast<uint32_t>(kind), std::min(table.count, record + block));
     return progress_[static_cast<uint32_t>(kind)].records;
@@ -148,7 +148,7 @@ class TableHashes final : public TableReader {
   };
 
   void hash_to(uint32_t kind, uint64_t end) {
-    const TableViews::View& table = tables_.views[kind];
+    const TableView& table = tables_.views[kind];
     Progress& progress = progress_[kind];
     if (end <= progress.records) return;
     progress.checksum.add({table.first + progress.records * table.stride, (end - progress.records) * table.stride});
@@ -165,7 +165,7 @@ Result<void> take_table(const TocEntry& entry, uint32_t index, std::span<const s
   if (kind == 0) return fail(ErrorCode::kRange, "table ", index, ": kind 0");
   if (is_known(kind)) {
     const KnownTable& table = kKnownTables[kind];
-    TableViews::View& view = views.views[kind];
+    TableView& view = views.views[kind];
     if (view.first) return fail(ErrorCode::kFormat, "table ", index, ": a second ", table.name, " table");
     // Only a newer minor version has longer records, and strings are bytes in every version.
     const bool may_be_longer = views.newer_minor && entry.kind != TableKind::kStrings;
@@ -190,9 +190,7 @@ Result<void> take_table(const TocEntry& entry, uint32_t index, std::span<const s
 Result<void> check_checksum(const TocEntry& entry, uint32_t index, uint64_t actual) {
   if (actual == entry.checksum) return {};
   const uint32_t kind = static_cast<uint32_t>(entry.kind);
-  if (is_known(kind)) {
-    return fail(ErrorCode::kChecksum, kKnownTables[kind].name, " table: the checksum differs");
-  }
+  if (is_known(kind)) return fail(ErrorCode::kChecksum, kKnownTables[kind].name, " table: the checksum differs");
   return fail(ErrorCode::kChecksum, "table ", index, " of kind ", kind, ": the checksum differs");
 }
 
@@ -243,9 +241,7 @@ Result<void> take_tables(const FileHeader& header, std::span<const std::byte> fi
     }
     end = entry.offset + *bytes;
     SCREE_TRY(take_table(entry, i, file, views));
-    if (checksums == Checksums::kNow) {
-      SCREE_TRY(check_checksum(entry, i, checksum(file.subspan(entry.offset, *bytes))));
-    }
+    if (checksums == Checksums::kNow) SCREE_TRY(check_checksum(entry, i, checksum(file.subspan(entry.offset, *bytes))));
   }
   if (header.toc_count > 0) {
     if (header.toc_offset != align_up(end, kTableAlignment)) {
@@ -358,72 +354,12 @@ Result<Container> Container::open(std::span<const std::byte> file) {
 const FileHeader& Container::header() const {
   return *reinterpret_cast<const FileHeader*>(file_.data());
 }
-Table<PageRecord> Container::pages() const {
-  return views_->table<PageRecord>(TableKind::kPages);
-}
-Table<MeshRecord> Container::meshes() const {
-  return views_->table<MeshRecord>(TableKind::kMeshes);
-}
-Table<ChunkRecord> Container::chunks() const {
-  return views_->table<ChunkRecord>(TableKind::kChunks);
-}
-Table<GroupRecord> Container::groups() const {
-  return views_->table<GroupRecord>(TableKind::kGroups);
-}
-Table<NodeRecord> Container::nodes() const {
-  return views_->table<NodeRecord>(TableKind::kNodes);
-}
-Table<InstanceRecord> Container::instances() const {
-  return views_->table<InstanceRecord>(TableKind::kInstances);
-}
-Table<MatrixRecord> Container::matrices() const {
-  return views_->table<MatrixRecord>(TableKind::kMatrices);
-}
-Table<NodeInstanceRecord> Container::node_instances() const {
-  return views_->table<NodeInstanceRecord>(TableKind::kNodeInstances);
-}
-Table<MaterialRecord> Container::materials() const {
-  return views_->table<MaterialRecord>(TableKind::kMaterials);
-}
-Table<TextureRecord> Container::textures() const {
-  return views_->table<TextureRecord>(TableKind::kTextures);
-}
-Table<ImageRecord> Container::images() const {
-  return views_->table<ImageRecord>(TableKind::kImages);
-}
-Table<SurfaceRecord> Container::surfaces() const {
-  return views_->table<SurfaceRecord>(TableKind::kSurfaces);
-}
-Table<LightRecord> Container::lights() const {
-  return views_->table<LightRecord>(TableKind::kLights);
-}
-Table<MipLevelRecord> Container::mip_levels() const {
-  return views_->table<MipLevelRecord>(TableKind::kMipLevels);
-}
-Table<MaskRecord> Container::masks() const {
-  return views_->table<MaskRecord>(TableKind::kMasks);
-}
-Table<CameraRecord> Container::cameras() const {
-  return views_->table<CameraRecord>(TableKind::kCameras);
-}
-Table<SceneRecord> Container::scenes() const {
-  return views_->table<SceneRecord>(TableKind::kScenes);
-}
-Table<uint32_t> Container::scene_roots() const {
-  return views_->table<uint32_t>(TableKind::kSceneRoots);
-}
-Table<LeftOutRecord> Container::left_out() const {
-  return views_->table<LeftOutRecord>(TableKind::kLeftOut);
-}
-Table<uint64_t> Container::left_out_costs() const {
-  return views_->table<uint64_t>(TableKind::kLeftOutCosts);
-}
-const SourceRecord& Container::source() const {
-  return views_->table<SourceRecord>(TableKind::kSource)[0];
+const TableView& Container::view(TableKind kind) const {
+  return views_->view(kind);
 }
 
 std::string_view Container::string(uint32_t offset) const {
-  const TableViews::View& strings = views_->view(TableKind::kStrings);
+  const TableView& strings = view(TableKind::kStrings);
   assert(offset < strings.count);
   // The table's last byte is zero, so this stops inside the table.
   return reinterpret_cast<const char*>(strings.first) + offset;

@@ -18,21 +18,28 @@
 
 namespace scree::format {
 
-/// The records of one kind. Strided, because a newer minor version may have made the records longer.
+/// Where the records of one kind lie. Strided, because a newer minor version may have made the records longer.
+struct TableView {
+  const std::byte* first = nullptr;
+  uint64_t count = 0;
+  uint64_t stride = 1;
+};
+
+/// The records of one kind.
 template <class Record>
 class Table {
  public:
   Table() = default;
-  Table(const std::byte* first, uint64_t count, uint64_t stride) : first_(first), count_(count), stride_(stride) {}
+  explicit Table(const TableView& view) : view_(view) {}
 
-  uint64_t size() const { return count_; }
-  bool empty() const { return count_ == 0; }
-  const Record& operator[](uint64_t index) const { return *reinterpret_cast<const Record*>(first_ + index * stride_); }
+  uint64_t size() const { return view_.count; }
+  bool empty() const { return view_.count == 0; }
+  const Record& operator[](uint64_t index) const {
+    return *reinterpret_cast<const Record*>(view_.first + index * view_.stride);
+  }
 
  private:
-  const std::byte* first_ = nullptr;
-  uint64_t count_ = 0;
-  uint64_t stride_ = sizeof(Record);
+  TableView view_;
 };
 
 /// A validated view of a .scree file's bytes. open() checks the header, the table of contents, every table's checksum
@@ -48,27 +55,28 @@ class Container {
   static Result<Container> open(std::span<const std::byte> file);
 
   const FileHeader& header() const;
-  Table<PageRecord> pages() const;
-  Table<MeshRecord> meshes() const;
-  Table<ChunkRecord> chunks() const;
-  Table<GroupRecord> groups() const;
-  Table<NodeRecord> nodes() const;
-  Table<InstanceRecord> instances() const;
-  Table<MatrixRecord> matrices() const;
-  Table<NodeInstanceRecord> node_instances() const;
-  Table<MaterialRecord> materials() const;
-  Table<TextureRecord> textures() const;
-  Table<ImageRecord> images() const;
-  Table<MipLevelRecord> mip_levels() const;
-  Table<SurfaceRecord> surfaces() const;
-  Table<LightRecord> lights() const;
-  Table<MaskRecord> masks() const;
-  Table<CameraRecord> cameras() const;
-  Table<SceneRecord> scenes() const;
-  Table<uint32_t> scene_roots() const;
-  Table<LeftOutRecord> left_out() const;
-  Table<uint64_t> left_out_costs() const;  // one per entry of left_out(), or none
-  const SourceRecord& source() const;
+  Table<PageRecord> pages() const { return table<PageRecord>(TableKind::kPages); }
+  Table<MeshRecord> meshes() const { return table<MeshRecord>(TableKind::kMeshes); }
+  Table<ChunkRecord> chunks() const { return table<ChunkRecord>(TableKind::kChunks); }
+  Table<GroupRecord> groups() const { return table<GroupRecord>(TableKind::kGroups); }
+  Table<NodeRecord> nodes() const { return table<NodeRecord>(TableKind::kNodes); }
+  Table<InstanceRecord> instances() const { return table<InstanceRecord>(TableKind::kInstances); }
+  Table<MatrixRecord> matrices() const { return table<MatrixRecord>(TableKind::kMatrices); }
+  Table<NodeInstanceRecord> node_instances() const { return table<NodeInstanceRecord>(TableKind::kNodeInstances); }
+  Table<MaterialRecord> materials() const { return table<MaterialRecord>(TableKind::kMaterials); }
+  Table<TextureRecord> textures() const { return table<TextureRecord>(TableKind::kTextures); }
+  Table<ImageRecord> images() const { return table<ImageRecord>(TableKind::kImages); }
+  Table<MipLevelRecord> mip_levels() const { return table<MipLevelRecord>(TableKind::kMipLevels); }
+  Table<SurfaceRecord> surfaces() const { return table<SurfaceRecord>(TableKind::kSurfaces); }
+  Table<LightRecord> lights() const { return table<LightRecord>(TableKind::kLights); }
+  Table<MaskRecord> masks() const { return table<MaskRecord>(TableKind::kMasks); }
+  Table<CameraRecord> cameras() const { return table<CameraRecord>(TableKind::kCameras); }
+  Table<SceneRecord> scenes() const { return table<SceneRecord>(TableKind::kScenes); }
+  Table<uint32_t> scene_roots() const { return table<uint32_t>(TableKind::kSceneRoots); }
+  Table<LeftOutRecord> left_out() const { return table<LeftOutRecord>(TableKind::kLeftOut); }
+  /// One per entry of left_out(), or none.
+  Table<uint64_t> left_out_costs() const { return table<uint64_t>(TableKind::kLeftOutCosts); }
+  const SourceRecord& source() const { return table<SourceRecord>(TableKind::kSource)[0]; }
 
   /// The zero-terminated UTF-8 string at `offset` of the string table.
   std::string_view string(uint32_t offset) const;
@@ -99,7 +107,13 @@ class Container {
   Result<void> unpack_content(uint32_t page, std::span<const std::byte> stored, std::span<std::byte> content) const;
 
  private:
-  struct Views;  // where the tables lie in the file
+  struct Views;  // of all tables
+  const TableView& view(TableKind kind) const;
+  template <class Record>
+  Table<Record> table(TableKind kind) const {
+    return Table<Record>(view(kind));
+  }
+
   std::span<const std::byte> file_;
   std::shared_ptr<const Views> views_;
 };

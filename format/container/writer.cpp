@@ -425,9 +425,9 @@ Result<uint64_t> ContainerWriter::finish(const TableSet& tables) {
   header.toc_checksum = checksum(toc_bytes);
   header.file_bytes = header.toc_offset + toc_bytes.size();
   header.checksum = checksum(std::as_bytes(std::span(&header, 1)).first(offsetof(FileHeader, checksum)));
-  if (written = impl_->pad(impl_->end, header.toc_offset); !written) return written.error();
-  if (written = impl_->write(header.toc_offset, toc_bytes); !written) return written.error();
-  if (written = impl_->rename_into_place(header); !written) return written.error();
+  SCREE_TRY(impl_->pad(impl_->end, header.toc_offset));
+  SCREE_TRY(impl_->write(header.toc_offset, toc_bytes));
+  SCREE_TRY(impl_->rename_into_place(header));
   impl_->end = header.file_bytes;
   return header.file_bytes;
 }

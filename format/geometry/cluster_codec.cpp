@@ -115,9 +115,7 @@ class Decoder {
         {"cluster records", 8 * record_bytes, record_bytes, s_.clusters},
         {"cluster data", uint64_t{32} * s_.cluster_words, packed_bytes(s_.cluster_words, 32), s_.data},
     };
-    for (const Part& part : parts) {
-      SCREE_TRY(check_stream(part.name, part.data_bits, part.bytes, part.stream));
-    }
+    for (const Part& part : parts) SCREE_TRY(check_stream(part.name, part.data_bits, part.bytes, part.stream));
     return {};
   }
 

@@ -1,7 +1,6 @@
 #include "format/geometry/index_codec.h"
 
 #include <algorithm>
-#include <bit>
 #include <string>
 
 #include "format/geometry/code_scan.h"

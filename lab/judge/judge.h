@@ -3,17 +3,14 @@
 
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "format/result.h"
 #include "lab/judge/judged_case.h"
-#include "lab/options.h"
 #include "runtime/draw/device_scene.h"
 #include "tools/bench/file_views.h"
 #include "tools/bench/times.h"
-#include "tools/compare/images.h"
 #include "tools/compare/source_model.h"
 
 namespace scree::lab {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <thread>
 
-#include "format/geometry/chunk_layout.h"
 #include "lab/scenes/clustered.h"
 #include "lab/scenes/generate.h"
 #include "tools/common/options.h"

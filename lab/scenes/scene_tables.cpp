@@ -3,12 +3,10 @@
 #include <algorithm>
 #include <bit>
 #include <cassert>
-#include <cmath>
 #include <string>
 
 #include "format/bytes.h"
 #include "format/geometry/position_codec.h"
-#include "lab/scenes/chunk_fill.h"
 
 namespace scree::lab {
 namespace {

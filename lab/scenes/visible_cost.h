@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <span>
 
-#include "kernels/cull/cull.h"
 #include "kernels/frame.h"
 #include "lab/scenes/scene_tables.h"
 

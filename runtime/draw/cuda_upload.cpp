@@ -409,12 +409,11 @@ Result<void> CudaScene::copy_pages_of(std::span<const CudaScene> all) {
 /// Makes view().pages a table of pages_.
 Result<void> CudaScene::replace_page_table() {
   const uint64_t bytes = pages_.size() * sizeof(pages_[0]);
-  Result<void> done = shared_pages_.reserve(std::max<uint64_t>(bytes, 1), "allocating the table of pages");
-  if (done)
-    done = cuda_check(cudaMemcpy(shared_pages_.data(), pages_.data(), bytes, cudaMemcpyHostToDevice),
-                      "copying the table of pages");
+  SCREE_TRY(shared_pages_.reserve(std::max<uint64_t>(bytes, 1), "allocating the table of pages"));
+  SCREE_TRY(cuda_check(cudaMemcpy(shared_pages_.data(), pages_.data(), bytes, cudaMemcpyHostToDevice),
+                       "copying the table of pages"));
   view_.pages = reinterpret_cast<const std::byte* const*>(shared_pages_.data());
-  return done;
+  return {};
 }
 
 Result<CudaScene> CudaScene::upload(const Scene& scene, uint64_t budget_bytes, uint64_t reserved_bytes,

@@ -70,21 +70,17 @@ Result<std::unique_ptr<DeviceBlockPager>> DeviceBlockPager::create(const Scene& 
   pager.kept_.resize(count);
   pager.was_loaded_.resize(count);
   pager.pool_.reset(room / kUnit);
-  Result<void> done;
-  if (room != 0) done = pager.room_.reserve(room, "allocating room for pages of textures");
+  if (room != 0) SCREE_TRY(pager.room_.reserve(room, "allocating room for pages of textures"));
   pager.end_ = pager.room_.data() + room;
-  if (done) done = pager.tables_.reserve(table_bytes(scene), "allocating the table of pages");
-  if (done)
-    done = cuda_check(cudaMemset(pager.tables_.data(), 0, pager.tables_.bytes()), "clearing the table of pages");
-  if (done) done = pager.lists_.allocate(table_bytes(scene), "allocating pinned memory for the table of pages");
+  SCREE_TRY(pager.tables_.reserve(table_bytes(scene), "allocating the table of pages"));
+  SCREE_TRY(cuda_check(cudaMemset(pager.tables_.data(), 0, pager.tables_.bytes()), "clearing the table of pages"));
+  SCREE_TRY(pager.lists_.allocate(table_bytes(scene), "allocating pinned memory for the table of pages"));
   pager.half_ = pinned_bytes(host_memory) / 2;
-  if (done)
-    done =
-        pager.staging_.allocate_for_copies(pinned_bytes(host_memory), "allocating pinned memory for pages of textures");
-  if (done) done = cuda_check(cudaStreamCreateWithFlags(&pager.stream_, cudaStreamNonBlocking), "making a stream");
+  SCREE_TRY(
+      pager.staging_.allocate_for_copies(pinned_bytes(host_memory), "allocating pinned memory for pages of textures"));
+  SCREE_TRY(cuda_check(cudaStreamCreateWithFlags(&pager.stream_, cudaStreamNonBlocking), "making a stream"));
   for (cudaEvent_t* const event : {&pager.copied_[0], &pager.copied_[1], &pager.arrived_})
-    if (done) done = cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event");
-  if (!done) return done.error();
+    SCREE_TRY(cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event"));
   pager.pages_.blocks = reinterpret_cast<const uint8_t* const*>(pager.tables_.data());
   pager.pages_.wanted = reinterpret_cast<uint64_t*>(pager.tables_.data() + count * sizeof(uint8_t*));
   return made;

@@ -67,9 +67,9 @@ Gpu describe_gpu(int index) {
   Gpu gpu;
   gpu.index = index;
   cudaDeviceProp properties;
-  if (Result<void> done = cuda_check(cudaGetDeviceProperties(&properties, index), "reading the GPU's properties");
-      !done) {
-    gpu.why_unusable = done.error().message;
+  if (const auto read = cuda_check(cudaGetDeviceProperties(&properties, index), "reading the GPU's properties");
+      !read) {
+    gpu.why_unusable = read.error().message;
     return gpu;
   }
   gpu.name = properties.name;

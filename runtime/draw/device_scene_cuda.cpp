@@ -11,7 +11,6 @@
 #include "format/container/mip_levels.h"
 #include "kernels/cull/depth_pyramid.h"
 #include "kernels/shade/pixels.h"
-#include "kernels/shade/resolve_rounds.h"
 #include "kernels/shade/srgb.h"
 #include "runtime/draw/device_list.h"
 #include "runtime/draw/device_scene_impl.h"
@@ -195,9 +194,8 @@ Result<uint64_t> DeviceScene::load_rest(const IsOver& is_over) {
   // transforms are valid for its last part only.
   DeviceView::Impl& own = *impl_->own;
   own.width = 0;
-  Result<void> done = own.frames->pages_came();
-  if (done && own.blend_frames) done = own.blend_frames->pages_came();
-  if (!done) return done.error();
+  SCREE_TRY(own.frames->pages_came());
+  if (own.blend_frames) SCREE_TRY(own.blend_frames->pages_came());
   return left;
 }
 
@@ -221,13 +219,11 @@ Result<const uint32_t*> DeviceScene::set_omitted(std::span<const uint32_t> bits)
     return Error{ErrorCode::kRange,
                  std::to_string(bits.size()) + " words of bits for the instances, expected " + std::to_string(words)};
   DeviceBuffer& omitted = impl_->omitted;
-  Result<void> done = omitted.reserve(bits.size_bytes(), "allocating a bit for each instance");
-  if (done)
-    done = cuda_check(cudaMemcpy(omitted.data(), bits.data(), bits.size_bytes(), cudaMemcpyHostToDevice),
-                      "copying a bit for each instance");
+  SCREE_TRY(omitted.reserve(bits.size_bytes(), "allocating a bit for each instance"));
+  SCREE_TRY(cuda_check(cudaMemcpy(omitted.data(), bits.data(), bits.size_bytes(), cudaMemcpyHostToDevice),
+                       "copying a bit for each instance"));
   // Other GPUs that draw the scene read the bits too, and wait for no stream of this one.
-  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "copying a bit for each instance");
-  if (!done) return done.error();
+  SCREE_TRY(cuda_check(cudaStreamSynchronize(nullptr), "copying a bit for each instance"));
   return reinterpret_cast<const uint32_t*>(omitted.data());
 }
 

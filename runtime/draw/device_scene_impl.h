@@ -30,12 +30,10 @@ struct DeviceView::Impl {
 
   /// Makes `after` wait for the work that is queued on `before`.
   Result<void> order(cudaStream_t before, cudaStream_t after) {
-    Result<void> done;
     if (queued == nullptr)
-      done = cuda_check(cudaEventCreateWithFlags(&queued, cudaEventDisableTiming), "making an event");
-    if (done) done = cuda_check(cudaEventRecord(queued, before), "recording an event");
-    if (done) done = cuda_check(cudaStreamWaitEvent(after, queued), "ordering a stream");
-    return done;
+      SCREE_TRY(cuda_check(cudaEventCreateWithFlags(&queued, cudaEventDisableTiming), "making an event"));
+    SCREE_TRY(cuda_check(cudaEventRecord(queued, before), "recording an event"));
+    return cuda_check(cudaStreamWaitEvent(after, queued), "ordering a stream");
   }
 
   /// The stream of all work on the picture that was drawn last: from the first start() on, its own.

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "format/fail.h"
 #include "kernels/cuda/layers.h"
-#include "kernels/shade/pixels.h"
 #include "runtime/draw/device_scene_impl.h"
 #include "runtime/images/jpeg_head.h"
 
@@ -32,8 +32,7 @@ HostMemory HostMemory::pinned(uint64_t bytes) {
 /// Errors kRange: draw() made no picture of this size.
 Result<void> DeviceView::Impl::check_drawn(const kernels::View& view) {
   if (width != view.width || height != view.height)
-    return Error{ErrorCode::kRange, "no picture of " + std::to_string(view.width) + " x " +
-                                        std::to_string(view.height) + " samples was drawn"};
+    return fail(ErrorCode::kRange, "no picture of ", view.width, " x ", view.height, " samples was drawn");
   return draw_if_followed();
 }
 
@@ -54,9 +53,8 @@ Result<void> DeviceView::Impl::draw_if_followed() {
 
 /// All samples of the picture, on the first GPU.
 Result<uint64_t*> DeviceView::Impl::whole_samples() {
-  Result<void> done = draw_if_followed();
-  if (done && drawn_by_team) done = scene.team->gather();
-  if (!done) return done.error();
+  SCREE_TRY(draw_if_followed());
+  if (drawn_by_team) SCREE_TRY(scene.team->gather());
   return sample_data();
 }
 
@@ -148,8 +146,8 @@ Result<void> DeviceView::read_over(const kernels::View& view, const kernels::Sha
   Impl& own = *impl_;
   SCREE_TRY(own.check_drawn(view));
   if (over.size() != uint64_t{4} * view.width * view.height || !kernels::shows_layers(own.scene.scene.view(), options))
-    return Error{ErrorCode::kRange, std::to_string(over.size()) + " values for the layers of " +
-                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
+    return fail(ErrorCode::kRange, over.size(), " values for the layers of ", view.width, " x ", view.height,
+                " samples");
   const float* const made = SCREE_TRY(own.blended_over(view, options));
   return cuda_check(cudaMemcpy(over.data(), made, over.size_bytes(), cudaMemcpyDeviceToHost), "reading the layers");
 }
@@ -157,8 +155,8 @@ Result<void> DeviceView::read_over(const kernels::View& view, const kernels::Sha
 Result<void> DeviceView::read_colors(const kernels::View& view, const kernels::ShadeOptions& options,
                                      std::span<float> colors) {
   if (colors.size() != uint64_t{3} * view.width * view.height)
-    return Error{ErrorCode::kRange, std::to_string(colors.size()) + " values for the colours of " +
-                                        std::to_string(view.width) + " x " + std::to_string(view.height) + " samples"};
+    return fail(ErrorCode::kRange, colors.size(), " values for the colours of ", view.width, " x ", view.height,
+                " samples");
   float* const made = SCREE_TRY(make_colors(view, options));
   return cuda_check(cudaMemcpy(colors.data(), made, colors.size_bytes(), cudaMemcpyDeviceToHost),
                     "reading the samples' colours");
@@ -175,32 +173,28 @@ Result<float*> DeviceView::make_colors(const kernels::View& view, const kernels:
   }
   uint64_t* const samples = SCREE_TRY(own.whole_samples());
   const uint64_t bytes = uint64_t{3} * view.width * view.height * sizeof(float);
-  Result<void> done = own.colors.reserve(bytes, "allocating the samples' colours");
+  SCREE_TRY(own.colors.reserve(bytes, "allocating the samples' colours"));
   auto* const colors = reinterpret_cast<float*>(own.colors.data());
-  if (done) done = cuda_check(cudaMemsetAsync(colors, 0, bytes, own.stream()), "clearing the colours");
-  if (done)
-    done = own.resolver.shade_part(own.scene.scene.view(), view, samples, own.transforms(), options, colors,
-                                   own.stream(), own.scene.scene.texture_cache());
-  if (!done) return done.error();
+  SCREE_TRY(cuda_check(cudaMemsetAsync(colors, 0, bytes, own.stream()), "clearing the colours"));
+  SCREE_TRY(own.resolver.shade_part(own.scene.scene.view(), view, samples, own.transforms(), options, colors,
+                                    own.stream(), own.scene.scene.texture_cache()));
   return colors;
 }
 
 Result<uint32_t*> DeviceView::resolve_colors(const kernels::View& view, uint32_t samples_per_side,
                                              const kernels::ShadeOptions& options) {
   Impl& own = *impl_;
-  Result<void> done = own.check_drawn(view);
-  if (done) done = kernels::check_resolve(view, samples_per_side);
-  if (done && own.colors.bytes() < uint64_t{3} * view.width * view.height * sizeof(float))
-    done = Error{ErrorCode::kRange, "the picture's samples have no colours yet"};
+  SCREE_TRY(own.check_drawn(view));
+  SCREE_TRY(kernels::check_resolve(view, samples_per_side));
+  if (own.colors.bytes() < uint64_t{3} * view.width * view.height * sizeof(float))
+    return Error{ErrorCode::kRange, "the picture's samples have no colours yet"};
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (done) done = own.pixels.reserve(count * sizeof(uint32_t), "allocating the picture");
-  if (done) done = own.order_after_reads();
+  SCREE_TRY(own.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"));
+  SCREE_TRY(own.order_after_reads());
   auto* const pixels = reinterpret_cast<uint32_t*>(own.pixels.data());
-  if (done)
-    done = own.resolver.resolve_colors(view, samples_per_side, own.sample_data(),
-                                       reinterpret_cast<const float*>(own.colors.data()), nullptr, options, pixels,
-                                       own.stream());
-  if (!done) return done.error();
+  SCREE_TRY(own.resolver.resolve_colors(view, samples_per_side, own.sample_data(),
+                                        reinterpret_cast<const float*>(own.colors.data()), nullptr, options, pixels,
+                                        own.stream()));
   return pixels;
 }
 
@@ -248,24 +242,23 @@ Result<void> DeviceView::start(const kernels::View& view, const LowerSamples& jo
   assert(!own.ahead);
   if (own.scene.team != nullptr || own.scene.streaming() != nullptr)
     return Error{ErrorCode::kUnsupported, "several GPUs, or a GPU that streams, draw one picture at a time"};
-  Result<void> done = own.second_samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
-                                                 "allocating a second visibility buffer");
-  if (done && own.beside == nullptr) {
-    done =
-        cuda_check(cudaStreamCreateWithPriority(&own.beside, cudaStreamNonBlocking, kMostPriority), "making a stream");
-    if (done) done = own.order(nullptr, own.beside);
-  } else if (done) {
-    done = cuda_check(cudaStreamWaitEvent(nullptr, own.queued), "ordering a stream");  // of finish()
+  SCREE_TRY(own.second_samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
+                                       "allocating a second visibility buffer"));
+  if (own.beside == nullptr) {
+    SCREE_TRY(
+        cuda_check(cudaStreamCreateWithPriority(&own.beside, cudaStreamNonBlocking, kMostPriority), "making a stream"));
+    SCREE_TRY(own.order(nullptr, own.beside));
+  } else {
+    SCREE_TRY(cuda_check(cudaStreamWaitEvent(nullptr, own.queued), "ordering a stream"));  // of finish()
   }
-  if (!done) return done;
   auto* const samples = reinterpret_cast<uint64_t*>(own.second_samples.data());
   const std::function<Result<void>(void*)> join_samples = [&](void* stream) { return join(samples, stream); };
   kernels::DrawOptions drawing;
   own.joins_ahead = join != nullptr;
   if (own.joins_ahead) drawing.join = &join_samples;
-  done = own.frames->start(view, samples, drawing);
-  if (done) own.ahead = view;
-  return done;
+  SCREE_TRY(own.frames->start(view, samples, drawing));
+  own.ahead = view;
+  return {};
 }
 
 bool DeviceView::has_started() const {
@@ -293,9 +286,7 @@ void* DeviceView::stream() const {
 
 Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
   const uint64_t count = uint64_t{impl_->width} * impl_->height;
-  if (count != samples.size())
-    return Error{ErrorCode::kRange,
-                 std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
+  if (count != samples.size()) return fail(ErrorCode::kRange, samples.size(), " samples, but the picture has ", count);
   uint64_t* const whole = SCREE_TRY(impl_->whole_samples());
   return impl_->copy(samples.data(), whole, samples.size_bytes(), cudaMemcpyDeviceToHost,
                      "reading the visibility buffer");
@@ -303,9 +294,7 @@ Result<void> DeviceView::read_samples(std::span<uint64_t> samples) {
 
 Result<void> DeviceView::write_samples(std::span<const uint64_t> samples) {
   const uint64_t count = uint64_t{impl_->width} * impl_->height;
-  if (count != samples.size())
-    return Error{ErrorCode::kRange,
-                 std::to_string(samples.size()) + " samples, but the picture has " + std::to_string(count)};
+  if (count != samples.size()) return fail(ErrorCode::kRange, samples.size(), " samples, but the picture has ", count);
   return impl_->copy(impl_->samples.data(), samples.data(), samples.size_bytes(), cudaMemcpyHostToDevice,
                      "writing the visibility buffer");
 }
@@ -335,21 +324,16 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
   if (pager != nullptr && stream == nullptr && !impl.drawn_by_team) SCREE_TRY(pager->settle());
   const float* over = nullptr;
   const auto start = std::chrono::steady_clock::now();
-  if (kernels::shows_layers(impl.scene.scene.view(), options)) {
-    over = SCREE_TRY(impl.blended_over(view, options));
-  }
+  if (kernels::shows_layers(impl.scene.scene.view(), options)) over = SCREE_TRY(impl.blended_over(view, options));
   if (from_colors && stream->colors() == nullptr)
     return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
   if (from_colors || over != nullptr) {
     const float* colors = from_colors ? stream->colors() : impl.blend.colors();
-    Result<void> done;
     if (!from_colors)
-      done = impl.resolver.shade_part(impl.scene.scene.view(), view, impl.sample_data(), impl.transforms(), options,
-                                      impl.blend.colors(), nullptr, impl.scene.scene.texture_cache());
-    if (done)
-      done = impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), colors, over, options,
-                                          device_pixels, nullptr, times);
-    if (!done) return done;
+      SCREE_TRY(impl.resolver.shade_part(impl.scene.scene.view(), view, impl.sample_data(), impl.transforms(), options,
+                                         impl.blend.colors(), nullptr, impl.scene.scene.texture_cache()));
+    SCREE_TRY(impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), colors, over, options,
+                                           device_pixels, nullptr, times));
     if (over != nullptr && times != nullptr) {
       const std::chrono::duration<float, std::milli> taken = std::chrono::steady_clock::now() - start;
       times->resolve_ms = taken.count() - times->occlusion_ms;
@@ -363,9 +347,7 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
                                     options, device_pixels, impl.stream(), times, impl.scene.scene.texture_cache()));
   }
   if (pixels.empty()) return {};
-  if (pixels.size() != count)
-    return Error{ErrorCode::kRange,
-                 std::to_string(pixels.size()) + " pixels, but the picture has " + std::to_string(count)};
+  if (pixels.size() != count) return fail(ErrorCode::kRange, pixels.size(), " pixels, but the picture has ", count);
   return impl.copy(pixels.data(), device_pixels, pixels.size_bytes(), cudaMemcpyDeviceToHost, "reading the picture");
 }
 
@@ -465,8 +447,7 @@ Result<std::optional<kernels::FrameStats>> DeviceView::draw_together(const Scene
 
 Result<std::vector<std::byte>> DeviceView::encode_jpeg(uint32_t width, uint32_t height, int quality, bool is_sharp) {
   if (uint64_t{width} * height * sizeof(uint32_t) > impl_->pixels.bytes())
-    return Error{ErrorCode::kRange,
-                 "no picture of " + std::to_string(width) + " x " + std::to_string(height) + " pixels was made"};
+    return fail(ErrorCode::kRange, "no picture of ", width, " x ", height, " pixels was made");
   JpegHead head = SCREE_TRY(
       make_jpeg_head(width, height, quality, is_sharp, static_cast<uint16_t>(kernels::jpeg_segment_mcus(is_sharp))));
   std::vector<std::byte> coded = SCREE_TRY(impl_->jpeg.encode(pixels(), head.header, is_sharp));
@@ -518,18 +499,16 @@ Result<void> DeviceView::write(void* device, std::span<const std::byte> host) {
 
 Result<void> DeviceView::read_later(const void* device, std::span<std::byte> host) {
   Impl& own = *impl_;
-  Result<void> done;
   if (own.was_read == nullptr)
-    done = cuda_check(cudaEventCreateWithFlags(&own.was_read, cudaEventDisableTiming), "making an event");
-  if (done && own.reads == nullptr)
-    done = cuda_check(cudaStreamCreateWithFlags(&own.reads, cudaStreamNonBlocking), "making a stream");
-  if (done) done = own.order(own.stream(), own.reads);
-  if (done)
-    done = cuda_check(cudaMemcpyAsync(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, own.reads),
-                      "reading a layer");
-  if (done) done = cuda_check(cudaEventRecord(own.was_read, own.reads), "recording an event");
+    SCREE_TRY(cuda_check(cudaEventCreateWithFlags(&own.was_read, cudaEventDisableTiming), "making an event"));
+  if (own.reads == nullptr)
+    SCREE_TRY(cuda_check(cudaStreamCreateWithFlags(&own.reads, cudaStreamNonBlocking), "making a stream"));
+  SCREE_TRY(own.order(own.stream(), own.reads));
+  SCREE_TRY(cuda_check(cudaMemcpyAsync(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, own.reads),
+                       "reading a layer"));
+  SCREE_TRY(cuda_check(cudaEventRecord(own.was_read, own.reads), "recording an event"));
   // The next picture's samples overwrite these. Its pixels and layers are ordered when they are made.
-  return done && device == own.samples.data() ? own.order_after_reads() : done;
+  return device == own.samples.data() ? own.order_after_reads() : Result<void>();
 }
 
 Result<void> DeviceView::end_reads() {
@@ -550,7 +529,7 @@ Result<void> DeviceView::check_memory(const void* data) const {
   SCREE_TRY(cuda_check(cudaPointerGetAttributes(&found, data), "looking at a buffer"));
   const bool is_device = found.type == cudaMemoryTypeDevice && found.device == impl_->scene.device;
   if (is_device || found.type == cudaMemoryTypeManaged) return {};
-  return Error{ErrorCode::kUsage, "a buffer that is not in the memory of GPU " + std::to_string(impl_->scene.device)};
+  return fail(ErrorCode::kUsage, "a buffer that is not in the memory of GPU ", impl_->scene.device);
 }
 
 }  // namespace scree::runtime

@@ -268,9 +268,7 @@ Result<const kernels::SunShadow*> ShadowMap::draw(const View& camera, uint32_t s
 Result<void> ShadowMap::draw_map(uint32_t number, uint32_t threads, const IsOver& is_over) {
   kernels::SunShadow::Map& map = sun_.maps[number];
   if (device_ != nullptr) {
-    if (!on_device_) {
-      on_device_ = SCREE_TRY(device_->add_view(*scene_));
-    }
+    if (!on_device_) on_device_ = SCREE_TRY(device_->add_view(*scene_));
     SCREE_TRY(on_device_->draw(map.view, nullptr, nullptr, is_over));
     if (const std::optional<StreamStats>& stream = on_device_->stream_stats()) left_bytes_ += stream->left_bytes;
     map.samples = SCREE_TRY(sun_.map_count == 1 ? on_device_->samples() : on_device_->keep_samples(number));

@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "format/fail.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 
@@ -33,9 +34,8 @@ Result<kernels::View> view_of_samples(kernels::View view, uint32_t samples_per_s
   const uint64_t width = uint64_t{view.width} * samples_per_side;
   const uint64_t height = uint64_t{view.height} * samples_per_side;
   if (width == 0 || height == 0 || width > kernels::kMaxImageSide || height > kernels::kMaxImageSide)
-    return Error{ErrorCode::kRange, "a picture of " + std::to_string(width) + " x " + std::to_string(height) +
-                                        " samples, expected 1 to " + std::to_string(kernels::kMaxImageSide) +
-                                        " per side"};
+    return fail(ErrorCode::kRange, "a picture of ", width, " x ", height, " samples, expected 1 to ",
+                kernels::kMaxImageSide, " per side");
   view.width = static_cast<uint32_t>(width);
   view.height = static_cast<uint32_t>(height);
   return view;
@@ -208,11 +208,10 @@ Result<void> ViewRenderer::draw_batch_to(std::span<const kernels::View> views, u
     SCREE_TRY(draw_batch_on_cpu(views, layers, targets));
   } else {
     const LoadedScene::GpuLock lock = LoadedScene::gpu_lock();
-    Result<void> done = device_->make_current();
-    if (done) done = device_->order_after(stream);
-    if (done) done = draw_batch_on_gpu(views, layers, targets);
-    if (done) done = device_->order_before(stream);
-    if (!done) return done;
+    SCREE_TRY(device_->make_current());
+    SCREE_TRY(device_->order_after(stream));
+    SCREE_TRY(draw_batch_on_gpu(views, layers, targets));
+    SCREE_TRY(device_->order_before(stream));
   }
   draw_time_ = watch.elapsed();
   has_frame_ = true;
@@ -396,8 +395,7 @@ Result<std::span<std::byte>> ViewRenderer::room_of(Layer layer) {
 Result<void> ViewRenderer::check_size(Layer layer, std::span<const std::byte> out) const {
   SCREE_TRY(check_frame());
   if (out.size() == layer_bytes(layer)) return {};
-  return Error{ErrorCode::kRange,
-               std::to_string(out.size()) + " bytes, but the layer has " + std::to_string(layer_bytes(layer))};
+  return fail(ErrorCode::kRange, out.size(), " bytes, but the layer has ", layer_bytes(layer));
 }
 
 Result<void> ViewRenderer::read_later(Layer layer, std::span<std::byte> out) {
@@ -431,8 +429,16 @@ Result<void> ViewRenderer::make(Layer layer, std::span<std::byte> out) {
 }
 
 Result<void> ViewRenderer::make_on_cpu(Layer layer, std::span<std::byte> out) {
+  const kernels::SceneView& scene = scene_->scene().view();
   const auto samples = std::span<const uint64_t>(samples_).first(uint64_t{view_.width} * view_.height);
-  return make_of(layer, view_, samples, scene_->threads(), out);
+  if (layer == Layer::kSamples) {
+    std::memcpy(out.data(), samples.data(), out.size());
+    return {};
+  }
+  if (layer == Layer::kColor)
+    return kernels::resolve_cpu(scene, view_, samples_per_side_, samples, shade_, 4,
+                                {reinterpret_cast<uint8_t*>(out.data()), out.size()}, scene_->threads(), &blended_);
+  return kernels::layers_cpu(scene, view_, samples_per_side_, samples, target_of(layer, out.data()), scene_->threads());
 }
 
 Result<void> ViewRenderer::make_linear(std::span<std::byte> out) {
@@ -462,20 +468,6 @@ Result<void> ViewRenderer::linear_of(const PictureLight& light, std::span<const 
                         {reinterpret_cast<float*>(out.data()), out.size() / sizeof(float)}, blended_);
 } catch (const std::bad_alloc&) {
   return out_of_memory(12 * samples.size());
-}
-
-/// Makes a layer of one frame from its samples, on the CPU.
-Result<void> ViewRenderer::make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples,
-                                   uint32_t threads, std::span<std::byte> out) {
-  const kernels::SceneView& scene = scene_->scene().view();
-  if (layer == Layer::kSamples) {
-    std::memcpy(out.data(), samples.data(), out.size());
-    return {};
-  }
-  if (layer == Layer::kColor)
-    return kernels::resolve_cpu(scene, view, samples_per_side_, samples, shade_, 4,
-                                {reinterpret_cast<uint8_t*>(out.data()), out.size()}, threads, &blended_);
-  return kernels::layers_cpu(scene, view, samples_per_side_, samples, target_of(layer, out.data()), threads);
 }
 
 /// Requires that the GPUs' lock is held.
@@ -531,8 +523,7 @@ Result<std::shared_ptr<const void>> ViewRenderer::hold(const std::byte* data) co
 Result<std::optional<Pick>> ViewRenderer::pick(uint32_t x, uint32_t y) {
   SCREE_TRY(check_single());
   if (x >= width() || y >= height())
-    return Error{ErrorCode::kRange, "pixel " + std::to_string(x) + "," + std::to_string(y) + " of a picture of " +
-                                        std::to_string(width()) + " x " + std::to_string(height())};
+    return fail(ErrorCode::kRange, "pixel ", x, ",", y, " of a picture of ", width(), " x ", height());
   const uint64_t index = sample_index(view_, samples_per_side_, x, y);
   if (!device_) return pick_sample(scene_->scene(), view_, samples_[index]);
   Result<uint64_t> sample = uint64_t{0};

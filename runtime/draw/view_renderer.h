@@ -140,8 +140,6 @@ class ViewRenderer {
   Result<void> make_linear(std::span<std::byte> out);
   Result<void> linear_of_gpu(std::span<std::byte> out);
   Result<void> linear_of(const PictureLight& light, std::span<const uint64_t> samples, std::span<std::byte> out);
-  Result<void> make_of(Layer layer, const kernels::View& view, std::span<const uint64_t> samples, uint32_t threads,
-                       std::span<std::byte> out);
   Result<const std::byte*> make_on_gpu(Layer layer);
 
   std::shared_ptr<const LoadedScene> scene_;

@@ -50,39 +50,20 @@ std::optional<Format> by_four_cc(uint32_t code) {
 }
 
 std::optional<Format> by_dxgi(uint32_t number) {
-  switch (number) {
-    case 28:
-    case 29:
-      return Format{BlockFormat::kRgba8, format::kPlainSwizzle};
-    case 49:
-      return Format{BlockFormat::kRg8, format::kPlainSwizzle};
-    case 61:
-      return Format{BlockFormat::kR8, format::kPlainSwizzle};
-    case 71:
-    case 72:
-      return Format{BlockFormat::kBc1, format::kPlainSwizzle};
-    case 74:
-    case 75:
-      return Format{BlockFormat::kBc2, format::kPlainSwizzle};
-    case 77:
-    case 78:
-      return Format{BlockFormat::kBc3, format::kPlainSwizzle};
-    case 80:
-      return Format{BlockFormat::kBc4, format::kPlainSwizzle};
-    case 83:
-      return Format{BlockFormat::kBc5, format::kPlainSwizzle};
-    case 87:
-    case 91:
-      return Format{BlockFormat::kRgba8, kReversedSwizzle};
-    case 88:
-    case 93:
-      return Format{BlockFormat::kRgba8, kReversedOpaque};
-    case 98:
-    case 99:
-      return Format{BlockFormat::kBc7, format::kPlainSwizzle};
-    default:
-      return std::nullopt;
-  }
+  struct Known {
+    uint32_t linear, srgb;  // numbers of the format
+    Format format;
+  };
+  constexpr Known kKnown[] = {
+      {28, 29, {BlockFormat::kRgba8, format::kPlainSwizzle}}, {49, 49, {BlockFormat::kRg8, format::kPlainSwizzle}},
+      {61, 61, {BlockFormat::kR8, format::kPlainSwizzle}},    {71, 72, {BlockFormat::kBc1, format::kPlainSwizzle}},
+      {74, 75, {BlockFormat::kBc2, format::kPlainSwizzle}},   {77, 78, {BlockFormat::kBc3, format::kPlainSwizzle}},
+      {80, 80, {BlockFormat::kBc4, format::kPlainSwizzle}},   {83, 83, {BlockFormat::kBc5, format::kPlainSwizzle}},
+      {87, 91, {BlockFormat::kRgba8, kReversedSwizzle}},      {88, 93, {BlockFormat::kRgba8, kReversedOpaque}},
+      {98, 99, {BlockFormat::kBc7, format::kPlainSwizzle}}};
+  for (const Known& known : kKnown)
+    if (number == known.linear || number == known.srgb) return known.format;
+  return std::nullopt;
 }
 
 /// Formats with whole bytes per channel. `masks`: the bit masks of red, green, blue and alpha.

@@ -209,9 +209,8 @@ Result<void> write_pfm(const std::string& path, uint32_t width, uint32_t height,
 
 Result<void> write_visibility(const std::string& path, std::span<const uint64_t> samples, format::Existing existing) {
   format::PartFile file = SCREE_TRY(format::PartFile::create(path, format::PartFile::Content::kEmpty, existing));
-  Result<void> done = file.write_at(0, std::as_bytes(samples));
-  if (done) done = file.commit();
-  return done;
+  SCREE_TRY(file.write_at(0, std::as_bytes(samples)));
+  return file.commit();
 }
 
 }  // namespace scree::runtime

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cassert>
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>

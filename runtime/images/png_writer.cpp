@@ -7,7 +7,6 @@
 #include <cstring>
 #include <new>
 #include <string_view>
-#include <utility>
 
 #include <zlib.h>
 

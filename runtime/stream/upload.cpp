@@ -267,17 +267,9 @@ class Uploader {
   }
 
   Result<void> run(const Job& job) {
-    switch (job.kind) {
-      case Job::Kind::kMemory:
-        return copy_memory(job.from, job.bytes, job.offset);
-      case Job::Kind::kPages:
-        return copy_pages(job);
-      case Job::Kind::kCheck:
-        return check_large(job);
-      case Job::Kind::kLargeZstd:
-        break;
-    }
-    return copy_large_zstd(job);
+    if (job.kind == Job::Kind::kMemory) return copy_memory(job.from, job.bytes, job.offset);
+    if (job.kind == Job::Kind::kPages) return copy_pages(job);
+    return job.kind == Job::Kind::kCheck ? check_large(job) : copy_large_zstd(job);
   }
 
   /// `bytes`: at most a slot.

@@ -279,11 +279,9 @@ Result<void> BlockPager::read(uint64_t number, const Target& to) {
   if (!is_raw && !is_usual) large = direct_memory(room);
   std::byte* const padded = is_raw ? to.memory : is_usual ? usual.get() : large.get();
   SCREE_TRY(read_stored(number, {padded, room}));
-  Result<void> done = container_.check_page(page, {padded, padded_bytes});
-  if (done && !is_raw)
-    done = container_.unpack_page(page, {padded, stored.stored_bytes}, {to.memory, stored.raw_bytes});
-  if (done) done = write_jpeg_heads(container_, jpegs_[number], to.memory, stored.raw_bytes, to.address);
-  return done;
+  SCREE_TRY(container_.check_page(page, {padded, padded_bytes}));
+  if (!is_raw) SCREE_TRY(container_.unpack_page(page, {padded, stored.stored_bytes}, {to.memory, stored.raw_bytes}));
+  return write_jpeg_heads(container_, jpegs_[number], to.memory, stored.raw_bytes, to.address);
 }
 
 /// Reads a page with its padding, and not from the map. That causes no page faults, and a file that has become shorter
