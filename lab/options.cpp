@@ -9,8 +9,6 @@
 
 namespace scree::lab {
 
-using tools::assign;
-
 namespace {
 
 constexpr std::array<std::string_view, 6> kScenes{"A", "B", "C", "D", "lantern", "A60"};
@@ -153,10 +151,8 @@ Result<LabOptions> parse_textured(const LabWords& words, LabOptions options) {
   if (words.textures < 1 || words.textures > 1000) return usage("--textures: 1 to 1000");
   if (words.texture_size == 0 || words.texture_size % 1024 != 0 || words.texture_size > 32768)
     return usage("--texture-size: expected 1024, 2048, ... 32768 texels per side");
-  Result<void> done =
-      assign(options.texture_cache, tools::parse_size(words.texture_cache, "--texture-cache", options.texture_cache));
-  if (done && !words.size.empty()) done = assign(options.size, tools::parse_image_size(words.size, "--size"));
-  if (!done) return done.error();
+  options.texture_cache = SCREE_TRY(tools::parse_size(words.texture_cache, "--texture-cache", options.texture_cache));
+  if (!words.size.empty()) options.size = SCREE_TRY(tools::parse_image_size(words.size, "--size"));
   if (words.frames == 0) return usage("--frames is at least 1");
   return options;
 }
@@ -207,7 +203,7 @@ Result<LabOptions> parse_options(const LabWords& words) {
                    words.order != defaults.order || words.scale != defaults.scale))
     return usage("--positions, --indices, --order and --scale are for generated scenes, not for a file");
   if (words.scenes != "textured" && (words.files.empty() || !words.scenes.empty())) {
-    SCREE_TRY(assign(options.scenes, parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes)));
+    options.scenes = SCREE_TRY(parse_scenes(options.reference && words.scenes.empty() ? "D" : words.scenes));
   }
   if (words.scenes == "textured") return parse_textured(words, std::move(options));
   if (!words.texture_cache.empty() || words.textures != defaults.textures ||
@@ -217,15 +213,14 @@ Result<LabOptions> parse_options(const LabWords& words) {
   if (positions == defaults.positions && (options.curves || words.sweep))
     positions = options.curves ? kAllPositions : kSweepPositions;
   options.stage_times = words.stages;
-  Result<void> done = assign(options.views, parse_views(words.views, options.scenes));
-  if (done) done = assign(options.encodings, parse_encodings(positions, words.indices));
-  if (done) done = assign(options.samples_per_side, parse_samples(words.samples));
-  if (done) done = assign(options.sampleless_tests, parse_switches("--sampleless", words.sampleless));
-  if (done) done = assign(options.culling, parse_culling(words.culling));
-  if (done) done = assign(options.effects, parse_effects(words.effects));
-  if (done && !words.size.empty()) done = assign(options.size, tools::parse_image_size(words.size, "--size"));
-  if (done && options.reference) done = check_reference(words, options);
-  if (!done) return done.error();
+  options.views = SCREE_TRY(parse_views(words.views, options.scenes));
+  options.encodings = SCREE_TRY(parse_encodings(positions, words.indices));
+  options.samples_per_side = SCREE_TRY(parse_samples(words.samples));
+  options.sampleless_tests = SCREE_TRY(parse_switches("--sampleless", words.sampleless));
+  options.culling = SCREE_TRY(parse_culling(words.culling));
+  options.effects = SCREE_TRY(parse_effects(words.effects));
+  if (!words.size.empty()) options.size = SCREE_TRY(tools::parse_image_size(words.size, "--size"));
+  if (options.reference) SCREE_TRY(check_reference(words, options));
   if (words.order != "row" && words.order != "block")
     return usage("--order: '" + words.order + "' is not row or block");
   options.order = words.order == "row" ? synth::MeshOrder::kRow : synth::MeshOrder::kBlock;
@@ -237,9 +232,8 @@ Result<LabOptions> parse_options(const LabWords& words) {
   if (words.path && has_file) return usage("--path is the path of a generated scene: it needs --scene, not a file");
   if (words.path && !words.views.empty()) return usage("--path moves between a scene's two views: it excludes --view");
   options.has_peer = !words.peer.empty();
-  if (options.has_peer) done = check_peer(words, options);
-  if (done) done = assign(options.backend, tools::parse_backend("auto", words.device));
-  if (!done) return done.error();
+  if (options.has_peer) SCREE_TRY(check_peer(words, options));
+  options.backend = SCREE_TRY(tools::parse_backend("auto", words.device));
   return options;
 }
 

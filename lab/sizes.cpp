@@ -10,12 +10,10 @@
 #include <utility>
 
 #include "format/geometry/chunk_layout.h"
-#include "format/geometry/packed_values.h"
-#include "format/geometry/quantize.h"
 #include "lab/options.h"
 #include "lab/setup/work_folder.h"
-#include "runtime/files/mapped_file.h"
 #include "runtime/threads/stopwatch.h"
+#include "tools/bench/csv.h"
 #include "tools/common/chunk_decode.h"
 #include "tools/common/human.h"
 #include "tools/common/text_table.h"
@@ -279,8 +277,6 @@ class ModelSizes {
   bool has_normals_ = false;
 };
 
-}  // namespace
-
 bench::CsvCells size_cells(const SizeRow& row) {
   using bench::csv_number;
   return {{"model", row.model},
@@ -295,6 +291,7 @@ bench::CsvCells size_cells(const SizeRow& row) {
           {"decode_s", csv_number(row.decode_s)}};
 }
 
+/// A table of bytes per triangle.
 std::string sizes_table(const std::vector<SizeRow>& rows) {
   inspect::TextTable table(3);
   table.row(
@@ -312,6 +309,8 @@ std::string sizes_table(const std::vector<SizeRow>& rows) {
   }
   return table.text();
 }
+
+}  // namespace
 
 Result<std::vector<SizeRow>> measure_sizes(const std::vector<std::string>& models) {
   const auto folder = SCREE_TRY(WorkFolder::make());

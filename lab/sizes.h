@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "format/result.h"
-#include "tools/bench/csv.h"
 
 namespace scree::lab {
 
@@ -23,11 +22,6 @@ struct SizeRow {
   double encode_s = 0;
   double decode_s = 0;  // to plain arrays
 };
-
-bench::CsvCells size_cells(const SizeRow& row);
-
-/// The rows as a table of bytes per triangle.
-std::string sizes_table(const std::vector<SizeRow>& rows);
 
 /// Packs every model (.gltf or .glb) separately on the 16-bit grid: as indexed and clustered pages, raw and with zstd
 /// 3, 9 and 19. Also measures the same vertices and triangles in meshoptimizer's index and vertex codecs, and their

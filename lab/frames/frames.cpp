@@ -69,17 +69,15 @@ Result<Frames> Frames::create(const ResidentScene& scene, const kernels::CudaQue
 Result<kernels::FrameStats> Frames::draw(const kernels::View& view, const FrameOptions& options, FrameMs& ms) {
   impl_->sample_count = uint64_t{view.width} * view.height;
   impl_->pixel_count = impl_->sample_count / (uint64_t{options.samples_per_side} * options.samples_per_side);
-  Result<void> done = impl_->samples.reserve(impl_->sample_count * sizeof(uint64_t), "allocating a picture");
-  if (done) done = impl_->pixels.reserve(impl_->pixel_count * sizeof(uint32_t), "allocating a picture");
-  if (done) done = impl_->timer.start();
-  if (!done) return done.error();
+  SCREE_TRY(impl_->samples.reserve(impl_->sample_count * sizeof(uint64_t), "allocating a picture"));
+  SCREE_TRY(impl_->pixels.reserve(impl_->pixel_count * sizeof(uint32_t), "allocating a picture"));
+  SCREE_TRY(impl_->timer.start());
   ms = FrameMs{};
   const kernels::ShadeOptions shade{.ssao = options.effects.ssao, .edl = options.effects.edl};
   kernels::FrameStats stats = SCREE_TRY(impl_->raster(view, options, ms));
   kernels::ResolveTimes times;
-  done = impl_->resolver.resolve(impl_->scene->device(), view, options.samples_per_side, impl_->device_samples(),
-                                 impl_->transforms(), shade, impl_->device_pixels(), nullptr, &times);
-  if (!done) return done.error();
+  SCREE_TRY(impl_->resolver.resolve(impl_->scene->device(), view, options.samples_per_side, impl_->device_samples(),
+                                    impl_->transforms(), shade, impl_->device_pixels(), nullptr, &times));
   ms.resolve = times.resolve_ms;
   if (shade.ssao || shade.edl) ms.occlusion = times.occlusion_ms;
   ms.frame = SCREE_TRY(impl_->timer.stop());

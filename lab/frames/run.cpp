@@ -72,9 +72,7 @@ class Runner {
   Runner(const LabOptions& options, Machine machine) : options_(options), machine_(std::move(machine)) {}
 
   Result<void> run(const runtime::Gpu& gpu) {
-    if (options_.has_peer) {
-      peer_ = SCREE_TRY(open_vulkan_peer(gpu.uuid));
-    }
+    if (options_.has_peer) peer_ = SCREE_TRY(open_vulkan_peer(gpu.uuid));
     std::printf("%s, driver %s, copies %.2f TB/s; commit %s; median of %u frames after %u, ms\n",
                 machine_.device.c_str(), machine_.driver.c_str(), machine_.copy_gb_per_s * 1e-3,
                 machine_.commit.c_str(), options_.frames, options_.warmup);
@@ -87,9 +85,7 @@ class Runner {
  private:
   Result<void> measure_all() {
     if (!options_.files.empty()) return measure_file(options_.files[0]);
-    for (const std::string& name : options_.scenes) {
-      SCREE_TRY(options_.sweep ? sweep_scene(name) : measure_scene(name));
-    }
+    for (const std::string& name : options_.scenes) SCREE_TRY(options_.sweep ? sweep_scene(name) : measure_scene(name));
     return {};
   }
 
@@ -276,9 +272,7 @@ class Runner {
                              .culling = culling,
                              .effects = effects,
                              .stage_times = options_.stage_times};
-    for (uint32_t i = 0; i < options_.warmup; ++i) {
-      SCREE_TRY(frames.draw(view.frames.front(), frame, ms));
-    }
+    for (uint32_t i = 0; i < options_.warmup; ++i) SCREE_TRY(frames.draw(view.frames.front(), frame, ms));
     for (uint32_t i = 0; i < result.frames; ++i) {
       result.stats = SCREE_TRY(frames.draw(view.frames[i % view.frames.size()], frame, ms));
       series.add(ms);
@@ -303,9 +297,7 @@ class Runner {
     std::fprintf(stderr, "  %s %s %ux%u: %.3f ms\n", result.scene.c_str(), result.view.c_str(),
                  result.width * result.samples_per_side, result.height * result.samples_per_side,
                  result.drawing().median);
-    if (!options_.csv.empty()) {
-      SCREE_TRY(bench::append_csv(options_.csv, case_cells(machine_, result)));
-    }
+    if (!options_.csv.empty()) SCREE_TRY(bench::append_csv(options_.csv, case_cells(machine_, result)));
     results_.push_back(std::move(result));
     return {};
   }

@@ -77,9 +77,8 @@ Result<PackedScene::Drawn> PackedScene::draw(const kernels::View& view, uint32_t
     return drawn;
   }
   std::vector<uint32_t> rgba(uint64_t{view.width} * view.height);
-  Result<void> done = device_->resolve(samples, samples_per_side, shading, rgba);
-  if (done) done = device_->read_samples(drawn.samples);
-  if (!done) return done.error();
+  SCREE_TRY(device_->resolve(samples, samples_per_side, shading, rgba));
+  SCREE_TRY(device_->read_samples(drawn.samples));
   for (size_t i = 0; i < drawn.rgb.size(); ++i) drawn.rgb[i] = static_cast<uint8_t>(rgba[i / 3] >> (8 * (i % 3)));
   return drawn;
 }

@@ -187,9 +187,7 @@ class JudgeRun {
   }
 
   Result<void> keep(JudgedCase row) {
-    if (!options_.csv.empty()) {
-      SCREE_TRY(bench::append_csv(options_.csv, judged_cells(machine_, row)));
-    }
+    if (!options_.csv.empty()) SCREE_TRY(bench::append_csv(options_.csv, judged_cells(machine_, row)));
     rows_.push_back(std::move(row));
     return {};
   }

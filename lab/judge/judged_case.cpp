@@ -27,15 +27,8 @@ std::string psnr(const JudgedCase& row) {
 
 /// The part of a row that distinguishes it from others of the same scene and view.
 std::string drawn_as(const JudgedCase& row) {
-  switch (row.study) {
-    case Study::kDepth:
-      return std::to_string(row.depth_bits) + "-bit depth";
-    case Study::kSnapping:
-      return "1/" + std::to_string(row.snap) + " pixel";
-    case Study::kSupersample:
-    case Study::kPositions:
-      break;
-  }
+  if (row.study == Study::kDepth) return std::to_string(row.depth_bits) + "-bit depth";
+  if (row.study == Study::kSnapping) return "1/" + std::to_string(row.snap) + " pixel";
   std::string name = row.positions + (row.positions == "float32" ? ", " : "-bit, ") + row.indices;
   if (row.study == Study::kSupersample) {
     const std::string side = std::to_string(row.samples_per_side);
@@ -90,20 +83,12 @@ std::string sample_table(std::span<const JudgedCase> rows) {
   return table.text();
 }
 
-}  // namespace
-
 const char* study_name(Study study) {
-  switch (study) {
-    case Study::kSupersample:
-      return "samples";
-    case Study::kDepth:
-      return "depth";
-    case Study::kSnapping:
-      return "snapping";
-    default:
-      return "positions";
-  }
+  constexpr const char* kNames[] = {"positions", "samples", "depth", "snapping"};
+  return kNames[static_cast<size_t>(study)];
 }
+
+}  // namespace
 
 bench::CsvCells judged_cells(const Machine& machine, const JudgedCase& row) {
   using bench::csv_number;

@@ -20,7 +20,6 @@ enum class Study : uint8_t {
   kDepth,        // the error of depth codes, with all other steps exact
   kSnapping,     // the error of rounding projected corners, with all other steps exact
 };
-const char* study_name(Study study);
 
 struct JudgedCase {
   Study study = Study::kPositions;

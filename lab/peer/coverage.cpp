@@ -17,7 +17,7 @@ namespace {
 using Point = Vec3;
 
 /// The position of a triangle relative to a sample.
-struct Place {
+struct SampleTest {
   enum { kInside, kNearEdge, kOutside } where;
   double w;  // the triangle's distance at the sample; valid inside
 };
@@ -31,9 +31,9 @@ class Geometry {
       first_ids_.push_back(first_ids_.back() + synth::triangle_count(scene.meshes[instance.mesh]));
   }
 
-  /// The place of triangle `id` relative to the centre of sample (x, y), in double precision and without snapping.
+  /// Tests triangle `id` against the centre of sample (x, y), in double precision and without snapping.
   /// Edges are lines through the eye's plane, so corners may lie behind the eye (Olano and Greer, 1997).
-  Place place(uint64_t id, uint32_t x, uint32_t y) const {
+  SampleTest test(uint64_t id, uint32_t x, uint32_t y) const {
     const auto [corners, mirrored] = project(id);
     const Point sample{x + 0.5, y + 0.5, 1};
     // y points down, so a front turns clockwise on the screen and has a negative determinant.
@@ -48,10 +48,10 @@ class Geometry {
       inverse_w += value / determinant;
     }
     const double w = 1 / inverse_w;
-    if (!(std::fabs(inside) > kEdgePixels)) return {Place::kNearEdge, w};
-    if (inside < 0 || !(w > 0)) return {Place::kOutside, w};
-    if (std::fabs(w - 1) < 1e-5) return {Place::kNearEdge, w};
-    return {w < 1 ? Place::kOutside : Place::kInside, w};
+    if (!(std::fabs(inside) > kEdgePixels)) return {SampleTest::kNearEdge, w};
+    if (inside < 0 || !(w > 0)) return {SampleTest::kOutside, w};
+    if (std::fabs(w - 1) < 1e-5) return {SampleTest::kNearEdge, w};
+    return {w < 1 ? SampleTest::kOutside : SampleTest::kInside, w};
   }
 
  private:
@@ -112,11 +112,11 @@ Coverage compare_coverage(const synth::Scene& scene, const kernels::View& view, 
         outside = true;
         continue;
       }
-      const Place place =
-          geometry.place(both[picture], static_cast<uint32_t>(i % view.width), static_cast<uint32_t>(i / view.width));
-      near_edge = near_edge || place.where == Place::kNearEdge;
-      outside = outside || place.where == Place::kOutside;
-      w[picture] = place.w;
+      const SampleTest found =
+          geometry.test(both[picture], static_cast<uint32_t>(i % view.width), static_cast<uint32_t>(i / view.width));
+      near_edge = near_edge || found.where == SampleTest::kNearEdge;
+      outside = outside || found.where == SampleTest::kOutside;
+      w[picture] = found.w;
     }
     if (near_edge) {
       ++coverage.edge;

@@ -14,26 +14,18 @@ namespace scree::lab {
 namespace {
 
 std::string result_name(VkResult result) {
-  switch (result) {
-    case VK_ERROR_OUT_OF_HOST_MEMORY:
-      return "out of host memory";
-    case VK_ERROR_OUT_OF_DEVICE_MEMORY:
-      return "out of device memory";
-    case VK_ERROR_INITIALIZATION_FAILED:
-      return "initialization failed";
-    case VK_ERROR_DEVICE_LOST:
-      return "the device was lost";
-    case VK_ERROR_INCOMPATIBLE_DRIVER:
-      return "no driver (VK_DRIVER_FILES can name one)";
-    case VK_ERROR_FEATURE_NOT_PRESENT:
-      return "a feature is missing";
-    case VK_ERROR_EXTENSION_NOT_PRESENT:
-      return "an extension is missing";
-    case VK_ERROR_LAYER_NOT_PRESENT:
-      return "a layer is missing";
-    default:
-      return "VkResult " + std::to_string(result);
-  }
+  constexpr std::pair<VkResult, const char*> kNames[] = {
+      {VK_ERROR_OUT_OF_HOST_MEMORY, "out of host memory"},
+      {VK_ERROR_OUT_OF_DEVICE_MEMORY, "out of device memory"},
+      {VK_ERROR_INITIALIZATION_FAILED, "initialization failed"},
+      {VK_ERROR_DEVICE_LOST, "the device was lost"},
+      {VK_ERROR_INCOMPATIBLE_DRIVER, "no driver (VK_DRIVER_FILES can name one)"},
+      {VK_ERROR_FEATURE_NOT_PRESENT, "a feature is missing"},
+      {VK_ERROR_EXTENSION_NOT_PRESENT, "an extension is missing"},
+      {VK_ERROR_LAYER_NOT_PRESENT, "a layer is missing"}};
+  for (const auto& [known, name] : kNames)
+    if (result == known) return name;
+  return "VkResult " + std::to_string(result);
 }
 
 Error device_error(std::string message) {
@@ -77,10 +69,9 @@ Result<void> vulkan_check(VkResult result, const char* what) {
 
 Result<std::unique_ptr<VulkanDevice>> VulkanDevice::open(std::string_view uuid) {
   std::unique_ptr<VulkanDevice> device(new VulkanDevice);
-  Result<void> done = device->load_library();
-  if (done) done = device->choose_gpu(uuid);
-  if (done) done = device->make_device();
-  if (!done) return done.error();
+  SCREE_TRY(device->load_library());
+  SCREE_TRY(device->choose_gpu(uuid));
+  SCREE_TRY(device->make_device());
   return device;
 }
 
@@ -249,10 +240,8 @@ Result<void> VulkanDevice::make_device() {
                                      .flags = VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
                                      .queueFamilyIndex = queue_family_};
   const VkFenceCreateInfo fence{.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
-  Result<void> done =
-      vulkan_made(api_.vkCreateCommandPool(device_, &pool, nullptr, &pool_), pool_, "making a command pool");
-  if (done) done = vulkan_made(api_.vkCreateFence(device_, &fence, nullptr, &fence_), fence_, "making a fence");
-  return done;
+  SCREE_TRY(vulkan_made(api_.vkCreateCommandPool(device_, &pool, nullptr, &pool_), pool_, "making a command pool"));
+  return vulkan_made(api_.vkCreateFence(device_, &fence, nullptr, &fence_), fence_, "making a fence");
 }
 
 uint64_t VulkanDevice::free_bytes() const {
@@ -298,12 +287,11 @@ Result<VulkanBuffer> VulkanDevice::make_buffer(uint64_t bytes, VkBufferUsageFlag
                                 .size = bytes,
                                 .usage = usage,
                                 .sharingMode = VK_SHARING_MODE_EXCLUSIVE};
-  Result<void> done =
-      vulkan_made(api_.vkCreateBuffer(device_, &info, nullptr, &buffer.handle), buffer.handle, "making a buffer");
-  if (!done) return done.error();
+  SCREE_TRY(
+      vulkan_made(api_.vkCreateBuffer(device_, &info, nullptr, &buffer.handle), buffer.handle, "making a buffer"));
   VkMemoryRequirements needs{};
   api_.vkGetBufferMemoryRequirements(device_, buffer.handle, &needs);
-  done = allocate(needs, memory, has_address, buffer.memory);
+  Result<void> done = allocate(needs, memory, has_address, buffer.memory);
   if (done) done = vulkan_check(api_.vkBindBufferMemory(device_, buffer.handle, buffer.memory, 0), "binding a buffer");
   if (done && memory != VulkanMemory::kDevice) {
     void* mapped = nullptr;
@@ -335,13 +323,11 @@ Result<VulkanImage> VulkanDevice::make_image(uint32_t width, uint32_t height, Vk
                                .usage = usage,
                                .sharingMode = VK_SHARING_MODE_EXCLUSIVE,
                                .initialLayout = VK_IMAGE_LAYOUT_UNDEFINED};
-  Result<void> done =
-      vulkan_made(api_.vkCreateImage(device_, &info, nullptr, &image.handle), image.handle, "making a picture");
-  if (!done) return done.error();
+  SCREE_TRY(vulkan_made(api_.vkCreateImage(device_, &info, nullptr, &image.handle), image.handle, "making a picture"));
   VkMemoryRequirements needs{};
   api_.vkGetImageMemoryRequirements(device_, image.handle, &needs);
   image.bytes = needs.size;
-  done = allocate(needs, VulkanMemory::kDevice, false, image.memory);
+  Result<void> done = allocate(needs, VulkanMemory::kDevice, false, image.memory);
   if (done) done = vulkan_check(api_.vkBindImageMemory(device_, image.handle, image.memory, 0), "binding a picture");
   const VkImageViewCreateInfo view{.sType = VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO,
                                    .image = image.handle,
@@ -386,10 +372,9 @@ Result<void> VulkanDevice::run(VkCommandBuffer commands) const {
                                          .commandBuffer = commands};
   const VkSubmitInfo2 submit{
       .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO_2, .commandBufferInfoCount = 1, .pCommandBufferInfos = &buffer};
-  Result<void> done = vulkan_check(api_.vkResetFences(device_, 1, &fence_), "resetting a fence");
-  if (done) done = vulkan_check(api_.vkQueueSubmit2(queue_, 1, &submit, fence_), "submitting commands");
-  if (done) done = vulkan_check(api_.vkWaitForFences(device_, 1, &fence_, VK_TRUE, UINT64_MAX), "waiting for the GPU");
-  return done;
+  SCREE_TRY(vulkan_check(api_.vkResetFences(device_, 1, &fence_), "resetting a fence"));
+  SCREE_TRY(vulkan_check(api_.vkQueueSubmit2(queue_, 1, &submit, fence_), "submitting commands"));
+  return vulkan_check(api_.vkWaitForFences(device_, 1, &fence_, VK_TRUE, UINT64_MAX), "waiting for the GPU");
 }
 
 }  // namespace scree::lab

@@ -253,13 +253,11 @@ Result<void> VulkanPeer::upload(const VulkanBuffer& buffer, uint64_t offset, uin
     });
     const VkCommandBufferBeginInfo once{.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
                                         .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
-    Result<void> done = vulkan_check(vk_.vkBeginCommandBuffer(copying_, &once), "recording a copy");
-    if (!done) return done;
+    SCREE_TRY(vulkan_check(vk_.vkBeginCommandBuffer(copying_, &once), "recording a copy"));
     const VkBufferCopy copy{0, offset + first * item_bytes, items * item_bytes};
     vk_.vkCmdCopyBuffer(copying_, staging_.handle, buffer.handle, 1, &copy);
-    done = vulkan_check(vk_.vkEndCommandBuffer(copying_), "recording a copy");
-    if (done) done = gpu_->run(copying_);
-    if (!done) return done;
+    SCREE_TRY(vulkan_check(vk_.vkEndCommandBuffer(copying_), "recording a copy"));
+    SCREE_TRY(gpu_->run(copying_));
   }
   return {};
 }
@@ -291,9 +289,8 @@ Result<void> VulkanPeer::fill_mesh(const synth::MeshRecipe& mesh, MeshPlace& pla
     }
   };
   const VulkanBuffer& block = blocks_[place.block];
-  Result<void> done = upload(block, place.positions, synth::vertex_count(mesh), 3 * sizeof(float), workers, positions);
-  if (done) done = upload(block, place.indices, synth::triangle_count(mesh) / 2, 6 * sizeof(uint32_t), workers, quads);
-  return done;
+  SCREE_TRY(upload(block, place.positions, synth::vertex_count(mesh), 3 * sizeof(float), workers, positions));
+  return upload(block, place.indices, synth::triangle_count(mesh) / 2, 6 * sizeof(uint32_t), workers, quads);
 }
 
 Result<void> VulkanPeer::make_pictures(uint32_t width, uint32_t height) {
@@ -345,14 +342,13 @@ Result<kernels::FrameStats> VulkanPeer::look(const kernels::View& view) {
   kernels::FrameStats stats{};
   const std::vector<InstanceRow> rows = cull(view, stats);
   runtime::Workers one(1);
-  Result<void> done =
+  SCREE_TRY(
       upload(instances_, 0, rows.size(), sizeof(InstanceRow), one, [&](uint64_t first, uint64_t count, std::byte* to) {
         std::memcpy(to, rows.data() + first, count * sizeof(InstanceRow));
-      });
+      }));
   for (const PeerDrawing drawing : {PeerDrawing::kIndexed, PeerDrawing::kPulled})
-    if (done) done = record(drawing, drawings_[static_cast<size_t>(drawing)]);
-  if (done) done = record_reading();
-  if (!done) return done.error();
+    SCREE_TRY(record(drawing, drawings_[static_cast<size_t>(drawing)]));
+  SCREE_TRY(record_reading());
   return stats;
 }
 

@@ -14,9 +14,7 @@ class GpuTimer {
  public:
   static Result<GpuTimer> create() {
     GpuTimer timer;
-    for (cudaEvent_t& event : timer.events_) {
-      SCREE_TRY(kernels::cuda_check(cudaEventCreate(&event), "making an event"));
-    }
+    for (cudaEvent_t& event : timer.events_) SCREE_TRY(kernels::cuda_check(cudaEventCreate(&event), "making an event"));
     return timer;
   }
   GpuTimer(GpuTimer&& other) noexcept {
@@ -36,10 +34,9 @@ class GpuTimer {
   /// Waits for the work submitted since start(). Returns its ms.
   Result<float> stop() {
     float ms = 0;
-    Result<void> done = kernels::cuda_check(cudaEventRecord(events_[1]), "recording an event");
-    if (done) done = kernels::cuda_check(cudaEventSynchronize(events_[1]), "waiting for the GPU");
-    if (done) done = kernels::cuda_check(cudaEventElapsedTime(&ms, events_[0], events_[1]), "reading a time");
-    if (!done) return done.error();
+    SCREE_TRY(kernels::cuda_check(cudaEventRecord(events_[1]), "recording an event"));
+    SCREE_TRY(kernels::cuda_check(cudaEventSynchronize(events_[1]), "waiting for the GPU"));
+    SCREE_TRY(kernels::cuda_check(cudaEventElapsedTime(&ms, events_[0], events_[1]), "reading a time"));
     return ms;
   }
 
