@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <iterator>
 
 namespace scree::library {
 namespace {
@@ -55,32 +56,19 @@ const char* scree_error(void) {
 }
 
 const char* scree_status_name(scree_status status) {
-  switch (status) {
-    case SCREE_OK:
-      return "SCREE_OK";
-    case SCREE_ERROR_ARGUMENT:
-      return "SCREE_ERROR_ARGUMENT";
-    case SCREE_ERROR_FILE:
-      return "SCREE_ERROR_FILE";
-    case SCREE_ERROR_DATA:
-      return "SCREE_ERROR_DATA";
-    case SCREE_ERROR_DEVICE:
-      return "SCREE_ERROR_DEVICE";
-    case SCREE_ERROR_MEMORY:
-      return "SCREE_ERROR_MEMORY";
-    case SCREE_ERROR_HANDLE:
-      return "SCREE_ERROR_HANDLE";
-    case SCREE_ERROR_BUFFER:
-      return "SCREE_ERROR_BUFFER";
-    case SCREE_ERROR_NO_FRAME:
-      return "SCREE_ERROR_NO_FRAME";
-    case SCREE_ERROR_CANCELLED:
-      return "SCREE_ERROR_CANCELLED";
-    case SCREE_ERROR_INTERNAL:
-    default:
-      break;
-  }
-  return "SCREE_ERROR_INTERNAL";
+  constexpr const char* kNames[] = {"SCREE_OK",
+                                    "SCREE_ERROR_ARGUMENT",
+                                    "SCREE_ERROR_FILE",
+                                    "SCREE_ERROR_DATA",
+                                    "SCREE_ERROR_DEVICE",
+                                    "SCREE_ERROR_MEMORY",
+                                    "SCREE_ERROR_HANDLE",
+                                    "SCREE_ERROR_BUFFER",
+                                    "SCREE_ERROR_NO_FRAME",
+                                    "SCREE_ERROR_CANCELLED",
+                                    "SCREE_ERROR_INTERNAL"};
+  static_assert(std::size(kNames) == SCREE_ERROR_INTERNAL + 1);
+  return kNames[std::min<size_t>(static_cast<size_t>(status), SCREE_ERROR_INTERNAL)];
 }
 
 }  // extern "C"

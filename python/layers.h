@@ -35,18 +35,11 @@ inline scree_layer layer_of(const std::string& word) {
 }
 
 inline py::dtype numpy_type(scree_type type) {
-  switch (type) {
-    case SCREE_UINT8:
-      return py::dtype::of<uint8_t>();
-    case SCREE_FLOAT32:
-      return py::dtype::of<float>();
-    case SCREE_INT64:
-      return py::dtype::of<int64_t>();
-    case SCREE_INT32:
-      return py::dtype::of<int32_t>();
-    default:
-      return py::dtype::of<uint64_t>();
-  }
+  if (type == SCREE_UINT8) return py::dtype::of<uint8_t>();
+  if (type == SCREE_FLOAT32) return py::dtype::of<float>();
+  if (type == SCREE_INT64) return py::dtype::of<int64_t>();
+  if (type == SCREE_INT32) return py::dtype::of<int32_t>();
+  return py::dtype::of<uint64_t>();
 }
 
 }  // namespace scree_python

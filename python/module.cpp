@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -43,18 +42,11 @@ void end(T* object) {
 }
 
 DlDataType dl_type(scree_type type) {
-  switch (type) {
-    case SCREE_UINT8:
-      return {1, 8, 1};
-    case SCREE_FLOAT32:
-      return {2, 32, 1};
-    case SCREE_INT64:
-      return {0, 64, 1};
-    case SCREE_INT32:
-      return {0, 32, 1};
-    default:
-      return {1, 64, 1};
-  }
+  if (type == SCREE_UINT8) return {1, 8, 1};
+  if (type == SCREE_FLOAT32) return {2, 32, 1};
+  if (type == SCREE_INT64) return {0, 64, 1};
+  if (type == SCREE_INT32) return {0, 32, 1};
+  return {1, 64, 1};
 }
 
 std::vector<py::ssize_t> shape_of(const scree_array& array) {
