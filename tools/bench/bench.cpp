@@ -168,9 +168,7 @@ class FileBench {
       for (LoadSeries& series : all) {
         progress_.update(loads++, 0);
         double share = 1;
-        if (cached) {
-          share = SCREE_TRY(series.result.is_cold ? drop_from_cache(path_) : bring_to_cache(path_));
-        }
+        if (cached) share = SCREE_TRY(series.result.is_cold ? drop_from_cache(path_) : bring_to_cache(path_));
         SCREE_TRY(load(series, share));
       }
     }

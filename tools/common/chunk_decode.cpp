@@ -16,9 +16,6 @@
 namespace scree::tools {
 namespace {
 
-using format::ChunkRecord;
-using format::MeshRecord;
-
 /// Half of the machine's memory. A stream of 0 bits takes no bytes, so a chunk record of a few bytes can state 2^32
 /// vertices. Sizes that no machine could hold are refused before anything is allocated.
 uint64_t memory_limit() {
@@ -28,20 +25,6 @@ uint64_t memory_limit() {
     return static_cast<uint64_t>(pages) * static_cast<uint64_t>(page_bytes) / 2;
   }();
   return limit;
-}
-
-uint64_t decoded_bytes(const MeshRecord& mesh, const ChunkRecord& chunk, uint32_t parts) {
-  const uint64_t vertices = chunk.vertex_count, triangles = chunk.triangle_count;
-  uint64_t bytes = 0;
-  if (parts & kPartIndices) bytes += 12 * triangles;
-  if (parts & kPartPositions) bytes += 12 * vertices;
-  if ((parts & kPartUvs) && (mesh.attributes & format::kHasUv)) bytes += 8 * vertices;
-  if ((parts & kPartColors) && (mesh.attributes & format::kHasColor)) bytes += 16 * vertices;
-  if ((parts & kPartNormals) && (mesh.attributes & format::kHasNormal)) bytes += 12 * vertices;
-  if ((parts & kPartSourceIds) && (mesh.attributes & format::kHasSourceIds)) bytes += 8 * triangles;
-  if ((parts & kPartSecondUvs) && (mesh.attributes & format::kHasSecondUv)) bytes += 8 * vertices;
-  if ((parts & kPartTangents) && (mesh.attributes & format::kHasTangent)) bytes += 16 * vertices;
-  return bytes;
 }
 
 /// Resizes `values`, and frees memory left over from a much larger earlier chunk.
@@ -55,8 +38,8 @@ void set_size(std::vector<T>& values, uint64_t size) {
 
 Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::span<const std::byte> page,
                           uint32_t parts, DecodedChunk& out) {
-  const ChunkRecord& record = file.chunks()[chunk];
-  const MeshRecord& mesh = file.meshes()[record.mesh];
+  const format::ChunkRecord& record = file.chunks()[chunk];
+  const format::MeshRecord& mesh = file.meshes()[record.mesh];
   const auto place = [&](const char* stream) { return runtime::chunk_place(file, chunk) + ": " + stream; };
 
   const format::ChunkStreams streams = format::chunk_streams(mesh, record);
@@ -65,22 +48,33 @@ Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::sp
                                         " bytes, but its streams take " + std::to_string(streams.bytes) +
                                         " and the page has " + std::to_string(page.size())};
   }
-  const uint64_t needed = decoded_bytes(mesh, record, parts);
+  // The number of values of a part that is requested, if the mesh has it (`flag`; 0: always).
+  const auto values = [&](uint32_t part, uint32_t flag, uint64_t count) {
+    return (parts & part) && (mesh.attributes & flag) == flag ? count : 0;
+  };
+  const uint64_t vertices = record.vertex_count, triangles = record.triangle_count;
+  const uint64_t indices = values(kPartIndices, 0, 3 * triangles);
+  const uint64_t positions = values(kPartPositions, 0, 3 * vertices);
+  const uint64_t uvs = values(kPartUvs, format::kHasUv, 2 * vertices);
+  const uint64_t colors = values(kPartColors, format::kHasColor, 4 * vertices);
+  const uint64_t normals = values(kPartNormals, format::kHasNormal, 3 * vertices);
+  const uint64_t source_ids = values(kPartSourceIds, format::kHasSourceIds, triangles);
+  const uint64_t second_uvs = values(kPartSecondUvs, format::kHasSecondUv, 2 * vertices);
+  const uint64_t tangents = values(kPartTangents, format::kHasTangent, 4 * vertices);
+  const uint64_t needed = 4 * (indices + positions + uvs + colors + normals + second_uvs + tangents) + 8 * source_ids;
   if (needed > memory_limit()) {
     return Error{ErrorCode::kMemory, runtime::chunk_place(file, chunk) + ": decodes to " + std::to_string(needed) +
                                          " bytes, more than half of this machine's memory"};
   }
-  const uint64_t vertices = record.vertex_count, triangles = record.triangle_count;
-  const auto wanted = [&](uint32_t part, uint32_t flag) { return (parts & part) && (mesh.attributes & flag); };
   try {
-    set_size(out.indices, parts & kPartIndices ? 3 * triangles : 0);
-    set_size(out.positions, parts & kPartPositions ? 3 * vertices : 0);
-    set_size(out.uvs, wanted(kPartUvs, format::kHasUv) ? 2 * vertices : 0);
-    set_size(out.colors, wanted(kPartColors, format::kHasColor) ? 4 * vertices : 0);
-    set_size(out.normals, wanted(kPartNormals, format::kHasNormal) ? 3 * vertices : 0);
-    set_size(out.source_ids, wanted(kPartSourceIds, format::kHasSourceIds) ? triangles : 0);
-    set_size(out.second_uvs, wanted(kPartSecondUvs, format::kHasSecondUv) ? 2 * vertices : 0);
-    set_size(out.tangents, wanted(kPartTangents, format::kHasTangent) && !out.normals.empty() ? 4 * vertices : 0);
+    set_size(out.indices, indices);
+    set_size(out.positions, positions);
+    set_size(out.uvs, uvs);
+    set_size(out.colors, colors);
+    set_size(out.normals, normals);
+    set_size(out.source_ids, source_ids);
+    set_size(out.second_uvs, second_uvs);
+    set_size(out.tangents, normals != 0 ? tangents : 0);
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory,
                  runtime::chunk_place(file, chunk) + ": no memory for its " + std::to_string(needed) + " bytes"};
@@ -110,9 +104,7 @@ Result<void> decode_chunk(const format::Container& file, uint64_t chunk, std::sp
         record.uv_exponent, {record.uv_min[0], record.uv_min[1]}, {record.uv_bits[0], record.uv_bits[1]}};
     SCREE_TRY_AT(place("texture coordinates"), format::decode_uvs(out.uvs, range, bytes_of(streams.uvs)));
   }
-  if (!out.colors.empty()) {
-    SCREE_TRY_AT(place("colours"), format::decode_colors(out.colors, bytes_of(streams.colors)));
-  }
+  if (!out.colors.empty()) SCREE_TRY_AT(place("colours"), format::decode_colors(out.colors, bytes_of(streams.colors)));
   if (!out.normals.empty()) {
     SCREE_TRY_AT(place("normals"), format::decode_normals(out.normals, record.normal_bits, bytes_of(streams.normals)));
   }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
@@ -24,6 +25,13 @@ struct Command {
 template <class Word>
 CLI::Option* add_value(CLI::App& app, const char* names, const char* value, Word& word, const std::string& help) {
   return app.add_option(names, word, help)->type_name(value);
+}
+
+/// Adds an option that may be repeated, with one value each: the next word may be a file.
+inline CLI::Option* add_repeated(CLI::App& app, const char* names, const char* value, std::vector<std::string>& words,
+                                 const std::string& help) {
+  CLI::Option* const option = add_value(app, names, value, words, help)->type_size(1)->expected(1);
+  return option->allow_extra_args(false)->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
 }
 
 /// Adds an option with a whole number from `lowest` to `highest`. `word` holds the default, which the help shows.

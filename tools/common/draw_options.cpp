@@ -85,12 +85,11 @@ Result<LightOptions> parse_light_options(const LightWords& words) {
     if (words.*word != defaults.*word) options.words.insert(options.words.end(), {name, words.*word});
   if (words.light.empty()) {
     if (!words.environment.empty()) options.lighting = kernels::Lighting::kEnvironment;
-  } else if (const Result<void> chosen = parse_choice(words.light, "--light", options.lighting,
-                                                      {{"camera", kernels::Lighting::kCamera},
-                                                       {"environment", kernels::Lighting::kEnvironment},
-                                                       {"scene", kernels::Lighting::kScene}});
-             !chosen) {
-    return chosen.error();
+  } else {
+    SCREE_TRY(parse_choice(words.light, "--light", options.lighting,
+                           {{"camera", kernels::Lighting::kCamera},
+                            {"environment", kernels::Lighting::kEnvironment},
+                            {"scene", kernels::Lighting::kScene}}));
   }
   if (!words.environment.empty() && options.lighting != kernels::Lighting::kEnvironment)
     return usage("--environment is for --light environment, not " + words.light);
@@ -107,9 +106,8 @@ Result<LightOptions> parse_light_options(const LightWords& words) {
   if (words.shadows && options.lighting != kernels::Lighting::kScene) return usage("--shadows needs --light scene");
   if (words.shadows) options.shadow_side = runtime::kShadowSide;
   if (!words.shadow_size.empty()) {
-    const uint64_t samples =
-        SCREE_TRY(parse_whole(words.shadow_size, runtime::kLeastShadowSide, kernels::kMaxImageSide, "--shadow-size"));
-    options.shadow_side = static_cast<uint32_t>(samples);
+    SCREE_TRY(assign(options.shadow_side, parse_whole(words.shadow_size, runtime::kLeastShadowSide,
+                                                      kernels::kMaxImageSide, "--shadow-size")));
   }
   return options;
 }
@@ -138,10 +136,9 @@ Result<void> accept_scene(const char* command, const runtime::Scene& scene, cons
 
 Result<DeviceOptions> parse_device_options(const DeviceWords& words) {
   DeviceOptions options;
-  Result<void> done = assign(options.threads, parse_threads(words.threads));
-  if (done) done = assign(options.backend, parse_backend(words.backend, words.device, words.gpus));
-  if (done) done = assign(options.device_memory, parse_size(words.device_memory, "--device-memory", 0));
-  if (!done) return done.error();
+  options.threads = SCREE_TRY(parse_threads(words.threads));
+  options.backend = SCREE_TRY(parse_backend(words.backend, words.device, words.gpus));
+  options.device_memory = SCREE_TRY(parse_size(words.device_memory, "--device-memory", 0));
   return options;
 }
 
@@ -171,15 +168,13 @@ Result<DrawOptions> parse_draw_options(const DrawWords& words) {
     return Error{ErrorCode::kUsage, "--size " + words.size + " with --samples " + words.samples + " makes " +
                                         std::to_string(longest) + " samples per side, at most " +
                                         std::to_string(kernels::kMaxImageSide)};
-  Result<void> done = assign<DeviceOptions>(options, parse_device_options(words));
-  if (done) done = assign(options.host_memory, parse_size(words.host_memory, "--host-memory", 0));
-  if (done)
-    done = parse_choice(words.read, "--read", options.reading,
-                        {{"auto", runtime::Reading::kAuto},
-                         {"mapped", runtime::Reading::kMapped},
-                         {"buffered", runtime::Reading::kBuffered},
-                         {"direct", runtime::Reading::kDirect}});
-  if (!done) return done.error();
+  SCREE_TRY(assign<DeviceOptions>(options, parse_device_options(words)));
+  options.host_memory = SCREE_TRY(parse_size(words.host_memory, "--host-memory", 0));
+  SCREE_TRY(parse_choice(words.read, "--read", options.reading,
+                         {{"auto", runtime::Reading::kAuto},
+                          {"mapped", runtime::Reading::kMapped},
+                          {"buffered", runtime::Reading::kBuffered},
+                          {"direct", runtime::Reading::kDirect}}));
   return options;
 }
 

@@ -87,8 +87,7 @@ Result<uint64_t> parse_size(std::string_view text) {
 
 Result<uint64_t> parse_size(std::string_view text, std::string_view option, uint64_t otherwise) {
   if (text.empty()) return otherwise;
-  const Result<uint64_t> bytes = parse_size(text);
-  return bytes ? *bytes : Result<uint64_t>(at(std::string(option), bytes.error()));
+  return SCREE_TRY_AT(std::string(option), parse_size(text));
 }
 
 Result<double> parse_length(std::string_view text) {

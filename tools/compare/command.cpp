@@ -76,16 +76,8 @@ Result<FileKind> kind_of(const std::string& path) {
 }
 
 const char* kind_name(FileKind kind) {
-  switch (kind) {
-    case FileKind::kPicture:
-      return "a PNG picture";
-    case FileKind::kScene:
-      return "a .scree file";
-    case FileKind::kSource:
-      return "a glTF";
-    default:
-      return "a visibility buffer";
-  }
+  constexpr const char* kNames[] = {"a PNG picture", "a .scree file", "a glTF", "a visibility buffer"};
+  return kNames[static_cast<size_t>(kind)];
 }
 
 /// The reports of one comparison, printed together.
@@ -132,9 +124,7 @@ Result<runtime::Scene> load_scene(const std::string& path, const RenderOptions& 
 /// or than is available.
 Result<void> check_memory(const CompareArguments& words, const std::string& source, uint64_t needed) {
   uint64_t allowed = available_memory();
-  if (!words.memory.empty()) {
-    allowed = SCREE_TRY_AT("--memory", parse_size(words.memory));
-  }
+  if (!words.memory.empty()) allowed = SCREE_TRY_AT("--memory", parse_size(words.memory));
   if (needed <= allowed || (allowed == 0 && words.memory.empty())) return {};
   return at(source, Error{ErrorCode::kMemory, "its vertices and triangles take " + format_bytes(needed) +
                                                   " of memory, but " + format_bytes(allowed) + " are " +
@@ -235,9 +225,9 @@ Result<void> write_outputs(const CompareArguments& words, const Findings& findin
     if (StopOnSignal::flag()->load()) return Error{ErrorCode::kFile, "interrupted"};
   }
   if (words.flip.empty()) return {};
-  Result<void> written = write_flip(words.flip, *findings.pictures, existing);
-  if (written) note_written(words.flip);
-  return written;
+  SCREE_TRY(write_flip(words.flip, *findings.pictures, existing));
+  note_written(words.flip);
+  return {};
 }
 
 Result<void> run(const CompareArguments& words) try {
@@ -279,13 +269,9 @@ Command add_compare(CLI::App& parent) {
             ".scree file and its glTF");
   add_value(*app, "--size", "WxH", render.size, "Pixels, WxH (default: 1920x1080)");
   add_camera_options(*app, render);
-  add_value(*app, "--of", "FILE", words->of,
-            "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
-            "first, if the two differ in encoding (needs convert --source-ids)")
-      ->type_size(1)
-      ->expected(1)
-      ->allow_extra_args(false)  // the next argument is an input file
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  add_repeated(*app, "--of", "FILE", words->of,
+               "The .scree file of the buffers, to distinguish meshes and neighbours. Give it twice, A's file "
+               "first, if the two differ in encoding (needs convert --source-ids)");
   add_value(*app, "--exclude", "REGEX", words->exclude, "The --exclude with which the .scree file was converted");
   app->add_flag("--allow-outside", words->allow_outside, convert::kAllowOutsideHelp);
   app->add_option(

@@ -66,8 +66,7 @@ Result<convert::ImageOptions> parse_textures(const std::string& text) {
   }
   options.textures = convert::Textures::kJpeg;
   if (text == "jpeg") return options;
-  const uint64_t quality = SCREE_TRY(parse_whole(text.substr(5), 1, 100, "--textures jpeg"));
-  options.quality = static_cast<int>(quality);
+  SCREE_TRY(assign(options.quality, parse_whole(text.substr(5), 1, 100, "--textures jpeg")));
   return options;
 }
 
@@ -84,13 +83,12 @@ Result<convert::PixelBound> parse_pixel_bound(const ConvertArguments& words) {
   if (words.max_error_pixels.empty() || words.at_distance.empty())
     return Error{ErrorCode::kUsage, "--max-error-pixels and --at-distance need each other"};
   convert::PixelBound bound;
-  Result<void> done = assign(bound.pixels, parse_positive(words.max_error_pixels, "--max-error-pixels"));
-  if (!done) return done.error();
-  if (done = assign(bound.distance, parse_length(words.at_distance)); !done) return at("--at-distance", done.error());
+  bound.pixels = SCREE_TRY(parse_positive(words.max_error_pixels, "--max-error-pixels"));
+  bound.distance = SCREE_TRY_AT("--at-distance", parse_length(words.at_distance));
   const ImageSize size = SCREE_TRY(parse_image_size(words.at_size, "--at-size"));
   bound.width = size.width;
   bound.height = size.height;
-  if (done = assign(bound.fov_degrees, parse_positive(words.at_fov, "--at-fov")); !done) return done.error();
+  bound.fov_degrees = SCREE_TRY(parse_positive(words.at_fov, "--at-fov"));
   if (bound.fov_degrees >= 180)
     return Error{ErrorCode::kUsage, "--at-fov: '" + words.at_fov + "' is not below 180 degrees"};
   return bound;
@@ -111,20 +109,14 @@ Result<void> parse_shard(const std::string& text, convert::ConvertOptions& optio
 
 Result<void> parse_choices(const ConvertArguments& words, convert::ConvertOptions& options) {
   using namespace convert;
-  Result<void> done =
-      parse_choice(words.grid, "--grid", options.grid, {{"mesh", Grid::kMesh}, {"scene", Grid::kScene}});
-  if (done)
-    done = parse_choice(words.order, "--order", options.order, {{"fifo", Order::kFifo}, {"none", Order::kNone}});
-  if (done)
-    done = parse_choice(words.encoding, "--encoding", options.encoding,
-                        {{"clustered", Encoding::kClustered}, {"indexed", Encoding::kIndexed}});
-  if (done)
-    done = parse_choice(words.clusters, "--clusters", options.clusters,
-                        {{"fast", ClusterEffort::kFast}, {"best", ClusterEffort::kBest}});
-  if (done)
-    done = parse_choice(words.normals, "--normals", options.normals,
-                        {{"auto", Normals::kAuto}, {"always", Normals::kAlways}, {"never", Normals::kNever}});
-  return done;
+  SCREE_TRY(parse_choice(words.grid, "--grid", options.grid, {{"mesh", Grid::kMesh}, {"scene", Grid::kScene}}));
+  SCREE_TRY(parse_choice(words.order, "--order", options.order, {{"fifo", Order::kFifo}, {"none", Order::kNone}}));
+  SCREE_TRY(parse_choice(words.encoding, "--encoding", options.encoding,
+                         {{"clustered", Encoding::kClustered}, {"indexed", Encoding::kIndexed}}));
+  SCREE_TRY(parse_choice(words.clusters, "--clusters", options.clusters,
+                         {{"fast", ClusterEffort::kFast}, {"best", ClusterEffort::kBest}}));
+  return parse_choice(words.normals, "--normals", options.normals,
+                      {{"auto", Normals::kAuto}, {"always", Normals::kAlways}, {"never", Normals::kNever}});
 }
 
 Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positions_given) {
@@ -156,14 +148,12 @@ Result<convert::ConvertOptions> parse(const ConvertArguments& words, bool positi
       return Error{ErrorCode::kUsage, "--max-error-pixels, --max-error and --positions exclude each other"};
     options.pixel_bound = SCREE_TRY(parse_pixel_bound(words));
   }
-  Result<void> done = parse_choices(words, options);
-  if (done)
-    done = assign(options.chunk_triangles,
-                  parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles"));
-  if (done) done = assign(options.threads, parse_whole(words.threads, 0, 4096, "--threads"));
-  if (done) done = assign(options.images, parse_textures(words.textures));
-  if (!done) return done.error();
-  if (done = assign(options.memory, parse_size(words.memory)); !done) return at("--memory", done.error());
+  SCREE_TRY(parse_choices(words, options));
+  options.chunk_triangles =
+      SCREE_TRY(parse_whole(words.chunk_triangles, 0, format::kMaxChunkTriangles, "--chunk-triangles"));
+  SCREE_TRY(assign(options.threads, parse_whole(words.threads, 0, kMostThreads, "--threads")));
+  options.images = SCREE_TRY(parse_textures(words.textures));
+  options.memory = SCREE_TRY_AT("--memory", parse_size(words.memory));
   options.exclude = words.exclude;
   if (!words.zstd.empty()) {
     const uint64_t level = SCREE_TRY(parse_whole(words.zstd, 0, 22, "--zstd"));

@@ -4,7 +4,6 @@
 #include <string>
 #include <vector>
 
-#include "format/text.h"
 #include "tools/common/command.h"
 #include "tools/common/options.h"
 #include "tools/common/output_file.h"
@@ -33,8 +32,7 @@ Result<void> run(const MergeWords& words) {
   options.shards = words.shards;
   options.output = words.output;
   options.existing = existing_of(words.force);
-  const uint64_t threads = SCREE_TRY(parse_whole(words.threads, 0, 4096, "--threads"));
-  options.threads = static_cast<uint32_t>(threads);
+  SCREE_TRY(assign(options.threads, parse_whole(words.threads, 0, kMostThreads, "--threads")));
   options.memory = SCREE_TRY_AT("--memory", parse_size(words.memory));
   options.allow_outside = words.allow_outside;
   options.progress = !words.quiet;

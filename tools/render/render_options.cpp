@@ -24,21 +24,6 @@ bool has_extension(const std::string& path, std::string_view extension) {
   return format::lower_case(std::filesystem::path(path).extension().string()) == extension;
 }
 
-struct NamedShow {
-  const char* name;
-  kernels::Show show;
-};
-
-constexpr std::array<NamedShow, 9> kShows{{{"texture", kernels::Show::kTexture},
-                                           {"color", kernels::Show::kColor},
-                                           {"uv", kernels::Show::kUv},
-                                           {"normal", kernels::Show::kNormal},
-                                           {"triangle", kernels::Show::kTriangle},
-                                           {"cluster", kernels::Show::kCluster},
-                                           {"mesh", kernels::Show::kMesh},
-                                           {"stage", kernels::Show::kStage},
-                                           {"depth", kernels::Show::kDepth}}};
-
 struct NamedColor {
   std::string_view name;
   std::string_view code;
@@ -55,19 +40,11 @@ constexpr std::array<NamedColor, 10> kColors{{{"black", "#000000"},
                                               {"none", "#00000000"},
                                               {"transparent", "#00000000"}}};
 
-struct NamedDirection {
-  std::string_view name;
+/// A direction of --view.
+struct Direction {
   double turn_degrees;  // to the right of the front
   double rise_degrees;
 };
-
-constexpr std::array<NamedDirection, 7> kDirections{{{"front", 0, 0},
-                                                     {"right", 90, 0},
-                                                     {"back", 180, 0},
-                                                     {"left", -90, 0},
-                                                     {"top", 0, 90},
-                                                     {"bottom", 0, -90},
-                                                     {"iso", 45, 35.26438968275465}}};  // atan(1 / sqrt(2))
 
 /// The parts of "a,b,c"; a text without the separator is one part.
 std::vector<std::string_view> split(std::string_view text, char separator) {
@@ -108,6 +85,55 @@ Result<PixelPlace> parse_pick(std::string_view text, uint32_t width, uint32_t he
   return PixelPlace{*x, *y};
 }
 
+/// Parses kCount numbers separated by commas.
+template <size_t kCount>
+std::optional<std::array<double, kCount>> numbers(std::string_view text) {
+  const std::vector<std::string_view> parts = split(text, ',');
+  if (parts.size() != kCount) return std::nullopt;
+  std::array<double, kCount> out{};
+  for (size_t i = 0; i < kCount; ++i) {
+    const std::optional<double> value = number(parts[i]);
+    if (!value) return std::nullopt;
+    out[i] = *value;
+  }
+  return out;
+}
+
+/// "1,-2.5,3e4": three finite numbers. `what` names the option.
+Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what) {
+  if (const std::optional<runtime::Vec3> out = numbers<3>(text)) return *out;
+  return usage(what, text, "three numbers X,Y,Z");
+}
+
+/// "0,0,0,1,2.5,3": a box in the world, the smallest X, Y and Z and then the largest.
+Result<runtime::WorldBox> parse_clip_box(std::string_view text) {
+  const std::optional<std::array<double, 6>> corners = numbers<6>(text);
+  bool is_box = corners.has_value();
+  runtime::WorldBox box;
+  for (size_t i = 0; i < 3 && is_box; ++i) {
+    box.min[i] = (*corners)[i];
+    box.max[i] = (*corners)[i + 3];
+    is_box = box.min[i] <= box.max[i];
+  }
+  if (!is_box)
+    return usage("--clip-box", text, "six numbers X0,Y0,Z0,X1,Y1,Z1, the smaller corner of a box and then the larger");
+  return box;
+}
+
+/// Layers of an .exr, "color,depth".
+Result<ExrLayers> parse_layers(std::string_view text) {
+  ExrLayers out{false, false, false, false, false, true, false};
+  const std::pair<std::string_view, bool*> names[] = {
+      {"color", &out.color}, {"depth", &out.depth}, {"normal", &out.normal}, {"uv", &out.uv}, {"id", &out.id}};
+  for (const std::string_view part : split(text, ',')) {
+    const auto* const named =
+        std::find_if(std::begin(names), std::end(names), [&](const auto& one) { return one.first == part; });
+    if (named == std::end(names)) return usage("--layers", text, "a list of color, depth, normal, uv, id");
+    *named->second = true;
+  }
+  return out;
+}
+
 /// Parses --camera, --view, --eye, --target, --up and --fov.
 Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& camera) {
   camera.camera = words.camera;
@@ -118,16 +144,21 @@ Result<void> parse_camera(const RenderWords& words, runtime::CameraOptions& came
     if (vectors[i].first->empty()) continue;
     if (!words.camera.empty())
       return Error{ErrorCode::kUsage, std::string("--camera and ") + names[i] + " exclude each other"};
-    SCREE_TRY(assign(*vectors[i].second, parse_vector(*vectors[i].first, names[i])));
+    *vectors[i].second = SCREE_TRY(parse_vector(*vectors[i].first, names[i]));
   }
   if (!words.view.empty()) {
     if (!words.camera.empty() || camera.eye) return Error{ErrorCode::kUsage, "--view excludes --camera and --eye"};
-    const auto* const named = std::find_if(kDirections.begin(), kDirections.end(),
-                                           [&](const NamedDirection& one) { return one.name == words.view; });
-    if (named == kDirections.end())
-      return usage("--view", words.view, "one of front, right, back, left, top, bottom, iso");
-    camera.turn_degrees = named->turn_degrees;
-    camera.rise_degrees = named->rise_degrees;
+    Direction direction{};
+    SCREE_TRY(parse_choice(words.view, "--view", direction,
+                           {{"front", {0, 0}},
+                            {"right", {90, 0}},
+                            {"back", {180, 0}},
+                            {"left", {-90, 0}},
+                            {"top", {0, 90}},
+                            {"bottom", {0, -90}},
+                            {"iso", {45, 35.26438968475465}}}));  // atan(1 / sqrt(2))
+    camera.turn_degrees = direction.turn_degrees;
+    camera.rise_degrees = direction.rise_degrees;
   }
   if (camera.target && !camera.eye) return Error{ErrorCode::kUsage, "--target needs --eye"};
   if (!words.fov.empty()) {
@@ -190,7 +221,7 @@ Result<void> parse_path(const RenderWords& words, RenderOptions& options) {
   path.resume = words.resume;
   if (!words.share.empty())
     SCREE_TRY(parse_choice(words.share, "--share", path.shares_geometry, {{"frames", false}, {"geometry", true}}));
-  if (!words.frames.empty()) SCREE_TRY(assign(path.frames, parse_frame_range(words.frames)));
+  if (!words.frames.empty()) path.frames = SCREE_TRY(parse_frame_range(words.frames));
   if (!words.fps.empty()) {
     const std::optional<double> fps = number(words.fps);
     if (!fps || !(*fps >= 1e-9 && *fps < 1e6))
@@ -240,12 +271,19 @@ Result<void> check_outputs(const RenderOptions& options) {
 }  // namespace
 
 Result<kernels::Show> parse_show(std::string_view text) {
-  std::string names;
-  for (const NamedShow& named : kShows) {
-    if (text == named.name) return named.show;
-    names += (names.empty() ? "" : ", ") + std::string(named.name);
-  }
-  return usage("--show", text, "one of " + names);
+  using kernels::Show;
+  Show show{};
+  SCREE_TRY(parse_choice(text, "--show", show,
+                         {{"texture", Show::kTexture},
+                          {"color", Show::kColor},
+                          {"uv", Show::kUv},
+                          {"normal", Show::kNormal},
+                          {"triangle", Show::kTriangle},
+                          {"cluster", Show::kCluster},
+                          {"mesh", Show::kMesh},
+                          {"stage", Show::kStage},
+                          {"depth", Show::kDepth}}));
+  return show;
 }
 
 Result<std::array<float, 4>> parse_color(std::string_view text) {
@@ -298,94 +336,37 @@ bool RenderOptions::writes_exr() const {
   return has_extension(output, ".exr");
 }
 
-Result<ExrLayers> parse_layers(std::string_view text) {
-  ExrLayers out{false, false, false, false, false, true, false};
-  const std::pair<std::string_view, bool*> names[] = {
-      {"color", &out.color}, {"depth", &out.depth}, {"normal", &out.normal}, {"uv", &out.uv}, {"id", &out.id}};
-  for (const std::string_view part : split(text, ',')) {
-    const auto* const named =
-        std::find_if(std::begin(names), std::end(names), [&](const auto& one) { return one.first == part; });
-    if (named == std::end(names)) return usage("--layers", text, "a list of color, depth, normal, uv, id");
-    *named->second = true;
-  }
-  return out;
-}
-
 Result<void> check_picture_path(std::string_view option, const std::string& path) {
   if (has_extension(path, ".png")) return {};
   return usage(option, path, "a .png file");
 }
 
-namespace {
-
-/// Parses kCount numbers separated by commas.
-template <size_t kCount>
-std::optional<std::array<double, kCount>> numbers(std::string_view text) {
-  const std::vector<std::string_view> parts = split(text, ',');
-  if (parts.size() != kCount) return std::nullopt;
-  std::array<double, kCount> out{};
-  for (size_t i = 0; i < kCount; ++i) {
-    const std::optional<double> value = number(parts[i]);
-    if (!value) return std::nullopt;
-    out[i] = *value;
-  }
-  return out;
-}
-
-}  // namespace
-
-Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what) {
-  const std::optional<runtime::Vec3> out = numbers<3>(text);
-  if (!out) return usage(what, text, "three numbers X,Y,Z");
-  return *out;
-}
-
-Result<runtime::WorldBox> parse_clip_box(std::string_view text) {
-  const std::optional<std::array<double, 6>> corners = numbers<6>(text);
-  bool is_box = corners.has_value();
-  runtime::WorldBox box;
-  for (size_t i = 0; i < 3 && is_box; ++i) {
-    box.min[i] = (*corners)[i];
-    box.max[i] = (*corners)[i + 3];
-    is_box = box.min[i] <= box.max[i];
-  }
-  if (!is_box)
-    return usage("--clip-box", text, "six numbers X0,Y0,Z0,X1,Y1,Z1, the smaller corner of a box and then the larger");
-  return box;
-}
-
 Result<RenderOptions> parse_render_options(const RenderWords& words) {
   RenderOptions options;
   static_cast<PlainRenderOptions&>(options) = words;
-  Result<void> done = assign<DrawOptions>(options, parse_draw_options(words));
+  SCREE_TRY(assign<DrawOptions>(options, parse_draw_options(words)));
   options.camera.width = options.size.width;
   options.camera.height = options.size.height;
-  if (done && !words.layers.empty()) done = assign(options.layers, parse_layers(words.layers));
+  if (!words.layers.empty()) options.layers = SCREE_TRY(parse_layers(words.layers));
   options.layers.float_color = words.float_color;
   options.existing = words.force ? format::Existing::kReplace : format::Existing::kRefuse;
-  if (done) done = parse_camera(words, options.camera);
-  if (done && !words.clip_box.empty()) done = assign(options.camera.clip_box, parse_clip_box(words.clip_box));
-
-  if (done) done = assign(options.shade.show, parse_show(words.show));
+  SCREE_TRY(parse_camera(words, options.camera));
+  if (!words.clip_box.empty()) options.camera.clip_box = SCREE_TRY(parse_clip_box(words.clip_box));
+  options.shade.show = SCREE_TRY(parse_show(words.show));
   options.shade.light = !words.no_light;
-  if (done) done = assign(options.light, parse_light_options(words.light));
-  if (!done) return done.error();
+  options.light = SCREE_TRY(parse_light_options(words.light));
   if (words.no_light && options.light.lighting != kernels::Lighting::kAuto)
     return Error{ErrorCode::kUsage, "--no-light and --light exclude each other"};
   options.shade.lighting = options.light.lighting;
   options.shade.exposure = options.light.exposure;
   options.shade.blend_layers = options.light.blend_layers;
-  done = parse_occlusion(words, options.shade);
-  std::array<float, 4> background{};
-  if (done) done = assign(background, parse_color(words.background));
+  SCREE_TRY(parse_occlusion(words, options.shade));
+  const std::array<float, 4> background = SCREE_TRY(parse_color(words.background));
   std::copy(background.begin(), background.end(), options.shade.background);
-
-  if (done) done = parse_path(words, options);
-  if (done)
-    done = parse_choice(words.exchange, "--exchange", options.exchange,
-                        {{"auto", Exchange::kAuto}, {"mpi", Exchange::kMpi}, {"nccl", Exchange::kNccl}});
-  if (done) done = assign(options.textures, parse_texture_options(words.textures));
-  if (!done) return done.error();
+  SCREE_TRY(parse_path(words, options));
+  SCREE_TRY(parse_choice(words.exchange, "--exchange", options.exchange,
+                         {{"auto", Exchange::kAuto}, {"mpi", Exchange::kMpi}, {"nccl", Exchange::kNccl}}));
+  options.textures = SCREE_TRY(parse_texture_options(words.textures));
   for (const std::string& text : words.picks) {
     options.picks.push_back(SCREE_TRY(parse_pick(text, options.camera.width, options.camera.height)));
   }

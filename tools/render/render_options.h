@@ -138,16 +138,7 @@ Result<kernels::Show> parse_show(std::string_view text);
 /// "#rgb", "#rrggbb", "#rrggbbaa", "none" or a name, as linear RGBA. Errors kUsage.
 Result<std::array<float, 4>> parse_color(std::string_view text);
 
-/// Parses layers of an .exr, "color,depth". The error kUsage lists the names.
-Result<ExrLayers> parse_layers(std::string_view text);
-
 /// Checks that `path` has the extension .png. Error kUsage names `option`.
 Result<void> check_picture_path(std::string_view option, const std::string& path);
-
-/// "0,0,0,1,2.5,3": a box in the world, the smallest X, Y and Z and then the largest. Errors kUsage.
-Result<runtime::WorldBox> parse_clip_box(std::string_view text);
-
-/// "1,-2.5,3e4": three finite numbers. Errors kUsage; `what` names the option.
-Result<runtime::Vec3> parse_vector(std::string_view text, std::string_view what);
 
 }  // namespace scree::tools

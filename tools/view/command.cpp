@@ -59,22 +59,19 @@ Result<ViewOptions> parse_view_options(const ViewWords& words) {
   options.session.file = words.file;
   options.session.scene = words.scene;
   options.session.quiet = words.quiet;
-  Result<void> done = assign<DeviceOptions>(options.session, parse_device_options(words));
-  if (done) done = assign(options.session.light, parse_light_options(words.light));
-  if (done) done = assign(options.session.textures, parse_texture_options(words.textures));
+  SCREE_TRY(assign<DeviceOptions>(options.session, parse_device_options(words)));
+  options.session.light = SCREE_TRY(parse_light_options(words.light));
+  options.session.textures = SCREE_TRY(parse_texture_options(words.textures));
   options.server.host = words.host;
   options.server.is_port_fixed = !words.port.empty();
-  if (done && options.server.is_port_fixed)
-    done = assign(options.server.port, parse_whole(words.port, 0, 65535, "--port"));
-  if (done) done = assign(options.server.base_path, view::parse_base_path(words.base_path));
-  if (!done) return done.error();
+  if (options.server.is_port_fixed) SCREE_TRY(assign(options.server.port, parse_whole(words.port, 0, 65535, "--port")));
+  options.server.base_path = SCREE_TRY(view::parse_base_path(words.base_path));
   for (const std::string& host : words.allowed_hosts) {
     if (view::host_of(host).empty() || (host.find(':') != std::string::npos && host.front() != '['))
       return Error{ErrorCode::kUsage, "--allow-host: '" + host + "' is not a host name without a port"};
     options.server.allowed_hosts.push_back(host);
   }
-  done = assign(options.server.max_viewers, parse_whole(words.viewers, 1, view::kMaxSockets / 2, "--viewers"));
-  if (!done) return done.error();
+  SCREE_TRY(assign(options.server.max_viewers, parse_whole(words.viewers, 1, view::kMaxSockets / 2, "--viewers")));
   return options;
 }
 
@@ -88,10 +85,6 @@ std::string user_name() {
   return name != nullptr && name[0] != 0 ? name : "USER";
 }
 
-bool is_any_address(const std::string& host) {
-  return host == "0.0.0.0" || host == "::";
-}
-
 /// `host` in the form for an address: "[::1]".
 std::string bracketed(const std::string& host) {
   return host.find(':') == std::string::npos ? host : "[" + host + "]";
@@ -99,7 +92,8 @@ std::string bracketed(const std::string& host) {
 
 /// "http://127.0.0.1:8080/scree/#token=...".
 std::string page_url(const view::ServerOptions& options, uint16_t port) {
-  const std::string host = bracketed(is_any_address(options.host) ? host_name() : options.host);
+  const bool is_any_address = options.host == "0.0.0.0" || options.host == "::";
+  const std::string host = bracketed(is_any_address ? host_name() : options.host);
   return "http://" + host + ":" + std::to_string(port) + options.base_path + "/#token=" + options.token;
 }
 
@@ -156,7 +150,7 @@ Result<void> serve(ViewOptions options) {
   // A wrong name or a damaged file is an error of the command, not of a page.
   runtime::SceneFile file = SCREE_TRY(runtime::SceneFile::open(options.session.file));
   SCREE_TRY(file.find_scene(options.session.scene));
-  SCREE_TRY(assign(options.server.token, view::make_token()));
+  options.server.token = SCREE_TRY(view::make_token());
   if (!view::is_loopback(options.server.host) && !options.quiet)
     std::fprintf(
         stderr,
@@ -216,12 +210,8 @@ Command add_view(CLI::App& parent) {
   add_value(*app, "--port", "N", words->port,
             "The port to listen on; 0: any free port (default: the first free port of the 20 from 8080 on)");
   add_value(*app, "--base-path", "PATH", words->base_path, "Path under which a proxy serves the page, such as /scree");
-  add_value(*app, "--allow-host", "HOST", words->allowed_hosts,
-            "Host name that browsers may use, such as the name of a proxy; may be repeated")
-      ->type_size(1)
-      ->expected(1)
-      ->allow_extra_args(false)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  add_repeated(*app, "--allow-host", "HOST", words->allowed_hosts,
+               "Host name that browsers may use, such as the name of a proxy; may be repeated");
   add_value(*app, "--viewers", "N", words->viewers,
             "Largest number of pages that are open at the same time, 1 to 32 (default: 8)");
   add_device_options(*app, *words);
