@@ -9,7 +9,6 @@ namespace {
 
 using format::kMaxClusterTriangles;
 using format::kMaxClusterVertices;
-using format::kMaxDegenerateVertices;
 
 constexpr uint32_t kNone = ~0u;
 
@@ -56,7 +55,7 @@ class OpenCluster {
  private:
   uint32_t limit(const uint32_t corner[3]) const {
     const bool degenerate = corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[0];
-    return degenerate ? std::min(limit_, kMaxDegenerateVertices) : limit_;
+    return degenerate ? std::min(limit_, format::kMaxDegenerateVertices) : limit_;
   }
 
   uint32_t most_triangles_;

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "runtime/draw/pick.h"
 #include "runtime/threads/parallel.h"
 #include "tools/compare/reference.h"
 #include "tools/compare/reference_shade.h"

@@ -7,7 +7,6 @@
 
 #include "format/result.h"
 #include "kernels/frame.h"
-#include "runtime/draw/pick.h"
 #include "runtime/scene/scene.h"
 #include "tools/compare/images.h"
 #include "tools/compare/pixels.h"

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstring>
 
+#include "format/fail.h"
 #include "kernels/frame.h"
 #include "kernels/raster/depth.h"
 #include "kernels/visbuffer.h"
@@ -70,10 +71,8 @@ Result<std::vector<uint64_t>> ids_of(std::span<const uint64_t> samples, uint32_t
     if (samples[i] == kernels::kBackground) continue;
     const uint64_t id = kernels::sample_id(samples[i]);
     if (id >= triangles)
-      return Error{ErrorCode::kRange, std::string("pixel ") + std::to_string(i % width) + "," +
-                                          std::to_string(i / width) + " of the " + which + " buffer: triangle " +
-                                          std::to_string(id) + ", but " + scene.file().path() + " draws " +
-                                          std::to_string(triangles)};
+      return fail(ErrorCode::kRange, "pixel ", i % width, ",", i / width, " of the ", which, " buffer: triangle ", id,
+                  ", but ", scene.file().path(), " draws ", triangles);
     if (ids.empty() || ids.back() != id) ids.push_back(id);
   }
   std::sort(ids.begin(), ids.end());
@@ -125,10 +124,8 @@ Result<std::vector<uint64_t>> read_visibility(const std::string& path, uint32_t 
   const auto map = SCREE_TRY(runtime::MappedFile::open(path));
   const uint64_t count = uint64_t{width} * height;
   if (map.size() != 8 * count)
-    return Error{map.size() < 8 * count ? ErrorCode::kTruncated : ErrorCode::kTrailing,
-                 path + ": " + std::to_string(map.size()) + " bytes, but a visibility buffer of " +
-                     std::to_string(width) + " x " + std::to_string(height) + " samples (--size) takes " +
-                     std::to_string(8 * count)};
+    return fail(map.size() < 8 * count ? ErrorCode::kTruncated : ErrorCode::kTrailing, path, ": ", map.size(),
+                " bytes, but a visibility buffer of ", width, " x ", height, " samples (--size) takes ", 8 * count);
   std::vector<uint64_t> samples(count);
   std::memcpy(samples.data(), map.bytes().data(), 8 * count);
   return samples;

@@ -46,17 +46,10 @@ std::array<uint64_t, kPixelKinds> PixelReport::counts() const {
 }
 
 bool PixelReport::tells(PixelKind kind) const {
-  switch (kind) {
-    case PixelKind::kOtherTriangle:
-      return !triangles_known;
-    case PixelKind::kCoincident:
-    case PixelKind::kOtherMesh:
-    case PixelKind::kApart:
-    case PixelKind::kNeighbour:
-      return triangles_known;
-    default:
-      return true;
-  }
+  if (kind == PixelKind::kOtherTriangle) return !triangles_known;
+  const bool needs_triangles = kind == PixelKind::kCoincident || kind == PixelKind::kOtherMesh ||
+                               kind == PixelKind::kApart || kind == PixelKind::kNeighbour;
+  return triangles_known || !needs_triangles;
 }
 
 uint64_t PixelReport::wrong() const {

@@ -31,14 +31,9 @@ TexturePoint place_of(const std::array<TexturePoint, 3>& places, const std::arra
 }
 
 double wrapped(double value, format::Wrap wrap) {
-  switch (wrap) {
-    case format::Wrap::kRepeat:
-      return value - std::floor(value);
-    case format::Wrap::kMirror:
-      return 1 - std::abs(value - 2 * std::floor(value / 2) - 1);
-    default:
-      return std::clamp(value, 0.0, 1.0);
-  }
+  if (wrap == format::Wrap::kRepeat) return value - std::floor(value);
+  if (wrap == format::Wrap::kMirror) return 1 - std::abs(value - 2 * std::floor(value / 2) - 1);
+  return std::clamp(value, 0.0, 1.0);
 }
 
 int64_t neighbour(int64_t texel, int64_t size, format::Wrap wrap) {

@@ -63,31 +63,26 @@ Result<void> read_matrix(const Json& value, PathKey& key) {
 Result<PathKey> read_key(const Json& object, bool& has_t) {
   if (!object.is_object()) return Error{ErrorCode::kFormat, "is not an object"};
   PathKey key;
-  bool has_eye = false, has_target = false, has_up = false, has_matrix = false;
+  const bool has_eye = object.contains("eye"), has_target = object.contains("target"), has_up = object.contains("up");
+  const bool has_matrix = object.contains("matrix");
   for (const auto& [name, value] : object.items()) {
-    Result<void> done;
     if (name == "t") {
       has_t = true;
       key.t = SCREE_TRY(read_number(value, "t", 0, 1e9, "a time in seconds, 0 or more and below 1e9"));
     } else if (name == "fov") {
       key.fov_degrees = SCREE_TRY(read_number(value, "fov", 1e-9, 180, "an angle above 0 and below 180 degrees"));
     } else if (name == "eye") {
-      has_eye = true;
-      done = read_numbers(value, "eye", 3, key.eye.data());
+      SCREE_TRY(read_numbers(value, "eye", 3, key.eye.data()));
     } else if (name == "target") {
-      has_target = true;
-      done = read_numbers(value, "target", 3, key.target.data());
+      SCREE_TRY(read_numbers(value, "target", 3, key.target.data()));
     } else if (name == "up") {
-      has_up = true;
-      done = read_numbers(value, "up", 3, key.up.data());
+      SCREE_TRY(read_numbers(value, "up", 3, key.up.data()));
     } else if (name == "matrix") {
-      has_matrix = true;
-      done = read_matrix(value, key);
+      SCREE_TRY(read_matrix(value, key));
     } else if (name != "name") {
       return Error{ErrorCode::kFormat,
                    "has an unknown member " + in_quotes(name) + "; a key has t, eye, target, up, fov, matrix, name"};
     }
-    if (!done) return done.error();
   }
   if (has_matrix && (has_eye || has_target || has_up))
     return Error{ErrorCode::kFormat, "has \"matrix\" together with \"eye\", \"target\" or \"up\", which it replaces"};

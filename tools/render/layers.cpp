@@ -48,14 +48,6 @@ Result<std::vector<uint32_t>> make_ids(const RenderOptions& options, const runti
   return ids;
 }
 
-/// Moves `made` to `out`, or returns its error.
-template <class T>
-Result<void> take(Result<std::vector<T>> made, std::vector<T>& out) {
-  if (!made) return made.error();
-  out = std::move(*made);
-  return {};
-}
-
 }  // namespace
 
 bool layers_need_samples(const RenderOptions& options) {
@@ -88,20 +80,18 @@ Result<FrameLayers> make_layers(const RenderOptions& options, const runtime::Sce
                  "--device-memory or --backend cpu avoids that\n",
                  options.output.c_str());
   FrameLayers out;
-  Result<void> done;
   try {
-    if (exr && options.layers.color) done = take(read<float>(options, frame, Layer::kLinear), out.color);
-    if (done && (!options.depth.empty() || (exr && options.layers.depth)))
-      done = take(read<float>(options, frame, Layer::kDepth), out.depth);
-    if (done && (!options.normals.empty() || (with_surface && options.layers.normal)))
-      done = take(read<float>(options, frame, Layer::kNormal), out.normals);
-    if (done && (!options.uvs.empty() || (with_surface && options.layers.uv)))
-      done = take(read<float>(options, frame, Layer::kUv), out.uvs);
-    if (done && exr && options.layers.id) done = take(make_ids(options, scene, frame), out.ids);
+    if (exr && options.layers.color) out.color = SCREE_TRY(read<float>(options, frame, Layer::kLinear));
+    if (!options.depth.empty() || (exr && options.layers.depth))
+      out.depth = SCREE_TRY(read<float>(options, frame, Layer::kDepth));
+    if (!options.normals.empty() || (with_surface && options.layers.normal))
+      out.normals = SCREE_TRY(read<float>(options, frame, Layer::kNormal));
+    if (!options.uvs.empty() || (with_surface && options.layers.uv))
+      out.uvs = SCREE_TRY(read<float>(options, frame, Layer::kUv));
+    if (exr && options.layers.id) out.ids = SCREE_TRY(make_ids(options, scene, frame));
   } catch (const std::bad_alloc&) {
     return Error{ErrorCode::kMemory, "no memory left for the layers of the picture"};
   }
-  if (!done) return done.error();
   return out;
 }
 

@@ -12,8 +12,6 @@
 
 namespace scree::tools {
 
-using runtime::Stopwatch;
-
 namespace {
 
 std::string describe_pick(const format::Container& container, PixelPlace place,
@@ -58,25 +56,23 @@ Result<runtime::Duration> write_outputs(const RenderOptions& options, const runt
                                         const FrameOutputs& outputs) {
   SCREE_TRY(check_not_cut(map));
   const StopOnSignal handlers;
-  Result<void> done;
-  const Stopwatch watch;
+  const runtime::Stopwatch watch;
   runtime::Workers workers(options.threads);
   if (!outputs.rgba.empty())
-    done = is_written(write_picture(options, options.output, outputs.rgba, &workers, options.existing), options.output);
-  if (options.writes_exr()) done = is_written(write_exr_layers(options, outputs.layers), options.output);
+    SCREE_TRY(
+        is_written(write_picture(options, options.output, outputs.rgba, &workers, options.existing), options.output));
+  if (options.writes_exr()) SCREE_TRY(is_written(write_exr_layers(options, outputs.layers), options.output));
   const runtime::Duration taken = watch.elapsed();
   const auto write_floats = [&](const std::string& path, const std::vector<float>& values) {
-    if (done && !path.empty())
-      done = is_written(runtime::write_pfm(path, options.camera.width, options.camera.height, values, options.existing),
-                        path);
+    return is_written(runtime::write_pfm(path, options.camera.width, options.camera.height, values, options.existing),
+                      path);
   };
-  write_floats(options.depth, outputs.layers.depth);
-  write_floats(options.normals, outputs.layers.normals);
-  if (!options.uvs.empty()) write_floats(options.uvs, three_channels(outputs.layers.uvs));
-  if (done && !options.visbuffer.empty())
-    done =
-        is_written(runtime::write_visibility(options.visbuffer, outputs.samples, options.existing), options.visbuffer);
-  if (!done) return done.error();
+  if (!options.depth.empty()) SCREE_TRY(write_floats(options.depth, outputs.layers.depth));
+  if (!options.normals.empty()) SCREE_TRY(write_floats(options.normals, outputs.layers.normals));
+  if (!options.uvs.empty()) SCREE_TRY(write_floats(options.uvs, three_channels(outputs.layers.uvs)));
+  if (!options.visbuffer.empty())
+    SCREE_TRY(
+        is_written(runtime::write_visibility(options.visbuffer, outputs.samples, options.existing), options.visbuffer));
   return taken;
 }
 

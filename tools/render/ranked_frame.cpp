@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "kernels/frame_parts.h"
+#include "runtime/draw/linear_picture.h"
 #include "runtime/draw/shadow_map.h"
 #include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
@@ -35,16 +36,16 @@ bool reads_samples(const RenderOptions& options) {
 Result<void> RankedFrame::open(uint64_t frames) {
   const Stopwatch watch;
   starts_next_ = frames > 1;
-  Result<void> done = ranks_.agree(choose_gpu());
+  SCREE_TRY(ranks_.agree(choose_gpu()));
   const uint64_t samples = uint64_t{width()} * height() * options_.samples_per_side * options_.samples_per_side;
-  if (done) done = ranks_.agree(links_.begin(ranks_, gpu_, options_.exchange, samples, frames));
-  if (done) done = ranks_.agree(load_tables());
+  SCREE_TRY(ranks_.agree(links_.begin(ranks_, gpu_, options_.exchange, samples, frames)));
+  SCREE_TRY(ranks_.agree(load_tables()));
   const Stopwatch connect_watch;
-  if (done) done = ranks_.agree(links_.finish(ranks_, options_.exchange, options_.quiet));
+  SCREE_TRY(ranks_.agree(links_.finish(ranks_, options_.exchange, options_.quiet)));
   times_.connect = connect_watch.elapsed().wall_ms;
-  if (done) done = ranks_.agree(load_pages());
+  SCREE_TRY(ranks_.agree(load_pages()));
   times_.load = watch.elapsed().wall_ms;
-  return done;
+  return {};
 }
 
 Result<void> RankedFrame::choose_gpu() {
@@ -195,16 +196,14 @@ Result<void> RankedFrame::draw_on_cpu() {
     const auto drawn = kernels::draw_part_cpu(scene_view_, view, samples, options_.threads);
     return drawn ? Result<void>() : at(options_.file, drawn.error());
   };
-  Result<void> drawn = draw(view_, samples_);
-  for (uint32_t i = 0; drawn && shade_.sun != nullptr && i < sun_.map_count; ++i)
-    drawn = draw(sun_.maps[i].view, shadows_[i]);
-  return drawn;
+  SCREE_TRY(draw(view_, samples_));
+  for (uint32_t i = 0; shade_.sun != nullptr && i < sun_.map_count; ++i)
+    SCREE_TRY(draw(sun_.maps[i].view, shadows_[i]));
+  return {};
 }
 
 Result<void> RankedFrame::draw_on_gpu() {
-  if (shade_.sun != nullptr && !sun_on_gpu_) {
-    sun_on_gpu_ = SCREE_TRY(device_->add_view(*scene_));
-  }
+  if (shade_.sun != nullptr && !sun_on_gpu_) sun_on_gpu_ = SCREE_TRY(device_->add_view(*scene_));
   for (uint32_t i = 0; shade_.sun != nullptr && i < sun_.map_count; ++i) {
     SCREE_TRY(sun_on_gpu_->draw(sun_.maps[i].view));
     shadows_on_gpu_[i] = SCREE_TRY(sun_on_gpu_->keep_samples(i));
@@ -213,8 +212,8 @@ Result<void> RankedFrame::draw_on_gpu() {
   if (on_gpu_->has_started()) {
     const bool is_first = SCREE_TRY(on_gpu_->finish());
     is_whole_ = is_first && joins_ == 1;
-  } else if (const auto drawn = on_gpu_->draw(view_); !drawn) {
-    return drawn.error();
+  } else {
+    SCREE_TRY(on_gpu_->draw(view_));
   }
   if (takes_nccl()) return {};
   (void)start_next(false);  // an error occurs again when that frame is drawn
@@ -236,12 +235,12 @@ Result<void> RankedFrame::start_next(bool by_nccl) {
 /// Copies the samples from the GPU.
 Result<void> RankedFrame::read_samples() {
   samples_.resize(uint64_t{view_.width} * view_.height);
-  Result<void> done = on_gpu_->read_samples(samples_);
-  for (uint32_t i = 0; done && shade_.sun != nullptr && i < sun_.map_count; ++i) {
+  SCREE_TRY(on_gpu_->read_samples(samples_));
+  for (uint32_t i = 0; shade_.sun != nullptr && i < sun_.map_count; ++i) {
     shadows_[i].resize(uint64_t{sun_.maps[i].view.width} * sun_.maps[i].view.height);
-    done = sun_on_gpu_->read(shadows_on_gpu_[i], std::as_writable_bytes(std::span(shadows_[i])));
+    SCREE_TRY(sun_on_gpu_->read(shadows_on_gpu_[i], std::as_writable_bytes(std::span(shadows_[i]))));
   }
-  return done;
+  return {};
 }
 
 /// Joins the samples of all ranks. GPUs that do so by NCCL begin the next frame meanwhile.

@@ -11,7 +11,6 @@
 #include "format/result.h"
 #include "kernels/blend.h"
 #include "runtime/draw/device_scene.h"
-#include "runtime/draw/linear_picture.h"
 #include "runtime/scene/scene.h"
 #include "tools/common/ranks.h"
 #include "tools/render/gpu_links.h"

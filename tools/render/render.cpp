@@ -275,9 +275,7 @@ Result<FrameOutputs> draw(const RenderOptions& options, const kernels::View& vie
       loaded.is_streamed());
   if (!layers) return layers.error();
   outputs.layers = std::move(*layers);
-  if (makes_picture) {
-    outputs.rgba = SCREE_TRY(renderer.layer(Layer::kColor));
-  }
+  if (makes_picture) outputs.rgba = SCREE_TRY(renderer.layer(Layer::kColor));
   if (!options.output.empty()) times.shade = watch.elapsed();
   times.blended = renderer.blended();
   runtime::DeviceScene* const device = loaded.device();
@@ -423,12 +421,8 @@ Command add_render(CLI::App& parent) {
   add_value(*app, "--visbuffer", "FILE", words->visbuffer,
             "Write the visibility buffer: one little-endian 64-bit word per sample, top row first, 28 bits of "
             "depth code above 36 of triangle id, all ones on the background");
-  add_value(*app, "--pick", "X,Y", words->picks,
-            "Print the object under pixel X,Y (may be repeated); without -o no picture is written")
-      ->type_size(1)
-      ->expected(1)
-      ->allow_extra_args(false)  // the next word is a file to read
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  add_repeated(*app, "--pick", "X,Y", words->picks,
+               "Print the object under pixel X,Y (may be repeated); without -o no picture is written");
   add_device_options(*app, *words);
   add_reading_options(*app, *words);
   add_value(*app, "--path", "FILE", words->path,

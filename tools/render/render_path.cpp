@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <future>
@@ -38,7 +37,6 @@ namespace {
 
 using runtime::HostMemory;
 using runtime::Layer;
-using runtime::LoadedScene;
 using runtime::Stopwatch;
 using runtime::ViewRenderer;
 
@@ -206,10 +204,7 @@ class PathRenderer {
     backend.device = gpu_of_rank(backend, ranks_.rank_on_host());
     runtime::LoadOptions load = options_.load_options();
     load.camera.eye = runtime::Vec3{};  // every frame has an eye
-    if (const Result<uint64_t> rest = share_host_memory(); rest)
-      load.host_memory = *rest;
-    else
-      return rest.error();
+    load.host_memory = SCREE_TRY(share_host_memory());
     make_pinned(backend.device);
     load.accept = [&](const runtime::Scene& scene, runtime::LoadOptions&) {
       return accept_scene("render", scene, options_.light, options_.quiet);
@@ -308,9 +303,8 @@ class PathRenderer {
         // If the GPU fails, the CPU draws the same pictures, also the last one, which may not be read whole.
         if (!options_.quiet) warn_of_cpu("render", name_of(*scene_->gpu()) + ": " + done.error().message);
         renderer_.reset();
-        Result<void> ready = scene_->use_cpu();
-        if (ready) ready = make_renderer();
-        if (!ready) return ready;
+        SCREE_TRY(scene_->use_cpu());
+        SCREE_TRY(make_renderer());
         if (read) --next;
         read.reset();
         continue;
@@ -364,13 +358,10 @@ class PathRenderer {
   /// The same with all ranks, for wanted_[number].
   Result<void> draw_shared(const kernels::View& view, size_t number) {
     std::optional<kernels::View> next;
-    if (number + 1 < wanted_.size()) {
-      next = SCREE_TRY(view_of(wanted_[number + 1].frame));
-    }
-    Result<void> done = shared_->draw(view, wanted_[number].rank, next);
-    if (done) done = end_reads();
-    if (done) done = shared_->shade();
-    if (!done) return done;
+    if (number + 1 < wanted_.size()) next = SCREE_TRY(view_of(wanted_[number + 1].frame));
+    SCREE_TRY(shared_->draw(view, wanted_[number].rank, next));
+    SCREE_TRY(end_reads());
+    SCREE_TRY(shared_->shade());
     // Means over the ranks, when the report adds them up.
     draw_ms_ += shared_->times().draw / ranks_.count();
     shade_ms_ += shared_->times().shade / ranks_.count();
@@ -416,17 +407,15 @@ class PathRenderer {
     for (size_t i = 0; i < outputs_.size(); ++i) {
       const std::string name = outputs_[i].pattern.name(drawn.frame);
       const std::span<const std::byte> bytes = drawn.layers[i].bytes();
-      Result<void> done;
       if (outputs_[i].layer == Layer::kColor) {
-        done = write_picture(options_, name, bytes, workers, existing);
+        SCREE_TRY(write_picture(options_, name, bytes, workers, existing));
       } else if (outputs_[i].layer == Layer::kDepth) {
         const std::span<const float> depths(reinterpret_cast<const float*>(bytes.data()), pixels());
-        done = runtime::write_pfm(name, width(), height(), depths, existing);
+        SCREE_TRY(runtime::write_pfm(name, width(), height(), depths, existing));
       } else {
         const std::span<const uint64_t> words(reinterpret_cast<const uint64_t*>(bytes.data()), samples());
-        done = runtime::write_visibility(name, words, existing);
+        SCREE_TRY(runtime::write_visibility(name, words, existing));
       }
-      if (!done) return done.error();
     }
     return WrittenFrame{watch.elapsed().wall_ms, std::move(drawn.layers)};
   }
@@ -528,7 +517,7 @@ class PathRenderer {
   FrameRange range_;                 // of all ranks
   std::vector<uint64_t> frames_;     // the frames to write
   std::vector<WantedFrame> wanted_;  // the frames to draw: these, or those of all ranks
-  std::shared_ptr<LoadedScene> scene_;
+  std::shared_ptr<runtime::LoadedScene> scene_;
   std::unique_ptr<ViewRenderer> renderer_;
   std::optional<RankedFrame> shared_;  // instead, if the ranks share the geometry
   uint64_t most_waiting_ = 1;

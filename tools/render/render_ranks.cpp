@@ -26,17 +26,15 @@ class RankedPicture {
 
   /// Draws the picture, and writes the outputs at rank 0.
   Result<void> run() {
-    Result<void> done = ranks_.agree(check());
-    if (done) done = frame_.open(options_.frames);
-    if (!done) return done;
+    SCREE_TRY(ranks_.agree(check()));
+    SCREE_TRY(frame_.open(options_.frames));
     const runtime::Scene& scene = frame_.scene();
     const Result<kernels::View> view = runtime::make_view(scene, options_.camera);
-    done = ranks_.agree(view ? Result<void>() : at(options_.file, view.error()));
-    for (uint32_t i = 1; i <= options_.frames && done; ++i) {
-      done = frame_.draw(*view, 0, i < options_.frames ? std::optional(*view) : std::nullopt);
-      if (done) done = frame_.shade();
+    SCREE_TRY(ranks_.agree(view ? Result<void>() : at(options_.file, view.error())));
+    for (uint32_t i = 1; i <= options_.frames; ++i) {
+      SCREE_TRY(frame_.draw(*view, 0, i < options_.frames ? std::optional(*view) : std::nullopt));
+      SCREE_TRY(frame_.shade());
     }
-    if (!done) return done;
     if (!options_.quiet && ranks_.is_first())
       warn_of_layers("render", options_.file, frame_.blended().samples_left_out, "sample", frame_.blended().layers);
     outputs_.layers = SCREE_TRY(frame_.layers());

@@ -361,9 +361,7 @@ Result<void> Hub::draw_exact(const Work& work) {
   if (image.empty()) return {};
   const double encode_ms = watch.elapsed().wall_ms;
   std::optional<DepthMap> depths;  // once per camera, from its first picture at rest
-  if (work.samples == 1) {
-    depths = SCREE_TRY(session_->depths());
-  }
+  if (work.samples == 1) depths = SCREE_TRY(session_->depths());
   const std::optional<runtime::Vec3> point = request.cursor && depths ? depths->point(*request.cursor) : std::nullopt;
   uint64_t frame;
   {

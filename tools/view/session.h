@@ -13,7 +13,6 @@
 #include "kernels/frame.h"
 #include "runtime/scene/scene.h"
 #include "runtime/stream/streamer.h"
-#include "runtime/stream/upload.h"
 #include "tools/common/backend.h"
 #include "tools/common/draw_options.h"
 #include "tools/view/encode.h"
