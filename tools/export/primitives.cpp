@@ -4,16 +4,16 @@
 #include <array>
 #include <atomic>
 #include <cmath>
-#include <limits>
 #include <mutex>
 #include <new>
-#include <optional>
 #include <thread>
 #include <utility>
 
 #include "format/bytes.h"
+#include "runtime/threads/first_error.h"
 #include "runtime/threads/parallel.h"
 #include "tools/common/chunk_decode.h"
+#include "tools/gltf/box.h"
 
 namespace scree::tools {
 namespace {
@@ -38,7 +38,8 @@ enum Stream : size_t {
 };
 
 struct StreamFormat {
-  const char* attribute;
+  const char* attribute;  // null: indices
+  uint32_t flag;          // format::AttributeFlags; 0: always there
   uint32_t element_bytes;
   GltfComponent component;
   GltfType type;
@@ -46,28 +47,14 @@ struct StreamFormat {
 };
 
 constexpr StreamFormat kStreams[kStreamCount] = {
-    {"POSITION", 12, GltfComponent::kFloat32, GltfType::kVec3, false},
-    {"NORMAL", 12, GltfComponent::kFloat32, GltfType::kVec3, false},
-    {"TANGENT", 16, GltfComponent::kFloat32, GltfType::kVec4, false},
-    {"TEXCOORD_0", 8, GltfComponent::kFloat32, GltfType::kVec2, false},
-    {"TEXCOORD_1", 8, GltfComponent::kFloat32, GltfType::kVec2, false},
-    {"COLOR_0", 4, GltfComponent::kUint8, GltfType::kVec4, true},
-    {nullptr, 2, GltfComponent::kUint16, GltfType::kScalar, false},
-    {nullptr, 4, GltfComponent::kUint32, GltfType::kScalar, false},
-};
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
-
-struct Box {
-  std::array<float, 3> min{kInfinity, kInfinity, kInfinity};
-  std::array<float, 3> max{-kInfinity, -kInfinity, -kInfinity};
-
-  void add(const Box& other) {
-    for (size_t axis = 0; axis < 3; ++axis) {
-      min[axis] = std::min(min[axis], other.min[axis]);
-      max[axis] = std::max(max[axis], other.max[axis]);
-    }
-  }
+    {"POSITION", 0, 12, GltfComponent::kFloat32, GltfType::kVec3, false},
+    {"NORMAL", format::kHasNormal, 12, GltfComponent::kFloat32, GltfType::kVec3, false},
+    {"TANGENT", format::kHasTangent, 16, GltfComponent::kFloat32, GltfType::kVec4, false},
+    {"TEXCOORD_0", format::kHasUv, 8, GltfComponent::kFloat32, GltfType::kVec2, false},
+    {"TEXCOORD_1", format::kHasSecondUv, 8, GltfComponent::kFloat32, GltfType::kVec2, false},
+    {"COLOR_0", format::kHasColor, 4, GltfComponent::kUint8, GltfType::kVec4, true},
+    {nullptr, 0, 2, GltfComponent::kUint16, GltfType::kScalar, false},
+    {nullptr, 0, 4, GltfComponent::kUint32, GltfType::kScalar, false},
 };
 
 /// Consecutive chunks of one mesh that become one primitive.
@@ -80,31 +67,15 @@ struct Part {
   std::array<uint64_t, kStreamCount> offset{};  // in the buffer
   std::array<uint32_t, kStreamCount> view{};
   std::array<uint64_t, kStreamCount> view_offset{};
-  Box box;
+  convert::Box box = convert::empty_box();
 
   bool has_short_indices() const { return vertices <= kMaxShortVertices; }
 
-  uint64_t elements(Stream stream, uint32_t attributes) const {
-    switch (stream) {
-      case kPositions:
-        return vertices;
-      case kNormals:
-        return attributes & format::kHasNormal ? vertices : 0;
-      case kTangents:
-        return attributes & format::kHasTangent ? vertices : 0;
-      case kUvs:
-        return attributes & format::kHasUv ? vertices : 0;
-      case kSecondUvs:
-        return attributes & format::kHasSecondUv ? vertices : 0;
-      case kColors:
-        return attributes & format::kHasColor ? vertices : 0;
-      case kShortIndices:
-        return has_short_indices() ? 3 * triangles : 0;
-      case kIndices:
-        return has_short_indices() ? 0 : 3 * triangles;
-      default:
-        return 0;
-    }
+  /// Number of elements of a stream; 0 if the part lacks it.
+  uint64_t elements(size_t stream, uint32_t attributes) const {
+    if (stream == kShortIndices) return has_short_indices() ? 3 * triangles : 0;
+    if (stream == kIndices) return has_short_indices() ? 0 : 3 * triangles;
+    return (attributes & kStreams[stream].flag) == kStreams[stream].flag ? vertices : 0;
   }
 };
 
@@ -161,7 +132,7 @@ Result<void> place_batch(const format::Container& file, GltfWriter& writer, std:
     const uint64_t element_bytes = kStreams[stream].element_bytes;
     uint64_t bytes = 0, users = 0;
     for (Part& part : parts) {
-      const uint64_t elements = part.elements(static_cast<Stream>(stream), file.meshes()[part.mesh].attributes);
+      const uint64_t elements = part.elements(stream, file.meshes()[part.mesh].attributes);
       part.view_offset[stream] = bytes;
       bytes += elements * element_bytes;
       users += elements != 0;
@@ -189,8 +160,7 @@ Result<void> place_parts(const format::Container& file, GltfWriter& writer, std:
     uint64_t bytes = 0;
     if (i < parts.size()) {
       for (size_t stream = 0; stream < kStreamCount; ++stream)
-        bytes += parts[i].elements(static_cast<Stream>(stream), file.meshes()[parts[i].mesh].attributes) *
-                 kStreams[stream].element_bytes;
+        bytes += parts[i].elements(stream, file.meshes()[parts[i].mesh].attributes) * kStreams[stream].element_bytes;
     }
     if (i > first && (i == parts.size() || batch_bytes + bytes > kBatchBytes)) {
       SCREE_TRY(place_batch(file, writer, parts.subspan(first, i - first)));
@@ -211,15 +181,12 @@ class JobWriter {
   uint64_t written() const { return written_; }
 
   /// Extends `box` by the positions of the job.
-  Result<void> write(const Job& job, const Part& part, Box& box) {
+  Result<void> write(const Job& job, const Part& part, convert::Box& box) {
     uint64_t vertex = job.first_vertex, triangle = job.first_triangle;
     for (uint64_t chunk = job.first_chunk; chunk < job.first_chunk + job.chunk_count; ++chunk) {
       const auto read = SCREE_TRY(reader_.read(chunk, kPartAll & ~uint32_t{kPartSourceIds}));
       const DecodedChunk& decoded = *read;
-      for (size_t i = 0; i < decoded.positions.size(); ++i) {
-        box.min[i % 3] = std::min(box.min[i % 3], decoded.positions[i]);
-        box.max[i % 3] = std::max(box.max[i % 3], decoded.positions[i]);
-      }
+      convert::grow(box, convert::box_of(decoded.positions));
       for (const Result<void>& done :
            {put(part, kPositions, vertex, std::as_bytes(std::span(decoded.positions))),
             put(part, kNormals, vertex, std::as_bytes(std::span(decoded.normals))),
@@ -270,7 +237,8 @@ class JobWriter {
   std::vector<uint32_t> indices_;
 };
 
-/// Runs all jobs. The threads share the number of the next job, the boxes of the parts and the first error.
+/// Runs all jobs. The threads share the number of the next job, the boxes of the parts and the error that is first in
+/// file order.
 class JobRunner {
  public:
   JobRunner(const format::Container& file, const GltfWriter& writer, const ExportOptions& options, Plan& plan)
@@ -280,8 +248,7 @@ class JobRunner {
     const uint32_t threads =
         options_.threads != 0 ? options_.threads : std::max(1u, std::thread::hardware_concurrency());
     runtime::on_threads(std::min<uint64_t>(threads, plan_.jobs.size()), [this](bool is_caller) { work(is_caller); });
-    if (failed_) return failed_->second;
-    return {};
+    return failure_.any() ? failure_.error() : Result<void>();
   }
 
  private:
@@ -289,22 +256,21 @@ class JobRunner {
     JobWriter writer(file_, writer_);
     for (size_t i = next_.fetch_add(1); i < plan_.jobs.size(); i = next_.fetch_add(1)) {
       const Job& job = plan_.jobs[i];
-      Box box;
+      convert::Box box = convert::empty_box();
       const uint64_t before = writer.written();
       const Result<void> done = write(writer, job, box);
       const format::PageRecord& page = file_.pages()[file_.chunks()[job.first_chunk].page];
       if (options_.is_done_with) options_.is_done_with(page.offset, page.stored_bytes);
+      if (!done) {
+        // Jobs are taken in order, so all earlier ones have begun and will end.
+        failure_.report(i, done.error());
+        next_.store(plan_.jobs.size());
+        return;
+      }
       uint64_t triangles = 0, bytes = 0;
       {
         const std::lock_guard lock(mutex_);
-        if (!done) {
-          // Keeps the error that is first in file order. Jobs are taken in order, so all earlier ones have begun and
-          // will end.
-          if (!failed_ || i < failed_->first) failed_.emplace(i, done.error());
-          next_.store(plan_.jobs.size());
-          return;
-        }
-        plan_.parts[job.part].box.add(box);
+        convert::grow(plan_.parts[job.part].box, box);
         triangles = triangles_ += job.triangles;
         bytes = bytes_ += writer.written() - before;
       }
@@ -312,7 +278,7 @@ class JobRunner {
     }
   }
 
-  Result<void> write(JobWriter& writer, const Job& job, Box& box) const try {
+  Result<void> write(JobWriter& writer, const Job& job, convert::Box& box) const try {
     if (options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed))
       return Error{ErrorCode::kFile, "interrupted"};
     return writer.write(job, plan_.parts[job.part], box);
@@ -325,10 +291,10 @@ class JobRunner {
   const ExportOptions& options_;
   Plan& plan_;
   std::atomic<size_t> next_{0};
+  runtime::FirstError failure_;
   std::mutex mutex_;  // for the boxes in plan_ and all members below
   uint64_t triangles_ = 0;
   uint64_t bytes_ = 0;
-  std::optional<std::pair<size_t, Error>> failed_;
 };
 
 }  // namespace
@@ -349,7 +315,7 @@ Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container&
                                .vertices = part.vertices,
                                .triangles = part.triangles};
     for (size_t stream = 0; stream < kStreamCount; ++stream) {
-      const uint64_t elements = part.elements(static_cast<Stream>(stream), attributes);
+      const uint64_t elements = part.elements(stream, attributes);
       if (elements == 0) continue;
       GltfAccessor accessor{.buffer_view = part.view[stream],
                             .offset = part.view_offset[stream],
@@ -358,8 +324,8 @@ Result<std::vector<ExportedPrimitive>> write_primitives(const format::Container&
                             .normalized = kStreams[stream].normalized,
                             .count = elements};
       if (stream == kPositions) {
-        accessor.min.assign(part.box.min.begin(), part.box.min.end());
-        accessor.max.assign(part.box.max.begin(), part.box.max.end());
+        accessor.min.assign(part.box.lo.begin(), part.box.lo.end());
+        accessor.max.assign(part.box.hi.begin(), part.box.hi.end());
       }
       const uint32_t number = writer.add_accessor(std::move(accessor));
       if (kStreams[stream].attribute != nullptr) {

@@ -70,9 +70,7 @@ Result<void> inspect_file(const std::string& path, const InspectOptions& options
     verified = verify(file, map.bytes(), options.threads, hooks);
   }
   std::optional<compare::GeometryReport> measured;
-  if (!options.source.empty()) {
-    measured = SCREE_TRY_AT(path, measure_against(file, options));
-  }
+  if (!options.source.empty()) measured = SCREE_TRY_AT(path, measure_against(file, options));
   const Stats stats = gather(file, map.bytes(), options.top, options.verify);
   if (options.json) {
     print_json(file, stats, path, verified ? &*verified : nullptr, measured ? &*measured : nullptr, options.chunks,

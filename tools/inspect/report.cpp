@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <iterator>
+#include <sstream>
 #include <string_view>
 
 #include "format/blocks/format.h"
@@ -102,7 +103,7 @@ void add_head(const format::Container& file, const Stats& stats, const std::stri
 }
 
 void add_size(const format::Container& file, const Stats& stats, std::string& text) {
-  const SourceBytes source = source_bytes(file);
+  const format::SourceRecord& source = file.source();
   TextTable table;
   const auto row = [&](const char* what, uint64_t bytes, uint64_t source_of, uint64_t reference) {
     table.row({what, human_bytes(bytes), percent(bytes, stats.file_bytes), bits_each(bytes, stats.triangles),
@@ -115,21 +116,21 @@ void add_size(const format::Container& file, const Stats& stats, std::string& te
   table.row({"", "bytes", "share", "bits/tri " + note('a'), "of source " + note('b'), "of float32 " + note('c')});
   // The source's bytes are not known for part of the triangles.
   const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
-  stream(kIndices, is_mixed ? 0 : source.indices);
-  stream(kPositions, is_mixed ? 0 : source.positions);
-  stream(kClusterData, is_mixed ? 0 : source.indices + source.positions);
+  stream(kIndices, is_mixed ? 0 : source.index_bytes);
+  stream(kPositions, is_mixed ? 0 : source.position_bytes);
+  stream(kClusterData, is_mixed ? 0 : source.index_bytes + source.position_bytes);
   stream(kClusterBounds, 0);
   stream(kClusterRecords, 0);
   uint64_t attribute_reference = 0;
   for (const Stream attribute : kAttributes) attribute_reference += stats.reference_bytes[attribute];
-  if (attribute_reference != 0) row("attributes", stats.attribute_bytes(), source.attributes, attribute_reference);
+  if (attribute_reference != 0) row("attributes", stats.attribute_bytes(), source.attribute_bytes, attribute_reference);
   stream(kSourceIds, 0);
   if (!file.images().empty()) row("textures", stats.images.stored, 0, 0);
   row("container", stats.container_bytes(), 0, 0);
   table.rule();
   uint64_t reference = stats.images.raw;
   for (const uint64_t bytes : stats.reference_bytes) reference += bytes;
-  row("file", stats.file_bytes, source.total, reference);
+  row("file", stats.file_bytes, source.file_bytes, reference);
   text += "\nSize\n" + table.text();
 }
 
@@ -181,29 +182,26 @@ void add_meshes(const format::Container& file, const Stats& stats, std::string& 
   table.row({"largest by bytes", "bytes", "share", "triangles", "vertices", "chunks", "bits/tri", "step " + note('f'),
              "max error " + note('g')});
   const auto row = [&](std::string name, uint64_t bytes, uint64_t triangles, uint64_t vertices, uint64_t chunks,
-                       std::string step, double error) {
+                       std::string step, std::string error) {
     table.row({std::move(name), human_bytes(bytes), percent(bytes, stats.file_bytes), grouped(triangles),
-               grouped(vertices), grouped(chunks), bits_each(bytes, triangles), std::move(step), short_number(error)});
+               grouped(vertices), grouped(chunks), bits_each(bytes, triangles), std::move(step), std::move(error)});
   };
   uint64_t bytes = stats.geometry_bytes(), triangles = stats.triangles, vertices = stats.vertices,
            chunks = file.chunks().size();
   for (const MeshCost& cost : stats.top_meshes) {
     const format::MeshRecord& mesh = meshes[cost.mesh];
     row(printable(mesh_name(file, cost.mesh), 32), cost.stored, mesh.triangle_count, mesh.vertex_count,
-        mesh.chunk_count, step_of(mesh), mesh.max_position_error);
+        mesh.chunk_count, step_of(mesh), short_number(mesh.max_position_error));
     bytes -= cost.stored;
     triangles -= mesh.triangle_count;
     vertices -= mesh.vertex_count;
     chunks -= mesh.chunk_count;
   }
   const uint64_t others = meshes.size() - stats.top_meshes.size();
-  if (others != 0) {
-    table.row({times(others, "other", "others"), human_bytes(bytes), percent(bytes, stats.file_bytes),
-               grouped(triangles), grouped(vertices), grouped(chunks), bits_each(bytes, triangles), "", ""});
-  }
+  if (others != 0) row(times(others, "other", "others"), bytes, triangles, vertices, chunks, "", "");
   table.rule();
   row("all", stats.geometry_bytes(), stats.triangles, stats.vertices, file.chunks().size(), "",
-      stats.max_position_error);
+      short_number(stats.max_position_error));
   text += table.text();
 }
 
@@ -248,25 +246,18 @@ void add_indices(const Stats& stats, std::string& text) {
     tails.push_back(bar(row.triangles, most));
   }
   // The bars are appended after the columns, flush left.
-  const std::string columns = table.text();
-  size_t line = 0;
-  for (size_t begin = 0; begin < columns.size(); ++line) {
-    const size_t end = columns.find('\n', begin);
-    text += columns.substr(begin, end - begin);
-    if (!tails[line].empty()) text += "  " + tails[line];
-    text += '\n';
-    begin = end + 1;
+  std::istringstream columns(table.text());
+  std::string line;
+  for (const std::string& tail : tails) {
+    std::getline(columns, line);
+    text += line + (tail.empty() ? "" : "  ") + tail + '\n';
   }
 }
 
 void add_clusters(const Stats& stats, std::string& text) {
   const ClusterStats& clusters = stats.clusters;
   if (clusters.clusters == 0) return;
-  const auto each = [](uint64_t count, uint64_t of) {
-    char number[32];
-    std::snprintf(number, sizeof number, "%.2f", static_cast<double>(count) / static_cast<double>(of));
-    return std::string(number);
-  };
+  const auto each = [](uint64_t count, uint64_t of) { return fixed(divided(count, of), 2); };
   text += "\nClusters\n  " + grouped(clusters.clusters) + " in " + times(clusters.chunks, "chunk", "chunks") + ", " +
           each(clusters.triangles, clusters.clusters) + " triangles and " + each(clusters.vertices, clusters.clusters) +
           " vertices each";
@@ -446,11 +437,6 @@ void add_footnotes(std::string& text) {
 }
 
 }  // namespace
-
-SourceBytes source_bytes(const format::Container& file) {
-  const format::SourceRecord& source = file.source();
-  return {source.index_bytes, source.position_bytes, source.attribute_bytes, source.file_bytes};
-}
 
 std::string text_report(const format::Container& file, const Stats& stats, const std::string& path) {
   std::string text;

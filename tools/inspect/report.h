@@ -11,16 +11,6 @@
 
 namespace scree::inspect {
 
-/// Bytes of each kind of content in the source glTF; 0 if the file does not record it. Images have no entry:
-/// they are compared with their bytes before compression.
-struct SourceBytes {
-  uint64_t indices = 0;
-  uint64_t positions = 0;
-  uint64_t attributes = 0;
-  uint64_t total = 0;  // of the source's files
-};
-SourceBytes source_bytes(const format::Container& file);
-
 /// The tables, with footnotes. `path`: printed in the first line.
 std::string text_report(const format::Container& file, const Stats& stats, const std::string& path);
 

@@ -74,7 +74,7 @@ void file_member(JsonWriter& json, const format::Container& file, const Stats& s
 }
 
 void size_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
-  const SourceBytes source = source_bytes(file);
+  const format::SourceRecord& source = file.source();
   json.object("size", [&] {
     uint64_t reference = stats.images.raw;
     for (size_t i = 0; i < kStreamCount; ++i) {
@@ -83,9 +83,9 @@ void size_member(JsonWriter& json, const format::Container& file, const Stats& s
         // The source's attribute bytes are a single sum, the member "attributes".
         const bool is_mixed = stats.stream_meshes[kIndices] != 0 && stats.stream_meshes[kClusterData] != 0;
         const uint64_t source_of = is_mixed || stats.stream_meshes[i] == 0 ? 0
-                                   : stream == kIndices                    ? source.indices
-                                   : stream == kPositions                  ? source.positions
-                                   : stream == kClusterData                ? source.indices + source.positions
+                                   : stream == kIndices                    ? source.index_bytes
+                                   : stream == kPositions                  ? source.position_bytes
+                                   : stream == kClusterData                ? source.index_bytes + source.position_bytes
                                                                            : 0;
         cost(json, stats, stats.streams[i], source_of, stats.reference_bytes[i]);
       });
@@ -96,8 +96,8 @@ void size_member(JsonWriter& json, const format::Container& file, const Stats& s
     json.object("total", [&] {
       json.member("bytes", stats.file_bytes);
       ratio(json, "bits_per_triangle", 8 * stats.file_bytes, stats.triangles);
-      if (source.total != 0) json.member("source_bytes", source.total);
-      ratio(json, "source_ratio", stats.file_bytes, source.total);
+      if (source.file_bytes != 0) json.member("source_bytes", source.file_bytes);
+      ratio(json, "source_ratio", stats.file_bytes, source.file_bytes);
       if (reference != 0) json.member("float32_bytes", reference);
       ratio(json, "float32_ratio", stats.file_bytes, reference);
     });
@@ -227,10 +227,10 @@ void chunks_member(JsonWriter& json, const format::Container& file, const Stats&
 
 void attributes_member(JsonWriter& json, const format::Container& file, const Stats& stats) {
   json.object("attributes", [&] {
-    const SourceBytes source = source_bytes(file);
+    const uint64_t source = file.source().attribute_bytes;
     json.member("bytes", stats.attribute_bytes());
-    if (source.attributes != 0) json.member("source_bytes", source.attributes);
-    ratio(json, "source_ratio", stats.attribute_bytes(), source.attributes);
+    if (source != 0) json.member("source_bytes", source);
+    ratio(json, "source_ratio", stats.attribute_bytes(), source);
     for (const Stream stream : {kUvs, kSecondUvs, kColors, kNormals, kTangents, kSourceIds}) {
       json.object(stream_key(stream), [&] {
         json.member("meshes", stats.stream_meshes[stream]);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <numeric>
 #include <utility>
@@ -17,54 +18,16 @@ using format::ChunkRecord;
 using format::MeshRecord;
 using format::PageKind;
 
+/// By TableKind, which counts from 1.
+constexpr const char* kTableNames[] = {
+    "pages",     "meshes",     "chunks",         "groups",   "nodes",  "instances",   "matrices", "node_instances",
+    "materials", "textures",   "images",         "cameras",  "scenes", "scene_roots", "strings",  "source",
+    "left_out",  "mip_levels", "left_out_costs", "surfaces", "lights", "masks"};
+static_assert(std::size(kTableNames) == static_cast<size_t>(format::TableKind::kMasks));
+
 const char* table_name(format::TableKind kind) {
-  switch (kind) {
-    case format::TableKind::kPages:
-      return "pages";
-    case format::TableKind::kMeshes:
-      return "meshes";
-    case format::TableKind::kChunks:
-      return "chunks";
-    case format::TableKind::kGroups:
-      return "groups";
-    case format::TableKind::kNodes:
-      return "nodes";
-    case format::TableKind::kInstances:
-      return "instances";
-    case format::TableKind::kMatrices:
-      return "matrices";
-    case format::TableKind::kNodeInstances:
-      return "node_instances";
-    case format::TableKind::kMaterials:
-      return "materials";
-    case format::TableKind::kTextures:
-      return "textures";
-    case format::TableKind::kImages:
-      return "images";
-    case format::TableKind::kCameras:
-      return "cameras";
-    case format::TableKind::kScenes:
-      return "scenes";
-    case format::TableKind::kSceneRoots:
-      return "scene_roots";
-    case format::TableKind::kStrings:
-      return "strings";
-    case format::TableKind::kSource:
-      return "source";
-    case format::TableKind::kLeftOut:
-      return "left_out";
-    case format::TableKind::kMipLevels:
-      return "mip_levels";
-    case format::TableKind::kLeftOutCosts:
-      return "left_out_costs";
-    case format::TableKind::kSurfaces:
-      return "surfaces";
-    case format::TableKind::kLights:
-      return "lights";
-    case format::TableKind::kMasks:
-      return "masks";
-  }
-  return "unknown";
+  const size_t index = static_cast<size_t>(kind) - 1;  // past the end for 0
+  return index < std::size(kTableNames) ? kTableNames[index] : "unknown";
 }
 
 /// Divides the bytes of chunks among their streams.
@@ -248,7 +211,6 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
     stats.triangles += mesh.triangle_count;
     stats.vertices += mesh.vertex_count;
     stats.source_vertices += mesh.source_vertex_count;
-    stats.reference_vertices += reference;
     stats.max_position_error = std::max(stats.max_position_error, mesh.max_position_error);
 
     const auto add = [&](Stream stream, uint64_t elements, uint64_t reference_bytes) {
@@ -294,7 +256,6 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
     if (mesh.attributes & format::kHasSourceIds) add(kSourceIds, mesh.triangle_count, 0);
 
     const bool is_float32 = mesh.position_encoding == format::PositionEncoding::kFloat32;
-    stats.float32_meshes += is_float32;
     LatticeStats& lattice = lattices[{is_float32, is_float32 ? 0 : mesh.lattice_exponent}];
     lattice.is_float32 = is_float32;
     lattice.exponent = is_float32 ? 0 : mesh.lattice_exponent;
@@ -309,6 +270,7 @@ void count_meshes(const format::Container& file, std::map<std::pair<bool, int32_
 void count_images(const format::Container& file, uint32_t top, Stats& stats) {
   const auto pages = file.pages();
   const auto images = file.images();
+  const auto masks = file.masks();
   std::vector<bool> seen(pages.size());
   std::vector<uint64_t> bytes_of(images.size());
   // Images may share a page, whose bytes count once.
@@ -338,8 +300,8 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
     count_pages(image, static_cast<uint32_t>(i - image.first_level) + 1, levels[i].page);
   }
   stats.mip_levels = levels.size();
-  for (uint64_t i = 0; i < file.masks().size(); ++i) {
-    const uint32_t number = file.masks()[i].page;
+  for (uint64_t i = 0; i < masks.size(); ++i) {
+    const uint32_t number = masks[i].page;
     if (seen[number]) continue;
     seen[number] = true;
     for (Cost* sum : {&stats.images, &stats.mask_pages}) {
@@ -352,9 +314,9 @@ void count_images(const format::Container& file, uint32_t top, Stats& stats) {
     stats.blended += (flags & format::kMaterialAlphaBlend) != 0 ? 1 : 0;
     stats.opaque_masks += (flags & format::kMaterialCutOut) == format::kMaterialAlphaMask ? 1 : 0;
   }
-  stats.masks = file.masks().size();
-  for (uint64_t i = 0; i < file.masks().size(); ++i)
-    if ((file.materials()[file.masks()[i].material].flags & format::kMaterialCutOut) == format::kMaterialAlphaMask &&
+  stats.masks = masks.size();
+  for (uint64_t i = 0; i < masks.size(); ++i)
+    if ((file.materials()[masks[i].material].flags & format::kMaterialCutOut) == format::kMaterialAlphaMask &&
         stats.opaque_masks != 0)
       --stats.opaque_masks;
   for (uint64_t i = 0; i < pages.size(); ++i) {

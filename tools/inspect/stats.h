@@ -127,7 +127,6 @@ struct Stats {
   uint64_t triangles = 0;                                // stored: over the meshes, not their instances
   uint64_t vertices = 0;                                 // stored, as MeshRecord::vertex_count
   uint64_t source_vertices = 0;                          // of the source, as MeshRecord::source_vertex_count
-  uint64_t reference_vertices = 0;                       // of the float32 comparison: per mesh the smaller count
   std::array<uint64_t, kStreamCount> stream_meshes{};    // number of meshes with the stream
   std::array<uint64_t, kStreamCount> stream_elements{};  // vertices, or indices, or triangles (source numbers)
   std::array<uint64_t, kStreamCount> reference_bytes{};  // as float32 and 32-bit indices, for streams with such a form
@@ -135,8 +134,6 @@ struct Stats {
   double max_uv_error = 0;
   uint32_t min_normal_bits = 0;
   uint32_t min_tangent_bits = 0;
-  uint64_t float32_meshes = 0;
-
   std::vector<SceneExtent> extents;  // by scene
 
   Spread mesh_triangles, chunk_triangles, chunk_vertices, chunk_bytes;

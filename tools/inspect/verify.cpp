@@ -1,9 +1,7 @@
 #include "tools/inspect/verify.h"
 
 #include <algorithm>
-#include <array>
 #include <atomic>
-#include <limits>
 #include <mutex>
 #include <new>
 #include <thread>
@@ -18,13 +16,13 @@
 #include "runtime/threads/parallel.h"
 #include "tools/common/chunk_decode.h"
 #include "tools/convert/passes/shard.h"
+#include "tools/gltf/box.h"
 
 namespace scree::inspect {
 namespace {
 
 using format::ChunkRecord;
 using format::PageKind;
-using format::PageRecord;
 
 std::string hex(uint64_t value) {
   char text[19];
@@ -38,18 +36,11 @@ size_t first_set(std::span<const std::byte> bytes) {
                              bytes.begin());
 }
 
-struct Box {
-  std::array<float, 3> min, max;
-};
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr Box kEmptyBox{{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}};
-
 class Verifier {
  public:
   Verifier(const format::Container& file, std::span<const std::byte> bytes, const VerifyHooks& hooks)
       : file_(file), bytes_(bytes), hooks_(hooks) {
-    boxes_.assign(file.meshes().size(), kEmptyBox);
+    boxes_.assign(file.meshes().size(), convert::empty_box());
     vertices_.assign(file.meshes().size(), 0);
     undecoded_.assign(file.meshes().size(), false);
     report_.is_shard = convert::is_shard(file);
@@ -186,7 +177,7 @@ class Verifier {
   }
 
   void check_page(uint32_t number, std::vector<std::byte>& scratch, tools::DecodedChunk& decoded) {
-    const PageRecord& page = file_.pages()[number];
+    const format::PageRecord& page = file_.pages()[number];
     const auto loaded = file_.load_page(number, scratch);
     if (!loaded) {
       fail(page.offset, at(page_place(number), loaded.error()));
@@ -246,15 +237,7 @@ class Verifier {
     const ChunkRecord& record = file_.chunks()[chunk];
     const auto done = tools::decode_chunk(file_, chunk, raw, tools::kPartAll, decoded);
     if (!done) fail(file_.pages()[number].offset, at(page_place(number), done.error()));
-    Box box = kEmptyBox;
-    if (done) {
-      for (size_t i = 0; i < decoded.positions.size(); i += 3) {
-        for (size_t axis = 0; axis < 3; ++axis) {
-          box.min[axis] = std::min(box.min[axis], decoded.positions[i + axis]);
-          box.max[axis] = std::max(box.max[axis], decoded.positions[i + axis]);
-        }
-      }
-    }
+    const convert::Box box = done ? convert::box_of(decoded.positions) : convert::Box{};
     const std::lock_guard lock(mutex_);
     if (!done) {
       undecoded_[record.mesh] = true;
@@ -264,11 +247,7 @@ class Verifier {
     report_.triangles += record.triangle_count;
     report_.vertices += record.vertex_count;
     vertices_[record.mesh] += record.vertex_count;
-    Box& of_mesh = boxes_[record.mesh];
-    for (size_t axis = 0; axis < 3; ++axis) {
-      of_mesh.min[axis] = std::min(of_mesh.min[axis], box.min[axis]);
-      of_mesh.max[axis] = std::max(of_mesh.max[axis], box.max[axis]);
-    }
+    convert::grow(boxes_[record.mesh], box);
   }
 
   void check_images(uint32_t number, std::span<const std::byte> raw) {
@@ -281,7 +260,7 @@ class Verifier {
         continue;
       }
       if (record.codec == format::ImageCodec::kBlocks) {  // any bytes are valid; open() checked their number
-        count_blocks(record, 0);
+        count_image(record, 0);
         continue;
       }
       const auto info = runtime::probe_image(raw);
@@ -310,14 +289,13 @@ class Verifier {
         fail(file_.pages()[number].offset, at(place, warning.error()));
         continue;
       }
+      count_image(record, 0);
       const std::lock_guard lock(mutex_);
       if (!warning->empty()) warnings_.emplace_back(image, place + ": " + *warning);
-      ++report_.images;
-      report_.pixels += uint64_t{info->width} * info->height;
     }
   }
 
-  void count_blocks(const format::ImageRecord& record, uint32_t level) {
+  void count_image(const format::ImageRecord& record, uint32_t level) {
     const std::lock_guard lock(mutex_);
     if (level == 0) ++report_.images;
     report_.pixels += uint64_t{std::max(1u, record.width >> level)} * std::max(1u, record.height >> level);
@@ -334,13 +312,11 @@ class Verifier {
       std::vector<std::byte> file(format::jpeg_file_bound(*index));
       size = format::decode_jpeg_index(file, *index);
     }
-    if (!size) {
+    if (size) {
+      count_image(record, level);
+    } else {
       fail(file_.pages()[number].offset, at(place, size.error()));
-      return;
     }
-    const std::lock_guard lock(mutex_);
-    if (level == 0) ++report_.images;
-    report_.pixels += uint64_t{width} * height;
   }
 
   void check_levels(uint32_t number, std::span<const std::byte> raw) {
@@ -363,7 +339,7 @@ class Verifier {
       // A level in several pages fills them completely.
       end = format::level_page_count(image, number_of_image) > 1 ? raw.size() : record.offset + record.bytes;
       if (image.codec == format::ImageCodec::kBlocks) {
-        count_blocks(image, number_of_image);
+        count_image(image, number_of_image);
       } else {
         check_indexed(number, place, raw.subspan(record.offset, record.bytes), image, number_of_image);
       }
@@ -383,11 +359,11 @@ class Verifier {
       const std::string place = "mesh " + std::to_string(i);
       ++report_.meshes;
       for (size_t axis = 0; axis < 3; ++axis) {
-        if (mesh.bounds_min[axis] != boxes_[i].min[axis] || mesh.bounds_max[axis] != boxes_[i].max[axis]) {
+        if (mesh.bounds_min[axis] != boxes_[i].lo[axis] || mesh.bounds_max[axis] != boxes_[i].hi[axis]) {
           char text[160];
           std::snprintf(text, sizeof text, ": bounds [%.9g, %.9g] on axis %zu, but its positions span [%.9g, %.9g]",
                         static_cast<double>(mesh.bounds_min[axis]), static_cast<double>(mesh.bounds_max[axis]), axis,
-                        static_cast<double>(boxes_[i].min[axis]), static_cast<double>(boxes_[i].max[axis]));
+                        static_cast<double>(boxes_[i].lo[axis]), static_cast<double>(boxes_[i].hi[axis]));
           fail(mesh_offset(i), {ErrorCode::kRange, place + text});
           break;
         }
@@ -413,7 +389,7 @@ class Verifier {
   VerifyReport report_;
   std::vector<Failure> failures_;
   std::vector<std::pair<uint64_t, std::string>> warnings_;
-  std::vector<Box> boxes_;
+  std::vector<convert::Box> boxes_;
   std::vector<uint64_t> vertices_;
   std::vector<bool> undecoded_;
 };

@@ -158,16 +158,10 @@ struct FileFormat {
 
 FileFormat file_format_of(BlockPicture picture) {
   constexpr uint32_t kLinear = 1, kSrgb = 2;
-  switch (picture) {
-    case BlockPicture::kSurface:
-      return {141, 132, kLinear, "1rg1"};
-    case BlockPicture::kNormals:
-      return {141, 132, kLinear, ""};
-    case BlockPicture::kSpecular:
-      return {139, 131, kLinear, "111r"};
-    default:
-      return {146, 134, kSrgb, ""};
-  }
+  if (picture == BlockPicture::kSurface) return {141, 132, kLinear, "1rg1"};
+  if (picture == BlockPicture::kNormals) return {141, 132, kLinear, ""};
+  if (picture == BlockPicture::kSpecular) return {139, 131, kLinear, "111r"};
+  return {146, 134, kSrgb, ""};
 }
 
 class FileBytes {
@@ -216,15 +210,8 @@ void put_descriptor(FileBytes& file, BlockPicture picture) {
 }  // namespace
 
 format::BlockFormat block_format_of(BlockPicture picture) {
-  switch (picture) {
-    case BlockPicture::kSurface:
-    case BlockPicture::kNormals:
-      return format::BlockFormat::kBc5;
-    case BlockPicture::kSpecular:
-      return format::BlockFormat::kBc4;
-    default:
-      return format::BlockFormat::kBc7;
-  }
+  if (picture == BlockPicture::kSurface || picture == BlockPicture::kNormals) return format::BlockFormat::kBc5;
+  return picture == BlockPicture::kSpecular ? format::BlockFormat::kBc4 : format::BlockFormat::kBc7;
 }
 
 uint64_t block_bytes_of(const BlockTexture& texture, uint32_t longest) {

@@ -26,19 +26,9 @@ constexpr uint32_t kPlantCount = 50000;
 constexpr double kArea = 12.0;  // square metres per plant
 constexpr uint32_t kCells = 4;  // sprigs along a side of an atlas
 
-/// Uniform numbers from 0 to 1, one after the other.
-class Chance {
- public:
-  explicit Chance(uint32_t seed) : seed_(seed) {}
-  double operator()() { return unit24(hash2(seed_, number_++, 77)); }
-  double between(double low, double high) { return low + (high - low) * (*this)(); }
+constexpr uint32_t kStream = 77;  // of all random numbers
 
- private:
-  uint32_t seed_;
-  uint32_t number_ = 0;
-};
-
-Vec3 direction(Chance& chance) {
+Vec3 direction(Random& chance) {
   const double z = chance.between(-1, 1), angle = chance.between(0, 2 * std::numbers::pi);
   const double side = std::sqrt(1 - z * z);
   return {side * std::cos(angle), z, side * std::sin(angle)};
@@ -64,13 +54,13 @@ void add_card(Mesh& part, const Vec3& foot, const Vec3& up, const Vec3& side, do
 /// Leaves of plant number `plant`, whose foot is at the origin.
 Mesh make_leaves(uint32_t plant, uint32_t material) {
   Mesh part{.material = material};
-  Chance chance(1000 + plant);
+  Random chance(1000 + plant, kStream);
   const bool is_tree = plant < kTrees, is_grass = plant >= kTrees + kBushes;
   const double height = is_tree ? chance.between(6, 14) : is_grass ? 0.7 : chance.between(1.2, 2.2);
   for (uint32_t card = 0; card < kCards; ++card) {
-    const auto sprig = static_cast<uint32_t>(chance() * kCells * kCells);
+    const auto sprig = static_cast<uint32_t>(chance.next() * kCells * kCells);
     if (is_grass) {
-      const double angle = chance.between(0, 2 * std::numbers::pi), away = 1.5 * std::sqrt(chance());
+      const double angle = chance.between(0, 2 * std::numbers::pi), away = 1.5 * std::sqrt(chance.next());
       const double turn = chance.between(0, std::numbers::pi);
       const Vec3 foot{away * std::cos(angle), -0.03, away * std::sin(angle)};
       const Vec3 lean = normalized({chance.between(-0.4, 0.4), 1, chance.between(-0.4, 0.4)});
@@ -79,7 +69,7 @@ Mesh make_leaves(uint32_t plant, uint32_t material) {
     }
     // In the outer half of an ellipsoid, stems outwards and a little down.
     const Vec3 out = direction(chance);
-    const double reach = 0.5 + 0.5 * std::sqrt(chance());
+    const double reach = 0.5 + 0.5 * std::sqrt(chance.next());
     const double wide = is_tree ? 0.3 * height : 0.6 * height, high = is_tree ? 0.36 * height : 0.5 * height;
     const double middle = is_tree ? 0.64 * height : 0.45 * height;
     const Vec3 foot{wide * reach * out[0], middle + high * reach * out[1], wide * reach * out[2]};
@@ -94,7 +84,7 @@ Mesh make_leaves(uint32_t plant, uint32_t material) {
 Mesh make_trunk(uint32_t plant, uint32_t material) {
   constexpr uint32_t kSides = 6, kRings = 5;
   Mesh part{.material = material};
-  Chance chance(1000 + plant);
+  Random chance(1000 + plant, kStream);
   const double height = 0.8 * chance.between(6, 14);
   for (uint32_t ring = 0; ring <= kRings; ++ring) {
     const double t = static_cast<double>(ring) / kRings, radius = 0.022 * height * (1.3 - t);
@@ -135,18 +125,18 @@ struct Leaf {
 
 /// Stems rise from the middle of the lower edge. Atlas 0 has broad leaves, atlas 1 blades.
 std::vector<Leaf> make_sprig(uint32_t atlas, uint32_t sprig) {
-  Chance chance(500 + 37 * atlas + sprig);
+  Random chance(500 + 37 * atlas + sprig, kStream);
   std::vector<Leaf> leaves;
   const uint32_t count = atlas == 0 ? 15 : 9;
   for (uint32_t i = 0; i < count; ++i) {
     if (atlas == 0) {
       const double t = (i + 1.0) / count, angle = (i % 2 == 0 ? 1 : -1) * chance.between(0.5, 1.3) * (1.1 - 0.8 * t);
       leaves.push_back({0.5 + 0.05 * std::sin(7 * t), 0.97 - 0.75 * t, std::sin(angle), -std::cos(angle),
-                        chance.between(0.2, 0.32), chance.between(0.05, 0.09), chance()});
+                        chance.between(0.2, 0.32), chance.between(0.05, 0.09), chance.next()});
     } else {
       const double angle = chance.between(-0.35, 0.35);
       leaves.push_back({chance.between(0.3, 0.7), 0.99, std::sin(angle), -std::cos(angle), chance.between(0.5, 0.92),
-                        chance.between(0.012, 0.024), chance()});
+                        chance.between(0.012, 0.024), chance.next()});
     }
   }
   return leaves;
@@ -215,11 +205,11 @@ std::vector<Placement> scatter(uint32_t count, double side, uint32_t seed) {
   const auto across = static_cast<uint32_t>(std::ceil(std::sqrt(count)));
   std::vector<Placement> placements;
   for (uint32_t i = 0; i < count; ++i) {
-    Chance chance(hash2(seed, i, 5));
+    Random chance(hash2(seed, i, 5), kStream);
     const double cell = side / across;
-    const double x = (i % across + chance()) * cell - side / 2, z = (i / across + chance()) * cell - side / 2;
-    const double kind = chance();
-    const double part = chance();
+    const double x = (i % across + chance.next()) * cell - side / 2, z = (i / across + chance.next()) * cell - side / 2;
+    const double kind = chance.next();
+    const double part = chance.next();
     Placement placement;
     if (i < kPlants) {
       placement.mesh = i;  // so that each mesh is placed at least once

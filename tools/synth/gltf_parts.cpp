@@ -1,10 +1,11 @@
 #include "tools/synth/gltf_parts.h"
 
 #include <algorithm>
-#include <limits>
 #include <map>
 #include <thread>
 #include <utility>
+
+#include "tools/gltf/box.h"
 
 namespace scree::synth {
 
@@ -44,22 +45,18 @@ Result<GltfPrimitive> append_primitive(GltfWriter& writer, const Mesh& mesh) {
     primitive.attributes.emplace_back(semantic, added);
     return {};
   };
-  accessor.min.assign(3, std::numeric_limits<double>::infinity());
-  accessor.max.assign(3, -std::numeric_limits<double>::infinity());
-  for (size_t i = 0; i < mesh.positions.size(); ++i) {
-    accessor.min[i % 3] = std::min(accessor.min[i % 3], double{mesh.positions[i]});
-    accessor.max[i % 3] = std::max(accessor.max[i % 3], double{mesh.positions[i]});
-  }
-  Result<void> added = attribute("POSITION", mesh.positions);
+  const convert::Box box = convert::box_of(mesh.positions);
+  accessor.min.assign(box.lo.begin(), box.lo.end());
+  accessor.max.assign(box.hi.begin(), box.hi.end());
+  SCREE_TRY(attribute("POSITION", mesh.positions));
   accessor.min.clear();
   accessor.max.clear();
   accessor.type = GltfType::kVec2;
-  if (added && !mesh.uvs.empty()) added = attribute("TEXCOORD_0", mesh.uvs);
+  if (!mesh.uvs.empty()) SCREE_TRY(attribute("TEXCOORD_0", mesh.uvs));
   accessor.type = GltfType::kVec4;
   accessor.component = GltfComponent::kUint8;
   accessor.normalized = true;
-  if (added && !mesh.colors.empty()) added = attribute("COLOR_0", mesh.colors);
-  if (!added) return added.error();
+  if (!mesh.colors.empty()) SCREE_TRY(attribute("COLOR_0", mesh.colors));
 
   const bool is_short = mesh.may_have_short_indices && mesh.vertex_count() <= kMostShortVertices;
   const GltfAccessor list{.component = is_short ? GltfComponent::kUint16 : GltfComponent::kUint32,
@@ -122,10 +119,9 @@ Result<void> add_instanced_nodes(GltfWriter& writer, std::span<const Placement> 
       node.instancing.emplace_back(semantic, added);
       return {};
     };
-    Result<void> added = attribute("TRANSLATION", streams.translations, GltfType::kVec3, 3);
-    if (added) added = attribute("ROTATION", streams.rotations, GltfType::kVec4, 4);
-    if (added) added = attribute("SCALE", streams.scales, GltfType::kVec3, 3);
-    if (!added) return added;
+    SCREE_TRY(attribute("TRANSLATION", streams.translations, GltfType::kVec3, 3));
+    SCREE_TRY(attribute("ROTATION", streams.rotations, GltfType::kVec4, 4));
+    SCREE_TRY(attribute("SCALE", streams.scales, GltfType::kVec3, 3));
     nodes.push_back(writer.add_node(std::move(node)));
   }
   return {};

@@ -11,6 +11,7 @@
 #include "format/result.h"
 #include "format/vec3.h"
 #include "tools/gltf/writer.h"
+#include "tools/synth/scene_functions.h"
 
 namespace scree::synth {
 
@@ -75,6 +76,19 @@ uint32_t add_camera(tools::GltfWriter& writer, const tools::GltfCamera& lens, co
 /// nodes' indices to `nodes`.
 Result<void> add_instanced_nodes(tools::GltfWriter& writer, std::span<const Placement> placements,
                                  std::vector<uint32_t>& nodes);
+
+/// Uniform numbers from 0 to 1, one after the other. `stream`: distinguishes sequences with one seed.
+class Random {
+ public:
+  explicit Random(uint32_t seed, uint32_t stream = 0) : seed_(seed), stream_(stream) {}
+  double next() { return unit24(hash2(seed_, count_++, stream_)); }
+  double between(double low, double high) { return low + (high - low) * next(); }
+
+ private:
+  uint32_t seed_;
+  uint32_t stream_;
+  uint32_t count_ = 0;
+};
 
 /// The number of threads for the option's value `wanted`; 0 means one per processor. At most `items`, at least 1.
 uint32_t thread_count(uint32_t wanted, uint64_t items);

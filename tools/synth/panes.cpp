@@ -71,9 +71,7 @@ Result<SynthReport> write_panes(const SynthOptions& options) {
   GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
   writer.stop_on(options.stop);
   uint32_t streaks = format::kNone;
-  if (is_textured) {
-    streaks = SCREE_TRY(add_streaks(writer, *options.texture_size));
-  }
+  if (is_textured) streaks = SCREE_TRY(add_streaks(writer, *options.texture_size));
   const auto panes = std::max(1u, static_cast<uint32_t>(std::lround(kMostPanes * options.scale)));
   std::vector<uint32_t> children;
   // The last one is the wall.

@@ -3,7 +3,6 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
-#include <limits>
 #include <mutex>
 #include <numbers>
 #include <optional>
@@ -11,6 +10,7 @@
 
 #include "runtime/threads/parallel.h"
 #include "tools/common/progress.h"
+#include "tools/gltf/box.h"
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/synth.h"
@@ -31,18 +31,6 @@ constexpr uint64_t kMaxShortVertices = 65535;  // index 65535 would be a primiti
 struct MeshPlace {
   uint64_t positions = 0, normals = 0, uvs = 0, indices = 0;  // byte offsets
   bool short_indices = false;
-};
-
-struct Bounds {
-  Float3 min{std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity(),
-             std::numeric_limits<float>::infinity()};
-  Float3 max{-std::numeric_limits<float>::infinity(), -std::numeric_limits<float>::infinity(),
-             -std::numeric_limits<float>::infinity()};
-
-  void add(const Float3& low, const Float3& high) {
-    min = {std::min(min.x, low.x), std::min(min.y, low.y), std::min(min.z, low.z)};
-    max = {std::max(max.x, high.x), std::max(max.y, high.y), std::max(max.z, high.z)};
-  }
 };
 
 /// Vertices or quads [first, first + count) of a mesh, which a thread makes at a time.
@@ -89,22 +77,22 @@ class Generator {
             const std::vector<MeshPlace>& places)
       : scene_(scene), options_(options), writer_(writer), places_(places) {}
 
-  /// Runs one window. `bounds`: receives the bounds of its vertices.
-  Result<void> run(const Window& window, Bounds& bounds) {
-    return window.quads ? make_quads(window) : make_vertices(window, bounds);
+  /// Runs one window. `box`: receives the box of its vertices.
+  Result<void> run(const Window& window, convert::Box& box) {
+    return window.quads ? make_quads(window) : make_vertices(window, box);
   }
   const Sums& sums() const { return sums_; }
 
  private:
-  Result<void> make_vertices(const Window& window, Bounds& bounds) {
+  Result<void> make_vertices(const Window& window, convert::Box& box) {
     const MeshRecipe& mesh = scene_.meshes[window.mesh];
     floats_.resize(uint64_t{window.count} * 3);
     for (uint32_t i = 0; i < window.count; ++i) {
       const Float3 p = vertex_position(mesh, window.first + i);
-      bounds.add(p, p);
       const float xyz[3] = {p.x, p.y, p.z};
       std::copy(xyz, xyz + 3, &floats_[uint64_t{i} * 3]);
     }
+    box = convert::box_of(floats_);
     if (options_.checks) {
       const uint64_t first = check_key(window.mesh, uint64_t{window.first} * 3);
       for (uint64_t i = 0; i < floats_.size(); ++i)
@@ -182,11 +170,11 @@ std::vector<Window> make_windows(const Scene& scene) {
   return windows;
 }
 
-/// Makes every window, and fills in the meshes' bounds.
+/// Makes every window, and fills in the meshes' boxes.
 Result<Sums> generate(const Scene& scene, const SynthOptions& options, const GltfWriter* writer,
-                      const std::vector<MeshPlace>& places, std::vector<Bounds>& mesh_bounds) {
+                      const std::vector<MeshPlace>& places, std::vector<convert::Box>& boxes) {
   const std::vector<Window> windows = make_windows(scene);
-  std::vector<Bounds> window_bounds(windows.size());
+  std::vector<convert::Box> window_boxes(windows.size());
   std::atomic<uint64_t> next{0};
   std::mutex mutex;
   std::optional<Error> failed;
@@ -203,7 +191,7 @@ Result<Sums> generate(const Scene& scene, const SynthOptions& options, const Glt
         progress.update(static_cast<uint64_t>(share * static_cast<double>(triangles)),
                         static_cast<uint64_t>(share * static_cast<double>(bytes)));
       }
-      const Result<void> done = generator.run(windows[i], window_bounds[i]);
+      const Result<void> done = generator.run(windows[i], window_boxes[i]);
       if (done) continue;
       next = windows.size();
       const std::lock_guard lock(mutex);
@@ -217,43 +205,35 @@ Result<Sums> generate(const Scene& scene, const SynthOptions& options, const Glt
   runtime::on_threads(thread_count(options.threads, windows.size()), work);
   if (failed) return *failed;
   for (uint64_t i = 0; i < windows.size(); ++i)
-    if (!windows[i].quads) mesh_bounds[windows[i].mesh].add(window_bounds[i].min, window_bounds[i].max);
+    if (!windows[i].quads) convert::grow(boxes[windows[i].mesh], window_boxes[i]);
   return sums;
 }
 
 Result<std::vector<MeshPlace>> reserve_streams(GltfWriter& writer, const Scene& scene, const SynthOptions& options) {
   std::vector<MeshPlace> places;
-  std::optional<Error> failed;
-  const auto reserve = [&](uint64_t bytes) -> uint64_t {
-    const Result<uint64_t> offset = writer.reserve(bytes);
-    if (offset) return *offset;
-    if (!failed) failed = offset.error();
-    return 0;
-  };
   for (const MeshRecipe& mesh : scene.meshes) {
     const uint64_t vertices = vertex_count(mesh);
     MeshPlace place;
     place.short_indices = vertices <= kMaxShortVertices;
-    place.positions = reserve(vertices * 12);
-    if (options.normals) place.normals = reserve(vertices * 12);
-    if (options.uvs) place.uvs = reserve(vertices * 8);
-    place.indices = reserve(triangle_count(mesh) * (place.short_indices ? 6 : 12));
+    place.positions = SCREE_TRY(writer.reserve(vertices * 12));
+    if (options.normals) place.normals = SCREE_TRY(writer.reserve(vertices * 12));
+    if (options.uvs) place.uvs = SCREE_TRY(writer.reserve(vertices * 8));
+    place.indices = SCREE_TRY(writer.reserve(triangle_count(mesh) * (place.short_indices ? 6 : 12)));
     places.push_back(place);
   }
-  if (failed) return *failed;
   return places;
 }
 
-void add_mesh(GltfWriter& writer, uint32_t number, const MeshRecipe& mesh, const MeshPlace& place, const Bounds& bounds,
-              const SynthOptions& options, uint32_t material) {
+void add_mesh(GltfWriter& writer, uint32_t number, const MeshRecipe& mesh, const MeshPlace& place,
+              const convert::Box& box, const SynthOptions& options, uint32_t material) {
   const uint64_t vertices = vertex_count(mesh), indices = triangle_count(mesh) * 3;
   GltfPrimitive primitive{.material = material};
   GltfAccessor accessor{.count = vertices};
   if (options.normals)
     primitive.attributes.emplace_back(
         "NORMAL", add_stream(writer, place.normals, vertices * 12, accessor, GltfTarget::kVertices));
-  accessor.min = {bounds.min.x, bounds.min.y, bounds.min.z};
-  accessor.max = {bounds.max.x, bounds.max.y, bounds.max.z};
+  accessor.min.assign(box.lo.begin(), box.lo.end());
+  accessor.max.assign(box.hi.begin(), box.hi.end());
   primitive.attributes.emplace_back(
       "POSITION", add_stream(writer, place.positions, vertices * 12, accessor, GltfTarget::kVertices));
   accessor.min.clear();
@@ -311,9 +291,9 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
   for (const MeshRecipe& mesh : scene.meshes) report.vertices += vertex_count(mesh);
   report.instances = scene.instances.size();
 
-  std::vector<Bounds> bounds(scene.meshes.size());
+  std::vector<convert::Box> boxes(scene.meshes.size(), convert::empty_box());
   if (options.output.empty()) {
-    const Sums sums = SCREE_TRY(generate(scene, options, nullptr, {}, bounds));
+    const Sums sums = SCREE_TRY(generate(scene, options, nullptr, {}, boxes));
     report.position_sum = sums.positions;
     report.index_sum = sums.indices;
     return report;
@@ -322,7 +302,7 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
   GltfWriter writer = SCREE_TRY(GltfWriter::create(options.output, {}, options.existing));
   writer.stop_on(options.stop);
   const std::vector<MeshPlace> places = SCREE_TRY(reserve_streams(writer, scene, options));
-  const Sums sums = SCREE_TRY(generate(scene, options, &writer, places, bounds));
+  const Sums sums = SCREE_TRY(generate(scene, options, &writer, places, boxes));
   report.position_sum = sums.positions;
   report.index_sum = sums.indices;
 
@@ -335,7 +315,7 @@ Result<SynthReport> write_scene(const Scene& scene, const SynthOptions& options)
     material = writer.add_material(granite);
   }
   for (uint32_t m = 0; m < scene.meshes.size(); ++m)
-    add_mesh(writer, m, scene.meshes[m], places[m], bounds[m], options, material);
+    add_mesh(writer, m, scene.meshes[m], places[m], boxes[m], options, material);
 
   // The definition has z up, glTF has y up: (x, y, z) -> (x, z, -y), exactly.
   const uint32_t root_node = writer.add_node(

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "format/vec3.h"
-#include "tools/synth/scene_functions.h"
 
 namespace scree::synth {
 

@@ -35,25 +35,14 @@ double fbm(uint32_t seed, uint32_t octaves, double x, double y, double z) {
   return sum;
 }
 
-/// A sequence of numbers in [0, 1).
-class Random {
- public:
-  explicit Random(uint32_t seed) : seed_(seed) {}
-  double next() { return unit24(hash2(seed_, count_++, 0)); }
-  double between(double low, double high) { return low + (high - low) * next(); }
-  /// A point in the unit ball, not at its centre.
-  Vec3 in_ball() {
-    for (;;) {
-      const Vec3 p{between(-1, 1), between(-1, 1), between(-1, 1)};
-      const double square = dot(p, p);
-      if (square <= 1 && square > 1e-4) return p;
-    }
+/// A point in the unit ball, not at its centre.
+Vec3 in_ball(Random& random) {
+  for (;;) {
+    const Vec3 p{random.between(-1, 1), random.between(-1, 1), random.between(-1, 1)};
+    const double square = dot(p, p);
+    if (square <= 1 && square > 1e-4) return p;
   }
-
- private:
-  uint32_t seed_;
-  uint32_t count_ = 0;
-};
+}
 
 void add_vertex(Mesh& mesh, const Vec3& at, double u, double v, double light) {
   mesh.add_vertex(at, u, v);
@@ -194,8 +183,8 @@ std::vector<Placement> place_stones(const std::vector<Stone>& stones, uint32_t s
   Random random(hash2(seed, 78, 0));
   for (const Stone& stone : stones) {
     const Vec3 normal = ground_normal(stone.x, stone.s);
-    const Vec3 up = normalized(normal + random.in_ball() * 0.45);
-    Vec3 turn = random.in_ball();
+    const Vec3 up = normalized(normal + in_ball(random) * 0.45);
+    Vec3 turn = in_ball(random);
     turn[1] = 0;
     if (dot(turn, turn) < 1e-6) turn[0] = 1;
     turn = normalized(turn);
@@ -223,7 +212,7 @@ Mesh make_rock(uint32_t kind, uint32_t n, double repeat) {
   std::vector<Vec3> normals;
   std::vector<double> distances;
   for (uint32_t i = 0; i < planes; ++i) {
-    normals.push_back(normalized(random.in_ball()));
+    normals.push_back(normalized(in_ball(random)));
     distances.push_back(random.between(0.62 + 0.25 * roundness, 1.0));
   }
   const Vec3 shape{random.between(0.9, 1.25), random.between(0.5, 0.85), random.between(0.75, 1.0)};
@@ -386,9 +375,7 @@ Result<void> add_looks(GltfWriter& writer, uint32_t size, uint32_t threads) {
       {"ground", TextureKind::kGround, size, format::ImageCodec::kJpeg},
   };
   std::vector<uint32_t> textures;
-  for (const TextureRecipe& recipe : recipes) {
-    textures.push_back(SCREE_TRY(add_texture(writer, recipe, threads)));
-  }
+  for (const TextureRecipe& recipe : recipes) textures.push_back(SCREE_TRY(add_texture(writer, recipe, threads)));
   for (const Look& look : kLooks) {
     GltfMaterial material{.name = look.name, .texture = textures[look.texture]};
     std::copy(look.tint.begin(), look.tint.end(), material.base_color);

@@ -149,17 +149,8 @@ Color ground(double u, double v) {
 }
 
 Color texel(TextureKind kind, double u, double v) {
-  switch (kind) {
-    case TextureKind::kGranite:
-      return granite(u, v);
-    case TextureKind::kSandstone:
-      return sandstone(u, v);
-    case TextureKind::kSlate:
-      return slate(u, v);
-    case TextureKind::kGround:
-      break;
-  }
-  return ground(u, v);
+  constexpr Color (*kColors[])(double, double) = {granite, sandstone, slate, ground};
+  return kColors[static_cast<size_t>(kind)](u, v);
 }
 
 uint8_t to_byte(double value) {
@@ -180,22 +171,7 @@ Result<std::vector<std::byte>> encode_jpeg(uint32_t size, const std::vector<uint
   return writer.finish();
 }
 
-}  // namespace
-
-std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t threads) {
-  std::vector<uint8_t> rgb(uint64_t{size} * size * 3);
-  runtime::parallel_for(size, thread_count(threads, size), [&](uint64_t y) {
-    for (uint64_t x = 0; x < size; ++x) {
-      const Color color = texel(kind, (static_cast<double>(x) + 0.5) / size, (static_cast<double>(y) + 0.5) / size);
-      uint8_t* out = &rgb[(y * size + x) * 3];
-      out[0] = to_byte(color.r);
-      out[1] = to_byte(color.g);
-      out[2] = to_byte(color.b);
-    }
-  });
-  return rgb;
-}
-
+/// JPEG of quality 90, 4:2:0, or PNG. Errors kMemory, kFormat (with the library's message).
 Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t size, const std::vector<uint8_t>& rgb) {
   if (codec == format::ImageCodec::kJpeg) return encode_jpeg(size, rgb);
   png_image image{};
@@ -210,6 +186,22 @@ Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t s
   if (png_image_write_to_memory(&image, out.data(), &bytes, 0, rgb.data(), 0, nullptr) == 0) return failed();
   out.resize(bytes);
   return out;
+}
+
+}  // namespace
+
+std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t threads) {
+  std::vector<uint8_t> rgb(uint64_t{size} * size * 3);
+  runtime::parallel_for(size, thread_count(threads, size), [&](uint64_t y) {
+    for (uint64_t x = 0; x < size; ++x) {
+      const Color color = texel(kind, (static_cast<double>(x) + 0.5) / size, (static_cast<double>(y) + 0.5) / size);
+      uint8_t* out = &rgb[(y * size + x) * 3];
+      out[0] = to_byte(color.r);
+      out[1] = to_byte(color.g);
+      out[2] = to_byte(color.b);
+    }
+  });
+  return rgb;
 }
 
 Result<uint32_t> add_texture(tools::GltfWriter& writer, const TextureRecipe& recipe, uint32_t threads) {

@@ -18,9 +18,6 @@ enum class TextureKind : uint8_t { kGranite, kSandstone, kSlate, kGround };
 /// continues seamlessly across its borders. Source of the colours: invented, after photographs of Alpine scree.
 std::vector<uint8_t> make_texture(TextureKind kind, uint32_t size, uint32_t threads);
 
-/// Encodes RGB pixels: JPEG of quality 90, 4:2:0, or PNG. Errors kMemory, kFormat (with the library's message).
-Result<std::vector<std::byte>> encode_image(format::ImageCodec codec, uint32_t size, const std::vector<uint8_t>& rgb);
-
 /// A texture to make, and its name in the document.
 struct TextureRecipe {
   std::string name;

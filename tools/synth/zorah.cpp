@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
-#include <limits>
 #include <memory>
 #include <numbers>
 #include <string>
@@ -16,6 +15,7 @@
 #include "format/text.h"
 #include "tools/common/ordered_pool.h"
 #include "tools/common/progress.h"
+#include "tools/gltf/box.h"
 #include "tools/gltf/writer.h"
 #include "tools/synth/gltf_parts.h"
 #include "tools/synth/sheet.h"
@@ -86,7 +86,7 @@ uint64_t unpacked_bytes(const ZorahGroup& group, Stream stream) {
 
 struct Encoded {
   Bytes bytes;
-  std::array<float, 3> min{}, max{};  // of positions
+  convert::Box box;  // of positions
 };
 
 SheetShape shape_of(uint32_t group, ZorahKind kind) {
@@ -123,14 +123,7 @@ Encoded encode(const ZorahGroup& group, const SheetShape& shape, Stream stream) 
   }
   const auto kind = static_cast<SheetStream>(stream);
   const std::vector<float> values = make_stream(grid, shape, kind);
-  if (stream == Stream::kPositions) {
-    out.min.fill(std::numeric_limits<float>::infinity());
-    out.max.fill(-std::numeric_limits<float>::infinity());
-    for (size_t i = 0; i < values.size(); ++i) {
-      out.min[i % 3] = std::min(out.min[i % 3], values[i]);
-      out.max[i % 3] = std::max(out.max[i % 3], values[i]);
-    }
-  }
+  if (stream == Stream::kPositions) out.box = convert::box_of(values);
   out.bytes = encode_vertices(values, stream_width(kind));
   return out;
 }
@@ -149,8 +142,8 @@ Result<uint32_t> add_encoded(GltfWriter& writer, const ZorahGroup& group, Stream
   accessor.type = kTypes[static_cast<size_t>(stream)];
   if (is_indices) accessor.component = GltfComponent::kUint32;
   if (stream == Stream::kPositions) {
-    accessor.min.assign(encoded.min.begin(), encoded.min.end());
-    accessor.max.assign(encoded.max.begin(), encoded.max.end());
+    accessor.min.assign(encoded.box.lo.begin(), encoded.box.lo.end());
+    accessor.max.assign(encoded.box.hi.begin(), encoded.box.hi.end());
   }
   GltfBufferView view;
   view.bytes = unpacked_bytes(group, stream);
@@ -232,11 +225,7 @@ Result<void> write_textures(GltfWriter& writer, const ZorahPlan& plan, Stage sta
     const auto number = static_cast<uint32_t>(i);
     const uint32_t image = SCREE_TRY(writer.add_image(texture_name(plan, number), format::ImageCodec::kBlocks, file,
                                                       number < plan.png_images ? "image/png" : "image/ktx2"));
-    GltfTexture texture;
-    texture.image = image;
-    texture.mag_filter = 9729;  // linear
-    texture.min_filter = 9987;  // linear between mip levels too
-    writer.add_texture(std::move(texture));
+    writer.add_texture(trilinear(image));
     bytes += file.size();
     stage.progress.update(i + 1, bytes);
     return {};
