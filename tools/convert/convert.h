@@ -2,8 +2,6 @@
 // encoded, with a bounded number of them in flight.
 #pragma once
 
-#include <atomic>
-#include <cstdint>
 #include <string>
 #include <vector>
 

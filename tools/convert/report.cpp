@@ -29,8 +29,7 @@ std::string list_left_out(const ConvertReport& report) {
   return text;
 }
 
-}  // namespace
-
+/// "read 2.30 GiB/s, measure 493 M triangles/s, ...: encoding limits, 15 of 16 threads (--memory), ...".
 std::string describe_work(const ConvertReport& report) {
   std::string text = describe(report.rates);
   if (report.threads < report.threads_asked)
@@ -41,6 +40,8 @@ std::string describe_work(const ConvertReport& report) {
             " windows encoded before all were measured";
   return text;
 }
+
+}  // namespace
 
 std::string describe(const ConvertOptions& options, const ConvertReport& report, bool stats) {
   const uint64_t left_out = left_out_bytes(report);

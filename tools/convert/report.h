@@ -48,11 +48,8 @@ struct ConvertReport {
   std::vector<std::string> warnings;  // one line each
 };
 
-/// "read 2.30 GiB/s, measure 493 M triangles/s, ...: encoding limits, 15 of 16 threads (--memory), ...".
-std::string describe_work(const ConvertReport& report);
-
 /// Two lines: "a.glb -> a.scree: 1.41 MiB -> 283 KiB, ratio 5.10", then triangles, error, time and memory; a third
-/// if something was left out. `stats`: adds the line of describe_work().
+/// if something was left out. `stats`: adds a line with the rate of every stage.
 std::string describe(const ConvertOptions& options, const ConvertReport& report, bool stats);
 
 /// One JSON object and a line break.

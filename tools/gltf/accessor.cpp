@@ -133,20 +133,7 @@ void convert_elements(const Accessor& accessor, const std::byte* window, uint64_
 
 template <class Place>
 void convert_window(const Accessor& accessor, const std::byte* window, uint64_t count, Place place, float* out) {
-  switch (accessor.type) {
-    case ComponentType::kInt8:
-      return convert_elements<int8_t>(accessor, window, count, place, out);
-    case ComponentType::kUint8:
-      return convert_elements<uint8_t>(accessor, window, count, place, out);
-    case ComponentType::kInt16:
-      return convert_elements<int16_t>(accessor, window, count, place, out);
-    case ComponentType::kUint16:
-      return convert_elements<uint16_t>(accessor, window, count, place, out);
-    case ComponentType::kUint32:
-      return convert_elements<uint32_t>(accessor, window, count, place, out);
-    case ComponentType::kFloat32:
-      return convert_elements<float>(accessor, window, count, place, out);
-  }
+  visit_component(accessor.type, [&]<class T>(T) { convert_elements<T>(accessor, window, count, place, out); });
 }
 
 bool lies_as_floats(const Accessor& accessor) {
@@ -204,9 +191,7 @@ Result<void> read_joined_triangles(const Primitive& primitive, uint64_t first, s
   std::array<uint32_t, kAtOnce + 2> indices;
   const bool fan = primitive.mode == PrimitiveMode::kFan;
   uint32_t hub = 0;
-  if (fan) {
-    SCREE_TRY(read_indices(primitive, 0, std::span(&hub, 1)));
-  }
+  if (fan) SCREE_TRY(read_indices(primitive, 0, std::span(&hub, 1)));
   const uint64_t count = out.size() / 3;
   for (uint64_t done = 0; done < count; done += kAtOnce) {
     const uint64_t n = std::min(kAtOnce, count - done);

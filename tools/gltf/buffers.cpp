@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/fail.h"
 #include "tools/common/options.h"
 #include "tools/gltf/byte_source.h"
 #include "tools/gltf/check.h"
@@ -29,9 +30,9 @@ Result<void> check_ascending(const Accessor::Sparse& sparse, uint64_t count) {
                              : index_bytes == 2 ? format::load<uint16_t>(from)
                                                 : uint64_t{format::load<uint32_t>(from)};
       if (value >= count || value < next) {
-        return Error{ErrorCode::kRange, "index " + std::to_string(value) + " at element " + std::to_string(done + i) +
-                                            (value < next ? std::string(", expected ascending indices")
-                                                          : ", but there are " + std::to_string(count) + " elements")};
+        return fail(ErrorCode::kRange, "index ", value, " at element ", done + i,
+                    value < next ? std::string(", expected ascending indices")
+                                 : ", but there are " + std::to_string(count) + " elements");
       }
       next = value + 1;
     }
@@ -69,7 +70,7 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::open_buffer(int32_t index
   if (buffer.chunk != kAbsent) {
     const auto number = static_cast<size_t>(buffer.chunk);
     if (number < chunks_.size() && chunks_[number] != nullptr) return chunks_[number];
-    return Error{ErrorCode::kFormat, "chunk " + std::to_string(number) + " is no binary chunk of the file"};
+    return fail(ErrorCode::kFormat, "chunk ", number, " is no binary chunk of the file");
   }
   constexpr size_t kImplied = 1;  // the chunk of buffer 0
   const bool has_implied = kImplied < chunks_.size() && chunks_[kImplied] != nullptr;
@@ -85,8 +86,7 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::buffer(int32_t index) {
   auto opened = SCREE_TRY_AT(place, open_buffer(index));
   const uint64_t stated = document_.buffers[static_cast<size_t>(index)].bytes;
   if (opened->size() < stated) {
-    return Error{ErrorCode::kTruncated, place + ": byteLength is " + std::to_string(stated) + ", but there are " +
-                                            std::to_string(opened->size()) + " bytes"};
+    return fail(ErrorCode::kTruncated, place, ": byteLength is ", stated, ", but there are ", opened->size(), " bytes");
   }
   slot = opened;
   return slot;
@@ -101,9 +101,8 @@ Result<GltfBuffers::View> GltfBuffers::view(int32_t index) {
     if (unpacked == nullptr) {
       const DocMeshopt& meshopt = document_.meshopt[static_cast<size_t>(stated.meshopt)];
       if (meshopt.unknown_filter) {
-        return Error{ErrorCode::kUnsupported, "buffer view " + std::to_string(meshopt.view) + ": " +
-                                                  meshopt.extension() + ": filter is \"" + *meshopt.unknown_filter +
-                                                  "\", expected NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR"};
+        return fail(ErrorCode::kUnsupported, "buffer view ", meshopt.view, ": ", meshopt.extension(), ": filter is \"",
+                    *meshopt.unknown_filter, "\", expected NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR");
       }
       auto stream = SCREE_TRY(buffer(meshopt.buffer));
       const auto made = meshopt_.view(meshopt, stream);
@@ -136,9 +135,8 @@ Result<std::shared_ptr<const ByteSource>> GltfBuffers::draco(int32_t index, cons
   auto stream = SCREE_TRY(view(index));
   const PackedViewMemory taken = draco_memory(primitive, stream.bytes);
   if (taken.reader_bytes > memory)
-    return Error{ErrorCode::kUsage, "--memory: " + tools::format_bytes(memory) + ", but unpacking its " +
-                                        std::to_string(primitive.triangles) + " triangles (Draco) takes " +
-                                        std::to_string((taken.reader_bytes >> 20) + 1) + " MiB"};
+    return fail(ErrorCode::kUsage, "--memory: ", tools::format_bytes(memory), ", but unpacking its ",
+                primitive.triangles, " triangles (Draco) takes ", (taken.reader_bytes >> 20) + 1, " MiB");
   auto made = draco_source(primitive, stream.source, stream.offset, stream.bytes, meshopt_.kept());
   count(taken);
   draco_.emplace(index, std::pair(primitive, made));

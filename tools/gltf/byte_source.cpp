@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/fail.h"
 #include "tools/common/stage_rates.h"
 
 namespace scree::convert {
@@ -105,8 +106,8 @@ class FileSource final : public ByteSource {
         return file_error(path_, errno);
       }
       if (got == 0)
-        return Error{ErrorCode::kTruncated, path_ + ": ends at byte " + std::to_string(offset) + ", but had " +
-                                                std::to_string(size()) + " when it was opened"};
+        return fail(ErrorCode::kTruncated, path_, ": ends at byte ", offset, ", but had ", size(),
+                    " when it was opened");
       offset += static_cast<uint64_t>(got);
       out = out.subspan(static_cast<size_t>(got));
     }
@@ -182,8 +183,7 @@ class MemorySource final : public ByteSource {
 
 Result<void> check_read(uint64_t offset, std::span<const std::byte> out, uint64_t size, const char* what) {
   if (format::range_within(offset, out.size(), size)) return {};
-  return Error{ErrorCode::kTruncated, "read of " + std::to_string(out.size()) + " bytes at " + std::to_string(offset) +
-                                          ", but the " + what + " has " + std::to_string(size)};
+  return fail(ErrorCode::kTruncated, "read of ", out.size(), " bytes at ", offset, ", but the ", what, " has ", size);
 }
 
 const std::string& ByteSource::path() const {

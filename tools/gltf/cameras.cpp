@@ -6,6 +6,8 @@
 #include <string>
 #include <utility>
 
+#include "format/fail.h"
+
 namespace scree::convert {
 
 Result<void> make_cameras(const GltfDocument& document, SourceScene& scene) {
@@ -28,7 +30,7 @@ Result<void> make_cameras(const GltfDocument& document, SourceScene& scene) {
       wrong = "znear is not positive";
     else if ((from.z_far != 0 || from.orthographic) && from.z_far <= from.z_near)
       wrong = "zfar is not past znear";
-    if (wrong != nullptr) return Error{ErrorCode::kRange, "camera " + std::to_string(i) + ": " + wrong};
+    if (wrong != nullptr) return fail(ErrorCode::kRange, "camera ", i, ": ", wrong);
     scene.cameras.push_back(std::move(camera));
   }
   return {};
@@ -40,7 +42,7 @@ Result<void> make_lights(const GltfDocument& document, const NodePlan& plan, Sou
     if (number == kAbsent) continue;
     const DocLight& from = document.lights[static_cast<size_t>(number)];
     const auto fail = [&](const std::string& what) {
-      return Error{ErrorCode::kRange, "light " + std::to_string(number) + ": " + what};
+      return scree::fail(ErrorCode::kRange, "light ", number, ": ", what);
     };
     NamedLight light{.name = from.name};
     format::LightRecord& to = light.record;

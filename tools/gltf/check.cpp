@@ -4,27 +4,24 @@
 #include <string>
 
 #include "format/bytes.h"
+#include "format/fail.h"
 #include "tools/gltf/meshopt_source.h"
 
 namespace scree::convert {
 namespace {
 
-using format::checked_add;
-using format::checked_mul;
 using format::range_within;
 
 Result<void> check_present(const char* what, int32_t index, size_t count) {
   if (index == kAbsent || (index >= 0 && static_cast<size_t>(index) < count)) return {};
-  return Error{ErrorCode::kRange, std::string(what) + " " + std::to_string(index) +
-                                      " does not exist, the document has " + std::to_string(count)};
+  return fail(ErrorCode::kRange, what, " ", index, " does not exist, the document has ", count);
 }
 
 Result<void> check_in_buffer(const GltfDocument& document, int32_t buffer, uint64_t offset, uint64_t bytes) {
   SCREE_TRY(check_present("buffer", buffer, document.buffers.size()));
   const uint64_t limit = document.buffers[static_cast<size_t>(buffer)].bytes;
   if (range_within(offset, bytes, limit)) return {};
-  return Error{ErrorCode::kRange, std::to_string(bytes) + " bytes at " + std::to_string(offset) + ", but buffer " +
-                                      std::to_string(buffer) + " has " + std::to_string(limit)};
+  return fail(ErrorCode::kRange, bytes, " bytes at ", offset, ", but buffer ", buffer, " has ", limit);
 }
 
 Result<void> check_view(const GltfDocument& document, const DocBufferView& view) {
@@ -38,12 +35,10 @@ Result<void> check_view(const GltfDocument& document, const DocBufferView& view)
 
 Result<void> check_sparse(const GltfDocument& document, const DocSparse& sparse, uint64_t count, uint64_t element) {
   if (sparse.index_type != 5121 && sparse.index_type != 5123 && sparse.index_type != 5125) {
-    return Error{ErrorCode::kFormat,
-                 "indices componentType is " + std::to_string(sparse.index_type) + ", expected 5121, 5123 or 5125"};
+    return fail(ErrorCode::kFormat, "indices componentType is ", sparse.index_type, ", expected 5121, 5123 or 5125");
   }
   if (sparse.count > count)
-    return Error{ErrorCode::kRange,
-                 std::to_string(sparse.count) + " values, but the accessor has " + std::to_string(count) + " elements"};
+    return fail(ErrorCode::kRange, sparse.count, " values, but the accessor has ", count, " elements");
   for (const int32_t view : {sparse.index_view, sparse.value_view}) {
     SCREE_TRY(check_present("buffer view", view, document.views.size()));
   }
@@ -51,22 +46,19 @@ Result<void> check_sparse(const GltfDocument& document, const DocSparse& sparse,
   const uint64_t index_limit = document.views[static_cast<size_t>(sparse.index_view)].bytes;
   const uint64_t value_limit = document.views[static_cast<size_t>(sparse.value_view)].bytes;
   if (!range_within(sparse.index_offset, uint64_t{sparse.count} * component_bytes(sparse.index_type), index_limit)) {
-    return Error{ErrorCode::kRange, std::to_string(sparse.count) + " indices pass the end of buffer view " +
-                                        std::to_string(sparse.index_view) + " (" + std::to_string(index_limit) +
-                                        " bytes)"};
+    return fail(ErrorCode::kRange, sparse.count, " indices pass the end of buffer view ", sparse.index_view, " (",
+                index_limit, " bytes)");
   }
   if (!range_within(sparse.value_offset, sparse.count * element, value_limit)) {
-    return Error{ErrorCode::kRange, std::to_string(sparse.count) + " values pass the end of buffer view " +
-                                        std::to_string(sparse.value_view) + " (" + std::to_string(value_limit) +
-                                        " bytes)"};
+    return fail(ErrorCode::kRange, sparse.count, " values pass the end of buffer view ", sparse.value_view, " (",
+                value_limit, " bytes)");
   }
   return {};
 }
 
 Result<void> check_accessor(const GltfDocument& document, const DocAccessor& accessor) {
   if (component_bytes(accessor.type) == 0) {
-    return Error{ErrorCode::kFormat,
-                 "componentType is " + std::to_string(accessor.type) + ", expected 5120 to 5123, 5125 or 5126"};
+    return fail(ErrorCode::kFormat, "componentType is ", accessor.type, ", expected 5120 to 5123, 5125 or 5126");
   }
   SCREE_TRY(check_present("buffer view", accessor.view, document.views.size()));
   // Matrices are not checked: their columns are padded, and nothing that is drawn uses them.
@@ -79,17 +71,14 @@ Result<void> check_accessor(const GltfDocument& document, const DocAccessor& acc
     const DocBufferView& view = document.views[static_cast<size_t>(accessor.view)];
     const uint64_t stride = view.stride == 0 ? element : view.stride;
     if (stride < element) {
-      return Error{ErrorCode::kRange, "elements of " + std::to_string(element) + " bytes overlap, byteStride is " +
-                                          std::to_string(stride)};
+      return fail(ErrorCode::kRange, "elements of ", element, " bytes overlap, byteStride is ", stride);
     }
-    const auto last = accessor.count == 0 ? std::optional<uint64_t>(0) : checked_mul(accessor.count - 1, stride);
-    const auto bytes = last ? checked_add(*last, accessor.count == 0 ? 0 : element) : std::nullopt;
+    const auto last =
+        accessor.count == 0 ? std::optional<uint64_t>(0) : format::checked_mul(accessor.count - 1, stride);
+    const auto bytes = last ? format::checked_add(*last, accessor.count == 0 ? 0 : element) : std::nullopt;
     if (!bytes || !range_within(accessor.offset, *bytes, view.bytes)) {
-      return Error{ErrorCode::kRange, std::to_string(accessor.count) + " elements of " + std::to_string(element) +
-                                          " bytes at " + std::to_string(accessor.offset) + ", stride " +
-                                          std::to_string(stride) + ", pass the end of buffer view " +
-                                          std::to_string(accessor.view) + " (" + std::to_string(view.bytes) +
-                                          " bytes)"};
+      return fail(ErrorCode::kRange, accessor.count, " elements of ", element, " bytes at ", accessor.offset,
+                  ", stride ", stride, ", pass the end of buffer view ", accessor.view, " (", view.bytes, " bytes)");
     }
   }
   if (accessor.sparse == kAbsent) return {};
@@ -99,7 +88,7 @@ Result<void> check_accessor(const GltfDocument& document, const DocAccessor& acc
 
 Result<void> check_primitive(const GltfDocument& document, const DocPrimitive& primitive) {
   if (primitive.mode < 0 || primitive.mode > 6)
-    return Error{ErrorCode::kRange, "mode is " + std::to_string(primitive.mode) + ", expected 0 to 6"};
+    return fail(ErrorCode::kRange, "mode is ", primitive.mode, ", expected 0 to 6");
   SCREE_TRY(check_present("material", primitive.material, document.materials.size()));
   SCREE_TRY(check_present("indices: accessor", primitive.indices, document.accessors.size()));
   for (const auto& [name, accessor] : primitive.attributes) {
@@ -149,25 +138,13 @@ Result<void> check_all(const char* kind, const GltfDocument& document, const std
 }  // namespace
 
 uint32_t component_bytes(int32_t type) {
-  switch (type) {
-    case 5120:
-    case 5121:
-      return 1;
-    case 5122:
-    case 5123:
-      return 2;
-    case 5125:
-    case 5126:
-      return 4;
-    default:
-      return 0;
-  }
+  constexpr uint32_t kBytes[] = {1, 1, 2, 2, 0, 4, 4};  // from 5120 on
+  return type >= 5120 && type <= 5126 ? kBytes[type - 5120] : 0;
 }
 
 Result<void> check_zeros(uint64_t count) {
   if (count <= kMaxZeroElements) return {};
-  return Error{ErrorCode::kRange, std::to_string(count) + " elements without a buffer view, at most " +
-                                      std::to_string(kMaxZeroElements) + " are read"};
+  return fail(ErrorCode::kRange, count, " elements without a buffer view, at most ", kMaxZeroElements, " are read");
 }
 
 Result<void> check_document(const GltfDocument& document) {

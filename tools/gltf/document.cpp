@@ -7,6 +7,7 @@
 #include <string_view>
 #include <utility>
 
+#include "format/fail.h"
 #include "runtime/threads/parallel.h"
 #include "tools/common/memory_use.h"
 #include "tools/common/options.h"
@@ -257,8 +258,7 @@ Result<void> read_default_scene(GltfDocument& document, std::string_view value, 
   const auto json = nlohmann::json::parse(value.begin(), value.end(), nullptr, false);
   if (json.is_null()) return {};
   if (!json.is_number_unsigned() || json.get<uint64_t>() > 0x7fffffffu)
-    return Error{ErrorCode::kRange, "JSON byte " + std::to_string(byte) + ": scene is " +
-                                        std::string(value.substr(0, 40)) + ", expected an index"};
+    return fail(ErrorCode::kRange, "JSON byte ", byte, ": scene is ", value.substr(0, 40), ", expected an index");
   document.scene = static_cast<int32_t>(json.get<uint64_t>());
   return {};
 }

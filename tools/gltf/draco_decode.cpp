@@ -9,6 +9,7 @@
 #include <new>
 #include <optional>
 #include <string>
+#include <type_traits>
 
 #include "tools/gltf/draco_source.h"
 
@@ -33,21 +34,12 @@ constexpr uint64_t kUnnamedBytes = 64;
 constexpr int32_t kMaxAttributes = 64;
 
 draco::DataType data_type_of(ComponentType type) {
-  switch (type) {
-    case ComponentType::kInt8:
-      return draco::DT_INT8;
-    case ComponentType::kUint8:
-      return draco::DT_UINT8;
-    case ComponentType::kInt16:
-      return draco::DT_INT16;
-    case ComponentType::kUint16:
-      return draco::DT_UINT16;
-    case ComponentType::kUint32:
-      return draco::DT_UINT32;
-    case ComponentType::kFloat32:
-      break;
-  }
-  return draco::DT_FLOAT32;
+  return visit_component(type, []<class T>(T) {
+    if constexpr (std::is_same_v<T, float>) return draco::DT_FLOAT32;
+    if constexpr (sizeof(T) == 4) return draco::DT_UINT32;
+    if constexpr (sizeof(T) == 2) return std::is_signed_v<T> ? draco::DT_INT16 : draco::DT_UINT16;
+    return std::is_signed_v<T> ? draco::DT_INT8 : draco::DT_UINT8;
+  });
 }
 
 /// One of libdraco's two decoders. It stops if the sizes in the stream differ from the primitive's.
@@ -159,26 +151,8 @@ Result<void> take_array(const draco::Mesh& mesh, const DracoArray& array, uint64
   if (from->data_type() == type) {
     is_done = copy_values(*from, static_cast<uint64_t>(draco::DataTypeLength(type)) * array.components, count, out);
   } else if (from->data_type() != draco::DT_BOOL) {  // whose bytes may be invalid as bool
-    switch (array.type) {
-      case ComponentType::kInt8:
-        is_done = convert_values<int8_t>(*from, array.components, count, out);
-        break;
-      case ComponentType::kUint8:
-        is_done = convert_values<uint8_t>(*from, array.components, count, out);
-        break;
-      case ComponentType::kInt16:
-        is_done = convert_values<int16_t>(*from, array.components, count, out);
-        break;
-      case ComponentType::kUint16:
-        is_done = convert_values<uint16_t>(*from, array.components, count, out);
-        break;
-      case ComponentType::kUint32:
-        is_done = convert_values<uint32_t>(*from, array.components, count, out);
-        break;
-      case ComponentType::kFloat32:
-        is_done = convert_values<float>(*from, array.components, count, out);
-        break;
-    }
+    is_done =
+        visit_component(array.type, [&]<class T>(T) { return convert_values<T>(*from, array.components, count, out); });
   }
   if (!is_done) return malformed(array.name + ": values of another type than its accessor can hold");
   return {};

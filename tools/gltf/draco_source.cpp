@@ -53,6 +53,17 @@ class DracoSource final : public ByteSource {
   const std::shared_ptr<KeptWindows> kept_;
 };
 
+/// Upper bound of decode_draco()'s memory beside its output for a stream of this size, including the stream.
+uint64_t scratch_bytes(const DracoPrimitive& primitive, uint64_t stream_bytes) {
+  // Per triangle: its corners, a table of opposite corners, one of vertices, and one for each kind of seam. Per vertex:
+  // integers, values and indices of every attribute. Measured on grids and scans (docs/converting.md).
+  constexpr uint64_t kTriangleBytes = 96, kVertexBytes = 96, kComponentBytes = 12, kSmallBytes = 64 << 10;
+  uint64_t components = primitive.other_components;
+  for (const DracoArray& array : primitive.arrays) components += array.components;
+  return kSmallBytes + 2 * stream_bytes + kTriangleBytes * primitive.triangles +
+         (kVertexBytes + kComponentBytes * components) * primitive.vertices;
+}
+
 }  // namespace
 
 std::optional<uint64_t> DracoPrimitive::offset_of(size_t number) const {
@@ -64,19 +75,9 @@ std::optional<uint64_t> DracoPrimitive::offset_of(size_t number) const {
   return end;
 }
 
-uint64_t draco_scratch_bytes(const DracoPrimitive& primitive, uint64_t stream_bytes) {
-  // Per triangle: its corners, a table of opposite corners, one of vertices, and one for each kind of seam. Per vertex:
-  // integers, values and indices of every attribute. Measured on grids and scans (docs/converting.md).
-  constexpr uint64_t kTriangleBytes = 96, kVertexBytes = 96, kComponentBytes = 12, kSmallBytes = 64 << 10;
-  uint64_t components = primitive.other_components;
-  for (const DracoArray& array : primitive.arrays) components += array.components;
-  return kSmallBytes + 2 * stream_bytes + kTriangleBytes * primitive.triangles +
-         (kVertexBytes + kComponentBytes * components) * primitive.vertices;
-}
-
 PackedViewMemory draco_memory(const DracoPrimitive& primitive, uint64_t stream_bytes) {
   const uint64_t size = *primitive.offset_of(primitive.arrays.size()) + KeptWindows::kEntryBytes;
-  return {size + draco_scratch_bytes(primitive, stream_bytes), 0, size};
+  return {size + scratch_bytes(primitive, stream_bytes), 0, size};
 }
 
 std::shared_ptr<const ByteSource> draco_source(DracoPrimitive primitive, std::shared_ptr<const ByteSource> stream,

@@ -48,9 +48,6 @@ std::string draco_version();
 /// any input. Errors kFormat, kRange, kTruncated, kUnsupported (point clouds, versions), kMemory.
 Result<void> decode_draco(const DracoPrimitive& primitive, std::span<const std::byte> stream, std::span<std::byte> out);
 
-/// Upper bound of decode_draco()'s memory beside `out` for a stream of this size, including the stream.
-uint64_t draco_scratch_bytes(const DracoPrimitive& primitive, uint64_t stream_bytes);
-
 /// A primitive whose stream is [offset, offset + bytes) of `stream`. Unpacked bytes are kept in `kept`, and unpacked
 /// again if they were dropped. Reads have decode_draco()'s errors.
 std::shared_ptr<const ByteSource> draco_source(DracoPrimitive primitive, std::shared_ptr<const ByteSource> stream,

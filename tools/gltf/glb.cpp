@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "format/bytes.h"
+#include "format/fail.h"
 
 namespace scree::convert {
 namespace {
@@ -42,8 +43,7 @@ Result<void> check_padding(const ByteSource& file, uint64_t from) {
   const bool blank =
       std::all_of(bytes.begin(), bytes.end(), [](std::byte b) { return b == std::byte{0} || b == std::byte{0x20}; });
   if (rest <= kMaxPadding && blank) return {};
-  return Error{ErrorCode::kTrailing, "GLB header: length is " + std::to_string(from) + ", but the file has " +
-                                         std::to_string(file.size()) + " bytes"};
+  return fail(ErrorCode::kTrailing, "GLB header: length is ", from, ", but the file has ", file.size(), " bytes");
 }
 
 /// Version 3: chunks may come in any order, and the first JSON chunk is the document.
@@ -51,31 +51,28 @@ Result<GlbLayout> read_wide_layout(const ByteSource& file) {
   GlbLayout layout{.is_glb = true};
   std::array<std::byte, kWideHeaderBytes> header;
   if (file.size() < kWideHeaderBytes)
-    return Error{ErrorCode::kTruncated, "GLB header: the file ends after " + std::to_string(file.size()) + " bytes"};
+    return fail(ErrorCode::kTruncated, "GLB header: the file ends after ", file.size(), " bytes");
   SCREE_TRY(file.read(0, header));
   const uint64_t length = format::load<uint64_t>(header.data() + 8);
   if (length > file.size())
-    return Error{ErrorCode::kTruncated, "GLB header: length is " + std::to_string(length) + ", but the file has " +
-                                            std::to_string(file.size()) + " bytes"};
+    return fail(ErrorCode::kTruncated, "GLB header: length is ", length, ", but the file has ", file.size(), " bytes");
   if (length < 2 * kWideHeaderBytes)
-    return Error{ErrorCode::kFormat, "GLB header: length is " + std::to_string(length) + ", too short for a chunk"};
+    return fail(ErrorCode::kFormat, "GLB header: length is ", length, ", too short for a chunk");
   if (length < file.size()) SCREE_TRY(check_padding(file, length));
   for (uint64_t at = kWideHeaderBytes; at < length; at = format::align_up(at, kWideAlignment)) {
     const std::string place = "GLB chunk " + std::to_string(layout.chunks.size());
     if (layout.chunks.size() == kMaxWideChunks)
-      return Error{ErrorCode::kFormat, place + ": at most " + std::to_string(kMaxWideChunks) + " are read"};
+      return fail(ErrorCode::kFormat, place, ": at most ", kMaxWideChunks, " are read");
     if (length - at < kWideHeaderBytes)
-      return Error{ErrorCode::kTruncated, place + ": " + std::to_string(length - at) + " bytes left for its header"};
+      return fail(ErrorCode::kTruncated, place, ": ", length - at, " bytes left for its header");
     SCREE_TRY_AT(place, file.read(at, header));
     at += kWideHeaderBytes;
     const uint32_t type = format::load<uint32_t>(header.data()), encoding = format::load<uint32_t>(header.data() + 4);
     const uint64_t bytes = format::load<uint64_t>(header.data() + 8);
     if (bytes > length - at)
-      return Error{ErrorCode::kTruncated, place + ": length is " + std::to_string(bytes) + ", but " +
-                                              std::to_string(length - at) + " bytes are left"};
+      return fail(ErrorCode::kTruncated, place, ": length is ", bytes, ", but ", length - at, " bytes are left");
     if (encoding != 0 && (type == kJsonChunk || type == kBinChunk))
-      return Error{ErrorCode::kUnsupported,
-                   place + ": encoded by method " + std::to_string(encoding) + ", expected 0, not encoded"};
+      return fail(ErrorCode::kUnsupported, place, ": encoded by method ", encoding, ", expected 0, not encoded");
     if (type == kJsonChunk && layout.json_bytes == 0) {
       if (bytes == 0) return Error{ErrorCode::kFormat, place + ": the JSON chunk is empty"};
       layout.json_offset = at;
@@ -100,42 +97,35 @@ Result<GlbLayout> read_glb_layout(const ByteSource& file) {
     return layout;
   }
   layout.is_glb = true;
-  if (head < kHeaderBytes)
-    return Error{ErrorCode::kTruncated, "GLB header: the file ends after " + std::to_string(head) + " bytes"};
+  if (head < kHeaderBytes) return fail(ErrorCode::kTruncated, "GLB header: the file ends after ", head, " bytes");
   const uint32_t version = format::load<uint32_t>(header.data() + 4);
   if (version == 3) return read_wide_layout(file);
-  if (version != 2)
-    return Error{ErrorCode::kVersion, "GLB header: version is " + std::to_string(version) + ", expected 2 or 3"};
+  if (version != 2) return fail(ErrorCode::kVersion, "GLB header: version is ", version, ", expected 2 or 3");
 
   // Above 4 GiB the length is modulo 2^32. It is accepted if it then matches the size of the file.
   uint64_t length = format::load<uint32_t>(header.data() + 8);
   const bool wrapped = file.size() >= kWrap && file.size() % kWrap == length;
   if (wrapped) length = file.size();
   if (length > file.size())
-    return Error{ErrorCode::kTruncated, "GLB header: length is " + std::to_string(length) + ", but the file has " +
-                                            std::to_string(file.size()) + " bytes"};
+    return fail(ErrorCode::kTruncated, "GLB header: length is ", length, ", but the file has ", file.size(), " bytes");
   if (length < kHeaderBytes + kChunkHeaderBytes)
-    return Error{ErrorCode::kFormat, "GLB header: length is " + std::to_string(length) + ", too short for a chunk"};
-  if (length < file.size()) {
-    SCREE_TRY(check_padding(file, length));
-  }
+    return fail(ErrorCode::kFormat, "GLB header: length is ", length, ", too short for a chunk");
+  if (length < file.size()) SCREE_TRY(check_padding(file, length));
 
   uint64_t at = kHeaderBytes;
   for (uint32_t number = 0; at < length; ++number) {
     const std::string place = "GLB chunk " + std::to_string(number);
-    if (number == kMaxChunks)
-      return Error{ErrorCode::kFormat, place + ": at most " + std::to_string(kMaxChunks) + " are read"};
+    if (number == kMaxChunks) return fail(ErrorCode::kFormat, place, ": at most ", kMaxChunks, " are read");
     if (length - at < kChunkHeaderBytes) {
       if (number > 0 && length - at < 4) break;  // padding was counted into the length
-      return Error{ErrorCode::kTruncated, place + ": " + std::to_string(length - at) + " bytes left for its header"};
+      return fail(ErrorCode::kTruncated, place, ": ", length - at, " bytes left for its header");
     }
     auto chunk = SCREE_TRY_AT(place, read_chunk_header(file, at));
     at += kChunkHeaderBytes;
     if (wrapped && chunk.type == kBinChunk && number == 1 && (length - at) % kWrap == chunk.bytes)
       chunk.bytes = length - at;
     if (chunk.bytes > length - at)
-      return Error{ErrorCode::kTruncated, place + ": length is " + std::to_string(chunk.bytes) + ", but " +
-                                              std::to_string(length - at) + " bytes are left"};
+      return fail(ErrorCode::kTruncated, place, ": length is ", chunk.bytes, ", but ", length - at, " bytes are left");
     // Lengths should be multiples of 4. Some writers omit the padding (trimesh once did) and put the next chunk
     // immediately after.
     if (number == 0) {

@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "format/fail.h"
+
 namespace scree::convert {
 namespace {
 
@@ -158,7 +160,7 @@ Result<std::vector<char>> read_json_text(const ByteSource& source, uint64_t offs
   SCREE_TRY(source.read(offset, std::as_writable_bytes(std::span(text))));
   return text;
 } catch (const std::bad_alloc&) {
-  return Error{ErrorCode::kMemory, "no memory for " + std::to_string(bytes) + " bytes of JSON"};
+  return fail(ErrorCode::kMemory, "no memory for ", bytes, " bytes of JSON");
 }
 
 Result<std::vector<JsonMember>> split_document(std::span<char> text) {
@@ -168,8 +170,8 @@ Result<std::vector<JsonMember>> split_document(std::span<char> text) {
   const auto end = SCREE_TRY(value_end(text, at, text.size()));
   const uint64_t rest = skip_space(text, end);
   if (rest != text.size()) {
-    return Error{ErrorCode::kTrailing, "JSON byte " + std::to_string(rest) + ": " + std::to_string(text.size() - rest) +
-                                           " bytes after the end of the document"};
+    return fail(ErrorCode::kTrailing, "JSON byte ", rest, ": ", text.size() - rest,
+                " bytes after the end of the document");
   }
   SCREE_TRY(empty_extras(text, {at, end}));
 

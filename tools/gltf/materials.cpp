@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "format/bytes.h"
+#include "format/fail.h"
 #include "runtime/images/image.h"
 
 namespace scree::convert {
@@ -42,16 +43,10 @@ ImageKind sniff(std::string_view head) {
 }
 
 std::optional<format::Wrap> wrap_of(int32_t number) {
-  switch (number) {
-    case 10497:
-      return format::Wrap::kRepeat;
-    case 33648:
-      return format::Wrap::kMirror;
-    case 33071:
-      return format::Wrap::kClamp;
-    default:
-      return std::nullopt;
-  }
+  if (number == 10497) return format::Wrap::kRepeat;
+  if (number == 33648) return format::Wrap::kMirror;
+  if (number == 33071) return format::Wrap::kClamp;
+  return std::nullopt;
 }
 
 bool is_filter(int32_t number, bool minifying) {
@@ -197,8 +192,7 @@ class MaterialMaker {
     const auto wrap_s = wrap_of(sampler.wrap_s);
     const auto wrap_t = wrap_of(sampler.wrap_t);
     if (!wrap_s || !wrap_t || !is_filter(sampler.mag_filter, false) || !is_filter(sampler.min_filter, true)) {
-      return Error{ErrorCode::kRange,
-                   "sampler " + std::to_string(from.sampler) + ": a wrap mode or filter that glTF does not define"};
+      return fail(ErrorCode::kRange, "sampler ", from.sampler, ": a wrap mode or filter that glTF does not define");
     }
     to.record.wrap_s = *wrap_s;
     to.record.wrap_t = *wrap_t;

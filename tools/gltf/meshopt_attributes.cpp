@@ -12,6 +12,7 @@
 #include <cstring>
 
 #include "format/bytes.h"
+#include "format/fail.h"
 #include "tools/gltf/meshopt_stream.h"
 
 namespace scree::convert {
@@ -274,8 +275,7 @@ class AttributeStream final : public MeshoptStream {
     for (uint64_t channel = 0; channel < channels; ++channel) {
       const uint32_t mode = std::to_integer<uint32_t>(tail[stride_ + channel]);
       if ((mode & 15) >= kChannelModes || ((mode & 15) != kWordXor && mode >> 4 != 0))
-        return Error{ErrorCode::kFormat, name() + ": channel " + std::to_string(channel) + " has mode " +
-                                             std::to_string(mode) + ", which does not exist"};
+        return fail(ErrorCode::kFormat, name(), ": channel ", channel, " has mode ", mode, ", which does not exist");
     }
     return at;
   }

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/fail.h"
 #include "tools/gltf/byte_source.h"
 #include "tools/gltf/meshopt_stream.h"
 #include "tools/gltf/meshopt_windows.h"
@@ -35,7 +36,7 @@ std::optional<uint64_t> fewest_bytes(Mode mode, uint64_t count, uint64_t stride)
 Result<void> check_stride(const DocMeshopt& stated) {
   const uint64_t stride = stated.stride;
   const auto fail = [&](const char* expected) {
-    return Error{ErrorCode::kFormat, "byteStride is " + std::to_string(stride) + ", expected " + expected};
+    return scree::fail(ErrorCode::kFormat, "byteStride is ", stride, ", expected ", expected);
   };
   if (stated.mode != Mode::kAttributes) {
     if (stride != 2 && stride != 4) return fail("2 or 4 for indices");
@@ -58,19 +59,16 @@ Result<void> check_meshopt(const DocMeshopt& stated, uint64_t view_bytes, uint64
     return Error{ErrorCode::kFormat, std::string("a filter, but the mode is ") + mode_name(stated.mode)};
   SCREE_TRY(check_stride(stated));
   if (view_stride != 0 && view_stride != stated.stride)
-    return Error{ErrorCode::kFormat, "byteStride is " + std::to_string(stated.stride) + ", but the buffer view's is " +
-                                         std::to_string(view_stride)};
+    return fail(ErrorCode::kFormat, "byteStride is ", stated.stride, ", but the buffer view's is ", view_stride);
   if (stated.mode == Mode::kTriangles && stated.count % 3 != 0)
-    return Error{ErrorCode::kFormat,
-                 "count is " + std::to_string(stated.count) + ", expected a multiple of 3 for TRIANGLES"};
+    return fail(ErrorCode::kFormat, "count is ", stated.count, ", expected a multiple of 3 for TRIANGLES");
   const auto unpacked = format::checked_mul(stated.count, stated.stride);
   if (!unpacked || *unpacked != view_bytes)
-    return Error{ErrorCode::kRange, std::to_string(stated.count) + " elements of " + std::to_string(stated.stride) +
-                                        " bytes, but the buffer view has " + std::to_string(view_bytes) + " bytes"};
+    return fail(ErrorCode::kRange, stated.count, " elements of ", stated.stride, " bytes, but the buffer view has ",
+                view_bytes, " bytes");
   const auto fewest = fewest_bytes(stated.mode, stated.count, stated.stride);
   if (!fewest || *fewest > stated.bytes)
-    return Error{ErrorCode::kTruncated,
-                 std::to_string(stated.count) + " elements do not fit into " + std::to_string(stated.bytes) + " bytes"};
+    return fail(ErrorCode::kTruncated, stated.count, " elements do not fit into ", stated.bytes, " bytes");
   return {};
 }
 

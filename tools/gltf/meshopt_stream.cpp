@@ -10,6 +10,8 @@
 #include <limits>
 #include <type_traits>
 
+#include "format/fail.h"
+
 namespace scree::convert {
 namespace {
 
@@ -76,14 +78,8 @@ const char* mode_name(Mode mode) {
 
 std::unique_ptr<const MeshoptStream> MeshoptStream::make(const DocMeshopt& stated,
                                                          std::shared_ptr<const ByteSource> source) {
-  switch (stated.mode) {
-    case Mode::kAttributes:
-      return attribute_stream(stated, std::move(source));
-    case Mode::kTriangles:
-      return triangle_stream(stated, std::move(source));
-    case Mode::kIndices:
-      break;
-  }
+  if (stated.mode == Mode::kAttributes) return attribute_stream(stated, std::move(source));
+  if (stated.mode == Mode::kTriangles) return triangle_stream(stated, std::move(source));
   return index_stream(stated, std::move(source));
 }
 
@@ -95,8 +91,8 @@ Result<MeshoptPlace> MeshoptStream::begin() const {
   if ((header & 0xf0) != rule.header) return Error{ErrorCode::kFormat, name() + ": not a stream of " + rule.name};
   const uint32_t version = header & 0x0f;
   if (version > rule.version)
-    return Error{ErrorCode::kUnsupported, name() + ": " + rule.name + " of version " + std::to_string(version) +
-                                              ", but at most " + std::to_string(rule.version) + " is read"};
+    return fail(ErrorCode::kUnsupported, name(), ": ", rule.name, " of version ", version, ", but at most ",
+                rule.version, " is read");
   return start(version);
 }
 

@@ -8,6 +8,8 @@
 #include <queue>
 #include <regex>
 
+#include "format/fail.h"
+
 namespace scree::convert {
 namespace {
 
@@ -61,8 +63,7 @@ Result<Trees> find_trees(const GltfDocument& document) {
     for (const uint32_t child : document.nodes[i].children) {
       if (child >= count) return not_there(node_place(i), "child", child, count);
       if (parent[child] != kNone) {
-        return Error{ErrorCode::kRange, node_place(child) + ": has two parents, nodes " +
-                                            std::to_string(parent[child]) + " and " + std::to_string(i)};
+        return fail(ErrorCode::kRange, node_place(child), ": has two parents, nodes ", parent[child], " and ", i);
       }
       parent[child] = i;
     }
@@ -111,9 +112,8 @@ Result<std::optional<std::regex>> compile(const std::string& exclude) {
 
 Result<bool> matches(const std::regex& pattern, const std::string& name, const std::string& exclude) {
   if (name.size() > kMaxMatchedName)
-    return Error{ErrorCode::kUnsupported, "its name has " + std::to_string(name.size()) +
-                                              " characters, but --exclude matches at most " +
-                                              std::to_string(kMaxMatchedName)};
+    return fail(ErrorCode::kUnsupported, "its name has ", name.size(), " characters, but --exclude matches at most ",
+                kMaxMatchedName);
   try {
     return std::regex_search(name, pattern);
   } catch (const std::regex_error& error) {
@@ -131,8 +131,7 @@ Result<std::vector<std::vector<uint32_t>>> find_scene_roots(const GltfDocument& 
     const std::string place = "scene " + std::to_string(s);
     for (const uint32_t node : document.scenes[s].roots) {
       if (node >= count) return not_there(place, "node", node, count);
-      if (listed_in[node] == s + 1)
-        return Error{ErrorCode::kRange, place + ": node " + std::to_string(node) + " appears twice"};
+      if (listed_in[node] == s + 1) return fail(ErrorCode::kRange, place, ": node ", node, " appears twice");
       listed_in[node] = s + 1;
       if (trees.parent[node] == kNone) scenes[s].push_back(node);
     }
@@ -140,8 +139,8 @@ Result<std::vector<std::vector<uint32_t>>> find_scene_roots(const GltfDocument& 
       const uint32_t top = trees.top[node];
       if (listed_in[top] == s + 1) continue;
       if (!trees.sole[node]) {
-        return Error{ErrorCode::kRange, place + ": node " + std::to_string(node) +
-                                            " is no root, it is a child of node " + std::to_string(trees.parent[node])};
+        return fail(ErrorCode::kRange, place, ": node ", node, " is no root, it is a child of node ",
+                    trees.parent[node]);
       }
       listed_in[top] = s + 1;
       scenes[s].push_back(top);
@@ -176,12 +175,11 @@ Result<std::optional<Accessor>> instance_accessor(const DocNode& node, const cha
                        (rotation && accessor.normalized &&
                         (accessor.type == ComponentType::kInt8 || accessor.type == ComponentType::kInt16));
     if (accessor.components != components || !typed) {
-      return Error{ErrorCode::kFormat, std::string(name) + ": accessor " + std::to_string(index) + " is no " +
-                                           (rotation ? "VEC4 of float or normalised byte or short" : "VEC3 of float")};
+      return fail(ErrorCode::kFormat, name, ": accessor ", index, " is no ",
+                  rotation ? "VEC4 of float or normalised byte or short" : "VEC3 of float");
     }
     if (accessor.source == nullptr) {
-      return Error{ErrorCode::kUnsupported,
-                   std::string(name) + ": accessor " + std::to_string(index) + " has no buffer view"};
+      return fail(ErrorCode::kUnsupported, name, ": accessor ", index, " has no buffer view");
     }
     return std::optional<Accessor>(std::move(accessor));
   }
@@ -204,8 +202,7 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
     *stream.accessor = SCREE_TRY(instance_accessor(node, stream.name, stream.components, buffers));
     if (!*stream.accessor) continue;
     if (count && *count != (*stream.accessor)->count) {
-      return Error{ErrorCode::kRange, std::string(stream.name) + " has " + std::to_string((*stream.accessor)->count) +
-                                          " instances, expected " + std::to_string(*count)};
+      return fail(ErrorCode::kRange, stream.name, " has ", (*stream.accessor)->count, " instances, expected ", *count);
     }
     count = (*stream.accessor)->count;
   }
@@ -219,7 +216,7 @@ Result<SourceInstances> check_instances(const DocNode& node, GltfBuffers& buffer
   }
   if (count.value_or(0) == 0) return Error{ErrorCode::kFormat, "no instances"};
   if (*count > most) {
-    return Error{ErrorCode::kMemory, "more than " + std::to_string(kMaxNodeInstances) + " instances in all nodes"};
+    return fail(ErrorCode::kMemory, "more than ", kMaxNodeInstances, " instances in all nodes");
   }
   instances.count = *count;
   std::vector<format::NodeInstanceRecord> block(std::min(*count, kInstanceBlock));
@@ -319,8 +316,8 @@ Result<void> read_instances(const SourceInstances& instances, uint64_t first,
         const bool usable = std::all_of(to, to + components, [](float v) { return std::isfinite(v); }) &&
                             (components != 4 || normalise(to));
         if (!usable) {
-          return Error{ErrorCode::kRange, std::string(name) + " of instance " + std::to_string(first + done + i) +
-                                              (components == 4 ? " is not a rotation" : " is not finite")};
+          return fail(ErrorCode::kRange, name, " of instance ", first + done + i,
+                      components == 4 ? " is not a rotation" : " is not finite");
         }
       }
       done += count;
@@ -328,9 +325,8 @@ Result<void> read_instances(const SourceInstances& instances, uint64_t first,
     return {};
   };
   using Record = format::NodeInstanceRecord;
-  if (auto read = read_stream(instances.translation, "TRANSLATION", [](Record& r) { return r.translation; }); !read)
-    return read;
-  if (auto read = read_stream(instances.rotation, "ROTATION", [](Record& r) { return r.rotation; }); !read) return read;
+  SCREE_TRY(read_stream(instances.translation, "TRANSLATION", [](Record& r) { return r.translation; }));
+  SCREE_TRY(read_stream(instances.rotation, "ROTATION", [](Record& r) { return r.rotation; }));
   return read_stream(instances.scale, "SCALE", [](Record& r) { return r.scale; });
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <iterator>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <span>
@@ -247,37 +248,22 @@ constexpr Member kNumberMember{"", Kind::kNumber};
 constexpr Member kStringMember{"", Kind::kString};
 constexpr Member kIndexMapMember{"", Kind::kIndexMap};
 
-std::string expectation(Kind kind) {
-  switch (kind) {
-    case Kind::kIndex:
-      return "an index";
-    case Kind::kSize:
-      return "a size";
-    case Kind::kSmallSize:
-      return "a size below 2^31";
-    case Kind::kNumber:
-      return "a number";
-    case Kind::kString:
-      return "a string";
-    case Kind::kBool:
-      return "true or false";
-    case Kind::kObject:
-    case Kind::kIndexMap:
-      return "an object";
-    case Kind::kObjects:
-    case Kind::kIndexMaps:
-      return "an array of objects";
-    case Kind::kIndices:
-      return "an array of indices";
-    case Kind::kNumbers:
-      return "an array of numbers";
-    case Kind::kStrings:
-      return "an array of strings";
-    case Kind::kAny:
-      break;
-  }
-  return "a value";
-}
+/// The expected content, by Kind.
+constexpr const char* kExpectations[] = {"a value",
+                                         "an index",
+                                         "a size",
+                                         "a size below 2^31",
+                                         "a number",
+                                         "a string",
+                                         "true or false",
+                                         "an object",
+                                         "an array of objects",
+                                         "an array of indices",
+                                         "an array of numbers",
+                                         "an array of strings",
+                                         "an object",
+                                         "an array of objects"};
+static_assert(std::size(kExpectations) == static_cast<size_t>(Kind::kIndexMaps) + 1);
 
 // Takes nlohmann's SAX events. Returns false for the event that breaks a rule, with error_ set.
 class Checker {
@@ -488,7 +474,7 @@ class Checker {
     if (member.kind != Kind::kAny && (!fits || found == "null")) {
       const bool number = !found.empty() && (found[0] == '-' || (found[0] >= '0' && found[0] <= '9'));
       return fail(number ? ErrorCode::kRange : ErrorCode::kFormat,
-                  "is " + found + ", expected " + expectation(member.kind));
+                  "is " + found + ", expected " + kExpectations[static_cast<size_t>(member.kind)]);
     }
     count_element();
     return true;

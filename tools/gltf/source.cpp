@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "format/bytes.h"
+#include "format/fail.h"
 #include "tools/common/memory_use.h"
 #include "tools/gltf/buffers.h"
 #include "tools/gltf/byte_source.h"
@@ -170,12 +171,10 @@ class Importer {
                  .mode = static_cast<PrimitiveMode>(from.mode)};
     to.positions = SCREE_TRY(attribute("POSITION", position, kNone));
     if (to.positions.count > std::numeric_limits<uint32_t>::max()) {
-      return Error{ErrorCode::kUnsupported,
-                   "POSITION has " + std::to_string(to.positions.count) + " vertices, at most 2^32 - 1 can be indexed"};
+      return fail(ErrorCode::kUnsupported, "POSITION has ", to.positions.count,
+                  " vertices, at most 2^32 - 1 can be indexed");
     }
-    if (from.indices != kAbsent) {
-      to.indices = SCREE_TRY(index_accessor(from.indices));
-    }
+    if (from.indices != kAbsent) to.indices = SCREE_TRY(index_accessor(from.indices));
     if (to.triangle_count() == 0) {
       dropped_.emplace_back("primitives without triangles", &from);
       return {};
@@ -313,9 +312,8 @@ class Importer {
     if (has_corners || to.mode != PrimitiveMode::kTriangles)
       return Error{ErrorCode::kFormat, std::string(kDracoName) + ": expected a primitive of indexed triangles"};
     if (to.indices->count % 3 != 0)
-      return Error{ErrorCode::kRange, "indices: accessor " + std::to_string(to.indices->index) + " has " +
-                                          std::to_string(to.indices->count) +
-                                          " elements, expected a multiple of 3 (Draco)"};
+      return fail(ErrorCode::kRange, "indices: accessor ", to.indices->index, " has ", to.indices->count,
+                  " elements, expected a multiple of 3 (Draco)");
     const DocDraco& stated = document_.draco[static_cast<size_t>(from.draco)];
     DracoPrimitive packed{.triangles = to.indices->count / 3, .vertices = to.positions.count};
     for (const auto& [name, accessor] : empty) {
@@ -331,7 +329,7 @@ class Importer {
     }
     for (const DracoArray& array : packed.arrays) packed.other_components -= array.components;
     if (!packed.offset_of(packed.arrays.size()) || packed.triangles > format::kNone)
-      return Error{ErrorCode::kRange, std::string(kDracoName) + ": " + std::to_string(packed.triangles) + " triangles"};
+      return fail(ErrorCode::kRange, kDracoName, ": ", packed.triangles, " triangles");
     auto source = SCREE_TRY(buffers_.draco(stated.view, packed, memory_));
     for (size_t i = 0; i < empty.size(); ++i) {
       Accessor& accessor = *empty[i].second;
@@ -383,15 +381,13 @@ class Importer {
       expected = "VEC2 of float, byte or short";
     }
     if (!right) {
-      return Error{ErrorCode::kFormat, name + ": accessor " + std::to_string(index) + " has componentType " +
-                                           std::to_string(static_cast<int>(type)) + " and " +
-                                           std::to_string(components) + " components, expected " + expected};
+      return fail(ErrorCode::kFormat, name, ": accessor ", index, " has componentType ", static_cast<int>(type),
+                  " and ", components, " components, expected ", expected);
     }
     if (!plain && !document_.uses("KHR_mesh_quantization")) ++undeclared_quantization_;
     if (vertices != kNone && accessor.count != vertices) {
-      return Error{ErrorCode::kRange, name + ": accessor " + std::to_string(index) + " has " +
-                                          std::to_string(accessor.count) + " elements, but POSITION has " +
-                                          std::to_string(vertices)};
+      return fail(ErrorCode::kRange, name, ": accessor ", index, " has ", accessor.count,
+                  " elements, but POSITION has ", vertices);
     }
     return accessor;
   }
@@ -402,10 +398,9 @@ class Importer {
                        (accessor.type == ComponentType::kUint8 || accessor.type == ComponentType::kUint16 ||
                         accessor.type == ComponentType::kUint32);
     if (!right) {
-      return Error{ErrorCode::kFormat, "indices: accessor " + std::to_string(index) + " has componentType " +
-                                           std::to_string(static_cast<int>(accessor.type)) + " and " +
-                                           std::to_string(accessor.components) +
-                                           " components, expected SCALAR of unsigned byte, short or int"};
+      return fail(ErrorCode::kFormat, "indices: accessor ", index, " has componentType ",
+                  static_cast<int>(accessor.type), " and ", accessor.components,
+                  " components, expected SCALAR of unsigned byte, short or int");
     }
     return accessor;
   }
@@ -510,8 +505,8 @@ Result<SourceScene> import_checked(const std::string& path, const ImportOptions&
   if (layout.json_bytes == 0) return Error{ErrorCode::kFormat, "the file is empty"};
   SCREE_TRY(check_kind(**file, layout));
   if (layout.json_bytes > options.max_json_bytes) {
-    return Error{ErrorCode::kMemory, "JSON of " + std::to_string(layout.json_bytes) + " bytes, at most " +
-                                         std::to_string(options.max_json_bytes) + " are read"};
+    return fail(ErrorCode::kMemory, "JSON of ", layout.json_bytes, " bytes, at most ", options.max_json_bytes,
+                " are read");
   }
   const uint64_t least = layout.json_bytes < kLargeDocument ? 0 : tools::memory_use().anonymous + layout.json_bytes;
   if (least > options.memory) return document_too_large(options.memory, layout.json_bytes, "more than", least);

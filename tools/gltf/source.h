@@ -38,6 +38,15 @@ class ByteSource {
 };
 
 enum class ComponentType : uint16_t { kInt8 = 5120, kUint8, kInt16, kUint16, kUint32 = 5125, kFloat32 = 5126 };
+/// Returns visit(T{}) with the type T of the components.
+template <class Visit>
+auto visit_component(ComponentType type, const Visit& visit) {
+  if (type == ComponentType::kInt8) return visit(int8_t{});
+  if (type == ComponentType::kUint8) return visit(uint8_t{});
+  if (type == ComponentType::kInt16) return visit(int16_t{});
+  if (type == ComponentType::kUint16) return visit(uint16_t{});
+  return type == ComponentType::kUint32 ? visit(uint32_t{}) : visit(float{});
+}
 /// Bytes of a component, 1, 2 or 4.
 uint64_t component_bytes(ComponentType type);
 

@@ -7,6 +7,7 @@
 #include <span>
 #include <utility>
 
+#include "format/fail.h"
 #include "tools/gltf/schema.h"
 
 // The only translation unit with tinygltf's code. It never decodes images and never reads files.
@@ -63,23 +64,10 @@ void read_numbers(const tinygltf::Value* value, const char* key, std::span<doubl
   for (size_t i = 0; i < out.size(); ++i) out[i] = found->Get(static_cast<int>(i)).GetNumberAsDouble();
 }
 
+/// 0 for MAT2: no accessor that is read here may have this type.
 uint32_t component_count(int type) {
-  switch (type) {
-    case TINYGLTF_TYPE_SCALAR:
-      return 1;
-    case TINYGLTF_TYPE_VEC2:
-      return 2;
-    case TINYGLTF_TYPE_VEC3:
-      return 3;
-    case TINYGLTF_TYPE_VEC4:
-      return 4;
-    case TINYGLTF_TYPE_MAT3:
-      return 9;
-    case TINYGLTF_TYPE_MAT4:
-      return 16;
-    default:
-      return 0;  // MAT2: no accessor that is read here may have this type
-  }
+  const int32_t count = tinygltf::GetNumComponentsInType(static_cast<uint32_t>(type));
+  return type == TINYGLTF_TYPE_MAT2 || count < 0 ? 0 : static_cast<uint32_t>(count);
 }
 
 DocTextureUse texture_use(int index, int uv_set, const tinygltf::Value* transform) {
@@ -143,8 +131,7 @@ DocMaterial read_material(const tinygltf::Material& source) {
   DocMaterial material{.name = source.name};
   const tinygltf::PbrMetallicRoughness& pbr = source.pbrMetallicRoughness;
   if (pbr.baseColorFactor.size() == 4) std::copy_n(pbr.baseColorFactor.begin(), 4, material.base_color.begin());
-  material.base_texture = texture_use(pbr.baseColorTexture.index, pbr.baseColorTexture.texCoord,
-                                      member(pbr.baseColorTexture.extensions, "KHR_texture_transform"));
+  material.base_texture = texture_use(pbr.baseColorTexture);
   read_surface(source, material);
   // This older workflow stores the base colour as the diffuse colour.
   if (const tinygltf::Value* older = member(source.extensions, "KHR_materials_pbrSpecularGlossiness")) {
@@ -332,8 +319,7 @@ Result<ParsedElements> ParsedElements::parse(const std::string& batch, std::vect
   size_t primitives = 0;
   for (const auto& mesh : model.meshes) primitives += mesh.primitives.size();
   if (primitives != primitive_indices.size())
-    return Error{ErrorCode::kFormat, "the parser read " + std::to_string(primitives) + " primitives of " +
-                                         std::to_string(primitive_indices.size())};
+    return fail(ErrorCode::kFormat, "the parser read ", primitives, " primitives of ", primitive_indices.size());
   ParsedElements elements;
   elements.impl_ = std::make_shared<const Impl>(Impl{std::move(model), std::move(primitive_indices)});
   return elements;

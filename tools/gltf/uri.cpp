@@ -8,6 +8,8 @@
 #include <cstring>
 #include <memory>
 
+#include "format/fail.h"
+
 namespace scree::convert {
 namespace {
 
@@ -60,13 +62,13 @@ Result<std::vector<std::byte>> decode_base64(std::string_view text) {
     ++padding;
   }
   if (text.size() % 4 == 1 || (padding > 0 && (text.size() + padding) % 4 != 0))
-    return Error{ErrorCode::kFormat, "data: URI: base64 of " + std::to_string(text.size() + padding) + " digits"};
+    return fail(ErrorCode::kFormat, "data: URI: base64 of ", text.size() + padding, " digits");
   std::vector<std::byte> out;
   out.reserve(text.size() / 4 * 3 + 2);
   uint32_t bits = 0;
   for (size_t i = 0; i < text.size(); ++i) {
     const int digit = kTable[static_cast<unsigned char>(text[i])];
-    if (digit < 0) return Error{ErrorCode::kFormat, "data: URI: not a base64 digit at character " + std::to_string(i)};
+    if (digit < 0) return fail(ErrorCode::kFormat, "data: URI: not a base64 digit at character ", i);
     bits = (bits << 6) | static_cast<uint32_t>(digit);
     if (i % 4 == 3) {
       out.push_back(static_cast<std::byte>(bits >> 16));

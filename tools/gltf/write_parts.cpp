@@ -8,19 +8,7 @@
 namespace scree::tools {
 namespace {
 
-const char* type_name(GltfType type) {
-  switch (type) {
-    case GltfType::kScalar:
-      return "SCALAR";
-    case GltfType::kVec2:
-      return "VEC2";
-    case GltfType::kVec3:
-      return "VEC3";
-    case GltfType::kVec4:
-      break;
-  }
-  return "VEC4";
-}
+constexpr const char* kTypeNames[] = {"SCALAR", "VEC2", "VEC3", "VEC4"};  // by GltfType
 
 bool is_identity(const std::array<double, 16>& matrix) {
   for (size_t i = 0; i < 16; ++i)
@@ -111,7 +99,7 @@ void write_accessor(JsonWriter& json, const GltfAccessor& accessor) {
   json.member("componentType", static_cast<uint64_t>(accessor.component));
   if (accessor.normalized) json.member("normalized", true);
   json.member("count", accessor.count);
-  json.member("type", type_name(accessor.type));
+  json.member("type", kTypeNames[static_cast<size_t>(accessor.type)]);
   if (!accessor.min.empty()) json.array("min", accessor.min);
   if (!accessor.max.empty()) json.array("max", accessor.max);
 }

@@ -56,15 +56,8 @@ const char* file_extension(format::ImageCodec codec) {
 }
 
 uint32_t wrap_number(format::Wrap wrap) {
-  switch (wrap) {
-    case format::Wrap::kMirror:
-      return 33648;
-    case format::Wrap::kClamp:
-      return 33071;
-    case format::Wrap::kRepeat:
-      break;
-  }
-  return 10497;
+  if (wrap == format::Wrap::kMirror) return 33648;
+  return wrap == format::Wrap::kClamp ? 33071 : 10497;
 }
 
 /// A file name as a relative URI (RFC 3986: percent-encodes all characters except unreserved ones).
@@ -471,19 +464,18 @@ Result<uint64_t> GltfWriter::State::write_document() {
     if (!scene.nodes.empty()) out.array("nodes", scene.nodes);
   };
 
-  Result<void> written = text.section("scenes", state.scenes, write_scene);
-  if (written) written = text.section("nodes", state.nodes, write_node);
-  if (written) written = text.section("cameras", state.cameras, write_camera);
-  if (written) written = text.section("meshes", state.meshes, write_mesh);
-  if (written) written = text.section("materials", state.materials, write_material);
-  if (written) written = text.section("textures", state.textures, write_texture);
-  if (written) written = text.section("samplers", samplers, write_sampler);
-  if (written) written = text.section("images", state.images, write_image);
-  if (written) written = text.section("accessors", state.accessors, write_accessor);
+  SCREE_TRY(text.section("scenes", state.scenes, write_scene));
+  SCREE_TRY(text.section("nodes", state.nodes, write_node));
+  SCREE_TRY(text.section("cameras", state.cameras, write_camera));
+  SCREE_TRY(text.section("meshes", state.meshes, write_mesh));
+  SCREE_TRY(text.section("materials", state.materials, write_material));
+  SCREE_TRY(text.section("textures", state.textures, write_texture));
+  SCREE_TRY(text.section("samplers", samplers, write_sampler));
+  SCREE_TRY(text.section("images", state.images, write_image));
+  SCREE_TRY(text.section("accessors", state.accessors, write_accessor));
   const uint64_t fallback = state.buffers.size() + (state.buffer_bytes != 0 ? 1 : 0);
   const auto write_view = [&](JsonWriter& out, const PlacedView& view) { write_buffer_view(out, view, fallback); };
-  if (written) written = text.section("bufferViews", state.buffer_views, write_view);
-  if (!written) return written.error();
+  SCREE_TRY(text.section("bufferViews", state.buffer_views, write_view));
   json.line();
   json.end_object();
   json.line();
@@ -491,7 +483,7 @@ Result<uint64_t> GltfWriter::State::write_document() {
     return Error{ErrorCode::kRange, state.path.string() + ": a number of the document is not finite"};
 
   if (state.glb) text.pad(format::align_up(text.end(), alignment()) - text.end());
-  if (written = text.drain(); !written) return written.error();
+  SCREE_TRY(text.drain());
   return text.end();
 }
 
@@ -503,13 +495,7 @@ Result<void> GltfWriter::State::write_chunks(uint64_t document_end) {
     head.resize(head.size() + sizeof value);
     format::store(head.data() + head.size() - sizeof value, value);
   };
-  const auto put_length = [&](uint64_t length) {
-    if (is_version_3) {
-      put(length);
-    } else {
-      put(static_cast<uint32_t>(length));
-    }
-  };
+  const auto put_length = [&](uint64_t length) { is_version_3 ? put(length) : put(static_cast<uint32_t>(length)); };
   const auto put_chunk = [&](uint32_t type, uint64_t length) {
     if (!is_version_3) put_length(length);
     put(type);
@@ -541,19 +527,16 @@ Result<void> GltfWriter::finish() {
   State& state = *state_;
   SCREE_TRY(state.glb ? state.binary.resize(state.buffer_bytes) : state.end_buffer());
   state.is_version_3 = state.glb && state.buffer_bytes > state.most_version_2_bytes;
-  Result<uint64_t> end = state.write_document();
-  if (!end) return end.error();
-  if (state.glb && !state.is_version_3 && state.file_bytes(*end) > state.most_version_2_bytes) {
-    state.is_version_3 =
-        true;  // if the document's size alone is the cause; it is written again at the offset of version 3
-    if (end = state.write_document(); !end) return end.error();
+  uint64_t end = SCREE_TRY(state.write_document());
+  if (state.glb && !state.is_version_3 && state.file_bytes(end) > state.most_version_2_bytes) {
+    // The document's size alone is the cause. It is written again at the offset of version 3.
+    state.is_version_3 = true;
+    end = SCREE_TRY(state.write_document());
   }
-  Result<void> written;
-  if (state.glb)
-    if (written = state.write_chunks(*end); !written) return written;
-  if (written = state.check_stop(); !written) return written;
-  if (written = state.commit_all(); !written) return written;
-  state.total_bytes = (state.glb ? state.file_bytes(*end) : *end) + state.image_bytes;
+  if (state.glb) SCREE_TRY(state.write_chunks(end));
+  SCREE_TRY(state.check_stop());
+  SCREE_TRY(state.commit_all());
+  state.total_bytes = (state.glb ? state.file_bytes(end) : end) + state.image_bytes;
   for (const Buffer& buffer : state.buffers) state.total_bytes += buffer.bytes;
   return {};
 }

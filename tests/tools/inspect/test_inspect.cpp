@@ -238,9 +238,9 @@ TEST_CASE("inspect: the bytes of duplicate vertices in clusters are unknown", "[
   convert::Welded sum{1, 12, 48};
   sum.add({1, 12, 40});
   CHECK(sum.cost_bits == 88);
-  sum.add({1, 12, convert::Welded::kNotKnown});
+  sum.add({1, 12, convert::Welded::kUnknownCost});
   sum.add({1, 12, 40});
-  CHECK(sum.cost_bits == convert::Welded::kNotKnown);
+  CHECK(sum.cost_bits == convert::Welded::kUnknownCost);
 }
 
 TEST_CASE("inspect: --verify finds a flipped bit in every byte", "[inspect][verify]") {

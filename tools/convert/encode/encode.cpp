@@ -9,9 +9,7 @@
 #include <utility>
 
 #include "format/geometry/attribute_codec.h"
-#include "format/geometry/chunk_layout.h"
 #include "format/geometry/index_codec.h"
-#include "format/geometry/quantize.h"
 #include "format/geometry/tangent_codec.h"
 #include "tools/convert/encode/chunk_limit.h"
 
@@ -501,7 +499,7 @@ Result<Welded> weld(const Primitive& primitive, const MeshPlan& mesh, EncodeScra
 /// Welded::cost_bits of `vertices` vertices, with the widths of the chunks.
 uint64_t cost_bits(uint64_t vertices, const MeshPlan& mesh, const std::vector<EncodedChunk>& chunks) {
   if (vertices == 0 || chunks.empty()) return 0;
-  if (mesh.clustered) return Welded::kNotKnown;
+  if (mesh.clustered) return Welded::kUnknownCost;
   uint64_t bits = 0, count = 0;
   for (const EncodedChunk& chunk : chunks) {
     const format::ChunkRecord& r = chunk.record;

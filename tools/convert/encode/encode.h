@@ -60,16 +60,17 @@ struct EncodedChunk {
 /// Vertices that were merged into others.
 struct Welded {
   // For clusters: each cluster stores its own copy of a shared vertex in any case.
-  static constexpr uint64_t kNotKnown = UINT64_MAX;
+  static constexpr uint64_t kUnknownCost = UINT64_MAX;
 
   uint64_t vertices = 0;
   uint64_t source_bytes = 0;
-  uint64_t cost_bits = 0;  // with the widths of the remaining vertices, or kNotKnown
+  uint64_t cost_bits = 0;  // with the widths of the remaining vertices, or kUnknownCost
 
   void add(const Welded& other) {
     vertices += other.vertices;
     source_bytes += other.source_bytes;
-    cost_bits = cost_bits == kNotKnown || other.cost_bits == kNotKnown ? kNotKnown : cost_bits + other.cost_bits;
+    cost_bits =
+        cost_bits == kUnknownCost || other.cost_bits == kUnknownCost ? kUnknownCost : cost_bits + other.cost_bits;
   }
 };
 

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "format/jpeg/parse.h"
-#include "runtime/images/codecs.h"
 #include "runtime/images/image.h"
 #include "runtime/images/jpeg_errors.h"
 #include "runtime/images/jpeg_writer.h"

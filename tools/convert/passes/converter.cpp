@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "format/container/container.h"
+#include "format/fail.h"
 #include "tools/common/progress.h"
 #include "tools/convert/encode/geometry_writer.h"
 #include "tools/convert/images/images.h"
@@ -165,17 +166,12 @@ class Converter {
   EncodeStart cut_shard() {
     shard_share_.index = options_.shard;
     shard_share_.input = whole_path(options_.input).string();
-    const auto keep = [](auto& list, Part part) {
-      list.erase(list.begin() + static_cast<ptrdiff_t>(part.end), list.end());
-      list.erase(list.begin(), list.begin() + static_cast<ptrdiff_t>(part.first));
+    const auto keep = [](Part part, auto&... lists) {
+      (lists.erase(lists.begin() + static_cast<ptrdiff_t>(part.end), lists.end()), ...);
+      (lists.erase(lists.begin(), lists.begin() + static_cast<ptrdiff_t>(part.first)), ...);
     };
     const Part images = part_of(images_.costs, options_.shard, options_.shards);
-    keep(images_.records, images);
-    keep(images_.sources, images);
-    keep(images_.is_color, images);
-    keep(images_.costs, images);
-    keep(images_.broken, images);
-    keep(images_.hashes, images);
+    keep(images, images_.records, images_.sources, images_.is_color, images_.costs, images_.broken, images_.hashes);
     std::vector<WindowPlan>& windows = measurement_.windows;
     std::vector<uint64_t> costs;
     for (const WindowPlan& window : windows) costs.push_back(window.count);
@@ -185,7 +181,7 @@ class Converter {
          own.first < own.end && i-- > 0 && windows[i].primitive == windows[own.first].primitive;)
       start.triangle += windows[i].kept;
     if (start.triangle > 0) start.mesh = mesh_of_[windows[own.first].primitive];
-    keep(windows, own);
+    keep(own, windows);
     return start;
   }
 
@@ -224,8 +220,7 @@ class Converter {
         const uint32_t mesh = number < windows.size() ? mesh_of_[windows[number].primitive] : kNone;
         if (mesh == kNone || window.made_from != window_id(windows[number], mesh, tables_.meshes[mesh]) ||
             !is_outcome_of(window, windows[number], mesh))
-          return Error{ErrorCode::kFormat,
-                       shard.map.path() + ": window " + std::to_string(number) + " differs from the source"};
+          return fail(ErrorCode::kFormat, shard.map.path(), ": window ", number, " differs from the source");
         SCREE_TRY(pass.add(window));
         note_window(window, mesh);
         done += windows[number++].count;
@@ -235,9 +230,8 @@ class Converter {
       if (options_.stop != nullptr && options_.stop->load()) return Error{ErrorCode::kFile, "interrupted"};
     }
     if (number != windows.size())
-      return Error{ErrorCode::kFormat, shards_->files.back().map.path() + ": its shards have " +
-                                           std::to_string(number) + " of " + std::to_string(windows.size()) +
-                                           " windows"};
+      return fail(ErrorCode::kFormat, shards_->files.back().map.path(), ": its shards have ", number, " of ",
+                  windows.size(), " windows");
     const Result<void> finished = pass.finish();
     report_.rates = rates();
     return finished;
@@ -392,8 +386,8 @@ class Converter {
       images_ = std::move(shards_->plan.images);
       for (size_t i = 0; i < wanted.size(); ++i)
         if (wanted[i] != (images_.places[i] != kNone))
-          return Error{ErrorCode::kFormat, shards_->files.front().map.path() + ": image " + std::to_string(i) +
-                                               " is not used as in the source"};
+          return fail(ErrorCode::kFormat, shards_->files.front().map.path(), ": image ", i,
+                      " is not used as in the source");
     } else {
       if (count > 0) progress_.stage("check images", count, "images");
       Result<ImagePlan> images = check_images(scene_, wanted, image_options, pool,
@@ -428,9 +422,8 @@ class Converter {
       std::move(shard.share.images.begin(), shard.share.images.end(), std::back_inserter(resumed_.images));
     }
     if (resumed_.images.size() == images_.records.size()) return {};
-    return Error{ErrorCode::kFormat, shards_->files.front().map.path() + ": its shards have " +
-                                         std::to_string(resumed_.images.size()) + " of " +
-                                         std::to_string(images_.records.size()) + " images"};
+    return fail(ErrorCode::kFormat, shards_->files.front().map.path(), ": its shards have ", resumed_.images.size(),
+                " of ", images_.records.size(), " images");
   }
 
   /// Masks are written after the geometry, so --resume makes them again; keeping them would save little.

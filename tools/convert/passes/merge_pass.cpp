@@ -1,6 +1,5 @@
 #include "tools/convert/passes/merge_pass.h"
 
-#include <algorithm>
 #include <string>
 #include <utility>
 

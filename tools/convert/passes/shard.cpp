@@ -3,7 +3,6 @@
 #include <sys/stat.h>
 
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <numeric>
 #include <optional>
@@ -46,66 +45,37 @@ struct Take {
   void operator()(std::string& text) const { entry.take_text(text); }
 };
 
+template <class Stream, class... Fields>
+void visit_all(const Stream& stream, Fields&... fields) {
+  (stream(fields), ...);
+}
+
 template <class Stream, class Options>
 void visit_options(const Stream& stream, Options& options) {
-  stream(options.float32);
-  stream(options.position_bits);
-  stream(options.max_error);
-  stream(options.pixel_bound.pixels);
-  stream(options.pixel_bound.distance);
-  stream(options.pixel_bound.width);
-  stream(options.pixel_bound.height);
-  stream(options.pixel_bound.fov_degrees);
-  stream(options.grid);
-  stream(options.order);
-  stream(options.encoding);
-  stream(options.clusters);
-  stream(options.chunk_triangles);
-  stream(options.zstd_level);
-  stream(options.normals);
-  stream(options.source_ids);
-  stream(options.drop_nonfinite);
-  stream(options.weld);
-  stream(options.share);
-  stream(options.exclude);
-  stream(options.images.textures);
-  stream(options.images.quality);
-  stream(options.images.block_zstd_level);
-  stream(options.images.keep_going);
+  visit_all(stream, options.float32, options.position_bits, options.max_error, options.pixel_bound.pixels,
+            options.pixel_bound.distance, options.pixel_bound.width, options.pixel_bound.height,
+            options.pixel_bound.fov_degrees, options.grid, options.order, options.encoding, options.clusters,
+            options.chunk_triangles, options.zstd_level, options.normals, options.source_ids, options.drop_nonfinite,
+            options.weld, options.share, options.exclude, options.images.textures, options.images.quality,
+            options.images.block_zstd_level, options.images.keep_going);
 }
 
 template <class Stream, class Window>
 void visit_window(const Stream& stream, Window& window) {
-  stream(window.primitive);
-  stream(window.vertices);
-  stream(window.span);
-  stream(window.first);
-  stream(window.count);
-  stream(window.kept);
-  stream(window.box.lo);
-  stream(window.box.hi);
+  visit_all(stream, window.primitive, window.vertices, window.span, window.first, window.count, window.kept,
+            window.box.lo, window.box.hi);
 }
 
 template <class Stream, class Primitive>
 void visit_measured(const Stream& stream, Primitive& primitive) {
-  stream(primitive.triangles);
-  stream(primitive.dropped_degenerate);
-  stream(primitive.dropped_nonfinite);
-  stream(primitive.box.lo);
-  stream(primitive.box.hi);
-  stream(primitive.white);
-  stream(primitive.shows_normals);
-  stream(primitive.normals);
-  stream(primitive.shows_tangents);
-  stream(primitive.tangents);
+  visit_all(stream, primitive.triangles, primitive.dropped_degenerate, primitive.dropped_nonfinite, primitive.box.lo,
+            primitive.box.hi, primitive.white, primitive.shows_normals, primitive.normals, primitive.shows_tangents,
+            primitive.tangents);
 }
 
 template <class Stream, class Stamp>
 void visit_stamp(const Stream& stream, Stamp& stamp) {
-  stream(stamp.name);
-  stream(stamp.bytes);
-  stream(stamp.changed_s);
-  stream(stamp.changed_ns);
+  visit_all(stream, stamp.name, stamp.bytes, stamp.changed_s, stamp.changed_ns);
 }
 
 std::string printed(const FileStamp& stamp) {

@@ -6,11 +6,9 @@
 #include <cstring>
 #include <filesystem>
 #include <memory>
-#include <optional>
 #include <system_error>
 
 #include "tools/convert/passes/sort_scattered.h"
-#include "tools/gltf/byte_source.h"
 
 namespace scree::convert {
 

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <utility>
 
-#include "tools/common/options.h"
-
 namespace scree::convert {
 namespace {
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <span>
 
 #include "format/geometry/quantize.h"
 #include "tools/convert/plan/convert_options.h"
@@ -97,9 +96,7 @@ Result<void> choose_lattices(const ConvertOptions& options, const SourceScene& s
   if (options.float32) return {};
   const bool by_pixels = options.pixel_bound.pixels > 0;
   std::vector<double> errors(plans.size(), options.max_error);
-  if (by_pixels) {
-    errors = SCREE_TRY(errors_for_pixels(options.pixel_bound, scene, instances, plans));
-  }
+  if (by_pixels) errors = SCREE_TRY(errors_for_pixels(options.pixel_bound, scene, instances, plans));
   for (size_t i = 0; i < plans.size(); ++i) {
     MeshPlan& plan = plans[i];
     const Result<format::MeshLattice> lattice = lattice_of(options, plan, errors[i]);

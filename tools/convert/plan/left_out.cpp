@@ -1,9 +1,6 @@
 #include "tools/convert/plan/left_out.h"
 
-#include <string>
-
 #include "format/geometry/attribute_codec.h"
-#include "format/geometry/chunk_layout.h"
 #include "format/geometry/tangent_codec.h"
 
 namespace scree::convert {
@@ -28,7 +25,7 @@ uint64_t cost_of(const LeftOut& entry) {
 }
 
 uint64_t weld_cost(const Welded& welded) {
-  return welded.cost_bits == Welded::kNotKnown ? 0 : welded.cost_bits / 8;
+  return welded.cost_bits == Welded::kUnknownCost ? 0 : welded.cost_bits / 8;
 }
 
 /// The sum of `bytes(chunk)` over a mesh's chunks.

@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <set>
 #include <span>
-#include <string_view>
 #include <vector>
 
 #include "format/container/container.h"

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "tools/convert/windows/window.h"
+#include "tools/gltf/box.h"
 
 namespace scree::convert {
 

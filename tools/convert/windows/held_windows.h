@@ -1,7 +1,6 @@
 // Windows that stay in memory between measuring and encoding, so that they are read only once.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <memory>

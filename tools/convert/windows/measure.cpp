@@ -71,9 +71,7 @@ Result<ContentHash> hash_window(const Primitive& primitive, Scratch& scratch) {
   const auto of = [](const std::optional<Accessor>& accessor) { return accessor ? &*accessor : nullptr; };
   for (const Accessor* accessor : {of(primitive.uv), of(primitive.color), primitive.second_uv()}) {
     scratch.floats.clear();
-    if (accessor != nullptr) {
-      SCREE_TRY(read_vertices(*accessor, window.vertices(), scratch.floats));
-    }
+    if (accessor != nullptr) SCREE_TRY(read_vertices(*accessor, window.vertices(), scratch.floats));
     add_values(hasher, std::span<const float>(scratch.floats));  // an absent attribute adds only its count, 0
   }
   return hasher.value();
@@ -160,9 +158,7 @@ Result<WindowFacts> measure_window(const Primitive& primitive, const WindowPlan&
   facts.shows_tangents = task.surface != nullptr && !*task.has_derived_tangents;
   facts.shows_normals =
       task.has_normals && (options.normals == Normals::kAlways || !*task.is_flat || facts.shows_tangents);
-  if (is_hashed) {
-    facts.content = SCREE_TRY(hash_window(primitive, scratch));
-  }
+  if (is_hashed) facts.content = SCREE_TRY(hash_window(primitive, scratch));
   if (task.budget != nullptr && facts.kept > 0) facts.held = HeldWindow::keep(*task.budget, window);
   return facts;
 }

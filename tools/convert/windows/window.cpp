@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <limits>
 #include <numeric>
 
 #include "tools/convert/windows/radix_sort.h"

@@ -2,16 +2,13 @@
 // by window. The window size is a constant, so that the output does not depend on threads or memory.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <span>
-#include <string>
 #include <utility>
 #include <vector>
 
 #include "format/result.h"
 #include "tools/common/raw_vector.h"
-#include "tools/gltf/box.h"
 #include "tools/gltf/source.h"
 
 namespace scree::convert {
