@@ -1,7 +1,7 @@
 // Stage 1 of clusters where they are few: a block per cluster, so that the whole GPU works on them.
 #pragma once
 
-#include "kernels/cuda/cluster.cuh"
+#include "kernels/cuda/cluster_survivor.cuh"
 
 namespace scree::kernels {
 

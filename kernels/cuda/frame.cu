@@ -14,6 +14,7 @@
 
 #include "kernels/cuda/check.h"
 #include "kernels/cuda/cluster.cuh"
+#include "kernels/cuda/cluster_clip.cuh"
 #include "kernels/cuda/draw_tables.h"
 #include "kernels/cuda/few_clusters.cuh"
 #include "kernels/cuda/frame.h"
