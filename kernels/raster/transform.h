@@ -37,6 +37,8 @@ struct FrameView {
   int32_t end_row;
   bool orthographic;
   ClipBox clip_box;
+
+  bool operator==(const FrameView&) const = default;
 };
 
 SCREE_HD inline FrameView make_frame_view(const View& view) {
