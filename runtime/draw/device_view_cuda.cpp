@@ -48,15 +48,14 @@ Result<kernels::FrameStats> DeviceView::Impl::draw_by_team(const kernels::View& 
 /// has drawn since, this view draws its picture again.
 Result<void> DeviceView::Impl::draw_if_followed() {
   if (!drawn_by_team || scene.team_view == this) return {};
-  const Result<kernels::FrameStats> drawn = draw_by_team(*drawn_by_team);
-  return drawn ? Result<void>() : drawn.error();
+  SCREE_TRY(draw_by_team(*drawn_by_team));
+  return {};
 }
 
 /// All samples of the picture, on the first GPU.
 Result<uint64_t*> DeviceView::Impl::whole_samples() {
-  Result<void> done = draw_if_followed();
-  if (done && drawn_by_team) done = scene.team->gather();
-  if (!done) return done.error();
+  SCREE_TRY(draw_if_followed());
+  if (drawn_by_team) SCREE_TRY(scene.team->gather());
   return sample_data();
 }
 
@@ -106,8 +105,8 @@ Result<const float*> DeviceView::Impl::blended_over(const kernels::View& view, c
     drawing.part = kernels::FramePart::kPart;
     drawing.peeled = peeled;
     drawing.fragments = to;
-    const Result<kernels::FrameStats> drawn = blend_frames->draw(view, onto, drawing);
-    return drawn ? Result<void>() : drawn.error();
+    SCREE_TRY(blend_frames->draw(view, onto, drawing));
+    return {};
   };
   const auto shade = [&](const uint64_t* layer, float* light) {
     return resolver.shade_part(blended_scene, view, layer, blend_frames->transforms(), options, light, nullptr,
@@ -175,32 +174,28 @@ Result<float*> DeviceView::make_colors(const kernels::View& view, const kernels:
   }
   uint64_t* const samples = SCREE_TRY(own.whole_samples());
   const uint64_t bytes = uint64_t{3} * view.width * view.height * sizeof(float);
-  Result<void> done = own.colors.reserve(bytes, "allocating the samples' colours");
+  SCREE_TRY(own.colors.reserve(bytes, "allocating the samples' colours"));
   auto* const colors = reinterpret_cast<float*>(own.colors.data());
-  if (done) done = cuda_check(cudaMemsetAsync(colors, 0, bytes, own.stream()), "clearing the colours");
-  if (done)
-    done = own.resolver.shade_part(own.scene.scene.view(), view, samples, own.transforms(), options, colors,
-                                   own.stream(), own.scene.scene.texture_cache());
-  if (!done) return done.error();
+  SCREE_TRY(cuda_check(cudaMemsetAsync(colors, 0, bytes, own.stream()), "clearing the colours"));
+  SCREE_TRY(own.resolver.shade_part(own.scene.scene.view(), view, samples, own.transforms(), options, colors,
+                                    own.stream(), own.scene.scene.texture_cache()));
   return colors;
 }
 
 Result<uint32_t*> DeviceView::resolve_colors(const kernels::View& view, uint32_t samples_per_side,
                                              const kernels::ShadeOptions& options) {
   Impl& own = *impl_;
-  Result<void> done = own.check_drawn(view);
-  if (done) done = kernels::check_resolve(view, samples_per_side);
-  if (done && own.colors.bytes() < uint64_t{3} * view.width * view.height * sizeof(float))
-    done = Error{ErrorCode::kRange, "the picture's samples have no colours yet"};
+  SCREE_TRY(own.check_drawn(view));
+  SCREE_TRY(kernels::check_resolve(view, samples_per_side));
+  if (own.colors.bytes() < uint64_t{3} * view.width * view.height * sizeof(float))
+    return Error{ErrorCode::kRange, "the picture's samples have no colours yet"};
   const uint64_t count = uint64_t{view.width / samples_per_side} * (view.height / samples_per_side);
-  if (done) done = own.pixels.reserve(count * sizeof(uint32_t), "allocating the picture");
-  if (done) done = own.order_after_reads();
+  SCREE_TRY(own.pixels.reserve(count * sizeof(uint32_t), "allocating the picture"));
+  SCREE_TRY(own.order_after_reads());
   auto* const pixels = reinterpret_cast<uint32_t*>(own.pixels.data());
-  if (done)
-    done = own.resolver.resolve_colors(view, samples_per_side, own.sample_data(),
-                                       reinterpret_cast<const float*>(own.colors.data()), nullptr, options, pixels,
-                                       own.stream());
-  if (!done) return done.error();
+  SCREE_TRY(own.resolver.resolve_colors(view, samples_per_side, own.sample_data(),
+                                        reinterpret_cast<const float*>(own.colors.data()), nullptr, options, pixels,
+                                        own.stream()));
   return pixels;
 }
 
@@ -222,22 +217,19 @@ Result<kernels::FrameStats> DeviceView::draw(const kernels::View& view, kernels:
   };
   if (impl.scene.team != nullptr) {
     const kernels::FrameStats drawn = SCREE_TRY(impl.draw_by_team(view));
-    impl.width = view.width;
-    impl.height = view.height;
+    impl.set_size(view);
     time();
     return drawn;
   }
   if (stream == nullptr) {
     impl.streamed.reset();
     const kernels::FrameStats drawn = SCREE_TRY(impl.frames->draw(view, impl.sample_data(), {}, times));
-    impl.width = view.width;
-    impl.height = view.height;
+    impl.set_size(view);
     return drawn;
   }
   if (DeviceBlockPager* const pager = impl.scene.scene.block_pager(); pager != nullptr) SCREE_TRY(pager->settle());
   const StreamStats streamed = SCREE_TRY(stream->draw_frame(view, shade, impl.sample_data(), is_over));
-  impl.width = view.width;
-  impl.height = view.height;
+  impl.set_size(view);
   impl.streamed = streamed;
   time();
   return streamed.drawn;
@@ -248,24 +240,22 @@ Result<void> DeviceView::start(const kernels::View& view, const LowerSamples& jo
   assert(!own.ahead);
   if (own.scene.team != nullptr || own.scene.streaming() != nullptr)
     return Error{ErrorCode::kUnsupported, "several GPUs, or a GPU that streams, draw one picture at a time"};
-  Result<void> done = own.second_samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
-                                                 "allocating a second visibility buffer");
-  if (done && own.beside == nullptr) {
-    done =
-        cuda_check(cudaStreamCreateWithPriority(&own.beside, cudaStreamNonBlocking, kMostPriority), "making a stream");
-    if (done) done = own.order(nullptr, own.beside);
-  } else if (done) {
-    done = cuda_check(cudaStreamWaitEvent(nullptr, own.queued), "ordering a stream");  // of finish()
+  SCREE_TRY(own.second_samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
+                                       "allocating a second visibility buffer"));
+  if (own.beside == nullptr) {
+    SCREE_TRY(own.beside.make(cudaStreamNonBlocking, kMostPriority));
+    SCREE_TRY(own.order(nullptr, own.beside));
+  } else {
+    SCREE_TRY(cuda_check(cudaStreamWaitEvent(nullptr, own.queued), "ordering a stream"));  // of finish()
   }
-  if (!done) return done;
   auto* const samples = reinterpret_cast<uint64_t*>(own.second_samples.data());
   const std::function<Result<void>(void*)> join_samples = [&](void* stream) { return join(samples, stream); };
   kernels::DrawOptions drawing;
   own.joins_ahead = join != nullptr;
   if (own.joins_ahead) drawing.join = &join_samples;
-  done = own.frames->start(view, samples, drawing);
-  if (done) own.ahead = view;
-  return done;
+  SCREE_TRY(own.frames->start(view, samples, drawing));
+  own.ahead = view;
+  return {};
 }
 
 bool DeviceView::has_started() const {
@@ -282,8 +272,7 @@ Result<bool> DeviceView::finish() {
     SCREE_TRY(own.frames->draw(view, reinterpret_cast<uint64_t*>(own.second_samples.data())));
   }
   std::swap(own.samples, own.second_samples);
-  own.width = view.width;
-  own.height = view.height;
+  own.set_size(view);
   return !finished.is_drawn_again;
 }
 
@@ -342,14 +331,11 @@ Result<void> DeviceView::resolve(const kernels::View& view, uint32_t samples_per
     return Error{ErrorCode::kRange, "the streamed frame was not drawn to be shaded so"};
   if (from_colors || over != nullptr) {
     const float* colors = from_colors ? stream->colors() : impl.blend.colors();
-    Result<void> done;
     if (!from_colors)
-      done = impl.resolver.shade_part(impl.scene.scene.view(), view, impl.sample_data(), impl.transforms(), options,
-                                      impl.blend.colors(), nullptr, impl.scene.scene.texture_cache());
-    if (done)
-      done = impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), colors, over, options,
-                                          device_pixels, nullptr, times);
-    if (!done) return done;
+      SCREE_TRY(impl.resolver.shade_part(impl.scene.scene.view(), view, impl.sample_data(), impl.transforms(), options,
+                                         impl.blend.colors(), nullptr, impl.scene.scene.texture_cache()));
+    SCREE_TRY(impl.resolver.resolve_colors(view, samples_per_side, impl.sample_data(), colors, over, options,
+                                           device_pixels, nullptr, times));
     if (over != nullptr && times != nullptr) {
       const std::chrono::duration<float, std::milli> taken = std::chrono::steady_clock::now() - start;
       times->resolve_ms = taken.count() - times->occlusion_ms;
@@ -436,8 +422,7 @@ Result<kernels::FrameStats> DeviceView::draw_batch(const Scene& scene, std::span
         impl.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t), "allocating the visibility buffer");
     if (done) done = impl.frames->start(view, impl.sample_data());
     if (!done) break;
-    impl.width = view.width;
-    impl.height = view.height;
+    impl.set_size(view);
     done = make(started++);
   }
   // Also after an error: afterwards no queued work writes to the view's memory.
@@ -518,18 +503,14 @@ Result<void> DeviceView::write(void* device, std::span<const std::byte> host) {
 
 Result<void> DeviceView::read_later(const void* device, std::span<std::byte> host) {
   Impl& own = *impl_;
-  Result<void> done;
-  if (own.was_read == nullptr)
-    done = cuda_check(cudaEventCreateWithFlags(&own.was_read, cudaEventDisableTiming), "making an event");
-  if (done && own.reads == nullptr)
-    done = cuda_check(cudaStreamCreateWithFlags(&own.reads, cudaStreamNonBlocking), "making a stream");
-  if (done) done = own.order(own.stream(), own.reads);
-  if (done)
-    done = cuda_check(cudaMemcpyAsync(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, own.reads),
-                      "reading a layer");
-  if (done) done = cuda_check(cudaEventRecord(own.was_read, own.reads), "recording an event");
+  if (own.was_read == nullptr) SCREE_TRY(own.was_read.make(cudaEventDisableTiming));
+  if (own.reads == nullptr) SCREE_TRY(own.reads.make(cudaStreamNonBlocking));
+  SCREE_TRY(own.order(own.stream(), own.reads));
+  SCREE_TRY(cuda_check(cudaMemcpyAsync(host.data(), device, host.size_bytes(), cudaMemcpyDeviceToHost, own.reads),
+                       "reading a layer"));
+  SCREE_TRY(cuda_check(cudaEventRecord(own.was_read, own.reads), "recording an event"));
   // The next picture's samples overwrite these. Its pixels and layers are ordered when they are made.
-  return done && device == own.samples.data() ? own.order_after_reads() : done;
+  return device == own.samples.data() ? own.order_after_reads() : Result<void>();
 }
 
 Result<void> DeviceView::end_reads() {

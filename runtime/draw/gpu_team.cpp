@@ -55,8 +55,6 @@ GpuTeam::~GpuTeam() {
     (void)make_current(member);
     member.frames.reset();
     member.scene = CudaScene();
-    for (cudaEvent_t event : {member.drawn, member.joined, member.shaded_part})
-      if (event != nullptr) (void)cudaEventDestroy(event);
   }
 }
 
@@ -144,15 +142,13 @@ Result<CudaScene> GpuTeam::open(const Scene& scene, std::span<const int> gpus, c
   }
   for (uint32_t i = 0; i < size(); ++i) {
     Member& member = members_[i];
-    Result<void> done = make_current(member);
-    if (done && divides_picture_) done = scenes[i].copy_pages_of(scenes);
+    SCREE_TRY(make_current(member));
+    if (divides_picture_) SCREE_TRY(scenes[i].copy_pages_of(scenes));
     stats_.device_bytes += scenes[i].stats().device_bytes;
-    for (cudaEvent_t* const event : {&member.drawn, &member.joined, &member.shaded_part})
-      if (done) done = cuda_check(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "making an event");
-    if (!done) return done.error();
+    for (kernels::DeviceEvent* const event : {&member.drawn, &member.joined, &member.shaded_part})
+      SCREE_TRY(event->make(cudaEventDisableTiming));
     member.frames = SCREE_TRY(kernels::CudaFrames::create(scene.view(), scenes[i].view(), options.queues));
-    if (!divides_picture_) done = scenes[i].add_pages_of(scenes);
-    if (!done) return done.error();
+    if (!divides_picture_) SCREE_TRY(scenes[i].add_pages_of(scenes));
     member.shaded = scenes[i].view();
     member.textures = scenes[i].texture_cache();
     member.pager = scenes[i].block_pager();
@@ -169,11 +165,9 @@ Result<void> GpuTeam::reserve(const kernels::View& view, uint64_t* samples) {
   buffers_.of[0] = samples;
   for (uint32_t i = 1; i < size(); ++i) {
     Member& member = members_[i];
-    Result<void> done = make_current(member);
-    if (done)
-      done = member.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
-                                    "allocating the visibility buffer");
-    if (!done) return done;
+    SCREE_TRY(make_current(member));
+    SCREE_TRY(member.samples.reserve(uint64_t{view.width} * view.height * sizeof(uint64_t),
+                                     "allocating the visibility buffer"));
     buffers_.of[i] = reinterpret_cast<uint64_t*>(member.samples.data());
   }
   return {};
@@ -183,20 +177,18 @@ Result<void> GpuTeam::reserve(const kernels::View& view, uint64_t* samples) {
 /// waits for the other parts. Called by a thread per GPU; each thread waits until all have recorded the events that its
 /// GPU waits for.
 Result<void> GpuTeam::join(size_t index, uint64_t count, cudaStream_t stream, std::barrier<>& threads) {
-  const auto meet = [&](cudaEvent_t Member::*event) -> Result<void> {
-    Result<void> done = cuda_check(cudaEventRecord(members_[index].*event, stream), "recording an event");
-    if (!done) return done;
+  const auto meet = [&](kernels::DeviceEvent Member::*event) -> Result<void> {
+    SCREE_TRY(cuda_check(cudaEventRecord(members_[index].*event, stream), "recording an event"));
     threads.arrive_and_wait();
-    for (size_t i = 0; i < members_.size() && done; ++i)
-      if (i != index) done = cuda_check(cudaStreamWaitEvent(stream, members_[i].*event, 0), "ordering the GPUs");
-    return done;
+    for (size_t i = 0; i < members_.size(); ++i)
+      if (i != index) SCREE_TRY(cuda_check(cudaStreamWaitEvent(stream, members_[i].*event, 0), "ordering the GPUs"));
+    return {};
   };
   const uint64_t part = (count + size() - 1) / size();
-  Result<void> done = meet(&Member::drawn);
-  if (done)
-    done = kernels::start_least_samples(buffers_, std::min(index * part, count), std::min((index + 1) * part, count),
-                                        stream);
-  return done ? meet(&Member::joined) : done;
+  SCREE_TRY(meet(&Member::drawn));
+  SCREE_TRY(kernels::start_least_samples(buffers_, std::min(index * part, count), std::min((index + 1) * part, count),
+                                         stream));
+  return meet(&Member::joined);
 }
 
 /// Draws the frame on a GPU, by a thread per GPU at the same time.
@@ -213,9 +205,8 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_share(size_t index, const ke
   kernels::DrawOptions options;
   options.join = &join_on;
   kernels::CudaFrames& frames = *members_[index].frames;
-  Result<void> started = make_current(members_[index]);
-  if (started) started = frames.start(view, buffers_.of[index], options);
-  if (!started) return started.error();
+  SCREE_TRY(make_current(members_[index]));
+  SCREE_TRY(frames.start(view, buffers_.of[index], options));
   return frames.finish();
 }
 
@@ -225,9 +216,8 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_rows(size_t index, const ker
   kernels::DrawOptions options;
   options.rows = shares_.rows(index);
   if (options.rows.is_empty()) return kernels::CudaFrames::Finished{};
-  Result<void> started = make_current(member);
-  if (started) started = member.frames->start(view, buffers_.of[index], options);
-  if (!started) return started.error();
+  SCREE_TRY(make_current(member));
+  SCREE_TRY(member.frames->start(view, buffers_.of[index], options));
   kernels::FrameTimes times{};
   Result<kernels::CudaFrames::Finished> drawn = member.frames->finish(&times);
   draw_ms_[index] = times.raster_ms;
@@ -239,18 +229,19 @@ Result<kernels::CudaFrames::Finished> GpuTeam::draw_rows(size_t index, const ker
 Result<void> GpuTeam::gather_at(size_t index) {
   Member& member = members_[index];
   if (!divides_picture_ || member.has_all_rows) return {};
+  constexpr const char* kWhat = "copying other GPUs' samples";
   const KeptGpu kept;
-  Result<void> done = make_current(member);
-  for (size_t i = 0; i < members_.size() && done; ++i) {
+  SCREE_TRY(make_current(member));
+  for (size_t i = 0; i < members_.size(); ++i) {
     if (i == index || shares_.rows(i).is_empty()) continue;
     const uint64_t first = uint64_t{shares_.rows(i).first} * width_, end = uint64_t{shares_.rows(i).end} * width_;
-    done = cuda_check(cudaMemcpyAsync(buffers_.of[index] + first, buffers_.of[i] + first,
-                                      (end - first) * sizeof(uint64_t), cudaMemcpyDefault, nullptr),
-                      "copying other GPUs' samples");
+    SCREE_TRY(cuda_check(cudaMemcpyAsync(buffers_.of[index] + first, buffers_.of[i] + first,
+                                         (end - first) * sizeof(uint64_t), cudaMemcpyDefault, nullptr),
+                         kWhat));
   }
-  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "copying other GPUs' samples");
-  member.has_all_rows = static_cast<bool>(done);
-  return done;
+  SCREE_TRY(cuda_check(cudaStreamSynchronize(nullptr), kWhat));
+  member.has_all_rows = true;
+  return {};
 }
 
 Result<kernels::CudaFrames::Finished> GpuTeam::draw_once(const kernels::View& view) {
@@ -340,38 +331,33 @@ Result<void> GpuTeam::shade_rows(uint32_t index, const kernels::View& view, uint
   const std::span<const kernels::RowRange> rows =
       shaded_rows(index, view.height / samples_per_side, samples_per_side, room);
   if (rows.empty()) return {};
-  Result<void> done = make_current(member);
-  if (done && member.pager != nullptr) done = member.pager->settle();
-  if (done && index != 0)
-    done = cuda_check(cudaStreamWaitEvent(nullptr, members_[0].shaded_part, 0), "ordering the GPUs");
-  if (done)
-    done = member.resolver.resolve(member.shaded, view, samples_per_side, buffers_.of[index],
-                                   member.frames->transforms(), options, pixels, nullptr, times, member.textures, rows);
-  if (done && index != 0) done = cuda_check(cudaEventRecord(member.shaded_part, nullptr), "recording an event");
-  return done;
+  SCREE_TRY(make_current(member));
+  if (member.pager != nullptr) SCREE_TRY(member.pager->settle());
+  if (index != 0) SCREE_TRY(cuda_check(cudaStreamWaitEvent(nullptr, members_[0].shaded_part, 0), "ordering the GPUs"));
+  SCREE_TRY(member.resolver.resolve(member.shaded, view, samples_per_side, buffers_.of[index],
+                                    member.frames->transforms(), options, pixels, nullptr, times, member.textures,
+                                    rows));
+  return index == 0 ? Result<void>() : cuda_check(cudaEventRecord(member.shaded_part, nullptr), "recording an event");
 }
 
 /// The other GPUs wait for the first one's earlier work with `pixels`, and its later work waits for them.
 Result<void> GpuTeam::start_resolve(const kernels::View& view, uint32_t samples_per_side,
                                     const kernels::ShadeOptions& options, uint32_t* pixels,
                                     kernels::ResolveTimes* times) {
-  Result<void> done;
   // Other pictures need no rows of other GPUs.
   if (options.ssao || options.edl || options.show == kernels::Show::kDepth)
-    for (uint32_t i = 0; i < size() && done; ++i) done = gather_at(i);
-  if (done) done = make_current(members_[0]);
-  if (done) done = cuda_check(cudaEventRecord(members_[0].shaded_part, nullptr), "recording an event");
-  if (!done) return done;
+    for (uint32_t i = 0; i < size(); ++i) SCREE_TRY(gather_at(i));
+  SCREE_TRY(make_current(members_[0]));
+  SCREE_TRY(cuda_check(cudaEventRecord(members_[0].shaded_part, nullptr), "recording an event"));
   std::vector<Result<void>> shaded(size());
   workers_->for_each(size(), [&](uint64_t i) {
     shaded[i] = shade_rows(static_cast<uint32_t>(i), view, samples_per_side, options, pixels, i == 0 ? times : nullptr);
   });
-  for (const Result<void>& each : shaded)
-    if (!each) return each;
-  done = make_current(members_[0]);
-  for (uint32_t i = 1; i < size() && done; ++i)
-    done = cuda_check(cudaStreamWaitEvent(nullptr, members_[i].shaded_part, 0), "ordering the GPUs");
-  return done;
+  for (const Result<void>& each : shaded) SCREE_TRY(each);
+  SCREE_TRY(make_current(members_[0]));
+  for (uint32_t i = 1; i < size(); ++i)
+    SCREE_TRY(cuda_check(cudaStreamWaitEvent(nullptr, members_[i].shaded_part, 0), "ordering the GPUs"));
+  return {};
 }
 
 }  // namespace scree::runtime

@@ -43,11 +43,10 @@ struct Library {
 struct NcclGroup::Impl {
   Library api;
   Comm comm = nullptr;
-  cudaEvent_t queued = nullptr;
+  kernels::DeviceEvent queued;
 
   /// The library stays open: its threads may outlive the connections.
   ~Impl() {
-    if (queued != nullptr) (void)cudaEventDestroy(queued);
     if (comm != nullptr) (void)api.ncclCommAbort(comm);
   }
 
@@ -99,17 +98,16 @@ Result<NcclGroup::Id> NcclGroup::make_id() const {
 Result<void> NcclGroup::connect(const Id& id, uint32_t number, uint32_t count, uint64_t words) {
   UniqueId name{};
   std::copy(id.begin(), id.end(), name.internal);
-  Result<void> done =
+  SCREE_TRY(
       impl_->check(impl_->api.ncclCommInitRank(&impl_->comm, static_cast<int>(count), name, static_cast<int>(number)),
-                   "connecting the ranks");
-  if (done) done = cuda_check(cudaEventCreateWithFlags(&impl_->queued, cudaEventDisableTiming), "making an event");
-  if (!done) return done;
+                   "connecting the ranks"));
+  SCREE_TRY(impl_->queued.make(cudaEventDisableTiming));
   kernels::DeviceBuffer room = SCREE_TRY(
       kernels::DeviceBuffer::allocate(std::max<uint64_t>(words, 1) * sizeof(uint64_t), "allocating words to exchange"));
-  done = cuda_check(cudaMemset(room.data(), 0, room.bytes()), "clearing words to exchange");
-  if (done) done = least(reinterpret_cast<uint64_t*>(room.data()), words, nullptr);
-  if (done) done = most(reinterpret_cast<uint32_t*>(room.data()), words, 0, nullptr);
-  return done ? wait(nullptr) : done;
+  SCREE_TRY(cuda_check(cudaMemset(room.data(), 0, room.bytes()), "clearing words to exchange"));
+  SCREE_TRY(least(reinterpret_cast<uint64_t*>(room.data()), words, nullptr));
+  SCREE_TRY(most(reinterpret_cast<uint32_t*>(room.data()), words, 0, nullptr));
+  return wait(nullptr);
 }
 
 Result<void> NcclGroup::least(uint64_t* words, uint64_t count, void* stream) {

@@ -60,19 +60,6 @@ uint64_t CudaStream::kept_bytes(std::span<const uint64_t> chunk_bytes) {
 
 CudaStream::~CudaStream() {
   stop();
-  const auto destroy = [](cudaEvent_t event) {
-    if (event != nullptr) (void)cudaEventDestroy(event);
-  };
-  for (const Events& events : events_) {
-    destroy(events.moved);
-    destroy(events.begun);
-    destroy(events.loaded);
-  }
-  for (cudaEvent_t event : staged_) destroy(event);
-  destroy(drawing_begun_);
-  destroy(drawing_ended_);
-  if (copies_ != nullptr) (void)cudaStreamDestroy(copies_);
-  if (moves_ != nullptr) (void)cudaStreamDestroy(moves_);
 }
 
 Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFrames& frames,
@@ -88,33 +75,24 @@ Result<void> CudaStream::open(const kernels::SceneView& device, kernels::CudaFra
   pager_ = pager;
   room_ = room;
   const Residency& residency = streamer_.residency();
-  Result<void> done = cuda_check(cudaGetDevice(&device_), "asking for the current GPU");
-  // Passes may read a few bytes past a chunk.
+  SCREE_TRY(cuda_check(cudaGetDevice(&device_), "asking for the current GPU"));
   room_.bytes = residency.pool_bytes() + room_.room;
-  if (done) done = pool_.reserve(room_.bytes + Residency::kAlignment, "allocating the pool of chunks");
-  if (done && pager_ != nullptr) done = pager_->use_room(room_end(), room_.room);
-  if (done) done = bounce_.reserve(bounce_bytes_, "allocating room to move chunks");
-  if (done) done = visible_.open(streamer_.view(), scene_);
-  if (done) done = pages_.open(scene_, scene_.chunk_count);
+  // Passes may read a few bytes past a chunk.
+  SCREE_TRY(pool_.reserve(room_.bytes + Residency::kAlignment, "allocating the pool of chunks"));
+  if (pager_ != nullptr) SCREE_TRY(pager_->use_room(room_end(), room_.room));
+  SCREE_TRY(bounce_.reserve(bounce_bytes_, "allocating room to move chunks"));
+  SCREE_TRY(visible_.open(streamer_.view(), scene_));
+  SCREE_TRY(pages_.open(scene_, scene_.chunk_count));
   // Not ordered with the streams that draw, because the host waits for a load before it submits its drawing.
-  for (cudaStream_t* const stream : {&copies_, &moves_})
-    if (done) done = cuda_check(cudaStreamCreateWithFlags(stream, cudaStreamNonBlocking), "making a stream");
-  const auto make = [&](cudaEvent_t& event) {
-    if (done) done = cuda_check(cudaEventCreate(&event), "making an event");
-  };
-  for (Events& events : events_) {
-    make(events.moved);
-    make(events.begun);
-    make(events.loaded);
-  }
-  for (cudaEvent_t& event : staged_) make(event);
-  make(drawing_begun_);
-  make(drawing_ended_);
-  if (done) done = keep_in_host_memory(host_bytes);
-  if (done && join_sizes_.any()) done = joins_.emplace().open(join_sizes_, device_, pool_.data());
-  if (done && needs_staging()) done = open_staging();
-  if (done) done = draw_nothing();
-  return done;
+  for (kernels::DeviceStream* const stream : {&copies_, &moves_}) SCREE_TRY(stream->make(cudaStreamNonBlocking));
+  for (Events& events : events_)
+    for (kernels::DeviceEvent* const event : {&events.moved, &events.begun, &events.loaded}) SCREE_TRY(event->make());
+  for (kernels::DeviceEvent& event : staged_) SCREE_TRY(event.make());
+  for (kernels::DeviceEvent* const event : {&drawing_begun_, &drawing_ended_}) SCREE_TRY(event->make());
+  SCREE_TRY(keep_in_host_memory(host_bytes));
+  if (join_sizes_.any()) SCREE_TRY(joins_.emplace().open(join_sizes_, device_, pool_.data()));
+  if (needs_staging()) SCREE_TRY(open_staging());
+  return draw_nothing();
 }
 
 /// Whether the GPU joins a chunk.
@@ -132,11 +110,10 @@ bool CudaStream::needs_staging() const {
 }
 
 Result<void> CudaStream::open_staging() {
-  Result<void> done;
   for (kernels::PinnedBuffer& staging : staging_)
-    if (done && staging.data() == nullptr)
-      done = staging.allocate_for_copies(streamer_.most_batch_bytes(), "allocating pinned memory");
-  return done;
+    if (staging.data() == nullptr)
+      SCREE_TRY(staging.allocate_for_copies(streamer_.most_batch_bytes(), "allocating pinned memory"));
+  return {};
 }
 
 /// Draws a frame of one sample without chunks. When a kernel first runs, CUDA loads its code and makes room for its
@@ -222,9 +199,9 @@ Result<void> CudaStream::keep(std::span<const Residency::Place> places, StreamJo
     pieces.push_back({pool_.data() + end, place.offset, place.bytes});
     end += room_of(place.bytes);
   }
-  Result<void> done = read(others);
-  if (!done || joined.empty()) return done;
-  done = joins.begin(0, nullptr, nullptr);
+  SCREE_TRY(read(others));
+  if (joined.empty()) return {};
+  Result<void> done = joins.begin(0, nullptr, nullptr);
   if (done) done = source_.send(joined, joins, workers_);
   const Result<void> ended = joins.end(copies_);
   if (done) done = ended;
@@ -296,9 +273,8 @@ Result<uint64_t> CudaStream::load_rest(const IsOver& is_over) {
   const Streamer::Rest rest = SCREE_TRY(streamer_.load_rest(*this, is_over));
   if (rest.left_bytes != 0) return rest.left_bytes;
   list_pages(rest.present);
-  Result<void> done = pages_.set(entries_);
-  if (done) done = cuda_check(cudaStreamSynchronize(nullptr), "listing all chunks");
-  if (!done) return done.error();
+  SCREE_TRY(pages_.set(entries_));
+  SCREE_TRY(cuda_check(cudaStreamSynchronize(nullptr), "listing all chunks"));
   joins_.reset();
   is_complete_ = true;
   return rest.left_bytes;
@@ -325,11 +301,9 @@ Result<void> CudaStream::begin(const kernels::View& view, const kernels::ShadeOp
   view_ = view;
   shades_ = shade != nullptr && kernels::shades_from_chunks(shade->show);
   if (shades_) shade_ = *shade;
-  Result<void> done;
-  if (shades_) done = colors_.reserve(3 * count * sizeof(float), "allocating the samples' colours");
+  if (shades_) SCREE_TRY(colors_.reserve(3 * count * sizeof(float), "allocating the samples' colours"));
   static_assert(kernels::kBackground == ~uint64_t{0});
-  if (done) done = cuda_check(cudaMemsetAsync(samples_, 0xff, count * sizeof(uint64_t), nullptr), "clearing");
-  return done;
+  return cuda_check(cudaMemsetAsync(samples_, 0xff, count * sizeof(uint64_t), nullptr), "clearing");
 }
 
 /// Moves chunks within the pool. Source and target may overlap, and so may different moves. So as many bytes as fit are
@@ -339,14 +313,14 @@ Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
   std::vector<kernels::DeviceCopy> back;
   uint64_t bounced = 0;
   const auto bounce = [&]() -> Result<void> {
-    Result<void> done = kernels::copy_on_device(there, moves_, "moving chunks");
-    if (done) done = kernels::copy_on_device(back, moves_, "moving chunks");
+    SCREE_TRY(kernels::copy_on_device(there, moves_, "moving chunks"));
+    SCREE_TRY(kernels::copy_on_device(back, moves_, "moving chunks"));
     there.clear();
     back.clear();
     bounced = 0;
-    return done;
+    return {};
   };
-  const Result<void> done = each_run(moves, [&](const Residency::Move& run, uint64_t bytes) -> Result<void> {
+  const auto add = [&](const Residency::Move& run, uint64_t bytes) -> Result<void> {
     for (uint64_t moved = 0; moved < bytes;) {
       const uint64_t count = std::min(bounce_bytes_ - bounced, bytes - moved);
       there.push_back({pool_.data() + run.from + moved, bounce_.data() + bounced, count});
@@ -357,8 +331,9 @@ Result<void> CudaStream::move(std::span<const Residency::Move> moves) {
       SCREE_TRY(bounce());
     }
     return {};
-  });
-  return done ? bounce() : done;
+  };
+  SCREE_TRY(each_run(moves, add));
+  return bounce();
 }
 
 /// Queues the copies, in any order: none may write memory that another reads or writes.
@@ -395,11 +370,9 @@ Result<void> CudaStream::load(const Residency::Batch& batch, uint32_t number) {
   SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
   // Moves run while the previous load is copied. They do not touch its places. A batch without moves waits too, because
   // its places may be those that the moves of an earlier batch without loads read or write.
-  Result<void> moved;
-  if (!batch.moves.empty()) moved = move(batch.moves);
-  if (moved) moved = cuda_check(cudaEventRecord(events.moved, moves_), "recording a load");
-  if (moved) moved = cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load");
-  if (!moved) return moved;
+  if (!batch.moves.empty()) SCREE_TRY(move(batch.moves));
+  SCREE_TRY(cuda_check(cudaEventRecord(events.moved, moves_), "recording a load"));
+  SCREE_TRY(cuda_check(cudaStreamWaitEvent(copies_, events.moved), "recording a load"));
   std::vector<Residency::Place> copied = batch.loads;
   const auto first_joined = std::stable_partition(
       copied.begin(), copied.end(), [&](const Residency::Place& place) { return !is_joined(place.chunk); });
@@ -420,17 +393,16 @@ Result<void> CudaStream::load(const Residency::Batch& batch, uint32_t number) {
     joined_[number] = 0;
     done = copy_in(batch.loads, events, true);
   }
-  if (done) done = cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
-  return done;
+  SCREE_TRY(done);
+  return cuda_check(cudaEventRecord(events.loaded, copies_), "recording a load");
 }
 
 /// Loads chunks that the GPU could not join. Runs on the loader's thread.
 Result<void> CudaStream::copy_refused(std::span<const Residency::Place> places, uint32_t number) {
-  Result<void> done = cuda_check(cudaSetDevice(device_), "choosing the GPU");
+  SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
   source_.refuse(places);
-  if (done) done = copy_in(places, events_[number], true);
-  if (done) done = cuda_check(cudaEventRecord(events_[number].loaded, copies_), "recording a load");
-  return done;
+  SCREE_TRY(copy_in(places, events_[number], true));
+  return cuda_check(cudaEventRecord(events_[number].loaded, copies_), "recording a load");
 }
 
 /// Queues the copies of chunks. `has_begun`: the load's beginning is recorded.
@@ -444,9 +416,8 @@ Result<void> CudaStream::copy_in(std::span<const Residency::Place> from_file, co
   const uint32_t number = stagings_ % kStagings;
   if (!is_kept) {
     ++stagings_;
-    Result<void> done = open_staging();
-    if (done) done = cuda_check(cudaEventSynchronize(staged_[number]), "loading chunks");
-    if (!done) return done;
+    SCREE_TRY(open_staging());
+    SCREE_TRY(cuda_check(cudaEventSynchronize(staged_[number]), "loading chunks"));
   }
   std::byte* const staging = staging_[number].data();
   uint64_t staged_end = 0;
@@ -469,18 +440,14 @@ Result<void> CudaStream::copy_in(std::span<const Residency::Place> from_file, co
     if (!missing.empty()) SCREE_TRY(source_.read(missing, staging, ChunkSource::Reader::kDevice, workers_));
     if (!std::exchange(has_begun, true))
       SCREE_TRY(cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"));
-    Result<void> copied =
-        each_run(std::span<const Piece>(pieces), [&](const Piece& run, uint64_t bytes) -> Result<void> {
-          if (bytes != 0) copies.add(pool_.data() + run.to, run.from, bytes);
-          return {};
-        });
-    if (copied) copied = copy(copies);
-    if (!copied) return copied;
+    SCREE_TRY(each_run(std::span<const Piece>(pieces), [&](const Piece& run, uint64_t bytes) -> Result<void> {
+      if (bytes != 0) copies.add(pool_.data() + run.to, run.from, bytes);
+      return {};
+    }));
+    SCREE_TRY(copy(copies));
   }
-  Result<void> done;
-  if (!has_begun) done = cuda_check(cudaEventRecord(events.begun, copies_), "recording a load");
-  if (done && !is_kept) done = cuda_check(cudaEventRecord(staged_[number], copies_), "recording a load");
-  return done;
+  if (!has_begun) SCREE_TRY(cuda_check(cudaEventRecord(events.begun, copies_), "recording a load"));
+  return is_kept ? Result<void>() : cuda_check(cudaEventRecord(staged_[number], copies_), "recording a load");
 }
 
 Result<bool> CudaStream::is_loaded() {
@@ -498,17 +465,16 @@ Result<double> CudaStream::finish_loading() {
   SCREE_TRY(oldest.issued.get());
   const Events& events = events_[oldest.number];
   float ms = 0;
-  Result<void> done = cuda_check(cudaEventSynchronize(events.loaded), "loading chunks");
-  if (done && joined_[oldest.number] != 0) {
+  SCREE_TRY(cuda_check(cudaEventSynchronize(events.loaded), "loading chunks"));
+  if (joined_[oldest.number] != 0) {
     if (joins_->has_joined(oldest.number)) {
       joined_bytes_ += joined_[oldest.number];
     } else {
-      done = loader_.add([&] { return copy_refused(oldest.places, oldest.number); }).get();
-      if (done) done = cuda_check(cudaEventSynchronize(events.loaded), "loading chunks");
+      SCREE_TRY(loader_.add([&] { return copy_refused(oldest.places, oldest.number); }).get());
+      SCREE_TRY(cuda_check(cudaEventSynchronize(events.loaded), "loading chunks"));
     }
   }
-  if (done) done = cuda_check(cudaEventElapsedTime(&ms, events.begun, events.loaded), "reading a time");
-  if (!done) return done.error();
+  SCREE_TRY(cuda_check(cudaEventElapsedTime(&ms, events.begun, events.loaded), "reading a time"));
   return ms;
 }
 
@@ -520,43 +486,37 @@ void CudaStream::list_pages(std::span<const Residency::Place> places) {
 Result<void> CudaStream::start_drawing(std::span<const Residency::Place> places, PartOptions part) {
   part_ = part;
   list_pages(places);
-  Result<void> done = cuda_check(cudaEventRecord(drawing_begun_, nullptr), "recording a time");
-  if (done) done = pages_.set(entries_);
+  SCREE_TRY(cuda_check(cudaEventRecord(drawing_begun_, nullptr), "recording a time"));
+  SCREE_TRY(pages_.set(entries_));
   kernels::DrawOptions options;
   options.part = part.share == Share::kAll          ? kernels::FramePart::kPart
                  : part.share == Share::kLikelySeen ? kernels::FramePart::kPreviouslyVisible
                                                     : kernels::FramePart::kRest;
   options.peeled = layer_ ? layer_->peeled : nullptr;
-  if (done) done = frames().start(view_, layer_ ? layer_->at->drawn : samples_, options);
-  if (done) done = use_drawn();
-  return done;
+  SCREE_TRY(frames().start(view_, layer_ ? layer_->at->drawn : samples_, options));
+  return use_drawn();
 }
 
 /// Queues the work after drawing a part, while its pages are present: shading it, and finding hidden chunks.
 Result<void> CudaStream::use_drawn() {
-  Result<void> done;
   const uint64_t* const drawn = layer_ ? layer_->at->drawn : samples_;
   if (shades_ && part_.share != Share::kLikelySeen) {
     const kernels::SceneView& scene = layer_ ? blended_scene_ : scene_;
     const kernels::Transform* const transforms = frames().transforms();
     float* const colors = layer_ ? layer_->at->colors : reinterpret_cast<float*>(colors_.data());
-    done = resolver_->shade_part(scene, view_, drawn, transforms, shade_, colors, nullptr, cache_);
-    if (done && layer_)
-      done = kernels::start_finding_alphas(scene, view_, drawn, transforms, layer_->at->alphas, nullptr);
+    SCREE_TRY(resolver_->shade_part(scene, view_, drawn, transforms, shade_, colors, nullptr, cache_));
+    if (layer_) SCREE_TRY(kernels::start_finding_alphas(scene, view_, drawn, transforms, layer_->at->alphas, nullptr));
   }
-  if (done && part_.finds_depths) done = visible_.start_finding_shown(drawn);
-  if (done) done = cuda_check(cudaEventRecord(drawing_ended_, nullptr), "recording a time");
-  return done;
+  if (part_.finds_depths) SCREE_TRY(visible_.start_finding_shown(drawn));
+  return cuda_check(cudaEventRecord(drawing_ended_, nullptr), "recording a time");
 }
 
 Result<StreamTarget::Drawn> CudaStream::finish_drawing() {
   const kernels::CudaFrames::Finished drawn = SCREE_TRY(frames().finish());
-  Result<void> done;
-  if (drawn.is_drawn_again) done = use_drawn();
+  if (drawn.is_drawn_again) SCREE_TRY(use_drawn());
   float ms = 0;
-  if (done) done = cuda_check(cudaEventSynchronize(drawing_ended_), "drawing a batch");
-  if (done) done = cuda_check(cudaEventElapsedTime(&ms, drawing_begun_, drawing_ended_), "reading a time");
-  if (!done) return done.error();
+  SCREE_TRY(cuda_check(cudaEventSynchronize(drawing_ended_), "drawing a batch"));
+  SCREE_TRY(cuda_check(cudaEventElapsedTime(&ms, drawing_begun_, drawing_ended_), "reading a time"));
   // Copied, because the next part's result may arrive while this one is read.
   if (part_.finds_depths) shown_.assign(visible_.shown().begin(), visible_.shown().end());
   return Drawn{drawn.stats, ms};

@@ -56,36 +56,30 @@ StreamJoins::Sizes StreamJoins::sizes_for(uint64_t slot_bytes, uint32_t threads,
 }
 
 StreamJoins::~StreamJoins() {
-  for (const Region& region : regions_) {
+  for (const Region& region : regions_)
     if (region.stream != nullptr) (void)cudaStreamSynchronize(region.stream);
-    if (region.done != nullptr) (void)cudaEventDestroy(region.done);
-    if (region.stream != nullptr) (void)cudaStreamDestroy(region.stream);
-  }
 }
 
 Result<void> StreamJoins::open(const Sizes& sizes, int device, std::byte* arena, std::byte* regions) {
   sizes_ = sizes;
   device_ = device;
   arena_ = arena;
-  Result<void> done = pinned_.allocate(sizes.pinned_bytes(), "allocating pinned memory");
-  if (done && regions == nullptr) {
-    done = memory_.reserve(sizes.device_bytes(), "allocating memory to join pages");
+  SCREE_TRY(pinned_.allocate(sizes.pinned_bytes(), "allocating pinned memory"));
+  if (regions == nullptr) {
+    SCREE_TRY(memory_.reserve(sizes.device_bytes(), "allocating memory to join pages"));
     regions = memory_.data();
   }
   free_.reserve(sizes.slots);  // so that giving one back allocates nothing
   for (uint32_t slot = 0; slot < sizes.slots; ++slot) free_.push_back(slot);
   regions_.resize(sizes.regions);
   for (Region& region : regions_) {
-    if (done) done = cuda_check(cudaStreamCreateWithFlags(&region.stream, cudaStreamNonBlocking), "making a stream");
-    if (done)
-      done = cuda_check(cudaEventCreateWithFlags(&region.done, cudaEventDisableTiming | cudaEventBlockingSync),
-                        "making an event");
-    if (!done) return done;
+    SCREE_TRY(region.stream.make(cudaStreamNonBlocking));
+    SCREE_TRY(region.done.make(cudaEventDisableTiming | cudaEventBlockingSync));
     region.memory = regions + static_cast<uint64_t>(&region - regions_.data()) * sizes.region_bytes;
     region.joins.reserve(kernels::kMostJoinSlots);
     region.slots.reserve(kernels::kMostJoinSlots);
   }
-  return done;
+  return {};
 }
 
 Result<void> StreamJoins::begin(uint32_t load, cudaEvent_t moved, cudaEvent_t begun) {
@@ -102,13 +96,12 @@ Result<void> StreamJoins::end(cudaStream_t stream) {
   const std::lock_guard<std::mutex> lock(mutex_);
   // If the last slot filled its region, the open one may still be at work, with slots of earlier loads. Their places
   // may hold other chunks by now, so it must not be launched again.
-  Result<void> done;
-  if (!open_region().is_launched && !open_region().slots.empty()) done = launch(open_region());
-  if (done && begun_ != nullptr) done = cuda_check(cudaEventRecord(begun_, stream), "recording a load");
-  begun_ = nullptr;
+  const cudaEvent_t begun = std::exchange(begun_, nullptr);
+  if (!open_region().is_launched && !open_region().slots.empty()) SCREE_TRY(launch(open_region()));
+  if (begun != nullptr) SCREE_TRY(cuda_check(cudaEventRecord(begun, stream), "recording a load"));
   for (const Region& region : regions_)
-    if (done && region.is_launched) done = cuda_check(cudaStreamWaitEvent(stream, region.done), "recording a load");
-  return done;
+    if (region.is_launched) SCREE_TRY(cuda_check(cudaStreamWaitEvent(stream, region.done), "recording a load"));
+  return {};
 }
 
 /// Joins the slots of the open region, and opens the next one, which may still be at work.
@@ -174,33 +167,23 @@ Result<bool> StreamJoins::join(const Slot& slot, uint64_t bytes, const JoinPlan&
   SCREE_TRY(cuda_check(cudaSetDevice(device_), "choosing the GPU"));
   for (;;) {
     Region& open = open_region();
-    Result<void> done;
-    if (open.is_launched) {
-      done = wait_for(lock, open);
-    } else if (open.end + needed > sizes_.region_bytes) {
-      done = launch(open);
-    } else {
-      break;
-    }
-    if (!done) return done.error();
+    if (!open.is_launched && open.end + needed <= sizes_.region_bytes) break;
+    SCREE_TRY(open.is_launched ? wait_for(lock, open) : launch(open));
   }
   Region& region = open_region();
-  Result<void> done;
   if (begun_ != nullptr)
-    done = cuda_check(cudaEventRecord(std::exchange(begun_, nullptr), region.stream), "recording a load");
+    SCREE_TRY(cuda_check(cudaEventRecord(std::exchange(begun_, nullptr), region.stream), "recording a load"));
   std::byte* const memory = region.memory + region.end;
-  if (done)
-    done = cuda_check(
-        cudaMemcpyAsync(memory, slot.memory.data(), tasks_at + tasks.size(), cudaMemcpyHostToDevice, region.stream),
-        "copying chunks to the device");
-  if (!done) return done.error();
+  SCREE_TRY(cuda_check(
+      cudaMemcpyAsync(memory, slot.memory.data(), tasks_at + tasks.size(), cudaMemcpyHostToDevice, region.stream),
+      "copying chunks to the device"));
   region.end += needed;
   region.slots.push_back(slot.number);
   region.joins.push_back({reinterpret_cast<const kernels::JoinTask*>(memory + tasks_at),
                           static_cast<uint32_t>(plan.tasks().size()), memory,
                           reinterpret_cast<uint32_t*>(memory + history_at), flag_of(load_)});
   if (region.slots.size() == kernels::kMostJoinSlots)
-    if (done = launch(region); !done) {
+    if (const Result<void> done = launch(region); !done) {
       region.slots.pop_back();  // stays the caller's
       return done.error();
     }
