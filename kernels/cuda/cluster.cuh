@@ -31,8 +31,8 @@ class ClusterWarp {
     if (total == 0) return;
     // Several warps share a cluster if a warp then draws at most 2.5 parts on average.
     if constexpr (kParts != 1) parts_ = 2 * total * kParts <= 5 * uint64_t{gridDim.x} * kClusterWarps ? kParts : 1;
-    auto mask = lane_mask<kAlpha>(frame_, cluster_masks);
-    if constexpr (kAlpha != Alpha::kOpaque) mask.begin(cluster_masks());
+    auto mask = lane_mask<kAlpha>(ClusterPlanes{&frame_}, cluster_masks);
+    if constexpr (kAlpha != Alpha::kOpaque) cluster_masks().begin();
     ClusterShared& shared = cluster_shared();
     if (lane_ == 0) shared.end = total * parts();
     if (kLateCull && lane_ == 0) {
@@ -164,7 +164,7 @@ class ClusterWarp {
     PixelBox box{};
     int64_t area = 0;
     int64_t pixels = 0;
-    auto mask = lane_mask<kAlpha>(frame_, cluster_masks);
+    auto mask = lane_mask<kAlpha>(ClusterPlanes{&frame_}, cluster_masks);
     if (lane_ < count && project_cluster_survivor<kOrthographic>(frame_, shared.survivors[survivor_count_ + lane_],
                                                                  triangle, box, area)) {
       pixels = box.pixels();

@@ -39,7 +39,7 @@ __device__ inline uint32_t draw_near_clipped(const ClusterFrame& frame, const Cl
       drawn = clip_and_draw<false, kAlpha>(frame.small, item.instance, item.chunk, item.triangle);
     }
   }
-  auto mask = lane_mask<kAlpha>(frame, [&]() -> ClusterWaiting& { return *masks; });
+  auto mask = lane_mask<kAlpha>(ClusterPlanes{&frame}, [&]() -> ClusterWaiting& { return *masks; });
   [[maybe_unused]] uint32_t is_masked = 0;
   if constexpr (kAlpha != Alpha::kOpaque) is_masked = find_mask(mask, frame, item.survivor);
     // A polygon of 4 corners is drawn as two triangles.
@@ -89,8 +89,8 @@ __global__ void __launch_bounds__(kClusterThreads, kNearClippedBlocks)
   const uint32_t lane = threadIdx.x % kWarpLanes;
   const uint32_t warp = threadIdx.x / kWarpLanes;
   ClusterWaiting* const masks = block_masks<kAlpha>();
-  auto mask = lane_mask<kAlpha>(frame, [&]() -> ClusterWaiting& { return *masks; });
-  if constexpr (kAlpha != Alpha::kOpaque) mask.begin(*masks);
+  auto mask = lane_mask<kAlpha>(ClusterPlanes{&frame}, [&]() -> ClusterWaiting& { return *masks; });
+  if constexpr (kAlpha != Alpha::kOpaque) masks->begin();
   uint32_t small = 0;
   uint32_t clipped = 0;
   for (uint64_t first = counters.to_clip_drawn + uint64_t{blockIdx.x} * kClusterThreads + warp * kWarpLanes;

@@ -117,17 +117,6 @@ __device__ inline ClusterWaiting* block_masks() {
   }
 }
 
-/// The tests of the lane's triangle. `masks()`: returns the warp's shared memory for masks; called only if kAlpha is
-/// not kOpaque.
-template <Alpha kAlpha, class Masks>
-__device__ inline auto lane_mask(const ClusterFrame& frame, const Masks& masks) {
-  if constexpr (kAlpha != Alpha::kOpaque) {
-    return LaneMask<ClusterPlanes, kAlpha == Alpha::kBlended>(masks(), ClusterPlanes{&frame});
-  } else {
-    return NoLaneMask{};
-  }
-}
-
 /// LaneMask::find() of a survivor.
 template <class Mask>
 __device__ inline uint32_t find_mask(Mask& mask, const ClusterFrame& frame, const SurvivorTriangle& survivor) {

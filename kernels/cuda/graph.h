@@ -158,7 +158,7 @@ class CudaGraph {
   std::array<uint32_t, kBranches> ends_{};  // of each branch: the nodes after which the next one runs
   uint32_t count_ = 0;                      // of this frame
   uint32_t made_ = 0;                       // of the graph
-  bool is_reshaped_ = false;                // whether this frame's nodes are connected otherwise
+  bool is_reshaped_ = false;                // this frame's nodes are not connected like the graph's
 };
 
 }  // namespace scree::kernels

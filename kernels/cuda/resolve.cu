@@ -217,7 +217,7 @@ Result<void> CudaResolver::resolve_colors(const View& view, uint32_t samples_per
         Resolve<Shader>{shader, tiles, samples, samples_per_side, visibility, 4, reinterpret_cast<uint8_t*>(pixels)},
         tiles.count(), stream);
   };
-  SCREE_TRY(over != nullptr ? run(BlendedColors{in, colors, over}) : run(StoredColors{in, colors}));
+  SCREE_TRY(over != nullptr ? run(BlendedColors{{in, colors}, over}) : run(StoredColors{in, colors}));
   return impl.end(stream, times);
 }
 

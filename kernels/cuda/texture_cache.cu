@@ -19,10 +19,11 @@ namespace scree::kernels {
 namespace {
 
 constexpr uint32_t kRoundThreads = 256;
-constexpr uint32_t kResidentBlocks = 4;  // per multiprocessor: 64 registers per thread; more spills, less waiting
-constexpr uint32_t kListedColumns = 8;   // of tiles, per block
+constexpr uint32_t kResidentBlocks =
+    4;                                  // per multiprocessor: 64 registers per thread, which spills more but waits less
+constexpr uint32_t kListedColumns = 8;  // of tiles, per block
 constexpr uint32_t kListedRows = 4;
-constexpr uint32_t kListedTiles = kListedColumns * kListedRows;  // a lane of the first warp lists the tile of each warp
+constexpr uint32_t kListedTiles = kListedColumns * kListedRows;  // a warp each; the first warp lists them, a lane each
 constexpr uint32_t kListThreads = 32 * kListedTiles;
 constexpr uint32_t kDecodeThreads = 64;
 constexpr uint32_t kDecodeBlocks = 16;           // per multiprocessor
